@@ -1,0 +1,1 @@
+"""Where physics and traffic meet: requests, booking, docking and transfer."""

@@ -1,0 +1,117 @@
+"""Who may charge where: requests, and the one-to-one map of EVs and slots.
+
+The map is kept once, on the EVs' side: `med` and `panel`. What a MED shows is derived from it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from medjax.charging.docking import Partner, panel_lane, panel_x
+from medjax.config import FRONT, PANELS, REAR, ChargingParams
+from medjax.state import NOT_BOOKED
+
+FAR = 1.0e9
+# A lane change takes about so long; the choice of a panel counts it as way to go.
+LANE_CHANGE_S = 4.0
+# A docking counts as in time when so much of the MED's way is left for charging.
+WORTHWHILE_S = 10.0
+
+
+def panel_flags(med: jax.Array, panel: jax.Array, flag: jax.Array, num_meds: int) -> jax.Array:
+    """The EVs' flags seen from the MEDs: `(num_meds, 4)` bool.
+
+    Args:
+      med, panel: (E,) int32, NOT_BOOKED where free.
+      flag: (E,) bool, e.g. booked or charging.
+    """
+    where = jnp.where(flag & (med != NOT_BOOKED), med * len(PANELS) + panel, num_meds * len(PANELS))
+    flags = jnp.zeros((num_meds * len(PANELS),), bool).at[where].set(True, mode="drop")
+    return flags.reshape(num_meds, len(PANELS))
+
+
+class Offers(NamedTuple):
+    """The MEDs as an EV that looks for one sees them, `(M,)` each, `free` `(M, 4)`."""
+
+    x: jax.Array  # m
+    speed: jax.Array  # m/s
+    lane: jax.Array  # int32
+    length: jax.Array  # m
+    free: jax.Array  # bool, in service, with energy, and the slot not booked
+
+
+class Requests(NamedTuple):
+    """The EVs, `(E,)` each."""
+
+    x: jax.Array  # m
+    lane: jax.Array  # int32
+    length: jax.Array  # m
+    asks: jax.Array  # bool, wants a slot now
+    endurance_s: jax.Array  # s, how long its energy lasts
+
+
+def _panel_cost(
+    requests: Requests, offer: Offers, num_lanes: int, params: ChargingParams
+) -> jax.Array:
+    """Seconds until each EV could be in each slot of its nearest MED, `(E, 4)`; FAR if it cannot."""
+    panel = jnp.arange(len(PANELS), dtype=jnp.int32)
+    med = Partner(*(field[:, None] for field in (offer.x, offer.speed, offer.lane, offer.length)))
+    x, lane, length = (field[:, None] for field in (requests.x, requests.lane, requests.length))
+    goal = panel_x(panel, med, length, params.dock_gap_m)
+    wanted = panel_lane(panel, med.lane)
+    seconds = jnp.abs(goal - x) / params.approach_speed + LANE_CHANGE_S * jnp.abs(wanted - lane)
+    # Nobody can pass the MED in its own lane.
+    blocked = (lane == med.lane) & jnp.where(x < med.x, panel == FRONT, panel == REAR)
+    on_road = (wanted >= 0) & (wanted < num_lanes)
+    return jnp.where(offer.free & on_road & ~blocked, seconds, FAR)
+
+
+def book(
+    med: jax.Array,
+    panel: jax.Array,
+    requests: Requests,
+    offers: Offers,
+    road_length_m: jax.Array | float,
+    num_lanes: int,
+    params: ChargingParams,
+) -> tuple[jax.Array, jax.Array]:
+    """One round of booking: each EV asks its nearest MED, each MED takes its nearest EV.
+
+    An EV asks only for a slot that it can reach before the MED leaves the road and before its own
+    energy ends. A MED that several ask takes the nearest (the lower slot on a tie); the others ask
+    again at the next decision. One EV a MED and round keeps the map one-to-one by construction.
+
+    Args:
+      med, panel: (E,) int32, the map so far.
+      requests: the EVs; offers: the MEDs.
+
+    Returns:
+      (med, panel) with the new bookings.
+    """
+    ahead = offers.x[None, :] - requests.x[:, None]
+    within = (ahead <= params.reach_ahead_m) & (ahead >= -params.reach_behind_m)
+    within &= offers.free.any(axis=-1)[None, :]
+    distances = jnp.where(within, jnp.abs(ahead), FAR)
+    nearest = jnp.argmin(distances, axis=1).astype(jnp.int32)
+    distance = distances.min(axis=1)
+    offer = Offers(*(field[nearest] for field in offers))
+
+    cost = _panel_cost(requests, offer, num_lanes, params)
+    choice = jnp.argmin(cost, axis=1).astype(jnp.int32)
+    seconds = cost.min(axis=1)
+    time_left = (road_length_m - offer.x) / jnp.maximum(offer.speed, 1.0)
+    in_time = (seconds + WORTHWHILE_S <= time_left) & (seconds < requests.endurance_s)
+    asks = requests.asks & (distance < FAR) & in_time
+
+    num_meds = offers.x.shape[0]
+    slots = jnp.arange(med.shape[0], dtype=jnp.int32)
+    asked = jnp.where(asks, nearest, num_meds)
+    closest = jnp.full((num_meds,), FAR).at[asked].min(distance, mode="drop")
+    first = asks & (distance == closest[nearest])
+    chosen = jnp.full((num_meds,), med.shape[0], jnp.int32)
+    chosen = chosen.at[jnp.where(first, nearest, num_meds)].min(slots, mode="drop")
+    accepted = first & (chosen[nearest] == slots)
+    return jnp.where(accepted, nearest, med), jnp.where(accepted, choice, panel)

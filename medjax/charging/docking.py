@@ -1,0 +1,151 @@
+"""How a booked EV gets to its slot and stays there."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from medjax.config import FRONT, LEFT, REAR, RIGHT, ChargingParams
+
+# Slot lanes relative to the MED's, by panel: left, right, rear, front.
+PANEL_LANE = (-1, 1, 0, 0)
+# An EV that must cross the MED's lane first keeps this much more than the dock gap behind it.
+CROSSING_ROOM_M = 10.0
+# A MED's own lane is entered only so near to the slot, or strangers would fill the space between.
+ENTRY_ROOM_M = 20.0
+
+
+class Partner(NamedTuple):
+    """The MED of each EV; every field has the shape of the EVs."""
+
+    x: jax.Array  # m, front bumper
+    speed: jax.Array  # m/s
+    lane: jax.Array  # int32
+    length: jax.Array  # m
+
+
+def panel_lane(panel: jax.Array, med_lane: jax.Array) -> jax.Array:
+    """Lane of a slot, int32; may lie off the road."""
+    return med_lane + jnp.asarray(PANEL_LANE, jnp.int32)[jnp.maximum(panel, 0)]
+
+
+def panel_x(
+    panel: jax.Array, med: Partner, ev_length: jax.Array, dock_gap_m: jax.Array | float
+) -> jax.Array:
+    """Front-bumper position of an EV that stands exactly in its slot, m; shapes broadcast."""
+    beside = med.x - 0.5 * (med.length - ev_length)
+    behind = med.x - med.length - dock_gap_m
+    ahead = med.x + dock_gap_m + ev_length
+    return jnp.where(panel == REAR, behind, jnp.where(panel == FRONT, ahead, beside))
+
+
+class Approach(NamedTuple):
+    """What a booked EV does in a tick, each of the shape of the EVs."""
+
+    goal_x: jax.Array  # m, where it controls to
+    direction: jax.Array  # int32, side of a mandatory lane change, 0 none
+    in_lane: jax.Array  # bool, already in its slot's lane
+
+
+def plan_approach(
+    x: jax.Array,
+    lane: jax.Array,
+    ev_length: jax.Array,
+    panel: jax.Array,
+    med: Partner,
+    params: ChargingParams,
+) -> Approach:
+    """Where to drive and which lane to take next.
+
+    An EV on the far side of the MED falls back behind it first, since its way leads through the
+    MED's lane. The MED's lane is entered only close to the slot, and on the right side of the MED.
+
+    Args:
+      x, lane, ev_length, panel: of the EVs, one shape; panel in 0..3.
+      med: its MED, that shape.
+    """
+    wanted = panel_lane(panel, med.lane)
+    crossing = (lane - med.lane) * (wanted - med.lane) < 0
+    behind = panel_x(jnp.full_like(panel, REAR), med, ev_length, params.dock_gap_m)
+    slot = panel_x(panel, med, ev_length, params.dock_gap_m)
+    goal = jnp.where(crossing, behind - CROSSING_ROOM_M, slot)
+
+    direction = jnp.sign(wanted - lane)
+    enters_med_lane = lane + direction == med.lane
+    clear = jnp.where(panel == FRONT, x - ev_length > med.x, x < med.x - med.length)
+    near = jnp.abs(x - goal) < ENTRY_ROOM_M
+    direction = jnp.where(enters_med_lane & ~(clear & near), 0, direction)
+    return Approach(goal, direction, lane == wanted)
+
+
+def docking_acceleration(
+    x: jax.Array, speed: jax.Array, goal_x: jax.Array, med_speed: jax.Array, params: ChargingParams
+) -> jax.Array:
+    """Two nested proportional loops: distance asks for relative speed, that for acceleration.
+
+    With approach_rate k and speed_rate c the error decays as s^2 + c s + c k = 0. The caller takes
+    the smaller of this and IDM, so that no vehicle is approached closer than IDM allows.
+
+    Returns:
+      m/s^2, the shape of x.
+    """
+    closing = jnp.clip(
+        params.approach_rate * (goal_x - x), -params.approach_speed, params.approach_speed
+    )
+    return params.speed_rate * (med_speed + closing - speed)
+
+
+def is_docked(
+    error_m: jax.Array,
+    relative_speed: jax.Array,
+    in_lane: jax.Array,
+    was_charging: jax.Array,
+    params: ChargingParams,
+) -> jax.Array:
+    """Whether a slot's coil runs: docked within the tight tolerance, kept within the wide one."""
+    arrives = jnp.abs(error_m) <= params.dock_tolerance_m
+    arrives &= jnp.abs(relative_speed) <= params.dock_speed_tolerance
+    holds = was_charging & (jnp.abs(error_m) <= params.hold_tolerance_m)
+    return in_lane & (arrives | holds)
+
+
+class Misalignment(NamedTuple):
+    """Coil geometry of each pair, in the convention of `physics.mutual_inductance`."""
+
+    axial: jax.Array  # m
+    lateral: jax.Array  # m
+    tilt: jax.Array  # rad
+
+
+def misalignment(
+    panel: jax.Array,
+    along_m: jax.Array,
+    across_m: jax.Array,
+    turn_rad: jax.Array,
+    panel_gap_m: jax.Array | float,
+) -> Misalignment:
+    """Geometry of a docked pair from how far the EV is off its slot.
+
+    Side panels face across the road: their distance opens and closes as the vehicles wander, and
+    what is lateral to the coils lies along the road. Front and rear panels face along it.
+
+    Args:
+      panel: int32, any shape.
+      along_m: EV ahead of its slot, m.
+      across_m: EV to the right of its slot, m.
+      turn_rad: heading of the EV less that of the MED, positive to the right.
+      panel_gap_m: nominal axial distance; booms give way, so it never falls below a quarter of it.
+    """
+    side = (panel == LEFT) | (panel == RIGHT)
+    away = jnp.where(panel == RIGHT, 1.0, -1.0)
+    outward = jnp.where(panel == FRONT, 1.0, -1.0)
+    opening = jnp.where(side, away * across_m, outward * along_m)
+    # Normals: the panel that faces right or back turns with the vehicle, its mirror image against it.
+    tilt = jnp.where(side, away, -outward) * turn_rad
+    return Misalignment(
+        axial=jnp.maximum(panel_gap_m + opening, 0.25 * panel_gap_m),
+        lateral=jnp.where(side, along_m, across_m),
+        tilt=tilt,
+    )

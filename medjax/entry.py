@@ -1,0 +1,115 @@
+"""Vehicles coming onto the road: arrivals join queues, and enter when there is a safe gap."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from medjax.config import AUTONOMOUS_EV, GAS, HUMAN_EV, MED, EnvConfig, EnvParams
+from medjax.state import MERGING, NOT_BOOKED, QUEUED, EnvState, Tally
+from medjax.tick import by_class, vehicle_kinds
+from medjax.traffic.car_following import by_kind
+from medjax.traffic.demand import (
+    desired_speeds,
+    entries,
+    entry_rates,
+    entry_speed,
+    next_ahead,
+    place,
+    poisson_arrivals,
+)
+
+
+def _waiting_meds(state: EnvState, config: EnvConfig) -> tuple[jax.Array, jax.Array]:
+    """The first MED waiting at each entry, `(K,)` int32, and whether there is one."""
+    ramp = jnp.arange(config.num_ramps)
+    waits = (state.meds.status == QUEUED) & (state.meds.ramp == ramp[:, None])
+    none = jnp.zeros((config.num_lanes,), jnp.int32)
+    first = jnp.concatenate([none, jnp.argmax(waits, axis=1).astype(jnp.int32)])
+    return first, jnp.concatenate([none.astype(bool), waits.any(axis=1)])
+
+
+def admit(
+    key: jax.Array, state: EnvState, config: EnvConfig, params: EnvParams
+) -> tuple[EnvState, Tally]:
+    """One round of entries: at most one vehicle at each entry, MEDs first.
+
+    An arrival that finds no safe gap, or no free slot of its class, waits in the queue.
+
+    Returns:
+      (state, tally of who entered)
+    """
+    demand, drivers = params.demand, params.drivers
+    vehicles, evs, meds = state.vehicles, state.evs, state.meds
+    num_entries = config.num_entries
+    normal_key, uniform_key = jax.random.split(key)
+    speed_draw = jax.random.normal(normal_key, (num_entries,))
+    arrival_draw, class_draw, human_draw, soc_draw = jax.random.uniform(
+        uniform_key, (4, num_entries)
+    )
+
+    expected = entry_rates(demand, config.num_lanes) * config.decision_s
+    queue = state.queue + poisson_arrivals(arrival_draw, expected)
+
+    first_med, med_waits = _waiting_meds(state, config)
+    is_ev = class_draw < demand.ev_share
+    is_human = human_draw < demand.human_share
+    kind = jnp.where(is_ev, jnp.where(is_human, HUMAN_EV, AUTONOMOUS_EV), GAS)
+    kind = jnp.where(med_waits, MED, kind)
+    desired = desired_speeds(speed_draw, kind, drivers)
+    desired = jnp.where(med_waits, params.fleet.service_speed, desired)
+
+    where = entries(params.road, config.num_lanes)
+    length = by_kind(vehicle_kinds(evs.is_human, config), drivers.vehicle_length)
+    ahead = next_ahead(where, vehicles.x, vehicles.lane, length, vehicles.speed, vehicles.active)
+    on_ramp = where.lane == config.num_lanes
+    wanted = jnp.where(on_ramp, jnp.minimum(desired, demand.ramp_speed), desired)
+    speed, safe = entry_speed(
+        wanted, ahead, by_kind(kind, drivers.time_headway), by_kind(kind, drivers.min_gap)
+    )
+
+    ordinary = safe & ~med_waits & (queue > 0)
+    ev_entry, ev_placed = place(ordinary & is_ev, ~vehicles.active[config.ev_slots])
+    gas_entry, gas_placed = place(ordinary & ~is_ev, ~vehicles.active[config.gas_slots])
+    enters = jnp.where(med_waits & safe, first_med, config.num_meds)
+    med_entry = jnp.full((config.num_meds,), -1, jnp.int32)
+    med_entry = med_entry.at[enters].set(jnp.arange(num_entries, dtype=jnp.int32), mode="drop")
+
+    entry = jnp.concatenate([med_entry, ev_entry, gas_entry])
+    new = entry >= 0
+    source = jnp.maximum(entry, 0)
+
+    def fresh(values: jax.Array, old: jax.Array) -> jax.Array:
+        return jnp.where(new, values[source], old)
+
+    still = jnp.zeros((num_entries,))
+    vehicles = vehicles.replace(
+        x=fresh(where.x, vehicles.x),
+        speed=fresh(speed, vehicles.speed),
+        lane=fresh(where.lane, vehicles.lane),
+        active=vehicles.active | new,
+        lateral_offset=fresh(still, vehicles.lateral_offset),
+        lateral_speed=fresh(still, vehicles.lateral_speed),
+        desired_speed=fresh(desired, vehicles.desired_speed),
+        acceleration_noise=fresh(still, vehicles.acceleration_noise),
+        wander=fresh(still, vehicles.wander),
+    )
+    soc = demand.arrival_soc_low + soc_draw * (demand.arrival_soc_high - demand.arrival_soc_low)
+    new_ev, ev_source = ev_entry >= 0, jnp.maximum(ev_entry, 0)
+    evs = evs.replace(
+        energy_j=jnp.where(new_ev, soc[ev_source] * params.ev_capacity_j, evs.energy_j),
+        is_human=jnp.where(new_ev, is_human[ev_source], evs.is_human),
+        med=jnp.where(new_ev, NOT_BOOKED, evs.med),
+        panel=jnp.where(new_ev, NOT_BOOKED, evs.panel),
+        is_charging=evs.is_charging & ~new_ev,
+        timer_s=jnp.where(new_ev, 0.0, evs.timer_s),
+        served=evs.served & ~new_ev,
+    )
+    meds = meds.replace(status=jnp.where(med_entry >= 0, MERGING, meds.status))
+    queue = queue - (ev_placed | gas_placed)
+    queued_meds = jnp.sum(meds.status == QUEUED)
+    tally = Tally.zeros().replace(
+        entered=by_class(new, config),
+        queue_seconds=(jnp.sum(queue) + queued_meds).astype(jnp.float32) * config.decision_s,
+    )
+    return state.replace(vehicles=vehicles, evs=evs, meds=meds, queue=queue), tally

@@ -1,0 +1,25 @@
+"""Formulas for the wireless link and the battery: arrays in, arrays out, and no vehicle in sight.
+
+Coils (`mutual_inductance`, tabulated by `tabulate_inductance`), the link between them
+(`link_efficiency`), what driving takes (`tractive_energy`, `battery_energy`), and the elliptic
+integrals (`ellipk`, `ellipe`). SI units throughout; float64 in gives float64 out.
+"""
+
+from medjax.physics.battery import battery_energy, tractive_energy
+from medjax.physics.coil import VACUUM_PERMEABILITY, mutual_inductance
+from medjax.physics.coil_table import InductanceTable, interpolate_inductance, tabulate_inductance
+from medjax.physics.elliptic import ellipe, ellipk
+from medjax.physics.link import link_efficiency
+
+__all__ = [
+    "VACUUM_PERMEABILITY",
+    "InductanceTable",
+    "battery_energy",
+    "ellipe",
+    "ellipk",
+    "interpolate_inductance",
+    "link_efficiency",
+    "mutual_inductance",
+    "tabulate_inductance",
+    "tractive_energy",
+]

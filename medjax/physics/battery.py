@@ -1,0 +1,100 @@
+"""Energy that a vehicle's motion takes at the wheels, and from its battery."""
+
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+
+from medjax.physics._arrays import as_floats
+
+
+def tractive_energy(
+    speed_before: ArrayLike,
+    speed_after: ArrayLike,
+    dt: ArrayLike,
+    *,
+    mass: ArrayLike,
+    drag_coefficient: ArrayLike,
+    frontal_area: ArrayLike,
+    rolling_resistance: ArrayLike,
+    rotational_inertia_factor: ArrayLike = 1.0,
+    slope: ArrayLike = 0.0,
+    air_density: ArrayLike = 1.2,
+    gravity: ArrayLike = 9.81,
+) -> jax.Array:
+    """Energy at the wheels over one time step, by one term of the paper's eqs (7)-(8).
+
+    Rolling resistance, air drag at the mean speed, inertia and slope, times the distance driven.
+    As in eq (7), rolling resistance does not shrink with the cosine of the slope. All arguments
+    broadcast; the result has the shape they broadcast to, `(...)`.
+
+    Args:
+      speed_before: speed at the start of the step (V_{i-1}), m/s, not negative.
+      speed_after: speed at its end (V_i), m/s, not negative.
+      dt: length of the step (t_inc), s, positive.
+      mass: m, kg.
+      drag_coefficient: C_D, dimensionless.
+      frontal_area: A_F, m^2.
+      rolling_resistance: C_RR, dimensionless.
+      rotational_inertia_factor: r, by which rotating parts raise the inertia, dimensionless.
+      slope: angle of the road, rad, positive uphill.
+      air_density: rho, kg/m^3.
+      gravity: g, m/s^2.
+
+    Returns:
+      Energy in J, negative when braking or rolling downhill takes out more than resistance does.
+      It is in the widest floating type among the arguments.
+    """
+    before, after, dt, mass, drag, area, rolling, inertia, slope, density, gravity = as_floats(
+        speed_before,
+        speed_after,
+        dt,
+        mass,
+        drag_coefficient,
+        frontal_area,
+        rolling_resistance,
+        rotational_inertia_factor,
+        slope,
+        air_density,
+        gravity,
+    )
+    mean_speed = (before + after) / 2
+    force = (
+        mass * gravity * (rolling + jnp.sin(slope))
+        + density * drag * area * mean_speed**2 / 2
+        + mass * inertia * (after - before) / dt
+    )
+    return force * mean_speed * dt
+
+
+def battery_energy(
+    tractive_energy: ArrayLike,
+    dt: ArrayLike,
+    *,
+    drivetrain_efficiency: ArrayLike = 1.0,
+    regeneration_efficiency: ArrayLike = 1.0,
+    auxiliary_power: ArrayLike = 0.0,
+) -> jax.Array:
+    """Energy that one time step takes out of the battery.
+
+    Driving energy is divided by the efficiency of the drivetrain; braking energy comes back times
+    the efficiency of regeneration, which stands for all losses from wheels to battery. The defaults
+    give eq (8) of the paper, where the battery pays exactly what the wheels take. All arguments
+    broadcast; the result has the shape they broadcast to, `(...)`.
+
+    Args:
+      tractive_energy: energy at the wheels in the step, J, negative when braking.
+      dt: length of the step, s.
+      drivetrain_efficiency: share of battery energy that reaches the wheels, in (0, 1].
+      regeneration_efficiency: share of braking energy that reaches the battery, in [0, 1]; 0 for
+        friction brakes only.
+      auxiliary_power: power of what else the battery feeds (climate, electronics), W.
+
+    Returns:
+      Energy in J, negative when the battery is charged. It is in the widest floating type among
+      the arguments. The battery's own limits (full, empty, power) are the caller's.
+    """
+    wheels, dt, drivetrain, regeneration, auxiliary = as_floats(
+        tractive_energy, dt, drivetrain_efficiency, regeneration_efficiency, auxiliary_power
+    )
+    through_motor = jnp.where(wheels >= 0, wheels / drivetrain, wheels * regeneration)
+    return through_motor + auxiliary * dt

@@ -1,0 +1,55 @@
+"""Efficiency of the inductive link between two coils."""
+
+from typing import Literal
+
+import jax
+from jax.typing import ArrayLike
+
+from medjax.physics._arrays import as_floats
+
+
+def link_efficiency(
+    mutual_inductance: ArrayLike,
+    *,
+    load: ArrayLike,
+    primary_resistance: ArrayLike,
+    secondary_resistance: ArrayLike,
+    angular_frequency: ArrayLike,
+    form: Literal["circuit", "paper"] = "circuit",
+) -> jax.Array:
+    """Share of the power put into the primary that reaches the load, by the paper's eq (6).
+
+    The form "circuit" is what two series-resonant coils give when solved as a circuit,
+
+        Z_L / {(R_EV + Z_L) [1 + R_MED (R_EV + Z_L) / (w0 M)^2]}.
+
+    The form "paper" prints R_MED for R_EV in the first factor; the two are equal for equal
+    resistances. All arguments broadcast; the result has the shape they broadcast to, `(...)`.
+
+    Args:
+      mutual_inductance: M, H, of either sign.
+      load: resistance of the load seen by the secondary (Z_L), ohm, positive.
+      primary_resistance: resistance of the primary coil (R_MED), ohm, not negative.
+      secondary_resistance: resistance of the secondary coil (R_EV), ohm, not negative.
+      angular_frequency: angular resonance frequency (w0 = 2 pi f), rad/s.
+      form: "circuit" or "paper".
+
+    Returns:
+      The efficiency in [0, 1], 0 with gradient 0 where M = 0 (unless the primary is lossless,
+      where it has no limit). It is in the widest floating type among the arguments.
+
+    Raises:
+      ValueError: `form` is neither of the two.
+    """
+    if form not in ("circuit", "paper"):
+        raise ValueError(f"form is {form!r}, must be 'circuit' or 'paper'")
+    m, load, primary, secondary, omega = as_floats(
+        mutual_inductance, load, primary_resistance, secondary_resistance, angular_frequency
+    )
+    # w0 M is of the order of the resistances, M^2 alone nears the smallest float32. The fraction
+    # is turned over so that M = 0 divides nothing by zero.
+    coupling = (omega * m) ** 2
+    in_primary = primary * (secondary + load)
+    reaches_secondary = coupling / (coupling + in_primary)
+    in_series = secondary if form == "circuit" else primary
+    return load / (in_series + load) * reaches_secondary

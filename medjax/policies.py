@@ -1,0 +1,85 @@
+"""Dispatchers that are not learned: what learning has to beat.
+
+Each entry of `BASELINES` is `build(env) -> act`, and `act(key, state, params)` returns the action of
+one environment, () int32; batch it with `jax.vmap`. A masked action is never returned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+
+from medjax.config import EnvParams
+from medjax.env import ChargingEnv
+from medjax.state import AT_DEPOT, NOT_BOOKED, EnvState
+
+Act = Callable[[jax.Array, EnvState, EnvParams], jax.Array]
+
+
+def none(env: ChargingEnv) -> Act:
+    """Never sends a MED: the paper's "no action"."""
+
+    def act(key: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
+        return jnp.zeros((), jnp.int32)
+
+    return act
+
+
+def random(env: ChargingEnv) -> Act:
+    """Uniform over the allowed actions: the paper's "random choice"."""
+
+    def act(key: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
+        logits = jnp.where(env.action_mask(state, params), 0.0, -jnp.inf)
+        return jax.random.categorical(key, logits).astype(jnp.int32)
+
+    return act
+
+
+def periodic(env: ChargingEnv) -> Act:
+    """Spreads the fleet evenly over the episode, ramp after ramp."""
+
+    def act(key: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
+        sent = state.tally.meds_dispatched
+        due = sent * params.episode_decisions / jnp.maximum(params.fleet.size, 1)
+        ramp = 1 + sent.astype(jnp.int32) % max(1, env.config.num_ramps)
+        send = (state.time >= due) & env.action_mask(state, params)[-1]
+        return jnp.where(send, ramp, 0).astype(jnp.int32)
+
+    return act
+
+
+def stranded_need(env: ChargingEnv, state: EnvState, params: EnvParams) -> jax.Array:
+    """EVs that a MED from each ramp would meet and that nobody serves yet, `(num_ramps,)`.
+
+    Counts EVs below the request threshold without a booking, from as far behind the ramp as a MED may
+    be asked to the end of its reach: those that would otherwise run out soonest.
+    """
+    config = env.config
+    x = state.vehicles.x[config.ev_slots]
+    low = state.evs.energy_j < params.charging.request_soc * params.ev_capacity_j
+    needy = state.vehicles.active[config.ev_slots] & low & (state.evs.med == NOT_BOOKED)
+    ahead = params.road.ramp_x_m[:, None] - x[None, :]
+    meets = (ahead <= params.charging.reach_ahead_m) & (ahead >= -params.charging.reach_behind_m)
+    return jnp.sum(meets & needy, axis=1)
+
+
+def greedy(env: ChargingEnv) -> Act:
+    """Sends a MED where most low EVs without a slot are about to pass, once two or more are."""
+
+    def act(key: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
+        need = stranded_need(env, state, params)
+        enough = (need.max(initial=0) >= 2) & jnp.any(state.meds.status == AT_DEPOT)
+        send = enough & env.action_mask(state, params)[-1]
+        return jnp.where(send, 1 + jnp.argmax(need), 0).astype(jnp.int32)
+
+    return act
+
+
+BASELINES: dict[str, Callable[[ChargingEnv], Act]] = {
+    "none": none,
+    "random": random,
+    "periodic": periodic,
+    "greedy": greedy,
+}

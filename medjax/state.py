@@ -1,0 +1,98 @@
+"""The pytrees that a step carries. Shapes are for one environment; `jax.vmap` adds the batch."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+# Where a MED is in its day.
+AT_DEPOT, QUEUED, MERGING, IN_SERVICE, RETIRED = range(5)
+
+NOT_BOOKED = -1
+
+
+@struct.dataclass
+class Vehicles:
+    """Everything on the road, by slot: MEDs, EVs, gas. N = num_vehicles."""
+
+    x: jax.Array  # (N,) m, front bumper
+    speed: jax.Array  # (N,) m/s
+    lane: jax.Array  # (N,) int32, 0 leftmost; num_lanes is an acceleration lane
+    active: jax.Array  # (N,) bool, on the road
+    lateral_offset: jax.Array  # (N,) m from the lane's centre, positive to the right
+    lateral_speed: jax.Array  # (N,) m/s
+    desired_speed: jax.Array  # (N,) m/s
+    acceleration_noise: jax.Array  # (N,) m/s^2
+    wander: jax.Array  # (N,) m, lateral offset the driver steers to
+    road_order: jax.Array  # (N,) int32, slots from the rearmost to the foremost, of the last tick
+
+
+@struct.dataclass
+class EVs:
+    """What an EV has beyond its vehicle. E = num_evs."""
+
+    energy_j: jax.Array  # (E,)
+    is_human: jax.Array  # (E,) bool
+    med: jax.Array  # (E,) int32, MED it is booked on, or NOT_BOOKED
+    panel: jax.Array  # (E,) int32, slot of that MED, or NOT_BOOKED
+    is_charging: jax.Array  # (E,) bool
+    timer_s: jax.Array  # (E,) booked: since booking or last charge; else: until it may ask again
+    served: jax.Array  # (E,) bool, has charged at least once
+
+
+@struct.dataclass
+class MEDs:
+    """What a MED has beyond its vehicle. M = num_meds."""
+
+    energy_j: jax.Array  # (M,)
+    status: jax.Array  # (M,) int32, AT_DEPOT .. RETIRED
+    ramp: jax.Array  # (M,) int32, where it was sent
+    ready_in_s: jax.Array  # (M,) until a retired MED is at the depot again
+
+
+@struct.dataclass
+class Tally:
+    """Sums over time of what the metrics and the rewards are made of; all float32."""
+
+    entered: jax.Array  # (3,) MEDs, EVs, gas vehicles, those on the road at reset included
+    left: jax.Array  # (3,) at the end of the road
+    depleted: jax.Array  # () EVs that ran out
+    ev_seconds: jax.Array  # () integral of the number of EVs on the road
+    ev_distance_m: jax.Array  # ()
+    soc_seconds: jax.Array  # () integral of the sum of the EVs' state of charge
+    exit_soc: jax.Array  # () sum of the state of charge of the EVs that left
+    gas_seconds: jax.Array  # ()
+    gas_distance_m: jax.Array  # ()
+    vehicle_ticks: jax.Array  # () vehicles on the road, summed over ticks
+    energy_sent_j: jax.Array  # () out of MEDs through their slots
+    energy_received_j: jax.Array  # () into EVs
+    evs_served: jax.Array  # () EVs that began to charge for the first time
+    meds_dispatched: jax.Array  # ()
+    queue_seconds: jax.Array  # () integral of vehicles waiting to enter
+    lane_changes: jax.Array  # ()
+    collisions: jax.Array  # () vehicles found overlapping their leader, summed over ticks
+    invalid_actions: jax.Array  # () actions out of range, or masked
+
+    @classmethod
+    def zeros(cls) -> Tally:
+        zero = jnp.zeros((), jnp.float32)
+        scalars = {name: zero for name in cls.__dataclass_fields__}
+        three = jnp.zeros((3,), jnp.float32)
+        return cls(**scalars | {"entered": three, "left": three})
+
+    def __add__(self, other: Tally) -> Tally:
+        return jax.tree.map(jnp.add, self, other)
+
+
+@struct.dataclass
+class EnvState:
+    """One environment between two decisions."""
+
+    vehicles: Vehicles
+    evs: EVs
+    meds: MEDs
+    queue: jax.Array  # (num_entries,) int32, vehicles waiting at each entry
+    cooldown_s: jax.Array  # () until the next dispatch is allowed
+    time: jax.Array  # () int32, decisions taken
+    tally: Tally  # since reset

@@ -1,0 +1,222 @@
+"""Traffic that asks to enter: Poisson arrivals, queues, safe entries, and a road filled at reset."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from medjax.config import DemandParams, DriverParams, RoadParams, Scalar
+
+# Arrivals at one entry in one decision are counted up to here; with 2 expected, more come once in
+# 20,000 decisions.
+MOST_ARRIVALS = 8
+# A vehicle that enters behind a slower one may be faster by its spare room divided by this.
+CATCH_UP_S = 4.0
+# Desired speeds are drawn within so many standard deviations, so that none is absurd.
+SPEED_SPREAD = 2.5
+
+
+def entry_rates(demand: DemandParams, num_lanes: int) -> jax.Array:
+    """Vehicles per second asking at each entry, `(num_lanes + num_ramps,)`."""
+    lanes = jnp.full((num_lanes,), demand.mainline_per_h / num_lanes)
+    return jnp.concatenate([lanes, demand.ramp_per_h]) / 3600.0
+
+
+def poisson_arrivals(uniform: jax.Array, expected: jax.Array) -> jax.Array:
+    """Poisson counts by inversion, int32; one uniform a count, no rejection loop.
+
+    Args:
+      uniform: in [0, 1); expected: mean counts, equal shapes.
+
+    Returns:
+      Counts, cut at MOST_ARRIVALS.
+    """
+    term = jnp.exp(-expected)
+    below = term
+    count = jnp.zeros(jnp.shape(uniform), jnp.int32)
+    for k in range(1, MOST_ARRIVALS + 1):
+        count += uniform >= below
+        term = term * expected / k
+        below = below + term
+    return count
+
+
+def desired_speeds(normal: jax.Array, kind: jax.Array, drivers: DriverParams) -> jax.Array:
+    """Desired speed of each vehicle, m/s, from standard normal draws of its shape."""
+    spread = jnp.clip(normal, -SPEED_SPREAD, SPEED_SPREAD) * drivers.desired_speed_std[kind]
+    return jnp.maximum(drivers.desired_speed[kind] + spread, 0.5 * drivers.desired_speed[kind])
+
+
+class Entries(NamedTuple):
+    """Where vehicles enter, `(K,)` each: lanes at x = 0, then ramps."""
+
+    x: jax.Array  # m
+    lane: jax.Array  # int32
+
+
+def entries(road: RoadParams, num_lanes: int) -> Entries:
+    """The entries of a road: each lane at its left end, then each acceleration lane's start."""
+    num_ramps = road.ramp_x_m.shape[0]
+    return Entries(
+        x=jnp.concatenate([jnp.zeros((num_lanes,)), road.ramp_x_m]),
+        lane=jnp.concatenate(
+            [
+                jnp.arange(num_lanes, dtype=jnp.int32),
+                jnp.full((num_ramps,), num_lanes, jnp.int32),
+            ]
+        ),
+    )
+
+
+class Ahead(NamedTuple):
+    """The vehicle next ahead of each entry, `(K,)` each."""
+
+    gap: jax.Array  # m to its rear bumper, inf if there is none
+    speed: jax.Array  # m/s
+
+
+def next_ahead(
+    where: Entries,
+    x: jax.Array,
+    lane: jax.Array,
+    length: jax.Array,
+    speed: jax.Array,
+    active: jax.Array,
+) -> Ahead:
+    """Gap and speed of the vehicle next ahead of each entry, in its lane.
+
+    Args:
+      where: (K,) each; x, lane, length, speed, active: (N,) each.
+    """
+    rear = x - length
+    # A vehicle whose rear has not cleared the entry still blocks it.
+    blocks = active & (lane == where.lane[:, None]) & (x >= where.x[:, None])
+    gaps = jnp.where(blocks, rear - where.x[:, None], jnp.inf)
+    nearest = jnp.argmin(gaps, axis=1)
+    return Ahead(gaps.min(axis=1), speed[nearest])
+
+
+def entry_speed(
+    wanted: jax.Array, ahead: Ahead, time_headway: jax.Array, min_gap: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """The speed at which a vehicle can enter, and whether it may.
+
+    It enters no faster than its headway allows and a little faster than the one ahead at most, with
+    at least its own safe gap.
+
+    Returns:
+      (speed m/s, safe bool), each (K,).
+    """
+    spare = jnp.maximum(ahead.gap - min_gap - time_headway * ahead.speed, 0.0)
+    speed = jnp.where(
+        jnp.isfinite(ahead.gap), jnp.minimum(wanted, ahead.speed + spare / CATCH_UP_S), wanted
+    )
+    return speed, ahead.gap >= min_gap + time_headway * speed
+
+
+def place(admitted: jax.Array, free: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Gives admitted entries free slots, first to first.
+
+    Args:
+      admitted: (K,) bool, entries whose vehicle of this class may enter.
+      free: (C,) bool, free slots of the class.
+
+    Returns:
+      (entry: (C,) int32, the entry that a slot receives a vehicle from, -1 for none;
+       placed: (K,) bool, admitted entries that got a slot).
+    """
+    num_entries = admitted.shape[0]
+    place_in_line = jnp.cumsum(admitted.astype(jnp.int32)) - 1
+    free_before = jnp.cumsum(free.astype(jnp.int32))
+    placed = admitted & (place_in_line < free_before[-1])
+    in_line = jnp.full((num_entries,), -1, jnp.int32)
+    in_line = in_line.at[jnp.where(placed, place_in_line, num_entries)].set(
+        jnp.arange(num_entries, dtype=jnp.int32), mode="drop"
+    )
+    turn = free_before - 1
+    takes = free & (turn < num_entries)
+    return jnp.where(takes, in_line[jnp.clip(turn, 0, num_entries - 1)], -1), placed
+
+
+class Fill(NamedTuple):
+    """A road in mid-traffic, `(C,)` each."""
+
+    x: jax.Array  # m
+    lane: jax.Array  # int32
+    speed: jax.Array  # m/s
+    active: jax.Array  # bool
+
+
+def expected_vehicles(demand: DemandParams, road: RoadParams, speed: Scalar) -> jax.Array:
+    """Vehicles on the road in equilibrium: each entry's flow times its way to the end over speed."""
+    mainline = demand.mainline_per_h * road.length_m
+    ramps = jnp.sum(demand.ramp_per_h * (road.length_m - road.ramp_x_m))
+    return (mainline + ramps) / (3600.0 * speed)
+
+
+def fill_road(
+    key: jax.Array,
+    is_ev: jax.Array,
+    desired_speed: jax.Array,
+    demand: DemandParams,
+    road: RoadParams,
+    drivers: DriverParams,
+    num_lanes: int,
+) -> Fill:
+    """Fills the lanes to match the demand, in closed form and without a collision.
+
+    A Poisson number of vehicles stands on a grid of places, one lane after the other, each moved
+    forward by up to half the spacing. EVs are mixed in at random by one shuffle of the slots. Nobody
+    starts faster than the headway to the smallest possible gap allows.
+
+    Args:
+      key: random key.
+      is_ev: (C,) bool, class of each slot (EVs and gas vehicles).
+      desired_speed: (C,) m/s.
+
+    Returns:
+      Fill of the C slots.
+    """
+    count_key, share_key, shuffle_key, jitter_key = jax.random.split(key, 4)
+    slots = is_ev.shape[0]
+    num_ev_slots = jnp.sum(is_ev)
+    cruise = drivers.desired_speed[-1]
+    expected = expected_vehicles(demand, road, cruise)
+    # Normal approximations of the Poisson and binomial counts: closed form, and good above 20.
+    total = expected + jnp.sqrt(expected) * jax.random.normal(count_key)
+    # Leave a standing vehicle's room and a second of headway each, whatever the demand.
+    room = drivers.vehicle_length[-1] + drivers.min_gap[-1]
+    total = jnp.clip(jnp.round(total), 0, jnp.floor(num_lanes * road.length_m / (2.5 * room)))
+    spread = jnp.sqrt(total * demand.ev_share * (1.0 - demand.ev_share))
+    evs = jnp.round(total * demand.ev_share + spread * jax.random.normal(share_key))
+    evs = jnp.clip(evs, 0, jnp.minimum(total, num_ev_slots))
+    gas = jnp.clip(total - evs, 0, slots - num_ev_slots)
+    class_rank = jnp.where(is_ev, jnp.cumsum(is_ev), jnp.cumsum(~is_ev)) - 1
+    active = class_rank < jnp.where(is_ev, evs, gas)
+
+    # One packed sort shuffles: random high bits, slot in the low bits, inactive last.
+    bits = max(1, (slots - 1).bit_length())
+    tickets = jax.random.bits(shuffle_key, (slots,), jnp.uint32) >> (bits + 1) << bits
+    tickets = jnp.where(active, tickets, jnp.uint32(2**31))
+    shuffled = jnp.sort(tickets | jnp.arange(slots, dtype=jnp.uint32))
+    order = (shuffled & jnp.uint32(2**bits - 1)).astype(jnp.int32)
+    position = jnp.zeros((slots,), jnp.int32).at[order].set(
+        jnp.arange(slots, dtype=jnp.int32), unique_indices=True
+    )
+
+    per_lane = jnp.maximum(jnp.ceil((evs + gas) / num_lanes), 1.0)
+    spacing = road.length_m / per_lane
+    row = position // num_lanes
+    jitter = jax.random.uniform(jitter_key, (slots,), maxval=0.5)
+    smallest_gap = 0.5 * spacing - jnp.max(drivers.vehicle_length)
+    fastest = jnp.maximum(smallest_gap - jnp.max(drivers.min_gap), 0.0) / jnp.max(
+        drivers.time_headway
+    )
+    return Fill(
+        x=(row + jitter) * spacing,
+        lane=(position % num_lanes).astype(jnp.int32),
+        speed=jnp.minimum(desired_speed, fastest),
+        active=active,
+    )

@@ -1,0 +1,28 @@
+"""Wrappers around environments: auto-reset of a batch, episode log, normalisation."""
+
+from medjax.wrappers.auto_reset import BatchAutoReset, BatchState
+from medjax.wrappers.episode_log import EpisodeLog, EpisodeLogState
+from medjax.wrappers.normalize import (
+    RunningStats,
+    init_stats,
+    normalize,
+    scale_reward,
+    update_stats,
+)
+from medjax.wrappers.protocol import BatchEnvironment, Environment
+from medjax.wrappers.rows import for_true_rows
+
+__all__ = [
+    "BatchAutoReset",
+    "BatchEnvironment",
+    "BatchState",
+    "Environment",
+    "EpisodeLog",
+    "EpisodeLogState",
+    "RunningStats",
+    "for_true_rows",
+    "init_stats",
+    "normalize",
+    "scale_reward",
+    "update_stats",
+]

@@ -1,0 +1,128 @@
+"""Many copies of an environment, restarted within the step in which they finish."""
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from medjax.wrappers.protocol import Environment, Observation, Params, State, StepResult
+from medjax.wrappers.rows import for_true_rows
+
+
+@struct.dataclass
+class BatchState:
+    """State of `BatchAutoReset`."""
+
+    env: Any  # states of the copies, every leaf (num_envs, ...)
+    cut_in: jax.Array  # (num_envs,) int32, decisions until the first episode is cut short; 0: it is not
+
+
+@dataclasses.dataclass(frozen=True)
+class BatchAutoReset:
+    """`num_envs` copies of `env` with same-step auto-reset.
+
+    A finished copy returns the first observation of its next episode; the last one of the episode that ended is in
+    `info["final_observation"]`, which is what a truncated episode must be bootstrapped from. Finished copies take
+    fresh states from a pool of `reset_pool_size`, drawn only in steps in which any copy finished, and drawn again
+    until all are served: the resets computed follow the episodes ended, not the number of copies.
+
+    Attributes:
+        env: environment to copy.
+        num_envs: number of copies, at least 1.
+        reset_pool_size: resets computed together; 0 takes `max(1, num_envs // 128)`.
+        stagger: cuts each copy's first episode after a random number of decisions in 1..stagger, so that copies with
+            episodes of one length do not all end together; 0 does not. A cut is an ordinary truncation, marked in
+            `info["cut_short"]` because such an episode says nothing about a whole one's return.
+
+    Raises:
+        ValueError: a number out of its range.
+    """
+
+    env: Environment
+    num_envs: int
+    reset_pool_size: int = 0
+    stagger: int = 0
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        if self.num_envs < 1:
+            raise ValueError(f"num_envs is {self.num_envs}, must be at least 1")
+        if self.reset_pool_size < 0:
+            raise ValueError(f"reset_pool_size is {self.reset_pool_size}, must be at least 0")
+        if self.stagger < 0:
+            raise ValueError(f"stagger is {self.stagger}, must be at least 0")
+
+    @property
+    def num_actions(self) -> int:
+        """Number of discrete actions."""
+        return self.env.num_actions
+
+    @property
+    def pool_size(self) -> int:
+        """Resets computed together."""
+        return min(self.num_envs, self.reset_pool_size or max(1, self.num_envs // 128))
+
+    def reset(self, key: jax.Array, params: Params) -> tuple[Observation, BatchState]:
+        """Starts all copies.
+
+        Returns:
+            Observations `(num_envs, ...)` and the state.
+        """
+        reset_key, stagger_key = jax.random.split(key)
+        keys = jax.random.split(reset_key, self.num_envs)
+        obs, env_state = jax.vmap(self.env.reset, (0, None))(keys, params)
+        if self.stagger:
+            shape = (self.num_envs,)
+            cut_in = jax.random.randint(stagger_key, shape, 1, self.stagger + 1, jnp.int32)
+        else:
+            cut_in = jnp.zeros((self.num_envs,), jnp.int32)
+        return obs, BatchState(env=env_state, cut_in=cut_in)
+
+    def step(
+        self, key: jax.Array, state: BatchState, actions: jax.Array, params: Params
+    ) -> StepResult:
+        """One decision in every copy.
+
+        Args:
+            key: one key for the whole batch.
+            state: state of the batch.
+            actions: `(num_envs,)` int32.
+            params: parameters, the same for all copies.
+
+        Returns:
+            obs, state, reward, terminated, truncated, info; every leaf `(num_envs, ...)`. Besides what the
+            environment reports, info holds `final_observation` (the observation before any reset) and
+            `cut_short` (see `stagger`).
+        """
+        step_key, reset_key = jax.random.split(key)
+        keys = jax.random.split(step_key, self.num_envs)
+        obs, env_state, reward, terminated, truncated, info = jax.vmap(
+            self.env.step_env, (0, 0, 0, None)
+        )(keys, state.env, actions, params)
+        cut_short = (state.cut_in == 1) & ~(terminated | truncated)
+        truncated = truncated | cut_short
+        done = terminated | truncated
+        cut_in = jnp.where(done, 0, jnp.maximum(state.cut_in - 1, 0))
+        info = {**info, "final_observation": obs, "cut_short": cut_short}
+        with jax.named_scope("auto_reset"):
+            obs, env_state = self._restart(reset_key, done, obs, env_state, params)
+        next_state = BatchState(env=env_state, cut_in=cut_in)
+        return obs, next_state, reward, terminated, truncated, info
+
+    def action_mask(self, state: BatchState, params: Params) -> jax.Array:
+        """`(num_envs, num_actions)` bool, True where the action is allowed."""
+        return jax.vmap(self.env.action_mask, (0, None))(state.env, params)
+
+    def _restart(
+        self, key: jax.Array, done: jax.Array, obs: Observation, state: State, params: Params
+    ) -> tuple[Observation, State]:
+        """Puts an own fresh episode into every copy that is done `(num_envs,)`."""
+
+        def serve(call: jax.Array, rows: jax.Array, current: Any) -> Any:
+            keys = jax.random.split(jax.random.fold_in(key, call), self.pool_size)
+            fresh = jax.vmap(self.env.reset, (0, None))(keys, params)
+            return jax.tree.map(lambda x, new: x.at[rows].set(new, mode="drop"), current, fresh)
+
+        return for_true_rows(done, self.pool_size, serve, (obs, state))

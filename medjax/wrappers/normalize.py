@@ -1,0 +1,92 @@
+"""Running mean and variance, and the normalisation of observations and rewards with them.
+
+Moments of batches are merged by the parallel rule of Chan, Golub and LeVeque (1979, STAN-CS-79-773, eq. 2.1), written
+with weights instead of sums so that float32 serves for any number of samples.
+"""
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+MIN_STD = 1e-2  # entries of an observation that hardly ever move must not be blown up when they do
+
+
+@struct.dataclass
+class RunningStats:
+    """Moments of all samples seen; with none seen, mean 0 and variance 1 leave data as they are."""
+
+    count: jax.Array  # () float32, samples seen
+    mean: jax.Array  # (...) float32
+    var: jax.Array  # (...) float32, population variance
+
+
+def init_stats(shape: tuple[int, ...] = ()) -> RunningStats:
+    """Moments before the first sample.
+
+    Args:
+        shape: shape of one sample.
+    """
+    return RunningStats(
+        count=jnp.float32(0.0),
+        mean=jnp.zeros(shape, jnp.float32),
+        var=jnp.ones(shape, jnp.float32),
+    )
+
+
+def update_stats(stats: RunningStats, samples: jax.Array) -> RunningStats:
+    """Merges a batch of samples into the moments.
+
+    Args:
+        stats: moments of samples of shape `(...)`.
+        samples: `(batch axes..., ...)`, at least one batch axis; all samples weigh the same.
+
+    Returns:
+        The moments of all samples.
+    """
+    axes = tuple(range(samples.ndim - stats.mean.ndim))
+    size = 1
+    for axis in axes:
+        size *= samples.shape[axis]
+    samples = samples.astype(jnp.float32)
+    # Two passes and a correction for what rounding left of the mean: exact to float32 for any offset of the data.
+    rough_mean = jnp.mean(samples, axes)
+    centred = samples - rough_mean
+    rest = jnp.mean(centred, axes)
+    batch_mean = rough_mean + rest
+    batch_var = jnp.mean(jnp.square(centred), axes) - jnp.square(rest)
+    count = stats.count + size
+    weight = size / count
+    delta = batch_mean - stats.mean
+    var = (
+        (1.0 - weight) * stats.var
+        + weight * batch_var
+        + weight * (1.0 - weight) * jnp.square(delta)
+    )
+    return RunningStats(count=count, mean=stats.mean + weight * delta, var=jnp.maximum(var, 0.0))
+
+
+def normalize(stats: RunningStats, samples: jax.Array, clip: float = 10.0) -> jax.Array:
+    """`(samples - mean) / std`, clipped to [-clip, clip].
+
+    Args:
+        stats: moments of samples of shape `(...)`.
+        samples: `(batch axes..., ...)`.
+        clip: largest absolute value of the result.
+    """
+    std = jnp.maximum(jnp.sqrt(stats.var), MIN_STD)
+    return jnp.clip((samples - stats.mean) / std, -clip, clip)
+
+
+def scale_reward(
+    stats: RunningStats, reward: jax.Array, min_std: float = 1e-4
+) -> jax.Array:
+    """Rewards in units of the standard deviation of the discounted sum, not shifted.
+
+    A shift would pay the agent for staying alive or for dying; dividing leaves the optimal policy as it is.
+
+    Args:
+        stats: moments of the discounted sum of an episode's rewards so far, shape `()`.
+        reward: `(...)`.
+        min_std: smallest divisor.
+    """
+    return reward / jnp.maximum(jnp.sqrt(stats.var), min_std)

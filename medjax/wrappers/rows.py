@@ -1,0 +1,57 @@
+"""Work on the few rows of a batch that need it.
+
+Under `jax.vmap` a `lax.cond` becomes a select and runs both branches for every row. Where a costly computation
+concerns a handful of rows (a reset, the value of a final observation), it is cheaper to collect these rows and to
+compute on blocks of them.
+"""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+Carry = TypeVar("Carry")
+
+
+def for_true_rows(
+    mask: jax.Array,
+    block: int,
+    body: Callable[[jax.Array, jax.Array, Carry], Carry],
+    carry: Carry,
+) -> Carry:
+    """Calls `body` on blocks of the row numbers at which `mask` is True, until all have been served.
+
+    The cost follows the number of True rows: none, no call. It is a `lax.while_loop`, so it stays cheap when the
+    caller is itself mapped over random seeds, and it cannot be differentiated in reverse.
+
+    Args:
+        mask: `(num_rows,)` bool.
+        block: rows per call, at least 1.
+        body: `(call_number int32, rows (block,) int32, carry) -> carry`. The rows of all calls together are the True
+            rows, each once and in ascending order; unused places hold `num_rows`, which is out of range: gather with
+            `mode="clip"` and scatter with `mode="drop"`.
+        carry: initial value.
+
+    Returns:
+        The carry after the last call.
+    """
+    num_rows = mask.shape[0]
+    padded = -(-num_rows // block) * block
+    rank = jnp.cumsum(mask, dtype=jnp.int32) - 1
+    order = jnp.full((padded,), num_rows, jnp.int32)
+    order = order.at[jnp.where(mask, rank, padded)].set(
+        jnp.arange(num_rows, dtype=jnp.int32), mode="drop"
+    )
+    num_true = rank[-1] + 1
+
+    def unfinished(loop: tuple[jax.Array, Carry]) -> jax.Array:
+        return loop[0] * block < num_true
+
+    def call(loop: tuple[jax.Array, Carry]) -> tuple[jax.Array, Carry]:
+        number, value = loop
+        rows = lax.dynamic_slice(order, (number * block,), (block,))
+        return number + 1, body(number, rows, value)
+
+    return lax.while_loop(unfinished, call, (jnp.int32(0), carry))[1]

@@ -1,0 +1,1 @@
+"""Learning a dispatcher: PPO compiled together with the simulator, and its evaluation."""

@@ -1,0 +1,288 @@
+"""PPO: one update, and the compiled program of several.
+
+The design is PureJaxRL's idea (environment, rollout, advantages and updates in one compiled program; Lu et al. 2022),
+with the algorithm of Schulman et al. 2017 (arXiv:1707.06347).
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+import optax
+from flax import struct
+from jax import lax
+
+from medjax.wrappers import (
+    BatchAutoReset,
+    Environment,
+    EpisodeLog,
+    RunningStats,
+    init_stats,
+    normalize,
+    scale_reward,
+    update_stats,
+)
+from train.advantages import generalized_advantages
+from train.config import TrainConfig
+from train.losses import Batch, LossWeights, explained_variance, ppo_loss
+from train.networks import PolicyWeights, build_network, masked_categorical
+from train.rollout import EpisodeSums, RolloutState, Trajectory, collect, start
+
+Metrics = dict[str, jax.Array]
+
+
+@struct.dataclass
+class TrainState:
+    """All that changes in training; enough to go on from. With several seeds every leaf has a leading axis for them."""
+
+    weights: PolicyWeights
+    opt_state: Any
+    rollout: RolloutState
+    return_stats: RunningStats  # of the discounted return, scales rewards
+    key: jax.Array  # typed PRNG key
+    update: jax.Array  # () int32, updates done
+
+
+@dataclasses.dataclass(frozen=True)
+class Learner:
+    """PPO for one seed, as pure functions of a `TrainState`."""
+
+    env: EpisodeLog
+    network: nn.Module
+    optimizer: optax.GradientTransformation
+    config: TrainConfig
+    learning_rate: Callable[[jax.Array], jax.Array]  # of the number of updates done
+
+    def init(self, key: jax.Array, env_params: Any) -> TrainState:
+        """The state before the first update."""
+        reset_key, network_key, key = jax.random.split(key, 3)
+        rollout = start(self.env, reset_key, env_params)
+        params = self.network.init(network_key, rollout.obs[:1])
+        return TrainState(
+            weights=PolicyWeights(params, init_stats(rollout.obs.shape[1:])),
+            opt_state=self.optimizer.init(params),
+            rollout=rollout,
+            return_stats=init_stats(),
+            key=key,
+            update=jnp.int32(0),
+        )
+
+    def update(self, state: TrainState, env_params: Any) -> tuple[TrainState, Metrics]:
+        """A rollout, and the epochs of gradient steps on it.
+
+        Observations are normalised by the same moments when acting and when learning from it; the moments take in the
+        rollout only afterwards. Rewards are scaled by moments that include it.
+        """
+        rollout_key, shuffle_key, key = jax.random.split(state.key, 3)
+        rollout, trajectory, last_value, sums = collect(
+            self.env,
+            self.network,
+            state.weights,
+            state.rollout,
+            rollout_key,
+            env_params,
+            num_steps=self.config.rollout_length,
+            gamma=self.config.gamma,
+        )
+        return_stats = state.return_stats
+        if self.config.normalize_rewards:
+            return_stats = update_stats(return_stats, trajectory.discounted_sum)
+        with jax.named_scope("advantages"):
+            samples = self._samples(trajectory, last_value, state.weights, return_stats)
+        with jax.named_scope("learn"):
+            params, opt_state, metrics = self._learn(
+                shuffle_key, samples, state.weights.params, state.opt_state
+            )
+        obs_stats = state.weights.obs_stats
+        if self.config.normalize_observations:
+            obs_stats = update_stats(obs_stats, trajectory.obs)
+        metrics |= {
+            "learning_rate": self.learning_rate(state.update),
+            "explained_variance": explained_variance(samples.value, samples.target),
+            "value_mean": jnp.mean(samples.value),
+            "reward_std": jnp.sqrt(return_stats.var),
+            "reward_mean": jnp.mean(trajectory.reward),
+            **_episode_metrics(sums),
+        }
+        next_state = TrainState(
+            weights=PolicyWeights(params, obs_stats),
+            opt_state=opt_state,
+            rollout=rollout,
+            return_stats=return_stats,
+            key=key,
+            update=state.update + 1,
+        )
+        return next_state, metrics
+
+    def run(
+        self, state: TrainState, env_params: Any, num_updates: jax.Array
+    ) -> tuple[TrainState, Metrics]:
+        """Several updates.
+
+        The number is an argument of the compiled program, not a part of it: every run of any length takes the very same
+        steps, so a resumed run repeats an uninterrupted one bit for bit.
+
+        Args:
+            state: where training stands.
+            env_params: parameters of the environments.
+            num_updates: () int32, at most `config.updates_per_call`.
+
+        Returns:
+            The new state, and metrics `(updates_per_call,)`, of which the first `num_updates` entries are filled.
+        """
+        update = jax.jit(self.update)  # traced once for its shapes and its use
+        _, shapes = jax.eval_shape(update, state, env_params)
+        places = self.config.updates_per_call
+        table = {name: jnp.full((places,), jnp.nan, s.dtype) for name, s in shapes.items()}
+
+        def body(index: jax.Array, carry: tuple[TrainState, Metrics]) -> tuple[TrainState, Metrics]:
+            carried, rows = carry
+            carried, metrics = update(carried, env_params)
+            return carried, {name: rows[name].at[index].set(metrics[name]) for name in rows}
+
+        return lax.fori_loop(jnp.int32(0), num_updates, body, (state, table))
+
+    def _samples(
+        self,
+        trajectory: Trajectory,
+        last_value: jax.Array,
+        weights: PolicyWeights,
+        return_stats: RunningStats,
+    ) -> Batch:
+        """What the trajectory teaches; arrays stay `(num_steps, num_envs, ...)`."""
+        advantage, target = generalized_advantages(
+            scale_reward(return_stats, trajectory.reward),
+            trajectory.value,
+            last_value,
+            trajectory.terminated,
+            trajectory.truncated,
+            trajectory.final_value,
+            gamma=self.config.gamma,
+            gae_lambda=self.config.gae_lambda,
+        )
+        return Batch(
+            obs=normalize(weights.obs_stats, trajectory.obs),
+            mask=trajectory.mask,
+            action=trajectory.action,
+            log_prob=trajectory.log_prob,
+            value=trajectory.value,
+            advantage=advantage,
+            target=target,
+        )
+
+    def _learn(
+        self, key: jax.Array, samples: Batch, params: Any, opt_state: Any
+    ) -> tuple[Any, Any, Metrics]:
+        """Epochs of minibatches. Returns parameters, optimiser state and metrics averaged over the gradient steps."""
+        config = self.config
+        weights = LossWeights(
+            config.clip_epsilon, config.value_coef, config.entropy_coef, config.clip_value
+        )
+        minibatches = split_environments(key, samples, config.num_minibatches)
+
+        def loss_fn(candidate: Any, batch: Batch) -> tuple[jax.Array, Metrics]:
+            logits, value = self.network.apply(candidate, batch.obs)
+            return ppo_loss(masked_categorical(logits, batch.mask), value, batch, weights)
+
+        def step(carry: tuple[Any, Any], batch: Batch) -> tuple[tuple[Any, Any], Metrics]:
+            current, optimizer_state = carry
+            gradient, metrics = jax.grad(loss_fn, has_aux=True)(current, batch)
+            metrics["grad_norm"] = optax.global_norm(gradient)
+            change, optimizer_state = self.optimizer.update(gradient, optimizer_state, current)
+            return (optax.apply_updates(current, change), optimizer_state), metrics
+
+        def epoch(carry: tuple[Any, Any], _: None) -> tuple[tuple[Any, Any], Metrics]:
+            return lax.scan(step, carry, minibatches)
+
+        (params, opt_state), metrics = lax.scan(
+            epoch, (params, opt_state), None, length=config.num_epochs
+        )
+        return params, opt_state, jax.tree.map(jnp.mean, metrics)
+
+
+def split_environments(key: jax.Array, samples: Any, num_minibatches: int) -> Any:
+    """Shuffles the environments and deals them out.
+
+    Whole environments rather than single steps: a permutation of environments is cheap, and the rollout keeps its
+    layout (sorting all steps costs more than it decorrelates).
+
+    Args:
+        key: of the permutation.
+        samples: leaves `(num_steps, num_envs, ...)`.
+        num_minibatches: a divisor of num_envs.
+
+    Returns:
+        Leaves `(num_minibatches, num_steps, num_envs / num_minibatches, ...)`; each sample is in exactly one minibatch.
+    """
+    num_envs = jax.tree.leaves(samples)[0].shape[1]
+    order = jax.random.permutation(key, num_envs).reshape(num_minibatches, -1)
+    return jax.tree.map(lambda x: jnp.moveaxis(x[:, order], 1, 0), samples)
+
+
+def _episode_metrics(sums: EpisodeSums) -> Metrics:
+    """Means over the whole episodes that ended in the rollout; NaN if none did."""
+    means = {f"episode_{name}": total / sums.count for name, total in sums.total.items()}
+    return {"episodes": sums.count, **means}
+
+
+def episode_decisions(params: Any) -> int:
+    """Decisions until an episode is truncated, as the parameters say; 0 if they do not."""
+    return int(getattr(params, "episode_decisions", 0))
+
+
+def build_learner(env: Environment, params: Any, config: TrainConfig) -> Learner:
+    """PPO on `env` with `config`.
+
+    Args:
+        env: a single environment; it is copied `config.num_envs` times here.
+        params: its parameters, read only for the length of an episode.
+        config: settings.
+    """
+    stagger = episode_decisions(params) if config.stagger else 0
+    batch = BatchAutoReset(env, config.num_envs, stagger=stagger)
+    gradient_steps = config.num_epochs * config.num_minibatches
+
+    def learning_rate(update: jax.Array) -> jax.Array:
+        left = 1.0 - update / config.num_updates if config.anneal else 1.0
+        return jnp.float32(config.learning_rate * left)
+
+    optimizer = optax.chain(
+        optax.clip_by_global_norm(config.max_grad_norm),
+        optax.adam(lambda count: learning_rate(count // gradient_steps), eps=1e-5),
+    )
+    network = build_network(env.num_actions, config)
+    return Learner(EpisodeLog(batch), network, optimizer, config, learning_rate)
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainFunctions:
+    """The two programs of training, over all seeds at once."""
+
+    init: Callable[[jax.Array, Any], TrainState]  # (key, env_params)
+    run: Callable[[TrainState, Any, jax.Array], tuple[TrainState, Metrics]]  # see Learner.run
+
+
+def make_train(env: Environment, params: Any, config: TrainConfig) -> TrainFunctions:
+    """Compilable training.
+
+    Args:
+        env: a single environment.
+        params: its parameters; see `build_learner`.
+        config: settings.
+
+    Returns:
+        Jitted functions (also for ahead-of-time compilation by `.lower`); `run` donates its state. With
+        `config.num_seeds > 1` every leaf of the state and of the metrics has a leading axis of that length.
+    """
+    learner = build_learner(env, params, config)
+    if config.num_seeds == 1:
+        return TrainFunctions(jax.jit(learner.init), jax.jit(learner.run, donate_argnums=0))
+
+    def init_seeds(key: jax.Array, env_params: Any) -> TrainState:
+        return jax.vmap(learner.init, (0, None))(jax.random.split(key, config.num_seeds), env_params)
+
+    run_seeds = jax.vmap(learner.run, (0, None, None))
+    return TrainFunctions(jax.jit(init_seeds), jax.jit(run_seeds, donate_argnums=0))

@@ -1,0 +1,155 @@
+"""Actor-critic networks and the masked policy distribution.
+
+A network maps normalised observations `(..., num_features)` to action logits `(..., num_actions)` and values `(...)`,
+both float32 whatever it computes in. `NETWORKS` names the builders; adding an entry makes it a choice of `--network`.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import distrax
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from medjax.wrappers.normalize import RunningStats, normalize
+from train.config import TrainConfig
+
+MASKED_LOGIT = -1e9  # finite, so that log-probabilities and gradients are; exp() of it is exactly 0
+
+ACTIVATIONS: dict[str, Callable[[jax.Array], jax.Array]] = {
+    "tanh": nn.tanh,
+    "relu": nn.relu,
+    "silu": nn.silu,
+}
+DTYPES = {"float32": jnp.float32, "bfloat16": jnp.bfloat16}
+
+
+class CategoricalLike(Protocol):
+    """The part of a categorical distribution that PPO uses."""
+
+    def log_prob(self, value: jax.Array) -> jax.Array:
+        """`(...)`."""
+
+    def entropy(self) -> jax.Array:
+        """`(...)`."""
+
+    def mode(self) -> jax.Array:
+        """`(...)`."""
+
+    def sample(self, *, seed: jax.Array) -> jax.Array:
+        """`(...)`."""
+
+
+@struct.dataclass
+class PolicyWeights:
+    """All that acting needs: a trained policy."""
+
+    params: Any  # of the network
+    obs_stats: RunningStats  # moments that normalise observations
+
+
+class Torso(nn.Module):
+    """Fully connected layers."""
+
+    hidden: Sequence[int]
+    activation: Callable[[jax.Array], jax.Array]
+    dtype: Any
+
+    @nn.compact
+    def __call__(self, x: jax.Array) -> jax.Array:
+        """`(..., num_features)` to `(..., hidden[-1])`."""
+        for width in self.hidden:
+            init = nn.initializers.orthogonal(jnp.sqrt(2.0))
+            x = self.activation(nn.Dense(width, kernel_init=init, dtype=self.dtype)(x))
+        return x
+
+
+class ActorCritic(nn.Module):
+    """Two separate multi-layer perceptrons, so that the value's gradients do not disturb the policy.
+
+    Orthogonal initialisation; the last layer of the actor is near zero (0.01), which starts it near the uniform policy
+    (Andrychowicz et al. 2021, arXiv:2006.05990, section 3.2).
+    """
+
+    num_actions: int
+    hidden: Sequence[int]
+    activation: Callable[[jax.Array], jax.Array]
+    dtype: Any
+
+    def setup(self) -> None:
+        """Makes the layers."""
+        self.actor = Torso(self.hidden, self.activation, self.dtype)
+        self.critic = Torso(self.hidden, self.activation, self.dtype)
+        small, unit = nn.initializers.orthogonal(0.01), nn.initializers.orthogonal(1.0)
+        self.logits_head = nn.Dense(self.num_actions, kernel_init=small, dtype=jnp.float32)
+        self.value_head = nn.Dense(1, kernel_init=unit, dtype=jnp.float32)
+
+    def __call__(self, obs: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """`(..., num_features)` to logits `(..., num_actions)` and values `(...)`."""
+        logits = self.logits_head(self.actor(obs).astype(jnp.float32))
+        value = self.value_head(self.critic(obs).astype(jnp.float32))
+        return logits, value[..., 0]
+
+
+def build_mlp(num_actions: int, config: TrainConfig) -> nn.Module:
+    """`ActorCritic` as the settings say."""
+    return ActorCritic(
+        num_actions=num_actions,
+        hidden=config.hidden,
+        activation=ACTIVATIONS[config.activation],
+        dtype=DTYPES[config.compute_dtype],
+    )
+
+
+NETWORKS: dict[str, Callable[[int, TrainConfig], nn.Module]] = {"mlp": build_mlp}
+
+
+def build_network(num_actions: int, config: TrainConfig) -> nn.Module:
+    """The network that `config.network` names.
+
+    Raises:
+        ValueError: no such network.
+    """
+    if config.network not in NETWORKS:
+        allowed = ", ".join(NETWORKS)
+        raise ValueError(f"network is {config.network!r}, allowed: {allowed}")
+    return NETWORKS[config.network](num_actions, config)
+
+
+def masked_categorical(logits: jax.Array, mask: jax.Array) -> CategoricalLike:
+    """Distribution over the allowed actions.
+
+    Args:
+        logits: `(..., num_actions)` float32.
+        mask: `(..., num_actions)` bool, True = allowed, at least one an entry.
+
+    Returns:
+        A categorical distribution in which other actions have probability exactly 0 and add nothing to the entropy.
+    """
+    return distrax.Categorical(logits=jnp.where(mask, logits, MASKED_LOGIT), dtype=jnp.int32)
+
+
+def apply_policy(
+    network: nn.Module, weights: PolicyWeights, obs: jax.Array, mask: jax.Array
+) -> tuple[CategoricalLike, jax.Array]:
+    """Policy and value at raw observations.
+
+    Args:
+        network: the network.
+        weights: parameters and the moments that normalise observations.
+        obs: `(..., num_features)`, as the environment returns them.
+        mask: `(..., num_actions)` bool.
+
+    Returns:
+        The masked policy, and values `(...)` in units of the scaled reward.
+    """
+    logits, value = network.apply(weights.params, normalize(weights.obs_stats, obs))
+    return masked_categorical(logits, mask), value
+
+
+def apply_value(network: nn.Module, weights: PolicyWeights, obs: jax.Array) -> jax.Array:
+    """Values `(...)` at raw observations `(..., num_features)`; the compiler drops the unused actor."""
+    _, value = network.apply(weights.params, normalize(weights.obs_stats, obs))
+    return value

@@ -1,0 +1,147 @@
+"""Acting in a batch of environments."""
+
+from typing import Any
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+from flax import struct
+from jax import lax
+
+from medjax.wrappers import BatchEnvironment, for_true_rows
+from train.networks import PolicyWeights, apply_policy, apply_value
+
+
+@struct.dataclass
+class RolloutState:
+    """Where the environments stand between two rollouts."""
+
+    env: Any  # state of the wrapped batch
+    obs: jax.Array  # (num_envs, num_features), to act on next
+    discounted_sum: jax.Array  # (num_envs,) discounted rewards of the running episode
+
+
+@struct.dataclass
+class Trajectory:
+    """A rollout; every array is `(num_steps, num_envs, ...)`."""
+
+    obs: jax.Array  # (..., num_features) as the environment returned them
+    mask: jax.Array  # (..., num_actions) bool, allowed actions
+    action: jax.Array  # int32
+    log_prob: jax.Array  # of the action
+    value: jax.Array  # of the observation
+    reward: jax.Array  # not scaled
+    terminated: jax.Array  # bool
+    truncated: jax.Array  # bool
+    final_value: jax.Array  # value of the final observation where truncated, else 0
+    discounted_sum: jax.Array  # discounted rewards of the episode up to this step
+
+
+@struct.dataclass
+class EpisodeSums:
+    """Sums over the whole episodes that ended; divide by `count` for means."""
+
+    count: jax.Array  # float32
+    total: dict[str, jax.Array]  # "return", "length" and the environment's metrics
+
+
+def start(
+    env: BatchEnvironment, key: jax.Array, env_params: Any
+) -> RolloutState:
+    """Fresh episodes everywhere."""
+    obs, state = env.reset(key, env_params)
+    return RolloutState(state, obs, jnp.zeros((env.num_envs,), jnp.float32))
+
+
+def values_where(
+    network: nn.Module, weights: PolicyWeights, obs: jax.Array, mask: jax.Array, block: int
+) -> jax.Array:
+    """Values of the rows of `obs` `(num_rows, num_features)` where `mask`, computed for these only; else 0."""
+
+    def fill(_: jax.Array, rows: jax.Array, out: jax.Array) -> jax.Array:
+        picked = jnp.take(obs, rows, axis=0, mode="clip")
+        return out.at[rows].set(apply_value(network, weights, picked), mode="drop")
+
+    return for_true_rows(mask, block, fill, jnp.zeros(mask.shape, jnp.float32))
+
+
+def sum_episodes(episode: dict[str, Any]) -> EpisodeSums:
+    """Sums over the environments whose whole episode ended in this step.
+
+    Args:
+        episode: `info["episode"]` of `medjax.wrappers.EpisodeLog`.
+    """
+    chosen = episode["complete"]
+    values = {"return": episode["return"], "length": episode["length"], **episode["metrics"]}
+    total = {
+        name: jnp.sum(jnp.where(chosen, value.astype(jnp.float32), 0.0))
+        for name, value in values.items()
+    }
+    return EpisodeSums(jnp.sum(chosen, dtype=jnp.float32), total)
+
+
+def collect(
+    env: BatchEnvironment,
+    network: nn.Module,
+    weights: PolicyWeights,
+    state: RolloutState,
+    key: jax.Array,
+    env_params: Any,
+    *,
+    num_steps: int,
+    gamma: float,
+) -> tuple[RolloutState, Trajectory, jax.Array, EpisodeSums]:
+    """Acts for `num_steps` decisions in every environment.
+
+    Args:
+        env: batch whose steps report `info["episode"]` (`medjax.wrappers.EpisodeLog`).
+        network: actor-critic.
+        weights: its parameters and the moments that normalise observations, fixed for the whole rollout.
+        state: where the environments stand.
+        key: randomness of policy and environments.
+        env_params: parameters of the environments.
+        num_steps: decisions per environment.
+        gamma: discount per decision.
+
+    Returns:
+        The new state, the trajectory, the values `(num_envs,)` of the observations after it, sums over ended episodes.
+    """
+    block = max(1, env.num_envs // 64)
+
+    def decide(
+        carry: RolloutState, step_key: jax.Array
+    ) -> tuple[RolloutState, tuple[Trajectory, EpisodeSums]]:
+        act_key, env_key = jax.random.split(step_key)
+        with jax.named_scope("act"):
+            mask = env.action_mask(carry.env, env_params)
+            policy, value = apply_policy(network, weights, carry.obs, mask)
+            action = policy.sample(seed=act_key)
+            log_prob = policy.log_prob(action)
+        with jax.named_scope("environment"):
+            obs, env_state, reward, terminated, truncated, info = env.step(
+                env_key, carry.env, action, env_params
+            )
+        with jax.named_scope("bootstrap"):
+            cut = truncated & ~terminated
+            final_value = values_where(network, weights, info["final_observation"], cut, block)
+        reward = reward.astype(jnp.float32)
+        discounted = gamma * carry.discounted_sum + reward
+        step = Trajectory(
+            obs=carry.obs,
+            mask=mask,
+            action=action,
+            log_prob=log_prob,
+            value=value,
+            reward=reward,
+            terminated=terminated,
+            truncated=truncated,
+            final_value=final_value,
+            discounted_sum=discounted,
+        )
+        discounted = jnp.where(terminated | truncated, 0.0, discounted)
+        return RolloutState(env_state, obs, discounted), (step, sum_episodes(info["episode"]))
+
+    keys = jax.random.split(key, num_steps)
+    state, (trajectory, sums) = lax.scan(decide, state, keys)
+    last_value = apply_value(network, weights, state.obs)
+    return state, trajectory, last_value, jax.tree.map(lambda x: jnp.sum(x, axis=0), sums)
