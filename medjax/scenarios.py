@@ -132,7 +132,7 @@ def _paper(config: EnvConfig) -> EnvParams:
             target_soc=0.8,
             reach_ahead_m=400.0,
             reach_behind_m=100.0,
-            patience_s=30.0,
+            patience_s=60.0,
             retry_s=10.0,
             approach_speed=8.0,
             approach_rate=0.35,

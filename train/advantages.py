@@ -41,7 +41,9 @@ def generalized_advantages(
     delta = reward + gamma * next_value - value
     decay = jnp.where(terminated | truncated, 0.0, gamma * gae_lambda)
 
-    def back(advantage: jax.Array, step: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+    def back(
+        advantage: jax.Array, step: tuple[jax.Array, jax.Array]
+    ) -> tuple[jax.Array, jax.Array]:
         step_delta, step_decay = step
         advantage = step_delta + step_decay * advantage
         return advantage, advantage

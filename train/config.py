@@ -39,7 +39,13 @@ def option(
         high: largest allowed value.
         above: bound that a value must exceed.
     """
-    metadata = {"group": group, "help": text, "flags": flags, "choices": choices, "metavar": metavar}
+    metadata: dict[str, Any] = {
+        "group": group,
+        "help": text,
+        "flags": flags,
+        "choices": choices,
+        "metavar": metavar,
+    }
     metadata |= {"low": low, "high": high, "above": above}
     return dataclasses.field(default=default, metadata=metadata)
 
@@ -65,9 +71,13 @@ class TrainConfig:
     )
     seed: int = option(0, "run", "of all randomness", low=0, high=2**32 - 1)
     num_seeds: int = option(1, "run", "independent learners trained side by side", low=1)
-    checkpoint_interval: int = option(10, "run", "updates between checkpoints; 0: at the end only", low=0)
+    checkpoint_interval: int = option(
+        10, "run", "updates between checkpoints; 0: at the end only", low=0
+    )
     keep_checkpoints: int = option(3, "run", "newest checkpoints kept", low=1)
-    updates_per_call: int = option(16, "run", "most updates in one call of the compiled program", low=1)
+    updates_per_call: int = option(
+        16, "run", "most updates in one call of the compiled program", low=1
+    )
     eval_episodes: int = option(64, "run", "episodes of the closing evaluation; 0: none", low=0)
 
     rollout_length: int = option(32, "PPO", "decisions per environment and update", low=1)
@@ -76,10 +86,16 @@ class TrainConfig:
     learning_rate: float = option(5e-4, "PPO", "of Adam, at the start", flags=("--lr",), above=0)
     anneal: bool = option(True, "PPO", "let the learning rate fall linearly to 0")
     gamma: float = option(0.995, "PPO", "discount per decision", low=0, high=1)
-    gae_lambda: float = option(0.95, "PPO", "decay of the advantage trace per decision", low=0, high=1)
-    clip_epsilon: float = option(0.2, "PPO", "clip of the ratio, eq. (9)", flags=("--clip",), above=0)
+    gae_lambda: float = option(
+        0.95, "PPO", "decay of the advantage trace per decision", low=0, high=1
+    )
+    clip_epsilon: float = option(
+        0.2, "PPO", "clip of the ratio, eq. (9)", flags=("--clip",), above=0
+    )
     clip_value: bool = option(False, "PPO", "clip the value loss as well")
-    entropy_coef: float = option(0.01, "PPO", "weight of the entropy bonus", flags=("--entropy",), low=0)
+    entropy_coef: float = option(
+        0.01, "PPO", "weight of the entropy bonus", flags=("--entropy",), low=0
+    )
     value_coef: float = option(0.5, "PPO", "weight of the value loss", low=0)
     max_grad_norm: float = option(0.5, "PPO", "global norm at which gradients are clipped", above=0)
     normalize_observations: bool = option(True, "PPO", "shift and scale by running moments")
@@ -91,7 +107,10 @@ class TrainConfig:
     )
     activation: str = option("tanh", "network", "between layers", choices=("tanh", "relu", "silu"))
     compute_dtype: str = option(
-        "float32", "network", "type of the hidden layers' arithmetic", choices=("float32", "bfloat16")
+        "float32",
+        "network",
+        "type of the hidden layers' arithmetic",
+        choices=("float32", "bfloat16"),
     )
 
     def __post_init__(self) -> None:
@@ -133,7 +152,7 @@ def _as_tuple(name: str, value: Any) -> tuple[Any, ...]:
 def _check(field: dataclasses.Field[Any], value: Any) -> None:
     """Type and range of one value."""
     name, meta = field.name, field.metadata
-    kind = type(field.default) if name not in ("overrides", "hidden") else int
+    kind: Any = type(field.default) if name not in ("overrides", "hidden") else int
     if name == "overrides":
         return
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
@@ -155,7 +174,8 @@ def _check(field: dataclasses.Field[Any], value: Any) -> None:
     if not inside:
         parts = [f"at least {low}"] if low is not None else []
         parts += [f"more than {above}"] if above is not None else []
-        parts += [f"at most {high}"] if high is not None else ["finite"]
+        parts += [f"at most {high}"] if high is not None else []
+        parts += ["finite"] if kind is float and high is None else []
         raise SettingError(f"{name} is {value}, allowed: {', '.join(parts)}")
 
 
@@ -171,7 +191,9 @@ def from_json(data: Any) -> TrainConfig:
         SettingError: not a dict, an unknown field, or a value out of its range.
     """
     if not isinstance(data, dict):
-        raise SettingError(f"settings are {type(data).__name__}, allowed: an object of named values")
+        raise SettingError(
+            f"settings are {type(data).__name__}, allowed: an object of named values"
+        )
     known = {field.name for field in dataclasses.fields(TrainConfig)}
     for name in data:
         if name not in known:

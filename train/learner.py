@@ -184,7 +184,8 @@ class Learner:
         minibatches = split_environments(key, samples, config.num_minibatches)
 
         def loss_fn(candidate: Any, batch: Batch) -> tuple[jax.Array, Metrics]:
-            logits, value = self.network.apply(candidate, batch.obs)
+            output: Any = self.network.apply(candidate, batch.obs)
+            logits, value = output
             return ppo_loss(masked_categorical(logits, batch.mask), value, batch, weights)
 
         def step(carry: tuple[Any, Any], batch: Batch) -> tuple[tuple[Any, Any], Metrics]:
@@ -282,7 +283,9 @@ def make_train(env: Environment, params: Any, config: TrainConfig) -> TrainFunct
         return TrainFunctions(jax.jit(learner.init), jax.jit(learner.run, donate_argnums=0))
 
     def init_seeds(key: jax.Array, env_params: Any) -> TrainState:
-        return jax.vmap(learner.init, (0, None))(jax.random.split(key, config.num_seeds), env_params)
+        return jax.vmap(learner.init, (0, None))(
+            jax.random.split(key, config.num_seeds), env_params
+        )
 
     run_seeds = jax.vmap(learner.run, (0, None, None))
     return TrainFunctions(jax.jit(init_seeds), jax.jit(run_seeds, donate_argnums=0))

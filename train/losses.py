@@ -101,7 +101,9 @@ def ppo_loss(
         "entropy": entropy,
         # the low-variance, never negative estimate of http://joschu.net/blog/kl-approx.html
         "approx_kl": jnp.mean(ratio - 1.0 - log_ratio),
-        "clip_fraction": jnp.mean((jnp.abs(ratio - 1.0) > weights.clip_epsilon).astype(jnp.float32)),
+        "clip_fraction": jnp.mean(
+            (jnp.abs(ratio - 1.0) > weights.clip_epsilon).astype(jnp.float32)
+        ),
     }
     return loss, metrics
 

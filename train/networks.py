@@ -145,11 +145,12 @@ def apply_policy(
     Returns:
         The masked policy, and values `(...)` in units of the scaled reward.
     """
-    logits, value = network.apply(weights.params, normalize(weights.obs_stats, obs))
+    output: Any = network.apply(weights.params, normalize(weights.obs_stats, obs))
+    logits, value = output
     return masked_categorical(logits, mask), value
 
 
 def apply_value(network: nn.Module, weights: PolicyWeights, obs: jax.Array) -> jax.Array:
     """Values `(...)` at raw observations `(..., num_features)`; the compiler drops the unused actor."""
-    _, value = network.apply(weights.params, normalize(weights.obs_stats, obs))
-    return value
+    output: Any = network.apply(weights.params, normalize(weights.obs_stats, obs))
+    return output[1]

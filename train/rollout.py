@@ -45,9 +45,7 @@ class EpisodeSums:
     total: dict[str, jax.Array]  # "return", "length" and the environment's metrics
 
 
-def start(
-    env: BatchEnvironment, key: jax.Array, env_params: Any
-) -> RolloutState:
+def start(env: BatchEnvironment, key: jax.Array, env_params: Any) -> RolloutState:
     """Fresh episodes everywhere."""
     obs, state = env.reset(key, env_params)
     return RolloutState(state, obs, jnp.zeros((env.num_envs,), jnp.float32))

@@ -16,7 +16,9 @@ class BatchState:
     """State of `BatchAutoReset`."""
 
     env: Any  # states of the copies, every leaf (num_envs, ...)
-    cut_in: jax.Array  # (num_envs,) int32, decisions until the first episode is cut short; 0: it is not
+    cut_in: (
+        jax.Array
+    )  # (num_envs,) int32, decisions until the first episode is cut short; 0: it is not
 
 
 @dataclasses.dataclass(frozen=True)

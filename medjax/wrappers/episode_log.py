@@ -51,7 +51,7 @@ class EpisodeLog:
         # Only a step says which metrics there are; eval_shape looks at one without computing it.
         actions = jnp.zeros((self.num_envs,), jnp.int32)
         info = jax.eval_shape(self.env.step, key, state, actions, params)[-1]
-        metrics = {name: zeros for name in info["metrics"]}
+        metrics = dict.fromkeys(info["metrics"], zeros)
         return obs, EpisodeLogState(state, zeros, counts, zeros, counts, metrics)
 
     def step(

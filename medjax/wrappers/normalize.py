@@ -77,9 +77,7 @@ def normalize(stats: RunningStats, samples: jax.Array, clip: float = 10.0) -> ja
     return jnp.clip((samples - stats.mean) / std, -clip, clip)
 
 
-def scale_reward(
-    stats: RunningStats, reward: jax.Array, min_std: float = 1e-4
-) -> jax.Array:
+def scale_reward(stats: RunningStats, reward: jax.Array, min_std: float = 1e-4) -> jax.Array:
     """Rewards in units of the standard deviation of the discounted sum, not shifted.
 
     A shift would pay the agent for staying alive or for dying; dividing leaves the optimal policy as it is.

@@ -58,9 +58,7 @@ class BatchEnvironment(Protocol):
     def reset(self, key: jax.Array, params: Params) -> tuple[Observation, State]:
         """Starts an episode in every copy, from one key."""
 
-    def step(
-        self, key: jax.Array, state: State, actions: jax.Array, params: Params
-    ) -> StepResult:
+    def step(self, key: jax.Array, state: State, actions: jax.Array, params: Params) -> StepResult:
         """One decision in every copy, from one key; finished copies restart within the same step."""
 
     def action_mask(self, state: State, params: Params) -> jax.Array:

@@ -1,0 +1,34 @@
+"""One MED in service and one EV booked on it, alone on the road."""
+
+import jax
+import jax.numpy as jnp
+
+from medjax.state import IN_SERVICE
+
+MED_SPEED = 22.0
+
+
+def scene(env, params, *, panel, ev_x, ev_lane, human=False, soc=0.35, med_x=500.0):
+    """A state of `env` with MED 0 in its service lane at med_x and EV 0 booked on its slot `panel`."""
+    _, state = env.reset(jax.random.key(0), params)
+    vehicles, med, ev = state.vehicles, 0, env.config.num_meds
+    both = jnp.array([med, ev])
+    still = jnp.zeros_like(vehicles.x)
+    vehicles = vehicles.replace(
+        active=jnp.zeros_like(vehicles.active).at[both].set(True),
+        x=vehicles.x.at[both].set(jnp.array([med_x, ev_x])),
+        lane=vehicles.lane.at[both].set(jnp.array([params.fleet.service_lane, ev_lane])),
+        speed=vehicles.speed.at[both].set(MED_SPEED),
+        desired_speed=vehicles.desired_speed.at[both].set(jnp.array([MED_SPEED, 30.0])),
+        lateral_offset=still,
+        acceleration_noise=still,
+        wander=still,
+    )
+    evs = state.evs.replace(
+        med=state.evs.med.at[0].set(med),
+        panel=state.evs.panel.at[0].set(panel),
+        energy_j=state.evs.energy_j.at[0].set(soc * params.ev_capacity_j),
+        is_human=state.evs.is_human.at[0].set(human),
+    )
+    meds = state.meds.replace(status=state.meds.status.at[0].set(IN_SERVICE))
+    return state.replace(vehicles=vehicles, evs=evs, meds=meds)

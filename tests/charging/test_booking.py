@@ -1,0 +1,171 @@
+"""Bookings are a one-to-one map, made by the stated rule, at every decision."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import medjax
+from medjax.charging.booking import Offers, Requests, book, panel_flags
+from medjax.state import NOT_BOOKED
+
+NUM_MEDS, NUM_EVS = 4, 12
+
+
+@pytest.fixture(scope="module")
+def booking(paper):
+    """`book` of the paper's numbers, compiled."""
+    _, params = paper
+    return jax.jit(
+        lambda med, panel, requests, offers: book(
+            med, panel, requests, offers, 4000.0, 4, params.charging
+        )
+    )
+
+
+def draw(seed):
+    """Random MEDs and EVs, some slots taken, some EVs booked."""
+    rng = np.random.default_rng(seed)
+    free = rng.random((NUM_MEDS, 4)) < 0.6
+    # An EV sits on each taken slot as long as there are EVs.
+    med, panel = np.full(NUM_EVS, -1), np.full(NUM_EVS, -1)
+    for ev, (m, p) in enumerate(np.argwhere(~free)[: NUM_EVS // 2]):
+        med[ev], panel[ev] = m, p
+    asks = (rng.random(NUM_EVS) < 0.8) & (med < 0)
+    x = rng.uniform(0, 1500, NUM_EVS)
+    if seed % 3 == 0:  # ties: EVs side by side
+        x = np.round(x / 300) * 300
+    offers = Offers(
+        x=jnp.asarray(rng.uniform(0, 1500, NUM_MEDS), jnp.float32),
+        speed=jnp.full(NUM_MEDS, 22.0),
+        lane=jnp.full(NUM_MEDS, 2, jnp.int32),
+        length=jnp.full(NUM_MEDS, 12.0),
+        free=jnp.asarray(free),
+    )
+    requests = Requests(
+        x=jnp.asarray(x, jnp.float32),
+        lane=jnp.asarray(rng.integers(0, 4, NUM_EVS), jnp.int32),
+        length=jnp.full(NUM_EVS, 5.0),
+        asks=jnp.asarray(asks),
+        endurance_s=jnp.full(NUM_EVS, 500.0),
+    )
+    return jnp.asarray(med, jnp.int32), jnp.asarray(panel, jnp.int32), requests, offers
+
+
+def one_to_one(med, panel):
+    """Whether no slot has two EVs and every booked EV has a slot."""
+    booked = med >= 0
+    slots = list(zip(med[booked], panel[booked], strict=True))
+    return len(slots) == len(set(slots)) and np.all((panel >= 0) == booked)
+
+
+@given(st.integers(0, 2**31))
+@settings(max_examples=100, deadline=None)
+def test_one_to_one(booking, seed):
+    """Old bookings stay, new ones take free slots only, one EV a slot."""
+    med, panel, requests, offers = draw(seed)
+    new_med, new_panel = (np.asarray(x) for x in booking(med, panel, requests, offers))
+    old = np.asarray(med) >= 0
+    assert np.array_equal(new_med[old], np.asarray(med)[old])
+    assert np.array_equal(new_panel[old], np.asarray(panel)[old])
+    assert one_to_one(new_med, new_panel)
+    new = (new_med >= 0) & ~old
+    assert np.all(np.asarray(requests.asks)[new])
+    assert np.all(np.asarray(offers.free)[new_med[new], new_panel[new]])
+
+
+@given(st.integers(0, 2**31))
+@settings(max_examples=100, deadline=None)
+def test_nearest_ev_wins_its_nearest_med(booking, paper, seed):
+    """Every newly booked EV took its nearest MED with a free slot, and was the nearest to ask it."""
+    _, params = paper
+    med, panel, requests, offers = draw(seed)
+    new_med = np.asarray(booking(med, panel, requests, offers)[0])
+    ahead = np.asarray(offers.x)[None] - np.asarray(requests.x)[:, None]
+    reach = (ahead <= float(params.charging.reach_ahead_m)) & (
+        ahead >= -float(params.charging.reach_behind_m)
+    )
+    reach &= np.asarray(offers.free).any(1)[None]
+    distance = np.where(reach, np.abs(ahead), np.inf)
+    new = np.flatnonzero((new_med >= 0) & (np.asarray(med) < 0))
+    for ev in new:
+        m = new_med[ev]
+        assert distance[ev, m] == distance[ev].min() < np.inf
+    # On a long road with energy to spare nobody is refused but for a nearer EV.
+    asking = np.asarray(requests.asks) & np.isfinite(distance.min(1))
+    for m in range(NUM_MEDS):
+        rivals = np.flatnonzero(asking & (distance.argmin(1) == m))
+        winners = [ev for ev in new if new_med[ev] == m]
+        assert len(winners) <= 1
+        if winners:
+            assert distance[winners[0], m] <= min(distance[ev, m] for ev in rivals) or any(
+                slot_is_blocked(requests, offers, ev, m) for ev in rivals
+            )
+
+
+def slot_is_blocked(requests, offers, ev, m):
+    """Whether an EV in the MED's own lane can reach none of its free slots."""
+    if int(requests.lane[ev]) != int(offers.lane[m]):
+        return False
+    behind = float(requests.x[ev]) < float(offers.x[m])
+    left, right, rear, front = (bool(f) for f in offers.free[m])
+    return not (left or right or (rear if behind else front))
+
+
+def test_too_far_or_too_late_is_refused(booking, paper):
+    """An EV asks for nothing it cannot reach: out of reach, out of road, or out of energy."""
+    _, params = paper
+    med = panel = jnp.full((1,), NOT_BOOKED, jnp.int32)
+    free = jnp.ones((1, 4), bool)
+
+    def accepted(ev_x, med_x, endurance=500.0):
+        offers = Offers(
+            jnp.array([med_x]), jnp.array([22.0]), jnp.array([2]), jnp.array([12.0]), free
+        )
+        requests = Requests(
+            jnp.array([ev_x]),
+            jnp.array([1]),
+            jnp.array([5.0]),
+            jnp.array([True]),
+            jnp.array([endurance]),
+        )
+        got, _ = book(med, panel, requests, offers, 4000.0, 4, params.charging)
+        return int(got[0]) == 0
+
+    assert accepted(900.0, 1000.0)
+    assert not accepted(900.0, 901.0 + float(params.charging.reach_ahead_m))
+    assert not accepted(900.0, 899.0 - float(params.charging.reach_behind_m))
+    assert not accepted(3800.0, 3950.0)  # the MED leaves in 2.3 s
+    assert not accepted(900.0, 1000.0, endurance=3.0)
+
+
+def test_one_to_one_in_play():
+    """At every decision of 16 busy episodes no slot has two EVs, and flags agree with the map."""
+    env, params = medjax.make("paper", ev_share=0.4, request_soc=0.6, cooldown_s=5.0)
+    act = medjax.BASELINES["greedy"](env)
+
+    def episode(key):
+        reset_key, key = jax.random.split(key)
+        _, state = env.reset(reset_key, params)
+
+        def step(state, key):
+            _, state, *_ = env.step_env(key, state, act(key, state, params), params)
+            flags = panel_flags(
+                state.evs.med, state.evs.panel, state.evs.med >= 0, env.config.num_meds
+            )
+            return state, (state.evs.med, state.evs.panel, state.evs.is_charging, flags.sum())
+
+        return jax.lax.scan(step, state, jax.random.split(key, 200))[1]
+
+    keys = jax.random.split(jax.random.key(11), 16)
+    med, panel, charging, flagged = (np.asarray(x) for x in jax.jit(jax.vmap(episode))(keys))
+    booked = med >= 0
+    assert booked.any(axis=(1, 2)).all()
+    slot = np.where(booked, med * 4 + panel, -np.arange(med.shape[-1]) - 1)
+    slot.sort(axis=-1)
+    assert np.all(np.diff(slot, axis=-1) > 0)
+    assert np.array_equal(booked, panel >= 0)
+    assert not np.any(charging & ~booked)
+    assert np.array_equal(flagged, booked.sum(-1))

@@ -1,0 +1,168 @@
+"""A booked EV reaches each of the four slots, stays in it, and charges; geometry from first principles."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from tests.charging.scene import scene
+
+import medjax
+from medjax.charging.docking import misalignment
+from medjax.config import FRONT, LEFT, REAR, RIGHT
+from medjax.physics import mutual_inductance
+from medjax.state import NOT_BOOKED
+from medjax.tick import physics_tick
+
+TICKS = 480
+STARTS = [(400.0, 0), (400.0, 3), (440.0, 1), (560.0, 3)]
+
+
+@pytest.fixture(scope="module")
+def quiet():
+    """A road that nobody else enters."""
+    return medjax.make("paper", mainline_per_h=0.0, ramp_per_h=0.0)
+
+
+@pytest.fixture(scope="module")
+def play(quiet):
+    """Runs a scene for TICKS ticks and returns what every tick led to."""
+    env, params = quiet
+
+    @jax.jit
+    def run(state):
+        def tick(state, index):
+            state, tally = physics_tick(state, index, env.config, params)
+            return state, (state, tally)
+
+        return jax.lax.scan(tick, state, jnp.arange(TICKS))[1]
+
+    return run
+
+
+def slot_centre_error(panel, ev_x, med_x):
+    """How far the EV's centre is from the slot's, from the two lengths and the dock gap alone."""
+    med_length, ev_length, gap = 12.0, 5.0, 12.0
+    along = {
+        LEFT: 0.0,
+        RIGHT: 0.0,
+        REAR: -(med_length / 2 + gap + ev_length / 2),
+        FRONT: med_length / 2 + gap + ev_length / 2,
+    }[panel]
+    return (ev_x - ev_length / 2) - (med_x - med_length / 2) - along
+
+
+@pytest.mark.parametrize("panel", [LEFT, RIGHT, REAR, FRONT])
+@pytest.mark.parametrize(("ev_x", "ev_lane"), STARTS)
+def test_docks_and_charges_to_target(quiet, play, panel, ev_x, ev_lane):
+    """From anywhere around, an EV docks at its slot, charges to its target, and leaves."""
+    env, params = quiet
+    states, _ = play(scene(env, params, panel=panel, ev_x=ev_x, ev_lane=ev_lane))
+    ev = env.config.num_meds
+    charging = np.asarray(states.evs.is_charging[:, 0])
+    assert charging.any()
+    x, lane = np.asarray(states.vehicles.x), np.asarray(states.vehicles.lane)
+    error = slot_centre_error(panel, x[:, ev], x[:, 0])
+    expected_lane = {LEFT: 1, RIGHT: 3, REAR: 2, FRONT: 2}[panel]
+    assert np.all(np.abs(error[charging]) <= float(params.charging.hold_tolerance_m) + 1e-3)
+    assert np.all(lane[charging, ev] == expected_lane)
+    released = np.asarray(states.evs.med[:, 0]) == NOT_BOOKED
+    first = np.argmax(released)
+    assert released[first]
+    soc = np.asarray(states.evs.energy_j[:, 0]) / float(params.ev_capacity_j)
+    assert soc[first] == pytest.approx(float(params.charging.target_soc), abs=0.005)
+
+
+@pytest.mark.parametrize("panel", [LEFT, RIGHT, REAR, FRONT])
+def test_never_overlaps_while_docking(quiet, play, panel):
+    """Whoever is in the MED's lane keeps a standing gap to it at every tick."""
+    env, params = quiet
+    states, tally = play(scene(env, params, panel=panel, ev_x=440.0, ev_lane=1))
+    ev = env.config.num_meds
+    x, lane = np.asarray(states.vehicles.x), np.asarray(states.vehicles.lane)
+    same = lane[:, 0] == lane[:, ev]
+    front, back = np.maximum(x[:, 0], x[:, ev]), np.minimum(x[:, 0], x[:, ev])
+    front_length = np.where(x[:, 0] > x[:, ev], 12.0, 5.0)
+    assert np.all((front - front_length - back)[same] > float(params.charging.platoon_min_gap))
+    assert float(tally.collisions.sum()) == 0.0
+
+
+def test_human_transfers_less_than_autonomous(quiet):
+    """The same car loses more through misalignment when a human holds it in its slot."""
+    env, params = quiet
+    seeds = 32
+
+    def efficiency(human):
+        state = scene(env, params, panel=LEFT, ev_x=496.5, ev_lane=1, human=human)
+
+        def episode(key):
+            def step(state, key):
+                _, state, *_, info = env.step_env(key, state, 0, params)
+                tally = info["tally"]
+                return state, (tally.energy_sent_j, tally.energy_received_j)
+
+            return jax.lax.scan(step, state, jax.random.split(key, 40))[1]
+
+        sent, received = jax.vmap(episode)(jax.random.split(jax.random.key(3), seeds))
+        return received.sum(1), received.sum(1) / sent.sum(1)
+
+    run = jax.jit(efficiency)
+    energy_human, link_human = map(np.asarray, run(True))
+    energy_machine, link_machine = map(np.asarray, run(False))
+    assert np.mean(energy_human) < np.mean(energy_machine)
+    standard_error = np.hypot(link_human.std(), link_machine.std()) / np.sqrt(seeds)
+    assert np.mean(link_machine) - np.mean(link_human) > 3.0 * standard_error
+
+
+def corner_distance(panel, along, across, turn, gap):
+    """Axial and lateral distance of two panels, by turning points in the plane with NumPy.
+
+    The MED's panel is at the origin and faces `normal`; the EV's panel is `gap` away, displaced by
+    (along, across). Along points forward, across to the right.
+    """
+    normal = {LEFT: (0, -1), RIGHT: (0, 1), REAR: (-1, 0), FRONT: (1, 0)}[panel]
+    normal = np.array(normal, float)
+    tangent = np.abs(normal[::-1])
+    offset = gap * normal + np.array([along, across])
+    return offset @ normal, offset @ tangent
+
+
+@pytest.mark.parametrize("panel", [LEFT, RIGHT, REAR, FRONT])
+def test_misalignment_geometry(panel):
+    """Axial and lateral distance are projections on the panel's normal and its plane."""
+    rng = np.random.default_rng(panel)
+    for along, across, turn in rng.uniform(-0.1, 0.1, (20, 3)):
+        seen = misalignment(jnp.int32(panel), along, across, turn, 0.2)
+        axial, lateral = corner_distance(panel, along, across, turn, 0.2)
+        np.testing.assert_allclose([seen.axial, seen.lateral], [axial, lateral], atol=1e-6)
+        assert abs(float(seen.tilt)) == pytest.approx(abs(turn), rel=1e-5)
+
+
+@pytest.mark.parametrize("panel", [LEFT, RIGHT, REAR, FRONT])
+def test_tilt_sign_moves_the_near_edge(panel):
+    """The tilt's sign matches two real loops in space: Neumann's double integral in NumPy."""
+    along, across, turn, gap = 0.05, 0.12, 0.2, 0.35
+    if panel in (REAR, FRONT):
+        along, across = across, along
+    seen = misalignment(jnp.int32(panel), along, across, turn, gap)
+    ours = mutual_inductance(0.35, 0.30, seen.axial, seen.lateral, seen.tilt)
+    assert float(ours) == pytest.approx(neumann(panel, along, across, turn, gap), rel=2e-3)
+
+
+def neumann(panel, along, across, turn, gap):
+    """Mutual inductance of the two panels' loops, by Neumann's formula on 400 x 400 chords."""
+    normal = {LEFT: (0, -1, 0), RIGHT: (0, 1, 0), REAR: (-1, 0, 0), FRONT: (1, 0, 0)}[panel]
+    normal = np.array(normal, float)
+    up = np.array([0.0, 0.0, 1.0])
+    side = np.cross(up, normal)
+    angle = np.linspace(0.0, 2.0 * np.pi, 401)
+    ring = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * up
+    primary = 0.35 * ring
+    # Heading turns to the right: forward (1, 0) goes to (cos, sin) with y to the right.
+    rotate = np.array(
+        [[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]]
+    )
+    secondary = gap * normal + np.array([along, across, 0.0]) + 0.30 * ring @ rotate.T
+    first, second = np.diff(primary, axis=0), np.diff(secondary, axis=0)
+    middle_1, middle_2 = (primary[1:] + primary[:-1]) / 2, (secondary[1:] + secondary[:-1]) / 2
+    distance = np.linalg.norm(middle_1[:, None] - middle_2[None], axis=-1)
+    return 1e-7 * np.sum(first @ second.T / distance)

@@ -1,0 +1,232 @@
+"""The command line, built from the fields of `TrainConfig`."""
+
+import argparse
+import dataclasses
+import json
+import math
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from train.config import Override, SettingError, TrainConfig, from_json, to_json
+
+NOT_NUMBERS = (
+    "name",
+    "reward",
+    "observation",
+)  # arguments of medjax.make that only Python can fill
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line on stderr and exit code 2."""
+
+    def error(self, message: str) -> NoReturn:
+        """Ends the command."""
+        self.exit(2, f"{self.prog}: {message}\n")
+
+
+@dataclasses.dataclass(frozen=True)
+class Request:
+    """What the command line of `train.ppo` asks for."""
+
+    config: TrainConfig
+    run_dir: Path | None  # None: an unused one under runs/
+    resume: Path | None  # run to go on with
+
+
+class _Help(argparse.ArgumentDefaultsHelpFormatter):
+    """Defaults are shown where they say something."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=32, width=100)
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        if action.default is None or action.default is argparse.SUPPRESS:
+            return action.help
+        return super()._get_help_string(action)
+
+
+def build_parser(prog: str = "train.ppo") -> OneLineParser:
+    """The parser of `python -m train.ppo`; the options are the fields of `TrainConfig`."""
+    parser = OneLineParser(
+        prog=f"python -m {prog}",
+        description="Trains a dispatcher with PPO, then evaluates it beside those that are not learned.",
+        epilog="Example: python -m train.ppo --num-envs 1024 --set cooldown_s=30 --run-dir runs/slow",
+        formatter_class=_Help,
+        allow_abbrev=False,
+    )
+    files = parser.add_argument_group("files")
+    files.add_argument(
+        "--run-dir",
+        metavar="DIR",
+        help="new or empty directory for the results (default: runs/SCENARIO-N)",
+    )
+    files.add_argument(
+        "--resume",
+        metavar="DIR",
+        help="go on with the run in DIR from its newest checkpoint; its settings hold where none are given here",
+    )
+    groups: dict[str, argparse._ArgumentGroup] = {}
+    for field in dataclasses.fields(TrainConfig):
+        title = field.metadata["group"]
+        group = groups.setdefault(title, parser.add_argument_group(title))
+        _add_option(group, field)
+    return parser
+
+
+def _add_option(group: argparse._ArgumentGroup, field: dataclasses.Field[Any]) -> None:
+    """One option; values stay text here, so that all errors are worded in one place."""
+    meta, default = field.metadata, field.default
+    text = meta["help"]
+    if field.name == "overrides":
+        add_set_option(group, text)
+        return
+    name = "--" + field.name.replace("_", "-")
+    if meta["choices"]:
+        text += f"; one of {', '.join(meta['choices'])}"
+    if isinstance(default, bool):
+        word = "on" if default else "off"
+        action = argparse.BooleanOptionalAction
+        group.add_argument(
+            name, action=action, default=argparse.SUPPRESS, help=f"{text} (default: {word})"
+        )
+        return
+    shown = " ".join(map(str, default)) if isinstance(default, tuple) else default
+    group.add_argument(
+        name,
+        *meta["flags"],
+        default=argparse.SUPPRESS,
+        metavar=meta["metavar"] or ("X" if isinstance(default, float) else "N"),
+        nargs="+" if isinstance(default, tuple) else None,
+        help=f"{text} (default: {shown})",
+    )
+
+
+def add_set_option(group: Any, text: str) -> None:
+    """The option `--set NAME=VALUE`, which fills `overrides` with text."""
+    group.add_argument(
+        "--set",
+        dest="overrides",
+        metavar="NAME=VALUE",
+        action="append",
+        default=argparse.SUPPRESS,
+        help=text,
+    )
+
+
+def parse_request(argv: Sequence[str] | None = None) -> Request:
+    """The request that `argv` makes, checked; bad input ends the command with exit code 2."""
+    parser = build_parser()
+    given = vars(parser.parse_args(argv))
+    run_dir, resume = given.pop("run_dir"), given.pop("resume")
+    try:
+        if run_dir is not None and resume is not None:
+            raise SettingError(
+                f"--run-dir is {run_dir} with --resume {resume}, allowed: one of the two"
+            )
+        changes = settings_from_text(given)
+        config = _config(changes, Path(resume) if resume is not None else None)
+    except SettingError as error:
+        parser.error(str(error))
+    return Request(
+        config,
+        run_dir=Path(run_dir) if run_dir is not None else None,
+        resume=Path(resume) if resume is not None else None,
+    )
+
+
+def _config(changes: dict[str, Any], resume: Path | None) -> TrainConfig:
+    """The settings: defaults or those of the run to resume, and what the command line changes."""
+    if resume is None:
+        return from_json(changes)
+    from train.rundir import RunDir
+
+    saved = to_json(RunDir(resume).load_config())
+    changes["overrides"] = {**saved["overrides"], **changes.get("overrides", {})}
+    return from_json({**saved, **changes})
+
+
+def settings_from_text(given: dict[str, Any]) -> dict[str, Any]:
+    """Values of settings from the text of the command line.
+
+    Raises:
+        SettingError: text that is no value of its setting's type.
+    """
+    fields = {field.name: field for field in dataclasses.fields(TrainConfig)}
+    return {name: _value(fields[name], text) for name, text in given.items()}
+
+
+def _value(field: dataclasses.Field[Any], text: Any) -> Any:
+    """Value of one setting; what cannot be converted is left for `TrainConfig` to refuse in its words."""
+    if field.name == "overrides":
+        return parse_overrides(text)
+    default = field.default
+    if isinstance(default, bool | str):
+        return text
+    if isinstance(default, tuple):
+        return tuple(_number(item, int) for item in text)
+    return _number(text, type(default))
+
+
+def _number(text: str, kind: Any) -> Any:
+    """`text` as int or float, itself if it is neither."""
+    if kind is int and re.fullmatch(r"[+-]?\d+(\.\d+)?[eE]\+?\d+", text):
+        value = float(text)  # 1e6 is a whole number to people
+        return int(value) if math.isfinite(value) and value == int(value) else text
+    try:
+        return kind(text)
+    except ValueError:
+        return text
+
+
+def parse_overrides(assignments: Sequence[str]) -> dict[str, Override]:
+    """`NAME=VALUE` texts as a dict; values are JSON (`30`, `true`, `[300, 300]`), else plain text.
+
+    Raises:
+        SettingError: a text without `=` or with a name that cannot be set from here.
+    """
+    overrides: dict[str, Override] = {}
+    for text in assignments:
+        name, equals, value = text.partition("=")
+        name = name.strip()
+        if not equals or not name or name in NOT_NUMBERS:
+            raise SettingError(
+                f"--set {text}, allowed: NAME=VALUE with the name of a number of the environment"
+            )
+        overrides[name] = _override(value.strip())
+    return overrides
+
+
+def _override(text: str) -> Override:
+    try:
+        value = json.loads(text)
+    except ValueError:
+        try:
+            return float(text)  # what JSON does not write: 1., inf, nan
+        except ValueError:
+            return text
+    return tuple(value) if isinstance(value, list) else value
+
+
+def fail(prog: str, message: object) -> int:
+    """Prints a one-line error and returns the exit code 2."""
+    line = " ".join(str(message).split())
+    print(f"python -m {prog}: {line}", file=sys.stderr)
+    return 2
+
+
+def make_environment(config: TrainConfig) -> tuple[Any, Any]:
+    """The environment that the settings name, and its parameters.
+
+    Raises:
+        SettingError: an unknown scenario or option, or a value out of range.
+    """
+    import medjax
+
+    overrides: dict[str, Any] = dict(config.overrides)
+    try:
+        return medjax.make(config.scenario, **overrides)
+    except ValueError as error:
+        raise SettingError(str(error)) from None

@@ -1,0 +1,225 @@
+"""Policies side by side on whole episodes with paired randomness."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import struct
+from jax import lax
+
+from medjax.wrappers import Environment
+from train.bootstrap import bootstrap_ci95
+from train.learner import episode_decisions
+from train.networks import PolicyWeights, apply_policy
+
+TRAINED = "ppo"
+EVALUATION = 0x0E7A1  # folded into the seed's key, so that evaluation shares no key with training
+MAX_DECISIONS = 100_000  # of an episode whose parameters do not say how long it is
+RESET, STEP, ACT = range(3)  # the streams of an episode's randomness
+
+Scores = dict[str, np.ndarray]  # "return", "length" and the environment's metrics, each (episodes,)
+
+
+@dataclasses.dataclass(frozen=True)
+class Policy:
+    """A way to act in one environment.
+
+    Attributes:
+        act: `(weights, key, obs, state, mask, params) -> () int32`; vectorised with `jax.vmap` over the middle four.
+        weights: arrays it acts with; an argument of the compiled program, not a part of it.
+    """
+
+    act: Callable[[Any, jax.Array, Any, Any, jax.Array, Any], jax.Array]
+    weights: Any = ()
+
+
+def baseline(act: Callable[[jax.Array, Any, Any], jax.Array]) -> Policy:
+    """Policy from `act(key, state, params)`, as `medjax.policies.BASELINES` build it."""
+    return Policy(lambda weights, key, obs, state, mask, params: act(key, state, params))
+
+
+def trained(network: nn.Module, weights: PolicyWeights, stochastic: bool = False) -> Policy:
+    """The learned policy: its most probable action, or a sample."""
+
+    def act(
+        given: PolicyWeights,
+        key: jax.Array,
+        obs: jax.Array,
+        state: Any,
+        mask: jax.Array,
+        params: Any,
+    ) -> jax.Array:
+        distribution, _ = apply_policy(network, given, obs, mask)
+        action = distribution.sample(seed=key) if stochastic else distribution.mode()
+        return action.astype(jnp.int32)
+
+    return Policy(act, weights)
+
+
+@struct.dataclass
+class _Episodes:
+    """Where a batch of episodes stands; arrays are `(batch, ...)`."""
+
+    obs: Any
+    env: Any
+    time: jax.Array  # () int32
+    done: jax.Array  # bool
+    total: jax.Array  # float32, return
+    length: jax.Array  # int32
+    metrics: dict[str, jax.Array]  # at the last decision of the episode
+
+
+def make_runner(
+    env: Environment, policies: Mapping[str, Policy], max_decisions: int
+) -> Callable[..., Any]:
+    """The compiled program `(index, weights, keys (batch,), params) -> dict of (batch,)` that runs whole episodes.
+
+    It holds all policies and follows the one that `index` numbers, so that the environment is compiled once.
+    """
+    acts = [jax.vmap(policy.act, (None, 0, 0, 0, 0, None)) for policy in policies.values()]
+
+    def run(index: jax.Array, weights: Any, keys: jax.Array, params: Any) -> dict[str, jax.Array]:
+        streams = jax.vmap(jax.random.split, (0, None))(keys, 3)
+        batch = keys.shape[0]
+
+        def choose(state: _Episodes, act_keys: jax.Array) -> jax.Array:
+            mask = jax.vmap(env.action_mask, (0, None))(state.env, params)
+            branches = [
+                lambda act=act, own=own: act(own, act_keys, state.obs, state.env, mask, params)
+                for act, own in zip(acts, weights, strict=True)
+            ]
+            action = lax.switch(index, branches)
+            allowed = jnp.take_along_axis(mask, action[:, None], axis=1, mode="clip")[:, 0]
+            return jnp.where(allowed, action, 0)  # action 0 is always allowed
+
+        def decide(state: _Episodes) -> _Episodes:
+            now = jax.vmap(jax.vmap(jax.random.fold_in, (0, None)), (0, None))(streams, state.time)
+            action = choose(state, now[:, ACT])
+            obs, env_state, reward, terminated, truncated, info = jax.vmap(
+                env.step_env, (0, 0, 0, None)
+            )(now[:, STEP], state.env, action, params)
+            live = ~state.done
+            return _Episodes(
+                obs=obs,
+                env=env_state,
+                time=state.time + 1,
+                done=state.done | terminated | truncated,
+                total=state.total + jnp.where(live, reward.astype(jnp.float32), 0.0),
+                length=state.length + live,
+                metrics={
+                    name: jnp.where(live, info["metrics"][name].astype(jnp.float32), old)
+                    for name, old in state.metrics.items()
+                },
+            )
+
+        obs, env_state = jax.vmap(env.reset, (0, None))(streams[:, RESET], params)
+        actions = jnp.zeros((batch,), jnp.int32)
+        info = jax.eval_shape(
+            jax.vmap(env.step_env, (0, 0, 0, None)), keys, env_state, actions, params
+        )[-1]
+        start = _Episodes(
+            obs=obs,
+            env=env_state,
+            time=jnp.int32(0),
+            done=jnp.zeros((batch,), bool),
+            total=jnp.zeros((batch,), jnp.float32),
+            length=jnp.zeros((batch,), jnp.int32),
+            metrics={name: jnp.zeros((batch,), jnp.float32) for name in info["metrics"]},
+        )
+        end = lax.while_loop(
+            lambda state: (state.time < max_decisions) & ~jnp.all(state.done), decide, start
+        )
+        return {"return": end.total, "length": end.length.astype(jnp.float32), **end.metrics}
+
+    return jax.jit(run)
+
+
+def evaluate_policies(
+    env: Environment,
+    params: Any,
+    policies: Mapping[str, Policy],
+    episodes: int,
+    seed: int = 0,
+    batch: int = 128,
+) -> dict[str, Scores]:
+    """Plays the same episodes with every policy.
+
+    Episode i starts from the same key for all, and its decision t draws from the same key, so that differences between
+    policies are theirs. Actions that the mask forbids count as 0.
+
+    Args:
+        env: a single environment.
+        params: its parameters.
+        policies: by name.
+        episodes: whole episodes per policy, at least 1.
+        seed: which episodes.
+        batch: episodes played together; the result does not depend on it.
+
+    Returns:
+        For each policy, arrays `(episodes,)` float64 of `return`, `length` and the environment's metrics.
+    """
+    batch = min(batch, episodes)
+    runner = make_runner(env, policies, episode_decisions(params) or MAX_DECISIONS)
+    weights = tuple(policy.weights for policy in policies.values())
+    root = jax.random.fold_in(jax.random.key(seed), EVALUATION)
+    # Whole batches only, so that one program serves; what is too much is thrown away.
+    numbers = jnp.arange(-(-episodes // batch) * batch, dtype=jnp.uint32)
+    keys = jax.vmap(jax.random.fold_in, (None, 0))(root, numbers).reshape(-1, batch)
+    scores = {}
+    for index, name in enumerate(policies):
+        parts = [jax.device_get(runner(jnp.int32(index), weights, row, params)) for row in keys]
+        scores[name] = {
+            column: np.concatenate([part[column] for part in parts])[:episodes].astype(np.float64)
+            for column in parts[0]
+        }
+    return scores
+
+
+def summarize(scores: Mapping[str, Scores], scenario: str, seed: int = 0) -> dict[str, Any]:
+    """The JSON of `train.evaluate`.
+
+    Args:
+        scores: of `evaluate_policies`.
+        scenario: name of the preset.
+        seed: of the bootstrap.
+
+    Returns:
+        `policies` (by name: `return_mean`, `return_std`, `return_ci95`, and the mean of every metric), `episodes`,
+        `scenario`, and `paired_return_difference` (ppo minus each other policy: `mean`, `ci95`) if ppo is there.
+    """
+    policies: dict[str, Any] = {}
+    for name, score in scores.items():
+        returns = score["return"]
+        means = {
+            column: float(np.mean(values)) for column, values in score.items() if column != "return"
+        }
+        policies[name] = {
+            "return_mean": float(np.mean(returns)),
+            "return_std": float(np.std(returns, ddof=1)) if returns.size > 1 else 0.0,
+            "return_ci95": list(bootstrap_ci95(returns, seed)),
+            **{
+                ("episode_length" if column == "length" else column): value
+                for column, value in means.items()
+            },
+        }
+    result: dict[str, Any] = {
+        "policies": policies,
+        "episodes": int(next(iter(scores.values()))["return"].size),
+        "scenario": scenario,
+    }
+    if TRAINED in scores:
+        result["paired_return_difference"] = {
+            name: _difference(scores[TRAINED]["return"], score["return"], seed)
+            for name, score in scores.items()
+            if name != TRAINED
+        }
+    return result
+
+
+def _difference(ours: np.ndarray, theirs: np.ndarray, seed: int) -> dict[str, Any]:
+    gain = ours - theirs
+    return {"mean": float(np.mean(gain)), "ci95": list(bootstrap_ci95(gain, seed))}

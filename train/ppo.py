@@ -1,0 +1,35 @@
+"""The command that trains: `python -m train.ppo --num-envs 1024`; `--help` lists the rest.
+
+Exit codes: 0 done; 1 the loss became NaN; 2 bad input, nothing was touched; 128 + signal: interrupted (130 for
+Ctrl-C), the state saved, `--resume` goes on.
+"""
+
+import sys
+from collections.abc import Sequence
+
+from train.cli import fail, parse_request
+from train.config import SettingError
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Trains and evaluates as the command line says.
+
+    Args:
+        argv: arguments; None takes those of the process.
+
+    Returns:
+        The exit code.
+    """
+    request = parse_request(argv)
+    # JAX takes seconds to import; --help and bad options need not wait for it.
+    from train.session import open_session
+
+    try:
+        session = open_session(request)
+    except SettingError as error:
+        return fail("train.ppo", error)
+    return session.run()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
