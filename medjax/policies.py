@@ -41,10 +41,10 @@ def periodic(env: ChargingEnv) -> Act:
     """Spreads the fleet evenly over the episode, ramp after ramp."""
 
     def act(key: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
-        sent = state.tally.meds_dispatched
-        due = sent * params.episode_decisions / jnp.maximum(params.fleet.size, 1)
-        ramp = 1 + sent.astype(jnp.int32) % max(1, env.config.num_ramps)
-        send = (state.time >= due) & env.action_mask(state, params)[-1]
+        sent = state.tally.meds_dispatched.astype(jnp.int32)
+        due = state.time * params.fleet.size >= sent * params.episode_decisions
+        ramp = 1 + sent % max(1, env.config.num_ramps)
+        send = due & env.action_mask(state, params)[-1]
         return jnp.where(send, ramp, 0).astype(jnp.int32)
 
     return act

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 import jax
 
 from medjax.policies import BASELINES
+from train.checkpoint import updates_done
 from train.evaluation import TRAINED, Policy, baseline, evaluate_policies, summarize, trained
-from train.learner import TrainState
+from train.learner import TrainState, episode_decisions
 from train.logs import Row
 from train.networks import PolicyWeights, build_network
 from train.report import final_return, format_table, plot_curve
@@ -47,25 +48,24 @@ def close_run(
     )
     baselines = {name: value for name, value in returns.items() if name in BASELINES}
     try:
-        plot_curve(
-            run_dir.plots / "training_curve.png", rows, f"PPO on {config.scenario}", baselines
-        )
+        title = f"PPO on {config.scenario}, {config.num_envs} environments"
+        decisions = episode_decisions(session.params)
+        plot_curve(run_dir.plots / "training_curve.png", rows, title, baselines, decisions)
     except ImportError:
         print("no training curve: matplotlib is not installed", flush=True)
     final, source = final_return(rows), "training"
     if final is None and TRAINED in returns:
         final, source = returns[TRAINED], "evaluation"
+    updates = updates_done(state)
     new_steps = new_updates * config.steps_per_update * config.num_seeds
     summary = {
         "scenario": config.scenario,
         "num_envs": config.num_envs,
         "num_seeds": config.num_seeds,
         "seed": config.seed,
-        "updates": len(rows),
-        "env_steps": len(rows) * config.steps_per_update * config.num_seeds,
-        "wall_s": round(
-            wall_s, 3
-        ),  # to the end of training, imports aside; with those of resumed runs
+        "updates": updates,
+        "env_steps": updates * config.steps_per_update * config.num_seeds,
+        "wall_s": round(wall_s, 3),
         "compile_s": round(session.compile_s, 3),  # of this process, as the next three are
         "train_s": round(session.train_s, 3),
         "env_steps_per_s": new_steps / session.train_s if session.train_s else 0.0,

@@ -75,33 +75,38 @@ class _Episodes:
 
 def make_runner(
     env: Environment, policies: Mapping[str, Policy], max_decisions: int
-) -> Callable[..., Any]:
-    """The compiled program `(index, weights, keys (batch,), params) -> dict of (batch,)` that runs whole episodes.
+) -> Callable[[Any, jax.Array, Any], dict[str, jax.Array]]:
+    """The compiled program `(weights, keys (batch,), params) -> dict of (policies, batch)` that runs whole episodes.
 
-    It holds all policies and follows the one that `index` numbers, so that the environment is compiled once.
+    All policies play side by side in one large batch: the environment is compiled once, and the fixed cost of a
+    decision is paid once.
     """
     acts = [jax.vmap(policy.act, (None, 0, 0, 0, 0, None)) for policy in policies.values()]
+    step_all = jax.vmap(env.step_env, (0, 0, 0, None))
 
-    def run(index: jax.Array, weights: Any, keys: jax.Array, params: Any) -> dict[str, jax.Array]:
-        streams = jax.vmap(jax.random.split, (0, None))(keys, 3)
-        batch = keys.shape[0]
+    def run(weights: Any, keys: jax.Array, params: Any) -> dict[str, jax.Array]:
+        batch, rows = keys.shape[0], keys.shape[0] * len(acts)
+        streams = jnp.tile(jax.vmap(jax.random.split, (0, None))(keys, 3), (len(acts), 1))
 
         def choose(state: _Episodes, act_keys: jax.Array) -> jax.Array:
             mask = jax.vmap(env.action_mask, (0, None))(state.env, params)
-            branches = [
-                lambda act=act, own=own: act(own, act_keys, state.obs, state.env, mask, params)
-                for act, own in zip(acts, weights, strict=True)
-            ]
-            action = lax.switch(index, branches)
+            actions = []
+            for index, (act, own) in enumerate(zip(acts, weights, strict=True)):
+                part = slice(index * batch, (index + 1) * batch)
+                mine = jax.tree.map(
+                    lambda x, part=part: x[part], (act_keys, state.obs, state.env, mask)
+                )
+                actions.append(act(own, *mine, params).astype(jnp.int32))
+            action = jnp.concatenate(actions)
             allowed = jnp.take_along_axis(mask, action[:, None], axis=1, mode="clip")[:, 0]
             return jnp.where(allowed, action, 0)  # action 0 is always allowed
 
         def decide(state: _Episodes) -> _Episodes:
             now = jax.vmap(jax.vmap(jax.random.fold_in, (0, None)), (0, None))(streams, state.time)
             action = choose(state, now[:, ACT])
-            obs, env_state, reward, terminated, truncated, info = jax.vmap(
-                env.step_env, (0, 0, 0, None)
-            )(now[:, STEP], state.env, action, params)
+            obs, env_state, reward, terminated, truncated, info = step_all(
+                now[:, STEP], state.env, action, params
+            )
             live = ~state.done
             return _Episodes(
                 obs=obs,
@@ -117,25 +122,37 @@ def make_runner(
             )
 
         obs, env_state = jax.vmap(env.reset, (0, None))(streams[:, RESET], params)
-        actions = jnp.zeros((batch,), jnp.int32)
-        info = jax.eval_shape(
-            jax.vmap(env.step_env, (0, 0, 0, None)), keys, env_state, actions, params
-        )[-1]
-        start = _Episodes(
-            obs=obs,
-            env=env_state,
-            time=jnp.int32(0),
-            done=jnp.zeros((batch,), bool),
-            total=jnp.zeros((batch,), jnp.float32),
-            length=jnp.zeros((batch,), jnp.int32),
-            metrics={name: jnp.zeros((batch,), jnp.float32) for name in info["metrics"]},
-        )
+        start = _first(obs, env_state, _metric_names(step_all, streams[:, STEP], env_state, params))
         end = lax.while_loop(
             lambda state: (state.time < max_decisions) & ~jnp.all(state.done), decide, start
         )
-        return {"return": end.total, "length": end.length.astype(jnp.float32), **end.metrics}
+        scores = {"return": end.total, "length": end.length.astype(jnp.float32), **end.metrics}
+        return {name: values.reshape(rows // batch, batch) for name, values in scores.items()}
 
     return jax.jit(run)
+
+
+def _metric_names(
+    step_all: Callable[..., Any], keys: jax.Array, state: Any, params: Any
+) -> list[str]:
+    """Names in `info["metrics"]`; nothing is computed."""
+    actions = jnp.zeros(keys.shape, jnp.int32)
+    return list(jax.eval_shape(step_all, keys, state, actions, params)[-1]["metrics"])
+
+
+def _first(obs: Any, env_state: Any, metric_names: list[str]) -> _Episodes:
+    """Before the first decision."""
+    rows = jax.tree.leaves(obs)[0].shape[0]
+    zeros = jnp.zeros((rows,), jnp.float32)
+    return _Episodes(
+        obs=obs,
+        env=env_state,
+        time=jnp.int32(0),
+        done=jnp.zeros((rows,), bool),
+        total=zeros,
+        length=jnp.zeros((rows,), jnp.int32),
+        metrics=dict.fromkeys(metric_names, zeros),
+    )
 
 
 def evaluate_policies(
@@ -157,7 +174,7 @@ def evaluate_policies(
         policies: by name.
         episodes: whole episodes per policy, at least 1.
         seed: which episodes.
-        batch: episodes played together; the result does not depend on it.
+        batch: episodes of each policy played together; the result does not depend on it but for rounding.
 
     Returns:
         For each policy, arrays `(episodes,)` float64 of `return`, `length` and the environment's metrics.
@@ -169,14 +186,17 @@ def evaluate_policies(
     # Whole batches only, so that one program serves; what is too much is thrown away.
     numbers = jnp.arange(-(-episodes // batch) * batch, dtype=jnp.uint32)
     keys = jax.vmap(jax.random.fold_in, (None, 0))(root, numbers).reshape(-1, batch)
-    scores = {}
-    for index, name in enumerate(policies):
-        parts = [jax.device_get(runner(jnp.int32(index), weights, row, params)) for row in keys]
-        scores[name] = {
-            column: np.concatenate([part[column] for part in parts])[:episodes].astype(np.float64)
-            for column in parts[0]
-        }
-    return scores
+    parts = [jax.device_get(runner(weights, row, params)) for row in keys]
+    columns = {
+        name: np.concatenate([part[name] for part in parts], axis=1)[:, :episodes].astype(
+            np.float64
+        )
+        for name in parts[0]
+    }
+    return {
+        policy: {name: values[index] for name, values in columns.items()}
+        for index, policy in enumerate(policies)
+    }
 
 
 def summarize(scores: Mapping[str, Scores], scenario: str, seed: int = 0) -> dict[str, Any]:

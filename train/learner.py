@@ -191,7 +191,7 @@ class Learner:
         def step(carry: tuple[Any, Any], batch: Batch) -> tuple[tuple[Any, Any], Metrics]:
             current, optimizer_state = carry
             gradient, metrics = jax.grad(loss_fn, has_aux=True)(current, batch)
-            metrics["grad_norm"] = optax.global_norm(gradient)
+            metrics["grad_norm"] = _norm(gradient)
             change, optimizer_state = self.optimizer.update(gradient, optimizer_state, current)
             return (optax.apply_updates(current, change), optimizer_state), metrics
 
@@ -221,6 +221,11 @@ def split_environments(key: jax.Array, samples: Any, num_minibatches: int) -> An
     num_envs = jax.tree.leaves(samples)[0].shape[1]
     order = jax.random.permutation(key, num_envs).reshape(num_minibatches, -1)
     return jax.tree.map(lambda x: jnp.moveaxis(x[:, order], 1, 0), samples)
+
+
+def _norm(tree: Any) -> jax.Array:
+    """Euclidean norm of all leaves together."""
+    return jnp.sqrt(sum(jnp.sum(jnp.square(leaf)) for leaf in jax.tree.leaves(tree)))
 
 
 def _episode_metrics(sums: EpisodeSums) -> Metrics:

@@ -130,12 +130,16 @@ class Progress:
             desc=what,
         )
         self._done = done
+        self._returned = False
 
     def show(self, rows: list[Row]) -> None:
         """Moves on by the updates in `rows`, and shows the newest return there is."""
         returns = [row[MAIN] for row in rows if row.get(MAIN) is not None]
         if returns:
             self._bar.set_postfix_str(f"return {returns[-1]:.4g}", refresh=False)
+        elif not self._returned:  # the first whole episodes end late
+            self._bar.set_postfix_str(f"reward {rows[-1]['reward_mean'] or 0.0:.3g}", refresh=False)
+        self._returned |= bool(returns)
         self._bar.update((rows[-1]["update"] - self._done) * self._steps)
         self._done = rows[-1]["update"]
 

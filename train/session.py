@@ -170,7 +170,9 @@ class Session:
         if stopped_by is None:
             return 0
         again = f"python -m train.ppo --resume {self.run_dir.path}"
-        return _interrupted(stopped_by, f"after update {len(rows)}, saved; go on with: {again}")
+        return _interrupted(
+            stopped_by, f"after update {updates_done(state)}, saved; go on with: {again}"
+        )
 
     def _announce(self) -> None:
         config, device = self.config, jax.devices()[0]

@@ -1,0 +1,246 @@
+"""ChargingEnv's contract: pure, jitted once, batched over environments and parameters."""
+
+import chex
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from medjax.state import AT_DEPOT, QUEUED, RETIRED
+
+
+@pytest.fixture(scope="module")
+def step(paper):
+    """The raw step, compiled."""
+    env, params = paper
+    return jax.jit(lambda key, state, action: env.step_env(key, state, action, params))
+
+
+def test_spaces_and_shapes(paper, started):
+    """Observations and actions fit their spaces; dtypes are fixed at reset."""
+    env, params = paper
+    obs, _ = started
+    assert obs.shape == env.observation_space(params).shape == (15 * 14 + 60 * 8 + 4,)
+    assert obs.dtype == jnp.float32
+    assert env.action_space(params).n == env.num_actions == 5
+    assert bool(env.observation_space(params).contains(obs))
+    assert bool(env.action_space(params).contains(env.action_space(params).sample(jax.random.key(0))))
+    assert env.name == "paper"
+
+
+def test_step_keeps_the_state_s_types(started, step):
+    """A state can be carried by scan: same tree, shapes, dtypes, and no weak type."""
+    _, state = started
+    after = step(jax.random.key(1), state, 0)[1]
+    chex.assert_trees_all_equal_shapes_and_dtypes(state, after)
+    assert not any(leaf.aval.weak_type for leaf in jax.tree.leaves((state, after)))
+
+
+def test_same_key_same_step(started, step):
+    """Pure: equal arguments give equal results."""
+    _, state = started
+    one, two = (step(jax.random.key(7), state, 2) for _ in range(2))
+    chex.assert_trees_all_equal(one, two)
+    other = step(jax.random.key(8), state, 2)
+    assert not np.array_equal(one[0], other[0])
+
+
+def test_compiles_once(paper):
+    """Other keys, states, actions and parameter values reuse the program."""
+    env, params = paper
+    chex.clear_trace_counter()
+
+    @jax.jit
+    @chex.assert_max_traces(n=1)
+    def step(key, state, action, params):
+        return env.step(key, state, action, params)
+
+    _, state = env.reset(jax.random.key(0), params)
+    for seed, action in enumerate((0, 3, 1)):
+        changed = params.replace(battery_scale=params.battery_scale + seed)
+        _, state, *_ = step(jax.random.key(seed), state, jnp.int32(action), changed)
+
+
+def test_batch_equals_alone(paper):
+    """Environments stepped together equal the same ones stepped alone."""
+    env, params = paper
+    keys = jax.random.split(jax.random.key(3), 3)
+
+    def play(key):
+        reset_key, step_key = jax.random.split(key)
+        _, state = env.reset(reset_key, params)
+        for action in (1, 0):
+            obs, state, reward, *_ = env.step(step_key, state, action, params)
+        return obs, reward
+
+    together = jax.jit(jax.vmap(play))(keys)
+    alone = jax.jit(play)
+    for index, key in enumerate(keys):
+        chex.assert_trees_all_close(jax.tree.map(lambda x: x[index], together), alone(key), atol=1e-5)
+
+
+def test_vmap_over_parameters(paper):
+    """One program sweeps demands, weights and coil designs; each entry acts on its own number."""
+    env, params = paper
+    power = jnp.array([10e3, 40e3])
+    batch = params.replace(
+        charging=params.charging.replace(slot_power_w=power),
+        reward_weights={**params.reward_weights, "soc": jnp.array([0.0, 1.0])},
+    )
+    axes = jax.tree.map(lambda _: None, params)
+    axes = axes.replace(
+        charging=axes.charging.replace(slot_power_w=0),
+        reward_weights={**axes.reward_weights, "soc": 0},
+    )
+    _, state = env.reset(jax.random.key(0), params)
+    step = jax.vmap(env.step_env, (None, None, None, axes))
+    _, _, reward, _, _, info = jax.jit(step)(jax.random.key(1), state, 0, batch)
+    terms = info["reward_terms"]
+    assert float(terms["soc"][0]) == 0.0 < float(terms["soc"][1])
+    np.testing.assert_allclose(reward[1] - reward[0], terms["soc"][1], rtol=1e-5)
+
+
+def test_truncates_at_the_time_limit_and_resets_in_the_same_step():
+    """gymnax's contract: the new episode's state, the old episode's final observation."""
+    env, params = medjax.make("paper", episode_decisions=3)
+    step = jax.jit(env.step)
+    raw = jax.jit(env.step_env)
+    _, state = env.reset(jax.random.key(0), params)
+    for count in range(1, 4):
+        key = jax.random.key(count)
+        step_key, _ = jax.random.split(key)
+        last_obs, last_state, *_ = raw(step_key, state, 1, params)
+        obs, state, _, terminated, truncated, info = step(key, state, 1, params)
+        assert not bool(terminated)
+        assert bool(truncated) == (count == 3)
+        np.testing.assert_array_equal(info["final_observation"], last_obs)
+        np.testing.assert_array_equal(info["action_mask"], env.action_mask(state, params))
+    assert int(last_state.time) == 3
+    assert int(state.time) == 0
+    assert not np.array_equal(obs, last_obs)
+    assert float(info["metrics"]["meds_dispatched"]) == 1.0
+
+
+@pytest.mark.parametrize("action", [-1, 5, 99])
+def test_action_out_of_range_counts_as_none(started, step, action):
+    """It sends nothing, is counted, and leads to the very state that action 0 leads to."""
+    _, state = started
+    obs, _, _, _, _, info = step(jax.random.key(1), state, action)
+    expected, *_ = step(jax.random.key(1), state, 0)
+    np.testing.assert_array_equal(obs, expected)
+    assert float(info["metrics"]["invalid_actions"]) == 1.0
+    assert float(info["metrics"]["meds_dispatched"]) == 0.0
+
+
+def test_cooldown_and_fleet_limit():
+    """A MED every 5 s at most, 3 in all; a masked action sends none and is counted."""
+    env, params = medjax.make("paper", cooldown_s=5.0, size=3)
+    step = jax.jit(env.step_env)
+    _, state = env.reset(jax.random.key(0), params)
+    sent, allowed = [], []
+    for decision in range(25):
+        allowed.append(bool(env.action_mask(state, params)[2]))
+        _, state, _, _, _, info = step(jax.random.key(decision), state, 2, params)
+        sent.append(float(info["tally"].meds_dispatched))
+    assert list(np.flatnonzero(sent)) == [0, 5, 10] == list(np.flatnonzero(allowed))
+    assert float(info["metrics"]["invalid_actions"]) == 22.0
+    assert np.sum(np.asarray(state.meds.status) == AT_DEPOT) == 0
+    assert np.sum(np.asarray(state.meds.status) == RETIRED) == 12  # those the fleet does not have
+
+
+def test_a_med_returns_after_its_turnaround():
+    """Re-use is a parameter: a MED that left is at the depot again, full, after turnaround_s."""
+    env, params = medjax.make(
+        "paper", turnaround_s=20.0, size=1, mainline_per_h=0.0, ramp_per_h=0.0, cooldown_s=0.0
+    )
+    step = jax.jit(env.step_env)
+    _, state = env.reset(jax.random.key(0), params)
+    statuses, energy = [], []
+    for decision in range(120):
+        action = 4 if decision == 0 else 0
+        _, state, *_ = step(jax.random.key(decision), state, action, params)
+        statuses.append(int(state.meds.status[0]))
+        energy.append(float(state.meds.energy_j[0]))
+    left = statuses.index(RETIRED)
+    back = statuses.index(AT_DEPOT)
+    assert back - left in (19, 20)
+    assert energy[left] < energy[back] == pytest.approx(float(params.med_capacity_j))
+
+
+def test_med_waits_for_a_safe_gap():
+    """A MED sent onto a ramp that is blocked stays queued and is not lost."""
+    env, params = medjax.make("paper", mainline_per_h=0.0, ramp_per_h=0.0)
+    _, state = env.reset(jax.random.key(0), params)
+    vehicles, slot = state.vehicles, env.config.num_vehicles - 1
+    vehicles = vehicles.replace(
+        active=jnp.zeros_like(vehicles.active).at[slot].set(True),
+        x=vehicles.x.at[slot].set(params.road.ramp_x_m[0] + 6.0),
+        lane=vehicles.lane.at[slot].set(env.config.num_lanes),
+        speed=vehicles.speed.at[slot].set(0.0),
+    )
+    _, state, *_ = env.step_env(jax.random.key(0), state.replace(vehicles=vehicles), 1, params)
+    assert int(state.meds.status[0]) == QUEUED
+    assert not bool(state.vehicles.active[0])
+
+
+def test_reward_is_the_sum_of_its_terms(started, step):
+    """And eq (10)'s signs: depletion costs, charge, distance and speed pay."""
+    _, state = started
+    *_, info = step(jax.random.key(4), state, 0)
+    reward = step(jax.random.key(4), state, 0)[2]
+    terms = {name: float(value) for name, value in info["reward_terms"].items()}
+    assert float(reward) == pytest.approx(sum(terms.values()), rel=1e-5)
+    assert terms["depleted"] <= 0.0
+    assert min(terms["soc"], terms["distance"], terms["speed"]) > 0.0
+
+
+def play_randomly(episodes, seed):
+    """Random play of whole episodes; what must never happen, counted over all of them."""
+    env, params = medjax.make("paper")
+    act = medjax.BASELINES["random"](env)
+
+    def episode(key):
+        reset_key, key = jax.random.split(key)
+        _, state = env.reset(reset_key, params)
+
+        def step(state, key):
+            act_key, step_key = jax.random.split(key)
+            action = act(act_key, state, params)
+            obs, state, reward, _, _, info = env.step_env(step_key, state, action, params)
+            floats = jax.tree.leaves((obs, state, reward, info))
+            # A MED that is sent once is never ready again: that one number is infinite on purpose.
+            bad = sum(jnp.sum(jnp.isnan(x)) for x in floats if x.dtype == jnp.float32)
+            v = state.vehicles
+            rear = v.x - jnp.concatenate([jnp.full(15, 12.0), jnp.full(177, 5.0)])
+            soc = state.evs.energy_j / params.ev_capacity_j
+            tally = state.tally
+            lost = tally.entered - tally.left - jnp.array([0.0, 1.0, 0.0]) * tally.depleted
+            slices = (env.config.med_slots, env.config.ev_slots, env.config.gas_slots)
+            lost -= jnp.stack([jnp.sum(v.active[s]) for s in slices])
+            order = jnp.argsort(jnp.where(v.active, v.lane * 1e5 + v.x, 1e9))
+            same = (v.lane[order][1:] == v.lane[order][:-1]) & v.active[order][1:]
+            gaps = jnp.where(same, rear[order][1:] - v.x[order][:-1], 1.0)
+            return state, {
+                "nan": bad,
+                "infinite": jnp.sum(~jnp.isfinite(obs)),
+                "overlaps": jnp.sum(gaps < 0.0),
+                "soc": jnp.sum((soc < 0.0) | (soc > 1.0)),
+                "reverse": jnp.sum(v.speed < 0.0),
+                "lost": jnp.abs(lost).sum(),
+                "collisions": info["tally"].collisions,
+            }
+
+        _, counts = jax.lax.scan(step, state, jax.random.split(key, 600))
+        return jax.tree.map(jnp.sum, counts)
+
+    run = jax.jit(lambda keys: jax.lax.map(episode, keys, batch_size=min(episodes, 250)))
+    counts = run(jax.random.split(jax.random.key(seed), episodes))
+    return {name: float(value.sum()) for name, value in counts.items()}
+
+
+@pytest.mark.parametrize("episodes", [16, pytest.param(2000, marks=pytest.mark.slow)])
+def test_random_play_is_sound(episodes):
+    """No collision, NaN, negative speed, SoC outside [0, 1] or lost vehicle in random episodes."""
+    counts = play_randomly(episodes, seed=20)
+    assert counts == dict.fromkeys(counts, 0.0)

@@ -1,0 +1,92 @@
+"""The observation shows the state: recomputed by plain NumPy loops."""
+
+import jax
+import numpy as np
+import pytest
+
+import medjax
+from medjax.observation import FlatObservation
+from medjax.state import IN_SERVICE
+
+
+@pytest.fixture(scope="module")
+def busy():
+    """A state with MEDs in service and EVs charging."""
+    env, params = medjax.make("paper", request_soc=0.6)
+
+    @jax.jit
+    def play(key):
+        _, state = env.reset(key, params)
+
+        def step(state, key):
+            return env.step_env(key, state, 1, params)[1], None
+
+        return jax.lax.scan(step, state, jax.random.split(key, 150))[0]
+
+    state = play(jax.random.key(2))
+    assert bool(state.evs.is_charging.any())
+    return env, params, state
+
+
+def test_rows_by_hand(busy):
+    """Every feature of every MED and EV, in the paper's order."""
+    env, params, state = busy
+    seen = env.observe(state, params)
+    v, evs, meds = state.vehicles, state.evs, state.meds
+    config = env.config
+    for med in range(config.num_meds):
+        flags = np.zeros((2, 4))
+        for ev in range(config.num_evs):
+            if int(evs.med[ev]) == med:
+                flags[0, int(evs.panel[ev])] = 1
+                flags[1, int(evs.panel[ev])] = float(evs.is_charging[ev])
+        row = np.asarray(seen.meds[med])
+        np.testing.assert_allclose(row[:4], motion(v, med), atol=1e-6)
+        assert row[4] == pytest.approx(float(meds.energy_j[med] / params.med_capacity_j))
+        assert row[5] == float(meds.status[med] == IN_SERVICE)
+        np.testing.assert_array_equal(row[6:10], flags[0])
+        np.testing.assert_array_equal(row[10:14], flags[1])
+    for ev in range(config.num_evs):
+        row, slot = np.asarray(seen.evs[ev]), config.num_meds + ev
+        if not bool(v.active[slot]):
+            np.testing.assert_array_equal(row, 0.0)
+            continue
+        np.testing.assert_allclose(row[:4], motion(v, slot), atol=1e-6)
+        assert row[4] == pytest.approx(float(evs.energy_j[ev] / params.ev_capacity_j))
+        assert list(row[5:7]) == [float(evs.is_human[ev]), float(evs.is_charging[ev])]
+        assert row[7] == pytest.approx((int(evs.med[ev]) + 1) / config.num_meds)
+    np.testing.assert_array_equal(seen.ev_mask, v.active[config.ev_slots])
+    np.testing.assert_array_equal(seen.med_mask, v.active[config.med_slots])
+
+
+def motion(vehicles, slot):
+    """x, y, vx, vy in the paper preset's units: 4000 m, 16 m, 30 m/s, 4 m/s."""
+    if not bool(vehicles.active[slot]):
+        return np.zeros(4)
+    y = int(vehicles.lane[slot]) * 4.0 + float(vehicles.lateral_offset[slot])
+    return np.array(
+        [
+            float(vehicles.x[slot]) / 4000.0,
+            y / 16.0,
+            float(vehicles.speed[slot]) / 30.0,
+            float(vehicles.lateral_speed[slot]) / 4.0,
+        ]
+    )
+
+
+def test_flat_is_the_structured_one_in_order(busy):
+    """MED rows, EV rows, clock; the clock is an option."""
+    env, params, state = busy
+    seen = env.observe(state, params)
+    with_clock = FlatObservation()(state, env.config, params)
+    without = FlatObservation(include_clock=False)(state, env.config, params)
+    parts = [np.ravel(seen.meds), np.ravel(seen.evs)]
+    np.testing.assert_array_equal(without, np.concatenate(parts))
+    np.testing.assert_array_equal(with_clock, np.concatenate([*parts, seen.clock]))
+    assert np.asarray(seen.clock[0]) == pytest.approx(1 - 150 / 600)
+
+
+def test_observation_is_scaled(busy):
+    """Normalised: nothing beyond a few units."""
+    env, params, state = busy
+    assert np.abs(np.asarray(env.observation(state, env.config, params))).max() <= 2.0

@@ -1,0 +1,106 @@
+"""Presets, overrides by name, and one clear line for what is not allowed."""
+
+import math
+import subprocess
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+import medjax
+from medjax.physics import mutual_inductance
+
+
+def test_presets_build_and_step():
+    """Every preset resets and steps; `realistic` keeps true packs."""
+    for name in medjax.SCENARIOS:
+        env, params = medjax.make(name)
+        obs, state = env.reset(jax.random.key(0), params)
+        obs, *_ = jax.jit(env.step)(jax.random.key(1), state, 1, params)
+        assert np.all(np.isfinite(obs))
+    _, realistic = medjax.make("realistic")
+    assert float(realistic.ev_capacity_j) == pytest.approx(30 * 3.6e6)
+    _, paper = medjax.make("paper")
+    assert float(paper.ev_capacity_j) == pytest.approx(30 * 3.6e6 / float(paper.battery_scale))
+    assert float(paper.charging.slot_power_w) == float(realistic.charging.slot_power_w)
+
+
+def test_overrides_reach_their_place():
+    """Sizes, numbers, numbers of a group, arrays, weights and coils."""
+    env, params = medjax.make(
+        "paper",
+        num_evs=70,
+        cooldown_s=30,
+        ramp_per_h=[100, 200, 300, 400],
+        med_coil_radius_m=0.4,
+        reward_weights={"dispatches": -1},
+        **{"ev.mass_kg": 2000.0},
+    )
+    assert env.config.num_evs == 70
+    assert float(params.fleet.cooldown_s) == 30.0
+    np.testing.assert_array_equal(params.demand.ramp_per_h, [100, 200, 300, 400])
+    assert float(params.reward_weights["dispatches"]) == -1.0
+    assert float(params.ev.mass_kg) == 2000.0
+    from medjax.physics import interpolate_inductance
+
+    expected = mutual_inductance(0.4, 0.3, 0.2, 0.0, 0.0, primary_turns=10, secondary_turns=10)
+    got = interpolate_inductance(params.link.inductance, 0.2, 0.0, 0.0)
+    assert float(got) == pytest.approx(float(expected), rel=1e-2)
+
+
+def test_all_leaves_are_strong_arrays():
+    """No leaf is weakly typed, so a literal never recompiles or widens a carry."""
+    _, params = medjax.make("paper")
+    for leaf in jax.tree.leaves(params):
+        assert isinstance(leaf, jax.Array)
+        assert leaf.dtype in (np.float32, np.int32)
+        assert not leaf.aval.weak_type
+
+
+BAD = [
+    ({"name": "papre"}, "papre"),
+    ({"cooldown": 3}, "cooldown"),
+    ({"cooldown_s": -1.0}, "cooldown_s"),
+    ({"cooldown_s": math.nan}, "cooldown_s"),
+    ({"slot_power_w": math.inf}, "slot_power_w"),
+    ({"cooldown_s": "soon"}, "cooldown_s"),
+    ({"size": 16}, "size"),
+    ({"size": -1}, "size"),
+    ({"size": 2.5}, "size"),
+    ({"num_lanes": 0}, "num_lanes"),
+    ({"num_lanes": 7}, "num_lanes"),
+    ({"num_lanes": 2.0}, "num_lanes"),
+    ({"tick_s": 2.0}, "tick_s"),
+    ({"ramp_x_m": [100.0, 1200.0, 2100.0, 4100.0]}, "ramp_x_m"),
+    ({"ramp_x_m": [100.0, 200.0, 2100.0, 3200.0]}, "ramp_x_m"),
+    ({"ramp_x_m": [100.0, 1200.0]}, "ramp_x_m"),
+    ({"ev_share": 1.5}, "ev_share"),
+    ({"service_lane": 4}, "service_lane"),
+    ({"mass_kg": 1000.0}, "mass_kg"),
+    ({"reward_weights": {"depletion": 1.0}}, "depletion"),
+    ({"reward_weights": {"soc": math.nan}}, "soc"),
+    ({"arrival_soc_low": 0.9, "arrival_soc_high": 0.5}, "arrival_soc_low"),
+    ({"request_soc": 0.9, "target_soc": 0.5}, "request_soc"),
+    ({"med_coil_radius_m": 0.0}, "med_coil_radius_m"),
+    ({"med_coil_turns": "ten"}, "med_coil_turns"),
+]
+
+
+@pytest.mark.parametrize(("overrides", "field"), BAD, ids=lambda value: str(value)[:40])
+def test_bad_input_is_one_clear_line(overrides, field):
+    """The message names what is wrong, its value, and what is allowed or meant."""
+    with pytest.raises(ValueError, match=field) as error:
+        medjax.make(**overrides)
+    message = str(error.value)
+    assert "\n" not in message
+    assert "allowed" in message or "did you mean" in message
+
+
+def test_import_pulls_in_no_plotting():
+    """`import medjax` loads neither a plotting library nor the trainer's dependencies."""
+    code = (
+        "import sys, medjax; bad = {'matplotlib', 'distrax', 'optax', 'tensorboardX', 'orbax'} & "
+        "set(sys.modules); sys.exit(str(bad) if bad else 0)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

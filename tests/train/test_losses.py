@@ -1,0 +1,107 @@
+"""The objective of eq. (9), its gradient, and what goes into it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from train.learner import split_environments
+from train.losses import clipped_surrogate, explained_variance, standardize, value_loss
+from train.networks import masked_categorical
+
+EPS = 0.2
+
+
+@pytest.mark.parametrize("advantage", [-2.0, -0.5, 0.5, 2.0])
+@pytest.mark.parametrize("ratio", [0.1, 0.5, 0.79, 0.81, 0.99, 1.01, 1.19, 1.21, 2.0, 10.0])
+def test_gradient_is_zero_exactly_where_the_ratio_has_left_in_the_rewarded_direction(
+    ratio, advantage
+):
+    gradient = jax.grad(lambda lp: clipped_surrogate(lp, jnp.float32(0.0), advantage, EPS))(
+        jnp.log(jnp.float32(ratio))
+    )
+    clipped = (advantage > 0 and ratio > 1 + EPS) or (advantage < 0 and ratio < 1 - EPS)
+    if clipped:
+        assert gradient == 0.0
+    else:  # d ratio / d log_prob = ratio
+        assert gradient == pytest.approx(ratio * advantage, rel=1e-5)
+
+
+def test_surrogate_is_the_minimum_of_the_two_terms():
+    rng = np.random.default_rng(0)
+    new, old, advantage = rng.normal(size=(3, 500))
+    ratio = np.exp(new - old)
+    expected = np.where(
+        advantage > 0,
+        np.minimum(ratio, 1 + EPS) * advantage,
+        np.maximum(ratio, 1 - EPS) * advantage,
+    )
+    got = clipped_surrogate(*(jnp.asarray(x, jnp.float32) for x in (new, old, advantage)), EPS)
+    np.testing.assert_allclose(got, expected, rtol=1e-4, atol=1e-6)
+
+
+def test_value_loss():
+    value, old, target = (
+        jnp.array([1.0, 1.0, 0.0]),
+        jnp.array([0.0, 0.9, 0.0]),
+        jnp.array([2.0, 2.0, 2.0]),
+    )
+    np.testing.assert_allclose(value_loss(value, old, target, None), [0.5, 0.5, 2.0])
+    # The first kept within 0.2 of the old value: 0.5 (0.2 - 2)^2.
+    np.testing.assert_allclose(value_loss(value, old, target, 0.2), [1.62, 0.5, 2.0], rtol=1e-6)
+
+
+def test_standardize():
+    x = np.random.default_rng(0).normal(3.0, 5.0, (7, 9))
+    np.testing.assert_allclose(
+        standardize(jnp.asarray(x)), (x - x.mean()) / x.std(), rtol=1e-4, atol=1e-5
+    )
+    assert np.isfinite(standardize(jnp.ones(4))).all()
+
+
+def test_explained_variance():
+    target = jnp.arange(10.0)
+    assert explained_variance(target, target) == 1.0
+    assert explained_variance(jnp.full(10, 4.5), target) == pytest.approx(0.0, abs=1e-6)
+    assert np.isnan(explained_variance(target, jnp.ones(10)))
+
+
+def test_masked_distribution_is_the_softmax_of_the_allowed():
+    logits = jnp.array([[1.0, 2.0, 3.0], [0.5, 0.0, -1.0]])
+    mask = jnp.array([[True, True, False], [True, False, False]])
+    policy = masked_categorical(logits, mask)
+    expected = np.exp([1.0, 2.0]) / np.exp([1.0, 2.0]).sum()
+    np.testing.assert_allclose(policy.probs[0], [*expected, 0.0], rtol=1e-6)
+    entropy = policy.entropy()
+    assert entropy[0] == pytest.approx(-(expected * np.log(expected)).sum(), rel=1e-5)
+    assert entropy[1] == 0.0
+    assert (policy.mode() == jnp.array([1, 0])).all()
+    samples = jax.vmap(lambda key: policy.sample(seed=key))(
+        jax.random.split(jax.random.key(0), 200)
+    )
+    assert (samples[:, 0] < 2).all()
+    assert (samples[:, 1] == 0).all()
+    gradient = jax.grad(
+        lambda x: (
+            masked_categorical(x, mask).log_prob(jnp.array([0, 0]))
+            + masked_categorical(x, mask).entropy()
+        ).sum()
+    )(logits)
+    assert np.isfinite(gradient).all()
+    np.testing.assert_array_equal(gradient[~mask], 0.0)
+
+
+def test_each_sample_is_in_exactly_one_minibatch():
+    steps, envs, parts = 3, 12, 4
+    samples = {
+        "id": jnp.arange(steps * envs).reshape(steps, envs),
+        "x": jnp.zeros((steps, envs, 5)),
+    }
+    dealt = split_environments(jax.random.key(1), samples, parts)
+    assert dealt["id"].shape == (parts, steps, envs // parts)
+    assert dealt["x"].shape == (parts, steps, envs // parts, 5)
+    assert sorted(dealt["id"].ravel().tolist()) == list(range(steps * envs))
+    # Whole environments stay together.
+    assert (dealt["id"][:, 1] - dealt["id"][:, 0] == envs).all()
+    other = split_environments(jax.random.key(2), samples, parts)
+    assert (other["id"] != dealt["id"]).any()

@@ -1,0 +1,137 @@
+"""The learner solves environments whose values and best policies are known."""
+
+import chex
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from tests.train.probe_envs import Probe, ProbeParams
+from train.config import TrainConfig
+from train.learner import make_train
+from train.networks import apply_policy, build_network
+
+GAMMA = 0.9
+BASE = {
+    "num_envs": 16,
+    "num_minibatches": 2,
+    "rollout_length": 8,
+    "updates_per_call": 512,
+    "hidden": (16,),
+    "gamma": GAMMA,
+    "normalize_rewards": False,
+    "learning_rate": 1e-2,
+}
+
+
+def learn(env, updates, params=None, **changes):
+    """Weights after `updates`, the network and the metrics."""
+    params = params or ProbeParams()
+    steps = BASE["num_envs"] * BASE["rollout_length"] * updates
+    config = TrainConfig(**(BASE | {"total_timesteps": steps} | changes))
+    programs = make_train(env, params, config)
+    state = programs.init(jax.random.key(3), params)
+    state, metrics = programs.run(state, params, jnp.int32(updates))
+    return state, build_network(env.num_actions, config), metrics
+
+
+def value_and_probs(state, network, env, obs):
+    obs = jnp.asarray(obs, jnp.float32)
+    mask = env.action_mask(None, None)
+    policy, value = apply_policy(
+        network, state.weights, obs, jnp.broadcast_to(mask, (len(obs), env.num_actions))
+    )
+    return np.asarray(value), np.asarray(policy.probs)
+
+
+def test_time_limit_is_bootstrapped():
+    """Reward 1 for ever, cut every 5 decisions by a clock that the agent does not see: V = 1 / (1 - gamma)."""
+    env = Probe("constant_truncated")
+    state, network, _ = learn(env, 250)
+    value, _ = value_and_probs(state, network, env, [[0.0, 0.0]])
+    assert value[0] == pytest.approx(1.0 / (1.0 - GAMMA), rel=0.01)
+
+
+def test_termination_is_not_bootstrapped():
+    env = Probe("constant_terminated")
+    state, network, _ = learn(env, 300, stagger=False)
+    value, _ = value_and_probs(state, network, env, [[float(t), 0.0] for t in range(5)])
+    expected = [(1.0 - GAMMA ** (5 - t)) / (1.0 - GAMMA) for t in range(5)]
+    np.testing.assert_allclose(value, expected, rtol=0.02)
+
+
+def test_credit_over_two_steps():
+    env = Probe("two_step")
+    state, network, _ = learn(env, 200, stagger=False)
+    value, _ = value_and_probs(state, network, env, [[0.0, 0.0], [1.0, 0.0]])
+    np.testing.assert_allclose(value, [GAMMA, 1.0], atol=0.02)
+
+
+@pytest.mark.parametrize("kind", ["follow", "masked"])
+def test_action_follows_the_cue_and_never_what_is_forbidden(kind):
+    env = Probe(kind, num_actions=3 if kind == "masked" else 2)
+    state, network, metrics = learn(env, 100, entropy_coef=0.0)
+    value, probs = value_and_probs(state, network, env, [[-1.0, 0.0], [1.0, 0.0]])
+    assert probs[0, 0] > 0.99
+    assert probs[1, 1] > 0.99
+    np.testing.assert_allclose(value, 1.0, atol=0.03)
+    returns = np.asarray(metrics["episode_return"])[:100]
+    assert returns.max() <= 1.0  # the forbidden action pays 10
+    assert returns[-1] > 0.97
+    if kind == "masked":
+        np.testing.assert_array_equal(probs[:, 2], 0.0)
+
+
+def test_scaled_rewards_give_scaled_values():
+    """The same value in units of the return's spread, whatever the reward's size."""
+    values = []
+    for size in (1.0, 1000.0):
+        env, params = Probe("constant_truncated"), ProbeParams(reward=size)
+        state, network, _ = learn(env, 60, params, normalize_rewards=True)
+        value, _ = value_and_probs(state, network, env, [[0.0, 0.0]])
+        values.append(value[0])
+    assert values[0] == pytest.approx(values[1], rel=1e-3)
+
+
+def test_seeds_are_independent():
+    env, params = Probe("noisy"), ProbeParams()
+    config = TrainConfig(**(BASE | {"num_seeds": 2, "updates_per_call": 2}))
+    programs = make_train(env, params, config)
+    state, metrics = programs.run(programs.init(jax.random.key(0), params), params, jnp.int32(2))
+    assert metrics["loss"].shape == (2, 2)
+    assert (metrics["loss"][0] != metrics["loss"][1]).all()
+    assert state.update.shape == (2,)
+
+
+def test_one_program_serves_all_lengths_of_a_chunk():
+    env, params = Probe("noisy"), ProbeParams()
+    config = TrainConfig(**(BASE | {"updates_per_call": 4}))
+    programs = make_train(env, params, config)
+    state = programs.init(jax.random.key(0), params)
+    for count in (1, 3, 4):
+        state, metrics = programs.run(state, params, jnp.int32(count))
+        assert np.isfinite(metrics["loss"][:count]).all()
+        assert np.isnan(metrics["loss"][count:]).all()
+    assert int(state.update) == 8
+    assert programs.run._cache_size() == 1
+    assert programs.init._cache_size() == 1
+
+
+def test_chunks_do_not_change_the_result():
+    env, params = Probe("noisy"), ProbeParams()
+    programs = make_train(env, params, TrainConfig(**(BASE | {"updates_per_call": 6})))
+    ends = []
+    for chunks in ((6,), (1, 2, 3)):
+        state = programs.init(jax.random.key(0), params)
+        for count in chunks:
+            state, _ = programs.run(state, params, jnp.int32(count))
+        ends.append(state.weights)
+    chex.assert_trees_all_equal(*ends)
+
+
+def test_learning_rate_falls_to_zero():
+    env = Probe("noisy")
+    _, _, metrics = learn(env, 4)
+    np.testing.assert_allclose(
+        metrics["learning_rate"][:4], [1e-2, 7.5e-3, 5e-3, 2.5e-3], rtol=1e-5
+    )
