@@ -44,6 +44,7 @@ class EnvConfig:
 
     @property
     def num_vehicles(self) -> int:
+        """Slots of all classes."""
         return self.num_meds + self.num_evs + self.num_gas
 
     @property
@@ -53,10 +54,12 @@ class EnvConfig:
 
     @property
     def num_actions(self) -> int:
+        """Action 0 sends none, action r one from ramp r - 1."""
         return 1 + self.num_ramps
 
     @property
     def decision_s(self) -> float:
+        """Seconds between two decisions."""
         return self.tick_s * self.ticks_per_decision
 
     @property
@@ -66,19 +69,21 @@ class EnvConfig:
 
     @property
     def med_slots(self) -> slice:
+        """Slots of MEDs."""
         return slice(0, self.num_meds)
 
     @property
     def ev_slots(self) -> slice:
+        """Slots of EVs."""
         return slice(self.num_meds, self.num_meds + self.num_evs)
 
     @property
     def gas_slots(self) -> slice:
+        """Slots of gas vehicles."""
         return slice(self.num_meds + self.num_evs, self.num_vehicles)
 
 
-@struct.dataclass
-class RoadParams:
+class RoadParams(struct.PyTreeNode):
     """Geometry of the highway; positions are metres from its left end."""
 
     length_m: Scalar
@@ -87,8 +92,7 @@ class RoadParams:
     acceleration_lane_m: Scalar
 
 
-@struct.dataclass
-class DemandParams:
+class DemandParams(struct.PyTreeNode):
     """Traffic that asks to enter."""
 
     mainline_per_h: Scalar  # vehicles per hour over all lanes at x = 0
@@ -100,8 +104,7 @@ class DemandParams:
     ramp_speed: Scalar  # m/s at the start of an acceleration lane
 
 
-@struct.dataclass
-class DriverParams:
+class DriverParams(struct.PyTreeNode):
     """Car-following and body parameters, each `(num_kinds,)`."""
 
     desired_speed: jax.Array  # m/s, mean of the kind
@@ -115,8 +118,7 @@ class DriverParams:
     vehicle_length: jax.Array  # m
 
 
-@struct.dataclass
-class MotionParams:
+class MotionParams(struct.PyTreeNode):
     """Limits and noise shared by all vehicles."""
 
     max_braking: Scalar  # m/s^2, physical limit of the tyres
@@ -124,8 +126,7 @@ class MotionParams:
     lateral_rate: Scalar  # 1/s, natural frequency of the lateral relaxation
 
 
-@struct.dataclass
-class LaneChangeParams:
+class LaneChangeParams(struct.PyTreeNode):
     """MOBIL (Kesting, Treiber, Helbing 2007)."""
 
     politeness: Scalar
@@ -136,8 +137,7 @@ class LaneChangeParams:
     urgency_bias: Scalar  # m/s^2 more at the end of an acceleration lane
 
 
-@struct.dataclass
-class FleetParams:
+class FleetParams(struct.PyTreeNode):
     """The MEDs and their dispatch."""
 
     size: jax.Array | int  # MEDs at the depot at the start, at most num_meds
@@ -148,8 +148,7 @@ class FleetParams:
     reserve_soc: Scalar  # a MED keeps this for its way home
 
 
-@struct.dataclass
-class ChargingParams:
+class ChargingParams(struct.PyTreeNode):
     """Requests, booking and docking."""
 
     request_soc: Scalar  # an EV below this asks
@@ -170,8 +169,7 @@ class ChargingParams:
     slot_power_w: Scalar  # drawn from the MED for each charging slot
 
 
-@struct.dataclass
-class LinkParams:
+class LinkParams(struct.PyTreeNode):
     """Coils and the circuit; the table is `physics.tabulate_inductance` of the coil design."""
 
     inductance: InductanceTable
@@ -182,8 +180,7 @@ class LinkParams:
     angular_frequency: Scalar  # rad/s
 
 
-@struct.dataclass
-class BodyParams:
+class BodyParams(struct.PyTreeNode):
     """Road load and drivetrain of one vehicle class, eqs (7)-(8)."""
 
     mass_kg: Scalar
@@ -197,8 +194,7 @@ class BodyParams:
     pack_j: Scalar  # true battery capacity
 
 
-@struct.dataclass
-class EnvParams:
+class EnvParams(struct.PyTreeNode):
     """Every number of the world; a pytree whose leaves may be traced or batched."""
 
     road: RoadParams
@@ -217,10 +213,12 @@ class EnvParams:
 
     @property
     def ev_capacity_j(self) -> Scalar:
+        """Energy of a full EV, J."""
         return self.ev.pack_j / self.battery_scale
 
     @property
     def med_capacity_j(self) -> Scalar:
+        """Energy of a full MED, J."""
         return self.med.pack_j / self.battery_scale
 
 
@@ -313,7 +311,9 @@ def _validate_road(config: EnvConfig, road: RoadParams) -> None:
     last = float(road.length_m) - float(road.acceleration_lane_m)
     for x in ramps:
         if not 0.0 <= x <= last:
-            raise ValueError(f"ramp_x_m = {x:g}: allowed 0 to {last:g} m (road less one merge lane)")
+            raise ValueError(
+                f"ramp_x_m = {x:g}: allowed 0 to {last:g} m (road less one merge lane)"
+            )
     gaps = np.diff(ramps)
     if (gaps <= float(road.acceleration_lane_m)).any():
         raise ValueError(

@@ -128,7 +128,9 @@ class ChargingEnv:
         with jax.named_scope("noise"):
             state = self._perturb(noise_key, state, params)
 
-        def tick(carry: tuple[EnvState, Tally], index: jax.Array):
+        def tick(
+            carry: tuple[EnvState, Tally], index: jax.Array
+        ) -> tuple[tuple[EnvState, Tally], None]:
             state, happened = carry
             state, more = physics_tick(state, index, self.config, params)
             return (state, happened + more), None
@@ -231,4 +233,3 @@ class ChargingEnv:
             cooldown_s=jnp.maximum(state.cooldown_s - dt, 0.0),
             time=state.time + 1,
         )
-

@@ -24,8 +24,7 @@ CLOCK_FEATURES = 4
 COOLDOWN_UNIT_S = 20.0
 
 
-@struct.dataclass
-class Observation:
+class Observation(struct.PyTreeNode):
     """The structured form; features in the paper's order, scaled to about [-1, 1]."""
 
     meds: jax.Array  # (M, 14): x, y, vx, vy, SoC, in service, booked x 4, charging x 4
@@ -105,6 +104,7 @@ class FlatObservation:
     include_clock: bool = True
 
     def size(self, config: EnvConfig) -> int:
+        """Length of the vector."""
         return (
             MED_FEATURES * config.num_meds
             + EV_FEATURES * config.num_evs
@@ -112,6 +112,7 @@ class FlatObservation:
         )
 
     def __call__(self, state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+        """`(size,)` float32."""
         seen = observe(state, config, params)
         parts = [seen.meds.ravel(), seen.evs.ravel()]
         if self.include_clock:

@@ -90,5 +90,3 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
         time=jnp.zeros((), jnp.int32),
         tally=Tally.zeros().replace(entered=by_class(active, config)),
     )
-
-

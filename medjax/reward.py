@@ -17,8 +17,7 @@ from medjax.config import EnvConfig, EnvParams
 from medjax.state import EnvState, Tally
 
 
-@struct.dataclass
-class Outcome:
+class Outcome(struct.PyTreeNode):
     """What one decision led to; all a reward term may read."""
 
     before: EnvState
@@ -39,7 +38,9 @@ def depleted(outcome: Outcome) -> jax.Array:
 def soc(outcome: Outcome) -> jax.Array:
     """Mean state of charge of the EVs on the road now, R_SoC; 0 on a road without EVs."""
     on_road = outcome.after.vehicles.active[outcome.config.ev_slots]
-    charge = jnp.where(on_road, outcome.after.evs.energy_j, 0.0).sum() / outcome.params.ev_capacity_j
+    charge = (
+        jnp.where(on_road, outcome.after.evs.energy_j, 0.0).sum() / outcome.params.ev_capacity_j
+    )
     return charge / jnp.maximum(on_road.sum(), 1)
 
 

@@ -74,8 +74,8 @@ def build_link(design: CoilDesign, params: LinkParams | None = None) -> LinkPara
 
 def _drivers() -> DriverParams:
     # Columns: MED, human-driven EV, autonomous EV, gas vehicle.
-    def kinds(*values: float) -> np.ndarray:
-        return np.asarray(values, np.float32)
+    def kinds(*values: float) -> jax.Array:
+        return jnp.asarray(values, jnp.float32)
 
     return DriverParams(
         desired_speed=kinds(25.0, 30.0, 30.0, 30.0),
@@ -92,17 +92,20 @@ def _drivers() -> DriverParams:
 
 def _paper(config: EnvConfig) -> EnvParams:
     """The paper's corridor: batteries scaled so that charge matters within 4 km."""
-    lanes_span = 4000.0
-    ramps = np.asarray([100.0, 1200.0, 2100.0, 3200.0], np.float32)
+    length_m = 4000.0
+    ramps = [100.0, 1200.0, 2100.0, 3200.0]
     if config.num_ramps != len(ramps):
-        ramps = np.linspace(100.0, 0.8 * lanes_span, config.num_ramps, dtype=np.float32)
+        ramps = list(np.linspace(100.0, 0.8 * length_m, config.num_ramps))
     return EnvParams(
         road=RoadParams(
-            length_m=lanes_span, lane_width_m=4.0, ramp_x_m=ramps, acceleration_lane_m=250.0
+            length_m=length_m,
+            lane_width_m=4.0,
+            ramp_x_m=jnp.asarray(ramps, jnp.float32),
+            acceleration_lane_m=250.0,
         ),
         demand=DemandParams(
             mainline_per_h=2800.0,
-            ramp_per_h=np.full(config.num_ramps, 300.0, np.float32),
+            ramp_per_h=jnp.full((config.num_ramps,), 300.0),
             ev_share=0.3,
             human_share=0.5,
             arrival_soc_low=0.2,
@@ -235,7 +238,7 @@ def _places(params: EnvParams) -> dict[str, tuple[str, ...]]:
 
 
 def _set(params: EnvParams, name: str, path: tuple[str, ...], value: Any) -> EnvParams:
-    """params with the number at path replaced; a scalar given for an array fills it."""
+    """Params with the number at path replaced; a scalar given for an array fills it."""
     *groups, leaf = path
     holder = getattr(params, groups[0]) if groups else params
     old = holder[leaf] if isinstance(holder, Mapping) else getattr(holder, leaf)

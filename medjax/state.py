@@ -12,8 +12,7 @@ AT_DEPOT, QUEUED, MERGING, IN_SERVICE, RETIRED = range(5)
 NOT_BOOKED = -1
 
 
-@struct.dataclass
-class Vehicles:
+class Vehicles(struct.PyTreeNode):
     """Everything on the road, by slot: MEDs, EVs, gas. N = num_vehicles."""
 
     x: jax.Array  # (N,) m, front bumper
@@ -28,8 +27,7 @@ class Vehicles:
     road_order: jax.Array  # (N,) int32, slots from the rearmost to the foremost, of the last tick
 
 
-@struct.dataclass
-class EVs:
+class EVs(struct.PyTreeNode):
     """What an EV has beyond its vehicle. E = num_evs."""
 
     energy_j: jax.Array  # (E,)
@@ -41,8 +39,7 @@ class EVs:
     served: jax.Array  # (E,) bool, has charged at least once
 
 
-@struct.dataclass
-class MEDs:
+class MEDs(struct.PyTreeNode):
     """What a MED has beyond its vehicle. M = num_meds."""
 
     energy_j: jax.Array  # (M,)
@@ -51,8 +48,7 @@ class MEDs:
     ready_in_s: jax.Array  # (M,) until a retired MED is at the depot again
 
 
-@struct.dataclass
-class Tally:
+class Tally(struct.PyTreeNode):
     """Sums over time of what the metrics and the rewards are made of; all float32."""
 
     entered: jax.Array  # (3,) MEDs, EVs, gas vehicles, those on the road at reset included
@@ -76,8 +72,9 @@ class Tally:
 
     @classmethod
     def zeros(cls) -> Tally:
+        """Nothing has happened."""
         zero = jnp.zeros((), jnp.float32)
-        scalars = {name: zero for name in cls.__dataclass_fields__}
+        scalars = dict.fromkeys(cls.__dataclass_fields__, zero)
         three = jnp.zeros((3,), jnp.float32)
         return cls(**scalars | {"entered": three, "left": three})
 
@@ -85,8 +82,7 @@ class Tally:
         return jax.tree.map(jnp.add, self, other)
 
 
-@struct.dataclass
-class EnvState:
+class EnvState(struct.PyTreeNode):
     """One environment between two decisions."""
 
     vehicles: Vehicles

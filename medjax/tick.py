@@ -29,7 +29,6 @@ from medjax.state import (
     Vehicles,
 )
 from medjax.traffic.car_following import (
-    Drivers,
     Platooning,
     by_kind,
     following_acceleration,
@@ -61,9 +60,7 @@ def partners(vehicles: Vehicles, evs: EVs, length: jax.Array, config: EnvConfig)
     return Partner(*(column[config.med_slots][med] for column in columns))
 
 
-def drive_energy(
-    before: jax.Array, after: jax.Array, body: BodyParams, dt: float
-) -> jax.Array:
+def drive_energy(before: jax.Array, after: jax.Array, body: BodyParams, dt: float) -> jax.Array:
     """Energy that a tick of driving takes from the battery, J; eqs (7)-(8) and the drivetrain."""
     wheels = tractive_energy(
         before,
@@ -135,9 +132,7 @@ def _move(
     target_lane = vehicles.lane + direction
 
     with jax.named_scope("neighbours"):
-        order = sort_by_road(
-            vehicles.x, vehicles.active, params.road.length_m, vehicles.road_order
-        )
+        order = sort_by_road(vehicles.x, vehicles.active, params.road.length_m, vehicles.road_order)
         neighbours = find_neighbours(
             order, vehicles.lane, target_lane, vehicles.active, config.num_lanes + 1
         )
@@ -291,15 +286,11 @@ def _exchange(
         energy_received_j=jnp.sum(flow.received_j),
         evs_served=jnp.sum(first, dtype=jnp.float32),
     )
-    evs = evs.replace(
-        energy_j=ev_energy, is_charging=is_charging, served=evs.served | is_charging
-    )
+    evs = evs.replace(energy_j=ev_energy, is_charging=is_charging, served=evs.served | is_charging)
     return evs, meds.replace(energy_j=med_energy), tally
 
 
-def _release(
-    vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params: EnvParams
-) -> EVs:
+def _release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params: EnvParams) -> EVs:
     """Ends bookings: charged, gone, out of time, or the MED is gone or empty."""
     booked = evs.med != NOT_BOOKED
     partner = jnp.maximum(evs.med, 0)

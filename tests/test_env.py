@@ -25,7 +25,9 @@ def test_spaces_and_shapes(paper, started):
     assert obs.dtype == jnp.float32
     assert env.action_space(params).n == env.num_actions == 5
     assert bool(env.observation_space(params).contains(obs))
-    assert bool(env.action_space(params).contains(env.action_space(params).sample(jax.random.key(0))))
+    assert bool(
+        env.action_space(params).contains(env.action_space(params).sample(jax.random.key(0)))
+    )
     assert env.name == "paper"
 
 
@@ -77,7 +79,8 @@ def test_batch_equals_alone(paper):
     together = jax.jit(jax.vmap(play))(keys)
     alone = jax.jit(play)
     for index, key in enumerate(keys):
-        chex.assert_trees_all_close(jax.tree.map(lambda x: x[index], together), alone(key), atol=1e-5)
+        for batched, single in zip(together, alone(key), strict=True):
+            np.testing.assert_allclose(batched[index], single, atol=1e-5)
 
 
 def test_vmap_over_parameters(paper):

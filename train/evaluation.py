@@ -93,7 +93,7 @@ def make_runner(
             actions = []
             for index, (act, own) in enumerate(zip(acts, weights, strict=True)):
                 part = slice(index * batch, (index + 1) * batch)
-                mine = jax.tree.map(
+                mine: Any = jax.tree.map(
                     lambda x, part=part: x[part], (act_keys, state.obs, state.env, mask)
                 )
                 actions.append(act(own, *mine, params).astype(jnp.int32))

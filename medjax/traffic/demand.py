@@ -202,8 +202,10 @@ def fill_road(
     tickets = jnp.where(active, tickets, jnp.uint32(2**31))
     shuffled = jnp.sort(tickets | jnp.arange(slots, dtype=jnp.uint32))
     order = (shuffled & jnp.uint32(2**bits - 1)).astype(jnp.int32)
-    position = jnp.zeros((slots,), jnp.int32).at[order].set(
-        jnp.arange(slots, dtype=jnp.int32), unique_indices=True
+    position = (
+        jnp.zeros((slots,), jnp.int32)
+        .at[order]
+        .set(jnp.arange(slots, dtype=jnp.int32), unique_indices=True)
     )
 
     per_lane = jnp.maximum(jnp.ceil((evs + gas) / num_lanes), 1.0)

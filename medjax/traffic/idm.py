@@ -24,7 +24,7 @@ def idm_acceleration(
     comfortable_deceleration: ArrayLike,
     exponent: float = 4.0,
 ) -> jax.Array:
-    """a [1 - (v/v0)^exponent - (s*/s)^2], s* = s0 + max(0, v T + v (v - v_leader) / (2 sqrt(a b))).
+    """A [1 - (v/v0)^exponent - (s*/s)^2], s* = s0 + max(0, v T + v (v - v_leader) / (2 sqrt(a b))).
 
     Args:
       speed: m/s; all arguments broadcast together, any shape.
@@ -49,4 +49,4 @@ def idm_acceleration(
     ratio = speed / desired_speed
     # The usual exponent is 4: two multiplications instead of a pow.
     free = jnp.square(jnp.square(ratio)) if exponent == 4.0 else ratio**exponent
-    return max_acceleration * (1.0 - free - jnp.square(interaction))
+    return jnp.multiply(max_acceleration, 1.0 - free - jnp.square(interaction))

@@ -60,4 +60,5 @@ def is_safe(
       same of itself, or it would have to brake as hard as it spares the other.
     """
     braking = jnp.minimum(own_after, new_follower_after) >= jnp.negative(safe_braking)
-    return braking & (gap_ahead >= min_gap_ahead) & (gap_behind >= min_gap_behind)
+    room = jnp.greater_equal(gap_ahead, min_gap_ahead)
+    return braking & room & jnp.greater_equal(gap_behind, min_gap_behind)

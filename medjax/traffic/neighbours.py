@@ -9,6 +9,8 @@ import jax.numpy as jnp
 
 NOBODY = -1
 
+Turn = tuple[jax.Array, jax.Array, jax.Array]  # slot, its own lane, its target lane
+
 
 class Neighbours(NamedTuple):
     """Slots of the nearest vehicles, each `(N,)` int32, NOBODY where there is none."""
@@ -75,7 +77,7 @@ def find_neighbours(
     target = jnp.where(exists, target_lane, empty)
     lanes = jnp.arange(num_lanes + 2, dtype=jnp.int32)
 
-    def see(seen: jax.Array, at: tuple[jax.Array, jax.Array, jax.Array]):
+    def see(seen: jax.Array, at: Turn) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
         slot, own_lane, side = at
         ahead = seen.at[own_lane].get(mode="promise_in_bounds")
         aside = seen.at[side].get(mode="promise_in_bounds")
@@ -89,8 +91,10 @@ def find_neighbours(
     both = jnp.stack([order[::-1], order])
     found, found_aside = jax.vmap(sweep)(both)
     # rank[slot]: where it stands in the order; reads the sweeps back by slot.
-    rank = jnp.zeros_like(order).at[order].set(
-        jnp.arange(slots, dtype=jnp.int32), unique_indices=True, mode="promise_in_bounds"
+    rank = (
+        jnp.zeros_like(order)
+        .at[order]
+        .set(jnp.arange(slots, dtype=jnp.int32), unique_indices=True, mode="promise_in_bounds")
     )
     from_front = slots - 1 - rank
     visible = active  # the dump lane collects inactive slots, which must read as nobody

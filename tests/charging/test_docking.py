@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from tests.charging.scene import scene
 
 import medjax
 from medjax.charging.docking import misalignment
@@ -12,6 +11,7 @@ from medjax.config import FRONT, LEFT, REAR, RIGHT
 from medjax.physics import mutual_inductance
 from medjax.state import NOT_BOOKED
 from medjax.tick import physics_tick
+from tests.charging.scene import scene
 
 TICKS = 480
 STARTS = [(400.0, 0), (400.0, 3), (440.0, 1), (560.0, 3)]

@@ -34,7 +34,9 @@ def test_books_balance_in_every_tick():
         return jax.lax.scan(tick, state, jnp.arange(120))[1]
 
     before, after, tally = jax.jit(jax.vmap(episode))(jax.random.split(jax.random.key(5), 8))
-    sent, received = (np.asarray(x, np.float64) for x in (tally.energy_sent_j, tally.energy_received_j))
+    sent, received = (
+        np.asarray(x, np.float64) for x in (tally.energy_sent_j, tally.energy_received_j)
+    )
     assert (sent > 0).any()
     assert np.all(received <= sent)
 
@@ -101,7 +103,9 @@ def test_empty_med_and_idle_ev_move_nothing():
 def test_efficiency_is_that_of_the_coil_integral(paper, lateral):
     """What the simulator uses, by table, is what the integral gives for its coils."""
     _, params = paper
-    seen = coupling_efficiency(Misalignment(jnp.float32(0.21), jnp.float32(lateral), 0.05), params.link)
+    seen = coupling_efficiency(
+        Misalignment(jnp.float32(0.21), jnp.float32(lateral), 0.05), params.link
+    )
     inductance = mutual_inductance(
         0.35, 0.30, 0.21, lateral, 0.05, primary_turns=10, secondary_turns=10
     )

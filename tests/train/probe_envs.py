@@ -33,7 +33,7 @@ class Probe:
     constant_truncated: reward 1 a step, truncated after `episode_decisions`; V = 1 / (1 - gamma).
     constant_terminated: the same but terminated; V(t) = (1 - gamma^(T - t)) / (1 - gamma).
     two_step: observation 0 then 1, reward 1 at the second step only, terminated; V = gamma, 1.
-    follow: the cue is -1 or +1, new each step; reward 1 for action 1 on +1 and action 0 on -1, else 0; one-step episodes.
+    follow: the cue is -1 or +1, new each step; reward 1 for action 1 on +1 and 0 on -1, else 0; one-step episodes.
     masked: as `follow`, but action 2 pays 10 and is forbidden.
     noisy: truncated at the end, the cue is random at every step; for shape and statistics tests.
     """

@@ -1,0 +1,63 @@
+"""IDM in float64 NumPy, and the parameter sets of reference/traffic.md (m, s, m/s)."""
+
+import numpy as np
+
+
+def parameters(v0_kmh, T, s0, a, b):
+    return {
+        "desired_speed": v0_kmh / 3.6,
+        "time_headway": T,
+        "min_gap": s0,
+        "max_acceleration": a,
+        "comfortable_deceleration": b,
+    }
+
+
+CAR = parameters(120.0, 1.5, 2.0, 1.4, 2.0)
+HIGHWAY = parameters(120.0, 1.0, 2.0, 1.0, 1.5)
+TRUCK = parameters(85.0, 2.0, 4.0, 0.7, 2.0)
+
+
+def wanted_gap(p, v, vl):
+    """s*, m."""
+    braking = 2 * np.sqrt(p["max_acceleration"] * p["comfortable_deceleration"])
+    return p["min_gap"] + np.maximum(0.0, v * p["time_headway"] + v * (v - vl) / braking)
+
+
+def idm(p, s, v, vl):
+    """The printed formula; gaps are taken as they are."""
+    interaction = (wanted_gap(p, v, vl) / s) ** 2
+    return p["max_acceleration"] * (1 - (v / p["desired_speed"]) ** 4 - interaction)
+
+
+def equilibrium_gap(p, v):
+    """(s0 + v T) / sqrt(1 - (v/v0)^4), m."""
+    free = 1 - (v / p["desired_speed"]) ** 4
+    return (p["min_gap"] + v * p["time_headway"]) / np.sqrt(free)
+
+
+def slopes(p, v):
+    """(f_s, f_l, f_v): how IDM answers gap, leader's speed and own speed, at equilibrium."""
+    s, a = equilibrium_gap(p, v), p["max_acceleration"]
+    star = wanted_gap(p, v, v)
+    root = 2 * np.sqrt(a * p["comfortable_deceleration"])
+    f_s = 2 * a * star**2 / s**3
+    f_l = 2 * a * (star / s**2) * v / root
+    f_v = 4 * v**3 / p["desired_speed"] ** 4 + 2 * (star / s**2) * (p["time_headway"] + v / root)
+    return f_s, f_l, -a * f_v
+
+
+def gain(p, v, w):
+    """|G(w)| of one car behind a leader whose speed swings at w rad/s."""
+    f_s, f_l, f_v = slopes(p, v)
+    return abs(f_s + 1j * w * f_l) / abs(f_s - w**2 - 1j * w * f_v)
+
+
+def sampled_gain(p, v, w, dt):
+    """|G(w)| of the same linear car, moved by ballistic steps of dt (z-transform of both)."""
+    f_s, f_l, f_v = slopes(p, v)
+    z = np.exp(1j * w * dt)
+    speed = dt / (z - 1)  # of one unit of acceleration
+    position = (dt * speed + dt**2 / 2) / (z - 1)
+    leader = 1 / (1j * w)  # position of one unit of the leader's speed
+    return abs(speed * (f_s * leader + f_l) / (1 + f_s * position - f_v * speed))

@@ -1,0 +1,65 @@
+"""The commands, on a probe environment."""
+
+import jax
+import jax.numpy as jnp
+import pytest
+from jax.experimental.compilation_cache import compilation_cache
+
+from tests.train.probe_envs import Probe, ProbeParams
+
+TINY = [
+    "--scenario=noisy",
+    "--num-envs=4",
+    "--num-minibatches=2",
+    "--rollout-length=4",
+    "--hidden",
+    "4",
+    "--eval-episodes=3",
+    "--checkpoint-interval=2",
+    "--total-timesteps=96",  # 6 updates
+]
+
+
+def make_probe(name="noisy", **overrides):
+    """Stands in for medjax.make."""
+    if name not in ("noisy", "follow"):
+        raise ValueError(f"unknown scenario {name!r}: allowed follow, noisy")
+    for option, value in overrides.items():
+        if option not in ("episode_decisions", "reward"):
+            raise ValueError(f"unknown option {option!r}: allowed episode_decisions, reward")
+        if not isinstance(value, int | float) or not 0 < value < 100:
+            raise ValueError(f"{option} is {value}, allowed: above 0, below 100")
+    return Probe(name), ProbeParams(**overrides)
+
+
+def never(env):
+    return lambda key, state, params: jnp.int32(0)
+
+
+def coin(env):
+    return lambda key, state, params: jax.random.randint(key, (), 0, 2, jnp.int32)
+
+
+@pytest.fixture(scope="session")
+def compiled_programs(tmp_path_factory):
+    """Keeps compiled programs for the session: many tests run the same command."""
+    names = ("jax_compilation_cache_dir", "jax_persistent_compilation_cache_min_compile_time_secs")
+    before = {name: getattr(jax.config, name) for name in names}
+    compilation_cache.reset_cache()
+    for name, value in zip(names, (str(tmp_path_factory.mktemp("xla")), 0.3), strict=True):
+        jax.config.update(name, value)
+    yield
+    for name, value in before.items():
+        jax.config.update(name, value)
+    compilation_cache.reset_cache()
+
+
+@pytest.fixture
+def probe(monkeypatch, tmp_path, compiled_programs):
+    """Makes the commands use probes, and leaves them in an empty working directory."""
+    monkeypatch.setattr("medjax.make", make_probe)
+    monkeypatch.setattr("train.closing.BASELINES", {"none": never, "random": coin})
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    return work

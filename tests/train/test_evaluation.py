@@ -1,0 +1,117 @@
+"""Paired evaluation, and its intervals against closed forms."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+
+from tests.train.conftest import coin, never
+from tests.train.probe_envs import Probe, ProbeParams
+from train.bootstrap import bootstrap_ci95
+from train.evaluation import Policy, baseline, evaluate_policies, summarize
+
+ENV, PARAMS = Probe("noisy"), ProbeParams(episode_decisions=6)
+
+
+def test_the_same_policy_twice_is_the_same_and_differences_are_the_policies_own():
+    one = baseline(lambda key, state, params: jnp.int32(1))
+    policies = {
+        "a": baseline(coin(ENV)),
+        "b": baseline(coin(ENV)),
+        "none": baseline(never(ENV)),
+        "one": one,
+    }
+    scores = evaluate_policies(ENV, PARAMS, policies, episodes=7, seed=3, batch=4)
+    assert set(scores["a"]) == {"return", "length", "total", "decisions"}
+    for name in scores["a"]:
+        assert scores["a"][name].shape == (7,)
+        np.testing.assert_array_equal(scores["a"][name], scores["b"][name])
+    # Same noise for both: action 1 adds exactly 1 to each of the six rewards.
+    np.testing.assert_allclose(scores["one"]["return"] - scores["none"]["return"], 6.0, rtol=1e-5)
+    np.testing.assert_allclose(scores["a"]["return"], scores["a"]["total"], rtol=1e-6)
+    np.testing.assert_array_equal(scores["a"]["length"], 6.0)
+    assert len(np.unique(scores["none"]["return"])) == 7
+    again = evaluate_policies(ENV, PARAMS, policies, episodes=7, seed=3, batch=7)
+    np.testing.assert_allclose(again["a"]["return"], scores["a"]["return"], rtol=1e-6)
+    other = evaluate_policies(ENV, PARAMS, policies, episodes=7, seed=4, batch=7)
+    assert (other["none"]["return"] != scores["none"]["return"]).all()
+
+
+def test_equals_one_episode_stepped_by_hand():
+    from train.evaluation import EVALUATION
+
+    scores = evaluate_policies(ENV, PARAMS, {"coin": baseline(coin(ENV))}, episodes=2, seed=9)
+    root = jax.random.fold_in(jax.random.key(9), EVALUATION)
+    for episode in range(2):
+        reset_key, step_key, act_key = jax.random.split(jax.random.fold_in(root, episode), 3)
+        _, state = ENV.reset(reset_key, PARAMS)
+        total, truncated, time = 0.0, False, 0
+        while not truncated:
+            action = coin(ENV)(jax.random.fold_in(act_key, time), state, PARAMS)
+            key = jax.random.fold_in(step_key, time)
+            _, state, reward, _, truncated, _ = ENV.step_env(key, state, action, PARAMS)
+            total, time = total + float(reward), time + 1
+        assert scores["coin"]["return"][episode] == pytest.approx(total, rel=1e-5)
+
+
+def test_nothing_counts_after_the_end_of_an_episode():
+    env, params = Probe("constant_terminated"), ProbeParams(episode_decisions=3)
+    ends_early = Probe("follow"), ProbeParams(episode_decisions=50)
+    scores = evaluate_policies(env, params, {"none": baseline(never(env))}, 3)
+    np.testing.assert_array_equal(scores["none"]["return"], 3.0)
+    scores = evaluate_policies(*ends_early, {"none": baseline(never(env))}, 5)
+    np.testing.assert_array_equal(scores["none"]["length"], 1.0)
+    assert set(scores["none"]["return"]) <= {0.0, 1.0}
+
+
+def test_forbidden_actions_count_as_none():
+    env = Probe("masked", num_actions=3)
+    two = Policy(lambda weights, key, obs, state, mask, params: weights, jnp.int32(2))
+    scores = evaluate_policies(env, ProbeParams(), {"two": two, "none": baseline(never(env))}, 20)
+    np.testing.assert_array_equal(scores["two"]["return"], scores["none"]["return"])
+
+
+def test_bootstrap_is_the_normal_interval_for_many_samples():
+    samples = np.random.default_rng(0).normal(3.0, 2.0, 2000)
+    low, high = bootstrap_ci95(samples)
+    half = 1.96 * samples.std() / np.sqrt(samples.size)
+    assert low == pytest.approx(samples.mean() - half, abs=0.03 * half)
+    assert high == pytest.approx(samples.mean() + half, abs=0.03 * half)
+
+
+def test_bootstrap_equals_scipys_for_few_skewed_samples():
+    samples = np.random.default_rng(1).exponential(size=25)
+    expected = stats.bootstrap(
+        (samples,), np.mean, n_resamples=20_000, method="percentile", rng=np.random.default_rng(2)
+    ).confidence_interval
+    got = bootstrap_ci95(samples)
+    width = expected.high - expected.low
+    np.testing.assert_allclose(got, expected, atol=0.04 * width)
+    assert bootstrap_ci95(samples) == got
+    assert bootstrap_ci95(np.full(5, 2.0)) == (2.0, 2.0)
+    assert np.isnan(bootstrap_ci95(np.zeros(0))).all()
+
+
+def test_summary_has_the_contracts_names():
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=50) * 100
+    scores = {
+        "ppo": {"return": noise + 5.0, "length": np.full(50, 6.0), "mean_soc": np.full(50, 0.5)},
+        "none": {
+            "return": noise + rng.normal(size=50),
+            "length": np.full(50, 6.0),
+            "mean_soc": np.zeros(50),
+        },
+    }
+    result = summarize(scores, "paper")
+    assert result["episodes"] == 50
+    assert result["scenario"] == "paper"
+    entry = result["policies"]["ppo"]
+    assert entry["return_mean"] == pytest.approx(scores["ppo"]["return"].mean())
+    assert entry["return_std"] == pytest.approx(scores["ppo"]["return"].std(ddof=1))
+    assert entry["mean_soc"] == 0.5
+    # The paired difference is far sharper than the two intervals.
+    low, high = result["paired_return_difference"]["none"]["ci95"]
+    assert 4.0 < low < high < 6.0
+    assert np.ptp(entry["return_ci95"]) > 20

@@ -1,0 +1,135 @@
+"""Auto-reset of a batch against a plain loop over single environments."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from medjax.wrappers import BatchAutoReset, EpisodeLog, for_true_rows
+from tests.train.probe_envs import Probe, ProbeParams
+
+NUM = 7
+ENV = Probe("noisy")
+PARAMS = ProbeParams(episode_decisions=4)
+
+
+def play(env, steps, key=0, params=PARAMS):
+    """Observations and states before, and results of, each of `steps` random decisions."""
+    obs, state = env.reset(jax.random.key(key), params)
+    step = jax.jit(env.step)
+    rng = np.random.default_rng(key)
+    history = []
+    for number in range(steps):
+        actions = jnp.asarray(rng.integers(0, 2, env.num_envs), jnp.int32)
+        before = (obs, state, actions)
+        obs, state, *rest = step(jax.random.key(1000 + number), state, actions, params)
+        history.append((*before, obs, state, *rest))
+    return history
+
+
+@pytest.mark.parametrize("pool", [1, 3, NUM])
+def test_equals_single_environments_stepped_one_by_one(pool):
+    env = BatchAutoReset(ENV, NUM, reset_pool_size=pool, stagger=4)
+    reset_obs = set()
+    for number, (_, state, actions, obs, after, reward, terminated, truncated, info) in enumerate(
+        play(env, 13)
+    ):
+        keys = jax.random.split(jax.random.split(jax.random.key(1000 + number))[0], NUM)
+        for i in range(NUM):
+            own = jax.tree.map(lambda x, i=i: x[i], state.env)
+            ref_obs, ref_state, ref_reward, ref_term, ref_trunc, _ = ENV.step_env(
+                keys[i], own, actions[i], PARAMS
+            )
+            np.testing.assert_array_equal(info["final_observation"][i], ref_obs)
+            assert reward[i] == ref_reward
+            assert terminated[i] == ref_term
+            cut = bool(state.cut_in[i] == 1) and not bool(ref_trunc)
+            assert info["cut_short"][i] == cut
+            assert truncated[i] == (ref_trunc or cut)
+            if truncated[i]:
+                assert after.env.time[i] == 0
+                assert after.env.total[i] == 0.0
+                reset_obs.add(float(obs[i, 0]))
+                np.testing.assert_array_equal(
+                    obs[i], ENV._observe(jax.tree.map(lambda x, i=i: x[i], after.env))
+                )
+            else:
+                np.testing.assert_array_equal(obs[i], ref_obs)
+                jax.tree.map(
+                    np.testing.assert_array_equal,
+                    jax.tree.map(lambda x, i=i: x[i], after.env),
+                    ref_state,
+                )
+    # Fresh randomness for every restart: no two of them started alike.
+    assert len(reset_obs) >= 2 * NUM
+
+
+def test_all_ending_together_get_states_of_their_own():
+    env = BatchAutoReset(ENV, NUM, reset_pool_size=2)
+    *_, last = play(env, 4)
+    obs, truncated = last[3], last[7]
+    assert truncated.all()
+    assert len(np.unique(np.asarray(obs[:, 0]))) == NUM
+
+
+def test_staggering_spreads_the_ends_and_cuts_only_the_first_episodes():
+    env = BatchAutoReset(ENV, 64, stagger=4)
+    history = play(env, 12)
+    truncated = np.array([step[7] for step in history])
+    cut = np.array([step[8]["cut_short"] for step in history])
+    assert (truncated[:4].sum(axis=0) >= 1).all()
+    assert cut[4:].sum() == 0
+    assert (cut[:3].sum(axis=1) > 4).all()
+    ends = truncated[4:8].sum(axis=1)  # one whole period
+    assert ends.sum() == 64
+    assert (ends > 4).all()
+
+
+def test_no_stagger_ends_all_at_the_time_limit():
+    truncated = np.array([step[7] for step in play(BatchAutoReset(ENV, NUM), 9)])
+    assert truncated.sum(axis=1).tolist() == [0, 0, 0, NUM, 0, 0, 0, NUM, 0]
+
+
+@pytest.mark.parametrize("change", [{"num_envs": 0}, {"reset_pool_size": -1}, {"stagger": -1}])
+def test_numbers_out_of_range(change):
+    with pytest.raises(
+        ValueError, match=f"{next(iter(change))} is {next(iter(change.values()))}, must be"
+    ):
+        BatchAutoReset(**({"env": ENV, "num_envs": 3} | change))
+
+
+@pytest.mark.parametrize("block", [1, 2, 5, 8])
+def test_for_true_rows_serves_each_true_row_once_in_order(block):
+    for seed in range(4):
+        mask = jax.random.bernoulli(jax.random.key(seed), (0.0, 0.3, 0.7, 1.0)[seed], (8,))
+
+        def body(call, rows, carry):
+            served, calls = carry
+            return served.at[rows].add(1, mode="drop"), calls + 1
+
+        served, calls = for_true_rows(mask, block, body, (jnp.zeros(8, jnp.int32), 0))
+        np.testing.assert_array_equal(served, mask.astype(int))
+        assert calls == -(-int(mask.sum()) // block)
+
+
+def test_episode_log_equals_a_count_by_hand():
+    env = EpisodeLog(BatchAutoReset(ENV, NUM, stagger=4))
+    total, length = np.zeros(NUM), np.zeros(NUM, int)
+    last = [np.zeros(NUM), np.zeros(NUM, int)]
+    complete = 0
+    for *_, reward, terminated, truncated, info in play(env, 13):
+        total, length = total + reward, length + 1
+        done = np.asarray(terminated | truncated)
+        last = [np.where(done, new, old) for new, old in zip((total, length), last, strict=True)]
+        episode = info["episode"]
+        np.testing.assert_array_equal(episode["finished"], done)
+        np.testing.assert_array_equal(episode["complete"], done & ~np.asarray(info["cut_short"]))
+        np.testing.assert_allclose(episode["return"], last[0], rtol=1e-5)
+        np.testing.assert_array_equal(episode["length"], last[1])
+        # The probe's own metrics say the same, so they are those of the episode that ended.
+        np.testing.assert_allclose(episode["metrics"]["total"], last[0], rtol=1e-5)
+        np.testing.assert_array_equal(episode["metrics"]["decisions"], last[1])
+        assert (np.asarray(episode["length"])[np.asarray(episode["complete"])] == 4).all()
+        complete += int(episode["complete"].sum())
+        total, length = np.where(done, 0.0, total), np.where(done, 0, length)
+    assert complete >= 2 * NUM
