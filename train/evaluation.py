@@ -81,7 +81,9 @@ def make_runner(
     All policies play side by side in one large batch: the environment is compiled once, and the fixed cost of a
     decision is paid once.
     """
-    acts = [jax.vmap(policy.act, (None, 0, 0, 0, 0, None)) for policy in policies.values()]
+    acts: list[Callable[..., Any]] = [
+        jax.vmap(policy.act, (None, 0, 0, 0, 0, None)) for policy in policies.values()
+    ]
     step_all = jax.vmap(env.step_env, (0, 0, 0, None))
 
     def run(weights: Any, keys: jax.Array, params: Any) -> dict[str, jax.Array]:
@@ -96,7 +98,8 @@ def make_runner(
                 mine: Any = jax.tree.map(
                     lambda x, part=part: x[part], (act_keys, state.obs, state.env, mask)
                 )
-                actions.append(act(own, *mine, params).astype(jnp.int32))
+                chosen: jax.Array = act(own, *mine, params)
+                actions.append(chosen.astype(jnp.int32))
             action = jnp.concatenate(actions)
             allowed = jnp.take_along_axis(mask, action[:, None], axis=1, mode="clip")[:, 0]
             return jnp.where(allowed, action, 0)  # action 0 is always allowed

@@ -9,8 +9,6 @@ import jax.numpy as jnp
 
 NOBODY = -1
 
-Turn = tuple[jax.Array, jax.Array, jax.Array]  # slot, its own lane, its target lane
-
 
 class Neighbours(NamedTuple):
     """Slots of the nearest vehicles, each `(N,)` int32, NOBODY where there is none."""
@@ -56,52 +54,55 @@ def find_neighbours(
 ) -> Neighbours:
     """Exact nearest vehicles ahead and behind, by one sweep along the road in each direction.
 
-    The sweep carries the last slot seen in each lane; a vehicle reads its own and its target lane's
-    entry, then writes itself. Both directions share one loop, since a loop's cost is its trips.
+    The sweep carries the last vehicle seen in each lane; a vehicle reads its own and its target
+    lane's entry, then writes itself. Lanes are separate carries, picked by comparison: under vmap
+    each comparison runs over all environments at once, where an indexed read would visit them one by
+    one. Slot and lanes travel in one word, and so do the two answers, since every array that goes
+    through a scan costs a transposition.
 
     Args:
-      order: (N,) int32, slots from the rearmost to the foremost (`sort_by_road`).
+      order: (N,) int32, slots from the rearmost to the foremost (`sort_by_road`); N < 65535.
       lane: (N,) int32 in [0, num_lanes).
       target_lane: (N,) int32; any value outside [0, num_lanes) finds nobody.
       active: (N,) bool; inactive vehicles neither find nor are found.
-      num_lanes: acceleration lane included.
+      num_lanes: acceleration lane included, at most 127.
 
     Returns:
       Neighbours, by slot.
     """
     slots = order.shape[-1]
-    nowhere = num_lanes  # a lane that is written but never read
-    empty = num_lanes + 1  # a lane that is read but never written
+    nowhere = num_lanes  # a lane that nobody reads or writes
     own = jnp.where(active, lane, nowhere)
     exists = (target_lane >= 0) & (target_lane < num_lanes) & active
-    target = jnp.where(exists, target_lane, empty)
-    lanes = jnp.arange(num_lanes + 2, dtype=jnp.int32)
+    target = jnp.where(exists, target_lane, nowhere)
+    # 0 stands for nobody, so slots are counted from 1.
+    word = (jnp.arange(slots, dtype=jnp.int32) + 1) | own << 16 | target << 24
 
-    def see(seen: jax.Array, at: Turn) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-        slot, own_lane, side = at
-        ahead = seen.at[own_lane].get(mode="promise_in_bounds")
-        aside = seen.at[side].get(mode="promise_in_bounds")
-        return jnp.where(lanes == own_lane, slot, seen), (ahead, aside)
+    def see(
+        seen: tuple[jax.Array, ...], word: jax.Array
+    ) -> tuple[tuple[jax.Array, ...], jax.Array]:
+        slot, own, target = word & 0xFFFF, word >> 16 & 0xFF, word >> 24
+        ahead = aside = jnp.zeros_like(word)
+        for index, last in enumerate(seen):
+            ahead = jnp.where(own == index, last, ahead)
+            aside = jnp.where(target == index, last, aside)
+        seen = tuple(jnp.where(own == index, slot, last) for index, last in enumerate(seen))
+        return seen, ahead << 16 | aside
 
-    def sweep(slots_in_turn: jax.Array) -> tuple[jax.Array, jax.Array]:
-        start = jnp.full((num_lanes + 2,), NOBODY, jnp.int32)
-        turns = (slots_in_turn, own[slots_in_turn], target[slots_in_turn])
-        return jax.lax.scan(see, start, turns)[1]
-
-    both = jnp.stack([order[::-1], order])
-    found, found_aside = jax.vmap(sweep)(both)
+    nobody_yet = (jnp.zeros((), jnp.int32),) * num_lanes
+    words = word[order]
+    behind = jax.lax.scan(see, nobody_yet, words)[1]
+    ahead = jax.lax.scan(see, nobody_yet, words, reverse=True)[1]
     # rank[slot]: where it stands in the order; reads the sweeps back by slot.
     rank = (
         jnp.zeros_like(order)
         .at[order]
         .set(jnp.arange(slots, dtype=jnp.int32), unique_indices=True, mode="promise_in_bounds")
     )
-    from_front = slots - 1 - rank
-    visible = active  # the dump lane collects inactive slots, which must read as nobody
-    pick = lambda row, at: jnp.where(visible, row[at], NOBODY)  # noqa: E731
+    behind, ahead = behind[rank], ahead[rank]
     return Neighbours(
-        leader=pick(found[0], from_front),
-        follower=pick(found[1], rank),
-        target_leader=pick(found_aside[0], from_front),
-        target_follower=pick(found_aside[1], rank),
+        leader=(ahead >> 16) - 1,
+        follower=(behind >> 16) - 1,
+        target_leader=(ahead & 0xFFFF) - 1,
+        target_follower=(behind & 0xFFFF) - 1,
     )

@@ -91,7 +91,6 @@ def test_slopes(speed):
 def _stability(speed, params):
     """(f_v^2 - f_l^2)/2 - f_s from the package's own derivatives; stable where not negative."""
     gap = equilibrium_gap(params, speed)
-    # Just slower than its leader or just faster: s* is smooth there, v T is far from the clip.
     slope = jax.grad(lambda s, vl, v: idm_acceleration(v, s, vl, **params), argnums=(0, 1, 2))
     f_s, f_l, f_v = map(float, slope(gap, speed, speed))
     return (f_v**2 - f_l**2) / 2 - f_s

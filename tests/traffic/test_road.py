@@ -1,7 +1,5 @@
 """Where acceleration lanes end and lanes lie, by plain arithmetic."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -28,7 +26,7 @@ def test_just_past_the_end_is_still_that_lane(road):
 
 def test_beyond_the_last_ramp_there_is_no_end(road):
     """So does a road without ramps."""
-    none = dataclasses.replace(road, ramp_x_m=np.zeros(0, np.float32))
+    none = road.replace(ramp_x_m=np.zeros(0, np.float32))
     assert np.isinf(merge_distance(np.array([3600.0]), road)).all()
     assert np.isinf(merge_distance(np.array([0.0, 100.0]), none)).all()
 

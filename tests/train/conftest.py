@@ -43,14 +43,11 @@ def coin(env):
 @pytest.fixture(scope="session")
 def compiled_programs(tmp_path_factory):
     """Keeps compiled programs for the session: many tests run the same command."""
-    names = ("jax_compilation_cache_dir", "jax_persistent_compilation_cache_min_compile_time_secs")
-    before = {name: getattr(jax.config, name) for name in names}
+    before = jax.config.jax_compilation_cache_dir
     compilation_cache.reset_cache()
-    for name, value in zip(names, (str(tmp_path_factory.mktemp("xla")), 0.3), strict=True):
-        jax.config.update(name, value)
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("xla")))
     yield
-    for name, value in before.items():
-        jax.config.update(name, value)
+    jax.config.update("jax_compilation_cache_dir", before)
     compilation_cache.reset_cache()
 
 

@@ -1,0 +1,129 @@
+"""Scenes on the whole simulator, and checks of what happened on them in float64 NumPy."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from tests.traffic.reference import idm
+
+from medjax.tick import physics_tick
+
+KIND_FIELDS = (
+    "time_headway",
+    "min_gap",
+    "max_acceleration",
+    "comfortable_deceleration",
+    "vehicle_length",
+)
+PLATOON = {"time_headway": 0.3, "min_gap": 2.0}
+
+
+def put(state, slots, x, lane, speed, desired):
+    """The state with only these vehicles on the road, full of energy and without noise."""
+    slots = jnp.asarray(slots)
+
+    def column(old, values):
+        return old.at[slots].set(jnp.asarray(values, old.dtype))
+
+    vehicles = state.vehicles
+    still = jnp.zeros_like(vehicles.x)
+    vehicles = vehicles.replace(
+        active=column(jnp.zeros_like(vehicles.active), True),
+        x=column(vehicles.x, x),
+        lane=column(vehicles.lane, lane),
+        speed=column(vehicles.speed, speed),
+        desired_speed=column(vehicles.desired_speed, desired),
+        lateral_offset=still,
+        acceleration_noise=still,
+        wander=still,
+    )
+    energy = jnp.full_like(state.evs.energy_j, 1e8)
+    return state.replace(vehicles=vehicles, evs=state.evs.replace(energy_j=energy))
+
+
+def run(config, ticks):
+    """Jitted: (state, params, first tick) -> states (ticks + 1, ...), the start included."""
+
+    @jax.jit
+    def play(state, params, first=0):
+        def tick(state, index):
+            return physics_tick(state, index, config, params)[0], state
+
+        last, before = jax.lax.scan(tick, state, first + jnp.arange(ticks, dtype=jnp.int32))
+        return jax.tree.map(lambda many, one: jnp.concatenate([many, one[None]]), before, last)
+
+    return play
+
+
+class Record:
+    """What a run looked like, (T, N) NumPy arrays; each vehicle with its own parameters."""
+
+    def __init__(self, states, config, params):
+        vehicles = jax.tree.map(np.asarray, states.vehicles)
+        self.x, self.speed = vehicles.x.astype(np.float64), vehicles.speed.astype(np.float64)
+        self.lane, self.active = vehicles.lane, vehicles.active
+        self.desired_speed = vehicles.desired_speed
+        ticks = len(self.x)
+        kind = np.full(self.x.shape, 3)
+        kind[:, config.med_slots] = 0
+        kind[:, config.ev_slots] = np.where(states.evs.is_human, 1, 2)
+        self.kinds = {name: np.asarray(getattr(params.drivers, name))[kind] for name in KIND_FIELDS}
+        self.length = self.kinds["vehicle_length"]
+        self.med = np.full(self.x.shape, -1)
+        self.med[:, config.med_slots] = np.arange(config.num_meds)
+        self.med[:, config.ev_slots] = states.evs.med
+        assert self.x.shape == (ticks, config.num_vehicles)
+
+    def gaps(self):
+        """(T, N) gap behind the next vehicle of the own lane, inf for the foremost; by sorting."""
+        lane = np.where(self.active, self.lane, 99)
+        order = np.lexsort((self.x, lane), axis=1)
+        x, length, lane = (
+            np.take_along_axis(values, order, axis=1) for values in (self.x, self.length, lane)
+        )
+        behind = (lane[:, 1:] == lane[:, :-1]) & (lane[:, 1:] < 99)
+        gaps = np.full(self.x.shape, np.inf)
+        gaps[:, :-1] = np.where(behind, x[:, 1:] - length[:, 1:] - x[:, :-1], np.inf)
+        back = np.empty_like(gaps)
+        np.put_along_axis(back, order, gaps, axis=1)
+        return back
+
+    def changes(self):
+        """(tick, slot) pairs that changed lanes in that tick."""
+        moved = self.active[:-1] & self.active[1:] & (self.lane[1:] != self.lane[:-1])
+        return np.argwhere(moved)
+
+    def braking(self, tick, follower, leader):
+        """IDM acceleration of one slot behind another, and the gap."""
+        together = self.med[tick, follower] == self.med[tick, leader] != -1
+        values = {name: column[tick, follower] for name, column in self.kinds.items()}
+        values["desired_speed"] = self.desired_speed[tick, follower]
+        values |= PLATOON if together else {}
+        gap = self.x[tick, leader] - self.length[tick, leader] - self.x[tick, follower]
+        speeds = self.speed[tick, follower], self.speed[tick, leader]
+        return idm(values, max(gap, 0.1), *speeds), gap
+
+    def next_to(self, tick, slot):
+        """(leader, follower) in the lane that a slot changed to, before the tick; None if nobody."""
+        there = self.active[tick] & (self.lane[tick] == self.lane[tick + 1, slot])
+        ahead = [s for s in np.flatnonzero(there) if self.x[tick, s] >= self.x[tick, slot]]
+        behind = [s for s in np.flatnonzero(there) if self.x[tick, s] < self.x[tick, slot]]
+        return (
+            min(ahead, key=lambda s: self.x[tick, s], default=None),
+            max(behind, key=lambda s: self.x[tick, s], default=None),
+        )
+
+    def hardest_forced(self):
+        """Over all changes: the hardest braking asked of ego or new follower, the least spare gap.
+
+        A gap is spare beyond the standing gap that whoever follows keeps.
+        """
+        hardest, spare = 0.0, np.inf
+        for tick, slot in self.changes():
+            leader, follower = self.next_to(tick, slot)
+            pairs = [(slot, leader)] if leader is not None else []
+            pairs += [(follower, slot)] if follower is not None else []
+            for behind, ahead in pairs:
+                acceleration, gap = self.braking(tick, behind, ahead)
+                hardest = min(hardest, acceleration)
+                spare = min(spare, gap - self.kinds["min_gap"][tick, behind])
+        return hardest, spare

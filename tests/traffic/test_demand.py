@@ -1,0 +1,273 @@
+"""Demand: arrivals against SciPy, entries that never have to crash, and a road filled as asked."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import poisson
+
+from medjax.entry import admit
+from medjax.traffic import ballistic_step, idm_acceleration
+from medjax.traffic.demand import (
+    MOST_ARRIVALS,
+    Ahead,
+    Entries,
+    desired_speeds,
+    entries,
+    entry_rates,
+    entry_speed,
+    expected_vehicles,
+    fill_road,
+    next_ahead,
+    place,
+    poisson_arrivals,
+)
+
+
+@pytest.mark.parametrize("expected", [0.0, 0.02, 0.2, 1.0, 2.0])
+def test_poisson_arrivals(expected):
+    """Evenly spread uniforms fall into counts as often as SciPy's pmf says, to 1e-5."""
+    draws = 1_000_000
+    uniform = (np.arange(draws) + 0.5) / draws
+    counts = poisson_arrivals(uniform.astype(np.float32), jnp.full(draws, expected))
+    shares = np.bincount(counts, minlength=MOST_ARRIVALS + 1) / draws
+    pmf = poisson.pmf(np.arange(MOST_ARRIVALS), expected)
+    np.testing.assert_allclose(shares[:-1], pmf, atol=1e-5)
+    assert shares[-1] == pytest.approx(poisson.sf(MOST_ARRIVALS - 1, expected), abs=1e-5)
+
+
+def test_more_than_the_most_is_as_rare_as_said():
+    """With 2 expected, the cut is met less than once in 4000 decisions, and 0 once in never."""
+    assert poisson.sf(MOST_ARRIVALS, 2.0) < 1 / 4000
+    assert int(poisson_arrivals(jnp.float32(1 - 2**-24), jnp.float32(0.0))) == 0
+
+
+def test_entry_rates(paper):
+    """2800 an hour over four lanes, 300 at each ramp."""
+    env, params = paper
+    rates = entry_rates(params.demand, env.config.num_lanes)
+    np.testing.assert_allclose(3600 * rates, [700.0] * 4 + [300.0] * 4, rtol=1e-6)
+
+
+def test_entries(paper):
+    """Lanes at x = 0, ramps where they join, on lane index 4."""
+    where = entries(paper[1].road, 4)
+    np.testing.assert_allclose(where.x, [0, 0, 0, 0, 100, 1200, 2100, 3200])
+    np.testing.assert_array_equal(where.lane, [0, 1, 2, 3, 4, 4, 4, 4])
+
+
+def test_desired_speeds(paper):
+    """Mean and spread of each kind; no draw is further than 2.5 standard deviations."""
+    drivers = paper[1].drivers
+    normal = jax.random.normal(jax.random.key(0), (40_000,))
+    for kind, (mean, std) in enumerate([(25.0, 0.0), (30.0, 2.0), (30.0, 1.0), (30.0, 2.0)]):
+        speed = np.asarray(desired_speeds(normal, jnp.full(40_000, kind), drivers))
+        assert speed.mean() == pytest.approx(mean, abs=4 * max(std, 1e-3) / 200)
+        assert speed.std() == pytest.approx(std, rel=0.05, abs=1e-4)  # the cut takes 3 %
+        assert np.abs(speed - mean).max() <= 2.5 * std + 1e-4
+
+
+def test_next_ahead():
+    """Nearest rear bumper in the lane, a vehicle on the entry itself included."""
+    where = Entries(jnp.array([0.0, 0.0, 0.0, 100.0]), jnp.array([0, 1, 2, 4]))
+    x = jnp.array([300.0, 80.0, 3.0, 150.0, 40.0, 90.0])
+    lane = jnp.array([0, 0, 1, 4, 2, 4])
+    speed = jnp.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    active = jnp.array([True, True, True, True, False, True])
+    ahead = next_ahead(where, x, lane, jnp.full(6, 5.0), speed, active)
+    np.testing.assert_allclose(ahead.gap, [75.0, -2.0, np.inf, 45.0])
+    np.testing.assert_allclose(ahead.speed[jnp.array([0, 1, 3])], [2.0, 3.0, 4.0])
+
+
+DRIVER_CASES = st.tuples(
+    st.floats(0.0, 300.0),  # gap, m
+    st.floats(0.0, 35.0),  # speed ahead, m/s
+    st.floats(15.0, 35.0),  # wanted, m/s
+    st.sampled_from([(1.5, 2.0, 1.4), (2.0, 4.0, 1.0)]),  # headway, standing gap, acceleration
+    st.booleans(),  # the vehicle ahead brakes to a stop
+)
+
+
+@jax.jit
+def smallest_gap_after(gap, speed, ahead_speed, headway, min_gap, acceleration, ahead_brakes):
+    """Smallest gap in 60 s of IDM at tick 0.25 with braking limited to 9 m/s^2, as physics_tick does."""
+
+    def tick(carry, _):
+        x, v, xl, vl = carry
+        a = idm_acceleration(
+            v,
+            xl - x,
+            vl,
+            desired_speed=30.0,
+            time_headway=headway,
+            min_gap=min_gap,
+            max_acceleration=acceleration,
+            comfortable_deceleration=2.0,
+        )
+        x, v = ballistic_step(x, v, jnp.clip(a, -9.0, acceleration), 0.25)
+        xl, vl = ballistic_step(xl, vl, jnp.where(ahead_brakes, -4.0, 0.0), 0.25)
+        return (x, v, xl, vl), xl - x
+
+    start = (jnp.float32(0.0), speed, gap, ahead_speed)
+    return jax.lax.scan(tick, start, length=240)[1].min()
+
+
+@settings(max_examples=300, deadline=None)
+@given(DRIVER_CASES)
+def test_entry_speed_is_never_unsafe(case):
+    """Who may enter never touches the vehicle ahead, even if that one brakes at 4 m/s^2 to a stop."""
+    gap, ahead_speed, wanted, (headway, min_gap, acceleration), brakes = case
+    gap, ahead_speed = jnp.float32(gap), jnp.float32(ahead_speed)
+    speed, safe = entry_speed(jnp.float32(wanted), Ahead(gap, ahead_speed), headway, min_gap)
+    assert speed <= wanted
+    if safe:
+        assert gap >= min_gap + headway * speed
+        closest = smallest_gap_after(gap, speed, ahead_speed, headway, min_gap, acceleration, brakes)
+        assert closest > 0.0
+
+
+def test_entry_on_an_empty_road():
+    """Nobody ahead: at the wanted speed."""
+    speed, safe = entry_speed(jnp.float32(28.0), Ahead(jnp.float32(jnp.inf), jnp.float32(0.0)), 1.5, 2.0)
+    assert (float(speed), bool(safe)) == (28.0, True)
+
+
+def test_entry_behind_a_vehicle_too_close():
+    """Refused below the safe gap, at any speed of the one ahead."""
+    ahead = Ahead(jnp.array([-1.0, 1.9, 31.0]), jnp.array([0.0, 0.0, 20.0]))
+    _, safe = entry_speed(jnp.full(3, 25.0), ahead, 1.5, 2.0)
+    assert not safe.any()
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.booleans(), min_size=8, max_size=8), st.lists(st.booleans(), min_size=20, max_size=20))
+def test_place_is_one_to_one(admitted, free):
+    """First entry to first free slot, and so on until either runs out."""
+    entry, placed = place(jnp.array(admitted), jnp.array(free))
+    pairs = list(zip(np.flatnonzero(free), np.flatnonzero(admitted), strict=False))
+    expected = np.full(20, -1)
+    for slot, source in pairs:
+        expected[slot] = source
+    np.testing.assert_array_equal(entry, expected)
+    np.testing.assert_array_equal(np.flatnonzero(placed), [source for _, source in pairs])
+
+
+def test_place_with_few_slots():
+    """Fewer slots than entries, down to none free: the rest stay in the queue."""
+    entry, placed = place(jnp.ones(8, bool), jnp.array([True, False, True]))
+    np.testing.assert_array_equal(entry, [0, -1, 1])
+    assert placed.sum() == 2
+    entry, placed = place(jnp.ones(8, bool), jnp.zeros(3, bool))
+    assert (entry == -1).all()
+    assert not placed.any()
+
+
+NUM_LANES = 4
+
+
+@pytest.fixture(scope="module")
+def fill(paper):
+    """fill_road of `keys` roads with `slots` slots, half of them for EVs."""
+    _, params = paper
+
+    def run(slots, keys, drivers=params.drivers, **demand):
+        demand = params.demand.replace(**{k: jnp.float32(v) for k, v in demand.items()})
+        is_ev = jnp.arange(slots) < slots // 2
+        kind = jnp.where(is_ev, 1, 3)
+
+        def one(key):
+            desired = desired_speeds(jax.random.normal(key, (slots,)), kind, drivers)
+            return fill_road(key, is_ev, desired, demand, params.road, drivers, NUM_LANES)
+
+        filled = jax.jit(jax.vmap(one))(jax.random.split(jax.random.key(1), keys))
+        return jax.tree.map(np.asarray, filled), np.asarray(kind)
+
+    return run
+
+
+def bumper_gaps(filled, length):
+    """Gap to the next vehicle of the lane and the follower's speed, over all roads and lanes."""
+    gaps, speeds = [], []
+    for x, lane, speed, active in zip(*filled, strict=True):
+        for one in range(NUM_LANES):
+            here = np.flatnonzero(active & (lane == one))
+            here = here[np.argsort(x[here])]
+            gaps.append(x[here[1:]] - length[here[1:]] - x[here[:-1]])
+            speeds.append(speed[here[:-1]])
+    return np.concatenate(gaps), np.concatenate(speeds)
+
+
+@pytest.mark.parametrize("per_h", [500.0, 2800.0, 20_000.0])
+def test_filled_road_has_no_overlap(fill, paper, per_h):
+    """Every headway is safe at the speed that is driven, from sparse to a road that is full."""
+    filled, kind = fill(800, 40, mainline_per_h=per_h)
+    gap, speed = bumper_gaps(filled, np.asarray(paper[1].drivers.vehicle_length)[kind])
+    assert (gap >= 2.0 + 1.5 * speed - 1e-2).all()
+    assert filled.x[filled.active].min() >= 0
+    assert filled.x[filled.active].max() <= 4000.0
+    assert (filled.speed >= 0).all()
+    assert filled.active.any(axis=1).all()
+
+
+def test_long_vehicles_do_not_overlap(fill, paper):
+    """Nor where every EV is as long as a bus and the demand is beyond the road's room."""
+    drivers = paper[1].drivers
+    length = drivers.vehicle_length.at[1:3].set(12.0)
+    filled, kind = fill(1600, 8, drivers.replace(vehicle_length=length), mainline_per_h=60_000.0)
+    gap, _ = bumper_gaps(filled, np.asarray(length)[kind])
+    assert gap.min() > 0.0
+
+
+def test_filled_road_matches_the_demand(fill, paper):
+    """Counts, their spread and class shares over 1500 roads, within four standard errors."""
+    demand, road = paper[1].demand, paper[1].road
+    # Each entry's flow times the seconds from there to the end at 30 m/s.
+    flow = np.array([2800.0, 300.0, 300.0, 300.0, 300.0]) / 3600
+    expected = np.sum(flow * (4000.0 - np.array([0.0, 100.0, 1200.0, 2100.0, 3200.0])) / 30.0)
+    assert float(expected_vehicles(demand, road, 30.0)) == pytest.approx(expected, rel=1e-5)
+    roads = 1500
+    filled, kind = fill(400, roads)
+    counts = filled.active.sum(axis=1)
+    assert counts.mean() == pytest.approx(expected, abs=4 * np.sqrt(expected / roads))
+    # Poisson: the variance is the mean; its relative error over n roads is sqrt(2 / n).
+    assert counts.var(ddof=1) == pytest.approx(expected, rel=4 * np.sqrt(2 / roads))
+    evs = (filled.active & (kind == 1)).sum(axis=1)
+    assert evs.mean() == pytest.approx(0.3 * expected, abs=4 * np.sqrt(0.3 * expected / roads))
+    assert evs.var(ddof=1) == pytest.approx(0.3 * expected, rel=4 * np.sqrt(2 / roads))
+    # Lanes and places do not know the class.
+    for lane in range(NUM_LANES):
+        share = (filled.lane[filled.active] == lane).mean()
+        assert share == pytest.approx(0.25, abs=0.01)
+    ev_x = filled.x[filled.active & (kind == 1)]
+    assert ev_x.mean() == pytest.approx(2000.0, abs=4 * 4000 / np.sqrt(12 * ev_x.size) + 35.0)
+
+
+def test_queues_take_what_arrives(paper, started):
+    """Entered plus waiting grows by Poisson arrivals: right mean at each entry, over 20,000 rounds."""
+    env, params = paper
+    _, state = started
+    rounds = 20_000
+    waiting = state.replace(queue=jnp.array([0, 3, 0, 0, 1, 0, 0, 0], jnp.int32))
+
+    @jax.jit
+    @jax.vmap
+    def one(key):
+        after, tally = admit(key, waiting, env.config, params)
+        new = after.vehicles.active & ~waiting.vehicles.active
+        where = entries(params.road, env.config.num_lanes)
+        here = (after.vehicles.x == where.x[:, None]) & (after.vehicles.lane == where.lane[:, None])
+        return after.queue, jnp.sum(new & here, axis=1), tally.entered, new.sum()
+
+    queue, came, tally, new = jax.tree.map(
+        np.asarray, one(jax.random.split(jax.random.key(2), rounds))
+    )
+    arrived = queue + came - np.asarray(waiting.queue)
+    assert (arrived >= 0).all()
+    assert came.max() == 1
+    np.testing.assert_array_equal(came.sum(axis=1), new)
+    np.testing.assert_array_equal(tally.sum(axis=1), new)
+    rate = np.array([700.0] * 4 + [300.0] * 4) / 3600
+    assert (np.abs(arrived.mean(axis=0) - rate) < 4 * np.sqrt(rate / rounds)).all()
+    assert tally[:, 1].sum() / tally.sum() == pytest.approx(0.3, abs=4 * np.sqrt(0.21 / new.sum()))

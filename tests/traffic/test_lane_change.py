@@ -1,0 +1,268 @@
+"""Lane changes and merging on the whole simulator: nothing unsafe, nothing lost, in any tick."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from tests.traffic.reference import equilibrium_gap, parameters
+from tests.traffic.roads import Record, put, run
+
+from medjax.config import EnvConfig
+from medjax.state import MERGING
+from medjax.traffic.lane_change import looking
+
+MED_SLOT, EV_SLOT, GAS_SLOT = 0, 15, 75
+RAMP, END = 2100.0, 2350.0
+B_SAFE = 4.0
+# float32 resolves x to 0.24 mm at 4 km: two such gaps move IDM's braking by less than this.
+ROUNDING = 0.01
+
+
+def dense_lane(speed, sizes, hole, foremost):
+    """x and desired speeds of gas vehicles at `speed` in equilibrium, in groups `hole` metres apart."""
+    spacing = 5.0 + equilibrium_gap(parameters(108.0, 1.5, 2.0, 1.4, 2.0), speed)
+    x, desired = [], []
+    for size in sizes:
+        x += [foremost - spacing * i for i in range(size)]
+        desired += [max(speed, 1e-3)] + [30.0] * (size - 1)
+        foremost = x[-1] - 5.0 - hole
+    assert min(x) >= 0
+    return np.array(x), np.array(desired)
+
+
+def merging_scene(quiet, blank, slot, sizes, hole, foremost):
+    """A vehicle comes down the third ramp at 20 m/s beside a dense lane at 10 m/s."""
+    _, params = quiet
+    x, desired = dense_lane(10.0, sizes, hole, foremost)
+    gas = GAS_SLOT + np.arange(len(x))
+    state = put(
+        blank,
+        np.append(slot, gas),
+        np.append(RAMP, x),
+        np.append(4, np.full(len(x), 3)),
+        np.append(20.0, np.full(len(x), 10.0)),
+        np.append(22.0 if slot == MED_SLOT else 30.0, desired),
+    )
+    return state, params
+
+
+def standing_gap(slot):
+    return 4.0 if slot == MED_SLOT else 2.0
+
+
+@pytest.mark.parametrize("slot", [MED_SLOT, EV_SLOT])
+def test_waits_at_the_end_while_no_gap_is_safe(quiet, blank, play, slot):
+    """Beside an unbroken dense lane it never merges: it stops before the end and stands there."""
+    env, _ = quiet
+    state, params = merging_scene(quiet, blank, slot, [115], 0.0, 2600.0)
+    road = Record(play(state, params), env.config, params)
+    here = slice(0, 520)  # 130 s: the column passes the ramp's end for all of them
+    assert (road.lane[here, slot] == 4).all()
+    assert (road.x[here, slot] < END - 0.9 * standing_gap(slot)).all()
+    assert road.x[519, slot] > END - standing_gap(slot) - 1.0
+    assert road.speed[519, slot] < 0.05
+    assert road.gaps().min() > 0.0
+
+
+@pytest.mark.parametrize("slot", [MED_SLOT, EV_SLOT])
+def test_merges_into_the_gap_that_opens(quiet, blank, play, slot):
+    """A hole of 120 m in the same lane: it waits for it, and takes it between the two groups."""
+    env, _ = quiet
+    front = 40
+    state, params = merging_scene(quiet, blank, slot, [front, 60], 120.0, 2600.0)
+    road = Record(play(state, params), env.config, params)
+    merges = [tick for tick, who in road.changes() if who == slot and road.lane[tick, who] == 4]
+    assert len(merges) == 1
+    leader, follower = road.next_to(merges[0], slot)
+    assert (leader, follower) == (GAS_SLOT + front - 1, GAS_SLOT + front)
+    assert road.speed[merges[0], slot] < 1.0  # it had to stop first
+    assert road.x[merges[0], slot] < END
+    hardest, spare = road.hardest_forced()
+    assert hardest >= -B_SAFE - ROUNDING
+    assert spare >= -ROUNDING
+    assert road.gaps().min() > 0.0
+
+
+def test_end_of_acceleration_lane_is_a_standing_obstacle(quiet, blank, play):
+    """Beside a standing queue, ramp traffic stops at its standing gaps: to the end, to each other."""
+    env, params = quiet
+    queue = np.arange(2000.0, 2500.0, 7.5)
+    slots = np.concatenate([[EV_SLOT, MED_SLOT, EV_SLOT + 1], GAS_SLOT + np.arange(len(queue))])
+    count = len(queue)
+    state = put(
+        blank,
+        slots,
+        np.concatenate([[RAMP + 100.0, RAMP + 60.0, RAMP], queue]),
+        np.concatenate([[4, 4, 4], np.full(count, 3)]),
+        np.concatenate([[20.0, 20.0, 20.0], np.zeros(count)]),
+        np.concatenate([[30.0, 22.0, 30.0], np.full(count, 1e-3)]),
+    )
+    road = Record(play(state, params), env.config, params)
+    assert (road.lane[:, slots[:3]] == 4).all()
+    first, truck, last = (road.x[-1, slot] for slot in slots[:3])
+    # IDM comes to rest from outside: at s0 or a hair beyond it.
+    assert END - first == pytest.approx(2.0, abs=0.05)
+    assert first - 5.0 - truck == pytest.approx(4.0, abs=0.1)
+    assert truck - 12.0 - last == pytest.approx(2.0, abs=0.05)
+    assert road.gaps().min() > 0.0
+    assert road.speed.min() >= 0.0
+
+
+@pytest.mark.parametrize("slots", [(0, 1), (0, 2), (1, 0)])
+@pytest.mark.parametrize("first", [0, 1, 2, 3])
+def test_two_sides_never_take_one_gap(quiet, blank, play, slots, first):
+    """Two MEDs abreast must both enter lane 2, where one has room: one goes, the other follows later."""
+    env, params = quiet
+    gas = GAS_SLOT + np.arange(2)
+    state = put(
+        blank,
+        [*slots, *gas],
+        [500.0, 500.0, 570.0, 430.0],
+        [1, 3, 2, 2],
+        [22.0] * 4,
+        [22.0] * 4,
+    )
+    status = state.meds.status.at[jnp.array(slots)].set(MERGING)
+    state = state.replace(meds=state.meds.replace(status=status))
+    road = Record(play(state, params, first), env.config, params)
+    ticks = dict((slot, tick) for tick, slot in road.changes())
+    assert set(ticks) == set(slots)
+    assert min(ticks.values()) < 4  # the gap is good for one at once
+    assert abs(ticks[slots[0]] - ticks[slots[1]]) > 4  # and not for the other in the same second
+    still = road.active[:-1].all(axis=1) if False else road.active[:, list(slots)].all(axis=1)
+    assert (road.lane[still][-1, list(slots)] == 2).all()
+    assert road.gaps().min() > 0.0
+    hardest, spare = road.hardest_forced()
+    assert hardest >= -B_SAFE - ROUNDING
+    assert spare >= -ROUNDING
+
+
+@pytest.mark.parametrize("tick_s", [0.25, 0.02, 0.05, 0.1, 0.125, 0.2, 0.3, 0.4, 0.5])
+def test_everyone_looks_both_ways_once_a_second(tick_s):
+    """Once left and once right in every window of the period, which is the even number of ticks
+    nearest to a second.
+    """
+    config, slots = EnvConfig(tick_s=tick_s), 12
+    period = 2 * config.lane_change_groups
+    assert abs(period * tick_s - 1.0) <= tick_s + 1e-9
+    seen = [looking(jnp.asarray(t), slots, config.lane_change_groups) for t in range(3 * period)]
+    direction = np.array([d for d, _ in seen])
+    turn = np.array([t for _, t in seen])
+    for start in range(2 * period):
+        window = slice(start, start + period)
+        for side in (-1, 1):
+            looks = turn[window] & (direction[window] == side)[:, None]
+            np.testing.assert_array_equal(looks.sum(axis=0), 1)
+
+
+@pytest.fixture(scope="module")
+def records(random_play, each_tick):
+    """One Record a road."""
+    env, params = each_tick
+    roads = len(random_play.time)
+    return [Record(jax.tree.map(lambda a, i=i: a[i], random_play), env.config, params) for i in range(roads)]
+
+
+def test_play_is_worth_checking(records, random_play):
+    """Jams, merges, MEDs, bookings, exits and depletions all happen in what is checked below."""
+    tally = jax.tree.map(lambda a: np.asarray(a[:, -1]), random_play.tally)
+    assert (tally.left.sum(axis=1) > 50).all()
+    assert tally.entered[:, 0].sum() > 40
+    assert tally.depleted.sum() > 20
+    assert tally.evs_served.sum() > 5
+    merges = sum((road.lane[tick, slot] == 4) for road in records for tick, slot in road.changes())
+    assert merges > 300
+    assert min(road.speed[road.active].min() for road in records) < 5.0
+
+
+def test_vehicles_are_conserved_in_every_tick(records, random_play, each_tick):
+    """By class: entered = on the road + left + depleted, and each agrees with the slots' own story."""
+    config = each_tick[0].config
+    for i, road in enumerate(records):
+        tally = jax.tree.map(lambda a, i=i: np.asarray(a[i]), random_play.tally)
+        energy = np.asarray(random_play.evs.energy_j[i])
+        appeared = ~road.active[:-1] & road.active[1:]
+        gone = road.active[:-1] & ~road.active[1:]
+        past_end = road.x[1:] > 4000.0
+        classes = (config.med_slots, config.ev_slots, config.gas_slots)
+        for k, slots in enumerate(classes):
+            depleted = tally.depleted if k == 1 else 0.0
+            on_road = road.active[:, slots].sum(axis=1)
+            np.testing.assert_array_equal(tally.entered[:, k], on_road + tally.left[:, k] + depleted)
+            np.testing.assert_array_equal(
+                np.diff(tally.entered[:, k]), appeared[:, slots].sum(axis=1)
+            )
+            np.testing.assert_array_equal(
+                np.diff(tally.left[:, k]), (gone & past_end)[:, slots].sum(axis=1)
+            )
+        empty = (gone & ~past_end)[:, config.ev_slots]
+        np.testing.assert_array_equal(np.diff(tally.depleted), empty.sum(axis=1))
+        assert (energy[1:][empty] == 0.0).all()
+        others = np.delete(gone & ~past_end, np.r_[config.ev_slots], axis=1)
+        assert not others.any()
+
+
+def test_no_overlap_and_no_reversing_in_any_tick(records):
+    """Gaps from sorted positions are positive, speeds not negative, on every road in every tick."""
+    for road in records:
+        assert road.gaps().min() > 0.0
+        assert road.speed[road.active].min() >= 0.0
+        on = road.active[:-1] & road.active[1:]
+        step = (road.x[1:] - road.x[:-1])[on]
+        assert step.min() >= 0.0
+        # Nobody jumps: a tick's way is its mean speed's, or less where it stopped in it.
+        mean = 0.5 * (road.speed[1:] + road.speed[:-1])[on] * 0.25
+        assert (step <= mean + 1e-3).all()
+
+
+def test_lanes_change_by_one_and_never_onto_a_ramp(records):
+    """Nobody goes back to an acceleration lane, leaves the road sideways, or skips a lane."""
+    for road in records:
+        ticks, slots = road.changes().T
+        before, after = road.lane[ticks, slots], road.lane[ticks + 1, slots]
+        assert (np.abs(after - before) == 1).all()
+        assert (after < 4).all()
+        assert (after >= 0).all()
+        on_ramp = road.active & (road.lane == 4)
+        ends = np.array([350.0, 1450.0, 2350.0, 3450.0])
+        starts = ends - 250.0
+        x = road.x[on_ramp][:, None]
+        assert ((x >= starts) & (x <= ends)).any(axis=1).all()
+
+
+@pytest.fixture(scope="module")
+def continued(random_play, each_tick):
+    """From four moments of every road, 50 s without entries: (Record, ticks' first number)."""
+    env, params = each_tick
+    moments = np.array([299, 599, 899, 1199])
+    starts = jax.tree.map(
+        lambda a: a[:, moments].reshape(-1, *a.shape[2:]), random_play
+    )
+    states = jax.vmap(run(env.config, 200), in_axes=(0, None, 0))(starts, params, starts.time)
+    count = len(starts.time)
+    return [
+        (Record(jax.tree.map(lambda a, i=i: a[i], states), env.config, params), int(starts.time[i]))
+        for i in range(count)
+    ]
+
+
+def test_no_change_is_forced_through_an_unsafe_gap(continued):
+    """Every change of random play, merges included: nobody has to brake harder than b_safe."""
+    changes = sum(len(road.changes()) for road, _ in continued)
+    merges = sum((road.lane[t, s] == 4) for road, _ in continued for t, s in road.changes())
+    assert changes > 500
+    assert merges > 50
+    for road, _ in continued:
+        hardest, spare = road.hardest_forced()
+        assert hardest >= -B_SAFE - ROUNDING
+        assert spare >= -ROUNDING
+
+
+def test_all_change_to_the_side_of_the_tick(continued):
+    """Even ticks left, odd ticks right; a vehicle changes only in its own turn."""
+    for road, first in continued:
+        for tick, slot in road.changes():
+            number = first + tick
+            side = road.lane[tick + 1, slot] - road.lane[tick, slot]
+            assert side == (-1 if number % 2 == 0 else 1)
+            assert slot % 2 == number // 2 % 2

@@ -1,0 +1,184 @@
+"""MOBIL: item 7 of reference/traffic.md, safety, and followers judged as the cars that they are."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from tests.traffic.reference import CAR, TRUCK, idm
+
+from medjax.config import LaneChangeParams
+from medjax.traffic import idm_acceleration, mobil_incentive
+from medjax.traffic.car_following import Drivers, Platooning, following_acceleration
+from medjax.traffic.lane_change import Wish, decide
+from medjax.traffic.mobil import is_safe
+from medjax.traffic.neighbours import NOBODY, Neighbours
+
+EGO, OLD_LEADER, NEW_LEADER, OLD_FOLLOWER, NEW_FOLLOWER = range(5)
+LENGTH = 5.0
+
+
+def item_7():
+    """Accelerations (before, after) of the ego, the old and the new follower."""
+    behind_both = 30.0 + LENGTH + 30.0  # the old follower's gap once the ego is gone
+    behind_new = 25.0 + LENGTH + 80.0  # the new follower's gap before the ego comes
+    return {
+        "ego": [(25.0, 30.0, 20.0), (25.0, 80.0, 25.0)],
+        "old follower": [(25.0, 30.0, 25.0), (25.0, behind_both, 20.0)],
+        "new follower": [(25.0, behind_new, 25.0), (25.0, 25.0, 25.0)],
+    }
+
+
+def accelerations():
+    pairs = item_7().values()
+    return [float(idm_acceleration(*point, **CAR)) for pair in pairs for point in pair]
+
+
+def test_item_7_accelerations():
+    """What each of the three has before and after the change."""
+    expected = [-8.23017, 0.61573, -1.47002, -1.00001, 0.77651, -2.53793]
+    np.testing.assert_allclose(accelerations(), expected, atol=6e-6)
+
+
+@pytest.mark.parametrize(("politeness", "incentive"), [(0.0, 8.8459), (0.2, 8.2770), (1.0, 6.0015)])
+def test_item_7_incentive(politeness, incentive):
+    """Before the threshold, selfish, usual and fully polite."""
+    got = mobil_incentive(*accelerations(), politeness=politeness)
+    assert float(got) == pytest.approx(incentive, abs=6e-5)
+
+
+@pytest.mark.parametrize(("safe_braking", "safe"), [(4.0, True), (2.0, False)])
+def test_item_7_safety(safe_braking, safe):
+    """The new follower brakes at 2.54: allowed at b_safe 4, not at 2."""
+    _, own, _, _, _, follower = accelerations()
+    got = is_safe(
+        own, follower, 80.0, 25.0, safe_braking=safe_braking, min_gap_ahead=2.0, min_gap_behind=2.0
+    )
+    assert bool(got) is safe
+
+
+@pytest.mark.parametrize(
+    ("own", "follower", "ahead", "behind", "safe"),
+    [
+        (-3.99, -3.99, 2.0, 4.0, True),
+        (-4.01, 0.0, 50.0, 50.0, False),  # it would have to brake too hard itself
+        (0.0, -4.01, 50.0, 50.0, False),
+        (0.0, 0.0, 1.99, 50.0, False),  # less than the ego's own standing gap
+        (0.0, 0.0, 50.0, 3.99, False),  # less than the follower's, which is larger
+        (0.0, 0.0, -1.0, 50.0, False),  # beside a vehicle
+        (0.0, 0.0, np.inf, np.inf, True),
+    ],
+)
+def test_safety_criterion(own, follower, ahead, behind, safe):
+    """Every one of the four conditions can refuse alone."""
+    got = is_safe(
+        own, follower, ahead, behind, safe_braking=4.0, min_gap_ahead=2.0, min_gap_behind=4.0
+    )
+    assert bool(got) is safe
+
+
+def lane_change(
+    x, speed, kinds, *, neighbours=(1, 3, 2, 4), politeness=0.0, threshold=0.2, wish=0, stay=False
+):
+    """Whether the ego, slot 0, changes to the right among five vehicles of the given kinds."""
+    drivers = Drivers(
+        x=jnp.asarray(x, jnp.float32),
+        speed=jnp.asarray(speed, jnp.float32),
+        length=jnp.full(5, LENGTH),
+        **{name: jnp.asarray([kind[name] for kind in kinds], jnp.float32) for name in CAR},
+        platoon=jnp.full(5, NOBODY),
+    )
+    # Only the ego asks; what the others see of each other is needed for their accelerations.
+    old_leader, old_follower, new_leader, new_follower = neighbours
+    leader = jnp.asarray([old_leader, NOBODY, NOBODY, EGO, new_leader])
+    nobody = jnp.full(5, NOBODY)
+    seen = Neighbours(
+        leader=leader,
+        follower=nobody.at[EGO].set(old_follower),
+        target_leader=nobody.at[EGO].set(new_leader),
+        target_follower=nobody.at[EGO].set(new_follower),
+    )
+    platooning = Platooning(0.3, 2.0)
+    following = following_acceleration(
+        drivers, drivers.at(leader), leader != NOBODY, platooning
+    )
+    changes = decide(
+        drivers,
+        seen,
+        following,
+        following,
+        jnp.asarray(1),
+        jnp.arange(5) == EGO,
+        Wish(jnp.full(5, wish), jnp.zeros(5), jnp.full(5, stay)),
+        platooning,
+        LaneChangeParams(politeness, threshold, 0.0, 4.0, 10.0, 10.0),
+    )
+    assert not changes[1:].any()
+    return bool(changes[EGO])
+
+
+# Item 7's scene: front bumpers, the ego's at 0.
+X = [0.0, 30.0 + LENGTH, 80.0 + LENGTH, -LENGTH - 30.0, -LENGTH - 25.0]
+SPEED = [25.0, 20.0, 25.0, 25.0, 25.0]
+
+
+@pytest.mark.parametrize(("threshold", "changes"), [(8.84, True), (8.85, False)])
+def test_threshold_decides(threshold, changes):
+    """Item 7's selfish incentive, 8.8459, lies between the two."""
+    assert lane_change(X, SPEED, [CAR] * 5, threshold=threshold) is changes
+
+
+@pytest.mark.parametrize(("threshold", "changes"), [(6.00, True), (6.003, False)])
+def test_threshold_decides_politely(threshold, changes):
+    """Item 7's polite incentive, 6.0015: both followers' changes are counted in full."""
+    assert lane_change(X, SPEED, [CAR] * 5, politeness=1.0, threshold=threshold) is changes
+
+
+@pytest.mark.parametrize("follower", [CAR, TRUCK])
+@pytest.mark.parametrize("ego", [CAR, TRUCK])
+def test_new_follower_is_judged_by_its_own_parameters(ego, follower):
+    """The smallest gap behind that is taken is the one where that follower brakes at 4 m/s^2."""
+    gaps = np.arange(4.5, 40.0, 0.25)
+    speed = [20.0, 15.0, 20.0, 20.0, 20.0]
+    kinds = [ego, CAR, CAR, CAR, follower]
+
+    def taken(gap):
+        return lane_change([0.0, 25.0, 185.0, -60.0, -LENGTH - gap], speed, kinds)
+
+    # Bisected: the accelerations grow with the gap.
+    low, high = 0, len(gaps) - 1
+    assert not taken(gaps[low])
+    assert taken(gaps[high])
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if taken(gaps[middle]) else (middle, high)
+    braking = idm(follower, gaps, 20.0, 20.0)
+    assert gaps[high] == gaps[np.argmax(braking >= -4.0)]
+
+
+def test_judged_parameters_differ():
+    """The two followers of the test above really need different gaps."""
+    assert idm(CAR, 13.0, 20.0, 20.0) < -4.0 < idm(CAR, 20.0, 20.0, 20.0)
+    assert abs(idm(TRUCK, 20.0, 20.0, 20.0) - idm(CAR, 20.0, 20.0, 20.0)) > 0.1
+
+
+@pytest.mark.parametrize(("wish", "stay", "changes"), [(1, False, True), (-1, False, False), (0, True, False)])
+def test_mandatory_changes_go_first(wish, stay, changes):
+    """One that must go left, or must stay, does not go right for its own gain."""
+    assert lane_change(X, SPEED, [CAR] * 5, wish=wish, stay=stay) is changes
+
+
+def test_a_mandatory_change_waives_no_safety():
+    """It outweighs a loss, but not a follower that would brake at more than 4 m/s^2."""
+    worse = [0.0, 500.0, 40.0, -60.0, -60.0]  # a short gap ahead in the target lane
+    speed = [20.0, 20.0, 20.0, 20.0, 20.0]
+    assert not lane_change(worse, speed, [CAR] * 5)
+    assert lane_change(worse, speed, [CAR] * 5, wish=1)
+    unsafe = [0.0, 500.0, 40.0, -60.0, -LENGTH - 8.0]
+    assert idm(CAR, 8.0, 20.0, 20.0) < -4.0
+    assert not lane_change(unsafe, speed, [CAR] * 5, wish=1)
+
+
+def test_empty_lane_needs_nobody():
+    """Without anyone in the target lane a slow leader is enough to leave."""
+    alone = (OLD_LEADER, NOBODY, NOBODY, NOBODY)
+    assert lane_change(X, SPEED, [CAR] * 5, neighbours=alone)
+    assert not lane_change(X, SPEED, [CAR] * 5, neighbours=(NOBODY,) * 4)

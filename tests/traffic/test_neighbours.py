@@ -1,0 +1,148 @@
+"""Neighbours against a search over all pairs, on random roads with ties and empty lanes."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from medjax.traffic import find_neighbours, sort_by_road
+from medjax.traffic.neighbours import NOBODY
+
+SLOTS, LANES, LENGTH_M = 24, 5, 4000.0
+SIDES = ("leader", "follower", "target_leader", "target_follower")
+
+
+@functools.partial(jax.jit, static_argnames="num_lanes")
+def found(x, lane, target, active, previous, num_lanes=LANES):
+    """The package's neighbours and order."""
+    order = sort_by_road(x, active, LENGTH_M, previous)
+    return find_neighbours(order, lane, target, active, num_lanes), order
+
+
+def brute_force(x, lane, target, active):
+    """Slots next ahead and behind in `target`, by comparing all pairs; ties ordered by slot."""
+    ahead = np.full(len(x), NOBODY)
+    behind = np.full(len(x), NOBODY)
+    for me in np.flatnonzero(active):
+        others = [(x[o], o) for o in np.flatnonzero(active) if lane[o] == target[me] and o != me]
+        ahead[me] = min((o for o in others if o > (x[me], me)), default=(0, NOBODY))[1]
+        behind[me] = max((o for o in others if o < (x[me], me)), default=(0, NOBODY))[1]
+    return ahead, behind
+
+
+def check(x, lane, direction, active, previous=None):
+    """Compares all four neighbours of every slot."""
+    x, lane = np.asarray(x, np.float32), np.asarray(lane, np.int32)
+    target = (lane + direction).astype(np.int32)
+    previous = np.arange(len(x)) if previous is None else previous
+    got, order = found(x, lane, target, np.asarray(active), jnp.asarray(previous, jnp.int32))
+    expected = *brute_force(x, lane, lane, active), *brute_force(x, lane, target, active)
+    for name, value in zip(SIDES, expected, strict=True):
+        np.testing.assert_array_equal(getattr(got, name), value, name)
+    assert sorted(np.asarray(order)) == list(range(len(x)))
+    return got
+
+
+# Positions on a coarse grid tie often; few lanes leave others empty.
+roads = st.tuples(
+    st.lists(st.integers(0, 12).map(lambda i: 4000.0 / 12 * i), min_size=SLOTS, max_size=SLOTS),
+    st.lists(st.integers(0, LANES - 1), min_size=SLOTS, max_size=SLOTS),
+    st.lists(st.booleans(), min_size=SLOTS, max_size=SLOTS),
+    st.permutations(range(SLOTS)),
+    st.sampled_from([-1, 1]),
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(roads)
+def test_random_roads_with_ties(road):
+    """Every road, last order and side looked at; lanes -1 and 5 are off the road."""
+    x, lane, active, previous, direction = road
+    check(x, lane, direction, np.array(active), previous)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_dense_roads(seed):
+    """A full road of 192 slots at continuous positions, in the last tick's order or none."""
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(0.0, LENGTH_M + 10.0, 192)
+    lane = rng.integers(0, LANES, 192)
+    active = rng.random(192) < rng.choice([0.05, 0.5, 1.0])
+    check(x, lane, rng.choice([-1, 1]), active, rng.permutation(192))
+
+
+def test_all_inactive():
+    """Nobody is found by anyone."""
+    got = check(np.linspace(0, 100, SLOTS), np.zeros(SLOTS), 1, np.zeros(SLOTS, bool))
+    assert all((np.asarray(getattr(got, side)) == NOBODY).all() for side in SIDES)
+
+
+def test_alone_in_a_lane():
+    """One vehicle a lane sees nobody in its own, and the next lane's only vehicle on one side."""
+    x = np.array([50.0, 40.0, 60.0, 30.0, 70.0])
+    got = check(x, np.arange(5), 1, np.ones(5, bool))
+    assert (np.asarray(got.leader) == NOBODY).all()
+    assert (np.asarray(got.follower) == NOBODY).all()
+    np.testing.assert_array_equal(got.target_leader, [NOBODY, 2, NOBODY, 4, NOBODY])
+    np.testing.assert_array_equal(got.target_follower, [1, NOBODY, 3, NOBODY, NOBODY])
+
+
+@pytest.mark.parametrize("target", [-1, -7, LANES, LANES + 1, 99])
+def test_no_lane_there(target):
+    """A target outside the road finds nobody, whoever is inactive."""
+    active = np.arange(SLOTS) % 3 != 0
+    lane = np.zeros(SLOTS, np.int32)
+    x = np.linspace(0, 900, SLOTS, dtype=np.float32)
+    got, _ = found(x, lane, np.full(SLOTS, target, np.int32), active, np.arange(SLOTS))
+    assert (np.asarray(got.target_leader) == NOBODY).all()
+    assert (np.asarray(got.target_follower) == NOBODY).all()
+    assert (np.asarray(got.leader) != NOBODY).sum() == active.sum() - 1
+
+
+def test_looking_across_to_the_acceleration_lane_and_back():
+    """Its index, 4, is a lane like the others: a merging vehicle sees lane 3 and is seen."""
+    x = np.array([120.0, 100.0, 140.0, 900.0])
+    lane = np.array([4, 3, 3, 4])
+    left = check(x, lane, -1, np.ones(4, bool))
+    assert (left.target_follower[0], left.target_leader[0]) == (1, 2)
+    assert left.leader[0] == 3
+    right = check(x, lane, 1, np.ones(4, bool))
+    assert (right.target_leader[1], right.target_follower[2]) == (0, 0)
+
+
+def test_equal_positions_are_ordered_by_slot():
+    """In one lane, and toward a vehicle abreast in the next one."""
+    got = check(np.full(4, 77.0), np.array([1, 1, 2, 1]), 1, np.ones(4, bool))
+    np.testing.assert_array_equal(got.leader, [1, 3, NOBODY, NOBODY])
+    np.testing.assert_array_equal(got.target_leader, [2, 2, NOBODY, NOBODY])
+    assert got.target_follower[3] == 2
+
+
+def test_resolution_is_what_the_docstring_says():
+    """4 km and 256 slots resolve 0.48 mm: nearer vehicles go by slot, others by position."""
+    slots, resolution = 256, LENGTH_M / 2**23
+    assert resolution == pytest.approx(0.48e-3, rel=0.01)
+    active = np.arange(slots) < 3
+
+    def order(first, second, third):
+        x = np.zeros(slots, np.float32)
+        x[:3] = np.array([first, second, third]) * resolution
+        return list(np.asarray(sort_by_road(x, active, LENGTH_M, np.arange(slots)))[:3])
+
+    assert order(100.75, 100.25, 99.5) == [2, 0, 1]  # 0 and 1 share a step; 2 does not
+    rng = np.random.default_rng(0)
+    for start in rng.uniform(0, 2**23 - 4, 50):
+        # Two steps apart and more is always told apart, anywhere on the road.
+        assert order(start + 4.0, start + 2.0, start) == [2, 1, 0]
+
+
+def test_past_the_end_sorts_last_but_before_the_inactive():
+    """A vehicle that has just run over the end is the foremost one."""
+    x = np.array([4009.0, 0.0, 4000.0, 3999.0, 5.0], np.float32)
+    active = np.array([True, True, True, True, False])
+    order = sort_by_road(x, active, LENGTH_M, np.arange(5))
+    np.testing.assert_array_equal(order, [1, 3, 2, 0, 4])

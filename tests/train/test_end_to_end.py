@@ -1,0 +1,52 @@
+"""The command on the real environment, as small as it gets."""
+
+import json
+
+from train import evaluate, ppo
+
+SMALL = {"num_meds": 2, "num_evs": 6, "num_gas": 12, "episode_decisions": 12}
+
+
+def test_train_and_evaluate(compiled_programs, tmp_path, capsys):
+    run = tmp_path / "run"
+    argv = ["--num-envs=8", "--total-timesteps=256", "--rollout-length=16", "--hidden", "8"]
+    argv += [f"--run-dir={run}", "--eval-episodes=4"]
+    for name, value in SMALL.items():
+        argv += ["--set", f"{name}={value}"]
+    assert ppo.main(argv) == 0
+    rows = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    assert [row["update"] for row in rows] == [1, 2]
+    assert all(row["loss"] is not None for row in rows)
+    assert rows[-1]["episode_length"] == 12.0
+    assert rows[-1]["episode_collisions"] == 0.0
+    # The same episodes again, with the seed of the closing evaluation.
+    out = tmp_path / "out.json"
+    assert evaluate.main([f"--run-dir={run}", "--episodes=4", f"--json={out}"]) == 0
+    result = json.loads(out.read_text())
+    assert set(result["policies"]) == {"ppo", "none", "random", "periodic", "greedy"}
+    assert result["policies"]["none"]["meds_dispatched"] == 0.0
+    assert result["policies"]["random"]["invalid_actions"] == 0.0
+    for name in ("depleted_share", "mean_range_m", "mean_soc", "meds_dispatched"):
+        assert name in result["policies"]["ppo"]
+    assert result == json.loads((run / "evaluation.json").read_text())
+    assert "MEDs sent" in capsys.readouterr().out
+
+
+def test_real_presets_refuse_bad_input(tmp_path, capsys):
+    for argv, words in (
+        (["--scenario=nowhere"], ("nowhere", "paper")),
+        (["--set", "cooldown=3"], ("cooldown",)),
+        (["--set", "cooldown_s=-3"], ("cooldown_s", "-3")),
+        (["--set", "cooldown_s=nan"], ("cooldown_s", "nan")),
+        (["--set", "num_lanes=0"], ("num_lanes", "0")),
+        (["--set", "size=99"], ("size", "99")),
+        (["--set", "num_evs=many"], ("num_evs", "many")),
+        (["--set", "ramp_x_m=[1, 2]"], ("ramp_x_m",)),
+        (["--set", "ramp_x_m=9999"], ("ramp_x_m", "9999")),
+    ):
+        assert ppo.main([*argv, f"--run-dir={tmp_path / 'run'}"]) == 2
+        err = capsys.readouterr().err
+        assert err.count("\n") == 1
+        for word in words:
+            assert word in err, (argv, err)
+    assert list(tmp_path.iterdir()) == []
