@@ -14,7 +14,7 @@ from flax import struct
 
 from medjax.charging.booking import panel_flags
 from medjax.config import EnvConfig, EnvParams
-from medjax.state import AT_DEPOT, IN_SERVICE, NOT_BOOKED, QUEUED, EnvState
+from medjax.state import AT_DEPOT, IN_SERVICE, MERGING, NOT_BOOKED, QUEUED, EnvState
 from medjax.traffic.road import lateral_position
 
 MED_FEATURES = 14
@@ -32,6 +32,17 @@ class Observation(struct.PyTreeNode):
     med_mask: jax.Array  # (M,) bool, on the road
     ev_mask: jax.Array  # (E,) bool, on the road
     clock: jax.Array  # (4,): time left, cooldown left, share at the depot, share waiting at a ramp
+
+
+def clock_features(state: EnvState, params: EnvParams) -> jax.Array:
+    """`Observation.clock`, (4,) float32."""
+    clock = [
+        1.0 - state.time / params.episode_decisions,
+        state.cooldown_s / COOLDOWN_UNIT_S,
+        jnp.mean(state.meds.status == AT_DEPOT),
+        jnp.mean(state.meds.status == QUEUED),
+    ]
+    return jnp.stack(clock).astype(jnp.float32)
 
 
 def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observation:
@@ -80,20 +91,12 @@ def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observatio
     ev_rows = jnp.concatenate(
         [motion[config.ev_slots], jnp.where(on_road[:, None], own, 0.0)], axis=-1
     )
-    clock = jnp.stack(
-        [
-            1.0 - state.time / params.episode_decisions,
-            state.cooldown_s / COOLDOWN_UNIT_S,
-            jnp.mean(meds.status == AT_DEPOT),
-            jnp.mean(meds.status == QUEUED),
-        ]
-    )
     return Observation(
         meds=med_rows,
         evs=ev_rows,
         med_mask=vehicles.active[config.med_slots],
         ev_mask=on_road,
-        clock=clock.astype(jnp.float32),
+        clock=clock_features(state, params),
     )
 
 
@@ -118,3 +121,74 @@ class FlatObservation:
         if self.include_clock:
             parts.append(seen.clock)
         return jnp.concatenate(parts).astype(jnp.float32)
+
+
+def hat_weights(values: jax.Array, num_nodes: int) -> jax.Array:
+    """Shares of values in [0, 1] among evenly spaced nodes, by linear interpolation.
+
+    Args:
+      values: any shape; beyond the ends they belong to the end node.
+      num_nodes: at least 2.
+
+    Returns:
+      The shape of values, and num_nodes: at most two entries that are not 0, which add up to 1.
+    """
+    place = jnp.clip(values, 0.0, 1.0)[..., None] * (num_nodes - 1)
+    return jnp.maximum(1.0 - jnp.abs(place - jnp.arange(num_nodes)), 0.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class RoadProfile:
+    """What is where along the road: numbers of EVs by charge, and of MEDs, at evenly spaced nodes.
+
+    The same for any order of the vehicles in their slots, and a third of the flat observation's size:
+    what is learned of one slot holds for all. It leaves out lanes and speeds.
+
+    At each node: EVs without a booking by state of charge (`soc_nodes`), EVs booked, EVs charging;
+    MEDs waiting or merging (a waiting one at its ramp), MEDs in service, their state of charge, their
+    free slots. Then the clock of `Observation`.
+    """
+
+    road_nodes: int = 17
+    soc_nodes: int = 6
+
+    def size(self, config: EnvConfig) -> int:
+        """Length of the vector."""
+        return self.road_nodes * (self.soc_nodes + 2 + 4) + CLOCK_FEATURES
+
+    def __call__(self, state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+        """`(size,)` float32."""
+        vehicles, evs, meds = state.vehicles, state.evs, state.meds
+        on_road = vehicles.active[config.ev_slots]
+        free = (on_road & (evs.med == NOT_BOOKED))[:, None]
+        charge = hat_weights(evs.energy_j / params.ev_capacity_j, self.soc_nodes)
+        booked = on_road & (evs.med != NOT_BOOKED)
+        ev_columns = jnp.concatenate(
+            [jnp.where(free, charge, 0.0), booked[:, None], evs.is_charging[:, None]], axis=1
+        )
+        ev_place = vehicles.x[config.ev_slots] / params.road.length_m
+
+        waits = meds.status == QUEUED
+        ramps = params.road.ramp_x_m if config.num_ramps else jnp.zeros((1,))
+        med_x = jnp.where(waits, ramps[meds.ramp], vehicles.x[config.med_slots])
+        serves = meds.status == IN_SERVICE
+        taken = panel_flags(evs.med, evs.panel, evs.med != NOT_BOOKED, config.num_meds)
+        med_columns = jnp.stack(
+            [
+                waits | (meds.status == MERGING),
+                serves,
+                jnp.where(serves, meds.energy_j / params.med_capacity_j, 0.0),
+                jnp.where(serves, jnp.sum(~taken, axis=1), 0),
+            ],
+            axis=1,
+        )
+        med_place = med_x / params.road.length_m
+        parts = [
+            (hat_weights(ev_place, self.road_nodes).T @ ev_columns).ravel(),
+            (hat_weights(med_place, self.road_nodes).T @ med_columns).ravel(),
+            clock_features(state, params),
+        ]
+        return jnp.concatenate(parts).astype(jnp.float32)
+
+
+OBSERVATIONS = {"flat": FlatObservation(), "profile": RoadProfile()}

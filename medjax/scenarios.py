@@ -31,6 +31,7 @@ from medjax.config import (
     validate_config,
 )
 from medjax.env import ChargingEnv
+from medjax.observation import OBSERVATIONS
 from medjax.physics import tabulate_inductance
 from medjax.reward import TERMS, RewardTerm
 
@@ -269,7 +270,7 @@ def make(
     name: str = "paper",
     *,
     reward: Mapping[str, RewardTerm] | None = None,
-    observation: Any = None,
+    observation: Any = "flat",
     **overrides: Any,
 ) -> tuple[ChargingEnv, EnvParams]:
     """Builds a preset, with numbers changed by name.
@@ -278,7 +279,7 @@ def make(
       name: one of `SCENARIOS`.
       reward: terms by name; those that come with medjax if None. A term that `reward_weights` of the
         preset does not know gets weight 1.
-      observation: see `ChargingEnv`.
+      observation: a name of `medjax.observation.OBSERVATIONS`, or one of your own (`ChargingEnv`).
       **overrides: sizes of `EnvConfig` (`num_evs=80`), numbers of `EnvParams` by their own name
         (`cooldown_s=30`), by group and name where that is not unique (`{"ev.mass_kg": 2000}`), the
         coils (`med_coil_radius_m=0.4`), or `reward_weights={"dispatches": -1.0}`.
@@ -291,6 +292,10 @@ def make(
     """
     if name not in SCENARIOS:
         raise _unknown("scenario", name, list(SCENARIOS))
+    if isinstance(observation, str):
+        if observation not in OBSERVATIONS:
+            raise _unknown("observation", observation, list(OBSERVATIONS))
+        observation = OBSERVATIONS[observation]
     scenario = SCENARIOS[name]
     sizes = {key: overrides.pop(key) for key in list(overrides) if key in _CONFIG_FIELDS}
     coils = {key: overrides.pop(key) for key in list(overrides) if key in _COIL_FIELDS}

@@ -227,6 +227,6 @@ def make_environment(config: TrainConfig) -> tuple[Any, Any]:
 
     overrides: dict[str, Any] = dict(config.overrides)
     try:
-        return medjax.make(config.scenario, **overrides)
+        return medjax.make(config.scenario, observation=config.observation, **overrides)
     except ValueError as error:
         raise SettingError(str(error)) from None

@@ -8,7 +8,7 @@ import jax
 from medjax.policies import BASELINES
 from train.checkpoint import updates_done
 from train.evaluation import TRAINED, Policy, baseline, evaluate_policies, summarize, trained
-from train.learner import TrainState, episode_decisions
+from train.learner import TrainState
 from train.logs import Row
 from train.networks import PolicyWeights, build_network
 from train.report import final_return, format_table, plot_curve
@@ -49,8 +49,7 @@ def close_run(
     baselines = {name: value for name, value in returns.items() if name in BASELINES}
     try:
         title = f"PPO on {config.scenario}, {config.num_envs} environments"
-        decisions = episode_decisions(session.params)
-        plot_curve(run_dir.plots / "training_curve.png", rows, title, baselines, decisions)
+        plot_curve(run_dir.plots / "training_curve.png", rows, title, baselines)
     except ImportError:
         print("no training curve: matplotlib is not installed", flush=True)
     final, source = final_return(rows), "training"

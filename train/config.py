@@ -62,6 +62,9 @@ class TrainConfig:
     overrides: Mapping[str, Override] = option(
         None, "environment", "set a number of the environment, e.g. --set cooldown_s=30; repeatable"
     )
+    observation: str = option(
+        "profile", "environment", "what the policy sees: profile or flat", metavar="NAME"
+    )
     num_envs: int = option(1024, "environment", "environments run side by side", low=1)
     stagger: bool = option(
         True, "environment", "spread the ends of the first episodes, so that not all end together"

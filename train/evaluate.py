@@ -65,8 +65,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         from train.checkpoint import Checkpoints
         from train.closing import all_policies
         from train.evaluation import evaluate_policies, summarize
+        from train.host import enable_compilation_cache
         from train.report import format_table
-        from train.session import enable_compilation_cache, shapes_of
+        from train.session import shapes_of
 
         reader = Checkpoints(Path(given.run_dir))
         weights = reader.restore_weights(shapes_of(env, params, config))

@@ -128,6 +128,7 @@ class Progress:
             dynamic_ncols=True,
             disable=not sys.stderr.isatty(),
             desc=what,
+            leave=what != "compiling",
         )
         self._done = done
         self._returned = False

@@ -65,15 +65,26 @@ def value_loss(
     return 0.5 * error
 
 
-def standardize(advantage: jax.Array, eps: float = 1e-8) -> jax.Array:
-    """Mean 0 and standard deviation 1 over all entries."""
-    return (advantage - jnp.mean(advantage)) / (jnp.std(advantage) + eps)
+def weighted_mean(x: jax.Array, weight: jax.Array) -> jax.Array:
+    """Mean of `x` with `weight`, both `(...)`; 0 where all weights are."""
+    return jnp.sum(x * weight) / jnp.maximum(jnp.sum(weight), 1e-8)
+
+
+def standardize(advantage: jax.Array, weight: jax.Array, eps: float = 1e-8) -> jax.Array:
+    """Shifts and scales to mean 0 and standard deviation 1 over the entries of weight 1; both `(...)`."""
+    centred = advantage - weighted_mean(advantage, weight)
+    return centred / (jnp.sqrt(weighted_mean(jnp.square(centred), weight)) + eps)
 
 
 def ppo_loss(
     distribution: CategoricalLike, value: jax.Array, batch: Batch, weights: LossWeights
 ) -> tuple[jax.Array, dict[str, jax.Array]]:
     """Loss of one minibatch, to be minimised.
+
+    The terms of the policy are means over the decisions that leave a choice. Where only one action is allowed nothing
+    can be learned about acting, and with a long cooldown these are nearly all: they would drown the others in the
+    standardisation of advantages, in the clipped norm of the gradient, and in what is reported. Values are learned
+    everywhere.
 
     Args:
         distribution: policy being learned at `batch.obs`, masked by `batch.mask`.
@@ -85,25 +96,26 @@ def ppo_loss(
         The loss `()`, and scalars that describe it.
     """
     log_prob = distribution.log_prob(batch.action)
-    advantage = standardize(batch.advantage)
+    choice = (jnp.sum(batch.mask, axis=-1) > 1).astype(jnp.float32)
+    advantage = standardize(batch.advantage, choice)
     surrogate = clipped_surrogate(log_prob, batch.log_prob, advantage, weights.clip_epsilon)
-    policy_term = -jnp.mean(surrogate)
+    policy_term = -weighted_mean(surrogate, choice)
     value_clip = weights.clip_epsilon if weights.clip_value else None
     value_term = jnp.mean(value_loss(value, batch.value, batch.target, value_clip))
-    entropy = jnp.mean(distribution.entropy())
+    entropy = weighted_mean(distribution.entropy(), choice)
     loss = policy_term + weights.value_coef * value_term - weights.entropy_coef * entropy
     log_ratio = log_prob - batch.log_prob
     ratio = jnp.exp(log_ratio)
+    outside = jnp.abs(ratio - 1.0) > weights.clip_epsilon
     metrics = {
         "loss": loss,
         "policy_loss": policy_term,
         "value_loss": value_term,
         "entropy": entropy,
         # the low-variance, never negative estimate of http://joschu.net/blog/kl-approx.html
-        "approx_kl": jnp.mean(ratio - 1.0 - log_ratio),
-        "clip_fraction": jnp.mean(
-            (jnp.abs(ratio - 1.0) > weights.clip_epsilon).astype(jnp.float32)
-        ),
+        "approx_kl": weighted_mean(ratio - 1.0 - log_ratio, choice),
+        "clip_fraction": weighted_mean(outside.astype(jnp.float32), choice),
+        "choice_share": jnp.mean(choice),
     }
     return loss, metrics
 

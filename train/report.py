@@ -71,9 +71,7 @@ def final_return(rows: Sequence[Row]) -> float | None:
     return sum(value * count for value, count in pairs) / episodes if episodes else None
 
 
-def plot_curve(
-    path: Path, rows: Sequence[Row], title: str, baselines: dict[str, float], decisions: int = 0
-) -> None:
+def plot_curve(path: Path, rows: Sequence[Row], title: str, baselines: dict[str, float]) -> None:
     """Draws returns over decisions as a PNG.
 
     Args:
@@ -81,8 +79,6 @@ def plot_curve(
         rows: of metrics.jsonl.
         title: heading.
         baselines: mean returns of other policies, drawn as level lines.
-        decisions: of an episode; 0 if not known. If known, the mean reward times it is drawn as well, because the first
-            whole episodes end late.
 
     Raises:
         ImportError: matplotlib is not installed.
@@ -106,12 +102,6 @@ def plot_curve(
                 lw=1,
                 label="one seed" if number == 0 else None,
             )
-    if decisions:
-        rate = [
-            np.nan if row["reward_mean"] is None else row["reward_mean"] * decisions for row in rows
-        ]
-        label = f"mean reward of all decisions x {decisions}"
-        axes.plot([row["env_steps"] for row in rows], rate, color="0.6", lw=1.2, label=label)
     axes.plot(steps, [row[MAIN] for row in there], color="C0", lw=2, label="PPO, while it learns")
     for number, (name, value) in enumerate(sorted(baselines.items(), key=lambda item: -item[1])):
         axes.axhline(value, color=f"C{number + 1}", ls="--", lw=1.2, label=f"{name}, {value:.4g}")

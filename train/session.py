@@ -1,13 +1,10 @@
 """A training run as the host sees it: compile, drive chunks of updates, save, and close with an evaluation."""
 
-import contextlib
 import dataclasses
-import os
 import signal
 import sys
 import time
-from collections.abc import Iterator
-from pathlib import Path
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import jax
@@ -17,6 +14,7 @@ from train.checkpoint import Checkpoints, updates_done
 from train.cli import Request, make_environment
 from train.closing import close_run
 from train.config import SettingError, TrainConfig
+from train.host import Interrupt, deferred_interrupts, enable_compilation_cache
 from train.learner import TrainFunctions, TrainState, make_train
 from train.logs import MetricsLog, Progress, Row, rows_from
 from train.networks import build_network
@@ -60,33 +58,6 @@ def shapes_of(env: Any, params: Any, config: TrainConfig) -> TrainState:
     """Shapes and types of the training state, found without computing or compiling it."""
     init = make_train(env, params, config).init
     return jax.eval_shape(init, jax.random.key(config.seed), params)
-
-
-@dataclasses.dataclass
-class Interrupt:
-    """The signal that asked to end; None while there is none."""
-
-    number: int | None = None
-
-
-@contextlib.contextmanager
-def deferred_interrupts() -> Iterator[Interrupt]:
-    """Within it SIGINT and SIGTERM only leave a note; a second one ends the process as usual."""
-    noted = Interrupt()
-    previous: dict[int, Any] = {}
-
-    def note(number: int, frame: Any) -> None:
-        noted.number = number
-        for each, handler in previous.items():
-            signal.signal(each, handler)
-
-    try:
-        for each in (int(signal.SIGINT), int(signal.SIGTERM)):
-            previous[each] = signal.signal(each, note)
-        yield noted
-    finally:
-        for each, handler in previous.items():
-            signal.signal(each, handler)
 
 
 @dataclasses.dataclass
@@ -185,15 +156,19 @@ class Session:
         )
 
     def _compile(self) -> tuple[Any, Any]:
-        """The two programs, compiled ahead of time."""
+        """The two programs, compiled ahead of time and side by side; `init` is None where it is not needed."""
         start = time.perf_counter()
-        init = None
-        if not self.resumed:
-            key = jax.random.key(self.config.seed)
-            init = self.programs.init.lower(key, self.params).compile()  # type: ignore[attr-defined]
-        run = self.programs.run.lower(self.shapes, self.params, jnp.int32(1)).compile()  # type: ignore[attr-defined]
+        init: Any = self.programs.init
+        run: Any = self.programs.run
+        with ThreadPoolExecutor(1) as other:
+            waiting = None
+            if not self.resumed:
+                lowered = init.lower(jax.random.key(self.config.seed), self.params)
+                waiting = other.submit(lowered.compile)
+            compiled = run.lower(self.shapes, self.params, jnp.int32(1)).compile()
+            ready = waiting.result() if waiting is not None else None
         self.compile_s = time.perf_counter() - start
-        return init, run
+        return ready, compiled
 
     def _drive(
         self,
@@ -250,14 +225,3 @@ class Session:
 def _interrupted(number: int, what: str) -> int:
     print(f"interrupted {what}", file=sys.stderr)
     return 128 + number
-
-
-def enable_compilation_cache() -> None:
-    """Keeps compiled programs in the user's cache directory, unless the user chose another place."""
-    if (
-        getattr(jax.config, "jax_compilation_cache_dir", None)
-        or "JAX_COMPILATION_CACHE_DIR" in os.environ
-    ):
-        return
-    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    jax.config.update("jax_compilation_cache_dir", str(Path(root) / "medjax" / "xla"))

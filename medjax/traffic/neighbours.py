@@ -61,7 +61,7 @@ def find_neighbours(
     through a scan costs a transposition.
 
     Args:
-      order: (N,) int32, slots from the rearmost to the foremost (`sort_by_road`); N < 65535.
+      order: (N,) int32, slots from the rearmost to the foremost (`sort_by_road`); N <= 32767.
       lane: (N,) int32 in [0, num_lanes).
       target_lane: (N,) int32; any value outside [0, num_lanes) finds nobody.
       active: (N,) bool; inactive vehicles neither find nor are found.

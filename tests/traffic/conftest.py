@@ -4,10 +4,29 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from tests.traffic.roads import run
 
 import medjax
+from tests.traffic.roads import run
 
+# Whatever the preset is tuned to: the numbers that tests here compute with. Kinds are MED, human EV,
+# autonomous EV, gas vehicle.
+FIXED = {
+    "length_m": 4000.0,
+    "ramp_x_m": [100.0, 1200.0, 2100.0, 3200.0],
+    "acceleration_lane_m": 250.0,
+    "desired_speed": [25.0, 30.0, 30.0, 30.0],
+    "desired_speed_std": [0.0, 2.0, 1.0, 2.0],
+    "time_headway": [2.0, 1.5, 1.5, 1.5],
+    "min_gap": [4.0, 2.0, 2.0, 2.0],
+    "max_acceleration": [1.0, 1.4, 1.4, 1.4],
+    "comfortable_deceleration": 2.0,
+    "vehicle_length": [12.0, 5.0, 5.0, 5.0],
+    "safe_braking": 4.0,
+    "max_braking": 9.0,
+    "politeness": 0.2,
+    "service_lane": 2,
+    "ev_share": 0.3,
+}
 MAINLINE_PER_H = np.array([800.0, 2800.0, 2800.0, 4500.0, 4500.0, 8000.0], np.float32)
 
 
@@ -18,9 +37,14 @@ def quiet():
     The threshold outweighs any gain of a free choice (at most 1.4 m/s^2 from a standing start plus
     what safe braking saves), the mandatory bias outweighs the threshold.
     """
-    return medjax.make(
-        "paper", mainline_per_h=0.0, ramp_per_h=0.0, threshold=15.0, mandatory_bias=40.0
-    )
+    none = {"mainline_per_h": 0.0, "ramp_per_h": 0.0}
+    return medjax.make("paper", threshold=15.0, mandatory_bias=40.0, **none, **FIXED)
+
+
+@pytest.fixture(scope="package")
+def asked():
+    """A road on which 2800 vehicles an hour ask to enter at the left end, and 300 at each ramp."""
+    return medjax.make("paper", mainline_per_h=2800.0, ramp_per_h=300.0, **FIXED)
 
 
 @pytest.fixture(scope="package")
@@ -38,7 +62,7 @@ def play(quiet):
 
 @pytest.fixture(scope="package")
 def each_tick():
-    """The paper's road with one tick a decision: `step_env` then shows every tick."""
+    """The preset as it is, but one tick a decision: `step_env` then shows every tick."""
     return medjax.make("paper", ticks_per_decision=1)
 
 

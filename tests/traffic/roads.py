@@ -3,9 +3,9 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from tests.traffic.reference import idm
 
 from medjax.tick import physics_tick
+from tests.traffic.reference import idm
 
 KIND_FIELDS = (
     "time_headway",
@@ -14,7 +14,6 @@ KIND_FIELDS = (
     "comfortable_deceleration",
     "vehicle_length",
 )
-PLATOON = {"time_headway": 0.3, "min_gap": 2.0}
 
 
 def put(state, slots, x, lane, speed, desired):
@@ -62,16 +61,19 @@ class Record:
         self.x, self.speed = vehicles.x.astype(np.float64), vehicles.speed.astype(np.float64)
         self.lane, self.active = vehicles.lane, vehicles.active
         self.desired_speed = vehicles.desired_speed
-        ticks = len(self.x)
         kind = np.full(self.x.shape, 3)
         kind[:, config.med_slots] = 0
         kind[:, config.ev_slots] = np.where(states.evs.is_human, 1, 2)
         self.kinds = {name: np.asarray(getattr(params.drivers, name))[kind] for name in KIND_FIELDS}
         self.length = self.kinds["vehicle_length"]
+        charging = params.charging
+        self.platoon = {
+            "time_headway": float(charging.platoon_headway),
+            "min_gap": float(charging.platoon_min_gap),
+        }
         self.med = np.full(self.x.shape, -1)
         self.med[:, config.med_slots] = np.arange(config.num_meds)
         self.med[:, config.ev_slots] = states.evs.med
-        assert self.x.shape == (ticks, config.num_vehicles)
 
     def gaps(self):
         """(T, N) gap behind the next vehicle of the own lane, inf for the foremost; by sorting."""
@@ -97,7 +99,7 @@ class Record:
         together = self.med[tick, follower] == self.med[tick, leader] != -1
         values = {name: column[tick, follower] for name, column in self.kinds.items()}
         values["desired_speed"] = self.desired_speed[tick, follower]
-        values |= PLATOON if together else {}
+        values |= self.platoon if together else {}
         gap = self.x[tick, leader] - self.length[tick, leader] - self.x[tick, follower]
         speeds = self.speed[tick, follower], self.speed[tick, leader]
         return idm(values, max(gap, 0.1), *speeds), gap

@@ -24,6 +24,7 @@ from medjax.traffic.demand import (
     place,
     poisson_arrivals,
 )
+from tests.traffic.roads import put
 
 
 @pytest.mark.parametrize("expected", [0.0, 0.02, 0.2, 1.0, 2.0])
@@ -44,23 +45,23 @@ def test_more_than_the_most_is_as_rare_as_said():
     assert int(poisson_arrivals(jnp.float32(1 - 2**-24), jnp.float32(0.0))) == 0
 
 
-def test_entry_rates(paper):
+def test_entry_rates(asked):
     """2800 an hour over four lanes, 300 at each ramp."""
-    env, params = paper
+    env, params = asked
     rates = entry_rates(params.demand, env.config.num_lanes)
     np.testing.assert_allclose(3600 * rates, [700.0] * 4 + [300.0] * 4, rtol=1e-6)
 
 
-def test_entries(paper):
+def test_entries(asked):
     """Lanes at x = 0, ramps where they join, on lane index 4."""
-    where = entries(paper[1].road, 4)
+    where = entries(asked[1].road, 4)
     np.testing.assert_allclose(where.x, [0, 0, 0, 0, 100, 1200, 2100, 3200])
     np.testing.assert_array_equal(where.lane, [0, 1, 2, 3, 4, 4, 4, 4])
 
 
-def test_desired_speeds(paper):
+def test_desired_speeds(asked):
     """Mean and spread of each kind; no draw is further than 2.5 standard deviations."""
-    drivers = paper[1].drivers
+    drivers = asked[1].drivers
     normal = jax.random.normal(jax.random.key(0), (40_000,))
     for kind, (mean, std) in enumerate([(25.0, 0.0), (30.0, 2.0), (30.0, 1.0), (30.0, 2.0)]):
         speed = np.asarray(desired_speeds(normal, jnp.full(40_000, kind), drivers))
@@ -124,13 +125,17 @@ def test_entry_speed_is_never_unsafe(case):
     assert speed <= wanted
     if safe:
         assert gap >= min_gap + headway * speed
-        closest = smallest_gap_after(gap, speed, ahead_speed, headway, min_gap, acceleration, brakes)
+        closest = smallest_gap_after(
+            gap, speed, ahead_speed, headway, min_gap, acceleration, brakes
+        )
         assert closest > 0.0
 
 
 def test_entry_on_an_empty_road():
     """Nobody ahead: at the wanted speed."""
-    speed, safe = entry_speed(jnp.float32(28.0), Ahead(jnp.float32(jnp.inf), jnp.float32(0.0)), 1.5, 2.0)
+    speed, safe = entry_speed(
+        jnp.float32(28.0), Ahead(jnp.float32(jnp.inf), jnp.float32(0.0)), 1.5, 2.0
+    )
     assert (float(speed), bool(safe)) == (28.0, True)
 
 
@@ -142,7 +147,10 @@ def test_entry_behind_a_vehicle_too_close():
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.lists(st.booleans(), min_size=8, max_size=8), st.lists(st.booleans(), min_size=20, max_size=20))
+@given(
+    st.lists(st.booleans(), min_size=8, max_size=8),
+    st.lists(st.booleans(), min_size=20, max_size=20),
+)
 def test_place_is_one_to_one(admitted, free):
     """First entry to first free slot, and so on until either runs out."""
     entry, placed = place(jnp.array(admitted), jnp.array(free))
@@ -168,9 +176,9 @@ NUM_LANES = 4
 
 
 @pytest.fixture(scope="module")
-def fill(paper):
+def fill(asked):
     """fill_road of `keys` roads with `slots` slots, half of them for EVs."""
-    _, params = paper
+    _, params = asked
 
     def run(slots, keys, drivers=params.drivers, **demand):
         demand = params.demand.replace(**{k: jnp.float32(v) for k, v in demand.items()})
@@ -200,10 +208,10 @@ def bumper_gaps(filled, length):
 
 
 @pytest.mark.parametrize("per_h", [500.0, 2800.0, 20_000.0])
-def test_filled_road_has_no_overlap(fill, paper, per_h):
+def test_filled_road_has_no_overlap(fill, asked, per_h):
     """Every headway is safe at the speed that is driven, from sparse to a road that is full."""
     filled, kind = fill(800, 40, mainline_per_h=per_h)
-    gap, speed = bumper_gaps(filled, np.asarray(paper[1].drivers.vehicle_length)[kind])
+    gap, speed = bumper_gaps(filled, np.asarray(asked[1].drivers.vehicle_length)[kind])
     assert (gap >= 2.0 + 1.5 * speed - 1e-2).all()
     assert filled.x[filled.active].min() >= 0
     assert filled.x[filled.active].max() <= 4000.0
@@ -211,18 +219,18 @@ def test_filled_road_has_no_overlap(fill, paper, per_h):
     assert filled.active.any(axis=1).all()
 
 
-def test_long_vehicles_do_not_overlap(fill, paper):
+def test_long_vehicles_do_not_overlap(fill, asked):
     """Nor where every EV is as long as a bus and the demand is beyond the road's room."""
-    drivers = paper[1].drivers
+    drivers = asked[1].drivers
     length = drivers.vehicle_length.at[1:3].set(12.0)
     filled, kind = fill(1600, 8, drivers.replace(vehicle_length=length), mainline_per_h=60_000.0)
     gap, _ = bumper_gaps(filled, np.asarray(length)[kind])
     assert gap.min() > 0.0
 
 
-def test_filled_road_matches_the_demand(fill, paper):
+def test_filled_road_matches_the_demand(fill, asked):
     """Counts, their spread and class shares over 1500 roads, within four standard errors."""
-    demand, road = paper[1].demand, paper[1].road
+    demand, road = asked[1].demand, asked[1].road
     # Each entry's flow times the seconds from there to the end at 30 m/s.
     flow = np.array([2800.0, 300.0, 300.0, 300.0, 300.0]) / 3600
     expected = np.sum(flow * (4000.0 - np.array([0.0, 100.0, 1200.0, 2100.0, 3200.0])) / 30.0)
@@ -244,12 +252,12 @@ def test_filled_road_matches_the_demand(fill, paper):
     assert ev_x.mean() == pytest.approx(2000.0, abs=4 * 4000 / np.sqrt(12 * ev_x.size) + 35.0)
 
 
-def test_queues_take_what_arrives(paper, started):
-    """Entered plus waiting grows by Poisson arrivals: right mean at each entry, over 20,000 rounds."""
-    env, params = paper
-    _, state = started
-    rounds = 20_000
-    waiting = state.replace(queue=jnp.array([0, 3, 0, 0, 1, 0, 0, 0], jnp.int32))
+def test_queues_take_what_arrives(asked, blank):
+    """Entered plus waiting grows by Poisson arrivals, of the right mean at each entry; two are blocked."""
+    env, params = asked
+    rounds = 6000
+    waiting = put(blank, [80, 81], [3.0, 110.0], [1, 4], [10.0, 10.0], [30.0, 30.0])
+    waiting = waiting.replace(queue=jnp.array([0, 3, 0, 0, 1, 0, 0, 0], jnp.int32))
 
     @jax.jit
     @jax.vmap
@@ -266,6 +274,7 @@ def test_queues_take_what_arrives(paper, started):
     arrived = queue + came - np.asarray(waiting.queue)
     assert (arrived >= 0).all()
     assert came.max() == 1
+    assert not came[:, [1, 4]].any()  # a rear bumper over the entry, and one 5 m ahead of it
     np.testing.assert_array_equal(came.sum(axis=1), new)
     np.testing.assert_array_equal(tally.sum(axis=1), new)
     rate = np.array([700.0] * 4 + [300.0] * 4) / 3600

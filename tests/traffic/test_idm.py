@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize_scalar
-from tests.traffic.reference import CAR, HIGHWAY, TRUCK, equilibrium_gap, idm, slopes
 
 from medjax.traffic import idm_acceleration
 from medjax.traffic.idm import FREE_GAP_M, SMALLEST_GAP_M
+from tests.traffic.reference import CAR, HIGHWAY, TRUCK, equilibrium_gap, idm, slopes
 
 NAMED = {"car": CAR, "highway": HIGHWAY, "truck": TRUCK}
 STEADY = [(10.0, 17.0693), (20.0, 34.2997), (25.0, 47.7747), (30.0, 80.1460)]
@@ -52,7 +52,9 @@ def test_equilibrium_gap(speed, gap):
     assert equilibrium_gap(CAR, speed) == pytest.approx(gap, abs=5e-5)
 
 
-@pytest.mark.parametrize(("u", "seconds", "metres"), [(0.5, 12.05897, 101.3543), (0.9, 26.25041, 447.2337)])
+@pytest.mark.parametrize(
+    ("u", "seconds", "metres"), [(0.5, 12.05897, 101.3543), (0.9, 26.25041, 447.2337)]
+)
 def test_free_acceleration_from_rest(u, seconds, metres):
     """Item 3: t = int dv / a(v) and x = int v dv / a(v), by Gauss-Legendre quadrature."""
     nodes, weights = np.polynomial.legendre.leggauss(40)

@@ -3,7 +3,6 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from tests.traffic.reference import CAR, TRUCK, idm
 
 from medjax.config import LaneChangeParams
 from medjax.traffic import idm_acceleration, mobil_incentive
@@ -11,6 +10,7 @@ from medjax.traffic.car_following import Drivers, Platooning, following_accelera
 from medjax.traffic.lane_change import Wish, decide
 from medjax.traffic.mobil import is_safe
 from medjax.traffic.neighbours import NOBODY, Neighbours
+from tests.traffic.reference import CAR, TRUCK, idm
 
 EGO, OLD_LEADER, NEW_LEADER, OLD_FOLLOWER, NEW_FOLLOWER = range(5)
 LENGTH = 5.0
@@ -97,9 +97,7 @@ def lane_change(
         target_follower=nobody.at[EGO].set(new_follower),
     )
     platooning = Platooning(0.3, 2.0)
-    following = following_acceleration(
-        drivers, drivers.at(leader), leader != NOBODY, platooning
-    )
+    following = following_acceleration(drivers, drivers.at(leader), leader != NOBODY, platooning)
     changes = decide(
         drivers,
         seen,
@@ -160,7 +158,9 @@ def test_judged_parameters_differ():
     assert abs(idm(TRUCK, 20.0, 20.0, 20.0) - idm(CAR, 20.0, 20.0, 20.0)) > 0.1
 
 
-@pytest.mark.parametrize(("wish", "stay", "changes"), [(1, False, True), (-1, False, False), (0, True, False)])
+@pytest.mark.parametrize(
+    ("wish", "stay", "changes"), [(1, False, True), (-1, False, False), (0, True, False)]
+)
 def test_mandatory_changes_go_first(wish, stay, changes):
     """One that must go left, or must stay, does not go right for its own gain."""
     assert lane_change(X, SPEED, [CAR] * 5, wish=wish, stay=stay) is changes

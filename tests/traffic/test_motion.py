@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
-from tests.traffic.reference import CAR, idm
 
 from medjax.traffic import ballistic_step, idm_acceleration
 from medjax.traffic.idm import FREE_GAP_M
 from medjax.traffic.motion import heading, lateral_step, ornstein_uhlenbeck
+from tests.traffic.reference import CAR, idm
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,9 @@ def test_free_start_converges_to_item_3(dt):
 
 
 @pytest.mark.parametrize("dt", [0.02, 0.25, 0.5])
-@pytest.mark.parametrize(("offset", "speed", "aim"), [(4.0, 0.0, 0.0), (-4.0, 1.0, 0.3), (0.0, -2.0, -0.1)])
+@pytest.mark.parametrize(
+    ("offset", "speed", "aim"), [(4.0, 0.0, 0.0), (-4.0, 1.0, 0.3), (0.0, -2.0, -0.1)]
+)
 def test_lateral_relaxation_solves_its_ode(dt, offset, speed, aim):
     """Ten steps of any size against y'' = -r^2 (y - aim) - 2 r y' in float64."""
     rate = 2.0
@@ -115,7 +117,9 @@ def test_heading():
     assert float(heading(jnp.float32(0.0), jnp.float32(0.0))) == 0.0
 
 
-@pytest.mark.parametrize(("std", "time_s", "dt"), [(0.15, 5.0, 1.0), (2.0, 5.0, 0.25), (1.0, 1.0, 3.0)])
+@pytest.mark.parametrize(
+    ("std", "time_s", "dt"), [(0.15, 5.0, 1.0), (2.0, 5.0, 0.25), (1.0, 1.0, 3.0)]
+)
 def test_ornstein_uhlenbeck_statistics(std, time_s, dt):
     """From a stationary start it keeps mean 0 and std, and forgets as exp(-t / time)."""
     walkers, steps = 20_000, 8

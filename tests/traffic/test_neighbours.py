@@ -146,3 +146,17 @@ def test_past_the_end_sorts_last_but_before_the_inactive():
     active = np.array([True, True, True, True, False])
     order = sort_by_road(x, active, LENGTH_M, np.arange(5))
     np.testing.assert_array_equal(order, [1, 3, 2, 0, 4])
+
+
+def test_as_many_slots_as_promised():
+    """In 32767 slots, the highest ones are found like any other."""
+    slots = 32767
+    x = np.zeros(slots, np.float32)
+    x[-3:] = [30.0, 10.0, 20.0]
+    active = np.arange(slots) >= slots - 3
+    lane = np.where(np.arange(slots) == slots - 1, 1, 0)
+    got, _ = found(x, lane, lane + 1, active, np.arange(slots))
+    np.testing.assert_array_equal(got.leader[-3:], [NOBODY, slots - 3, NOBODY])
+    np.testing.assert_array_equal(got.follower[-3:], [slots - 2, NOBODY, NOBODY])
+    np.testing.assert_array_equal(got.target_leader[-3:], [NOBODY, slots - 1, NOBODY])
+    np.testing.assert_array_equal(got.target_follower[-3:], [slots - 1, NOBODY, NOBODY])

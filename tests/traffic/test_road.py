@@ -7,8 +7,8 @@ from medjax.traffic.road import lateral_position, merge_distance
 
 
 @pytest.fixture(scope="module")
-def road(paper):
-    return paper[1].road
+def road(quiet):
+    return quiet[1].road
 
 
 @pytest.mark.parametrize("ramp", range(4))
@@ -21,7 +21,9 @@ def test_merge_distance(road, ramp):
 
 def test_just_past_the_end_is_still_that_lane(road):
     """A bumper rounded past the end sees an obstacle at hand, not the end of the next lane."""
-    np.testing.assert_allclose(merge_distance(np.array([350.5, 3450.1]), road), [-0.5, -0.1], atol=1e-3)
+    np.testing.assert_allclose(
+        merge_distance(np.array([350.5, 3450.1]), road), [-0.5, -0.1], atol=1e-3
+    )
 
 
 def test_beyond_the_last_ramp_there_is_no_end(road):

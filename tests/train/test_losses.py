@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from train.learner import split_environments
-from train.losses import clipped_surrogate, explained_variance, standardize, value_loss
+from train.losses import (
+    Batch,
+    LossWeights,
+    clipped_surrogate,
+    explained_variance,
+    ppo_loss,
+    standardize,
+    value_loss,
+)
 from train.networks import masked_categorical
 
 EPS = 0.2
@@ -53,10 +61,44 @@ def test_value_loss():
 
 def test_standardize():
     x = np.random.default_rng(0).normal(3.0, 5.0, (7, 9))
-    np.testing.assert_allclose(
-        standardize(jnp.asarray(x)), (x - x.mean()) / x.std(), rtol=1e-4, atol=1e-5
+    ones = jnp.ones((7, 9))
+    expected = (x - x.mean()) / x.std()
+    np.testing.assert_allclose(standardize(jnp.asarray(x), ones), expected, rtol=1e-4, atol=1e-5)
+    some = np.random.default_rng(1).random((7, 9)) < 0.3
+    expected = (x - x[some].mean()) / x[some].std()
+    got = standardize(jnp.asarray(x), jnp.asarray(some, jnp.float32))
+    np.testing.assert_allclose(got, expected, rtol=1e-4, atol=1e-5)
+    assert np.isfinite(standardize(jnp.ones(4), jnp.ones(4))).all()
+    assert np.isfinite(standardize(jnp.ones(4), jnp.zeros(4))).all()
+
+
+def test_decisions_without_a_choice_teach_the_value_only():
+    rng = np.random.default_rng(2)
+    logits, value = (jnp.asarray(rng.normal(size=shape), jnp.float32) for shape in ((6, 3), (6,)))
+    mask = jnp.ones((6, 3), bool).at[3:, 1:].set(False)
+    batch = Batch(
+        obs=jnp.zeros((6, 1)),
+        mask=mask,
+        action=jnp.array([0, 1, 2, 0, 0, 0]),
+        log_prob=jnp.array([-1.0, -1.0, -1.0, 0.0, 0.0, 0.0]),
+        value=value,
+        advantage=jnp.asarray(rng.normal(size=6), jnp.float32),
+        target=value + 1.0,
     )
-    assert np.isfinite(standardize(jnp.ones(4))).all()
+    weights = LossWeights(EPS, value_coef=0.5, entropy_coef=0.01, clip_value=False)
+
+    def loss(logits, value, batch):
+        return ppo_loss(masked_categorical(logits, batch.mask), value, batch, weights)[0]
+
+    policy, critic = jax.grad(loss, (0, 1))(logits, value, batch)
+    np.testing.assert_array_equal(policy[3:], 0.0)
+    np.testing.assert_allclose(critic, -0.5 / 6, rtol=1e-5)
+    chosen = jax.tree.map(lambda x: x[:3], batch)
+    alone, _ = jax.grad(loss, (0, 1))(logits[:3], value[:3], chosen)
+    np.testing.assert_allclose(policy[:3], alone, rtol=1e-5, atol=1e-7)
+    forced = jax.tree.map(lambda x: x[3:], batch)
+    for gradient in jax.grad(loss, (0, 1))(logits[3:], value[3:], forced):
+        assert np.isfinite(gradient).all()
 
 
 def test_explained_variance():

@@ -103,35 +103,23 @@ def test_seeds_are_independent():
     assert state.update.shape == (2,)
 
 
-def test_one_program_serves_all_lengths_of_a_chunk():
+def test_one_program_serves_all_chunks_and_these_do_not_change_the_result():
     env, params = Probe("noisy"), ProbeParams()
-    config = TrainConfig(**(BASE | {"updates_per_call": 4}))
+    steps = BASE["num_envs"] * BASE["rollout_length"] * 6
+    config = TrainConfig(**(BASE | {"updates_per_call": 6, "total_timesteps": steps}))
     programs = make_train(env, params, config)
-    state = programs.init(jax.random.key(0), params)
-    for count in (1, 3, 4):
-        state, metrics = programs.run(state, params, jnp.int32(count))
-        assert np.isfinite(metrics["loss"][:count]).all()
-        assert np.isnan(metrics["loss"][count:]).all()
-    assert int(state.update) == 8
-    assert programs.run._cache_size() == 1
-    assert programs.init._cache_size() == 1
-
-
-def test_chunks_do_not_change_the_result():
-    env, params = Probe("noisy"), ProbeParams()
-    programs = make_train(env, params, TrainConfig(**(BASE | {"updates_per_call": 6})))
     ends = []
     for chunks in ((6,), (1, 2, 3)):
         state = programs.init(jax.random.key(0), params)
+        rates = []
         for count in chunks:
-            state, _ = programs.run(state, params, jnp.int32(count))
+            state, metrics = programs.run(state, params, jnp.int32(count))
+            assert np.isfinite(metrics["loss"][:count]).all()
+            assert np.isnan(metrics["loss"][count:]).all()
+            rates += metrics["learning_rate"][:count].tolist()
+        assert int(state.update) == 6
+        np.testing.assert_allclose(rates, [1e-2 * (1 - n / 6) for n in range(6)], rtol=1e-5)
         ends.append(state.weights)
     chex.assert_trees_all_equal(*ends)
-
-
-def test_learning_rate_falls_to_zero():
-    env = Probe("noisy")
-    _, _, metrics = learn(env, 4)
-    np.testing.assert_allclose(
-        metrics["learning_rate"][:4], [1e-2, 7.5e-3, 5e-3, 2.5e-3], rtol=1e-5
-    )
+    assert programs.run._cache_size() == 1
+    assert programs.init._cache_size() == 1
