@@ -21,6 +21,13 @@ TRUCK = parameters(79.2, 2.0, 4.0, 1.0, 2.0) | {"length": 12.0}
 ROUNDING = 0.01
 
 
+def assert_safe(road, b_safe=B_SAFE):
+    """No change in the record asked more braking or less room than is safe."""
+    hardest, spare = road.hardest_forced()
+    assert hardest >= -b_safe - ROUNDING
+    assert spare >= -ROUNDING
+
+
 def dense_lane(speed, sizes, hole, foremost):
     """x and desired speeds of gas vehicles at `speed` in equilibrium, in groups `hole` metres apart."""
     spacing = CAR["length"] + equilibrium_gap(CAR, speed)
@@ -92,9 +99,7 @@ def test_merges_into_the_gap_that_opens(quiet, blank, play, slot):
     assert (leader, follower) == (GAS_SLOT + front - 1, GAS_SLOT + front)
     assert road.speed[merges[0], slot] < 1.0  # it had to stop first
     assert road.x[merges[0], slot] < END
-    hardest, spare = road.hardest_forced()
-    assert hardest >= -B_SAFE - ROUNDING
-    assert spare >= -ROUNDING
+    assert_safe(road)
     assert road.gaps().min() > 0.0
 
 
@@ -147,9 +152,7 @@ def test_two_sides_never_take_one_gap(quiet, blank, play, slots, first):
     both = road.active[:, list(slots)].all(axis=1)
     assert (road.lane[both][-1, list(slots)] == 2).all()
     assert road.gaps().min() > 0.0
-    hardest, spare = road.hardest_forced()
-    assert hardest >= -B_SAFE - ROUNDING
-    assert spare >= -ROUNDING
+    assert_safe(road)
 
 
 @pytest.mark.parametrize("tick_s", [0.25, 0.02, 0.05, 0.1, 0.125, 0.2, 0.3, 0.4, 0.5])
@@ -272,9 +275,7 @@ def test_no_change_is_forced_through_an_unsafe_gap(continued, each_tick):
     assert changes > 500
     assert merges > 50
     for road, _ in continued:
-        hardest, spare = road.hardest_forced()
-        assert hardest >= -b_safe - ROUNDING
-        assert spare >= -ROUNDING
+        assert_safe(road, b_safe)
 
 
 def test_all_change_to_the_side_of_the_tick(continued):
