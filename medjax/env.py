@@ -135,8 +135,9 @@ class ChargingEnv:
             state, more = physics_tick(state, index, self.config, params)
             return (state, happened + more), None
 
-        first = state.time * self.config.ticks_per_decision
-        ticks = first + jnp.arange(self.config.ticks_per_decision, dtype=jnp.int32)
+        ticks = self._first_tick(state) + jnp.arange(
+            self.config.ticks_per_decision, dtype=jnp.int32
+        )
         (state, happened), _ = jax.lax.scan(tick, (state, happened), ticks)
 
         happened = happened.replace(
@@ -162,6 +163,15 @@ class ChargingEnv:
     def observe(self, state: EnvState, params: EnvParams) -> Observation:
         """The structured observation: one row a MED, one an EV, and masks."""
         return observe(state, self.config, params)
+
+    def _first_tick(self, state: EnvState) -> jax.Array | int:
+        """Number of the decision's first tick, which says whose turn it is to change lanes.
+
+        Where decisions are whole periods of the drivers' turns it is the same for all environments,
+        and turns are slices of a batch, not gathers.
+        """
+        ticks = self.config.ticks_per_decision
+        return 0 if ticks % (2 * self.config.lane_change_groups) == 0 else state.time * ticks
 
     def _book(self, state: EnvState, params: EnvParams) -> EnvState:
         """EVs low on energy ask the nearest MED in service."""

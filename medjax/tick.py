@@ -128,7 +128,7 @@ def _move(
         _platoons(state, config),
         params.drivers,
     )
-    direction, turn = looking(tick, config.num_vehicles, config.lane_change_groups)
+    direction, group = looking(tick, config.lane_change_groups)
     target_lane = vehicles.lane + direction
 
     with jax.named_scope("neighbours"):
@@ -180,7 +180,9 @@ def _move(
             following,
             acceleration,
             direction,
-            vehicles.active & turn & exists & settled,
+            group,
+            config.lane_change_groups,
+            vehicles.active & exists & settled,
             _wishes(state, approach, to_end, config, params),
             platooning,
             params.lane_change,
@@ -235,7 +237,10 @@ def _exchange(
             med,
             params.charging,
         )
-        turn = heading(after.speed, after.lateral_speed)
+        ev_heading, med_heading = (
+            heading(after.speed[slots], after.lateral_speed[slots])
+            for slots in (ev_slots, med_slots)
+        )
         across = after.lateral_offset[ev_slots] - after.lateral_offset[med_slots][partner]
         is_charging = booked & is_docked(
             error,
@@ -248,7 +253,7 @@ def _exchange(
             evs.panel,
             error,
             across,
-            turn[ev_slots] - turn[med_slots][partner],
+            ev_heading - med_heading[partner],
             params.link.panel_gap_m,
         )
         efficiency = coupling_efficiency(geometry, params.link)

@@ -83,21 +83,21 @@ class TrainConfig:
     )
     eval_episodes: int = option(64, "run", "episodes of the closing evaluation; 0: none", low=0)
 
-    rollout_length: int = option(32, "PPO", "decisions per environment and update", low=1)
+    rollout_length: int = option(16, "PPO", "decisions per environment and update", low=1)
     num_minibatches: int = option(8, "PPO", "minibatches per epoch; must divide num_envs", low=1)
     num_epochs: int = option(4, "PPO", "passes over each rollout", low=1)
-    learning_rate: float = option(5e-4, "PPO", "of Adam, at the start", flags=("--lr",), above=0)
+    learning_rate: float = option(1.5e-3, "PPO", "of Adam, at the start", flags=("--lr",), above=0)
     anneal: bool = option(True, "PPO", "let the learning rate fall linearly to 0")
-    gamma: float = option(0.995, "PPO", "discount per decision", low=0, high=1)
+    gamma: float = option(0.999, "PPO", "discount per decision", low=0, high=1)
     gae_lambda: float = option(
-        0.95, "PPO", "decay of the advantage trace per decision", low=0, high=1
+        0.97, "PPO", "decay of the advantage trace per decision", low=0, high=1
     )
     clip_epsilon: float = option(
         0.2, "PPO", "clip of the ratio, eq. (9)", flags=("--clip",), above=0
     )
     clip_value: bool = option(False, "PPO", "clip the value loss as well")
     entropy_coef: float = option(
-        0.01, "PPO", "weight of the entropy bonus", flags=("--entropy",), low=0
+        0.003, "PPO", "weight of the entropy bonus", flags=("--entropy",), low=0
     )
     value_coef: float = option(0.5, "PPO", "weight of the value loss", low=0)
     max_grad_norm: float = option(0.5, "PPO", "global norm at which gradients are clipped", above=0)

@@ -288,9 +288,9 @@ def make_train(env: Environment, params: Any, config: TrainConfig) -> TrainFunct
         return TrainFunctions(jax.jit(learner.init), jax.jit(learner.run, donate_argnums=0))
 
     def init_seeds(key: jax.Array, env_params: Any) -> TrainState:
-        return jax.vmap(learner.init, (0, None))(
-            jax.random.split(key, config.num_seeds), env_params
-        )
+        # One after the other: under vmap over seeds and environments XLA's CPU program of a reset never returns.
+        keys = jax.random.split(key, config.num_seeds)
+        return lax.map(lambda own: learner.init(own, env_params), keys)
 
     run_seeds = jax.vmap(learner.run, (0, None, None))
     return TrainFunctions(jax.jit(init_seeds), jax.jit(run_seeds, donate_argnums=0))

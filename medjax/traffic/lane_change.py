@@ -30,18 +30,27 @@ class Wish(NamedTuple):
     stay: jax.Array  # bool: no change but a mandatory one
 
 
-def looking(tick: jax.Array, num_vehicles: int, groups: int) -> tuple[jax.Array, jax.Array]:
+def looking(tick: jax.Array, groups: int) -> tuple[jax.Array, jax.Array]:
     """The side looked at in a tick and whose turn it is.
 
-    Even ticks look left, odd ticks right; slots take turns in groups, so that each vehicle looks
-    both ways once in 2 * groups ticks.
+    Even ticks look left, odd ticks right. Slot s belongs to group s % groups; groups take turns, so
+    that each vehicle looks both ways once in 2 * groups ticks, and a tick judges one group only.
 
     Returns:
-      (direction () int32, -1 or +1; turn (num_vehicles,) bool)
+      (direction () int32, -1 or +1; group () int32)
     """
-    direction = jnp.where(tick % 2 == 0, -1, 1)
-    turn = jnp.arange(num_vehicles) % groups == (tick // 2) % groups
-    return direction, turn
+    return jnp.where(tick % 2 == 0, -1, 1), tick // 2 % groups
+
+
+def pick_group(values: jax.Array, group: jax.Array, groups: int) -> jax.Array:
+    """Entries of slots group, group + groups, ...: (N,) to (ceil(N / groups),), padded with zeros."""
+    rows = jnp.pad(values, (0, -values.shape[0] % groups)).reshape(-1, groups)
+    return jax.lax.dynamic_index_in_dim(rows, group, axis=1, keepdims=False)
+
+
+def place_group(flags: jax.Array, group: jax.Array, groups: int, num_vehicles: int) -> jax.Array:
+    """Flags of one group back to all slots, `(num_vehicles,)` bool, False for the other groups."""
+    return (flags[:, None] & (jnp.arange(groups) == group)).ravel()[:num_vehicles]
 
 
 def decide(
@@ -50,6 +59,8 @@ def decide(
     following: jax.Array,
     acceleration: jax.Array,
     direction: jax.Array,
+    group: jax.Array,
+    groups: int,
     may_change: jax.Array,
     wish: Wish,
     platooning: Platooning,
@@ -59,13 +70,19 @@ def decide(
 
     Args:
       drivers: (N,) each.
-      neighbours: in the own lane, and in the lane on the side of `direction`.
+      neighbours: in the own lane, and in the lane on the side of `direction`, (N,) each.
       following: (N,) m/s^2, each vehicle's car-following acceleration in its lane.
       acceleration: (N,) m/s^2, the same, with the end of an acceleration lane counted.
       direction: () -1 or +1, the side looked at.
-      may_change: (N,) bool, on the road, its turn, and the target lane exists.
-      wish: mandatory changes; they add a bias, safety is never waived.
+      group, groups: whose turn it is (`looking`); others keep their lane.
+      may_change: (N,) bool, on the road, and the target lane exists.
+      wish: (N,) each, mandatory changes; they add a bias, safety is never waived.
     """
+
+    def pick(values: jax.Array) -> jax.Array:
+        return pick_group(values, group, groups)
+
+    own, neighbours, wish = jax.tree.map(pick, (drivers, neighbours, wish))
     leader, follower = drivers.at(neighbours.target_leader), drivers.at(neighbours.target_follower)
     has_leader = neighbours.target_leader != NOBODY
     has_follower = neighbours.target_follower != NOBODY
@@ -73,8 +90,8 @@ def decide(
     old_leader = drivers.at(neighbours.leader)
     has_old_follower = neighbours.follower != NOBODY
 
-    own_after = following_acceleration(drivers, leader, has_leader, platooning)
-    new_after = following_acceleration(follower, drivers, has_follower, platooning)
+    own_after = following_acceleration(own, leader, has_leader, platooning)
+    new_after = following_acceleration(follower, own, has_follower, platooning)
     new_before = following[jnp.maximum(neighbours.target_follower, 0)]
     old_after = following_acceleration(
         old_follower, old_leader, neighbours.leader != NOBODY, platooning
@@ -82,7 +99,7 @@ def decide(
     old_before = following[jnp.maximum(neighbours.follower, 0)]
 
     incentive = mobil_incentive(
-        acceleration,
+        pick(acceleration),
         own_after,
         jnp.where(has_old_follower, old_before, 0.0),
         jnp.where(has_old_follower, old_after, 0.0),
@@ -93,10 +110,10 @@ def decide(
     safe = is_safe(
         own_after,
         jnp.where(has_follower, new_after, 0.0),
-        jnp.where(has_leader, gap_between(drivers, leader), jnp.inf),
-        jnp.where(has_follower, gap_between(follower, drivers), jnp.inf),
+        jnp.where(has_leader, gap_between(own, leader), jnp.inf),
+        jnp.where(has_follower, gap_between(follower, own), jnp.inf),
         safe_braking=params.safe_braking,
-        min_gap_ahead=drivers.min_gap,
+        min_gap_ahead=own.min_gap,
         min_gap_behind=follower.min_gap,
     )
     mandatory = wish.direction == direction
@@ -107,4 +124,5 @@ def decide(
     )
     wants = incentive + bias > params.threshold
     free = (wish.direction == 0) & ~wish.stay
-    return may_change & safe & wants & (mandatory | free)
+    changes = safe & wants & (mandatory | free)
+    return may_change & place_group(changes, group, groups, may_change.shape[0])

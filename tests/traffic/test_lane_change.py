@@ -160,12 +160,12 @@ def test_everyone_looks_both_ways_once_a_second(tick_s):
     """Once left and once right in every window of the period, which is the even number of ticks
     nearest to a second.
     """
-    config, slots = EnvConfig(tick_s=tick_s), 12
+    config, slots = EnvConfig(tick_s=tick_s), 13
     period = 2 * config.lane_change_groups
     assert abs(period * tick_s - 1.0) <= tick_s + 1e-9
-    seen = [looking(jnp.asarray(t), slots, config.lane_change_groups) for t in range(3 * period)]
+    seen = [looking(jnp.asarray(t), config.lane_change_groups) for t in range(3 * period)]
     direction = np.array([d for d, _ in seen])
-    turn = np.array([t for _, t in seen])
+    turn = np.array([np.arange(slots) % config.lane_change_groups == g for _, g in seen])
     for start in range(2 * period):
         window = slice(start, start + period)
         for side in (-1, 1):

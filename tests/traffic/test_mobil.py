@@ -104,6 +104,8 @@ def lane_change(
         following,
         following,
         jnp.asarray(1),
+        jnp.asarray(0),
+        1,
         jnp.arange(5) == EGO,
         Wish(jnp.full(5, wish), jnp.zeros(5), jnp.full(5, stay)),
         platooning,

@@ -20,7 +20,7 @@ TINY = [
 ]
 
 
-def make_probe(name="noisy", **overrides):
+def make_probe(name="noisy", observation=None, **overrides):
     """Stands in for medjax.make."""
     if name not in ("noisy", "follow"):
         raise ValueError(f"unknown scenario {name!r}: allowed follow, noisy")
