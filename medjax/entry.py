@@ -6,8 +6,9 @@ import jax
 import jax.numpy as jnp
 
 from medjax.config import AUTONOMOUS_EV, GAS, HUMAN_EV, MED, EnvConfig, EnvParams
+from medjax.movement import vehicle_kinds
 from medjax.state import MERGING, NOT_BOOKED, QUEUED, EnvState, Tally
-from medjax.tick import by_class, vehicle_kinds
+from medjax.tick import by_class
 from medjax.traffic.car_following import by_kind
 from medjax.traffic.demand import (
     desired_speeds,

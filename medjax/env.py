@@ -17,12 +17,13 @@ from medjax.config import AUTONOMOUS_EV, EnvConfig, EnvParams, validate_config
 from medjax.dispatch import action_mask, dispatch
 from medjax.entry import admit
 from medjax.metrics import episode_metrics
+from medjax.movement import vehicle_kinds
 from medjax.observation import FlatObservation, Observation, observe
 from medjax.reset import initial_state
 from medjax.reward import TERMS, Outcome, RewardTerm, total_reward
 from medjax.spaces import Box, Discrete
 from medjax.state import AT_DEPOT, IN_SERVICE, NOT_BOOKED, RETIRED, EnvState, Tally
-from medjax.tick import drive_energy, physics_tick, vehicle_kinds
+from medjax.tick import drive_energy, physics_tick
 from medjax.traffic.car_following import by_kind
 from medjax.traffic.motion import ornstein_uhlenbeck
 

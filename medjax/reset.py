@@ -6,8 +6,9 @@ import jax
 import jax.numpy as jnp
 
 from medjax.config import AUTONOMOUS_EV, EnvConfig, EnvParams
+from medjax.movement import vehicle_kinds
 from medjax.state import AT_DEPOT, NOT_BOOKED, RETIRED, EnvState, EVs, MEDs, Tally, Vehicles
-from medjax.tick import by_class, drive_energy, vehicle_kinds
+from medjax.tick import by_class, drive_energy
 from medjax.traffic.demand import desired_speeds, fill_road
 
 

@@ -24,7 +24,7 @@ class Vehicles(struct.PyTreeNode):
     desired_speed: jax.Array  # (N,) m/s
     acceleration_noise: jax.Array  # (N,) m/s^2
     wander: jax.Array  # (N,) m, lateral offset the driver steers to
-    road_order: jax.Array  # (N,) int32, slots from the rearmost to the foremost, of the last tick
+    road_order: jax.Array  # (N,) int32, slots lane by lane and rear to front, of the last tick
 
 
 class EVs(struct.PyTreeNode):

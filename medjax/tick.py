@@ -5,17 +5,10 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.docking import (
-    Approach,
-    Partner,
-    docking_acceleration,
-    is_docked,
-    misalignment,
-    panel_x,
-    plan_approach,
-)
+from medjax.charging.docking import is_docked, misalignment, panel_x, plan_approach
 from medjax.charging.transfer import coupling_efficiency, transfer
-from medjax.config import AUTONOMOUS_EV, GAS, HUMAN_EV, MED, BodyParams, EnvConfig, EnvParams
+from medjax.config import BodyParams, EnvConfig, EnvParams
+from medjax.movement import move, partners, vehicle_kinds
 from medjax.physics import battery_energy, tractive_energy
 from medjax.state import (
     IN_SERVICE,
@@ -28,36 +21,8 @@ from medjax.state import (
     Tally,
     Vehicles,
 )
-from medjax.traffic.car_following import (
-    Platooning,
-    by_kind,
-    following_acceleration,
-    gap_between,
-    make_drivers,
-    obstacle_acceleration,
-)
-from medjax.traffic.lane_change import Wish, decide, looking
-from medjax.traffic.motion import ballistic_step, heading, lateral_step
-from medjax.traffic.neighbours import NOBODY, find_neighbours, sort_by_road
-from medjax.traffic.road import merge_distance
-
-
-def vehicle_kinds(is_human: jax.Array, config: EnvConfig) -> jax.Array:
-    """Kind of each slot, `(N,)` int32: its class by position, EVs by who drives."""
-    return jnp.concatenate(
-        [
-            jnp.full((config.num_meds,), MED, jnp.int32),
-            jnp.where(is_human, HUMAN_EV, AUTONOMOUS_EV).astype(jnp.int32),
-            jnp.full((config.num_gas,), GAS, jnp.int32),
-        ]
-    )
-
-
-def partners(vehicles: Vehicles, evs: EVs, length: jax.Array, config: EnvConfig) -> Partner:
-    """The MED of each EV, `(E,)` fields; MED 0 stands in where an EV is not booked."""
-    med = jnp.maximum(evs.med, 0)
-    columns = (vehicles.x, vehicles.speed, vehicles.lane, length)
-    return Partner(*(column[config.med_slots][med] for column in columns))
+from medjax.traffic.car_following import by_kind
+from medjax.traffic.motion import heading
 
 
 def drive_energy(before: jax.Array, after: jax.Array, body: BodyParams, dt: float) -> jax.Array:
@@ -79,140 +44,6 @@ def drive_energy(before: jax.Array, after: jax.Array, body: BodyParams, dt: floa
         regeneration_efficiency=body.regeneration_efficiency,
         auxiliary_power=body.auxiliary_w,
     )
-
-
-def _platoons(state: EnvState, config: EnvConfig) -> jax.Array:
-    """Index of the MED that each vehicle drives with, `(N,)` int32."""
-    return jnp.concatenate(
-        [
-            jnp.arange(config.num_meds, dtype=jnp.int32),
-            state.evs.med,
-            jnp.full((config.num_gas,), NOBODY, jnp.int32),
-        ]
-    )
-
-
-def _wishes(
-    state: EnvState, approach: Approach, to_end: jax.Array, config: EnvConfig, params: EnvParams
-) -> Wish:
-    """Mandatory changes: off a ramp, a MED to its service lane, a booked EV to its slot's lane."""
-    lane = state.vehicles.lane
-    merging = lane == config.num_lanes
-    booked = state.evs.med != NOT_BOOKED
-    gas = jnp.zeros((config.num_gas,), jnp.int32)
-    med_direction = jnp.sign(params.fleet.service_lane - lane[config.med_slots])
-    ev_direction = jnp.where(booked, approach.direction, 0)
-    direction = jnp.concatenate([med_direction, ev_direction, gas]).astype(jnp.int32)
-    stay = jnp.concatenate([jnp.ones((config.num_meds,), bool), booked, gas.astype(bool)])
-    return Wish(
-        direction=jnp.where(merging, -1, direction),
-        urgency=jnp.where(
-            merging, jnp.clip(1.0 - to_end / params.road.acceleration_lane_m, 0.0, 1.0), 0.0
-        ),
-        stay=stay,
-    )
-
-
-def _move(
-    state: EnvState, tick: jax.Array, config: EnvConfig, params: EnvParams
-) -> tuple[Vehicles, Tally]:
-    """Perception, car following, docking control, lane changes and motion of all vehicles."""
-    vehicles, evs = state.vehicles, state.evs
-    kind = vehicle_kinds(evs.is_human, config)
-    platooning = Platooning(params.charging.platoon_headway, params.charging.platoon_min_gap)
-    drivers = make_drivers(
-        vehicles.x,
-        vehicles.speed,
-        vehicles.desired_speed,
-        kind,
-        _platoons(state, config),
-        params.drivers,
-    )
-    direction, group = looking(tick, config.lane_change_groups)
-    target_lane = vehicles.lane + direction
-
-    with jax.named_scope("neighbours"):
-        order = sort_by_road(vehicles.x, vehicles.active, params.road.length_m, vehicles.road_order)
-        neighbours = find_neighbours(
-            order, vehicles.lane, target_lane, vehicles.active, config.num_lanes + 1
-        )
-
-    with jax.named_scope("car_following"):
-        leader = drivers.at(neighbours.leader)
-        has_leader = neighbours.leader != NOBODY
-        following = following_acceleration(drivers, leader, has_leader, platooning)
-        merging = vehicles.lane == config.num_lanes
-        to_end = merge_distance(vehicles.x, params.road)
-        acceleration = jnp.where(
-            merging, jnp.minimum(following, obstacle_acceleration(drivers, to_end)), following
-        )
-
-    with jax.named_scope("docking"):
-        ev_slots = config.ev_slots
-        med = partners(vehicles, evs, drivers.length, config)
-        approach = plan_approach(
-            vehicles.x[ev_slots],
-            vehicles.lane[ev_slots],
-            drivers.length[ev_slots],
-            evs.panel,
-            med,
-            params.charging,
-        )
-        docking = docking_acceleration(
-            vehicles.x[ev_slots],
-            vehicles.speed[ev_slots],
-            approach.goal_x,
-            med.speed,
-            params.charging,
-        )
-        docking = jnp.where(evs.med != NOT_BOOKED, docking, jnp.inf)
-        noisy = acceleration + vehicles.acceleration_noise
-        command = noisy.at[ev_slots].set(
-            jnp.minimum(noisy[ev_slots], docking + vehicles.acceleration_noise[ev_slots])
-        )
-
-    with jax.named_scope("lane_changes"):
-        exists = (target_lane >= 0) & (target_lane < config.num_lanes)
-        settled = jnp.abs(vehicles.lateral_offset) < 0.5 * params.road.lane_width_m
-        changes = decide(
-            drivers,
-            neighbours,
-            following,
-            acceleration,
-            direction,
-            group,
-            config.lane_change_groups,
-            vehicles.active & exists & settled,
-            _wishes(state, approach, to_end, config, params),
-            platooning,
-            params.lane_change,
-        )
-
-    with jax.named_scope("motion"):
-        command = jnp.clip(command, -params.motion.max_braking, drivers.max_acceleration)
-        x, speed = ballistic_step(vehicles.x, vehicles.speed, command, config.tick_s)
-        shift = jnp.where(changes, direction * params.road.lane_width_m, 0.0)
-        offset, lateral_speed = lateral_step(
-            vehicles.lateral_offset - shift,
-            vehicles.lateral_speed,
-            vehicles.wander,
-            params.motion.lateral_rate,
-            config.tick_s,
-        )
-    overlapping = has_leader & (gap_between(drivers, leader) < 0.0)
-    moved = vehicles.replace(
-        x=jnp.where(vehicles.active, x, vehicles.x),
-        speed=jnp.where(vehicles.active, speed, vehicles.speed),
-        lane=jnp.where(changes, target_lane, vehicles.lane),
-        lateral_offset=offset,
-        lateral_speed=lateral_speed,
-        road_order=order,
-    )
-    tally = Tally.zeros().replace(
-        lane_changes=jnp.sum(changes, dtype=jnp.float32),
-        collisions=jnp.sum(overlapping, dtype=jnp.float32),
-    )
-    return moved, tally
 
 
 def _exchange(
@@ -336,7 +167,7 @@ def physics_tick(
       (state after the tick, what happened in it). `state.tally` is left as it was.
     """
     before = state.vehicles
-    after, moved = _move(state, tick, config, params)
+    after, moved = move(state, tick, config, params)
     evs, meds, exchanged = _exchange(before, after, state, config, params)
 
     with jax.named_scope("exits"):

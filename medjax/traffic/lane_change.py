@@ -30,76 +30,80 @@ class Wish(NamedTuple):
     stay: jax.Array  # bool: no change but a mandatory one
 
 
-def looking(tick: jax.Array, groups: int) -> tuple[jax.Array, jax.Array]:
-    """The side looked at in a tick and whose turn it is.
+class Turn(NamedTuple):
+    """Who looks where in a tick: slots group, group + groups, ... look to one side."""
 
-    Even ticks look left, odd ticks right. Slot s belongs to group s % groups; groups take turns, so
-    that each vehicle looks both ways once in 2 * groups ticks, and a tick judges one group only.
+    direction: jax.Array  # () int32, -1 left or +1 right
+    group: jax.Array  # () int32
+    groups: int
 
-    Returns:
-      (direction () int32, -1 or +1; group () int32)
+
+def whose_turn(tick: jax.Array, groups: int) -> Turn:
+    """Even ticks look left, odd ticks right, and groups take turns.
+
+    So each vehicle looks both ways once in 2 * groups ticks, and a tick judges one group only.
     """
-    return jnp.where(tick % 2 == 0, -1, 1), tick // 2 % groups
+    return Turn(jnp.where(tick % 2 == 0, -1, 1), tick // 2 % groups, groups)
 
 
-def pick_group(values: jax.Array, group: jax.Array, groups: int) -> jax.Array:
-    """Entries of slots group, group + groups, ...: (N,) to (ceil(N / groups),), padded with zeros."""
-    rows = jnp.pad(values, (0, -values.shape[0] % groups)).reshape(-1, groups)
-    return jax.lax.dynamic_index_in_dim(rows, group, axis=1, keepdims=False)
+def pick_group(values: jax.Array, turn: Turn) -> jax.Array:
+    """Entries of those whose turn it is: (N,) to (ceil(N / groups),), padded with zeros."""
+    rows = jnp.pad(values, (0, -values.shape[0] % turn.groups)).reshape(-1, turn.groups)
+    return jax.lax.dynamic_index_in_dim(rows, turn.group, axis=1, keepdims=False)
 
 
-def place_group(flags: jax.Array, group: jax.Array, groups: int, num_vehicles: int) -> jax.Array:
-    """Flags of one group back to all slots, `(num_vehicles,)` bool, False for the other groups."""
-    return (flags[:, None] & (jnp.arange(groups) == group)).ravel()[:num_vehicles]
+def place_group(flags: jax.Array, turn: Turn, num_vehicles: int) -> jax.Array:
+    """Flags of those whose turn it is back by slot, `(num_vehicles,)` bool, False for the others.
+
+    A scatter rather than a select, because XLA does not fuse through it: a select would be merged
+    into each of its readers, and the whole decision computed again for each.
+    """
+    slots = turn.group + turn.groups * jnp.arange(flags.shape[0])
+    return jnp.zeros((num_vehicles,), bool).at[slots].set(flags, mode="drop", unique_indices=True)
 
 
 def decide(
-    drivers: Drivers,
+    everyone: Drivers,
+    deciders: Drivers,
     neighbours: Neighbours,
     following: jax.Array,
     acceleration: jax.Array,
     direction: jax.Array,
-    group: jax.Array,
-    groups: int,
-    may_change: jax.Array,
     wish: Wish,
     platooning: Platooning,
     params: LaneChangeParams,
 ) -> jax.Array:
-    """Which vehicles change lanes now, `(N,)` bool.
+    """Which of the deciders want to change lanes now and can safely, `(C,)` bool.
 
     Args:
-      drivers: (N,) each.
-      neighbours: in the own lane, and in the lane on the side of `direction`, (N,) each.
-      following: (N,) m/s^2, each vehicle's car-following acceleration in its lane.
-      acceleration: (N,) m/s^2, the same, with the end of an acceleration lane counted.
+      everyone: (N,) each, by slot; following: (N,) m/s^2, their car-following accelerations.
+      deciders: (C,) each, those whose turn it is, and so for all that follows.
+      neighbours: in the own lane, and in the lane on the side of `direction`.
+      acceleration: m/s^2, of the deciders, with the end of an acceleration lane counted.
       direction: () -1 or +1, the side looked at.
-      group, groups: whose turn it is (`looking`); others keep their lane.
-      may_change: (N,) bool, on the road, and the target lane exists.
-      wish: (N,) each, mandatory changes; they add a bias, safety is never waived.
+      wish: mandatory changes; they add a bias, safety is never waived.
     """
-
-    def pick(values: jax.Array) -> jax.Array:
-        return pick_group(values, group, groups)
-
-    own, neighbours, wish = jax.tree.map(pick, (drivers, neighbours, wish))
-    leader, follower = drivers.at(neighbours.target_leader), drivers.at(neighbours.target_follower)
-    has_leader = neighbours.target_leader != NOBODY
-    has_follower = neighbours.target_follower != NOBODY
-    old_follower = drivers.at(neighbours.follower)
-    old_leader = drivers.at(neighbours.leader)
+    leader, follower = (
+        everyone.at(neighbours.target_leader),
+        everyone.at(neighbours.target_follower),
+    )
+    old_leader, old_follower = everyone.at(neighbours.leader), everyone.at(neighbours.follower)
+    has_leader, has_follower = (
+        neighbours.target_leader != NOBODY,
+        neighbours.target_follower != NOBODY,
+    )
     has_old_follower = neighbours.follower != NOBODY
 
-    own_after = following_acceleration(own, leader, has_leader, platooning)
-    new_after = following_acceleration(follower, own, has_follower, platooning)
-    new_before = following[jnp.maximum(neighbours.target_follower, 0)]
+    own_after = following_acceleration(deciders, leader, has_leader, platooning)
+    new_after = following_acceleration(follower, deciders, has_follower, platooning)
     old_after = following_acceleration(
         old_follower, old_leader, neighbours.leader != NOBODY, platooning
     )
+    new_before = following[jnp.maximum(neighbours.target_follower, 0)]
     old_before = following[jnp.maximum(neighbours.follower, 0)]
 
     incentive = mobil_incentive(
-        pick(acceleration),
+        acceleration,
         own_after,
         jnp.where(has_old_follower, old_before, 0.0),
         jnp.where(has_old_follower, old_after, 0.0),
@@ -110,10 +114,10 @@ def decide(
     safe = is_safe(
         own_after,
         jnp.where(has_follower, new_after, 0.0),
-        jnp.where(has_leader, gap_between(own, leader), jnp.inf),
-        jnp.where(has_follower, gap_between(follower, own), jnp.inf),
+        jnp.where(has_leader, gap_between(deciders, leader), jnp.inf),
+        jnp.where(has_follower, gap_between(follower, deciders), jnp.inf),
         safe_braking=params.safe_braking,
-        min_gap_ahead=own.min_gap,
+        min_gap_ahead=deciders.min_gap,
         min_gap_behind=follower.min_gap,
     )
     mandatory = wish.direction == direction
@@ -124,5 +128,4 @@ def decide(
     )
     wants = incentive + bias > params.threshold
     free = (wish.direction == 0) & ~wish.stay
-    changes = safe & wants & (mandatory | free)
-    return may_change & place_group(changes, group, groups, may_change.shape[0])
+    return safe & wants & (mandatory | free)

@@ -7,7 +7,7 @@ import pytest
 
 from medjax.config import EnvConfig
 from medjax.state import MERGING
-from medjax.traffic.lane_change import looking
+from medjax.traffic.lane_change import whose_turn
 from tests.traffic.reference import equilibrium_gap, idm, parameters
 from tests.traffic.roads import Record, put, run
 
@@ -163,9 +163,9 @@ def test_everyone_looks_both_ways_once_a_second(tick_s):
     config, slots = EnvConfig(tick_s=tick_s), 13
     period = 2 * config.lane_change_groups
     assert abs(period * tick_s - 1.0) <= tick_s + 1e-9
-    seen = [looking(jnp.asarray(t), config.lane_change_groups) for t in range(3 * period)]
-    direction = np.array([d for d, _ in seen])
-    turn = np.array([np.arange(slots) % config.lane_change_groups == g for _, g in seen])
+    seen = [whose_turn(jnp.asarray(t), config.lane_change_groups) for t in range(3 * period)]
+    direction = np.array([turn.direction for turn in seen])
+    turn = np.array([np.arange(slots) % turn.groups == turn.group for turn in seen])
     for start in range(2 * period):
         window = slice(start, start + period)
         for side in (-1, 1):

@@ -1,0 +1,195 @@
+"""How all vehicles move in a tick: perception, car following, docking control, lane changes, motion."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import jax
+import jax.numpy as jnp
+
+from medjax.charging.docking import Approach, Partner, docking_acceleration, plan_approach
+from medjax.config import AUTONOMOUS_EV, GAS, HUMAN_EV, MED, EnvConfig, EnvParams
+from medjax.state import NOT_BOOKED, EnvState, EVs, Tally, Vehicles
+from medjax.traffic.car_following import (
+    Drivers,
+    Platooning,
+    following_acceleration,
+    gap_between,
+    make_drivers,
+    obstacle_acceleration,
+)
+from medjax.traffic.lane_change import Turn, Wish, decide, pick_group, place_group, whose_turn
+from medjax.traffic.motion import ballistic_step, lateral_step
+from medjax.traffic.neighbours import NOBODY, Neighbours, find_neighbours, sort_by_road
+from medjax.traffic.road import merge_distance
+
+T = TypeVar("T")
+
+
+def vehicle_kinds(is_human: jax.Array, config: EnvConfig) -> jax.Array:
+    """Kind of each slot, `(N,)` int32: its class by position, EVs by who drives."""
+    return jnp.concatenate(
+        [
+            jnp.full((config.num_meds,), MED, jnp.int32),
+            jnp.where(is_human, HUMAN_EV, AUTONOMOUS_EV).astype(jnp.int32),
+            jnp.full((config.num_gas,), GAS, jnp.int32),
+        ]
+    )
+
+
+def partners(vehicles: Vehicles, evs: EVs, length: jax.Array, config: EnvConfig) -> Partner:
+    """The MED of each EV, `(E,)` fields; MED 0 stands in where an EV is not booked."""
+    med = jnp.maximum(evs.med, 0)
+    columns = (vehicles.x, vehicles.speed, vehicles.lane, length)
+    return Partner(*(column[config.med_slots][med] for column in columns))
+
+
+def _platoons(state: EnvState, config: EnvConfig) -> jax.Array:
+    """Index of the MED that each vehicle drives with, `(N,)` int32."""
+    return jnp.concatenate(
+        [
+            jnp.arange(config.num_meds, dtype=jnp.int32),
+            state.evs.med,
+            jnp.full((config.num_gas,), NOBODY, jnp.int32),
+        ]
+    )
+
+
+def _wishes(
+    state: EnvState, approach: Approach, to_end: jax.Array, config: EnvConfig, params: EnvParams
+) -> Wish:
+    """Mandatory changes: off a ramp, a MED to its service lane, a booked EV to its slot's lane."""
+    lane = state.vehicles.lane
+    merging = lane == config.num_lanes
+    booked = state.evs.med != NOT_BOOKED
+    gas = jnp.zeros((config.num_gas,), jnp.int32)
+    med_direction = jnp.sign(params.fleet.service_lane - lane[config.med_slots])
+    ev_direction = jnp.where(booked, approach.direction, 0)
+    direction = jnp.concatenate([med_direction, ev_direction, gas]).astype(jnp.int32)
+    stay = jnp.concatenate([jnp.ones((config.num_meds,), bool), booked, gas.astype(bool)])
+    return Wish(
+        direction=jnp.where(merging, -1, direction),
+        urgency=jnp.where(
+            merging, jnp.clip(1.0 - to_end / params.road.acceleration_lane_m, 0.0, 1.0), 0.0
+        ),
+        stay=stay,
+    )
+
+
+def _approach(
+    vehicles: Vehicles, evs: EVs, length: jax.Array, config: EnvConfig, params: EnvParams
+) -> tuple[Approach, jax.Array]:
+    """Where booked EVs drive, and the acceleration that takes them there, inf for others."""
+    med = partners(vehicles, evs, length, config)
+    x, speed, lane, length = (
+        column[config.ev_slots] for column in (vehicles.x, vehicles.speed, vehicles.lane, length)
+    )
+    approach = plan_approach(x, lane, length, evs.panel, med, params.charging)
+    docking = docking_acceleration(x, speed, approach.goal_x, med.speed, params.charging)
+    return approach, jnp.where(evs.med != NOT_BOOKED, docking, jnp.inf)
+
+
+def _lane_changes(
+    state: EnvState,
+    drivers: Drivers,
+    neighbours: Neighbours,
+    following: jax.Array,
+    acceleration: jax.Array,
+    wish: Wish,
+    turn: Turn,
+    config: EnvConfig,
+    params: EnvParams,
+) -> jax.Array:
+    """Lane steps of all vehicles in this tick, `(N,)` int32 in -1, 0, 1."""
+    vehicles = state.vehicles
+    target = vehicles.lane + turn.direction
+    settled = jnp.abs(vehicles.lateral_offset) < 0.5 * params.road.lane_width_m
+    may_change = vehicles.active & settled & (target >= 0) & (target < config.num_lanes)
+
+    def pick(tree: T) -> T:
+        return jax.tree.map(lambda values: pick_group(values, turn), tree)
+
+    changes = decide(
+        drivers,
+        pick(drivers),
+        pick(neighbours),
+        following,
+        pick(acceleration),
+        turn.direction,
+        pick(wish),
+        Platooning(params.charging.platoon_headway, params.charging.platoon_min_gap),
+        params.lane_change,
+    )
+    return turn.direction * (may_change & place_group(changes, turn, config.num_vehicles))
+
+
+def move(
+    state: EnvState, tick: jax.Array, config: EnvConfig, params: EnvParams
+) -> tuple[Vehicles, Tally]:
+    """Moves all vehicles by one tick; who leaves the road is not yet taken off it.
+
+    Args:
+      state: of one environment.
+      tick: () int32; its parity says which way drivers look.
+    """
+    vehicles, evs, ev_slots = state.vehicles, state.evs, config.ev_slots
+    kind = vehicle_kinds(evs.is_human, config)
+    platoons = _platoons(state, config)
+    drivers = make_drivers(
+        vehicles.x, vehicles.speed, vehicles.desired_speed, kind, platoons, params.drivers
+    )
+    turn = whose_turn(tick, config.lane_change_groups)
+    with jax.named_scope("neighbours"):
+        order = sort_by_road(vehicles.x, vehicles.active, params.road.length_m, vehicles.road_order)
+        neighbours = find_neighbours(
+            order,
+            vehicles.lane,
+            vehicles.lane + turn.direction,
+            vehicles.active,
+            config.num_lanes + 1,
+        )
+
+    with jax.named_scope("car_following"):
+        leader, has_leader = drivers.at(neighbours.leader), neighbours.leader != NOBODY
+        platooning = Platooning(params.charging.platoon_headway, params.charging.platoon_min_gap)
+        following = following_acceleration(drivers, leader, has_leader, platooning)
+        to_end = merge_distance(vehicles.x, params.road)
+        wall = jnp.where(
+            vehicles.lane == config.num_lanes, obstacle_acceleration(drivers, to_end), jnp.inf
+        )
+        acceleration = jnp.minimum(following, wall)
+
+    with jax.named_scope("docking"):
+        approach, docking = _approach(vehicles, evs, drivers.length, config, params)
+        command = acceleration.at[ev_slots].min(docking) + vehicles.acceleration_noise
+
+    with jax.named_scope("lane_changes"):
+        wish = _wishes(state, approach, to_end, config, params)
+        steps = _lane_changes(
+            state, drivers, neighbours, following, acceleration, wish, turn, config, params
+        )
+
+    with jax.named_scope("motion"):
+        command = jnp.clip(command, -params.motion.max_braking, drivers.max_acceleration)
+        x, speed = ballistic_step(vehicles.x, vehicles.speed, command, config.tick_s)
+        offset, lateral_speed = lateral_step(
+            vehicles.lateral_offset - steps * params.road.lane_width_m,
+            vehicles.lateral_speed,
+            vehicles.wander,
+            params.motion.lateral_rate,
+            config.tick_s,
+        )
+    overlapping = has_leader & (gap_between(drivers, leader) < 0.0)
+    moved = vehicles.replace(
+        x=jnp.where(vehicles.active, x, vehicles.x),
+        speed=jnp.where(vehicles.active, speed, vehicles.speed),
+        lane=vehicles.lane + steps,
+        lateral_offset=offset,
+        lateral_speed=lateral_speed,
+        road_order=order,
+    )
+    tally = Tally.zeros().replace(
+        lane_changes=jnp.sum(jnp.abs(steps), dtype=jnp.float32),
+        collisions=jnp.sum(overlapping, dtype=jnp.float32),
+    )
+    return moved, tally
