@@ -59,7 +59,8 @@ def place_group(flags: jax.Array, turn: Turn, num_vehicles: int) -> jax.Array:
     into each of its readers, and the whole decision computed again for each.
     """
     slots = turn.group + turn.groups * jnp.arange(flags.shape[0])
-    return jnp.zeros((num_vehicles,), bool).at[slots].set(flags, mode="drop", unique_indices=True)
+    is_slot = slots[:, None] == jnp.arange(num_vehicles)
+    return flags.astype(jnp.float32) @ is_slot.astype(jnp.float32) > 0.5
 
 
 def decide(
