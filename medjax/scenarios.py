@@ -128,7 +128,7 @@ def _paper(config: EnvConfig) -> EnvParams:
             cooldown_s=20.0,
             turnaround_s=math.inf,
             service_speed=22.0,
-            service_lane=min(2, config.num_lanes - 1),
+            service_lane=max(0, min(2, config.num_lanes - 2)),
             reserve_soc=0.1,
         ),
         charging=ChargingParams(
@@ -262,8 +262,10 @@ def _set(params: EnvParams, name: str, path: tuple[str, ...], value: Any) -> Env
 
 def _unknown(kind: str, name: str, allowed: list[str]) -> ValueError:
     close = difflib.get_close_matches(name, allowed, n=3)
-    hint = f"did you mean {', '.join(close)}?" if close else f"allowed {', '.join(sorted(allowed))}"
-    return ValueError(f"unknown {kind} {name!r}: {hint}")
+    if close:
+        return ValueError(f"unknown {kind} {name!r}: did you mean {', '.join(close)}?")
+    listed = ", ".join(sorted(allowed)) if len(allowed) < 20 else "the names in docs/parameters.md"
+    return ValueError(f"unknown {kind} {name!r}: allowed {listed}")
 
 
 def make(

@@ -22,8 +22,10 @@ def ballistic_step(
     """
     faster = speed + acceleration * dt
     stops = faster < 0.0
-    # Where nobody stops the divisor is replaced, so that no 0/0 reaches a gradient.
-    stopping = speed**2 / jnp.where(stops, -2.0 * acceleration, 1.0)
+    # Where nobody stops the divisor is replaced, so that no 0/0 reaches a gradient; and it is kept
+    # off the numbers that a processor flushes to 0.
+    braking = jnp.where(stops, jnp.maximum(-acceleration, 1e-12), 1.0)
+    stopping = 0.5 * speed**2 / braking
     travel = jnp.where(stops, stopping, speed * dt + 0.5 * acceleration * dt**2)
     return x + travel, jnp.maximum(faster, 0.0)
 
