@@ -1,9 +1,16 @@
 """Shared environments: what is built and compiled once for the whole session."""
 
+import os
+
 import jax
 import pytest
+from hypothesis import settings
 
 import medjax
+
+# The same examples in every run; HYPOTHESIS_PROFILE=default draws new ones.
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 
 @pytest.fixture(scope="session")
