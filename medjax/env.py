@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.booking import Offers, Requests, book, panel_flags
+from medjax.charging.booking import Offers, Requests, book, can_serve, panel_flags
 from medjax.config import AUTONOMOUS_EV, EnvConfig, EnvParams, validate_config
 from medjax.dispatch import action_mask, dispatch
 from medjax.entry import admit
@@ -22,7 +22,7 @@ from medjax.observation import FlatObservation, Observation, observe
 from medjax.reset import initial_state
 from medjax.reward import TERMS, Outcome, RewardTerm, total_reward
 from medjax.spaces import Box, Discrete
-from medjax.state import AT_DEPOT, IN_SERVICE, NOT_BOOKED, RETIRED, EnvState, Tally
+from medjax.state import AT_DEPOT, NOT_BOOKED, RETIRED, EnvState, Tally
 from medjax.tick import drive_energy, physics_tick
 from medjax.traffic.car_following import by_kind
 from medjax.traffic.motion import ornstein_uhlenbeck
@@ -180,14 +180,12 @@ class ChargingEnv:
         med_slots, ev_slots = config.med_slots, config.ev_slots
         length = by_kind(vehicle_kinds(evs.is_human, config), params.drivers.vehicle_length)
         booked = panel_flags(evs.med, evs.panel, evs.med != NOT_BOOKED, config.num_meds)
-        has_energy = meds.energy_j > params.fleet.reserve_soc * params.med_capacity_j
-        serves = (meds.status == IN_SERVICE) & vehicles.active[med_slots] & has_energy
         offers = Offers(
             x=vehicles.x[med_slots],
             speed=vehicles.speed[med_slots],
             lane=vehicles.lane[med_slots],
             length=length[med_slots],
-            free=serves[:, None] & ~booked,
+            free=can_serve(meds, params)[:, None] & ~booked,
         )
         cruise = jnp.asarray(params.drivers.desired_speed[AUTONOMOUS_EV])
         power = drive_energy(cruise, cruise, params.ev, 1.0)

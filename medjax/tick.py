@@ -5,7 +5,8 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.docking import is_docked, misalignment, panel_x, plan_approach
+from medjax.charging.booking import can_serve
+from medjax.charging.docking import is_docked, misalignment, panel_lane, panel_x
 from medjax.charging.transfer import coupling_efficiency, transfer
 from medjax.config import BodyParams, EnvConfig, EnvParams
 from medjax.movement import move, partners, vehicle_kinds
@@ -60,14 +61,7 @@ def _exchange(
     with jax.named_scope("misalignment"):
         goal = panel_x(evs.panel, med, length[ev_slots], params.charging.dock_gap_m)
         error = after.x[ev_slots] - goal
-        approach = plan_approach(
-            after.x[ev_slots],
-            after.lane[ev_slots],
-            length[ev_slots],
-            evs.panel,
-            med,
-            params.charging,
-        )
+        in_lane = after.lane[ev_slots] == panel_lane(evs.panel, med.lane)
         ev_heading, med_heading = (
             heading(after.speed[slots], after.lateral_speed[slots])
             for slots in (ev_slots, med_slots)
@@ -76,7 +70,7 @@ def _exchange(
         is_charging = booked & is_docked(
             error,
             after.speed[ev_slots] - med.speed,
-            approach.in_lane & (jnp.abs(across) < 0.25 * params.road.lane_width_m),
+            in_lane & (jnp.abs(across) < 0.25 * params.road.lane_width_m),
             evs.is_charging,
             params.charging,
         )
@@ -130,8 +124,7 @@ def _release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params
     """Ends bookings: charged, gone, out of time, or the MED is gone or empty."""
     booked = evs.med != NOT_BOOKED
     partner = jnp.maximum(evs.med, 0)
-    has_energy = meds.energy_j > params.fleet.reserve_soc * params.med_capacity_j
-    serves = (meds.status == IN_SERVICE) & vehicles.active[config.med_slots] & has_energy
+    serves = can_serve(meds, params)
     timer = jnp.where(
         booked,
         jnp.where(evs.is_charging, 0.0, evs.timer_s + config.tick_s),

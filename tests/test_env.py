@@ -247,3 +247,22 @@ def test_random_play_is_sound(episodes):
     """No collision, NaN, negative speed, SoC outside [0, 1] or lost vehicle in random episodes."""
     counts = play_randomly(episodes, seed=20)
     assert counts == dict.fromkeys(counts, 0.0)
+
+
+def test_arrivals_at_a_full_road_wait():
+    """With no slot free, who arrives waits in the queue; nobody is lost and nobody enters."""
+    env, params = medjax.make("paper", num_evs=2, num_gas=2, mainline_per_h=6000.0)
+    step = jax.jit(env.step_env)
+    _, state = env.reset(jax.random.key(0), params)
+    most, waiting = 0, []
+    for decision in range(60):
+        _, state, _, _, _, info = step(jax.random.key(decision), state, 0, params)
+        most = max(most, int(state.vehicles.active.sum()))
+        waiting.append(int(state.queue.sum()))
+    assert most <= 4
+    # 6000 and 4 x 300 an hour ask for 120 a minute: all but a few of them wait.
+    assert waiting[-1] > 80
+    assert float(info["metrics"]["queue_vehicle_s"]) == pytest.approx(sum(waiting))
+    tally = state.tally
+    on_road = tally.entered.sum() - tally.left.sum() - tally.depleted
+    assert float(on_road) == int(state.vehicles.active.sum())

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.observation import FlatObservation
-from medjax.state import IN_SERVICE
+from medjax.observation import FlatObservation, RoadProfile
+from medjax.state import IN_SERVICE, MERGING, QUEUED
 
 
 @pytest.fixture(scope="module")
@@ -90,3 +90,57 @@ def test_observation_is_scaled(busy):
     """Normalised: nothing beyond a few units."""
     env, params, state = busy
     assert np.abs(np.asarray(env.observation(state, env.config, params))).max() <= 2.0
+
+
+def share(place, node, nodes):
+    """Linear interpolation's share of a place in [0, 1] at one of evenly spaced nodes."""
+    return max(0.0, 1.0 - abs(place * (nodes - 1) - node))
+
+
+def test_profile_by_hand(busy):
+    """Numbers of EVs by charge and of MEDs at 17 nodes of the road, by loops over vehicles."""
+    env, params, state = busy
+    v, evs, meds, config = state.vehicles, state.evs, state.meds, env.config
+    expected_evs, expected_meds = np.zeros((17, 8)), np.zeros((17, 4))
+    for ev in range(config.num_evs):
+        slot, booked = config.num_meds + ev, int(evs.med[ev]) >= 0
+        if not bool(v.active[slot]):
+            continue
+        soc = float(evs.energy_j[ev] / params.ev_capacity_j)
+        row = [0.0 if booked else share(soc, node, 6) for node in range(6)]
+        row += [float(booked), float(evs.is_charging[ev])]
+        for node in range(17):
+            expected_evs[node] += np.array(row) * share(float(v.x[slot]) / 4000.0, node, 17)
+    for med in range(config.num_meds):
+        status = int(meds.status[med])
+        x = float(params.road.ramp_x_m[int(meds.ramp[med])] if status == QUEUED else v.x[med])
+        serves = status == IN_SERVICE
+        free = 4 - sum(int(other) == med for other in evs.med)
+        soc = float(meds.energy_j[med] / params.med_capacity_j)
+        row = [float(status in (QUEUED, MERGING)), float(serves), serves * soc, serves * free]
+        for node in range(17):
+            expected_meds[node] += np.array(row) * share(x / 4000.0, node, 17)
+    profile = RoadProfile()
+    got = np.asarray(profile(state, config, params))
+    assert got.shape == (profile.size(config),)
+    np.testing.assert_allclose(got[: 17 * 8].reshape(17, 8), expected_evs, atol=1e-3)
+    np.testing.assert_allclose(got[17 * 8 : -4].reshape(17, 4), expected_meds, atol=1e-3)
+    np.testing.assert_array_equal(got[-4:], env.observe(state, params).clock)
+    assert expected_evs.sum() > 1.0
+    assert expected_meds[:, 1].sum() > 0.5
+
+
+def test_profile_ignores_the_order_of_slots(busy):
+    """Two EVs that change slots leave the profile as it was."""
+    env, params, state = busy
+    one, two = 0, 1
+    order = np.arange(env.config.num_evs)
+    order[[one, two]] = two, one
+    slots = np.concatenate([np.arange(15), 15 + order, np.arange(75, 192)])
+    swapped = state.replace(
+        vehicles=jax.tree.map(lambda values: values[slots], state.vehicles),
+        evs=jax.tree.map(lambda values: values[order], state.evs),
+    )
+    profile = RoadProfile()
+    before, after = (profile(s, env.config, params) for s in (state, swapped))
+    np.testing.assert_allclose(before, after, atol=1e-4)

@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 
 from medjax.charging.docking import Partner, panel_lane, panel_x
-from medjax.config import FRONT, PANELS, REAR, ChargingParams
-from medjax.state import NOT_BOOKED
+from medjax.config import FRONT, PANELS, REAR, ChargingParams, EnvParams
+from medjax.state import IN_SERVICE, NOT_BOOKED, MEDs
 
 FAR = 1.0e9
 # A lane change takes about so long; the choice of a panel counts it as way to go.
@@ -31,6 +31,12 @@ def panel_flags(med: jax.Array, panel: jax.Array, flag: jax.Array, num_meds: int
     where = jnp.where(flag & (med != NOT_BOOKED), med * len(PANELS) + panel, num_meds * len(PANELS))
     flags = jnp.zeros((num_meds * len(PANELS),), bool).at[where].set(True, mode="drop")
     return flags.reshape(num_meds, len(PANELS))
+
+
+def can_serve(meds: MEDs, params: EnvParams) -> jax.Array:
+    """MEDs in service that hold energy above their reserve, `(num_meds,)` bool."""
+    reserve = params.fleet.reserve_soc * params.med_capacity_j
+    return (meds.status == IN_SERVICE) & (meds.energy_j > reserve)
 
 
 class Offers(NamedTuple):

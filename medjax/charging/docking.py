@@ -46,7 +46,6 @@ class Approach(NamedTuple):
 
     goal_x: jax.Array  # m, where it controls to
     direction: jax.Array  # int32, side of a mandatory lane change, 0 none
-    in_lane: jax.Array  # bool, already in its slot's lane
 
 
 def plan_approach(
@@ -77,7 +76,7 @@ def plan_approach(
     clear = jnp.where(panel == FRONT, x - ev_length > med.x, x < med.x - med.length)
     near = jnp.abs(x - goal) < ENTRY_ROOM_M
     direction = jnp.where(enters_med_lane & ~(clear & near), 0, direction)
-    return Approach(goal, direction, lane == wanted)
+    return Approach(goal, direction)
 
 
 def docking_acceleration(

@@ -55,8 +55,8 @@ def pick_group(values: jax.Array, turn: Turn) -> jax.Array:
 def place_group(flags: jax.Array, turn: Turn, num_vehicles: int) -> jax.Array:
     """Flags of those whose turn it is back by slot, `(num_vehicles,)` bool, False for the others.
 
-    A scatter rather than a select, because XLA does not fuse through it: a select would be merged
-    into each of its readers, and the whole decision computed again for each.
+    A matrix product rather than a select, because XLA does not fuse through it: a select would be
+    merged into each of its readers, and the whole decision computed again for each.
     """
     slots = turn.group + turn.groups * jnp.arange(flags.shape[0])
     is_slot = slots[:, None] == jnp.arange(num_vehicles)
