@@ -17,7 +17,7 @@ from medjax.config import AUTONOMOUS_EV, EnvConfig, EnvParams, validate_config
 from medjax.dispatch import action_mask, dispatch
 from medjax.entry import admit
 from medjax.metrics import episode_metrics
-from medjax.movement import vehicle_kinds
+from medjax.movement import drivers_of, vehicle_kinds
 from medjax.observation import FlatObservation, Observation, observe
 from medjax.reset import initial_state
 from medjax.reward import TERMS, Outcome, RewardTerm, total_reward
@@ -129,11 +129,13 @@ class ChargingEnv:
         with jax.named_scope("noise"):
             state = self._perturb(noise_key, state, params)
 
+        drivers = drivers_of(state, self.config, params)
+
         def tick(
             carry: tuple[EnvState, Tally], index: jax.Array
         ) -> tuple[tuple[EnvState, Tally], None]:
             state, happened = carry
-            state, more = physics_tick(state, index, self.config, params)
+            state, more = physics_tick(state, drivers, index, self.config, params)
             return (state, happened + more), None
 
         ticks = self._first_tick(state) + jnp.arange(

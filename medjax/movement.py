@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
-
 import jax
 import jax.numpy as jnp
 
 from medjax.charging.docking import Approach, Partner, docking_acceleration, plan_approach
 from medjax.config import AUTONOMOUS_EV, GAS, HUMAN_EV, MED, EnvConfig, EnvParams
+from medjax.indexing import read
 from medjax.state import NOT_BOOKED, EnvState, EVs, Tally, Vehicles
 from medjax.traffic.car_following import (
     Drivers,
+    Follower,
+    Leader,
     Platooning,
     following_acceleration,
     gap_between,
     make_drivers,
     obstacle_acceleration,
+    of_slots,
+    roles,
 )
-from medjax.traffic.lane_change import Turn, Wish, decide, pick_group, place_group, whose_turn
+from medjax.traffic.lane_change import Turn, Wish, decide, place_group, whose_turn
 from medjax.traffic.motion import ballistic_step, lateral_step
 from medjax.traffic.neighbours import NOBODY, Neighbours, find_neighbours, sort_by_road
 from medjax.traffic.road import merge_distance
-
-T = TypeVar("T")
 
 
 def vehicle_kinds(is_human: jax.Array, config: EnvConfig) -> jax.Array:
@@ -37,11 +38,17 @@ def vehicle_kinds(is_human: jax.Array, config: EnvConfig) -> jax.Array:
     )
 
 
+def drivers_of(state: EnvState, config: EnvConfig, params: EnvParams) -> Drivers:
+    """Drivers of all slots, `(N,)` each; they stay the same between two rounds of entries."""
+    kind = vehicle_kinds(state.evs.is_human, config)
+    return make_drivers(kind, state.vehicles.desired_speed, params.drivers)
+
+
 def partners(vehicles: Vehicles, evs: EVs, length: jax.Array, config: EnvConfig) -> Partner:
     """The MED of each EV, `(E,)` fields; MED 0 stands in where an EV is not booked."""
-    med = jnp.maximum(evs.med, 0)
-    columns = (vehicles.x, vehicles.speed, vehicles.lane, length)
-    return Partner(*(column[config.med_slots][med] for column in columns))
+    columns = Partner(vehicles.x, vehicles.speed, vehicles.lane, length)
+    meds = jax.tree.map(lambda column: column[config.med_slots], columns)
+    return read(meds, jnp.maximum(evs.med, 0))
 
 
 def _platoons(state: EnvState, config: EnvConfig) -> jax.Array:
@@ -91,53 +98,48 @@ def _approach(
 
 def _lane_changes(
     state: EnvState,
-    drivers: Drivers,
+    leaders: Leader,
+    followers: Follower,
     neighbours: Neighbours,
     following: jax.Array,
     acceleration: jax.Array,
     wish: Wish,
     turn: Turn,
+    platooning: Platooning,
     config: EnvConfig,
     params: EnvParams,
 ) -> jax.Array:
     """Lane steps of all vehicles in this tick, `(N,)` int32 in -1, 0, 1."""
     vehicles = state.vehicles
+    changes = decide(
+        leaders,
+        followers,
+        following,
+        turn,
+        neighbours,
+        acceleration,
+        wish,
+        platooning,
+        params.lane_change,
+    )
     target = vehicles.lane + turn.direction
     settled = jnp.abs(vehicles.lateral_offset) < 0.5 * params.road.lane_width_m
     may_change = vehicles.active & settled & (target >= 0) & (target < config.num_lanes)
-
-    def pick(tree: T) -> T:
-        return jax.tree.map(lambda values: pick_group(values, turn), tree)
-
-    changes = decide(
-        drivers,
-        pick(drivers),
-        pick(neighbours),
-        following,
-        pick(acceleration),
-        turn.direction,
-        pick(wish),
-        Platooning(params.charging.platoon_headway, params.charging.platoon_min_gap),
-        params.lane_change,
-    )
     return turn.direction * (may_change & place_group(changes, turn, config.num_vehicles))
 
 
 def move(
-    state: EnvState, tick: jax.Array, config: EnvConfig, params: EnvParams
+    state: EnvState, drivers: Drivers, tick: jax.Array, config: EnvConfig, params: EnvParams
 ) -> tuple[Vehicles, Tally]:
     """Moves all vehicles by one tick; who leaves the road is not yet taken off it.
 
     Args:
       state: of one environment.
+      drivers: of its vehicles.
       tick: () int32; its parity says which way drivers look.
     """
     vehicles, evs, ev_slots = state.vehicles, state.evs, config.ev_slots
-    kind = vehicle_kinds(evs.is_human, config)
-    platoons = _platoons(state, config)
-    drivers = make_drivers(
-        vehicles.x, vehicles.speed, vehicles.desired_speed, kind, platoons, params.drivers
-    )
+    leaders, followers = roles(drivers, vehicles.x, vehicles.speed, _platoons(state, config))
     turn = whose_turn(tick, config.lane_change_groups)
     with jax.named_scope("neighbours"):
         order = sort_by_road(vehicles.x, vehicles.active, params.road.length_m, vehicles.road_order)
@@ -150,12 +152,12 @@ def move(
         )
 
     with jax.named_scope("car_following"):
-        leader, has_leader = drivers.at(neighbours.leader), neighbours.leader != NOBODY
+        leader, has_leader = of_slots(leaders, neighbours.leader), neighbours.leader != NOBODY
         platooning = Platooning(params.charging.platoon_headway, params.charging.platoon_min_gap)
-        following = following_acceleration(drivers, leader, has_leader, platooning)
+        following = following_acceleration(followers, leader, has_leader, platooning)
         to_end = merge_distance(vehicles.x, params.road)
         wall = jnp.where(
-            vehicles.lane == config.num_lanes, obstacle_acceleration(drivers, to_end), jnp.inf
+            vehicles.lane == config.num_lanes, obstacle_acceleration(followers, to_end), jnp.inf
         )
         acceleration = jnp.minimum(following, wall)
 
@@ -166,11 +168,21 @@ def move(
     with jax.named_scope("lane_changes"):
         wish = _wishes(state, approach, to_end, config, params)
         steps = _lane_changes(
-            state, drivers, neighbours, following, acceleration, wish, turn, config, params
+            state,
+            leaders,
+            followers,
+            neighbours,
+            following,
+            acceleration,
+            wish,
+            turn,
+            platooning,
+            config,
+            params,
         )
 
     with jax.named_scope("motion"):
-        command = jnp.clip(command, -params.motion.max_braking, drivers.max_acceleration)
+        command = jnp.clip(command, -params.motion.max_braking, followers.max_acceleration)
         x, speed = ballistic_step(vehicles.x, vehicles.speed, command, config.tick_s)
         offset, lateral_speed = lateral_step(
             vehicles.lateral_offset - steps * params.road.lane_width_m,
@@ -179,7 +191,7 @@ def move(
             params.motion.lateral_rate,
             config.tick_s,
         )
-    overlapping = has_leader & (gap_between(drivers, leader) < 0.0)
+    overlapping = has_leader & (gap_between(followers, leader) < 0.0)
     moved = vehicles.replace(
         x=jnp.where(vehicles.active, x, vehicles.x),
         speed=jnp.where(vehicles.active, speed, vehicles.speed),

@@ -9,7 +9,8 @@ from medjax.charging.booking import can_serve
 from medjax.charging.docking import is_docked, misalignment, panel_lane, panel_x
 from medjax.charging.transfer import coupling_efficiency, transfer
 from medjax.config import BodyParams, EnvConfig, EnvParams
-from medjax.movement import move, partners, vehicle_kinds
+from medjax.indexing import read
+from medjax.movement import move, partners
 from medjax.physics import battery_energy, tractive_energy
 from medjax.state import (
     IN_SERVICE,
@@ -22,8 +23,8 @@ from medjax.state import (
     Tally,
     Vehicles,
 )
-from medjax.traffic.car_following import by_kind
-from medjax.traffic.motion import heading
+from medjax.traffic.car_following import Drivers
+from medjax.traffic.motion import turn_between
 
 
 def drive_energy(before: jax.Array, after: jax.Array, body: BodyParams, dt: float) -> jax.Array:
@@ -48,25 +49,31 @@ def drive_energy(before: jax.Array, after: jax.Array, body: BodyParams, dt: floa
 
 
 def _exchange(
-    before: Vehicles, after: Vehicles, state: EnvState, config: EnvConfig, params: EnvParams
+    before: Vehicles,
+    after: Vehicles,
+    state: EnvState,
+    length: jax.Array,
+    config: EnvConfig,
+    params: EnvParams,
 ) -> tuple[EVs, MEDs, Tally]:
     """Docking, transfer and driving energy of one tick."""
     evs, meds = state.evs, state.meds
     ev_slots, med_slots = config.ev_slots, config.med_slots
-    length = by_kind(vehicle_kinds(evs.is_human, config), params.drivers.vehicle_length)
     med = partners(after, evs, length, config)
-    partner = jnp.maximum(evs.med, 0)
     booked = evs.med != NOT_BOOKED
 
     with jax.named_scope("misalignment"):
         goal = panel_x(evs.panel, med, length[ev_slots], params.charging.dock_gap_m)
         error = after.x[ev_slots] - goal
         in_lane = after.lane[ev_slots] == panel_lane(evs.panel, med.lane)
-        ev_heading, med_heading = (
-            heading(after.speed[slots], after.lateral_speed[slots])
-            for slots in (ev_slots, med_slots)
+        med_offset, med_lateral_speed = read(
+            (after.lateral_offset[med_slots], after.lateral_speed[med_slots]),
+            jnp.maximum(evs.med, 0),
         )
-        across = after.lateral_offset[ev_slots] - after.lateral_offset[med_slots][partner]
+        across = after.lateral_offset[ev_slots] - med_offset
+        turn = turn_between(
+            med.speed, med_lateral_speed, after.speed[ev_slots], after.lateral_speed[ev_slots]
+        )
         is_charging = booked & is_docked(
             error,
             after.speed[ev_slots] - med.speed,
@@ -78,7 +85,7 @@ def _exchange(
             evs.panel,
             error,
             across,
-            ev_heading - med_heading[partner],
+            turn,
             params.link.panel_gap_m,
         )
         efficiency = coupling_efficiency(geometry, params.link)
@@ -106,9 +113,8 @@ def _exchange(
             params.ev_capacity_j - driven,
             params.charging.slot_power_w * config.tick_s,
         )
-        sent_by_med = jnp.zeros((config.num_meds,)).at[partner].add(flow.sent_j)
         ev_energy = jnp.clip(driven + flow.received_j, 0.0, params.ev_capacity_j)
-        med_energy = jnp.clip(meds.energy_j - med_use - sent_by_med, 0.0, params.med_capacity_j)
+        med_energy = jnp.clip(meds.energy_j - med_use - flow.drawn_j, 0.0, params.med_capacity_j)
 
     first = is_charging & ~evs.served
     tally = Tally.zeros().replace(
@@ -132,7 +138,7 @@ def _release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params
     )
     late = booked & (timer > params.charging.patience_s)
     done = evs.energy_j >= params.charging.target_soc * params.ev_capacity_j
-    ends = booked & (late | done | ~serves[partner] | ~vehicles.active[config.ev_slots])
+    ends = booked & (late | done | ~read(serves, partner) | ~vehicles.active[config.ev_slots])
     return evs.replace(
         med=jnp.where(ends, NOT_BOOKED, evs.med),
         panel=jnp.where(ends, NOT_BOOKED, evs.panel),
@@ -148,20 +154,21 @@ def by_class(flags: jax.Array, config: EnvConfig) -> jax.Array:
 
 
 def physics_tick(
-    state: EnvState, tick: jax.Array, config: EnvConfig, params: EnvParams
+    state: EnvState, drivers: Drivers, tick: jax.Array, config: EnvConfig, params: EnvParams
 ) -> tuple[EnvState, Tally]:
     """Advances one environment by `config.tick_s`.
 
     Args:
       state: of one environment.
+      drivers: of its vehicles; they stay the same between two rounds of entries.
       tick: () int32, ticks since reset; its parity says which way drivers look.
 
     Returns:
       (state after the tick, what happened in it). `state.tally` is left as it was.
     """
     before = state.vehicles
-    after, moved = move(state, tick, config, params)
-    evs, meds, exchanged = _exchange(before, after, state, config, params)
+    after, moved = move(state, drivers, tick, config, params)
+    evs, meds, exchanged = _exchange(before, after, state, drivers.length, config, params)
 
     with jax.named_scope("exits"):
         left = before.active & (after.x > params.road.length_m)

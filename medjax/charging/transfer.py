@@ -9,14 +9,16 @@ import jax.numpy as jnp
 
 from medjax.charging.docking import Misalignment
 from medjax.config import LinkParams, Scalar
+from medjax.indexing import read
 from medjax.physics import interpolate_inductance, link_efficiency
 
 
 class Transfer(NamedTuple):
-    """Energy of one tick by EV, `(E,)` each, J."""
+    """Energy of one tick, J."""
 
-    sent_j: jax.Array  # out of its MED
-    received_j: jax.Array  # into its battery; the difference is lost
+    sent_j: jax.Array  # (E,) to each EV out of its MED
+    received_j: jax.Array  # (E,) into its battery; the difference is lost
+    drawn_j: jax.Array  # (M,) out of each MED; adds up to sent_j
 
 
 def coupling_efficiency(geometry: Misalignment, link: LinkParams) -> jax.Array:
@@ -49,10 +51,10 @@ def transfer(
       room_j: (E,) J until the EV's battery is full.
       slot_energy_j: J that a slot draws in a tick at full power.
     """
-    num_meds = med_available_j.shape[0]
     fills = jnp.maximum(room_j, 0.0) / jnp.maximum(efficiency, 1e-6)
     asked = jnp.where(is_charging, jnp.minimum(slot_energy_j, fills), 0.0)
-    drawn = jnp.zeros((num_meds,)).at[jnp.where(is_charging, med, num_meds)].add(asked, mode="drop")
-    share = jnp.minimum(1.0, jnp.maximum(med_available_j, 0.0) / jnp.maximum(drawn, 1e-6))
-    sent = asked * share[jnp.maximum(med, 0)]
-    return Transfer(sent, sent * efficiency)
+    is_partner = med[:, None] == jnp.arange(med_available_j.shape[0])
+    wanted = jnp.sum(jnp.where(is_partner, asked[:, None], 0.0), axis=0)
+    share = jnp.minimum(1.0, jnp.maximum(med_available_j, 0.0) / jnp.maximum(wanted, 1e-6))
+    sent = asked * read(share, jnp.maximum(med, 0))
+    return Transfer(sent, sent * efficiency, wanted * share)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from flax import struct
 from jax.typing import ArrayLike
 
+from medjax.indexing import read
 from medjax.physics._arrays import as_floats
 from medjax.physics.coil import mutual_inductance
 
@@ -147,7 +148,7 @@ def interpolate_inductance(
     for i, axial_weight in enumerate(axial_side[1]):
         for j, lateral_weight in enumerate(lateral_side[1]):
             row = corner + (i * num_lateral + j) * num_tilt
-            line = sum(weight * flat[row + k] for k, weight in enumerate(tilt_side[1]))
+            line = sum(weight * read(flat, row + k) for k, weight in enumerate(tilt_side[1]))
             total = total + axial_weight * lateral_weight * line
     return total
 

@@ -2,33 +2,55 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 
 from medjax.config import DriverParams, Scalar
-from medjax.traffic.idm import FREE_GAP_M, idm_acceleration
+from medjax.indexing import read
+from medjax.traffic.idm import (
+    FREE_GAP_M,
+    braking_weight,
+    free_acceleration,
+    interaction,
+    wanted_gap,
+)
 from medjax.traffic.neighbours import NOBODY
+
+T = TypeVar("T")
+
+
+class Leader(NamedTuple):
+    """What is seen of a vehicle from behind; every field of one shape."""
+
+    rear: jax.Array  # m, rear bumper
+    speed: jax.Array  # m/s
+    platoon: jax.Array  # int32, index of the MED it drives with, or NOBODY
 
 
 class Drivers(NamedTuple):
-    """What car following reads of each vehicle; every field `(N,)`."""
+    """What car following reads of each vehicle that stays the same on its way; `(N,)` each."""
 
-    x: jax.Array  # m, front bumper
-    speed: jax.Array  # m/s
     length: jax.Array  # m
     desired_speed: jax.Array  # m/s
     time_headway: jax.Array  # s
     min_gap: jax.Array  # m
     max_acceleration: jax.Array  # m/s^2
-    comfortable_deceleration: jax.Array  # m/s^2
-    platoon: jax.Array  # int32, index of the MED it drives with, or NOBODY
+    braking_weight: jax.Array  # s^2/m, idm.braking_weight
 
-    def at(self, slots: jax.Array) -> Drivers:
-        """The drivers of those slots; NOBODY reads slot 0, to be masked by the caller."""
-        index = jnp.maximum(slots, 0)
-        return Drivers(*(field.at[index].get(mode="promise_in_bounds") for field in self))
+
+class Follower(NamedTuple):
+    """What car following reads of the one who follows; every field of one shape."""
+
+    x: jax.Array  # m, front bumper
+    speed: jax.Array  # m/s
+    free_acceleration: jax.Array  # m/s^2, with nobody ahead
+    time_headway: jax.Array  # s
+    min_gap: jax.Array  # m
+    max_acceleration: jax.Array  # m/s^2
+    braking_weight: jax.Array  # s^2/m
+    platoon: jax.Array  # int32, index of the MED it drives with, or NOBODY
 
 
 class Platooning(NamedTuple):
@@ -40,38 +62,61 @@ class Platooning(NamedTuple):
 
 def by_kind(kind: jax.Array, values: jax.Array) -> jax.Array:
     """values[kind], `(N,)` from `(num_kinds,)`."""
-    return values.at[kind].get(mode="promise_in_bounds")
+    return read(values, kind)
 
 
-def make_drivers(
-    x: jax.Array,
-    speed: jax.Array,
-    desired_speed: jax.Array,
-    kind: jax.Array,
-    platoon: jax.Array,
-    params: DriverParams,
-) -> Drivers:
-    """Drivers of all slots, `(N,)` each, from their kinds' parameters."""
+def of_slots(vehicles: T, slots: jax.Array) -> T:
+    """The leaders or followers of those slots; NOBODY reads slot 0, to be masked by the caller."""
+    return read(vehicles, jnp.maximum(slots, 0))
+
+
+def make_drivers(kind: jax.Array, desired_speed: jax.Array, params: DriverParams) -> Drivers:
+    """Drivers of all slots by their kinds' parameters.
+
+    Args:
+      kind: (N,) int32; desired_speed: (N,) m/s.
+    """
+    max_acceleration = by_kind(kind, params.max_acceleration)
+    comfortable_deceleration = by_kind(kind, params.comfortable_deceleration)
     return Drivers(
-        x=x,
-        speed=speed,
         length=by_kind(kind, params.vehicle_length),
         desired_speed=desired_speed,
         time_headway=by_kind(kind, params.time_headway),
         min_gap=by_kind(kind, params.min_gap),
-        max_acceleration=by_kind(kind, params.max_acceleration),
-        comfortable_deceleration=by_kind(kind, params.comfortable_deceleration),
-        platoon=platoon,
+        max_acceleration=max_acceleration,
+        braking_weight=braking_weight(max_acceleration, comfortable_deceleration),
     )
 
 
-def gap_between(follower: Drivers, leader: Drivers) -> jax.Array:
+def roles(
+    drivers: Drivers, x: jax.Array, speed: jax.Array, platoon: jax.Array
+) -> tuple[Leader, Follower]:
+    """All vehicles as they are seen from behind, and as they follow; every array `(N,)`."""
+    leader = Leader(x - drivers.length, speed, platoon)
+    follower = Follower(
+        x=x,
+        speed=speed,
+        free_acceleration=free_acceleration(
+            speed,
+            desired_speed=drivers.desired_speed,
+            max_acceleration=drivers.max_acceleration,
+        ),
+        time_headway=drivers.time_headway,
+        min_gap=drivers.min_gap,
+        max_acceleration=drivers.max_acceleration,
+        braking_weight=drivers.braking_weight,
+        platoon=platoon,
+    )
+    return leader, follower
+
+
+def gap_between(follower: Follower, leader: Leader) -> jax.Array:
     """Bumper gap, m; negative where they overlap."""
-    return leader.x - leader.length - follower.x
+    return leader.rear - follower.x
 
 
 def following_acceleration(
-    follower: Drivers, leader: Drivers, has_leader: jax.Array, platooning: Platooning
+    follower: Follower, leader: Leader, has_leader: jax.Array, platooning: Platooning
 ) -> jax.Array:
     """IDM acceleration of each follower behind its leader, m/s^2, by the follower's parameters.
 
@@ -83,27 +128,24 @@ def following_acceleration(
       has_leader: bool, that shape; False is a free road.
     """
     together = has_leader & (follower.platoon == leader.platoon) & (follower.platoon != NOBODY)
-    return idm_acceleration(
+    wanted = wanted_gap(
         follower.speed,
-        jnp.where(has_leader, gap_between(follower, leader), FREE_GAP_M),
         jnp.where(has_leader, leader.speed, follower.speed),
-        desired_speed=follower.desired_speed,
         time_headway=jnp.where(together, platooning.time_headway, follower.time_headway),
         min_gap=jnp.where(together, platooning.min_gap, follower.min_gap),
-        max_acceleration=follower.max_acceleration,
-        comfortable_deceleration=follower.comfortable_deceleration,
+        braking_weight=follower.braking_weight,
     )
+    gap = jnp.where(has_leader, gap_between(follower, leader), FREE_GAP_M)
+    return follower.free_acceleration - interaction(wanted, gap, follower.max_acceleration)
 
 
-def obstacle_acceleration(driver: Drivers, distance: jax.Array) -> jax.Array:
+def obstacle_acceleration(driver: Follower, distance: jax.Array) -> jax.Array:
     """IDM acceleration toward something that stands distance metres ahead, m/s^2."""
-    return idm_acceleration(
+    wanted = wanted_gap(
         driver.speed,
-        distance,
         0.0,
-        desired_speed=driver.desired_speed,
         time_headway=driver.time_headway,
         min_gap=driver.min_gap,
-        max_acceleration=driver.max_acceleration,
-        comfortable_deceleration=driver.comfortable_deceleration,
+        braking_weight=driver.braking_weight,
     )
+    return driver.free_acceleration - interaction(wanted, distance, driver.max_acceleration)

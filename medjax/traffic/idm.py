@@ -41,12 +41,53 @@ def idm_acceleration(
 
     Source: Treiber and Kesting, Traffic Flow Dynamics, eqs (11.14)-(11.15), with s* clipped at s0.
     """
-    speed, gap = jnp.asarray(speed), jnp.asarray(gap)
-    approach = speed * (speed - leader_speed)
-    approach = approach / (2.0 * jnp.sqrt(jnp.multiply(max_acceleration, comfortable_deceleration)))
-    wanted_gap = min_gap + jnp.maximum(0.0, speed * time_headway + approach)
-    interaction = wanted_gap / jnp.maximum(gap, SMALLEST_GAP_M)
+    speed = jnp.asarray(speed)
+    free = free_acceleration(
+        speed, desired_speed=desired_speed, max_acceleration=max_acceleration, exponent=exponent
+    )
+    wanted = wanted_gap(
+        speed,
+        leader_speed,
+        time_headway=time_headway,
+        min_gap=min_gap,
+        braking_weight=braking_weight(max_acceleration, comfortable_deceleration),
+    )
+    return free - interaction(wanted, gap, max_acceleration)
+
+
+def free_acceleration(
+    speed: jax.Array,
+    *,
+    desired_speed: ArrayLike,
+    max_acceleration: ArrayLike,
+    exponent: float = 4.0,
+) -> jax.Array:
+    """What is left of IDM on a free road: A [1 - (v/v0)^exponent], m/s^2."""
     ratio = speed / desired_speed
     # The usual exponent is 4: two multiplications instead of a pow.
-    free = jnp.square(jnp.square(ratio)) if exponent == 4.0 else ratio**exponent
-    return jnp.multiply(max_acceleration, 1.0 - free - jnp.square(interaction))
+    power = jnp.square(jnp.square(ratio)) if exponent == 4.0 else ratio**exponent
+    return jnp.multiply(max_acceleration, 1.0 - power)
+
+
+def braking_weight(max_acceleration: ArrayLike, comfortable_deceleration: ArrayLike) -> jax.Array:
+    """1 / (2 sqrt(a b)), s^2/m: times speed and closing speed, the distance that braking asks for."""
+    return 0.5 / jnp.sqrt(jnp.multiply(max_acceleration, comfortable_deceleration))
+
+
+def wanted_gap(
+    speed: jax.Array,
+    leader_speed: ArrayLike,
+    *,
+    time_headway: ArrayLike,
+    min_gap: ArrayLike,
+    braking_weight: ArrayLike,
+) -> jax.Array:
+    """IDM's s*, m, with `braking_weight` from the function of that name."""
+    braking = jnp.multiply(braking_weight, speed * (speed - leader_speed))
+    return jnp.add(min_gap, jnp.maximum(0.0, speed * time_headway + braking))
+
+
+def interaction(wanted: jax.Array, gap: ArrayLike, max_acceleration: ArrayLike) -> jax.Array:
+    """A (s*/s)^2, m/s^2, what the leader takes from the free acceleration."""
+    ratio = wanted / jnp.maximum(gap, SMALLEST_GAP_M)
+    return jnp.multiply(max_acceleration, jnp.square(ratio))

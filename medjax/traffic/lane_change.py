@@ -6,20 +6,24 @@ from one lane, where they already keep their distance, so no gap is ever taken f
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 
 from medjax.config import LaneChangeParams
 from medjax.traffic.car_following import (
-    Drivers,
+    Follower,
+    Leader,
     Platooning,
     following_acceleration,
     gap_between,
+    of_slots,
 )
 from medjax.traffic.mobil import is_safe, mobil_incentive
 from medjax.traffic.neighbours import NOBODY, Neighbours
+
+T = TypeVar("T")
 
 
 class Wish(NamedTuple):
@@ -46,65 +50,67 @@ def whose_turn(tick: jax.Array, groups: int) -> Turn:
     return Turn(jnp.where(tick % 2 == 0, -1, 1), tick // 2 % groups, groups)
 
 
-def pick_group(values: jax.Array, turn: Turn) -> jax.Array:
-    """Entries of those whose turn it is: (N,) to (ceil(N / groups),), padded with zeros."""
-    rows = jnp.pad(values, (0, -values.shape[0] % turn.groups)).reshape(-1, turn.groups)
-    return jax.lax.dynamic_index_in_dim(rows, turn.group, axis=1, keepdims=False)
+def pick_group(tree: T, turn: Turn) -> T:
+    """Entries of those whose turn it is: leaves (N,) to (ceil(N / groups),), padded with zeros."""
+
+    def pick(values: jax.Array) -> jax.Array:
+        rows = jnp.pad(values, (0, -values.shape[0] % turn.groups)).reshape(-1, turn.groups)
+        return jax.lax.dynamic_index_in_dim(rows, turn.group, axis=1, keepdims=False)
+
+    return jax.tree.map(pick, tree)
 
 
 def place_group(flags: jax.Array, turn: Turn, num_vehicles: int) -> jax.Array:
     """Flags of those whose turn it is back by slot, `(num_vehicles,)` bool, False for the others.
 
-    A matrix product rather than a select, because XLA does not fuse through it: a select would be
+    A write into an array rather than a select, because XLA does not fuse through it: a select would be
     merged into each of its readers, and the whole decision computed again for each.
     """
-    slots = turn.group + turn.groups * jnp.arange(flags.shape[0])
-    is_slot = slots[:, None] == jnp.arange(num_vehicles)
-    return flags.astype(jnp.float32) @ is_slot.astype(jnp.float32) > 0.5
+    rows = jnp.zeros((flags.shape[0], turn.groups), bool)
+    rows = jax.lax.dynamic_update_index_in_dim(rows, flags, turn.group, axis=1)
+    return rows.reshape(-1)[:num_vehicles]
 
 
 def decide(
-    everyone: Drivers,
-    deciders: Drivers,
-    neighbours: Neighbours,
+    leaders: Leader,
+    followers: Follower,
     following: jax.Array,
+    turn: Turn,
+    neighbours: Neighbours,
     acceleration: jax.Array,
-    direction: jax.Array,
     wish: Wish,
     platooning: Platooning,
     params: LaneChangeParams,
 ) -> jax.Array:
-    """Which of the deciders want to change lanes now and can safely, `(C,)` bool.
+    """Which of those whose turn it is want to change lanes now and can safely, `(C,)` bool.
 
     Args:
-      everyone: (N,) each, by slot; following: (N,) m/s^2, their car-following accelerations.
-      deciders: (C,) each, those whose turn it is, and so for all that follows.
-      neighbours: in the own lane, and in the lane on the side of `direction`.
-      acceleration: m/s^2, of the deciders, with the end of an acceleration lane counted.
-      direction: () -1 or +1, the side looked at.
+      leaders, followers: of all vehicles, by slot; every array is `(N,)`.
+      following: m/s^2, by car following alone.
+      turn: whose turn it is, and the side looked at.
+      neighbours: in the own lane, and in the lane on that side.
+      acceleration: m/s^2, with the end of an acceleration lane counted.
       wish: mandatory changes; they add a bias, safety is never waived.
     """
-    leader, follower = (
-        everyone.at(neighbours.target_leader),
-        everyone.at(neighbours.target_follower),
-    )
-    old_leader, old_follower = everyone.at(neighbours.leader), everyone.at(neighbours.follower)
-    has_leader, has_follower = (
-        neighbours.target_leader != NOBODY,
-        neighbours.target_follower != NOBODY,
-    )
+    own = pick_group(followers, turn)
+    seen = pick_group(leaders, turn)
+    neighbours, wish = pick_group(neighbours, turn), pick_group(wish, turn)
+    leader = of_slots(leaders, neighbours.target_leader)
+    old_leader = of_slots(leaders, neighbours.leader)
+    follower, new_before = of_slots((followers, following), neighbours.target_follower)
+    old_follower, old_before = of_slots((followers, following), neighbours.follower)
+    has_leader = neighbours.target_leader != NOBODY
+    has_follower = neighbours.target_follower != NOBODY
     has_old_follower = neighbours.follower != NOBODY
 
-    own_after = following_acceleration(deciders, leader, has_leader, platooning)
-    new_after = following_acceleration(follower, deciders, has_follower, platooning)
+    own_after = following_acceleration(own, leader, has_leader, platooning)
+    new_after = following_acceleration(follower, seen, has_follower, platooning)
     old_after = following_acceleration(
         old_follower, old_leader, neighbours.leader != NOBODY, platooning
     )
-    new_before = following[jnp.maximum(neighbours.target_follower, 0)]
-    old_before = following[jnp.maximum(neighbours.follower, 0)]
 
     incentive = mobil_incentive(
-        acceleration,
+        pick_group(acceleration, turn),
         own_after,
         jnp.where(has_old_follower, old_before, 0.0),
         jnp.where(has_old_follower, old_after, 0.0),
@@ -115,17 +121,17 @@ def decide(
     safe = is_safe(
         own_after,
         jnp.where(has_follower, new_after, 0.0),
-        jnp.where(has_leader, gap_between(deciders, leader), jnp.inf),
-        jnp.where(has_follower, gap_between(follower, deciders), jnp.inf),
+        jnp.where(has_leader, gap_between(own, leader), jnp.inf),
+        jnp.where(has_follower, gap_between(follower, seen), jnp.inf),
         safe_braking=params.safe_braking,
-        min_gap_ahead=deciders.min_gap,
+        min_gap_ahead=own.min_gap,
         min_gap_behind=follower.min_gap,
     )
-    mandatory = wish.direction == direction
+    mandatory = wish.direction == turn.direction
     bias = jnp.where(
         mandatory,
         params.mandatory_bias + wish.urgency * params.urgency_bias,
-        params.right_bias * direction,
+        params.right_bias * turn.direction,
     )
     wants = incentive + bias > params.threshold
     free = (wish.direction == 0) & ~wish.stay

@@ -18,11 +18,13 @@ def merge_distance(x: jax.Array, road: RoadParams) -> jax.Array:
     Returns:
       The shape of x, m. The end is a standing obstacle.
     """
-    ends = road.ramp_x_m + road.acceleration_lane_m
-    to_end = ends - x[..., None]
-    # A bumper that rounds to just past the end still belongs to that lane, not to the next one.
-    here = to_end >= -1.0
-    return jnp.min(jnp.where(here, to_end, jnp.inf), axis=-1, initial=jnp.inf)
+    nearest = jnp.full_like(x, jnp.inf)
+    # One ramp after the other: a minimum over an axis of ramps costs three times as much on a CPU.
+    for ramp in range(road.ramp_x_m.shape[0]):
+        to_end = road.ramp_x_m[ramp] + road.acceleration_lane_m - x
+        # A bumper that rounds to just past the end still belongs to that lane, not to the next one.
+        nearest = jnp.minimum(nearest, jnp.where(to_end >= -1.0, to_end, jnp.inf))
+    return nearest
 
 
 def lateral_position(

@@ -8,6 +8,7 @@ import pytest
 import medjax
 from medjax.charging.docking import misalignment
 from medjax.config import FRONT, LEFT, REAR, RIGHT
+from medjax.movement import drivers_of
 from medjax.physics import mutual_inductance
 from medjax.state import NOT_BOOKED
 from medjax.tick import physics_tick
@@ -31,7 +32,9 @@ def play(quiet):
     @jax.jit
     def run(state):
         def tick(state, index):
-            state, tally = physics_tick(state, index, env.config, params)
+            state, tally = physics_tick(
+                state, drivers_of(state, env.config, params), index, env.config, params
+            )
             return state, (state, tally)
 
         return jax.lax.scan(tick, state, jnp.arange(TICKS))[1]

@@ -8,6 +8,7 @@ import pytest
 import medjax
 from medjax.charging.docking import Misalignment
 from medjax.charging.transfer import coupling_efficiency, transfer
+from medjax.movement import drivers_of
 from medjax.physics import link_efficiency, mutual_inductance
 from medjax.tick import physics_tick
 
@@ -28,7 +29,9 @@ def test_books_balance_in_every_tick():
         state, _ = jax.lax.scan(warm, state, jax.random.split(key, 120))
 
         def tick(state, index):
-            after, tally = physics_tick(state, index, config, params)
+            after, tally = physics_tick(
+                state, drivers_of(state, config, params), index, config, params
+            )
             return after, (state, after, tally)
 
         return jax.lax.scan(tick, state, jnp.arange(120))[1]

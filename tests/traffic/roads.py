@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from medjax.movement import drivers_of
 from medjax.tick import physics_tick
 from tests.traffic.reference import idm
 
@@ -44,8 +45,10 @@ def run(config, ticks):
 
     @jax.jit
     def play(state, params, first=0):
+        drivers = drivers_of(state, config, params)
+
         def tick(state, index):
-            return physics_tick(state, index, config, params)[0], state
+            return physics_tick(state, drivers, index, config, params)[0], state
 
         last, before = jax.lax.scan(tick, state, first + jnp.arange(ticks, dtype=jnp.int32))
         return jax.tree.map(lambda many, one: jnp.concatenate([many, one[None]]), before, last)

@@ -1,20 +1,19 @@
 """MOBIL: item 7 of reference/traffic.md, safety, and followers judged as the cars that they are."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from medjax.config import LaneChangeParams
 from medjax.traffic import idm_acceleration, mobil_incentive
-from medjax.traffic.car_following import Drivers, Platooning, following_acceleration
-from medjax.traffic.lane_change import Wish, decide
+from medjax.traffic.car_following import Platooning, following_acceleration, of_slots, roles
+from medjax.traffic.lane_change import Turn, Wish, decide
 from medjax.traffic.mobil import is_safe
 from medjax.traffic.neighbours import NOBODY, Neighbours
+from tests.traffic.cars import LENGTH, drivers
 from tests.traffic.reference import CAR, TRUCK, idm
 
 EGO, OLD_LEADER, NEW_LEADER, OLD_FOLLOWER, NEW_FOLLOWER = range(5)
-LENGTH = 5.0
 
 
 def item_7():
@@ -80,12 +79,11 @@ def lane_change(
     x, speed, kinds, *, neighbours=(1, 3, 2, 4), politeness=0.0, threshold=0.2, wish=0, stay=False
 ):
     """Whether the ego, slot 0, changes to the right among five vehicles of the given kinds."""
-    drivers = Drivers(
-        x=jnp.asarray(x, jnp.float32),
-        speed=jnp.asarray(speed, jnp.float32),
-        length=jnp.full(5, LENGTH),
-        **{name: jnp.asarray([kind[name] for kind in kinds], jnp.float32) for name in CAR},
-        platoon=jnp.full(5, NOBODY),
+    leaders, followers = roles(
+        drivers(kinds),
+        jnp.asarray(x, jnp.float32),
+        jnp.asarray(speed, jnp.float32),
+        jnp.full(5, NOBODY),
     )
     # Only the ego asks; what the others see of each other is needed for their accelerations.
     old_leader, old_follower, new_leader, new_follower = neighbours
@@ -98,20 +96,21 @@ def lane_change(
         target_follower=nobody.at[EGO].set(new_follower),
     )
     platooning = Platooning(0.3, 2.0)
-    following = following_acceleration(drivers, drivers.at(leader), leader != NOBODY, platooning)
-    ego = jnp.asarray([EGO])
+    following = following_acceleration(
+        followers, of_slots(leaders, leader), leader != NOBODY, platooning
+    )
     changes = decide(
-        drivers,
-        drivers.at(ego),
-        jax.tree.map(lambda slots: slots[ego], seen),
+        leaders,
+        followers,
         following,
-        following[ego],
-        jnp.asarray(1),
-        Wish(jnp.full(1, wish), jnp.zeros(1), jnp.full(1, stay)),
+        Turn(jnp.asarray(1), jnp.asarray(0), 1),
+        seen,
+        following,
+        Wish(jnp.full(5, wish), jnp.zeros(5), jnp.full(5, stay)),
         platooning,
         LaneChangeParams(politeness, threshold, 0.0, 4.0, 10.0, 10.0),
     )
-    return bool(changes[0])
+    return bool(changes[EGO])
 
 
 # Item 7's scene: front bumpers, the ego's at 0.

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from medjax.traffic import ballistic_step, idm_acceleration
 from medjax.traffic.idm import FREE_GAP_M
-from medjax.traffic.motion import heading, lateral_step, ornstein_uhlenbeck
+from medjax.traffic.motion import lateral_step, ornstein_uhlenbeck, turn_between
 from tests.traffic.reference import CAR, idm
 
 
@@ -110,11 +110,20 @@ def test_lane_change_takes_two_to_four_seconds():
     assert (y > 0).all()
 
 
-def test_heading():
-    """atan of the two speeds, positive to the right; a standing vehicle points along the road."""
-    assert float(heading(jnp.float32(25.0), jnp.float32(1.0))) == pytest.approx(np.arctan(0.04))
-    assert float(heading(jnp.float32(25.0), jnp.float32(-1.0))) == pytest.approx(-np.arctan(0.04))
-    assert float(heading(jnp.float32(0.0), jnp.float32(0.0))) == 0.0
+def test_turn_is_the_difference_of_headings():
+    """Against atan2 in float64, for all speeds and turns that driving knows; a crawl turns nobody."""
+    rng = np.random.default_rng(0)
+    speed, other = rng.uniform(0.0, 35.0, (2, 100_000)).astype(np.float32)
+    aside, other_aside = rng.normal(0.0, 1.0, (2, 100_000)).astype(np.float32)
+    ours = np.asarray(turn_between(speed, aside, other, other_aside), np.float64)
+
+    def heading(speed, aside):
+        return np.arctan2(aside.astype(np.float64), np.maximum(speed.astype(np.float64), 1.0))
+
+    exact = np.clip(heading(other, other_aside) - heading(speed, aside), -np.pi / 2, np.pi / 2)
+    np.testing.assert_allclose(ours, exact, atol=1e-6)
+    assert float(turn_between(0.0, 0.0, 25.0, 1.0)) == pytest.approx(np.arctan(0.04))
+    assert float(turn_between(0.0, 0.0, 0.0, 0.0)) == 0.0
 
 
 @pytest.mark.parametrize(

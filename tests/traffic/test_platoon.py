@@ -1,6 +1,7 @@
 """Columns of cars moved by the package's car following and motion, against theory and an ODE solver."""
 
 import functools
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -9,22 +10,30 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from medjax.traffic import ballistic_step, idm_acceleration
-from medjax.traffic.car_following import Drivers, Platooning, following_acceleration
+from medjax.traffic.car_following import Drivers, Platooning, following_acceleration, roles
 from medjax.traffic.neighbours import NOBODY
+from tests.traffic.cars import LENGTH, drivers
 from tests.traffic.reference import CAR, HIGHWAY, equilibrium_gap, gain, idm, sampled_gain
 
-LENGTH = 5.0
+
+class Column(NamedTuple):
+    """Cars of one lane, the foremost first."""
+
+    drivers: Drivers
+    x: jax.Array
+    speed: jax.Array
+    platoon: jax.Array
 
 
-def column(x, speed, params, platoon=NOBODY):
-    """Drivers of one lane, the foremost first."""
+def column(x, speed, params, platoon=NOBODY, leader_speed=None):
+    """Cars at x; the first one's desired speed may be given, which makes it drive at that."""
     count = len(x)
-    return Drivers(
-        x=jnp.asarray(x, jnp.float32),
-        speed=jnp.broadcast_to(jnp.float32(speed), (count,)),
-        length=jnp.full(count, LENGTH),
-        **{name: jnp.full(count, value) for name, value in params.items()},
-        platoon=jnp.full(count, platoon),
+    first = params if leader_speed is None else params | {"desired_speed": leader_speed}
+    return Column(
+        drivers([first] + [params] * (count - 1)),
+        jnp.asarray(x, jnp.float32),
+        jnp.full(count, jnp.float32(speed)),
+        jnp.full(count, platoon),
     )
 
 
@@ -33,14 +42,14 @@ def drive(cars, dt, steps):
     """(x, speed), (steps, N) each, after every tick; nobody ahead of the first car."""
     first = jnp.arange(cars.x.shape[0]) == 0
 
-    def tick(cars, _):
-        leader = Drivers(*(jnp.roll(field, 1) for field in cars))
-        a = following_acceleration(cars, leader, ~first, Platooning(0.3, 2.0))
-        x, speed = ballistic_step(cars.x, cars.speed, a, dt)
-        cars = cars._replace(x=x, speed=speed)
-        return cars, (x, speed)
+    def tick(state, _):
+        leaders, followers = roles(cars.drivers, *state, cars.platoon)
+        ahead = jax.tree.map(lambda field: jnp.roll(field, 1), leaders)
+        a = following_acceleration(followers, ahead, ~first, Platooning(0.3, 2.0))
+        state = ballistic_step(*state, a, dt)
+        return state, state
 
-    return jax.lax.scan(tick, cars, length=steps)[1]
+    return jax.lax.scan(tick, (cars.x, cars.speed), length=steps)[1]
 
 
 @functools.partial(jax.jit, static_argnames=("count", "dt", "steps"))
@@ -172,9 +181,7 @@ def test_column_settles_at_equilibrium_flow():
     """Behind a leader at 18.77 m/s: gaps s_e, and a lane flow of 1836.4 vehicles an hour."""
     v, count = 18.77, 12
     x = -30.0 * np.arange(count)  # too close at first
-    cars = column(x, 15.0, CAR)
-    # The leader's desired speed is what makes it drive at v.
-    cars = cars._replace(desired_speed=cars.desired_speed.at[0].set(v))
+    cars = column(x, 15.0, CAR, leader_speed=v)
     x, speed = map(np.asarray, drive(cars, 0.25, 4000))
     np.testing.assert_allclose(speed[-1], v, rtol=1e-3)
     gaps = x[-1, :-1] - LENGTH - x[-1, 1:]
@@ -211,8 +218,7 @@ def test_platoon_members_drive_closer():
     """Cars of one platoon settle at the platoon's headway and gap, 0.3 s and 2 m."""
     v = 20.0
     for platoon, params in ((0, CAR | {"time_headway": 0.3}), (NOBODY, CAR)):
-        cars = column([0.0, -40.0], v, CAR, platoon)
-        cars = cars._replace(desired_speed=cars.desired_speed.at[0].set(v))
+        cars = column([0.0, -40.0], v, CAR, platoon, leader_speed=v)
         x, _ = drive(cars, 0.25, 2400)
         gap = float(x[-1, 0] - LENGTH - x[-1, 1])
         assert gap == pytest.approx(equilibrium_gap(params, v), rel=5e-3)

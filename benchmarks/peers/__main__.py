@@ -1,0 +1,218 @@
+"""`python -m benchmarks.peers`: medjax and other simulators on the same road, in one run.
+
+The figure is active vehicle updates a second: vehicles really on the road, summed over ticks, by wall
+time, all cores at work. Rounds alternate between the simulators, so that a machine that slows down slows
+all of them; medians over rounds are compared.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import importlib.metadata
+import json
+import os
+import platform
+import statistics
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+
+import medjax
+from benchmarks.peers import Peer, Rate, Workload
+from benchmarks.peers.highway import HighwayEnv
+from benchmarks.peers.sumo import Sumo
+from benchmarks.throughput import measure
+from train.cli import OneLineParser
+
+PEERS: tuple[type[Any], ...] = (Sumo, HighwayEnv)  # each built with a Workload
+SCENARIO = "paper"
+COUNTED_ROADS = 64  # enough to know the mean number of vehicles to 1 %
+
+
+class Medjax(Peer):
+    """The complete default step under random actions, in one process on all cores."""
+
+    name = "medjax"
+    package = "medjax"
+    differences = (
+        "It moves many roads in one process on all cores, in single precision; compilation is left out.",
+        "It does the complete default step: dispatch, entries, booking, docking, coils, batteries, "
+        "driver noise, observation, reward, metrics and auto-reset, under random actions.",
+    )
+
+    def __init__(self, num_envs: int, decisions: int) -> None:
+        self.num_envs = num_envs
+        self.decisions = decisions
+
+    def measure(self) -> Rate:
+        """All roads over `decisions`, after as many for warm-up."""
+        result = measure(self.num_envs, steps=self.decisions, repeats=1, scenario=SCENARIO)
+        return Rate(result.active_vehicle_updates_per_s, result.mean_active_vehicles)
+
+
+@dataclasses.dataclass(frozen=True)
+class Result:
+    """A simulator's line of the table."""
+
+    version: str
+    active_vehicle_updates_per_s: float  # median over rounds
+    mean_active_vehicles: float  # median over rounds
+    medjax_ratio: float  # medjax's figure by this one
+    rounds: list[float]  # active vehicle updates a second in each
+    differences: tuple[str, ...]
+
+
+def installed_version(package: str) -> str | None:
+    """The version of a distribution, or None if it is not installed."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def say(line: str) -> None:
+    """Progress, on stderr."""
+    print(line, file=sys.stderr, flush=True)
+
+
+def alternate(simulators: Sequence[Peer], rounds: int) -> dict[str, list[Rate]]:
+    """Measures every simulator once a round, in the order given."""
+    rates: dict[str, list[Rate]] = {simulator.name: [] for simulator in simulators}
+    for number in range(1, rounds + 1):
+        for simulator in simulators:
+            rate = simulator.measure()
+            rates[simulator.name].append(rate)
+            say(
+                f"round {number}/{rounds}: {simulator.name} "
+                f"{rate.active_vehicle_updates_per_s:,.0f} active vehicle updates/s"
+            )
+    return rates
+
+
+def summarise(simulators: Sequence[Peer], rates: dict[str, list[Rate]]) -> dict[str, Result]:
+    """Medians over rounds, and the ratio of medjax's (the first simulator's) to each."""
+    medians = {
+        name: statistics.median(rate.active_vehicle_updates_per_s for rate in measured)
+        for name, measured in rates.items()
+    }
+    return {
+        simulator.name: Result(
+            version=installed_version(simulator.package) or "unknown",
+            active_vehicle_updates_per_s=medians[simulator.name],
+            mean_active_vehicles=statistics.median(
+                rate.mean_active_vehicles for rate in rates[simulator.name]
+            ),
+            medjax_ratio=medians[simulators[0].name] / medians[simulator.name],
+            rounds=[rate.active_vehicle_updates_per_s for rate in rates[simulator.name]],
+            differences=simulator.differences,
+        )
+        for simulator in simulators
+    }
+
+
+def count_cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def compare(num_envs: int, rounds: int) -> dict[str, Any]:
+    """The whole run; what `--json` writes."""
+    present, skipped = [], []
+    for peer in PEERS:
+        if installed_version(peer.package) is None:
+            skipped.append(peer.name)
+            say(f'{peer.name}: not installed, skipped (pip install "medjax[peers]")')
+        else:
+            present.append(peer)
+    env, params = medjax.make(SCENARIO)
+    # An episode for warm-up and an episode that is timed, as SUMO: traffic changes within an episode,
+    # since MEDs come, so a part of one would hold fewer vehicles.
+    decisions = int(params.episode_decisions)
+    cores = count_cores()
+    say(f"counting vehicles in {COUNTED_ROADS} roads of medjax")
+    counted = Medjax(COUNTED_ROADS, decisions).measure()
+    num_vehicles = round(counted.mean_active_vehicles)
+    with tempfile.TemporaryDirectory() as folder:
+        workload = Workload(env.config, params, num_vehicles, cores, Path(folder))
+        simulators = [Medjax(num_envs, decisions), *(peer(workload) for peer in present)]
+        results = summarise(simulators, alternate(simulators, rounds))
+    return {
+        "scenario": SCENARIO,
+        "unit": "active vehicle updates per second",
+        "rounds": rounds,
+        "num_envs": num_envs,
+        "cores": cores,
+        "platform": platform.platform(),
+        "python_version": platform.python_version(),
+        "jax_version": jax.__version__,
+        "backend": jax.default_backend(),
+        "device": jax.devices()[0].device_kind,
+        "simulators": {name: dataclasses.asdict(result) for name, result in results.items()},
+        "skipped": skipped,
+    }
+
+
+def report(comparison: dict[str, Any]) -> str:
+    """The table, and what differs."""
+    lines = [
+        f"Active vehicle updates a second, medians of {comparison['rounds']} alternating rounds; "
+        f"{comparison['cores']} cores, medjax on {comparison['backend']} ({comparison['device']})",
+        "",
+        f"{'':14}{'version':>10}{'vehicles a road':>18}{'updates/s':>14}{'medjax / it':>14}",
+    ]
+    for name, result in comparison["simulators"].items():
+        lines.append(
+            f"{name:14}{result['version']:>10}{result['mean_active_vehicles']:18.0f}"
+            f"{result['active_vehicle_updates_per_s']:14,.0f}{result['medjax_ratio']:14,.1f}"
+        )
+    for name in comparison["skipped"]:
+        lines.append(f"{name:14}not installed, skipped")
+    lines += ["", "What differs:"]
+    for name, result in comparison["simulators"].items():
+        lines += [name, *(f"  - {difference}" for difference in result["differences"])]
+    return "\n".join(lines)
+
+
+def _positive(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: allowed a whole number from 1")
+    return int(text)
+
+
+def _file(text: str) -> Path:
+    path = Path(text)
+    if path.is_dir() or not path.parent.is_dir():
+        raise argparse.ArgumentTypeError(f"{text!r}: allowed a file in a directory that exists")
+    return path
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Prints the table and what differs, and writes the same as JSON."""
+    parser = OneLineParser(
+        prog="python -m benchmarks.peers", description=__doc__, allow_abbrev=False
+    )
+    parser.add_argument("--rounds", type=_positive, default=3, help="default: 3")
+    parser.add_argument(
+        "--num-envs",
+        type=_positive,
+        default=1024,
+        metavar="N",
+        help="roads of medjax; default: 1024",
+    )
+    parser.add_argument("--json", type=_file, metavar="FILE")
+    options = parser.parse_args(arguments)
+    comparison = compare(options.num_envs, options.rounds)
+    if options.json:
+        options.json.write_text(json.dumps(comparison, indent=2) + "\n")
+    print(report(comparison))
+
+
+if __name__ == "__main__":
+    main()
