@@ -74,6 +74,9 @@ class TrainConfig:
     )
     seed: int = option(0, "run", "of all randomness", low=0, high=2**32 - 1)
     num_seeds: int = option(1, "run", "independent learners trained side by side", low=1)
+    num_devices: int = option(
+        0, "run", "devices, or CPU cores, that share the environments; 0: all", low=0
+    )
     checkpoint_interval: int = option(
         10, "run", "updates between checkpoints; 0: at the end only", low=0
     )

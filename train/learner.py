@@ -14,12 +14,14 @@ import jax.numpy as jnp
 import optax
 from flax import struct
 from jax import lax
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from medjax.wrappers import (
     BatchAutoReset,
     Environment,
     EpisodeLog,
     RunningStats,
+    environment_mesh,
     init_stats,
     normalize,
     scale_reward,
@@ -205,13 +207,14 @@ class Learner:
 
 
 def split_environments(key: jax.Array, samples: Any, num_minibatches: int) -> Any:
-    """Shuffles the environments and deals them out.
+    """Deals the environments out: of every `num_minibatches` neighbours, each minibatch gets one by lot.
 
-    Whole environments rather than single steps: a permutation of environments is cheap, and the rollout keeps its
-    layout (sorting all steps costs more than it decorrelates).
+    Whole environments rather than single steps: dealing environments is cheap, and the rollout keeps its layout (sorting
+    all steps costs more than it decorrelates). Among neighbours rather than among all: environments are alike, so that
+    nothing is lost by it, and devices that share them need not exchange samples.
 
     Args:
-        key: of the permutation.
+        key: of the lots.
         samples: leaves `(num_steps, num_envs, ...)`.
         num_minibatches: a divisor of num_envs.
 
@@ -219,8 +222,17 @@ def split_environments(key: jax.Array, samples: Any, num_minibatches: int) -> An
         Leaves `(num_minibatches, num_steps, num_envs / num_minibatches, ...)`; each sample is in exactly one minibatch.
     """
     num_envs = jax.tree.leaves(samples)[0].shape[1]
-    order = jax.random.permutation(key, num_envs).reshape(num_minibatches, -1)
-    return jax.tree.map(lambda x: jnp.moveaxis(x[:, order], 1, 0), samples)
+    places = jnp.broadcast_to(
+        jnp.arange(num_minibatches), (num_envs // num_minibatches, num_minibatches)
+    )
+    lots = jax.random.permutation(key, places, axis=1, independent=True)
+
+    def deal(values: jax.Array) -> jax.Array:
+        groups = values.reshape(values.shape[0], -1, num_minibatches, *values.shape[2:])
+        dealt = jax.vmap(lambda group, lot: group[:, lot], (1, 0), 1)(groups, lots)
+        return jnp.moveaxis(dealt, 2, 0)
+
+    return jax.tree.map(deal, samples)
 
 
 def _norm(tree: Any) -> jax.Array:
@@ -246,9 +258,14 @@ def build_learner(env: Environment, params: Any, config: TrainConfig) -> Learner
         env: a single environment; it is copied `config.num_envs` times here.
         params: its parameters, read only for the length of an episode.
         config: settings.
+
+    Raises:
+        ValueError: `config.num_devices` is not possible.
     """
     stagger = episode_decisions(params) if config.stagger else 0
-    batch = BatchAutoReset(env, config.num_envs, stagger=stagger)
+    # A device holds whole groups of the neighbours among which minibatches are dealt.
+    mesh = environment_mesh(config.num_envs // config.num_minibatches, config.num_devices)
+    batch = BatchAutoReset(env, config.num_envs, stagger=stagger, mesh=mesh)
     gradient_steps = config.num_epochs * config.num_minibatches
 
     def learning_rate(update: jax.Array) -> jax.Array:
@@ -269,6 +286,25 @@ class TrainFunctions:
 
     init: Callable[[jax.Array, Any], TrainState]  # (key, env_params)
     run: Callable[[TrainState, Any, jax.Array], tuple[TrainState, Metrics]]  # see Learner.run
+    shardings: Any  # of the state, a prefix of its tree
+
+
+def over_seeds(
+    learner: Learner, num_seeds: int
+) -> tuple[
+    Callable[[jax.Array, Any], TrainState],
+    Callable[[TrainState, Any, jax.Array], tuple[TrainState, Metrics]],
+]:
+    """`learner.init` and `learner.run`, for several seeds side by side if there are several."""
+    if num_seeds == 1:
+        return learner.init, learner.run
+
+    def init(key: jax.Array, env_params: Any) -> TrainState:
+        # One after the other: under vmap over seeds and environments XLA's CPU program of a reset never returns.
+        keys = jax.random.split(key, num_seeds)
+        return lax.map(lambda own: learner.init(own, env_params), keys)
+
+    return init, jax.vmap(learner.run, (0, None, None))
 
 
 def make_train(env: Environment, params: Any, config: TrainConfig) -> TrainFunctions:
@@ -284,13 +320,20 @@ def make_train(env: Environment, params: Any, config: TrainConfig) -> TrainFunct
         `config.num_seeds > 1` every leaf of the state and of the metrics has a leading axis of that length.
     """
     learner = build_learner(env, params, config)
-    if config.num_seeds == 1:
-        return TrainFunctions(jax.jit(learner.init), jax.jit(learner.run, donate_argnums=0))
+    init, run = over_seeds(learner, config.num_seeds)
+    where = shardings(learner.env.env.mesh, seeds=config.num_seeds > 1)
+    return TrainFunctions(
+        init=jax.jit(init, out_shardings=where),
+        run=jax.jit(
+            run, in_shardings=(where, None, None), out_shardings=(where, None), donate_argnums=0
+        ),
+        shardings=where,
+    )
 
-    def init_seeds(key: jax.Array, env_params: Any) -> TrainState:
-        # One after the other: under vmap over seeds and environments XLA's CPU program of a reset never returns.
-        keys = jax.random.split(key, config.num_seeds)
-        return lax.map(lambda own: learner.init(own, env_params), keys)
 
-    run_seeds = jax.vmap(learner.run, (0, None, None))
-    return TrainFunctions(jax.jit(init_seeds), jax.jit(run_seeds, donate_argnums=0))
+def shardings(mesh: Mesh, seeds: bool) -> Any:
+    """Where the parts of a `TrainState` are: what belongs to environments is shared out, the rest is everywhere."""
+    everywhere = NamedSharding(mesh, PartitionSpec())
+    rows = NamedSharding(mesh, PartitionSpec(*([None] if seeds else []), *mesh.axis_names))
+    parts: dict[str, Any] = dict.fromkeys(TrainState.__dataclass_fields__, everywhere)
+    return TrainState(**parts | {"rollout": rows})

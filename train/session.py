@@ -10,12 +10,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from medjax.wrappers import use_cpu_cores
 from train.checkpoint import Checkpoints, updates_done
 from train.cli import Request, make_environment
 from train.closing import close_run
 from train.config import SettingError, TrainConfig
 from train.host import Interrupt, deferred_interrupts, enable_compilation_cache
-from train.learner import TrainFunctions, TrainState, make_train
+from train.learner import TrainFunctions, TrainState, build_learner, make_train, over_seeds
 from train.logs import MetricsLog, Progress, Row, rows_from
 from train.networks import build_network
 from train.rundir import RunDir, check_unused, unused_run_dir
@@ -30,6 +31,8 @@ def open_session(request: Request) -> "Session":
         SettingError: bad input; nothing was written.
     """
     config = request.config
+    if config.num_devices != 1:
+        use_cpu_cores()
     if request.resume is None and request.run_dir is not None:
         check_unused(request.run_dir)
     env, params = make_environment(config)
@@ -37,7 +40,10 @@ def open_session(request: Request) -> "Session":
         build_network(env.num_actions, config)
     except ValueError as error:
         raise SettingError(str(error)) from None
-    programs = make_train(env, params, config)
+    try:
+        programs = make_train(env, params, config)
+    except ValueError as error:
+        raise SettingError(str(error)) from None
     shapes = shapes_of(env, params, config)
     run_dir = RunDir(request.resume or request.run_dir or unused_run_dir(config.scenario))
     session = Session(env, params, config, run_dir, programs, shapes, request.resume is not None)
@@ -56,7 +62,9 @@ def open_session(request: Request) -> "Session":
 
 def shapes_of(env: Any, params: Any, config: TrainConfig) -> TrainState:
     """Shapes and types of the training state, found without computing or compiling it."""
-    init = make_train(env, params, config).init
+    # They are the same for any number of devices, and this one need not have as many as the run had.
+    learner = build_learner(env, params, dataclasses.replace(config, num_devices=1))
+    init, _ = over_seeds(learner, config.num_seeds)
     return jax.eval_shape(init, jax.random.key(config.seed), params)
 
 
@@ -109,6 +117,7 @@ class Session:
             with deferred_interrupts() as interrupt:
                 if self.resumed:
                     state = self.checkpoints.restore(self.shapes)
+                    state = jax.device_put(state, self.programs.shardings)
                 else:
                     state = init(jax.random.key(self.config.seed), self.params)
                 state, healthy = self._drive(run, state, log, progress, interrupt, earlier_s)

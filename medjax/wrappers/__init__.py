@@ -1,6 +1,7 @@
 """Wrappers around environments: auto-reset of a batch, episode log, normalisation."""
 
 from medjax.wrappers.auto_reset import BatchAutoReset, BatchState
+from medjax.wrappers.devices import environment_mesh, use_cpu_cores
 from medjax.wrappers.episode_log import EpisodeLog, EpisodeLogState
 from medjax.wrappers.normalize import (
     RunningStats,
@@ -20,9 +21,11 @@ __all__ = [
     "EpisodeLog",
     "EpisodeLogState",
     "RunningStats",
+    "environment_mesh",
     "for_true_rows",
     "init_stats",
     "normalize",
     "scale_reward",
     "update_stats",
+    "use_cpu_cores",
 ]

@@ -6,9 +6,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from flax import struct
+from jax.sharding import Mesh
 
+from medjax.wrappers.devices import on_devices
 from medjax.wrappers.protocol import Environment, Observation, Params, State, StepResult
-from medjax.wrappers.rows import for_true_rows
+from medjax.wrappers.rows import for_true_rows, in_blocks
 
 
 @struct.dataclass
@@ -33,10 +35,12 @@ class BatchAutoReset:
     Attributes:
         env: environment to copy.
         num_envs: number of copies, at least 1.
-        reset_pool_size: resets computed together; 0 takes `max(1, num_envs // 128)`.
+        reset_pool_size: resets that a device computes together; 0 takes a 128th of its copies, at least 1.
         stagger: cuts each copy's first episode after a random number of decisions in 1..stagger, so that copies with
             episodes of one length do not all end together; 0 does not. A cut is an ordinary truncation, marked in
             `info["cut_short"]` because such an episode says nothing about a whole one's return.
+        mesh: devices that share the copies (`medjax.wrappers.environment_mesh`); None leaves them where they are. No copy's
+            course depends on it.
 
     Raises:
         ValueError: a number out of its range.
@@ -46,6 +50,7 @@ class BatchAutoReset:
     num_envs: int
     reset_pool_size: int = 0
     stagger: int = 0
+    mesh: Mesh | None = None
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -61,11 +66,6 @@ class BatchAutoReset:
         """Number of discrete actions."""
         return self.env.num_actions
 
-    @property
-    def pool_size(self) -> int:
-        """Resets computed together."""
-        return min(self.num_envs, self.reset_pool_size or max(1, self.num_envs // 128))
-
     def reset(self, key: jax.Array, params: Params) -> tuple[Observation, BatchState]:
         """Starts all copies.
 
@@ -74,13 +74,12 @@ class BatchAutoReset:
         """
         reset_key, stagger_key = jax.random.split(key)
         keys = jax.random.split(reset_key, self.num_envs)
-        obs, env_state = jax.vmap(self.env.reset, (0, None))(keys, params)
+        shape = (self.num_envs,)
         if self.stagger:
-            shape = (self.num_envs,)
             cut_in = jax.random.randint(stagger_key, shape, 1, self.stagger + 1, jnp.int32)
         else:
-            cut_in = jnp.zeros((self.num_envs,), jnp.int32)
-        return obs, BatchState(env=env_state, cut_in=cut_in)
+            cut_in = jnp.zeros(shape, jnp.int32)
+        return on_devices(self.mesh, self._start)((keys, cut_in), params)
 
     def step(
         self, key: jax.Array, state: BatchState, actions: jax.Array, params: Params
@@ -98,33 +97,51 @@ class BatchAutoReset:
             environment reports, info holds `final_observation` (the observation before any reset) and
             `cut_short` (see `stagger`).
         """
-        step_key, reset_key = jax.random.split(key)
-        keys = jax.random.split(step_key, self.num_envs)
-        obs, env_state, reward, terminated, truncated, info = jax.vmap(
-            self.env.step_env, (0, 0, 0, None)
-        )(keys, state.env, actions, params)
+        # Each copy has its own keys, so that it takes the same course on any device and in any pool.
+        keys = jax.random.split(key, (self.num_envs, 2))
+        return on_devices(self.mesh, self._step)((keys, state, actions), params)
+
+    def action_mask(self, state: BatchState, params: Params) -> jax.Array:
+        """`(num_envs, num_actions)` bool, True where the action is allowed."""
+        return jax.vmap(self.env.action_mask, (0, None))(state.env, params)
+
+    def _start(
+        self, rows: tuple[jax.Array, jax.Array], params: Params
+    ) -> tuple[Observation, BatchState]:
+        keys, cut_in = rows
+        obs, env_state = self._fresh(keys, params)
+        return obs, BatchState(env=env_state, cut_in=cut_in)
+
+    def _fresh(self, keys: jax.Array, params: Params) -> tuple[Observation, State]:
+        return jax.vmap(self.env.reset, (0, None))(keys, params)
+
+    def _step(self, rows: tuple[jax.Array, BatchState, jax.Array], params: Params) -> StepResult:
+        """`step` for some of the copies: their keys `(rows, 2)`, states and actions."""
+        keys, state, actions = rows
+        obs, env_state, reward, terminated, truncated, info = in_blocks(
+            lambda *block: jax.vmap(self.env.step_env, (0, 0, 0, None))(*block, params),
+            keys[:, 0],
+            state.env,
+            actions,
+        )
         cut_short = (state.cut_in == 1) & ~(terminated | truncated)
         truncated = truncated | cut_short
         done = terminated | truncated
         cut_in = jnp.where(done, 0, jnp.maximum(state.cut_in - 1, 0))
         info = {**info, "final_observation": obs, "cut_short": cut_short}
         with jax.named_scope("auto_reset"):
-            obs, env_state = self._restart(reset_key, done, obs, env_state, params)
+            obs, env_state = self._restart(keys[:, 1], done, obs, env_state, params)
         next_state = BatchState(env=env_state, cut_in=cut_in)
         return obs, next_state, reward, terminated, truncated, info
 
-    def action_mask(self, state: BatchState, params: Params) -> jax.Array:
-        """`(num_envs, num_actions)` bool, True where the action is allowed."""
-        return jax.vmap(self.env.action_mask, (0, None))(state.env, params)
-
     def _restart(
-        self, key: jax.Array, done: jax.Array, obs: Observation, state: State, params: Params
+        self, keys: jax.Array, done: jax.Array, obs: Observation, state: State, params: Params
     ) -> tuple[Observation, State]:
-        """Puts an own fresh episode into every copy that is done `(num_envs,)`."""
+        """Puts an own fresh episode into every copy that is done; keys, done `(rows,)`."""
+        pool_size = min(done.shape[0], self.reset_pool_size or max(1, done.shape[0] // 128))
 
-        def serve(call: jax.Array, rows: jax.Array, current: Any) -> Any:
-            keys = jax.random.split(jax.random.fold_in(key, call), self.pool_size)
-            fresh = jax.vmap(self.env.reset, (0, None))(keys, params)
+        def serve(_: jax.Array, rows: jax.Array, current: Any) -> Any:
+            fresh = self._fresh(keys.at[rows].get(mode="clip"), params)
             return jax.tree.map(lambda x, new: x.at[rows].set(new, mode="drop"), current, fresh)
 
-        return for_true_rows(done, self.pool_size, serve, (obs, state))
+        return for_true_rows(done, pool_size, serve, (obs, state))

@@ -1,0 +1,68 @@
+"""Environments shared out among devices; on a CPU, among its cores.
+
+One program on one CPU device splits each operation among the cores and waits for all of them, hundreds of
+times a decision. With a device a core each core runs its own environments from end to end.
+"""
+
+import contextlib
+import os
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import jax
+from jax.sharding import AxisType, Mesh, PartitionSpec
+
+Result = TypeVar("Result")
+
+AXIS = "environments"
+
+
+def use_cpu_cores() -> None:
+    """Makes every core that this process may use a CPU device of JAX.
+
+    To be called before JAX computes anything; later it changes nothing.
+    """
+    affinity = getattr(os, "sched_getaffinity", None)
+    cores = len(affinity(0)) if affinity else os.cpu_count() or 1
+    with contextlib.suppress(RuntimeError):  # JAX has started
+        jax.config.update("jax_num_cpu_devices", cores)
+
+
+def environment_mesh(num_envs: int, num_devices: int = 0) -> Mesh:
+    """A mesh of local devices that share `num_envs` environments evenly.
+
+    Args:
+        num_envs: environments, or groups of them that must stay together.
+        num_devices: devices; 0 takes as many as there are, but a divisor of num_envs.
+
+    Raises:
+        ValueError: more devices than there are, or a number that does not divide num_envs.
+    """
+    devices = jax.local_devices()
+    if not num_devices:
+        num_devices = max(n for n in range(1, len(devices) + 1) if num_envs % n == 0)
+    if not 1 <= num_devices <= len(devices):
+        raise ValueError(f"num_devices is {num_devices}, allowed: 0 to {len(devices)}")
+    if num_envs % num_devices:
+        raise ValueError(f"num_devices is {num_devices}, allowed: a divisor of {num_envs}")
+    return jax.make_mesh(
+        (num_devices,), (AXIS,), devices=devices[:num_devices], axis_types=(AxisType.Auto,)
+    )
+
+
+def on_devices(
+    mesh: Mesh | None, function: Callable[[Any, Any], Result]
+) -> Callable[[Any, Any], Result]:
+    """`function(rows, params)` with the rows shared out among the devices of the mesh.
+
+    Args:
+        mesh: of `environment_mesh`; None returns the function as it is.
+        function: works on any number of rows, each on its own. Every leaf of `rows` and of the result has an axis of rows
+            first; `params` are the same for all.
+    """
+    if mesh is None:
+        return function
+    rows, same = PartitionSpec(AXIS), PartitionSpec()
+    return jax.shard_map(
+        function, mesh=mesh, in_specs=(rows, same), out_specs=rows, check_vma=False
+    )
