@@ -148,15 +148,19 @@ class ChargingEnv:
         )
         state = self._advance_clock(state, params).replace(tally=state.tally + happened)
         outcome = Outcome(before, state, happened, params, self.config)
-        reward, terms = total_reward(outcome, self.reward)
+        with jax.named_scope("reward"):
+            reward, terms = total_reward(outcome, self.reward)
+        with jax.named_scope("metrics"):
+            metrics = episode_metrics(state.tally)
+        with jax.named_scope("observation"):
+            obs = self.observation(state, self.config, params)
         truncated = state.time >= params.episode_decisions
         info = {
-            "metrics": episode_metrics(state.tally),
+            "metrics": metrics,
             "reward_terms": terms,
             "action_mask": self.action_mask(state, params),
             "tally": happened,
         }
-        obs = self.observation(state, self.config, params)
         return obs, state, reward, jnp.zeros((), bool), truncated, info
 
     def action_mask(self, state: EnvState, params: EnvParams) -> jax.Array:

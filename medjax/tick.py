@@ -186,19 +186,21 @@ def physics_tick(
         )
         evs = _release(vehicles, evs, meds, config, params)
 
-    soc = evs.energy_j / params.ev_capacity_j
-    travelled = jnp.where(before.active, after.x - before.x, 0.0)
-    on_road = by_class(active, config)
-    flow = Tally.zeros().replace(
-        left=by_class(left, config),
-        depleted=jnp.sum(depleted, dtype=jnp.float32),
-        ev_seconds=on_road[1] * config.tick_s,
-        ev_distance_m=jnp.sum(travelled[config.ev_slots]),
-        soc_seconds=jnp.sum(jnp.where(active[config.ev_slots], soc, 0.0)) * config.tick_s,
-        exit_soc=jnp.sum(jnp.where(left[config.ev_slots], soc, 0.0)),
-        gas_seconds=on_road[2] * config.tick_s,
-        gas_distance_m=jnp.sum(travelled[config.gas_slots]),
-        vehicle_ticks=jnp.sum(on_road),
-    )
+    with jax.named_scope("tally"):
+        soc = evs.energy_j / params.ev_capacity_j
+        travelled = jnp.where(before.active, after.x - before.x, 0.0)
+        on_road = by_class(active, config)
+        flow = Tally.zeros().replace(
+            left=by_class(left, config),
+            depleted=jnp.sum(depleted, dtype=jnp.float32),
+            ev_seconds=on_road[1] * config.tick_s,
+            ev_distance_m=jnp.sum(travelled[config.ev_slots]),
+            soc_seconds=jnp.sum(jnp.where(active[config.ev_slots], soc, 0.0)) * config.tick_s,
+            exit_soc=jnp.sum(jnp.where(left[config.ev_slots], soc, 0.0)),
+            gas_seconds=on_road[2] * config.tick_s,
+            gas_distance_m=jnp.sum(travelled[config.gas_slots]),
+            vehicle_ticks=jnp.sum(on_road),
+        )
+        happened = moved + exchanged + flow
     state = state.replace(vehicles=vehicles, evs=evs, meds=meds)
-    return state, moved + exchanged + flow
+    return state, happened

@@ -8,6 +8,9 @@ from hypothesis import settings
 
 import medjax
 
+# Two devices, whatever the machine: training shares its environments among them.
+jax.config.update("jax_num_cpu_devices", 2)
+
 # The same examples in every run; HYPOTHESIS_PROFILE=default draws new ones.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))

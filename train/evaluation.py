@@ -11,7 +11,7 @@ import numpy as np
 from flax import struct
 from jax import lax
 
-from medjax.wrappers import Environment
+from medjax.wrappers import Environment, environment_mesh, in_blocks, on_devices
 from train.bootstrap import bootstrap_ci95
 from train.learner import episode_decisions
 from train.networks import PolicyWeights, apply_policy
@@ -84,23 +84,31 @@ def make_runner(
     acts: list[Callable[..., Any]] = [
         jax.vmap(policy.act, (None, 0, 0, 0, 0, None)) for policy in policies.values()
     ]
-    step_all = jax.vmap(env.step_env, (0, 0, 0, None))
+
+    def step_rows(rows: Any, params: Any) -> Any:
+        step = jax.vmap(env.step_env, (0, 0, 0, None))
+        return in_blocks(lambda key, state, action: step(key, state, action, params), *rows)
+
+    def reset_rows(keys: jax.Array, params: Any) -> Any:
+        return jax.vmap(env.reset, (0, None))(keys, params)
 
     def run(weights: Any, keys: jax.Array, params: Any) -> dict[str, jax.Array]:
-        batch, rows = keys.shape[0], keys.shape[0] * len(acts)
-        streams = jnp.tile(jax.vmap(jax.random.split, (0, None))(keys, 3), (len(acts), 1))
+        # A row plays one episode with one policy; a device has whole episodes, and so all policies.
+        mesh = environment_mesh(keys.shape[0])
+        step_all, reset_all = on_devices(mesh, step_rows), on_devices(mesh, reset_rows)
+        streams = jnp.repeat(jax.vmap(jax.random.split, (0, None))(keys, 3), len(acts), axis=0)
 
         def choose(state: _Episodes, act_keys: jax.Array) -> jax.Array:
             mask = jax.vmap(env.action_mask, (0, None))(state.env, params)
             actions = []
             for index, (act, own) in enumerate(zip(acts, weights, strict=True)):
-                part = slice(index * batch, (index + 1) * batch)
                 mine: Any = jax.tree.map(
-                    lambda x, part=part: x[part], (act_keys, state.obs, state.env, mask)
+                    lambda x, index=index: x[index :: len(acts)],
+                    (act_keys, state.obs, state.env, mask),
                 )
                 chosen: jax.Array = act(own, *mine, params)
                 actions.append(chosen.astype(jnp.int32))
-            action = jnp.concatenate(actions)
+            action = jnp.stack(actions, axis=1).ravel()
             allowed = jnp.take_along_axis(mask, action[:, None], axis=1, mode="clip")[:, 0]
             return jnp.where(allowed, action, 0)  # action 0 is always allowed
 
@@ -108,7 +116,7 @@ def make_runner(
             now = jax.vmap(jax.vmap(jax.random.fold_in, (0, None)), (0, None))(streams, state.time)
             action = choose(state, now[:, ACT])
             obs, env_state, reward, terminated, truncated, info = step_all(
-                now[:, STEP], state.env, action, params
+                (now[:, STEP], state.env, action), params
             )
             live = ~state.done
             return _Episodes(
@@ -124,13 +132,13 @@ def make_runner(
                 },
             )
 
-        obs, env_state = jax.vmap(env.reset, (0, None))(streams[:, RESET], params)
+        obs, env_state = reset_all(streams[:, RESET], params)
         start = _first(obs, env_state, _metric_names(step_all, streams[:, STEP], env_state, params))
         end = lax.while_loop(
             lambda state: (state.time < max_decisions) & ~jnp.all(state.done), decide, start
         )
         scores = {"return": end.total, "length": end.length.astype(jnp.float32), **end.metrics}
-        return {name: values.reshape(rows // batch, batch) for name, values in scores.items()}
+        return {name: values.reshape(-1, len(acts)).T for name, values in scores.items()}
 
     return jax.jit(run)
 
@@ -140,7 +148,7 @@ def _metric_names(
 ) -> list[str]:
     """Names in `info["metrics"]`; nothing is computed."""
     actions = jnp.zeros(keys.shape, jnp.int32)
-    return list(jax.eval_shape(step_all, keys, state, actions, params)[-1]["metrics"])
+    return list(jax.eval_shape(step_all, (keys, state, actions), params)[-1]["metrics"])
 
 
 def _first(obs: Any, env_state: Any, metric_names: list[str]) -> _Episodes:

@@ -57,6 +57,7 @@ class Learner:
     optimizer: optax.GradientTransformation
     config: TrainConfig
     learning_rate: Callable[[jax.Array], jax.Array]  # of the number of updates done
+    mesh: Mesh  # devices that share the environments
 
     def init(self, key: jax.Array, env_params: Any) -> TrainState:
         """The state before the first update."""
@@ -209,9 +210,9 @@ class Learner:
 def split_environments(key: jax.Array, samples: Any, num_minibatches: int) -> Any:
     """Deals the environments out: of every `num_minibatches` neighbours, each minibatch gets one by lot.
 
-    Whole environments rather than single steps: dealing environments is cheap, and the rollout keeps its layout (sorting
-    all steps costs more than it decorrelates). Among neighbours rather than among all: environments are alike, so that
-    nothing is lost by it, and devices that share them need not exchange samples.
+    Whole environments rather than single steps: dealing environments is cheap, and the rollout keeps its layout
+    (sorting all steps costs more than it decorrelates). Among neighbours rather than among all: environments are alike,
+    so that nothing is lost by it, and devices that share them need not exchange samples.
 
     Args:
         key: of the lots.
@@ -242,8 +243,12 @@ def _norm(tree: Any) -> jax.Array:
 
 def _episode_metrics(sums: EpisodeSums) -> Metrics:
     """Means over the whole episodes that ended in the rollout; NaN if none did."""
-    means = {f"episode_{name}": total / sums.count for name, total in sums.total.items()}
-    return {"episodes": sums.count, **means}
+    count = sums.total[-1]
+    means = sums.total[:-1] / count
+    return {
+        "episodes": count,
+        **{f"episode_{name}": mean for name, mean in zip(sums.names, means, strict=True)},
+    }
 
 
 def episode_decisions(params: Any) -> int:
@@ -272,12 +277,15 @@ def build_learner(env: Environment, params: Any, config: TrainConfig) -> Learner
         left = 1.0 - update / config.num_updates if config.anneal else 1.0
         return jnp.float32(config.learning_rate * left)
 
-    optimizer = optax.chain(
-        optax.clip_by_global_norm(config.max_grad_norm),
-        optax.adam(lambda count: learning_rate(count // gradient_steps), eps=1e-5),
+    # All parameters as one vector: a few operations for all layers instead of a few for each array.
+    optimizer = optax.flatten(
+        optax.chain(
+            optax.clip_by_global_norm(config.max_grad_norm),
+            optax.adam(lambda count: learning_rate(count // gradient_steps), eps=1e-5),
+        )
     )
     network = build_network(env.num_actions, config)
-    return Learner(EpisodeLog(batch), network, optimizer, config, learning_rate)
+    return Learner(EpisodeLog(batch), network, optimizer, config, learning_rate, mesh)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -321,7 +329,7 @@ def make_train(env: Environment, params: Any, config: TrainConfig) -> TrainFunct
     """
     learner = build_learner(env, params, config)
     init, run = over_seeds(learner, config.num_seeds)
-    where = shardings(learner.env.env.mesh, seeds=config.num_seeds > 1)
+    where = shardings(learner.mesh, seeds=config.num_seeds > 1)
     return TrainFunctions(
         init=jax.jit(init, out_shardings=where),
         run=jax.jit(

@@ -39,10 +39,12 @@ class Trajectory:
 
 @struct.dataclass
 class EpisodeSums:
-    """Sums over the whole episodes that ended; divide by `count` for means."""
+    """Sums over the whole episodes that ended, in one array, which costs less to carry than one for each figure."""
 
-    count: jax.Array  # float32
-    total: dict[str, jax.Array]  # "return", "length" and the environment's metrics
+    names: tuple[str, ...] = struct.field(
+        pytree_node=False
+    )  # "return", "length" and the environment's metrics
+    total: jax.Array  # (len(names) + 1,) float32, the number of episodes last
 
 
 def start(env: BatchEnvironment, key: jax.Array, env_params: Any) -> RolloutState:
@@ -69,13 +71,10 @@ def sum_episodes(episode: dict[str, Any]) -> EpisodeSums:
     Args:
         episode: `info["episode"]` of `medjax.wrappers.EpisodeLog`.
     """
-    chosen = episode["complete"]
     values = {"return": episode["return"], "length": episode["length"], **episode["metrics"]}
-    total = {
-        name: jnp.sum(jnp.where(chosen, value.astype(jnp.float32), 0.0))
-        for name, value in values.items()
-    }
-    return EpisodeSums(jnp.sum(chosen, dtype=jnp.float32), total)
+    columns = [value.astype(jnp.float32) for value in values.values()]
+    table = jnp.stack([*columns, jnp.ones_like(columns[0])])
+    return EpisodeSums(tuple(values), jnp.sum(jnp.where(episode["complete"], table, 0.0), axis=1))
 
 
 def collect(

@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from medjax.wrappers import use_cpu_cores
+from medjax.wrappers import prepare_cpu
 from train.checkpoint import Checkpoints, updates_done
 from train.cli import Request, make_environment
 from train.closing import close_run
@@ -21,6 +21,8 @@ from train.logs import MetricsLog, Progress, Row, rows_from
 from train.networks import build_network
 from train.rundir import RunDir, check_unused, unused_run_dir
 
+# A program that runs once had better compile fast than run fast.
+ONCE = {"xla_backend_optimization_level": 0}
 SECONDS_PER_CALL = 1.0  # of the compiled program: how often the bar moves and Ctrl-C is heard
 
 
@@ -31,8 +33,7 @@ def open_session(request: Request) -> "Session":
         SettingError: bad input; nothing was written.
     """
     config = request.config
-    if config.num_devices != 1:
-        use_cpu_cores()
+    prepare_cpu()
     if request.resume is None and request.run_dir is not None:
         check_unused(request.run_dir)
     env, params = make_environment(config)
@@ -173,7 +174,7 @@ class Session:
             waiting = None
             if not self.resumed:
                 lowered = init.lower(jax.random.key(self.config.seed), self.params)
-                waiting = other.submit(lowered.compile)
+                waiting = other.submit(lowered.compile, compiler_options=ONCE)
             compiled = run.lower(self.shapes, self.params, jnp.int32(1)).compile()
             ready = waiting.result() if waiting is not None else None
         self.compile_s = time.perf_counter() - start

@@ -1,7 +1,7 @@
 """Wrappers around environments: auto-reset of a batch, episode log, normalisation."""
 
 from medjax.wrappers.auto_reset import BatchAutoReset, BatchState
-from medjax.wrappers.devices import environment_mesh, use_cpu_cores
+from medjax.wrappers.devices import environment_mesh, on_devices, prepare_cpu
 from medjax.wrappers.episode_log import EpisodeLog, EpisodeLogState
 from medjax.wrappers.normalize import (
     RunningStats,
@@ -11,7 +11,7 @@ from medjax.wrappers.normalize import (
     update_stats,
 )
 from medjax.wrappers.protocol import BatchEnvironment, Environment
-from medjax.wrappers.rows import for_true_rows
+from medjax.wrappers.rows import for_true_rows, in_blocks
 
 __all__ = [
     "BatchAutoReset",
@@ -23,9 +23,11 @@ __all__ = [
     "RunningStats",
     "environment_mesh",
     "for_true_rows",
+    "in_blocks",
     "init_stats",
     "normalize",
+    "on_devices",
+    "prepare_cpu",
     "scale_reward",
     "update_stats",
-    "use_cpu_cores",
 ]

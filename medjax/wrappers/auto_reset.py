@@ -39,8 +39,8 @@ class BatchAutoReset:
         stagger: cuts each copy's first episode after a random number of decisions in 1..stagger, so that copies with
             episodes of one length do not all end together; 0 does not. A cut is an ordinary truncation, marked in
             `info["cut_short"]` because such an episode says nothing about a whole one's return.
-        mesh: devices that share the copies (`medjax.wrappers.environment_mesh`); None leaves them where they are. No copy's
-            course depends on it.
+        mesh: devices that share the copies (`medjax.wrappers.environment_mesh`); None leaves them where they are. No
+            copy's course depends on it.
 
     Raises:
         ValueError: a number out of its range.
@@ -119,7 +119,9 @@ class BatchAutoReset:
         """`step` for some of the copies: their keys `(rows, 2)`, states and actions."""
         keys, state, actions = rows
         obs, env_state, reward, terminated, truncated, info = in_blocks(
-            lambda *block: jax.vmap(self.env.step_env, (0, 0, 0, None))(*block, params),
+            lambda key, env, action: jax.vmap(self.env.step_env, (0, 0, 0, None))(
+                key, env, action, params
+            ),
             keys[:, 0],
             state.env,
             actions,

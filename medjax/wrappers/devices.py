@@ -17,15 +17,20 @@ Result = TypeVar("Result")
 AXIS = "environments"
 
 
-def use_cpu_cores() -> None:
-    """Makes every core that this process may use a CPU device of JAX.
+def prepare_cpu() -> None:
+    """Makes every core that this process may use a CPU device of JAX, and has programs compiled faster.
 
-    To be called before JAX computes anything; later it changes nothing.
+    For commands, before JAX computes anything; later it changes nothing.
     """
     affinity = getattr(os, "sched_getaffinity", None)
     cores = len(affinity(0)) if affinity else os.cpu_count() or 1
     with contextlib.suppress(RuntimeError):  # JAX has started
         jax.config.update("jax_num_cpu_devices", cores)
+    # Unrolled loops run no faster here and take a quarter more time to compile.
+    flags = os.environ.get("XLA_FLAGS", "")
+    if "xla_backend_extra_options" not in flags:
+        quick = "--xla_backend_extra_options=xla_cpu_disable_loop_unrolling"
+        os.environ["XLA_FLAGS"] = f"{flags} {quick}".strip()
 
 
 def environment_mesh(num_envs: int, num_devices: int = 0) -> Mesh:
@@ -57,8 +62,8 @@ def on_devices(
 
     Args:
         mesh: of `environment_mesh`; None returns the function as it is.
-        function: works on any number of rows, each on its own. Every leaf of `rows` and of the result has an axis of rows
-            first; `params` are the same for all.
+        function: works on any number of rows, each on its own. Every leaf of `rows` and of the result has an axis of
+            rows first; `params` are the same for all.
     """
     if mesh is None:
         return function

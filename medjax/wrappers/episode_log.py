@@ -18,9 +18,6 @@ class EpisodeLogState:
     env: Any  # state of the wrapped batch
     episode_return: jax.Array  # float32, undiscounted sum of rewards of the running episode
     episode_length: jax.Array  # int32, decisions of the running episode
-    last_return: jax.Array  # float32, of the last finished episode; 0 before the first
-    last_length: jax.Array  # int32, of the last finished episode; 0 before the first
-    last_metrics: dict[str, jax.Array]  # float32, of the last finished episode; 0 before the first
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,7 +25,8 @@ class EpisodeLog:
     """Adds `info["episode"]` to a batch of environments.
 
     `info["episode"]` holds, each `(num_envs,)`: `finished` (bool, an episode ended in this step), `complete` (bool, and
-    it was not cut short by staggering), `return`, `length` and `metrics` (a dict) of the last finished episode.
+    it was not cut short by staggering), and `return`, `length` and `metrics` (a dict) of the episode that the step
+    belongs to, up to and with this step: those of the whole episode where it `finished`.
     """
 
     env: BatchAutoReset
@@ -47,12 +45,7 @@ class EpisodeLog:
         """Starts all copies; see `BatchAutoReset.reset`."""
         obs, state = self.env.reset(key, params)
         zeros = jnp.zeros((self.num_envs,), jnp.float32)
-        counts = jnp.zeros((self.num_envs,), jnp.int32)
-        # Only a step says which metrics there are; eval_shape looks at one without computing it.
-        actions = jnp.zeros((self.num_envs,), jnp.int32)
-        info = jax.eval_shape(self.env.step, key, state, actions, params)[-1]
-        metrics = dict.fromkeys(info["metrics"], zeros)
-        return obs, EpisodeLogState(state, zeros, counts, zeros, counts, metrics)
+        return obs, EpisodeLogState(state, zeros, jnp.zeros((self.num_envs,), jnp.int32))
 
     def step(
         self, key: jax.Array, state: EpisodeLogState, actions: jax.Array, params: Params
@@ -64,24 +57,17 @@ class EpisodeLog:
         done = terminated | truncated
         total = state.episode_return + reward.astype(jnp.float32)
         length = state.episode_length + 1
-        last_metrics = {
-            name: jnp.where(done, info["metrics"][name].astype(jnp.float32), old)
-            for name, old in state.last_metrics.items()
-        }
         next_state = EpisodeLogState(
             env=env_state,
             episode_return=jnp.where(done, 0.0, total),
             episode_length=jnp.where(done, 0, length),
-            last_return=jnp.where(done, total, state.last_return),
-            last_length=jnp.where(done, length, state.last_length),
-            last_metrics=last_metrics,
         )
         episode = {
             "finished": done,
             "complete": done & ~info["cut_short"],
-            "return": next_state.last_return,
-            "length": next_state.last_length,
-            "metrics": last_metrics,
+            "return": total,
+            "length": length,
+            "metrics": info["metrics"],
         }
         return obs, next_state, reward, terminated, truncated, {**info, "episode": episode}
 

@@ -1,0 +1,143 @@
+"""The program that the benchmarks time: random decisions in a batch of environments."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import statistics
+import time
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+import medjax
+from medjax.wrappers import BatchAutoReset, environment_mesh
+
+# Sizes that a sweep goes through, and the batch that keeps a sweep over vehicles alike in work.
+ENVS = (64, 256, 1024, 4096, 8192)
+VEHICLES = (64, 140, 256, 512, 1024)
+
+
+@dataclasses.dataclass(frozen=True)
+class Measurement:
+    """Figures of one number of environments; medians over repeats."""
+
+    active_vehicle_updates_per_s: float
+    env_steps_per_s: float
+    mean_active_vehicles: float
+    ticks_per_step: int
+    compile_s: float
+    num_envs: int
+    num_devices: int
+    repeats: int
+    state_bytes_per_env: int
+    work_bytes_per_env: int  # what a step needs beside the state
+    backend: str = dataclasses.field(default_factory=jax.default_backend)
+    device: str = dataclasses.field(default_factory=lambda: jax.devices()[0].device_kind)
+    jax_version: str = jax.__version__
+
+
+class Workload:
+    """`steps` decisions in each of `num_envs` environments, compiled, with episodes well mixed.
+
+    The first episode of each environment is cut at a random place, so that resets happen at their usual
+    rate from then on.
+
+    Args:
+      num_envs: environments.
+      steps: decisions in a call.
+      seed: of all draws.
+      scenario: a preset.
+      num_devices: devices that share the environments; 0: all.
+      overrides: as for `medjax.make`.
+    """
+
+    def __init__(
+        self,
+        num_envs: int,
+        steps: int,
+        seed: int = 0,
+        scenario: str = "paper",
+        num_devices: int = 0,
+        **overrides: Any,
+    ) -> None:
+        self.env, self.params = medjax.make(scenario, **overrides)
+        self.num_envs, self.steps = num_envs, steps
+        self.mesh = environment_mesh(num_envs, num_devices)
+        stagger = int(self.params.episode_decisions)
+        self.batch = BatchAutoReset(self.env, num_envs, stagger=stagger, mesh=self.mesh)
+        self.key, reset_key = jax.random.split(jax.random.key(seed))
+        self.reset = jax.jit(self.batch.reset)
+        _, self.state = self.reset(reset_key, self.params)
+        start = time.perf_counter()
+        self.program = jax.jit(self._play, donate_argnums=1).lower(self.key, self.state).compile()
+        self.compile_s = time.perf_counter() - start
+
+    def _play(self, key: jax.Array, state: Any) -> tuple[Any, tuple[jax.Array, jax.Array]]:
+        def step(state: Any, key: jax.Array) -> tuple[Any, tuple[jax.Array, jax.Array]]:
+            action_key, step_key = jax.random.split(key)
+            actions = jax.random.randint(action_key, (self.num_envs,), 0, self.env.num_actions)
+            obs, state, *_, info = self.batch.step(step_key, state, actions, self.params)
+            # The sum keeps the observation from being optimised away.
+            return state, (jnp.sum(info["tally"].vehicle_ticks), jnp.sum(obs))
+
+        state, (active, seen) = jax.lax.scan(step, state, jax.random.split(key, self.steps))
+        return state, (jnp.sum(active), jnp.sum(seen))
+
+    def temporary_bytes(self) -> int:
+        """Memory of one device beside its arguments and results, as XLA plans it."""
+        plan: Any = self.program.memory_analysis()
+        return int(plan.temp_size_in_bytes)
+
+    def play(self) -> tuple[float, float]:
+        """(seconds of one call, vehicles on the road summed over its ticks)."""
+        self.key, key = jax.random.split(self.key)
+        start = time.perf_counter()
+        self.state, (active, _) = jax.block_until_ready(self.program(key, self.state))
+        return time.perf_counter() - start, float(active)
+
+
+def measure(
+    num_envs: int,
+    *,
+    steps: int = 50,
+    repeats: int = 5,
+    seed: int = 0,
+    scenario: str = "paper",
+    num_devices: int = 0,
+    **overrides: Any,
+) -> Measurement:
+    """Times `steps` random decisions in `num_envs` environments, `repeats` times, after warm-up."""
+    work = Workload(num_envs, steps, seed, scenario, num_devices, **overrides)
+    work.play()
+    calls = [work.play() for _ in range(repeats)]
+    ticks = work.env.config.ticks_per_decision
+    return Measurement(
+        active_vehicle_updates_per_s=statistics.median(active / wall for wall, active in calls),
+        env_steps_per_s=num_envs * steps / statistics.median(wall for wall, _ in calls),
+        mean_active_vehicles=calls[-1][1] / (num_envs * steps * ticks),
+        ticks_per_step=ticks,
+        compile_s=work.compile_s,
+        num_envs=num_envs,
+        num_devices=work.mesh.size,
+        repeats=repeats,
+        state_bytes_per_env=sum(x.nbytes for x in jax.tree.leaves(work.state)) // num_envs,
+        # XLA counts one device, which holds its share of the environments.
+        work_bytes_per_env=work.temporary_bytes() * work.mesh.size // num_envs,
+    )
+
+
+def road_for(num_vehicles: int, scenario: str = "paper") -> dict[str, Any]:
+    """Overrides that make the road so long, at the same demand, that it holds about num_vehicles.
+
+    Ramps keep their places along it, and slots their share of spare ones.
+    """
+    env, params = medjax.make(scenario)
+    scale = num_vehicles / 140  # the preset's road holds as many in the mean
+    return {
+        "length_m": float(params.road.length_m) * scale,
+        "ramp_x_m": [float(x) * scale for x in params.road.ramp_x_m],
+        "num_evs": math.ceil(env.config.num_evs * scale),
+        "num_gas": math.ceil(env.config.num_gas * scale),
+    }
