@@ -9,82 +9,17 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-import statistics
-import time
+import sys
 from pathlib import Path
 from typing import Any
 
-import jax
-import jax.numpy as jnp
-
 import medjax
-from medjax.wrappers import BatchAutoReset
+from benchmarks.stages import stage_times
+from benchmarks.workload import ENVS, VEHICLES, Measurement, Workload, measure, road_for
+from medjax.wrappers import prepare_cpu
+from train.cli import OneLineParser, fail
 
-
-@dataclasses.dataclass(frozen=True)
-class Measurement:
-    """Figures of one number of environments; medians over repeats."""
-
-    active_vehicle_updates_per_s: float
-    env_steps_per_s: float
-    mean_active_vehicles: float
-    ticks_per_step: int
-    compile_s: float
-    num_envs: int
-    repeats: int
-    state_bytes_per_env: int
-    backend: str = dataclasses.field(default_factory=jax.default_backend)
-    device: str = dataclasses.field(default_factory=lambda: jax.devices()[0].device_kind)
-    jax_version: str = jax.__version__
-
-
-def measure(
-    num_envs: int, *, steps: int = 50, repeats: int = 5, seed: int = 0, scenario: str = "paper"
-) -> Measurement:
-    """Times `steps` random decisions in `num_envs` environments, `repeats` times, after warm-up.
-
-    Episodes are cut at random places in their first run, so that resets happen at their usual rate.
-    """
-    env, params = medjax.make(scenario)
-    batch = BatchAutoReset(env, num_envs, stagger=int(params.episode_decisions))
-
-    def play(key: jax.Array, state: Any) -> tuple[Any, tuple[jax.Array, jax.Array]]:
-        def step(state: Any, key: jax.Array) -> tuple[Any, tuple[jax.Array, jax.Array]]:
-            action_key, step_key = jax.random.split(key)
-            actions = jax.random.randint(action_key, (num_envs,), 0, env.num_actions)
-            obs, state, *_, info = batch.step(step_key, state, actions, params)
-            # The sum keeps the observation from being optimised away.
-            return state, (jnp.sum(info["tally"].vehicle_ticks), jnp.sum(obs))
-
-        state, (active, seen) = jax.lax.scan(step, state, jax.random.split(key, steps))
-        return state, (jnp.sum(active), jnp.sum(seen))
-
-    keys = jax.random.split(jax.random.key(seed), repeats + 2)
-    _, state = jax.jit(batch.reset)(keys[0], params)
-    state_bytes = sum(leaf.nbytes for leaf in jax.tree.leaves(state)) // num_envs
-    start = time.perf_counter()
-    program = jax.jit(play, donate_argnums=1).lower(keys[1], state).compile()
-    compile_s = time.perf_counter() - start
-    state, _ = jax.block_until_ready(program(keys[1], state))
-
-    walls, updates = [], []
-    for key in keys[2:]:
-        start = time.perf_counter()
-        state, (active, _) = jax.block_until_ready(program(key, state))
-        walls.append(time.perf_counter() - start)
-        updates.append(float(active) / walls[-1])
-    wall = statistics.median(walls)
-    ticks = env.config.ticks_per_decision
-    return Measurement(
-        active_vehicle_updates_per_s=statistics.median(updates),
-        env_steps_per_s=num_envs * steps / wall,
-        mean_active_vehicles=float(active) / (num_envs * steps * ticks),
-        ticks_per_step=ticks,
-        compile_s=compile_s,
-        num_envs=num_envs,
-        repeats=repeats,
-        state_bytes_per_env=state_bytes,
-    )
+__all__ = ["Measurement", "main", "measure"]
 
 
 def positive(text: str) -> int:
@@ -95,26 +30,75 @@ def positive(text: str) -> int:
     return number
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Prints one line a measurement and writes the last one, or all of a sweep, as JSON."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.throughput", description=__doc__)
+def build_parser() -> argparse.ArgumentParser:
+    """The command line."""
+    parser = OneLineParser(prog="python -m benchmarks.throughput", description=__doc__)
     parser.add_argument("--num-envs", type=positive, default=[1024], nargs="+", metavar="N")
+    parser.add_argument(
+        "--sweep",
+        choices=("envs", "vehicles"),
+        help=f"go through {ENVS} environments, or through roads of {VEHICLES} vehicles",
+    )
+    parser.add_argument("--stages", action="store_true", help="show where a decision's time goes")
     parser.add_argument("--steps", type=positive, default=50, help="decisions in a repeat")
     parser.add_argument("--repeats", type=positive, default=5)
     parser.add_argument("--scenario", default="paper", choices=list(medjax.SCENARIOS))
+    parser.add_argument(
+        "--num-devices", type=int, default=0, metavar="N", help="devices or CPU cores; 0: all"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE")
-    options = parser.parse_args(arguments)
+    return parser
+
+
+def show(result: Measurement) -> None:
+    """One line a measurement."""
+    print(
+        f"{result.num_envs:6d} environments: {result.active_vehicle_updates_per_s / 1e6:6.2f} M active "
+        f"vehicle updates/s, {result.env_steps_per_s:8.0f} decisions/s, "
+        f"{result.mean_active_vehicles:.0f} vehicles a road, compiled in {result.compile_s:.1f} s",
+        flush=True,
+    )
+
+
+def show_stages(times: dict[str, float]) -> None:
+    """Shares of the time that all cores spent in operations."""
+    total = sum(times.values())
+    print("\nstage                 share")
+    for name, seconds in sorted(times.items(), key=lambda item: -item[1]):
+        print(f"{name:<20}{100 * seconds / total:6.1f} %")
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Prints one line a measurement and writes the only one, or all of several, as JSON."""
+    options = build_parser().parse_args(arguments)
+    prepare_cpu()
+    cases: list[tuple[int, dict[str, Any]]] = [(num_envs, {}) for num_envs in options.num_envs]
+    if options.sweep == "envs":
+        cases = [(num_envs, {}) for num_envs in ENVS]
+    elif options.sweep == "vehicles":
+        # As many vehicles in all, so that only the length of a road differs.
+        most = options.num_envs[0]
+        cases = [
+            (max(1, most * VEHICLES[0] // count), road_for(count, options.scenario))
+            for count in VEHICLES
+        ]
+    common = {"scenario": options.scenario, "num_devices": options.num_devices}
     results = []
-    for num_envs in options.num_envs:
-        result = measure(
-            num_envs, steps=options.steps, repeats=options.repeats, scenario=options.scenario
-        )
+    for num_envs, overrides in cases:
+        try:
+            result = measure(
+                num_envs, steps=options.steps, repeats=options.repeats, **common, **overrides
+            )
+        except ValueError as error:
+            sys.exit(fail("benchmarks.throughput", error))
         results.append(dataclasses.asdict(result))
-        print(
-            f"{num_envs:6d} environments: {result.active_vehicle_updates_per_s / 1e6:6.2f} M active "
-            f"vehicle updates/s, {result.env_steps_per_s:8.0f} decisions/s, "
-            f"{result.mean_active_vehicles:.0f} vehicles a road, compiled in {result.compile_s:.1f} s"
-        )
+        show(result)
+    if options.stages:
+        num_envs, overrides = cases[0]
+        work = Workload(num_envs, steps=8, **common, **overrides)
+        times = stage_times(work)
+        show_stages(times)
+        results[0]["stage_seconds"] = times
     if options.json:
         options.json.write_text(json.dumps(results[0] if len(results) == 1 else results, indent=2))
 

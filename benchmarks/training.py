@@ -41,6 +41,7 @@ import jax
 import numpy as np
 
 import medjax
+from medjax.wrappers import prepare_cpu
 from train.bootstrap import bootstrap_ci95
 from train.cli import OneLineParser, make_environment, settings_from_text
 from train.config import SettingError, TrainConfig, from_json
@@ -216,12 +217,14 @@ def play_checkpoints(run_dir: RunDir) -> tuple[float, list[Checkpoint]]:
     """
     # Flax and the learner take seconds to import; bad options need not wait for them.
     from train.evaluation import baseline, evaluate_policies, trained
+    from train.learner import make_train
     from train.networks import build_network
     from train.session import shapes_of
 
     config = run_dir.load_config()
     env, params = make_environment(config)
-    shapes, network = shapes_of(env, params, config), build_network(env.num_actions, config)
+    network = build_network(env.num_actions, config)
+    shapes = shapes_of(make_train(env, params, config), params, config)
     policies = {"greedy": baseline(medjax.BASELINES["greedy"](env))}
     names = (path.name for path in (run_dir.path / "checkpoints").iterdir())
     updates = sorted(int(name) for name in names if name.isdecimal())
@@ -369,6 +372,7 @@ def main(arguments: list[str] | None = None) -> int:
     """
     parser = build_parser()
     given = vars(parser.parse_args(arguments))
+    prepare_cpu()
     repeats, target = given.pop("repeats"), given.pop("json")
     try:
         config = settings(given)

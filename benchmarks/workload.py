@@ -131,13 +131,15 @@ def measure(
 def road_for(num_vehicles: int, scenario: str = "paper") -> dict[str, Any]:
     """Overrides that make the road so long, at the same demand, that it holds about num_vehicles.
 
-    Ramps keep their places along it, and slots their share of spare ones.
+    Ramps keep their places along it, slots their share of spare ones, and batteries last as far along
+    the road, so that as many vehicles run out on it.
     """
     env, params = medjax.make(scenario)
     scale = num_vehicles / 140  # the preset's road holds as many in the mean
     return {
         "length_m": float(params.road.length_m) * scale,
         "ramp_x_m": [float(x) * scale for x in params.road.ramp_x_m],
+        "battery_scale": float(params.battery_scale) / scale,
         "num_evs": math.ceil(env.config.num_evs * scale),
         "num_gas": math.ceil(env.config.num_gas * scale),
     }

@@ -60,17 +60,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         numbers = {name: _number(name, getattr(given, name)) for name in LIMITS}
         target = _target(given.json)
         config = _config(given)
-        env, params = make_environment(config)
         # JAX and Orbax take seconds to import; bad options need not wait for them.
+        from medjax.wrappers import prepare_cpu
+
+        prepare_cpu()
+        env, params = make_environment(config)
         from train.checkpoint import Checkpoints
         from train.closing import all_policies
         from train.evaluation import evaluate_policies, summarize
         from train.host import enable_compilation_cache
+        from train.learner import make_train
         from train.report import format_table
         from train.session import shapes_of
 
         reader = Checkpoints(Path(given.run_dir))
-        weights = reader.restore_weights(shapes_of(env, params, config))
+        shapes = shapes_of(make_train(env, params, config), params, config)
+        weights = reader.restore_weights(shapes)
         reader.close()
     except SettingError as error:
         return fail("train.evaluate", error)
@@ -95,9 +100,9 @@ def _config(given: Any) -> TrainConfig:
     same = given.scenario in (None, config.scenario)
     scenario = config.scenario if same else given.scenario
     # What was set for one preset may mean nothing in another.
-    return dataclasses.replace(
-        config, scenario=scenario, overrides={**config.overrides, **changes} if same else changes
-    )
+    overrides = {**config.overrides, **changes} if same else changes
+    # This machine need not have the devices that the run had.
+    return dataclasses.replace(config, scenario=scenario, overrides=overrides, num_devices=0)
 
 
 def _number(name: str, text: str) -> int:

@@ -95,7 +95,8 @@ def make_runner(
     def run(weights: Any, keys: jax.Array, params: Any) -> dict[str, jax.Array]:
         # A row plays one episode with one policy; a device has whole episodes, and so all policies.
         mesh = environment_mesh(keys.shape[0])
-        step_all, reset_all = on_devices(mesh, step_rows), on_devices(mesh, reset_rows)
+        step_all = jax.jit(on_devices(mesh, step_rows))  # traced once for its shapes and its use
+        reset_all = on_devices(mesh, reset_rows)
         streams = jnp.repeat(jax.vmap(jax.random.split, (0, None))(keys, 3), len(acts), axis=0)
 
         def choose(state: _Episodes, act_keys: jax.Array) -> jax.Array:

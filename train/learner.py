@@ -297,24 +297,6 @@ class TrainFunctions:
     shardings: Any  # of the state, a prefix of its tree
 
 
-def over_seeds(
-    learner: Learner, num_seeds: int
-) -> tuple[
-    Callable[[jax.Array, Any], TrainState],
-    Callable[[TrainState, Any, jax.Array], tuple[TrainState, Metrics]],
-]:
-    """`learner.init` and `learner.run`, for several seeds side by side if there are several."""
-    if num_seeds == 1:
-        return learner.init, learner.run
-
-    def init(key: jax.Array, env_params: Any) -> TrainState:
-        # One after the other: under vmap over seeds and environments XLA's CPU program of a reset never returns.
-        keys = jax.random.split(key, num_seeds)
-        return lax.map(lambda own: learner.init(own, env_params), keys)
-
-    return init, jax.vmap(learner.run, (0, None, None))
-
-
 def make_train(env: Environment, params: Any, config: TrainConfig) -> TrainFunctions:
     """Compilable training.
 
@@ -328,7 +310,16 @@ def make_train(env: Environment, params: Any, config: TrainConfig) -> TrainFunct
         `config.num_seeds > 1` every leaf of the state and of the metrics has a leading axis of that length.
     """
     learner = build_learner(env, params, config)
-    init, run = over_seeds(learner, config.num_seeds)
+    init: Callable[[jax.Array, Any], TrainState] = learner.init
+    run: Callable[[TrainState, Any, jax.Array], tuple[TrainState, Metrics]] = learner.run
+    if config.num_seeds > 1:
+        run = jax.vmap(learner.run, (0, None, None))
+
+        def init(key: jax.Array, env_params: Any) -> TrainState:
+            # One after the other: under vmap over seeds and environments XLA's CPU program of a reset never returns.
+            keys = jax.random.split(key, config.num_seeds)
+            return lax.map(lambda own: learner.init(own, env_params), keys)
+
     where = shardings(learner.mesh, seeds=config.num_seeds > 1)
     return TrainFunctions(
         init=jax.jit(init, out_shardings=where),

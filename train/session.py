@@ -16,7 +16,7 @@ from train.cli import Request, make_environment
 from train.closing import close_run
 from train.config import SettingError, TrainConfig
 from train.host import Interrupt, deferred_interrupts, enable_compilation_cache
-from train.learner import TrainFunctions, TrainState, build_learner, make_train, over_seeds
+from train.learner import TrainFunctions, TrainState, make_train
 from train.logs import MetricsLog, Progress, Row, rows_from
 from train.networks import build_network
 from train.rundir import RunDir, check_unused, unused_run_dir
@@ -45,7 +45,7 @@ def open_session(request: Request) -> "Session":
         programs = make_train(env, params, config)
     except ValueError as error:
         raise SettingError(str(error)) from None
-    shapes = shapes_of(env, params, config)
+    shapes = shapes_of(programs, params, config)
     run_dir = RunDir(request.resume or request.run_dir or unused_run_dir(config.scenario))
     session = Session(env, params, config, run_dir, programs, shapes, request.resume is not None)
     if session.resumed:
@@ -61,12 +61,12 @@ def open_session(request: Request) -> "Session":
     return session
 
 
-def shapes_of(env: Any, params: Any, config: TrainConfig) -> TrainState:
+def shapes_of(programs: TrainFunctions, params: Any, config: TrainConfig) -> TrainState:
     """Shapes and types of the training state, found without computing or compiling it."""
-    # They are the same for any number of devices, and this one need not have as many as the run had.
-    learner = build_learner(env, params, dataclasses.replace(config, num_devices=1))
-    init, _ = over_seeds(learner, config.num_seeds)
-    return jax.eval_shape(init, jax.random.key(config.seed), params)
+    # Traced as it will be compiled, so that compiling need not trace it again.
+    state = jax.eval_shape(programs.init, jax.random.key(config.seed), params)
+    # They hold for any number of devices.
+    return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), state)
 
 
 @dataclasses.dataclass

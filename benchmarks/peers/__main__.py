@@ -26,7 +26,8 @@ import medjax
 from benchmarks.peers import Peer, Rate, Workload
 from benchmarks.peers.highway import HighwayEnv
 from benchmarks.peers.sumo import Sumo
-from benchmarks.throughput import measure
+from benchmarks.workload import measure
+from medjax.wrappers import prepare_cpu
 from train.cli import OneLineParser
 
 PEERS: tuple[type[Any], ...] = (Sumo, HighwayEnv)  # each built with a Workload
@@ -208,6 +209,7 @@ def main(arguments: list[str] | None = None) -> None:
     )
     parser.add_argument("--json", type=_file, metavar="FILE")
     options = parser.parse_args(arguments)
+    prepare_cpu()
     comparison = compare(options.num_envs, options.rounds)
     if options.json:
         options.json.write_text(json.dumps(comparison, indent=2) + "\n")

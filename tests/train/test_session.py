@@ -12,6 +12,7 @@ from tests.train.conftest import TINY
 from tests.train.test_cli import refused
 from train import evaluate, ppo
 from train.checkpoint import Checkpoints
+from train.learner import make_train
 from train.logs import Progress, read_rows, rows_from
 from train.report import final_return, format_table
 from train.session import shapes_of
@@ -31,7 +32,9 @@ def state_of(run_dir):
     from train.rundir import RunDir
 
     config = RunDir(run_dir).load_config()
-    state = Checkpoints(run_dir).restore(shapes_of(*make_environment(config), config))
+    env, params = make_environment(config)
+    shapes = shapes_of(make_train(env, params, config), params, config)
+    state = Checkpoints(run_dir).restore(shapes)
     return [
         np.asarray(leaf)
         for leaf in jax.tree.leaves(state.replace(key=jax.random.key_data(state.key)))

@@ -1,0 +1,115 @@
+"""`python -m benchmarks.scaling`: does the cost of a vehicle stay the same from small to large?
+
+Over the number of environments, over the number of vehicles on a road (longer roads at the same demand),
+and over devices (on a CPU, cores); and what a reset and the memory of an environment cost.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import statistics
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+
+import medjax
+from benchmarks.throughput import positive
+from benchmarks.workload import ENVS, VEHICLES, Measurement, Workload, measure, road_for
+from medjax.wrappers import prepare_cpu
+from train.cli import OneLineParser
+
+
+def cost_ns(result: Measurement) -> float:
+    """Nanoseconds of wall time an active vehicle and tick."""
+    return 1e9 / result.active_vehicle_updates_per_s
+
+
+def spread(results: list[Measurement]) -> float:
+    """The dearest vehicle's cost by the cheapest one's."""
+    costs = [cost_ns(result) for result in results]
+    return max(costs) / min(costs)
+
+
+def reset_in_decisions(num_envs: int, repeats: int, scenario: str) -> float:
+    """Time to reset all environments by the time of one decision in all of them."""
+    work = Workload(num_envs, steps=20, scenario=scenario)
+    work.play()
+    decision_s = statistics.median(work.play()[0] for _ in range(repeats)) / work.steps
+    walls = []
+    for number in range(repeats + 1):
+        start = time.perf_counter()
+        jax.block_until_ready(work.reset(jax.random.key(number), work.params))
+        walls.append(time.perf_counter() - start)
+    return statistics.median(walls[1:]) / decision_s
+
+
+def show(title: str, column: str, rows: list[tuple[Any, Measurement]]) -> None:
+    """A table, and how far its costs are apart."""
+    print(
+        f"\n{title}\n{column:>12}  environments  vehicles a road  M updates/s  ns a vehicle and tick"
+    )
+    for name, result in rows:
+        print(
+            f"{name:>12}  {result.num_envs:>12}  {result.mean_active_vehicles:>15.0f}"
+            f"  {result.active_vehicle_updates_per_s / 1e6:>11.2f}  {cost_ns(result):>21.1f}"
+        )
+    print(f"dearest by cheapest: {spread([result for _, result in rows]):.2f}", flush=True)
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The command line."""
+    parser = OneLineParser(prog="python -m benchmarks.scaling", description=__doc__)
+    parser.add_argument("--num-envs", type=positive, default=1024, metavar="N")
+    parser.add_argument("--repeats", type=positive, default=5)
+    parser.add_argument("--scenario", default="paper", choices=list(medjax.SCENARIOS))
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    return parser
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Prints the tables and writes all figures as JSON."""
+    options = build_parser().parse_args(arguments)
+    prepare_cpu()
+    common = {"repeats": options.repeats, "scenario": options.scenario}
+
+    def timed(num_envs: int, **changes: Any) -> Measurement:
+        # As many decisions in all, so that every measurement takes about as long.
+        steps = max(4, 50 * options.num_envs // num_envs)
+        return measure(num_envs, steps=steps, **common, **changes)
+
+    over_envs = [(num_envs, timed(num_envs)) for num_envs in ENVS]
+    show("over environments", "environments", over_envs)
+    over_vehicles = []
+    for count in VEHICLES:
+        num_envs = max(1, options.num_envs * VEHICLES[0] // count)
+        changes = road_for(count, options.scenario)
+        over_vehicles.append((count, measure(num_envs, **common, **changes)))
+    show("over vehicles on a road", "asked for", over_vehicles)
+    counts = range(1, len(jax.local_devices()) + 1)
+    devices = [n for n in counts if options.num_envs % n == 0]
+    over_devices = [(n, timed(options.num_envs, num_devices=n)) for n in devices]
+    show("over devices", "devices", over_devices)
+    reset = reset_in_decisions(options.num_envs, options.repeats, options.scenario)
+    print(f"\na reset costs as much as {reset:.2f} decisions")
+    here = over_devices[-1][1]
+    print(
+        f"an environment takes {here.state_bytes_per_env / 1024:.1f} KiB of state and "
+        f"{here.work_bytes_per_env / 1024:.1f} KiB of work space"
+    )
+    if options.json:
+        tables = {"envs": over_envs, "vehicles": over_vehicles, "devices": over_devices}
+        report: dict[str, Any] = {
+            name: [dataclasses.asdict(result) for _, result in rows]
+            for name, rows in tables.items()
+        }
+        report |= {f"{name}_spread": spread([r for _, r in rows]) for name, rows in tables.items()}
+        report["reset_in_decisions"] = reset
+        options.json.write_text(json.dumps(report, indent=2))
+
+
+if __name__ == "__main__":
+    main()
