@@ -18,7 +18,7 @@ import jax
 
 import medjax
 from benchmarks.throughput import positive
-from benchmarks.workload import ENVS, VEHICLES, Measurement, Workload, measure, road_for
+from benchmarks.workload import ENVS, VEHICLES, Measurement, Workload, alternate, road_for
 from medjax.wrappers import prepare_cpu
 from train.cli import OneLineParser
 
@@ -74,39 +74,39 @@ def main(arguments: list[str] | None = None) -> None:
     """Prints the tables and writes all figures as JSON."""
     options = build_parser().parse_args(arguments)
     prepare_cpu()
-    common = {"repeats": options.repeats, "scenario": options.scenario}
+    most, scenario = options.num_envs, options.scenario
 
-    def timed(num_envs: int, **changes: Any) -> Measurement:
+    def compare(title: str, column: str, works: dict[int, Workload]) -> list[Measurement]:
+        results = alternate(list(works.values()), options.repeats)
+        show(title, column, list(zip(works, results, strict=True)))
+        return results
+
+    def sized(num_envs: int, **changes: Any) -> Workload:
         # As many decisions in all, so that every measurement takes about as long.
-        steps = max(4, 50 * options.num_envs // num_envs)
-        return measure(num_envs, steps=steps, **common, **changes)
+        return Workload(num_envs, max(4, 50 * most // num_envs), scenario=scenario, **changes)
 
-    over_envs = [(num_envs, timed(num_envs)) for num_envs in ENVS]
-    show("over environments", "environments", over_envs)
-    over_vehicles = []
-    for count in VEHICLES:
-        num_envs = max(1, options.num_envs * VEHICLES[0] // count)
-        changes = road_for(count, options.scenario)
-        over_vehicles.append((count, measure(num_envs, **common, **changes)))
-    show("over vehicles on a road", "asked for", over_vehicles)
-    counts = range(1, len(jax.local_devices()) + 1)
-    devices = [n for n in counts if options.num_envs % n == 0]
-    over_devices = [(n, timed(options.num_envs, num_devices=n)) for n in devices]
-    show("over devices", "devices", over_devices)
-    reset = reset_in_decisions(options.num_envs, options.repeats, options.scenario)
+    tables = {"envs": compare("over environments", "environments", {n: sized(n) for n in ENVS})}
+    roads = {
+        n: Workload(max(1, most * VEHICLES[0] // n), 50, scenario=scenario, **road_for(n, scenario))
+        for n in VEHICLES
+    }
+    tables["vehicles"] = compare("over vehicles on a road", "asked for", roads)
+    counts = [n for n in range(1, len(jax.local_devices()) + 1) if most % n == 0]
+    shares = {n: sized(most, num_devices=n) for n in counts}
+    tables["devices"] = compare("over devices", "devices", shares)
+    reset = reset_in_decisions(most, options.repeats, scenario)
     print(f"\na reset costs as much as {reset:.2f} decisions")
-    here = over_devices[-1][1]
+    here = tables["devices"][-1]
     print(
         f"an environment takes {here.state_bytes_per_env / 1024:.1f} KiB of state and "
         f"{here.work_bytes_per_env / 1024:.1f} KiB of work space"
     )
     if options.json:
-        tables = {"envs": over_envs, "vehicles": over_vehicles, "devices": over_devices}
         report: dict[str, Any] = {
-            name: [dataclasses.asdict(result) for _, result in rows]
-            for name, rows in tables.items()
+            name: [dataclasses.asdict(result) for result in results]
+            for name, results in tables.items()
         }
-        report |= {f"{name}_spread": spread([r for _, r in rows]) for name, rows in tables.items()}
+        report |= {f"{name}_spread": spread(results) for name, results in tables.items()}
         report["reset_in_decisions"] = reset
         options.json.write_text(json.dumps(report, indent=2))
 

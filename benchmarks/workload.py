@@ -78,9 +78,11 @@ class Workload:
         def step(state: Any, key: jax.Array) -> tuple[Any, tuple[jax.Array, jax.Array]]:
             action_key, step_key = jax.random.split(key)
             actions = jax.random.randint(action_key, (self.num_envs,), 0, self.env.num_actions)
-            obs, state, *_, info = self.batch.step(step_key, state, actions, self.params)
-            # The sum keeps the observation from being optimised away.
-            return state, (jnp.sum(info["tally"].vehicle_ticks), jnp.sum(obs))
+            obs, state, reward, *_, info = self.batch.step(step_key, state, actions, self.params)
+            # A sum over all that a step returns keeps XLA from leaving any of it out.
+            results = (obs, reward, info["reward_terms"], info["metrics"])
+            seen = sum(jnp.sum(leaf) for leaf in jax.tree.leaves(results))
+            return state, (jnp.sum(info["tally"].vehicle_ticks), seen)
 
         state, (active, seen) = jax.lax.scan(step, state, jax.random.split(key, self.steps))
         return state, (jnp.sum(active), jnp.sum(seen))
@@ -109,19 +111,38 @@ def measure(
     **overrides: Any,
 ) -> Measurement:
     """Times `steps` random decisions in `num_envs` environments, `repeats` times, after warm-up."""
-    work = Workload(num_envs, steps, seed, scenario, num_devices, **overrides)
-    work.play()
-    calls = [work.play() for _ in range(repeats)]
+    return alternate(
+        [Workload(num_envs, steps, seed, scenario, num_devices, **overrides)], repeats
+    )[0]
+
+
+def alternate(works: list[Workload], repeats: int) -> list[Measurement]:
+    """Times all workloads `repeats` times in turn, after warm-up.
+
+    In turn, so that a machine that slows down for a while slows all of them alike.
+    """
+    for work in works:
+        work.play()
+    calls: list[list[tuple[float, float]]] = [[] for _ in works]
+    for _ in range(repeats):
+        for work, own in zip(works, calls, strict=True):
+            own.append(work.play())
+    return [summarize(work, own) for work, own in zip(works, calls, strict=True)]
+
+
+def summarize(work: Workload, calls: list[tuple[float, float]]) -> Measurement:
+    """Medians of what `Workload.play` returned."""
+    num_envs, decisions = work.num_envs, work.num_envs * work.steps
     ticks = work.env.config.ticks_per_decision
     return Measurement(
         active_vehicle_updates_per_s=statistics.median(active / wall for wall, active in calls),
-        env_steps_per_s=num_envs * steps / statistics.median(wall for wall, _ in calls),
-        mean_active_vehicles=calls[-1][1] / (num_envs * steps * ticks),
+        env_steps_per_s=decisions / statistics.median(wall for wall, _ in calls),
+        mean_active_vehicles=calls[-1][1] / (decisions * ticks),
         ticks_per_step=ticks,
         compile_s=work.compile_s,
         num_envs=num_envs,
         num_devices=work.mesh.size,
-        repeats=repeats,
+        repeats=len(calls),
         state_bytes_per_env=sum(x.nbytes for x in jax.tree.leaves(work.state)) // num_envs,
         # XLA counts one device, which holds its share of the environments.
         work_bytes_per_env=work.temporary_bytes() * work.mesh.size // num_envs,

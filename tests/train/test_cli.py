@@ -42,6 +42,7 @@ def refused(capsys, argv, *words, command=ppo):
         (["--num-envs=7"], ["num_envs is 7", "num_minibatches = 2", "a multiple of 2"]),
         (["--num-envs"], ["--num-envs"]),
         (["--total-timesteps=0"], ["total_timesteps is 0", "at least 1"]),
+        (["--num-devices=99"], ["num_devices is 99", "allowed: 0 to"]),
         (["--seed=-1"], ["seed is -1", "at least 0"]),
         (["--num-seeds=0"], ["num_seeds is 0", "at least 1"]),
         (["--learning-rate=nan"], ["learning_rate is nan", "more than 0, finite"]),

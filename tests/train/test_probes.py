@@ -123,3 +123,17 @@ def test_one_program_serves_all_chunks_and_these_do_not_change_the_result():
         np.testing.assert_allclose(rates, [1e-2 * (1 - n / 6) for n in range(6)], rtol=1e-5)
         ends.append(state.weights)
     chex.assert_trees_all_equal(*ends)
+
+
+def test_the_number_of_devices_changes_rounding_only():
+    """The same start, lots and noise on one device and on two: all metrics and weights agree."""
+    env, params = Probe("noisy"), ProbeParams()
+    ends = []
+    for num_devices in (1, 2):
+        config = TrainConfig(**(BASE | {"num_devices": num_devices, "updates_per_call": 3}))
+        programs = make_train(env, params, config)
+        state = programs.init(jax.random.key(0), params)
+        assert len(state.rollout.obs.sharding.device_set) == num_devices
+        state, metrics = programs.run(state, params, jnp.int32(3))
+        ends.append(jax.device_get((state.weights, state.rollout.obs, metrics)))
+    chex.assert_trees_all_close(*ends, rtol=1e-3, atol=1e-4)
