@@ -53,18 +53,21 @@ def test_every_stage_of_the_step_is_found(work):
     assert all(seconds > 0.0 for seconds in times.values())
 
 
-@pytest.mark.parametrize("count", [64, 512, 1024])
-def test_a_longer_road_holds_as_many_as_asked(count):
-    """Filled at reset, in the mean over 32 roads; and at the same density in its slots."""
-    env, params = medjax.make("paper", **road_for(count))
+def vehicles_at_reset(**overrides):
+    """Mean over 32 roads, with no MED yet, and the slots of a road."""
+    env, params = medjax.make("paper", **overrides)
     keys = jax.random.split(jax.random.key(0), 32)
     _, state = jax.jit(jax.vmap(env.reset, (0, None)))(keys, params)
-    mean = float(state.vehicles.active.sum(axis=1).mean())
-    assert mean == pytest.approx(count, rel=0.12)
-    base, base_params = medjax.make("paper")
-    density = params.demand.mainline_per_h / base_params.demand.mainline_per_h
-    assert float(density) == 1.0
-    assert env.config.num_gas / base.config.num_gas == pytest.approx(count / 140, rel=0.05)
+    return float(state.vehicles.active.sum(axis=1).mean()), env.config.num_vehicles
+
+
+@pytest.mark.parametrize("count", [64, 512, 1024])
+def test_a_longer_road_holds_as_many_as_asked(count):
+    """In proportion to the preset's, which holds 140 with its MEDs; as full in its slots."""
+    preset, preset_slots = vehicles_at_reset()
+    mean, slots = vehicles_at_reset(**road_for(count))
+    assert mean / preset == pytest.approx(count / 140, rel=0.08)
+    assert slots / preset_slots == pytest.approx(count / 140, rel=0.15)
 
 
 def test_json_is_what_the_contract_says(tmp_path, capsys):
