@@ -81,7 +81,7 @@ class Workload:
             obs, state, reward, *_, info = self.batch.step(step_key, state, actions, self.params)
             # A sum over all that a step returns keeps XLA from leaving any of it out.
             results = (obs, reward, info["reward_terms"], info["metrics"])
-            seen = sum(jnp.sum(leaf) for leaf in jax.tree.leaves(results))
+            seen = sum((jnp.sum(leaf) for leaf in jax.tree.leaves(results)), jnp.zeros(()))
             return state, (jnp.sum(info["tally"].vehicle_ticks), seen)
 
         state, (active, seen) = jax.lax.scan(step, state, jax.random.split(key, self.steps))
