@@ -193,7 +193,8 @@ def evaluate_policies(
     """
     batch = min(batch, episodes)
     runner = make_runner(env, policies, episode_decisions(params) or MAX_DECISIONS)
-    weights = tuple(policy.weights for policy in policies.values())
+    # From the host, since training may have left them on other devices than play here.
+    weights = jax.device_get(tuple(policy.weights for policy in policies.values()))
     root = jax.random.fold_in(jax.random.key(seed), EVALUATION)
     # Whole batches only, so that one program serves; what is too much is thrown away.
     numbers = jnp.arange(-(-episodes // batch) * batch, dtype=jnp.uint32)
