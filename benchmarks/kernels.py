@@ -8,13 +8,11 @@ program shows in its time.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import statistics
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -22,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import medjax
+from benchmarks.arguments import benchmark_parser, whole_number
 from medjax.charging.docking import Misalignment
 from medjax.charging.transfer import coupling_efficiency
 from medjax.config import EnvConfig, LinkParams
@@ -29,7 +28,6 @@ from medjax.physics import ellipe, ellipk, interpolate_inductance, mutual_induct
 from medjax.scenarios import CoilDesign
 from medjax.traffic import find_neighbours, sort_by_road
 from medjax.traffic.neighbours import NOBODY, Neighbours
-from train.cli import OneLineParser
 
 try:
     from scipy import special
@@ -369,27 +367,12 @@ def report(result: dict[str, Any]) -> str:
     )
 
 
-def _count(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= MOST:
-        raise argparse.ArgumentTypeError(f"{text!r}: allowed a whole number from 1 to {MOST}")
-    return int(text)
-
-
-def _file(text: str) -> Path:
-    path = Path(text)
-    if path.is_dir() or not path.parent.is_dir():
-        raise argparse.ArgumentTypeError(f"{text!r}: allowed a file in a directory that exists")
-    return path
-
-
 def main(arguments: list[str] | None = None) -> None:
     """Prints the table and writes the same as JSON."""
-    parser = OneLineParser(
-        prog="python -m benchmarks.kernels", description=__doc__, allow_abbrev=False
-    )
-    parser.add_argument("--roads", type=_count, default=1024, metavar="N", help="default: 1024")
-    parser.add_argument("--repeats", type=_count, default=7, metavar="N", help="default: 7")
-    parser.add_argument("--json", type=_file, metavar="FILE")
+    parser = benchmark_parser("kernels", __doc__)
+    count = whole_number(MOST)
+    parser.add_argument("--roads", type=count, default=1024, metavar="N", help="default: 1024")
+    parser.add_argument("--repeats", type=count, default=7, metavar="N", help="default: 7")
     options = parser.parse_args(arguments)
     if special is None:
         parser.error('SciPy, the reference, is not installed: pip install -e ".[train,test]"')

@@ -6,18 +6,16 @@ and over devices (on a CPU, cores); and what a reset and the memory of an enviro
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import statistics
 import time
-from pathlib import Path
 from typing import Any
 
 import jax
 
 import medjax
-from benchmarks.throughput import positive
+from benchmarks.arguments import benchmark_parser, positive
 from benchmarks.workload import ENVS, VEHICLES, Measurement, Workload, alternate, road_for
 from medjax.wrappers import prepare_cpu
 from train.cli import OneLineParser
@@ -60,13 +58,12 @@ def show(title: str, column: str, rows: list[tuple[Any, Measurement]]) -> None:
     print(f"dearest by cheapest: {spread([result for _, result in rows]):.2f}", flush=True)
 
 
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> OneLineParser:
     """The command line."""
-    parser = OneLineParser(prog="python -m benchmarks.scaling", description=__doc__)
+    parser = benchmark_parser("scaling", __doc__)
     parser.add_argument("--num-envs", type=positive, default=1024, metavar="N")
     parser.add_argument("--repeats", type=positive, default=5)
     parser.add_argument("--scenario", default="paper", choices=list(medjax.SCENARIOS))
-    parser.add_argument("--json", type=Path, metavar="FILE")
     return parser
 
 

@@ -6,33 +6,22 @@ auto-reset, under uniformly random actions. Only vehicles really on the road are
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import sys
-from pathlib import Path
 from typing import Any
 
 import medjax
+from benchmarks.arguments import benchmark_parser, positive
 from benchmarks.stages import stage_times
 from benchmarks.workload import ENVS, VEHICLES, Measurement, Workload, measure, road_for
 from medjax.wrappers import prepare_cpu
 from train.cli import OneLineParser, fail
 
-__all__ = ["Measurement", "main", "measure"]
 
-
-def positive(text: str) -> int:
-    """Parses a whole number above 0."""
-    number = int(text)
-    if number < 1:
-        raise ValueError
-    return number
-
-
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> OneLineParser:
     """The command line."""
-    parser = OneLineParser(prog="python -m benchmarks.throughput", description=__doc__)
+    parser = benchmark_parser("throughput", __doc__)
     parser.add_argument("--num-envs", type=positive, default=[1024], nargs="+", metavar="N")
     parser.add_argument(
         "--sweep",
@@ -46,7 +35,6 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--num-devices", type=int, default=0, metavar="N", help="devices or CPU cores; 0: all"
     )
-    parser.add_argument("--json", type=Path, metavar="FILE")
     return parser
 
 

@@ -23,7 +23,6 @@ the first are played and every run gives its own time.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import os
@@ -41,6 +40,7 @@ import jax
 import numpy as np
 
 import medjax
+from benchmarks.arguments import benchmark_parser, positive
 from medjax.wrappers import prepare_cpu
 from train.bootstrap import bootstrap_ci95
 from train.cli import OneLineParser, make_environment, settings_from_text
@@ -187,28 +187,6 @@ def first_beaten(curve: Sequence[Checkpoint]) -> Checkpoint | None:
     return next((point for point in curve if point.gain_ci95[0] > 0), None)
 
 
-def read_weights(run_dir: RunDir, update: int, shapes: Any) -> Any:
-    """Weights of one checkpoint.
-
-    Args:
-        run_dir: of the run.
-        update: which checkpoint.
-        shapes: of the training state.
-    """
-    from train.checkpoint import Checkpoints
-
-    class Pinned(Checkpoints):
-        """Takes that checkpoint for the newest, which is the one that is read."""
-
-        def latest(self) -> int:
-            return update
-
-    reader = Pinned(run_dir.path)
-    weights = reader.restore_weights(shapes)
-    reader.close()
-    return weights
-
-
 def play_checkpoints(run_dir: RunDir) -> tuple[float, list[Checkpoint]]:
     """Plays every checkpoint of a run and greedy on the episodes of the closing evaluation.
 
@@ -216,6 +194,7 @@ def play_checkpoints(run_dir: RunDir) -> tuple[float, list[Checkpoint]]:
         The mean return of greedy, and the checkpoints from the first to the last.
     """
     # Flax and the learner take seconds to import; bad options need not wait for them.
+    from train.checkpoint import Checkpoints
     from train.evaluation import baseline, evaluate_policies, trained
     from train.learner import make_train
     from train.networks import build_network
@@ -226,11 +205,11 @@ def play_checkpoints(run_dir: RunDir) -> tuple[float, list[Checkpoint]]:
     network = build_network(env.num_actions, config)
     shapes = shapes_of(make_train(env, params, config), params, config)
     policies = {"greedy": baseline(medjax.BASELINES["greedy"](env))}
-    names = (path.name for path in (run_dir.path / "checkpoints").iterdir())
-    updates = sorted(int(name) for name in names if name.isdecimal())
+    reader = Checkpoints(run_dir.path)
+    updates = reader.all()
     for update in updates:
-        weights = read_weights(run_dir, update, shapes)
-        policies[str(update)] = trained(network, weights)
+        policies[str(update)] = trained(network, reader.restore_weights(shapes, update))
+    reader.close()
     scores = evaluate_policies(env, params, policies, config.eval_episodes, config.seed)
     greedy = scores["greedy"]["return"]
     curve = [compare(each, scores[str(each)]["return"], greedy, config.seed) for each in updates]
@@ -321,27 +300,9 @@ def report(result: Mapping[str, Any]) -> str:
     return "\n".join([*lines, "", verdict])
 
 
-def _positive(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}: allowed a whole number from 1")
-    return int(text)
-
-
-def _file(text: str) -> Path:
-    path = Path(text)
-    if path.is_dir() or not os.access(path.parent, os.W_OK):
-        raise argparse.ArgumentTypeError(f"{text!r}: allowed a file in a writable directory")
-    return path
-
-
 def build_parser() -> OneLineParser:
     """The options; those of the settings stay text, which `settings` checks in the words of train.ppo."""
-    parser = OneLineParser(
-        prog="python -m benchmarks.training",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
+    parser = benchmark_parser("training", __doc__)
     parser.add_argument("--num-envs", default="1024", metavar="N", help="default: 1024")
     parser.add_argument(
         "--total-timesteps",
@@ -355,12 +316,11 @@ def build_parser() -> OneLineParser:
     parser.add_argument("--seed", default="0", metavar="N", help="default: 0")
     parser.add_argument(
         "--repeats",
-        type=_positive,
+        type=positive,
         default=1,
         metavar="N",
         help="cold and warm starts each; default: 1",
     )
-    parser.add_argument("--json", type=_file, metavar="FILE", help="write the figures here too")
     return parser
 
 

@@ -14,9 +14,10 @@ import jax.numpy as jnp
 import medjax
 from medjax.wrappers import BatchAutoReset, environment_mesh
 
-# Sizes that a sweep goes through, and the batch that keeps a sweep over vehicles alike in work.
+# What a preset's road holds, about; and the sizes that sweeps go through.
+PRESET_VEHICLES = 140
 ENVS = (64, 256, 1024, 4096, 8192)
-VEHICLES = (64, 140, 256, 512, 1024)
+VEHICLES = (64, PRESET_VEHICLES, 256, 512, 1024)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -156,7 +157,7 @@ def road_for(num_vehicles: int, scenario: str = "paper") -> dict[str, Any]:
     the road, so that as many vehicles run out on it.
     """
     env, params = medjax.make(scenario)
-    scale = num_vehicles / 140  # the preset's road holds as many in the mean
+    scale = num_vehicles / PRESET_VEHICLES
     return {
         "length_m": float(params.road.length_m) * scale,
         "ramp_x_m": [float(x) * scale for x in params.road.ramp_x_m],

@@ -65,18 +65,21 @@ class Checkpoints:
         manager.save(step, args=ocp.args.Composite(**items), force=True)
         return step
 
+    def all(self) -> list[int]:
+        """Updates done at each checkpoint, the newest last."""
+        return sorted(self._manager().all_steps()) if self.directory.is_dir() else []
+
     def latest(self) -> int | None:
         """Updates done at the newest checkpoint; None if there is none."""
-        if not self.directory.is_dir():
-            return None
-        return self._manager().latest_step()
+        return max(self.all(), default=None)
 
-    def check(self, expected: TrainState, prefix: str = "") -> int:
-        """Compares the newest checkpoint with what it is to become, without reading arrays.
+    def check(self, expected: TrainState, prefix: str = "", step: int | None = None) -> int:
+        """Compares a checkpoint with what it is to become, without reading arrays.
 
         Args:
             expected: shapes and types (`jax.eval_shape` of `Learner.init`).
             prefix: compare only arrays whose name begins so; `.weights` for evaluation.
+            step: one of `all`; None is the newest.
 
         Returns:
             The checkpoint's number of updates.
@@ -84,7 +87,7 @@ class Checkpoints:
         Raises:
             SettingError: there is none, or an array differs; the message names the first that does.
         """
-        step = self.latest()
+        step = self.latest() if step is None else step
         if step is None:
             raise SettingError(
                 f"{self.directory} holds no checkpoint, allowed: a directory that train.ppo wrote"
@@ -118,16 +121,17 @@ class Checkpoints:
         state = expected.replace(weights=read["weights"], **read["rest"])  # type: ignore[attr-defined]
         return _with_keys(state, expected)
 
-    def restore_weights(self, expected: TrainState) -> PolicyWeights:
+    def restore_weights(self, expected: TrainState, step: int | None = None) -> PolicyWeights:
         """Reads only what acting needs, whatever number of environments it was trained with.
 
         Args:
             expected: shapes and types; only those of its weights are read.
+            step: see `check`.
 
         Raises:
             SettingError: see `check`.
         """
-        step = self.check(expected, ".weights")
+        step = self.check(expected, ".weights", step)
         item = self._ocp.args.StandardRestore(_abstract(expected).weights)
         return _owned(self._restore(step, weights=item)["weights"])
 

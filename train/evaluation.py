@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import flax.linen as nn
@@ -11,7 +12,7 @@ import numpy as np
 from flax import struct
 from jax import lax
 
-from medjax.wrappers import Environment, environment_mesh, in_blocks, on_devices
+from medjax.wrappers import Environment, environment_mesh, on_devices, reset_rows, step_rows
 from train.bootstrap import bootstrap_ci95
 from train.learner import episode_decisions
 from train.networks import PolicyWeights, apply_policy
@@ -85,18 +86,13 @@ def make_runner(
         jax.vmap(policy.act, (None, 0, 0, 0, 0, None)) for policy in policies.values()
     ]
 
-    def step_rows(rows: Any, params: Any) -> Any:
-        step = jax.vmap(env.step_env, (0, 0, 0, None))
-        return in_blocks(lambda key, state, action: step(key, state, action, params), *rows)
-
-    def reset_rows(keys: jax.Array, params: Any) -> Any:
-        return jax.vmap(env.reset, (0, None))(keys, params)
-
     def run(weights: Any, keys: jax.Array, params: Any) -> dict[str, jax.Array]:
         # A row plays one episode with one policy; a device has whole episodes, and so all policies.
         mesh = environment_mesh(keys.shape[0])
-        step_all = jax.jit(on_devices(mesh, step_rows))  # traced once for its shapes and its use
-        reset_all = on_devices(mesh, reset_rows)
+        step_all = jax.jit(
+            on_devices(mesh, partial(step_rows, env))
+        )  # traced once for its shapes and its use
+        reset_all = on_devices(mesh, partial(reset_rows, env))
         streams = jnp.repeat(jax.vmap(jax.random.split, (0, None))(keys, 3), len(acts), axis=0)
 
         def choose(state: _Episodes, act_keys: jax.Array) -> jax.Array:

@@ -41,9 +41,8 @@ class Trajectory:
 class EpisodeSums:
     """Sums over the whole episodes that ended, in one array, which costs less to carry than one for each figure."""
 
-    names: tuple[str, ...] = struct.field(
-        pytree_node=False
-    )  # "return", "length" and the environment's metrics
+    # "return", "length" and the environment's metrics
+    names: tuple[str, ...] = struct.field(pytree_node=False)
     total: jax.Array  # (len(names) + 1,) float32, the number of episodes last
 
 

@@ -39,9 +39,6 @@ def open_session(request: Request) -> "Session":
     env, params = make_environment(config)
     try:
         build_network(env.num_actions, config)
-    except ValueError as error:
-        raise SettingError(str(error)) from None
-    try:
         programs = make_train(env, params, config)
     except ValueError as error:
         raise SettingError(str(error)) from None

@@ -22,7 +22,7 @@ class Rate:
 
 
 @dataclasses.dataclass(frozen=True)
-class Workload:
+class World:
     """The world that every simulator is given."""
 
     config: EnvConfig
@@ -38,7 +38,7 @@ class Workload:
 
 
 class Peer(abc.ABC):
-    """A simulator that is timed; its package may be missing until it is built with a Workload."""
+    """A simulator that is timed; its package may be missing until it is built with a World."""
 
     name: ClassVar[str]
     package: ClassVar[str]  # distribution that must be installed

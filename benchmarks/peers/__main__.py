@@ -7,11 +7,9 @@ all of them; medians over rounds are compared.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import importlib.metadata
 import json
-import os
 import platform
 import statistics
 import sys
@@ -23,14 +21,15 @@ from typing import Any
 import jax
 
 import medjax
-from benchmarks.peers import Peer, Rate, Workload
+from benchmarks.arguments import benchmark_parser, positive
+from benchmarks.peers import Peer, Rate, World
 from benchmarks.peers.highway import HighwayEnv
 from benchmarks.peers.sumo import Sumo
 from benchmarks.workload import measure
 from medjax.wrappers import prepare_cpu
-from train.cli import OneLineParser
+from medjax.wrappers.devices import cpu_cores
 
-PEERS: tuple[type[Any], ...] = (Sumo, HighwayEnv)  # each built with a Workload
+PEERS: tuple[type[Any], ...] = (Sumo, HighwayEnv)  # each built with a World
 SCENARIO = "paper"
 COUNTED_ROADS = 64  # enough to know the mean number of vehicles to 1 %
 
@@ -116,13 +115,6 @@ def summarise(simulators: Sequence[Peer], rates: dict[str, list[Rate]]) -> dict[
     }
 
 
-def count_cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 def compare(num_envs: int, rounds: int) -> dict[str, Any]:
     """The whole run; what `--json` writes."""
     present, skipped = [], []
@@ -136,12 +128,12 @@ def compare(num_envs: int, rounds: int) -> dict[str, Any]:
     # An episode for warm-up and an episode that is timed, as SUMO: traffic changes within an episode,
     # since MEDs come, so a part of one would hold fewer vehicles.
     decisions = int(params.episode_decisions)
-    cores = count_cores()
+    cores = cpu_cores()
     say(f"counting vehicles in {COUNTED_ROADS} roads of medjax")
     counted = Medjax(COUNTED_ROADS, decisions).measure()
     num_vehicles = round(counted.mean_active_vehicles)
     with tempfile.TemporaryDirectory() as folder:
-        workload = Workload(env.config, params, num_vehicles, cores, Path(folder))
+        workload = World(env.config, params, num_vehicles, cores, Path(folder))
         simulators = [Medjax(num_envs, decisions), *(peer(workload) for peer in present)]
         results = summarise(simulators, alternate(simulators, rounds))
     return {
@@ -181,33 +173,17 @@ def report(comparison: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _positive(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}: allowed a whole number from 1")
-    return int(text)
-
-
-def _file(text: str) -> Path:
-    path = Path(text)
-    if path.is_dir() or not path.parent.is_dir():
-        raise argparse.ArgumentTypeError(f"{text!r}: allowed a file in a directory that exists")
-    return path
-
-
 def main(arguments: list[str] | None = None) -> None:
     """Prints the table and what differs, and writes the same as JSON."""
-    parser = OneLineParser(
-        prog="python -m benchmarks.peers", description=__doc__, allow_abbrev=False
-    )
-    parser.add_argument("--rounds", type=_positive, default=3, help="default: 3")
+    parser = benchmark_parser("peers", __doc__)
+    parser.add_argument("--rounds", type=positive, default=3, metavar="N", help="default: 3")
     parser.add_argument(
         "--num-envs",
-        type=_positive,
+        type=positive,
         default=1024,
         metavar="N",
         help="roads of medjax; default: 1024",
     )
-    parser.add_argument("--json", type=_file, metavar="FILE")
     options = parser.parse_args(arguments)
     prepare_cpu()
     comparison = compare(options.num_envs, options.rounds)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers import Peer, Rate, Workload
+from benchmarks.peers import Peer, Rate, World
 from medjax.config import GAS
 
 SPAN_S = 10.0  # simulated; the 600 s of an episode would take minutes, and cost a tick the same
@@ -112,7 +112,7 @@ class HighwayEnv(Peer):
         "reward or reset, and without collision checks, as in highway-fast-v0.",
     )
 
-    def __init__(self, workload: Workload) -> None:
+    def __init__(self, workload: World) -> None:
         """Takes the plain numbers from medjax's."""
         road, drivers = workload.params.road, workload.params.drivers
         self.cores = workload.cores

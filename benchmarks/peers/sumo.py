@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from benchmarks.peers import Peer, Rate, Workload
+from benchmarks.peers import Peer, Rate, World
 from medjax.config import AUTONOMOUS_EV, GAS, HUMAN_EV, EnvParams
 from medjax.traffic.demand import SPEED_SPREAD, entry_rates
 
@@ -46,7 +46,7 @@ def _cuts(params: EnvParams) -> list[float]:
     return sorted(ends | set(ramps) | {x + merge for x in ramps})
 
 
-def build_network(workload: Workload) -> Path:
+def build_network(workload: World) -> Path:
     """The road as netconvert makes it; edges are named by the position of their left end.
 
     SUMO counts lanes from the right, so the acceleration lane is lane 0 of its edge.
@@ -115,7 +115,7 @@ def build_network(workload: Workload) -> Path:
     return network
 
 
-def build_demand(workload: Workload) -> Path:
+def build_demand(workload: World) -> Path:
     """Drivers of medjax's kinds, and Poisson flows into each lane at x = 0 and onto each ramp."""
     params = workload.params
     demand, drivers = params.demand, params.drivers
@@ -209,7 +209,7 @@ class Sumo(Peer):
         "Generous to it: junctions have no lanes of their own, which makes it about a quarter faster.",
     )
 
-    def __init__(self, workload: Workload) -> None:
+    def __init__(self, workload: World) -> None:
         """Builds the network and the demand, and fills one road for each core."""
         self.workload = workload
         self.network = build_network(workload)

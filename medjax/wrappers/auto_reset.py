@@ -23,6 +23,19 @@ class BatchState:
     )  # (num_envs,) int32, decisions until the first episode is cut short; 0: it is not
 
 
+def reset_rows(env: Environment, keys: jax.Array, params: Params) -> tuple[Observation, State]:
+    """`env.reset` with each of the keys `(rows,)`; every leaf of the result `(rows, ...)`."""
+    return jax.vmap(env.reset, (0, None))(keys, params)
+
+
+def step_rows(
+    env: Environment, rows: tuple[jax.Array, State, jax.Array], params: Params
+) -> StepResult:
+    """`env.step_env`, without a reset, on rows of keys, states and actions; every leaf `(rows, ...)`."""
+    step = jax.vmap(env.step_env, (0, 0, 0, None))
+    return in_blocks(lambda key, state, action: step(key, state, action, params), *rows)
+
+
 @dataclasses.dataclass(frozen=True)
 class BatchAutoReset:
     """`num_envs` copies of `env` with same-step auto-reset.
@@ -109,22 +122,14 @@ class BatchAutoReset:
         self, rows: tuple[jax.Array, jax.Array], params: Params
     ) -> tuple[Observation, BatchState]:
         keys, cut_in = rows
-        obs, env_state = self._fresh(keys, params)
+        obs, env_state = reset_rows(self.env, keys, params)
         return obs, BatchState(env=env_state, cut_in=cut_in)
-
-    def _fresh(self, keys: jax.Array, params: Params) -> tuple[Observation, State]:
-        return jax.vmap(self.env.reset, (0, None))(keys, params)
 
     def _step(self, rows: tuple[jax.Array, BatchState, jax.Array], params: Params) -> StepResult:
         """`step` for some of the copies: their keys `(rows, 2)`, states and actions."""
         keys, state, actions = rows
-        obs, env_state, reward, terminated, truncated, info = in_blocks(
-            lambda key, env, action: jax.vmap(self.env.step_env, (0, 0, 0, None))(
-                key, env, action, params
-            ),
-            keys[:, 0],
-            state.env,
-            actions,
+        obs, env_state, reward, terminated, truncated, info = step_rows(
+            self.env, (keys[:, 0], state.env, actions), params
         )
         cut_short = (state.cut_in == 1) & ~(terminated | truncated)
         truncated = truncated | cut_short
@@ -143,7 +148,7 @@ class BatchAutoReset:
         pool_size = min(done.shape[0], self.reset_pool_size or max(1, done.shape[0] // 128))
 
         def serve(_: jax.Array, rows: jax.Array, current: Any) -> Any:
-            fresh = self._fresh(keys.at[rows].get(mode="clip"), params)
+            fresh = reset_rows(self.env, keys.at[rows].get(mode="clip"), params)
             return jax.tree.map(lambda x, new: x.at[rows].set(new, mode="drop"), current, fresh)
 
         return for_true_rows(done, pool_size, serve, (obs, state))

@@ -17,16 +17,20 @@ Result = TypeVar("Result")
 AXIS = "environments"
 
 
+def cpu_cores() -> int:
+    """Cores that this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
 def prepare_cpu() -> None:
     """Makes every core that this process may use a CPU device of JAX, and has programs compiled faster.
 
     For commands, before JAX computes anything; later it changes nothing, nor where the user has chosen.
     """
-    affinity = getattr(os, "sched_getaffinity", None)
-    cores = len(affinity(0)) if affinity else os.cpu_count() or 1
     if getattr(jax.config, "jax_num_cpu_devices", -1) == -1:
         with contextlib.suppress(RuntimeError):  # JAX has started
-            jax.config.update("jax_num_cpu_devices", cores)
+            jax.config.update("jax_num_cpu_devices", cpu_cores())
     # Unrolled loops run no faster here and take a quarter more time to compile.
     flags = os.environ.get("XLA_FLAGS", "")
     if "xla_backend_extra_options" not in flags:
