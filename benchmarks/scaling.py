@@ -40,7 +40,7 @@ def reset_in_decisions(num_envs: int, repeats: int, scenario: str) -> float:
     walls = []
     for number in range(repeats + 1):
         start = time.perf_counter()
-        jax.block_until_ready(work.reset(jax.random.key(number), work.params))
+        jax.block_until_ready(work.reset(jax.random.key(number)))
         walls.append(time.perf_counter() - start)
     return statistics.median(walls[1:]) / decision_s
 

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 
 import medjax
-from medjax.wrappers import BatchAutoReset, environment_mesh
+from medjax.wrappers import BatchAutoReset, environment_mesh, on_devices
 
 # What a preset's road holds, about; and the sizes that sweeps go through.
 PRESET_VEHICLES = 140
@@ -67,26 +67,45 @@ class Workload:
         self.num_envs, self.steps = num_envs, steps
         self.mesh = environment_mesh(num_envs, num_devices)
         stagger = int(self.params.episode_decisions)
-        self.batch = BatchAutoReset(self.env, num_envs, stagger=stagger, mesh=self.mesh)
+        self.batch = BatchAutoReset(self.env, stagger=stagger)
         self.key, reset_key = jax.random.split(jax.random.key(seed))
-        self.reset = jax.jit(self.batch.reset)
-        _, self.state = self.reset(reset_key, self.params)
+        self.reset = jax.jit(self._reset)
+        _, self.state = self.reset(reset_key)
         start = time.perf_counter()
         self.program = jax.jit(self._play, donate_argnums=1).lower(self.key, self.state).compile()
         self.compile_s = time.perf_counter() - start
 
+    def _reset(self, key: jax.Array) -> tuple[Any, Any]:
+        keys = jax.random.split(key, self.num_envs)
+        return on_devices(self.mesh, self.batch.reset)(keys, self.params)
+
     def _play(self, key: jax.Array, state: Any) -> tuple[Any, tuple[jax.Array, jax.Array]]:
-        def step(state: Any, key: jax.Array) -> tuple[Any, tuple[jax.Array, jax.Array]]:
-            action_key, step_key = jax.random.split(key)
-            actions = jax.random.randint(action_key, (self.num_envs,), 0, self.env.num_actions)
-            obs, state, reward, *_, info = self.batch.step(step_key, state, actions, self.params)
+        keys = jax.random.split(key, self.num_envs)
+        state, sums = on_devices(self.mesh, self._play_some)((keys, state), self.params)
+        return state, jax.tree.map(jnp.sum, sums)
+
+    def _play_some(
+        self, rows: tuple[jax.Array, Any], params: Any
+    ) -> tuple[Any, tuple[jax.Array, jax.Array]]:
+        """Some of the environments: their state, vehicles on the road, and a sum of all results, `(rows,)` each."""
+        keys, state = rows
+
+        def step(state: Any, keys: jax.Array) -> tuple[Any, tuple[jax.Array, jax.Array]]:
+            choose = jax.vmap(lambda key: jax.random.randint(key, (), 0, self.env.num_actions))
+            obs, state, reward, *_, info = self.batch.step(
+                keys[:, 0], state, choose(keys[:, 1]), params
+            )
             # A sum over all that a step returns keeps XLA from leaving any of it out.
             results = (obs, reward, info["reward_terms"], info["metrics"])
-            seen = sum((jnp.sum(leaf) for leaf in jax.tree.leaves(results)), jnp.zeros(()))
-            return state, (jnp.sum(info["tally"].vehicle_ticks), seen)
+            seen = sum(
+                (leaf.reshape(keys.shape[0], -1).sum(1) for leaf in jax.tree.leaves(results)),
+                jnp.zeros(()),
+            )
+            return state, (info["tally"].vehicle_ticks, seen)
 
-        state, (active, seen) = jax.lax.scan(step, state, jax.random.split(key, self.steps))
-        return state, (jnp.sum(active), jnp.sum(seen))
+        split = jax.vmap(lambda key: jax.random.split(key, (self.steps, 2)), out_axes=1)
+        state, sums = jax.lax.scan(step, state, split(keys))
+        return state, jax.tree.map(lambda values: jnp.sum(values, axis=0), sums)
 
     def temporary_bytes(self) -> int:
         """Memory of one device beside its arguments and results, as XLA plans it."""

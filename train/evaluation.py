@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any
 
 import flax.linen as nn
@@ -12,7 +11,8 @@ import numpy as np
 from flax import struct
 from jax import lax
 
-from medjax.wrappers import Environment, environment_mesh, on_devices, reset_rows, step_rows
+from medjax.wrappers import Environment, environment_mesh, on_devices
+from medjax.wrappers.rows import CACHED_ROWS
 from train.bootstrap import bootstrap_ci95
 from train.learner import episode_decisions
 from train.networks import PolicyWeights, apply_policy
@@ -63,7 +63,7 @@ def trained(network: nn.Module, weights: PolicyWeights, stochastic: bool = False
 
 @struct.dataclass
 class _Episodes:
-    """Where a batch of episodes stands; arrays are `(batch, ...)`."""
+    """Where some episodes stand, each played by all policies; arrays are `(episodes * policies, ...)`."""
 
     obs: Any
     env: Any
@@ -77,22 +77,21 @@ class _Episodes:
 def make_runner(
     env: Environment, policies: Mapping[str, Policy], max_decisions: int
 ) -> Callable[[Any, jax.Array, Any], dict[str, jax.Array]]:
-    """The compiled program `(weights, keys (batch,), params) -> dict of (policies, batch)` that runs whole episodes.
+    """The compiled program `(weights, keys (episodes,), params) -> dict of (policies, episodes)` of whole episodes.
 
-    All policies play side by side in one large batch: the environment is compiled once, and the fixed cost of a
-    decision is paid once.
+    All policies play side by side in one batch: the environment is compiled once, and the fixed cost of a decision is
+    paid once.
     """
     acts: list[Callable[..., Any]] = [
         jax.vmap(policy.act, (None, 0, 0, 0, 0, None)) for policy in policies.values()
     ]
+    reset_all = jax.vmap(env.reset, (0, None))
+    # Traced once for its shapes and its use.
+    step_all = jax.jit(jax.vmap(env.step_env, (0, 0, 0, None)))
 
-    def run(weights: Any, keys: jax.Array, params: Any) -> dict[str, jax.Array]:
-        # A row plays one episode with one policy; a device has whole episodes, and so all policies.
-        mesh = environment_mesh(keys.shape[0])
-        step_all = jax.jit(
-            on_devices(mesh, partial(step_rows, env))
-        )  # traced once for its shapes and its use
-        reset_all = on_devices(mesh, partial(reset_rows, env))
+    def play(keys: jax.Array, same: tuple[Any, Any]) -> dict[str, jax.Array]:
+        """Scores `(episodes, policies)`; a row of the batch plays one episode with one policy."""
+        weights, params = same
         streams = jnp.repeat(jax.vmap(jax.random.split, (0, None))(keys, 3), len(acts), axis=0)
 
         def choose(state: _Episodes, act_keys: jax.Array) -> jax.Array:
@@ -113,7 +112,7 @@ def make_runner(
             now = jax.vmap(jax.vmap(jax.random.fold_in, (0, None)), (0, None))(streams, state.time)
             action = choose(state, now[:, ACT])
             obs, env_state, reward, terminated, truncated, info = step_all(
-                (now[:, STEP], state.env, action), params
+                now[:, STEP], state.env, action, params
             )
             live = ~state.done
             return _Episodes(
@@ -130,22 +129,23 @@ def make_runner(
             )
 
         obs, env_state = reset_all(streams[:, RESET], params)
-        start = _first(obs, env_state, _metric_names(step_all, streams[:, STEP], env_state, params))
+        actions = jnp.zeros(obs.shape[:1], jnp.int32)
+        shapes = jax.eval_shape(step_all, streams[:, STEP], env_state, actions, params)
         end = lax.while_loop(
-            lambda state: (state.time < max_decisions) & ~jnp.all(state.done), decide, start
+            lambda state: (state.time < max_decisions) & ~jnp.all(state.done),
+            decide,
+            _first(obs, env_state, list(shapes[-1]["metrics"])),
         )
         scores = {"return": end.total, "length": end.length.astype(jnp.float32), **end.metrics}
-        return {name: values.reshape(-1, len(acts)).T for name, values in scores.items()}
+        return {name: values.reshape(-1, len(acts)) for name, values in scores.items()}
+
+    def run(weights: Any, keys: jax.Array, params: Any) -> dict[str, jax.Array]:
+        mesh = environment_mesh(keys.shape[0])
+        episodes_at_once = max(1, CACHED_ROWS // len(acts))
+        scores = on_devices(mesh, play, episodes_at_once)(keys, (weights, params))
+        return {name: values.T for name, values in scores.items()}
 
     return jax.jit(run)
-
-
-def _metric_names(
-    step_all: Callable[..., Any], keys: jax.Array, state: Any, params: Any
-) -> list[str]:
-    """Names in `info["metrics"]`; nothing is computed."""
-    actions = jnp.zeros(keys.shape, jnp.int32)
-    return list(jax.eval_shape(step_all, (keys, state, actions), params)[-1]["metrics"])
 
 
 def _first(obs: Any, env_state: Any, metric_names: list[str]) -> _Episodes:

@@ -6,6 +6,7 @@ with the algorithm of Schulman et al. 2017 (arXiv:1707.06347).
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import flax.linen as nn
@@ -24,6 +25,7 @@ from medjax.wrappers import (
     environment_mesh,
     init_stats,
     normalize,
+    on_devices,
     scale_reward,
     update_stats,
 )
@@ -62,7 +64,9 @@ class Learner:
     def init(self, key: jax.Array, env_params: Any) -> TrainState:
         """The state before the first update."""
         reset_key, network_key, key = jax.random.split(key, 3)
-        rollout = start(self.env, reset_key, env_params)
+        keys = jax.random.split(reset_key, self.config.num_envs)
+        begin = on_devices(self.mesh, partial(start, self.env))
+        rollout = begin(keys, env_params)
         params = self.network.init(network_key, rollout.obs[:1])
         return TrainState(
             weights=PolicyWeights(params, init_stats(rollout.obs.shape[1:])),
@@ -80,15 +84,9 @@ class Learner:
         rollout only afterwards. Rewards are scaled by moments that include it.
         """
         rollout_key, shuffle_key, key = jax.random.split(state.key, 3)
-        rollout, trajectory, last_value, sums = collect(
-            self.env,
-            self.network,
-            state.weights,
-            state.rollout,
-            rollout_key,
-            env_params,
-            num_steps=self.config.rollout_length,
-            gamma=self.config.gamma,
+        keys = jax.random.split(rollout_key, self.config.num_envs)
+        rollout, trajectory, last_value, sums = on_devices(self.mesh, self._collect)(
+            (state.rollout, keys), (state.weights, env_params)
         )
         return_stats = state.return_stats
         if self.config.normalize_rewards:
@@ -148,6 +146,23 @@ class Learner:
 
         return lax.fori_loop(jnp.int32(0), num_updates, body, (state, table))
 
+    def _collect(
+        self, rows: tuple[RolloutState, jax.Array], same: tuple[PolicyWeights, Any]
+    ) -> tuple[RolloutState, Trajectory, jax.Array, EpisodeSums]:
+        """The rollout of some of the environments."""
+        (state, keys), (weights, env_params) = rows, same
+        length, gamma = self.config.rollout_length, self.config.gamma
+        return collect(
+            self.env,
+            self.network,
+            weights,
+            state,
+            keys,
+            env_params,
+            num_steps=length,
+            gamma=gamma,
+        )
+
     def _samples(
         self,
         trajectory: Trajectory,
@@ -155,16 +170,17 @@ class Learner:
         weights: PolicyWeights,
         return_stats: RunningStats,
     ) -> Batch:
-        """What the trajectory teaches; arrays stay `(num_steps, num_envs, ...)`."""
-        advantage, target = generalized_advantages(
+        """What the trajectory teaches; arrays stay `(num_envs, num_steps, ...)`."""
+        estimate = partial(
+            generalized_advantages, gamma=self.config.gamma, gae_lambda=self.config.gae_lambda
+        )
+        advantage, target = jax.vmap(estimate)(
             scale_reward(return_stats, trajectory.reward),
             trajectory.value,
             last_value,
             trajectory.terminated,
             trajectory.truncated,
             trajectory.final_value,
-            gamma=self.config.gamma,
-            gae_lambda=self.config.gae_lambda,
         )
         return Batch(
             obs=normalize(weights.obs_stats, trajectory.obs),
@@ -216,22 +232,21 @@ def split_environments(key: jax.Array, samples: Any, num_minibatches: int) -> An
 
     Args:
         key: of the lots.
-        samples: leaves `(num_steps, num_envs, ...)`.
+        samples: leaves `(num_envs, ...)`.
         num_minibatches: a divisor of num_envs.
 
     Returns:
-        Leaves `(num_minibatches, num_steps, num_envs / num_minibatches, ...)`; each sample is in exactly one minibatch.
+        Leaves `(num_minibatches, num_envs / num_minibatches, ...)`; each sample is in exactly one minibatch.
     """
-    num_envs = jax.tree.leaves(samples)[0].shape[1]
+    num_envs = jax.tree.leaves(samples)[0].shape[0]
     places = jnp.broadcast_to(
         jnp.arange(num_minibatches), (num_envs // num_minibatches, num_minibatches)
     )
     lots = jax.random.permutation(key, places, axis=1, independent=True)
 
     def deal(values: jax.Array) -> jax.Array:
-        groups = values.reshape(values.shape[0], -1, num_minibatches, *values.shape[2:])
-        dealt = jax.vmap(lambda group, lot: group[:, lot], (1, 0), 1)(groups, lots)
-        return jnp.moveaxis(dealt, 2, 0)
+        groups = values.reshape(-1, num_minibatches, *values.shape[1:])
+        return jax.vmap(lambda group, lot: group[lot], out_axes=1)(groups, lots)
 
     return jax.tree.map(deal, samples)
 
@@ -243,11 +258,12 @@ def _norm(tree: Any) -> jax.Array:
 
 def _episode_metrics(sums: EpisodeSums) -> Metrics:
     """Means over the whole episodes that ended in the rollout; NaN if none did."""
-    count = sums.total[-1]
-    means = sums.total[:-1] / count
+    *totals, count = jnp.sum(sums.total, axis=0)
     return {
         "episodes": count,
-        **{f"episode_{name}": mean for name, mean in zip(sums.names, means, strict=True)},
+        **{
+            f"episode_{name}": total / count for name, total in zip(sums.names, totals, strict=True)
+        },
     }
 
 
@@ -270,7 +286,7 @@ def build_learner(env: Environment, params: Any, config: TrainConfig) -> Learner
     stagger = episode_decisions(params) if config.stagger else 0
     # A device holds whole groups of the neighbours among which minibatches are dealt.
     mesh = environment_mesh(config.num_envs // config.num_minibatches, config.num_devices)
-    batch = BatchAutoReset(env, config.num_envs, stagger=stagger, mesh=mesh)
+    batch = BatchAutoReset(env, stagger=stagger)
     gradient_steps = config.num_epochs * config.num_minibatches
 
     def learning_rate(update: jax.Array) -> jax.Array:

@@ -131,6 +131,11 @@ def masked_categorical(logits: jax.Array, mask: jax.Array) -> CategoricalLike:
     return distrax.Categorical(logits=jnp.where(mask, logits, MASKED_LOGIT), dtype=jnp.int32)
 
 
+def sample_each(policy: CategoricalLike, keys: jax.Array) -> jax.Array:
+    """A sample of each of the distributions `(rows,)`, by a key of its own `(rows,)`."""
+    return jax.vmap(lambda own, key: own.sample(seed=key))(policy, keys)
+
+
 def apply_policy(
     network: nn.Module, weights: PolicyWeights, obs: jax.Array, mask: jax.Array
 ) -> tuple[CategoricalLike, jax.Array]:

@@ -9,7 +9,7 @@ from flax import struct
 from jax import lax
 
 from medjax.wrappers import BatchEnvironment, for_true_rows
-from train.networks import PolicyWeights, apply_policy, apply_value
+from train.networks import PolicyWeights, apply_policy, apply_value, sample_each
 
 
 @struct.dataclass
@@ -23,7 +23,7 @@ class RolloutState:
 
 @struct.dataclass
 class Trajectory:
-    """A rollout; every array is `(num_steps, num_envs, ...)`."""
+    """A rollout; every array is `(num_envs, num_steps, ...)`."""
 
     obs: jax.Array  # (..., num_features) as the environment returned them
     mask: jax.Array  # (..., num_actions) bool, allowed actions
@@ -43,13 +43,13 @@ class EpisodeSums:
 
     # "return", "length" and the environment's metrics
     names: tuple[str, ...] = struct.field(pytree_node=False)
-    total: jax.Array  # (len(names) + 1,) float32, the number of episodes last
+    total: jax.Array  # (num_envs, len(names) + 1) float32, the number of episodes last
 
 
-def start(env: BatchEnvironment, key: jax.Array, env_params: Any) -> RolloutState:
-    """Fresh episodes everywhere."""
-    obs, state = env.reset(key, env_params)
-    return RolloutState(state, obs, jnp.zeros((env.num_envs,), jnp.float32))
+def start(env: BatchEnvironment, keys: jax.Array, env_params: Any) -> RolloutState:
+    """Fresh episodes, one for each of the keys `(num_envs,)`."""
+    obs, state = env.reset(keys, env_params)
+    return RolloutState(state, obs, jnp.zeros(keys.shape, jnp.float32))
 
 
 def values_where(
@@ -65,15 +65,15 @@ def values_where(
 
 
 def sum_episodes(episode: dict[str, Any]) -> EpisodeSums:
-    """Sums over the environments whose whole episode ended in this step.
+    """The whole episodes that ended in a step.
 
     Args:
         episode: `info["episode"]` of `medjax.wrappers.EpisodeLog`.
     """
     values = {"return": episode["return"], "length": episode["length"], **episode["metrics"]}
     columns = [value.astype(jnp.float32) for value in values.values()]
-    table = jnp.stack([*columns, jnp.ones_like(columns[0])])
-    return EpisodeSums(tuple(values), jnp.sum(jnp.where(episode["complete"], table, 0.0), axis=1))
+    table = jnp.stack([*columns, jnp.ones_like(columns[0])], axis=1)
+    return EpisodeSums(tuple(values), jnp.where(episode["complete"][:, None], table, 0.0))
 
 
 def collect(
@@ -81,20 +81,20 @@ def collect(
     network: nn.Module,
     weights: PolicyWeights,
     state: RolloutState,
-    key: jax.Array,
+    keys: jax.Array,
     env_params: Any,
     *,
     num_steps: int,
     gamma: float,
 ) -> tuple[RolloutState, Trajectory, jax.Array, EpisodeSums]:
-    """Acts for `num_steps` decisions in every environment.
+    """Acts for `num_steps` decisions in some environments, each on its own.
 
     Args:
         env: batch whose steps report `info["episode"]` (`medjax.wrappers.EpisodeLog`).
         network: actor-critic.
         weights: its parameters and the moments that normalise observations, fixed for the whole rollout.
         state: where the environments stand.
-        key: randomness of policy and environments.
+        keys: `(num_envs,)`, randomness of policy and environment.
         env_params: parameters of the environments.
         num_steps: decisions per environment.
         gamma: discount per decision.
@@ -102,24 +102,24 @@ def collect(
     Returns:
         The new state, the trajectory, the values `(num_envs,)` of the observations after it, sums over ended episodes.
     """
-    block = max(1, env.num_envs // 64)
+    few = max(1, keys.shape[0] // 64)
 
     def decide(
-        carry: RolloutState, step_key: jax.Array
+        carry: RolloutState, step_keys: jax.Array
     ) -> tuple[RolloutState, tuple[Trajectory, EpisodeSums]]:
-        act_key, env_key = jax.random.split(step_key)
+        act_keys, env_keys = step_keys[:, 0], step_keys[:, 1]
         with jax.named_scope("act"):
             mask = env.action_mask(carry.env, env_params)
             policy, value = apply_policy(network, weights, carry.obs, mask)
-            action = policy.sample(seed=act_key)
+            action = sample_each(policy, act_keys)
             log_prob = policy.log_prob(action)
         with jax.named_scope("environment"):
             obs, env_state, reward, terminated, truncated, info = env.step(
-                env_key, carry.env, action, env_params
+                env_keys, carry.env, action, env_params
             )
         with jax.named_scope("bootstrap"):
             cut = truncated & ~terminated
-            final_value = values_where(network, weights, info["final_observation"], cut, block)
+            final_value = values_where(network, weights, info["final_observation"], cut, few)
         reward = reward.astype(jnp.float32)
         discounted = gamma * carry.discounted_sum + reward
         step = Trajectory(
@@ -137,7 +137,9 @@ def collect(
         discounted = jnp.where(terminated | truncated, 0.0, discounted)
         return RolloutState(env_state, obs, discounted), (step, sum_episodes(info["episode"]))
 
-    keys = jax.random.split(key, num_steps)
-    state, (trajectory, sums) = lax.scan(decide, state, keys)
+    # (num_steps, num_envs, 2)
+    step_keys = jax.vmap(lambda key: jax.random.split(key, (num_steps, 2)), out_axes=1)(keys)
+    state, (trajectory, sums) = lax.scan(decide, state, step_keys)
+    trajectory = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), trajectory)
     last_value = apply_value(network, weights, state.obs)
     return state, trajectory, last_value, jax.tree.map(lambda x: jnp.sum(x, axis=0), sums)

@@ -1,6 +1,6 @@
 """Wrappers around environments: auto-reset of a batch, episode log, normalisation."""
 
-from medjax.wrappers.auto_reset import BatchAutoReset, BatchState, reset_rows, step_rows
+from medjax.wrappers.auto_reset import BatchAutoReset, BatchState
 from medjax.wrappers.devices import environment_mesh, on_devices, prepare_cpu
 from medjax.wrappers.episode_log import EpisodeLog, EpisodeLogState
 from medjax.wrappers.normalize import (
@@ -28,8 +28,6 @@ __all__ = [
     "normalize",
     "on_devices",
     "prepare_cpu",
-    "reset_rows",
     "scale_reward",
-    "step_rows",
     "update_stats",
 ]

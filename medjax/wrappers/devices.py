@@ -1,4 +1,4 @@
-"""Environments shared out among devices; on a CPU, among its cores.
+"""Environments shared out among devices; on a CPU, among its cores, and on each a block after the other.
 
 One program on one CPU device splits each operation among the cores and waits for all of them, hundreds of
 times a decision. With a device a core each core runs its own environments from end to end.
@@ -11,6 +11,8 @@ from typing import Any, TypeVar
 
 import jax
 from jax.sharding import AxisType, Mesh, PartitionSpec
+
+from medjax.wrappers.rows import CACHED_ROWS, in_blocks
 
 Result = TypeVar("Result")
 
@@ -61,18 +63,24 @@ def environment_mesh(num_envs: int, num_devices: int = 0) -> Mesh:
 
 
 def on_devices(
-    mesh: Mesh | None, function: Callable[[Any, Any], Result]
+    mesh: Mesh, function: Callable[[Any, Any], Result], rows_at_once: int = CACHED_ROWS
 ) -> Callable[[Any, Any], Result]:
-    """`function(rows, params)` with the rows shared out among the devices of the mesh.
+    """`function(rows, same)` with the rows shared out among the devices of the mesh.
+
+    The longer the function, the better: a whole rollout keeps its environments in a core's cache from decision to
+    decision, and no device waits for another before the end.
 
     Args:
-        mesh: of `environment_mesh`; None returns the function as it is.
-        function: works on any number of rows, each on its own. Every leaf of `rows` and of the result has an axis of
-            rows first; `params` are the same for all.
+        mesh: of `environment_mesh`.
+        function: works on any number of rows, each on its own, and gives them the same results whatever their number.
+            Every leaf of `rows` and of the result has an axis of rows first; `same` is the same for all.
+        rows_at_once: see `in_blocks`.
     """
-    if mesh is None:
-        return function
-    rows, same = PartitionSpec(AXIS), PartitionSpec()
+
+    def share(rows: Any, same: Any) -> Result:
+        return in_blocks(lambda block: function(block, same), rows, rows_at_once)
+
+    split, whole = PartitionSpec(AXIS), PartitionSpec()
     return jax.shard_map(
-        function, mesh=mesh, in_specs=(rows, same), out_specs=rows, check_vma=False
+        share, mesh=mesh, in_specs=(split, whole), out_specs=split, check_vma=False
     )

@@ -32,27 +32,22 @@ class EpisodeLog:
     env: BatchAutoReset
 
     @property
-    def num_envs(self) -> int:
-        """Number of copies."""
-        return self.env.num_envs
-
-    @property
     def num_actions(self) -> int:
         """Number of discrete actions."""
         return self.env.num_actions
 
-    def reset(self, key: jax.Array, params: Params) -> tuple[Observation, EpisodeLogState]:
+    def reset(self, keys: jax.Array, params: Params) -> tuple[Observation, EpisodeLogState]:
         """Starts all copies; see `BatchAutoReset.reset`."""
-        obs, state = self.env.reset(key, params)
-        zeros = jnp.zeros((self.num_envs,), jnp.float32)
-        return obs, EpisodeLogState(state, zeros, jnp.zeros((self.num_envs,), jnp.int32))
+        obs, state = self.env.reset(keys, params)
+        zeros = jnp.zeros(keys.shape, jnp.float32)
+        return obs, EpisodeLogState(state, zeros, jnp.zeros(keys.shape, jnp.int32))
 
     def step(
-        self, key: jax.Array, state: EpisodeLogState, actions: jax.Array, params: Params
+        self, keys: jax.Array, state: EpisodeLogState, actions: jax.Array, params: Params
     ) -> StepResult:
         """One decision in every copy; see `BatchAutoReset.step`."""
         obs, env_state, reward, terminated, truncated, info = self.env.step(
-            key, state.env, actions, params
+            keys, state.env, actions, params
         )
         done = terminated | truncated
         total = state.episode_return + reward.astype(jnp.float32)

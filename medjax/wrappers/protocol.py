@@ -48,18 +48,14 @@ class BatchEnvironment(Protocol):
     """Many copies of an environment that are reset and stepped together; axis 0 is the environment."""
 
     @property
-    def num_envs(self) -> int:
-        """Number of copies."""
-
-    @property
     def num_actions(self) -> int:
         """Number of discrete actions."""
 
-    def reset(self, key: jax.Array, params: Params) -> tuple[Observation, State]:
-        """Starts an episode in every copy, from one key."""
+    def reset(self, keys: jax.Array, params: Params) -> tuple[Observation, State]:
+        """Starts an episode in a copy for each of the keys `(num_envs,)`."""
 
-    def step(self, key: jax.Array, state: State, actions: jax.Array, params: Params) -> StepResult:
-        """One decision in every copy, from one key; finished copies restart within the same step."""
+    def step(self, keys: jax.Array, state: State, actions: jax.Array, params: Params) -> StepResult:
+        """One decision in every copy, keys `(num_envs,)`; finished copies restart within the same step."""
 
     def action_mask(self, state: State, params: Params) -> jax.Array:
         """`(num_envs, num_actions)` bool, True where the action is allowed."""

@@ -20,19 +20,22 @@ Result = TypeVar("Result")
 CACHED_ROWS = 128
 
 
-def in_blocks(function: Callable[..., Result], *rows: Any) -> Result:
-    """function(*rows), on a CPU some CACHED_ROWS rows at a time; elsewhere all at once.
+def in_blocks(
+    function: Callable[[Any], Result], rows: Any, rows_at_once: int = CACHED_ROWS
+) -> Result:
+    """function(rows), on a CPU about `rows_at_once` rows at a time; elsewhere all at once.
 
     Args:
         function: works on any number of rows, each on its own.
-        rows: arguments; every leaf has an axis of rows first, as every leaf of the result.
+        rows: every leaf has an axis of rows first, as every leaf of the result.
+        rows_at_once: rows that fit the cache together.
     """
     count = jax.tree.leaves(rows)[0].shape[0]
-    blocks = -(-count // CACHED_ROWS)
+    blocks = -(-count // rows_at_once)
     if jax.default_backend() != "cpu" or count % blocks:
-        return function(*rows)
+        return function(rows)
     split = jax.tree.map(lambda leaf: leaf.reshape(blocks, -1, *leaf.shape[1:]), rows)
-    results = lax.map(lambda block: function(*block), split)
+    results = lax.map(function, split)
     return jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[2:]), results)
 
 

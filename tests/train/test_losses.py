@@ -136,14 +136,14 @@ def test_masked_distribution_is_the_softmax_of_the_allowed():
 def test_each_sample_is_in_exactly_one_minibatch():
     steps, envs, parts = 3, 12, 4
     samples = {
-        "id": jnp.arange(steps * envs).reshape(steps, envs),
-        "x": jnp.zeros((steps, envs, 5)),
+        "id": jnp.arange(steps * envs).reshape(envs, steps),
+        "x": jnp.zeros((envs, steps, 5)),
     }
     dealt = split_environments(jax.random.key(1), samples, parts)
-    assert dealt["id"].shape == (parts, steps, envs // parts)
-    assert dealt["x"].shape == (parts, steps, envs // parts, 5)
+    assert dealt["id"].shape == (parts, envs // parts, steps)
+    assert dealt["x"].shape == (parts, envs // parts, steps, 5)
     assert sorted(dealt["id"].ravel().tolist()) == list(range(steps * envs))
     # Whole environments stay together.
-    assert (dealt["id"][:, 1] - dealt["id"][:, 0] == envs).all()
+    assert (dealt["id"][..., 1] - dealt["id"][..., 0] == 1).all()
     other = split_environments(jax.random.key(2), samples, parts)
     assert (other["id"] != dealt["id"]).any()

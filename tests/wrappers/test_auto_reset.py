@@ -13,33 +13,35 @@ ENV = Probe("noisy")
 PARAMS = ProbeParams(episode_decisions=4)
 
 
-def play(env, steps, key=0, params=PARAMS):
+def play(env, steps, num_envs=NUM, key=0, params=PARAMS):
     """Observations and states before, and results of, each of `steps` random decisions."""
-    obs, state = env.reset(jax.random.key(key), params)
+    obs, state = env.reset(jax.random.split(jax.random.key(key), num_envs), params)
     step = jax.jit(env.step)
     rng = np.random.default_rng(key)
     history = []
     for number in range(steps):
-        actions = jnp.asarray(rng.integers(0, 2, env.num_envs), jnp.int32)
+        actions = jnp.asarray(rng.integers(0, 2, num_envs), jnp.int32)
+        keys = jax.random.split(jax.random.key(1000 + number), num_envs)
         before = (obs, state, actions)
-        obs, state, *rest = step(jax.random.key(1000 + number), state, actions, params)
+        obs, state, *rest = step(keys, state, actions, params)
         history.append((*before, obs, state, *rest))
     return history
 
 
 @pytest.mark.parametrize("pool", [1, 3, NUM])
 def test_equals_single_environments_stepped_one_by_one(pool):
-    env = BatchAutoReset(ENV, NUM, reset_pool_size=pool, stagger=4)
+    env = BatchAutoReset(ENV, reset_pool_size=pool, stagger=4)
     reset_obs = set()
     reset = jax.jit(ENV.reset)
     for number, (_, state, actions, obs, after, reward, terminated, truncated, info) in enumerate(
         play(env, 13)
     ):
-        keys = jax.random.split(jax.random.key(1000 + number), (NUM, 2))
+        keys = jax.random.split(jax.random.key(1000 + number), NUM)
+        keys = [jax.random.split(key) for key in keys]
         for i in range(NUM):
             own = jax.tree.map(lambda x, i=i: x[i], state.env)
             ref_obs, ref_state, ref_reward, ref_term, ref_trunc, _ = ENV.step_env(
-                keys[i, 0], own, actions[i], PARAMS
+                keys[i][0], own, actions[i], PARAMS
             )
             np.testing.assert_array_equal(info["final_observation"][i], ref_obs)
             assert reward[i] == ref_reward
@@ -49,7 +51,7 @@ def test_equals_single_environments_stepped_one_by_one(pool):
             assert truncated[i] == (ref_trunc or cut)
             if truncated[i]:
                 reset_obs.add(float(obs[i, 0]))
-                ref_obs, ref_state = reset(keys[i, 1], PARAMS)
+                ref_obs, ref_state = reset(keys[i][1], PARAMS)
             np.testing.assert_array_equal(obs[i], ref_obs)
             jax.tree.map(
                 np.testing.assert_array_equal,
@@ -61,7 +63,7 @@ def test_equals_single_environments_stepped_one_by_one(pool):
 
 
 def test_all_ending_together_get_states_of_their_own():
-    env = BatchAutoReset(ENV, NUM, reset_pool_size=2)
+    env = BatchAutoReset(ENV, reset_pool_size=2)
     *_, last = play(env, 4)
     obs, truncated = last[3], last[7]
     assert truncated.all()
@@ -69,8 +71,7 @@ def test_all_ending_together_get_states_of_their_own():
 
 
 def test_staggering_spreads_the_ends_and_cuts_only_the_first_episodes():
-    env = BatchAutoReset(ENV, 64, stagger=4)
-    history = play(env, 12)
+    history = play(BatchAutoReset(ENV, stagger=4), 12, num_envs=64)
     truncated = np.array([step[7] for step in history])
     cut = np.array([step[8]["cut_short"] for step in history])
     assert (truncated[:4].sum(axis=0) >= 1).all()
@@ -82,16 +83,16 @@ def test_staggering_spreads_the_ends_and_cuts_only_the_first_episodes():
 
 
 def test_no_stagger_ends_all_at_the_time_limit():
-    truncated = np.array([step[7] for step in play(BatchAutoReset(ENV, NUM), 9)])
+    truncated = np.array([step[7] for step in play(BatchAutoReset(ENV), 9)])
     assert truncated.sum(axis=1).tolist() == [0, 0, 0, NUM, 0, 0, 0, NUM, 0]
 
 
-@pytest.mark.parametrize("change", [{"num_envs": 0}, {"reset_pool_size": -1}, {"stagger": -1}])
+@pytest.mark.parametrize("change", [{"reset_pool_size": -1}, {"stagger": -1}])
 def test_numbers_out_of_range(change):
     with pytest.raises(
         ValueError, match=f"{next(iter(change))} is {next(iter(change.values()))}, must be"
     ):
-        BatchAutoReset(**({"env": ENV, "num_envs": 3} | change))
+        BatchAutoReset(ENV, **change)
 
 
 @pytest.mark.parametrize("block", [1, 2, 5, 8])
@@ -109,7 +110,7 @@ def test_for_true_rows_serves_each_true_row_once_in_order(block):
 
 
 def test_episode_log_equals_a_count_by_hand():
-    env = EpisodeLog(BatchAutoReset(ENV, NUM, stagger=4))
+    env = EpisodeLog(BatchAutoReset(ENV, stagger=4))
     total, length = np.zeros(NUM), np.zeros(NUM, int)
     complete = 0
     for *_, reward, terminated, truncated, info in play(env, 13):

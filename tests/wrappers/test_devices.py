@@ -6,25 +6,34 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.wrappers import BatchAutoReset, environment_mesh, in_blocks
+from medjax.wrappers import BatchAutoReset, environment_mesh, in_blocks, on_devices
 from medjax.wrappers.rows import CACHED_ROWS
 from tests.train.probe_envs import Probe, ProbeParams
 
 ENV, PARAMS = Probe("noisy"), ProbeParams(episode_decisions=4)
 
 
-def course(env, params, num_envs, mesh, decisions):
-    """All that `decisions` steps of a batch return."""
-    batch = BatchAutoReset(env, num_envs, stagger=4, mesh=mesh)
+def course(env, params, num_envs, num_devices, decisions):
+    """All that `decisions` steps of a batch return, and the last state; `(num_envs, ...)`.
 
-    def step(state, key):
-        actions = jax.random.randint(key, (num_envs,), 0, env.num_actions)
-        obs, state, *rest = batch.step(key, state, actions, params)
-        return state, (obs, *rest)
+    Without devices, all environments stepped in one batch by nothing but `jax.vmap` inside.
+    """
+    batch = BatchAutoReset(env, stagger=4)
 
-    _, state = jax.jit(batch.reset)(jax.random.key(0), params)
-    keys = jax.random.split(jax.random.key(1), decisions)
-    return jax.device_get(jax.jit(lambda state: jax.lax.scan(step, state, keys))(state))
+    def play(keys, params):
+        def step(state, keys):
+            actions = jax.vmap(lambda key: jax.random.randint(key, (), 0, env.num_actions))(keys)
+            obs, state, *rest = batch.step(keys, state, actions, params)
+            return state, (obs, *rest)
+
+        keys = jax.vmap(lambda key: jax.random.split(key, decisions + 1), out_axes=1)(keys)
+        _, state = batch.reset(keys[0], params)
+        state, results = jax.lax.scan(step, state, keys[1:])
+        return state, jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), results)
+
+    shared = on_devices(environment_mesh(num_envs, num_devices), play) if num_devices else play
+    keys = jax.random.split(jax.random.key(0), num_envs)
+    return jax.device_get(jax.jit(shared)(keys, params))
 
 
 @pytest.mark.parametrize("num_envs", [6, 2 * CACHED_ROWS + 2, 3 * CACHED_ROWS])
@@ -32,7 +41,7 @@ def test_devices_and_blocks_change_nothing(num_envs):
     """Two devices, blocks where the rows of one are too many, against one device; resets included."""
     assert len(jax.local_devices()) > 1
     alone = course(ENV, PARAMS, num_envs, None, 9)
-    shared = course(ENV, PARAMS, num_envs, environment_mesh(num_envs, 2), 9)
+    shared = course(ENV, PARAMS, num_envs, 2, 9)
     jax.tree.map(np.testing.assert_array_equal, alone, shared)
 
 
@@ -40,7 +49,7 @@ def test_devices_change_nothing_on_the_highway():
     """The same of the real environment to rounding, which depends on the shapes that XLA compiles for."""
     env, params = medjax.make("paper", episode_decisions=3)
     alone = course(env, params, 4, None, 8)
-    shared = course(env, params, 4, environment_mesh(4, 2), 8)
+    shared = course(env, params, 4, 2, 8)
     _, _, _, truncated, _ = alone[1]
     assert truncated.any()  # so resets are among it
     jax.tree.map(
@@ -52,7 +61,7 @@ def test_devices_change_nothing_on_the_highway():
 def test_blocks_are_put_together_in_order(count):
     """Whatever the number of rows, for trees of several arguments."""
     rows = jnp.arange(count), {"b": jnp.ones((count, 3))}
-    got = in_blocks(lambda a, tree: {"sum": a[:, None] + tree["b"]}, *rows)
+    got = in_blocks(lambda pair: {"sum": pair[0][:, None] + pair[1]["b"]}, rows)
     np.testing.assert_array_equal(got["sum"], np.arange(count)[:, None] + np.ones((count, 3)))
 
 
