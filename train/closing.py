@@ -4,10 +4,12 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import jax
+import numpy as np
 
 from medjax.policies import BASELINES
 from train.checkpoint import updates_done
-from train.evaluation import TRAINED, Policy, baseline, evaluate_policies, summarize, trained
+from train.config import TrainConfig
+from train.evaluation import TRAINED, Evaluation, Policy, baseline, summarize, trained
 from train.learner import TrainState
 from train.logs import Row
 from train.networks import PolicyWeights, build_network
@@ -88,14 +90,23 @@ def _evaluate(session: "Session", state: TrainState) -> dict[str, Any]:
     """The closing evaluation of the trained policies and the baselines."""
     env, config = session.env, session.config
     policies = all_policies(env, config, state.weights)
-    episodes = config.eval_episodes
-    print(f"evaluating {len(policies)} policies on {episodes} episodes each", flush=True)
-    scores = evaluate_policies(env, session.params, policies, episodes, config.seed)
+    print(
+        f"evaluating {len(policies)} policies on {config.eval_episodes} episodes each", flush=True
+    )
+    scores = session.evaluation.result().play(policies, config.seed)
     return summarize(scores, config.scenario, config.seed)
 
 
+def prepare_evaluation(
+    env: Any, params: Any, config: TrainConfig, shapes: PolicyWeights
+) -> Evaluation:
+    """The closing evaluation of policies with weights of these shapes, compiled."""
+    weights = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
+    return Evaluation(env, params, all_policies(env, config, weights), config.eval_episodes)
+
+
 def all_policies(
-    env: Any, config: Any, weights: PolicyWeights, stochastic: bool = False
+    env: Any, config: TrainConfig, weights: PolicyWeights, stochastic: bool = False
 ) -> dict[str, Policy]:
     """The trained policy and every baseline, by name.
 

@@ -74,10 +74,8 @@ class _Episodes:
     metrics: dict[str, jax.Array]  # at the last decision of the episode
 
 
-def make_runner(
-    env: Environment, policies: Mapping[str, Policy], max_decisions: int
-) -> Callable[[Any, jax.Array, Any], dict[str, jax.Array]]:
-    """The compiled program `(weights, keys (episodes,), params) -> dict of (policies, episodes)` of whole episodes.
+def make_runner(env: Environment, policies: Mapping[str, Policy], max_decisions: int) -> Any:
+    """The jitted program `(weights, keys (episodes,), params) -> dict of (policies, episodes)` of whole episodes.
 
     All policies play side by side in one batch: the environment is compiled once, and the fixed cost of a decision is
     paid once.
@@ -163,6 +161,69 @@ def _first(obs: Any, env_state: Any, metric_names: list[str]) -> _Episodes:
     )
 
 
+class Evaluation:
+    """Policies side by side on the same episodes, compiled when built.
+
+    Episode i starts from the same key for all, and its decision t draws from the same key, so that differences between
+    policies are theirs. Actions that the mask forbids count as 0.
+
+    Args:
+        env: a single environment.
+        params: its parameters.
+        policies: by name. Their weights are read for shapes only.
+        episodes: whole episodes per policy, at least 1.
+        batch: episodes of each policy played together; the result does not depend on it but for rounding.
+    """
+
+    def __init__(
+        self,
+        env: Environment,
+        params: Any,
+        policies: Mapping[str, Policy],
+        episodes: int,
+        batch: int = 128,
+    ) -> None:
+        self.names, self.params, self.episodes = list(policies), params, episodes
+        self.batch = min(batch, episodes)
+        runner = make_runner(env, policies, episode_decisions(params) or MAX_DECISIONS)
+        self._run = runner.lower(_host_weights(policies), self._keys(0)[0], params).compile()
+
+    def play(self, policies: Mapping[str, Policy], seed: int) -> dict[str, Scores]:
+        """Plays the episodes.
+
+        Args:
+            policies: those that this was built for, with the weights to act with.
+            seed: which episodes.
+
+        Returns:
+            For each policy, arrays `(episodes,)` float64 of `return`, `length` and the environment's metrics.
+        """
+        weights = _host_weights(policies)
+        parts = [jax.device_get(self._run(weights, keys, self.params)) for keys in self._keys(seed)]
+        columns = {
+            name: np.concatenate([part[name] for part in parts], axis=1)[:, : self.episodes].astype(
+                np.float64
+            )
+            for name in parts[0]
+        }
+        return {
+            policy: {name: values[index] for name, values in columns.items()}
+            for index, policy in enumerate(self.names)
+        }
+
+    def _keys(self, seed: int) -> jax.Array:
+        """Keys `(batches, batch)`: whole batches, so that one program serves; episodes too many are thrown away."""
+        root = jax.random.fold_in(jax.random.key(seed), EVALUATION)
+        batches = -(-self.episodes // self.batch)
+        numbers = jnp.arange(batches * self.batch, dtype=jnp.uint32)
+        return jax.vmap(jax.random.fold_in, (None, 0))(root, numbers).reshape(batches, self.batch)
+
+
+def _host_weights(policies: Mapping[str, Policy]) -> Any:
+    """From the host, since training may have left them on other devices than play here."""
+    return jax.device_get(tuple(policy.weights for policy in policies.values()))
+
+
 def evaluate_policies(
     env: Environment,
     params: Any,
@@ -171,41 +232,8 @@ def evaluate_policies(
     seed: int = 0,
     batch: int = 128,
 ) -> dict[str, Scores]:
-    """Plays the same episodes with every policy.
-
-    Episode i starts from the same key for all, and its decision t draws from the same key, so that differences between
-    policies are theirs. Actions that the mask forbids count as 0.
-
-    Args:
-        env: a single environment.
-        params: its parameters.
-        policies: by name.
-        episodes: whole episodes per policy, at least 1.
-        seed: which episodes.
-        batch: episodes of each policy played together; the result does not depend on it but for rounding.
-
-    Returns:
-        For each policy, arrays `(episodes,)` float64 of `return`, `length` and the environment's metrics.
-    """
-    batch = min(batch, episodes)
-    runner = make_runner(env, policies, episode_decisions(params) or MAX_DECISIONS)
-    # From the host, since training may have left them on other devices than play here.
-    weights = jax.device_get(tuple(policy.weights for policy in policies.values()))
-    root = jax.random.fold_in(jax.random.key(seed), EVALUATION)
-    # Whole batches only, so that one program serves; what is too much is thrown away.
-    numbers = jnp.arange(-(-episodes // batch) * batch, dtype=jnp.uint32)
-    keys = jax.vmap(jax.random.fold_in, (None, 0))(root, numbers).reshape(-1, batch)
-    parts = [jax.device_get(runner(weights, row, params)) for row in keys]
-    columns = {
-        name: np.concatenate([part[name] for part in parts], axis=1)[:, :episodes].astype(
-            np.float64
-        )
-        for name in parts[0]
-    }
-    return {
-        policy: {name: values[index] for name, values in columns.items()}
-        for index, policy in enumerate(policies)
-    }
+    """Plays the same episodes with every policy, see `Evaluation`."""
+    return Evaluation(env, params, policies, episodes, batch).play(policies, seed)
 
 
 def summarize(scores: Mapping[str, Scores], scenario: str, seed: int = 0) -> dict[str, Any]:

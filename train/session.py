@@ -4,7 +4,7 @@ import dataclasses
 import signal
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import jax
@@ -13,8 +13,9 @@ import jax.numpy as jnp
 from medjax.wrappers import prepare_cpu
 from train.checkpoint import Checkpoints, updates_done
 from train.cli import Request, make_environment
-from train.closing import close_run
+from train.closing import close_run, prepare_evaluation
 from train.config import SettingError, TrainConfig
+from train.evaluation import Evaluation
 from train.host import Interrupt, deferred_interrupts, enable_compilation_cache
 from train.learner import TrainFunctions, TrainState, make_train
 from train.logs import MetricsLog, Progress, Row, rows_from
@@ -93,6 +94,8 @@ class Session:
         self.began = time.perf_counter()
         self.compile_s = self.train_s = 0.0
         self.checkpoints = Checkpoints(self.run_dir.path, self.config.keep_checkpoints)
+        self.behind = ThreadPoolExecutor(1)
+        self.evaluation: Future[Evaluation]
 
     def run(self) -> int:
         """Trains, saves and evaluates. Returns the exit code."""
@@ -163,17 +166,25 @@ class Session:
         )
 
     def _compile(self) -> tuple[Any, Any]:
-        """The two programs, compiled ahead of time and side by side; `init` is None where it is not needed."""
+        """The two programs, compiled ahead of time and side by side; `init` is None where it is not needed.
+
+        The closing evaluation is compiled behind them, and on while training begins: XLA leaves a core idle for much of
+        the time that it takes for one program.
+        """
         start = time.perf_counter()
         init: Any = self.programs.init
         run: Any = self.programs.run
-        with ThreadPoolExecutor(1) as other:
-            waiting = None
-            if not self.resumed:
-                lowered = init.lower(jax.random.key(self.config.seed), self.params)
-                waiting = other.submit(lowered.compile, compiler_options=ONCE)
-            compiled = run.lower(self.shapes, self.params, jnp.int32(1)).compile()
-            ready = waiting.result() if waiting is not None else None
+        waiting = None
+        if not self.resumed:
+            lowered = init.lower(jax.random.key(self.config.seed), self.params)
+            waiting = self.behind.submit(lowered.compile, compiler_options=ONCE)
+        lowered = run.lower(self.shapes, self.params, jnp.int32(1))
+        if self.config.eval_episodes:
+            self.evaluation = self.behind.submit(
+                prepare_evaluation, self.env, self.params, self.config, self.shapes.weights
+            )
+        compiled = lowered.compile()
+        ready = waiting.result() if waiting is not None else None
         self.compile_s = time.perf_counter() - start
         return ready, compiled
 
