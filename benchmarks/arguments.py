@@ -24,12 +24,12 @@ def benchmark_parser(name: str, description: str | None) -> OneLineParser:
     return parser
 
 
-def whole_number(most: int | None = None) -> Callable[[str], int]:
-    """A type of argument: whole numbers from 1, to `most` if it is given."""
-    allowed = "a whole number from 1" + (f" to {most}" if most else "")
+def whole_number(least: int = 1, most: int | None = None) -> Callable[[str], int]:
+    """A type of argument: whole numbers from `least`, to `most` if it is given."""
+    allowed = f"a whole number from {least}" + (f" to {most}" if most else "")
 
     def parse(text: str) -> int:
-        if not text.isdecimal() or int(text) < 1 or (most and int(text) > most):
+        if not text.isdecimal() or int(text) < least or (most and int(text) > most):
             raise argparse.ArgumentTypeError(f"{text!r}: allowed {allowed}")
         return int(text)
 

@@ -370,7 +370,7 @@ def report(result: dict[str, Any]) -> str:
 def main(arguments: list[str] | None = None) -> None:
     """Prints the table and writes the same as JSON."""
     parser = benchmark_parser("kernels", __doc__)
-    count = whole_number(MOST)
+    count = whole_number(most=MOST)
     parser.add_argument("--roads", type=count, default=1024, metavar="N", help="default: 1024")
     parser.add_argument("--repeats", type=count, default=7, metavar="N", help="default: 7")
     options = parser.parse_args(arguments)

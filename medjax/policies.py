@@ -43,9 +43,28 @@ def periodic(env: ChargingEnv) -> Act:
     def act(key: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
         sent = state.tally.meds_dispatched.astype(jnp.int32)
         due = state.time * params.fleet.size >= sent * params.episode_decisions
-        ramp = 1 + sent % max(1, env.config.num_ramps)
+        ramp = 1 + sent % env.config.num_ramps if env.config.num_ramps else 0
         send = due & env.action_mask(state, params)[-1]
         return jnp.where(send, ramp, 0).astype(jnp.int32)
+
+    return act
+
+
+def paced(env: ChargingEnv, interval_s: float = 34.0, ramp: int = 1) -> Act:
+    """One MED every interval_s, always from the same ramp.
+
+    The defaults are those that do best on `paper`: `python -m benchmarks.tune` compares them.
+
+    Args:
+      interval_s: s between two MEDs; a cooldown may make it longer.
+      ramp: 1 is the first; the last one where there are fewer.
+    """
+    action = min(ramp, env.config.num_ramps)
+
+    def act(key: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
+        due = state.time * env.config.decision_s >= state.tally.meds_dispatched * interval_s
+        send = due & env.action_mask(state, params)[action]
+        return jnp.where(send, action, 0).astype(jnp.int32)
 
     return act
 
@@ -81,5 +100,6 @@ BASELINES: dict[str, Callable[[ChargingEnv], Act]] = {
     "none": none,
     "random": random,
     "periodic": periodic,
+    "paced": paced,
     "greedy": greedy,
 }

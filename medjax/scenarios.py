@@ -174,7 +174,7 @@ def _paper(config: EnvConfig) -> EnvParams:
         ),
         battery_scale=30.0,
         reward_weights={
-            "depleted": -5.0,
+            "depleted": -6.75,
             "soc": 1.0,
             "distance": 0.1,
             "speed": 0.1,

@@ -61,6 +61,22 @@ def test_periodic_spreads_the_fleet(episodes):
         np.testing.assert_array_equal(row[when], 1 + np.arange(15) % 4)
 
 
+def test_paced_sends_from_the_first_ramp(episodes):
+    """One every 34 decisions until all 15 are sent."""
+    action, _, _ = episodes["paced"]
+    expected = np.zeros(600)
+    expected[np.arange(15) * 34] = 1
+    np.testing.assert_array_equal(action, np.broadcast_to(expected, action.shape))
+
+
+def test_without_ramps_none_is_sent():
+    """Where nothing can be sent, no rule asks for it."""
+    env, params = medjax.make("paper", num_ramps=0)
+    _, state = env.reset(jax.random.key(0), params)
+    for name in ("none", "random", "periodic", "paced"):
+        assert medjax.BASELINES[name](env)(jax.random.key(1), state, params) == 0
+
+
 def test_greedy_goes_where_the_need_is(episodes, paper):
     """Each MED is sent from the ramp with most low EVs without a slot, counted by hand."""
     _, params = paper
