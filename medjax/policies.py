@@ -86,10 +86,12 @@ def stranded_need(env: ChargingEnv, state: EnvState, params: EnvParams) -> jax.A
 
 def greedy(env: ChargingEnv) -> Act:
     """Sends a MED where most low EVs without a slot are about to pass, once two or more are."""
+    if not env.config.num_ramps:
+        return none(env)
 
     def act(key: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
         need = stranded_need(env, state, params)
-        enough = (need.max(initial=0) >= 2) & jnp.any(state.meds.status == AT_DEPOT)
+        enough = (need.max() >= 2) & jnp.any(state.meds.status == AT_DEPOT)
         send = enough & env.action_mask(state, params)[-1]
         return jnp.where(send, 1 + jnp.argmax(need), 0).astype(jnp.int32)
 
