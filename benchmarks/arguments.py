@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Callable
 from pathlib import Path
 
+import medjax
 from train.cli import OneLineParser
+from train.rundir import check_writable
 
 
 def benchmark_parser(name: str, description: str | None) -> OneLineParser:
@@ -39,11 +40,30 @@ def whole_number(least: int = 1, most: int | None = None) -> Callable[[str], int
 positive = whole_number()
 
 
+def add_scenario(parser: OneLineParser) -> None:
+    """Adds `--scenario NAME`."""
+    parser.add_argument("--scenario", default="paper", choices=list(medjax.SCENARIOS))
+
+
+def episodes_parser(name: str, description: str | None, episodes: int, seed: int) -> OneLineParser:
+    """`benchmark_parser` of a command that plays whole episodes, with these defaults."""
+    parser = benchmark_parser(name, description)
+    parser.add_argument(
+        "--episodes", type=whole_number(least=2), default=episodes, help="of each policy"
+    )
+    parser.add_argument("--seed", type=positive, default=seed, help="of the episodes tuned on")
+    add_scenario(parser)
+    return parser
+
+
 def output_file(text: str) -> Path:
     """A type of argument: a file that can be written, checked before anything is measured."""
     path = Path(text)
-    if path.is_dir() or not os.access(path.parent, os.W_OK):
-        raise argparse.ArgumentTypeError(
-            f"{text!r}: allowed a file in a directory that exists and is writable"
-        )
+    refusal = f"{text!r}: allowed a file in a directory that exists and is writable"
+    if path.is_dir():
+        raise argparse.ArgumentTypeError(refusal)
+    try:
+        check_writable(path.parent)
+    except OSError:
+        raise argparse.ArgumentTypeError(refusal) from None
     return path

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 import medjax
-from benchmarks.arguments import benchmark_parser, positive, whole_number
+from benchmarks.arguments import episodes_parser
 from medjax.wrappers import prepare_cpu
 from train.cli import OneLineParser
-from train.evaluation import Scores, baseline, evaluate_policies
+from train.evaluation import Evaluation, Scores, baseline
 
 # Table 2: mean and standard deviation of the episode reward over ten episodes.
 TABLE_2 = {"none": (-521.874184, 16.52914886), "random": (-332.4056918, 53.94543289)}
@@ -62,13 +62,7 @@ def compare(scores: dict[str, Scores]) -> list[dict[str, Any]]:
 
 def build_parser() -> OneLineParser:
     """The command line."""
-    parser = benchmark_parser("calibrate", __doc__)
-    parser.add_argument(
-        "--episodes", type=whole_number(least=2), default=1024, help="of each policy"
-    )
-    parser.add_argument("--seed", type=positive, default=1, help="of the episodes it is solved on")
-    parser.add_argument("--scenario", default="paper", choices=list(medjax.SCENARIOS))
-    return parser
+    return episodes_parser("calibrate", __doc__, episodes=1024, seed=1)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -78,14 +72,13 @@ def main(arguments: list[str] | None = None) -> None:
     env, params = medjax.make(options.scenario)
     policies = {name: baseline(medjax.BASELINES[name](env)) for name in TABLE_2}
     weights = {name: float(value) for name, value in params.reward_weights.items()}
-    fitted = evaluate_policies(env, params, policies, options.episodes, options.seed)
-    factor, w1 = solve(fitted, -weights["depleted"])
+    evaluation = Evaluation(env, params, policies, options.episodes)
+    factor, w1 = solve(evaluation.play(policies, options.seed), -weights["depleted"])
     print(f"weights that fit episodes of seed {options.seed}, and the preset's own:")
     best = {name: factor * value for name, value in weights.items() if value} | {"depleted": -w1}
     for name, value in best.items():
         print(f"  {name:<10} {value:9.4f} {weights[name]:9.4f}")
-    checked = evaluate_policies(env, params, policies, options.episodes, options.seed + 1)
-    table = compare(checked)
+    table = compare(evaluation.play(policies, options.seed + 1))
     print(f"\nthe preset's weights on episodes of seed {options.seed + 1}, Table 2 beside them:")
     print("policy        mean      std    paper's    its std   its deviations apart")
     for row in table:

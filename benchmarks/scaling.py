@@ -14,8 +14,7 @@ from typing import Any
 
 import jax
 
-import medjax
-from benchmarks.arguments import benchmark_parser, positive
+from benchmarks.arguments import add_scenario, benchmark_parser, positive
 from benchmarks.workload import ENVS, VEHICLES, Measurement, Workload, alternate, road_for
 from medjax.wrappers import prepare_cpu
 from train.cli import OneLineParser
@@ -63,7 +62,7 @@ def build_parser() -> OneLineParser:
     parser = benchmark_parser("scaling", __doc__)
     parser.add_argument("--num-envs", type=positive, default=1024, metavar="N")
     parser.add_argument("--repeats", type=positive, default=5)
-    parser.add_argument("--scenario", default="paper", choices=list(medjax.SCENARIOS))
+    add_scenario(parser)
     return parser
 
 

@@ -11,8 +11,7 @@ import json
 import sys
 from typing import Any
 
-import medjax
-from benchmarks.arguments import benchmark_parser, positive
+from benchmarks.arguments import add_scenario, benchmark_parser, positive
 from benchmarks.stages import stage_times
 from benchmarks.workload import ENVS, VEHICLES, Measurement, Workload, measure, road_for
 from medjax.wrappers import prepare_cpu
@@ -31,7 +30,7 @@ def build_parser() -> OneLineParser:
     parser.add_argument("--stages", action="store_true", help="show where a decision's time goes")
     parser.add_argument("--steps", type=positive, default=50, help="decisions in a repeat")
     parser.add_argument("--repeats", type=positive, default=5)
-    parser.add_argument("--scenario", default="paper", choices=list(medjax.SCENARIOS))
+    add_scenario(parser)
     parser.add_argument(
         "--num-devices", type=int, default=0, metavar="N", help="devices or CPU cores; 0: all"
     )

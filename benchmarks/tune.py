@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 
 import medjax
-from benchmarks.arguments import benchmark_parser, positive, whole_number
+from benchmarks.arguments import episodes_parser, positive
 from medjax.policies import paced
 from medjax.wrappers import prepare_cpu
 from train.bootstrap import bootstrap_ci95
@@ -21,11 +21,8 @@ INTERVALS_S = (20, 24, 26, 28, 30, 32, 34, 36, 40)
 
 def build_parser() -> OneLineParser:
     """The command line."""
-    parser = benchmark_parser("tune", __doc__)
-    parser.add_argument("--episodes", type=whole_number(least=2), default=256, help="of each")
-    parser.add_argument("--seed", type=positive, default=31, help="of the episodes")
+    parser = episodes_parser("tune", __doc__, episodes=256, seed=31)
     parser.add_argument("--ramps", type=positive, nargs="+", default=[1, 2], metavar="R")
-    parser.add_argument("--scenario", default="paper", choices=list(medjax.SCENARIOS))
     return parser
 
 

@@ -54,6 +54,7 @@ def trained(network: nn.Module, weights: PolicyWeights, stochastic: bool = False
         mask: jax.Array,
         params: Any,
     ) -> jax.Array:
+        """See `Policy.act`."""
         distribution, _ = apply_policy(network, given, obs, mask)
         action = distribution.sample(seed=key) if stochastic else distribution.mode()
         return action.astype(jnp.int32)
@@ -93,6 +94,7 @@ def make_runner(env: Environment, policies: Mapping[str, Policy], max_decisions:
         streams = jnp.repeat(jax.vmap(jax.random.split, (0, None))(keys, 3), len(acts), axis=0)
 
         def choose(state: _Episodes, act_keys: jax.Array) -> jax.Array:
+            """Actions `(rows,)` int32, each row's by its own policy."""
             mask = jax.vmap(env.action_mask, (0, None))(state.env, params)
             actions = []
             for index, (act, own) in enumerate(zip(acts, weights, strict=True)):
@@ -107,6 +109,7 @@ def make_runner(env: Environment, policies: Mapping[str, Policy], max_decisions:
             return jnp.where(allowed, action, 0)  # action 0 is always allowed
 
         def decide(state: _Episodes) -> _Episodes:
+            """One decision in every row; what is over keeps its score."""
             now = jax.vmap(jax.vmap(jax.random.fold_in, (0, None)), (0, None))(streams, state.time)
             action = choose(state, now[:, ACT])
             obs, env_state, reward, terminated, truncated, info = step_all(
@@ -127,7 +130,7 @@ def make_runner(env: Environment, policies: Mapping[str, Policy], max_decisions:
             )
 
         obs, env_state = reset_all(streams[:, RESET], params)
-        actions = jnp.zeros(obs.shape[:1], jnp.int32)
+        actions = jnp.zeros(streams.shape[:1], jnp.int32)
         shapes = jax.eval_shape(step_all, streams[:, STEP], env_state, actions, params)
         end = lax.while_loop(
             lambda state: (state.time < max_decisions) & ~jnp.all(state.done),

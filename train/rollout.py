@@ -107,6 +107,7 @@ def collect(
     def decide(
         carry: RolloutState, step_keys: jax.Array
     ) -> tuple[RolloutState, tuple[Trajectory, EpisodeSums]]:
+        """One decision in every environment, by keys `(num_envs, 2)`."""
         act_keys, env_keys = step_keys[:, 0], step_keys[:, 1]
         with jax.named_scope("act"):
             mask = env.action_mask(carry.env, env_params)
