@@ -208,7 +208,9 @@ def play_checkpoints(run_dir: RunDir) -> tuple[float, list[Checkpoint]]:
     reader = Checkpoints(run_dir.path)
     updates = reader.all()
     for update in updates:
-        policies[str(update)] = trained(network, reader.restore_weights(shapes, update))
+        policies[str(update)] = trained(
+            network, reader.restore_weights(shapes, update), config.decide_every
+        )
     reader.close()
     scores = evaluate_policies(env, params, policies, config.eval_episodes, config.seed)
     greedy = scores["greedy"]["return"]

@@ -35,8 +35,8 @@ class EnvConfig:
     """
 
     num_meds: int = 15
-    num_evs: int = 60
-    num_gas: int = 117
+    num_evs: int = 40
+    num_gas: int = 153
     num_lanes: int = 4
     num_ramps: int = 4
     tick_s: float = 0.25

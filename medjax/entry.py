@@ -53,7 +53,7 @@ def admit(
     queue = state.queue + poisson_arrivals(arrival_draw, expected)
 
     first_med, med_waits = _waiting_meds(state, config)
-    is_ev = class_draw < demand.ev_share
+    is_ev = state.next_is_ev
     is_human = human_draw < demand.human_share
     kind = jnp.where(is_ev, jnp.where(is_human, HUMAN_EV, AUTONOMOUS_EV), GAS)
     kind = jnp.where(med_waits, MED, kind)
@@ -107,10 +107,14 @@ def admit(
         served=evs.served & ~new_ev,
     )
     meds = meds.replace(status=jnp.where(med_entry >= 0, MERGING, meds.status))
-    queue = queue - (ev_placed | gas_placed)
+    placed = ev_placed | gas_placed
+    queue = queue - placed
+    # A class is drawn once a vehicle: drawn at every try, a class short of slots would be let in too seldom.
+    next_is_ev = jnp.where(placed, class_draw < demand.ev_share, is_ev)
     queued_meds = jnp.sum(meds.status == QUEUED)
     tally = Tally.zeros().replace(
         entered=by_class(new, config),
         queue_seconds=(jnp.sum(queue) + queued_meds).astype(jnp.float32) * config.decision_s,
     )
-    return state.replace(vehicles=vehicles, evs=evs, meds=meds, queue=queue), tally
+    state = state.replace(vehicles=vehicles, evs=evs, meds=meds, queue=queue, next_is_ev=next_is_ev)
+    return state, tally

@@ -22,6 +22,7 @@ EV_FEATURES = 8
 CLOCK_FEATURES = 4
 # A cooldown may be 0, so it is scaled by a fixed time.
 COOLDOWN_UNIT_S = 20.0
+FAR_KM = 2.0  # beyond that a MED matters little to a ramp
 
 
 class Observation(struct.PyTreeNode):
@@ -146,15 +147,19 @@ class RoadProfile:
 
     At each node: EVs without a booking by state of charge (`soc_nodes`), EVs booked, EVs charging;
     MEDs waiting or merging (a waiting one at its ramp), MEDs in service, their state of charge, their
-    free slots. Then the clock of `Observation`.
+    free slots. Then, for each ramp, the way in km to the next MED ahead of it, and to the next one
+    behind it, at most FAR_KM. Then time left and the share at the depot, each by nodes
+    (`clock_nodes`), and the clock of `Observation`.
     """
 
     road_nodes: int = 17
     soc_nodes: int = 6
+    clock_nodes: int = 6
 
     def size(self, config: EnvConfig) -> int:
         """Length of the vector."""
-        return self.road_nodes * (self.soc_nodes + 2 + 4) + CLOCK_FEATURES
+        nodes = self.road_nodes * (self.soc_nodes + 2 + 4) + 2 * self.clock_nodes
+        return nodes + 2 * config.num_ramps + CLOCK_FEATURES
 
     def __call__(self, state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
         """`(size,)` float32."""
@@ -183,10 +188,19 @@ class RoadProfile:
             axis=1,
         )
         med_place = med_x / params.road.length_m
+        clock = clock_features(state, params)
+        ahead_km = jnp.where(
+            (waits | vehicles.active[config.med_slots])[:, None],
+            (med_x[:, None] - params.road.ramp_x_m) / 1000.0,
+            jnp.inf,
+        )
         parts = [
             (hat_weights(ev_place, self.road_nodes).T @ ev_columns).ravel(),
             (hat_weights(med_place, self.road_nodes).T @ med_columns).ravel(),
-            clock_features(state, params),
+            jnp.min(jnp.where(ahead_km >= 0.0, ahead_km, FAR_KM), axis=0, initial=FAR_KM),
+            jnp.min(jnp.where(ahead_km < 0.0, -ahead_km, FAR_KM), axis=0, initial=FAR_KM),
+            hat_weights(clock[jnp.array([0, 2])], self.clock_nodes).ravel(),
+            clock,
         ]
         return jnp.concatenate(parts).astype(jnp.float32)
 

@@ -25,7 +25,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     energy would not have lasted are not there, just as in the flow without MEDs.
     """
     demand, drivers = params.demand, params.drivers
-    speed_key, human_key, soc_key, fill_key, noise_key = jax.random.split(key, 5)
+    speed_key, human_key, soc_key, fill_key, noise_key, next_key = jax.random.split(key, 6)
     is_human = jax.random.uniform(human_key, (config.num_evs,)) < demand.human_share
     kind = vehicle_kinds(is_human, config)
     draw = jax.random.normal(speed_key, (config.num_vehicles,))
@@ -87,6 +87,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
         evs=evs,
         meds=meds,
         queue=jnp.zeros((config.num_entries,), jnp.int32),
+        next_is_ev=jax.random.bernoulli(next_key, demand.ev_share, (config.num_entries,)),
         cooldown_s=jnp.zeros(()),
         time=jnp.zeros((), jnp.int32),
         tally=Tally.zeros().replace(entered=by_class(active, config)),

@@ -89,6 +89,7 @@ class EnvState(struct.PyTreeNode):
     evs: EVs
     meds: MEDs
     queue: jax.Array  # (num_entries,) int32, vehicles waiting at each entry
+    next_is_ev: jax.Array  # (num_entries,) bool, class of the one that enters next
     cooldown_s: jax.Array  # () until the next dispatch is allowed
     time: jax.Array  # () int32, decisions taken
     tally: Tally  # since reset

@@ -21,7 +21,7 @@ def test_spaces_and_shapes(paper, started):
     """Observations and actions fit their spaces; dtypes are fixed at reset."""
     env, params = paper
     obs, _ = started
-    assert obs.shape == env.observation_space(params).shape == (15 * 14 + 60 * 8 + 4,)
+    assert obs.shape == env.observation_space(params).shape == (15 * 14 + 40 * 8 + 4,)
     assert obs.dtype == jnp.float32
     assert env.action_space(params).n == env.num_actions == 5
     assert bool(env.observation_space(params).contains(obs))
@@ -215,7 +215,7 @@ def play_randomly(episodes, seed):
             # A MED that is sent once is never ready again: that one number is infinite on purpose.
             bad = sum(jnp.sum(jnp.isnan(x)) for x in floats if x.dtype == jnp.float32)
             v = state.vehicles
-            rear = v.x - jnp.concatenate([jnp.full(15, 12.0), jnp.full(177, 5.0)])
+            rear = v.x - jnp.concatenate([jnp.full(15, 12.0), jnp.full(193, 5.0)])
             soc = state.evs.energy_j / params.ev_capacity_j
             tally = state.tally
             lost = tally.entered - tally.left - jnp.array([0.0, 1.0, 0.0]) * tally.depleted
@@ -260,7 +260,7 @@ def test_arrivals_at_a_full_road_wait():
         most = max(most, int(state.vehicles.active.sum()))
         waiting.append(int(state.queue.sum()))
     assert most <= 4
-    # 6000 and 4 x 300 an hour ask for 120 a minute: all but a few of them wait.
+    # 6000 and 4 x 250 an hour ask for 117 a minute: all but a few of them wait.
     assert waiting[-1] > 80
     assert float(info["metrics"]["queue_vehicle_s"]) == pytest.approx(sum(waiting))
     tally = state.tally

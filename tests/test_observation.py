@@ -102,6 +102,7 @@ def test_profile_by_hand(busy):
     env, params, state = busy
     v, evs, meds, config = state.vehicles, state.evs, state.meds, env.config
     expected_evs, expected_meds = np.zeros((17, 8)), np.zeros((17, 4))
+    ahead, behind = np.full(4, 2.0), np.full(4, 2.0)
     for ev in range(config.num_evs):
         slot, booked = config.num_meds + ev, int(evs.med[ev]) >= 0
         if not bool(v.active[slot]):
@@ -120,12 +121,22 @@ def test_profile_by_hand(busy):
         row = [float(status in (QUEUED, MERGING)), float(serves), serves * soc, serves * free]
         for node in range(17):
             expected_meds[node] += np.array(row) * share(x / 4000.0, node, 17)
+        if status in (QUEUED, MERGING, IN_SERVICE):
+            for ramp, at in enumerate((100.0, 1200.0, 2100.0, 3200.0)):
+                nearest = ahead if x >= at else behind
+                nearest[ramp] = min(nearest[ramp], abs(x - at) / 1000.0)
     profile = RoadProfile()
     got = np.asarray(profile(state, config, params))
     assert got.shape == (profile.size(config),)
     np.testing.assert_allclose(got[: 17 * 8].reshape(17, 8), expected_evs, atol=1e-3)
-    np.testing.assert_allclose(got[17 * 8 : -4].reshape(17, 4), expected_meds, atol=1e-3)
-    np.testing.assert_array_equal(got[-4:], env.observe(state, params).clock)
+    np.testing.assert_allclose(got[17 * 8 : 17 * 12].reshape(17, 4), expected_meds, atol=1e-3)
+    np.testing.assert_allclose(got[17 * 12 : -16], np.concatenate([ahead, behind]), atol=1e-5)
+    clock = np.asarray(env.observe(state, params).clock)
+    nodes = [[share(clock[index], node, 6) for node in range(6)] for index in (0, 2)]
+    np.testing.assert_allclose(got[-16:-4].reshape(2, 6), nodes, atol=1e-6)
+    np.testing.assert_array_equal(got[-4:], clock)
+    assert ahead.min() < 2.0
+    assert behind.min() < 2.0
     assert expected_evs.sum() > 1.0
     assert expected_meds[:, 1].sum() > 0.5
 
@@ -136,7 +147,7 @@ def test_profile_ignores_the_order_of_slots(busy):
     one, two = 0, 1
     order = np.arange(env.config.num_evs)
     order[[one, two]] = two, one
-    slots = np.concatenate([np.arange(15), 15 + order, np.arange(75, 192)])
+    slots = np.concatenate([np.arange(15), 15 + order, np.arange(55, 208)])
     swapped = state.replace(
         vehicles=jax.tree.map(lambda values: values[slots], state.vehicles),
         evs=jax.tree.map(lambda values: values[order], state.evs),

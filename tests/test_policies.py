@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 import medjax
+from medjax.policies import forecast_need
+from medjax.state import QUEUED
+from medjax.tick import drive_energy
 
 
 @pytest.fixture(scope="module")
@@ -85,11 +88,47 @@ def test_greedy_goes_where_the_need_is(episodes, paper):
     episode, decision = np.nonzero(action)
     assert len(episode) >= 4
     for e, d in zip(episode, decision, strict=True):
-        x = state.vehicles.x[e, d, 15:75]
+        x = state.vehicles.x[e, d, 15:55]
         low = state.evs.energy_j[e, d] < 0.4 * capacity
-        needy = state.vehicles.active[e, d, 15:75] & low & (state.evs.med[e, d] < 0)
+        needy = state.vehicles.active[e, d, 15:55] & low & (state.evs.med[e, d] < 0)
         counts = [
             sum(n and r - 400 <= p <= r + 100 for p, n in zip(x, needy, strict=True))
             for r in (100, 1200, 2100, 3200)
         ]
         assert counts[action[e, d] - 1] == max(counts) >= 2
+
+
+def test_forecast_counts_who_will_run_out(paper):
+    """EVs that cannot make it, those to come, and free slots, by loops over vehicles."""
+    env, params = paper
+    _, state = env.reset(jax.random.key(4), params)
+    step = jax.jit(env.step_env)
+    for ramp in (1, 2, 1):
+        for number in range(25):
+            action = ramp if number == 0 else 0
+            _, state, *_ = step(jax.random.key(number), state, action, params)
+    window = 60.0
+    per_metre = float(drive_energy(jnp.float32(30.0), jnp.float32(30.0), params.ev, 1.0)) / 30.0
+    capacity = float(params.ev_capacity_j)
+    active, x = np.asarray(state.vehicles.active), np.asarray(state.vehicles.x)
+    status, place = np.asarray(state.meds.status), np.array([100.0, 1200.0, 2100.0, 3200.0])
+    closing = 30.0 - 18.0
+    expected = np.zeros(4)
+    for ramp, at in enumerate(place):
+        for ev in range(40):
+            here = x[15 + ev]
+            short = float(state.evs.energy_j[ev]) < (4000.0 - here) * per_metre
+            if active[15 + ev] and short and int(state.evs.med[ev]) < 0:
+                expected[ramp] += -100.0 <= at - here <= closing * window
+        for entry, per_h in [(0.0, 2600.0), *((float(p), 250.0) for p in place)]:
+            needs = (4000.0 - entry) * per_metre / capacity
+            share = min(max((needs - 0.2) / 0.5, 0.0), 1.0)
+            time = window - (at - entry) / closing if entry <= at else 0.0
+            expected[ramp] += per_h / 3600 * 0.12 * share * max(time, 0.0)
+        for med in range(15):
+            there = place[int(state.meds.ramp[med])] if status[med] == QUEUED else x[med]
+            if (status[med] == QUEUED or active[med]) and abs(at - there) <= closing * window:
+                expected[ramp] -= 4 - sum(int(other) == med for other in state.evs.med)
+    got = forecast_need(env, state, params, window)
+    np.testing.assert_allclose(got, expected, atol=1e-3)
+    assert active[:15].any()

@@ -127,6 +127,6 @@ def all_policies(
             else weights
         )
         policies[TRAINED if index == 0 else f"{TRAINED}_seed{index + 1}"] = trained(
-            network, own, stochastic
+            network, own, config.decide_every, stochastic
         )
     return policies | {name: baseline(build(env)) for name, build in BASELINES.items()}

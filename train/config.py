@@ -65,12 +65,15 @@ class TrainConfig:
     observation: str = option(
         "profile", "environment", "what the policy sees: profile or flat", metavar="NAME"
     )
-    num_envs: int = option(1024, "environment", "environments run side by side", low=1)
+    num_envs: int = option(256, "environment", "environments run side by side", low=1)
+    decide_every: int = option(
+        8, "environment", "decisions from one choice of the policy to the next", low=1
+    )
     stagger: bool = option(
         True, "environment", "spread the ends of the first episodes, so that not all end together"
     )
     total_timesteps: int = option(
-        1_000_000, "run", "decisions per seed over all environments, rounded up to updates", low=1
+        2_000_000, "run", "decisions per seed over all environments, rounded up to updates", low=1
     )
     seed: int = option(0, "run", "of all randomness", low=0, high=2**32 - 1)
     num_seeds: int = option(1, "run", "independent learners trained side by side", low=1)
@@ -86,32 +89,35 @@ class TrainConfig:
     )
     eval_episodes: int = option(64, "run", "episodes of the closing evaluation; 0: none", low=0)
 
-    rollout_length: int = option(16, "PPO", "decisions per environment and update", low=1)
-    num_minibatches: int = option(8, "PPO", "minibatches per epoch; must divide num_envs", low=1)
+    rollout_length: int = option(128, "PPO", "decisions per environment and update", low=1)
+    num_minibatches: int = option(32, "PPO", "minibatches per epoch; must divide num_envs", low=1)
     num_epochs: int = option(4, "PPO", "passes over each rollout", low=1)
-    learning_rate: float = option(1.5e-3, "PPO", "of Adam, at the start", flags=("--lr",), above=0)
+    learning_rate: float = option(1e-3, "PPO", "of Adam, at the start", flags=("--lr",), above=0)
     anneal: bool = option(True, "PPO", "let the learning rate fall linearly to 0")
-    gamma: float = option(0.999, "PPO", "discount per decision", low=0, high=1)
+    gamma: float = option(0.998, "PPO", "discount per decision", low=0, high=1)
     gae_lambda: float = option(
-        0.97, "PPO", "decay of the advantage trace per decision", low=0, high=1
+        0.97, "PPO", "decay of the advantage trace per choice", low=0, high=1
     )
     clip_epsilon: float = option(
         0.2, "PPO", "clip of the ratio, eq. (9)", flags=("--clip",), above=0
     )
     clip_value: bool = option(False, "PPO", "clip the value loss as well")
     entropy_coef: float = option(
-        0.003, "PPO", "weight of the entropy bonus", flags=("--entropy",), low=0
+        0.0, "PPO", "weight of the entropy bonus", flags=("--entropy",), low=0
     )
     value_coef: float = option(0.5, "PPO", "weight of the value loss", low=0)
     max_grad_norm: float = option(0.5, "PPO", "global norm at which gradients are clipped", above=0)
-    normalize_observations: bool = option(True, "PPO", "shift and scale by running moments")
+    normalize_observations: bool = option(False, "PPO", "shift and scale by running moments")
     normalize_rewards: bool = option(True, "PPO", "scale by the spread of the discounted return")
 
     network: str = option("mlp", "network", "architecture", metavar="NAME")
     hidden: tuple[int, ...] = option(
-        (64, 64), "network", "widths of the hidden layers of actor and critic", metavar="N", low=1
+        (128, 128), "network", "widths of the hidden layers of actor and critic", metavar="N", low=1
     )
-    activation: str = option("tanh", "network", "between layers", choices=("tanh", "relu", "silu"))
+    activation: str = option("silu", "network", "between layers", choices=("tanh", "relu", "silu"))
+    initial_wait: float = option(
+        0.8, "network", "probability of action 0 before training", above=0, high=0.999
+    )
     compute_dtype: str = option(
         "float32",
         "network",

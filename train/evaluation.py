@@ -11,7 +11,7 @@ import numpy as np
 from flax import struct
 from jax import lax
 
-from medjax.wrappers import Environment, environment_mesh, on_devices
+from medjax.wrappers import Environment, choices, environment_mesh, on_devices
 from medjax.wrappers.rows import CACHED_ROWS
 from train.bootstrap import bootstrap_ci95
 from train.learner import episode_decisions
@@ -43,8 +43,17 @@ def baseline(act: Callable[[jax.Array, Any, Any], jax.Array]) -> Policy:
     return Policy(lambda weights, key, obs, state, mask, params: act(key, state, params))
 
 
-def trained(network: nn.Module, weights: PolicyWeights, stochastic: bool = False) -> Policy:
-    """The learned policy: its most probable action, or a sample."""
+def trained(
+    network: nn.Module, weights: PolicyWeights, decide_every: int = 1, stochastic: bool = False
+) -> Policy:
+    """The learned policy: its most probable action, or a sample.
+
+    Args:
+        network: the network.
+        weights: what it learned.
+        decide_every: decisions from one choice to the next, see `medjax.wrappers.DecideEvery`.
+        stochastic: sample.
+    """
 
     def act(
         given: PolicyWeights,
@@ -55,7 +64,8 @@ def trained(network: nn.Module, weights: PolicyWeights, stochastic: bool = False
         params: Any,
     ) -> jax.Array:
         """See `Policy.act`."""
-        distribution, _ = apply_policy(network, given, obs, mask)
+        considered = choices(mask, state.time, decide_every)
+        distribution, _ = apply_policy(network, given, obs, considered)
         action = distribution.sample(seed=key) if stochastic else distribution.mode()
         return action.astype(jnp.int32)
 
@@ -216,10 +226,15 @@ class Evaluation:
 
     def _keys(self, seed: int) -> jax.Array:
         """Keys `(batches, batch)`: whole batches, so that one program serves; episodes too many are thrown away."""
-        root = jax.random.fold_in(jax.random.key(seed), EVALUATION)
         batches = -(-self.episodes // self.batch)
-        numbers = jnp.arange(batches * self.batch, dtype=jnp.uint32)
-        return jax.vmap(jax.random.fold_in, (None, 0))(root, numbers).reshape(batches, self.batch)
+        return episode_keys(seed, batches * self.batch).reshape(batches, self.batch)
+
+
+def episode_keys(seed: int, episodes: int) -> jax.Array:
+    """Keys `(episodes,)` of the first episodes of a seed; each splits into the streams RESET, STEP and ACT."""
+    root = jax.random.fold_in(jax.random.key(seed), EVALUATION)
+    numbers = jnp.arange(episodes, dtype=jnp.uint32)
+    return jax.vmap(jax.random.fold_in, (None, 0))(root, numbers)
 
 
 def _host_weights(policies: Mapping[str, Policy]) -> Any:

@@ -19,6 +19,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from medjax.wrappers import (
     BatchAutoReset,
+    DecideEvery,
     Environment,
     EpisodeLog,
     RunningStats,
@@ -181,6 +182,7 @@ class Learner:
             trajectory.terminated,
             trajectory.truncated,
             trajectory.final_value,
+            jnp.sum(trajectory.mask, axis=-1) > 1,
         )
         return Batch(
             obs=normalize(weights.obs_stats, trajectory.obs),
@@ -286,7 +288,7 @@ def build_learner(env: Environment, params: Any, config: TrainConfig) -> Learner
     stagger = episode_decisions(params) if config.stagger else 0
     # A device holds whole groups of the neighbours among which minibatches are dealt.
     mesh = environment_mesh(config.num_envs // config.num_minibatches, config.num_devices)
-    batch = BatchAutoReset(env, stagger=stagger)
+    batch = BatchAutoReset(DecideEvery(env, config.decide_every), stagger=stagger)
     gradient_steps = config.num_epochs * config.num_minibatches
 
     def learning_rate(update: jax.Array) -> jax.Array:

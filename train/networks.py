@@ -69,21 +69,25 @@ class Torso(nn.Module):
 class ActorCritic(nn.Module):
     """Two separate multi-layer perceptrons, so that the value's gradients do not disturb the policy.
 
-    Orthogonal initialisation; the last layer of the actor is near zero (0.01), which starts it near the uniform policy
-    (Andrychowicz et al. 2021, arXiv:2006.05990, section 3.2).
+    Orthogonal initialisation; the last layer of the actor is near zero (0.01), which starts it near the same policy
+    everywhere (Andrychowicz et al. 2021, arXiv:2006.05990, section 3.2): action 0 with probability `initial_wait`, the
+    others alike.
     """
 
     num_actions: int
     hidden: Sequence[int]
     activation: Callable[[jax.Array], jax.Array]
     dtype: Any
+    initial_wait: float
 
     def setup(self) -> None:
         """Makes the layers."""
         self.actor = Torso(self.hidden, self.activation, self.dtype)
         self.critic = Torso(self.hidden, self.activation, self.dtype)
         small, unit = nn.initializers.orthogonal(0.01), nn.initializers.orthogonal(1.0)
-        self.logits_head = nn.Dense(self.num_actions, kernel_init=small, dtype=jnp.float32)
+        self.logits_head = nn.Dense(
+            self.num_actions, kernel_init=small, bias_init=self._initial_logits, dtype=jnp.float32
+        )
         self.value_head = nn.Dense(1, kernel_init=unit, dtype=jnp.float32)
 
     def __call__(self, obs: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -91,6 +95,12 @@ class ActorCritic(nn.Module):
         logits = self.logits_head(self.actor(obs).astype(jnp.float32))
         value = self.value_head(self.critic(obs).astype(jnp.float32))
         return logits, value[..., 0]
+
+    def _initial_logits(self, key: jax.Array, shape: Sequence[int], dtype: Any) -> jax.Array:
+        """Logits `(num_actions,)` of the first policy."""
+        others = jnp.maximum(self.num_actions - 1, 1)
+        wait = jnp.log(self.initial_wait / (1.0 - self.initial_wait) * others)
+        return jnp.zeros(shape, dtype).at[0].set(wait)
 
 
 def build_mlp(num_actions: int, config: TrainConfig) -> nn.Module:
@@ -100,6 +110,7 @@ def build_mlp(num_actions: int, config: TrainConfig) -> nn.Module:
         hidden=config.hidden,
         activation=ACTIVATIONS[config.activation],
         dtype=DTYPES[config.compute_dtype],
+        initial_wait=config.initial_wait,
     )
 
 

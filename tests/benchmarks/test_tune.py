@@ -1,4 +1,4 @@
-"""The command that tunes the paced rule reports every pair, and the best."""
+"""The command that tunes the rules reports every setting, and the best of each rule."""
 
 import json
 
@@ -9,21 +9,26 @@ from tests.benchmarks.refusal import refused
 
 
 def test_best_is_the_highest_return(tmp_path, monkeypatch, capsys):
-    """One line a pair; with paces of 30 s and one that sends a single MED, the first is better."""
-    monkeypatch.setattr(tune, "INTERVALS_S", (30, 10_000))
+    """One line a setting; rules that send MEDs beat the same ones told to send hardly any."""
+    grid = {
+        "paced": [{"ramp": 1, "interval_s": 30}, {"ramp": 1, "interval_s": 10_000}],
+        "forecast": [{"window_s": 60, "enough": 1000.0}, {"window_s": 60, "enough": 4.0}],
+    }
+    monkeypatch.setattr(tune, "GRID", grid)
     out = tmp_path / "out.json"
-    tune.main(["--episodes=4", "--ramps=1", f"--json={out}"])
+    tune.main(["--episodes=4", f"--json={out}"])
     report = json.loads(out.read_text())
-    assert [row["interval_s"] for row in report["rows"]] == [30, 10_000]
-    assert report["best"] == report["rows"][0]
     printed = capsys.readouterr().out
-    assert "best: ramp 1, every 30 s" in printed
-    for row in report["rows"]:
+    assert report["paced"]["best"] == report["paced"]["rows"][0]
+    assert report["forecast"]["best"] == report["forecast"]["rows"][1]
+    assert "best paced: ramp 1, interval_s 30" in printed
+    assert "best forecast: window_s 60, enough 4" in printed
+    for row in (*report["paced"]["rows"], *report["forecast"]["rows"]):
         assert f"{row['return_mean']:.1f}" in printed
         assert row["return_ci95"][0] <= row["return_mean"] <= row["return_ci95"][1]
 
 
-@pytest.mark.parametrize("argv", [["--episodes=1"], ["--ramps=0"], ["--scenario=nowhere"]])
+@pytest.mark.parametrize("argv", [["--episodes=1"], ["--rules=best"], ["--scenario=nowhere"]])
 def test_bad_input_is_one_line(argv, capsys):
     """Exit code 2, and the value is named."""
     assert argv[0].split("=")[1] in refused(tune.main, argv, capsys)

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import poisson
 
+import medjax
 from medjax.entry import admit
 from medjax.traffic import ballistic_step, idm_acceleration
 from medjax.traffic.demand import (
@@ -242,8 +243,9 @@ def test_filled_road_matches_the_demand(fill, asked):
     # Poisson: the variance is the mean; its relative error over n roads is sqrt(2 / n).
     assert counts.var(ddof=1) == pytest.approx(expected, rel=4 * np.sqrt(2 / roads))
     evs = (filled.active & (kind == 1)).sum(axis=1)
-    assert evs.mean() == pytest.approx(0.3 * expected, abs=4 * np.sqrt(0.3 * expected / roads))
-    assert evs.var(ddof=1) == pytest.approx(0.3 * expected, rel=4 * np.sqrt(2 / roads))
+    share = 0.3 * expected
+    assert evs.mean() == pytest.approx(share, abs=4 * np.sqrt(share / roads))
+    assert evs.var(ddof=1) == pytest.approx(share, rel=4 * np.sqrt(2 / roads))
     # Lanes and places do not know the class.
     for lane in range(NUM_LANES):
         share = (filled.lane[filled.active] == lane).mean()
@@ -279,4 +281,28 @@ def test_queues_take_what_arrives(asked, blank):
     np.testing.assert_array_equal(tally.sum(axis=1), new)
     rate = np.array([700.0] * 4 + [300.0] * 4) / 3600
     assert (np.abs(arrived.mean(axis=0) - rate) < 4 * np.sqrt(rate / rounds)).all()
-    assert tally[:, 1].sum() / tally.sum() == pytest.approx(0.3, abs=4 * np.sqrt(0.21 / new.sum()))
+
+
+@pytest.mark.parametrize("scarce", [{"num_evs": 6}, {"num_gas": 20}])
+def test_the_share_of_evs_is_the_demand_also_where_slots_are_short(scarce):
+    """A class that waits for slots neither loses nor gains its share of who comes to an entry's front."""
+    env, params = medjax.make("paper", ev_share=0.3, **scarce)
+
+    @jax.jit
+    @jax.vmap
+    def play(key):
+        _, state = env.reset(key, params)
+        begun = state.tally.entered
+
+        def decide(state, step_key):
+            return env.step_env(step_key, state, 0, params)[1], None
+
+        state, _ = jax.lax.scan(decide, state, jax.random.split(key, 600))
+        at_front = jnp.stack([state.next_is_ev, ~state.next_is_ev]) & (state.queue > 0)
+        came = state.tally.entered[1:] - begun[1:] + at_front.sum(axis=1)
+        return came, state.queue.sum()
+
+    came, waiting = jax.tree.map(np.asarray, play(jax.random.split(jax.random.key(5), 24)))
+    assert (waiting > 20).all()  # slots are short indeed
+    evs, everyone = float(came[:, 0].sum()), float(came.sum())
+    assert evs / everyone == pytest.approx(0.3, abs=4 * (0.21 / everyone) ** 0.5)

@@ -9,7 +9,14 @@ SMALL = {"num_meds": 2, "num_evs": 6, "num_gas": 12, "episode_decisions": 12}
 
 def test_train_and_evaluate(compiled_programs, tmp_path, capsys):
     run = tmp_path / "run"
-    argv = ["--num-envs=8", "--total-timesteps=256", "--rollout-length=16", "--hidden", "8"]
+    argv = [
+        "--num-envs=8",
+        "--num-minibatches=8",
+        "--total-timesteps=256",
+        "--rollout-length=16",
+        "--hidden",
+        "8",
+    ]
     argv += [f"--run-dir={run}", "--eval-episodes=4"]
     for name, value in SMALL.items():
         argv += ["--set", f"{name}={value}"]

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from medjax.wrappers import init_stats
 from tests.train.conftest import coin, never
 from tests.train.probe_envs import Probe, ProbeParams
 from train.bootstrap import bootstrap_ci95
-from train.evaluation import Policy, baseline, evaluate_policies, summarize
+from train.config import TrainConfig
+from train.evaluation import Policy, baseline, evaluate_policies, summarize, trained
+from train.networks import PolicyWeights, apply_policy, build_network
 
 ENV, PARAMS = Probe("noisy"), ProbeParams(episode_decisions=6)
 
@@ -70,6 +73,30 @@ def test_forbidden_actions_count_as_none():
     two = Policy(lambda weights, key, obs, state, mask, params: weights, jnp.int32(2))
     scores = evaluate_policies(env, ProbeParams(), {"two": two, "none": baseline(never(env))}, 20)
     np.testing.assert_array_equal(scores["two"]["return"], scores["none"]["return"])
+
+
+def untrained(initial_wait):
+    """A network on the noisy probe, and its weights before training."""
+    network = build_network(2, TrainConfig(initial_wait=initial_wait))
+    params = network.init(jax.random.key(0), jnp.zeros((1, 2)))
+    return network, PolicyWeights(params, init_stats((2,)))
+
+
+def test_the_first_policy_waits_as_often_as_it_is_told():
+    network, weights = untrained(0.8)
+    obs = jax.random.normal(jax.random.key(1), (50, 2))
+    policy, _ = apply_policy(network, weights, obs, jnp.ones((50, 2), bool))
+    np.testing.assert_allclose(policy.probs[:, 0], 0.8, atol=0.02)
+
+
+@pytest.mark.parametrize(("interval", "choices"), [(1, 6), (4, 2), (6, 1)])
+def test_a_trained_policy_waits_between_its_choices(interval, choices):
+    """Always action 1 where it chooses, each worth 1: at decisions 0, interval, 2 interval, ... of six."""
+    policy = trained(*untrained(0.01), interval)
+    policies = {"ppo": policy, "none": baseline(never(ENV))}
+    scores = evaluate_policies(ENV, PARAMS, policies, episodes=5)
+    gain = scores["ppo"]["return"] - scores["none"]["return"]
+    np.testing.assert_allclose(gain, choices, rtol=1e-5)
 
 
 def test_bootstrap_is_the_normal_interval_for_many_samples():
