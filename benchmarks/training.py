@@ -14,9 +14,8 @@ Seconds of wall time:
 Greedy is beaten at the first checkpoint whose weights (most probable actions) return more than greedy on the episodes
 of the closing evaluation: the lower end of the 95 % bootstrap interval of the mean paired difference is above 0.
 Checkpoints are played after all runs, outside of what is timed. They are what is compared because the learning curve
-in metrics.jsonl has whole episodes only, and these begin after 600 decisions a road: 400,000 decisions of 1024
-environments end before. The command is therefore told to keep about 8 checkpoints spread evenly; the time is known
-to that distance. It is the wall_s of that update in metrics.jsonl: seconds on the clock of the run, compilation
+in metrics.jsonl is that of a policy that still tries things, over whole episodes, which begin after 600 decisions a
+road. The command is therefore told to keep about 8 checkpoints spread evenly; the time is known to that distance. It is the wall_s of that update in metrics.jsonl: seconds on the clock of the run, compilation
 included, which starts after the imports (they are in "other"). Runs of one seed learn the same, so the checkpoints of
 the first are played and every run gives its own time.
 """
@@ -305,7 +304,7 @@ def report(result: Mapping[str, Any]) -> str:
 def build_parser() -> OneLineParser:
     """The options; those of the settings stay text, which `settings` checks in the words of train.ppo."""
     parser = benchmark_parser("training", __doc__)
-    parser.add_argument("--num-envs", default="1024", metavar="N", help="default: 1024")
+    parser.add_argument("--num-envs", default="256", metavar="N", help="default: 256")
     parser.add_argument(
         "--total-timesteps",
         default="400000",

@@ -105,7 +105,7 @@ def test_table_of_cold_and_warm_starts(scripted, monkeypatch, tmp_path, capsys):
     assert len(set(scripted)) == 3
     assert scripted[::2] == scripted[1::2]
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("409,600 decisions of paper, 1024 environments, cpu")
+    assert lines[0].startswith("409,600 decisions of paper, 256 environments, cpu")
     assert lines[2].split() == [*training.HEADINGS, "decisions/s"]
     assert lines[3].split() == ["cold", "50.0", "10.0", "20.0", "5.0", "15.0", "20,480"]
     assert lines[4].split() == ["warm", "30.0", "1.0", "20.0", "5.0", "4.0", "20,480"]
@@ -153,14 +153,14 @@ def test_the_command_is_started_as_asked(monkeypatch, tmp_path):
         return subprocess.CompletedProcess(command, 0, "", "")
 
     monkeypatch.setattr(training.subprocess, "run", run)
-    given = {"num_envs": "1024", "total_timesteps": "4e5", "scenario": "paper", "seed": "7"}
+    given = {"num_envs": "128", "total_timesteps": "4e5", "scenario": "paper", "seed": "7"}
     wall = training.start(training.settings(given), RunDir(tmp_path / "run"), tmp_path / "cache")
     assert wall.compile_s == 10.0
     assert seen["command"][:3] == [sys.executable, "-m", "train.ppo"]
     assert set(seen["command"][3:]) == {
         f"--run-dir={tmp_path / 'run'}",
         "--scenario=paper",
-        "--num-envs=1024",
+        "--num-envs=128",
         "--total-timesteps=400000",
         "--seed=7",
         "--checkpoint-interval=4",  # 25 updates: 4, 8, ..., 24, and the last
@@ -173,7 +173,7 @@ def test_the_command_is_started_as_asked(monkeypatch, tmp_path):
     ("argv", "word"),
     [
         (["--num-envs=0"], "num_envs is 0"),
-        (["--num-envs=10"], "multiple of 8"),
+        (["--num-envs=10"], "multiple of 32"),
         (["--num-envs=many"], "'many'"),
         (["--total-timesteps=-5"], "total_timesteps is -5"),
         (["--seed=-1"], "seed is -1"),
@@ -191,10 +191,10 @@ def test_bad_input_is_one_line_and_code_2(argv, word, capsys):
 def test_the_real_command(tmp_path, capsys):
     """Four updates of 64 environments: the warm start compiles less, and checkpoints are played in order."""
     file = tmp_path / "training.json"
-    argv = ["--num-envs=64", "--total-timesteps=4000", f"--json={file}"]
+    argv = ["--num-envs=64", "--total-timesteps=32000", f"--json={file}"]
     assert training.main(argv) == 0
     result = json.loads(file.read_text())
-    assert result["env_steps"] == 4096
+    assert result["env_steps"] == 32768
     for name in ("cold", "warm"):
         wall = result[name]
         assert all(value > 0 for value in wall.values())

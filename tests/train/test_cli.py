@@ -123,7 +123,7 @@ def test_bad_options_of_evaluate(probe, capsys, argv, words):
 
 
 def test_settings_survive_their_file():
-    config = TrainConfig(num_envs=16, hidden=(8, 4), overrides={"cooldown_s": 3.5, "ramps": (1, 2)})
+    config = TrainConfig(num_envs=32, hidden=(8, 4), overrides={"cooldown_s": 3.5, "ramps": (1, 2)})
     assert to_json(from_json(json.loads(json.dumps(to_json(config))))) | {
         "overrides": {}
     } == to_json(config) | {"overrides": {}}
@@ -134,10 +134,10 @@ def test_settings_survive_their_file():
 
 def test_values_of_options():
     request = parse_request(
-        ["--num-envs=1e3", "--lr", "1e-3", "--hidden", "8", "16", "--no-anneal"]
+        ["--num-envs=32e2", "--lr", "1e-3", "--hidden", "8", "16", "--no-anneal"]
     )
     assert request.config == TrainConfig(
-        num_envs=1000, learning_rate=1e-3, hidden=(8, 16), anneal=False
+        num_envs=3200, learning_rate=1e-3, hidden=(8, 16), anneal=False
     )
     assert parse_overrides(["a=3", "b.c=1.5", "d=true", "e=[1, 2]", "f=word"]) == {
         "a": 3,
