@@ -15,9 +15,10 @@ Greedy is beaten at the first checkpoint whose weights (most probable actions) r
 of the closing evaluation: the lower end of the 95 % bootstrap interval of the mean paired difference is above 0.
 Checkpoints are played after all runs, outside of what is timed. They are what is compared because the learning curve
 in metrics.jsonl is that of a policy that still tries things, over whole episodes, which begin after 600 decisions a
-road. The command is therefore told to keep about 8 checkpoints spread evenly; the time is known to that distance. It is the wall_s of that update in metrics.jsonl: seconds on the clock of the run, compilation
-included, which starts after the imports (they are in "other"). Runs of one seed learn the same, so the checkpoints of
-the first are played and every run gives its own time.
+road. The command is therefore told to keep about 8 checkpoints spread evenly; the time is known to that distance. It
+is the wall_s of that update in metrics.jsonl: seconds on the clock of the run, compilation included, which starts
+after the imports (they are in "other"). Runs of one seed learn the same, so the checkpoints of the first are played
+and every run gives its own time.
 """
 
 from __future__ import annotations

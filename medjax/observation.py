@@ -13,7 +13,8 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.charging.booking import panel_flags
-from medjax.config import EnvConfig, EnvParams
+from medjax.config import PANELS, EnvConfig, EnvParams
+from medjax.need import forecast_need, free_slots, med_places
 from medjax.state import AT_DEPOT, IN_SERVICE, MERGING, NOT_BOOKED, QUEUED, EnvState
 from medjax.traffic.road import lateral_position
 
@@ -22,6 +23,7 @@ EV_FEATURES = 8
 CLOCK_FEATURES = 4
 # A cooldown may be 0, so it is scaled by a fixed time.
 COOLDOWN_UNIT_S = 20.0
+NEED_WINDOW_S = 60.0
 FAR_KM = 2.0  # beyond that a MED matters little to a ramp
 
 
@@ -148,7 +150,8 @@ class RoadProfile:
     At each node: EVs without a booking by state of charge (`soc_nodes`), EVs booked, EVs charging;
     MEDs waiting or merging (a waiting one at its ramp), MEDs in service, their state of charge, their
     free slots. Then, for each ramp, the way in km to the next MED ahead of it, and to the next one
-    behind it, at most FAR_KM. Then time left and the share at the depot, each by nodes
+    behind it, at most FAR_KM, and the EVs that will need a MED from there (`forecast_need`), a MED's
+    slots being 1. Then time left and the share at the depot, each by nodes
     (`clock_nodes`), and the clock of `Observation`.
     """
 
@@ -159,7 +162,7 @@ class RoadProfile:
     def size(self, config: EnvConfig) -> int:
         """Length of the vector."""
         nodes = self.road_nodes * (self.soc_nodes + 2 + 4) + 2 * self.clock_nodes
-        return nodes + 2 * config.num_ramps + CLOCK_FEATURES
+        return nodes + 3 * config.num_ramps + CLOCK_FEATURES
 
     def __call__(self, state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
         """`(size,)` float32."""
@@ -174,16 +177,14 @@ class RoadProfile:
         ev_place = vehicles.x[config.ev_slots] / params.road.length_m
 
         waits = meds.status == QUEUED
-        ramps = params.road.ramp_x_m if config.num_ramps else jnp.zeros((1,))
-        med_x = jnp.where(waits, ramps[meds.ramp], vehicles.x[config.med_slots])
+        med_x = med_places(state, config, params)
         serves = meds.status == IN_SERVICE
-        taken = panel_flags(evs.med, evs.panel, evs.med != NOT_BOOKED, config.num_meds)
         med_columns = jnp.stack(
             [
                 waits | (meds.status == MERGING),
                 serves,
                 jnp.where(serves, meds.energy_j / params.med_capacity_j, 0.0),
-                jnp.where(serves, jnp.sum(~taken, axis=1), 0),
+                jnp.where(serves, free_slots(state, config), 0),
             ],
             axis=1,
         )
@@ -199,6 +200,7 @@ class RoadProfile:
             (hat_weights(med_place, self.road_nodes).T @ med_columns).ravel(),
             jnp.min(jnp.where(ahead_km >= 0.0, ahead_km, FAR_KM), axis=0, initial=FAR_KM),
             jnp.min(jnp.where(ahead_km < 0.0, -ahead_km, FAR_KM), axis=0, initial=FAR_KM),
+            forecast_need(state, config, params, NEED_WINDOW_S) / len(PANELS),
             hat_weights(clock[jnp.array([0, 2])], self.clock_nodes).ravel(),
             clock,
         ]

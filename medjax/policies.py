@@ -11,12 +11,10 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.booking import panel_flags
 from medjax.config import EnvParams
 from medjax.env import ChargingEnv
-from medjax.state import AT_DEPOT, NOT_BOOKED, QUEUED, EnvState
-from medjax.tick import drive_energy
-from medjax.traffic.demand import entries, entry_rates
+from medjax.need import forecast_need
+from medjax.state import AT_DEPOT, NOT_BOOKED, EnvState
 
 Act = Callable[[jax.Array, EnvState, EnvParams], jax.Array]
 
@@ -101,51 +99,6 @@ def greedy(env: ChargingEnv) -> Act:
     return act
 
 
-def forecast_need(
-    env: ChargingEnv, state: EnvState, params: EnvParams, window_s: float
-) -> jax.Array:
-    """EVs in need of a MED from each ramp within the window, less free slots, `(num_ramps,)` float32.
-
-    In need are EVs that do not come to the end of the road on what they have at cruising speed: those without
-    a booking on the way to the ramp that could catch up with the MED within the window, and those that the known
-    demand brings in time, on average. Free slots are those of the MEDs that are as near.
-    """
-    config, road, demand = env.config, params.road, params.demand
-    cruise = jnp.asarray(params.drivers.desired_speed[-1])
-    per_metre = drive_energy(cruise, cruise, params.ev, 1.0) / cruise
-    closing = jnp.maximum(cruise - params.fleet.service_speed, 1e-3)
-    window_m = closing * window_s  # that an EV gains on a MED
-
-    def ahead_of(x: jax.Array) -> jax.Array:
-        """Way from places to the ramps, `(num_ramps, ...)` m."""
-        return road.ramp_x_m[:, None] - x[None, :]
-
-    x = state.vehicles.x[config.ev_slots]
-    runs_out = state.evs.energy_j < (road.length_m - x) * per_metre
-    needy = state.vehicles.active[config.ev_slots] & runs_out & (state.evs.med == NOT_BOOKED)
-    way = ahead_of(x)
-    there = jnp.sum(needy & (way <= window_m) & (way >= -params.charging.reach_behind_m), axis=1)
-
-    where = entries(road, config.num_lanes)
-    charge = (road.length_m - where.x) * per_metre / params.ev_capacity_j  # that the rest takes
-    range_of_charge = jnp.maximum(demand.arrival_soc_high - demand.arrival_soc_low, 1e-6)
-    share = jnp.clip((charge - demand.arrival_soc_low) / range_of_charge, 0.0, 1.0)
-    rate = entry_rates(demand, config.num_lanes) * demand.ev_share * share
-    way = ahead_of(where.x)
-    # Who enters behind the ramp must do so early enough to catch up.
-    time = jnp.where(way >= 0.0, jnp.maximum(window_s - way / closing, 0.0), 0.0)
-    coming = jnp.sum(rate * time, axis=1)
-
-    meds, evs = state.meds, state.evs
-    waits = meds.status == QUEUED
-    on_way = waits | state.vehicles.active[config.med_slots]
-    med_x = jnp.where(waits, road.ramp_x_m[meds.ramp], state.vehicles.x[config.med_slots])
-    taken = panel_flags(evs.med, evs.panel, evs.med != NOT_BOOKED, config.num_meds)
-    free = jnp.where(on_way, jnp.sum(~taken, axis=1), 0)
-    near = jnp.abs(ahead_of(med_x)) <= window_m
-    return there + coming - jnp.sum(jnp.where(near, free, 0), axis=1)
-
-
 def forecast(env: ChargingEnv, window_s: float = 60.0, enough: float = 4.0) -> Act:
     """Sends a MED where most EVs will be in need of it (`forecast_need`), once `enough` are.
 
@@ -155,7 +108,7 @@ def forecast(env: ChargingEnv, window_s: float = 60.0, enough: float = 4.0) -> A
         return none(env)
 
     def act(key: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
-        need = forecast_need(env, state, params, window_s)
+        need = forecast_need(state, env.config, params, window_s)
         send = (need.max() >= enough) & env.action_mask(state, params)[-1]
         return jnp.where(send, 1 + jnp.argmax(need), 0).astype(jnp.int32)
 

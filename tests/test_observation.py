@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import medjax
+from medjax.need import forecast_need
 from medjax.observation import FlatObservation, RoadProfile
 from medjax.state import IN_SERVICE, MERGING, QUEUED
 
@@ -130,7 +131,9 @@ def test_profile_by_hand(busy):
     assert got.shape == (profile.size(config),)
     np.testing.assert_allclose(got[: 17 * 8].reshape(17, 8), expected_evs, atol=1e-3)
     np.testing.assert_allclose(got[17 * 8 : 17 * 12].reshape(17, 4), expected_meds, atol=1e-3)
-    np.testing.assert_allclose(got[17 * 12 : -16], np.concatenate([ahead, behind]), atol=1e-5)
+    np.testing.assert_allclose(got[17 * 12 : -20], np.concatenate([ahead, behind]), atol=1e-5)
+    need = forecast_need(state, config, params, 60.0)  # itself by hand in test_policies.py
+    np.testing.assert_allclose(got[-20:-16], need / 4, atol=1e-5)
     clock = np.asarray(env.observe(state, params).clock)
     nodes = [[share(clock[index], node, 6) for node in range(6)] for index in (0, 2)]
     np.testing.assert_allclose(got[-16:-4].reshape(2, 6), nodes, atol=1e-6)

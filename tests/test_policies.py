@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.policies import forecast_need
+from medjax.need import forecast_need
 from medjax.state import QUEUED
 from medjax.tick import drive_energy
 
@@ -129,6 +129,6 @@ def test_forecast_counts_who_will_run_out(paper):
             there = place[int(state.meds.ramp[med])] if status[med] == QUEUED else x[med]
             if (status[med] == QUEUED or active[med]) and abs(at - there) <= closing * window:
                 expected[ramp] -= 4 - sum(int(other) == med for other in state.evs.med)
-    got = forecast_need(env, state, params, window)
+    got = forecast_need(state, env.config, params, window)
     np.testing.assert_allclose(got, expected, atol=1e-3)
     assert active[:15].any()

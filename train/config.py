@@ -94,9 +94,9 @@ class TrainConfig:
     num_epochs: int = option(4, "PPO", "passes over each rollout", low=1)
     learning_rate: float = option(1e-3, "PPO", "of Adam, at the start", flags=("--lr",), above=0)
     anneal: bool = option(True, "PPO", "let the learning rate fall linearly to 0")
-    gamma: float = option(0.998, "PPO", "discount per decision", low=0, high=1)
+    gamma: float = option(0.9995, "PPO", "discount per decision", low=0, high=1)
     gae_lambda: float = option(
-        0.97, "PPO", "decay of the advantage trace per choice", low=0, high=1
+        0.95, "PPO", "decay of the advantage trace per choice", low=0, high=1
     )
     clip_epsilon: float = option(
         0.2, "PPO", "clip of the ratio, eq. (9)", flags=("--clip",), above=0

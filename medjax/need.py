@@ -1,0 +1,67 @@
+"""Who will need a MED: what the known demand and the EVs' charge say about the next minute."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from medjax.charging.booking import panel_flags
+from medjax.config import EnvConfig, EnvParams
+from medjax.state import NOT_BOOKED, QUEUED, EnvState
+from medjax.tick import drive_energy
+from medjax.traffic.demand import entries, entry_rates
+
+
+def med_places(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """Where MEDs are, `(M,)` m: one that waits is at its ramp; one that is not on its way is anywhere."""
+    ramp_x_m = params.road.ramp_x_m if config.num_ramps else jnp.zeros((1,))
+    waits = state.meds.status == QUEUED
+    return jnp.where(waits, ramp_x_m[state.meds.ramp], state.vehicles.x[config.med_slots])
+
+
+def free_slots(state: EnvState, config: EnvConfig) -> jax.Array:
+    """Slots that no EV has booked, `(M,)` int32, of every MED."""
+    evs = state.evs
+    taken = panel_flags(evs.med, evs.panel, evs.med != NOT_BOOKED, config.num_meds)
+    return jnp.sum(~taken, axis=1)
+
+
+def forecast_need(
+    state: EnvState, config: EnvConfig, params: EnvParams, window_s: float
+) -> jax.Array:
+    """EVs in need of a MED from each ramp within the window, less free slots, `(num_ramps,)` float32.
+
+    In need are EVs that do not come to the end of the road on what they have at cruising speed: those without
+    a booking on the way to the ramp that could catch up with the MED within the window, and those that the known
+    demand brings in time, on average. Free slots are those of the MEDs that are as near.
+    """
+    road, demand = params.road, params.demand
+    cruise = jnp.asarray(params.drivers.desired_speed[-1])
+    per_metre = drive_energy(cruise, cruise, params.ev, 1.0) / cruise
+    closing = jnp.maximum(cruise - params.fleet.service_speed, 1e-3)
+    window_m = closing * window_s  # that an EV gains on a MED
+
+    def ahead_of(x: jax.Array) -> jax.Array:
+        """Way from places to the ramps, `(num_ramps, ...)` m."""
+        return road.ramp_x_m[:, None] - x[None, :]
+
+    x = state.vehicles.x[config.ev_slots]
+    runs_out = state.evs.energy_j < (road.length_m - x) * per_metre
+    needy = state.vehicles.active[config.ev_slots] & runs_out & (state.evs.med == NOT_BOOKED)
+    way = ahead_of(x)
+    there = jnp.sum(needy & (way <= window_m) & (way >= -params.charging.reach_behind_m), axis=1)
+
+    where = entries(road, config.num_lanes)
+    charge = (road.length_m - where.x) * per_metre / params.ev_capacity_j  # that the rest takes
+    range_of_charge = jnp.maximum(demand.arrival_soc_high - demand.arrival_soc_low, 1e-6)
+    share = jnp.clip((charge - demand.arrival_soc_low) / range_of_charge, 0.0, 1.0)
+    rate = entry_rates(demand, config.num_lanes) * demand.ev_share * share
+    way = ahead_of(where.x)
+    # Who enters behind the ramp must do so early enough to catch up.
+    time = jnp.where(way >= 0.0, jnp.maximum(window_s - way / closing, 0.0), 0.0)
+    coming = jnp.sum(rate * time, axis=1)
+
+    on_way = (state.meds.status == QUEUED) | state.vehicles.active[config.med_slots]
+    near = jnp.abs(ahead_of(med_places(state, config, params))) <= window_m
+    free = jnp.where(on_way, free_slots(state, config), 0)
+    return there + coming - jnp.sum(jnp.where(near, free, 0), axis=1)
