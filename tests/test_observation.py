@@ -158,3 +158,11 @@ def test_profile_ignores_the_order_of_slots(busy):
     profile = RoadProfile()
     before, after = (profile(s, env.config, params) for s in (state, swapped))
     np.testing.assert_allclose(before, after, atol=1e-4)
+
+
+def test_profile_of_a_road_without_ramps():
+    """It has no features of ramps, and its size says so."""
+    env, params = medjax.make("paper", observation="profile", num_ramps=0)
+    obs, _ = env.reset(jax.random.key(0), params)
+    assert obs.shape == (env.observation.size(env.config),) == (17 * 12 + 2 * 6 + 4,)
+    assert np.isfinite(obs).all()

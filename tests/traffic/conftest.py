@@ -62,8 +62,8 @@ def play(quiet):
 
 @pytest.fixture(scope="package")
 def each_tick():
-    """The preset as it is, but one tick a decision: `step_env` then shows every tick."""
-    return medjax.make("paper", ticks_per_decision=1)
+    """The preset with one tick a decision, so that `step_env` shows every tick, and merging all the time."""
+    return medjax.make("paper", ticks_per_decision=1, ramp_per_h=600.0, cooldown_s=20.0)
 
 
 @pytest.fixture(scope="package")
