@@ -27,7 +27,7 @@ class DecideEvery:
     that may change its mind at each of them gains next to nothing from a single one, and does not learn it.
 
     Attributes:
-        env: its states must have `time`, the decisions taken in the episode.
+        env: a single environment.
         interval: decisions from one choice to the next, at least 1.
 
     Raises:

@@ -16,7 +16,10 @@ StepResult = tuple[Observation, State, jax.Array, jax.Array, jax.Array, Info]
 
 
 class Environment(Protocol):
-    """One environment, written for a single episode and vectorised by the caller with `jax.vmap`."""
+    """One environment, written for a single episode and vectorised by the caller with `jax.vmap`.
+
+    Its states have `time`, () int32: decisions taken in the episode.
+    """
 
     @property
     def name(self) -> str:

@@ -30,7 +30,15 @@ def test_train_and_evaluate(compiled_programs, tmp_path, capsys):
     out = tmp_path / "out.json"
     assert evaluate.main([f"--run-dir={run}", "--episodes=4", f"--json={out}"]) == 0
     result = json.loads(out.read_text())
-    assert set(result["policies"]) == {"ppo", "none", "random", "periodic", "paced", "greedy", "forecast"}
+    assert set(result["policies"]) == {
+        "ppo",
+        "none",
+        "random",
+        "periodic",
+        "paced",
+        "greedy",
+        "forecast",
+    }
     assert result["policies"]["none"]["meds_dispatched"] == 0.0
     assert result["policies"]["random"]["invalid_actions"] == 0.0
     for name in ("depleted_share", "mean_range_m", "mean_soc", "meds_dispatched"):
