@@ -99,7 +99,7 @@ def greedy(env: ChargingEnv) -> Act:
     return act
 
 
-def forecast(env: ChargingEnv, window_s: float = 60.0, enough: float = 4.0) -> Act:
+def forecast(env: ChargingEnv, window_s: float = 45.0, enough: float = 3.5) -> Act:
     """Sends a MED where most EVs will be in need of it (`forecast_need`), once `enough` are.
 
     The defaults are those that do best on `paper`: `python -m benchmarks.tune` compares them.
