@@ -62,10 +62,12 @@ def test_books_balance_in_every_tick():
     on_road = np.asarray(before.vehicles.active)
     capacity = float(params.med_capacity_j)
     med_used = np.where(on_road[..., config.med_slots], driving(params.med, config.med_slots), 0.0)
-    med_change = np.asarray(after.meds.energy_j - before.meds.energy_j, np.float64)
-    np.testing.assert_allclose(
-        -med_change.sum(-1), sent + med_used.sum(-1), rtol=1e-4, atol=16 * 6e-8 * capacity
-    )
+    old, new = (np.asarray(s.meds.energy_j, np.float64) for s in (before, after))
+    # What braking gives back does not fit into a full battery; a full MED has sent nothing.
+    inside = new < capacity * (1 - 1e-6)
+    given = np.where(inside, old - new - med_used, 0.0)
+    np.testing.assert_allclose(given.sum(-1), sent, rtol=1e-4, atol=16 * 6e-8 * capacity)
+    assert (new <= capacity * (1 + 1e-6)).all()
 
     ev_used = np.where(on_road[..., config.ev_slots], driving(params.ev, config.ev_slots), 0.0)
     old, new = (np.asarray(s.evs.energy_j, np.float64) for s in (before, after))
