@@ -86,11 +86,11 @@ def test_demand_and_drivers_are_those_of_medjax(workload):
     rates = {flow.get("id"): float(flow.get("period")[4:-1]) * 3600 for flow in root.iter("flow")}
     main = [rate for name, rate in rates.items() if name.startswith("main")]
     ramps = [rate for name, rate in rates.items() if name.startswith("ramp")]
-    assert main == pytest.approx([700.0] * 4, rel=1e-4)
-    assert ramps == pytest.approx([300.0] * 4, rel=1e-4)
+    assert main == pytest.approx([650.0] * 4, rel=1e-4)
+    assert ramps == pytest.approx([250.0] * 4, rel=1e-4)
     human, autonomous, gas = root.iter("vType")
     shares = [float(kind.get("probability")) for kind in (human, autonomous, gas)]
-    assert shares == pytest.approx([0.15, 0.15, 0.7])
+    assert shares == pytest.approx([0.06, 0.06, 0.88])
     assert [float(kind.get("tau")) for kind in (human, autonomous, gas)] == pytest.approx(
         [1.4, 1.2, 1.4]
     )
