@@ -51,7 +51,7 @@ def episodes_parser(name: str, description: str | None, episodes: int, seed: int
     parser.add_argument(
         "--episodes", type=whole_number(least=2), default=episodes, help="of each policy"
     )
-    parser.add_argument("--seed", type=positive, default=seed, help="of the episodes tuned on")
+    parser.add_argument("--seed", type=whole_number(least=0), default=seed, help="which episodes")
     add_scenario(parser)
     return parser
 

@@ -53,20 +53,18 @@ def play_now_and_then(
       As `train.evaluation.Evaluation.play`, for one policy.
     """
     mesh = environment_mesh(episodes)
-    keys = episode_keys(seed, episodes)
+    streams = jax.vmap(jax.random.split, (0, None))(episode_keys(seed, episodes), 3)
 
     def plan(rows: tuple[jax.Array, Any], same: tuple[jax.Array, Any]) -> jax.Array:
         """Actions; keys of their own stream, so that the futures that are tried are not what will happen."""
         (keys, states), (number, params) = rows, same
-        streams = jax.vmap(jax.random.split, (0, None))(keys, 3)
-        keys = jax.vmap(jax.random.fold_in, (0, None))(streams[:, ACT], number)
+        keys = jax.vmap(jax.random.fold_in, (0, None))(keys, number)
         # One episode after the other: its futures fill the cache.
         return jax.lax.map(lambda row: act(row[0], row[1], params), (keys, states))
 
     def advance(rows: tuple[jax.Array, Any, jax.Array, jax.Array], params: Any) -> Any:
         """The decisions until the next question."""
         keys, states, totals, actions = rows
-        streams = jax.vmap(jax.random.split, (0, None))(keys, 3)
 
         def decide(
             state: Any, total: jax.Array, key: jax.Array, action: jax.Array
@@ -79,19 +77,18 @@ def play_now_and_then(
 
         def body(index: jax.Array, carry: tuple[Any, jax.Array]) -> tuple[Any, jax.Array]:
             now = jnp.where(index == 0, actions, 0)
-            return jax.vmap(decide)(*carry, streams[:, STEP], now)
+            return jax.vmap(decide)(*carry, keys, now)
 
         return jax.lax.fori_loop(0, interval, body, (states, totals))
 
     ask = jax.jit(on_devices(mesh, plan))
     go_on = jax.jit(on_devices(mesh, advance))
-    streams = jax.vmap(jax.random.split, (0, None))(keys, 3)
     _, states = jax.jit(jax.vmap(env.reset, (0, None)))(streams[:, RESET], params)
     totals = jnp.zeros((episodes,))
     asked = -(-int(params.episode_decisions) // interval)
     for number in tqdm(range(asked), "planning", disable=None, leave=False):
-        actions = ask((keys, states), (jnp.int32(number), params))
-        states, totals = go_on((keys, states, totals, actions), params)
+        actions = ask((streams[:, ACT], states), (jnp.int32(number), params))
+        states, totals = go_on((streams[:, STEP], states, totals, actions), params)
     scores = {"return": totals, **jax.vmap(episode_metrics)(states.tally)}
     return {name: np.asarray(values, np.float64) for name, values in scores.items()}
 
@@ -122,7 +119,7 @@ def main(arguments: list[str] | None = None) -> None:
             env, params, planner, options.interval, options.episodes, options.seed
         )
     }
-    rules = {name: baseline(BASELINES[name](env)) for name in {options.base, "none"}}
+    rules = {name: baseline(BASELINES[name](env)) for name in dict.fromkeys([options.base, "none"])}
     scores |= evaluate_policies(env, params, rules, options.episodes, options.seed)
     rows = {}
     print(f"{options.episodes} episodes of {options.scenario}, seed {options.seed}")

@@ -128,6 +128,27 @@ def _lane_changes(
     return turn.direction * (may_change & place_group(changes, turn, config.num_vehicles))
 
 
+def _step(
+    vehicles: Vehicles, command: jax.Array, steps: jax.Array, config: EnvConfig, params: EnvParams
+) -> Vehicles:
+    """Motion of one tick under accelerations `(N,)` m/s2 and lane changes `(N,)` of -1, 0 or 1."""
+    x, speed = ballistic_step(vehicles.x, vehicles.speed, command, config.tick_s)
+    offset, lateral_speed = lateral_step(
+        vehicles.lateral_offset - steps * params.road.lane_width_m,
+        vehicles.lateral_speed,
+        vehicles.wander,
+        params.motion.lateral_rate,
+        config.tick_s,
+    )
+    return vehicles.replace(
+        x=jnp.where(vehicles.active, x, vehicles.x),
+        speed=jnp.where(vehicles.active, speed, vehicles.speed),
+        lane=vehicles.lane + steps,
+        lateral_offset=offset,
+        lateral_speed=lateral_speed,
+    )
+
+
 def move(
     state: EnvState, drivers: Drivers, tick: jax.Array, config: EnvConfig, params: EnvParams
 ) -> tuple[Vehicles, Tally]:
@@ -183,23 +204,8 @@ def move(
 
     with jax.named_scope("motion"):
         command = jnp.clip(command, -params.motion.max_braking, followers.max_acceleration)
-        x, speed = ballistic_step(vehicles.x, vehicles.speed, command, config.tick_s)
-        offset, lateral_speed = lateral_step(
-            vehicles.lateral_offset - steps * params.road.lane_width_m,
-            vehicles.lateral_speed,
-            vehicles.wander,
-            params.motion.lateral_rate,
-            config.tick_s,
-        )
+        moved = _step(vehicles, command, steps, config, params).replace(road_order=order)
     overlapping = has_leader & (gap_between(followers, leader) < 0.0)
-    moved = vehicles.replace(
-        x=jnp.where(vehicles.active, x, vehicles.x),
-        speed=jnp.where(vehicles.active, speed, vehicles.speed),
-        lane=vehicles.lane + steps,
-        lateral_offset=offset,
-        lateral_speed=lateral_speed,
-        road_order=order,
-    )
     tally = Tally.zeros().replace(
         lane_changes=jnp.sum(jnp.abs(steps), dtype=jnp.float32),
         collisions=jnp.sum(overlapping, dtype=jnp.float32),

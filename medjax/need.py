@@ -1,4 +1,4 @@
-"""Who will need a MED: what the known demand and the EVs' charge say about the next minute."""
+"""Who will need a MED soon: what the known demand and the charge of the EVs say."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from medjax.traffic.demand import entries, entry_rates
 
 
 def med_places(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Where MEDs are, `(M,)` m: one that waits is at its ramp; one that is not on its way is anywhere."""
+    """Where MEDs are, `(M,)` m: one that waits is at its ramp; inf for one that is not on its way."""
     ramp_x_m = params.road.ramp_x_m if config.num_ramps else jnp.zeros((1,))
-    waits = state.meds.status == QUEUED
-    return jnp.where(waits, ramp_x_m[state.meds.ramp], state.vehicles.x[config.med_slots])
+    vehicles, slots = state.vehicles, config.med_slots
+    on_road = jnp.where(vehicles.active[slots], vehicles.x[slots], jnp.inf)
+    return jnp.where(state.meds.status == QUEUED, ramp_x_m[state.meds.ramp], on_road)
 
 
 def free_slots(state: EnvState, config: EnvConfig) -> jax.Array:
@@ -61,7 +62,6 @@ def forecast_need(
     time = jnp.where(way >= 0.0, jnp.maximum(window_s - way / closing, 0.0), 0.0)
     coming = jnp.sum(rate * time, axis=1)
 
-    on_way = (state.meds.status == QUEUED) | state.vehicles.active[config.med_slots]
     near = jnp.abs(ahead_of(med_places(state, config, params))) <= window_m
-    free = jnp.where(on_way, free_slots(state, config), 0)
-    return there + coming - jnp.sum(jnp.where(near, free, 0), axis=1)
+    free = jnp.sum(jnp.where(near, free_slots(state, config), 0), axis=1)
+    return there + coming - free

@@ -23,7 +23,7 @@ EV_FEATURES = 8
 CLOCK_FEATURES = 4
 # A cooldown may be 0, so it is scaled by a fixed time.
 COOLDOWN_UNIT_S = 20.0
-NEED_WINDOW_S = 60.0
+NEED_WINDOW_S = 60.0  # of the forecast that the road profile shows
 FAR_KM = 2.0  # beyond that a MED matters little to a ramp
 
 
@@ -176,12 +176,11 @@ class RoadProfile:
         )
         ev_place = vehicles.x[config.ev_slots] / params.road.length_m
 
-        waits = meds.status == QUEUED
         med_x = med_places(state, config, params)
         serves = meds.status == IN_SERVICE
         med_columns = jnp.stack(
             [
-                waits | (meds.status == MERGING),
+                (meds.status == QUEUED) | (meds.status == MERGING),
                 serves,
                 jnp.where(serves, meds.energy_j / params.med_capacity_j, 0.0),
                 jnp.where(serves, free_slots(state, config), 0),
@@ -189,19 +188,17 @@ class RoadProfile:
             axis=1,
         )
         med_place = med_x / params.road.length_m
+        ahead_km = (med_x[:, None] - params.road.ramp_x_m) / 1000.0
         clock = clock_features(state, params)
-        ahead_km = jnp.where(
-            (waits | vehicles.active[config.med_slots])[:, None],
-            (med_x[:, None] - params.road.ramp_x_m) / 1000.0,
-            jnp.inf,
-        )
+        time_left, _, at_depot, _ = clock
         parts = [
             (hat_weights(ev_place, self.road_nodes).T @ ev_columns).ravel(),
             (hat_weights(med_place, self.road_nodes).T @ med_columns).ravel(),
             jnp.min(jnp.where(ahead_km >= 0.0, ahead_km, FAR_KM), axis=0, initial=FAR_KM),
             jnp.min(jnp.where(ahead_km < 0.0, -ahead_km, FAR_KM), axis=0, initial=FAR_KM),
             forecast_need(state, config, params, NEED_WINDOW_S) / len(PANELS),
-            hat_weights(clock[jnp.array([0, 2])], self.clock_nodes).ravel(),
+            hat_weights(time_left, self.clock_nodes),
+            hat_weights(at_depot, self.clock_nodes),
             clock,
         ]
         return jnp.concatenate(parts).astype(jnp.float32)

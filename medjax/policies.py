@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from medjax.config import EnvParams
 from medjax.env import ChargingEnv
 from medjax.need import forecast_need
-from medjax.state import AT_DEPOT, NOT_BOOKED, EnvState
+from medjax.state import NOT_BOOKED, EnvState
 
 Act = Callable[[jax.Array, EnvState, EnvParams], jax.Array]
 
@@ -85,34 +85,39 @@ def stranded_need(env: ChargingEnv, state: EnvState, params: EnvParams) -> jax.A
     return jnp.sum(meets & needy, axis=1)
 
 
-def greedy(env: ChargingEnv) -> Act:
-    """Sends a MED where most low EVs without a slot are about to pass, once two or more are."""
+def _where_needed(
+    env: ChargingEnv, need: Callable[[EnvState, EnvParams], jax.Array], enough: float
+) -> Act:
+    """Sends a MED from the ramp of the greatest need `(num_ramps,)`, once it is `enough`."""
     if not env.config.num_ramps:
         return none(env)
 
     def act(key: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
-        need = stranded_need(env, state, params)
-        enough = (need.max() >= 2) & jnp.any(state.meds.status == AT_DEPOT)
-        send = enough & env.action_mask(state, params)[-1]
-        return jnp.where(send, 1 + jnp.argmax(need), 0).astype(jnp.int32)
+        needs = need(state, params)
+        send = (needs.max() >= enough) & env.action_mask(state, params)[-1]
+        return jnp.where(send, 1 + jnp.argmax(needs), 0).astype(jnp.int32)
 
     return act
+
+
+def greedy(env: ChargingEnv) -> Act:
+    """Sends a MED where most low EVs without a slot are about to pass, once two or more are."""
+    return _where_needed(env, lambda state, params: stranded_need(env, state, params), 2.0)
 
 
 def forecast(env: ChargingEnv, window_s: float = 45.0, enough: float = 3.5) -> Act:
     """Sends a MED where most EVs will be in need of it (`forecast_need`), once `enough` are.
 
     The defaults are those that do best on `paper`: `python -m benchmarks.tune` compares them.
+
+    Args:
+      window_s: s that the forecast looks ahead.
+      enough: EVs.
     """
-    if not env.config.num_ramps:
-        return none(env)
-
-    def act(key: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
-        need = forecast_need(state, env.config, params, window_s)
-        send = (need.max() >= enough) & env.action_mask(state, params)[-1]
-        return jnp.where(send, 1 + jnp.argmax(need), 0).astype(jnp.int32)
-
-    return act
+    config = env.config
+    return _where_needed(
+        env, lambda state, params: forecast_need(state, config, params, window_s), enough
+    )
 
 
 def look_ahead(env: ChargingEnv, base: Act, samples: int = 8, horizon_s: float = 240.0) -> Act:
@@ -135,6 +140,7 @@ def look_ahead(env: ChargingEnv, base: Act, samples: int = 8, horizon_s: float =
         def decide(
             carry: tuple[EnvState, jax.Array], number: jax.Array
         ) -> tuple[tuple[EnvState, jax.Array], None]:
+            """One decision of it; what comes after the end of the episode does not count."""
             state, total = carry
             act_key, step_key = jax.random.split(jax.random.fold_in(key, number))
             action = jnp.where(number == 0, first, base(act_key, state, params))

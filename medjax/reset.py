@@ -18,6 +18,31 @@ def _energy_per_metre(params: EnvParams) -> jax.Array:
     return drive_energy(cruise, cruise, params.ev, 1.0) / cruise
 
 
+def _unserved(energy_j: jax.Array, is_human: jax.Array) -> EVs:
+    """EVs with this energy `(E,)` and these drivers `(E,)` that no MED has served."""
+    not_booked = jnp.full(energy_j.shape, NOT_BOOKED, jnp.int32)
+    return EVs(
+        energy_j=energy_j,
+        is_human=is_human,
+        med=not_booked,
+        panel=not_booked,
+        is_charging=jnp.zeros(energy_j.shape, bool),
+        timer_s=jnp.zeros(energy_j.shape),
+        served=jnp.zeros(energy_j.shape, bool),
+    )
+
+
+def _at_depot(config: EnvConfig, params: EnvParams) -> MEDs:
+    """The fleet, full and at the depot; slots beyond its size hold MEDs that never come."""
+    exists = jnp.arange(config.num_meds) < params.fleet.size
+    return MEDs(
+        energy_j=jnp.full((config.num_meds,), params.med_capacity_j, jnp.float32),
+        status=jnp.where(exists, AT_DEPOT, RETIRED).astype(jnp.int32),
+        ramp=jnp.zeros((config.num_meds,), jnp.int32),
+        ready_in_s=jnp.full((config.num_meds,), jnp.inf, jnp.float32),
+    )
+
+
 def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvState:
     """Draws a road already filled to match the demand.
 
@@ -65,27 +90,10 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
         wander=wander,
         road_order=jnp.arange(config.num_vehicles, dtype=jnp.int32),
     )
-    not_booked = jnp.full((config.num_evs,), NOT_BOOKED, jnp.int32)
-    evs = EVs(
-        energy_j=jnp.maximum(energy, 0.0),
-        is_human=is_human,
-        med=not_booked,
-        panel=not_booked,
-        is_charging=jnp.zeros((config.num_evs,), bool),
-        timer_s=jnp.zeros((config.num_evs,)),
-        served=jnp.zeros((config.num_evs,), bool),
-    )
-    exists = jnp.arange(config.num_meds) < params.fleet.size
-    meds = MEDs(
-        energy_j=jnp.full((config.num_meds,), params.med_capacity_j, jnp.float32),
-        status=jnp.where(exists, AT_DEPOT, RETIRED).astype(jnp.int32),
-        ramp=jnp.zeros((config.num_meds,), jnp.int32),
-        ready_in_s=jnp.full((config.num_meds,), jnp.inf, jnp.float32),
-    )
     return EnvState(
         vehicles=vehicles,
-        evs=evs,
-        meds=meds,
+        evs=_unserved(jnp.maximum(energy, 0.0), is_human),
+        meds=_at_depot(config, params),
         queue=jnp.zeros((config.num_entries,), jnp.int32),
         next_is_ev=jax.random.bernoulli(next_key, demand.ev_share, (config.num_entries,)),
         cooldown_s=jnp.zeros(()),

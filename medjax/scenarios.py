@@ -73,6 +73,49 @@ def build_link(design: CoilDesign, params: LinkParams | None = None) -> LinkPara
     )
 
 
+NISSAN_LEAF = BodyParams(  # 30 kWh (reference: ev_energy.csv)
+    mass_kg=1636.03,
+    drag_coefficient=0.315,
+    frontal_area_m2=2.755,
+    rolling_resistance=0.008,
+    rotational_inertia_factor=1.01765,
+    drivetrain_efficiency=0.90,
+    regeneration_efficiency=0.6,
+    auxiliary_w=250.0,
+    pack_j=30.0 * JOULES_PER_KWH,
+)
+TRUCK = BodyParams(
+    mass_kg=15076.0,
+    drag_coefficient=0.8,
+    frontal_area_m2=10.0,
+    rolling_resistance=0.0092,
+    rotational_inertia_factor=1.01765,
+    drivetrain_efficiency=0.90,
+    regeneration_efficiency=0.6,
+    auxiliary_w=1000.0,
+    pack_j=400.0 * JOULES_PER_KWH,
+)
+
+CHARGING = ChargingParams(
+    request_soc=0.4,
+    target_soc=0.8,
+    reach_ahead_m=400.0,
+    reach_behind_m=100.0,
+    patience_s=60.0,
+    retry_s=10.0,
+    approach_speed=8.0,
+    approach_rate=0.35,
+    speed_rate=1.0,
+    platoon_headway=0.3,
+    platoon_min_gap=2.0,
+    dock_gap_m=12.0,
+    dock_tolerance_m=0.3,
+    dock_speed_tolerance=0.5,
+    hold_tolerance_m=0.6,
+    slot_power_w=40e3,
+)
+
+
 def _drivers() -> DriverParams:
     # Columns: MED, human-driven EV, autonomous EV, gas vehicle.
     def kinds(*values: float) -> jax.Array:
@@ -131,47 +174,10 @@ def _paper(config: EnvConfig) -> EnvParams:
             service_lane=max(0, min(2, config.num_lanes - 2)),
             reserve_soc=0.1,
         ),
-        charging=ChargingParams(
-            request_soc=0.4,
-            target_soc=0.8,
-            reach_ahead_m=400.0,
-            reach_behind_m=100.0,
-            patience_s=60.0,
-            retry_s=10.0,
-            approach_speed=8.0,
-            approach_rate=0.35,
-            speed_rate=1.0,
-            platoon_headway=0.3,
-            platoon_min_gap=2.0,
-            dock_gap_m=12.0,
-            dock_tolerance_m=0.3,
-            dock_speed_tolerance=0.5,
-            hold_tolerance_m=0.6,
-            slot_power_w=40e3,
-        ),
+        charging=CHARGING,
         link=build_link(CoilDesign()),
-        ev=BodyParams(  # Nissan Leaf 30 kWh (reference: ev_energy.csv)
-            mass_kg=1636.03,
-            drag_coefficient=0.315,
-            frontal_area_m2=2.755,
-            rolling_resistance=0.008,
-            rotational_inertia_factor=1.01765,
-            drivetrain_efficiency=0.90,
-            regeneration_efficiency=0.6,
-            auxiliary_w=250.0,
-            pack_j=30.0 * JOULES_PER_KWH,
-        ),
-        med=BodyParams(
-            mass_kg=15076.0,
-            drag_coefficient=0.8,
-            frontal_area_m2=10.0,
-            rolling_resistance=0.0092,
-            rotational_inertia_factor=1.01765,
-            drivetrain_efficiency=0.90,
-            regeneration_efficiency=0.6,
-            auxiliary_w=1000.0,
-            pack_j=400.0 * JOULES_PER_KWH,
-        ),
+        ev=NISSAN_LEAF,
+        med=TRUCK,
         battery_scale=30.0,
         reward_weights={
             "depleted": -11.9,

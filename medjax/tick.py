@@ -48,6 +48,14 @@ def drive_energy(before: jax.Array, after: jax.Array, body: BodyParams, dt: floa
     )
 
 
+def _driven(
+    before: Vehicles, after: Vehicles, slots: slice, body: BodyParams, tick_s: float
+) -> jax.Array:
+    """Energy that driving takes from each battery in a tick, J; 0 off the road."""
+    energy = drive_energy(before.speed[slots], after.speed[slots], body, tick_s)
+    return jnp.where(before.active[slots], energy, 0.0)
+
+
 def _exchange(
     before: Vehicles,
     after: Vehicles,
@@ -91,20 +99,8 @@ def _exchange(
         efficiency = coupling_efficiency(geometry, params.link)
 
     with jax.named_scope("energy"):
-        on_road = before.active[ev_slots]
-        ev_use = jnp.where(
-            on_road,
-            drive_energy(before.speed[ev_slots], after.speed[ev_slots], params.ev, config.tick_s),
-            0.0,
-        )
-        med_use = jnp.where(
-            before.active[med_slots],
-            drive_energy(
-                before.speed[med_slots], after.speed[med_slots], params.med, config.tick_s
-            ),
-            0.0,
-        )
-        driven = evs.energy_j - ev_use
+        med_use = _driven(before, after, med_slots, params.med, config.tick_s)
+        driven = evs.energy_j - _driven(before, after, ev_slots, params.ev, config.tick_s)
         flow = transfer(
             efficiency,
             is_charging,

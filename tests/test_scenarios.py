@@ -103,4 +103,5 @@ def test_import_pulls_in_no_plotting():
         "import sys, medjax; bad = {'matplotlib', 'distrax', 'optax', 'tensorboardX', 'orbax'} & "
         "set(sys.modules); sys.exit(str(bad) if bad else 0)"
     )
-    subprocess.run([sys.executable, "-c", code], check=True)
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr

@@ -1,7 +1,7 @@
 """Policies side by side on whole episodes with paired randomness."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import flax.linen as nn
@@ -44,7 +44,7 @@ def baseline(act: Callable[[jax.Array, Any, Any], jax.Array]) -> Policy:
 
 
 def trained(
-    network: nn.Module, weights: PolicyWeights, decide_every: int = 1, stochastic: bool = False
+    network: nn.Module, weights: PolicyWeights, decide_every: int, stochastic: bool = False
 ) -> Policy:
     """The learned policy: its most probable action, or a sample.
 
@@ -103,25 +103,11 @@ def make_runner(env: Environment, policies: Mapping[str, Policy], max_decisions:
         weights, params = same
         streams = jnp.repeat(jax.vmap(jax.random.split, (0, None))(keys, 3), len(acts), axis=0)
 
-        def choose(state: _Episodes, act_keys: jax.Array) -> jax.Array:
-            """Actions `(rows,)` int32, each row's by its own policy."""
-            mask = jax.vmap(env.action_mask, (0, None))(state.env, params)
-            actions = []
-            for index, (act, own) in enumerate(zip(acts, weights, strict=True)):
-                mine: Any = jax.tree.map(
-                    lambda x, index=index: x[index :: len(acts)],
-                    (act_keys, state.obs, state.env, mask),
-                )
-                chosen: jax.Array = act(own, *mine, params)
-                actions.append(chosen.astype(jnp.int32))
-            action = jnp.stack(actions, axis=1).ravel()
-            allowed = jnp.take_along_axis(mask, action[:, None], axis=1, mode="clip")[:, 0]
-            return jnp.where(allowed, action, 0)  # action 0 is always allowed
-
         def decide(state: _Episodes) -> _Episodes:
             """One decision in every row; what is over keeps its score."""
             now = jax.vmap(jax.vmap(jax.random.fold_in, (0, None)), (0, None))(streams, state.time)
-            action = choose(state, now[:, ACT])
+            mask = jax.vmap(env.action_mask, (0, None))(state.env, params)
+            action = _choose(acts, weights, (now[:, ACT], state.obs, state.env, mask), params)
             obs, env_state, reward, terminated, truncated, info = step_all(
                 now[:, STEP], state.env, action, params
             )
@@ -157,6 +143,28 @@ def make_runner(env: Environment, policies: Mapping[str, Policy], max_decisions:
         return {name: values.T for name, values in scores.items()}
 
     return jax.jit(run)
+
+
+def _choose(
+    acts: Sequence[Callable[..., Any]], weights: Sequence[Any], rows: Any, params: Any
+) -> jax.Array:
+    """Actions `(rows,)` int32, each row's by its own policy; rows of all policies take turns.
+
+    Args:
+        acts: of the policies, vectorised.
+        weights: theirs.
+        rows: keys, observations, states and masks, leaves `(rows, ...)`.
+        params: of the environment.
+    """
+    actions = []
+    for index, (act, own) in enumerate(zip(acts, weights, strict=True)):
+        mine: Any = jax.tree.map(lambda x, index=index: x[index :: len(acts)], rows)
+        chosen: jax.Array = act(own, *mine, params)
+        actions.append(chosen.astype(jnp.int32))
+    action = jnp.stack(actions, axis=1).ravel()
+    mask = rows[-1]
+    allowed = jnp.take_along_axis(mask, action[:, None], axis=1, mode="clip")[:, 0]
+    return jnp.where(allowed, action, 0)  # action 0 is always allowed
 
 
 def _first(obs: Any, env_state: Any, metric_names: list[str]) -> _Episodes:

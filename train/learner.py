@@ -32,7 +32,7 @@ from medjax.wrappers import (
 )
 from train.advantages import generalized_advantages
 from train.config import TrainConfig
-from train.losses import Batch, LossWeights, explained_variance, ppo_loss
+from train.losses import Batch, LossWeights, explained_variance, leaves_choice, ppo_loss
 from train.networks import PolicyWeights, build_network, masked_categorical
 from train.rollout import EpisodeSums, RolloutState, Trajectory, collect, start
 
@@ -182,7 +182,7 @@ class Learner:
             trajectory.terminated,
             trajectory.truncated,
             trajectory.final_value,
-            jnp.sum(trajectory.mask, axis=-1) > 1,
+            leaves_choice(trajectory.mask),
         )
         return Batch(
             obs=normalize(weights.obs_stats, trajectory.obs),

@@ -65,6 +65,11 @@ def value_loss(
     return 0.5 * error
 
 
+def leaves_choice(mask: jax.Array) -> jax.Array:
+    """Whether more than one action is allowed, `(...)` bool, by masks `(..., num_actions)`."""
+    return jnp.sum(mask, axis=-1) > 1
+
+
 def weighted_mean(x: jax.Array, weight: jax.Array) -> jax.Array:
     """Mean of `x` with `weight`, both `(...)`; 0 where all weights are."""
     return jnp.sum(x * weight) / jnp.maximum(jnp.sum(weight), 1e-8)
@@ -96,7 +101,7 @@ def ppo_loss(
         The loss `()`, and scalars that describe it.
     """
     log_prob = distribution.log_prob(batch.action)
-    choice = (jnp.sum(batch.mask, axis=-1) > 1).astype(jnp.float32)
+    choice = leaves_choice(batch.mask).astype(jnp.float32)
     advantage = standardize(batch.advantage, choice)
     surrogate = clipped_surrogate(log_prob, batch.log_prob, advantage, weights.clip_epsilon)
     policy_term = -weighted_mean(surrogate, choice)

@@ -4,6 +4,7 @@ A network maps normalised observations `(..., num_features)` to action logits `(
 both float32 whatever it computes in. `NETWORKS` names the builders; adding an entry makes it a choice of `--network`.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
@@ -98,8 +99,8 @@ class ActorCritic(nn.Module):
 
     def _initial_logits(self, key: jax.Array, shape: Sequence[int], dtype: Any) -> jax.Array:
         """Logits `(num_actions,)` of the first policy."""
-        others = jnp.maximum(self.num_actions - 1, 1)
-        wait = jnp.log(self.initial_wait / (1.0 - self.initial_wait) * others)
+        others = max(self.num_actions - 1, 1)
+        wait = math.log(self.initial_wait / (1.0 - self.initial_wait) * others)
         return jnp.zeros(shape, dtype).at[0].set(wait)
 
 

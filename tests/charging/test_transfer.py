@@ -68,6 +68,7 @@ def test_books_balance_in_every_tick():
     given = np.where(inside, old - new - med_used, 0.0)
     np.testing.assert_allclose(given.sum(-1), sent, rtol=1e-4, atol=16 * 6e-8 * capacity)
     assert (new <= capacity * (1 + 1e-6)).all()
+    assert (old - med_used >= capacity * (1 - 2e-6))[~inside].all()  # full because it had to be
 
     ev_used = np.where(on_road[..., config.ev_slots], driving(params.ev, config.ev_slots), 0.0)
     old, new = (np.asarray(s.evs.energy_j, np.float64) for s in (before, after))

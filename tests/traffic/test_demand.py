@@ -268,9 +268,10 @@ def test_queues_take_what_arrives(asked, blank):
         new = after.vehicles.active & ~waiting.vehicles.active
         where = entries(params.road, env.config.num_lanes)
         here = (after.vehicles.x == where.x[:, None]) & (after.vehicles.lane == where.lane[:, None])
-        return after.queue, jnp.sum(new & here, axis=1), tally.entered, new.sum()
+        came = jnp.sum(new & here, axis=1)
+        return after.queue, came, tally.entered, new.sum(), after.next_is_ev
 
-    queue, came, tally, new = jax.tree.map(
+    queue, came, tally, new, next_is_ev = jax.tree.map(
         np.asarray, one(jax.random.split(jax.random.key(2), rounds))
     )
     arrived = queue + came - np.asarray(waiting.queue)
@@ -281,6 +282,12 @@ def test_queues_take_what_arrives(asked, blank):
     np.testing.assert_array_equal(tally.sum(axis=1), new)
     rate = np.array([700.0] * 4 + [300.0] * 4) / 3600
     assert (np.abs(arrived.mean(axis=0) - rate) < 4 * np.sqrt(rate / rounds)).all()
+    # Who enters is of the class that was drawn; the next one's is drawn then, and only then.
+    was_ev = np.asarray(waiting.next_is_ev)
+    np.testing.assert_array_equal(tally[:, 1], came[:, was_ev].sum(axis=1))
+    drawn = next_is_ev[came == 1]
+    assert drawn.mean() == pytest.approx(0.3, abs=4 * np.sqrt(0.21 / drawn.size))
+    assert (next_is_ev == was_ev)[came == 0].all()
 
 
 @pytest.mark.parametrize("scarce", [{"num_evs": 6}, {"num_gas": 20}])

@@ -86,6 +86,8 @@ def test_run_dir_that_cannot_be_written(probe, capsys):
     refused(capsys, [*TINY, "--run-dir=file"], "file", "not a directory")
     refused(capsys, [*TINY, "--run-dir=file/run"], "file/run", "allowed: a")
     refused(capsys, [*TINY, "--run-dir=/proc/run"], "/proc/run", "cannot write")
+    assert [path.name for path in probe.iterdir()] == ["file"]
+    assert (probe / "file").read_text() == ""
 
 
 def test_bad_settings_are_found_before_the_run_dir_is_made(probe, capsys):
