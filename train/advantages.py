@@ -12,7 +12,6 @@ def generalized_advantages(
     terminated: jax.Array,
     truncated: jax.Array,
     final_value: jax.Array,
-    choice: jax.Array,
     *,
     gamma: float,
     gae_lambda: float,
@@ -23,9 +22,6 @@ def generalized_advantages(
     final observation, and the trace is cut, because the next stored step belongs to another episode. A step that
     both terminates and truncates terminates.
 
-    The trace decays by lambda where the policy chooses again, not at steps that leave one action: rewards up to the
-    next choice are the last one's, as in a semi-Markov decision process (Sutton, Precup and Singh 1999).
-
     Args:
         reward: `(num_steps, ...)`.
         value: `(num_steps, ...)`, value of the observation acted on.
@@ -33,9 +29,8 @@ def generalized_advantages(
         terminated: `(num_steps, ...)` bool.
         truncated: `(num_steps, ...)` bool.
         final_value: `(num_steps, ...)`, value of the final observation; read only where truncated.
-        choice: `(num_steps, ...)` bool, the policy had more than one action to choose from.
         gamma: discount per step.
-        gae_lambda: trace decay per choice.
+        gae_lambda: trace decay per step.
 
     Returns:
         Advantages and value targets (`advantage + value`), both `(num_steps, ...)`.
@@ -44,9 +39,7 @@ def generalized_advantages(
     next_value = jnp.where(truncated, final_value, next_value)
     next_value = jnp.where(terminated, 0.0, next_value)
     delta = reward + gamma * next_value - value
-    chooses_next = jnp.concatenate([choice[1:], jnp.ones_like(choice[:1])])
-    decay = gamma * jnp.where(chooses_next, gae_lambda, 1.0)
-    decay = jnp.where(terminated | truncated, 0.0, decay)
+    decay = jnp.where(terminated | truncated, 0.0, gamma * gae_lambda)
 
     def back(
         advantage: jax.Array, step: tuple[jax.Array, jax.Array]

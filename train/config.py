@@ -89,14 +89,19 @@ class TrainConfig:
     )
     eval_episodes: int = option(64, "run", "episodes of the closing evaluation; 0: none", low=0)
 
-    rollout_length: int = option(128, "PPO", "decisions per environment and update", low=1)
+    rollout_length: int = option(16, "PPO", "choices per environment and update", low=1)
     num_minibatches: int = option(32, "PPO", "minibatches per epoch; must divide num_envs", low=1)
     num_epochs: int = option(4, "PPO", "passes over each rollout", low=1)
     learning_rate: float = option(1e-3, "PPO", "of Adam, at the start", flags=("--lr",), above=0)
     anneal: bool = option(True, "PPO", "let the learning rate fall linearly to 0")
-    gamma: float = option(0.9995, "PPO", "discount per decision", low=0, high=1)
+    gamma: float = option(0.996, "PPO", "discount per choice", low=0, high=1)
     gae_lambda: float = option(
         0.95, "PPO", "decay of the advantage trace per choice", low=0, high=1
+    )
+    bootstrap_timeouts: bool = option(
+        False,
+        "PPO",
+        "value what would follow after the time limit; for observations without a clock",
     )
     clip_epsilon: float = option(
         0.2, "PPO", "clip of the ratio, eq. (9)", flags=("--clip",), above=0
@@ -147,7 +152,7 @@ class TrainConfig:
     @property
     def steps_per_update(self) -> int:
         """Decisions per update and seed."""
-        return self.num_envs * self.rollout_length
+        return self.num_envs * self.rollout_length * self.decide_every
 
     @property
     def num_updates(self) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 from flax import struct
 from jax import lax
 
-from medjax.wrappers import Environment, choices, environment_mesh, on_devices
+from medjax.wrappers import Environment, environment_mesh, on_devices
 from medjax.wrappers.rows import CACHED_ROWS
 from train.bootstrap import bootstrap_ci95
 from train.learner import episode_decisions
@@ -64,7 +64,7 @@ def trained(
         params: Any,
     ) -> jax.Array:
         """See `Policy.act`."""
-        considered = choices(mask, state.time, decide_every)
+        considered = mask.at[1:].set(mask[1:] & (state.time % decide_every == 0))
         distribution, _ = apply_policy(network, given, obs, considered)
         action = distribution.sample(seed=key) if stochastic else distribution.mode()
         return action.astype(jnp.int32)

@@ -32,7 +32,7 @@ from medjax.wrappers import (
 )
 from train.advantages import generalized_advantages
 from train.config import TrainConfig
-from train.losses import Batch, LossWeights, explained_variance, leaves_choice, ppo_loss
+from train.losses import Batch, LossWeights, explained_variance, ppo_loss
 from train.networks import PolicyWeights, build_network, masked_categorical
 from train.rollout import EpisodeSums, RolloutState, Trajectory, collect, start
 
@@ -152,7 +152,7 @@ class Learner:
     ) -> tuple[RolloutState, Trajectory, jax.Array, EpisodeSums]:
         """The rollout of some of the environments."""
         (state, keys), (weights, env_params) = rows, same
-        length, gamma = self.config.rollout_length, self.config.gamma
+        config = self.config
         return collect(
             self.env,
             self.network,
@@ -160,8 +160,9 @@ class Learner:
             state,
             keys,
             env_params,
-            num_steps=length,
-            gamma=gamma,
+            num_steps=config.rollout_length,
+            gamma=config.gamma,
+            bootstrap_timeouts=config.bootstrap_timeouts,
         )
 
     def _samples(
@@ -182,7 +183,6 @@ class Learner:
             trajectory.terminated,
             trajectory.truncated,
             trajectory.final_value,
-            leaves_choice(trajectory.mask),
         )
         return Batch(
             obs=normalize(weights.obs_stats, trajectory.obs),
@@ -285,10 +285,12 @@ def build_learner(env: Environment, params: Any, config: TrainConfig) -> Learner
     Raises:
         ValueError: `config.num_devices` is not possible.
     """
-    stagger = episode_decisions(params) if config.stagger else 0
+    episode_choices = -(-episode_decisions(params) // config.decide_every)
     # A device holds whole groups of the neighbours among which minibatches are dealt.
     mesh = environment_mesh(config.num_envs // config.num_minibatches, config.num_devices)
-    batch = BatchAutoReset(DecideEvery(env, config.decide_every), stagger=stagger)
+    batch = BatchAutoReset(
+        DecideEvery(env, config.decide_every), stagger=episode_choices if config.stagger else 0
+    )
     gradient_steps = config.num_epochs * config.num_minibatches
 
     def learning_rate(update: jax.Array) -> jax.Array:

@@ -86,8 +86,9 @@ def collect(
     *,
     num_steps: int,
     gamma: float,
+    bootstrap_timeouts: bool,
 ) -> tuple[RolloutState, Trajectory, jax.Array, EpisodeSums]:
-    """Acts for `num_steps` decisions in some environments, each on its own.
+    """Acts for `num_steps` steps in some environments, each on its own.
 
     Args:
         env: batch whose steps report `info["episode"]` (`medjax.wrappers.EpisodeLog`).
@@ -96,8 +97,9 @@ def collect(
         state: where the environments stand.
         keys: `(num_envs,)`, randomness of policy and environment.
         env_params: parameters of the environments.
-        num_steps: decisions per environment.
-        gamma: discount per decision.
+        num_steps: per environment.
+        gamma: discount per step.
+        bootstrap_timeouts: whether an episode that ends by time is a truncation to the learner, else a termination.
 
     Returns:
         The new state, the trajectory, the values `(num_envs,)` of the observations after it, sums over ended episodes.
@@ -107,7 +109,7 @@ def collect(
     def decide(
         carry: RolloutState, step_keys: jax.Array
     ) -> tuple[RolloutState, tuple[Trajectory, EpisodeSums]]:
-        """One decision in every environment, by keys `(num_envs, 2)`."""
+        """One step in every environment, by keys `(num_envs, 2)`."""
         act_keys, env_keys = step_keys[:, 0], step_keys[:, 1]
         with jax.named_scope("act"):
             mask = env.action_mask(carry.env, env_params)
@@ -118,6 +120,8 @@ def collect(
             obs, env_state, reward, terminated, truncated, info = env.step(
                 env_keys, carry.env, action, env_params
             )
+        if not bootstrap_timeouts:
+            terminated |= truncated & ~info["cut_short"]
         with jax.named_scope("bootstrap"):
             cut = truncated & ~terminated
             final_value = values_where(network, weights, info["final_observation"], cut, few)

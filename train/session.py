@@ -160,7 +160,7 @@ class Session:
         seeds = f" x {config.num_seeds} seeds" if config.num_seeds > 1 else ""
         print(
             f"{'resuming' if self.resumed else 'training'} {config.scenario} in {self.run_dir.path}:"
-            f" {config.num_updates} updates of {config.num_envs} x {config.rollout_length} decisions{seeds},"
+            f" {config.num_updates} updates of {config.num_envs} x {config.rollout_length} choices{seeds},"
             f" {device.platform} {device.device_kind}",
             flush=True,
         )

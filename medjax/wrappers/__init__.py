@@ -1,7 +1,7 @@
 """Wrappers around environments: auto-reset of a batch, episode log, normalisation."""
 
 from medjax.wrappers.auto_reset import BatchAutoReset, BatchState
-from medjax.wrappers.decide_every import DecideEvery, choices
+from medjax.wrappers.decide_every import DecideEvery
 from medjax.wrappers.devices import environment_mesh, on_devices, prepare_cpu
 from medjax.wrappers.episode_log import EpisodeLog, EpisodeLogState
 from medjax.wrappers.normalize import (

@@ -1,30 +1,22 @@
-"""Decisions that stand for a while."""
+"""Choices that stand for several decisions."""
 
 import dataclasses
 from typing import Any
 
 import jax
+import jax.numpy as jnp
+from jax import lax
 
 from medjax.wrappers.protocol import Environment, Observation, Params, State, StepResult
 
 
-def choices(mask: jax.Array, time: jax.Array, interval: int) -> jax.Array:
-    """What is left of the allowed actions if all but 0 are considered at every `interval`-th decision only.
-
-    Args:
-        mask: `(num_actions,)` bool, what the environment allows.
-        time: () int32, decisions taken in the episode.
-        interval: at least 1; 1 leaves the mask as it is.
-    """
-    return mask.at[1:].set(mask[1:] & (time % interval == 0))
-
-
 @dataclasses.dataclass(frozen=True)
 class DecideEvery:
-    """`env` for a policy that chooses at every `interval`-th decision and takes action 0 in between.
+    """`env` for a policy that chooses at every `interval`-th decision; action 0 is taken in between.
 
-    A choice to wait then holds for the whole interval. Where waiting pays only if the next decisions wait too, a policy
-    that may change its mind at each of them gains next to nothing from a single one, and does not learn it.
+    A step is a choice and the decisions up to the next one, as in a semi-Markov decision process (Sutton, Precup and
+    Singh 1999): to wait then means to wait for the whole interval. Where waiting pays only if the next decisions wait
+    too, a policy that may change its mind at each of them gains next to nothing by it, and does not learn to wait.
 
     Attributes:
         env: a single environment.
@@ -59,12 +51,31 @@ class DecideEvery:
     def step_env(
         self, key: jax.Array, state: State, action: jax.Array, params: Params
     ) -> StepResult:
-        """One decision, as the environment takes it."""
-        return self.env.step_env(key, state, action, params)
+        """The action, then action 0, until the next choice or the end of the episode.
+
+        Returns:
+            obs, state, reward, terminated, truncated, info of the last decision; but reward is the sum of all.
+        """
+        actions = jnp.zeros((self.interval,), jnp.int32).at[0].set(action)
+        steps = (jax.random.split(key, self.interval), actions)
+        shapes = jax.eval_shape(self.env.step_env, key, state, actions[0], params)
+        obs, _, *rest = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
+
+        def decide(
+            before: StepResult, step: tuple[jax.Array, jax.Array]
+        ) -> tuple[StepResult, None]:
+            """One decision; what is over stays as it is."""
+            _, state, total, terminated, truncated, _ = before
+            obs, state, reward, *ends, info = self.env.step_env(step[0], state, step[1], params)
+            after: StepResult = (obs, state, total + reward, *ends, info)
+            over = terminated | truncated
+            return jax.tree.map(lambda old, new: jnp.where(over, old, new), before, after), None
+
+        return lax.scan(decide, (obs, state, *rest), steps)[0]
 
     def action_mask(self, state: State, params: Params) -> jax.Array:
-        """`(num_actions,)` bool, see `choices`."""
-        return choices(self.env.action_mask(state, params), state.time, self.interval)
+        """`(num_actions,)` bool, that of the environment."""
+        return self.env.action_mask(state, params)
 
     def observation_space(self, params: Params) -> Any:
         """That of the environment."""

@@ -11,6 +11,7 @@ TINY = [
     "--scenario=noisy",
     "--num-envs=4",
     "--num-minibatches=2",
+    "--decide-every=1",
     "--rollout-length=4",
     "--hidden",
     "4",

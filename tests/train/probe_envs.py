@@ -31,6 +31,7 @@ class Probe:
     """A family of probes, chosen by `kind`.
 
     constant_truncated: reward 1 a step, truncated after `episode_decisions`; V = 1 / (1 - gamma).
+    timed: the same, with a clock to be seen; V(t) = (1 - gamma^(T - t)) / (1 - gamma) if nothing follows.
     constant_terminated: the same but terminated; V(t) = (1 - gamma^(T - t)) / (1 - gamma).
     two_step: observation 0 then 1, reward 1 at the second step only, terminated; V = gamma, 1.
     follow: the cue is -1 or +1, new each step; reward 1 for action 1 on +1 and 0 on -1, else 0; one-step episodes.
@@ -58,7 +59,7 @@ class Probe:
 
     def _observe(self, state: ProbeState) -> jax.Array:
         obs = jnp.zeros((self.num_features,), jnp.float32)
-        if self.kind in ("constant_terminated", "two_step"):
+        if self.kind in ("timed", "constant_terminated", "two_step"):
             return obs.at[0].set(state.time.astype(jnp.float32))
         if self.kind in ("follow", "masked"):
             return obs.at[0].set(state.cue)

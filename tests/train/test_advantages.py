@@ -10,10 +10,8 @@ from train.advantages import generalized_advantages
 STEPS = 24
 
 
-def by_definition(
-    reward, value, last_value, terminated, truncated, final_value, choice, gamma, lam
-):
-    """A_t = sum_k gamma^k lam^c delta_{t+k} with c choices after t, the sum ending with the episode."""
+def by_definition(reward, value, last_value, terminated, truncated, final_value, gamma, lam):
+    """A_t = sum_k (gamma lam)^k delta_{t+k}, the sum ending with the episode."""
     steps, envs = reward.shape
     out = np.zeros((steps, envs))
     for env in range(envs):
@@ -28,8 +26,7 @@ def by_definition(
                 out[start, env] += weight * (reward[t, env] + gamma * follow - value[t, env])
                 if terminated[t, env] or truncated[t, env]:
                     break
-                if t + 1 < steps:
-                    weight *= gamma * (lam if choice[t + 1, env] else 1.0)
+                weight *= gamma * lam
     return out
 
 
@@ -46,16 +43,14 @@ def test_equals_the_definition(seed, gamma, lam, often):
     reward, value, final_value = rng.normal(size=(3, *shape))
     last_value = rng.normal(size=3)
     terminated, truncated = rng.random((2, *shape)) < often
-    choice = rng.random(shape) < 0.5
     expected = by_definition(
-        reward, value, last_value, terminated, truncated, final_value, choice, gamma, lam
+        reward, value, last_value, terminated, truncated, final_value, gamma, lam
     )
     advantage, target = generalized_advantages(
         *(jnp.asarray(x, jnp.float32) for x in (reward, value, last_value)),
         jnp.asarray(terminated),
         jnp.asarray(truncated),
         jnp.asarray(final_value, jnp.float32),
-        jnp.asarray(choice),
         gamma=gamma,
         gae_lambda=lam,
     )
@@ -70,7 +65,7 @@ def test_nothing_leaks_over_the_end_of_an_episode():
     never = jnp.zeros((4, 1), bool)
     for terminated, truncated in ((ends, never), (never, ends)):
         advantage, _ = generalized_advantages(
-            reward, zeros, zeros[0], terminated, truncated, zeros, ~never, gamma=0.9, gae_lambda=0.9
+            reward, zeros, zeros[0], terminated, truncated, zeros, gamma=0.9, gae_lambda=0.9
         )
         np.testing.assert_array_equal(advantage[:2], 0.0)
         assert (advantage[2:] > 0.0).all()
@@ -81,6 +76,6 @@ def test_lambda_one_gives_discounted_returns_bootstrapped_at_a_truncation():
     zeros, never = jnp.zeros((3, 1)), jnp.zeros((3, 1), bool)
     cut = never.at[2].set(True)
     _, target = generalized_advantages(
-        reward, zeros, zeros[0] + 7.0, never, cut, zeros + 10.0, ~never, gamma=0.5, gae_lambda=1.0
+        reward, zeros, zeros[0] + 7.0, never, cut, zeros + 10.0, gamma=0.5, gae_lambda=1.0
     )
     np.testing.assert_allclose(target[:, 0], [1.75 + 1.25, 1.5 + 2.5, 1.0 + 5.0])

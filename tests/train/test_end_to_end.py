@@ -13,7 +13,8 @@ def test_train_and_evaluate(compiled_programs, tmp_path, capsys):
         "--num-envs=8",
         "--num-minibatches=8",
         "--total-timesteps=256",
-        "--rollout-length=16",
+        "--decide-every=2",
+        "--rollout-length=8",
         "--hidden",
         "8",
     ]
@@ -24,7 +25,7 @@ def test_train_and_evaluate(compiled_programs, tmp_path, capsys):
     rows = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
     assert [row["update"] for row in rows] == [1, 2]
     assert all(row["loss"] is not None for row in rows)
-    assert rows[-1]["episode_length"] == 12.0
+    assert rows[-1]["episode_length"] == 6.0  # choices
     assert rows[-1]["episode_collisions"] == 0.0
     # The same episodes again, with the seed of the closing evaluation.
     out = tmp_path / "out.json"

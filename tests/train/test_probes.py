@@ -51,13 +51,15 @@ def value_and_probs(state, network, env, obs):
 def test_time_limit_is_bootstrapped():
     """Reward 1 for ever, cut every 5 decisions by a clock that the agent does not see: V = 1 / (1 - gamma)."""
     env = Probe("constant_truncated")
-    state, network, _ = learn(env, 250)
+    state, network, _ = learn(env, 250, bootstrap_timeouts=True)
     value, _ = value_and_probs(state, network, env, [[0.0, 0.0]])
     assert value[0] == pytest.approx(1.0 / (1.0 - GAMMA), rel=0.01)
 
 
-def test_termination_is_not_bootstrapped():
-    env = Probe("constant_terminated")
+@pytest.mark.parametrize("kind", ["constant_terminated", "timed"])
+def test_an_end_that_is_seen_coming_is_not_bootstrapped(kind):
+    """A termination, and the time limit of an agent that sees the clock."""
+    env = Probe(kind)
     state, network, _ = learn(env, 300, stagger=False)
     value, _ = value_and_probs(state, network, env, [[float(t), 0.0] for t in range(5)])
     expected = [(1.0 - GAMMA ** (5 - t)) / (1.0 - GAMMA) for t in range(5)]

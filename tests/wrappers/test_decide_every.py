@@ -1,35 +1,56 @@
-"""A policy that chooses now and then."""
+"""A policy that chooses now and then, against the same decisions one by one."""
 
+import chex
 import jax
 import jax.numpy as jnp
-import numpy as np
 import pytest
 
-from medjax.wrappers import DecideEvery, choices
+from medjax.wrappers import DecideEvery
 from tests.train.probe_envs import Probe, ProbeParams
 
 
-def test_only_every_third_decision_leaves_a_choice_and_what_is_forbidden_stays_so():
-    allowed = jnp.array([True, True, False])
-    seen = jax.vmap(choices, (None, 0, None))(allowed, jnp.arange(7), 3)
-    expected = [[True, time % 3 == 0, False] for time in range(7)]
-    np.testing.assert_array_equal(seen, expected)
+def one_by_one(env, interval, key, state, action, params):
+    """What a step should be: stops where the episode ends, and counts decisions."""
+    total, count = 0.0, 0
+    for index, own in enumerate(jax.random.split(key, interval)):
+        chosen = jnp.int32(action if index == 0 else 0)
+        obs, state, reward, terminated, truncated, info = env.step_env(own, state, chosen, params)
+        total, count = total + reward, count + 1
+        if terminated or truncated:
+            break
+    return (obs, state, total, terminated, truncated, info), count
 
 
-def test_the_environment_itself_is_left_alone():
-    """Observations and rewards are those of the environment; its clock counts on between choices."""
-    env, params = Probe("follow"), ProbeParams()
-    wrapped = DecideEvery(env, 2)
-    key = jax.random.key(1)
-    (obs, state), (plain_obs, plain) = wrapped.reset(key, params), env.reset(key, params)
-    for time in range(4):
-        np.testing.assert_array_equal(obs, plain_obs)
-        np.testing.assert_array_equal(
-            wrapped.action_mask(state, params), [True, True] if time % 2 == 0 else [True, False]
-        )
-        obs, state, reward, *_ = wrapped.step_env(key, state, jnp.int32(1), params)
-        plain_obs, plain, plain_reward, *_ = env.step_env(key, plain, jnp.int32(1), params)
-        assert reward == plain_reward
+@pytest.mark.parametrize(
+    ("kind", "interval", "expected"),
+    [
+        ("noisy", 1, [1, 1, 1, 1, 1]),
+        ("noisy", 2, [2, 2, 1]),
+        ("noisy", 5, [5]),
+        ("noisy", 8, [5]),
+        ("two_step", 8, [2]),
+        ("follow", 3, [1]),
+    ],
+)
+def test_a_step_is_the_decisions_until_the_next_choice_or_the_end(kind, interval, expected):
+    """Episodes of 5, 2 and 1 decisions; noisy pays for action 1, which only the first decision takes."""
+    env, params = Probe(kind), ProbeParams()
+    wrapped = DecideEvery(env, interval)
+    obs, state = wrapped.reset(jax.random.key(1), params)
+    chex.assert_trees_all_equal((obs, state), env.reset(jax.random.key(1), params))
+    step = jax.jit(wrapped.step_env)
+    counts = []
+    for number in range(len(expected)):
+        key = jax.random.fold_in(jax.random.key(2), number)
+        right, count = one_by_one(env, interval, key, state, 1, params)
+        result = step(key, state, jnp.int32(1), params)
+        chex.assert_trees_all_close(result, right, rtol=1e-6)
+        chex.assert_trees_all_equal_dtypes(result, right)
+        counts.append(count)
+        state = result[1]
+    assert counts == expected
+    assert bool(result[3] | result[4])  # the episode is over, and not before
+    assert int(state.time) == sum(expected)
 
 
 def test_bad_interval_is_refused():
