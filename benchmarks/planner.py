@@ -1,9 +1,8 @@
 """`python -m benchmarks.planner`: what a dispatcher that owns a simulator reaches, an upper reference.
 
-`medjax.policies.look_ahead` plays every action forward with fresh noise, then a base rule, and takes the best one. Here
-it decides every `--interval` decisions and waits in between. The episodes are those that `python -m train.evaluate`
-plays for the same seed, so that returns of both commands stand beside each other. It is slow: for each decision it
-simulates `actions * samples * horizon / interval` others.
+`medjax.policies.look_ahead` plays every action forward with fresh noise and then a base rule, and leaves the rule where
+that surely pays. The episodes are those that `python -m train.evaluate` plays for the same seed, so that returns of
+both commands stand beside each other. Slow: for an episode it plays `samples * actions * decisions / hold / 2` others.
 """
 
 from __future__ import annotations
@@ -17,9 +16,9 @@ import numpy as np
 from tqdm import tqdm
 
 import medjax
-from benchmarks.arguments import episodes_parser, positive
+from benchmarks.arguments import episodes_parser, positive, whole_number
 from medjax.metrics import episode_metrics
-from medjax.policies import BASELINES, Act, look_ahead
+from medjax.policies import AS_BASE, BASELINES, Act, look_ahead
 from medjax.wrappers import environment_mesh, on_devices, prepare_cpu
 from train.bootstrap import bootstrap_ci95
 from train.cli import OneLineParser
@@ -36,16 +35,17 @@ from train.evaluation import (
 SHOWN = ("depleted_share", "mean_range_m", "mean_soc", "meds_dispatched")
 
 
-def play_now_and_then(
-    env: medjax.ChargingEnv, params: Any, act: Act, interval: int, episodes: int, seed: int
+def play_plans(
+    env: medjax.ChargingEnv, params: Any, plan: Act, base: Act, hold: int, episodes: int, seed: int
 ) -> Scores:
-    """Whole episodes of a policy that is asked at every `interval`-th decision and else waits.
+    """Whole episodes of a planner that is asked at every `hold`-th decision.
 
     Args:
       env: a single environment.
       params: its parameters.
-      act: the policy.
-      interval: at least 1.
+      plan: as `medjax.policies.look_ahead` returns it.
+      base: what is played where it says AS_BASE.
+      hold: at least 1.
       episodes: at least 1; all are played together.
       seed: which episodes, as in `train.evaluation`.
 
@@ -55,54 +55,62 @@ def play_now_and_then(
     mesh = environment_mesh(episodes)
     streams = jax.vmap(jax.random.split, (0, None))(episode_keys(seed, episodes), 3)
 
-    def plan(rows: tuple[jax.Array, Any], same: tuple[jax.Array, Any]) -> jax.Array:
-        """Actions; keys of their own stream, so that the futures that are tried are not what will happen."""
-        (keys, states), (number, params) = rows, same
-        keys = jax.vmap(jax.random.fold_in, (0, None))(keys, number)
-        # One episode after the other: its futures fill the cache.
-        return jax.lax.map(lambda row: act(row[0], row[1], params), (keys, states))
+    def ask(rows: tuple[jax.Array, Any], params: Any) -> jax.Array:
+        """What to hold; keys of their own stream, so that the futures that are tried are not what will happen."""
 
-    def advance(rows: tuple[jax.Array, Any, jax.Array, jax.Array], params: Any) -> Any:
-        """The decisions until the next question."""
-        keys, states, totals, actions = rows
+        def one(row: tuple[jax.Array, Any]) -> jax.Array:
+            key, state = row
+            key = jax.random.fold_in(key, state.time)
+            can_send = jnp.any(env.action_mask(state, params)[1:])
+            return jax.lax.cond(
+                can_send, lambda: plan(key, state, params), lambda: jnp.int32(AS_BASE)
+            )
+
+        # One episode after the other: its futures fill the cache.
+        return jax.lax.map(one, rows)
+
+    def go_on(rows: tuple[jax.Array, Any, jax.Array, jax.Array], params: Any) -> Any:
+        """The decisions until the planner is asked again."""
+        streams, states, totals, plans = rows
 
         def decide(
-            state: Any, total: jax.Array, key: jax.Array, action: jax.Array
+            streams: jax.Array, state: Any, total: jax.Array, plan: jax.Array, number: jax.Array
         ) -> tuple[Any, jax.Array]:
             live = state.time < params.episode_decisions
-            key = jax.random.fold_in(key, state.time)
-            _, after, reward, _, _, _ = env.step_env(key, state, action, params)
+            keys = jax.vmap(jax.random.fold_in, (0, None))(streams, state.time)
+            own = jnp.where(number == 0, plan, 0)
+            action = jnp.where(plan == AS_BASE, base(keys[ACT], state, params), own)
+            _, after, reward, *_ = env.step_env(keys[STEP], state, action, params)
             state = jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state)
             return state, total + jnp.where(live, reward, 0.0)
 
-        def body(index: jax.Array, carry: tuple[Any, jax.Array]) -> tuple[Any, jax.Array]:
-            now = jnp.where(index == 0, actions, 0)
-            return jax.vmap(decide)(*carry, keys, now)
+        def body(number: jax.Array, carry: tuple[Any, jax.Array]) -> tuple[Any, jax.Array]:
+            return jax.vmap(decide, (0, 0, 0, 0, None))(streams, *carry, plans, number)
 
-        return jax.lax.fori_loop(0, interval, body, (states, totals))
+        return jax.lax.fori_loop(0, hold, body, (states, totals))
 
-    ask = jax.jit(on_devices(mesh, plan))
-    go_on = jax.jit(on_devices(mesh, advance))
+    ask, go_on = jax.jit(on_devices(mesh, ask)), jax.jit(on_devices(mesh, go_on))
     _, states = jax.jit(jax.vmap(env.reset, (0, None)))(streams[:, RESET], params)
     totals = jnp.zeros((episodes,))
-    asked = -(-int(params.episode_decisions) // interval)
-    for number in tqdm(range(asked), "planning", disable=None, leave=False):
-        actions = ask((streams[:, ACT], states), (jnp.int32(number), params))
-        states, totals = go_on((streams[:, STEP], states, totals, actions), params)
+    asked = -(-int(params.episode_decisions) // hold)
+    for _ in tqdm(range(asked), "planning", disable=None, leave=False):
+        plans = ask((streams[:, ACT], states), params)
+        states, totals = go_on((streams, states, totals, plans), params)
     scores = {"return": totals, **jax.vmap(episode_metrics)(states.tally)}
     return {name: np.asarray(values, np.float64) for name, values in scores.items()}
 
 
 def build_parser() -> OneLineParser:
     """The command line."""
-    parser = episodes_parser("planner", __doc__, episodes=32, seed=0)
+    parser = episodes_parser("planner", __doc__, episodes=16, seed=0)
     parser.add_argument(
-        "--base", default="paced", choices=list(BASELINES), help="what is played in the futures"
+        "--base", default="forecast", choices=list(BASELINES), help="what it improves on"
     )
-    parser.add_argument("--samples", type=positive, default=8, help="futures of each action")
-    parser.add_argument("--horizon", type=positive, default=240, metavar="S", help="s of a future")
     parser.add_argument(
-        "--interval", type=positive, default=8, metavar="N", help="decisions from plan to plan"
+        "--samples", type=whole_number(least=2), default=16, help="futures of each action"
+    )
+    parser.add_argument(
+        "--hold", type=positive, default=16, metavar="N", help="decisions from plan to plan"
     )
     return parser
 
@@ -113,11 +121,9 @@ def main(arguments: list[str] | None = None) -> None:
     prepare_cpu()
     env, params = medjax.make(options.scenario)
     base = BASELINES[options.base](env)
-    planner = look_ahead(env, base, options.samples, options.horizon)
+    plan = look_ahead(env, base, options.samples, options.hold)
     scores = {
-        "planner": play_now_and_then(
-            env, params, planner, options.interval, options.episodes, options.seed
-        )
+        "planner": play_plans(env, params, plan, base, options.hold, options.episodes, options.seed)
     }
     rules = {name: baseline(BASELINES[name](env)) for name in dict.fromkeys([options.base, "none"])}
     scores |= evaluate_policies(env, params, rules, options.episodes, options.seed)

@@ -202,7 +202,7 @@ def play_checkpoints(run_dir: RunDir) -> tuple[float, list[Checkpoint]]:
 
     config = run_dir.load_config()
     env, params = make_environment(config)
-    network = build_network(env.num_actions, config)
+    network = build_network(env, config)
     shapes = shapes_of(make_train(env, params, config), params, config)
     policies = {"greedy": baseline(medjax.BASELINES["greedy"](env))}
     reader = Checkpoints(run_dir.path)

@@ -174,6 +174,7 @@ class LinkParams(struct.PyTreeNode):
 
     inductance: InductanceTable
     panel_gap_m: Scalar  # nominal axial distance of two docked panels
+    misalignment_scale: Scalar  # of what is off nominal, how much the coils see; 0: none, 1: all
     load_ohm: Scalar
     med_resistance_ohm: Scalar
     ev_resistance_ohm: Scalar
@@ -284,6 +285,7 @@ _MAY_BE_ZERO = {
     "reach_behind_m",
     "retry_s",
     "slot_power_w",
+    "misalignment_scale",
     "auxiliary_w",
     "ramp_x_m",
 }

@@ -117,6 +117,17 @@ class FlatObservation:
             + CLOCK_FEATURES * self.include_clock
         )
 
+    def split(self, vector: jax.Array, config: EnvConfig) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Parts of `(..., size)`: MEDs `(..., M, 14)`, EVs `(..., E, 8)`, the clock `(..., 4)` or `(..., 0)`."""
+        meds, evs = config.num_meds * MED_FEATURES, config.num_evs * EV_FEATURES
+        first, second, clock = jnp.split(vector, [meds, meds + evs], axis=-1)
+        shape = vector.shape[:-1]
+        return (
+            first.reshape(*shape, config.num_meds, MED_FEATURES),
+            second.reshape(*shape, config.num_evs, EV_FEATURES),
+            clock,
+        )
+
     def __call__(self, state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
         """`(size,)` float32."""
         seen = observe(state, config, params)

@@ -66,6 +66,7 @@ def build_link(design: CoilDesign, params: LinkParams | None = None) -> LinkPara
     return LinkParams(
         inductance=table,
         panel_gap_m=0.2,
+        misalignment_scale=1.0,
         load_ohm=10.0,
         med_resistance_ohm=0.159,
         ev_resistance_ohm=0.126,
@@ -251,7 +252,7 @@ def _set(params: EnvParams, name: str, path: tuple[str, ...], value: Any) -> Env
     old = holder[leaf] if isinstance(holder, Mapping) else getattr(holder, leaf)
     try:
         new = np.asarray(value, np.int32 if isinstance(old, int) else np.float32)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} = {value!r}: allowed a number") from None
     if isinstance(old, int) and not np.array_equal(new, np.asarray(value)):
         raise ValueError(f"{name} = {value!r}: allowed a whole number")

@@ -89,11 +89,12 @@ def _exchange(
             evs.is_charging,
             params.charging,
         )
+        seen = params.link.misalignment_scale
         geometry = misalignment(
             evs.panel,
-            error,
-            across,
-            turn,
+            seen * error,
+            seen * across,
+            seen * turn,
             params.link.panel_gap_m,
         )
         efficiency = coupling_efficiency(geometry, params.link)

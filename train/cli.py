@@ -166,7 +166,7 @@ def _value(field: dataclasses.Field[Any], text: Any) -> Any:
     if isinstance(default, bool | str):
         return text
     if isinstance(default, tuple):
-        return tuple(_number(item, int) for item in text)
+        return tuple(_number(item, type(default[0])) for item in text)
     return _number(text, type(default))
 
 

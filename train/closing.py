@@ -10,11 +10,12 @@ from medjax.policies import BASELINES
 from train.checkpoint import updates_done
 from train.config import TrainConfig
 from train.evaluation import TRAINED, Evaluation, Policy, baseline, summarize, trained
+from train.figures import plot_curve
 from train.learner import TrainState
 from train.logs import Row
 from train.networks import PolicyWeights, build_network
-from train.report import final_return, format_table, plot_curve
 from train.rundir import write_json
+from train.tables import final_return, format_table
 
 if TYPE_CHECKING:
     from train.session import Session
@@ -118,7 +119,7 @@ def all_policies(
         weights: of the run, with a leading axis if it had several seeds.
         stochastic: sample the trained policy's actions.
     """
-    network = build_network(env.num_actions, config)
+    network = build_network(env, config)
     policies = {}
     for index in range(config.num_seeds):
         own = (

@@ -65,6 +65,14 @@ class TrainConfig:
     observation: str = option(
         "profile", "environment", "what the policy sees: profile or flat", metavar="NAME"
     )
+    demand_range: tuple[float, ...] = option(
+        (1.0, 1.0),
+        "environment",
+        "in training, each episode has the demand of the preset times a factor, drawn between these two",
+        metavar="X",
+        low=0,
+        high=4,  # four lanes do not carry more
+    )
     num_envs: int = option(256, "environment", "environments run side by side", low=1)
     decide_every: int = option(
         8, "environment", "decisions from one choice of the policy to the next", low=1
@@ -91,7 +99,7 @@ class TrainConfig:
 
     rollout_length: int = option(16, "PPO", "choices per environment and update", low=1)
     num_minibatches: int = option(32, "PPO", "minibatches per epoch; must divide num_envs", low=1)
-    num_epochs: int = option(4, "PPO", "passes over each rollout", low=1)
+    num_epochs: int = option(8, "PPO", "passes over each rollout", low=1)
     learning_rate: float = option(1e-3, "PPO", "of Adam, at the start", flags=("--lr",), above=0)
     anneal: bool = option(True, "PPO", "let the learning rate fall linearly to 0")
     gamma: float = option(0.996, "PPO", "discount per choice", low=0, high=1)
@@ -115,9 +123,21 @@ class TrainConfig:
     normalize_observations: bool = option(False, "PPO", "shift and scale by running moments")
     normalize_rewards: bool = option(True, "PPO", "scale by the spread of the discounted return")
 
-    network: str = option("mlp", "network", "architecture", metavar="NAME")
+    network: str = option(
+        "mlp",
+        "network",
+        "architecture: mlp, or sets (of MEDs and EVs) with --observation flat",
+        metavar="NAME",
+    )
     hidden: tuple[int, ...] = option(
         (128, 128), "network", "widths of the hidden layers of actor and critic", metavar="N", low=1
+    )
+    encoder: tuple[int, ...] = option(
+        (64, 64),
+        "network",
+        "widths of the layers of sets that every vehicle goes through",
+        metavar="N",
+        low=1,
     )
     activation: str = option("silu", "network", "between layers", choices=("tanh", "relu", "silu"))
     initial_wait: float = option(
@@ -133,19 +153,25 @@ class TrainConfig:
     def __post_init__(self) -> None:
         """Checks every field, then what must go together."""
         object.__setattr__(self, "overrides", dict(self.overrides or {}))
-        object.__setattr__(self, "hidden", _as_tuple("hidden", self.hidden))
+        for name in ("demand_range", "hidden", "encoder"):
+            object.__setattr__(self, name, _as_tuple(name, getattr(self, name)))
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            items = value if field.name == "hidden" else (value,)
-            for item in items:
+            for item in value if isinstance(field.default, tuple) else (value,):
                 _check(field, item)
         if self.num_envs % self.num_minibatches:
             raise SettingError(
                 f"num_envs is {self.num_envs}, which num_minibatches = {self.num_minibatches} does not divide; "
                 f"allowed: a multiple of {self.num_minibatches}"
             )
-        if not self.hidden:
-            raise SettingError("hidden is empty, allowed: at least one width")
+        if len(self.demand_range) != 2 or self.demand_range[0] > self.demand_range[1]:
+            given = " ".join(map(str, self.demand_range))
+            raise SettingError(
+                f"demand_range is {given}, allowed: two numbers, the lower one first"
+            )
+        for name in ("hidden", "encoder"):
+            if not getattr(self, name):
+                raise SettingError(f"{name} is empty, allowed: at least one width")
         if self.eval_episodes == 1:
             raise SettingError("eval_episodes is 1, allowed: 0, or at least 2")
 
@@ -168,10 +194,10 @@ def _as_tuple(name: str, value: Any) -> tuple[Any, ...]:
 
 def _check(field: dataclasses.Field[Any], value: Any) -> None:
     """Type and range of one value."""
-    name, meta = field.name, field.metadata
-    kind: Any = type(field.default) if name not in ("overrides", "hidden") else int
+    name, meta, default = field.name, field.metadata, field.default
     if name == "overrides":
         return
+    kind: Any = type(default[0] if isinstance(default, tuple) else default)
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     if type(value) is not kind:

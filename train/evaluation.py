@@ -13,11 +13,12 @@ from jax import lax
 
 from medjax.wrappers import Environment, environment_mesh, on_devices
 from medjax.wrappers.rows import CACHED_ROWS
-from train.bootstrap import bootstrap_ci95
+from train.bootstrap import bootstrap_ci95, interquartile_mean, relative_change
 from train.learner import episode_decisions
 from train.networks import PolicyWeights, apply_policy
 
 TRAINED = "ppo"
+CLAIMED = ("depleted_share", "mean_range_m", "mean_soc")  # what the paper compares with no action
 EVALUATION = 0x0E7A1  # folded into the seed's key, so that evaluation shares no key with training
 MAX_DECISIONS = 100_000  # of an episode whose parameters do not say how long it is
 RESET, STEP, ACT = range(3)  # the streams of an episode's randomness
@@ -85,11 +86,13 @@ class _Episodes:
     metrics: dict[str, jax.Array]  # at the last decision of the episode
 
 
-def make_runner(env: Environment, policies: Mapping[str, Policy], max_decisions: int) -> Any:
+def make_runner(
+    env: Environment, policies: Mapping[str, Policy], max_decisions: int, worlds: int = 1
+) -> Any:
     """The jitted program `(weights, keys (episodes,), params) -> dict of (policies, episodes)` of whole episodes.
 
     All policies play side by side in one batch: the environment is compiled once, and the fixed cost of a decision is
-    paid once.
+    paid once. `worlds` is the number of params that it will be mapped over by `jax.vmap`: blocks are the smaller.
     """
     acts: list[Callable[..., Any]] = [
         jax.vmap(policy.act, (None, 0, 0, 0, 0, None)) for policy in policies.values()
@@ -107,7 +110,7 @@ def make_runner(env: Environment, policies: Mapping[str, Policy], max_decisions:
             """One decision in every row; what is over keeps its score."""
             now = jax.vmap(jax.vmap(jax.random.fold_in, (0, None)), (0, None))(streams, state.time)
             mask = jax.vmap(env.action_mask, (0, None))(state.env, params)
-            action = _choose(acts, weights, (now[:, ACT], state.obs, state.env, mask), params)
+            action = choose(acts, weights, (now[:, ACT], state.obs, state.env, mask), params)
             obs, env_state, reward, terminated, truncated, info = step_all(
                 now[:, STEP], state.env, action, params
             )
@@ -138,14 +141,14 @@ def make_runner(env: Environment, policies: Mapping[str, Policy], max_decisions:
 
     def run(weights: Any, keys: jax.Array, params: Any) -> dict[str, jax.Array]:
         mesh = environment_mesh(keys.shape[0])
-        episodes_at_once = max(1, CACHED_ROWS // len(acts))
+        episodes_at_once = max(1, CACHED_ROWS // (len(acts) * worlds))
         scores = on_devices(mesh, play, episodes_at_once)(keys, (weights, params))
         return {name: values.T for name, values in scores.items()}
 
     return jax.jit(run)
 
 
-def _choose(
+def choose(
     acts: Sequence[Callable[..., Any]], weights: Sequence[Any], rows: Any, params: Any
 ) -> jax.Array:
     """Actions `(rows,)` int32, each row's by its own policy; rows of all policies take turns.
@@ -209,18 +212,22 @@ class Evaluation:
         runner = make_runner(env, policies, episode_decisions(params) or MAX_DECISIONS)
         self._run = runner.lower(_host_weights(policies), self._keys(0)[0], params).compile()
 
-    def play(self, policies: Mapping[str, Policy], seed: int) -> dict[str, Scores]:
+    def play(
+        self, policies: Mapping[str, Policy], seed: int, params: Any = None
+    ) -> dict[str, Scores]:
         """Plays the episodes.
 
         Args:
             policies: those that this was built for, with the weights to act with.
             seed: which episodes.
+            params: other numbers of the environment than those that this was built for.
 
         Returns:
             For each policy, arrays `(episodes,)` float64 of `return`, `length` and the environment's metrics.
         """
         weights = _host_weights(policies)
-        parts = [jax.device_get(self._run(weights, keys, self.params)) for keys in self._keys(seed)]
+        params = self.params if params is None else params
+        parts = [jax.device_get(self._run(weights, keys, params)) for keys in self._keys(seed)]
         columns = {
             name: np.concatenate([part[name] for part in parts], axis=1)[:, : self.episodes].astype(
                 np.float64
@@ -271,8 +278,10 @@ def summarize(scores: Mapping[str, Scores], scenario: str, seed: int = 0) -> dic
         seed: of the bootstrap.
 
     Returns:
-        `policies` (by name: `return_mean`, `return_std`, `return_ci95`, and the mean of every metric), `episodes`,
-        `scenario`, and `paired_return_difference` (ppo minus each other policy: `mean`, `ci95`) if ppo is there.
+        `policies` (by name: `return_mean`, `return_std`, `return_ci95`, and the mean of every metric), `episodes` and
+        `scenario`. If a trained policy is there also, each of an episode's mean over the training seeds:
+        `paired_return_difference` (to every rule: `mean`, `ci95`) and `change_against_none` (of metrics, as a share:
+        `mean`, `ci95`). With several training seeds `training_seeds` (`return_means`, `interquartile_mean`, `ci95`).
     """
     policies: dict[str, Any] = {}
     for name, score in scores.items():
@@ -294,15 +303,43 @@ def summarize(scores: Mapping[str, Scores], scenario: str, seed: int = 0) -> dic
         "episodes": int(next(iter(scores.values()))["return"].size),
         "scenario": scenario,
     }
-    if TRAINED in scores:
-        result["paired_return_difference"] = {
-            name: _difference(scores[TRAINED]["return"], score["return"], seed)
-            for name, score in scores.items()
-            if name != TRAINED
+    trained = [score for name, score in scores.items() if name.startswith(TRAINED)]
+    if trained:
+        ours = {
+            column: np.mean([score[column] for score in trained], axis=0) for column in trained[0]
         }
+        rules = {name: score for name, score in scores.items() if not name.startswith(TRAINED)}
+        result |= _compare(ours, rules, seed)
+    if len(trained) > 1:
+        result["training_seeds"] = _over_seeds([score["return"] for score in trained], seed)
     return result
 
 
-def _difference(ours: np.ndarray, theirs: np.ndarray, seed: int) -> dict[str, Any]:
-    gain = ours - theirs
-    return {"mean": float(np.mean(gain)), "ci95": list(bootstrap_ci95(gain, seed))}
+def _compare(ours: Scores, rules: Mapping[str, Scores], seed: int) -> dict[str, Any]:
+    """The trained policy beside the rules, episode by episode; see `summarize`."""
+    differences = {}
+    for name, score in rules.items():
+        gain = ours["return"] - score["return"]
+        differences[name] = {"mean": float(np.mean(gain)), "ci95": list(bootstrap_ci95(gain, seed))}
+    result: dict[str, Any] = {"paired_return_difference": differences}
+    base = rules.get("none", {})
+    changes = {}
+    for metric in CLAIMED:
+        if metric not in base:
+            continue
+        pairs = np.stack([ours[metric], base[metric]], axis=1)
+        ends = bootstrap_ci95(pairs, seed, statistic=relative_change)
+        if np.isfinite(ends).all():  # too few episodes may hold nothing to compare with
+            change = float(relative_change(pairs[None])[0])
+            changes[metric] = {"mean": change, "ci95": list(ends)}
+    return result | ({"change_against_none": changes} if changes else {})
+
+
+def _over_seeds(returns: Sequence[np.ndarray], seed: int) -> dict[str, Any]:
+    """Mean returns of all training seeds, and their interquartile mean."""
+    means = np.mean(returns, axis=1)
+    return {
+        "return_means": means.tolist(),
+        "interquartile_mean": float(interquartile_mean(means[None])[0]),
+        "ci95": list(bootstrap_ci95(means, seed, statistic=interquartile_mean)),
+    }

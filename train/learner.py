@@ -22,6 +22,7 @@ from medjax.wrappers import (
     DecideEvery,
     Environment,
     EpisodeLog,
+    RandomDemand,
     RunningStats,
     environment_mesh,
     init_stats,
@@ -286,8 +287,11 @@ def build_learner(env: Environment, params: Any, config: TrainConfig) -> Learner
         ValueError: `config.num_devices` is not possible.
     """
     episode_choices = -(-episode_decisions(params) // config.decide_every)
+    network = build_network(env, config)
     # A device holds whole groups of the neighbours among which minibatches are dealt.
     mesh = environment_mesh(config.num_envs // config.num_minibatches, config.num_devices)
+    if config.demand_range != (1.0, 1.0):
+        env = RandomDemand(env, *config.demand_range)
     batch = BatchAutoReset(
         DecideEvery(env, config.decide_every), stagger=episode_choices if config.stagger else 0
     )
@@ -304,7 +308,6 @@ def build_learner(env: Environment, params: Any, config: TrainConfig) -> Learner
             optax.adam(lambda count: learning_rate(count // gradient_steps), eps=1e-5),
         )
     )
-    network = build_network(env.num_actions, config)
     return Learner(EpisodeLog(batch), network, optimizer, config, learning_rate, mesh)
 
 
@@ -333,10 +336,14 @@ def make_train(env: Environment, params: Any, config: TrainConfig) -> TrainFunct
     init: Callable[[jax.Array, Any], TrainState] = learner.init
     run: Callable[[TrainState, Any, jax.Array], tuple[TrainState, Metrics]] = learner.run
     if config.num_seeds > 1:
-        run = jax.vmap(learner.run, (0, None, None))
+        # One after the other: each runs as fast as alone, its environments in the cache, its matrices plain.
+        # Under vmap over seeds and environments, XLA's CPU program of a reset never returns.
+        def run(
+            states: TrainState, env_params: Any, num_updates: jax.Array
+        ) -> tuple[TrainState, Metrics]:
+            return lax.map(lambda own: learner.run(own, env_params, num_updates), states)
 
         def init(key: jax.Array, env_params: Any) -> TrainState:
-            # One after the other: under vmap over seeds and environments XLA's CPU program of a reset never returns.
             keys = jax.random.split(key, config.num_seeds)
             return lax.map(lambda own: learner.init(own, env_params), keys)
 

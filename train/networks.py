@@ -6,6 +6,7 @@ both float32 whatever it computes in. `NETWORKS` names the builders; adding an e
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 import distrax
@@ -14,9 +15,13 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
+from medjax.config import EnvConfig
+from medjax.observation import FlatObservation
 from medjax.wrappers.normalize import RunningStats, normalize
+from medjax.wrappers.protocol import Environment
 from train.config import TrainConfig
 
+TYPICAL_NUMBER = 8.0  # of vehicles of a set
 MASKED_LOGIT = -1e9  # finite, so that log-probabilities and gradients are; exp() of it is exactly 0
 
 ACTIVATIONS: dict[str, Callable[[jax.Array], jax.Array]] = {
@@ -67,8 +72,35 @@ class Torso(nn.Module):
         return x
 
 
+class SetTorso(nn.Module):
+    """MEDs and EVs as sets (Deep Sets, Zaheer et al. 2017, arXiv:1703.06114): their order does not matter.
+
+    Reads a flat observation. Every vehicle goes through the encoder of its kind; sums over the vehicles that are there,
+    and the clock, through fully connected layers. A row of zeros is nobody.
+    """
+
+    layout: FlatObservation
+    env_config: EnvConfig
+    encoder: Sequence[int]
+    hidden: Sequence[int]
+    activation: Callable[[jax.Array], jax.Array]
+    dtype: Any
+
+    @nn.compact
+    def __call__(self, x: jax.Array) -> jax.Array:
+        """`(..., num_features)` to `(..., hidden[-1])`."""
+        *sets, clock = self.layout.split(x, self.env_config)
+        sums = [clock]
+        for rows in sets:
+            there = jnp.any(rows != 0.0, axis=-1, keepdims=True)
+            codes = Torso(self.encoder, self.activation, self.dtype)(rows)
+            # Of a dozen vehicles or so, which leaves sums of the size that the next layer is made for.
+            sums.append(jnp.sum(jnp.where(there, codes, 0.0), axis=-2) / TYPICAL_NUMBER)
+        return Torso(self.hidden, self.activation, self.dtype)(jnp.concatenate(sums, axis=-1))
+
+
 class ActorCritic(nn.Module):
-    """Two separate multi-layer perceptrons, so that the value's gradients do not disturb the policy.
+    """Two separate networks, so that the value's gradients do not disturb the policy.
 
     Orthogonal initialisation; the last layer of the actor is near zero (0.01), which starts it near the same policy
     everywhere (Andrychowicz et al. 2021, arXiv:2006.05990, section 3.2): action 0 with probability `initial_wait`, the
@@ -76,15 +108,13 @@ class ActorCritic(nn.Module):
     """
 
     num_actions: int
-    hidden: Sequence[int]
-    activation: Callable[[jax.Array], jax.Array]
-    dtype: Any
+    make_torso: Callable[[], nn.Module]  # all layers but the last
     initial_wait: float
 
     def setup(self) -> None:
         """Makes the layers."""
-        self.actor = Torso(self.hidden, self.activation, self.dtype)
-        self.critic = Torso(self.hidden, self.activation, self.dtype)
+        self.actor = self.make_torso()
+        self.critic = self.make_torso()
         small, unit = nn.initializers.orthogonal(0.01), nn.initializers.orthogonal(1.0)
         self.logits_head = nn.Dense(
             self.num_actions, kernel_init=small, bias_init=self._initial_logits, dtype=jnp.float32
@@ -104,30 +134,51 @@ class ActorCritic(nn.Module):
         return jnp.zeros(shape, dtype).at[0].set(wait)
 
 
-def build_mlp(num_actions: int, config: TrainConfig) -> nn.Module:
-    """`ActorCritic` as the settings say."""
-    return ActorCritic(
-        num_actions=num_actions,
-        hidden=config.hidden,
-        activation=ACTIVATIONS[config.activation],
-        dtype=DTYPES[config.compute_dtype],
-        initial_wait=config.initial_wait,
-    )
+def mlp(env: Environment, config: TrainConfig) -> Callable[[], nn.Module]:
+    """Fully connected layers, on any observation."""
+    activation, dtype = ACTIVATIONS[config.activation], DTYPES[config.compute_dtype]
+    return partial(Torso, config.hidden, activation, dtype)
 
 
-NETWORKS: dict[str, Callable[[int, TrainConfig], nn.Module]] = {"mlp": build_mlp}
-
-
-def build_network(num_actions: int, config: TrainConfig) -> nn.Module:
-    """The network that `config.network` names.
+def sets(env: Environment, config: TrainConfig) -> Callable[[], nn.Module]:
+    """`SetTorso`, on the paper's flat observation.
 
     Raises:
-        ValueError: no such network.
+        ValueError: another observation, or a normalised one.
+    """
+    layout = getattr(env, "observation", None)
+    if not isinstance(layout, FlatObservation):
+        raise ValueError(
+            f"network is 'sets' and observation is {config.observation!r}, allowed: flat"
+        )
+    if config.normalize_observations:  # nobody would no longer be a row of zeros
+        raise ValueError("network is 'sets' and normalize_observations is True, allowed: False")
+    activation, dtype = ACTIVATIONS[config.activation], DTYPES[config.compute_dtype]
+    shape: EnvConfig = getattr(env, "config")  # noqa: B009 - not in the protocol
+    return partial(SetTorso, layout, shape, config.encoder, config.hidden, activation, dtype)
+
+
+NETWORKS: dict[str, Callable[[Environment, TrainConfig], Callable[[], nn.Module]]] = {
+    "mlp": mlp,
+    "sets": sets,
+}
+
+
+def build_network(env: Environment, config: TrainConfig) -> nn.Module:
+    """The network that `config.network` names.
+
+    Args:
+        env: what it acts in, read for the numbers of actions and vehicles.
+        config: settings.
+
+    Raises:
+        ValueError: no such network, or it does not fit the observation.
     """
     if config.network not in NETWORKS:
         allowed = ", ".join(NETWORKS)
         raise ValueError(f"network is {config.network!r}, allowed: {allowed}")
-    return NETWORKS[config.network](num_actions, config)
+    make_torso = NETWORKS[config.network](env, config)
+    return ActorCritic(env.num_actions, make_torso, config.initial_wait)
 
 
 def masked_categorical(logits: jax.Array, mask: jax.Array) -> CategoricalLike:

@@ -47,6 +47,11 @@ class RunDir:
         return self.path / "plots"
 
     @property
+    def report(self) -> Path:
+        """Tables and figures of `train.report`."""
+        return self.path / "report"
+
+    @property
     def tensorboard(self) -> Path:
         """Event files."""
         return self.path / "tensorboard"

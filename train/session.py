@@ -39,7 +39,7 @@ def open_session(request: Request) -> "Session":
         check_unused(request.run_dir)
     env, params = make_environment(config)
     try:
-        build_network(env.num_actions, config)
+        build_network(env, config)
         programs = make_train(env, params, config)
     except ValueError as error:
         raise SettingError(str(error)) from None

@@ -12,6 +12,7 @@ from medjax.wrappers.normalize import (
     update_stats,
 )
 from medjax.wrappers.protocol import BatchEnvironment, Environment
+from medjax.wrappers.randomize import RandomDemand, RandomDemandState, scale_demand
 from medjax.wrappers.rows import for_true_rows, in_blocks
 
 __all__ = [
@@ -22,8 +23,9 @@ __all__ = [
     "Environment",
     "EpisodeLog",
     "EpisodeLogState",
+    "RandomDemand",
+    "RandomDemandState",
     "RunningStats",
-    "choices",
     "environment_mesh",
     "for_true_rows",
     "in_blocks",
@@ -31,6 +33,7 @@ __all__ = [
     "normalize",
     "on_devices",
     "prepare_cpu",
+    "scale_demand",
     "scale_reward",
     "update_stats",
 ]

@@ -9,39 +9,63 @@ import pytest
 
 import medjax
 from benchmarks import planner
-from medjax.policies import look_ahead, none
+from medjax.policies import AS_BASE, look_ahead, none, random
 from tests.benchmarks.refusal import refused
 from train.evaluation import baseline, evaluate_policies
 
 SMALL = {"num_meds": 2, "num_evs": 6, "num_gas": 12, "episode_decisions": 20}
 
 
-@pytest.mark.parametrize(("pay", "sends"), [(1e4, True), (-1e4, False)])
-def test_takes_the_action_whose_future_is_best(pay, sends):
-    """With a price on each MED that outweighs all else, it sends one, or none."""
+def paid(pay):
+    """A small environment that pays so much for each MED that all else is outweighed, and a state."""
     env, params = medjax.make("paper", **SMALL)
     params = params.replace(reward_weights={**params.reward_weights, "dispatches": pay})
-    _, state = env.reset(jax.random.key(0), params)
-    act = jax.jit(look_ahead(env, none(env), samples=2, horizon_s=3.0))
-    assert (int(act(jax.random.key(1), state, params)) > 0) == sends
+    return env, params, env.reset(jax.random.key(0), params)[1]
+
+
+@pytest.mark.parametrize(
+    ("base", "pay", "allowed"),
+    [
+        (none, 1e4, {1, 2, 3, 4}),  # sends, since the base would not
+        (none, -1e4, {AS_BASE}),  # nothing is better than to wait, as the base does
+        (random, -1e4, {0}),  # waits to the end, since the base would not
+    ],
+)
+def test_leaves_the_base_for_what_surely_pays(base, pay, allowed):
+    env, params, state = paid(pay)
+    act = jax.jit(look_ahead(env, base(env), samples=2, hold=20))
+    assert int(act(jax.random.key(1), state, params)) in allowed
+
+
+def test_noise_is_no_reason():
+    """Where actions differ by chance only, it stays with the base in nearly all states."""
+    env, params, state = paid(0.0)
+    params = params.replace(fleet=params.fleet.replace(size=0))
+    act = jax.jit(jax.vmap(look_ahead(env, none(env), samples=8, hold=4), (0, None, None)))
+    plans = act(jax.random.split(jax.random.key(1), 4), state, params)
+    np.testing.assert_array_equal(plans, AS_BASE)
 
 
 def test_a_masked_action_is_never_taken():
-    """Under a cooldown it waits, however well a MED would pay."""
-    env, params = medjax.make("paper", **SMALL)
-    params = params.replace(reward_weights={**params.reward_weights, "dispatches": 1e4})
-    _, state = env.reset(jax.random.key(0), params)
+    """Under a cooldown it cannot send, however well a MED would pay."""
+    env, params, state = paid(1e4)
     state = state.replace(cooldown_s=jnp.float32(5.0))
-    act = look_ahead(env, none(env), samples=1, horizon_s=8.0)
-    assert int(act(jax.random.key(1), state, params)) == 0
+    act = look_ahead(env, none(env), samples=2, hold=8)
+    assert int(act(jax.random.key(1), state, params)) == AS_BASE
 
 
-@pytest.mark.parametrize("interval", [1, 3])
-def test_plays_the_episodes_of_the_evaluation(interval):
-    """A rule that never sends is scored as train.evaluation scores it, to rounding."""
+@pytest.mark.parametrize("hold", [1, 3])
+@pytest.mark.parametrize("plan", [AS_BASE, 0])
+def test_plays_the_episodes_of_the_evaluation(hold, plan):
+    """The base rule itself, and nothing at all, are scored as train.evaluation scores them, to rounding."""
     env, params = medjax.make("paper", **SMALL)
-    ours = planner.play_now_and_then(env, params, none(env), interval, episodes=4, seed=3)
-    theirs = evaluate_policies(env, params, {"none": baseline(none(env))}, 4, seed=3)["none"]
+    base = random(env)
+    ours = planner.play_plans(
+        env, params, lambda key, state, params: jnp.int32(plan), base, hold, episodes=4, seed=3
+    )
+    rule = base if plan == AS_BASE else none(env)
+    theirs = evaluate_policies(env, params, {"rule": baseline(rule)}, 4, seed=3)["rule"]
+    assert (theirs["meds_dispatched"].sum() > 0) == (plan == AS_BASE)
     for name, values in ours.items():
         np.testing.assert_allclose(values, theirs[name], rtol=1e-5, atol=1e-5, err_msg=name)
 
@@ -49,7 +73,7 @@ def test_plays_the_episodes_of_the_evaluation(interval):
 def test_command(tmp_path, capsys):
     """A table and the same figures as JSON."""
     out = tmp_path / "out.json"
-    argv = ["--episodes=2", "--samples=1", "--horizon=4", "--interval=200", f"--json={out}"]
+    argv = ["--episodes=2", "--samples=2", "--hold=300", "--base=paced", f"--json={out}"]
     planner.main(argv)
     report = json.loads(out.read_text())
     printed = capsys.readouterr().out
@@ -61,7 +85,7 @@ def test_command(tmp_path, capsys):
         )
 
 
-@pytest.mark.parametrize("argv", [["--samples=0"], ["--base=best"], ["--interval=0"]])
+@pytest.mark.parametrize("argv", [["--samples=1"], ["--base=best"], ["--hold=0"]])
 def test_bad_input_is_one_line(argv, capsys):
     """Exit code 2, and the value is named."""
     assert argv[0].split("=")[1] in refused(planner.main, argv, capsys)

@@ -53,6 +53,12 @@ def refused(capsys, argv, *words, command=ppo):
         (["--entropy=inf"], ["entropy_coef is inf", "finite"]),
         (["--hidden", "0"], ["hidden is 0", "at least 1"]),
         (["--hidden", "8", "x"], ["hidden is 'x'", "a whole number"]),
+        (["--demand-range", "1.5", "0.5"], ["demand_range is 1.5 0.5", "the lower one first"]),
+        (["--demand-range", "1"], ["demand_range is 1.0", "two numbers"]),
+        (["--demand-range", "-1", "1"], ["demand_range is -1.0", "at least 0"]),
+        (["--demand-range", "1", "99"], ["demand_range is 99.0", "at most 4"]),
+        (["--demand-range", "nan", "1"], ["demand_range is nan", "at most 4"]),
+        (["--demand-range", "few", "1"], ["demand_range is 'few'", "a number"]),
         (["--activation=gelu"], ["activation is 'gelu'", "tanh, relu, silu"]),
         (["--network=transformer"], ["network is 'transformer'", "allowed: mlp"]),
         (["--eval-episodes=1"], ["eval_episodes is 1", "at least 2"]),
@@ -130,6 +136,7 @@ def test_settings_survive_their_file():
         "overrides": {}
     } == to_json(config) | {"overrides": {}}
     assert from_json(json.loads(json.dumps(to_json(config)))).hidden == (8, 4)
+    assert from_json({"demand_range": [0, 2]}).demand_range == (0, 2)
     with pytest.raises(SettingError, match="'speed' is not a setting"):
         from_json({"speed": 3})
 
@@ -141,6 +148,7 @@ def test_values_of_options():
     assert request.config == TrainConfig(
         num_envs=3200, learning_rate=1e-3, hidden=(8, 16), anneal=False
     )
+    assert parse_request(["--demand-range", "0.5", "2"]).config.demand_range == (0.5, 2.0)
     assert parse_overrides(["a=3", "b.c=1.5", "d=true", "e=[1, 2]", "f=word"]) == {
         "a": 3,
         "b.c": 1.5,

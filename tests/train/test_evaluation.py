@@ -9,7 +9,7 @@ from scipy import stats
 from medjax.wrappers import init_stats
 from tests.train.conftest import coin, never
 from tests.train.probe_envs import Probe, ProbeParams
-from train.bootstrap import bootstrap_ci95
+from train.bootstrap import bootstrap_ci95, interquartile_mean, relative_change
 from train.config import TrainConfig
 from train.evaluation import Policy, baseline, evaluate_policies, summarize, trained
 from train.networks import PolicyWeights, apply_policy, build_network
@@ -77,7 +77,7 @@ def test_forbidden_actions_count_as_none():
 
 def untrained(initial_wait):
     """A network on the noisy probe, and its weights before training."""
-    network = build_network(2, TrainConfig(initial_wait=initial_wait))
+    network = build_network(ENV, TrainConfig(initial_wait=initial_wait))
     params = network.init(jax.random.key(0), jnp.zeros((1, 2)))
     return network, PolicyWeights(params, init_stats((2,)))
 
@@ -118,6 +118,58 @@ def test_bootstrap_equals_scipys_for_few_skewed_samples():
     assert bootstrap_ci95(samples) == got
     assert bootstrap_ci95(np.full(5, 2.0)) == (2.0, 2.0)
     assert np.isnan(bootstrap_ci95(np.zeros(0))).all()
+
+
+def test_the_interval_of_a_relative_change_is_scipys():
+    rng = np.random.default_rng(3)
+    base = rng.normal(10.0, 2.0, 80)
+    pairs = np.stack([0.4 * base + rng.normal(0.0, 0.5, 80), base], axis=1)
+    expected = stats.bootstrap(
+        tuple(pairs.T),
+        lambda ours, theirs, axis: ours.mean(axis) / theirs.mean(axis) - 1.0,
+        paired=True,
+        n_resamples=20_000,
+        method="percentile",
+        rng=np.random.default_rng(2),
+    ).confidence_interval
+    got = bootstrap_ci95(pairs, statistic=relative_change)
+    np.testing.assert_allclose(got, expected, atol=0.04 * (expected.high - expected.low))
+
+
+def test_no_share_of_nothing():
+    """No action sends nobody to the shoulder in most episodes: there is no interval to give."""
+    none = {"return": np.zeros(3), "depleted_share": np.array([0.0, 0.0, 0.1])}
+    ours = {"return": np.ones(3), "depleted_share": np.zeros(3)}
+    assert "change_against_none" not in summarize({"ppo": ours, "none": none}, "paper")
+
+
+@pytest.mark.parametrize("size", [1, 3, 4, 7, 8])
+def test_interquartile_mean_is_scipys_trimmed_mean(size):
+    samples = np.random.default_rng(size).exponential(size=(5, size))
+    expected = stats.trim_mean(samples, 0.25, axis=1)
+    np.testing.assert_allclose(interquartile_mean(samples), expected, rtol=1e-12)
+
+
+def test_several_training_seeds_are_compared_by_their_mean():
+    """By hand for two seeds, three episodes."""
+    ours = [np.array([1.0, 2.0, 6.0]), np.array([3.0, 2.0, 0.0])]
+    scores = {
+        name: {"return": returns, "length": np.full(3, 6.0), "mean_range_m": returns + 10.0}
+        for name, returns in zip(("ppo", "ppo_seed2"), ours, strict=True)
+    }
+    scores["none"] = {
+        "return": np.zeros(3),
+        "length": np.full(3, 6.0),
+        "mean_range_m": np.full(3, 10.0),
+    }
+    result = summarize(scores, "paper")
+    assert list(result["paired_return_difference"]) == ["none"]
+    assert result["paired_return_difference"]["none"]["mean"] == pytest.approx(7.0 / 3.0)
+    assert result["change_against_none"]["mean_range_m"]["mean"] == pytest.approx(0.7 / 3.0)
+    seeds = result["training_seeds"]
+    assert seeds["return_means"] == pytest.approx([3.0, 5.0 / 3.0])
+    assert seeds["interquartile_mean"] == pytest.approx(7.0 / 3.0)
+    assert seeds["ci95"] == pytest.approx([5.0 / 3.0, 3.0])
 
 
 def test_summary_has_the_contracts_names():

@@ -36,7 +36,7 @@ def learn(env, updates, params=None, **changes):
     programs = make_train(env, params, config)
     state = programs.init(jax.random.key(3), params)
     state, metrics = programs.run(state, params, jnp.int32(updates))
-    return state, build_network(env.num_actions, config), metrics
+    return state, build_network(env, config), metrics
 
 
 def value_and_probs(state, network, env, obs):

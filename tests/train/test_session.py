@@ -14,8 +14,8 @@ from train import evaluate, ppo
 from train.checkpoint import Checkpoints
 from train.learner import make_train
 from train.logs import Progress, read_rows, rows_from
-from train.report import final_return, format_table
 from train.session import shapes_of
+from train.tables import final_return, format_table
 
 CLOCK = ("wall_s", "env_steps_per_s")
 
@@ -196,7 +196,8 @@ def test_evaluate_command(probe, capsys):
     low, high = entry["return_ci95"]
     assert low <= entry["return_mean"] <= high
     assert entry["decisions"] == 5.0
-    assert set(result["paired_return_difference"]) == {"ppo_seed2", "none", "random"}
+    assert set(result["paired_return_difference"]) == {"none", "random"}
+    assert len(result["training_seeds"]["return_means"]) == 2
     capsys.readouterr()
     assert evaluate.main([*argv, "--stochastic", "--set", "episode_decisions=3", "--seed=4"]) == 0
     assert json.loads((probe / "out.json").read_text())["policies"]["none"]["decisions"] == 3.0

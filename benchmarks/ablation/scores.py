@@ -1,0 +1,122 @@
+"""What the studies share: settings of the environment, rows of a report, and how they are shown."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from medjax.policies import BASELINES
+from train.bootstrap import bootstrap_ci95
+from train.cli import parse_overrides
+from train.config import TrainConfig
+from train.evaluation import Policy, Scores, baseline
+from train.figures import colour
+from train.rundir import RunDir
+from train.tables import interval, short
+
+RULES = ("forecast", "paced", "greedy", "none")
+MARKERS = "osD^vPX*<>"  # of policies in their order: colours are not all that tells them apart
+
+
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """A metric as tables and figures show it."""
+
+    metric: str
+    heading: str
+    axis: str  # with its unit
+    with_interval: bool = False
+
+
+def non_negative(text: str) -> float:
+    """A type of argument: finite numbers from 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value >= 0.0):
+        raise argparse.ArgumentTypeError(f"{text!r}: allowed a number from 0")
+    return value
+
+
+def settings(options: argparse.Namespace) -> TrainConfig:
+    """Those of the run that is given, else the default ones; with the environment that is asked for.
+
+    Raises:
+      SettingError: there is no such run, or a `--set` that cannot be read.
+    """
+    run_dir = getattr(options, "run_dir", None)
+    config = RunDir(run_dir).load_config() if run_dir else TrainConfig(seed=options.seed)
+    changes = parse_overrides(getattr(options, "overrides", []))
+    scenario = options.scenario or config.scenario
+    if scenario == config.scenario:  # what was set for one preset may mean nothing in another
+        changes = {**config.overrides, **changes}
+    # This machine need not have the devices that the run had.
+    return dataclasses.replace(config, scenario=scenario, overrides=changes, num_devices=0)
+
+
+def rules(env: Any) -> dict[str, Policy]:
+    """The policies that are not learned, by name."""
+    return {name: baseline(BASELINES[name](env)) for name in RULES}
+
+
+def in_world(score: Scores, index: int) -> Scores:
+    """Scores `(episodes,)` in one world out of those of all `(worlds, episodes)`."""
+    return {metric: values[index] for metric, values in score.items()}
+
+
+def describe(score: Scores, columns: Sequence[Column], seed: int) -> dict[str, Any]:
+    """Means of all metrics over the episodes, as METRIC, and the intervals that are shown, as METRIC_ci95."""
+    means: dict[str, Any] = {metric: float(values.mean()) for metric, values in score.items()}
+    shown = [column.metric for column in columns if column.with_interval]
+    return means | {f"{metric}_ci95": list(bootstrap_ci95(score[metric], seed)) for metric in shown}
+
+
+def headings(columns: Sequence[Column]) -> list[str]:
+    """Those of `cells`."""
+    each = [[column.heading, *["95 % CI"] * column.with_interval] for column in columns]
+    return [text for texts in each for text in texts]
+
+
+def cells(row: Mapping[str, Any], columns: Sequence[Column]) -> list[str]:
+    """What is shown of a row."""
+    shown = []
+    for column in columns:
+        shown.append(short(row[column.metric]))
+        if column.with_interval:
+            shown.append(interval(row[f"{column.metric}_ci95"]))
+    return shown
+
+
+def draw_rows(
+    axes: Any, rows: Sequence[Mapping[str, Any]], x: str, y: str, label: str, number: int, ls: str
+) -> None:
+    """Means of rows of one policy, with the intervals that they have along either axis.
+
+    Args:
+      axes: of matplotlib.
+      rows: of the report.
+      x, y: what is drawn of them.
+      label: in the legend.
+      number: of the policy, for its marker.
+      ls: style of the line between the rows.
+    """
+    errors = {}
+    for name, metric in (("xerr", x), ("yerr", y)):
+        if f"{metric}_ci95" in rows[0]:
+            low = [row[metric] - row[f"{metric}_ci95"][0] for row in rows]
+            high = [row[f"{metric}_ci95"][1] - row[metric] for row in rows]
+            errors[name] = (low, high)
+    axes.errorbar(
+        [row[x] for row in rows],
+        [row[y] for row in rows],
+        color=colour(rows[0]["policy"]),
+        marker=MARKERS[number % len(MARKERS)],
+        ls=ls,
+        capsize=3,
+        label=label,
+        **errors,
+    )

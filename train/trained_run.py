@@ -1,0 +1,72 @@
+"""What the commands on a trained run share: their options, their numbers and what they load."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from train.cli import OneLineParser, make_environment
+from train.config import SettingError, TrainConfig
+
+if TYPE_CHECKING:
+    from train.evaluation import Policy
+
+LIMITS = {"episodes": (2, 10**7), "batch": (1, 10**6), "seed": (0, 2**32 - 1)}
+
+
+def trained_run_parser(prog: str, description: str) -> OneLineParser:
+    """The parser of a command that plays whole episodes with the policy in `--run-dir DIR`."""
+    parser = OneLineParser(prog=f"python -m {prog}", description=description, allow_abbrev=False)
+    parser.add_argument(
+        "--run-dir", required=True, metavar="DIR", help="directory that train.ppo wrote"
+    )
+    parser.add_argument(
+        "--episodes", default="200", metavar="N", help="whole episodes per policy (default: 200)"
+    )
+    parser.add_argument("--seed", default="0", metavar="N", help="which episodes (default: 0)")
+    parser.add_argument(
+        "--stochastic",
+        action="store_true",
+        help="sample the trained policy's actions; else the most probable",
+    )
+    return parser
+
+
+def whole_number(name: str, text: str) -> int:
+    """The number that `text` is, within `LIMITS[name]`.
+
+    Raises:
+        SettingError: it is none.
+    """
+    low, high = LIMITS[name]
+    if not text.strip().isdecimal() or not low <= int(text) <= high:
+        raise SettingError(f"{name} is {text}, allowed: a whole number from {low} to {high}")
+    return int(text)
+
+
+def load_policies(
+    run_dir: Path, config: TrainConfig, stochastic: bool
+) -> tuple[Any, Any, dict[str, "Policy"]]:
+    """A single environment, its parameters, and the trained and all other policies by name.
+
+    Args:
+        run_dir: directory of the run.
+        config: its settings, or others of the same network.
+        stochastic: sample the trained policy's actions.
+
+    Raises:
+        SettingError: the environment cannot be made, or there is no checkpoint that fits it.
+    """
+    # JAX and Orbax take seconds to import; bad options need not wait for them.
+    from medjax.wrappers import prepare_cpu
+
+    prepare_cpu()
+    env, params = make_environment(config)
+    from train.checkpoint import Checkpoints
+    from train.closing import all_policies
+    from train.learner import make_train
+    from train.session import shapes_of
+
+    reader = Checkpoints(run_dir)
+    shapes = shapes_of(make_train(env, params, config), params, config)
+    weights = reader.restore_weights(shapes)
+    reader.close()
+    return env, params, all_policies(env, config, weights, stochastic)
