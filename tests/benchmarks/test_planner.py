@@ -1,6 +1,7 @@
 """The planner plays the episodes of the evaluation, and finds what pays."""
 
 import json
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -70,10 +71,11 @@ def test_plays_the_episodes_of_the_evaluation(hold, plan):
         np.testing.assert_allclose(values, theirs[name], rtol=1e-5, atol=1e-5, err_msg=name)
 
 
-def test_command(tmp_path, capsys):
+def test_command(tmp_path, capsys, monkeypatch):
     """A table and the same figures as JSON."""
+    monkeypatch.setattr(medjax, "make", partial(medjax.make, **SMALL))
     out = tmp_path / "out.json"
-    argv = ["--episodes=2", "--samples=2", "--hold=300", "--base=paced", f"--json={out}"]
+    argv = ["--episodes=2", "--samples=2", "--hold=8", "--base=paced", f"--json={out}"]
     planner.main(argv)
     report = json.loads(out.read_text())
     printed = capsys.readouterr().out
