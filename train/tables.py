@@ -29,7 +29,7 @@ PAPER_MEDS = 15.0
 
 
 def format_table(result: Mapping[str, Any]) -> str:
-    """The table of an evaluation, best return first.
+    """The tables of an evaluation: policies, best return first, and what the trained one does against no action.
 
     Args:
         result: of `train.evaluation.summarize`.
@@ -37,7 +37,14 @@ def format_table(result: Mapping[str, Any]) -> str:
     title = (
         f"{result['episodes']} whole episodes of {result['scenario']}, the same for every policy"
     )
-    return f"{title}\n{format_rows(comparison_rows(result))}"
+    parts = [f"{title}\n{format_rows(comparison_rows(result))}"]
+    if seeds := result.get("training_seeds"):
+        means = ", ".join(map(short, seeds["return_means"]))
+        middle = f"{short(seeds['interquartile_mean'])} {interval(seeds['ci95'])}"
+        parts.append(f"training seeds: {means}; interquartile mean, 95 % CI: {middle}")
+    if "change_against_none" in result:
+        parts.append(format_rows(claim_rows(result)))
+    return "\n\n".join(parts)
 
 
 def format_rows(table: Table) -> str:
@@ -94,6 +101,7 @@ def paper_rows(result: Mapping[str, Any]) -> Table:
 def claim_rows(result: Mapping[str, Any]) -> Table:
     """What the paper claims of its policy against no action, and what the trained one does here."""
     rows = [["against no action", "paper", "ppo here, 95 % CI"]]
+    ours = [entry for name, entry in result["policies"].items() if name.startswith("ppo")]
     for heading, (metric, form) in COLUMNS.items():
         if metric in PAPER_CLAIMS:
             change = result.get("change_against_none", {}).get(metric)
@@ -102,9 +110,9 @@ def claim_rows(result: Mapping[str, Any]) -> Table:
                 low, high = change["ci95"]
                 here = f"{change['mean']:+.1%} [{low:+.1%}, {high:+.1%}]"
             rows.append([heading, f"{PAPER_CLAIMS[metric] - 1:+.0%}", here])
-        else:
-            ours = [e[metric] for name, e in result["policies"].items() if name.startswith("ppo")]
-            rows.append([heading, format(PAPER_MEDS, ".0f"), format(fmean(ours), form)])
+        elif all(metric in entry for entry in ours):
+            mean = fmean(entry[metric] for entry in ours)
+            rows.append([heading, format(PAPER_MEDS, ".0f"), format(mean, form)])
     return rows
 
 
