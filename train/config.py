@@ -81,7 +81,7 @@ class TrainConfig:
         True, "environment", "spread the ends of the first episodes, so that not all end together"
     )
     total_timesteps: int = option(
-        2_000_000, "run", "decisions per seed over all environments, rounded up to updates", low=1
+        6_000_000, "run", "decisions per seed over all environments, rounded up to updates", low=1
     )
     seed: int = option(0, "run", "of all randomness", low=0, high=2**32 - 1)
     num_seeds: int = option(1, "run", "independent learners trained side by side", low=1)
