@@ -16,8 +16,7 @@ def mean(samples: np.ndarray) -> np.ndarray:
 def relative_change(samples: np.ndarray) -> np.ndarray:
     """By how much the mean of the first of two is above that of the second, as a share; `(rows, n, 2)` to `(rows,)`."""
     means = np.mean(samples, axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):  # there is no share of nothing
-        return np.asarray(means[:, 0] / means[:, 1] - 1.0)
+    return np.asarray(means[:, 0] / means[:, 1] - 1.0)
 
 
 def interquartile_mean(samples: np.ndarray) -> np.ndarray:

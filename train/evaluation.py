@@ -328,8 +328,9 @@ def _compare(ours: Scores, rules: Mapping[str, Scores], seed: int) -> dict[str, 
         if metric not in base:
             continue
         pairs = np.stack([ours[metric], base[metric]], axis=1)
-        ends = bootstrap_ci95(pairs, seed, statistic=relative_change)
-        if np.isfinite(ends).all():  # too few episodes may hold nothing to compare with
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = bootstrap_ci95(pairs, seed, statistic=relative_change)
+        if np.isfinite(ends).all():  # few episodes may hold nothing to compare with
             change = float(relative_change(pairs[None])[0])
             changes[metric] = {"mean": change, "ci95": list(ends)}
     return result | ({"change_against_none": changes} if changes else {})

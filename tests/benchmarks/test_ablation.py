@@ -81,6 +81,7 @@ def test_without_misalignment_every_link_is_nominal():
     assert total[0] > total[1] > total[2]
 
 
+@pytest.mark.slow
 def test_each_learner_is_what_it_is_alone():
     """Equal rewards teach the same; each learner is that of train.ppo, to rounding."""
     env, params = medjax.make("paper", **SMALL)
@@ -135,6 +136,7 @@ def test_sweep_command(run, tmp_path, capsys):
     assert rows["ppo", 9]["return"] == pytest.approx(alone["return"].mean(), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_weights_command(run, tmp_path, capsys):
     """A row for each reward, then one for each rule, and a picture."""
     out, plot = tmp_path / "out.json", tmp_path / "plot.png"

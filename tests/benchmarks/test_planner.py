@@ -54,7 +54,7 @@ def test_a_masked_action_is_never_taken():
     assert int(act(jax.random.key(1), state, params)) == AS_BASE
 
 
-@pytest.mark.parametrize("hold", [1, 3])
+@pytest.mark.parametrize("hold", [pytest.param(1, marks=pytest.mark.slow), 3])
 @pytest.mark.parametrize("plan", [AS_BASE, 0])
 def test_plays_the_episodes_of_the_evaluation(hold, plan):
     """The base rule itself, and nothing at all, are scored as train.evaluation scores them, to rounding."""
@@ -70,6 +70,7 @@ def test_plays_the_episodes_of_the_evaluation(hold, plan):
         np.testing.assert_allclose(values, theirs[name], rtol=1e-5, atol=1e-5, err_msg=name)
 
 
+@pytest.mark.slow
 def test_command(tmp_path, capsys, monkeypatch):
     """A table and the same figures as JSON."""
     monkeypatch.setattr(medjax, "make", partial(medjax.make, **SMALL))
