@@ -56,6 +56,13 @@ def episodes_parser(name: str, description: str | None, episodes: int, seed: int
     return parser
 
 
+def picture(text: str) -> Path:
+    """A type of argument: a PNG file that can be written."""
+    if not text.endswith(".png"):
+        raise argparse.ArgumentTypeError(f"{text!r}: allowed a name that ends in .png")
+    return output_file(text)
+
+
 def output_file(text: str) -> Path:
     """A type of argument: a file that can be written, checked before anything is measured."""
     path = Path(text)

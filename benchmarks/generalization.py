@@ -17,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 import medjax
-from benchmarks.arguments import benchmark_parser, output_file, whole_number
+from benchmarks.arguments import benchmark_parser, picture, whole_number
 from benchmarks.generalization_figure import plot_gains
 from medjax.policies import BASELINES
 from medjax.wrappers import prepare_cpu, scale_demand
@@ -173,7 +173,7 @@ def build_parser() -> OneLineParser:
         "--episodes", type=whole_number(least=2), default=256, help="of each policy and world"
     )
     parser.add_argument("--seed", type=whole_number(least=0), default=0, help="which episodes")
-    parser.add_argument("--plot", type=output_file, metavar="FILE", help="draw the gains, as a PNG")
+    parser.add_argument("--plot", type=picture, metavar="FILE.png", help="draw the gains here")
     return parser
 
 

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from medjax.policies import BASELINES
-from train.figures import colour, new_figure
+from train.figures import MARKERS, colour, new_figure, save
 
 # For trained runs; of Okabe and Ito (2008) those that train.figures gives to few rules, told apart by markers too.
 RUN_COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#000000")
-MARKERS = "osD^vPX*<>"
 
 
 def plot_gains(
@@ -53,4 +52,4 @@ def plot_gains(
     axes.set_title("Other demands than the preset's")
     axes.grid(alpha=0.3)
     figure.legend(loc="outside right upper", fontsize="small", frameon=False)
-    figure.savefig(path, dpi=130, format="png")
+    save(figure, path)

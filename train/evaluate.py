@@ -3,17 +3,15 @@
 The trained policy ("ppo") and every policy of medjax.policies play the same episodes. Exit code 2 on bad input.
 """
 
-import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from train.cli import OneLineParser, add_set_option, fail, parse_overrides
-from train.config import SettingError, TrainConfig
+from train.config import SettingError
 from train.rundir import RunDir, check_writable, write_json
 from train.tables import format_table
-from train.trained_run import LIMITS, load_policies, trained_run_parser, whole_number
+from train.trained_run import LIMITS, load_policies, to_play, trained_run_parser, whole_number
 
 
 def build_parser() -> OneLineParser:
@@ -46,7 +44,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         numbers = {name: whole_number(name, getattr(given, name)) for name in LIMITS}
         target = _target(given.json)
-        config = _config(given)
+        changes = parse_overrides(getattr(given, "overrides", []))
+        config = to_play(RunDir(Path(given.run_dir)).load_config(), given.scenario, changes)
         env, params, policies = load_policies(Path(given.run_dir), config, given.stochastic)
     except SettingError as error:
         return fail("train.evaluate", error)
@@ -64,18 +63,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         write_json(target, result)
     print(format_table(result))
     return 0
-
-
-def _config(given: Any) -> TrainConfig:
-    """Settings of the run, with the environment that is asked for."""
-    config = RunDir(Path(given.run_dir)).load_config()
-    changes = parse_overrides(getattr(given, "overrides", []))
-    same = given.scenario in (None, config.scenario)
-    scenario = config.scenario if same else given.scenario
-    # What was set for one preset may mean nothing in another.
-    overrides = {**config.overrides, **changes} if same else changes
-    # This machine need not have the devices that the run had.
-    return dataclasses.replace(config, scenario=scenario, overrides=overrides, num_devices=0)
 
 
 def _target(text: str | None) -> Path | None:

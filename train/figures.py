@@ -24,6 +24,7 @@ COLOURS = {
     "random": "#D55E00",
 }
 OTHER = "#555555"
+MARKERS = "osD^vPX*<>"  # of policies in their order: colours are not all that tells them apart
 PANELS = {  # of the comparison: metric, title with its unit
     "depleted_share": "share of EVs that run out",
     "mean_range_m": "mean range of an EV (m)",

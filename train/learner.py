@@ -24,6 +24,7 @@ from medjax.wrappers import (
     EpisodeLog,
     RandomDemand,
     RunningStats,
+    TimeLimitAsEnd,
     environment_mesh,
     init_stats,
     normalize,
@@ -163,7 +164,6 @@ class Learner:
             env_params,
             num_steps=config.rollout_length,
             gamma=config.gamma,
-            bootstrap_timeouts=config.bootstrap_timeouts,
         )
 
     def _samples(
@@ -292,6 +292,8 @@ def build_learner(env: Environment, params: Any, config: TrainConfig) -> Learner
     mesh = environment_mesh(config.num_envs // config.num_minibatches, config.num_devices)
     if config.demand_range != (1.0, 1.0):
         env = RandomDemand(env, *config.demand_range)
+    if not config.bootstrap_timeouts:
+        env = TimeLimitAsEnd(env)
     batch = BatchAutoReset(
         DecideEvery(env, config.decide_every), stagger=episode_choices if config.stagger else 0
     )

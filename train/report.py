@@ -4,7 +4,6 @@ The trained policy ("ppo") and every policy of medjax.policies play the same epi
 and one HTML page that needs nothing else go to DIR/report, over those of an earlier report. Exit code 2 on bad input.
 """
 
-import dataclasses
 import importlib.util
 import sys
 from collections.abc import Sequence
@@ -13,7 +12,7 @@ from pathlib import Path
 from train.cli import OneLineParser, fail
 from train.config import SettingError
 from train.rundir import RunDir, check_writable
-from train.trained_run import load_policies, trained_run_parser, whole_number
+from train.trained_run import load_policies, to_play, trained_run_parser, whole_number
 
 
 def build_parser() -> OneLineParser:
@@ -37,8 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         episodes, seed = (whole_number(name, getattr(given, name)) for name in ("episodes", "seed"))
         run_dir = RunDir(Path(given.run_dir))
-        # This machine need not have the devices that the run had.
-        config = dataclasses.replace(run_dir.load_config(), num_devices=0)
+        config = to_play(run_dir.load_config())
         _check_target(run_dir.report)
         env, params, policies = load_policies(run_dir.path, config, given.stochastic)
         if not env.config.num_ramps:

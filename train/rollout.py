@@ -86,7 +86,6 @@ def collect(
     *,
     num_steps: int,
     gamma: float,
-    bootstrap_timeouts: bool,
 ) -> tuple[RolloutState, Trajectory, jax.Array, EpisodeSums]:
     """Acts for `num_steps` steps in some environments, each on its own.
 
@@ -99,7 +98,6 @@ def collect(
         env_params: parameters of the environments.
         num_steps: per environment.
         gamma: discount per step.
-        bootstrap_timeouts: whether an episode that ends by time is a truncation to the learner, else a termination.
 
     Returns:
         The new state, the trajectory, the values `(num_envs,)` of the observations after it, sums over ended episodes.
@@ -120,8 +118,6 @@ def collect(
             obs, env_state, reward, terminated, truncated, info = env.step(
                 env_keys, carry.env, action, env_params
             )
-        if not bootstrap_timeouts:
-            terminated |= truncated & ~info["cut_short"]
         with jax.named_scope("bootstrap"):
             cut = truncated & ~terminated
             final_value = values_where(network, weights, info["final_observation"], cut, few)

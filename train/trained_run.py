@@ -1,10 +1,12 @@
 """What the commands on a trained run share: their options, their numbers and what they load."""
 
+import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train.cli import OneLineParser, make_environment
-from train.config import SettingError, TrainConfig
+from train.config import Override, SettingError, TrainConfig
 
 if TYPE_CHECKING:
     from train.evaluation import Policy
@@ -40,6 +42,26 @@ def whole_number(name: str, text: str) -> int:
     if not text.strip().isdecimal() or not low <= int(text) <= high:
         raise SettingError(f"{name} is {text}, allowed: a whole number from {low} to {high}")
     return int(text)
+
+
+def to_play(
+    config: TrainConfig,
+    scenario: str | None = None,
+    changes: Mapping[str, Override] | None = None,
+) -> TrainConfig:
+    """Settings of a run, for playing it here, in the environment that is asked for.
+
+    Args:
+        config: of the run.
+        scenario: preset; None is that of the run.
+        changes: numbers of the environment, over those of the run where the preset is its own: what was set for one may
+            mean nothing in another.
+    """
+    scenario = scenario or config.scenario
+    kept = config.overrides if scenario == config.scenario else {}
+    overrides = {**kept, **(changes or {})}
+    # This machine need not have the devices that the run had.
+    return dataclasses.replace(config, scenario=scenario, overrides=overrides, num_devices=0)
 
 
 def load_policies(

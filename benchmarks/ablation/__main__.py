@@ -10,23 +10,15 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 
 from benchmarks.ablation import sweeps, weights
-from benchmarks.arguments import episodes_parser, output_file
+from benchmarks.arguments import episodes_parser, picture
 from medjax.wrappers import prepare_cpu
 from train.cli import OneLineParser, add_set_option
 from train.config import SettingError
 from train.host import enable_compilation_cache
 
 WEIGHTS = "weights"
-
-
-def picture(text: str) -> Path:
-    """A type of argument: a PNG file that can be written."""
-    if not text.endswith(".png"):
-        raise argparse.ArgumentTypeError(f"{text!r}: allowed a name that ends in .png")
-    return output_file(text)
 
 
 def build_parser(study: str) -> OneLineParser:

@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from medjax.policies import BASELINES
@@ -13,12 +14,12 @@ from train.bootstrap import bootstrap_ci95
 from train.cli import parse_overrides
 from train.config import TrainConfig
 from train.evaluation import Policy, Scores, baseline
-from train.figures import colour
+from train.figures import MARKERS, colour, save
 from train.rundir import RunDir
 from train.tables import interval, short
+from train.trained_run import to_play
 
 RULES = ("forecast", "paced", "greedy", "none")
-MARKERS = "osD^vPX*<>"  # of policies in their order: colours are not all that tells them apart
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,12 +51,7 @@ def settings(options: argparse.Namespace) -> TrainConfig:
     """
     run_dir = getattr(options, "run_dir", None)
     config = RunDir(run_dir).load_config() if run_dir else TrainConfig(seed=options.seed)
-    changes = parse_overrides(getattr(options, "overrides", []))
-    scenario = options.scenario or config.scenario
-    if scenario == config.scenario:  # what was set for one preset may mean nothing in another
-        changes = {**config.overrides, **changes}
-    # This machine need not have the devices that the run had.
-    return dataclasses.replace(config, scenario=scenario, overrides=changes, num_devices=0)
+    return to_play(config, options.scenario, parse_overrides(getattr(options, "overrides", [])))
 
 
 def rules(env: Any) -> dict[str, Policy]:
@@ -89,6 +85,28 @@ def cells(row: Mapping[str, Any], columns: Sequence[Column]) -> list[str]:
         if column.with_interval:
             shown.append(interval(row[f"{column.metric}_ci95"]))
     return shown
+
+
+def finish(
+    figure: Any, panels: Mapping[Any, tuple[str, str]], title: str, columns: int, path: Path
+) -> None:
+    """Labels the panels, puts one legend under all of them, and writes the PNG.
+
+    Args:
+      figure: of `train.figures.new_figure`.
+      panels: what stands at the axes of each: x and y; they show the same policies.
+      title: heading.
+      columns: of the legend, at most.
+      path: file to write.
+    """
+    for axes, (x, y) in panels.items():
+        axes.set_xlabel(x)
+        axes.set_ylabel(y)
+        axes.grid(alpha=0.3)
+    handles, labels = next(iter(panels)).get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, len(labels)))
+    figure.suptitle(title)
+    save(figure, path)
 
 
 def draw_rows(

@@ -14,6 +14,7 @@ from benchmarks.ablation.scores import (
     cells,
     describe,
     draw_rows,
+    finish,
     headings,
     in_world,
     non_negative,
@@ -25,7 +26,7 @@ from medjax.policies import BASELINES
 from train.bootstrap import bootstrap_ci95
 from train.cli import OneLineParser, make_environment
 from train.evaluation import Policy, Scores
-from train.figures import new_figure, save
+from train.figures import new_figure
 from train.tables import format_rows, interval, short
 from train.trained_run import load_policies
 
@@ -166,15 +167,12 @@ def plot(path: Path, report: dict[str, Any]) -> None:
     """
     figure = new_figure(11, 4.8)
     names = list(dict.fromkeys(row["policy"] for row in report["rows"]))
+    panels = {}
     for axes, column in zip(figure.subplots(1, 2), COLUMNS[:2], strict=True):
         for number, name in enumerate(names):
             rows = [row for row in report["rows"] if row["policy"] == name]
             rows.sort(key=lambda row: row["value"])
             draw_rows(axes, rows, "value", column.metric, name, number, "-")
-        axes.set_xlabel(report["label"])
-        axes.set_ylabel(f"{column.axis}, 95 % CI")
-        axes.grid(alpha=0.3)
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(7, len(labels)))
-    figure.suptitle(f"{report['scenario']}, {report['episodes']} episodes, the same for all")
-    save(figure, path)
+        panels[axes] = report["label"], f"{column.axis}, 95 % CI"
+    title = f"{report['scenario']}, {report['episodes']} episodes, the same for all"
+    finish(figure, panels, title, 7, path)

@@ -14,6 +14,7 @@ from benchmarks.ablation.scores import (
     cells,
     describe,
     draw_rows,
+    finish,
     headings,
     in_world,
     non_negative,
@@ -25,7 +26,7 @@ from benchmarks.arguments import positive
 from train.cli import OneLineParser, make_environment
 from train.config import SettingError
 from train.evaluation import TRAINED, evaluate_policies, trained
-from train.figures import new_figure, save
+from train.figures import new_figure
 from train.networks import build_network
 from train.tables import format_rows
 
@@ -127,6 +128,7 @@ def plot(path: Path, report: dict[str, Any]) -> None:
     on_meds = [row for row in learned if not row["gas_delay"]]
     on_delay = [row for row in learned if row["gas_delay"]]
     depleted, *prices, _ = COLUMNS
+    panels = {}
     for axes, column in zip(figure.subplots(1, 2), prices, strict=True):
         series = [
             ("PPO, cost of a MED", on_meds, "-"),
@@ -144,12 +146,6 @@ def plot(path: Path, report: dict[str, Any]) -> None:
                 textcoords="offset points",
             )
         axes.margins(0.1)
-        axes.set_xlabel(f"{column.axis}, 95 % CI")
-        axes.set_ylabel(f"{depleted.axis}, 95 % CI")
-        axes.grid(alpha=0.3)
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
-    figure.suptitle(
-        f"{report['scenario']}: {report['decisions']} decisions of each learner, {report['episodes']} episodes"
-    )
-    save(figure, path)
+        panels[axes] = f"{column.axis}, 95 % CI", f"{depleted.axis}, 95 % CI"
+    each = f"{report['decisions']} decisions of each learner, {report['episodes']} episodes"
+    finish(figure, panels, f"{report['scenario']}: {each}", 3, path)

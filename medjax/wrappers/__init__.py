@@ -14,6 +14,7 @@ from medjax.wrappers.normalize import (
 from medjax.wrappers.protocol import BatchEnvironment, Environment
 from medjax.wrappers.randomize import RandomDemand, RandomDemandState, scale_demand
 from medjax.wrappers.rows import for_true_rows, in_blocks
+from medjax.wrappers.wrapper import TimeLimitAsEnd, Wrapper
 
 __all__ = [
     "BatchAutoReset",
@@ -26,6 +27,8 @@ __all__ = [
     "RandomDemand",
     "RandomDemandState",
     "RunningStats",
+    "TimeLimitAsEnd",
+    "Wrapper",
     "environment_mesh",
     "for_true_rows",
     "in_blocks",

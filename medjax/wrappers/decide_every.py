@@ -1,17 +1,17 @@
 """Choices that stand for several decisions."""
 
 import dataclasses
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
-from medjax.wrappers.protocol import Environment, Observation, Params, State, StepResult
+from medjax.wrappers.protocol import Params, State, StepResult
+from medjax.wrappers.wrapper import Wrapper
 
 
 @dataclasses.dataclass(frozen=True)
-class DecideEvery:
+class DecideEvery(Wrapper):
     """`env` for a policy that chooses at every `interval`-th decision; action 0 is taken in between.
 
     A step is a choice and the decisions up to the next one, as in a semi-Markov decision process (Sutton, Precup and
@@ -26,27 +26,12 @@ class DecideEvery:
         ValueError: the interval is out of its range.
     """
 
-    env: Environment
     interval: int = 1
 
     def __post_init__(self) -> None:
         """Checks the number."""
         if self.interval < 1:
             raise ValueError(f"interval is {self.interval}, must be at least 1")
-
-    @property
-    def name(self) -> str:
-        """Name of the environment."""
-        return self.env.name
-
-    @property
-    def num_actions(self) -> int:
-        """Number of discrete actions."""
-        return self.env.num_actions
-
-    def reset(self, key: jax.Array, params: Params) -> tuple[Observation, State]:
-        """Starts an episode."""
-        return self.env.reset(key, params)
 
     def step_env(
         self, key: jax.Array, state: State, action: jax.Array, params: Params
@@ -72,11 +57,3 @@ class DecideEvery:
             return jax.tree.map(lambda old, new: jnp.where(over, old, new), before, after), None
 
         return lax.scan(decide, (obs, state, *rest), steps)[0]
-
-    def action_mask(self, state: State, params: Params) -> jax.Array:
-        """`(num_actions,)` bool, that of the environment."""
-        return self.env.action_mask(state, params)
-
-    def observation_space(self, params: Params) -> Any:
-        """That of the environment."""
-        return self.env.observation_space(params)

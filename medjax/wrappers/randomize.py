@@ -9,7 +9,8 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.config import Scalar
-from medjax.wrappers.protocol import Environment, Observation, Params, StepResult
+from medjax.wrappers.protocol import Observation, Params, StepResult
+from medjax.wrappers.wrapper import Wrapper
 
 # Folded into the key of a reset, which goes on to the environment as it is: with a factor of 1 an episode
 # is the one that would have been without the wrapper.
@@ -46,7 +47,7 @@ def scale_demand(params: Params, factor: Scalar) -> Params:
 
 
 @dataclasses.dataclass(frozen=True)
-class RandomDemand:
+class RandomDemand(Wrapper):
     """`env` with a demand that is drawn for each episode (domain randomisation, Tobin et al. 2017, arXiv:1703.06907).
 
     A reset draws a factor, uniformly; the whole episode then has so many times the vehicles asking to enter that the
@@ -63,7 +64,6 @@ class RandomDemand:
         ValueError: the factors are out of their range.
     """
 
-    env: Environment
     low: float
     high: float
 
@@ -73,16 +73,6 @@ class RandomDemand:
             raise ValueError(
                 f"factors of the demand are {self.low} to {self.high}, must be at least 0 and ascending"
             )
-
-    @property
-    def name(self) -> str:
-        """Name of the environment."""
-        return self.env.name
-
-    @property
-    def num_actions(self) -> int:
-        """Number of discrete actions."""
-        return self.env.num_actions
 
     def reset(self, key: jax.Array, params: Params) -> tuple[Observation, RandomDemandState]:
         """Starts an episode of another demand."""
@@ -103,7 +93,3 @@ class RandomDemand:
     def action_mask(self, state: RandomDemandState, params: Params) -> jax.Array:
         """`(num_actions,)` bool, that of the environment at the demand of the episode."""
         return self.env.action_mask(state.env, scale_demand(params, state.factor))
-
-    def observation_space(self, params: Params) -> Any:
-        """That of the environment."""
-        return self.env.observation_space(params)

@@ -34,7 +34,7 @@ def brute_force(x, lane, target, active):
     return ahead, behind
 
 
-def check(x, lane, direction, active, previous=None):
+def assert_neighbours(x, lane, direction, active, previous=None):
     """Compares all four neighbours of every slot."""
     x, lane = np.asarray(x, np.float32), np.asarray(lane, np.int32)
     target = (lane + direction).astype(np.int32)
@@ -62,7 +62,7 @@ roads = st.tuples(
 def test_random_roads_with_ties(road):
     """Every road, last order and side looked at; lanes -1 and 5 are off the road."""
     x, lane, active, previous, direction = road
-    check(x, lane, direction, np.array(active), previous)
+    assert_neighbours(x, lane, direction, np.array(active), previous)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -72,19 +72,19 @@ def test_dense_roads(seed):
     x = rng.uniform(0.0, LENGTH_M + 10.0, 192)
     lane = rng.integers(0, LANES, 192)
     active = rng.random(192) < rng.choice([0.05, 0.5, 1.0])
-    check(x, lane, rng.choice([-1, 1]), active, rng.permutation(192))
+    assert_neighbours(x, lane, rng.choice([-1, 1]), active, rng.permutation(192))
 
 
 def test_all_inactive():
     """Nobody is found by anyone."""
-    got = check(np.linspace(0, 100, SLOTS), np.zeros(SLOTS), 1, np.zeros(SLOTS, bool))
+    got = assert_neighbours(np.linspace(0, 100, SLOTS), np.zeros(SLOTS), 1, np.zeros(SLOTS, bool))
     assert all((np.asarray(getattr(got, side)) == NOBODY).all() for side in SIDES)
 
 
 def test_alone_in_a_lane():
     """One vehicle a lane sees nobody in its own, and the next lane's only vehicle on one side."""
     x = np.array([50.0, 40.0, 60.0, 30.0, 70.0])
-    got = check(x, np.arange(5), 1, np.ones(5, bool))
+    got = assert_neighbours(x, np.arange(5), 1, np.ones(5, bool))
     assert (np.asarray(got.leader) == NOBODY).all()
     assert (np.asarray(got.follower) == NOBODY).all()
     np.testing.assert_array_equal(got.target_leader, [NOBODY, 2, NOBODY, 4, NOBODY])
@@ -107,16 +107,16 @@ def test_looking_across_to_the_acceleration_lane_and_back():
     """Its index, 4, is a lane like the others: a merging vehicle sees lane 3 and is seen."""
     x = np.array([120.0, 100.0, 140.0, 900.0])
     lane = np.array([4, 3, 3, 4])
-    left = check(x, lane, -1, np.ones(4, bool))
+    left = assert_neighbours(x, lane, -1, np.ones(4, bool))
     assert (left.target_follower[0], left.target_leader[0]) == (1, 2)
     assert left.leader[0] == 3
-    right = check(x, lane, 1, np.ones(4, bool))
+    right = assert_neighbours(x, lane, 1, np.ones(4, bool))
     assert (right.target_leader[1], right.target_follower[2]) == (0, 0)
 
 
 def test_equal_positions_are_ordered_by_slot():
     """In one lane, and toward a vehicle abreast in the next one."""
-    got = check(np.full(4, 77.0), np.array([1, 1, 2, 1]), 1, np.ones(4, bool))
+    got = assert_neighbours(np.full(4, 77.0), np.array([1, 1, 2, 1]), 1, np.ones(4, bool))
     np.testing.assert_array_equal(got.leader, [1, 3, NOBODY, NOBODY])
     np.testing.assert_array_equal(got.target_leader, [2, 2, NOBODY, NOBODY])
     assert got.target_follower[3] == 2

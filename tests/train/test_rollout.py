@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from medjax.wrappers import BatchAutoReset, EpisodeLog, init_stats
+from medjax.wrappers import BatchAutoReset, EpisodeLog, TimeLimitAsEnd, init_stats
 from tests.train.probe_envs import Probe, ProbeParams
 from train.config import TrainConfig
 from train.networks import PolicyWeights, apply_value, build_network
@@ -20,11 +20,13 @@ def test_cut_episodes_are_always_bootstrapped_and_time_limits_only_if_told(boots
     env, params = Probe("timed"), ProbeParams(episode_decisions=LENGTH)
     network = build_network(env, TrainConfig(hidden=(8,)))
     weights = PolicyWeights(network.init(jax.random.key(0), jnp.zeros((1, 2))), init_stats((2,)))
-    batch = EpisodeLog(BatchAutoReset(env, stagger=LENGTH))
+    limited = env if bootstrap_timeouts else TimeLimitAsEnd(env)
+    batch = EpisodeLog(BatchAutoReset(limited, stagger=LENGTH))
     state = start(batch, jax.random.split(jax.random.key(1), ENVS), params)
     keys = jax.random.split(jax.random.key(2), ENVS)
-    how = {"num_steps": 12, "gamma": 0.9, "bootstrap_timeouts": bootstrap_timeouts}
-    _, trajectory, _, _ = collect(batch, network, weights, state, keys, params, **how)
+    _, trajectory, _, _ = collect(
+        batch, network, weights, state, keys, params, num_steps=12, gamma=0.9
+    )
 
     seen = jnp.array([[float(time), 0.0] for time in range(LENGTH + 1)])
     values = np.asarray(apply_value(network, weights, seen))
