@@ -17,18 +17,15 @@ from tqdm import tqdm
 
 import medjax
 from benchmarks.arguments import episodes_parser, positive, whole_number
+from medjax.episodes import ACT, RESET, STEP, episode_keys
 from medjax.metrics import episode_metrics
 from medjax.policies import AS_BASE, BASELINES, Act, look_ahead
 from medjax.wrappers import environment_mesh, on_devices, prepare_cpu
 from train.bootstrap import bootstrap_ci95
 from train.cli import OneLineParser
 from train.evaluation import (
-    ACT,
-    RESET,
-    STEP,
     Scores,
     baseline,
-    episode_keys,
     evaluate_policies,
 )
 

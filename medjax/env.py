@@ -6,7 +6,7 @@ Composes traffic, charging, dispatch, observation and reward, and reads like the
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -40,6 +40,7 @@ class ChargingEnv:
       reward: terms by name; `params.reward_weights` must hold a weight for each.
       observation: flat observation, `size(config)` and `__call__(state, config, params)`.
       name: shown in logs.
+      probe: what to report of the state after every physics tick, `probe(state)`, in `info["ticks"]`; None: nothing.
 
     Raises:
       ValueError: one line, if config is out of range.
@@ -51,12 +52,14 @@ class ChargingEnv:
         reward: Mapping[str, RewardTerm] = TERMS,
         observation: Any = None,
         name: str = "charging",
+        probe: Callable[[EnvState], Any] | None = None,
     ) -> None:
         validate_config(config)
         self.config = config
         self.reward = dict(reward)
         self.observation = FlatObservation() if observation is None else observation
         self.name = name
+        self.probe = probe
 
     @property
     def num_actions(self) -> int:
@@ -116,7 +119,7 @@ class ChargingEnv:
         Returns:
           (observation (size,) float32, state, reward () float32, terminated () bool, always False;
           truncated () bool, at params.episode_decisions; info with "metrics" of the episode so far,
-          weighted "reward_terms", "action_mask", "tally" of this decision)
+          weighted "reward_terms", "action_mask", "tally" of this decision, "ticks" of the probe)
         """
         entry_key, noise_key = jax.random.split(key)
         before = state
@@ -133,15 +136,15 @@ class ChargingEnv:
 
         def tick(
             carry: tuple[EnvState, Tally], index: jax.Array
-        ) -> tuple[tuple[EnvState, Tally], None]:
+        ) -> tuple[tuple[EnvState, Tally], Any]:
             state, happened = carry
             state, more = physics_tick(state, drivers, index, self.config, params)
-            return (state, happened + more), None
+            return (state, happened + more), self.probe(state) if self.probe else None
 
         ticks = self._first_tick(state) + jnp.arange(
             self.config.ticks_per_decision, dtype=jnp.int32
         )
-        (state, happened), _ = jax.lax.scan(tick, (state, happened), ticks)
+        (state, happened), probed = jax.lax.scan(tick, (state, happened), ticks)
 
         happened = happened.replace(
             meds_dispatched=sent.astype(jnp.float32), invalid_actions=invalid.astype(jnp.float32)
@@ -160,6 +163,7 @@ class ChargingEnv:
             "reward_terms": terms,
             "action_mask": self.action_mask(state, params),
             "tally": happened,
+            "ticks": probed,
         }
         return obs, state, reward, jnp.zeros((), bool), truncated, info
 
@@ -170,6 +174,12 @@ class ChargingEnv:
     def observe(self, state: EnvState, params: EnvParams) -> Observation:
         """The structured observation: one row a MED, one an EV, and masks."""
         return observe(state, self.config, params)
+
+    def render(self, state: EnvState, params: EnvParams | None = None, **size: int) -> Any:
+        """Draws a state of one environment, `(height, width, 3)` uint8: `medjax.render.frame.render_state`."""
+        from medjax.render.frame import render_state
+
+        return render_state(state, self.config, params, name=self.name, **size)
 
     def _first_tick(self, state: EnvState) -> jax.Array | int:
         """Number of the decision's first tick, which says whose turn it is to change lanes.

@@ -10,7 +10,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from train.config import Override, SettingError, TrainConfig, from_json, to_json
+from train.config import (
+    Override,
+    SettingError,
+    TrainConfig,
+    from_json,
+    load_config,
+    to_json,
+)
 
 NOT_NUMBERS = (
     "name",
@@ -68,6 +75,11 @@ def build_parser(prog: str = "train.ppo") -> OneLineParser:
         metavar="DIR",
         help="go on with the run in DIR from its newest checkpoint; its settings hold where none are given here",
     )
+    files.add_argument(
+        "--config",
+        metavar="FILE",
+        help="settings of a file, .json or .yaml, such as the config.json of a run, where none are given here",
+    )
     groups: dict[str, argparse._ArgumentGroup] = {}
     for field in dataclasses.fields(TrainConfig):
         title = field.metadata["group"]
@@ -120,14 +132,14 @@ def parse_request(argv: Sequence[str] | None = None) -> Request:
     """The request that `argv` makes, checked; bad input ends the command with exit code 2."""
     parser = build_parser()
     given = vars(parser.parse_args(argv))
-    run_dir, resume = given.pop("run_dir"), given.pop("resume")
+    run_dir, resume, file = given.pop("run_dir"), given.pop("resume"), given.pop("config")
     try:
-        if run_dir is not None and resume is not None:
-            raise SettingError(
-                f"--run-dir is {run_dir} with --resume {resume}, allowed: one of the two"
-            )
-        changes = settings_from_text(given)
-        config = _config(changes, Path(resume) if resume is not None else None)
+        for option, value in (("--run-dir", run_dir), ("--config", file)):
+            if value is not None and resume is not None:
+                raise SettingError(
+                    f"{option} is {value} with --resume {resume}, allowed: one of the two"
+                )
+        config = _config(settings_from_text(given), _saved(resume, file))
     except SettingError as error:
         parser.error(str(error))
     return Request(
@@ -137,15 +149,20 @@ def parse_request(argv: Sequence[str] | None = None) -> Request:
     )
 
 
-def _config(changes: dict[str, Any], resume: Path | None) -> TrainConfig:
-    """The settings: defaults or those of the run to resume, and what the command line changes."""
-    if resume is None:
-        return from_json(changes)
-    from train.rundir import RunDir
+def _saved(resume: str | None, file: str | None) -> TrainConfig:
+    """The settings that the command line changes: those of a run, of a file, or the defaults."""
+    if resume is not None:
+        from train.rundir import RunDir
 
-    saved = to_json(RunDir(resume).load_config())
-    changes["overrides"] = {**saved["overrides"], **changes.get("overrides", {})}
-    return from_json({**saved, **changes})
+        return RunDir(Path(resume)).load_config()
+    return load_config(Path(file)) if file is not None else TrainConfig()
+
+
+def _config(changes: dict[str, Any], saved: TrainConfig) -> TrainConfig:
+    """The settings: those saved, and what the command line changes."""
+    before = to_json(saved)
+    changes["overrides"] = {**before["overrides"], **changes.get("overrides", {})}
+    return from_json({**before, **changes})
 
 
 def settings_from_text(given: dict[str, Any]) -> dict[str, Any]:

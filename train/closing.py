@@ -10,6 +10,7 @@ from medjax.policies import BASELINES
 from train.checkpoint import updates_done
 from train.config import TrainConfig
 from train.evaluation import TRAINED, Evaluation, Policy, baseline, summarize, trained
+from train.export import export_policy
 from train.figures import plot_curve
 from train.learner import TrainState
 from train.logs import Row
@@ -29,7 +30,7 @@ def close_run(
     wall_s: float,
     evaluate: bool,
 ) -> None:
-    """Evaluates (unless told not to), draws the curve, and writes summary.json.
+    """Exports the policy, evaluates (unless told not to), draws the curve, and writes summary.json.
 
     Args:
         session: the run.
@@ -41,6 +42,7 @@ def close_run(
     """
     config, run_dir = session.config, session.run_dir
     started = time.perf_counter()
+    export_policy(run_dir.policy, session.env, config, state.weights)
     result = None
     if evaluate and config.eval_episodes:
         result = _evaluate(session, state)

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 Override = bool | int | float | str | tuple[Any, ...]
 
 
@@ -251,18 +253,24 @@ def save_config(path: Path, config: TrainConfig, versions: dict[str, str]) -> No
 
 
 def load_config(path: Path) -> TrainConfig:
-    """Reads what `save_config` wrote.
+    """Reads what `save_config` wrote, or settings alone; JSON, or YAML by the name's ending.
 
     Raises:
-        SettingError: the file is missing, not JSON, or holds something out of range.
+        SettingError: the file is missing, cannot be read, or holds something out of range.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise SettingError(f"cannot read {path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise SettingError(f"{path} is not a text file") from None
+    try:
+        data = yaml.safe_load(text) if path.suffix in (".yaml", ".yml") else json.loads(text)
+    except yaml.YAMLError:
+        raise SettingError(f"{path} is not a YAML file") from None
     except ValueError:
         raise SettingError(f"{path} is not a JSON file") from None
     try:
-        return from_json(data.get("config") if isinstance(data, dict) else data)
+        return from_json(data.get("config", data) if isinstance(data, dict) else data)
     except SettingError as error:
         raise SettingError(f"{path}: {error}") from None

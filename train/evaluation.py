@@ -10,18 +10,19 @@ import jax.numpy as jnp
 import numpy as np
 from flax import struct
 from jax import lax
+from tqdm import tqdm
 
+from medjax.episodes import ACT, RESET, STEP, episode_keys
 from medjax.wrappers import Environment, environment_mesh, on_devices
 from medjax.wrappers.rows import CACHED_ROWS
 from train.bootstrap import bootstrap_ci95, interquartile_mean, relative_change
+from train.host import compiling
 from train.learner import episode_decisions
 from train.networks import PolicyWeights, apply_policy
 
 TRAINED = "ppo"
 CLAIMED = ("depleted_share", "mean_range_m", "mean_soc")  # what the paper compares with no action
-EVALUATION = 0x0E7A1  # folded into the seed's key, so that evaluation shares no key with training
 MAX_DECISIONS = 100_000  # of an episode whose parameters do not say how long it is
-RESET, STEP, ACT = range(3)  # the streams of an episode's randomness
 
 Scores = dict[str, np.ndarray]  # "return", "length" and the environment's metrics, each (episodes,)
 
@@ -227,7 +228,8 @@ class Evaluation:
         """
         weights = _host_weights(policies)
         params = self.params if params is None else params
-        parts = [jax.device_get(self._run(weights, keys, params)) for keys in self._keys(seed)]
+        blocks = tqdm(self._keys(seed), "episodes", disable=None, leave=False)
+        parts = [jax.device_get(self._run(weights, keys, params)) for keys in blocks]
         columns = {
             name: np.concatenate([part[name] for part in parts], axis=1)[:, : self.episodes].astype(
                 np.float64
@@ -245,13 +247,6 @@ class Evaluation:
         return episode_keys(seed, batches * self.batch).reshape(batches, self.batch)
 
 
-def episode_keys(seed: int, episodes: int) -> jax.Array:
-    """Keys `(episodes,)` of the first episodes of a seed; each splits into the streams RESET, STEP and ACT."""
-    root = jax.random.fold_in(jax.random.key(seed), EVALUATION)
-    numbers = jnp.arange(episodes, dtype=jnp.uint32)
-    return jax.vmap(jax.random.fold_in, (None, 0))(root, numbers)
-
-
 def _host_weights(policies: Mapping[str, Policy]) -> Any:
     """From the host, since training may have left them on other devices than play here."""
     return jax.device_get(tuple(policy.weights for policy in policies.values()))
@@ -266,7 +261,9 @@ def evaluate_policies(
     batch: int = 128,
 ) -> dict[str, Scores]:
     """Plays the same episodes with every policy, see `Evaluation`."""
-    return Evaluation(env, params, policies, episodes, batch).play(policies, seed)
+    with compiling():
+        evaluation = Evaluation(env, params, policies, episodes, batch)
+    return evaluation.play(policies, seed)
 
 
 def summarize(scores: Mapping[str, Scores], scenario: str, seed: int = 0) -> dict[str, Any]:

@@ -35,6 +35,10 @@ DTYPES = {"float32": jnp.float32, "bfloat16": jnp.bfloat16}
 class CategoricalLike(Protocol):
     """The part of a categorical distribution that PPO uses."""
 
+    @property
+    def probs(self) -> jax.Array:
+        """`(..., categories)`."""
+
     def log_prob(self, value: jax.Array) -> jax.Array:
         """`(...)`."""
 

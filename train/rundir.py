@@ -42,6 +42,11 @@ class RunDir:
         return self.path / "evaluation.json"
 
     @property
+    def policy(self) -> Path:
+        """The trained policy, for `medjax.exported.load_policy`."""
+        return self.path / "policy.zip"
+
+    @property
     def plots(self) -> Path:
         """Pictures."""
         return self.path / "plots"

@@ -14,12 +14,13 @@ from jax import lax
 
 from medjax.config import EnvParams
 from medjax.env import ChargingEnv
+from medjax.episodes import ACT, RESET, STEP, episode_keys
 from medjax.need import forecast_need
 from medjax.observation import NEED_WINDOW_S
 from medjax.state import EnvState
 from medjax.wrappers import environment_mesh, on_devices
 from medjax.wrappers.rows import CACHED_ROWS
-from train.evaluation import ACT, RESET, STEP, Policy, choose, episode_keys
+from train.evaluation import Policy, choose
 from train.learner import episode_decisions
 
 EPISODES_AT_ONCE = 32

@@ -64,6 +64,32 @@ def to_play(
     return dataclasses.replace(config, scenario=scenario, overrides=overrides, num_devices=0)
 
 
+def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, Any]:
+    """A single environment, its parameters, and the newest weights of a run.
+
+    Args:
+        run_dir: directory of the run.
+        config: its settings, or others of the same network.
+
+    Raises:
+        SettingError: the environment cannot be made, or there is no checkpoint that fits it.
+    """
+    # JAX and Orbax take seconds to import; bad options need not wait for them.
+    from medjax.wrappers import prepare_cpu
+
+    prepare_cpu()
+    env, params = make_environment(config)
+    from train.checkpoint import Checkpoints
+    from train.learner import make_train
+    from train.session import shapes_of
+
+    reader = Checkpoints(run_dir)
+    shapes = shapes_of(make_train(env, params, config), params, config)
+    weights = reader.restore_weights(shapes)
+    reader.close()
+    return env, params, weights
+
+
 def load_policies(
     run_dir: Path, config: TrainConfig, stochastic: bool
 ) -> tuple[Any, Any, dict[str, "Policy"]]:
@@ -75,20 +101,9 @@ def load_policies(
         stochastic: sample the trained policy's actions.
 
     Raises:
-        SettingError: the environment cannot be made, or there is no checkpoint that fits it.
+        SettingError: as `load_weights`.
     """
-    # JAX and Orbax take seconds to import; bad options need not wait for them.
-    from medjax.wrappers import prepare_cpu
-
-    prepare_cpu()
-    env, params = make_environment(config)
-    from train.checkpoint import Checkpoints
+    env, params, weights = load_weights(run_dir, config)
     from train.closing import all_policies
-    from train.learner import make_train
-    from train.session import shapes_of
 
-    reader = Checkpoints(run_dir)
-    shapes = shapes_of(make_train(env, params, config), params, config)
-    weights = reader.restore_weights(shapes)
-    reader.close()
     return env, params, all_policies(env, config, weights, stochastic)

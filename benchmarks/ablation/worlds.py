@@ -16,9 +16,10 @@ from jax import lax
 from tqdm import tqdm
 
 from medjax.config import EnvParams
+from medjax.episodes import episode_keys
 from medjax.wrappers.rows import CACHED_ROWS, in_blocks
 from train.config import TrainConfig
-from train.evaluation import MAX_DECISIONS, Policy, Scores, episode_keys, make_runner
+from train.evaluation import MAX_DECISIONS, Policy, Scores, make_runner
 from train.learner import build_learner, episode_decisions, shardings
 from train.networks import PolicyWeights
 

@@ -69,6 +69,8 @@ def refused(capsys, argv, *words, command=ppo):
         (["--set", "reward=x"], ["--set reward=x", "NAME=VALUE"]),
         (["--resume=absent"], ["absent", "not a directory"]),
         (["--resume=absent", "--run-dir=new"], ["--run-dir", "one of the two"]),
+        (["--resume=absent", "--config=x.json"], ["--config", "one of the two"]),
+        (["--config=absent.yaml"], ["absent.yaml", "cannot read"]),
     ],
 )
 def test_bad_options_of_ppo(probe, capsys, argv, words):
@@ -128,6 +130,24 @@ def test_help_lists_every_setting(capsys):
 def test_bad_options_of_evaluate(probe, capsys, argv, words):
     refused(capsys, argv, *words, command=evaluate)
     assert list(probe.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.json", "{", ["not a JSON file"]),
+        ("a.yaml", "a: [", ["not a YAML file"]),
+        ("a.yaml", "a: !!python/object:os.system x", ["not a YAML file"]),
+        ("a.yaml", "- 1", ["list", "allowed: an object"]),
+        ("a.yaml", "speed: 3", ["'speed' is not a setting"]),
+        ("a.yml", "num_envs: many", ["num_envs is 'many'", "a whole number"]),
+        ("a.json", '{"config": {"gamma": 2}}', ["gamma is 2", "at most 1"]),
+    ],
+)
+def test_bad_settings_files(probe, capsys, name, text, words):
+    (probe / name).write_text(text)
+    refused(capsys, [f"--config={name}", "--run-dir=new"], name, *words)
+    assert [path.name for path in probe.iterdir()] == [name]
 
 
 def test_settings_survive_their_file():

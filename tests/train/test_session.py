@@ -7,7 +7,9 @@ import signal
 import jax
 import numpy as np
 import pytest
+import yaml
 
+from medjax.exported import load_policy
 from tests.train.conftest import TINY
 from tests.train.test_cli import refused
 from train import evaluate, ppo
@@ -80,6 +82,7 @@ def test_a_run_leaves_what_is_promised(probe, capsys):
     assert json.loads((run / "config.json").read_text())["config"]["num_envs"] == 4
     assert (run / "plots" / "training_curve.png").read_bytes().startswith(b"\x89PNG")
     assert sorted(path.name for path in (run / "checkpoints").iterdir()) == ["2", "4", "6"]
+    assert load_policy(run / "policy.zip").about.scenario == "noisy"
     assert any((run / "tensorboard").iterdir())
     for name in ("ppo", "none", "random"):
         assert name in out
@@ -97,6 +100,23 @@ def test_the_same_seed_gives_the_same_run(probe):
     for name in ("a", "b"):
         assert ppo.main([*TINY, f"--run-dir={name}", "--eval-episodes=0"]) == 0
     assert_same_run(probe / "a", probe / "b")
+
+
+@pytest.mark.parametrize("ending", ["json", "yaml"])
+def test_the_settings_of_a_run_repeat_it(probe, ending):
+    """From its own file, and from one that somebody wrote; an option on the command line comes first."""
+    assert ppo.main([*TINY, "--seed=7", "--set", "episode_decisions=7", "--run-dir=one"]) == 0
+    saved = json.loads((probe / "one" / "config.json").read_text())
+    if ending == "yaml":
+        settings = {name: value for name, value in saved["config"].items() if name != "seed"}
+        (probe / "mine.yaml").write_text(yaml.safe_dump(settings))
+        argv = ["--config=mine.yaml", "--seed=7"]
+    else:
+        argv = ["--config=one/config.json"]
+    assert ppo.main([*argv, "--run-dir=two"]) == 0
+    assert_same_run(probe / "one", probe / "two")
+    again = json.loads((probe / "two" / "config.json").read_text())
+    assert again["config"] == saved["config"]
 
 
 @pytest.mark.parametrize("seeds", [1, 2])

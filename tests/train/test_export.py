@@ -1,0 +1,110 @@
+"""The exported policy against the network it came from, and against the evaluation of it."""
+
+import zipfile
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from medjax.exported import load_policy
+from medjax.recording import record_episode
+from medjax.wrappers import init_stats
+from tests.train.test_cli import refused
+from train import export
+from train.config import TrainConfig
+from train.evaluation import evaluate_policies, trained
+from train.networks import PolicyWeights, apply_policy, build_network
+
+SMALL = {"num_meds": 3, "num_evs": 8, "num_gas": 12, "episode_decisions": 24}
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """A network of random weights that is far from indifferent, and its file."""
+    config = TrainConfig(hidden=(16,), overrides=SMALL, decide_every=4, initial_wait=0.01)
+    env, params = medjax.make("paper", observation=config.observation, **SMALL)
+    network = build_network(env, config)
+    obs, _ = env.reset(jax.random.key(0), params)
+    variables = network.init(jax.random.key(1), obs[None])
+    variables = jax.tree.map(
+        lambda leaf: leaf + 0.3 * jnp.cos(jnp.arange(leaf.size)).reshape(leaf.shape), variables
+    )
+    weights = PolicyWeights(variables, init_stats(obs.shape))
+    path = tmp_path_factory.mktemp("policy") / "policy.zip"
+    export.export_policy(path, env, config, weights)
+    return env, params, config, network, weights, path
+
+
+def test_acts_as_the_network_does_outside_jit(exported):
+    env, _, _, network, weights, path = exported
+    policy = load_policy(path)
+    assert dict(policy.about.overrides) == SMALL
+    assert policy.about.decide_every == 4
+    rng = np.random.default_rng(0)
+    obs = rng.normal(size=(7, policy.about.num_features)).astype(np.float32)
+    mask = rng.random((7, env.num_actions)) < 0.6
+    mask[:, 0] = True
+    theirs = np.asarray(
+        apply_policy(network, weights, jnp.asarray(obs), jnp.asarray(mask))[0].probs
+    )
+    ours = policy.probabilities(obs, mask)
+    assert isinstance(ours, np.ndarray)
+    np.testing.assert_allclose(ours, theirs, atol=1e-6)
+    assert (ours[~mask] == 0.0).all()
+    assert (policy.act(obs.tolist(), mask) == theirs.argmax(axis=1)).all()
+    np.testing.assert_allclose(policy.probabilities(obs[2], mask[2]), theirs[2], atol=1e-6)
+
+
+def test_plays_what_the_evaluation_of_the_run_plays(exported):
+    env, params, config, network, weights, path = exported
+    policy = load_policy(path)
+    there, numbers = policy.make()
+    recording = record_episode(there, numbers, policy.choose(there), seed=5, episode=1)
+    policies = {"ppo": trained(network, weights, config.decide_every)}
+    scores = evaluate_policies(env, params, policies, 2, seed=5)["ppo"]
+    assert recording.decisions.reward.sum() == pytest.approx(scores["return"][1], rel=1e-4)
+    assert recording.decisions.tally.meds_dispatched.sum() == scores["meds_dispatched"][1] > 0
+    sent = np.nonzero(recording.decisions.sent)[0]
+    assert (sent % 4 == 0).all()
+    np.testing.assert_allclose(recording.decisions.probabilities.sum(axis=1), 1.0, atol=1e-5)
+
+
+def test_another_shape_is_refused(exported):
+    policy = load_policy(exported[-1])
+    with pytest.raises(ValueError, match=r"obs has shape \(3,\).*allowed"):
+        policy.act(np.zeros(3), np.ones(5, bool))
+    env, _ = medjax.make("paper", **SMALL | {"num_ramps": 2})
+    with pytest.raises(ValueError, match="3 actions: allowed"):
+        policy.choose(env)
+
+
+def test_a_foreign_file_is_refused(exported, tmp_path):
+    good = exported[-1].read_bytes()
+    for name, data in {
+        "cut.zip": good[: len(good) // 2],
+        "text.zip": b"hello",
+        "none.zip": b"",
+    }.items():
+        (tmp_path / name).write_bytes(data)
+        with pytest.raises(ValueError, match=f"{name}.* allowed: a policy"):
+            load_policy(tmp_path / name)
+    with zipfile.ZipFile(tmp_path / "later.zip", "w") as file:
+        file.writestr("policy.json", '{"format": 99}')
+    with pytest.raises(ValueError, match="format 99, allowed: 1"):
+        load_policy(tmp_path / "later.zip")
+    with zipfile.ZipFile(tmp_path / "broken.zip", "w") as file:
+        file.writestr("policy.json", '{"format": 1, "wheels": 4}')
+    with pytest.raises(ValueError, match=r"broken.zip.* allowed: a policy"):
+        load_policy(tmp_path / "broken.zip")
+    with pytest.raises(ValueError, match=r"absent.*allowed: a policy"):
+        load_policy(tmp_path / "absent.zip")
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [(["--run-dir=absent"], ["absent", "not a directory"]), ([], ["--run-dir"])],
+)
+def test_bad_options(argv, words, capsys):
+    refused(capsys, argv, *words, command=export)

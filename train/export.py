@@ -1,0 +1,107 @@
+"""`python -m train.export --run-dir DIR`: the trained policy as one file that `medjax.exported.load_policy` reads."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from train.cli import OneLineParser, fail
+from train.config import SettingError, TrainConfig
+from train.rundir import RunDir, check_writable
+from train.trained_run import load_weights
+
+PLATFORMS = ("cpu", "cuda", "tpu")
+
+
+def build_parser() -> OneLineParser:
+    """The command line."""
+    parser = OneLineParser(
+        prog="python -m train.export",
+        description="Writes the trained policy of a run as one file, for medjax.exported.load_policy.",
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "--run-dir", required=True, metavar="DIR", help="directory that train.ppo wrote"
+    )
+    parser.add_argument(
+        "--out", metavar="FILE", help="file to write (default: policy.zip in DIR), replaced"
+    )
+    return parser
+
+
+def export_policy(path: Path, env: Any, config: TrainConfig, weights: Any) -> None:
+    """Writes a policy.
+
+    Args:
+        path: file to write, replaced.
+        env: a single environment of the run.
+        config: settings of the run.
+        weights: `train.networks.PolicyWeights`; of the first seed if there were several.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    import jax
+    from jax import export
+
+    from medjax.exported import About, save_policy
+    from train.networks import apply_policy, build_network
+
+    network = build_network(env, config)
+    if config.num_seeds > 1:
+        weights = jax.tree.map(lambda leaf: leaf[0], weights)
+    weights = jax.device_get(weights)
+
+    def act(obs: jax.Array, mask: jax.Array) -> tuple[jax.Array, jax.Array]:
+        policy, value = apply_policy(network, weights, obs, mask)
+        return policy.probs, value
+
+    features = weights.obs_stats.mean.shape[-1]
+    rows = export.symbolic_shape("rows")[0]
+    shapes = (
+        jax.ShapeDtypeStruct((rows, features), "float32"),
+        jax.ShapeDtypeStruct((rows, env.num_actions), "bool"),
+    )
+    about = About(
+        scenario=config.scenario,
+        overrides=dict(config.overrides),
+        observation=config.observation,
+        decide_every=config.decide_every,
+        num_features=features,
+        num_actions=env.num_actions,
+    )
+    save_policy(path, about, export.export(jax.jit(act), platforms=PLATFORMS)(*shapes))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Exports as the command line says.
+
+    Args:
+        argv: arguments; None takes those of the process.
+
+    Returns:
+        The exit code.
+    """
+    given = build_parser().parse_args(argv)
+    run_dir = RunDir(Path(given.run_dir))
+    target = Path(given.out) if given.out else run_dir.policy
+    try:
+        config = run_dir.load_config()
+        if target.is_dir():
+            raise SettingError(f"out is {target}, which is a directory, allowed: a file")
+        try:
+            check_writable(target.parent)
+        except OSError as error:
+            raise SettingError(
+                f"cannot write {target}: {error.strerror}, allowed: a file in a writable directory"
+            ) from None
+        env, _, weights = load_weights(run_dir.path, config)
+    except SettingError as error:
+        return fail("train.export", error)
+    export_policy(target, env, config, weights)
+    print(target)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
