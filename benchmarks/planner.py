@@ -1,13 +1,16 @@
 """`python -m benchmarks.planner`: what a dispatcher that owns a simulator reaches, an upper reference.
 
-`medjax.policies.look_ahead` plays every action forward with fresh noise and then a base rule, and leaves the rule where
-that surely pays. The episodes are those that `python -m train.evaluate` plays for the same seed, so that returns of
-both commands stand beside each other. Slow: for an episode it plays `samples * actions * decisions / hold / 2` others.
+`medjax.policies.look_ahead` plays every action forward with fresh noise and then a base, a rule or a learner, and
+leaves the base where that surely pays. The episodes are those that `python -m train.evaluate` plays for the same seed,
+so that returns of both commands stand beside each other. Slow: for an episode it plays
+`samples * actions * decisions / hold / 2` others.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -22,12 +25,11 @@ from medjax.metrics import episode_metrics
 from medjax.policies import AS_BASE, BASELINES, Act, look_ahead
 from medjax.wrappers import environment_mesh, on_devices, prepare_cpu
 from train.bootstrap import bootstrap_ci95
-from train.cli import OneLineParser
-from train.evaluation import (
-    Scores,
-    baseline,
-    evaluate_policies,
-)
+from train.cli import OneLineParser, make_environment
+from train.config import SettingError, TrainConfig
+from train.evaluation import TRAINED, Policy, Scores, baseline, evaluate_policies
+from train.rundir import RunDir
+from train.trained_run import load_policies, to_play
 
 SHOWN = ("depleted_share", "mean_range_m", "mean_soc", "meds_dispatched")
 
@@ -97,11 +99,25 @@ def play_plans(
     return {name: np.asarray(values, np.float64) for name, values in scores.items()}
 
 
+def as_act(env: medjax.ChargingEnv, policy: Policy) -> Act:
+    """A policy as a base: it sees what the environment shows."""
+
+    def act(key: jax.Array, state: Any, params: Any) -> jax.Array:
+        obs, mask = env.observation(state, env.config, params), env.action_mask(state, params)
+        return policy.act(policy.weights, key, obs, state, mask, params)
+
+    return act
+
+
 def build_parser() -> OneLineParser:
     """The command line."""
     parser = episodes_parser("planner", __doc__, episodes=16, seed=0)
+    parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
     parser.add_argument(
-        "--base", default="forecast", choices=list(BASELINES), help="what it improves on"
+        "--run-dir", type=Path, metavar="DIR", help="run whose first learner is improved on"
+    )
+    parser.add_argument(
+        "--base", choices=list(BASELINES), help="rule that is improved on (default: forecast)"
     )
     parser.add_argument(
         "--samples", type=whole_number(least=2), default=16, help="futures of each action"
@@ -112,20 +128,42 @@ def build_parser() -> OneLineParser:
     return parser
 
 
+def load(options: argparse.Namespace) -> tuple[str, Any, Any, str, dict[str, Policy]]:
+    """Scenario, environment, parameters, name of the base, and all policies by name.
+
+    Raises:
+      SettingError: the run cannot be read, or a base is given too.
+    """
+    if not options.run_dir:
+        config = to_play(TrainConfig(), options.scenario)
+        env, params = make_environment(config)
+        rules = {name: baseline(build(env)) for name, build in BASELINES.items()}
+        return config.scenario, env, params, options.base or "forecast", rules
+    if options.base:
+        raise SettingError(f"--base is {options.base} with --run-dir, allowed: one of the two")
+    config = to_play(RunDir(options.run_dir).load_config(), options.scenario)
+    env, params, policies = load_policies(options.run_dir, config, stochastic=False)
+    return config.scenario, env, params, TRAINED, policies
+
+
 def main(arguments: list[str] | None = None) -> None:
-    """Prints the planner's, its base rule's and no action's scores."""
-    options = build_parser().parse_args(arguments)
+    """Prints the planner's, its base's and no action's scores."""
+    parser = build_parser()
+    options = parser.parse_args(arguments)
     prepare_cpu()
-    env, params = medjax.make(options.scenario)
-    base = BASELINES[options.base](env)
-    plan = look_ahead(env, base, options.samples, options.hold)
+    try:
+        scenario, env, params, base, policies = load(options)
+    except SettingError as error:
+        parser.error(str(error))
+    act = as_act(env, policies[base])
+    plan = look_ahead(env, act, options.samples, options.hold)
     scores = {
-        "planner": play_plans(env, params, plan, base, options.hold, options.episodes, options.seed)
+        "planner": play_plans(env, params, plan, act, options.hold, options.episodes, options.seed)
     }
-    rules = {name: baseline(BASELINES[name](env)) for name in dict.fromkeys([options.base, "none"])}
-    scores |= evaluate_policies(env, params, rules, options.episodes, options.seed)
+    others = {name: policies[name] for name in dict.fromkeys([base, "none"])}
+    scores |= evaluate_policies(env, params, others, options.episodes, options.seed)
     rows = {}
-    print(f"{options.episodes} episodes of {options.scenario}, seed {options.seed}")
+    print(f"{options.episodes} episodes of {scenario}, seed {options.seed}")
     print(f"{'policy':<10}{'return':>9}{'95 % CI':>20}" + "".join(f"{name:>17}" for name in SHOWN))
     for name, score in scores.items():
         low, high = bootstrap_ci95(score["return"])
@@ -133,9 +171,9 @@ def main(arguments: list[str] | None = None) -> None:
         rows[name] = means | {"return_ci95": [low, high]}
         shown = "".join(f"{means[metric]:17.3f}" for metric in SHOWN)
         print(f"{name:<10}{means['return']:9.1f}{f'[{low:.1f}, {high:.1f}]':>20}{shown}")
-    gain = scores["planner"]["return"] - scores[options.base]["return"]
+    gain = scores["planner"]["return"] - scores[base]["return"]
     low, high = bootstrap_ci95(gain)
-    print(f"planner minus {options.base}: {gain.mean():.1f} [{low:.1f}, {high:.1f}]")
+    print(f"planner minus {base}: {gain.mean():.1f} [{low:.1f}, {high:.1f}]")
     if options.json:
         gained = {"mean": float(gain.mean()), "ci95": [low, high]}
         report = {"policies": rows, "planner_minus_base": gained, "episodes": options.episodes}

@@ -278,7 +278,8 @@ def summarize(scores: Mapping[str, Scores], scenario: str, seed: int = 0) -> dic
         `policies` (by name: `return_mean`, `return_std`, `return_ci95`, and the mean of every metric), `episodes` and
         `scenario`. If a trained policy is there also, each of an episode's mean over the training seeds:
         `paired_return_difference` (to every rule: `mean`, `ci95`) and `change_against_none` (of metrics, as a share:
-        `mean`, `ci95`). With several training seeds `training_seeds` (`return_means`, `interquartile_mean`, `ci95`).
+        `mean`, `ci95`). With several training seeds `training_seeds` (`return_means`, `interquartile_mean`, `ci95`, and
+        `paired_return_differences`, each learner's own).
     """
     policies: dict[str, Any] = {}
     for name, score in scores.items():
@@ -301,24 +302,22 @@ def summarize(scores: Mapping[str, Scores], scenario: str, seed: int = 0) -> dic
         "scenario": scenario,
     }
     trained = [score for name, score in scores.items() if name.startswith(TRAINED)]
+    rules = {name: score for name, score in scores.items() if not name.startswith(TRAINED)}
     if trained:
         ours = {
             column: np.mean([score[column] for score in trained], axis=0) for column in trained[0]
         }
-        rules = {name: score for name, score in scores.items() if not name.startswith(TRAINED)}
         result |= _compare(ours, rules, seed)
     if len(trained) > 1:
-        result["training_seeds"] = _over_seeds([score["return"] for score in trained], seed)
+        result["training_seeds"] = _over_seeds([score["return"] for score in trained], seed) | {
+            "paired_return_differences": [_gains(score, rules, seed) for score in trained]
+        }
     return result
 
 
 def _compare(ours: Scores, rules: Mapping[str, Scores], seed: int) -> dict[str, Any]:
     """The trained policy beside the rules, episode by episode; see `summarize`."""
-    differences = {}
-    for name, score in rules.items():
-        gain = ours["return"] - score["return"]
-        differences[name] = {"mean": float(np.mean(gain)), "ci95": list(bootstrap_ci95(gain, seed))}
-    result: dict[str, Any] = {"paired_return_difference": differences}
+    result: dict[str, Any] = {"paired_return_difference": _gains(ours, rules, seed)}
     base = rules.get("none", {})
     changes = {}
     for metric in CLAIMED:
@@ -331,6 +330,15 @@ def _compare(ours: Scores, rules: Mapping[str, Scores], seed: int) -> dict[str, 
             change = float(relative_change(pairs[None])[0])
             changes[metric] = {"mean": change, "ci95": list(ends)}
     return result | ({"change_against_none": changes} if changes else {})
+
+
+def _gains(ours: Scores, rules: Mapping[str, Scores], seed: int) -> dict[str, Any]:
+    """Return less that of each rule in the same episode: `mean`, `ci95`."""
+    gains = {name: ours["return"] - score["return"] for name, score in rules.items()}
+    return {
+        name: {"mean": float(np.mean(gain)), "ci95": list(bootstrap_ci95(gain, seed))}
+        for name, gain in gains.items()
+    }
 
 
 def _over_seeds(returns: Sequence[np.ndarray], seed: int) -> dict[str, Any]:

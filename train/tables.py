@@ -41,7 +41,13 @@ def format_table(result: Mapping[str, Any]) -> str:
     if seeds := result.get("training_seeds"):
         means = ", ".join(map(short, seeds["return_means"]))
         middle = f"{short(seeds['interquartile_mean'])} {interval(seeds['ci95'])}"
-        parts.append(f"training seeds: {means}; interquartile mean, 95 % CI: {middle}")
+        best = max(seeds["paired_return_differences"][0], key=lambda name: _mean(result, name))
+        gains = [gain[best] for gain in seeds["paired_return_differences"]]
+        each = ", ".join(f"{short(gain['mean'])} {interval(gain['ci95'])}" for gain in gains)
+        parts.append(
+            f"training seeds: {means}; interquartile mean, 95 % CI: {middle}\n"
+            f"each minus {best}, 95 % CI: {each}"
+        )
     if "change_against_none" in result:
         parts.append(format_rows(claim_rows(result)))
     return "\n\n".join(parts)
@@ -114,6 +120,11 @@ def claim_rows(result: Mapping[str, Any]) -> Table:
             mean = fmean(entry[metric] for entry in ours)
             rows.append([heading, format(PAPER_MEDS, ".0f"), format(mean, form)])
     return rows
+
+
+def _mean(result: Mapping[str, Any], policy: str) -> float:
+    """Its mean return."""
+    return float(result["policies"][policy]["return_mean"])
 
 
 def best_first(result: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:

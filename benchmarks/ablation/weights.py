@@ -38,6 +38,7 @@ COSTS = {  # by reward term: default values, and what is paid for
     "dispatches": ((0.0, 10.0, 20.0, 30.0), "a MED sent"),
     "gas_delay": ((0.05, 0.1), "a second that a gas vehicle loses"),
 }
+LEFT = {"xytext": (-7, 5), "ha": "right"}  # of a point
 COLUMNS = (
     Column("depleted_share", "depleted share", "share of EVs that run out", True),
     Column("meds_dispatched", "MEDs sent", "MEDs sent in an episode", True),
@@ -139,11 +140,13 @@ def plot(path: Path, report: dict[str, Any]) -> None:
             if rows:
                 draw_rows(axes, rows, column.metric, depleted.metric, label, number, line)
         for row in learned:
+            # Costs of either kind stand on their own side: their points lie close together.
+            side: dict[str, Any] = {"xytext": (7, -13)} if row["gas_delay"] else LEFT
             axes.annotate(
                 f"{row['gas_delay'] or row['dispatches']:g}",
                 (row[column.metric], row[depleted.metric]),
-                xytext=(6, 6),
                 textcoords="offset points",
+                **side,
             )
         axes.margins(0.1)
         panels[axes] = f"{column.axis}, 95 % CI", f"{depleted.axis}, 95 % CI"

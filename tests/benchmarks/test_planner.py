@@ -59,11 +59,11 @@ def test_a_masked_action_is_never_taken():
 def test_plays_the_episodes_of_the_evaluation(hold, plan):
     """The base rule itself, and nothing at all, are scored as train.evaluation scores them, to rounding."""
     env, params = medjax.make("paper", **SMALL)
-    base = random(env)
+    base = planner.as_act(env, baseline(random(env)))
     ours = planner.play_plans(
         env, params, lambda key, state, params: jnp.int32(plan), base, hold, episodes=4, seed=3
     )
-    rule = base if plan == AS_BASE else none(env)
+    rule = random(env) if plan == AS_BASE else none(env)
     theirs = evaluate_policies(env, params, {"rule": baseline(rule)}, 4, seed=3)["rule"]
     assert (theirs["meds_dispatched"].sum() > 0) == (plan == AS_BASE)
     for name, values in ours.items():
@@ -87,7 +87,9 @@ def test_command(tmp_path, capsys, monkeypatch):
         )
 
 
-@pytest.mark.parametrize("argv", [["--samples=1"], ["--base=best"], ["--hold=0"]])
+@pytest.mark.parametrize(
+    "argv", [["--samples=1"], ["--base=best"], ["--hold=0"], ["--run-dir=no/such"]]
+)
 def test_bad_input_is_one_line(argv, capsys):
     """Exit code 2, and the value is named."""
     assert argv[0].split("=")[1] in refused(planner.main, argv, capsys)

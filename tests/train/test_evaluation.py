@@ -13,6 +13,7 @@ from train.bootstrap import bootstrap_ci95, interquartile_mean, relative_change
 from train.config import TrainConfig
 from train.evaluation import Policy, baseline, evaluate_policies, summarize, trained
 from train.networks import PolicyWeights, apply_policy, build_network
+from train.tables import format_table
 
 ENV, PARAMS = Probe("noisy"), ProbeParams(episode_decisions=6)
 
@@ -170,6 +171,10 @@ def test_several_training_seeds_are_compared_by_their_mean():
     assert seeds["return_means"] == pytest.approx([3.0, 5.0 / 3.0])
     assert seeds["interquartile_mean"] == pytest.approx(7.0 / 3.0)
     assert seeds["ci95"] == pytest.approx([5.0 / 3.0, 3.0])
+    own = [gains["none"] for gains in seeds["paired_return_differences"]]
+    assert [gain["mean"] for gain in own] == pytest.approx([3.0, 5.0 / 3.0])
+    assert all(gain["ci95"][0] < gain["mean"] < gain["ci95"][1] for gain in own)
+    assert f"each minus none, 95 % CI: 3.000 [{own[0]['ci95'][0]:.3f}" in format_table(result)
 
 
 def test_summary_has_the_contracts_names():
