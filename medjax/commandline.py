@@ -1,0 +1,85 @@
+"""What the commands of medjax share: bad input is one line on stderr and exit code 2.
+
+`train.cli` has the like of it for the learner's commands: it must not wait for JAX, which `import medjax` loads.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+NOT_NUMBERS = (
+    "name",
+    "reward",
+    "observation",
+)  # arguments of medjax.make that only Python can fill
+
+
+class InputError(ValueError):
+    """Bad input; the message is one line that names what, the value and what is allowed."""
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line on stderr and exit code 2."""
+
+    def error(self, message: str) -> NoReturn:
+        """Ends the command."""
+        self.exit(2, f"{self.prog}: {' '.join(message.split())}\n")
+
+
+def parse_overrides(assignments: Sequence[str]) -> dict[str, Any]:
+    """`NAME=VALUE` texts as arguments of `medjax.make`; values are JSON, numbers that JSON does not write, or text.
+
+    Raises:
+      InputError: a text without `=` or with a name that cannot be set from here.
+    """
+    overrides: dict[str, Any] = {}
+    for text in assignments:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not equals or not name or name in NOT_NUMBERS:
+            raise InputError(
+                f"--set {text}: allowed NAME=VALUE with the name of a number of the environment"
+            )
+        overrides[name] = _value(value)
+    return overrides
+
+
+def _value(text: str) -> Any:
+    for read in (json.loads, float):
+        try:
+            return read(text)
+        except ValueError:
+            continue
+    return text
+
+
+def whole_number(name: str, text: str) -> int:
+    """A number that a random seed can be.
+
+    Raises:
+      InputError: it is none.
+    """
+    if not text.isdecimal() or int(text) >= 2**32:
+        raise InputError(f"--{name} {text}: allowed a whole number from 0 to {2**32 - 1}")
+    return int(text)
+
+
+def check_writable(out: Path) -> None:
+    """Tries that a file can be written there, before anything is computed for it.
+
+    Raises:
+      InputError: it cannot.
+    """
+    try:
+        if out.is_dir():
+            raise InputError(f"--out {out}: is a directory; allowed a file")
+        with tempfile.TemporaryFile(dir=out.parent):
+            pass
+    except OSError as error:
+        raise InputError(
+            f"--out {out}: {error.strerror}; allowed a file in a directory that can be written"
+        ) from None

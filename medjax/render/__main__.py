@@ -1,0 +1,125 @@
+"""The command `python -m medjax.render --policy NAME | --run-dir DIR --out episode.mp4|.gif|.png|.html`.
+
+Exit code 2 on bad input.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from medjax.render.command import POLICY, Request, parse_request
+from medjax.render.options import PROG
+
+if TYPE_CHECKING:
+    from medjax.config import EnvParams
+    from medjax.env import ChargingEnv
+    from medjax.recording import Choose, Recording
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Does what the command line says.
+
+    Args:
+      argv: arguments; None takes those of the process.
+
+    Returns:
+      The exit code.
+    """
+    request = parse_request(argv)
+    try:
+        env, params, chosen = _policies(request)
+        _check(request, env, params)
+    except (ValueError, OSError) as error:
+        return _fail(error)
+    try:
+        recordings = _record(request, env, params, chosen)
+        try:
+            _write(request, recordings)
+        except (ValueError, OSError) as error:  # a vehicle that never came, a disk that is full
+            return _fail(error)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    print(request.out)
+    return 0
+
+
+def _fail(error: Exception) -> int:
+    print(f"{PROG}: {' '.join(str(error).split())}", file=sys.stderr)
+    return 2
+
+
+def _policies(request: Request) -> tuple[ChargingEnv, EnvParams, dict[str, Choose]]:
+    """The environment, its parameters, and what is played in it, by name."""
+    import medjax
+    from medjax.policies import BASELINES
+    from medjax.recording import by_rule
+
+    chosen: dict[str, Choose] = {}
+    rules = [request.policy]
+    if request.run_dir is None:
+        env, params = medjax.make(request.scenario, **request.overrides)
+    else:
+        from medjax.exported import load_policy
+
+        trained = load_policy(request.run_dir / POLICY)
+        env, params = trained.make()
+        chosen["ppo"] = trained.choose(env)
+        rules = []
+    for name in [*rules, *([request.compare] if request.compare else [])]:
+        chosen[name] = by_rule(BASELINES[name](env), env.num_actions)
+    return env, params, chosen
+
+
+def _check(request: Request, env: ChargingEnv, params: EnvParams) -> None:
+    """Raises ValueError for a place or time that the episode will not have."""
+    length_m = float(params.road.length_m)
+    seconds = int(params.episode_decisions) * env.config.decision_s
+    if request.place_m is not None and not 0.0 <= request.place_m <= length_m:
+        raise ValueError(f"--follow {request.follow}: allowed 0 to {length_m:g} m")
+    if request.start_s is not None and request.start_s > seconds:
+        raise ValueError(f"--start {request.start_s:g}: allowed 0 to {seconds:g} s")
+
+
+def _record(
+    request: Request, env: ChargingEnv, params: EnvParams, chosen: Mapping[str, Choose]
+) -> list[Recording]:
+    """Plays the episode, once a policy."""
+    from medjax.recording import record_episode
+
+    recordings = []
+    for name, choose in chosen.items():
+        if sys.stderr.isatty():
+            print(f"compiling and playing an episode with {name} ...", file=sys.stderr)
+        recordings.append(
+            record_episode(
+                env, params, choose, policy=name, seed=request.seed, episode=request.episode
+            )
+        )
+    return recordings
+
+
+def _write(request: Request, recordings: Sequence[Recording]) -> None:
+    if request.out.suffix == ".html":
+        from medjax.render.player import write_player
+
+        write_player(request.out, recordings, follow=request.follow, start_s=request.start_s or 0.0)
+        return
+    from medjax.render.video import Shot, write_png, write_video
+
+    shot = Shot(
+        follow=request.follow,
+        start_s=request.start_s,
+        duration_s=request.duration_s,
+        width=request.width,
+        height=request.height,
+        span_m=request.span_m,
+    )
+    write = write_png if request.out.suffix == ".png" else write_video
+    write(request.out, recordings[0], shot)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

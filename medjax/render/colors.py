@@ -1,0 +1,68 @@
+"""Colours of pictures and player, told apart with any colour vision: shape and pattern differ as well.
+
+State of charge runs from dark blue (empty) over magenta to yellow (full), the way of matplotlib's plasma: even steps of
+lightness, and neither the green of MEDs nor the gray of gas vehicles on it.
+"""
+
+from __future__ import annotations
+
+from medjax.config import GAS, MED
+
+Color = tuple[int, int, int]
+
+PAPER: Color = (255, 255, 255)
+INK: Color = (31, 35, 40)
+FAINT_INK: Color = (96, 103, 112)
+GRASS: Color = (243, 245, 242)
+ASPHALT: Color = (224, 227, 231)
+MARKING: Color = (255, 255, 255)
+EDGE: Color = (120, 127, 136)
+
+MED_COLOR: Color = (22, 138, 58)
+GAS_COLOR: Color = (150, 156, 164)
+LINK: Color = MED_COLOR  # solid: energy flows
+BOOKED: Color = INK  # dashed
+RAN_OUT: Color = (213, 94, 0)
+CAMERA: Color = (0, 114, 178)
+SELECTED: Color = (0, 114, 178)
+
+SOC_SCALE: tuple[Color, ...] = (
+    (13, 8, 135),
+    (76, 2, 161),
+    (126, 3, 168),
+    (169, 35, 149),
+    (204, 71, 120),
+    (229, 107, 93),
+    (248, 149, 64),
+    (253, 197, 39),
+    (240, 249, 33),
+)
+"""Colours at equal steps of the state of charge from 0 to 1; linear between them."""
+
+
+def soc_color(soc: float) -> Color:
+    """Colour of a state of charge; below 0 and above 1 that of the end."""
+    place = min(max(soc, 0.0), 1.0) * (len(SOC_SCALE) - 1)
+    index = min(int(place), len(SOC_SCALE) - 2)
+    share = place - index
+    low, high = SOC_SCALE[index], SOC_SCALE[index + 1]
+    red, green, blue = (round(a + share * (b - a)) for a, b in zip(low, high, strict=True))
+    return red, green, blue
+
+
+def vehicle_color(kind: int, soc: float) -> Color:
+    """Fill of a vehicle; `soc` counts for EVs alone."""
+    if kind == MED:
+        return MED_COLOR
+    return GAS_COLOR if kind == GAS else soc_color(soc)
+
+
+def text_color(background: Color) -> Color:
+    """Black or white, whichever is easier to read on `background`."""
+    red, green, blue = background
+    return INK if 0.299 * red + 0.587 * green + 0.114 * blue > 140 else PAPER
+
+
+def css(color: Color) -> str:
+    """`#rrggbb`."""
+    return "#{:02x}{:02x}{:02x}".format(*color)

@@ -1,0 +1,150 @@
+"""The command line of `python -m medjax.render`: what is asked for, refused before anything is simulated."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import importlib.util
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from medjax.commandline import InputError, check_writable, parse_overrides, whole_number
+from medjax.render import MissingLibrary
+from medjax.render.camera import check_follow
+from medjax.render.options import RULE, SUFFIXES, build_parser
+
+POLICY = "policy.zip"  # in the directory of a run
+LIBRARIES: dict[str, dict[str, str]] = {
+    ".mp4": {"PIL": "Pillow", "imageio_ffmpeg": "imageio-ffmpeg", "tqdm": "tqdm"},
+    ".gif": {"PIL": "Pillow", "imageio_ffmpeg": "imageio-ffmpeg", "tqdm": "tqdm"},
+    ".png": {"PIL": "Pillow"},
+    ".html": {},
+}
+"""What each kind of file is written with: module, and name of the package."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Request:
+    """What to play and what to write; checked as far as that needs no environment."""
+
+    out: Path
+    run_dir: Path | None  # a trained policy; None: `policy` is a rule
+    policy: str
+    compare: str | None  # a rule beside it
+    scenario: str  # of a rule; a trained policy has its own
+    overrides: Mapping[str, Any]
+    seed: int
+    episode: int
+    follow: str
+    start_s: float | None
+    duration_s: float | None
+    width: int
+    height: int
+    span_m: float | None
+
+    @property
+    def place_m(self) -> float | None:
+        """Where the camera stands; None where it follows a vehicle."""
+        try:
+            return float(self.follow)
+        except ValueError:
+            return None
+
+
+def parse_request(argv: Sequence[str] | None = None) -> Request:
+    """The request that `argv` makes; bad input ends the command with exit code 2."""
+    parser = build_parser()
+    given = parser.parse_args(argv)
+    try:
+        return _request(given)
+    except ValueError as error:
+        parser.error(str(error))
+
+
+def _request(given: argparse.Namespace) -> Request:
+    from medjax.policies import BASELINES
+    from medjax.scenarios import SCENARIOS
+
+    out = Path(given.out)
+    if out.suffix not in SUFFIXES:
+        raise InputError(f"--out {out}: allowed a file that ends in {', '.join(SUFFIXES)}")
+    if given.run_dir is not None and (given.policy or given.scenario or given.overrides):
+        raise InputError("--run-dir with --policy, --scenario or --set: allowed one or the other")
+    if given.compare is not None and out.suffix != ".html":
+        raise InputError(f"--compare with {out.name}: allowed with a file that ends in .html")
+    if out.suffix == ".html" and given.duration is not None:
+        raise InputError(f"--duration with {out.name}: the player holds the whole episode")
+    for option, name in (("policy", given.policy), ("compare", given.compare)):
+        if name is not None and name not in BASELINES:
+            raise InputError(f"unknown {option} {name!r}: allowed {', '.join(BASELINES)}")
+    if given.scenario is not None and given.scenario not in SCENARIOS:
+        raise InputError(f"unknown scenario {given.scenario!r}: allowed {', '.join(SCENARIOS)}")
+    if given.run_dir is None and given.compare == (given.policy or RULE):
+        raise InputError(f"--compare {given.compare}: allowed another one than --policy")
+    check_follow(given.follow)
+    width, height = _size(given.size)
+    request = Request(
+        out=out,
+        run_dir=_run_dir(given.run_dir),
+        policy=given.policy or RULE,
+        compare=given.compare,
+        scenario=given.scenario or "paper",
+        overrides=parse_overrides(given.overrides),
+        seed=whole_number("seed", given.seed),
+        episode=whole_number("episode", given.episode),
+        follow=given.follow,
+        start_s=_number("start", given.start, least=0.0),
+        duration_s=_number("duration", given.duration, above=0.0),
+        width=width,
+        height=height,
+        span_m=_number("span", given.span, above=0.0),
+    )
+    _check_libraries(out.suffix)
+    check_writable(out)
+    return request
+
+
+def _run_dir(text: str | None) -> Path | None:
+    if text is None:
+        return None
+    path = Path(text)
+    if not path.is_dir():
+        raise InputError(f"--run-dir {path}: is no directory; allowed one that train.ppo wrote")
+    if not (path / POLICY).is_file():
+        raise InputError(
+            f"--run-dir {path}: holds no {POLICY}; python -m train.export --run-dir {path} writes it"
+        )
+    return path
+
+
+def _check_libraries(suffix: str) -> None:
+    for module, library in LIBRARIES[suffix].items():
+        if importlib.util.find_spec(module) is None:
+            raise InputError(str(MissingLibrary(library)))
+
+
+def _size(text: str) -> tuple[int, int]:
+    from medjax.render.layout import check_size
+
+    width, times, height = text.partition("x")
+    if not (times and width.isdecimal() and height.isdecimal()):
+        raise InputError(f"--size {text}: allowed WIDTHxHEIGHT in px, as in 1280x480")
+    check_size(int(width), int(height))
+    return int(width), int(height)
+
+
+def _number(
+    name: str, text: str | None, *, least: float | None = None, above: float | None = None
+) -> float | None:
+    if text is None:
+        return None
+    allowed = f"from {least:g}" if least is not None else f"above {above:g}"
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    fits = value >= least if least is not None else value > (above or 0.0)
+    if not fits or value == float("inf"):
+        raise InputError(f"--{name} {text}: allowed a number {allowed}")
+    return value

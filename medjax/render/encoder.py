@@ -1,0 +1,88 @@
+"""Pictures into a video file, through the ffmpeg that imageio-ffmpeg brings along."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from medjax.render import MissingLibrary
+
+_H264 = ("-c:v", "libx264", "-crf", "20", "-pix_fmt", "yuv420p", "-movflags", "+faststart")
+
+
+def ffmpeg_program() -> str:
+    """Path of ffmpeg; raises MissingLibrary where imageio-ffmpeg is not installed."""
+    try:
+        import imageio_ffmpeg
+    except ImportError:
+        raise MissingLibrary("imageio-ffmpeg") from None
+    return str(imageio_ffmpeg.get_ffmpeg_exe())
+
+
+@contextlib.contextmanager
+def encode(
+    path: Path, rate: Fraction, size: tuple[int, int], samples: Sequence[np.ndarray]
+) -> Iterator[Callable[[np.ndarray], None]]:
+    """A function that adds a picture, `(height, width, 3)` uint8, to the video at path.
+
+    Args:
+      path: file to write; .mp4 or .gif decides the format.
+      rate: pictures a second.
+      size: width and height, even for .mp4.
+      samples: pictures that the 256 colours of a GIF are chosen from.
+
+    Raises:
+      OSError: ffmpeg could not write it; its own words.
+    """
+    with tempfile.TemporaryDirectory() as scratch, tempfile.TemporaryFile() as log:
+        form: Sequence[str] = _H264
+        if path.suffix == ".gif":
+            # One palette for all pictures: what has not changed between two of them costs nothing.
+            _save_palette(Path(scratch) / "palette.png", samples)
+            use = "movie=palette.png[p];[0:v][p]paletteuse=dither=none:diff_mode=rectangle"
+            form = ("-filter_complex", use)
+        raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}")
+        ways = ("-r", str(rate), "-i", "-", *form, str(path.resolve()))
+        process = subprocess.Popen(
+            [ffmpeg_program(), "-y", "-loglevel", "error", *raw, *ways],
+            cwd=scratch,  # a filter's text takes no path with a colon in it
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=log,
+        )
+        assert process.stdin is not None
+        try:
+            with contextlib.suppress(BrokenPipeError):  # its log says more
+                yield lambda picture: _send(process, picture)
+                process.stdin.close()
+            process.wait()
+        except BaseException:
+            process.kill()
+            process.wait()
+            raise
+        if process.returncode:
+            log.seek(0)
+            said = log.read().decode("utf-8", "replace").split("\n")[0]
+            raise OSError(f"ffmpeg: {said}")
+
+
+def _send(process: subprocess.Popen[bytes], picture: np.ndarray) -> None:
+    assert process.stdin is not None
+    process.stdin.write(np.ascontiguousarray(picture).data)
+
+
+def _save_palette(path: Path, pictures: Sequence[np.ndarray]) -> None:
+    """The 256 colours that show all pictures best, as the square of pixels that ffmpeg reads."""
+    from PIL import Image
+
+    together = Image.fromarray(np.concatenate(pictures))
+    colors = np.array(together.quantize(256).getpalette("RGB"), np.uint8).reshape(-1, 3)
+    square = np.zeros((256, 3), np.uint8)
+    square[: len(colors)] = colors
+    Image.fromarray(square.reshape(16, 16, 3)).save(path)

@@ -1,0 +1,109 @@
+"""What the player's page must know of a recording: `web/episode.js` reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from medjax.config import GAS, HUMAN_EV, MED, PANELS
+from medjax.metrics import JOULES_PER_KWH
+from medjax.recording import Recording
+from medjax.render.camera import AUTO, camera_path
+from medjax.render.layout import EXAGGERATION
+from medjax.render.packing import Packer
+from medjax.render.roadway import VEHICLE_WIDTH_M
+from medjax.render.scene import Timeline
+from medjax.render.series import charts_of
+from medjax.traffic.road import lateral_position
+
+
+def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
+    """Facts for JSON, and the arrays as text (`Packer`)."""
+    recording, road = timeline.recording, timeline.roadway
+    config, params, decisions = recording.config, recording.params, recording.decisions
+    charts = charts_of(recording)
+    packer = Packer()
+    _add_frames(packer, timeline)
+    _add_decisions(packer, recording)
+    for number, chart in enumerate(charts):
+        packer.add(f"chart{number}", chart.values, 1e-4)
+    human = np.asarray(recording.frames.ev_is_human)
+    first_ev, last_ev = config.ev_slots.start, config.ev_slots.stop
+    meta = {
+        "scenario": recording.scenario,
+        "policy": recording.policy,
+        "seed": recording.seed,
+        "episode": recording.episode,
+        "tickSeconds": config.tick_s,
+        "ticksPerDecision": config.ticks_per_decision,
+        "numMeds": config.num_meds,
+        "numEvs": config.num_evs,
+        "numVehicles": config.num_vehicles,
+        "fleet": int(params.fleet.size),
+        "evKwh": float(params.ev_capacity_j) / JOULES_PER_KWH,
+        "medKwh": float(params.med_capacity_j) / JOULES_PER_KWH,
+        "road": {
+            "length": road.length_m,
+            "lanes": road.num_lanes,
+            "laneWidth": road.lane_width_m,
+            "ramps": road.ramp_x_m,
+            "mergeLength": road.acceleration_lane_m,
+            "shoulder": road.shoulder_m,
+            "exaggeration": EXAGGERATION,
+        },
+        "lengths": dict(zip(("med", "ev", "gas"), _by_class(road.vehicle_length_m), strict=True)),
+        "widths": dict(zip(("med", "ev", "gas"), _by_class(VEHICLE_WIDTH_M), strict=True)),
+        "panels": PANELS,
+        "slots": road.slots_m,
+        "rewardTerms": list(decisions.reward_terms),
+        "tracks": [
+            [t.slot, t.first, t.last, t.number]
+            + ([int(human[t.first, t.slot - first_ev])] if first_ev <= t.slot < last_ev else [])
+            for t in timeline.tracks
+        ],
+        "ranOut": [[stop.slot, stop.frame, round(stop.x_m, 2)] for stop in timeline.ran_out],
+        "charts": [
+            {"title": c.title, "unit": c.unit, "digits": c.digits, "labels": c.labels}
+            for c in charts
+        ],
+        "arrays": packer.index,
+    }
+    return meta, packer.text()
+
+
+def _by_class(of_kinds: Sequence[float]) -> tuple[float, float, float]:
+    """MED, EV and gas vehicle, of values by kind."""
+    return of_kinds[MED], of_kinds[HUMAN_EV], of_kinds[GAS]
+
+
+def _add_frames(packer: Packer, timeline: Timeline) -> None:
+    """What moves, each `(slots, F)`; 0 where nobody is."""
+    frames, road = timeline.recording.frames, timeline.roadway
+    active = np.asarray(frames.active)
+    y = lateral_position(frames.lane, frames.lateral_offset, road.lane_width_m)
+    vehicles = (("x", frames.x, 0.01, 2), ("y", y, 0.01, 1), ("speed", frames.speed, 0.01, 1))
+    for name, values, step, order in (*vehicles, ("lane", frames.lane, 1.0, 1)):
+        packer.add(name, np.where(active, values, 0).T, step, order)
+    packer.add("evSoc", np.asarray(frames.ev_soc).T, 1e-4)
+    packer.add("evMed", np.asarray(frames.ev_med).T)
+    packer.add("evPanel", np.asarray(frames.ev_panel).T)
+    packer.add("evCharging", np.asarray(frames.ev_is_charging).T)
+    packer.add("medSoc", np.asarray(frames.med_soc).T, 1e-4)
+    packer.add("medStatus", np.asarray(frames.med_status).T)
+    packer.add("camera", camera_path(timeline, AUTO)[None], 0.1, 2)
+
+
+def _add_decisions(packer: Packer, recording: Recording) -> None:
+    """What was decided, each `(rows, T)`."""
+    decisions = recording.decisions
+    packer.add("action", np.asarray(decisions.action)[None])
+    packer.add("sent", np.asarray(decisions.sent)[None])
+    packer.add("mask", np.asarray(decisions.mask).T)
+    packer.add("probability", np.asarray(decisions.probabilities).T, 1e-4)
+    packer.add("reward", np.asarray(decisions.reward)[None], 1e-4, 0)
+    terms = np.array([np.asarray(term) for term in decisions.reward_terms.values()])
+    packer.add("terms", terms.reshape(len(terms), -1), 1e-4, 0)
+    packer.add("queue", np.asarray(decisions.queue).T)
+    packer.add("cooldown", np.asarray(decisions.cooldown_s)[None], 0.01)

@@ -1,0 +1,125 @@
+"""One instant as an RGB array: the whole road as a strip, and a camera on a stretch of it."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from medjax.config import EnvConfig, EnvParams
+from medjax.render import colors
+from medjax.render.asphalt import draw_asphalt, draw_ruler
+from medjax.render.camera import busiest_place
+from medjax.render.canvas import Canvas
+from medjax.render.layout import Layout, View, camera_view, check_size, font_size, strip_view
+from medjax.render.legend import draw_header, draw_legend, legend_rows
+from medjax.render.roadway import Roadway
+from medjax.render.scene import Scene, scene_of_state
+from medjax.render.traffic import draw_close, draw_far
+from medjax.scenarios import SCENARIOS
+from medjax.state import EnvState
+
+SIZE = (1280, 480)  # px, width and height, unless another one is asked for
+
+
+def draw(
+    scene: Scene,
+    road: Roadway,
+    center_m: float,
+    *,
+    width: int = SIZE[0],
+    height: int = SIZE[1],
+    span_m: float | None = None,
+) -> np.ndarray:
+    """Draws a scene.
+
+    Args:
+      scene: what is on the road.
+      road: it.
+      center_m: middle of the stretch that the camera shows, moved so that all of it is road.
+      width: px.
+      height: px.
+      span_m: length of that stretch; None: 120 to 400 m, as lanes are high.
+
+    Returns:
+      `(height, width, 3)` uint8.
+
+    Raises:
+      ValueError: a size that no picture can have.
+    """
+    check_size(width, height)
+    if span_m is not None and not span_m > 0.0:
+        raise ValueError(f"span_m = {span_m}: allowed (0, inf)")
+    font = font_size(width, height)
+    layout = Layout.of(width, height, legend_rows(width - font, font), font)
+    canvas = Canvas(width, height, colors.PAPER)
+    camera = camera_view(layout.camera, road, center_m, span_m, font)
+    draw_header(canvas, layout, scene)
+    strip = strip_view(layout.strip, road, font)
+    _draw_strip(canvas, strip, scene, road, camera, font)
+    draw_asphalt(canvas, camera, road, marked=True)
+    draw_close(canvas, camera, scene, road, font)
+    draw_ruler(canvas, camera, road, font)
+    draw_legend(canvas, layout)
+    return canvas.finish()
+
+
+def render_state(
+    state: EnvState,
+    config: EnvConfig,
+    params: EnvParams | None = None,
+    *,
+    name: str = "paper",
+    width: int = SIZE[0],
+    height: int = SIZE[1],
+) -> np.ndarray:
+    """Draws a state of one environment, the camera where most EVs charge.
+
+    Args:
+      state: what is drawn.
+      config: of its environment.
+      params: of it; None takes those of the preset `name`, right where `medjax.make` was given no other numbers.
+      name: of the environment; the title.
+      width: px.
+      height: px.
+
+    Returns:
+      `(height, width, 3)` uint8.
+
+    Raises:
+      ValueError: one line; a size that no picture can have, no preset of that name, or a state that is of another one.
+    """
+    if params is None:
+        params = _preset(name, config)
+        _check_batteries(state, params, name)
+    scene, road = scene_of_state(state, config, params, name), Roadway.of(config, params)
+    return draw(scene, road, busiest_place(scene, road), width=width, height=height)
+
+
+@functools.cache
+def _preset(name: str, config: EnvConfig) -> EnvParams:
+    if name not in SCENARIOS:
+        raise ValueError(f"no preset {name!r}: give params")
+    return SCENARIOS[name].params(config)
+
+
+def _check_batteries(state: EnvState, params: EnvParams, name: str) -> None:
+    for energy, capacity in (
+        (state.evs.energy_j, params.ev_capacity_j),
+        (state.meds.energy_j, params.med_capacity_j),
+    ):
+        if float(np.max(energy)) > 1.001 * float(capacity):
+            raise ValueError(f"the state is of other batteries than preset {name!r}: give params")
+
+
+def _draw_strip(
+    canvas: Canvas, strip: View, scene: Scene, road: Roadway, camera: View, font: int
+) -> None:
+    """All of the road, and lines from the camera's stretch down to the camera."""
+    draw_asphalt(canvas, strip, road, marked=False)
+    draw_far(canvas, strip, scene, road, font)
+    left, right = strip.px(camera.start_m), strip.px(camera.start_m + camera.span_m)
+    top, bottom = strip.box[1], strip.box[3]
+    canvas.box((left - 1, top, right + 1, bottom), None, colors.CAMERA, 1.5)
+    labels = [(strip.px(x), f"ramp {number}") for number, x in enumerate(road.ramp_x_m, 1)]
+    canvas.labels(labels, bottom + 0.65 * font, font, colors.FAINT_INK, strip.box[0], strip.box[2])

@@ -1,0 +1,58 @@
+"""Arrays of an episode as one short text, for the player.
+
+Numbers are rounded to whole multiples of a step. Along time they are replaced by differences (of differences), which
+are small; these are written byte plane by byte plane, so that the many zero bytes lie together, and compressed.
+`web/packing.js` undoes it.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+
+import numpy as np
+
+MISSING = -(2**31)  # what stands for a number that is not there (NaN)
+
+
+class Packer:
+    """Collects arrays; their order in the text is that of `add`."""
+
+    def __init__(self) -> None:
+        self.index: list[dict[str, object]] = []
+        self._planes: list[bytes] = []
+
+    def add(self, name: str, values: np.ndarray, step: float = 1.0, order: int = 1) -> None:
+        """Adds an array.
+
+        Args:
+          name: of the array.
+          values: `(rows, times)`; NaN where there is none.
+          step: what numbers are rounded to.
+          order: how often differences along time are taken.
+
+        Raises:
+          ValueError: a number too large for its step.
+        """
+        steps = np.round(np.asarray(values, np.float64) / step)
+        if np.nanmax(np.abs(steps), initial=0.0) >= 2**31:
+            raise ValueError(
+                f"{name} holds {np.nanmax(np.abs(values)):g}: allowed {2**31 * step:g}"
+            )
+        whole = np.where(np.isnan(steps), MISSING, steps).astype(np.int64).astype(np.int32)
+        for _ in range(order):
+            # Wraps around; so does the sum that undoes it.
+            whole = np.concatenate([whole[:, :1], np.diff(whole, axis=1)], axis=1)
+        signed = whole.ravel()
+        folded = ((signed << 1) ^ (signed >> 31)).astype("<u4")  # small numbers of either sign
+        planes = folded.view(np.uint8).reshape(-1, 4).T
+        self._planes.append(np.ascontiguousarray(planes).tobytes())
+        self.index.append(
+            {"name": name, "rows": values.shape[0], "times": values.shape[1], "step": step}
+            | {"order": order}
+        )
+
+    def text(self) -> str:
+        """Everything, gzip in base64."""
+        # No time stamp: the same recording gives the same file.
+        return base64.b64encode(gzip.compress(b"".join(self._planes), 9, mtime=0)).decode("ascii")

@@ -1,0 +1,135 @@
+"""A recording, or two of the same episode, as one HTML file that plays in any browser, without a network.
+
+The page is written in plain JavaScript under `web/`; this module puts the recordings into it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from html import escape
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from medjax.recording import Recording
+from medjax.render import colors
+from medjax.render.camera import AUTO, camera_path, find_track, is_vehicle
+from medjax.render.episode_data import pack_episode
+from medjax.render.files import replacing
+from medjax.render.scene import Timeline
+
+SCRIPTS = (
+    "packing.js",
+    "theme.js",
+    "episode.js",
+    "road.js",
+    "bodies.js",
+    "charts.js",
+    "vehicle.js",
+    "dispatch.js",
+    "clock.js",
+    "player.js",
+    "input.js",
+)  # in the order in which they build on each other
+
+
+def write_player(
+    path: Path, recordings: Sequence[Recording], *, follow: str = AUTO, start_s: float = 0.0
+) -> None:
+    """Writes the player.
+
+    Args:
+      path: file to write, in full or not at all.
+      recordings: one, or two policies' of the same episode, which then share one clock.
+      follow: a vehicle of the first recording that is selected at the start, as in `camera_path`.
+      start_s: where the clock stands at the start.
+
+    Raises:
+      ValueError: one line; recordings of different episodes, a vehicle or time that there is not.
+      OSError: path cannot be written.
+    """
+    page = player_page(recordings, follow=follow, start_s=start_s)
+    with replacing(path) as partial:
+        partial.write_text(page, encoding="utf-8")
+
+
+def player_page(
+    recordings: Sequence[Recording], *, follow: str = AUTO, start_s: float = 0.0
+) -> str:
+    """The text of the page; see `write_player`."""
+    check_comparable(recordings)
+    timelines = [Timeline(recording) for recording in recordings]
+    if not 0.0 <= start_s <= timelines[0].duration_s:
+        raise ValueError(f"start = {start_s:g} s: allowed 0 to {timelines[0].duration_s:g} s")
+    packed = [pack_episode(timeline) for timeline in timelines]
+    head = recordings[0]
+    data = {
+        "episodes": [meta for meta, _ in packed],
+        "socScale": [colors.css(color) for color in colors.SOC_SCALE],
+        "start": start_s,
+        "follow": _follow(timelines[0], follow),
+    }
+    policies = " and ".join(recording.policy for recording in recordings)
+    title = f"{head.scenario}: {policies}, seed {head.seed}, episode {head.episode}"
+    web = resources.files("medjax.render") / "web"
+    script = "\n".join((web / name).read_text(encoding="utf-8") for name in SCRIPTS)
+    blobs = "\n".join(
+        f'<script type="text/plain" id="data-{number}">{text}</script>'
+        for number, (_, text) in enumerate(packed)
+    )
+    parts = {
+        "TITLE": escape(title),
+        "STYLE": _root_style() + (web / "player.css").read_text(encoding="utf-8"),
+        "META": json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
+        "DATA": blobs,
+        "SCRIPT": script,
+    }
+    page = (web / "player.html").read_text(encoding="utf-8")
+    for name, text in parts.items():
+        page = page.replace(f"<!--{name}-->", text)
+    return page
+
+
+def check_comparable(recordings: Sequence[Recording]) -> None:
+    """Raises ValueError unless these are one recording, or two of the same episode of the same world."""
+    if not 1 <= len(recordings) <= 2:
+        raise ValueError(f"{len(recordings)} recordings: allowed 1 or 2")
+    first, last = recordings[0], recordings[-1]
+    for name in ("scenario", "seed", "episode", "config"):
+        a, b = getattr(first, name), getattr(last, name)
+        if a != b:
+            raise ValueError(f"{name} is {a} and {b}: allowed two recordings of the same episode")
+    lengths = len(first.frames.x), len(last.frames.x)
+    if lengths[0] != lengths[1]:
+        raise ValueError(f"{lengths[0]} and {lengths[1]} frames: allowed episodes of one length")
+
+
+def _follow(timeline: Timeline, follow: str) -> dict[str, Any]:
+    """What the camera does at the start: which vehicle, or which place."""
+    path = camera_path(timeline, follow)  # refuses what there is not
+    if is_vehicle(follow):
+        return {"mode": "selected", "track": timeline.tracks.index(find_track(timeline, follow))}
+    return {"mode": "auto"} if follow == AUTO else {"mode": "free", "x": float(path[0])}
+
+
+def _root_style() -> str:
+    """The colours of pictures as properties of the style sheet, which may darken some of them."""
+    names = {
+        "paper": colors.PAPER,
+        "ink": colors.INK,
+        "faint": colors.FAINT_INK,
+        "grass": colors.GRASS,
+        "asphalt": colors.ASPHALT,
+        "marking": colors.MARKING,
+        "edge": colors.EDGE,
+        "med": colors.MED_COLOR,
+        "gas": colors.GAS_COLOR,
+        "out": colors.RAN_OUT,
+        "accent": colors.SELECTED,
+    }
+    lines = [f"  --{name}: {colors.css(color)};" for name, color in names.items()]
+    scale = ", ".join(colors.css(color) for color in colors.SOC_SCALE)
+    return (
+        ":root {\n" + "\n".join([*lines, f"  --soc: linear-gradient(to right, {scale});"]) + "\n}\n"
+    )

@@ -1,0 +1,65 @@
+"""The road and its vehicles' sizes as plain numbers, for drawing."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from medjax.charging.docking import PANEL_LANE, Partner, panel_x
+from medjax.config import HUMAN_EV, MED, EnvConfig, EnvParams
+
+VEHICLE_WIDTH_M = (2.5, 1.8, 1.8, 1.8)  # MED, human EV, autonomous EV, gas; drawing alone knows it
+
+
+@dataclasses.dataclass(frozen=True)
+class Roadway:
+    """What does not move."""
+
+    length_m: float
+    num_lanes: int  # acceleration lanes, index num_lanes, not among them
+    lane_width_m: float
+    ramp_x_m: tuple[float, ...]  # where each acceleration lane starts
+    acceleration_lane_m: float
+    vehicle_length_m: tuple[float, ...]  # by kind
+    slots_m: tuple[
+        tuple[float, float], ...
+    ]  # by panel: an EV's front bumper in its slot, from that of the MED; to the right
+
+    @classmethod
+    def of(cls, config: EnvConfig, params: EnvParams) -> Roadway:
+        """The road of an environment; params of one, not of a batch."""
+        road, lengths = params.road, np.asarray(params.drivers.vehicle_length)
+        med = Partner(x=0.0, speed=0.0, lane=0, length=lengths[MED])  # type: ignore[arg-type]
+        panels, gap = np.arange(len(PANEL_LANE)), params.charging.dock_gap_m
+        ahead = np.asarray(panel_x(panels, med, lengths[HUMAN_EV], gap))  # type: ignore[arg-type]
+        aside = np.asarray(PANEL_LANE) * float(road.lane_width_m)
+        return cls(
+            length_m=float(road.length_m),
+            num_lanes=config.num_lanes,
+            lane_width_m=float(road.lane_width_m),
+            ramp_x_m=tuple(float(x) for x in np.asarray(road.ramp_x_m)),
+            acceleration_lane_m=float(road.acceleration_lane_m),
+            vehicle_length_m=tuple(map(float, lengths)),
+            slots_m=tuple(zip(map(float, ahead), map(float, aside), strict=True)),
+        )
+
+    @property
+    def left_m(self) -> float:
+        """Left edge of the asphalt, m right of the leftmost lane's centre."""
+        return -0.5 * self.lane_width_m
+
+    @property
+    def right_m(self) -> float:
+        """Right edge of the through lanes."""
+        return self.left_m + self.num_lanes * self.lane_width_m
+
+    @property
+    def merge_right_m(self) -> float:
+        """Right edge of the acceleration lanes; of the through lanes where there are none."""
+        return self.right_m + (self.lane_width_m if self.ramp_x_m else 0.0)
+
+    @property
+    def shoulder_m(self) -> float:
+        """Lateral place of those that ran out: right of everything that drives."""
+        return self.merge_right_m + 0.4 * self.lane_width_m

@@ -1,0 +1,142 @@
+"""One instant of the road as a picture needs it, from a recording or from a state."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+
+from medjax.config import AUTONOMOUS_EV, GAS, HUMAN_EV, MED, EnvConfig, EnvParams
+from medjax.recording import Frames, Recording, frame_of
+from medjax.render.roadway import Roadway
+from medjax.render.tracks import class_of, ran_out, tracks_of
+from medjax.state import NOT_BOOKED, EnvState
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """V vehicle slots, E of them EVs, M of them MEDs; MEDs come first, then EVs."""
+
+    x: np.ndarray  # (V,) m, front bumper
+    y: np.ndarray  # (V,) m right of the leftmost lane's centre
+    speed: np.ndarray  # (V,) m/s
+    lane: np.ndarray  # (V,) int
+    active: np.ndarray  # (V,) bool, on the road
+    kind: np.ndarray  # (V,) int, `medjax.config.KINDS`
+    ev_soc: np.ndarray  # (E,)
+    ev_med: np.ndarray  # (E,) int, -1 for none
+    ev_panel: np.ndarray  # (E,) int, -1 for none
+    ev_is_charging: np.ndarray  # (E,) bool
+    med_soc: np.ndarray  # (M,)
+    med_status: np.ndarray  # (M,) int
+    ran_out_x: np.ndarray  # (D,) m, where EVs ran out so far, as far as it is known
+    ran_out: int  # how many did
+    sent: int  # MEDs dispatched so far
+    fleet: int  # MEDs there are
+    time_s: float
+    title: str
+    names: tuple[str, ...]  # of the vehicle in each slot
+
+    @property
+    def num_meds(self) -> int:
+        """M; the slot of the first EV."""
+        return len(self.med_soc)
+
+
+def scene_of(frame: Frames, config: EnvConfig, params: EnvParams, **told: object) -> Scene:
+    """What a frame without its axis of time shows; `told` fills the fields that it does not know."""
+    lanes = np.asarray(frame.lane)
+    kind = np.full(config.num_vehicles, GAS)
+    kind[config.med_slots] = MED
+    kind[config.ev_slots] = np.where(np.asarray(frame.ev_is_human), HUMAN_EV, AUTONOMOUS_EV)
+    known: dict[str, object] = {
+        "x": np.asarray(frame.x, np.float64),
+        "y": lanes * float(params.road.lane_width_m) + np.asarray(frame.lateral_offset),
+        "kind": kind,
+        "fleet": int(params.fleet.size),
+    }
+    same = ("speed", "lane", "active", "ev_soc", "ev_med", "ev_panel", "ev_is_charging")
+    known |= {name: np.asarray(getattr(frame, name)) for name in (*same, "med_soc", "med_status")}
+    return Scene(**known | told)  # type: ignore[arg-type]
+
+
+def scene_of_state(state: EnvState, config: EnvConfig, params: EnvParams, title: str) -> Scene:
+    """What a state of one environment shows.
+
+    It knows how many EVs ran out, not where.
+    """
+    return scene_of(
+        frame_of(state, params),
+        config,
+        params,
+        ran_out_x=np.zeros(0),
+        ran_out=int(state.tally.depleted),
+        sent=int(state.tally.meds_dispatched),
+        time_s=int(state.time) * config.decision_s,
+        title=title,
+        names=tuple(class_of(slot, config) for slot in range(config.num_vehicles)),
+    )
+
+
+class Timeline:
+    """A recording that can be looked at at any time, between ticks as well."""
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+        self.roadway = Roadway.of(recording.config, recording.params)
+        self.tracks = tracks_of(recording)
+        self.ran_out = ran_out(recording)
+        self.title = f"{recording.scenario} · {recording.policy}"
+
+    @property
+    def duration_s(self) -> float:
+        """From the first frame to the last."""
+        return (len(self.recording.frames.x) - 1) * self.recording.config.tick_s
+
+    @functools.cached_property
+    def _track_at(self) -> np.ndarray:
+        """Index into `tracks`, `(F, V)` int; -1 for nobody."""
+        return self.recording.vehicle_ids()
+
+    def frame_at(self, time_s: float) -> int:
+        """The last frame at or before a time, within the recording."""
+        index = int(time_s / self.recording.config.tick_s + 1e-6)
+        return min(max(index, 0), len(self.recording.frames.x) - 1)
+
+    def at(self, time_s: float) -> Scene:
+        """The scene at a time in s: that of the last tick, with vehicles moved on toward the next one.
+
+        Between two ticks a position is linear in time. A vehicle without a next tick goes on at its speed.
+        """
+        recording, frames = self.recording, self.recording.frames
+        now = self.frame_at(time_s)
+        share = time_s / recording.config.tick_s - now
+        frame = Frames(**{name: getattr(frames, name)[now] for name in Frames.__dataclass_fields__})
+        here = self._track_at[now]
+        decision = -(-now // recording.config.ticks_per_decision)
+        scene = scene_of(
+            frame,
+            recording.config,
+            recording.params,
+            ran_out_x=np.array([stop.x_m for stop in self.ran_out if stop.frame <= now]),
+            ran_out=sum(stop.frame <= now for stop in self.ran_out),
+            sent=int(np.sum(np.asarray(recording.decisions.sent)[:decision] > 0)),
+            time_s=time_s,
+            title=self.title,
+            names=tuple(self.tracks[i].name if i >= 0 else "" for i in here),
+        )
+        if share < 1e-6 or now + 1 == len(frames.x):
+            return scene
+        stays = self._track_at[now + 1] == here
+        width = self.roadway.lane_width_m
+        next_y = frames.lane[now + 1] * width + frames.lateral_offset[now + 1]
+        ahead = np.where(stays, frames.x[now + 1] - scene.x, scene.speed * recording.config.tick_s)
+        aside = np.where(stays, next_y - scene.y, 0.0)
+        return dataclasses.replace(scene, x=scene.x + share * ahead, y=scene.y + share * aside)
+
+
+def is_booked(scene: Scene) -> np.ndarray:
+    """Which EVs on the road have a slot, (E,) bool."""
+    evs = slice(scene.num_meds, scene.num_meds + len(scene.ev_soc))
+    return scene.active[evs] & (scene.ev_med != NOT_BOOKED)

@@ -1,0 +1,78 @@
+"""Vehicles through time: who was in which slot for how long, and where EVs ran out."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+
+import numpy as np
+
+from medjax.config import EnvConfig
+from medjax.recording import Recording
+
+CLASSES = ("MED", "EV", "gas")
+
+
+@dataclasses.dataclass(frozen=True)
+class Track:
+    """One vehicle's stay on the road."""
+
+    slot: int
+    first: int  # frame that it is first seen in
+    last: int  # and last seen in
+    kind: str  # of CLASSES
+    number: int  # of its class, from 1, in the order of entry
+
+    @property
+    def name(self) -> str:
+        """`MED 3`, `EV 27`."""
+        return f"{self.kind} {self.number}"
+
+
+@dataclasses.dataclass(frozen=True)
+class RanOut:
+    """An EV that came to a stop without energy."""
+
+    slot: int
+    frame: int  # the first without it
+    x_m: float
+
+
+def class_of(slot: int, config: EnvConfig) -> str:
+    """Class of a slot, of CLASSES."""
+    if slot < config.num_meds:
+        return CLASSES[0]
+    return CLASSES[1] if slot < config.ev_slots.stop else CLASSES[2]
+
+
+def tracks_of(recording: Recording) -> list[Track]:
+    """All vehicles in the order of entry, by slot among those that enter at once."""
+    ids = recording.vehicle_ids()
+    frames, slots = np.nonzero(ids >= 0)
+    numbers = ids[frames, slots]
+    count = int(numbers.max()) + 1 if numbers.size else 0
+    first, last, slot = (np.zeros(count, np.int64) for _ in range(3))
+    # Frames ascend: the last assignment of a number stands.
+    last[numbers], slot[numbers] = frames, slots
+    first[numbers[::-1]] = frames[::-1]
+    seen: Counter[str] = Counter()
+    tracks = []
+    for number in range(count):
+        kind = class_of(int(slot[number]), recording.config)
+        seen[kind] += 1
+        tracks.append(
+            Track(int(slot[number]), int(first[number]), int(last[number]), kind, seen[kind])
+        )
+    return tracks
+
+
+def ran_out(recording: Recording) -> list[RanOut]:
+    """EVs that ran out, in the order of time."""
+    frames, slots = recording.frames, recording.config.ev_slots
+    on_road, x = np.asarray(frames.active)[:, slots], np.asarray(frames.x)[:, slots]
+    gone = on_road[:-1] & ~on_road[1:] & (np.asarray(frames.ev_soc)[1:] <= 0.0)
+    before, ev = np.nonzero(gone & (x[1:] <= float(recording.params.road.length_m)))
+    return [
+        RanOut(slots.start + int(e), int(f) + 1, float(x[f + 1, e]))
+        for f, e in zip(before, ev, strict=True)
+    ]

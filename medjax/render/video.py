@@ -1,0 +1,151 @@
+"""A recording as .mp4, .gif or .png, at true speed.
+
+Every physics tick is a picture of its own, and in between as many more as make about 20 a second: a tick of 0.25 s
+gives 5 pictures, at which a GIF's clock of 1/100 s is exact as well. Between two ticks positions are linear in time
+(`Timeline.at`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from medjax.recording import Recording
+from medjax.render.camera import AUTO, busiest_place, busiest_time, camera_path
+from medjax.render.encoder import encode, ffmpeg_program
+from medjax.render.files import replacing
+from medjax.render.frame import SIZE, draw
+from medjax.render.scene import Timeline
+
+SMOOTH_HZ = 20.0  # pictures a second, about
+EXCERPT_S = 20.0  # of a GIF, unless it is told: they are large
+
+FASTEST_M_PER_S = 100.0  # no vehicle drives so fast
+PALETTE_PICTURES = 8  # that the 256 colours of a GIF are chosen from: all show the same few
+
+SUFFIXES = (".mp4", ".gif")
+
+
+@dataclasses.dataclass(frozen=True)
+class Shot:
+    """What of a recording is filmed, and how."""
+
+    follow: str = AUTO  # see `camera_path`
+    start_s: float | None = None  # None: the start for .mp4, else where most EVs charge
+    duration_s: float | None = None  # None: to the end for .mp4, EXCERPT_S for .gif
+    width: int = SIZE[0]  # px
+    height: int = SIZE[1]
+    span_m: float | None = None  # of road that the camera shows; None: as `draw` finds fit
+
+
+def per_tick(tick_s: float) -> int:
+    """Pictures for each physics tick."""
+    return max(1, round(SMOOTH_HZ * tick_s))
+
+
+def picture_times(timeline: Timeline, start_s: float, duration_s: float) -> np.ndarray:
+    """Times of all pictures, s; the first is a tick's."""
+    recording = timeline.recording
+    tick_s, pictures = recording.config.tick_s, per_tick(recording.config.tick_s)
+    first = timeline.frame_at(start_s)
+    ticks = max(1, round(min(duration_s, timeline.duration_s - first * tick_s) / tick_s))
+    return (first + np.arange(ticks * pictures) / pictures) * tick_s
+
+
+def write_png(path: Path, recording: Recording, shot: Shot = Shot()) -> None:
+    """Writes one picture, of `shot.start_s`.
+
+    Raises:
+      ValueError: a size, time or vehicle that there is not.
+      OSError: path cannot be written.
+    """
+    from PIL import Image
+
+    timeline = Timeline(recording)
+    time = busiest_time(timeline) if shot.start_s is None else _checked(timeline, shot.start_s)
+    scene = timeline.at(time)
+    place = camera_path(timeline, shot.follow)[timeline.frame_at(time)]
+    if shot.follow == AUTO:
+        place = busiest_place(scene, timeline.roadway)
+    size = {"width": shot.width, "height": shot.height}
+    picture = draw(scene, timeline.roadway, float(place), span_m=shot.span_m, **size)
+    with replacing(path) as partial:
+        Image.fromarray(picture).save(partial, "PNG", optimize=True)
+
+
+def write_video(path: Path, recording: Recording, shot: Shot = Shot()) -> None:
+    """Writes .mp4 (H.264) or .gif, as path ends; a bar shows how far it is, on a terminal.
+
+    Raises:
+      MissingLibrary: imageio-ffmpeg is not installed.
+      ValueError: another ending; a size, time or vehicle that there is not.
+      OSError: path cannot be written.
+    """
+    from tqdm import tqdm
+
+    ffmpeg_program()
+    if path.suffix not in SUFFIXES:
+        raise ValueError(f"{path.name}: allowed {', '.join(SUFFIXES)}")
+    timeline = Timeline(recording)
+    start, duration = _stretch(timeline, shot, whole=path.suffix == ".mp4")
+    times = picture_times(timeline, start, duration)
+    # H.264 halves the resolution of colour: sizes are even.
+    shot = dataclasses.replace(shot, width=shot.width // 2 * 2, height=shot.height // 2 * 2)
+    rate = Fraction(per_tick(recording.config.tick_s)) / Fraction(str(recording.config.tick_s))
+    some = times[np.linspace(0, len(times) - 1, PALETTE_PICTURES).round().astype(int)]
+    samples = list(_pictures(timeline, shot, some)) if path.suffix == ".gif" else []
+    bar = tqdm(times, desc=f"writing {path.name}", unit="frame", disable=None)
+    with (
+        replacing(path) as partial,
+        encode(partial, rate, (shot.width, shot.height), samples) as add,
+    ):
+        for picture in _pictures(timeline, shot, bar):
+            add(picture)
+
+
+def _pictures(timeline: Timeline, shot: Shot, times: Iterable[float]) -> Iterator[np.ndarray]:
+    path = camera_path(timeline, shot.follow)
+    for time in times:
+        yield draw(
+            timeline.at(time),
+            timeline.roadway,
+            _place(timeline, path, time),
+            width=shot.width,
+            height=shot.height,
+            span_m=shot.span_m,
+        )
+
+
+def _place(timeline: Timeline, path: np.ndarray, time: float) -> float:
+    """Where the camera is between two ticks; when it goes to another MED it jumps, and does not race there."""
+    now = timeline.frame_at(time)
+    then = min(now + 1, len(path) - 1)
+    tick_s = timeline.recording.config.tick_s
+    moves = abs(path[then] - path[now]) < FASTEST_M_PER_S * tick_s
+    share = time / tick_s - now if moves else 0.0
+    return float(path[now] + share * (path[then] - path[now]))
+
+
+def _checked(timeline: Timeline, start_s: float) -> float:
+    if not 0.0 <= start_s <= timeline.duration_s:
+        raise ValueError(f"start = {start_s:g} s: allowed 0 to {timeline.duration_s:g} s")
+    return start_s
+
+
+def _stretch(timeline: Timeline, shot: Shot, *, whole: bool) -> tuple[float, float]:
+    """Start and duration, s."""
+    duration = shot.duration_s
+    if duration is None:
+        duration = timeline.duration_s if whole else EXCERPT_S
+    if not duration > 0.0:
+        raise ValueError(f"duration = {duration:g} s: allowed (0, inf)")
+    if shot.start_s is not None:
+        return _checked(timeline, shot.start_s), duration
+    if whole and shot.duration_s is None:
+        return 0.0, duration
+    latest = max(0.0, timeline.duration_s - duration)
+    return min(max(0.0, busiest_time(timeline) - 0.5 * duration), latest), duration

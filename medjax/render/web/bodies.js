@@ -1,0 +1,171 @@
+const SIZE_NAMES = ["med", "ev", "gas"];
+const FAR = [
+  { least: 9, share: 1.0 },
+  { least: 5, share: 0.8 },
+  { least: 3, share: 0.6 },
+]; // by kind: least length of a mark on the strip, px, and its share of a lane
+
+/** Outline of a vehicle, px. */
+function bodyOf(view, episode, slot) {
+  const size = SIZE_NAMES[episode.kindOf(slot)];
+  const width = episode.meta.lengths[size] * view.perX;
+  const height = episode.meta.widths[size] * view.perY;
+  const left = view.px(episode.x[slot]) - width;
+  return { left, top: view.py(episode.y[slot]) - height / 2, width, height };
+}
+
+function paint(episode, theme, slot) {
+  const kind = episode.kindOf(slot);
+  if (kind === KIND.MED) return { fill: theme.med, text: "#ffffff" };
+  if (kind === KIND.GAS) return { fill: theme.gas, text: theme.ink };
+  return theme.soc(episode.soc(slot, episode.frame));
+}
+
+function drawCross(context, x, y, radius, theme) {
+  for (const [color, width] of [[theme.paper, radius], [theme.out, radius / 2]]) {
+    context.strokeStyle = color;
+    context.lineWidth = width;
+    context.beginPath();
+    context.moveTo(x - radius, y - radius);
+    context.lineTo(x + radius, y + radius);
+    context.moveTo(x - radius, y + radius);
+    context.lineTo(x + radius, y - radius);
+    context.stroke();
+  }
+}
+
+/** Those that ran out so far, on the shoulder. */
+function drawRanOut(context, view, episode, theme, radius) {
+  const y = view.py(episode.meta.road.shoulder);
+  for (const { frame, x } of episode.ranOut) {
+    const px = view.px(x);
+    if (frame > episode.frame) break;
+    if (px >= view.left && px <= view.right) drawCross(context, px, y, radius, theme);
+  }
+}
+
+/** Marks on the strip, longer and wider than its scale; MEDs and EVs lie on top. */
+function drawFar(context, view, episode, theme, selected) {
+  const lane = episode.meta.road.laneWidth * view.perY;
+  for (let slot = episode.meta.numVehicles - 1; slot >= 0; slot -= 1) {
+    if (episode.present[slot] < 0) continue;
+    const { least, share } = FAR[episode.kindOf(slot)];
+    const body = bodyOf(view, episode, slot);
+    const width = Math.max(least, body.width);
+    const height = share * lane;
+    const left = Math.max(body.left + body.width - width, view.left);
+    const top = body.top + (body.height - height) / 2;
+    context.fillStyle = paint(episode, theme, slot).fill;
+    context.fillRect(left, top, width, height);
+    if (episode.kindOf(slot) !== KIND.GAS) {
+      context.strokeStyle = theme.ink; // dark blue on dark asphalt is hard to see
+      context.lineWidth = 0.7;
+      context.strokeRect(left, top, width, height);
+    }
+    if (selected && episode.present[slot] === selected.index) {
+      context.strokeStyle = theme.accent;
+      context.lineWidth = 2;
+      context.strokeRect(left - 3, top - 3, width + 6, height + 6);
+    }
+  }
+  drawRanOut(context, view, episode, theme, 4);
+}
+
+/** Free slots, links, and vehicles with their charge. */
+function drawClose(context, view, episode, theme, selected) {
+  const booked = episode.booked(episode.frame);
+  drawFreeSlots(context, view, episode, theme, booked);
+  booked.sort((a, b) => a.charging - b.charging); // solid over dashed
+  for (const { slot, med, charging } of booked) {
+    if (episode.present[med] >= 0) drawLink(context, view, episode, theme, slot, med, charging);
+  }
+  for (let slot = episode.meta.numVehicles - 1; slot >= 0; slot -= 1) {
+    if (episode.present[slot] < 0) continue;
+    const body = bodyOf(view, episode, slot);
+    if (body.left > view.right || body.left + body.width < view.left) continue;
+    const isSelected = selected !== null && episode.present[slot] === selected.index;
+    drawBody(context, body, episode, theme, slot, isSelected);
+  }
+  drawRanOut(context, view, episode, theme, 7);
+}
+
+function drawFreeSlots(context, view, episode, theme, booked) {
+  const { meta, frame } = episode;
+  const taken = new Set(booked.map(({ med, panel }) => 8 * med + panel));
+  const width = meta.lengths.ev * view.perX;
+  const height = meta.widths.ev * view.perY;
+  const right = (meta.road.lanes - 0.5) * meta.road.laneWidth;
+  context.strokeStyle = theme.edge;
+  context.lineWidth = 1;
+  context.setLineDash([3, 3]);
+  for (let med = 0; med < meta.numMeds; med += 1) {
+    if (episode.present[med] < 0 || episode.status(med, frame) !== IN_SERVICE) continue;
+    meta.slots.forEach(([ahead, aside], panel) => {
+      const y = episode.y[med] + aside;
+      if (taken.has(8 * med + panel) || y < -meta.road.laneWidth / 2 || y > right) return;
+      const left = view.px(episode.x[med] + ahead) - width;
+      context.strokeRect(left, view.py(y) - height / 2, width, height);
+    });
+  }
+  context.setLineDash([]);
+}
+
+function drawLink(context, view, episode, theme, ev, med, charging) {
+  const [from, to] = [med, ev].map((slot) => {
+    const body = bodyOf(view, episode, slot);
+    return [body.left + body.width / 2, body.top + body.height / 2];
+  });
+  const stroke = (color, width) => {
+    context.strokeStyle = color;
+    context.lineWidth = width;
+    context.beginPath();
+    context.moveTo(...from);
+    context.lineTo(...to);
+    context.stroke();
+  };
+  if (charging) {
+    stroke(theme.paper, 8);
+    stroke(theme.med, 4);
+  } else {
+    context.setLineDash([6, 5]);
+    stroke(theme.ink, 1.5);
+    context.setLineDash([]);
+  }
+}
+
+function drawBody(context, { left, top, width, height }, episode, theme, slot, isSelected) {
+  const kind = episode.kindOf(slot);
+  const colors = paint(episode, theme, slot);
+  context.fillStyle = colors.fill;
+  context.strokeStyle = kind === KIND.GAS ? theme.edge : theme.ink;
+  context.lineWidth = 1;
+  context.beginPath();
+  context.roundRect(left, top, width, height, 0.22 * height);
+  context.fill();
+  context.stroke();
+  context.fillStyle = context.strokeStyle;
+  const pane = Math.min(0.14 * height, 0.1 * width);
+  context.fillRect(left + width - 2 * pane, top + 0.16 * height, pane, 0.68 * height);
+  if (isSelected) {
+    context.strokeStyle = theme.accent;
+    context.lineWidth = 3;
+    context.beginPath();
+    context.roundRect(left - 4, top - 4, width + 8, height + 8, 6);
+    context.stroke();
+  }
+  if (kind === KIND.GAS) return;
+  const charge = Math.round(100 * episode.soc(slot, episode.frame));
+  const name = episode.nameAt(slot, episode.frame);
+  const size = Math.min(13, Math.round(0.8 * height));
+  if (size < 8) return;
+  context.font = `${size}px system-ui, sans-serif`;
+  context.fillStyle = colors.text;
+  context.textAlign = "center";
+  context.textBaseline = "middle";
+  const room = width - 3 * pane - 2;
+  for (const text of [`${name}: ${charge} %`, `${charge} %`, `${charge}`]) {
+    if (context.measureText(text).width > room) continue;
+    context.fillText(text, left + (width - 2 * pane) / 2, top + height / 2 + 0.5);
+    return;
+  }
+}

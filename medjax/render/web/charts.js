@@ -1,0 +1,158 @@
+const AXIS_PX = 14;
+const LEFT_PX = 40;
+
+/** A round step for about `count` ticks over a range. */
+function roundStep(range, count) {
+  const rough = range / count;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  return [1, 2, 5, 10].map((factor) => factor * power).find((step) => step >= rough);
+}
+
+/** Lines over time, drawn once; only a cursor moves. */
+class Plot {
+  /** `lines`: {values(i), count, step (s), color (a name of the theme), dashed}; `onSeek` gets seconds. */
+  constructor({ lines, start = 0, end, theme, label, onSeek }) {
+    Object.assign(this, { lines, start, end, theme });
+    this.canvas = element("canvas");
+    this.canvas.setAttribute("role", "img");
+    this.canvas.setAttribute("aria-label", label);
+    this.cursor = element("div", { className: "cursor" });
+    this.root = element("div", { className: "plot" }, [this.canvas, this.cursor]);
+    this.root.addEventListener("click", (event) => {
+      const share = (event.offsetX - LEFT_PX) / Math.max(1, this.width - LEFT_PX - 4);
+      onSeek(this.start + Math.min(Math.max(share, 0), 1) * (this.end - this.start));
+    });
+  }
+
+  resize() {
+    const { context, width, height } = fitCanvas(this.canvas);
+    this.width = width;
+    this._range();
+    const bottom = height - AXIS_PX;
+    this.toX = (t) => LEFT_PX + ((t - this.start) / (this.end - this.start || 1)) * (width - LEFT_PX - 4);
+    const toY = (v) => 5 + (1 - (v - this.low) / (this.high - this.low)) * (bottom - 8);
+    context.clearRect(0, 0, width, height);
+    this._axes(context, toY, width, height, bottom);
+    for (const line of this.lines) this._line(context, line, toY);
+  }
+
+  moveTo(seconds) {
+    if (!this.toX) return;
+    const inside = seconds >= this.start && seconds <= this.end;
+    this.cursor.style.visibility = inside ? "visible" : "hidden";
+    this.cursor.style.transform = `translateX(${this.toX(seconds)}px)`;
+  }
+
+  _range() {
+    let [low, high] = [Infinity, -Infinity];
+    for (const { values, count } of this.lines) {
+      for (let i = 0; i < count; i += 1) {
+        const value = values(i);
+        if (value < low) low = value;
+        if (value > high) high = value;
+      }
+    }
+    if (low > high) [low, high] = [0, 1];
+    if (low > 0 && low < 0.6 * high) low = 0;
+    if (high - low < 1e-9) high = low + 1;
+    this.tick = roundStep(high - low, 3);
+    this.low = Math.floor(low / this.tick + 1e-9) * this.tick;
+    this.high = Math.ceil(high / this.tick - 1e-9) * this.tick;
+  }
+
+  _axes(context, toY, width, height, bottom) {
+    const { theme } = this;
+    context.font = "11px system-ui, sans-serif";
+    context.fillStyle = theme.faint;
+    context.strokeStyle = theme.line;
+    context.lineWidth = 1;
+    context.textAlign = "right";
+    context.textBaseline = "middle";
+    const digits = Math.max(0, -Math.floor(Math.log10(this.tick) + 1e-9));
+    for (let v = this.low; v <= this.high + this.tick / 2; v += this.tick) {
+      context.beginPath();
+      context.moveTo(LEFT_PX, Math.round(toY(v)) + 0.5);
+      context.lineTo(width - 4, Math.round(toY(v)) + 0.5);
+      context.stroke();
+      const y = Math.max(toY(v), 6);
+      context.fillText((Math.abs(v) < 1e-9 ? 0 : v).toFixed(digits), LEFT_PX - 4, y);
+    }
+    const seconds = [10, 20, 30, 60, 120, 300, 600, 1200, 3600];
+    const wide = (60 * (this.end - this.start)) / width;
+    const step = seconds.find((s) => s >= wide) ?? seconds.at(-1);
+    const labels = [];
+    for (let t = Math.ceil(this.start / step) * step; t <= this.end; t += step) {
+      labels.push([this.toX(t), clockText(t)]);
+    }
+    drawLabels(context, labels, height - AXIS_PX / 2 + 2, LEFT_PX - 14, width);
+  }
+
+  _line(context, { values, count, step, start = 0, color, dashed }, toY) {
+    context.strokeStyle = this.theme[color];
+    context.lineWidth = 1.6;
+    context.setLineDash(dashed ? [4, 3] : []);
+    context.beginPath();
+    let pen = false;
+    for (let i = 0; i < count; i += 1) {
+      const value = values(i);
+      if (Number.isNaN(value)) {
+        pen = false;
+        continue;
+      }
+      const [x, y] = [this.toX(start + i * step), toY(value)];
+      if (pen) context.lineTo(x, y);
+      else context.moveTo(x, y);
+      pen = true;
+    }
+    context.stroke();
+    context.setLineDash([]);
+  }
+}
+
+const LINE_COLORS = ["first", "second"];
+
+/** A chart of an episode, or of two on the same axes, with the numbers of now. */
+class Chart {
+  constructor(number, episodes, theme, onSeek) {
+    this.number = number;
+    this.episodes = episodes;
+    this.about = episodes[0].meta.charts[number];
+    const { title, unit, labels } = this.about;
+    const lines = [];
+    this.outputs = [];
+    const caption = element("figcaption", {}, [
+      element("span", { className: "title", textContent: unit ? `${title} (${unit})` : title }),
+    ]);
+    const values = element("span");
+    episodes.forEach((episode, which) => {
+      labels.forEach((label, row) => {
+        const table = episode.tables[`chart${number}`];
+        const look = { color: LINE_COLORS[which], dashed: row > 0 };
+        lines.push({ values: (i) => table.at(row, i), count: table.times, step: episode.decisionSeconds, ...look });
+        const key = element("span", { className: `key ${LINE_COLORS[which]}${row ? " dashed" : ""}` });
+        const output = element("output");
+        const parts = [key, label ? `${label} ` : "", output];
+        values.append(element("span", { className: "value" }, parts), " ");
+        this.outputs.push({ output, table, row });
+      });
+    });
+    caption.append(values);
+    this.plot = new Plot({ lines, end: episodes[0].seconds, theme, label: `${title} over time`, onSeek });
+    this.root = element("figure", {}, [caption, this.plot.root]);
+  }
+
+  resize() {
+    this.plot.resize();
+  }
+
+  show(seconds) {
+    this.plot.moveTo(seconds);
+    const point = Math.floor(seconds / this.episodes[0].decisionSeconds + 1e-6);
+    if (point === this.point) return;
+    this.point = point;
+    for (const { output, table, row } of this.outputs) {
+      const value = table.at(row, Math.min(point, table.times - 1));
+      output.value = Number.isNaN(value) ? "–" : value.toFixed(this.about.digits);
+    }
+  }
+}

@@ -1,0 +1,138 @@
+const KIND = { MED: 0, EV: 1, GAS: 2 };
+const KIND_NAMES = ["MED", "EV", "gas vehicle"];
+const IN_SERVICE = 3;
+const STATUS_NAMES = ["at the depot", "waiting at its ramp", "merging", "in service", "gone"];
+
+/** One vehicle's stay on the road. */
+class Track {
+  constructor(index, [slot, first, last, number, human], episode) {
+    Object.assign(this, { index, slot, first, last, number, human: human === 1 });
+    this.kind = episode.kindOf(slot);
+    this.name = `${this.kind === KIND.GAS ? "gas" : KIND_NAMES[this.kind]} ${number}`;
+  }
+}
+
+/** A recording: everything that is known of it at any time. */
+class Episode {
+  constructor(meta, tables) {
+    this.meta = meta;
+    this.tables = tables;
+    this.frames = tables.x.times;
+    this.decisions = tables.action.times;
+    this.decisionSeconds = meta.tickSeconds * meta.ticksPerDecision;
+    this.seconds = (this.frames - 1) * meta.tickSeconds;
+    this.tracks = meta.tracks.map((fields, index) => new Track(index, fields, this));
+    this.trackAt = new Int32Array(meta.numVehicles * this.frames).fill(-1);
+    for (const { slot, first, last, index } of this.tracks) {
+      this.trackAt.fill(index, slot * this.frames + first, slot * this.frames + last + 1);
+    }
+    this.ranOut = meta.ranOut.map(([slot, frame, x]) => ({ slot, frame, x }));
+    // What `look` finds, by slot.
+    this.x = new Float64Array(meta.numVehicles);
+    this.y = new Float64Array(meta.numVehicles);
+    this.present = new Int32Array(meta.numVehicles);
+    this.frame = 0;
+    this.look(0);
+  }
+
+  kindOf(slot) {
+    if (slot < this.meta.numMeds) return KIND.MED;
+    return slot < this.meta.numMeds + this.meta.numEvs ? KIND.EV : KIND.GAS;
+  }
+
+  /** The last physics tick at a time. */
+  frameAt(seconds) {
+    const frame = Math.floor(seconds / this.meta.tickSeconds + 1e-6);
+    return Math.min(Math.max(frame, 0), this.frames - 1);
+  }
+
+  /** Decisions that have been taken before a frame. */
+  decided(frame) {
+    return Math.min(Math.ceil(frame / this.meta.ticksPerDecision), this.decisions);
+  }
+
+  /** Who is where: places are linear in time between two ticks. `present` holds tracks, -1 for nobody. */
+  look(seconds) {
+    const { frames, tables, meta, trackAt } = this;
+    const frame = this.frameAt(seconds);
+    const share = frame + 1 < frames ? Math.max(0, seconds / meta.tickSeconds - frame) : 0;
+    for (let slot = 0; slot < meta.numVehicles; slot += 1) {
+      const here = slot * frames + frame;
+      const track = trackAt[here];
+      this.present[slot] = track;
+      if (track < 0) continue;
+      const x = tables.x.steps[here] * tables.x.step;
+      const y = tables.y.steps[here] * tables.y.step;
+      const stays = share > 0 && trackAt[here + 1] === track;
+      const ahead = stays
+        ? tables.x.steps[here + 1] * tables.x.step - x
+        : tables.speed.steps[here] * tables.speed.step * meta.tickSeconds;
+      const aside = stays ? tables.y.steps[here + 1] * tables.y.step - y : 0;
+      this.x[slot] = x + share * ahead;
+      this.y[slot] = y + share * aside;
+    }
+    this.frame = frame;
+  }
+
+  /** Middle of the busiest MED's stretch, m; it does not race from one MED to the next. */
+  busiest(seconds) {
+    const frame = this.frameAt(seconds);
+    const now = this.tables.camera.at(0, frame);
+    const then = this.tables.camera.at(0, Math.min(frame + 1, this.frames - 1));
+    const share = seconds / this.meta.tickSeconds - frame;
+    return Math.abs(then - now) < 100 * this.meta.tickSeconds ? now + share * (then - now) : now;
+  }
+
+  /** Where a track is, was last or will be first, m. */
+  place(track, seconds) {
+    const frame = this.frameAt(seconds);
+    if (this.trackAt[track.slot * this.frames + frame] === track.index) {
+      if (frame !== this.frame) this.look(seconds);
+      return this.x[track.slot];
+    }
+    return this.tables.x.at(track.slot, frame < track.first ? track.first : track.last);
+  }
+
+  /** Booking of an EV's slot at a frame: the MED's slot, the panel, and whether it charges; null for none. */
+  booking(slot, frame) {
+    const ev = slot - this.meta.numMeds;
+    const med = this.tables.evMed.at(ev, frame);
+    if (med < 0) return null;
+    const panel = this.tables.evPanel.at(ev, frame);
+    return { med, panel, charging: this.tables.evCharging.at(ev, frame) === 1 };
+  }
+
+  /** State of charge of a MED's or EV's slot. */
+  soc(slot, frame) {
+    const { evSoc, medSoc } = this.tables;
+    const { numMeds } = this.meta;
+    return slot < numMeds ? medSoc.at(slot, frame) : evSoc.at(slot - numMeds, frame);
+  }
+
+  status(slot, frame) {
+    return this.tables.medStatus.at(slot, frame);
+  }
+
+  /** Name of who is in a slot. */
+  nameAt(slot, frame) {
+    const index = this.trackAt[slot * this.frames + frame];
+    return index < 0 ? `${KIND_NAMES[this.kindOf(slot)]}` : this.tracks[index].name;
+  }
+
+  /** Slots of EVs with a booking, on the road. */
+  booked(frame) {
+    const found = [];
+    const { numMeds, numEvs } = this.meta;
+    for (let slot = numMeds; slot < numMeds + numEvs; slot += 1) {
+      if (this.trackAt[slot * this.frames + frame] < 0) continue;
+      const booking = this.booking(slot, frame);
+      if (booking) found.push({ slot, ...booking });
+    }
+    return found;
+  }
+
+  /** Whether a track ends without energy. */
+  stranded(track) {
+    return this.ranOut.some(({ slot, frame }) => slot === track.slot && frame === track.last + 1);
+  }
+}

@@ -1,0 +1,192 @@
+const $ = (id) => document.getElementById(id);
+const SPEEDS = [0.25, 0.5, 1, 2, 4, 8, 16];
+const DRAG_PX = 4;
+const TELL_MS = 80;
+
+/** The page: views, charts and panels on one clock. */
+class Player {
+  constructor(data, episodes) {
+    this.episodes = episodes;
+    this.theme = new Theme(data.socScale);
+    this.theme.changed = () => this.resize();
+    this.clock = new Clock(episodes[0].seconds, (seconds) => this._show(seconds));
+    this.camera = { mode: "auto", x: 0 };
+    this.zoom = 0;
+    this._told = -Infinity;
+    this.selected = null; // {which, track}
+    this.views = episodes.map((episode, which) => this._makeView(episode, which));
+    const seek = (seconds) => this.seek(seconds);
+    this.charts = episodes[0].meta.charts.map((_, i) => new Chart(i, episodes, this.theme, seek));
+    $("charts").append(...this.charts.map((chart) => chart.root));
+    this.dispatch = episodes.map((episode, which) => new DispatchPanel(episode, which, this));
+    $("dispatch-panel").append(...this.dispatch.map((panel) => panel.root));
+    this.vehicle = new VehiclePanel($("vehicle-panel"), this.theme, this);
+    this._fillVehicles();
+    this._fillMarks();
+    this._wire();
+    this.resize();
+    window.addEventListener("resize", () => this.resize());
+    if (data.follow.track !== undefined) this.select(0, episodes[0].tracks[data.follow.track]);
+    this.setCamera(data.follow.mode, data.follow.x);
+    this.seek(data.start);
+  }
+
+  play() {
+    this._told = -Infinity;
+    this.clock.play();
+  }
+
+  pause() {
+    this.clock.pause();
+  }
+
+  seek(seconds) {
+    this.clock.seek(seconds);
+  }
+
+  setSpeed(speed) {
+    this.clock.speed = speed;
+    $("speed").value = String(speed);
+  }
+
+  setZoom(zoom) {
+    this.zoom = Math.min(Math.max(zoom, -2), 2);
+    $("zoom").value = String(this.zoom);
+    this.clock.wake();
+  }
+
+  /** `auto`, `selected`, or `free` at x metres. */
+  setCamera(mode, x = this.views[0].road.center ?? 0) {
+    this.camera = { mode, x };
+    $("camera").value = mode;
+    this.clock.wake();
+  }
+
+  /** Selects a track of an episode; null for none. */
+  select(which, track) {
+    this.selected = track ? { which, track } : null;
+    $("vehicle").value = track && track.kind !== KIND.GAS ? `${which}:${track.index}` : "";
+    this.vehicle.show(track ? this.episodes[which] : null, track);
+    $("announcer").textContent = track ? `${track.name} selected` : "nothing selected";
+    if (!track && this.camera.mode === "selected") this.setCamera("auto");
+    this.clock.wake();
+  }
+
+  /** The next vehicle of a kind on the road, along it; `direction` -1: the one behind. */
+  selectNext(kind, direction) {
+    const which = this.selected?.which ?? 0;
+    const episode = this.episodes[which];
+    const there = [];
+    episode.look(this.clock.seconds); // what is drawn may be older
+    episode.present.forEach((index, slot) => {
+      if (index >= 0 && episode.kindOf(slot) === kind) there.push([episode.x[slot], index]);
+    });
+    if (!there.length) return;
+    there.sort((a, b) => a[0] - b[0]);
+    const now = there.findIndex(([, index]) => index === this.selected?.track.index);
+    const next = now < 0 && direction < 0 ? there.length - 1 : (now + direction + there.length) % there.length;
+    this.select(which, episode.tracks[there[next][1]]);
+    this.setCamera("selected");
+  }
+
+  resize() {
+    for (const { road } of this.views) road.resize();
+    for (const chart of this.charts) chart.resize();
+    for (const panel of this.dispatch) panel.resize();
+    this.vehicle.resize();
+    this.clock.wake();
+  }
+
+  _show(seconds) {
+    this._aim(seconds);
+    this.views.forEach(({ road, line }, which) => {
+      road.draw(seconds, this.selected?.which === which ? this.selected.track : null);
+      this._count(this.episodes[which], line);
+    });
+    const now = performance.now();
+    if (this.clock.playing && now - this._told < TELL_MS) return;
+    this._told = now;
+    this._tell(seconds);
+  }
+
+  /** Numbers, charts and controls; while the clock runs they need not keep up with the picture. */
+  _tell(seconds) {
+    for (const chart of this.charts) chart.show(seconds);
+    for (const panel of this.dispatch) panel.update(seconds);
+    this.vehicle.update(seconds);
+    $("scrub").value = String(seconds);
+    $("scrub").setAttribute("aria-valuetext", clockText(seconds));
+    $("time").value = `${clockText(seconds, 2)} / ${clockText(this.clock.end)}`;
+    const label = this.clock.playing ? "Pause" : "Play";
+    if ($("play").textContent !== label) $("play").textContent = label;
+  }
+
+  /** Points the cameras: with a selected vehicle all show its stretch, else each its own. */
+  _aim(seconds) {
+    const { mode } = this.camera;
+    let x = mode === "free" ? this.camera.x : null;
+    if (mode === "selected" && this.selected) {
+      const { which, track } = this.selected;
+      x = this.episodes[which].place(track, seconds);
+    }
+    for (const { road } of this.views) road.aim(x ?? road.episode.busiest(seconds), this.zoom);
+  }
+
+  /** The counters over a view, once a physics tick. */
+  _count(episode, line) {
+    if (line.frame === episode.frame) return;
+    line.frame = episode.frame;
+    const { numMeds, numEvs, fleet } = episode.meta;
+    let evs = 0;
+    for (let slot = numMeds; slot < numMeds + numEvs; slot += 1) evs += episode.present[slot] >= 0;
+    const booked = episode.booked(episode.frame);
+    const charging = booked.filter((one) => one.charging).length;
+    const sent = episode.tables.sent;
+    let meds = 0;
+    for (let i = 0; i < episode.decided(episode.frame); i += 1) meds += sent.at(0, i) > 0;
+    const out = episode.ranOut.filter(({ frame }) => frame <= episode.frame).length;
+    line.text.textContent = `MEDs sent ${meds} of ${fleet}  ·  EVs ${evs}  ·  charging ${charging}` +
+      `  ·  on the way to a slot ${booked.length - charging}  ·  ran out ${out}`;
+  }
+
+  _makeView(episode, which) {
+    const text = element("span");
+    const name = element("span", { className: "name", textContent: episode.meta.policy });
+    const key = element("span", { className: `key ${LINE_COLORS[which]}` });
+    if (this.episodes.length > 1) name.prepend(key);
+    const canvas = element("canvas");
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", `The highway under ${episode.meta.policy}: all of it, and the camera's stretch`);
+    const line = element("div", { className: "view-line" }, [name, text]);
+    $("views").append(element("div", { className: "view" }, [line, canvas]));
+    const road = new RoadView(canvas, episode, this.theme, this.episodes.length > 1);
+    this._wirePointer(canvas, road, which);
+    return { road, line: { text, frame: -1 } };
+  }
+
+  _fillVehicles() {
+    this.episodes.forEach((episode, which) => {
+      for (const kind of [KIND.MED, KIND.EV]) {
+        const several = this.episodes.length > 1 ? `, ${episode.meta.policy}` : "";
+        const group = element("optgroup", { label: `${KIND_NAMES[kind]}s${several}` });
+        for (const track of episode.tracks) {
+          if (track.kind !== kind) continue;
+          const from = clockText(track.first * episode.meta.tickSeconds);
+          const to = clockText(track.last * episode.meta.tickSeconds);
+          group.append(element("option", { value: `${which}:${track.index}`, textContent: `${track.name} (${from}–${to})` }));
+        }
+        if (group.children.length) $("vehicle").append(group);
+      }
+    });
+  }
+
+  _fillMarks() {
+    this.dispatch.forEach((panel, which) => {
+      for (const { seconds } of panel.sent) {
+        const mark = element("i", { className: LINE_COLORS[which] });
+        mark.style.left = `${(100 * seconds) / this.clock.end}%`;
+        $("marks").append(mark);
+      }
+    });
+  }
+}

@@ -1,0 +1,199 @@
+const LANE_PX = { strip: 9, narrow: 20, wide: 34, low: 26 };
+const TEXT_PX = 12;
+const DASH_M = 6;
+const PERIOD_M = 18;
+const RULER_STEPS_M = [10, 20, 50, 100, 200, 500, 1000];
+
+/** Metres to pixels: a rectangle of the canvas onto a stretch of road. */
+class Window {
+  constructor(left, top, width, lanePx, road) {
+    Object.assign(this, { left, top, width, road });
+    this.perY = lanePx / road.laneWidth;
+    this.topY = -0.75 * road.laneWidth;
+    this.height = this.perY * (road.shoulder + 0.4 * road.laneWidth - this.topY);
+    this.show(0, road.length);
+  }
+
+  show(start, span) {
+    this.start = start;
+    this.span = span;
+    this.perX = this.width / span;
+  }
+
+  px(x) {
+    return this.left + (x - this.start) * this.perX;
+  }
+
+  py(y) {
+    return this.top + (y - this.topY) * this.perY;
+  }
+
+  metres(px) {
+    return this.start + (px - this.left) / this.perX;
+  }
+
+  get right() {
+    return this.left + this.width;
+  }
+
+  get bottom() {
+    return this.top + this.height;
+  }
+}
+
+/** Lanes, acceleration lanes and ramps. */
+function drawAsphalt(context, view, theme, marked) {
+  const { road } = view;
+  const half = road.laneWidth / 2;
+  const lane = road.laneWidth * view.perY;
+  const edge = view.py(road.lanes * road.laneWidth - half);
+  context.fillStyle = theme.grass;
+  context.fillRect(view.left, view.top, view.width, view.height);
+  context.fillStyle = theme.asphalt;
+  for (const ramp of road.ramps) {
+    const [from, to] = [view.px(ramp), view.px(ramp + road.mergeLength)];
+    const run = 1.6 * lane;
+    context.beginPath();
+    context.moveTo(from - run, view.bottom);
+    context.lineTo(from, edge);
+    context.lineTo(to, edge);
+    context.lineTo(to, edge + lane);
+    context.lineTo(from, edge + lane);
+    context.lineTo(from - 0.4 * run, view.bottom);
+    context.fill();
+  }
+  const start = Math.max(view.left, view.px(0));
+  const end = Math.min(view.right, view.px(road.length));
+  context.fillRect(start, view.py(-half), end - start, edge - view.py(-half));
+  if (marked) drawMarkings(context, view, theme, start, end);
+}
+
+function drawMarkings(context, view, theme, start, end) {
+  const { road } = view;
+  const half = road.laneWidth / 2;
+  const line = (y) => context.fillRect(start, view.py(y) - 1, end - start, 2);
+  context.fillStyle = theme.marking;
+  const first = Math.floor(view.start / PERIOD_M) * PERIOD_M;
+  for (let lane = 1; lane < road.lanes; lane += 1) {
+    const y = view.py(lane * road.laneWidth - half);
+    for (let x = first; x < view.start + view.span; x += PERIOD_M) {
+      context.fillRect(view.px(x), y - 1, DASH_M * view.perX, 2);
+    }
+  }
+  context.fillStyle = theme.edge;
+  line(-half);
+  line(road.lanes * road.laneWidth - half);
+  context.fillStyle = theme.asphalt; // the edge is broken where one may cross it
+  const y = view.py(road.lanes * road.laneWidth - half);
+  for (const ramp of road.ramps) {
+    for (let x = ramp; x < ramp + road.mergeLength; x += 9) {
+      context.fillRect(view.px(x), y - 1, DASH_M * view.perX, 2);
+    }
+  }
+}
+
+/** Texts centred at `[x, text]` from left to right; one that has no room is left out. */
+function drawLabels(context, places, y, left, right) {
+  context.textAlign = "center";
+  context.textBaseline = "middle";
+  let free = left;
+  for (const [place, text] of places) {
+    const half = context.measureText(text).width / 2;
+    const x = Math.min(Math.max(place, left + half), right - half);
+    if (x - half < free || Math.abs(x - place) > half + 1) continue;
+    context.fillText(text, x, y);
+    free = x + half + 8;
+  }
+}
+
+/** One episode's picture: the road as a strip, and a camera on a stretch of it. */
+class RoadView {
+  /** `low` where there is another picture to leave room for. */
+  constructor(canvas, episode, theme, low) {
+    Object.assign(this, { canvas, episode, theme, low });
+    this.resize();
+  }
+
+  resize() {
+    const { road } = this.episode.meta;
+    const guess = this.canvas.clientWidth;
+    const lanePx = guess < 700 ? LANE_PX.narrow : this.low ? LANE_PX.low : LANE_PX.wide;
+    const pad = 4;
+    this.strip = new Window(pad, 2, guess - 2 * pad, LANE_PX.strip, road);
+    const top = this.strip.bottom + TEXT_PX + 12;
+    this.camera = new Window(0, top, guess, lanePx, road);
+    const height = Math.ceil(this.camera.bottom + TEXT_PX + 8);
+    const fitted = fitCanvas(this.canvas, height, { alpha: false }); // nothing lies under it
+    Object.assign(this, { context: fitted.context, width: fitted.width, height: fitted.height });
+    this.span = guess / (this.camera.perY / road.exaggeration);
+  }
+
+  /** Points the camera at a place, as far as there is road; `zoom` doubles the scale with every 1. */
+  aim(center, zoom) {
+    const { length } = this.episode.meta.road;
+    const span = Math.min(this.span * 2 ** -zoom, length);
+    const start = Math.min(Math.max(center - span / 2, 0), length - span);
+    this.camera.show(start, span);
+    this.center = start + span / 2;
+  }
+
+  draw(seconds, selected) {
+    const { context, episode, theme, strip, camera } = this;
+    episode.look(seconds);
+    context.fillStyle = theme.paper;
+    context.fillRect(0, 0, this.width, this.height);
+    drawAsphalt(context, camera, theme, true);
+    drawClose(context, camera, episode, theme, selected);
+    this._ruler();
+    drawAsphalt(context, strip, theme, false);
+    drawFar(context, strip, episode, theme, selected);
+    context.strokeStyle = theme.accent;
+    context.lineWidth = 2;
+    const left = strip.px(camera.start);
+    context.strokeRect(left, strip.top + 1, camera.span * strip.perX, strip.height - 2);
+    context.fillStyle = theme.faint;
+    context.font = `${TEXT_PX}px system-ui, sans-serif`;
+    const ramps = episode.meta.road.ramps.map((x, i) => [strip.px(x), `ramp ${i + 1}`]);
+    const ends = [strip.px(episode.meta.road.length), `${episode.meta.road.length / 1000} km`];
+    drawLabels(context, [...ramps, ends], strip.bottom + TEXT_PX / 2 + 3, strip.left, strip.right);
+  }
+
+  _ruler() {
+    const { context, camera, theme } = this;
+    const step = RULER_STEPS_M.find((metres) => metres * camera.perX > 80) ?? RULER_STEPS_M.at(-1);
+    const labels = [];
+    context.fillStyle = theme.edge;
+    for (let x = Math.ceil(camera.start / step) * step; x <= camera.start + camera.span; x += step) {
+      context.fillRect(camera.px(x), camera.bottom - 1, 1, 5);
+      labels.push([camera.px(x), `${x} m`]);
+    }
+    context.fillStyle = theme.faint;
+    context.font = `${TEXT_PX}px system-ui, sans-serif`;
+    drawLabels(context, labels, camera.bottom + TEXT_PX / 2 + 4, 4, this.width - 4);
+  }
+
+  /** The part that a point lies in: `strip`, `camera` or null. */
+  partAt(y) {
+    if (y < this.strip.bottom + TEXT_PX + 6) return "strip";
+    return y < this.camera.bottom ? "camera" : null;
+  }
+
+  /** The vehicle nearest to a point, within reach of a finger; null for none. */
+  vehicleAt(x, y) {
+    const view = this.partAt(y) === "strip" ? this.strip : this.camera;
+    const { episode } = this;
+    let best = null;
+    let least = view === this.strip ? 8 : 16;
+    for (let slot = 0; slot < episode.meta.numVehicles; slot += 1) {
+      const index = episode.present[slot];
+      if (index < 0) continue;
+      const body = bodyOf(view, episode, slot);
+      const away = Math.hypot(
+        Math.max(body.left - x, 0, x - body.left - body.width),
+        Math.max(body.top - y, 0, y - body.top - body.height),
+      );
+      if (away < least) [best, least] = [episode.tracks[index], away];
+    }
+    return best;
+  }
+}

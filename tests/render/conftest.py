@@ -1,0 +1,59 @@
+"""One short episode of a small highway, played once for all tests, and recordings made by hand."""
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+import medjax
+from medjax.policies import BASELINES
+from medjax.recording import by_rule, record_episode
+from tests.render.made import busy, parked
+
+SMALL = {
+    "num_meds": 3,
+    "num_evs": 12,
+    "num_gas": 20,
+    "mainline_per_h": 600.0,
+    "ev_share": 0.4,
+    "arrival_soc_high": 0.5,
+    "episode_decisions": 90,
+}
+
+
+@pytest.fixture(scope="session")
+def world():
+    """The small highway."""
+    return medjax.make("paper", **SMALL)
+
+
+@pytest.fixture(scope="session")
+def recording(world):
+    """Under the rule `periodic`: MEDs come, EVs charge and run out."""
+    env, params = world
+    choose = by_rule(BASELINES["periodic"](env), env.num_actions)
+    return record_episode(env, params, choose, policy="periodic", seed=3, episode=14)
+
+
+@pytest.fixture(scope="session")
+def other(recording):
+    """A second one to set beside it: the same traffic without its MEDs (playing it would take as long again)."""
+    frames, decisions = jax.tree.map(np.copy, (recording.frames, recording.decisions))
+    frames.active[:, recording.config.med_slots] = False
+    frames.ev_med[:] = frames.ev_panel[:] = -1
+    frames.ev_is_charging[:] = False
+    decisions.sent[:] = 0
+    return dataclasses.replace(recording, policy="none", frames=frames, decisions=decisions)
+
+
+@pytest.fixture(scope="session")
+def still():
+    """Known vehicles at known places."""
+    return parked()
+
+
+@pytest.fixture(scope="session")
+def full():
+    """600 decisions of a full highway."""
+    return busy()

@@ -1,0 +1,317 @@
+"""The player as a reader has it: headless Chromium, keys and clicks."""
+
+import re
+
+import numpy as np
+import pytest
+
+from medjax.render.player import write_player
+from medjax.render.scene import Timeline
+from medjax.render.tracks import tracks_of
+from tests.render.browser import chromium_program, opened, until
+from tests.render.made import blank
+
+playwright = pytest.importorskip("playwright.sync_api", reason="drives the browser")
+pytestmark = pytest.mark.skipif(
+    chromium_program() is None, reason="no Chromium here (Debian: apt-get install chromium)"
+)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium_program(), args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def one(recording, tmp_path_factory):
+    path = tmp_path_factory.mktemp("player") / "one.html"
+    write_player(path, [recording])
+    return path
+
+
+@pytest.fixture(scope="module")
+def two(recording, other, tmp_path_factory):
+    path = tmp_path_factory.mktemp("player") / "two.html"
+    write_player(path, [recording, other])
+    return path
+
+
+def seconds(page):
+    return page.evaluate("medjaxPlayer.clock.seconds")
+
+
+def settle(page):
+    """Waits until what was asked for is drawn."""
+    page.evaluate(
+        "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+    )
+
+
+def facts(page):
+    """Names and values of the vehicle panel."""
+    names = page.locator("#vehicle-panel dt").all_inner_texts()
+    return dict(zip(names, page.locator("#vehicle-panel dd").all_inner_texts(), strict=True))
+
+
+def an_ev_that_charges(recording):
+    """(time in s, slot, EV) of a charging one."""
+    frame, ev = np.argwhere(recording.frames.ev_is_charging)[40]
+    return recording.time_s[frame], recording.config.ev_slots.start + ev, ev
+
+
+def test_unpacks_the_recording(browser, one, recording):
+    with opened(browser, one) as page:
+        steps = page.evaluate(
+            "['x', 'y', 'evSoc', 'probability'].map((name) => "
+            "{ const t = medjaxPlayer.episodes[0].tables[name]; return Array.from(t.steps, (s) => s * t.step); })"
+        )
+    frames = recording.frames
+    width = float(recording.params.road.lane_width_m)
+    lateral = frames.lane * width + frames.lateral_offset
+    there = frames.active.T.ravel()
+    for found, true in zip(steps[:2], (frames.x, lateral), strict=True):
+        np.testing.assert_allclose(np.array(found)[there], true.T.ravel()[there], atol=0.00501)
+    np.testing.assert_allclose(steps[2], frames.ev_soc.T.ravel(), atol=0.51e-4)
+    np.testing.assert_allclose(steps[3], recording.decisions.probabilities.T.ravel(), atol=0.51e-4)
+
+
+def test_plays_at_true_speed_and_pauses(browser, one):
+    with opened(browser, one) as page:
+        for speed in (1.0, 4.0):
+            page.select_option("#speed", f"{speed:g}")
+            page.click("#play")
+            start = page.evaluate("[performance.now() / 1000, medjaxPlayer.clock.seconds]")
+            page.wait_for_timeout(1000)
+            end = page.evaluate("[performance.now() / 1000, medjaxPlayer.clock.seconds]")
+            page.click("#play")
+            assert end[1] - start[1] == pytest.approx(speed * (end[0] - start[0]), abs=0.1 * speed)
+        now = seconds(page)
+        page.wait_for_timeout(200)
+        assert seconds(page) == now
+        assert page.inner_text("#play") == "Play"
+
+
+def test_stops_at_the_end_and_starts_again(browser, one):
+    with opened(browser, one) as page:
+        page.evaluate("medjaxPlayer.seek(89.9); medjaxPlayer.play()")
+        until(page, "!medjaxPlayer.clock.playing")
+        assert seconds(page) == 90.0
+        page.click("#play")
+        assert seconds(page) < 45.0
+
+
+def test_scrubs(browser, one, recording):
+    with opened(browser, one) as page:
+        box = page.locator("#scrub").bounding_box()
+        page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        settle(page)
+        assert seconds(page) == pytest.approx(45.0, abs=0.5)
+        shown = page.inner_text("#time")
+        assert re.fullmatch(r"0:4[45]\.\d\d / 1:30", shown)
+        evs = recording.frames.active[Timeline(recording).frame_at(seconds(page)), 3:15].sum()
+        assert f"EVs {evs} " in page.inner_text(".view-line")
+
+
+def test_a_click_selects_and_the_numbers_are_the_recordings(browser, one, recording):
+    time, slot, ev = an_ev_that_charges(recording)
+    frame, frames = round(time / 0.25), recording.frames
+    with opened(browser, one) as page:
+        page.evaluate(
+            f"medjaxPlayer.setCamera('free', {frames.x[frame, slot]}); medjaxPlayer.seek({time})"
+        )
+        settle(page)
+        x, y = frames.x[frame, slot] - 2.5, 4.0 * frames.lane[frame, slot]
+        y += frames.lateral_offset[frame, slot]
+        place = page.evaluate(
+            f"(({{camera}}) => [camera.px({x}), camera.py({y})])(medjaxPlayer.views[0].road)"
+        )
+        box = page.locator(".view canvas").bounding_box()
+        page.mouse.click(box["x"] + place[0], box["y"] + place[1])
+        settle(page)
+        track = next(
+            t for t in tracks_of(recording) if t.slot == slot and t.first <= frame <= t.last
+        )
+        assert page.inner_text("#vehicle-panel h2") == track.name
+        found = facts(page)
+        assert found["position"] == f"{frames.x[frame, slot]:.1f} m"
+        assert found["speed"] == f"{frames.speed[frame, slot]:.2f} m/s"
+        assert found["charge"].startswith(f"{100 * frames.ev_soc[frame, ev]:.2f} %")
+        assert found["booked"].endswith("charging")
+        assert "begins to charge" in page.inner_text("#vehicle-panel .events")
+        page.keyboard.press("Escape")
+        assert page.inner_text("#vehicle-panel h2") == "No vehicle selected"
+
+
+def test_follows_a_vehicle_from_the_list(browser, one, recording):
+    track = next(t for t in tracks_of(recording) if t.kind == "EV" and t.first > 20)
+    index = tracks_of(recording).index(track)
+    with opened(browser, one) as page:
+        page.select_option("#vehicle", f"0:{index}")
+        settle(page)
+        assert seconds(page) == pytest.approx(track.first * 0.25)
+        page.evaluate(f"medjaxPlayer.seek({0.25 * (track.first + 60)})")
+        settle(page)
+        center = page.evaluate("medjaxPlayer.views[0].road.center")
+        assert center == pytest.approx(recording.frames.x[track.first + 60, track.slot], abs=0.1)
+
+
+def test_dispatch_shows_the_decision_and_its_probabilities(browser, one, recording):
+    decisions = recording.decisions
+    first = int(np.nonzero(decisions.sent)[0][1])
+    ramp = int(decisions.sent[first])
+    with opened(browser, one) as page:
+        page.evaluate(f"medjaxPlayer.seek({first - 0.5})")
+        page.keyboard.press("d")
+        settle(page)
+        assert seconds(page) == first
+        assert f"a MED from ramp {ramp}" in page.inner_text("#dispatch-panel p")
+        rows = page.locator("#dispatch-panel tr").all_inner_texts()
+        assert [float(row.split()[-1]) for row in rows] == decisions.probabilities[first].tolist()
+        reward = page.locator("#dispatch-panel p").nth(1).inner_text()
+        assert f"Reward {decisions.reward[first]:.3f}" in reward
+
+
+KEYS = [
+    ("ArrowRight", 11.0), ("ArrowLeft", 9.0), ("Shift+ArrowRight", 20.0), ("Shift+ArrowLeft", 0.0),
+    (".", 10.25), (",", 9.75), ("Home", 0.0), ("End", 90.0),
+]  # fmt: skip
+
+
+def test_every_key_does_what_the_help_says(browser, one):
+    with opened(browser, one) as page:
+        for key, at in KEYS:
+            page.evaluate("medjaxPlayer.seek(10)")
+            page.keyboard.press(key)
+            assert seconds(page) == pytest.approx(at), key
+        page.evaluate("medjaxPlayer.seek(40)")
+        settle(page)
+        page.keyboard.press("m")
+        assert page.inner_text("#vehicle-panel h2").startswith("MED")
+        page.keyboard.press("e")
+        first = page.inner_text("#vehicle-panel h2")
+        page.keyboard.press("e")
+        assert page.inner_text("#vehicle-panel h2") != first
+        page.keyboard.press("Shift+E")
+        assert page.inner_text("#vehicle-panel h2") == first
+        assert page.input_value("#camera") == "selected"
+        page.keyboard.press("a")
+        assert page.input_value("#camera") == "auto"
+        page.keyboard.press("f")
+        assert page.input_value("#camera") == "selected"
+        page.keyboard.press("+")
+        assert page.evaluate("medjaxPlayer.zoom") == 0.25
+        page.keyboard.press("]")
+        assert page.input_value("#camera") == "free"
+        page.keyboard.press("ArrowUp")
+        assert page.input_value("#speed") == "2"
+        page.keyboard.press("Space")
+        assert page.evaluate("medjaxPlayer.clock.playing")
+        page.keyboard.press("Space")
+        assert not page.evaluate("medjaxPlayer.clock.playing")
+        page.keyboard.press("?")
+        assert page.locator("#help").is_visible()
+        page.keyboard.press("Escape")
+        assert not page.locator("#help").is_visible()
+
+
+def test_tab_reaches_every_control_and_shows_where_it_is(browser, one):
+    with opened(browser, one) as page:
+        reached = set()
+        for _ in range(14):
+            page.keyboard.press("Tab")
+            name, outline = page.evaluate(
+                "[document.activeElement.id, getComputedStyle(document.activeElement).outlineWidth]"
+            )
+            reached.add(name)
+            assert outline == "3px"
+        assert {
+            "help-button",
+            "scrub",
+            "play",
+            "back",
+            "forward",
+            "speed",
+            "camera",
+            "zoom",
+            "vehicle",
+        } <= reached
+
+
+@pytest.mark.parametrize("width", [320, 400, 800, 1200, 1600])
+def test_nothing_is_cut_off_at_any_width(browser, two, width):
+    with opened(browser, two, width=width, height=800) as page:
+        page.keyboard.press("e")
+        settle(page)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        outside = page.evaluate(
+            "[...document.querySelectorAll('main *')].filter((e) => e.getClientRects().length && !e.closest('.unseen')"
+            "&& (e.getBoundingClientRect().right > innerWidth + 1 || e.getBoundingClientRect().left < -1))"
+            ".map((e) => e.outerHTML.slice(0, 80))"
+        )
+        assert outside == []
+
+
+def test_two_policies_share_one_clock(browser, two):
+    with opened(browser, two) as page:
+        assert page.locator(".view canvas").count() == 2
+        assert page.locator(".view-line .name").all_inner_texts() == ["periodic", "none"]
+        page.evaluate("medjaxPlayer.seek(60)")
+        settle(page)
+        assert page.evaluate("medjaxPlayer.episodes.map((e) => e.frame)") == [240, 240]
+        lines = page.locator(".view-line").all_inner_texts()
+        assert "MEDs sent 2 of 3" in lines[0]
+        assert "MEDs sent 0 of 3" in lines[1]
+        assert page.locator("#dispatch-panel h2").all_inner_texts() == [
+            "Dispatch: periodic",
+            "Dispatch: none",
+        ]
+
+
+def test_two_full_highways_are_drawn_in_less_than_a_50th_of_a_second(browser, full, tmp_path):
+    write_player(tmp_path / "full.html", [full, full])
+    with opened(browser, tmp_path / "full.html") as page:
+        page.keyboard.press("m")
+        milliseconds = page.evaluate(
+            """() => {
+              const start = performance.now();
+              for (let i = 0; i < 200; i += 1) medjaxPlayer._show(100 + 0.016 * i);
+              return (performance.now() - start) / 200;
+            }"""
+        )
+    assert milliseconds < 20.0
+
+
+@pytest.mark.parametrize("road", [{"num_ramps": 0, "num_gas": 0}, {"num_lanes": 1, "num_ramps": 1}])
+def test_any_road_and_nobody_on_it(browser, tmp_path, road):
+    write_player(tmp_path / "blank.html", [blank(9, **road)])
+    with opened(browser, tmp_path / "blank.html") as page:
+        for key in ("m", "e", "d", "f", "a", "End"):
+            page.keyboard.press(key)
+        settle(page)
+        assert seconds(page) == 2.0
+        assert "MEDs sent 0" in page.inner_text(".view-line")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_full_highway_plays_at_50_frames_a_second(browser, full, tmp_path, count):
+    write_player(tmp_path / "full.html", [full] * count)
+    with opened(browser, tmp_path / "full.html") as page:
+        page.keyboard.press("m")
+        rate = page.evaluate(
+            """() => new Promise((done) => {
+              medjaxPlayer.play();
+              let [frames, start] = [0, null];
+              const count = (now) => {
+                start ??= now;
+                if (now - start > 3000) return done((1000 * frames) / (now - start));
+                frames += 1;
+                requestAnimationFrame(count);
+              };
+              requestAnimationFrame(count);
+            })"""
+        )
+    assert rate >= 50.0

@@ -1,0 +1,174 @@
+"""python -m medjax.render: bad input is one line and exit code 2; good input is a file."""
+
+import importlib.util
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from medjax.exported import About, save_policy
+from medjax.render.__main__ import main
+from tests.benchmarks.refusal import refused
+from tests.render.test_player import contents
+
+BAD = [
+    (["--out", "a.mp3"], "allowed a file that ends in .mp4, .gif, .png, .html"),
+    (["--out", "a"], "allowed a file that ends in"),
+    ([], "--out"),
+    (["--policy", "best", "--out", "a.html"], "unknown policy 'best': allowed none, random"),
+    (["--compare", "best", "--out", "a.html"], "unknown compare 'best': allowed none, random"),
+    (["--compare", "forecast", "--out", "a.html"], "allowed another one"),
+    (["--compare", "none", "--out", "a.mp4"], "ends in .html"),
+    (["--scenario", "mars", "--out", "a.html"], "unknown scenario 'mars': allowed paper"),
+    (["--run-dir", "nowhere", "--out", "a.html"], "allowed one that train.ppo wrote"),
+    (["--run-dir", ".", "--out", "a.html"], "python -m train.export --run-dir . writes it"),
+    (["--run-dir", ".", "--policy", "none", "--out", "a.html"], "one or the other"),
+    (["--out", "nowhere/a.html"], "allowed a file in a directory that can be written"),
+    (["--follow", "bus:3", "--out", "a.html"], "allowed auto, MED:NUMBER"),
+    (["--seed", "-1", "--out", "a.html"], "allowed a whole number"),
+    (["--episode", "x", "--out", "a.html"], "allowed a whole number"),
+    (["--start", "-1", "--out", "a.html"], "allowed a number from 0"),
+    (["--duration", "0", "--out", "a.mp4"], "allowed a number above 0"),
+    (["--duration", "nan", "--out", "a.mp4"], "allowed a number above 0"),
+    (["--duration", "5", "--out", "a.html"], "the player holds the whole episode"),
+    (["--size", "big", "--out", "a.png"], "allowed WIDTHxHEIGHT"),
+    (["--size", "10x10", "--out", "a.png"], "allowed 160 to 8192 px"),
+    (["--set", "cooldown_s", "--out", "a.html"], "allowed NAME=VALUE"),
+    (["--set", "name=1", "--out", "a.html"], "allowed NAME=VALUE"),
+]
+BAD_WORLDS = [
+    (["--set", "cooldown=3"], "cooldown_s"),
+    (["--set", "num_lanes=0"], "num_lanes = 0: allowed"),
+    (["--start", "601"], "allowed 0 to 600 s"),
+    (["--follow", "4001"], "allowed 0 to 4000 m"),
+]
+
+
+@pytest.fixture(autouse=True)
+def _nothing_is_simulated(request, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    if "played" in request.fixturenames:
+        return
+
+    def record(*args, **kwargs):
+        raise AssertionError("simulated before the input was checked")
+
+    if request.node.get_closest_marker("slow") is None:
+        monkeypatch.setattr("medjax.recording.record_episode", record)
+
+
+@pytest.fixture
+def played(monkeypatch, recording, other):
+    """The command gets these recordings at once."""
+
+    def record(*args, policy, **kwargs):
+        return other if policy == "none" else recording
+
+    monkeypatch.setattr("medjax.recording.record_episode", record)
+
+
+@pytest.mark.parametrize(("argv", "says"), BAD)
+def test_bad_input_is_refused_in_one_line(argv, says, capsys):
+    line = refused(main, argv, capsys)
+    assert line.startswith("python -m medjax.render: ")
+    assert says in line
+    assert not list(Path().iterdir())
+
+
+@pytest.mark.parametrize(("argv", "says"), BAD_WORLDS)
+def test_what_the_world_refuses_is_one_line(argv, says, capsys):
+    assert main([*argv, "--out", "a.html"]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert says in err
+
+
+@pytest.mark.parametrize(
+    ("suffix", "module", "library"),
+    [
+        (".mp4", "imageio_ffmpeg", "imageio-ffmpeg"),
+        (".gif", "PIL", "Pillow"),
+        (".png", "PIL", "Pillow"),
+    ],
+)
+def test_a_missing_library_is_named_with_the_command_that_installs_it(
+    suffix, module, library, capsys, monkeypatch
+):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util,
+        "find_spec",
+        lambda name, *rest: None if name == module else find(name, *rest),
+    )
+    line = refused(main, ["--out", f"a{suffix}"], capsys)
+    assert line.endswith(f'{library} is not installed: pip install "medjax[render]"\n')
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["--out", "a.html"],
+        ["--out", "a.html", "--compare", "none", "--follow", "EV:2", "--start", "30"],
+        ["--out", "a.png", "--size", "400x200", "--follow", "1200", "--span", "300"],
+        ["--out", "a.mp4", "--duration", "0.5", "--size", "400x200"],
+        ["--out", "a.gif", "--start", "3", "--duration", "0.5", "--size", "400x200"],
+    ],
+)
+def test_writes_the_file_and_says_so(argv, capsys, played):
+    assert main(["--policy", "periodic", *argv]) == 0
+    out, err = capsys.readouterr()
+    assert out == f"{argv[1]}\n"
+    assert err == ""  # no bar: this is no terminal
+    assert [path.name for path in Path().iterdir()] == [argv[1]]
+
+
+def test_a_vehicle_that_never_came_is_one_line(capsys, played):
+    assert main(["--follow", "EV:999", "--out", "a.html"]) == 2
+    assert "allowed EV numbers: 1 to" in capsys.readouterr().err
+    assert not list(Path().iterdir())
+
+
+def test_a_broken_policy_is_one_line(capsys):
+    Path("run").mkdir()
+    Path("run/policy.zip").write_bytes(b"no archive")
+    assert main(["--run-dir", "run", "--out", "a.html"]) == 2
+    assert capsys.readouterr().err.endswith("a policy that train.ppo or train.export wrote\n")
+
+
+@pytest.mark.slow
+def test_plays_the_policy_of_a_run_beside_a_rule(capsys):
+    numbers = {"episode_decisions": 8, "num_meds": 2, "num_evs": 6, "num_gas": 10}
+    env, _ = medjax.make("paper", **numbers)
+    rows, size = jax.export.symbolic_shape("rows, size")[0], env.observation.size(env.config)
+
+    def network(obs, mask):
+        chances = jnp.where(mask, jnp.arange(1.0, 1.0 + env.num_actions), 0.0)
+        return chances / chances.sum(axis=1, keepdims=True), obs.sum(axis=1)
+
+    exported = jax.export.export(jax.jit(network))(
+        jax.ShapeDtypeStruct((rows, size), jnp.float32),
+        jax.ShapeDtypeStruct((rows, env.num_actions), bool),
+    )
+    about = About("paper", numbers, "flat", 2, size, env.num_actions)
+    Path("run").mkdir()
+    save_policy(Path("run/policy.zip"), about, exported)
+    assert main(["--run-dir", "run", "--compare", "none", "--out", "a.html"]) == 0
+    page = Path("a.html").read_text()
+    assert "<title>paper: ppo and none, seed 0, episode 0</title>" in page
+    _, tables = contents(page)
+    # The last ramp is likeliest wherever it is allowed, at every other decision.
+    first = tables["probability"][:, 0]
+    assert first == pytest.approx(np.arange(1, 6) / 15.0, abs=1e-4)
+    assert tables["action"][0, 0] == tables["sent"][0, 0] == 4
+    assert tables["probability"][:, 1].tolist() == [1.0, 0.0, 0.0, 0.0, 0.0]
+
+
+@pytest.mark.slow
+def test_plays_and_writes_for_real(capsys):
+    small = ["episode_decisions=8", "num_meds=2", "num_evs=6", "num_gas=10", "mainline_per_h=600"]
+    options = [part for text in small for part in ("--set", text)]
+    assert main(["--policy", "greedy", *options, "--out", "a.html", "--compare", "none"]) == 0
+    assert Path("a.html").stat().st_size > 50_000

@@ -1,0 +1,146 @@
+"""Pictures: colours where the state says, at any size, of any road."""
+
+import subprocess
+import sys
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+import medjax
+from medjax.render import colors
+from medjax.render.scene import Timeline
+from tests.render.made import TICKS, blank, put
+
+pytest.importorskip("PIL", reason="pictures need Pillow")
+from medjax.render.frame import draw, render_state
+
+WIDTH, SPAN = 1000, 200.0  # 5 px a metre
+CENTER = 980.0
+NEAR = slice(180, 350)  # rows of the camera's lanes in a picture of 480
+
+
+def picture(recording, time=0.0, **options):
+    timeline = Timeline(recording)
+    options = {"width": WIDTH, "height": 480, "span_m": SPAN} | options
+    return draw(timeline.at(time), timeline.roadway, CENTER, **options)
+
+
+def columns_of(image, color, rows=NEAR):
+    """Columns with at least three pixels of exactly a colour."""
+    return np.nonzero((image[rows] == color).all(axis=-1).sum(axis=0) >= 3)[0]
+
+
+def px(x):
+    """Column of a place."""
+    return (x - (CENTER - SPAN / 2)) * WIDTH / SPAN
+
+
+def test_a_med_is_green_from_its_rear_to_its_front_bumper(still):
+    columns = columns_of(picture(still), colors.MED_COLOR)
+    beside_links = columns[columns > px(985.0)]
+    assert abs(beside_links.min() - px(988.0)) <= 3
+    assert abs(beside_links.max() - px(1000.0)) <= 3
+
+
+@pytest.mark.parametrize(("soc", "x"), [(0.5, 996.5), (0.25, 940.0)])
+def test_an_ev_has_the_colour_of_its_charge(still, soc, x):
+    columns = columns_of(picture(still), colors.soc_color(soc))
+    assert px(x - 5.0) - 2 <= columns.min() < columns.max() <= px(x) + 2
+
+
+def test_gas_is_gray_and_moves_with_time():
+    recording = blank(1 + TICKS)
+    put(recording, recording.config.gas_slots.start, 950.0, 1, speed=20.0)
+    for time in (0.0, 0.3, 0.75):
+        columns = columns_of(picture(recording, time), colors.GAS_COLOR)
+        assert abs(columns.max() - px(950.0 + 20.0 * time)) <= 4
+
+
+def test_a_charging_link_is_solid_and_a_booking_dashed(still):
+    image = picture(still)
+    between = slice(int(px(942.0)), int(px(986.0)))
+    # the far EV is in the MED's lane: its dashes lie on one row
+    rows = (image[NEAR, between] == colors.INK).all(axis=-1)
+    dashes = rows[rows.sum(axis=1).argmax()]
+    assert 0.2 < dashes.mean() < 0.8
+    assert np.abs(np.diff(dashes.astype(int))).sum() > 8
+    # the near one is beside it: green between their bodies
+    link = (image[NEAR, int(px(994.0))] == colors.MED_COLOR).all(axis=-1)
+    assert link.sum() > 20
+
+
+def test_who_ran_out_is_marked_and_counted():
+    recording = blank(1 + TICKS)
+    ev = recording.config.ev_slots.start
+    put(recording, ev, 1010.0, 0, frames=slice(0, 3))
+    recording.frames.x[3:, ev] = 1010.0
+    rows = slice(350, 430)
+    assert not len(columns_of(picture(recording, 0.5), colors.RAN_OUT, rows))
+    columns = columns_of(picture(recording, 0.75), colors.RAN_OUT, rows)
+    assert abs(columns.mean() - px(1010.0)) < 3
+    assert Timeline(recording).at(0.75).ran_out == 1
+
+
+def test_the_scale_of_charge_is_even_and_readable():
+    plasma = mpl.colormaps["plasma"]
+    light = []
+    for percent in range(101):
+        color = colors.soc_color(percent / 100)
+        exact = np.array(plasma(percent / 100)[:3]) * 255
+        assert np.abs(np.array(color) - exact).max() < 12
+        light.append(np.dot(color, [0.299, 0.587, 0.114]))
+        assert abs(light[-1] - np.dot(colors.text_color(color), [0.299, 0.587, 0.114])) > 75
+    assert np.all(np.diff(light) > 0)
+    assert colors.soc_color(-1.0) == colors.soc_color(0.0)
+
+
+@pytest.mark.parametrize("size", [(160, 120), (200, 600), (401, 301), (1600, 200), (1920, 1080)])
+def test_any_size(still, size):
+    image = picture(still, width=size[0], height=size[1], span_m=None)
+    assert image.shape == (size[1], size[0], 3)
+    assert image.dtype == np.uint8
+
+
+@pytest.mark.parametrize("size", [(159, 480), (1000, 119), (9000, 480)])
+def test_a_size_that_cannot_be_is_refused_in_one_line(still, size):
+    with pytest.raises(ValueError, match=r"^(width|height) = \d+: allowed 1\d0 to 8192 px$"):
+        picture(still, width=size[0], height=size[1])
+
+
+@pytest.mark.parametrize(
+    "road",
+    [
+        {},
+        {"num_ramps": 0},
+        {"num_lanes": 1},
+        {"num_lanes": 6, "num_ramps": 1},
+        {"length_m": 900.0, "num_ramps": 0},
+    ],
+)
+def test_any_road_and_nobody_on_it(road):
+    recording = blank(1 + TICKS, **road)
+    assert picture(recording).std() > 0
+
+
+def test_the_environment_draws_its_states(paper, started):
+    env, params = paper
+    image = env.render(started[1], params, width=640, height=240)
+    assert image.shape == (240, 640, 3)
+    np.testing.assert_array_equal(image, env.render(started[1], width=640, height=240))
+
+
+def test_a_state_of_other_batteries_is_not_drawn_as_the_presets(paper, started):
+    env, state = paper[0], started[1]
+    full = state.replace(evs=state.evs.replace(energy_j=state.evs.energy_j * 1e3))
+    with pytest.raises(ValueError, match="give params"):
+        env.render(full)
+    with pytest.raises(ValueError, match="no preset 'mine'"):
+        render_state(state, env.config, name="mine")
+
+
+def test_medjax_itself_imports_no_picture():
+    code = "import sys, medjax; print([m for m in ('PIL', 'medjax.render', 'matplotlib') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+    assert medjax.__name__ == "medjax"

@@ -1,0 +1,140 @@
+"""The player's file: what is in it, how large it is, and what it refuses."""
+
+import base64
+import dataclasses
+import gzip
+import json
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from medjax.render.packing import MISSING, Packer
+from medjax.render.player import player_page, write_player
+from medjax.render.series import charts_of
+from medjax.render.tracks import tracks_of
+
+MEGABYTE = 1e6
+
+
+def unpacked(index, text):
+    """What `Packer` packed, by the book: undoes each of its steps, in NumPy."""
+    raw = gzip.decompress(base64.b64decode(text))
+    tables, start = {}, 0
+    for entry in index:
+        shape = entry["rows"], entry["times"]
+        size = 4 * shape[0] * shape[1]
+        planes = np.frombuffer(raw[start : start + size], np.uint8).reshape(4, -1)
+        folded = np.ascontiguousarray(planes.T).view("<u4").ravel().astype(np.int64)
+        whole = np.where(folded % 2, -(folded + 1) // 2, folded // 2).reshape(shape)
+        for _ in range(entry["order"]):
+            whole = np.cumsum(whole, axis=1)
+        whole = (whole + 2**31) % 2**32 - 2**31
+        tables[entry["name"]] = np.where(whole == MISSING, np.nan, whole * entry["step"])
+        start += size
+    assert start == len(raw)
+    return tables
+
+
+@given(
+    values=arrays(np.float64, (3, 7), elements=st.floats(-2e7, 2e7) | st.just(np.nan)),
+    order=st.integers(0, 3),
+)
+def test_numbers_come_back_to_half_a_step(values, order):
+    packer = Packer()
+    packer.add("a", values, 0.01, order)
+    packer.add("b", np.arange(4)[None])
+    tables = unpacked(packer.index, packer.text())
+    np.testing.assert_allclose(tables["a"], values, atol=0.005 + 1e-7, rtol=0, equal_nan=True)
+    np.testing.assert_array_equal(tables["b"], [[0, 1, 2, 3]])
+
+
+def test_a_number_too_large_for_its_step_is_refused():
+    with pytest.raises(ValueError, match=r"^x holds 3e\+07: allowed"):
+        Packer().add("x", np.array([[3e7]]), 0.01)
+
+
+def contents(page):
+    """(facts, tables) of the first episode of a page."""
+    meta = json.loads(re.search(r'id="meta">(.*?)</script>', page, re.DOTALL)[1])
+    text = re.search(r'id="data-0">(.*?)</script>', page, re.DOTALL)[1]
+    return meta, unpacked(meta["episodes"][0]["arrays"], text)
+
+
+def test_holds_the_recording(recording):
+    meta, tables = contents(player_page([recording]))
+    frames, there = recording.frames, recording.frames.active.T
+    for name, values, step in (("x", frames.x, 0.01), ("speed", frames.speed, 0.01)):
+        np.testing.assert_allclose(tables[name][there], values.T[there], atol=0.501 * step)
+    np.testing.assert_allclose(tables["evSoc"], frames.ev_soc.T, atol=0.51e-4)
+    np.testing.assert_array_equal(tables["evCharging"], frames.ev_is_charging.T)
+    decisions = recording.decisions
+    np.testing.assert_allclose(tables["probability"], decisions.probabilities.T, atol=0.51e-4)
+    assert len(meta["episodes"][0]["tracks"]) == len(tracks_of(recording))
+    assert [chart["title"] for chart in meta["episodes"][0]["charts"]]
+
+
+def test_charts_end_at_the_totals_of_the_episode(recording):
+    charts = {chart.title: chart.values for chart in charts_of(recording)}
+    tally, decisions = recording.decisions.tally, recording.decisions
+    assert charts["EVs that ran out"][0, -1] == tally.depleted.sum()
+    assert charts["Return so far"][0, -1] == pytest.approx(decisions.reward.sum(), rel=1e-5)
+    sent = tally.energy_sent_j.sum() / 3.6e6
+    assert charts["Energy through the coils"][:, -1].sum() == pytest.approx(sent, rel=1e-5)
+    assert sent > 0
+    evs, last = recording.config.ev_slots, recording.frames
+    there = last.active[-1, evs]
+    assert charts["Mean charge of EVs"][0, -1] == pytest.approx(100 * last.ev_soc[-1][there].mean())
+    assert all(values.shape[1] == 91 for values in charts.values())
+
+
+def test_nobody_to_average_over_is_a_gap(still):
+    empty = dataclasses.replace(
+        still, frames=still.frames.replace(active=still.frames.active & False)
+    )
+    charge = charts_of(empty)[0].values
+    assert np.isnan(charge).all()
+    assert np.isnan(contents(player_page([empty]))[1]["chart0"]).all()
+
+
+def test_600_decisions_of_a_full_highway_stay_under_8_megabytes(full, tmp_path):
+    write_player(tmp_path / "two.html", [full, dataclasses.replace(full, policy="again")])
+    assert (tmp_path / "two.html").stat().st_size < 8 * MEGABYTE
+    assert len(player_page([full])) < 4 * MEGABYTE
+
+
+def test_needs_nothing_else_and_is_the_same_each_time(recording):
+    page = player_page([recording])
+    assert page == player_page([recording])
+    assert not re.search(r"https?:|@import|\bsrc=|<link(?! rel=.icon. href=.data:)|fetch\(", page)
+    assert not re.findall(r"<!--[A-Z]+-->", page)
+
+
+def test_a_title_cannot_break_the_page(recording):
+    page = player_page([dataclasses.replace(recording, policy="</script><b>&")])
+    assert "</script><b>" not in page
+    assert "&lt;/script&gt;&lt;b&gt;&amp;" in page
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [({"seed": 9}, "seed is 3 and 9"), ({"episode": 2}, "episode is 14 and 2")],
+)
+def test_only_the_same_episode_is_compared(recording, other, change, says):
+    with pytest.raises(ValueError, match=f"^{says}: allowed two recordings of the same episode$"):
+        player_page([recording, dataclasses.replace(other, **change)])
+    with pytest.raises(ValueError, match="allowed 1 or 2"):
+        player_page([recording] * 3)
+
+
+def test_what_cannot_be_shown_leaves_the_old_file(recording, tmp_path):
+    out = tmp_path / "a.html"
+    out.write_text("old")
+    for bad in ({"follow": "MED:99"}, {"start_s": 91.0}):
+        with pytest.raises(ValueError, match="allowed"):
+            write_player(out, [recording], **bad)
+    assert out.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [out]
