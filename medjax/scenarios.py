@@ -291,7 +291,8 @@ def make(
       observation: a name of `medjax.observation.OBSERVATIONS`, or one of your own (`ChargingEnv`).
       **overrides: sizes of `EnvConfig` (`num_evs=80`), numbers of `EnvParams` by their own name
         (`cooldown_s=30`), by group and name where that is not unique (`{"ev.mass_kg": 2000}`), the
-        coils (`med_coil_radius_m=0.4`), or `reward_weights={"dispatches": -1.0}`.
+        coils (`med_coil_radius_m=0.4`), or `reward_weights={"dispatches": -1.0}`. `ramp_x_m` says
+        how many ramps there are where `num_ramps` does not.
 
     Returns:
       (env, params); params are float32 and int32 arrays, ready to be batched.
@@ -309,6 +310,9 @@ def make(
     sizes = {key: overrides.pop(key) for key in list(overrides) if key in _CONFIG_FIELDS}
     coils = {key: overrides.pop(key) for key in list(overrides) if key in _COIL_FIELDS}
     weights = overrides.pop("reward_weights", {})
+    ramp_x_m: Any = overrides.get("ramp_x_m", overrides.get("road.ramp_x_m"))
+    if isinstance(ramp_x_m, list | tuple) or getattr(ramp_x_m, "ndim", 0) == 1:
+        sizes.setdefault("num_ramps", len(ramp_x_m))
     config = dataclasses.replace(scenario.config, **sizes)
     validate_config(config)
     params = scenario.params(config)

@@ -27,3 +27,11 @@ def started(paper):
     """A state at reset."""
     env, params = paper
     return jax.jit(env.reset)(jax.random.key(0), params)
+
+
+@pytest.fixture(scope="module")
+def quick_compiles():
+    """Programs that run a few steps only: compiled in half the time, and slow."""
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)

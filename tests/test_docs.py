@@ -6,23 +6,63 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import medjax
+from tests.train.probe_envs import Probe, ProbeParams
+
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-EXAMPLES = [
-    pytest.param(code, id=f"{page.name}-{number}")
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+NAMES = {  # by code: what two pages share runs once
+    code: f"{page.relative_to(ROOT)}-{number}"
     for page in PAGES
     for number, code in enumerate(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL))
-]
+}
+EXAMPLES = {name: code for code, name in NAMES.items()}
+OWN_REWARD = next(name for name, code in EXAMPLES.items() if "def low_charge" in code)
+TRAINING = next(name for name, code in EXAMPLES.items() if "make_train" in code)
 
 
-@pytest.mark.parametrize("code", EXAMPLES)
-def test_example_runs(code):
-    """At most 25 lines besides blank ones, and it runs."""
-    assert sum(bool(line.strip()) for line in code.splitlines()) <= 25
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+
+def run(code):
+    """An example as a program of its own; skipped where it needs what is not installed."""
+    for library in re.findall(r"^(?:from|import) (\w+)", code, re.MULTILINE):
+        pytest.importorskip(library)
     exec(compile(code, "example", "exec"), {"__name__": "example"})
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_example_is_short(name):
+    """At most 25 lines besides blank ones."""
+    assert sum(bool(line.strip()) for line in EXAMPLES[name].splitlines()) <= 25
+
+
+@pytest.mark.parametrize("name", sorted(EXAMPLES.keys() - {OWN_REWARD, TRAINING}))
+def test_example_runs(name, tmp_path, monkeypatch):
+    """As printed, in a directory of its own; those left out run below."""
+    monkeypatch.chdir(tmp_path)
+    run(EXAMPLES[name])
+
+
+def test_training_example_trains(monkeypatch, capsys):
+    """In a world of two numbers, with settings of its size: the whole of it would take minutes."""
+    asked = {}
+
+    def make(name, *, reward, observation):
+        asked.update(name=name, terms=[*reward], observation=observation)
+        return Probe("noisy"), ProbeParams()
+
+    monkeypatch.setattr("medjax.make", make)
+    monkeypatch.setattr("train.closing.BASELINES", {})
+    whole = "total_timesteps=1_000_000"
+    tiny = "total_timesteps=96, num_envs=4, num_minibatches=2, decide_every=1, rollout_length=4"
+    assert whole in EXAMPLES[TRAINING]
+    run(EXAMPLES[TRAINING].replace(whole, f"{tiny}, updates_per_call=4"))
+    assert asked == {"name": "paper", "terms": [*medjax.TERMS, "served"], "observation": "profile"}
+    assert "64 whole episodes of paper" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_exist(page):
     """Relative links point at files of the repository."""
     prose = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
@@ -32,8 +72,7 @@ def test_links_exist(page):
 
 def test_custom_reward_example_adds_its_term(capsys):
     """The example's term appears in the reward with its weight."""
-    code = next(example.values[0] for example in EXAMPLES if "def low_charge" in example.values[0])
-    exec(compile(code, "example", "exec"), {"__name__": "example"})
+    run(EXAMPLES[OWN_REWARD])
     reward, terms = capsys.readouterr().out.split(maxsplit=1)
     terms = eval(terms)
     assert terms["low_charge"] <= 0.0
@@ -43,7 +82,7 @@ def test_custom_reward_example_adds_its_term(capsys):
 
 def test_parameter_table_matches_the_presets(paper):
     """docs/parameters.md states the numbers that `make("paper")` really has."""
-    _, params = paper
+    env, params = paper
     rows = re.findall(
         r"^\| `([\w.]+)` \| ([^|]+) \|", (ROOT / "docs/parameters.md").read_text(), re.M
     )
@@ -52,6 +91,7 @@ def test_parameter_table_matches_the_presets(paper):
     for name, text in rows:
         group, _, leaf = name.rpartition(".")
         holder = getattr(params, group) if group else params
+        holder = env.config if hasattr(env.config, name) else holder
         value = np.atleast_1d(holder[leaf] if isinstance(holder, dict) else getattr(holder, leaf))
         stated = [float(number) for number in text.split(",")]
         np.testing.assert_allclose(*np.broadcast_arrays(stated, value), rtol=1e-3)

@@ -49,6 +49,15 @@ def test_overrides_reach_their_place():
     assert float(got) == pytest.approx(float(expected), rel=1e-2)
 
 
+@pytest.mark.parametrize("name", ["ramp_x_m", "road.ramp_x_m"])
+def test_ramps_are_as_many_as_their_places(name):
+    """`num_ramps` need not be said twice; what is one a ramp follows."""
+    env, params = medjax.make("paper", length_m=6000, **{name: [500, 2500, 4500]})
+    assert env.num_actions == 4
+    np.testing.assert_array_equal(params.road.ramp_x_m, [500, 2500, 4500])
+    np.testing.assert_array_equal(params.demand.ramp_per_h, [250, 250, 250])
+
+
 def test_all_leaves_are_strong_arrays():
     """No leaf is weakly typed, so a literal never recompiles or widens a carry."""
     _, params = medjax.make("paper")
@@ -74,7 +83,9 @@ BAD = [
     ({"tick_s": 2.0}, "tick_s"),
     ({"ramp_x_m": [100.0, 1200.0, 2100.0, 4100.0]}, "ramp_x_m"),
     ({"ramp_x_m": [100.0, 200.0, 2100.0, 3200.0]}, "ramp_x_m"),
-    ({"ramp_x_m": [100.0, 1200.0]}, "ramp_x_m"),
+    ({"ramp_x_m": [100.0, 1200.0], "num_ramps": 4}, "ramp_x_m"),
+    ({"ramp_x_m": [100.0, 1200.0], "ramp_per_h": [100.0, 100.0, 100.0]}, "ramp_per_h"),
+    ({"ramp_x_m": list(range(0, 3600, 400))}, "num_ramps"),
     ({"ev_share": 1.5}, "ev_share"),
     ({"service_lane": 4}, "service_lane"),
     ({"mass_kg": 1000.0}, "mass_kg"),

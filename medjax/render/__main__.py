@@ -6,16 +6,16 @@ Exit code 2 on bad input.
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from medjax.render.command import POLICY, Request, parse_request
+from medjax.render.command import Request, parse_request
 from medjax.render.options import PROG
 
 if TYPE_CHECKING:
     from medjax.config import EnvParams
     from medjax.env import ChargingEnv
-    from medjax.recording import Choose, Recording
+    from medjax.recording import Recording
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -29,12 +29,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     request = parse_request(argv)
     try:
-        env, params, chosen = _policies(request)
+        env, params, chosen = request.played.policies()
         _check(request, env, params)
     except (ValueError, OSError) as error:
         return _fail(error)
     try:
-        recordings = _record(request, env, params, chosen)
+        recordings = request.played.record(env, params, chosen)
         try:
             _write(request, recordings)
         except (ValueError, OSError) as error:  # a vehicle that never came, a disk that is full
@@ -51,28 +51,6 @@ def _fail(error: Exception) -> int:
     return 2
 
 
-def _policies(request: Request) -> tuple[ChargingEnv, EnvParams, dict[str, Choose]]:
-    """The environment, its parameters, and what is played in it, by name."""
-    import medjax
-    from medjax.policies import BASELINES
-    from medjax.recording import by_rule
-
-    chosen: dict[str, Choose] = {}
-    rules = [request.policy]
-    if request.run_dir is None:
-        env, params = medjax.make(request.scenario, **request.overrides)
-    else:
-        from medjax.exported import load_policy
-
-        trained = load_policy(request.run_dir / POLICY)
-        env, params = trained.make()
-        chosen["ppo"] = trained.choose(env)
-        rules = []
-    for name in [*rules, *([request.compare] if request.compare else [])]:
-        chosen[name] = by_rule(BASELINES[name](env), env.num_actions)
-    return env, params, chosen
-
-
 def _check(request: Request, env: ChargingEnv, params: EnvParams) -> None:
     """Raises ValueError for a place or time that the episode will not have."""
     length_m = float(params.road.length_m)
@@ -81,24 +59,6 @@ def _check(request: Request, env: ChargingEnv, params: EnvParams) -> None:
         raise ValueError(f"--follow {request.follow}: allowed 0 to {length_m:g} m")
     if request.start_s is not None and request.start_s > seconds:
         raise ValueError(f"--start {request.start_s:g}: allowed 0 to {seconds:g} s")
-
-
-def _record(
-    request: Request, env: ChargingEnv, params: EnvParams, chosen: Mapping[str, Choose]
-) -> list[Recording]:
-    """Plays the episode, once a policy."""
-    from medjax.recording import record_episode
-
-    recordings = []
-    for name, choose in chosen.items():
-        if sys.stderr.isatty():
-            print(f"compiling and playing an episode with {name} ...", file=sys.stderr)
-        recordings.append(
-            record_episode(
-                env, params, choose, policy=name, seed=request.seed, episode=request.episode
-            )
-        )
-    return recordings
 
 
 def _write(request: Request, recordings: Sequence[Recording]) -> None:

@@ -5,16 +5,15 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import importlib.util
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from medjax.commandline import InputError, check_writable, parse_overrides, whole_number
+from medjax.commandline import InputError, check_writable
+from medjax.playing import Played, played_of
 from medjax.render import MissingLibrary
 from medjax.render.camera import check_follow
-from medjax.render.options import RULE, SUFFIXES, build_parser
+from medjax.render.options import SUFFIXES, build_parser
 
-POLICY = "policy.zip"  # in the directory of a run
 LIBRARIES: dict[str, dict[str, str]] = {
     ".mp4": {"PIL": "Pillow", "imageio_ffmpeg": "imageio-ffmpeg", "tqdm": "tqdm"},
     ".gif": {"PIL": "Pillow", "imageio_ffmpeg": "imageio-ffmpeg", "tqdm": "tqdm"},
@@ -29,13 +28,7 @@ class Request:
     """What to play and what to write; checked as far as that needs no environment."""
 
     out: Path
-    run_dir: Path | None  # a trained policy; None: `policy` is a rule
-    policy: str
-    compare: str | None  # a rule beside it
-    scenario: str  # of a rule; a trained policy has its own
-    overrides: Mapping[str, Any]
-    seed: int
-    episode: int
+    played: Played
     follow: str
     start_s: float | None
     duration_s: float | None
@@ -63,36 +56,18 @@ def parse_request(argv: Sequence[str] | None = None) -> Request:
 
 
 def _request(given: argparse.Namespace) -> Request:
-    from medjax.policies import BASELINES
-    from medjax.scenarios import SCENARIOS
-
     out = Path(given.out)
     if out.suffix not in SUFFIXES:
         raise InputError(f"--out {out}: allowed a file that ends in {', '.join(SUFFIXES)}")
-    if given.run_dir is not None and (given.policy or given.scenario or given.overrides):
-        raise InputError("--run-dir with --policy, --scenario or --set: allowed one or the other")
     if given.compare is not None and out.suffix != ".html":
         raise InputError(f"--compare with {out.name}: allowed with a file that ends in .html")
     if out.suffix == ".html" and given.duration is not None:
         raise InputError(f"--duration with {out.name}: the player holds the whole episode")
-    for option, name in (("policy", given.policy), ("compare", given.compare)):
-        if name is not None and name not in BASELINES:
-            raise InputError(f"unknown {option} {name!r}: allowed {', '.join(BASELINES)}")
-    if given.scenario is not None and given.scenario not in SCENARIOS:
-        raise InputError(f"unknown scenario {given.scenario!r}: allowed {', '.join(SCENARIOS)}")
-    if given.run_dir is None and given.compare == (given.policy or RULE):
-        raise InputError(f"--compare {given.compare}: allowed another one than --policy")
     check_follow(given.follow)
     width, height = _size(given.size)
     request = Request(
         out=out,
-        run_dir=_run_dir(given.run_dir),
-        policy=given.policy or RULE,
-        compare=given.compare,
-        scenario=given.scenario or "paper",
-        overrides=parse_overrides(given.overrides),
-        seed=whole_number("seed", given.seed),
-        episode=whole_number("episode", given.episode),
+        played=played_of(given),
         follow=given.follow,
         start_s=_number("start", given.start, least=0.0),
         duration_s=_number("duration", given.duration, above=0.0),
@@ -103,19 +78,6 @@ def _request(given: argparse.Namespace) -> Request:
     _check_libraries(out.suffix)
     check_writable(out)
     return request
-
-
-def _run_dir(text: str | None) -> Path | None:
-    if text is None:
-        return None
-    path = Path(text)
-    if not path.is_dir():
-        raise InputError(f"--run-dir {path}: is no directory; allowed one that train.ppo wrote")
-    if not (path / POLICY).is_file():
-        raise InputError(
-            f"--run-dir {path}: holds no {POLICY}; python -m train.export --run-dir {path} writes it"
-        )
-    return path
 
 
 def _check_libraries(suffix: str) -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 
 from medjax.commandline import OneLineParser
+from medjax.playing import add_played
 from medjax.render.camera import AUTO, FORMS
 
 PROG = "python -m medjax.render"
-RULE = "forecast"  # unless another policy is asked for
 SUFFIXES = (".mp4", ".gif", ".png", ".html")
 
 
@@ -22,30 +22,9 @@ def build_parser() -> OneLineParser:
         allow_abbrev=False,
     )
     play = parser.add_argument_group("what is played")
-    play.add_argument(
-        "--policy", metavar="NAME", help=f"a rule of medjax.policies (default: {RULE})"
-    )
-    play.add_argument(
-        "--run-dir", metavar="DIR", help="instead: the policy that train.ppo left in DIR"
-    )
+    add_played(play)
     play.add_argument(
         "--compare", metavar="NAME", help="a rule on the same episode beside it; .html"
-    )
-    play.add_argument("--scenario", metavar="NAME", help="preset (default: paper)")
-    play.add_argument(
-        "--set",
-        dest="overrides",
-        metavar="NAME=VALUE",
-        action="append",
-        default=[],
-        help="set a number of the environment; repeatable",
-    )
-    play.add_argument("--seed", metavar="N", default="0", help="whose episodes (default: 0)")
-    play.add_argument(
-        "--episode",
-        metavar="N",
-        default="0",
-        help="which of them, as in train.evaluate (default: 0)",
     )
     show = parser.add_argument_group("what is written")
     show.add_argument(

@@ -1,9 +1,13 @@
-"""Wrappers around environments: auto-reset of a batch, episode log, normalisation."""
+"""Wrappers around environments: auto-reset of a batch, episode log, normalisation, gymnax's old step.
+
+`medjax.wrappers.gymnasium` is imported by itself: it needs the library.
+"""
 
 from medjax.wrappers.auto_reset import BatchAutoReset, BatchState
 from medjax.wrappers.decide_every import DecideEvery
 from medjax.wrappers.devices import environment_mesh, on_devices, prepare_cpu
 from medjax.wrappers.episode_log import EpisodeLog, EpisodeLogState
+from medjax.wrappers.legacy import LegacyStep
 from medjax.wrappers.normalize import (
     RunningStats,
     init_stats,
@@ -24,6 +28,7 @@ __all__ = [
     "Environment",
     "EpisodeLog",
     "EpisodeLogState",
+    "LegacyStep",
     "RandomDemand",
     "RandomDemandState",
     "RunningStats",

@@ -1,0 +1,1 @@
+"""Pages of the documentation, and the code that draws their figures and builds their site."""

@@ -1,0 +1,50 @@
+"""The fields of a class in the API reference, with their shapes and units.
+
+The sources say what a field is in a comment behind it, or in `option(...)`; mkdocstrings reads
+docstrings only.
+"""
+
+import ast
+from typing import Any
+
+import griffe
+
+SETTING = "option"  # of train.config: its third argument is the help of the command line
+
+
+class FieldComments(griffe.Extension):
+    """Adds the section `Attributes` to the docstring of a class that has none."""
+
+    def on_class_members(
+        self, *, node: Any, cls: griffe.Class, agent: griffe.Visitor | griffe.Inspector, **_: Any
+    ) -> None:
+        """Called by griffe when it has read a class."""
+        docstring = cls.docstring
+        if not isinstance(node, ast.ClassDef) or docstring is None:
+            return
+        if "Attributes:" in docstring.value or not isinstance(agent, griffe.Visitor):
+            return
+        source = agent.code.splitlines()
+        fields = [
+            (statement.target.id, _comment(source[statement.lineno - 1]) or _help(statement))
+            for statement in node.body
+            if isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name)
+        ]
+        if fields:
+            listed = "\n".join(f"    {name}: {text}" for name, text in fields)
+            docstring.value += f"\n\nAttributes:\n{listed}"
+
+
+def _comment(line: str) -> str:
+    return line.partition("  # ")[2].strip()
+
+
+def _help(statement: ast.AnnAssign) -> str:
+    """What the default says."""
+    call = statement.value
+    if isinstance(call, ast.Constant):
+        return f"default: {ast.unparse(call)}"
+    if not isinstance(call, ast.Call) or getattr(call.func, "id", "") != SETTING:
+        return ""
+    default, _, text = call.args[:3]
+    return f"{ast.literal_eval(text)} (default: {ast.unparse(default)})"

@@ -1,0 +1,64 @@
+"""The command that writes who was where: `python -m medjax.trajectories --policy NAME --scenario NAME --out FILE`.
+
+Plays one episode and writes a row for each vehicle and physics tick, as Parquet or CSV (`medjax.export.vehicle_table`
+says what is in a row), or as SUMO's floating-car data. Exit code 2 on bad input.
+"""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from medjax.commandline import OneLineParser
+from medjax.export import check_target, write_trajectories
+from medjax.playing import add_played, played_of
+from medjax.wrappers import prepare_cpu
+
+PROG = "python -m medjax.trajectories"
+
+
+def build_parser() -> OneLineParser:
+    """The parser of `python -m medjax.trajectories`."""
+    parser = OneLineParser(
+        prog=PROG,
+        description="Plays an episode and writes a row for each vehicle and physics tick.",
+        epilog=f"Example: {PROG} --policy paced --set cooldown_s=30 --out paced.parquet",
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "--out", required=True, metavar="FILE", help="ends in .parquet, .csv or .fcd.xml (SUMO)"
+    )
+    episode = parser.add_argument_group("episode")
+    add_played(episode)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Records and writes as the command line says.
+
+    Args:
+      argv: arguments; None takes those of the process.
+
+    Returns:
+      The exit code.
+    """
+    parser = build_parser()
+    given = parser.parse_args(argv)
+    target = Path(given.out)
+    prepare_cpu()
+    try:
+        check_target(target)
+        played = played_of(given)
+        env, params, chosen = played.policies()
+    except (ValueError, ImportError) as error:
+        parser.error(str(error))
+    (recording,) = played.record(env, params, chosen)
+    try:
+        rows = write_trajectories(recording, target)
+    except OSError as error:
+        parser.error(f"cannot write {target}: {error.strerror}")
+    print(f"{rows} rows, {recording.vehicle_ids().max() + 1} vehicles: {target}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,27 @@
+"""`ChargingEnv` as Gymnasium environments: one highway, or many of them in one compiled program.
+
+Importing this package registers both as `medjax/Charging-v0`:
+
+    import gymnasium
+    import medjax.wrappers.gymnasium
+
+    env = gymnasium.make("medjax/Charging-v0", scenario="paper", cooldown_s=30)
+    envs = gymnasium.make_vec("medjax/Charging-v0", num_envs=256)
+
+`gymnasium.make("medjax.wrappers.gymnasium:medjax/Charging-v0")` imports it by itself. Arguments are those of
+`medjax.make`. Episodes are truncated after `episode_decisions`: no `max_episode_steps` is needed. NumPy arrays come
+out, and are the caller's to keep or to change.
+"""
+
+import gymnasium
+
+from medjax.wrappers.gymnasium.single import ENV_ID, ChargingGymEnv
+from medjax.wrappers.gymnasium.vector import ChargingVectorEnv
+
+__all__ = ["ENV_ID", "ChargingGymEnv", "ChargingVectorEnv"]
+
+gymnasium.register(
+    ENV_ID,
+    entry_point="medjax.wrappers.gymnasium:ChargingGymEnv",
+    vector_entry_point="medjax.wrappers.gymnasium:ChargingVectorEnv",
+)

@@ -1,0 +1,119 @@
+"""One highway as a Gymnasium environment."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import gymnasium
+import jax
+import numpy as np
+from gymnasium.error import ResetNeeded
+
+from medjax.state import EnvState
+from medjax.wrappers.gymnasium import programs
+from medjax.wrappers.gymnasium.window import Window
+
+ENV_ID = "medjax/Charging-v0"
+
+
+class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
+    """One highway.
+
+    `info["action_mask"]` `(num_actions,)` bool says which actions are allowed next; `action_masks()` is the same for
+    sb3-contrib. After a step there are also `info["metrics"]` of the episode so far and `info["reward_terms"]`, floats
+    by name (`ChargingEnv.step_env`). An action that is not allowed counts as 0.
+
+    Args:
+      scenario: a name of `medjax.SCENARIOS`.
+      render_mode: None, "rgb_array" or "human".
+      **overrides: of `medjax.make`.
+
+    Raises:
+      ValueError: one line; a scenario, option, value or render mode that is not allowed.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
+        "render_modes": ["human", "rgb_array"],
+        "render_fps": programs.FRAMES_PER_S,
+    }
+
+    def __init__(
+        self, scenario: str = "paper", render_mode: str | None = None, **overrides: Any
+    ) -> None:
+        programs.check_render_mode(render_mode, self.metadata)
+        self.simulator, self.params = programs.make_shared(scenario, overrides)
+        self.observation_space, self.action_space = programs.spaces_of(self.simulator, self.params)
+        self.render_mode = render_mode
+        self._key: jax.Array | None = None
+        self._state: EnvState | None = None
+        self._window: Window | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Starts an episode; one seed starts the same one always, and so the one after it.
+
+        Args:
+          seed: None goes on with the generator of the last seed.
+          options: none are known; they are ignored.
+
+        Returns:
+          (observation (size,) float32, info)
+        """
+        super().reset(seed=seed)
+        key = programs.as_keys(programs.draw_words(self.np_random))
+        self._key, self._state, result = programs.reset_one(self.simulator, key, self.params)
+        obs, info = programs.to_numpy(result)
+        self._show()
+        return obs, info
+
+    def step(self, action: int | np.int64) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """One decision.
+
+        Raises:
+          gymnasium.error.ResetNeeded: before the first reset.
+        """
+        if self._key is None:
+            raise ResetNeeded("step() before reset(): call reset() first")
+        self._key, self._state, result = programs.step_one(
+            self.simulator, self._key, self._state, np.int32(action), self.params
+        )
+        obs, reward, terminated, truncated, info = programs.to_numpy(result)
+        self._show()
+        return obs, reward, terminated, truncated, info
+
+    def action_masks(self) -> np.ndarray:
+        """Allowed actions, `(num_actions,)` bool, by the name that sb3-contrib asks for."""
+        if self._state is None:
+            raise ResetNeeded("action_masks() before reset(): call reset() first")
+        return np.array(programs.mask_one(self.simulator, self._state, self.params))
+
+    def render(self) -> np.ndarray | None:  # type: ignore[override]
+        """The road as `(H, W, 3)` uint8 where render_mode is "rgb_array"; "human" shows it in a window.
+
+        Raises:
+          gymnasium.error.DependencyNotInstalled: what draws or shows pictures is missing.
+          gymnasium.error.ResetNeeded: before the first reset.
+        """
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() draws nothing: make the environment with a render_mode")
+            return None
+        if self._state is None:
+            raise ResetNeeded("render() before reset(): call reset() first")
+        frame = programs.picture(self.simulator, self._state, self.params)
+        if self.render_mode == "rgb_array":
+            return frame
+        self._window = self._window or Window(ENV_ID, self.metadata["render_fps"])
+        self._window.show(frame)
+        return None
+
+    def close(self) -> None:
+        """Closes the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def _show(self) -> None:
+        """Gymnasium's "human" mode shows every step without being asked."""
+        if self.render_mode == "human":
+            self.render()

@@ -1,0 +1,147 @@
+"""Many highways as a native vector environment of Gymnasium."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import gymnasium
+import jax
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from medjax.wrappers.auto_reset import BatchState
+from medjax.wrappers.gymnasium import programs
+
+
+class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """Many highways, stepped by one compiled program.
+
+    Autoreset mode is SAME_STEP: a copy whose episode ended returns the first observation of its next one, and
+    `infos["final_obs"]` and `infos["final_info"]` hold what the ended one led to, where `infos["_final_obs"]`. Copy i
+    of `reset(seed=s)` plays the episode that `ChargingGymEnv.reset(seed=s + i)` starts.
+
+    Args:
+      num_envs: copies, at least 1.
+      scenario, render_mode, **overrides: as of `ChargingGymEnv`; render modes are None and "rgb_array".
+
+    Raises:
+      ValueError: one line; a number, scenario, option, value or render mode that is not allowed.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
+        "render_modes": ["rgb_array"],
+        "render_fps": programs.FRAMES_PER_S,
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scenario: str = "paper",
+        render_mode: str | None = None,
+        **overrides: Any,
+    ) -> None:
+        if num_envs < 1:
+            raise ValueError(f"num_envs = {num_envs}: allowed at least 1")
+        programs.check_render_mode(render_mode, self.metadata)
+        self.num_envs = num_envs
+        self.simulator, self.params = programs.make_shared(scenario, overrides)
+        spaces = programs.spaces_of(self.simulator, self.params)
+        self.single_observation_space, self.single_action_space = spaces
+        self.observation_space, self.action_space = (batch_space(s, num_envs) for s in spaces)
+        self.render_mode = render_mode
+        self._generators = [seeding.np_random()[0] for _ in range(num_envs)]
+        self._keys: jax.Array | None = None
+        self._state: BatchState | None = None
+        self._masks = np.ones((num_envs, self.simulator.num_actions), bool)
+
+    def reset(  # type: ignore[override]
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Starts an episode in every copy.
+
+        Args:
+          seed: copy i takes seed + i, or the i-th of several; None goes on with its generator.
+          options: none are known; they are ignored.
+
+        Returns:
+          (observations (num_envs, size) float32, infos)
+        """
+        if isinstance(seed, int):
+            super().reset(seed=seed)
+            seed = [seed + number for number in range(self.num_envs)]
+        seeds = [None] * self.num_envs if seed is None else list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"{len(seeds)} seeds: allowed {self.num_envs}, one a copy")
+        for number, own in enumerate(seeds):
+            if own is not None:
+                self._generators[number] = seeding.np_random(own)[0]
+        keys = programs.as_keys(
+            np.stack([programs.draw_words(generator) for generator in self._generators])
+        )
+        self._keys, self._state, result = programs.reset_all(self.simulator, keys, self.params)
+        obs, info = programs.to_numpy(result)
+        self._masks = info["action_mask"]
+        return obs, _with_masks(info, np.ones(self.num_envs, bool))
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """One decision in every copy, actions `(num_envs,)`.
+
+        Raises:
+          gymnasium.error.ResetNeeded: before the first reset.
+        """
+        if self._keys is None:
+            raise ResetNeeded("step() before reset(): call reset() first")
+        self._keys, self._state, result, final_obs = programs.step_all(
+            self.simulator, self._keys, self._state, np.asarray(actions, np.int32), self.params
+        )
+        obs, reward, terminated, truncated, mask, info = programs.to_numpy(result)
+        self._masks, done = mask, terminated | truncated
+        going_on = {name: value for name, value in info.items() if name != "action_mask"}
+        infos = _with_masks({"action_mask": mask}, np.ones(self.num_envs, bool))
+        infos |= _with_masks(going_on, ~done)
+        if done.any():
+            last = np.full(self.num_envs, None, object)
+            for number, own in zip(np.flatnonzero(done), np.array(final_obs)[done], strict=True):
+                last[number] = own
+            infos |= {"final_obs": last, "_final_obs": done.copy()}
+            infos |= {"final_info": _with_masks(info, done), "_final_info": done.copy()}
+        return obs, reward.astype(np.float64), terminated, truncated, infos
+
+    def action_masks(self) -> np.ndarray:
+        """Allowed actions, `(num_envs, num_actions)` bool."""
+        return self._masks.copy()
+
+    def render(self) -> tuple[np.ndarray, ...] | None:  # type: ignore[override]
+        """The road of every copy, each `(H, W, 3)` uint8, where render_mode is "rgb_array"."""
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() draws nothing: make the environment with a render_mode")
+            return None
+        if self._state is None:
+            raise ResetNeeded("render() before reset(): call reset() first")
+        states = jax.device_get(self._state.env)
+        copies = (jax.tree.map(lambda leaf, i=i: leaf[i], states) for i in range(self.num_envs))
+        return tuple(programs.picture(self.simulator, state, self.params) for state in copies)
+
+
+def _with_masks(info: dict[str, Any], where: np.ndarray) -> dict[str, Any]:
+    """A copy of `info` in the form of Gymnasium's vector environments: beside each entry, as `_name`, who has it.
+
+    Args:
+      info: arrays `(num_envs, ...)`, or dicts of them, by name.
+      where: `(num_envs,)` bool, the copies that have all of it.
+    """
+    masked = {}
+    for name, value in info.items():
+        masked[name] = _with_masks(value, where) if isinstance(value, dict) else value.copy()
+        masked[f"_{name}"] = where.copy()
+    return masked

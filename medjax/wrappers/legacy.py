@@ -1,0 +1,66 @@
+"""The five-value step of gymnax before 1.0, for code that was written for it, as PureJaxRL was."""
+
+import dataclasses
+from typing import Any
+
+import jax
+
+from medjax.env import ChargingEnv
+from medjax.spaces import Box, Discrete
+from medjax.wrappers.protocol import Info, Observation, Params, State
+
+
+@dataclasses.dataclass(frozen=True)
+class LegacyStep:
+    """`env` whose step returns one flag, `done`, for an episode that terminated or was truncated.
+
+    What is lost: an episode of medjax ends by its time limit, and code that reads `done` takes the value of what comes
+    after it for 0, as if the road were empty then. That is right for a dispatcher that sees the time left, as both
+    observations of medjax show it (Pardo et al. 2018, arXiv:1712.00378, "time awareness"), and biased for one that
+    does not, or whose road goes on. To bootstrap all the same: `info["terminated"]` and `info["truncated"]` tell the
+    two ends apart, and `info["final_observation"]` is what the ended episode led to, where `done`; the observation
+    returned is then the first of the next episode.
+
+    Attributes:
+        env: a single environment.
+    """
+
+    env: ChargingEnv
+
+    @property
+    def name(self) -> str:
+        """Name of the environment."""
+        return self.env.name
+
+    @property
+    def num_actions(self) -> int:
+        """Number of discrete actions."""
+        return self.env.num_actions
+
+    def action_space(self, params: Params = None) -> Discrete:
+        """That of the environment."""
+        return self.env.action_space(params)
+
+    def observation_space(self, params: Params = None) -> Box:
+        """That of the environment."""
+        return self.env.observation_space(params)
+
+    def reset(self, key: jax.Array, params: Params) -> tuple[Observation, State]:
+        """Starts an episode."""
+        return self.env.reset(key, params)
+
+    def step(
+        self, key: jax.Array, state: State, action: jax.Array, params: Params
+    ) -> tuple[Observation, State, jax.Array, jax.Array, Info]:
+        """One decision, and a reset in the same step when the episode ends.
+
+        Returns:
+            (observation (size,) float32, state, reward () float32, done () bool, info); see `ChargingEnv.step`.
+        """
+        obs, state, reward, terminated, truncated, info = self.env.step(key, state, action, params)
+        ends: dict[str, Any] = {"terminated": terminated, "truncated": truncated}
+        return obs, state, reward, terminated | truncated, {**info, **ends}
+
+    def action_mask(self, state: State, params: Params) -> jax.Array:
+        """`(num_actions,)` bool, True where the action is allowed."""
+        return self.env.action_mask(state, params)

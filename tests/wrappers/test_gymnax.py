@@ -1,0 +1,139 @@
+"""gymnax 1.0's step contract, by gymnax itself: its base class, its wrappers, its rollouts."""
+
+from importlib.metadata import version
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from medjax.wrappers import LegacyStep
+
+gymnax = pytest.importorskip("gymnax", reason='pip install "gymnax>=1.0"')
+if int(version("gymnax").split(".")[0]) < 1:
+    pytest.skip(f"gymnax {version('gymnax')}: its step had five values", allow_module_level=True)
+
+from gymnax import wrappers  # noqa: E402
+from gymnax.environments.environment import Environment  # noqa: E402
+from gymnax.experimental import RolloutWrapper  # noqa: E402
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+DECISIONS = 4
+STEPS = DECISIONS + 1
+SMALL = {"num_meds": 3, "num_evs": 8, "num_gas": 12, "mainline_per_h": 600.0}
+ENV, PARAMS = medjax.make("paper", **SMALL, episode_decisions=DECISIONS)
+
+
+class Inherited(Environment):
+    """ChargingEnv's raw step under gymnax's own step, truncation, auto-reset and info."""
+
+    default_params = PARAMS
+
+    def step_env(self, key, state, action, params):
+        obs, state, reward, terminated, _, info = ENV.step_env(key, state, action, params)
+        return obs, state, reward, terminated, info
+
+    def reset_env(self, key, params):
+        return ENV.reset(key, params)
+
+    def is_truncated(self, state, params):
+        return state.time >= params.episode_decisions
+
+
+def play(env):
+    """A program: (first observation, results of STEPS decisions), each leaf `(STEPS, ...)`."""
+
+    def run(key):
+        obs, state = env.reset(key, PARAMS)
+
+        def decide(state, key):
+            action = ENV.action_space(PARAMS).sample(key)
+            obs, state, *rest = env.step(key, state, action, PARAMS)
+            return state, (obs, *rest)
+
+        return obs, jax.lax.scan(decide, state, jax.random.split(key, STEPS))[1]
+
+    return run
+
+
+KEY = jax.random.key(4)
+
+
+@pytest.fixture(scope="module")
+def logged(quick_compiles):
+    """ChargingEnv as it is, under gymnax's LogWrapper, which passes all of its results on."""
+    return jax.device_get(jax.jit(play(wrappers.LogWrapper(ENV)))(KEY))
+
+
+def test_step_is_that_of_gymnax_base_class(logged):
+    first, (*values, info) = logged
+    their_first, (*their_values, their_info) = jax.device_get(jax.jit(play(Inherited()))(KEY))
+    np.testing.assert_allclose(first, their_first, rtol=1e-5, atol=1e-5)
+    assert len(values) == len(their_values) == 4
+    mine = [*values, info["final_observation"]]
+    theirs = [*their_values, their_info["final_observation"]]
+    for own, other in zip(mine, theirs, strict=True):
+        assert (own.dtype, own.shape) == (other.dtype, other.shape)
+        np.testing.assert_allclose(own, other, rtol=1e-4, atol=1e-4)
+    _, _, terminated, truncated = values
+    assert not terminated.any()
+    assert np.flatnonzero(truncated).tolist() == [DECISIONS - 1]
+
+
+def test_log_wrapper_counts_the_episode(logged):
+    _, (_, reward, _, truncated, info) = logged
+    np.testing.assert_array_equal(info["returned_episode"], truncated)
+    assert info["returned_episode_lengths"][-1] == DECISIONS
+    total = reward[:DECISIONS].sum()
+    assert info["returned_episode_returns"][-1] == pytest.approx(total, rel=1e-5)
+    assert info["metrics"]["vehicle_ticks"][DECISIONS - 1] > 0.0
+
+
+# Traced, not run: what follows would compile the same step again, and can fail only in a shape, a type or a name.
+
+
+def test_dm_env_wrapper_finds_the_final_observation():
+    env = wrappers.GymnaxToDmEnvWrapper(ENV)
+
+    def run(key):
+        def decide(step, key):
+            step = env.step(key, step, ENV.action_space(PARAMS).sample(key), PARAMS)
+            return step, (step.observation, step.final_observation, step.discount)
+
+        first = env.reset(key, PARAMS)
+        first = first.replace(discount=jnp.float32(1.0), reward=jnp.float32(0.0))
+        return jax.lax.scan(decide, first, jax.random.split(key, STEPS))[1]
+
+    obs, final, discount = jax.eval_shape(run, KEY)
+    assert obs.shape == final.shape == (STEPS, *ENV.observation_space(PARAMS).shape)
+    assert discount.shape == (STEPS,)
+
+
+def test_flat_observations_stay_as_they_are():
+    env = wrappers.FlattenObservationWrapper(ENV)
+    _, (obs, *_, info) = jax.eval_shape(play(env), KEY)
+    assert obs.shape == info["final_observation"].shape
+    assert obs.shape == (STEPS, *ENV.observation_space(PARAMS).shape)
+
+
+def test_five_values_by_gymnax_are_those_of_ours():
+    _, (*mine, info) = jax.eval_shape(play(LegacyStep(ENV)), KEY)
+    _, (*theirs, their_info) = jax.eval_shape(play(wrappers.LegacyStepAPIWrapper(ENV)), KEY)
+    assert mine == theirs
+    assert len(mine) == 3
+    assert set(info) == set(their_info) | {"terminated", "truncated"}
+
+
+def test_rollout_wrapper_plays_batches_of_episodes():
+    # It asks for defaults before it takes the parameters that it is given.
+    env = type("WithDefaults", (medjax.ChargingEnv,), {"default_params": PARAMS})(ENV.config)
+    rollouts = RolloutWrapper(env=env, env_params=PARAMS, num_env_steps=DECISIONS)
+    keys = jax.random.split(KEY, 2)
+    obs, action, reward, _, done, total = jax.eval_shape(
+        rollouts.batch_rollout, keys, jnp.zeros(())
+    )
+    assert obs.shape == (2, DECISIONS, *ENV.observation_space(PARAMS).shape)
+    assert action.shape == reward.shape == done.shape == (2, DECISIONS)
+    assert total.shape == (2, 1)
