@@ -22,6 +22,8 @@ from train.learner import make_train
 from train.rundir import RunDir
 from train.trained_run import load_policies
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 SMALL = {"num_meds": 2, "num_evs": 6, "num_gas": 12, "episode_decisions": 20}
 SET_SMALL = [f"--set={name}={value}" for name, value in SMALL.items()]
 

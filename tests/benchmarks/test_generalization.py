@@ -22,6 +22,8 @@ from train.session import ONCE
 from train.tables import interval, short
 from train.trained_run import load_policies
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 SMALL = {"num_meds": 2, "num_evs": 8, "num_gas": 40, "episode_decisions": 20}
 
 

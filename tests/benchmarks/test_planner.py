@@ -14,6 +14,8 @@ from medjax.policies import AS_BASE, look_ahead, none, random
 from tests.benchmarks.refusal import refused
 from train.evaluation import baseline, evaluate_policies
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 SMALL = {"num_meds": 2, "num_evs": 6, "num_gas": 12, "episode_decisions": 20}
 
 
