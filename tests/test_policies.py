@@ -16,24 +16,36 @@ def episodes(paper):
     """Actions, masks and needs of each baseline over four whole episodes."""
     env, params = paper
 
-    def play(name):
-        act = medjax.BASELINES[name](env)
+    acts = [build(env) for build in medjax.BASELINES.values()]
+    both = (0, 0, 0, None)
 
-        def episode(key):
-            reset_key, key = jax.random.split(key)
-            _, state = env.reset(reset_key, params)
+    def play(keys):
+        """Side by side in one program; arrays `(decisions, policies, episodes, ...)`."""
+        split = jax.vmap(jax.random.split)(keys)
+        _, state = jax.vmap(env.reset, (0, None))(split[:, 0], params)
+        state = jax.tree.map(lambda x: jnp.broadcast_to(x, (len(acts), *x.shape)), state)
 
-            def step(state, key):
-                act_key, step_key = jax.random.split(key)
-                action, mask = act(act_key, state, params), env.action_mask(state, params)
-                return env.step_env(step_key, state, action, params)[1], (action, mask, state)
+        def step(state, keys):
+            act_keys, step_keys = jnp.moveaxis(jax.vmap(jax.random.split)(keys), 1, 0)
+            own = [jax.tree.map(lambda x, i=i: x[i], state) for i in range(len(acts))]
+            action = jnp.stack(
+                [
+                    jax.vmap(act, (0, 0, None))(act_keys, mine, params)
+                    for act, mine in zip(acts, own, strict=True)
+                ]
+            )
+            mask = jax.vmap(jax.vmap(env.action_mask, (0, None)), (0, None))(state, params)
+            over_policies = jax.vmap(jax.vmap(env.step_env, both), (None, 0, 0, None))
+            return over_policies(step_keys, state, action, params)[1], (action, mask, state)
 
-            return jax.lax.scan(step, state, jax.random.split(key, 600))[1]
+        steps = jnp.moveaxis(jax.vmap(lambda key: jax.random.split(key, 600))(split[:, 1]), 1, 0)
+        return jax.lax.scan(step, state, steps)[1]
 
-        keys = jax.random.split(jax.random.key(9), 4)
-        return jax.tree.map(np.asarray, jax.jit(jax.vmap(episode))(keys))
-
-    return {name: play(name) for name in medjax.BASELINES}
+    played = jax.tree.map(np.asarray, jax.jit(play)(jax.random.split(jax.random.key(9), 4)))
+    return {
+        name: jax.tree.map(lambda x, i=i: np.moveaxis(x[:, i], 0, 1), played)
+        for i, name in enumerate(medjax.BASELINES)
+    }
 
 
 @pytest.mark.parametrize("name", list(medjax.BASELINES))

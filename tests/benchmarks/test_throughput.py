@@ -14,6 +14,8 @@ from benchmarks.stages import STAGES, instruction_stages, stage_of, stage_times
 from benchmarks.workload import Measurement, Workload, road_for
 from tests.benchmarks.refusal import refused
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 
 @pytest.fixture(scope="module")
 def work():

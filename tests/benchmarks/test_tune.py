@@ -7,6 +7,8 @@ import pytest
 from benchmarks import tune
 from tests.benchmarks.refusal import refused
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 
 def test_best_is_the_highest_return(tmp_path, monkeypatch, capsys):
     """One line a setting; rules that send MEDs beat the same ones told to send hardly any."""

@@ -2,7 +2,11 @@
 
 import json
 
+import pytest
+
 from train import evaluate, ppo
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 SMALL = {"num_meds": 2, "num_evs": 6, "num_gas": 12, "episode_decisions": 12}
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from medjax.episodes import EVALUATION
 from medjax.wrappers import init_stats
 from tests.train.conftest import coin, never
 from tests.train.probe_envs import Probe, ProbeParams
@@ -43,8 +44,6 @@ def test_the_same_policy_twice_is_the_same_and_differences_are_the_policies_own(
 
 
 def test_equals_one_episode_stepped_by_hand():
-    from train.evaluation import EVALUATION
-
     scores = evaluate_policies(ENV, PARAMS, {"coin": baseline(coin(ENV))}, episodes=2, seed=9)
     root = jax.random.fold_in(jax.random.key(9), EVALUATION)
     for episode in range(2):

@@ -17,6 +17,8 @@ from train.config import TrainConfig
 from train.evaluation import evaluate_policies, trained
 from train.networks import PolicyWeights, apply_policy, build_network
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 SMALL = {"num_meds": 3, "num_evs": 8, "num_gas": 12, "episode_decisions": 24}
 
 

@@ -12,6 +12,8 @@ from medjax.observation import FlatObservation
 from train.config import TrainConfig
 from train.networks import build_network
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 SMALL = {"num_meds": 3, "num_evs": 5, "num_gas": 12}
 CONFIG = TrainConfig(network="sets", observation="flat", hidden=(16,), encoder=(8, 8))
 

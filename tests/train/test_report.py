@@ -23,6 +23,8 @@ from train.survey import SOC_BINS, dispatch_rows, quantile, survey, total
 from train.tables import claim_rows, paper_rows
 from train.traces import Frame, Trace
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 EPISODES = 4
 SMALL = {"num_meds": 3, "num_evs": 6, "num_gas": 12, "episode_decisions": 12}
 # So many EVs with so little energy that some run out in every episode, and a policy that sends whenever it may.

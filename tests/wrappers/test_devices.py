@@ -10,6 +10,8 @@ from medjax.wrappers import BatchAutoReset, environment_mesh, in_blocks, on_devi
 from medjax.wrappers.rows import CACHED_ROWS
 from tests.train.probe_envs import Probe, ProbeParams
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 ENV, PARAMS = Probe("noisy"), ProbeParams(episode_decisions=4)
 
 

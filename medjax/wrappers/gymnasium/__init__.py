@@ -1,14 +1,14 @@
 """`ChargingEnv` as Gymnasium environments: one highway, or many of them in one compiled program.
 
-Importing this package registers both as `medjax/Charging-v0`:
+`import medjax` registers both as `medjax/Charging-v0` where Gymnasium is installed:
 
     import gymnasium
-    import medjax.wrappers.gymnasium
+    import medjax
 
     env = gymnasium.make("medjax/Charging-v0", scenario="paper", cooldown_s=30)
     envs = gymnasium.make_vec("medjax/Charging-v0", num_envs=256)
 
-`gymnasium.make("medjax.wrappers.gymnasium:medjax/Charging-v0")` imports it by itself. Arguments are those of
+`gymnasium.make("medjax:medjax/Charging-v0")` imports it by itself. Arguments are those of
 `medjax.make`. Episodes are truncated after `episode_decisions`: no `max_episode_steps` is needed. NumPy arrays come
 out, and are the caller's to keep or to change.
 """
