@@ -9,6 +9,8 @@ import pytest
 import medjax
 from medjax.state import AT_DEPOT, QUEUED, RETIRED
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 
 @pytest.fixture(scope="module")
 def step(paper):

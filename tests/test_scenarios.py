@@ -11,6 +11,8 @@ import pytest
 import medjax
 from medjax.physics import mutual_inductance
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 
 def test_presets_build_and_step():
     """Every preset resets and steps; `realistic` keeps true packs."""

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from flax import struct
 from jax import lax
+from tqdm import tqdm
 
 from medjax.config import EnvParams
 from medjax.env import ChargingEnv
@@ -72,7 +73,7 @@ def record(
     shapes = jax.eval_shape(run, weights, keys[:at_once], params)
     size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(shapes))
     at_once = max(1, min(at_once, at_once * BYTES_AT_ONCE // size))
-    for first in range(0, episodes, at_once):
+    for first in tqdm(range(0, episodes, at_once), "recording", disable=None, leave=False):
         # Always as many, so that one program serves; episodes too many are thrown away.
         numbers = np.minimum(np.arange(first, first + at_once), episodes - 1)
         trace = jax.device_get(run(weights, keys[numbers], params))

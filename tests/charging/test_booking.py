@@ -11,6 +11,8 @@ import medjax
 from medjax.charging.booking import Offers, Requests, book, panel_flags
 from medjax.state import NOT_BOOKED
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 NUM_MEDS, NUM_EVS = 4, 12
 
 

@@ -12,6 +12,8 @@ from medjax.movement import drivers_of
 from medjax.physics import link_efficiency, mutual_inductance
 from medjax.tick import physics_tick
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 
 def test_books_balance_in_every_tick():
     """Battery changes = transfer less driving, recomputed in float64 from speeds, every tick."""

@@ -27,6 +27,8 @@ from medjax.traffic.demand import (
 )
 from tests.traffic.roads import put
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 
 @pytest.mark.parametrize("expected", [0.0, 0.02, 0.2, 1.0, 2.0])
 def test_poisson_arrivals(expected):

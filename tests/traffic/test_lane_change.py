@@ -11,6 +11,8 @@ from medjax.traffic.lane_change import whose_turn
 from tests.traffic.reference import equilibrium_gap, idm, parameters
 from tests.traffic.roads import Record, put, run
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 MED_SLOT, EV_SLOT, GAS_SLOT = 0, 15, 55
 RAMP, END = 2100.0, 2350.0
 B_SAFE = 4.0
