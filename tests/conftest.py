@@ -31,7 +31,12 @@ def started(paper):
 
 @pytest.fixture(scope="module")
 def quick_compiles():
-    """Programs that run a few steps only: compiled in half the time, and slow."""
+    """Programs that run a few steps only: compiled in half the time, and slow.
+
+    They round differently, so none is left for tests that compare bits, nor taken over from them.
+    """
+    jax.clear_caches()
     jax.config.update("jax_disable_most_optimizations", True)
     yield
     jax.config.update("jax_disable_most_optimizations", False)
+    jax.clear_caches()
