@@ -21,6 +21,7 @@ from jax import export
 
 from medjax.config import EnvParams
 from medjax.env import ChargingEnv
+from medjax.files import replacing
 from medjax.recording import Choose
 from medjax.scenarios import make
 from medjax.state import EnvState
@@ -106,6 +107,7 @@ class ExportedPolicy:
         def choose(
             key: jax.Array, obs: jax.Array, state: EnvState, params: EnvParams
         ) -> tuple[jax.Array, jax.Array]:
+            """The most probable action `()` int32, and the probabilities `(num_actions,)`; see `Choose`."""
             mask = env.action_mask(state, params)
             chooses = state.time % self.about.decide_every == 0
             mask = mask & (chooses | (jnp.arange(mask.size) == 0))
@@ -126,12 +128,10 @@ def save_policy(path: Path, about: About, network: export.Exported) -> None:
     Raises:
       OSError: it cannot be written.
     """
-    partial = path.with_name(path.name + ".partial")
-    with zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as file:
+    with replacing(path) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as file:
         text = json.dumps({"format": FORMAT, **dataclasses.asdict(about)}, indent=2)
         file.writestr(ABOUT, text + "\n")
         file.writestr(NETWORK, network.serialize())
-    partial.replace(path)
 
 
 def load_policy(path: Path | str) -> ExportedPolicy:

@@ -28,13 +28,15 @@ from medjax.traffic.road import merge_distance
 
 
 def vehicle_kinds(is_human: jax.Array, config: EnvConfig) -> jax.Array:
-    """Kind of each slot, `(N,)` int32: its class by position, EVs by who drives."""
+    """Kind of each slot, `(..., N)` int32, by `is_human` `(..., E)`: its class by position, EVs by who drives."""
+    lead = is_human.shape[:-1]
     return jnp.concatenate(
         [
-            jnp.full((config.num_meds,), MED, jnp.int32),
+            jnp.full((*lead, config.num_meds), MED, jnp.int32),
             jnp.where(is_human, HUMAN_EV, AUTONOMOUS_EV).astype(jnp.int32),
-            jnp.full((config.num_gas,), GAS, jnp.int32),
-        ]
+            jnp.full((*lead, config.num_gas), GAS, jnp.int32),
+        ],
+        axis=-1,
     )
 
 

@@ -119,11 +119,32 @@ def record_episode(
       seed: whose episodes.
       episode: which of them; the same as in `train.evaluate`.
     """
-    decisions = int(params.episode_decisions)
+    play = _player(env, choose, int(params.episode_decisions))
+    key = episode_keys(seed, 1, episode)[0]
+    first, ticks, decided = jax.device_get(jax.jit(play)(key, params))
+    frames = jax.tree.map(
+        lambda start, rest: np.concatenate([start[None], rest.reshape(-1, *start.shape)]),
+        first,
+        ticks,
+    )
+    return Recording(
+        scenario=env.name,
+        policy=policy,
+        seed=seed,
+        episode=episode,
+        config=env.config,
+        params=jax.device_get(params),
+        frames=frames,
+        decisions=decided,
+    )
+
+
+def _player(
+    env: ChargingEnv, choose: Choose, decisions: int
+) -> Callable[[jax.Array, EnvParams], tuple[Frames, Frames, Decisions]]:
+    """The program `(key, params)` to the first frame, the others `(T, ticks, ...)`, and the decisions."""
 
     def play(key: jax.Array, params: EnvParams) -> tuple[Frames, Frames, Decisions]:
-        """The first frame, the others `(T, ticks, ...)`, and the decisions."""
-
         def look(state: EnvState) -> Frames:
             return frame_of(state, params)
 
@@ -156,23 +177,7 @@ def record_episode(
         _, (ticks, decided) = jax.lax.scan(decide, (obs, state), times)
         return look(state), ticks, decided
 
-    key = episode_keys(seed, 1, episode)[0]
-    first, ticks, decided = jax.device_get(jax.jit(play)(key, params))
-    frames = jax.tree.map(
-        lambda start, rest: np.concatenate([start[None], rest.reshape(-1, *start.shape)]),
-        first,
-        ticks,
-    )
-    return Recording(
-        scenario=env.name,
-        policy=policy,
-        seed=seed,
-        episode=episode,
-        config=env.config,
-        params=jax.device_get(params),
-        frames=frames,
-        decisions=decided,
-    )
+    return play
 
 
 def frame_of(state: EnvState, params: EnvParams) -> Frames:

@@ -38,10 +38,13 @@ def test_example_is_short(name):
 
 
 @pytest.mark.parametrize("name", sorted(EXAMPLES.keys() - {OWN_REWARD, TRAINING}))
-def test_example_runs(name, tmp_path, monkeypatch):
-    """As printed, in a directory of its own; those left out run below."""
+def test_example_runs(name, tmp_path, monkeypatch, capsys):
+    """As printed, in a directory of its own, and what it prints are numbers; those left out run below."""
     monkeypatch.chdir(tmp_path)
     run(EXAMPLES[name])
+    printed = capsys.readouterr().out
+    assert bool(printed) == bool(re.search(r"^print\(", EXAMPLES[name], re.MULTILINE))
+    assert "nan" not in printed.lower()
 
 
 def test_training_example_trains(monkeypatch, capsys):

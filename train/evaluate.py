@@ -9,7 +9,7 @@ from pathlib import Path
 
 from train.cli import OneLineParser, add_set_option, fail, parse_overrides
 from train.config import SettingError
-from train.rundir import RunDir, check_writable, write_json
+from train.rundir import RunDir, check_matplotlib, check_output, write_json
 from train.tables import format_table
 from train.trained_run import LIMITS, load_policies, to_play, trained_run_parser, whole_number
 
@@ -21,6 +21,9 @@ def build_parser() -> OneLineParser:
         "Plays the same episodes with a trained policy and with every one that is not learned.",
     )
     parser.add_argument("--json", metavar="FILE", help="write the result there, over what it holds")
+    parser.add_argument(
+        "--plot", metavar="FILE.png", help="draw the means of Figure 8 there, over what it holds"
+    )
     parser.add_argument(
         "--batch", default="128", metavar="N", help="episodes played together (default: 128)"
     )
@@ -43,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     given = build_parser().parse_args(argv)
     try:
         numbers = {name: whole_number(name, getattr(given, name)) for name in LIMITS}
-        target = _target(given.json)
+        target, picture = _target("json", given.json), _target("plot", given.plot)
         changes = parse_overrides(getattr(given, "overrides", []))
         config = to_play(RunDir(Path(given.run_dir)).load_config(), given.scenario, changes)
         env, params, policies = load_policies(Path(given.run_dir), config, given.stochastic)
@@ -61,23 +64,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     result = summarize(scores, config.scenario, numbers["seed"])
     if target is not None:
         write_json(target, result)
+    if picture is not None:
+        from train.figures import plot_comparison
+
+        plot_comparison(picture, scores, numbers["seed"])
     print(format_table(result))
     return 0
 
 
-def _target(text: str | None) -> Path | None:
-    """File to write the result to, refused now rather than after the work."""
+def _target(option: str, text: str | None) -> Path | None:
+    """File to write to, refused now rather than after the work."""
     if text is None:
         return None
     path = Path(text)
-    try:
-        if path.is_dir():
-            raise SettingError(f"json is {path}, which is a directory, allowed: a file")
-        check_writable(path.parent)
-    except OSError as error:
-        raise SettingError(
-            f"cannot write {path}: {error.strerror}, allowed: a file in a writable directory"
-        ) from None
+    if option == "plot":
+        if path.suffix != ".png":
+            raise SettingError(f"plot is {path}, allowed: a file that ends in .png")
+        check_matplotlib()
+    check_output(option, path)
     return path
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from train.cli import OneLineParser, fail
 from train.config import SettingError, TrainConfig
-from train.rundir import RunDir, check_writable
+from train.rundir import RunDir, check_output
 from train.trained_run import load_weights
 
 PLATFORMS = ("cpu", "cuda", "tpu")
@@ -87,14 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     target = Path(given.out) if given.out else run_dir.policy
     try:
         config = run_dir.load_config()
-        if target.is_dir():
-            raise SettingError(f"out is {target}, which is a directory, allowed: a file")
-        try:
-            check_writable(target.parent)
-        except OSError as error:
-            raise SettingError(
-                f"cannot write {target}: {error.strerror}, allowed: a file in a writable directory"
-            ) from None
+        check_output("out", target)
         env, _, weights = load_weights(run_dir.path, config)
     except SettingError as error:
         return fail("train.export", error)

@@ -4,14 +4,13 @@ The trained policy ("ppo") and every policy of medjax.policies play the same epi
 and one HTML page that needs nothing else go to DIR/report, over those of an earlier report. Exit code 2 on bad input.
 """
 
-import importlib.util
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from train.cli import OneLineParser, fail
 from train.config import SettingError
-from train.rundir import RunDir, check_writable
+from train.rundir import RunDir, check_matplotlib, check_writable
 from train.trained_run import load_policies, to_play, trained_run_parser, whole_number
 
 
@@ -65,8 +64,7 @@ def _check_target(path: Path) -> None:
     Raises:
         SettingError: the directory of the report cannot be made or written, or there is nothing to draw with.
     """
-    if importlib.util.find_spec("matplotlib") is None:
-        raise SettingError("matplotlib is not installed, allowed: pip install 'medjax[train]'")
+    check_matplotlib()
     if path.exists() and not path.is_dir():
         raise SettingError(f"{path} is not a directory, allowed: a directory, or nothing")
     try:

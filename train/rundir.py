@@ -1,6 +1,7 @@
 """The directory of a run: what is in it, and how it is claimed without overwriting anything."""
 
 import dataclasses
+import importlib.util
 import itertools
 import json
 import platform
@@ -141,6 +142,36 @@ def check_writable(path: Path) -> None:
     """
     with tempfile.TemporaryFile(dir=path):
         pass
+
+
+def check_output(option: str, path: Path) -> None:
+    """Refuses a file that cannot be written, before the work for it is done.
+
+    Args:
+        option: that it was given by.
+        path: the file; its directory must be there.
+
+    Raises:
+        SettingError: it cannot be written.
+    """
+    try:
+        if path.is_dir():
+            raise SettingError(f"{option} is {path}, which is a directory, allowed: a file")
+        check_writable(path.parent)
+    except OSError as error:
+        raise SettingError(
+            f"cannot write {path}: {error.strerror}, allowed: a file in a writable directory"
+        ) from None
+
+
+def check_matplotlib() -> None:
+    """Refuses to draw where matplotlib is missing, before the work for it is done.
+
+    Raises:
+        SettingError: it is not installed.
+    """
+    if importlib.util.find_spec("matplotlib") is None:
+        raise SettingError("matplotlib is not installed, allowed: pip install 'medjax[train]'")
 
 
 def _unwritable(path: Path, error: OSError) -> SettingError:

@@ -15,6 +15,7 @@ import numpy as np
 
 from medjax.export.fcd import write_fcd
 from medjax.export.table import vehicle_table
+from medjax.files import replacing
 from medjax.recording import Recording
 
 EXACT = "%.9g"  # nine digits tell any two float32 apart
@@ -106,11 +107,5 @@ def write_trajectories(recording: Recording, path: str | Path) -> int:
     """
     path = Path(path)
     write = FORMATS[check_target(path)]
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with unfinished.open("wb") as file:
-            rows = write(recording, file)
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
-    return rows
+    with replacing(path) as partial, partial.open("wb") as file:
+        return write(recording, file)

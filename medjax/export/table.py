@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from medjax.config import AUTONOMOUS_EV, GAS, HUMAN_EV, KINDS, MED, PANELS
+from medjax.config import KINDS, PANELS
+from medjax.movement import vehicle_kinds
 from medjax.recording import Recording
+from medjax.traffic.road import lateral_position
 
 KIND_NAMES = tuple(kind.lower().replace(" ", "_") for kind in KINDS)
 
@@ -37,14 +39,15 @@ def vehicle_table(recording: Recording) -> Table:
     soc, med, panel, charging = _of_evs_and_meds(recording)
     booked = med[rows] >= 0
     acceleration, known = _acceleration(recording, ids)
+    kinds = np.asarray(vehicle_kinds(frames.ev_is_human, recording.config))
     lane, offset = frames.lane[rows], frames.lateral_offset[rows]
     return {
         "time_s": _all(recording.time_s[time]),
         "vehicle_id": _all(ids[rows]),
-        "kind": _all(np.asarray(KIND_NAMES)[_kinds(recording)[rows]]),
+        "kind": _all(np.asarray(KIND_NAMES)[kinds[rows]]),
         "x_m": _all(frames.x[rows]),
         "lane": _all(lane),
-        "lateral_m": _all((lane * lane_width + offset).astype(np.float32)),
+        "lateral_m": _all(lateral_position(lane, offset, lane_width).astype(np.float32)),
         "lane_offset_m": _all(offset),
         "speed_m_per_s": _all(frames.speed[rows]),
         "lateral_speed_m_per_s": _all(frames.lateral_speed[rows]),
@@ -54,15 +57,6 @@ def vehicle_table(recording: Recording) -> Table:
         "panel": _where(booked, np.asarray(PANELS)[np.maximum(panel[rows], 0)]),
         "is_charging": _all(charging[rows]),
     }
-
-
-def _kinds(recording: Recording) -> np.ndarray:
-    """Index in `KINDS` of who is in each slot, (F, V)."""
-    config, frames = recording.config, recording.frames
-    kinds = np.full(frames.x.shape, GAS)
-    kinds[:, config.med_slots] = MED
-    kinds[:, config.ev_slots] = np.where(frames.ev_is_human, HUMAN_EV, AUTONOMOUS_EV)
-    return kinds
 
 
 def _of_evs_and_meds(

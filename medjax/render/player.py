@@ -12,11 +12,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from medjax.files import replacing
 from medjax.recording import Recording
 from medjax.render import colors
 from medjax.render.camera import AUTO, camera_path, find_track, is_vehicle
 from medjax.render.episode_data import pack_episode
-from medjax.render.files import replacing
 from medjax.render.scene import Timeline
 
 SCRIPTS = (

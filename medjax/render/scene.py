@@ -7,11 +7,13 @@ import functools
 
 import numpy as np
 
-from medjax.config import AUTONOMOUS_EV, GAS, HUMAN_EV, MED, EnvConfig, EnvParams
+from medjax.config import EnvConfig, EnvParams
+from medjax.movement import vehicle_kinds
 from medjax.recording import Frames, Recording, frame_of
 from medjax.render.roadway import Roadway
 from medjax.render.tracks import class_of, ran_out, tracks_of
 from medjax.state import NOT_BOOKED, EnvState
+from medjax.traffic.road import lateral_position
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,14 +48,12 @@ class Scene:
 
 def scene_of(frame: Frames, config: EnvConfig, params: EnvParams, **told: object) -> Scene:
     """What a frame without its axis of time shows; `told` fills the fields that it does not know."""
-    lanes = np.asarray(frame.lane)
-    kind = np.full(config.num_vehicles, GAS)
-    kind[config.med_slots] = MED
-    kind[config.ev_slots] = np.where(np.asarray(frame.ev_is_human), HUMAN_EV, AUTONOMOUS_EV)
     known: dict[str, object] = {
         "x": np.asarray(frame.x, np.float64),
-        "y": lanes * float(params.road.lane_width_m) + np.asarray(frame.lateral_offset),
-        "kind": kind,
+        "y": np.asarray(
+            lateral_position(frame.lane, frame.lateral_offset, params.road.lane_width_m)
+        ),
+        "kind": np.asarray(vehicle_kinds(frame.ev_is_human, config)),
         "fleet": int(params.fleet.size),
     }
     same = ("speed", "lane", "active", "ev_soc", "ev_med", "ev_panel", "ev_is_charging")

@@ -6,12 +6,13 @@ from typing import Any
 import jax
 
 from medjax.env import ChargingEnv
-from medjax.spaces import Box, Discrete
+from medjax.spaces import Discrete
 from medjax.wrappers.protocol import Info, Observation, Params, State
+from medjax.wrappers.wrapper import Wrapper
 
 
 @dataclasses.dataclass(frozen=True)
-class LegacyStep:
+class LegacyStep(Wrapper):
     """`env` whose step returns one flag, `done`, for an episode that terminated or was truncated.
 
     What is lost: an episode of medjax ends by its time limit, and code that reads `done` takes the value of what comes
@@ -27,27 +28,9 @@ class LegacyStep:
 
     env: ChargingEnv
 
-    @property
-    def name(self) -> str:
-        """Name of the environment."""
-        return self.env.name
-
-    @property
-    def num_actions(self) -> int:
-        """Number of discrete actions."""
-        return self.env.num_actions
-
     def action_space(self, params: Params = None) -> Discrete:
         """That of the environment."""
         return self.env.action_space(params)
-
-    def observation_space(self, params: Params = None) -> Box:
-        """That of the environment."""
-        return self.env.observation_space(params)
-
-    def reset(self, key: jax.Array, params: Params) -> tuple[Observation, State]:
-        """Starts an episode."""
-        return self.env.reset(key, params)
 
     def step(
         self, key: jax.Array, state: State, action: jax.Array, params: Params
@@ -60,7 +43,3 @@ class LegacyStep:
         obs, state, reward, terminated, truncated, info = self.env.step(key, state, action, params)
         ends: dict[str, Any] = {"terminated": terminated, "truncated": truncated}
         return obs, state, reward, terminated | truncated, {**info, **ends}
-
-    def action_mask(self, state: State, params: Params) -> jax.Array:
-        """`(num_actions,)` bool, True where the action is allowed."""
-        return self.env.action_mask(state, params)

@@ -122,6 +122,8 @@ def test_help_lists_every_setting(capsys):
         (["--run-dir=.", "--seed=-1"], ["seed is -1"]),
         (["--run-dir=.", "--batch=0"], ["batch is 0"]),
         (["--run-dir=.", "--json=absent/file.json"], ["absent/file.json", "writable"]),
+        (["--run-dir=.", "--plot=x.jpg"], ["plot is x.jpg", "ends in .png"]),
+        (["--run-dir=.", "--plot=absent/x.png"], ["absent/x.png", "writable"]),
         (["--run-dir=.", "--json=."], ["directory", "allowed: a file"]),
         (["--run-dir=."], ["config.json", "cannot read"]),
         (["--run-dir=.", "--policies=all"], ["--policies"]),

@@ -34,7 +34,10 @@ def test_train_and_evaluate(compiled_programs, tmp_path, capsys):
     assert rows[-1]["episode_collisions"] == 0.0
     # The same episodes again, with the seed of the closing evaluation.
     out = tmp_path / "out.json"
-    assert evaluate.main([f"--run-dir={run}", "--episodes=4", f"--json={out}"]) == 0
+    picture = tmp_path / "out.png"
+    written = [f"--json={out}", f"--plot={picture}"]
+    assert evaluate.main([f"--run-dir={run}", "--episodes=4", *written]) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
     result = json.loads(out.read_text())
     assert set(result["policies"]) == {
         "ppo",

@@ -109,4 +109,5 @@ def test_a_foreign_file_is_refused(exported, tmp_path):
     [(["--run-dir=absent"], ["absent", "not a directory"]), ([], ["--run-dir"])],
 )
 def test_bad_options(argv, words, capsys):
-    refused(capsys, argv, *words, command=export)
+    line = refused(capsys, argv, *words, command=export)
+    assert line.startswith("python -m train.export: ")
