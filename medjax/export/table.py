@@ -47,7 +47,7 @@ def vehicle_table(recording: Recording) -> Table:
         "kind": _all(np.asarray(KIND_NAMES)[kinds[rows]]),
         "x_m": _all(frames.x[rows]),
         "lane": _all(lane),
-        "lateral_m": _all(lateral_position(lane, offset, lane_width).astype(np.float32)),
+        "lateral_m": _all(np.asarray(lateral_position(lane, offset, lane_width), np.float32)),
         "lane_offset_m": _all(offset),
         "speed_m_per_s": _all(frames.speed[rows]),
         "lateral_speed_m_per_s": _all(frames.lateral_speed[rows]),

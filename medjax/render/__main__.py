@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
-    print(request.out)
+    print(f"{request.out}: {request.out.stat().st_size / 1e6:.1f} MB")
     return 0
 
 

@@ -120,7 +120,8 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it(
 def test_writes_the_file_and_says_so(argv, capsys, played):
     assert main(["--policy", "periodic", *argv]) == 0
     out, err = capsys.readouterr()
-    assert out == f"{argv[1]}\n"
+    size = Path(argv[1]).stat().st_size / 1e6
+    assert out == f"{argv[1]}: {size:.1f} MB\n"
     assert err == ""  # no bar: this is no terminal
     assert [path.name for path in Path().iterdir()] == [argv[1]]
 
