@@ -24,6 +24,7 @@ NOT_NUMBERS = (
     "reward",
     "observation",
 )  # arguments of medjax.make that only Python can fill
+AUTO = "auto"
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -35,12 +36,51 @@ class OneLineParser(argparse.ArgumentParser):
 
 
 @dataclasses.dataclass(frozen=True)
+class Processes:
+    """The processes that train together.
+
+    Raises:
+        SettingError: numbers that do not go together.
+    """
+
+    coordinator: str | None = (
+        None  # HOST:PORT of the first; AUTO: the scheduler knows; None: this one is alone
+    )
+    number: int | None = None
+    index: int | None = None
+
+    def __post_init__(self) -> None:
+        """Checks what can be checked before any of them is met."""
+        numbers = (self.number, self.index)
+        if self.coordinator in (None, AUTO):
+            if numbers != (None, None):
+                raise SettingError(
+                    f"num_processes is {self.number} and process_id {self.index}, allowed: with --coordinator HOST:PORT"
+                )
+            return
+        host, _, port = self.coordinator.rpartition(":")
+        if not host or not re.fullmatch(r"\d{1,5}", port, re.ASCII) or not 0 < int(port) < 2**16:
+            raise SettingError(
+                f"coordinator is {self.coordinator!r}, allowed: HOST:PORT of the first process, or {AUTO}"
+            )
+        for name, number, low, high in (
+            ("num_processes", self.number, 1, 2**16),
+            ("process_id", self.index, 0, (self.number or 1) - 1),
+        ):
+            if not isinstance(number, int) or not low <= number <= high:
+                raise SettingError(
+                    f"{name} is {number!r}, allowed: a whole number from {low} to {high}"
+                )
+
+
+@dataclasses.dataclass(frozen=True)
 class Request:
     """What the command line of `train.ppo` asks for."""
 
     config: TrainConfig
     run_dir: Path | None  # None: an unused one under runs/
     resume: Path | None  # run to go on with
+    processes: Processes
 
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
@@ -80,6 +120,14 @@ def build_parser(prog: str = "train.ppo") -> OneLineParser:
         metavar="FILE",
         help="settings of a file, .json or .yaml, such as the config.json of a run, where none are given here",
     )
+    several = parser.add_argument_group("several machines")
+    several.add_argument(
+        "--coordinator",
+        metavar="HOST:PORT",
+        help=f"train with other processes; address of the first. {AUTO}: as Slurm, Open MPI or Kubernetes say",
+    )
+    several.add_argument("--num-processes", metavar="N", help="how many there are")
+    several.add_argument("--process-id", metavar="N", help="which of them this is, from 0")
     groups: dict[str, argparse._ArgumentGroup] = {}
     for field in dataclasses.fields(TrainConfig):
         title = field.metadata["group"]
@@ -133,7 +181,12 @@ def parse_request(argv: Sequence[str] | None = None) -> Request:
     parser = build_parser()
     given = vars(parser.parse_args(argv))
     run_dir, resume, file = given.pop("run_dir"), given.pop("resume"), given.pop("config")
+    coordinator = given.pop("coordinator")
+    numbers = [given.pop(name) for name in ("num_processes", "process_id")]
     try:
+        processes = Processes(
+            coordinator, *(text if text is None else _number(text, int) for text in numbers)
+        )
         for option, value in (("--run-dir", run_dir), ("--config", file)):
             if value is not None and resume is not None:
                 raise SettingError(
@@ -146,6 +199,7 @@ def parse_request(argv: Sequence[str] | None = None) -> Request:
         config,
         run_dir=Path(run_dir) if run_dir is not None else None,
         resume=Path(resume) if resume is not None else None,
+        processes=processes,
     )
 
 

@@ -26,7 +26,6 @@ def close_run(
     session: "Session",
     state: TrainState,
     rows: list[Row],
-    new_updates: int,
     wall_s: float,
     evaluate: bool,
 ) -> None:
@@ -34,9 +33,8 @@ def close_run(
 
     Args:
         session: the run.
-        state: where training ended.
+        state: where training ended, on the host.
         rows: all lines of metrics.jsonl.
-        new_updates: updates that this process did.
         wall_s: seconds to the end of training, with compilation and resumed runs, without imports.
         evaluate: whether to evaluate.
     """
@@ -61,7 +59,7 @@ def close_run(
     if final is None and TRAINED in returns:
         final, source = returns[TRAINED], "evaluation"
     updates = updates_done(state)
-    new_steps = new_updates * config.steps_per_update * config.num_seeds
+    new_steps = (updates - session.done) * config.steps_per_update * config.num_seeds
     summary = {
         "scenario": config.scenario,
         "num_envs": config.num_envs,

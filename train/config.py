@@ -246,14 +246,8 @@ def from_json(data: Any) -> TrainConfig:
     return TrainConfig(**data)
 
 
-def save_config(path: Path, config: TrainConfig, versions: dict[str, str]) -> None:
-    """Writes the settings, and the versions of what ran them, as JSON."""
-    text = json.dumps({"config": to_json(config), "versions": versions}, indent=2)
-    path.write_text(text + "\n", encoding="utf-8")
-
-
 def load_config(path: Path) -> TrainConfig:
-    """Reads what `save_config` wrote, or settings alone; JSON, or YAML by the name's ending.
+    """Reads the config.json of a run, or settings alone; JSON, or YAML by the name's ending.
 
     Raises:
         SettingError: the file is missing, cannot be read, or holds something out of range.

@@ -39,6 +39,17 @@ from train.networks import PolicyWeights, build_network, masked_categorical
 from train.rollout import EpisodeSums, RolloutState, Trajectory, collect, start
 
 Metrics = dict[str, jax.Array]
+BAD = "first_bad"  # metric: index of the first of QUANTITIES that is not finite, their number if all are
+QUANTITIES = (  # in the order in which an update computes them
+    "observations",
+    "rewards",
+    "values",
+    "advantages",
+    "loss",
+    "gradient",
+    "parameters",
+    "optimizer state",
+)
 
 
 @struct.dataclass
@@ -110,6 +121,16 @@ class Learner:
             "reward_std": jnp.sqrt(return_stats.var),
             "reward_mean": jnp.mean(trajectory.reward),
             **_episode_metrics(sums),
+            BAD: _first_bad(
+                trajectory.obs,
+                trajectory.reward,
+                (trajectory.value, last_value),
+                (samples.advantage, samples.target),
+                metrics["loss"],
+                metrics["grad_norm"],
+                params,
+                opt_state,
+            ),
         }
         next_state = TrainState(
             weights=PolicyWeights(params, obs_stats),
@@ -140,7 +161,7 @@ class Learner:
         update = jax.jit(self.update)  # traced once for its shapes and its use
         _, shapes = jax.eval_shape(update, state, env_params)
         places = self.config.updates_per_call
-        table = {name: jnp.full((places,), jnp.nan, s.dtype) for name, s in shapes.items()}
+        table = {name: jnp.zeros((places,), s.dtype) for name, s in shapes.items()}
 
         def body(index: jax.Array, carry: tuple[TrainState, Metrics]) -> tuple[TrainState, Metrics]:
             carried, rows = carry
@@ -259,6 +280,19 @@ def _norm(tree: Any) -> jax.Array:
     return jnp.sqrt(sum(jnp.sum(jnp.square(leaf)) for leaf in jax.tree.leaves(tree)))
 
 
+def _first_bad(*quantities: Any) -> jax.Array:
+    """Index of the first of these trees with a number that is not finite, () int32; their count if there is none."""
+
+    def is_bad(tree: Any) -> jax.Array:
+        floats = [
+            leaf for leaf in jax.tree.leaves(tree) if jnp.issubdtype(leaf.dtype, jnp.floating)
+        ]
+        return jnp.stack([~jnp.all(jnp.isfinite(leaf)) for leaf in floats]).any()
+
+    bad = jnp.stack([*map(is_bad, quantities), jnp.bool_(True)])
+    return jnp.argmax(bad).astype(jnp.int32)
+
+
 def _episode_metrics(sums: EpisodeSums) -> Metrics:
     """Means over the whole episodes that ended in the rollout; NaN if none did."""
     *totals, count = jnp.sum(sums.total, axis=0)
@@ -289,7 +323,9 @@ def build_learner(env: Environment, params: Any, config: TrainConfig) -> Learner
     episode_choices = -(-episode_decisions(params) // config.decide_every)
     network = build_network(env, config)
     # A device holds whole groups of the neighbours among which minibatches are dealt.
-    mesh = environment_mesh(config.num_envs // config.num_minibatches, config.num_devices)
+    mesh = environment_mesh(
+        config.num_envs // config.num_minibatches, config.num_devices, jax.devices()
+    )
     if config.demand_range != (1.0, 1.0):
         env = RandomDemand(env, *config.demand_range)
     if not config.bootstrap_timeouts:
@@ -353,7 +389,10 @@ def make_train(env: Environment, params: Any, config: TrainConfig) -> TrainFunct
     return TrainFunctions(
         init=jax.jit(init, out_shardings=where),
         run=jax.jit(
-            run, in_shardings=(where, None, None), out_shardings=(where, None), donate_argnums=0
+            run,
+            in_shardings=(where, None, None),
+            out_shardings=(where, NamedSharding(learner.mesh, PartitionSpec())),
+            donate_argnums=0,
         ),
         shardings=where,
     )

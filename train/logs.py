@@ -2,7 +2,9 @@
 
 import json
 import math
+import os
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from train.config import TrainConfig
-from train.rundir import RunDir
+from train.rundir import RunDir, write_text
 
 Row = dict[str, Any]
 MAIN = "episode_return"
@@ -69,50 +71,92 @@ class MetricsLog:
     Args:
         run_dir: directory of the run.
         done: updates that training goes on from. Lines of later ones, written after the checkpoint by a run that was
-            killed, are dropped because they will be computed again.
+            killed, are dropped because they will be computed again, and with them what was cut off in the writing.
+
+    Raises:
+        OSError: they cannot be written.
     """
 
     def __init__(self, run_dir: RunDir, done: int) -> None:
         self.rows = [row for row in read_rows(run_dir.metrics) if row["update"] <= done]
-        text = "".join(json.dumps(row) + "\n" for row in self.rows)
-        if run_dir.metrics.exists():
-            partial = run_dir.metrics.with_suffix(".partial")
-            partial.write_text(text, encoding="utf-8")
-            partial.replace(run_dir.metrics)
-        self._file = run_dir.metrics.open("a", encoding="utf-8")
+        self._path = run_dir.metrics
+        write_text(self._path, "".join(map(_line, self.rows)))
         self._board = _tensorboard(run_dir.tensorboard, self.rows)
 
     def write(self, rows: list[Row]) -> None:
-        """Appends rows; they are on disk when this returns."""
-        self.rows += rows
-        for row in rows:
-            self._file.write(json.dumps(row, allow_nan=False) + "\n")
-            self._write_board(row)
-        self._file.flush()
+        """Appends rows, whole lines or nothing; they are in the file when this returns.
 
-    def _write_board(self, row: Row) -> None:
-        if self._board is None:
-            return
-        for name, value in row.items():
-            if isinstance(value, float):
-                group = "episode" if name.startswith("episode") else "train"
-                self._board.add_scalar(f"{group}/{name}", value, row["env_steps"])
+        Raises:
+            OSError: the disk is full, or the file is gone.
+        """
+        self.rows += rows
+        text = "".join(map(_line, rows)).encode()
+        # Opened anew for each write, so that a directory that was removed is noticed and not written to unseen.
+        with self._path.open("r+b", buffering=0) as file:
+            end = file.seek(0, os.SEEK_END)
+            try:
+                while text:
+                    text = text[file.write(text) :]
+            except BaseException:
+                file.truncate(end)
+                raise
+        if self._board is not None:
+            for row in rows:
+                self._board.write(row)
 
     def close(self) -> None:
         """Closes the files."""
-        self._file.close()
         if self._board is not None:
             self._board.close()
 
 
-def _tensorboard(path: Path, rows: list[Row]) -> Any:
+def _line(row: Row) -> str:
+    return json.dumps(row, allow_nan=False) + "\n"
+
+
+class _Board:
+    """TensorBoard's event files, written where the failure of a write is noticed.
+
+    tensorboardX's SummaryWriter leaves the writing to a thread: when that dies of a full disk, the queue to it fills up
+    and training stands still.
+    """
+
+    def __init__(self, path: Path, rows: list[Row]) -> None:
+        from tensorboardX.event_file_writer import EventsWriter
+        from tensorboardX.proto.event_pb2 import Event, SessionLog
+        from tensorboardX.summary import scalar
+
+        self._event, self._scalar = Event, scalar
+        path.mkdir(parents=True, exist_ok=True)
+        self._file = EventsWriter(str(path / "events"), f".{os.getpid()}")
+        if rows:  # steps from here on hide those of a killed run
+            start = SessionLog(status=SessionLog.START)
+            self._file.write_event(
+                Event(wall_time=time.time(), step=rows[-1]["env_steps"] + 1, session_log=start)
+            )
+
+    def write(self, row: Row) -> None:
+        """Adds every number of a row."""
+        for name, value in row.items():
+            if isinstance(value, float):
+                group = "episode" if name.startswith("episode") else "train"
+                summary = self._scalar(f"{group}/{name}", value)
+                self._file.write_event(
+                    self._event(wall_time=time.time(), step=row["env_steps"], summary=summary)
+                )
+        self._file.flush()
+
+    def close(self) -> None:
+        """Closes the file."""
+        self._file.close()
+
+
+def _tensorboard(path: Path, rows: list[Row]) -> _Board | None:
     """A writer of event files; None without tensorboardX."""
     try:
-        from tensorboardX import SummaryWriter
+        return _Board(path, rows)
     except ImportError:
         return None
-    # Steps from here on hide those of a killed run.
-    return SummaryWriter(str(path), purge_step=rows[-1]["env_steps"] + 1 if rows else None)
 
 
 class Progress:

@@ -1,7 +1,7 @@
 """The command that trains: `python -m train.ppo --num-envs 1024`; `--help` lists the rest.
 
-Exit codes: 0 done; 1 the loss became NaN; 2 bad input, nothing was touched; 128 + signal: interrupted (130 for
-Ctrl-C), the state saved, `--resume` goes on.
+Exit codes: 0 done; 1 a number was no longer finite, or the run directory could not be written: `--resume` goes on from
+the newest checkpoint; 2 bad input, nothing was touched; 128 + signal: interrupted (130 for Ctrl-C), the state saved.
 """
 
 import sys
@@ -22,7 +22,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     request = parse_request(argv)
     # JAX takes seconds to import; --help and bad options need not wait for it.
-    from train.session import open_session
+    from train.opening import open_session
 
     try:
         session = open_session(request)

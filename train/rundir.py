@@ -1,6 +1,8 @@
 """The directory of a run: what is in it, and how it is claimed without overwriting anything."""
 
+import contextlib
 import dataclasses
+import fcntl
 import importlib.util
 import itertools
 import json
@@ -9,11 +11,12 @@ import tempfile
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-from train.config import SettingError, TrainConfig, load_config, save_config
+from train.config import SettingError, TrainConfig, load_config, to_json
 
 PACKAGES = ("medjax", "jax", "jaxlib", "flax", "optax", "distrax", "orbax-checkpoint", "numpy")
+LOCK = ".lock"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,8 +77,11 @@ class RunDir:
             )
         return load_config(self.config)
 
-    def claim(self, config: TrainConfig) -> None:
-        """Makes the directory and writes the settings into it.
+    def claim(self, config: TrainConfig) -> IO[str]:
+        """Makes the directory, locks it and writes the settings into it.
+
+        Returns:
+            The lock; see `lock`.
 
         Raises:
             SettingError: it is in use or cannot be written.
@@ -83,14 +89,36 @@ class RunDir:
         check_unused(self.path)
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            save_config(self.config, config, versions())
+            held = self.lock()
+            check_unused(self.path)  # another run may have come and gone
+            self._save_config(config)
+        except OSError as error:
+            self.release()
+            raise _unwritable(self.path, error) from None
+        return held
+
+    def lock(self) -> IO[str]:
+        """Keeps other runs out while the file that it returns is open: until this process ends, however it ends.
+
+        Raises:
+            SettingError: a run under way has it, or the directory cannot be written.
+        """
+        try:
+            file = (self.path / LOCK).open("a", encoding="utf-8")
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise SettingError(
+                f"run {self.path} is under way in another process, allowed: one process at a time"
+            ) from None
         except OSError as error:
             raise _unwritable(self.path, error) from None
+        return file
 
     def release(self) -> None:
         """Undoes `claim` of a run that ended before it did anything."""
-        self.config.unlink(missing_ok=True)
-        if self.path.is_dir() and not any(self.path.iterdir()):
+        with contextlib.suppress(OSError):
+            for path in (self.config, self.path / LOCK):
+                path.unlink(missing_ok=True)
             self.path.rmdir()
 
     def update_config(self, config: TrainConfig, update: int) -> None:
@@ -102,16 +130,35 @@ class RunDir:
         try:
             check_writable(self.path)
             if load_config(self.config) != config:
-                self.config.replace(self.path / f"config-until-{update}.json")
-                save_config(self.config, config, versions())
+                before = self.config.read_text(encoding="utf-8")
+                write_text(self.path / f"config-until-{update}.json", before)
+                self._save_config(config)
         except OSError as error:
             raise _unwritable(self.path, error) from None
 
+    def _save_config(self, config: TrainConfig) -> None:
+        """Writes the settings, and the versions of what ran them."""
+        data = {"config": to_json(config), "versions": versions()}
+        write_text(self.config, json.dumps(data, indent=2) + "\n")
 
-def unused_run_dir(scenario: str, root: Path = Path("runs")) -> Path:
-    """`root/SCENARIO-N` with the smallest N from 1 that is not there yet."""
-    paths = (root / f"{scenario}-{number}" for number in itertools.count(1))
-    return next(path for path in paths if not path.exists())
+
+def new_run_dir(scenario: str, root: Path = Path("runs")) -> Path:
+    """Makes `root/SCENARIO-N` with the smallest N from 1 that is not there yet, and nobody else's.
+
+    Raises:
+        SettingError: it cannot be made.
+    """
+    for number in itertools.count(1):
+        path = root / f"{scenario}-{number}"
+        try:
+            path.mkdir(parents=True)
+            return path
+        except FileExistsError:
+            if not root.is_dir():
+                raise SettingError(f"{root} is not a directory, allowed: a directory") from None
+        except OSError as error:
+            raise _unwritable(path, error) from None
+    raise AssertionError
 
 
 def check_unused(path: Path) -> None:
@@ -125,7 +172,7 @@ def check_unused(path: Path) -> None:
             raise SettingError(
                 f"run-dir is {path}, which is not a directory, allowed: a new or empty directory"
             )
-        if path.exists() and any(path.iterdir()):
+        if path.exists() and any(entry.name != LOCK for entry in path.iterdir()):
             raise SettingError(
                 f"run-dir is {path}, which already holds files, allowed: a new or empty directory"
                 " (or --resume it)"
@@ -194,6 +241,13 @@ def versions() -> dict[str, str]:
 def write_json(path: Path, data: Mapping[str, Any]) -> None:
     """Writes JSON in full or not at all; the parent directory is made."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    partial.replace(path)
+    write_text(path, json.dumps(data, indent=2, allow_nan=False) + "\n")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes text in full or not at all."""
+    # medjax imports JAX, which takes seconds; --help and bad options need not wait for it.
+    from medjax.files import replacing
+
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8")

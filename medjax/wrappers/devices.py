@@ -6,7 +6,7 @@ times a decision. With a device a core each core runs its own environments from 
 
 import contextlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import jax
@@ -40,26 +40,34 @@ def prepare_cpu() -> None:
         os.environ["XLA_FLAGS"] = f"{flags} {quick}".strip()
 
 
-def environment_mesh(num_envs: int, num_devices: int = 0) -> Mesh:
-    """A mesh of local devices that share `num_envs` environments evenly.
+def environment_mesh(
+    num_envs: int, num_devices: int = 0, devices: Sequence[jax.Device] | None = None
+) -> Mesh:
+    """A mesh of devices that share `num_envs` environments evenly.
 
     Args:
         num_envs: environments, or groups of them that must stay together.
-        num_devices: devices; 0 takes as many as there are, but a divisor of num_envs.
+        num_devices: how many; 0 takes as many as there are, but a divisor of num_envs.
+        devices: to choose from, as many of each process; None: those of this process.
 
     Raises:
         ValueError: more devices than there are, or a number that does not divide num_envs.
     """
-    devices = jax.local_devices()
+    by_process: dict[int, list[jax.Device]] = {}
+    for device in jax.local_devices() if devices is None else devices:
+        by_process.setdefault(device.process_index, []).append(device)
+    processes, most = len(by_process), sum(map(len, by_process.values()))
     if not num_devices:
-        num_devices = max(n for n in range(1, len(devices) + 1) if num_envs % n == 0)
-    if not 1 <= num_devices <= len(devices):
-        raise ValueError(f"num_devices is {num_devices}, allowed: 0 to {len(devices)}")
-    if num_envs % num_devices:
-        raise ValueError(f"num_devices is {num_devices}, allowed: a divisor of {num_envs}")
-    return jax.make_mesh(
-        (num_devices,), (AXIS,), devices=devices[:num_devices], axis_types=(AxisType.Auto,)
-    )
+        even = range(processes, most + 1, processes)
+        num_devices = max((n for n in even if num_envs % n == 0), default=processes)
+    if not 1 <= num_devices <= most:
+        raise ValueError(f"num_devices is {num_devices}, allowed: 0 to {most}")
+    if num_envs % num_devices or num_devices % processes:
+        also = f" and a multiple of {processes} processes" if processes > 1 else ""
+        raise ValueError(f"num_devices is {num_devices}, allowed: a divisor of {num_envs}{also}")
+    each = num_devices // processes
+    chosen = [device for group in by_process.values() for device in group[:each]]
+    return jax.make_mesh((num_devices,), (AXIS,), devices=chosen, axis_types=(AxisType.Auto,))
 
 
 def on_devices(
