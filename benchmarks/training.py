@@ -211,7 +211,6 @@ def play_checkpoints(run_dir: RunDir) -> tuple[float, list[Checkpoint]]:
         policies[str(update)] = trained(
             network, reader.restore_weights(shapes, update), config.decide_every
         )
-    reader.close()
     scores = evaluate_policies(env, params, policies, config.eval_episodes, config.seed)
     greedy = scores["greedy"]["return"]
     curve = [compare(each, scores[str(each)]["return"], greedy, config.seed) for each in updates]

@@ -15,7 +15,7 @@ from typing import IO, Any
 
 from train.config import SettingError, TrainConfig, load_config, to_json
 
-PACKAGES = ("medjax", "jax", "jaxlib", "flax", "optax", "distrax", "orbax-checkpoint", "numpy")
+PACKAGES = ("medjax", "jax", "jaxlib", "flax", "optax", "distrax", "numpy")
 LOCK = ".lock"
 
 

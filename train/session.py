@@ -78,6 +78,11 @@ class Session:
         except OSError as error:
             what = f"cannot write {self.run_dir.path}: {error.strerror or error}"
             return leave(_stopped(f"{what}: stopped; {self._newest()}"))
+        except jax.errors.JaxRuntimeError as error:
+            if jax.process_count() == 1:
+                raise
+            what = f"another process ended ({str(error).partition(chr(10))[0][:100]})"
+            return leave(_stopped(f"{what}: stopped; {self._newest()}"))
         finally:
             if self.lock is not None:
                 self.lock.close()
@@ -112,7 +117,6 @@ class Session:
 
     def _close(self, state: TrainState, rows: list[Row], stopped_by: int | None) -> int:
         """Evaluates and reports; a run that was stopped is only reported. Returns the exit code."""
-        self.checkpoints.close()
         wall_s = self.earlier_s + time.perf_counter() - self.began
         plain = to_host(state)
         if is_first():

@@ -74,7 +74,7 @@ def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, Any]:
     Raises:
         SettingError: the environment cannot be made, or there is no checkpoint that fits it.
     """
-    # JAX and Orbax take seconds to import; bad options need not wait for them.
+    # JAX takes seconds to import; bad options need not wait for them.
     from medjax.wrappers import prepare_cpu
 
     prepare_cpu()
@@ -83,11 +83,8 @@ def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, Any]:
     from train.learner import make_train
     from train.session import shapes_of
 
-    reader = Checkpoints(run_dir)
     shapes = shapes_of(make_train(env, params, config), params, config)
-    weights = reader.restore_weights(shapes)
-    reader.close()
-    return env, params, weights
+    return env, params, Checkpoints(run_dir).restore_weights(shapes)
 
 
 def load_policies(

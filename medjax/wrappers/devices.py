@@ -30,11 +30,12 @@ def prepare_cpu() -> None:
 
     For commands, before JAX computes anything; later it changes nothing, nor where the user has chosen.
     """
-    if getattr(jax.config, "jax_num_cpu_devices", -1) == -1:
+    flags = os.environ.get("XLA_FLAGS", "")
+    chosen = getattr(jax.config, "jax_num_cpu_devices", -1) != -1
+    if not chosen and "xla_force_host_platform_device_count" not in flags:
         with contextlib.suppress(RuntimeError):  # JAX has started
             jax.config.update("jax_num_cpu_devices", cpu_cores())
     # Unrolled loops run no faster here and take a quarter more time to compile.
-    flags = os.environ.get("XLA_FLAGS", "")
     if "xla_backend_extra_options" not in flags:
         quick = "--xla_backend_extra_options=xla_cpu_disable_loop_unrolling"
         os.environ["XLA_FLAGS"] = f"{flags} {quick}".strip()

@@ -12,7 +12,7 @@ from medjax.config import EnvConfig
 from medjax.scenarios import SCENARIOS
 from tests.benchmarks.refusal import refused
 from tests.train.conftest import compiled_programs as compiled_programs
-from train.checkpoint import Checkpoints
+from train.checkpoint import Checkpoints, to_host
 from train.cli import make_environment
 from train.config import TrainConfig
 from train.evaluation import evaluate_policies
@@ -40,9 +40,8 @@ def untrained(path, observation):
     env, params = make_environment(config)
     RunDir(path).claim(config)
     lowered = make_train(env, params, config).init.lower(jax.random.key(0), params)
-    checkpoints = Checkpoints(path)
-    checkpoints.save(lowered.compile(compiler_options=ONCE)(jax.random.key(0), params))
-    checkpoints.close()
+    state = lowered.compile(compiler_options=ONCE)(jax.random.key(0), params)
+    Checkpoints(path).save(to_host(state), config)
     return path
 
 

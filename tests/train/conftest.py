@@ -1,5 +1,7 @@
 """The commands, on a probe environment."""
 
+import os
+
 import jax
 import jax.numpy as jnp
 import pytest
@@ -50,6 +52,12 @@ def compiled_programs(tmp_path_factory):
     yield
     jax.config.update("jax_compilation_cache_dir", before)
     compilation_cache.reset_cache()
+
+
+@pytest.fixture
+def programs_kept(compiled_programs):
+    """Environment variables of a process that takes part in `compiled_programs`."""
+    return {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(jax.config.jax_compilation_cache_dir)}
 
 
 @pytest.fixture

@@ -77,7 +77,11 @@ def test_a_run_leaves_what_is_promised(probe, capsys):
     assert summary["final_return_mean"] is not None
     assert json.loads((run / "config.json").read_text())["config"]["num_envs"] == 4
     assert (run / "plots" / "training_curve.png").read_bytes().startswith(b"\x89PNG")
-    assert sorted(path.name for path in (run / "checkpoints").iterdir()) == ["2", "4", "6"]
+    assert sorted(path.name for path in (run / "checkpoints").iterdir()) == [
+        "2.npz",
+        "4.npz",
+        "6.npz",
+    ]
     assert load_policy(run / "policy.zip").about.scenario == "noisy"
     assert any((run / "tensorboard").iterdir())
     for name in ("ppo", "none", "random"):
@@ -87,7 +91,7 @@ def test_a_run_leaves_what_is_promised(probe, capsys):
     before = (run / "metrics.jsonl").read_bytes()
     assert ppo.main([*TINY, "--seed=1", "--eval-episodes=0", "--keep-checkpoints=1"]) == 0
     other = probe / "runs" / "noisy-2"
-    assert [path.name for path in (other / "checkpoints").iterdir()] == ["6"]
+    assert [path.name for path in (other / "checkpoints").iterdir()] == ["6.npz"]
     assert (run / "metrics.jsonl").read_bytes() == before
     assert rows_of(other) != rows_of(run)
 
