@@ -140,7 +140,7 @@ def _drivers() -> DriverParams:
 def _paper(config: EnvConfig) -> EnvParams:
     """The paper's corridor: batteries scaled so that charge matters within 4 km."""
     length_m = 4000.0
-    ramps: Any = np.float32([100, 1200, 2100, 3200])
+    ramps: Any = np.array([100, 1200, 2100, 3200], np.float32)
     if config.num_ramps != len(ramps):
         ramps = np.linspace(100, 0.8 * length_m, config.num_ramps, dtype=np.float32)
     return EnvParams(

@@ -1,6 +1,6 @@
 """How messages show what was given: on one line, printable, and not longer than a reader wants it.
 
-`train.wording` has the like of it for commands that must not wait for JAX, which `import medjax` loads.
+`train.wording` has the like of it: bad input of the learner need not wait for JAX, which `import medjax` loads.
 """
 
 from __future__ import annotations

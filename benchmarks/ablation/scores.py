@@ -18,6 +18,7 @@ from train.figures import MARKERS, colour, save
 from train.rundir import RunDir
 from train.tables import interval, short
 from train.trained_run import to_play
+from train.wording import shown
 
 RULES = ("forecast", "paced", "greedy", "none")
 
@@ -33,13 +34,13 @@ class Column:
 
 
 def non_negative(text: str) -> float:
-    """A type of argument: finite numbers from 0."""
+    """A type of argument: numbers from 0 to 1e9."""
     try:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not (math.isfinite(value) and value >= 0.0):
-        raise argparse.ArgumentTypeError(f"{text!r}: allowed a number from 0")
+    if not (text.isascii() and 0.0 <= value <= 1e9):
+        raise argparse.ArgumentTypeError(f"{shown(text)}: allowed a number from 0 to 1e9")
     return value
 
 
