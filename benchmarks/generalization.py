@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -210,7 +211,7 @@ def main(arguments: list[str] | None = None) -> None:
     prepare_cpu()
     enable_compilation_cache()
     try:
-        runs, on_other = load_runs([given.resolve() for given in options.run_dir])
+        runs, on_other = load_runs([Path(os.path.abspath(given)) for given in options.run_dir])
     except SettingError as error:
         parser.error(str(error))
     which = options.episodes, options.seed

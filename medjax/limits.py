@@ -21,9 +21,15 @@ class Limits:
     per: str = ""  # "kind" of vehicle or "ramp": the field holds one number for each
 
     def __str__(self) -> str:
-        """What is allowed, as messages and the documentation say it."""
-        number = "a whole number" if self.whole else "a number"
-        return f"{number} from {self.low:.10g} to {self.high:.10g}"
+        """What is allowed, in a message."""
+        return f"{'a whole number' if self.whole else 'a number'} from {self.range}"
+
+    @property
+    def range(self) -> str:
+        """`0 to 1e+06`, as the documentation has it."""
+        return " to ".join(
+            f"{bound:.10g}" if abs(bound) < 1e6 else f"{bound:g}" for bound in (self.low, self.high)
+        )
 
 
 def read_number(

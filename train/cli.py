@@ -33,6 +33,14 @@ class OneLineParser(argparse.ArgumentParser):
         """Ends the command."""
         self.exit(2, f"{self.prog}: {one_line(message)}\n")
 
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse's, but for `--option=--`, which it takes for an empty list."""
+        given = sys.argv[1:] if args is None else list(args)
+        for word in given:
+            if word.startswith("--") and word.partition("=")[2] == "--":
+                self.error(f"argument {word.partition('=')[0]}: expected one argument")
+        return super().parse_known_args(given, namespace)
+
 
 @dataclasses.dataclass(frozen=True)
 class Request:

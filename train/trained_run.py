@@ -62,7 +62,7 @@ def to_play(
         changes: numbers of the environment, over those of the run where the preset is its own: what was set for one may
             mean nothing in another.
     """
-    scenario = scenario or config.scenario
+    scenario = config.scenario if scenario is None else scenario
     kept = config.overrides if scenario == config.scenario else {}
     overrides = {**kept, **(changes or {})}
     # This machine need not have the devices that the run had.

@@ -17,6 +17,7 @@ from medjax.render.camera import check_follow
 from medjax.render.options import SUFFIXES, build_parser
 from medjax.wording import shown
 
+MOST = 1e9  # seconds or metres: more than there are
 LIBRARIES: dict[str, dict[str, str]] = {
     ".mp4": {"PIL": "Pillow", "imageio_ffmpeg": "imageio-ffmpeg", "tqdm": "tqdm"},
     ".gif": {"PIL": "Pillow", "imageio_ffmpeg": "imageio-ffmpeg", "tqdm": "tqdm"},
@@ -106,8 +107,8 @@ def _number(
     allowed = f"from {least:g}" if least is not None else f"above {above:g}"
     value = _float(text)
     fits = value >= least if least is not None else value > (above or 0.0)
-    if not fits or value == math.inf:
-        raise InputError(f"--{name} {shown(text)}: allowed a number {allowed}")
+    if not fits or value > MOST:
+        raise InputError(f"--{name} {shown(text)}: allowed a number {allowed} to {MOST:g}")
     return value
 
 
