@@ -25,7 +25,7 @@ from tests import fuzz
 from train import cli
 from train.config import SettingError, TrainConfig
 
-MOST_S = 2.0
+MOST_S = 2.0  # of the processor: nothing here waits
 MOST_CHARACTERS = 400  # of a message: the value, the name and what is allowed
 COMPILED = "/jax/core/compile/backend_compile_duration"
 ROWS = {row.name: row for row in [*fuzz.ROWS, *fuzz.COILS]}
@@ -64,12 +64,12 @@ def check_line(line, *words):
 
 def refused(call, *words):
     """The message of the ValueError that a call ends with, at once and without a warning."""
-    start = time.perf_counter()
+    start = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with pytest.raises(ValueError, match=r"allowed|did you mean") as error:
             call()
-    assert time.perf_counter() - start < MOST_S
+    assert time.process_time() - start < MOST_S
     assert type(error.value) in (ValueError, SettingError)
     check_line(str(error.value), *words)
 
@@ -280,7 +280,7 @@ def settings_of(name):
     field = FIELDS[name]
     one = field.default[0] if isinstance(field.default, tuple) else field.default
     bad = [v for v in fuzz.NO_NUMBERS if not isinstance(v, list | np.ndarray | jax.Array)]
-    bad += [fuzz.deep(100_000), fuzz.heavy()]
+    bad += [fuzz.DEEP, fuzz.HEAVY]
     if name == "overrides":
         bad = [v for v in bad if v is not None and v != {} and not isinstance(v, dict)]
         inner = [v for v in fuzz.NO_NUMBERS if not isinstance(v, bool | str | list | dict)]
@@ -347,12 +347,12 @@ def refused_by(name, argvs, work, capsys, *words):
     main = importlib.import_module(name).main
     before, wrong = tree(work), []
     for argv in argvs:
-        start, code = time.perf_counter(), None
+        start, code = time.process_time(), None
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error", RuntimeWarning)
                 code = ended(main, argv)
-            took = time.perf_counter() - start
+            took = time.process_time() - start
             out, err = capsys.readouterr()
             assert code == 2, code
             assert out == ""
@@ -466,15 +466,15 @@ RAW = [
     ["--run-dir", b"\xff\xfe"],
     ["--run-dir", "a\nb"],
     ["--run-dir", "x" * 300],
-    ["--run-dir", "/proc/run"],
+    ["--run-dir", ""],
     ["--run-dir", "loop/run"],
     ["--set", b"cooldown_s=\xff"],
-    ["--set", "cooldown_s=" + "[" * 100_000],
-    ["--set", "num_evs=1e400"],
     ["--set=--"],
     [b"--\xff\x1b[2J"],
     ["--config", "/dev/zero"],
-    ["--num-devices", "60000"],
+    ["--config", "loop"],
+    ["--resume", "dangling"],
+    ["--lr", "9" * 100_000],
 ]
 
 

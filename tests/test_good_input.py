@@ -97,7 +97,7 @@ def numbers(row):
 
 
 @given(st.data())
-@settings(max_examples=400)
+@settings(max_examples=150)
 def test_any_number_of_its_range(data):
     name = data.draw(st.sampled_from(sorted(ROWS)))
     value = data.draw(numbers(ROWS[name]))
@@ -114,7 +114,7 @@ INDEPENDENT = sorted(
         {name: numbers(ROWS[name]) for name in INDEPENDENT if "braking" not in name}
     )
 )
-@settings(max_examples=50)
+@settings(max_examples=25)
 def test_all_numbers_at_once(numbers):
     """And what comes out is accepted as it is."""
     env, params, _ = prepare(**numbers)
