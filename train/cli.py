@@ -113,14 +113,16 @@ def _add_option(group: argparse._ArgumentGroup, field: dataclasses.Field[Any]) -
             name, action=action, default=argparse.SUPPRESS, help=f"{text} (default: {word})"
         )
         return
-    shown = " ".join(map(str, default)) if isinstance(default, tuple) else default
+    shown_default = " ".join(map(str, default)) if isinstance(default, tuple) else default
+    low, high = meta["low"], meta["high"]
+    allowed = "" if low is None else f"{low:.10g} to {high:.10g}; "
     group.add_argument(
         name,
         *meta["flags"],
         default=argparse.SUPPRESS,
         metavar=meta["metavar"] or ("X" if isinstance(default, float) else "N"),
         nargs="+" if isinstance(default, tuple) else None,
-        help=f"{text} (default: {shown})",
+        help=f"{text} ({allowed}default: {shown_default})",
     )
 
 

@@ -34,13 +34,13 @@ class Column:
 
 
 def non_negative(text: str) -> float:
-    """A type of argument: numbers from 0 to 1e9."""
+    """A type of argument: finite numbers from 0."""
     try:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not (text.isascii() and 0.0 <= value <= 1e9):
-        raise argparse.ArgumentTypeError(f"{shown(text)}: allowed a number from 0 to 1e9")
+    if not (text.isascii() and math.isfinite(value) and value >= 0.0):
+        raise argparse.ArgumentTypeError(f"{shown(text)}: allowed a number from 0")
     return value
 
 
