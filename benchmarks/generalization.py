@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ import numpy as np
 from tqdm import tqdm
 
 import medjax
-from benchmarks.arguments import benchmark_parser, picture, whole_number
+from benchmarks.arguments import a_path, a_seed, benchmark_parser, picture, whole_number
 from benchmarks.generalization_figure import plot_gains
 from medjax.policies import BASELINES
 from medjax.wrappers import prepare_cpu, scale_demand
@@ -167,12 +168,17 @@ def build_parser() -> OneLineParser:
     """The command line."""
     parser = benchmark_parser("generalization", __doc__)
     parser.add_argument(
-        "--run-dir", nargs="+", required=True, metavar="DIR", help="that train.ppo wrote"
+        "--run-dir",
+        type=a_path,
+        nargs="+",
+        required=True,
+        metavar="DIR",
+        help="that train.ppo wrote",
     )
     parser.add_argument(
         "--episodes", type=whole_number(least=2), default=256, help="of each policy and world"
     )
-    parser.add_argument("--seed", type=whole_number(least=0), default=0, help="which episodes")
+    parser.add_argument("--seed", type=a_seed, default=0, help="which episodes")
     parser.add_argument("--plot", type=picture, metavar="FILE.png", help="draw the gains here")
     return parser
 
@@ -205,7 +211,7 @@ def main(arguments: list[str] | None = None) -> None:
     prepare_cpu()
     enable_compilation_cache()
     try:
-        runs, on_other = load_runs([Path(text).resolve() for text in options.run_dir])
+        runs, on_other = load_runs([Path(os.path.abspath(given)) for given in options.run_dir])
     except SettingError as error:
         parser.error(str(error))
     which = options.episodes, options.seed

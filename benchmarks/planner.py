@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -19,7 +18,7 @@ import numpy as np
 from tqdm import tqdm
 
 import medjax
-from benchmarks.arguments import episodes_parser, positive, whole_number
+from benchmarks.arguments import a_path, episodes_parser, positive, whole_number
 from medjax.episodes import ACT, RESET, STEP, episode_keys
 from medjax.metrics import episode_metrics
 from medjax.policies import AS_BASE, BASELINES, Act, look_ahead
@@ -114,7 +113,7 @@ def build_parser() -> OneLineParser:
     parser = episodes_parser("planner", __doc__, episodes=16, seed=0)
     parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
     parser.add_argument(
-        "--run-dir", type=Path, metavar="DIR", help="run whose first learner is improved on"
+        "--run-dir", type=a_path, metavar="DIR", help="run whose first learner is improved on"
     )
     parser.add_argument(
         "--base", choices=list(BASELINES), help="rule that is improved on (default: forecast)"

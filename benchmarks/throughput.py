@@ -11,10 +11,10 @@ import json
 import sys
 from typing import Any
 
-from benchmarks.arguments import add_scenario, benchmark_parser, positive
+from benchmarks.arguments import add_scenario, benchmark_parser, positive, whole_number
 from benchmarks.stages import stage_times
 from benchmarks.workload import ENVS, VEHICLES, Measurement, Workload, measure, road_for
-from medjax.wrappers import prepare_cpu
+from medjax.wrappers import environment_mesh, prepare_cpu
 from train.cli import OneLineParser, fail
 
 
@@ -32,7 +32,11 @@ def build_parser() -> OneLineParser:
     parser.add_argument("--repeats", type=positive, default=5)
     add_scenario(parser)
     parser.add_argument(
-        "--num-devices", type=int, default=0, metavar="N", help="devices or CPU cores; 0: all"
+        "--num-devices",
+        type=whole_number(least=0),
+        default=0,
+        metavar="N",
+        help="devices or CPU cores; 0: all",
     )
     return parser
 
@@ -70,6 +74,11 @@ def main(arguments: list[str] | None = None) -> None:
             for count in VEHICLES
         ]
     common = {"scenario": options.scenario, "num_devices": options.num_devices}
+    try:
+        for num_envs, _ in cases:
+            environment_mesh(num_envs, options.num_devices)
+    except ValueError as error:
+        sys.exit(fail("benchmarks.throughput", error))
     results = []
     for num_envs, overrides in cases:
         try:

@@ -7,11 +7,18 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import re
+import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from medjax.wording import MOST_SHOWN, one_line, shown
+
+MOST_PATH = 1000  # characters
+MOST_NAME = 255  # bytes, of every usual file system
 NOT_NUMBERS = (
     "name",
     "reward",
@@ -28,7 +35,15 @@ class OneLineParser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Ends the command."""
-        self.exit(2, f"{self.prog}: {' '.join(message.split())}\n")
+        self.exit(2, f"{self.prog}: {one_line(message)}\n")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse's, but for `--option=--`, which it takes for an empty list."""
+        given = sys.argv[1:] if args is None else list(args)
+        for word in given:
+            if word.startswith("--") and word.partition("=")[2] == "--":
+                self.error(f"argument {word.partition('=')[0]}: expected one argument")
+        return super().parse_known_args(given, namespace)
 
 
 def parse_overrides(assignments: Sequence[str]) -> dict[str, Any]:
@@ -42,7 +57,7 @@ def parse_overrides(assignments: Sequence[str]) -> dict[str, Any]:
         name, equals, value = (part.strip() for part in text.partition("="))
         if not equals or not name or name in NOT_NUMBERS:
             raise InputError(
-                f"--set {text}: allowed NAME=VALUE with the name of a number of the environment"
+                f"--set {one_line(text, MOST_SHOWN)}: allowed NAME=VALUE with the name of a number of the environment"
             )
         overrides[name] = _value(value)
     return overrides
@@ -51,8 +66,8 @@ def parse_overrides(assignments: Sequence[str]) -> dict[str, Any]:
 def _value(text: str) -> Any:
     for read in (json.loads, float):
         try:
-            return read(text)
-        except ValueError:
+            return read(text) if text.isascii() else text  # Python takes the digits of every script
+        except (ValueError, RecursionError):
             continue
     return text
 
@@ -63,9 +78,27 @@ def whole_number(name: str, text: str) -> int:
     Raises:
       InputError: it is none.
     """
-    if not text.isdecimal() or int(text) >= 2**32:
-        raise InputError(f"--{name} {text}: allowed a whole number from 0 to {2**32 - 1}")
-    return int(text)
+    number = int(text) if re.fullmatch("[0-9]{1,18}", text) else -1
+    if not 0 <= number < 2**32:
+        raise InputError(f"--{name} {shown(text)}: allowed a whole number from 0 to {2**32 - 1}")
+    return number
+
+
+def as_path(name: str, text: str) -> Path:
+    """The path that an option names.
+
+    Raises:
+      InputError: no system takes it, or it could not be printed.
+    """
+    if not text or not text.isprintable() or len(text) > MOST_PATH:
+        raise InputError(
+            f"--{name} {shown(text)}: allowed a path of 1 to {MOST_PATH} printable characters"
+        )
+    if any(len(os.fsencode(part)) > MOST_NAME for part in text.split("/")):
+        raise InputError(f"--{name} {shown(text)}: allowed names of at most {MOST_NAME} bytes")
+    if text.startswith("~"):  # a shell would have replaced it
+        raise InputError(f"--{name} {shown(text)}: allowed the path itself, or ./~")
+    return Path(text)
 
 
 def check_writable(out: Path) -> None:
@@ -75,8 +108,9 @@ def check_writable(out: Path) -> None:
       InputError: it cannot.
     """
     try:
-        if out.is_dir():
-            raise InputError(f"--out {out}: is a directory; allowed a file")
+        if out.exists() and not out.is_file():
+            what = "a directory" if out.is_dir() else "a device"
+            raise InputError(f"--out {out}: is {what}; allowed a file")
         with tempfile.TemporaryFile(dir=out.parent):
             pass
     except OSError as error:

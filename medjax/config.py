@@ -10,13 +10,17 @@ The order of vehicle kinds in every `(num_kinds,)` leaf is MED, human-driven EV,
 from __future__ import annotations
 
 import dataclasses
-import math
+from collections.abc import Mapping
+from typing import Any, get_type_hints
 
 import jax
 import numpy as np
 from flax import struct
 
+from medjax.limits import Limits, as_numbers, read_number
 from medjax.physics import InductanceTable
+from medjax.ranges import GROUPS, OTHERS, SIZES, WEIGHT
+from medjax.wording import shown
 
 KINDS = ("MED", "human EV", "autonomous EV", "gas")
 MED, HUMAN_EV, AUTONOMOUS_EV, GAS = range(4)
@@ -32,6 +36,9 @@ class EnvConfig:
     """Sizes and cadences that fix array shapes and loops; hashable, one compiled program each.
 
     Vehicle slots are ordered MEDs, EVs, gas vehicles, so each class is a plain slice.
+
+    Raises:
+      ValueError: one line that names the field, its value and what is allowed.
     """
 
     num_meds: int = 15
@@ -41,6 +48,14 @@ class EnvConfig:
     num_ramps: int = 4
     tick_s: float = 0.25
     ticks_per_decision: int = 4
+
+    def __post_init__(self) -> None:
+        """Checks the sizes, and keeps them as numbers of Python."""
+        for name, limits in SIZES.items():
+            value = getattr(self, name)
+            number = read_number(name, value, limits)
+            object.__setattr__(self, name, number.item() if limits.whole else float(value))
+        _check_places(self)
 
     @property
     def num_vehicles(self) -> int:
@@ -223,105 +238,107 @@ class EnvParams(struct.PyTreeNode):
         return self.med.pack_j / self.battery_scale
 
 
-# (field, lowest, highest) of every bounded number; open ends are None, "!" excludes the bound.
-_POSITIVE = (0.0, None, "(0, inf)")
-_NON_NEGATIVE = (0.0, None, "[0, inf)")
-_SHARE = (0.0, 1.0, "[0, 1]")
-
-
-def _check(name: str, value: object, low: float, high: float | None, allowed: str) -> None:
-    numbers = np.asarray(value, dtype=np.float64)
-    bad = ~np.isfinite(numbers) | (numbers < low)
-    if allowed.startswith("("):
-        bad |= numbers <= low
-    if high is not None:
-        bad |= numbers > high
-    if bad.any():
-        raise ValueError(f"{name} = {numbers[bad].flat[0]:g}: allowed {allowed}")
-
-
-def _check_whole(name: str, value: object, low: int, high: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise ValueError(f"{name} = {value!r}: allowed a whole number {low} to {high}")
+# `medjax.traffic.neighbours` writes all lanes, the acceleration lane and one for nobody, into one line.
+MOST_PLACES = 2**16
 
 
 def validate_config(config: EnvConfig) -> None:
-    """Raises ValueError with one line (field, value, what is allowed)."""
-    _check_whole("num_meds", config.num_meds, 1, 64)
-    _check_whole("num_evs", config.num_evs, 1, 2048)
-    _check_whole("num_gas", config.num_gas, 0, 2048)
-    _check_whole("num_lanes", config.num_lanes, 1, 6)
-    _check_whole("num_ramps", config.num_ramps, 0, 8)
-    _check_whole("ticks_per_decision", config.ticks_per_decision, 1, 100)
-    if not isinstance(config.tick_s, float | int) or not 0.02 <= config.tick_s <= 0.5:
-        raise ValueError(f"tick_s = {config.tick_s!r}: allowed 0.02 to 0.5 (s)")
+    """Checks that config is one; each checked itself when it was built.
+
+    Raises:
+      ValueError: one line.
+    """
+    if not isinstance(config, EnvConfig):
+        raise ValueError(f"config = {shown(config)}: allowed an EnvConfig")
 
 
-_SHARES = {
-    "ev_share",
-    "human_share",
-    "arrival_soc_low",
-    "arrival_soc_high",
-    "reserve_soc",
-    "request_soc",
-    "target_soc",
-    "politeness",
-    "drivetrain_efficiency",
-    "regeneration_efficiency",
-}
-_MAY_BE_ZERO = {
-    "mainline_per_h",
-    "ramp_per_h",
-    "desired_speed_std",
-    "acceleration_noise",
-    "lateral_wander",
-    "threshold",
-    "mandatory_bias",
-    "urgency_bias",
-    "cooldown_s",
-    "size",
-    "service_lane",
-    "reach_ahead_m",
-    "reach_behind_m",
-    "retry_s",
-    "slot_power_w",
-    "misalignment_scale",
-    "auxiliary_w",
-    "ramp_x_m",
-}
+def _check_places(config: EnvConfig) -> None:
+    most = MOST_PLACES // (config.num_lanes + 2) - 2
+    if config.num_vehicles > most:
+        raise ValueError(
+            f"num_meds + num_evs + num_gas = {config.num_vehicles}: allowed at most {most} with "
+            f"num_lanes = {config.num_lanes}"
+        )
 
 
-def _validate_leaf(group: str, name: str, value: object) -> None:
-    label = f"{group}.{name}" if group else name
-    if name == "turnaround_s":  # inf: a MED is sent once
-        if np.isnan(value) or np.asarray(value) < 0:  # type: ignore[call-overload]
-            raise ValueError(f"{label} = {value}: allowed [0, inf]")
-    elif name == "right_bias":
-        _check(label, value, -math.inf, None, "any finite number")
-    elif name in _SHARES:
-        _check(label, value, *_SHARE)
-    elif name in _MAY_BE_ZERO:
-        _check(label, value, *_NON_NEGATIVE)
-    else:
-        _check(label, value, *_POSITIVE)
+def check_numbers(config: EnvConfig, params: EnvParams) -> EnvParams:
+    """Checks everything but the coils' table, and computes nothing.
+
+    Returns:
+      The params, with every number as a NumPy array of its type and shape.
+
+    Raises:
+      ValueError: one line that names the field, its value and what is allowed.
+    """
+    validate_config(config)
+    _check_type("params", params, EnvParams)
+    shapes = {"": (), "kind": (len(KINDS),), "ramp": (config.num_ramps,)}
+
+    def read(name: str, value: Any, limits: Limits) -> np.ndarray:
+        return read_number(name, value, limits, shapes[limits.per])
+
+    kinds = get_type_hints(EnvParams)
+    changed: dict[str, Any] = {
+        name: read(name, getattr(params, name), limits) for name, limits in OTHERS.items()
+    }
+    for group, ranges in GROUPS.items():
+        member = getattr(params, group)
+        _check_type(group, member, kinds[group])
+        changed[group] = member.replace(
+            **{
+                name: read(f"{group}.{name}", getattr(member, name), limits)
+                for name, limits in ranges.items()
+            }
+        )
+    _check_type("reward_weights", params.reward_weights, Mapping)
+    changed["reward_weights"] = {
+        term: read(f"reward_weights.{term}", weight, WEIGHT)
+        for term, weight in params.reward_weights.items()
+    }
+    checked = params.replace(**changed)
+    _check_road(checked)
+    _check_pairs(config, checked)
+    return checked
 
 
-def _validate_road(config: EnvConfig, road: RoadParams) -> None:
-    ramps = np.asarray(road.ramp_x_m, dtype=np.float64)
-    if ramps.shape != (config.num_ramps,):
-        raise ValueError(f"ramp_x_m has shape {ramps.shape}: allowed ({config.num_ramps},)")
-    last = float(road.length_m) - float(road.acceleration_lane_m)
-    for x in ramps:
-        if not 0.0 <= x <= last:
+def _check_type(name: str, value: object, kind: type) -> None:
+    if not isinstance(value, kind):
+        raise ValueError(f"{name} = {shown(value)}: allowed {kind.__name__}")
+
+
+def _check_road(params: EnvParams) -> None:
+    road = params.road
+    lane_m = float(road.acceleration_lane_m)
+    stop_m = float(params.demand.ramp_speed) ** 2 / (2.0 * float(params.motion.max_braking))
+    if road.ramp_x_m.size and lane_m < stop_m:
+        raise ValueError(
+            f"acceleration_lane_m = {lane_m:g}: allowed at least {stop_m:g} m, the way to a stop from ramp_speed"
+        )
+    last = float(road.length_m) - lane_m
+    for x in road.ramp_x_m:
+        if x > last:
             raise ValueError(
                 f"ramp_x_m = {x:g}: allowed 0 to {last:g} m (road less one merge lane)"
             )
-    gaps = np.diff(ramps)
-    if (gaps <= float(road.acceleration_lane_m)).any():
+    if (np.diff(road.ramp_x_m) <= lane_m).any():
         raise ValueError(
-            f"ramp_x_m = {ramps.tolist()}: allowed ascending, more than acceleration_lane_m = "
-            f"{float(road.acceleration_lane_m):g} m apart"
+            f"ramp_x_m = {shown(road.ramp_x_m.tolist())}: allowed ascending, more than acceleration_lane_m = "
+            f"{lane_m:g} m apart"
         )
+
+
+def _check_pairs(config: EnvConfig, params: EnvParams) -> None:
+    """Numbers that another one bounds."""
+    demand, charging, fleet = params.demand, params.charging, params.fleet
+    pairs: tuple[tuple[str, Any, str, Any], ...] = (
+        ("arrival_soc_low", demand.arrival_soc_low, "arrival_soc_high", demand.arrival_soc_high),
+        ("request_soc", charging.request_soc, "target_soc", charging.target_soc),
+        ("service_lane", fleet.service_lane, "num_lanes - 1", config.num_lanes - 1),
+        ("fleet size", fleet.size, "num_meds", config.num_meds),
+    )
+    for name, value, bound, most in pairs:
+        if value > most:
+            raise ValueError(f"{name} = {value:g}: allowed at most {bound} = {most:g}")
 
 
 def validate(config: EnvConfig, params: EnvParams) -> None:
@@ -330,38 +347,12 @@ def validate(config: EnvConfig, params: EnvParams) -> None:
     Raises:
       ValueError: one line that names the field, its value and what is allowed.
     """
-    validate_config(config)
-    for group in dataclasses.fields(params):
-        member = getattr(params, group.name)
-        if group.name == "reward_weights":
-            for name, weight in member.items():
-                _check(f"reward_weights.{name}", weight, -math.inf, None, "any finite number")
-        elif dataclasses.is_dataclass(member):
-            for leaf in dataclasses.fields(member):
-                value = getattr(member, leaf.name)
-                if not isinstance(value, InductanceTable):
-                    _validate_leaf(group.name, leaf.name, value)
-        else:
-            _validate_leaf("", group.name, member)
-    _validate_road(config, params.road)
-    demand, charging = params.demand, params.charging
-    if float(demand.arrival_soc_low) > float(demand.arrival_soc_high):
-        raise ValueError(
-            f"arrival_soc_low = {float(demand.arrival_soc_low):g}: allowed at most "
-            f"arrival_soc_high = {float(demand.arrival_soc_high):g}"
-        )
-    if float(charging.request_soc) > float(charging.target_soc):
-        raise ValueError(
-            f"request_soc = {float(charging.request_soc):g}: allowed at most "
-            f"target_soc = {float(charging.target_soc):g}"
-        )
-    if not 0 <= int(params.fleet.service_lane) < config.num_lanes:
-        raise ValueError(
-            f"service_lane = {int(params.fleet.service_lane)}: allowed 0 to {config.num_lanes - 1}"
-        )
-    if not 0 <= int(params.fleet.size) <= config.num_meds:
-        raise ValueError(f"fleet size = {int(params.fleet.size)}: allowed 0 to {config.num_meds}")
-    if np.shape(demand.ramp_per_h) != (config.num_ramps,):
-        raise ValueError(
-            f"ramp_per_h has shape {np.shape(demand.ramp_per_h)}: allowed ({config.num_ramps},)"
-        )
+    check_numbers(config, params)
+    table = params.link.inductance
+    _check_type("link.inductance", table, InductanceTable)
+    for name, value in vars(table).items():
+        array = as_numbers(value)
+        if array is None or array.ndim != 3 * (name == "values") or not np.isfinite(array).all():
+            raise ValueError(
+                f"link.inductance.{name} = {shown(value)}: allowed what build_link gives"
+            )

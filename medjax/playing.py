@@ -9,13 +9,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from medjax.commandline import InputError, parse_overrides, whole_number
+from medjax.commandline import InputError, as_path, parse_overrides, whole_number
 from medjax.config import EnvParams
 from medjax.env import ChargingEnv
 from medjax.exported import load_policy
 from medjax.policies import BASELINES
 from medjax.recording import Choose, Recording, by_rule, record_episode
-from medjax.scenarios import SCENARIOS, make
+from medjax.scenarios import SCENARIOS, make, prepare
+from medjax.wording import shown
 
 RULE = "forecast"  # unless another policy is asked for
 TRAINED = "ppo"  # name of a trained policy
@@ -59,6 +60,17 @@ class Played:
     overrides: Mapping[str, Any]
     seed: int
     episode: int
+
+    def prepared(self) -> tuple[ChargingEnv, EnvParams]:
+        """The environment and its numbers as `policies` makes them, but for the coils; nothing is compiled.
+
+        Raises:
+          ValueError: as `policies`.
+        """
+        if self.run_dir is None:
+            return prepare(self.scenario, **self.overrides)[:2]
+        about = load_policy(self.run_dir / POLICY).about
+        return prepare(about.scenario, observation=about.observation, **about.overrides)[:2]
 
     def policies(self) -> tuple[ChargingEnv, EnvParams, dict[str, Choose]]:
         """The environment, its parameters, and what is played in it, by name.
@@ -105,9 +117,11 @@ def played_of(given: argparse.Namespace) -> Played:
         raise InputError("--run-dir with --policy, --scenario or --set: allowed one or the other")
     for option, name in (("policy", given.policy), ("compare", compare)):
         if name is not None and name not in BASELINES:
-            raise InputError(f"unknown {option} {name!r}: allowed {', '.join(BASELINES)}")
+            raise InputError(f"unknown {option} {shown(name)}: allowed {', '.join(BASELINES)}")
     if given.scenario is not None and given.scenario not in SCENARIOS:
-        raise InputError(f"unknown scenario {given.scenario!r}: allowed {', '.join(SCENARIOS)}")
+        raise InputError(
+            f"unknown scenario {shown(given.scenario)}: allowed {', '.join(SCENARIOS)}"
+        )
     if given.run_dir is None and compare == (given.policy or RULE):
         raise InputError(f"--compare {compare}: allowed another one than --policy")
     return Played(
@@ -124,7 +138,7 @@ def played_of(given: argparse.Namespace) -> Played:
 def _run_dir(text: str | None) -> Path | None:
     if text is None:
         return None
-    path = Path(text)
+    path = as_path("run-dir", text)
     if not path.is_dir():
         raise InputError(f"--run-dir {path}: is no directory; allowed one that train.ppo wrote")
     if not (path / POLICY).is_file():

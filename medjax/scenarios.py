@@ -27,13 +27,15 @@ from medjax.config import (
     LinkParams,
     MotionParams,
     RoadParams,
-    validate,
-    validate_config,
+    check_numbers,
 )
 from medjax.env import ChargingEnv
+from medjax.limits import Limits, read_number
 from medjax.observation import OBSERVATIONS
 from medjax.physics import tabulate_inductance
+from medjax.ranges import COILS, GROUPS, OTHERS, SIZES
 from medjax.reward import TERMS, RewardTerm
+from medjax.wording import MOST_SHOWN, shown
 
 JOULES_PER_KWH = 3.6e6
 
@@ -61,18 +63,18 @@ def build_link(design: CoilDesign, params: LinkParams | None = None) -> LinkPara
         primary_turns=design.med_coil_turns,
         secondary_turns=design.ev_coil_turns,
     )
-    if params is not None:
-        return params.replace(inductance=table)
-    return LinkParams(
-        inductance=table,
-        panel_gap_m=0.2,
-        misalignment_scale=1.0,
-        load_ohm=10.0,
-        med_resistance_ohm=0.159,
-        ev_resistance_ohm=0.126,
-        angular_frequency=2.0 * math.pi * 85e3,
-    )
+    return (params or LINK).replace(inductance=table)
 
+
+LINK = LinkParams(
+    inductance=None,  # type: ignore[arg-type]  # `build_link` fills it in
+    panel_gap_m=0.2,
+    misalignment_scale=1.0,
+    load_ohm=10.0,
+    med_resistance_ohm=0.159,
+    ev_resistance_ohm=0.126,
+    angular_frequency=2.0 * math.pi * 85e3,
+)
 
 NISSAN_LEAF = BodyParams(  # 30 kWh (reference: ev_energy.csv)
     mass_kg=1636.03,
@@ -119,8 +121,8 @@ CHARGING = ChargingParams(
 
 def _drivers() -> DriverParams:
     # Columns: MED, human-driven EV, autonomous EV, gas vehicle.
-    def kinds(*values: float) -> jax.Array:
-        return jnp.asarray(values, jnp.float32)
+    def kinds(*values: float) -> Any:
+        return np.asarray(values, np.float32)
 
     return DriverParams(
         desired_speed=kinds(25.0, 30.0, 30.0, 30.0),
@@ -138,19 +140,19 @@ def _drivers() -> DriverParams:
 def _paper(config: EnvConfig) -> EnvParams:
     """The paper's corridor: batteries scaled so that charge matters within 4 km."""
     length_m = 4000.0
-    ramps = [100.0, 1200.0, 2100.0, 3200.0]
+    ramps: Any = np.array([100, 1200, 2100, 3200], np.float32)
     if config.num_ramps != len(ramps):
-        ramps = list(np.linspace(100.0, 0.8 * length_m, config.num_ramps))
+        ramps = np.linspace(100, 0.8 * length_m, config.num_ramps, dtype=np.float32)
     return EnvParams(
         road=RoadParams(
             length_m=length_m,
             lane_width_m=4.0,
-            ramp_x_m=jnp.asarray(ramps, jnp.float32),
+            ramp_x_m=ramps,
             acceleration_lane_m=250.0,
         ),
         demand=DemandParams(
             mainline_per_h=2600.0,
-            ramp_per_h=jnp.full((config.num_ramps,), 250.0),
+            ramp_per_h=np.full_like(ramps, 250.0),
             ev_share=0.12,
             human_share=0.5,
             arrival_soc_low=0.2,
@@ -176,7 +178,7 @@ def _paper(config: EnvConfig) -> EnvParams:
             reserve_soc=0.1,
         ),
         charging=CHARGING,
-        link=build_link(CoilDesign()),
+        link=LINK,
         ev=NISSAN_LEAF,
         med=TRUCK,
         battery_scale=30.0,
@@ -207,7 +209,7 @@ def _realistic(config: EnvConfig) -> EnvParams:
 
 @dataclasses.dataclass(frozen=True)
 class Scenario:
-    """A preset: static sizes and a function from them to the numbers."""
+    """A preset: static sizes and a function from them to the numbers, all but the coils' table."""
 
     config: EnvConfig
     params: Callable[[EnvConfig], EnvParams]
@@ -218,61 +220,129 @@ SCENARIOS: dict[str, Scenario] = {
     "realistic": Scenario(EnvConfig(), _realistic),
 }
 
-_CONFIG_FIELDS = {field.name for field in dataclasses.fields(EnvConfig)}
-_COIL_FIELDS = {field.name for field in dataclasses.fields(CoilDesign)}
 
+def _places() -> dict[str, tuple[str, str, Limits]]:
+    """Group, name and limits of every number, by the names that an override may use.
 
-def _places(params: EnvParams) -> dict[str, tuple[str, ...]]:
-    """Path of every number by the names that an override may use: `cooldown_s`, `ev.mass_kg`.
-
-    A leaf's own name serves where it is the only one of that name, else it needs its group's.
+    A number's own name serves where it is the only one of that name (`cooldown_s`), else it needs its group's
+    (`ev.mass_kg`).
     """
-    found: dict[str, list[tuple[str, ...]]] = {}
-    for group in dataclasses.fields(params):
-        member = getattr(params, group.name)
-        if isinstance(member, Mapping):
-            leaves = list(member)
-        elif dataclasses.is_dataclass(member):
-            leaves = [leaf.name for leaf in dataclasses.fields(member) if leaf.name != "inductance"]
-        else:
-            found.setdefault(group.name, []).append((group.name,))
-            continue
-        for leaf in leaves:
-            path = (group.name, leaf)
-            found.setdefault(".".join(path), []).append(path)
-            if group.name != "reward_weights":
-                found.setdefault(leaf, []).append(path)
-    return {name: paths[0] for name, paths in found.items() if len(paths) == 1}
+    found = {name: [("", name, limits)] for name, limits in OTHERS.items()}
+    for group, ranges in GROUPS.items():
+        for name, limits in ranges.items():
+            for known_as in (name, f"{group}.{name}"):
+                found.setdefault(known_as, []).append((group, name, limits))
+    return {name: places[0] for name, places in found.items() if len(places) == 1}
 
 
-def _set(params: EnvParams, name: str, path: tuple[str, ...], value: Any) -> EnvParams:
-    """Params with the number at path replaced; a scalar given for an array fills it."""
-    *groups, leaf = path
-    holder = getattr(params, groups[0]) if groups else params
-    old = holder[leaf] if isinstance(holder, Mapping) else getattr(holder, leaf)
-    try:
-        new = np.asarray(value, np.int32 if isinstance(old, int) else np.float32)
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} = {value!r}: allowed a number") from None
-    if isinstance(old, int) and not np.array_equal(new, np.asarray(value)):
-        raise ValueError(f"{name} = {value!r}: allowed a whole number")
-    if new.ndim > np.ndim(old):
-        raise ValueError(f"{name} has shape {new.shape}: allowed {np.shape(old)}")
-    new = np.broadcast_to(new, np.shape(old)) if new.ndim < np.ndim(old) else new
-    number = new if np.ndim(old) else new.item()
-    if not groups:
-        return params.replace(**{leaf: number})
-    if isinstance(holder, Mapping):
-        return params.replace(**{groups[0]: {**holder, leaf: number}})
-    return params.replace(**{groups[0]: holder.replace(**{leaf: number})})
+PLACES = _places()
 
 
-def _unknown(kind: str, name: str, allowed: list[str]) -> ValueError:
-    close = difflib.get_close_matches(name, allowed, n=3)
+def _set(params: EnvParams, overrides: Mapping[str, Any]) -> EnvParams:
+    """Params with numbers replaced; a scalar given for an array fills it."""
+    names: dict[tuple[str, str], str] = {}
+    for key, value in overrides.items():
+        group, name, limits = PLACES[key]
+        if (other := names.setdefault((group, name), key)) != key:
+            raise ValueError(f"{key} and {other} are the same number: allowed one of the two")
+        holder: Any = getattr(params, group) if group else params
+        shape = np.shape(getattr(holder, name))
+        number = read_number(key, value, limits, shape, fill=True, convert=True)
+        changed = holder.replace(**{name: number})
+        params = params.replace(**{group: changed}) if group else changed
+    return params
+
+
+def _weights(changes: Mapping[Any, Any], weights: Mapping[str, Any]) -> dict[str, Any]:
+    """Weights of the reward's terms, some of them replaced."""
+    for term in changes:
+        if term not in weights:
+            raise _unknown("reward term", term, list(weights))
+    return {**weights, **changes}
+
+
+def _unknown(kind: str, name: Any, allowed: list[str]) -> ValueError:
+    close = difflib.get_close_matches(name[:MOST_SHOWN], allowed) if isinstance(name, str) else []
     if close:
-        return ValueError(f"unknown {kind} {name!r}: did you mean {', '.join(close)}?")
+        return ValueError(f"unknown {kind} {shown(name)}: did you mean {', '.join(close)}?")
     listed = ", ".join(sorted(allowed)) if len(allowed) < 20 else "the names in docs/parameters.md"
-    return ValueError(f"unknown {kind} {name!r}: allowed {listed}")
+    return ValueError(f"unknown {kind} {shown(name)}: allowed {listed}")
+
+
+def _terms(reward: Any) -> Mapping[str, RewardTerm]:
+    """The reward's terms: those that come with medjax, or one's own."""
+    if reward is None:
+        return TERMS
+    if not isinstance(reward, Mapping):
+        raise ValueError(f"reward = {shown(reward)}: allowed functions by name")
+    for term, function in reward.items():
+        if not isinstance(term, str) or not callable(function):
+            raise ValueError(f"reward[{shown(term)}] = {shown(function)}: allowed a function")
+    return reward
+
+
+def _observation(given: Any) -> Any:
+    """An observation, by its name or as it is."""
+    if isinstance(given, str):
+        if given not in OBSERVATIONS:
+            raise _unknown("observation", given, list(OBSERVATIONS))
+        return OBSERVATIONS[given]
+    if not callable(given) or not callable(getattr(given, "size", None)):
+        allowed = f"{', '.join(OBSERVATIONS)}, or one of your own"
+        raise ValueError(f"observation = {shown(given)}: allowed {allowed}")
+    return given
+
+
+def prepare(
+    name: str = "paper",
+    *,
+    reward: Mapping[str, RewardTerm] | None = None,
+    observation: Any = "flat",
+    **overrides: Any,
+) -> tuple[ChargingEnv, EnvParams, CoilDesign]:
+    """What `make` builds, all but the coils' table: everything is checked, nothing is computed or compiled.
+
+    Returns:
+      (env, params without the table, coils); numbers are NumPy arrays of float32 and int32.
+
+    Raises:
+      ValueError: as `make`.
+    """
+    if not isinstance(name, str) or name not in SCENARIOS:
+        raise _unknown("scenario", name, list(SCENARIOS))
+    terms, seen = _terms(reward), _observation(observation)
+    sizes: dict[str, Any] = {}
+    numbers: dict[str, Any] = {}
+    coils: dict[str, Any] = {}
+    weights: dict[Any, Any] = {}
+    for key, value in overrides.items():
+        if key in SIZES:
+            sizes[key] = value
+        elif key in COILS:
+            read_number(key, value, COILS[key])
+            coils[key] = np.asarray(value).item()
+        elif key in PLACES:
+            numbers[key] = value
+        elif key == "reward_weights":
+            if not isinstance(value, Mapping):
+                raise ValueError(f"{key} = {shown(value)}: allowed numbers by name of the term")
+            weights |= value
+        elif key.startswith("reward_weights."):
+            weights[key.removeprefix("reward_weights.")] = value
+        else:
+            raise _unknown("option", key, [*PLACES, *SIZES, *COILS, "reward_weights"])
+    ramp_x_m: Any = numbers.get("ramp_x_m", numbers.get("road.ramp_x_m"))
+    if isinstance(ramp_x_m, list | tuple) or getattr(ramp_x_m, "ndim", 0) == 1:
+        sizes.setdefault("num_ramps", len(ramp_x_m))
+
+    scenario = SCENARIOS[name]
+    config = dataclasses.replace(scenario.config, **sizes)
+    params = scenario.params(config)
+    known = {term: params.reward_weights.get(term, 1.0) for term in terms}
+    params = _set(params.replace(reward_weights=_weights(weights, known)), numbers)
+    params = check_numbers(config, params)
+    env = ChargingEnv(config, reward=terms, observation=seen, name=name)
+    return env, params, CoilDesign(**coils)
 
 
 def make(
@@ -300,50 +370,8 @@ def make(
     Raises:
       ValueError: one line; an unknown scenario or name, or a value that is not allowed.
     """
-    if name not in SCENARIOS:
-        raise _unknown("scenario", name, list(SCENARIOS))
-    if isinstance(observation, str):
-        if observation not in OBSERVATIONS:
-            raise _unknown("observation", observation, list(OBSERVATIONS))
-        observation = OBSERVATIONS[observation]
-    scenario = SCENARIOS[name]
-    sizes = {key: overrides.pop(key) for key in list(overrides) if key in _CONFIG_FIELDS}
-    coils = {key: overrides.pop(key) for key in list(overrides) if key in _COIL_FIELDS}
-    weights = overrides.pop("reward_weights", {})
-    ramp_x_m: Any = overrides.get("ramp_x_m", overrides.get("road.ramp_x_m"))
-    if isinstance(ramp_x_m, list | tuple) or getattr(ramp_x_m, "ndim", 0) == 1:
-        sizes.setdefault("num_ramps", len(ramp_x_m))
-    config = dataclasses.replace(scenario.config, **sizes)
-    validate_config(config)
-    params = scenario.params(config)
-
-    terms = TERMS if reward is None else reward
-    known = {term: params.reward_weights.get(term, 1.0) for term in terms}
-    params = params.replace(reward_weights=known)
-    for term, weight in weights.items():
-        if term not in known:
-            raise _unknown("reward term", term, list(known))
-        overrides[f"reward_weights.{term}"] = weight
-
-    places = _places(params)
-    for key, value in overrides.items():
-        if key not in places:
-            raise _unknown("option", key, [*places, *_CONFIG_FIELDS, *_COIL_FIELDS])
-        params = _set(params, key, places[key], value)
-    validate(config, params)
-    if coils:
-        params = params.replace(link=build_link(_coil_design(coils), params.link))
-    env = ChargingEnv(config, reward=terms, observation=observation, name=name)
-    return env, jax.tree.map(_as_array, params)
-
-
-def _coil_design(coils: dict[str, Any]) -> CoilDesign:
-    for key, value in coils.items():
-        if not isinstance(value, int | float) or not 0.0 < value < math.inf:
-            raise ValueError(f"{key} = {value!r}: allowed (0, inf)")
-    return CoilDesign(**coils)
-
-
-def _as_array(leaf: Any) -> jax.Array:
-    """A strongly typed array, so that no literal's weak type reaches a scan's carry."""
-    return jnp.asarray(leaf, jnp.int32 if isinstance(leaf, int) else jnp.float32)
+    env, params, coils = prepare(name, reward=reward, observation=observation, **overrides)
+    link = build_link(coils, params.link)
+    table = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), link.inductance)
+    params = params.replace(link=link.replace(inductance=table))
+    return env, jax.tree.map(jnp.asarray, params)

@@ -6,9 +6,8 @@ says what is in a row), or as SUMO's floating-car data. Exit code 2 on bad input
 
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
-from medjax.commandline import OneLineParser
+from medjax.commandline import OneLineParser, as_path
 from medjax.export import check_target, write_trajectories
 from medjax.playing import add_played, played_of
 from medjax.wrappers import prepare_cpu
@@ -43,9 +42,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     parser = build_parser()
     given = parser.parse_args(argv)
-    target = Path(given.out)
     prepare_cpu()
     try:
+        target = as_path("out", given.out)
         check_target(target)
         played = played_of(given)
         env, params, chosen = played.policies()

@@ -2,15 +2,16 @@
 
 import argparse
 import dataclasses
-import json
 import math
+import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
 from train.config import (
+    NOT_NUMBERS,
     Override,
     SettingError,
     TrainConfig,
@@ -18,13 +19,12 @@ from train.config import (
     load_config,
     to_json,
 )
+from train.reading import read_value
+from train.wording import MOST_SHOWN, one_line, shown
 
-NOT_NUMBERS = (
-    "name",
-    "reward",
-    "observation",
-)  # arguments of medjax.make that only Python can fill
 AUTO = "auto"
+MOST_PATH = 1000  # characters; directories are made one within the other
+MOST_NAME = 255  # bytes, of every usual file system
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -32,7 +32,15 @@ class OneLineParser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Ends the command."""
-        self.exit(2, f"{self.prog}: {message}\n")
+        self.exit(2, f"{self.prog}: {one_line(message)}\n")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse's, but for `--option=--`, which it takes for an empty list."""
+        given = sys.argv[1:] if args is None else list(args)
+        for word in given:
+            if word.startswith("--") and word.partition("=")[2] == "--":
+                self.error(f"argument {word.partition('=')[0]}: expected one argument")
+        return super().parse_known_args(given, namespace)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,7 +69,7 @@ class Processes:
         host, _, port = self.coordinator.rpartition(":")
         if not host or not re.fullmatch(r"\d{1,5}", port, re.ASCII) or not 0 < int(port) < 2**16:
             raise SettingError(
-                f"coordinator is {self.coordinator!r}, allowed: HOST:PORT of the first process, or {AUTO}"
+                f"coordinator is {shown(self.coordinator)}, allowed: HOST:PORT of the first process, or {AUTO}"
             )
         for name, number, low, high in (
             ("num_processes", self.number, 1, 2**16),
@@ -69,7 +77,7 @@ class Processes:
         ):
             if not isinstance(number, int) or not low <= number <= high:
                 raise SettingError(
-                    f"{name} is {number!r}, allowed: a whole number from {low} to {high}"
+                    f"{name} is {shown(number)}, allowed: a whole number from {low} to {high}"
                 )
 
 
@@ -153,14 +161,16 @@ def _add_option(group: argparse._ArgumentGroup, field: dataclasses.Field[Any]) -
             name, action=action, default=argparse.SUPPRESS, help=f"{text} (default: {word})"
         )
         return
-    shown = " ".join(map(str, default)) if isinstance(default, tuple) else default
+    shown_default = " ".join(map(str, default)) if isinstance(default, tuple) else default
+    low, high = meta["low"], meta["high"]
+    allowed = "" if low is None else f"{low:.10g} to {high:.10g}; "
     group.add_argument(
         name,
         *meta["flags"],
         default=argparse.SUPPRESS,
         metavar=meta["metavar"] or ("X" if isinstance(default, float) else "N"),
         nargs="+" if isinstance(default, tuple) else None,
-        help=f"{text} (default: {shown})",
+        help=f"{text} ({allowed}default: {shown_default})",
     )
 
 
@@ -192,24 +202,48 @@ def parse_request(argv: Sequence[str] | None = None) -> Request:
                 raise SettingError(
                     f"{option} is {value} with --resume {resume}, allowed: one of the two"
                 )
-        config = _config(settings_from_text(given), _saved(resume, file))
+        given_paths = {"run-dir": run_dir, "resume": resume, "config": file}
+        paths = {
+            name: as_path(name, text) for name, text in given_paths.items() if text is not None
+        }
+        saved = _saved(paths.get("resume"), paths.get("config"))
+        config = _config(settings_from_text(given), saved)
     except SettingError as error:
         parser.error(str(error))
     return Request(
         config,
-        run_dir=Path(run_dir) if run_dir is not None else None,
-        resume=Path(resume) if resume is not None else None,
+        run_dir=paths.get("run-dir"),
+        resume=paths.get("resume"),
         processes=processes,
     )
 
 
-def _saved(resume: str | None, file: str | None) -> TrainConfig:
+def as_path(option: str, text: str) -> Path:
+    """The path that an option names.
+
+    Raises:
+        SettingError: no system takes it, or it could not be printed.
+    """
+    if not text or not text.isprintable() or len(text) > MOST_PATH:
+        raise SettingError(
+            f"{option} is {shown(text)}, allowed: a path of 1 to {MOST_PATH} printable characters"
+        )
+    if any(len(os.fsencode(name)) > MOST_NAME for name in text.split("/")):
+        raise SettingError(
+            f"{option} is {shown(text)}, allowed: names of at most {MOST_NAME} bytes"
+        )
+    if text.startswith("~"):  # a shell would have replaced it
+        raise SettingError(f"{option} is {shown(text)}, allowed: the directory itself, or ./~")
+    return Path(text)
+
+
+def _saved(run: Path | None, file: Path | None) -> TrainConfig:
     """The settings that the command line changes: those of a run, of a file, or the defaults."""
-    if resume is not None:
+    if run is not None:
         from train.rundir import RunDir
 
-        return RunDir(Path(resume)).load_config()
-    return load_config(Path(file)) if file is not None else TrainConfig()
+        return RunDir(run).load_config()
+    return load_config(file) if file is not None else TrainConfig()
 
 
 def _config(changes: dict[str, Any], saved: TrainConfig) -> TrainConfig:
@@ -243,6 +277,8 @@ def _value(field: dataclasses.Field[Any], text: Any) -> Any:
 
 def _number(text: str, kind: Any) -> Any:
     """`text` as int or float, itself if it is neither."""
+    if not text.isascii():  # Python takes the digits of every script
+        return text
     if kind is int and re.fullmatch(r"[+-]?\d+(\.\d+)?[eE]\+?\d+", text):
         value = float(text)  # 1e6 is a whole number to people
         return int(value) if math.isfinite(value) and value == int(value) else text
@@ -264,27 +300,16 @@ def parse_overrides(assignments: Sequence[str]) -> dict[str, Override]:
         name = name.strip()
         if not equals or not name or name in NOT_NUMBERS:
             raise SettingError(
-                f"--set {text}, allowed: NAME=VALUE with the name of a number of the environment"
+                f"--set {one_line(text, MOST_SHOWN)}, allowed: NAME=VALUE with the name of a number of the environment"
             )
-        overrides[name] = _override(value.strip())
+        read = read_value(value.strip())
+        overrides[name] = tuple(read) if isinstance(read, list) else read
     return overrides
-
-
-def _override(text: str) -> Override:
-    try:
-        value = json.loads(text)
-    except ValueError:
-        try:
-            return float(text)  # what JSON does not write: 1., inf, nan
-        except ValueError:
-            return text
-    return tuple(value) if isinstance(value, list) else value
 
 
 def fail(prog: str, message: object) -> int:
     """Prints a one-line error and returns the exit code 2."""
-    line = " ".join(str(message).split())
-    print(f"python -m {prog}: {line}", file=sys.stderr)
+    print(f"python -m {prog}: {one_line(str(message))}", file=sys.stderr)
     return 2
 
 
@@ -292,12 +317,34 @@ def make_environment(config: TrainConfig) -> tuple[Any, Any]:
     """The environment that the settings name, and its parameters.
 
     Raises:
-        SettingError: an unknown scenario or option, or a value out of range.
+        SettingError: an unknown scenario, option or network, a value out of range, or devices that are not there.
     """
     import medjax
 
+    return _build(medjax.make, config)
+
+
+def check_environment(config: TrainConfig) -> None:
+    """Refuses what `make_environment` refuses, and computes nothing.
+
+    Raises:
+        SettingError: as `make_environment`.
+    """
+    from medjax.scenarios import prepare
+
+    _build(prepare, config)
+
+
+def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
+    from medjax.observation import OBSERVATIONS
+    from medjax.wrappers.devices import environment_mesh
+    from train.networks import check_network
+
     overrides: dict[str, Any] = dict(config.overrides)
     try:
-        return medjax.make(config.scenario, observation=config.observation, **overrides)
+        # An environment is compiled in part; what can be refused without it is refused before.
+        check_network(config, OBSERVATIONS.get(config.observation))
+        environment_mesh(config.num_envs // config.num_minibatches, config.num_devices)
+        return build(config.scenario, observation=config.observation, **overrides)
     except ValueError as error:
         raise SettingError(str(error)) from None

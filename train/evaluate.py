@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from train.cli import OneLineParser, add_set_option, fail, parse_overrides
+from train.cli import OneLineParser, add_set_option, as_path, fail, parse_overrides
 from train.config import SettingError
 from train.rundir import RunDir, check_matplotlib, check_output, write_json
 from train.tables import format_table
@@ -48,8 +48,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         numbers = {name: whole_number(name, getattr(given, name)) for name in LIMITS}
         target, picture = _target("json", given.json), _target("plot", given.plot)
         changes = parse_overrides(getattr(given, "overrides", []))
-        config = to_play(RunDir(Path(given.run_dir)).load_config(), given.scenario, changes)
-        env, params, policies = load_policies(Path(given.run_dir), config, given.stochastic)
+        run_dir = RunDir(as_path("run-dir", given.run_dir))
+        config = to_play(run_dir.load_config(), given.scenario, changes)
+        env, params, policies = load_policies(run_dir.path, config, given.stochastic)
     except SettingError as error:
         return fail("train.evaluate", error)
     from train.evaluation import evaluate_policies, summarize
@@ -76,7 +77,7 @@ def _target(option: str, text: str | None) -> Path | None:
     """File to write to, refused now rather than after the work."""
     if text is None:
         return None
-    path = Path(text)
+    path = as_path(option, text)
     if option == "plot":
         if path.suffix != ".png":
             raise SettingError(f"plot is {path}, allowed: a file that ends in .png")

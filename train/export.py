@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from train.cli import OneLineParser, fail
+from train.cli import OneLineParser, as_path, fail
 from train.config import SettingError, TrainConfig
 from train.rundir import RunDir, check_output
 from train.trained_run import load_weights
@@ -83,9 +83,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         The exit code.
     """
     given = build_parser().parse_args(argv)
-    run_dir = RunDir(Path(given.run_dir))
-    target = Path(given.out) if given.out else run_dir.policy
     try:
+        run_dir = RunDir(as_path("run-dir", given.run_dir))
+        target = run_dir.policy if given.out is None else as_path("out", given.out)
         config = run_dir.load_config()
         check_output("out", target)
         env, _, weights = load_weights(run_dir.path, config)

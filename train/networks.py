@@ -20,6 +20,7 @@ from medjax.observation import FlatObservation
 from medjax.wrappers.normalize import RunningStats, normalize
 from medjax.wrappers.protocol import Environment
 from train.config import TrainConfig
+from train.wording import shown
 
 TYPICAL_NUMBER = 8.0  # of vehicles of a set
 MASKED_LOGIT = -1e9  # finite, so that log-probabilities and gradients are; exp() of it is exactly 0
@@ -145,18 +146,8 @@ def mlp(env: Environment, config: TrainConfig) -> Callable[[], nn.Module]:
 
 
 def sets(env: Environment, config: TrainConfig) -> Callable[[], nn.Module]:
-    """`SetTorso`, on the paper's flat observation.
-
-    Raises:
-        ValueError: another observation, or a normalised one.
-    """
-    layout = getattr(env, "observation", None)
-    if not isinstance(layout, FlatObservation):
-        raise ValueError(
-            f"network is 'sets' and observation is {config.observation!r}, allowed: flat"
-        )
-    if config.normalize_observations:  # nobody would no longer be a row of zeros
-        raise ValueError("network is 'sets' and normalize_observations is True, allowed: False")
+    """`SetTorso`, on the paper's flat observation; `check_network` refuses others."""
+    layout: FlatObservation = getattr(env, "observation")  # noqa: B009 - not in the protocol
     activation, dtype = ACTIVATIONS[config.activation], DTYPES[config.compute_dtype]
     shape: EnvConfig = getattr(env, "config")  # noqa: B009 - not in the protocol
     return partial(SetTorso, layout, shape, config.encoder, config.hidden, activation, dtype)
@@ -166,6 +157,29 @@ NETWORKS: dict[str, Callable[[Environment, TrainConfig], Callable[[], nn.Module]
     "mlp": mlp,
     "sets": sets,
 }
+
+
+def check_network(config: TrainConfig, layout: Any) -> None:
+    """Checks that there is a network as `config` wants it; needs no environment.
+
+    Args:
+        config: settings.
+        layout: observation of the environment, `medjax.observation.OBSERVATIONS` has those with a name.
+
+    Raises:
+        ValueError: no such network, or it does not fit the observation.
+    """
+    if config.network not in NETWORKS:
+        allowed = ", ".join(NETWORKS)
+        raise ValueError(f"network is {shown(config.network)}, allowed: {allowed}")
+    if config.network != "sets":
+        return
+    if not isinstance(layout, FlatObservation):
+        raise ValueError(
+            f"network is 'sets' and observation is {shown(config.observation)}, allowed: flat"
+        )
+    if config.normalize_observations:  # nobody would no longer be a row of zeros
+        raise ValueError("network is 'sets' and normalize_observations is True, allowed: False")
 
 
 def build_network(env: Environment, config: TrainConfig) -> nn.Module:
@@ -178,9 +192,7 @@ def build_network(env: Environment, config: TrainConfig) -> nn.Module:
     Raises:
         ValueError: no such network, or it does not fit the observation.
     """
-    if config.network not in NETWORKS:
-        allowed = ", ".join(NETWORKS)
-        raise ValueError(f"network is {config.network!r}, allowed: {allowed}")
+    check_network(config, getattr(env, "observation", None))
     make_torso = NETWORKS[config.network](env, config)
     return ActorCritic(env.num_actions, make_torso, config.initial_wait)
 

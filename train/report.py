@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from train.cli import OneLineParser, fail
+from train.cli import OneLineParser, as_path, fail
 from train.config import SettingError
 from train.rundir import RunDir, check_matplotlib, check_writable
 from train.trained_run import load_policies, to_play, trained_run_parser, whole_number
@@ -34,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     given = build_parser().parse_args(argv)
     try:
         episodes, seed = (whole_number(name, getattr(given, name)) for name in ("episodes", "seed"))
-        run_dir = RunDir(Path(given.run_dir))
+        run_dir = RunDir(as_path("run-dir", given.run_dir))
         config = to_play(run_dir.load_config())
         _check_target(run_dir.report)
         env, params, policies = load_policies(run_dir.path, config, given.stochastic)

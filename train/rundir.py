@@ -6,6 +6,7 @@ import fcntl
 import importlib.util
 import itertools
 import json
+import os
 import platform
 import tempfile
 from collections.abc import Mapping
@@ -165,7 +166,7 @@ def check_unused(path: Path) -> None:
     """Refuses a directory that holds anything.
 
     Raises:
-        SettingError: it is in use, or is not a directory.
+        SettingError: it is in use, is not a directory, or could not be made.
     """
     try:
         if path.exists() and not path.is_dir():
@@ -177,6 +178,7 @@ def check_unused(path: Path) -> None:
                 f"run-dir is {path}, which already holds files, allowed: a new or empty directory"
                 " (or --resume it)"
             )
+        check_writable(next(there for there in (path, *path.parents) if os.path.lexists(there)))
     except OSError as error:
         raise _unwritable(path, error) from None
 
@@ -202,8 +204,9 @@ def check_output(option: str, path: Path) -> None:
         SettingError: it cannot be written.
     """
     try:
-        if path.is_dir():
-            raise SettingError(f"{option} is {path}, which is a directory, allowed: a file")
+        if path.exists() and not path.is_file():
+            what = "a directory" if path.is_dir() else "a device"
+            raise SettingError(f"{option} is {path}, which is {what}, allowed: a file")
         check_writable(path.parent)
     except OSError as error:
         raise SettingError(

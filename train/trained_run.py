@@ -1,12 +1,14 @@
 """What the commands on a trained run share: their options, their numbers and what they load."""
 
 import dataclasses
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train.cli import OneLineParser, make_environment
 from train.config import Override, SettingError, TrainConfig
+from train.wording import MOST_SHOWN, one_line
 
 if TYPE_CHECKING:
     from train.evaluation import Policy
@@ -39,9 +41,12 @@ def whole_number(name: str, text: str) -> int:
         SettingError: it is none.
     """
     low, high = LIMITS[name]
-    if not text.strip().isdecimal() or not low <= int(text) <= high:
-        raise SettingError(f"{name} is {text}, allowed: a whole number from {low} to {high}")
-    return int(text)
+    number = int(text) if re.fullmatch(r"\s*[0-9]{1,18}\s*", text) else -1
+    if not low <= number <= high:
+        raise SettingError(
+            f"{name} is {one_line(text, MOST_SHOWN)}, allowed: a whole number from {low} to {high}"
+        )
+    return number
 
 
 def to_play(
@@ -57,7 +62,7 @@ def to_play(
         changes: numbers of the environment, over those of the run where the preset is its own: what was set for one may
             mean nothing in another.
     """
-    scenario = scenario or config.scenario
+    scenario = config.scenario if scenario is None else scenario
     kept = config.overrides if scenario == config.scenario else {}
     overrides = {**kept, **(changes or {})}
     # This machine need not have the devices that the run had.
@@ -78,13 +83,16 @@ def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, Any]:
     from medjax.wrappers import prepare_cpu
 
     prepare_cpu()
-    env, params = make_environment(config)
     from train.checkpoint import Checkpoints
     from train.learner import make_train
     from train.session import shapes_of
 
+    reader = Checkpoints(run_dir)
+    if reader.latest() is None:
+        raise SettingError(f"run {run_dir} holds no checkpoint, allowed: one that train.ppo wrote")
+    env, params = make_environment(config)
     shapes = shapes_of(make_train(env, params, config), params, config)
-    return env, params, Checkpoints(run_dir).restore_weights(shapes)
+    return env, params, reader.restore_weights(shapes)
 
 
 def load_policies(

@@ -18,6 +18,7 @@ from train.figures import MARKERS, colour, save
 from train.rundir import RunDir
 from train.tables import interval, short
 from train.trained_run import to_play
+from train.wording import shown
 
 RULES = ("forecast", "paced", "greedy", "none")
 
@@ -38,8 +39,8 @@ def non_negative(text: str) -> float:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not (math.isfinite(value) and value >= 0.0):
-        raise argparse.ArgumentTypeError(f"{text!r}: allowed a number from 0")
+    if not (text.isascii() and math.isfinite(value) and value >= 0.0):
+        raise argparse.ArgumentTypeError(f"{shown(text)}: allowed a number from 0")
     return value
 
 

@@ -22,9 +22,10 @@ from benchmarks.ablation.scores import (
     settings,
 )
 from benchmarks.ablation.worlds import play_worlds
+from benchmarks.arguments import a_path
 from medjax.policies import BASELINES
 from train.bootstrap import bootstrap_ci95
-from train.cli import OneLineParser, make_environment
+from train.cli import OneLineParser, check_environment, make_environment
 from train.evaluation import Policy, Scores
 from train.figures import new_figure
 from train.tables import format_rows, interval, short
@@ -89,7 +90,7 @@ def add_options(parser: OneLineParser, study: str) -> None:
         help=f"{sweep.label} (default: {' '.join(map(str, sweep.values))})".replace("%", "%%"),
     )
     parser.add_argument(
-        "--run-dir", type=Path, metavar="DIR", help="directory that train.ppo wrote, to play too"
+        "--run-dir", type=a_path, metavar="DIR", help="directory that train.ppo wrote, to play too"
     )
 
 
@@ -106,7 +107,7 @@ def run(study: str, options: argparse.Namespace) -> dict[str, Any]:
     values = [int(value) if value == int(value) else value for value in options.values]
     for value in values:  # refuses those that are not allowed
         overrides = {**config.overrides, sweep.number: value}
-        make_environment(dataclasses.replace(config, overrides=overrides))
+        check_environment(dataclasses.replace(config, overrides=overrides))
     policies: dict[str, Policy] = {}
     if options.run_dir:
         env, params, found = load_policies(options.run_dir, config, options.stochastic)

@@ -23,7 +23,7 @@ from benchmarks.ablation.scores import (
 )
 from benchmarks.ablation.worlds import play_worlds, train_worlds
 from benchmarks.arguments import positive
-from train.cli import OneLineParser, make_environment
+from train.cli import OneLineParser, check_environment, make_environment
 from train.config import SettingError
 from train.evaluation import TRAINED, evaluate_policies, trained
 from train.figures import new_figure
@@ -78,6 +78,9 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     if not costs:
         raise SettingError("no cost in --dispatches and --gas-delay, allowed: at least one")
     config = dataclasses.replace(settings(options), total_timesteps=options.decisions)
+    for own in costs:  # refuses those that are not allowed
+        paid = {f"reward_weights.{term}": -cost for term, cost in own.items()}
+        check_environment(dataclasses.replace(config, overrides={**config.overrides, **paid}))
     env, params = make_environment(config)
     numbers = {
         f"reward_weights.{term}": -np.asarray([each[term] for each in costs], np.float32)

@@ -81,8 +81,9 @@ def check_target(path: Path) -> str:
     ending = next((ending for ending in FORMATS if path.name.endswith(ending)), None)
     if ending is None:
         raise ValueError(f"cannot write {path}: allowed endings {', '.join(FORMATS)}")
-    if path.is_dir():
-        raise ValueError(f"cannot write {path}: it is a directory")
+    if path.exists() and not path.is_file():
+        what = "a directory" if path.is_dir() else "a device"
+        raise ValueError(f"cannot write {path}: it is {what}")
     if not path.parent.is_dir():
         raise ValueError(f"cannot write {path}: no directory {path.parent}")
     if not os.access(path.parent, os.W_OK):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from medjax.render.command import Request, parse_request
 from medjax.render.options import PROG
+from medjax.wording import one_line
 
 if TYPE_CHECKING:
     from medjax.config import EnvParams
@@ -29,8 +30,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     request = parse_request(argv)
     try:
+        _check(request, *request.played.prepared())
         env, params, chosen = request.played.policies()
-        _check(request, env, params)
     except (ValueError, OSError) as error:
         return _fail(error)
     try:
@@ -47,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _fail(error: Exception) -> int:
-    print(f"{PROG}: {' '.join(str(error).split())}", file=sys.stderr)
+    print(f"{PROG}: {one_line(str(error))}", file=sys.stderr)
     return 2
 
 

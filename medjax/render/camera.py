@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from medjax.render.roadway import Roadway
 from medjax.render.scene import Scene, Timeline
 from medjax.render.tracks import CLASSES, Track
+from medjax.wording import shown
 
 AUTO = "auto"
 HOLD_S = 10.0  # that the camera stays with a MED before it goes to a busier one
@@ -56,16 +58,19 @@ def camera_path(timeline: Timeline, follow: str) -> np.ndarray:
 
 def check_follow(text: str) -> None:
     """Raises ValueError for what can be followed in no recording."""
+    if text == AUTO or _parts(text) is not None:
+        return
     try:
-        float(text)
+        known = text.isascii() and math.isfinite(float(text))
     except ValueError:
-        if text != AUTO and _parts(text) is None:
-            raise ValueError(f"follow = {text}: allowed {FORMS}") from None
+        known = False
+    if not known:
+        raise ValueError(f"follow = {shown(text)}: allowed {FORMS}")
 
 
 def _parts(text: str) -> tuple[str, int] | None:
     """Class and number of `ev:27`."""
-    found = re.fullmatch(r"([A-Za-z]+)[: ]?(\d+)", text.strip())
+    found = re.fullmatch(r"([A-Za-z]+)[: ]?([0-9]{1,9})", text.strip())
     names = {name.lower(): name for name in CLASSES}
     if found is None or found[1].lower() not in names:
         return None

@@ -5,15 +5,19 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import importlib.util
+import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from medjax.commandline import InputError, check_writable
+from medjax.commandline import InputError, as_path, check_writable
 from medjax.playing import Played, played_of
 from medjax.render import MissingLibrary
 from medjax.render.camera import check_follow
 from medjax.render.options import SUFFIXES, build_parser
+from medjax.wording import shown
 
+MOST = 1e9  # seconds or metres: more than there are
 LIBRARIES: dict[str, dict[str, str]] = {
     ".mp4": {"PIL": "Pillow", "imageio_ffmpeg": "imageio-ffmpeg", "tqdm": "tqdm"},
     ".gif": {"PIL": "Pillow", "imageio_ffmpeg": "imageio-ffmpeg", "tqdm": "tqdm"},
@@ -39,10 +43,8 @@ class Request:
     @property
     def place_m(self) -> float | None:
         """Where the camera stands; None where it follows a vehicle."""
-        try:
-            return float(self.follow)
-        except ValueError:
-            return None
+        place = _float(self.follow)
+        return None if math.isnan(place) else place
 
 
 def parse_request(argv: Sequence[str] | None = None) -> Request:
@@ -56,7 +58,7 @@ def parse_request(argv: Sequence[str] | None = None) -> Request:
 
 
 def _request(given: argparse.Namespace) -> Request:
-    out = Path(given.out)
+    out = as_path("out", given.out)
     if out.suffix not in SUFFIXES:
         raise InputError(f"--out {out}: allowed a file that ends in {', '.join(SUFFIXES)}")
     if given.compare is not None and out.suffix != ".html":
@@ -89,11 +91,12 @@ def _check_libraries(suffix: str) -> None:
 def _size(text: str) -> tuple[int, int]:
     from medjax.render.layout import check_size
 
-    width, times, height = text.partition("x")
-    if not (times and width.isdecimal() and height.isdecimal()):
-        raise InputError(f"--size {text}: allowed WIDTHxHEIGHT in px, as in 1280x480")
-    check_size(int(width), int(height))
-    return int(width), int(height)
+    found = re.fullmatch("([0-9]{1,9})x([0-9]{1,9})", text)
+    if found is None:
+        raise InputError(f"--size {shown(text)}: allowed WIDTHxHEIGHT in px, as in 1280x480")
+    width, height = int(found[1]), int(found[2])
+    check_size(width, height)
+    return width, height
 
 
 def _number(
@@ -102,11 +105,16 @@ def _number(
     if text is None:
         return None
     allowed = f"from {least:g}" if least is not None else f"above {above:g}"
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
+    value = _float(text)
     fits = value >= least if least is not None else value > (above or 0.0)
-    if not fits or value == float("inf"):
-        raise InputError(f"--{name} {text}: allowed a number {allowed}")
+    if not fits or value > MOST:
+        raise InputError(f"--{name} {shown(text)}: allowed a number {allowed} to {MOST:g}")
     return value
+
+
+def _float(text: str) -> float:
+    """The number that a text is; nan if it is none, or in the digits of another script."""
+    try:
+        return float(text) if text.isascii() else math.nan
+    except ValueError:
+        return math.nan

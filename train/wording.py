@@ -1,0 +1,42 @@
+"""How messages show what was given: on one line, printable, and not longer than a reader wants it.
+
+`medjax.wording` has the like of it: importing that loads JAX, which bad input need not wait for.
+"""
+
+from __future__ import annotations
+
+import re
+import reprlib
+
+MOST_SHOWN = 100  # characters of a value in a message
+MOST_SAID = 600  # characters of a message on the command line
+
+
+class SettingError(ValueError):
+    """A setting out of its range; the message is one line that names field, value and what is allowed."""
+
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel = 3
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = MOST_SHOWN
+
+
+def one_line(text: str, most: int = MOST_SAID) -> str:
+    """Text as one line of printable characters; words and lines that are too long end in dots."""
+    line = " ".join(text.split())
+    line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line[: most + 1])
+    line = re.sub(rf"\S{{{MOST_SHOWN + 1},}}", lambda word: _cut(word[0], MOST_SHOWN), line)
+    return _cut(line, most)
+
+
+def shown(value: object) -> str:
+    """What a value is, in a message that refuses it."""
+    try:
+        text = _SHORT.repr(value)
+    except Exception:  # whatever a stranger's __repr__ raises; whole numbers of 4300 digits do
+        text = f"something of type {type(value).__name__}"
+    return one_line(text, MOST_SHOWN)
+
+
+def _cut(text: str, most: int) -> str:
+    return text if len(text) <= most else text[: most - 3] + "..."
