@@ -251,6 +251,7 @@ class ChargingEnv:
         meds = meds.replace(
             status=jnp.where(returns, AT_DEPOT, meds.status),
             energy_j=jnp.where(returns, params.med_capacity_j, meds.energy_j),
+            rest_j=jnp.where(returns, 0.0, meds.rest_j),
             ready_in_s=ready_in,
         )
         return state.replace(
