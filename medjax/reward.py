@@ -14,8 +14,8 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.config import EnvConfig, EnvParams
+from medjax.rounding import sum_pairwise
 from medjax.state import EnvState, Tally
-from medjax.sums import sum_pairwise
 
 
 class Outcome(struct.PyTreeNode):

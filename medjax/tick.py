@@ -12,6 +12,7 @@ from medjax.config import BodyParams, EnvConfig, EnvParams
 from medjax.indexing import read
 from medjax.movement import move, partners
 from medjax.physics import battery_energy, change_battery, tractive_energy
+from medjax.rounding import count_down, sum_pairwise
 from medjax.state import (
     IN_SERVICE,
     MERGING,
@@ -23,7 +24,6 @@ from medjax.state import (
     Tally,
     Vehicles,
 )
-from medjax.sums import sum_pairwise
 from medjax.traffic.car_following import Drivers
 from medjax.traffic.motion import turn_between
 
@@ -141,7 +141,7 @@ def _release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params
     timer = jnp.where(
         booked,
         jnp.where(evs.is_charging, 0.0, evs.timer_s + config.tick_s),
-        jnp.maximum(evs.timer_s - config.tick_s, 0.0),
+        count_down(evs.timer_s, config.tick_s),
     )
     late = booked & (timer > params.charging.patience_s)
     done = evs.energy_j >= params.charging.target_soc * params.ev_capacity_j

@@ -1,4 +1,4 @@
-"""Sums of floats that come out the same, bit for bit, in every program.
+"""What rounding must not decide: the bits of a sum, and when a clock has run down.
 
 XLA adds up an axis in an order that depends on the shapes around it: one environment alone, and the same
 one among a hundred, would differ in the last digits of their reward.
@@ -27,11 +27,16 @@ def sum_pairwise(values: jax.Array) -> jax.Array:
         return jnp.zeros(values.shape[:-1], values.dtype)
     while size > 1:
         half = -(-size // 2)
-        values = values[..., :half] + _padded(values[..., half:], half)
+        odd = [(0, 0)] * (values.ndim - 1) + [(0, 2 * half - size)]
+        values = values[..., :half] + jnp.pad(values[..., half:], odd)
         size = half
     return values[..., 0]
 
 
-def _padded(values: jax.Array, size: int) -> jax.Array:
-    lead = [(0, 0)] * (values.ndim - 1)
-    return jnp.pad(values, [*lead, (0, size - values.shape[-1])])
+def count_down(clock_s: jax.Array, dt: float) -> jax.Array:
+    """A clock `(...)` s after another dt, s, not below 0.
+
+    Less than a hundredth of dt is what rounding left over, and 0: five times 0.4 s taken off 2 s leave nothing.
+    """
+    left = clock_s - dt
+    return jnp.where(left > 0.01 * dt, left, 0.0)
