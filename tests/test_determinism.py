@@ -18,7 +18,7 @@ def digest(leaf):
     return jnp.sum(bits * (2 * jnp.arange(bits.size, dtype=jnp.int32) + 1))
 
 
-def course(env, params, decisions, key, state):
+def course(env, decisions, key, state, params):
     """Digests of all that decisions under random actions return, `(decisions,)` by name."""
     act = medjax.BASELINES["random"](env)
 
@@ -45,18 +45,27 @@ def assert_equal(one, other, rows):
     assert not first
 
 
-def compare(sizes, decisions, scenario="paper", **overrides):
-    """Courses in batches of these sizes against those in the largest; size 0 is the program without vmap."""
+def compare(sizes, decisions, scenario="paper", *, as_constants=False, **overrides):
+    """Courses in batches of these sizes against those in the largest; size 0 is the program without vmap.
+
+    XLA simplifies more where the world's numbers are constants of the program than where they are arguments.
+    """
     env, params = medjax.make(scenario, **overrides)
     keys = jax.random.split(jax.random.key(5), max(sizes))
     _, states = jax.jit(jax.vmap(env.reset, (0, None)))(keys, params)
-    play = functools.partial(course, env, params, decisions)
-    largest = jax.device_get(jax.jit(jax.vmap(play))(keys, states))
+    play = functools.partial(course, env, decisions)
+
+    def played(program, keys, states):
+        if as_constants:
+            return jax.device_get(jax.jit(lambda *rows: program(*rows, params))(keys, states))
+        return jax.device_get(jax.jit(program)(keys, states, params))
+
+    largest = played(jax.vmap(play, (0, 0, None)), keys, states)
     assert len(np.unique(largest["[1]"])) > 0.9 * largest["[1]"].size  # no two of them are alike
     for size in sorted(set(sizes) - {max(sizes)}):
-        program = jax.vmap(play) if size else play
+        program = jax.vmap(play, (0, 0, None)) if size else play
         some = jax.tree.map(lambda leaf: leaf[:size] if size else leaf[0], (keys, states))  # noqa: B023
-        got = jax.device_get(jax.jit(program)(*some))
+        got = played(program, *some)
         if not size:
             got = jax.tree.map(lambda leaf: leaf[None], got)
         assert_equal(got, largest, max(size, 1))
@@ -91,6 +100,12 @@ def test_resets():
 def test_a_long_road_alone_and_in_a_batch():
     """The same of 2512 slots."""
     compare([0, 3], decisions=120, scenario="long")
+
+
+@pytest.mark.slow
+def test_numbers_of_the_world_as_constants():
+    """Alone and in a batch are equal also where a program is compiled for one world."""
+    compare([0, 2, 64], decisions=300, as_constants=True)
 
 
 @pytest.mark.slow
