@@ -40,3 +40,11 @@ def count_down(clock_s: jax.Array, dt: float) -> jax.Array:
     """
     left = clock_s - dt
     return jnp.where(left > 0.01 * dt, left, 0.0)
+
+
+def in_units(values: jax.Array, unit: jax.Array | float) -> jax.Array:
+    """Values `(...)` / unit `()`, by the unit's reciprocal.
+
+    XLA does so itself where it sees that the divisor is one number, and divides where it does not, in a loop for one.
+    """
+    return values * (1.0 / unit)
