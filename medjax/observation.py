@@ -41,7 +41,7 @@ class Observation(struct.PyTreeNode):
 def clock_features(state: EnvState, params: EnvParams) -> jax.Array:
     """`Observation.clock`, (4,) float32."""
     clock = [
-        1.0 - state.time / params.episode_decisions,
+        in_units(params.episode_decisions - state.time, params.episode_decisions),
         state.cooldown_s / COOLDOWN_UNIT_S,
         jnp.mean(state.meds.status == AT_DEPOT),
         jnp.mean(state.meds.status == QUEUED),

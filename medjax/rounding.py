@@ -45,6 +45,7 @@ def count_down(clock_s: jax.Array, dt: float) -> jax.Array:
 def in_units(values: jax.Array, unit: jax.Array | float) -> jax.Array:
     """Values `(...)` / unit `()`, by the unit's reciprocal.
 
-    XLA does so itself where it sees that the divisor is one number, and divides where it does not, in a loop for one.
+    XLA does so itself where it sees that the divisor is one number, and divides where it does not, in a loop for one;
+    the barrier keeps it from undoing this.
     """
-    return values * (1.0 / unit)
+    return values * jax.lax.optimization_barrier(1.0 / unit)
