@@ -230,12 +230,17 @@ class EnvParams(struct.PyTreeNode):
     @property
     def ev_capacity_j(self) -> Scalar:
         """Energy of a full EV, J."""
-        return self.ev.pack_j / self.battery_scale
+        return _quotient(self.ev.pack_j, self.battery_scale)
 
     @property
     def med_capacity_j(self) -> Scalar:
         """Energy of a full MED, J."""
-        return self.med.pack_j / self.battery_scale
+        return _quotient(self.med.pack_j, self.battery_scale)
+
+
+def _quotient(numerator: Scalar, denominator: Scalar) -> Scalar:
+    """Numerator / denominator, rounded once: XLA makes x / (a / b) an x b / a where it sees both, not elsewhere."""
+    return jax.lax.optimization_barrier(numerator / denominator)
 
 
 # `medjax.traffic.neighbours` writes all lanes, the acceleration lane and one for nobody, into one line.

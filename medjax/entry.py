@@ -116,6 +116,7 @@ def _put_on_road(
     new_ev, ev_source = new[config.ev_slots], source[config.ev_slots]
     evs = evs.replace(
         energy_j=jnp.where(new_ev, next_up.soc[ev_source] * params.ev_capacity_j, evs.energy_j),
+        rest_j=jnp.where(new_ev, 0.0, evs.rest_j),
         is_human=jnp.where(new_ev, next_up.is_human[ev_source], evs.is_human),
         med=jnp.where(new_ev, NOT_BOOKED, evs.med),
         panel=jnp.where(new_ev, NOT_BOOKED, evs.panel),

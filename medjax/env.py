@@ -21,6 +21,7 @@ from medjax.movement import drivers_of, vehicle_kinds
 from medjax.observation import FlatObservation, Observation, observe
 from medjax.reset import initial_state
 from medjax.reward import TERMS, Outcome, RewardTerm, total_reward
+from medjax.rounding import count_down
 from medjax.spaces import Box, Discrete
 from medjax.state import AT_DEPOT, NOT_BOOKED, RETIRED, EnvState, Tally
 from medjax.tick import drive_energy, physics_tick
@@ -246,15 +247,18 @@ class ChargingEnv:
     def _advance_clock(self, state: EnvState, params: EnvParams) -> EnvState:
         """Counts the decision, lets the cooldown run, and brings MEDs back to the depot, full."""
         meds, dt = state.meds, self.config.decision_s
-        ready_in = jnp.where(meds.status == RETIRED, meds.ready_in_s - dt, meds.ready_in_s)
+        ready_in = jnp.where(
+            meds.status == RETIRED, count_down(meds.ready_in_s, dt), meds.ready_in_s
+        )
         returns = (meds.status == RETIRED) & (ready_in <= 0.0)
         meds = meds.replace(
             status=jnp.where(returns, AT_DEPOT, meds.status),
             energy_j=jnp.where(returns, params.med_capacity_j, meds.energy_j),
+            rest_j=jnp.where(returns, 0.0, meds.rest_j),
             ready_in_s=ready_in,
         )
         return state.replace(
             meds=meds,
-            cooldown_s=jnp.maximum(state.cooldown_s - dt, 0.0),
+            cooldown_s=count_down(state.cooldown_s, dt),
             time=state.time + 1,
         )

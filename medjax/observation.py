@@ -15,6 +15,7 @@ from flax import struct
 from medjax.charging.booking import panel_flags
 from medjax.config import PANELS, EnvConfig, EnvParams
 from medjax.need import forecast_need, free_slots, med_places
+from medjax.rounding import in_units
 from medjax.state import AT_DEPOT, IN_SERVICE, MERGING, NOT_BOOKED, QUEUED, EnvState
 from medjax.traffic.road import lateral_position
 
@@ -40,7 +41,7 @@ class Observation(struct.PyTreeNode):
 def clock_features(state: EnvState, params: EnvParams) -> jax.Array:
     """`Observation.clock`, (4,) float32."""
     clock = [
-        1.0 - state.time / params.episode_decisions,
+        in_units(params.episode_decisions - state.time, params.episode_decisions),
         state.cooldown_s / COOLDOWN_UNIT_S,
         jnp.mean(state.meds.status == AT_DEPOT),
         jnp.mean(state.meds.status == QUEUED),
@@ -60,10 +61,10 @@ def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observatio
     y = lateral_position(vehicles.lane, vehicles.lateral_offset, params.road.lane_width_m)
     motion = jnp.stack(
         [
-            vehicles.x / params.road.length_m,
-            y / width,
-            vehicles.speed / cruise,
-            vehicles.lateral_speed / params.road.lane_width_m,
+            in_units(vehicles.x, params.road.length_m),
+            in_units(y, width),
+            in_units(vehicles.speed, cruise),
+            in_units(vehicles.lateral_speed, params.road.lane_width_m),
         ],
         axis=-1,
     )
@@ -73,7 +74,7 @@ def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observatio
     med_rows = jnp.concatenate(
         [
             motion[config.med_slots],
-            (meds.energy_j / params.med_capacity_j)[:, None],
+            in_units(meds.energy_j, params.med_capacity_j)[:, None],
             (meds.status == IN_SERVICE)[:, None],
             booked,
             charging,
@@ -83,7 +84,7 @@ def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observatio
     )
     own = jnp.stack(
         [
-            evs.energy_j / params.ev_capacity_j,
+            in_units(evs.energy_j, params.ev_capacity_j),
             evs.is_human.astype(jnp.float32),
             evs.is_charging.astype(jnp.float32),
             (evs.med + 1) / config.num_meds,
@@ -180,12 +181,12 @@ class RoadProfile:
         vehicles, evs, meds = state.vehicles, state.evs, state.meds
         on_road = vehicles.active[config.ev_slots]
         free = (on_road & (evs.med == NOT_BOOKED))[:, None]
-        charge = hat_weights(evs.energy_j / params.ev_capacity_j, self.soc_nodes)
+        charge = hat_weights(in_units(evs.energy_j, params.ev_capacity_j), self.soc_nodes)
         booked = on_road & (evs.med != NOT_BOOKED)
         ev_columns = jnp.concatenate(
             [jnp.where(free, charge, 0.0), booked[:, None], evs.is_charging[:, None]], axis=1
         )
-        ev_place = vehicles.x[config.ev_slots] / params.road.length_m
+        ev_place = in_units(vehicles.x[config.ev_slots], params.road.length_m)
 
         med_x = med_places(state, config, params)
         serves = meds.status == IN_SERVICE
@@ -193,18 +194,18 @@ class RoadProfile:
             [
                 (meds.status == QUEUED) | (meds.status == MERGING),
                 serves,
-                jnp.where(serves, meds.energy_j / params.med_capacity_j, 0.0),
+                jnp.where(serves, in_units(meds.energy_j, params.med_capacity_j), 0.0),
                 jnp.where(serves, free_slots(state, config), 0),
             ],
             axis=1,
         )
-        med_place = med_x / params.road.length_m
+        med_place = in_units(med_x, params.road.length_m)
         ahead_km = (med_x[:, None] - params.road.ramp_x_m) / 1000.0
         clock = clock_features(state, params)
         time_left, _, at_depot, _ = clock
         parts = [
-            (hat_weights(ev_place, self.road_nodes).T @ ev_columns).ravel(),
-            (hat_weights(med_place, self.road_nodes).T @ med_columns).ravel(),
+            self._at_nodes(ev_place, ev_columns),
+            self._at_nodes(med_place, med_columns),
             jnp.min(jnp.where(ahead_km >= 0.0, ahead_km, FAR_KM), axis=0, initial=FAR_KM),
             jnp.min(jnp.where(ahead_km < 0.0, -ahead_km, FAR_KM), axis=0, initial=FAR_KM),
             forecast_need(state, config, params, NEED_WINDOW_S) / len(PANELS),
@@ -213,6 +214,12 @@ class RoadProfile:
             clock,
         ]
         return jnp.concatenate(parts).astype(jnp.float32)
+
+    def _at_nodes(self, place: jax.Array, columns: jax.Array) -> jax.Array:
+        """Columns `(n, c)` of vehicles at places `(n,)`, summed up at the road's nodes, `(road_nodes * c,)`."""
+        shares = hat_weights(place, self.road_nodes)
+        # Not a matrix product: that of one environment rounds otherwise than that of many, and takes longer.
+        return jnp.sum(shares[:, :, None] * columns[:, None, :], axis=0).ravel()
 
 
 OBSERVATIONS = {"flat": FlatObservation(), "profile": RoadProfile()}

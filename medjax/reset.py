@@ -23,6 +23,7 @@ def _unserved(energy_j: jax.Array, is_human: jax.Array) -> EVs:
     not_booked = jnp.full(energy_j.shape, NOT_BOOKED, jnp.int32)
     return EVs(
         energy_j=energy_j,
+        rest_j=jnp.zeros(energy_j.shape),
         is_human=is_human,
         med=not_booked,
         panel=not_booked,
@@ -37,6 +38,7 @@ def _at_depot(config: EnvConfig, params: EnvParams) -> MEDs:
     exists = jnp.arange(config.num_meds) < params.fleet.size
     return MEDs(
         energy_j=jnp.full((config.num_meds,), params.med_capacity_j, jnp.float32),
+        rest_j=jnp.zeros((config.num_meds,)),
         status=jnp.where(exists, AT_DEPOT, RETIRED).astype(jnp.int32),
         ramp=jnp.zeros((config.num_meds,), jnp.int32),
         ready_in_s=jnp.full((config.num_meds,), jnp.inf, jnp.float32),

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.config import EnvConfig, EnvParams
+from medjax.rounding import in_units, sum_pairwise
 from medjax.state import EnvState, Tally
 
 
@@ -38,10 +39,10 @@ def depleted(outcome: Outcome) -> jax.Array:
 def soc(outcome: Outcome) -> jax.Array:
     """Mean state of charge of the EVs on the road now, R_SoC; 0 on a road without EVs."""
     on_road = outcome.after.vehicles.active[outcome.config.ev_slots]
-    charge = (
-        jnp.where(on_road, outcome.after.evs.energy_j, 0.0).sum() / outcome.params.ev_capacity_j
+    charge = jnp.where(
+        on_road, in_units(outcome.after.evs.energy_j, outcome.params.ev_capacity_j), 0.0
     )
-    return charge / jnp.maximum(on_road.sum(), 1)
+    return sum_pairwise(charge) / jnp.maximum(on_road.sum(), 1)
 
 
 def distance(outcome: Outcome) -> jax.Array:
@@ -103,8 +104,10 @@ def total_reward(
 ) -> tuple[jax.Array, dict[str, jax.Array]]:
     """Weighted sum of the terms, and each weighted term by name; float32 scalars."""
     weights = outcome.params.reward_weights
+    # The barrier keeps XLA from multiplying a weight with a term's own constants first, as it does where both are
+    # scalars: one environment alone would round otherwise than the same one in a batch.
+    values = jax.lax.optimization_barrier({name: term(outcome) for name, term in terms.items()})
     parts = {
-        name: jnp.asarray(weights[name] * term(outcome), jnp.float32)
-        for name, term in terms.items()
+        name: jnp.asarray(weights[name] * value, jnp.float32) for name, value in values.items()
     }
     return sum(parts.values(), jnp.zeros((), jnp.float32)), parts

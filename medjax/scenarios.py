@@ -207,6 +207,21 @@ def _realistic(config: EnvConfig) -> EnvParams:
     )
 
 
+def _long(config: EnvConfig) -> EnvParams:
+    """A motorway of 100 km with true packs: the way takes a Leaf 18 kWh, and charging it 40 km."""
+    params = _paper(config)
+    ramps = np.linspace(100.0, 84_100.0, config.num_ramps)  # every 12 km
+    return params.replace(
+        road=params.road.replace(length_m=100_000.0, ramp_x_m=jnp.asarray(ramps, jnp.float32)),
+        demand=params.demand.replace(
+            mainline_per_h=1100.0, ramp_per_h=jnp.full((config.num_ramps,), 175.0)
+        ),
+        fleet=params.fleet.replace(size=config.num_meds),
+        battery_scale=1.0,
+        episode_decisions=3600,
+    )
+
+
 @dataclasses.dataclass(frozen=True)
 class Scenario:
     """A preset: static sizes and a function from them to the numbers, all but the coils' table."""
@@ -218,6 +233,7 @@ class Scenario:
 SCENARIOS: dict[str, Scenario] = {
     "paper": Scenario(EnvConfig(), _paper),
     "realistic": Scenario(EnvConfig(), _realistic),
+    "long": Scenario(EnvConfig(num_meds=64, num_evs=400, num_gas=2048, num_ramps=8), _long),
 }
 
 

@@ -31,6 +31,7 @@ class EVs(struct.PyTreeNode):
     """What an EV has beyond its vehicle. E = num_evs."""
 
     energy_j: jax.Array  # (E,)
+    rest_j: jax.Array  # (E,) what rounding left out of energy_j
     is_human: jax.Array  # (E,) bool
     med: jax.Array  # (E,) int32, MED it is booked on, or NOT_BOOKED
     panel: jax.Array  # (E,) int32, slot of that MED, or NOT_BOOKED
@@ -43,6 +44,7 @@ class MEDs(struct.PyTreeNode):
     """What a MED has beyond its vehicle. M = num_meds."""
 
     energy_j: jax.Array  # (M,)
+    rest_j: jax.Array  # (M,) what rounding left out of energy_j
     status: jax.Array  # (M,) int32, AT_DEPOT .. RETIRED
     ramp: jax.Array  # (M,) int32, where it was sent
     ready_in_s: jax.Array  # (M,) until a retired MED is at the depot again

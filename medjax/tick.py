@@ -11,7 +11,8 @@ from medjax.charging.transfer import coupling_efficiency, transfer
 from medjax.config import BodyParams, EnvConfig, EnvParams
 from medjax.indexing import read
 from medjax.movement import move, partners
-from medjax.physics import battery_energy, tractive_energy
+from medjax.physics import battery_energy, change_battery, tractive_energy
+from medjax.rounding import count_down, in_units, sum_pairwise
 from medjax.state import (
     IN_SERVICE,
     MERGING,
@@ -101,26 +102,35 @@ def _exchange(
 
     with jax.named_scope("energy"):
         med_use = _driven(before, after, med_slots, params.med, config.tick_s)
-        driven = evs.energy_j - _driven(before, after, ev_slots, params.ev, config.tick_s)
+        ev_use = _driven(before, after, ev_slots, params.ev, config.tick_s)
         flow = transfer(
             efficiency,
             is_charging,
             evs.med,
             meds.energy_j - params.fleet.reserve_soc * params.med_capacity_j,
-            params.ev_capacity_j - driven,
+            params.ev_capacity_j - (evs.energy_j - ev_use),
             params.charging.slot_power_w * config.tick_s,
         )
-        ev_energy = jnp.clip(driven + flow.received_j, 0.0, params.ev_capacity_j)
-        med_energy = jnp.clip(meds.energy_j - med_use - flow.drawn_j, 0.0, params.med_capacity_j)
+        ev_energy, ev_rest = change_battery(
+            evs.energy_j, evs.rest_j, flow.received_j - ev_use, params.ev_capacity_j
+        )
+        med_energy, med_rest = change_battery(
+            meds.energy_j, meds.rest_j, -med_use - flow.drawn_j, params.med_capacity_j
+        )
 
     first = is_charging & ~evs.served
     tally = Tally.zeros().replace(
-        energy_sent_j=jnp.sum(flow.sent_j),
-        energy_received_j=jnp.sum(flow.received_j),
+        energy_sent_j=sum_pairwise(flow.sent_j),
+        energy_received_j=sum_pairwise(flow.received_j),
         evs_served=jnp.sum(first, dtype=jnp.float32),
     )
-    evs = evs.replace(energy_j=ev_energy, is_charging=is_charging, served=evs.served | is_charging)
-    return evs, meds.replace(energy_j=med_energy), tally
+    evs = evs.replace(
+        energy_j=ev_energy,
+        rest_j=ev_rest,
+        is_charging=is_charging,
+        served=evs.served | is_charging,
+    )
+    return evs, meds.replace(energy_j=med_energy, rest_j=med_rest), tally
 
 
 def _release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params: EnvParams) -> EVs:
@@ -131,7 +141,7 @@ def _release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params
     timer = jnp.where(
         booked,
         jnp.where(evs.is_charging, 0.0, evs.timer_s + config.tick_s),
-        jnp.maximum(evs.timer_s - config.tick_s, 0.0),
+        count_down(evs.timer_s, config.tick_s),
     )
     late = booked & (timer > params.charging.patience_s)
     done = evs.energy_j >= params.charging.target_soc * params.ev_capacity_j
@@ -184,18 +194,18 @@ def physics_tick(
         evs = _release(vehicles, evs, meds, config, params)
 
     with jax.named_scope("tally"):
-        soc = evs.energy_j / params.ev_capacity_j
+        soc = in_units(evs.energy_j, params.ev_capacity_j)
         travelled = jnp.where(before.active, after.x - before.x, 0.0)
         on_road = by_class(active, config)
         flow = Tally.zeros().replace(
             left=by_class(left, config),
             depleted=jnp.sum(depleted, dtype=jnp.float32),
             ev_seconds=on_road[1] * config.tick_s,
-            ev_distance_m=jnp.sum(travelled[config.ev_slots]),
-            soc_seconds=jnp.sum(jnp.where(active[config.ev_slots], soc, 0.0)) * config.tick_s,
-            exit_soc=jnp.sum(jnp.where(left[config.ev_slots], soc, 0.0)),
+            ev_distance_m=sum_pairwise(travelled[config.ev_slots]),
+            soc_seconds=sum_pairwise(jnp.where(active[config.ev_slots], soc, 0.0)) * config.tick_s,
+            exit_soc=sum_pairwise(jnp.where(left[config.ev_slots], soc, 0.0)),
             gas_seconds=on_road[2] * config.tick_s,
-            gas_distance_m=jnp.sum(travelled[config.gas_slots]),
+            gas_distance_m=sum_pairwise(travelled[config.gas_slots]),
             vehicle_ticks=jnp.sum(on_road),
         )
         happened = moved + exchanged + flow

@@ -1,11 +1,11 @@
 """Formulas for the wireless link and the battery: arrays in, arrays out, and no vehicle in sight.
 
 Coils (`mutual_inductance`, tabulated by `tabulate_inductance`), the link between them
-(`link_efficiency`), what driving takes (`tractive_energy`, `battery_energy`), and the elliptic
-integrals (`ellipk`, `ellipe`). SI units throughout; float64 in gives float64 out.
+(`link_efficiency`), what driving takes (`tractive_energy`, `battery_energy`, `change_battery`), and the
+elliptic integrals (`ellipk`, `ellipe`). SI units throughout; float64 in gives float64 out.
 """
 
-from medjax.physics.battery import battery_energy, tractive_energy
+from medjax.physics.battery import battery_energy, change_battery, tractive_energy
 from medjax.physics.coil import VACUUM_PERMEABILITY, mutual_inductance
 from medjax.physics.coil_table import InductanceTable, interpolate_inductance, tabulate_inductance
 from medjax.physics.elliptic import ellipe, ellipk
@@ -15,6 +15,7 @@ __all__ = [
     "VACUUM_PERMEABILITY",
     "InductanceTable",
     "battery_energy",
+    "change_battery",
     "ellipe",
     "ellipk",
     "interpolate_inductance",

@@ -98,3 +98,28 @@ def battery_energy(
     )
     through_motor = jnp.where(wheels >= 0, wheels / drivetrain, wheels * regeneration)
     return through_motor + auxiliary * dt
+
+
+def change_battery(
+    energy: jax.Array, rest: jax.Array, change: jax.Array, capacity: ArrayLike
+) -> tuple[jax.Array, jax.Array]:
+    """Energy after a change, within 0 and capacity, by a compensated sum.
+
+    In float32 a truck's pack of 400 kWh is a multiple of 128 J, as much as half a second of its electronics takes:
+    rounded at every time step, small loads would be lost. What rounding leaves out waits for the next step.
+
+    Args:
+      energy: J, in [0, capacity]; all arguments broadcast, any shape.
+      rest: J, as the step before returned it; 0 at first.
+      change: J, positive into the battery.
+      capacity: J.
+
+    Returns:
+      (energy, rest), J; they add up to the exact sum, and rest is 0 in a battery that was cut off at 0 or at capacity.
+
+    Source: Kahan 1965, Further remarks on reducing truncation errors.
+    """
+    change = change + rest
+    total = energy + change
+    kept = jnp.clip(total, 0.0, capacity)
+    return kept, jnp.where(kept == total, change - (total - energy), 0.0)

@@ -217,9 +217,9 @@ def fill_road(
     row = position // num_lanes
     jitter = jax.random.uniform(jitter_key, (slots,), maxval=0.5)
     smallest_gap = 0.5 * spacing - jnp.max(drivers.vehicle_length)
-    fastest = jnp.maximum(smallest_gap - jnp.max(drivers.min_gap), 0.0) / jnp.max(
-        drivers.time_headway
-    )
+    # As XLA divides by what all environments share; where there is one, it would not.
+    per_headway = 1.0 / jnp.max(drivers.time_headway)
+    fastest = jnp.maximum(smallest_gap - jnp.max(drivers.min_gap), 0.0) * per_headway
     return Fill(
         x=(row + jitter) * spacing,
         lane=(position % num_lanes).astype(jnp.int32),

@@ -48,7 +48,8 @@ def test_devices_and_blocks_change_nothing(num_envs):
 
 
 def test_devices_change_nothing_on_the_highway():
-    """The same of the real environment to rounding, which depends on the shapes that XLA compiles for."""
+    """The same of the real environment to rounding, as it is compiled quickly here; of programs that are fully
+    optimised to the last bit: tests/test_determinism.py."""
     env, params = medjax.make("paper", episode_decisions=3)
     alone = course(env, params, 4, None, 8)
     shared = course(env, params, 4, 2, 8)

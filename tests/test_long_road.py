@@ -1,0 +1,159 @@
+"""The preset `long`: 100 km, about two thousand vehicles, true packs."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from medjax.charging.booking import panel_flags
+from medjax.movement import vehicle_kinds
+from medjax.state import IN_SERVICE
+from medjax.traffic import find_neighbours, sort_by_road
+from medjax.traffic.demand import expected_vehicles
+from tests.test_precision import brute_force
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+
+@pytest.fixture(scope="module")
+def long():
+    return medjax.make("long")
+
+
+def moved_to_the_end(state, config, params, x):
+    """The state with a MED in service at x that has EVs near its slots, low on energy, and nobody else there."""
+    vehicles, first = state.vehicles, config.num_meds
+    clear = vehicles.active & (np.abs(vehicles.x - x) > 600.0)
+    places = np.array([x, x - 30.0, x - 40.0, x - 60.0, x + 40.0])
+    slots = np.array([0, first, first + 1, first + 2, first + 3])
+
+    def put(column, values):
+        return jnp.asarray(column).at[slots].set(jnp.asarray(values, column.dtype))
+
+    vehicles = vehicles.replace(
+        active=put(clear, True),
+        x=put(vehicles.x, places),
+        lane=put(vehicles.lane, [2, 1, 3, 2, 2]),
+        speed=put(vehicles.speed, 18.0),
+        desired_speed=put(vehicles.desired_speed, [18.0, 30.0, 30.0, 30.0, 30.0]),
+    )
+    low = state.evs.energy_j.at[:4].set(0.2 * params.ev_capacity_j)
+    status = state.meds.status.at[0].set(IN_SERVICE)
+    return state.replace(
+        vehicles=vehicles,
+        evs=state.evs.replace(energy_j=low),
+        meds=state.meds.replace(status=status),
+    )
+
+
+def play(env, params, act, decisions):
+    """Jitted (key, state) -> (last state, per decision: what must be 0, who charges where, who is on the road)."""
+    config = env.config
+    slices = (config.med_slots, config.ev_slots, config.gas_slots)
+
+    def step(state, key):
+        act_key, step_key = jax.random.split(key)
+        obs, state, reward, _, _, info = env.step_env(
+            step_key, state, act(act_key, state, params), params
+        )
+        v, tally = state.vehicles, state.tally
+        on_road = jnp.stack([v.active[s].sum() for s in slices])
+        length = params.drivers.vehicle_length[vehicle_kinds(state.evs.is_human, config)]
+        order = jnp.lexsort((v.x, jnp.where(v.active, v.lane, 99)))
+        lane, x, rear = v.lane[order], v.x[order], (v.x - length)[order]
+        pairs = v.active[order][1:] & v.active[order][:-1] & (lane[1:] == lane[:-1])
+        soc = state.evs.energy_j / params.ev_capacity_j
+        med_soc = state.meds.energy_j / params.med_capacity_j
+        lost = tally.entered - tally.left - on_road - jnp.array([0.0, 1.0, 0.0]) * tally.depleted
+        floats = [leaf for leaf in jax.tree.leaves((obs, state, reward)) if leaf.dtype == x.dtype]
+        seats = panel_flags(state.evs.med, state.evs.panel, state.evs.med >= 0, config.num_meds)
+        wrong = {
+            "nan": sum(jnp.isnan(leaf).sum() for leaf in floats),
+            "overlaps": jnp.sum(pairs & (rear[1:] < x[:-1])),
+            "collisions": info["tally"].collisions,
+            "soc": jnp.sum((soc < 0.0) | (soc > 1.0)) + jnp.sum((med_soc < 0.0) | (med_soc > 1.0)),
+            "reverse": jnp.sum(v.speed < 0.0),
+            "off the road": jnp.sum(v.active & ((v.x < 0.0) | (v.x > params.road.length_m))),
+            "lost": jnp.abs(lost).sum(),
+            "shared slots": jnp.sum(state.evs.med >= 0) - jnp.sum(seats),
+        }
+        charging_x = jnp.where(state.evs.is_charging, v.x[config.ev_slots], -1.0)
+        return state, (wrong, charging_x, on_road)
+
+    return jax.jit(lambda key, state: jax.lax.scan(step, state, jax.random.split(key, decisions)))
+
+
+def test_holds_two_thousand_vehicles_on_100_km(long):
+    """As many as the demand brings, with room for more; energy for the whole way in most packs, not in all."""
+    env, params = long
+    config = env.config
+    assert float(params.road.length_m) == 100_000.0
+    assert float(params.battery_scale) == 1.0
+    assert config.num_ramps == len(params.road.ramp_x_m) == 8
+    at_cruise = float(expected_vehicles(params.demand, params.road, 30.0))
+    slowed = float(expected_vehicles(params.demand, params.road, 26.0))
+    assert at_cruise < 2000 < slowed < config.num_vehicles
+    # The road can be crossed within an episode, by who does not charge, and a MED's pack lasts for its way.
+    assert float(params.episode_decisions) * config.decision_s > 100_000.0 / 30.0
+
+
+def test_random_play_from_end_to_end_of_the_road(long):
+    """Two minutes: nobody collides, vanishes or leaves the ranges; EVs charge, also at 95 km, where they were put
+    beside a MED; the order of the road is that of float64."""
+    env, params = long
+    config = env.config
+    key = jax.random.key(0)
+    obs, state = jax.jit(env.reset)(key, params)
+    assert obs.shape == (env.observation.size(config),)
+    started = int(state.vehicles.active.sum())
+    state = moved_to_the_end(state, config, params, 95_000.0)
+    removed = state.vehicles.active
+    counts = jnp.stack(
+        [removed[s].sum() for s in (config.med_slots, config.ev_slots, config.gas_slots)]
+    )
+    state = state.replace(
+        tally=state.tally.replace(entered=counts.astype(jnp.float32))
+    )  # the ledger of who was put there
+    run = play(env, params, medjax.BASELINES["random"](env), 120)
+    state, (wrong, charging_x, on_road) = run(key, state)
+    assert {name: float(count.sum()) for name, count in wrong.items()} == dict.fromkeys(wrong, 0.0)
+    assert started > 1500
+    assert np.asarray(on_road).sum(axis=1).min() > 1500
+    at_end = np.asarray(charging_x[-1]) > 95_000.0
+    assert at_end.sum() >= 2
+    assert float(state.tally.energy_received_j) > 0.0
+
+    v = state.vehicles
+    active = np.asarray(v.active)
+    everyone = np.flatnonzero(active)
+    x, lane = np.asarray(v.x, np.float64)[active], np.asarray(v.lane)[active]
+    ahead, behind = brute_force(x, lane, lane)
+    order = sort_by_road(v.x, v.active, params.road.length_m, v.road_order)
+    got = find_neighbours(order, v.lane, v.lane + 1, v.active, config.num_lanes + 1)
+    for seen, exact in ((got.leader, ahead), (got.follower, behind)):
+        np.testing.assert_array_equal(
+            np.asarray(seen)[active], np.where(exact >= 0, everyone[exact], -1)
+        )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("policy", ["random", "forecast"])
+def test_a_whole_hour(long, policy):
+    """Three thousand six hundred decisions without a violation; MEDs carry charge over the whole road, and EVs that
+    are served get through that would have run out."""
+    env, params = long
+    key = jax.random.key(1)
+    _, state = jax.jit(env.reset)(key, params)
+    run = play(env, params, medjax.BASELINES[policy](env), int(params.episode_decisions))
+    state, (wrong, charging_x, on_road) = run(key, state)
+    assert {name: float(count.sum()) for name, count in wrong.items()} == dict.fromkeys(wrong, 0.0)
+    total = np.asarray(on_road).sum(axis=1)
+    assert 1500 < total.min() < 2000 < total.max() < env.config.num_vehicles
+    places = np.histogram(np.asarray(charging_x), bins=np.linspace(0.0, 1e5, 11))[0]
+    assert (places > 0).all()  # somebody charges in every stretch of 10 km
+    assert float(state.tally.left[0]) > 0.0
+
+    idle = play(env, params, medjax.BASELINES["none"](env), int(params.episode_decisions))
+    unserved, _ = idle(key, jax.jit(env.reset)(key, params)[1])
+    assert float(state.tally.depleted) < 0.8 * float(unserved.tally.depleted)

@@ -1,0 +1,454 @@
+"""Where float32 bends the world: each bound of docs/precision.md, tried where it is reached, against float64."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from medjax.charging.docking import docking_acceleration, misalignment
+from medjax.charging.transfer import coupling_efficiency
+from medjax.config import FRONT, LEFT, PANELS, EnvConfig, validate_config
+from medjax.movement import drivers_of
+from medjax.physics import change_battery
+from medjax.state import IN_SERVICE, Tally
+from medjax.tick import drive_energy, physics_tick
+from medjax.traffic import find_neighbours, sort_by_road
+from medjax.traffic.motion import ballistic_step
+from medjax.traffic.neighbours import NOBODY
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+LENGTH_M, TICK_S = 100_000.0, 0.25
+ULP_M = float(np.spacing(np.float32(LENGTH_M)))  # 7.8 mm
+ROUNDING = 2.0**-24  # of float32, relative
+
+
+@pytest.fixture(scope="module")
+def long():
+    return medjax.make("long")
+
+
+# Positions ---------------------------------------------------------------------------------------
+
+
+def test_a_step_is_off_by_half_a_unit_in_the_last_place():
+    """Of x, and by rounding of the way of the tick: next to nothing."""
+    rng = np.random.default_rng(0)
+    x = rng.uniform(0.5 * LENGTH_M, LENGTH_M, 20_000).astype(np.float32)
+    speed = rng.uniform(10.0, 40.0, x.size).astype(np.float32)
+    acceleration = rng.uniform(-3.0, 3.0, x.size).astype(np.float32)
+    got, _ = ballistic_step(x, speed, acceleration, TICK_S)
+    v, a = speed.astype(np.float64), acceleration.astype(np.float64)
+    error = np.abs(np.asarray(got, np.float64) - (x + v * TICK_S + 0.5 * a * TICK_S**2))
+    assert error.max() <= 0.5 * ULP_M + 4 * ROUNDING * 10.0
+    assert error.max() > 0.49 * ULP_M  # the bound is reached
+
+
+def test_drift_over_the_whole_road():
+    """Half a unit a tick at most: a vehicle is never further off than that adds up to."""
+    speed = jnp.asarray(np.random.default_rng(1).uniform(15.0, 40.0, 100), jnp.float32)
+    ticks = int(LENGTH_M / 15.0 / TICK_S)
+
+    def tick(x, _):
+        return ballistic_step(x, speed, jnp.zeros_like(x), TICK_S)[0], x
+
+    _, x = jax.lax.scan(tick, jnp.zeros_like(speed), length=ticks)
+    x, v = np.asarray(x), np.asarray(speed, np.float64)
+    exact = np.arange(ticks)[:, None] * v * TICK_S
+    # The last step's place decides how it was rounded.
+    half_units = 0.5 * np.spacing(x).astype(np.float64)
+    bound = np.cumsum(half_units + 2 * ROUNDING * v * TICK_S, axis=0)
+    on_road = x < LENGTH_M
+    assert (np.abs(x - exact) <= bound)[on_road].all()
+    # Over 100 km at 15 m/s that is a thousandth at most: half a unit over the way of a tick.
+    assert bound[on_road].max() < LENGTH_M * 0.5 * ULP_M / (15.0 * TICK_S) < 1.1e-3 * LENGTH_M
+
+
+def place_in_slot(start_m, speed, params, x_type):
+    """Offset of an EV from its slot after a minute behind a MED at constant speed, m."""
+    charging = params.charging
+
+    def tick(carry, _):
+        med_x, x, v = carry
+        command = docking_acceleration(x, v, med_x, speed, charging)
+        x, v = ballistic_step(x, v, command, TICK_S)
+        return (ballistic_step(med_x, speed, jnp.zeros_like(v), TICK_S)[0], x, v), None
+
+    start = jnp.full(speed.shape, start_m, x_type)
+    (med_x, x, _), _ = jax.lax.scan(tick, (start, start - 0.2, speed), length=240)
+    return np.asarray(x - med_x)
+
+
+def test_an_ev_stands_in_its_slot_at_the_far_end(long):
+    """Rounding moves both by up to half a unit a tick as if they drove faster; docking answers by
+    standing off by that speed over its rate, well within the tolerance."""
+    _, params = long
+    speed = jnp.linspace(14.0, 25.0, 4001)
+    rate = float(params.charging.approach_rate)
+    bound = ULP_M / (TICK_S * rate) + 2 * ULP_M
+    assert bound < 0.5 * float(params.charging.dock_tolerance_m)
+    offset = np.abs(place_in_slot(0.9 * LENGTH_M, speed, params, jnp.float32))
+    assert 0.3 * bound < offset.max() <= bound
+    assert np.abs(place_in_slot(1000.0, speed, params, jnp.float32)).max() < 0.01 * bound + 1e-3
+
+
+def test_the_coil_hardly_sees_it(long):
+    """What the offset of the far end takes from a link that stands in its place, in percent at most."""
+    _, params = long
+    off = ULP_M / (TICK_S * float(params.charging.approach_rate))
+    along = jnp.array([0.0, off, -off])
+    for panel in (LEFT, FRONT):
+        seen = misalignment(jnp.full(3, panel), along, 0.0, 0.0, params.link.panel_gap_m)
+        efficiency = np.asarray(coupling_efficiency(seen, params.link))
+        assert efficiency.min() > 0.95 * efficiency[0]
+
+
+# Road order --------------------------------------------------------------------------------------
+
+
+def brute_force(x, lane, target, slot_order=True):
+    """(ahead, behind) of each in its target lane, by float64 positions; ties by slot."""
+    slots = np.arange(len(x))
+    ahead, behind = np.full(len(x), NOBODY), np.full(len(x), NOBODY)
+    for there in np.unique(lane):
+        members = slots[lane == there]
+        members = members[np.lexsort((members, x[members]))]
+        looks = np.flatnonzero(target == there)
+        first = np.searchsorted(x[members], x[looks], side="left")
+        # Those abreast to the last bit are ordered by slot.
+        behind_count = np.array(
+            [
+                count + np.sum((x[members] == x[me]) & (members < me))
+                for count, me in zip(first, looks, strict=True)
+            ],
+            int,
+        )
+        for me, count in zip(looks, behind_count, strict=True):
+            after = count + (lane[me] == there)  # oneself stands there
+            ahead[me] = members[after] if after < len(members) else NOBODY
+            behind[me] = members[count - 1] if count else NOBODY
+    return ahead, behind
+
+
+@jax.jit
+def found(x, lane, target, length_m):
+    order = sort_by_road(x, jnp.ones(x.shape, bool), length_m, jnp.arange(x.size))
+    return find_neighbours(order, lane, target, jnp.ones(x.shape, bool), 5)
+
+
+def abreast_road(length_m, slots, shift_m, rng, spacing_m=5.0):
+    """Lanes 0 to 4 with the same grid of places at least spacing_m apart, each shifted by up to shift_m."""
+    places = slots // 5
+    room = length_m / places - spacing_m - 2 * shift_m
+    grid = (np.arange(places) + rng.uniform(0.0, 1.0, places) * room / (length_m / places)) * (
+        length_m / places
+    )
+    x = (grid[:, None] + rng.uniform(0.0, shift_m, (places, 5))).ravel()
+    lane = np.tile(np.arange(5), places)
+    mixed = rng.permutation(x.size)
+    return x[mixed].astype(np.float32), lane[mixed].astype(np.int32)
+
+
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_order_on_the_long_road(direction):
+    """100 km and 2510 slots resolve 19 cm. In one's own lane the order is that of float64; in the next
+    lane it may differ for two abreast, between whom no gap is safe in either order."""
+    rng = np.random.default_rng(2)
+    resolution = LENGTH_M / 2 ** (31 - 12)
+    swapped = 0
+    for _ in range(5):
+        x, lane = abreast_road(LENGTH_M, 2510, 2 * resolution, rng)
+        target = lane + direction
+        got = found(x, lane, target, LENGTH_M)
+        wide = x.astype(np.float64)
+        own = brute_force(wide, lane, lane)
+        np.testing.assert_array_equal(got.leader, own[0])
+        np.testing.assert_array_equal(got.follower, own[1])
+        exact = brute_force(wide, lane, target)
+        seen = np.asarray(got.target_leader), np.asarray(got.target_follower)
+        wrong = (seen[0] != exact[0]) | (seen[1] != exact[1])
+        swapped += wrong.sum()
+
+        def fits(ahead, behind, wide=wide):
+            """Bumper gaps on both sides are positive, for vehicles of 5 m."""
+            front = np.where(ahead == NOBODY, np.inf, wide[ahead] - 5.0 - wide)
+            back = np.where(behind == NOBODY, np.inf, wide - 5.0 - wide[behind])
+            return (front > 0.0) & (back > 0.0)
+
+        np.testing.assert_array_equal(fits(*seen), fits(*exact))
+        assert not fits(*exact)[wrong].any()
+        apart = [np.abs(wide[neighbours[wrong]] - wide[wrong]) for neighbours in (seen[0], seen[1])]
+        nearest = np.minimum(*apart)
+        assert (nearest <= resolution + 2 * ULP_M).all()
+    assert swapped > 50  # the case was there
+
+
+def test_order_in_a_lane_is_right_up_to_a_resolution_of_a_vehicle():
+    """And wrong beyond: the bound length_m / 2^(31 - slot bits) < shortest vehicle is the bound."""
+    slots, vehicle_m = 2510, 5.0
+    longest = vehicle_m * 2 ** (31 - 12)
+    assert longest > 20 * LENGTH_M
+
+    def mistakes(length_m):
+        rng = np.random.default_rng(3)
+        pairs = rng.uniform(0.0, length_m - 100.0, slots // 2)
+        x = np.stack([pairs, pairs + vehicle_m + 0.5], axis=1).ravel().astype(np.float32)
+        lane = np.zeros(slots, np.int32)
+        near = np.sort(x)
+        assert (np.diff(near)[::2] > 0).all()
+        mixed = rng.permutation(slots)
+        got = found(x[mixed], lane, lane + 1, length_m)
+        ahead, _ = brute_force(x[mixed].astype(np.float64), lane, lane)
+        return np.sum(np.asarray(got.leader) != ahead)
+
+    assert mistakes(0.99 * longest) == 0
+    assert mistakes(4.0 * longest) > 0
+
+
+def test_the_largest_configuration_fits_its_counters():
+    """Places in 16 bits, slot names in 15, counts in 24: brute force on as many vehicles as may be asked for."""
+    largest = EnvConfig(num_meds=64, num_evs=2048, num_gas=2048, num_lanes=6, num_ramps=8)
+    validate_config(largest)
+    slots, lanes = largest.num_vehicles, largest.num_lanes + 1
+    assert (lanes + 1) * (slots + 2) <= 2**16
+    assert slots < 2**15
+    rng = np.random.default_rng(4)
+    x = rng.permutation(slots).astype(np.float32) * 20.0
+    # All in one lane but a few: the counts of the packed words are as large as they get.
+    for crowded in range(lanes):
+        lane = np.where(rng.random(slots) < 0.99, crowded, rng.integers(0, lanes, slots))
+        lane = lane.astype(np.int32)
+        order = jnp.argsort(x).astype(jnp.int32)
+        got = jax.jit(find_neighbours, static_argnums=4)(
+            order, lane, lane + 1, jnp.ones(slots, bool), lanes
+        )
+        expected = *brute_force(x, lane, lane), *brute_force(x, lane, lane + 1)
+        for one, other in zip(got, expected, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_counting_asks_for_whole_products():
+    """A GPU would round the factors of a product to 11 bits, and counts of several lanes take 24."""
+
+    def products(jaxpr):
+        for equation in jaxpr.eqns:
+            if equation.primitive.name == "dot_general":
+                yield equation.params["precision"]
+            for inner in jax.tree.leaves(
+                list(equation.params.values()), is_leaf=lambda p: hasattr(p, "eqns")
+            ):
+                if hasattr(inner := getattr(inner, "jaxpr", inner), "eqns"):
+                    yield from products(inner)
+
+    x = jnp.zeros(208)
+    traced = jax.make_jaxpr(lambda: found(x, x.astype(int), x.astype(int), 4000.0))()
+    asked = list(products(traced.jaxpr))
+    assert asked
+    assert all(set(pair) == {jax.lax.Precision.HIGHEST} for pair in asked)
+
+
+# Batteries ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("use_j", [250.0, 20.0, 14827.3, -37.7])
+def test_a_truck_s_small_loads_add_up(long, use_j):
+    """180,000 ticks, an hour of the shortest, in the pack that rounds to 128 J."""
+    _, params = long
+    capacity = params.med_capacity_j
+    ticks, start = 180_000, np.float32(0.9 * float(capacity))
+    use = np.float32(use_j / 12.5)  # of 0.02 s
+
+    def tick(carry, _):
+        (energy, rest), plain = carry
+        return (change_battery(energy, rest, -use, capacity), plain - use), None
+
+    zero = jnp.zeros(())
+    ((energy, rest), plain), _ = jax.lax.scan(
+        tick, ((jnp.asarray(start), zero), jnp.asarray(start)), length=ticks
+    )
+    exact = np.float64(start) - ticks * np.float64(use)
+    ulp = float(np.spacing(start))
+    assert ulp == 128.0 or start < 2**30
+    assert abs(float(energy) + float(rest) - exact) <= ticks * ROUNDING * (ulp + abs(float(use)))
+    assert abs(float(energy) - exact) <= ulp
+    # Without the rest, ticks of less than half a unit would be lost altogether.
+    if abs(use) < 0.5 * ulp:
+        assert float(plain) == start
+
+
+def test_batteries_against_float64(long):
+    """Driving, braking and charging at random, an hour, in packs of 30 kWh, full and nearly empty."""
+    _, params = long
+    rng = np.random.default_rng(5)
+    changes = rng.normal(0.0, 3000.0, (14_400, 64)).astype(np.float32)
+    capacity = float(params.ev_capacity_j)
+    start = rng.uniform(0.3, 0.7, 64).astype(np.float32) * np.float32(capacity)
+
+    def tick(carry, change):
+        return change_battery(*carry, change, capacity), None
+
+    (energy, rest), _ = jax.lax.scan(tick, (jnp.asarray(start), jnp.zeros(64)), changes)
+    exact = start + changes.astype(np.float64).sum(axis=0)
+    assert ((exact > 0.0) & (exact < capacity)).all()
+    assert np.abs(np.asarray(energy, np.float64) + rest - exact).max() <= 14_400 * ROUNDING * 2e4
+    assert np.abs(energy - exact).max() <= np.spacing(np.float32(capacity))
+
+
+def test_a_battery_ends_at_empty_and_at_full():
+    """And owes nothing from beyond."""
+    energy, rest = change_battery(
+        *np.float32([[5.0, 95.0], [0.2, 0.4]]), np.float32([-9, 9]), 100.0
+    )
+    np.testing.assert_array_equal(energy, [0.0, 100.0])
+    np.testing.assert_array_equal(rest, [0.0, 0.0])
+
+
+# Sums and clocks ---------------------------------------------------------------------------------
+
+
+def summed(happened, decisions):
+    """The tally of so many equal decisions."""
+    add = lambda tally, _: (tally + happened, None)  # noqa: E731
+    return jax.lax.scan(add, Tally.zeros(), length=decisions)[0]
+
+
+@pytest.mark.parametrize("decisions", [3600, 86_400, 604_800])
+def test_sums_of_an_episode(decisions):
+    """An hour, a day, a week: off by half a unit a decision at most; counts are exact up to 2^24."""
+    happened = Tally.zeros().replace(
+        ev_distance_m=jnp.float32(5872.3),
+        soc_seconds=jnp.float32(81.37),
+        energy_sent_j=jnp.float32(3.9e6),
+        depleted=jnp.float32(1.0),
+        vehicle_ticks=jnp.float32(8001.0),
+    )
+    tally = summed(happened, decisions)
+    for name in ("ev_distance_m", "soc_seconds", "energy_sent_j", "vehicle_ticks"):
+        exact = decisions * np.float64(getattr(happened, name))
+        assert abs(float(getattr(tally, name)) / exact - 1.0) <= decisions * ROUNDING, name
+    assert float(tally.depleted) == decisions
+
+
+def test_sums_stop_growing_after_2_to_the_24_decisions():
+    """Half a year of seconds: one more of what has been summed so often is lost."""
+    one = Tally.zeros().replace(ev_distance_m=jnp.float32(450.0))
+    before = one.replace(ev_distance_m=jnp.float32(450.0 * 2**25))
+    assert float((before + one).ev_distance_m) == float(before.ev_distance_m)
+    before = one.replace(ev_distance_m=jnp.float32(450.0 * 2**23))
+    assert float((before + one).ev_distance_m) > float(before.ev_distance_m)
+
+
+@pytest.mark.parametrize(("tick_s", "ticks"), [(0.25, 4), (0.1, 10), (0.1, 4), (0.02, 3), (0.3, 1)])
+def test_a_clock_runs_down_in_time(tick_s, ticks):
+    """A clock of n decisions is off by n^2 rounding errors of a decision, and a hundredth is let go: it ends with
+    the decision that it should up to 400 of them, up to 4000 with that or the next one; always where a decision
+    is a number of seconds that float32 holds."""
+    env, params = medjax.make("paper", tick_s=tick_s, ticks_per_decision=ticks)
+    state = jax.tree.map(
+        lambda leaf: jnp.zeros(leaf.shape, leaf.dtype),
+        jax.eval_shape(env.reset, jax.random.key(0), params)[1],
+    )
+    dt = env.config.decision_s
+    assert 400**2 * ROUNDING < 0.01
+    assert 4000**2 * ROUNDING < 1.0
+    whole = np.array([1, 5, 20, 50, 120, 399, 600, 3600])
+    clocks = jnp.asarray(whole * dt, jnp.float32)
+
+    def decision(carry, _):
+        clock, count = carry
+        count += clock > 0.0
+        return (env._advance_clock(state.replace(cooldown_s=clock), params).cooldown_s, count), None
+
+    (left, counts), _ = jax.lax.scan(
+        decision, (clocks, jnp.zeros(clocks.shape, jnp.int32)), length=3700
+    )
+    assert (left == 0.0).all()
+    late = np.asarray(counts) - whole
+    assert ((late == 0) | (late == 1)).all()
+    assert (late[whole < 400] == 0).all()
+    if float(np.float32(dt)) == dt:
+        assert (late == 0).all()
+
+
+# All of it ---------------------------------------------------------------------------------------
+
+
+def platoon(env, params, x):
+    """A MED in service at x, not in a round number of m/s, and an EV charging in each of its slots."""
+    shapes = jax.eval_shape(env.reset, jax.random.key(0), params)[1]
+    state = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
+    vehicles = state.vehicles.replace(
+        x=np.array([x, x - 3.5, x - 3.5, x - 24.0, x + 17.0]),
+        speed=np.full(5, 17.987),
+        lane=np.array([2, 1, 3, 2, 2], np.int32),
+        active=np.ones(5, bool),
+        desired_speed=np.array([17.987, 30.0, 30.0, 30.0, 30.0]),
+        road_order=np.arange(5, dtype=np.int32),
+    )
+    return state.replace(
+        vehicles=vehicles,
+        evs=state.evs.replace(
+            energy_j=np.full(4, 3e7), panel=np.arange(len(PANELS), dtype=np.int32)
+        ),
+        meds=state.meds.replace(
+            energy_j=np.full(1, 1.3e9), status=np.full(1, IN_SERVICE, np.int32)
+        ),
+    )
+
+
+def played(env, params, state, ticks, float_type):
+    """(states, tallies) of the ticks, `(ticks, ...)`, computed in this type."""
+
+    def cast(tree):
+        return jax.tree.map(
+            lambda leaf: np.asarray(leaf, float_type if leaf.dtype.kind == "f" else leaf.dtype),
+            jax.device_get(tree),
+        )
+
+    def run(state, params):
+        drivers = drivers_of(state, env.config, params)
+
+        def tick(state, number):
+            state, happened = physics_tick(state, drivers, number, env.config, params)
+            return state, (state, happened)
+
+        return jax.lax.scan(tick, state, jnp.arange(ticks, dtype=jnp.int32))[1]
+
+    with jax.enable_x64(float_type == np.float64):
+        return jax.device_get(jax.jit(run)(cast(state), cast(params)))
+
+
+def test_ten_minutes_of_charging_at_the_far_end_against_float64():
+    """The whole tick at 80 to 90 km, computed in both types: the same EVs charge throughout, they stand where
+    docking's bound lets them, and batteries and books agree."""
+    env, params = medjax.make("long", num_meds=1, num_evs=4, num_gas=0)
+    ticks = 2400
+    state = platoon(env, params, 80_000.0)
+    (narrow, books), (wide, true) = (
+        played(env, params, state, ticks, kind) for kind in (np.float32, np.float64)
+    )
+    assert narrow.vehicles.x.dtype == np.float32
+    assert wide.vehicles.x.dtype == wide.evs.energy_j.dtype == np.float64
+    assert narrow.evs.is_charging.all()
+    assert wide.evs.is_charging.all()
+    x, exact = narrow.vehicles.x.astype(np.float64), wide.vehicles.x
+    assert np.abs(x - exact).max() <= ticks * 0.5 * ULP_M
+    stand_off = (x - x[:, :1]) - (exact - exact[:, :1])
+    assert np.abs(stand_off).max() <= ULP_M / (TICK_S * 0.35) + 2 * ULP_M
+    for one, other, slots in (
+        (narrow.evs, wide.evs, slice(0, 4)),
+        (narrow.meds, wide.meds, slice(0, 1)),
+    ):
+        flowed = np.abs(other.energy_j[-1] - other.energy_j[0])
+        assert (np.abs(one.energy_j[-1] - other.energy_j[-1]) < 5e-3 * flowed)[slots].all()
+
+    # The books of float32 by themselves, summed in float64: what driving takes and what is sent leaves the pack.
+    speed = narrow.vehicles.speed[:, 0].astype(np.float64)
+    med = jax.tree.map(float, params.med)
+    with jax.enable_x64(True):
+        driven = np.asarray(drive_energy(speed[:-1], speed[1:], med, TICK_S)).sum()
+    sent = books.energy_sent_j[1:].astype(np.float64).sum()
+    spent = float(narrow.meds.energy_j[0, 0]) - float(narrow.meds.energy_j[-1, 0])
+    assert spent == pytest.approx(driven + sent, rel=5e-6)
+    assert sent == pytest.approx(true.energy_sent_j[1:].sum(), rel=1e-6)
