@@ -266,7 +266,6 @@ _SHARES = {
     "request_soc",
     "target_soc",
     "politeness",
-    "drivetrain_efficiency",
     "regeneration_efficiency",
 }
 _MAY_BE_ZERO = {
@@ -298,6 +297,8 @@ def _validate_leaf(group: str, name: str, value: object) -> None:
             raise ValueError(f"{label} = {value}: allowed [0, inf]")
     elif name == "right_bias":
         _check(label, value, -math.inf, None, "any finite number")
+    elif name == "drivetrain_efficiency":  # divides
+        _check(label, value, 0.0, 1.0, "(0, 1]")
     elif name in _SHARES:
         _check(label, value, *_SHARE)
     elif name in _MAY_BE_ZERO:
@@ -306,7 +307,7 @@ def _validate_leaf(group: str, name: str, value: object) -> None:
         _check(label, value, *_POSITIVE)
 
 
-def _validate_road(config: EnvConfig, road: RoadParams) -> None:
+def _validate_road(config: EnvConfig, road: RoadParams, longest_m: float) -> None:
     ramps = np.asarray(road.ramp_x_m, dtype=np.float64)
     if ramps.shape != (config.num_ramps,):
         raise ValueError(f"ramp_x_m has shape {ramps.shape}: allowed ({config.num_ramps},)")
@@ -316,11 +317,12 @@ def _validate_road(config: EnvConfig, road: RoadParams) -> None:
             raise ValueError(
                 f"ramp_x_m = {x:g}: allowed 0 to {last:g} m (road less one merge lane)"
             )
-    gaps = np.diff(ramps)
-    if (gaps <= float(road.acceleration_lane_m)).any():
+    # Who enters at a ramp reaches back by its length, to where others may stand at the end of the lane before.
+    apart = float(road.acceleration_lane_m) + longest_m
+    if (np.diff(ramps) <= apart).any():
         raise ValueError(
-            f"ramp_x_m = {ramps.tolist()}: allowed ascending, more than acceleration_lane_m = "
-            f"{float(road.acceleration_lane_m):g} m apart"
+            f"ramp_x_m = {ramps.tolist()}: allowed ascending, more than acceleration_lane_m and the longest "
+            f"vehicle_length = {apart:g} m apart"
         )
 
 
@@ -343,7 +345,7 @@ def validate(config: EnvConfig, params: EnvParams) -> None:
                     _validate_leaf(group.name, leaf.name, value)
         else:
             _validate_leaf("", group.name, member)
-    _validate_road(config, params.road)
+    _validate_road(config, params.road, float(np.max(params.drivers.vehicle_length)))
     demand, charging = params.demand, params.charging
     if float(demand.arrival_soc_low) > float(demand.arrival_soc_high):
         raise ValueError(

@@ -192,7 +192,7 @@ def fill_road(
     # Leave everyone more than a standing vehicle's room in the half of the spacing that jitter spares,
     # whatever the demand; MEDs, the first kind, are not filled in.
     room = jnp.max(drivers.vehicle_length[1:] + drivers.min_gap[1:])
-    total = jnp.clip(jnp.round(total), 0, jnp.floor(num_lanes * road.length_m / (2.5 * room)))
+    total = jnp.clip(jnp.round(total), 0, num_lanes * jnp.floor(road.length_m / (2.5 * room)))
     spread = jnp.sqrt(total * demand.ev_share * (1.0 - demand.ev_share))
     evs = jnp.round(total * demand.ev_share + spread * jax.random.normal(share_key))
     evs = jnp.clip(evs, 0, jnp.minimum(total, num_ev_slots))
