@@ -1,4 +1,4 @@
-"""Energy and other books kept from states alone, and held against the simulator's tally and reward.
+"""Energy and other books kept from states alone.
 
 What a battery took in is what it holds more than before, plus what driving cost it. That cost is worked out here by the
 work of eqs (7)-(8) in another form: rolling and drag times the way, and the change of kinetic energy. A battery that is
@@ -7,7 +7,6 @@ full or empty hides a part of what flowed, so flows are intervals, `Flow`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -53,7 +52,7 @@ class Flow(NamedTuple):
     high: jax.Array
 
 
-def _by_class(values: jax.Array, config: EnvConfig) -> jax.Array:
+def sums_by_class(values: jax.Array, config: EnvConfig) -> jax.Array:
     """Sums over MEDs, EVs and gas vehicles, (3,) float32."""
     slices = (config.med_slots, config.ev_slots, config.gas_slots)
     return jnp.stack([jnp.sum(values[s], dtype=jnp.float32) for s in slices])
@@ -67,7 +66,7 @@ def entry_books(before: EnvState, begun: EnvState, config: EnvConfig) -> Books:
     return Books(
         **blank
         | {
-            "entered": _by_class(begun.vehicles.active & ~before.vehicles.active, config),
+            "entered": sums_by_class(begun.vehicles.active & ~before.vehicles.active, config),
             "left": jnp.zeros((3,)),
             "meds_dispatched": jnp.sum(sent, dtype=jnp.float32),
             "sent_j": pair,
@@ -183,8 +182,8 @@ def tick_books(
     left = gone & (new.x > params.road.length_m)
     travelled = jnp.where(old.active, new.x - old.x, 0.0)
     soc = evs.energy_j / ev_capacity
-    present = _by_class(new.active, config)
-    distance = _by_class(travelled, config)
+    present = sums_by_class(new.active, config)
+    distance = sums_by_class(travelled, config)
     changes = jnp.where(old.active, jnp.abs(new.lane - old.lane), 0)
 
     def total(values: jax.Array) -> jax.Array:
@@ -195,7 +194,7 @@ def tick_books(
 
     return wrong, Books(
         entered=jnp.zeros((3,)),
-        left=_by_class(left, config),
+        left=sums_by_class(left, config),
         depleted=total(gone & ~left),
         ev_seconds=present[1] * dt,
         ev_distance_m=distance[1],
@@ -210,85 +209,3 @@ def tick_books(
         sent_j=both(sent, gives > 0.0),
         received_j=both(received, charges),
     )
-
-
-def tally_mistakes(
-    books: Books,
-    before: EnvState,
-    after: EnvState,
-    reward: jax.Array,
-    info: Mapping[str, Any],
-    config: EnvConfig,
-    params: EnvParams,
-) -> dict[str, dict[str, jax.Array]]:
-    """Flags where tally, reward and conservation of vehicles differ from the books, by invariant and name."""
-    tally = info["tally"]
-
-    def differs(ours: jax.Array, theirs: jax.Array, scale: Any = 0.0) -> jax.Array:
-        """Whether they are apart by more than rounding of numbers of that scale."""
-        most = jnp.maximum(jnp.maximum(jnp.abs(ours), jnp.abs(theirs)), scale)
-        return ~(jnp.abs(ours - theirs) <= 2e-5 * most)
-
-    def outside(bounds: jax.Array, value: jax.Array) -> jax.Array:
-        slack = OF_FLOW * jnp.abs(value)
-        return ~((bounds[0] - slack <= value) & (value <= bounds[1] + slack))
-
-    # A way is the difference of two positions, each exact to half a unit in the last place.
-    way = books.vehicle_ticks * 1e-7 * params.road.length_m / 2e-5
-    counted = {
-        name: differs(
-            getattr(books, name), getattr(tally, name), way if name.endswith("_m") else 1e-3
-        )
-        for name in Books.__dataclass_fields__
-        if not name.endswith("_j")
-    }
-    sums = jax.tree.map(lambda a, b, c: differs(a + b, c), before.tally, tally, after.tally)
-
-    total = after.tally
-    lost = total.entered - total.left - jnp.zeros((3,)).at[1].set(total.depleted)
-    lost = lost != _by_class(after.vehicles.active, config)
-
-    weights, terms = params.reward_weights, info["reward_terms"]
-    added = sum(terms.values(), jnp.zeros(()))
-    size = sum((jnp.abs(term) for term in terms.values()), jnp.zeros(()))
-    on_road = after.vehicles.active[config.ev_slots]
-    charge = jnp.where(on_road, after.evs.energy_j / params.ev_capacity_j, 0.0)
-    cruise = params.drivers.desired_speed[-1]
-    speed = books.ev_distance_m / jnp.maximum(books.ev_seconds, 1e-6)
-    expected = {
-        "depleted": (books.depleted, 0.0),
-        "soc": (jnp.sum(charge) / jnp.maximum(jnp.sum(on_road), 1), 0.0),
-        "distance": (books.ev_distance_m / 1000.0, way / 1000.0),
-        "speed": (
-            jnp.where(books.ev_seconds > 0.0, speed / 30.0, 0.0),
-            way / jnp.maximum(books.ev_seconds, 1e-6) / 30.0,
-        ),
-        "dispatches": (books.meds_dispatched, 0.0),
-        "gas_delay": (
-            jnp.maximum(books.gas_seconds - books.gas_distance_m / cruise, 0.0),
-            books.gas_seconds + (books.gas_distance_m + way) / cruise,
-        ),
-        "lane_changes": (books.lane_changes, 0.0),
-        "collisions": (jnp.zeros(()), 0.0),
-        "transfer_loss": (
-            (tally.energy_sent_j - tally.energy_received_j) / 3.6e6,
-            tally.energy_sent_j / 3.6e6,
-        ),
-    }
-    named = {
-        name: differs(weights[name] * value, terms[name], jnp.abs(weights[name]) * scale + 1e-30)
-        for name, (value, scale) in expected.items()
-    }
-    return {
-        "tally": {
-            **counted,
-            "collisions": tally.collisions > 0.0,
-            "sums": jnp.stack([x.any() for x in jax.tree.leaves(sums)]),
-        },
-        "energy": {
-            "sent": outside(books.sent_j, tally.energy_sent_j),
-            "received": outside(books.received_j, tally.energy_received_j),
-        },
-        "vehicles": {"entered less left and depleted": lost},
-        "reward": {"sum": differs(reward, added, size), **named},
-    }

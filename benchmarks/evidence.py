@@ -9,9 +9,9 @@ import jax
 import numpy as np
 
 from benchmarks.books import Books
+from benchmarks.decisions import check_closing
 from benchmarks.invariants import (
     Flags,
-    check_closing,
     check_entry,
     check_lanes,
     check_state,

@@ -10,13 +10,12 @@ makes one number of each invariant, so that thousands of environments are checke
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
-from benchmarks.books import Books, entry_books, tally_mistakes, tick_books
+from benchmarks.books import Books, entry_books, tick_books
 from medjax.config import PANELS, EnvConfig, EnvParams
 from medjax.indexing import read
 from medjax.movement import vehicle_kinds
@@ -249,65 +248,3 @@ def check_tick(
         "energy": energy,
     }
     return flags, books
-
-
-def check_decision(
-    before: EnvState,
-    after: EnvState,
-    obs: jax.Array,
-    reward: jax.Array,
-    info: Mapping[str, Any],
-    config: EnvConfig,
-    params: EnvParams,
-) -> Counts:
-    """One whole decision of `env.step_env`, by an environment whose probe reports the whole state.
-
-    Args:
-      before: the state that the decision was taken in.
-      after, obs, reward, info: what `step_env` returned.
-
-    Returns:
-      Violations in it by invariant, `()` int32 each.
-    """
-    begun, ticks = info["begun"], info["ticks"]
-    entered, books = check_entry(before, begun, config, params)
-    standing = check_lanes(begun.vehicles, begun.vehicles, lengths_of(begun, config, params))
-    counts = count(entered, standing, check_state(begun, config, params))
-
-    def look(
-        carry: tuple[EnvState, Counts, Books], state: EnvState
-    ) -> tuple[tuple[EnvState, Counts, Books], None]:
-        last, counts, books = carry
-        flags, more = check_tick(last, state, config, params)
-        found = count(flags, check_state(state, config, params))
-        return (state, *jax.tree.map(jnp.add, (counts, books), (found, more))), None
-
-    (last, counts, books), _ = jax.lax.scan(look, (begun, counts, books), ticks)
-    closing = check_closing(last, before, after, obs, reward, info, books, config, params)
-    return jax.tree.map(jnp.add, counts, count(closing))
-
-
-def check_closing(
-    last: EnvState,
-    before: EnvState,
-    after: EnvState,
-    obs: jax.Array,
-    reward: jax.Array,
-    info: Mapping[str, Any],
-    books: Books,
-    config: EnvConfig,
-    params: EnvParams,
-) -> Flags:
-    """What a decision returns, against the state after its last tick and the books of its ticks."""
-    # After the last tick the clock moves on, and MEDs may come home and are filled up.
-    home = (last.meds.status == RETIRED) & (after.meds.status == AT_DEPOT)
-    refilled = jnp.where(home, params.med_capacity_j, last.meds.energy_j)
-    same = jax.tree.map(lambda a, b: a != b, (last.vehicles, last.evs), (after.vehicles, after.evs))
-    numbers = (obs, reward, info["tally"], info["metrics"], info["reward_terms"])
-    flags = tally_mistakes(books, before, after, reward, info, config, params)
-    flags["energy"]["refill"] = after.meds.energy_j != refilled
-    return {
-        **flags,
-        "motion": {"between decisions": jnp.stack([x.any() for x in jax.tree.leaves(same)])},
-        "finite": not_finite((numbers, with_finite_waits(after))),
-    }

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import medjax
+from benchmarks.cases import episode_program
 from benchmarks.invariants import INVARIANTS
-from benchmarks.soak import episode_program
 from medjax.state import AT_DEPOT, QUEUED, RETIRED
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")

@@ -13,16 +13,16 @@ from hypothesis.extra.numpy import arrays
 import medjax
 from benchmarks import soak
 from benchmarks.books import entry_books
+from benchmarks.cases import Case, run_case
+from benchmarks.decisions import check_closing
 from benchmarks.invariants import (
     INVARIANTS,
-    check_closing,
     check_entry,
     check_lanes,
     check_state,
     check_tick,
     count,
 )
-from benchmarks.soak import Case, run_case
 from benchmarks.worlds import (
     as_overrides,
     as_settings,

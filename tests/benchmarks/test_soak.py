@@ -9,7 +9,7 @@ import jax
 import numpy as np
 import pytest
 
-from benchmarks import soak
+from benchmarks import cases, soak
 from benchmarks.invariants import INVARIANTS
 from benchmarks.worlds import draw_config
 from medjax.config import EnvConfig
@@ -28,8 +28,8 @@ def reckless():
     """A soak of one small case in a simulator that waives the safety of lane changes."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(lane_change, "is_safe", lambda own_after, *_, **__: own_after == own_after)
-        patch.setattr(soak, "draw_config", lambda seed, number: SMALL)
-        patch.setattr(soak, "EPISODE_S", 30.0)
+        patch.setattr(cases, "draw_config", lambda seed, number: SMALL)
+        patch.setattr(cases, "EPISODE_S", 30.0)
         patch.setattr(soak, "Case", functools.cache(soak.Case))  # compiled once
         yield
 
@@ -106,7 +106,7 @@ def test_stopping_prints_the_counts_so_far(monkeypatch, capsys):
             if self.number == 1:
                 raise KeyboardInterrupt
             quiet = np.zeros((1, len(INVARIANTS)), np.int32)
-            return soak.Played(None, np.array([100]), quiet, np.array([soak.NEVER]))
+            return cases.Played(None, np.array([100]), quiet, np.array([cases.NEVER]))
 
     monkeypatch.setattr(soak, "Case", Stopped)
     code, out = run(["--updates=200", "--cases=2"], capsys)
