@@ -115,6 +115,11 @@ def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
     return program
 
 
+def compiled(config: EnvConfig, *args: Any) -> Any:
+    """The program of these sizes, for arguments of these shapes."""
+    return episode_program(config).lower(*args).compile()
+
+
 class Case:
     """Case number `number` of a seed: sizes, the numbers of each environment, and the compiled program.
 
@@ -137,7 +142,7 @@ class Case:
         self.decisions = math.ceil(EPISODE_S / self.config.decision_s)
         start = time.perf_counter()
         args = self.params, self.key(0), np.int32(0)
-        self.program = episode_program(self.config).lower(*args).compile()
+        self.program = compiled(self.config, *args)
         self.compile_s = time.perf_counter() - start
 
     def key(self, episode: int) -> jax.Array:

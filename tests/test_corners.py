@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import medjax
+from benchmarks.worlds import draw_params, random_units
+from medjax.config import EnvConfig
 from medjax.wrappers import in_blocks
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -55,3 +57,35 @@ def test_the_shortest_roads_start_without_overlap():
         ahead = x[:, None] - x
         pairs = (lane[:, None] == lane) & active[:, None] & active & ~np.eye(len(x), dtype=bool)
         assert not (pairs & (np.abs(ahead) < 20.0)).any()
+
+
+@pytest.mark.parametrize("headway", [0.1, 0.6])
+def test_nobody_starts_faster_than_tyres_can_brake(headway):
+    """Down to the speed of the one ahead within the gap to it, however short the headway and unlike the drivers."""
+    config = EnvConfig(num_lanes=1, num_ramps=0, num_meds=1, num_evs=12, num_gas=12, tick_s=0.5)
+    env, paper = medjax.make("paper", num_meds=1, num_evs=12, num_gas=12, num_lanes=1, num_ramps=0)
+    worlds = draw_params(random_units(np.random.default_rng(0), 256), config, None)
+    drivers = worlds.drivers
+    drivers = drivers.replace(
+        time_headway=np.full_like(drivers.time_headway, headway),
+        min_gap=np.full_like(drivers.min_gap, 1.0),
+        vehicle_length=np.full_like(drivers.vehicle_length, 5.0),
+    )
+    worlds = worlds.replace(drivers=drivers)
+
+    def start(key, params):
+        link = params.link.replace(inductance=paper.link.inductance)
+        return env.reset(key, params.replace(link=link))[1].vehicles
+
+    keys = jax.random.split(jax.random.key(0), 256)
+    vehicles = jax.device_get(jax.jit(jax.vmap(start))(keys, worlds))
+    closing = 0
+    for row in range(256):
+        active = vehicles.active[row]
+        x, speed = vehicles.x[row][active], vehicles.speed[row][active]
+        order = np.argsort(x)
+        gap = np.diff(x[order]) - 5.0
+        faster = speed[order][:-1] ** 2 - speed[order][1:] ** 2
+        closing += (faster > 0.0).sum()
+        assert (faster <= 2.0 * worlds.motion.max_braking[row] * gap).all()
+    assert closing > 100
