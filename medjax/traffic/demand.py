@@ -167,7 +167,7 @@ def fill_road(
     road: RoadParams,
     drivers: DriverParams,
     num_lanes: int,
-    max_braking: Scalar = jnp.inf,
+    max_braking: Scalar = 1e9,
 ) -> Fill:
     """Fills the lanes to match the demand, in closed form and without a collision.
 
@@ -180,7 +180,7 @@ def fill_road(
       key: random key.
       is_ev: (C,) bool, class of each slot (EVs and gas vehicles).
       desired_speed: (C,) m/s.
-      max_braking: m/s^2.
+      max_braking: m/s^2; as good as no limit unless given.
 
     Returns:
       Fill of the C slots.
