@@ -325,10 +325,12 @@ def _check_road(params: EnvParams) -> None:
             raise ValueError(
                 f"ramp_x_m = {x:g}: allowed 0 to {last:g} m (road less one merge lane)"
             )
-    if (np.diff(road.ramp_x_m) <= lane_m).any():
+    # Who enters at a ramp reaches back by its length, to where others may stand at the end of the lane before.
+    apart_m = lane_m + float(params.drivers.vehicle_length.max())
+    if (np.diff(road.ramp_x_m) <= apart_m).any():
         raise ValueError(
-            f"ramp_x_m = {shown(road.ramp_x_m.tolist())}: allowed ascending, more than acceleration_lane_m = "
-            f"{lane_m:g} m apart"
+            f"ramp_x_m = {shown(road.ramp_x_m.tolist())}: allowed ascending, more than acceleration_lane_m and the "
+            f"longest vehicle_length = {apart_m:g} m apart"
         )
 
 

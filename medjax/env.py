@@ -41,7 +41,8 @@ class ChargingEnv:
       reward: terms by name; `params.reward_weights` must hold a weight for each.
       observation: flat observation, `size(config)` and `__call__(state, config, params)`.
       name: shown in logs.
-      probe: what to report of the state after every physics tick, `probe(state)`, in `info["ticks"]`; None: nothing.
+      probe: what to report of the state after every physics tick, `probe(state)`, in `info["ticks"]`, and of the one
+        that the first tick starts from, with those who just entered or booked, in `info["begun"]`; None: nothing.
 
     Raises:
       ValueError: one line, if config is out of range.
@@ -120,7 +121,7 @@ class ChargingEnv:
         Returns:
           (observation (size,) float32, state, reward () float32, terminated () bool, always False;
           truncated () bool, at params.episode_decisions; info with "metrics" of the episode so far,
-          weighted "reward_terms", "action_mask", "tally" of this decision, "ticks" of the probe)
+          weighted "reward_terms", "action_mask", "tally" of this decision, "begun" and "ticks" of the probe)
         """
         entry_key, noise_key = jax.random.split(key)
         before = state
@@ -133,6 +134,7 @@ class ChargingEnv:
         with jax.named_scope("noise"):
             state = self._perturb(noise_key, state, params)
 
+        begun = self.probe(state) if self.probe else None
         drivers = drivers_of(state, self.config, params)
 
         def tick(
@@ -164,6 +166,7 @@ class ChargingEnv:
             "reward_terms": terms,
             "action_mask": self.action_mask(state, params),
             "tally": happened,
+            "begun": begun,
             "ticks": probed,
         }
         return obs, state, reward, jnp.zeros((), bool), truncated, info

@@ -62,7 +62,14 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     ordinary = slice(config.num_meds, config.num_vehicles)
     is_ev = jnp.arange(config.num_evs + config.num_gas) < config.num_evs
     fill = fill_road(
-        fill_key, is_ev, desired[ordinary], demand, params.road, drivers, config.num_lanes
+        fill_key,
+        is_ev,
+        desired[ordinary],
+        demand,
+        params.road,
+        drivers,
+        config.num_lanes,
+        params.motion.max_braking,
     )
     arrival = jax.random.uniform(
         soc_key,

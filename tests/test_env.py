@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import medjax
+from benchmarks.cases import episode_program
+from benchmarks.invariants import INVARIANTS
 from medjax.state import AT_DEPOT, QUEUED, RETIRED
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -200,55 +202,19 @@ def test_reward_is_the_sum_of_its_terms(started, step):
     assert min(terms["soc"], terms["distance"], terms["speed"]) > 0.0
 
 
-def play_randomly(episodes, seed):
-    """Random play of whole episodes; what must never happen, counted over all of them."""
-    env, params = medjax.make("paper")
-    act = medjax.BASELINES["random"](env)
-
-    def episode(key):
-        reset_key, key = jax.random.split(key)
-        _, state = env.reset(reset_key, params)
-
-        def step(state, key):
-            act_key, step_key = jax.random.split(key)
-            action = act(act_key, state, params)
-            obs, state, reward, _, _, info = env.step_env(step_key, state, action, params)
-            floats = jax.tree.leaves((obs, state, reward, info))
-            # A MED that is sent once is never ready again: that one number is infinite on purpose.
-            bad = sum(jnp.sum(jnp.isnan(x)) for x in floats if x.dtype == jnp.float32)
-            v = state.vehicles
-            rear = v.x - jnp.concatenate([jnp.full(15, 12.0), jnp.full(193, 5.0)])
-            soc = state.evs.energy_j / params.ev_capacity_j
-            tally = state.tally
-            lost = tally.entered - tally.left - jnp.array([0.0, 1.0, 0.0]) * tally.depleted
-            slices = (env.config.med_slots, env.config.ev_slots, env.config.gas_slots)
-            lost -= jnp.stack([jnp.sum(v.active[s]) for s in slices])
-            order = jnp.argsort(jnp.where(v.active, v.lane * 1e5 + v.x, 1e9))
-            same = (v.lane[order][1:] == v.lane[order][:-1]) & v.active[order][1:]
-            gaps = jnp.where(same, rear[order][1:] - v.x[order][:-1], 1.0)
-            return state, {
-                "nan": bad,
-                "infinite": jnp.sum(~jnp.isfinite(obs)),
-                "overlaps": jnp.sum(gaps < 0.0),
-                "soc": jnp.sum((soc < 0.0) | (soc > 1.0)),
-                "reverse": jnp.sum(v.speed < 0.0),
-                "lost": jnp.abs(lost).sum(),
-                "collisions": info["tally"].collisions,
-            }
-
-        _, counts = jax.lax.scan(step, state, jax.random.split(key, 600))
-        return jax.tree.map(jnp.sum, counts)
-
-    run = jax.jit(lambda keys: jax.lax.map(episode, keys, batch_size=min(episodes, 250)))
-    counts = run(jax.random.split(jax.random.key(seed), episodes))
-    return {name: float(value.sum()) for name, value in counts.items()}
-
-
-@pytest.mark.parametrize("episodes", [16, pytest.param(2000, marks=pytest.mark.slow)])
-def test_random_play_is_sound(episodes):
-    """No collision, NaN, negative speed, SoC outside [0, 1] or lost vehicle in random episodes."""
-    counts = play_randomly(episodes, seed=20)
-    assert counts == dict.fromkeys(counts, 0.0)
+@pytest.mark.parametrize("episodes", [4, pytest.param(2000, marks=pytest.mark.slow)])
+def test_random_play_is_sound(paper, episodes):
+    """Every invariant of `benchmarks.invariants` in whole random episodes of the preset, after every tick."""
+    env, params = paper
+    rows = 4
+    batch = jax.tree.map(lambda x: jnp.broadcast_to(x, (rows, *x.shape)), params)
+    batch = batch.replace(link=batch.link.replace(inductance=params.link.inductance))
+    program = episode_program(env.config, num_devices=1)
+    for episode in range(episodes // rows):
+        played = program(batch, jax.random.key(episode), jnp.int32(params.episode_decisions))
+        counts = dict(zip(INVARIANTS, played.violations.sum(axis=0).tolist(), strict=True))
+        assert counts == dict.fromkeys(counts, 0)
+        assert int(played.updates.min()) > 600 * 4 * 50
 
 
 def test_arrivals_at_a_full_road_wait():

@@ -167,17 +167,20 @@ def fill_road(
     road: RoadParams,
     drivers: DriverParams,
     num_lanes: int,
+    max_braking: Scalar = 1e9,
 ) -> Fill:
     """Fills the lanes to match the demand, in closed form and without a collision.
 
     A Poisson number of vehicles stands on a grid of places, one lane after the other, each moved
     forward by up to half the spacing. EVs are mixed in at random by one shuffle of the slots. Nobody
-    starts faster than the headway to the smallest possible gap allows.
+    starts faster than the headway to the smallest possible gap allows, nor so fast that four fifths of max_braking
+    would not bring it down to the slowest one's speed within that gap.
 
     Args:
       key: random key.
       is_ev: (C,) bool, class of each slot (EVs and gas vehicles).
       desired_speed: (C,) m/s.
+      max_braking: m/s^2; as good as no limit unless given.
 
     Returns:
       Fill of the C slots.
@@ -192,7 +195,7 @@ def fill_road(
     # Leave everyone more than a standing vehicle's room in the half of the spacing that jitter spares,
     # whatever the demand; MEDs, the first kind, are not filled in.
     room = jnp.max(drivers.vehicle_length[1:] + drivers.min_gap[1:])
-    total = jnp.clip(jnp.round(total), 0, jnp.floor(num_lanes * road.length_m / (2.5 * room)))
+    total = jnp.clip(jnp.round(total), 0, num_lanes * jnp.floor(road.length_m / (2.5 * room)))
     spread = jnp.sqrt(total * demand.ev_share * (1.0 - demand.ev_share))
     evs = jnp.round(total * demand.ev_share + spread * jax.random.normal(share_key))
     evs = jnp.clip(evs, 0, jnp.minimum(total, num_ev_slots))
@@ -217,9 +220,11 @@ def fill_road(
     row = position // num_lanes
     jitter = jax.random.uniform(jitter_key, (slots,), maxval=0.5)
     smallest_gap = 0.5 * spacing - jnp.max(drivers.vehicle_length)
+    room = jnp.maximum(smallest_gap - jnp.max(drivers.min_gap), 0.0)
     # As XLA divides by what all environments share; where there is one, it would not.
-    per_headway = 1.0 / jnp.max(drivers.time_headway)
-    fastest = jnp.maximum(smallest_gap - jnp.max(drivers.min_gap), 0.0) * per_headway
+    fastest = room * (1.0 / jnp.max(drivers.time_headway))
+    slowest = jnp.minimum(jnp.min(desired_speed), fastest)
+    fastest = jnp.minimum(fastest, jnp.sqrt(slowest**2 + 2.0 * 0.8 * max_braking * room))
     return Fill(
         x=(row + jitter) * spacing,
         lane=(position % num_lanes).astype(jnp.int32),

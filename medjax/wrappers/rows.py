@@ -34,7 +34,7 @@ def in_blocks(
     blocks = -(-count // rows_at_once)
     if jax.default_backend() != "cpu" or count % blocks:
         return function(rows)
-    split = jax.tree.map(lambda leaf: leaf.reshape(blocks, -1, *leaf.shape[1:]), rows)
+    split = jax.tree.map(lambda leaf: leaf.reshape(blocks, count // blocks, *leaf.shape[1:]), rows)
     results = lax.map(function, split)
     return jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[2:]), results)
 

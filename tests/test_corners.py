@@ -1,0 +1,91 @@
+"""What random worlds found at the corners of what is valid (`python -m benchmarks.soak`)."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from benchmarks.worlds import draw_params, random_units
+from medjax.config import EnvConfig
+from medjax.wrappers import in_blocks
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+
+@pytest.mark.parametrize(
+    ("apart", "longest", "valid"), [(262.5, 12.0, True), (261.5, 12.0, False), (262.5, 18.0, False)]
+)
+def test_a_ramp_begins_beyond_those_who_stand_at_the_end_of_the_one_before(apart, longest, valid):
+    """Lanes of 250 m: a newcomer reaches back by its length, at most that of the longest."""
+    overrides = {"ramp_x_m": [100.0, 100.0 + apart], "vehicle_length": [longest, 5.0, 5.0, 5.0]}
+    if valid:
+        medjax.make("paper", **overrides)
+        return
+    with pytest.raises(
+        ValueError, match=f"ramp_x_m = .*longest vehicle_length = {250 + longest:g} m apart"
+    ):
+        medjax.make("paper", **overrides)
+
+
+@pytest.mark.parametrize("name", ["ev.drivetrain_efficiency", "med.drivetrain_efficiency"])
+def test_a_drivetrain_lets_something_through(name):
+    """Energy at the wheels is divided by it."""
+    with pytest.raises(ValueError, match=r"drivetrain_efficiency = 0: allowed \(0, 1\]"):
+        medjax.make("paper", **{name: 0.0})
+
+
+def test_rows_may_be_empty():
+    """Roads without ramps, each with numbers of its own, are (B, 0) arrays."""
+    rows = jnp.zeros((256, 0)), jnp.arange(256)
+    empty, doubled = in_blocks(lambda rows: (rows[0], 2 * rows[1]), rows)
+    assert empty.shape == (256, 0)
+    np.testing.assert_array_equal(doubled, 2 * np.arange(256))
+
+
+def test_the_shortest_roads_start_without_overlap():
+    """75 m are one vehicle and its room a lane, whatever is left of all lanes together."""
+    env, params = medjax.make(
+        "paper", num_meds=1, num_evs=2, num_gas=20, num_lanes=6, num_ramps=0, length_m=75.0,
+        vehicle_length=20.0, min_gap=5.0, mainline_per_h=18000.0, ev_share=0.0,
+    )  # fmt: skip
+    keys = jax.random.split(jax.random.key(0), 4000)
+    _, state = jax.jit(jax.vmap(env.reset, (0, None)))(keys, params)
+    vehicles = jax.device_get(state.vehicles)
+    assert vehicles.active.any()
+    for x, lane, active in zip(vehicles.x, vehicles.lane, vehicles.active, strict=True):
+        ahead = x[:, None] - x
+        pairs = (lane[:, None] == lane) & active[:, None] & active & ~np.eye(len(x), dtype=bool)
+        assert not (pairs & (np.abs(ahead) < 20.0)).any()
+
+
+@pytest.mark.parametrize("headway", [0.1, 0.6])
+def test_nobody_starts_faster_than_tyres_can_brake(headway):
+    """Down to the speed of the one ahead within the gap to it, however short the headway and unlike the drivers."""
+    config = EnvConfig(num_lanes=1, num_ramps=0, num_meds=1, num_evs=12, num_gas=12, tick_s=0.5)
+    env, paper = medjax.make("paper", num_meds=1, num_evs=12, num_gas=12, num_lanes=1, num_ramps=0)
+    worlds = draw_params(random_units(np.random.default_rng(0), 256), config, None)
+    drivers = worlds.drivers
+    drivers = drivers.replace(
+        time_headway=np.full_like(drivers.time_headway, headway),
+        min_gap=np.full_like(drivers.min_gap, 1.0),
+        vehicle_length=np.full_like(drivers.vehicle_length, 5.0),
+    )
+    worlds = worlds.replace(drivers=drivers)
+
+    def start(key, params):
+        link = params.link.replace(inductance=paper.link.inductance)
+        return env.reset(key, params.replace(link=link))[1].vehicles
+
+    keys = jax.random.split(jax.random.key(0), 256)
+    vehicles = jax.device_get(jax.jit(jax.vmap(start))(keys, worlds))
+    closing = 0
+    for row in range(256):
+        active = vehicles.active[row]
+        x, speed = vehicles.x[row][active], vehicles.speed[row][active]
+        order = np.argsort(x)
+        gap = np.diff(x[order]) - 5.0
+        faster = speed[order][:-1] ** 2 - speed[order][1:] ** 2
+        closing += (faster > 0.0).sum()
+        assert (faster <= 2.0 * worlds.motion.max_braking[row] * gap).all()
+    assert closing > 100

@@ -1,0 +1,194 @@
+"""Invariants under fire: random play in random worlds, ten million vehicle updates of it."""
+
+import functools
+import json
+import re
+import shlex
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given, note, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+import medjax
+from benchmarks import cases, soak
+from benchmarks.cases import Case, run_case
+from benchmarks.invariants import INVARIANTS
+from benchmarks.worlds import (
+    as_overrides,
+    as_settings,
+    draw_config,
+    draw_params,
+    validated,
+    world_of,
+)
+from medjax.config import EnvConfig
+
+NUM_ENVS = 128
+# The corners of what medjax is meant to bear, and sizes between them.
+MOST = EnvConfig(
+    num_lanes=6,
+    num_ramps=8,
+    num_meds=40,
+    num_evs=40,
+    num_gas=160,
+    tick_s=0.05,
+    ticks_per_decision=20,
+)
+LEAST = EnvConfig(
+    num_lanes=1, num_ramps=0, num_meds=1, num_evs=12, num_gas=12, tick_s=0.5, ticks_per_decision=2
+)
+
+
+@functools.cache
+def case(config):
+    """A case of these sizes, compiled once."""
+    return Case(0, 0, num_envs=NUM_ENVS, config=config)
+
+
+@pytest.mark.parametrize(("config", "updates"), [(MOST, 8e6), (LEAST, 2e6)])
+def test_ten_million_updates_in_random_worlds(config, updates):
+    """The soak's own play: a world of its own in each of 128 environments."""
+    total, found = 0, []
+    for moved, violations in run_case(case(config), updates):
+        total, found = total + moved, found + violations
+    assert total >= updates
+    assert not found, "\n".join(map(str, found))
+
+
+def number_of_units(config):
+    """Units that a world of these sizes takes."""
+    shapes = []
+    draw_params(lambda shape: shapes.append(shape) or np.zeros(shape), config, None)
+    return sum(int(np.prod(shape)) for shape in shapes)
+
+
+def world_from(units, config, table):
+    """The world that these units draw."""
+    left = iter(units)
+    take = lambda shape: np.array([next(left) for _ in range(int(np.prod(shape)))]).reshape(shape)  # noqa: E731
+    return draw_params(take, config, table)
+
+
+@pytest.mark.parametrize("config", [MOST, LEAST])
+def test_any_valid_world_is_sound(config):
+    """Hypothesis looks for a world, the same in all environments, in which 100 ticks of play violate anything."""
+    ours = case(config)
+    units = arrays(np.float32, number_of_units(config), elements=st.floats(0.0, 1.0, width=32))
+
+    @settings(max_examples=10)
+    @given(units, st.integers(0, 2**31 - 1))
+    def sound(units, seed):
+        world = world_from(units, config, ours.params.link.inductance)
+        note(f"medjax.make('paper', **{as_overrides(config, world)}), key {seed}")
+        batch = jax.tree.map(lambda x: np.broadcast_to(x, (ours.num_envs, *np.shape(x))), world)
+        link = batch.link.replace(inductance=world.link.inductance)
+        batch = validated(config, batch.replace(link=link), worlds=1)
+        decisions = np.int32(100 / config.ticks_per_decision)
+        played = jax.device_get(ours.program(batch, jax.random.key(seed), decisions))
+        counts = dict(zip(INVARIANTS, played.violations.sum(0), strict=True))
+        assert not any(counts.values()), counts
+
+    sound()
+
+
+def test_cases_reach_all_sizes():
+    """A default soak's cases: every number of lanes, both ends of the rest, and sizes that medjax allows."""
+    configs = [draw_config(0, number) for number in range(soak.CASES)]
+    assert {c.num_lanes for c in configs} == set(range(1, 7))
+    assert {0, 8} <= {c.num_ramps for c in configs}
+    assert min(c.tick_s for c in configs) == 0.05
+    assert max(c.tick_s for c in configs) == 0.5
+    assert max(c.num_meds for c in configs) > 35
+    for config in configs:
+        medjax.config.validate_config(config)
+
+
+def test_worlds_reach_the_ends():
+    """Among the worlds of a case are some without demand and saturated ones, all human and all autonomous, no MED."""
+    demand, fleet = case(MOST).params.demand, case(MOST).params.fleet
+    assert {0.0, 3000.0 * 6} <= set(demand.mainline_per_h.tolist())
+    assert {0.0, 1.0} <= set(demand.human_share.tolist())
+    assert {0, 40} <= set(fleet.size.tolist())
+
+
+def test_make_builds_a_drawn_world():
+    """What a report prints gives the same numbers, to the last bit."""
+    world = world_of(case(MOST).params, 5)
+    _, params = medjax.make("paper", **as_overrides(MOST, world))
+    for name, (ours, theirs) in enumerate(
+        zip(jax.tree.leaves(world), jax.tree.leaves(params), strict=True)
+    ):
+        np.testing.assert_array_equal(ours, theirs, err_msg=str(name))
+    assert "demand.mainline_per_h=" in " ".join(as_settings(MOST, world))
+
+
+def run(argv, capsys):
+    """(exit code, what was printed) of the command."""
+    with pytest.raises(SystemExit) as ended:
+        soak.main(argv)
+    return int(ended.value.code or 0), capsys.readouterr().out
+
+
+@pytest.fixture
+def reckless(monkeypatch):
+    """A soak whose drivers keep next to no distance: each reacts once in 0.5 s, so they collide."""
+
+    def hurried(units, config, table):
+        params = draw_params(units, config, table)
+        headway = np.full_like(params.drivers.time_headway, 1e-3)
+        return params.replace(drivers=params.drivers.replace(time_headway=headway))
+
+    program = case(LEAST).program
+    monkeypatch.setattr(cases, "draw_config", lambda seed, number: LEAST)
+    monkeypatch.setattr(cases, "draw_params", hurried)
+    monkeypatch.setattr(cases, "compiled", lambda config, *args: program)
+
+
+def test_a_violation_is_shown_again_by_its_command(reckless, tmp_path, capsys):
+    """Collisions are found, counted and printed, and the printed command plays up to the first and shows the pair."""
+    path = tmp_path / "soak.json"
+    argv = ["--updates=1", "--seed=3", "--cases=1", f"--num-envs={NUM_ENVS}", f"--json={path}"]
+    code, out = run(argv, capsys)
+    assert code == 1
+    report = json.loads(path.read_text())
+    assert report["violations"]["overlap"] > 0
+    assert report["violations"]["road"] == report["violations"]["bookings"] == 0
+    assert f"{report['updates']:,} vehicle updates" in out
+    for command in report["commands"][: soak.MOST_SHOWN]:
+        assert command in out
+
+    command = next(line for line in out.splitlines() if line.startswith("  python -m"))
+    first = re.search(r"VIOLATED: (.*): seed 3, .* first in decision (\d+)", out)
+    code, shown = run(shlex.split(command)[3:], capsys)
+    assert code == 1
+    assert first.group(0) in shown  # the same counts in the same decision
+    assert re.search(r"tick \d: overlap: pairs in road order: \d", shown)
+    assert shown.count("slot ") >= 2
+    assert "--set 'demand.mainline_per_h=" in shown
+
+
+def test_playing_to_a_decision_is_the_start_of_playing_on(reckless):
+    """Bit for bit, or a violation could not be shown again; another episode is another."""
+    ours = Case(3, 0, NUM_ENVS)
+    one, again, other = ours.play(0, 7), ours.play(0, 7), ours.play(1, 7)
+    jax.tree.map(np.testing.assert_array_equal, one, again)
+    assert not np.array_equal(one.state.vehicles.x, other.state.vehicles.x)
+    whole = ours.play(0)
+    row = next(row for row in range(NUM_ENVS) if 0 <= whole.first[row] < ours.decisions)
+    assert ours.play(0, int(whole.first[row])).violations[row].sum() == 0
+    assert ours.play(0, int(whole.first[row]) + 1).violations[row].sum() > 0
+
+
+def test_counts_are_of_vehicles_on_the_road():
+    """Updates of an episode, against states between its decisions: few come and go in one."""
+    ours = case(LEAST)
+    totals, on_road = [], []
+    for decisions in range(6):
+        played = ours.play(0, decisions)
+        totals.append(int(played.updates.sum()))
+        on_road.append(int(played.state.vehicles.active.sum()))
+    means = (np.array(on_road[1:]) + np.array(on_road[:-1])) / 2
+    np.testing.assert_allclose(np.diff(totals), LEAST.ticks_per_decision * means, rtol=0.05)
