@@ -11,7 +11,6 @@ from benchmarks import generalization
 from medjax.config import EnvConfig
 from medjax.scenarios import SCENARIOS
 from tests.benchmarks.refusal import refused
-from tests.train.conftest import compiled_programs as compiled_programs
 from train.checkpoint import Checkpoints, to_host
 from train.cli import make_environment
 from train.config import TrainConfig
@@ -57,7 +56,6 @@ def few_slots(monkeypatch):
     monkeypatch.setattr(generalization, "SIZES", SMALL)
 
 
-@pytest.mark.usefixtures("compiled_programs")
 def test_demands_and_policies_side_by_side(runs, tmp_path, capsys):
     """The preset's own demand is what train.evaluate plays; others have other traffic; any observation takes part."""
     out, picture = tmp_path / "out.json", tmp_path / "out.png"

@@ -11,6 +11,8 @@ from train.config import TrainConfig
 from train.learner import make_train
 from train.networks import apply_policy, build_network
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 GAMMA = 0.9
 BASE = {
     "num_envs": 16,
