@@ -17,6 +17,8 @@ from medjax.export.table import KIND_NAMES
 from medjax.traffic.road import lateral_position
 from medjax.trajectories import main
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 WORLD = {
     "num_meds": 3,
     "num_evs": 12,
@@ -144,6 +146,7 @@ def test_acceleration_is_the_change_of_speed(recording, table):
         np.testing.assert_allclose(table["acceleration_m_per_s2"][own][1:], change, atol=1e-4)
 
 
+@pytest.mark.versions
 def test_parquet_reads_back_as_the_table(recording, table, tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet", reason='pip install "medjax[trajectories]"')
     path = tmp_path / "run.parquet"
