@@ -146,7 +146,6 @@ def test_acceleration_is_the_change_of_speed(recording, table):
         np.testing.assert_allclose(table["acceleration_m_per_s2"][own][1:], change, atol=1e-4)
 
 
-@pytest.mark.versions
 def test_parquet_reads_back_as_the_table(recording, table, tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet", reason='pip install "medjax[trajectories]"')
     path = tmp_path / "run.parquet"

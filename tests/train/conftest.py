@@ -43,6 +43,12 @@ def coin(env):
 
 
 @pytest.fixture
+def programs_kept():
+    """Environment variables of a process that shares compiled programs with the tests."""
+    return dict(os.environ)
+
+
+@pytest.fixture
 def probe(monkeypatch, tmp_path, quick_compiles):
     """Makes the commands use probes, and leaves them in an empty working directory."""
     monkeypatch.setattr("medjax.make", make_probe)

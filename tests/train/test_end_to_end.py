@@ -11,7 +11,6 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 SMALL = {"num_meds": 2, "num_evs": 6, "num_gas": 12, "episode_decisions": 12}
 
 
-@pytest.mark.versions
 def test_train_and_evaluate(tmp_path, capsys):
     run = tmp_path / "run"
     argv = [

@@ -63,6 +63,7 @@ def interrupt_after(monkeypatch):
     return arrange
 
 
+@pytest.mark.versions
 def test_a_run_leaves_what_is_promised(probe, capsys):
     assert ppo.main(TINY) == 0
     out, err = capsys.readouterr()
@@ -208,6 +209,7 @@ def test_a_loss_that_is_not_finite_stops_the_run(probe, capsys):
     assert "no longer finite" in capsys.readouterr().err
 
 
+@pytest.mark.versions
 def test_evaluate_command(probe, capsys):
     options = [*TINY, "--num-seeds=2", "--eval-episodes=0", "--run-dir=run"]
     assert ppo.main(options) == 0
