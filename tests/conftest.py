@@ -1,10 +1,19 @@
 """Shared environments: what is built and compiled once for the whole session."""
 
 import os
+import tempfile
+
+# A program that several files, workers or started commands compile is compiled once: workers and commands take the
+# directory over from the process that made it. Set before JAX is imported, which reads it there.
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    _programs = tempfile.TemporaryDirectory(prefix="medjax-programs-")
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = _programs.name
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
 
 import jax
 import pytest
 from hypothesis import settings
+from jax._src import compiler
 
 import medjax
 
@@ -29,14 +38,27 @@ def started(paper):
     return jax.jit(env.reset)(jax.random.key(0), params)
 
 
+# A third of XLA's usual time, most of which goes to its fusion emitters (newer versions have nothing else).
+QUICK = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
+if jax.__version_info__ < (0, 11):
+    QUICK["xla_cpu_use_fusion_emitters"] = False
+
+
 @pytest.fixture(scope="module")
 def quick_compiles():
-    """Programs that run a few steps only: compiled in half the time, and slow.
+    """Programs that run a few steps only: compiled in a third of the time, and slow.
 
-    They round differently, so none is left for tests that compare bits, nor taken over from them.
+    They round differently, so none is left for tests that compare bits, nor taken over from them. JAX has no public
+    setting for options of all programs, only of one (`jax.jit(compiler_options=...)`).
     """
+    default = compiler.get_compile_options
+
+    def quick(**settings):
+        overrides = settings.pop("env_options_overrides", None) or {}
+        return default(**settings, env_options_overrides=QUICK | overrides)
+
     jax.clear_caches()
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
-    jax.config.update("jax_disable_most_optimizations", False)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiler, "get_compile_options", quick)
+        yield
     jax.clear_caches()

@@ -7,6 +7,8 @@ import pytest
 
 from medjax.indexing import read, write
 
+pytestmark = pytest.mark.versions
+
 rng = np.random.default_rng(0)
 VALUES = rng.normal(size=(2, 3, 7)).astype(np.float32)
 NAMES = rng.integers(0, 99, (2, 3, 7))

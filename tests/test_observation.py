@@ -9,6 +9,8 @@ from medjax.need import forecast_need
 from medjax.observation import FlatObservation, RoadProfile
 from medjax.state import IN_SERVICE, MERGING, QUEUED
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 
 @pytest.fixture(scope="module")
 def busy():

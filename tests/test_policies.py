@@ -10,6 +10,8 @@ from medjax.need import forecast_need
 from medjax.state import QUEUED
 from medjax.tick import drive_energy
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 
 @pytest.fixture(scope="module")
 def episodes(paper):

@@ -8,6 +8,8 @@ from medjax.policies import forecast
 from medjax.recording import Recording, by_rule, record_episode
 from train.evaluation import baseline, evaluate_policies
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 SMALL = {"num_meds": 3, "num_evs": 12, "num_gas": 20, "mainline_per_h": 600.0}
 
 

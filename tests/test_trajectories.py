@@ -17,6 +17,8 @@ from medjax.export.table import KIND_NAMES
 from medjax.traffic.road import lateral_position
 from medjax.trajectories import main
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 WORLD = {
     "num_meds": 3,
     "num_evs": 12,

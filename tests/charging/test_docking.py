@@ -14,6 +14,8 @@ from medjax.state import NOT_BOOKED
 from medjax.tick import physics_tick
 from tests.charging.scene import scene
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 TICKS = 480
 STARTS = [(400.0, 0), (400.0, 3), (440.0, 1), (560.0, 3)]
 

@@ -47,6 +47,7 @@ def coaxial(radius_1, radius_2, axial):
 PEAK = coaxial(*POSITIONS[:3])
 
 
+@pytest.mark.versions
 def test_all_rows_in_float64():
     with jax.enable_x64(True):
         value = np.asarray(exact(*POSITIONS))
@@ -192,6 +193,7 @@ def test_sign_changes_past_the_rim():
     assert float(value[0]) > 0 > float(value[1])
 
 
+@pytest.mark.versions
 def test_broadcasting_jit_and_vmap_agree():
     axial = np.array([[0.1], [0.2], [0.4]], np.float32)
     lateral = np.array([0.0, 0.1, 0.3, 0.6], np.float32)

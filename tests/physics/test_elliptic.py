@@ -9,6 +9,8 @@ from scipy import special
 
 from medjax.physics import ellipe, ellipk
 
+pytestmark = pytest.mark.versions
+
 TOLERANCE = {np.float32: 1e-6, np.float64: 1e-12}
 # Zero, both sides of it, the middle, and ever nearer 1; each is the same number in both types.
 NEAR_ONE = 1 - 2.0 ** -np.arange(2, 24)

@@ -59,6 +59,7 @@ roads = st.tuples(
 
 @settings(max_examples=150, deadline=None)
 @given(roads)
+@pytest.mark.versions
 def test_random_roads_with_ties(road):
     """Every road, last order and side looked at; lanes -1 and 5 are off the road."""
     x, lane, active, previous, direction = road

@@ -5,7 +5,6 @@ import os
 import jax
 import jax.numpy as jnp
 import pytest
-from jax.experimental.compilation_cache import compilation_cache
 
 from tests.train.probe_envs import Probe, ProbeParams
 
@@ -43,25 +42,14 @@ def coin(env):
     return lambda key, state, params: jax.random.randint(key, (), 0, 2, jnp.int32)
 
 
-@pytest.fixture(scope="session")
-def compiled_programs(tmp_path_factory):
-    """Keeps compiled programs for the session: many tests run the same command."""
-    before = jax.config.jax_compilation_cache_dir
-    compilation_cache.reset_cache()
-    jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("xla")))
-    yield
-    jax.config.update("jax_compilation_cache_dir", before)
-    compilation_cache.reset_cache()
+@pytest.fixture
+def programs_kept():
+    """Environment variables of a process that shares compiled programs with the tests."""
+    return dict(os.environ)
 
 
 @pytest.fixture
-def programs_kept(compiled_programs):
-    """Environment variables of a process that takes part in `compiled_programs`."""
-    return {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(jax.config.jax_compilation_cache_dir)}
-
-
-@pytest.fixture
-def probe(monkeypatch, tmp_path, compiled_programs):
+def probe(monkeypatch, tmp_path, quick_compiles):
     """Makes the commands use probes, and leaves them in an empty working directory."""
     monkeypatch.setattr("medjax.make", make_probe)
     monkeypatch.setattr("train.closing.BASELINES", {"none": never, "random": coin})

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 SMALL = {"num_meds": 2, "num_evs": 6, "num_gas": 12, "episode_decisions": 12}
 
 
-def test_train_and_evaluate(compiled_programs, tmp_path, capsys):
+def test_train_and_evaluate(tmp_path, capsys):
     run = tmp_path / "run"
     argv = [
         "--num-envs=8",

@@ -16,6 +16,8 @@ from train.evaluation import Policy, baseline, evaluate_policies, summarize, tra
 from train.networks import PolicyWeights, apply_policy, build_network
 from train.tables import format_table
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 ENV, PARAMS = Probe("noisy"), ProbeParams(episode_decisions=6)
 
 

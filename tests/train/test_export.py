@@ -39,6 +39,7 @@ def exported(tmp_path_factory):
     return env, params, config, network, weights, path
 
 
+@pytest.mark.versions
 def test_acts_as_the_network_does_outside_jit(exported):
     env, _, _, network, weights, path = exported
     policy = load_policy(path)

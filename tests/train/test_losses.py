@@ -17,6 +17,8 @@ from train.losses import (
 )
 from train.networks import masked_categorical
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 EPS = 0.2
 
 

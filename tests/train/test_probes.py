@@ -11,6 +11,8 @@ from train.config import TrainConfig
 from train.learner import make_train
 from train.networks import apply_policy, build_network
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 GAMMA = 0.9
 BASE = {
     "num_envs": 16,
@@ -74,6 +76,7 @@ def test_credit_over_two_steps():
 
 
 @pytest.mark.parametrize("kind", ["follow", "masked"])
+@pytest.mark.versions
 def test_action_follows_the_cue_and_never_what_is_forbidden(kind):
     env = Probe(kind, num_actions=3 if kind == "masked" else 2)
     state, network, metrics = learn(env, 100, entropy_coef=0.0)

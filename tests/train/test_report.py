@@ -48,7 +48,7 @@ def make_run(path):
 
 
 @pytest.fixture(scope="module")
-def made(compiled_programs, tmp_path_factory):
+def made(tmp_path_factory):
     """A run, its report, and what passed through the command on the way."""
     run = tmp_path_factory.mktemp("report") / "run"
     make_run(run)

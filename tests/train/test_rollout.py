@@ -11,6 +11,8 @@ from train.config import TrainConfig
 from train.networks import PolicyWeights, apply_value, build_network
 from train.rollout import collect, start
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 LENGTH, ENVS = 5, 16
 
 

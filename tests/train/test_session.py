@@ -63,6 +63,7 @@ def interrupt_after(monkeypatch):
     return arrange
 
 
+@pytest.mark.versions
 def test_a_run_leaves_what_is_promised(probe, capsys):
     assert ppo.main(TINY) == 0
     out, err = capsys.readouterr()
@@ -198,6 +199,7 @@ def test_interrupted_while_compiling_leaves_nothing(probe, capsys, monkeypatch):
     assert not (probe / "run").exists()
 
 
+@pytest.mark.versions
 def test_evaluate_command(probe, capsys):
     options = [*TINY, "--num-seeds=2", "--eval-episodes=0", "--run-dir=run"]
     assert ppo.main(options) == 0
