@@ -73,9 +73,8 @@ def test_demands_and_policies_side_by_side(runs, tmp_path, capsys):
     played = worlds["paper x 1"]
     assert set(played["policies"]) == {*scores, "flat"}
     # A difference is no finer than the float32 returns that it is taken of.
-    digit = 4 * np.spacing(
-        np.float32(max(np.abs(score["return"]).max() for score in scores.values()))
-    )
+    largest = max(np.abs(score["return"]).max() for score in scores.values())
+    digit = 4 * float(np.spacing(np.float32(largest)))
     for name, score in scores.items():
         entry = played["policies"][name]
         assert entry["return_mean"] == pytest.approx(score["return"].mean(), rel=1e-4)

@@ -1,7 +1,5 @@
 """The commands, on a probe environment."""
 
-import os
-
 import jax
 import jax.numpy as jnp
 import pytest
@@ -40,12 +38,6 @@ def never(env):
 
 def coin(env):
     return lambda key, state, params: jax.random.randint(key, (), 0, 2, jnp.int32)
-
-
-@pytest.fixture
-def programs_kept():
-    """Environment variables of a process that shares compiled programs with the tests."""
-    return dict(os.environ)
 
 
 @pytest.fixture

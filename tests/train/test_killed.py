@@ -9,13 +9,9 @@ from tests.train.test_session import assert_same_run
 KILLS = 20
 
 
-def test_killed_twenty_times_and_resumed_equals_uninterrupted_bit_for_bit(
-    probe, request, programs_kept
-):
+def test_killed_twenty_times_and_resumed_equals_uninterrupted_bit_for_bit(probe, request):
     command = [sys.executable, "-m", "tests.train.killed_runs", str(probe), "0", str(KILLS)]
-    done = subprocess.run(
-        command, cwd=request.config.rootpath, env=programs_kept, capture_output=True, text=True
-    )
+    done = subprocess.run(command, cwd=request.config.rootpath, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
     deaths = [json.loads(line) for line in done.stdout.splitlines()]
     assert len(deaths) == KILLS

@@ -20,7 +20,7 @@ EIGHT = [*TINY, "--num-envs=8", "--total-timesteps=192", "--eval-episodes=0"]  #
 
 
 @pytest.fixture
-def start(request, probe, programs_kept):
+def start(request, probe):
     """Starts train.ppo on a probe in a process of its own, with so many CPU devices."""
     begun = []
 
@@ -28,7 +28,7 @@ def start(request, probe, programs_kept):
         process = subprocess.Popen(
             [sys.executable, "-m", "tests.train.probe_run", *argv],
             cwd=request.config.rootpath,
-            env=programs_kept | {"JAX_NUM_CPU_DEVICES": str(devices)} | variables,
+            env={**os.environ, "JAX_NUM_CPU_DEVICES": str(devices), **variables},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

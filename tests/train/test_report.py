@@ -18,7 +18,7 @@ from train import evaluate, report
 from train.cli import parse_request
 from train.diagrams import _in_bins
 from train.figures import plot_curve
-from train.session import open_session
+from train.opening import open_session
 from train.survey import SOC_BINS, dispatch_rows, quantile, survey, total
 from train.tables import claim_rows, paper_rows
 from train.traces import Frame, Trace
