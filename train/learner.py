@@ -161,7 +161,10 @@ class Learner:
         update = jax.jit(self.update)  # traced once for its shapes and its use
         _, shapes = jax.eval_shape(update, state, env_params)
         places = self.config.updates_per_call
-        table = {name: jnp.zeros((places,), s.dtype) for name, s in shapes.items()}
+        table = {
+            name: jnp.full((places,), 0 if name == BAD else jnp.nan, metric.dtype)
+            for name, metric in shapes.items()
+        }
 
         def body(index: jax.Array, carry: tuple[TrainState, Metrics]) -> tuple[TrainState, Metrics]:
             carried, rows = carry

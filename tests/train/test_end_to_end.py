@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from tests.train.test_session import assert_same_run, rows_of
 from train import evaluate, ppo
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -54,6 +55,22 @@ def test_train_and_evaluate(tmp_path, capsys):
         assert name in result["policies"]["ppo"]
     assert result == json.loads((run / "evaluation.json").read_text())
     assert "MEDs sent" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_the_highway_trains_the_same_however_it_is_driven(tmp_path, monkeypatch):
+    """In chunks of one update and of as many as may be, with other checkpoints, evaluated or not."""
+    argv = ["--num-envs=8", "--num-minibatches=8", "--total-timesteps=2048", "--decide-every=2"]
+    argv += ["--rollout-length=8", "--hidden", "8"]
+    for name, value in SMALL.items():
+        argv += ["--set", f"{name}={value}"]
+    one = ["--updates-per-call=1", "--eval-episodes=0", "--checkpoint-interval=3"]
+    assert ppo.main([*argv, *one, f"--run-dir={tmp_path / 'one'}"]) == 0
+    monkeypatch.setattr("train.session.SECONDS_PER_CALL", 1e9)
+    many = ["--checkpoint-interval=0", "--eval-episodes=4"]
+    assert ppo.main([*argv, *many, f"--run-dir={tmp_path / 'many'}"]) == 0
+    assert len(rows_of(tmp_path / "one")) == 16
+    assert_same_run(tmp_path / "one", tmp_path / "many")
 
 
 def test_real_presets_refuse_bad_input(tmp_path, capsys):
