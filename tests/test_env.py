@@ -68,25 +68,6 @@ def test_compiles_once(paper):
         _, state, *_ = step(jax.random.key(seed), state, jnp.int32(action), changed)
 
 
-def test_batch_equals_alone(paper):
-    """Environments stepped together equal the same ones stepped alone."""
-    env, params = paper
-    keys = jax.random.split(jax.random.key(3), 3)
-
-    def play(key):
-        reset_key, step_key = jax.random.split(key)
-        _, state = env.reset(reset_key, params)
-        for action in (1, 0):
-            obs, state, reward, *_ = env.step(step_key, state, action, params)
-        return obs, reward
-
-    together = jax.jit(jax.vmap(play))(keys)
-    alone = jax.jit(play)
-    for index, key in enumerate(keys):
-        for batched, single in zip(together, alone(key), strict=True):
-            np.testing.assert_allclose(batched[index], single, atol=1e-5)
-
-
 def test_vmap_over_parameters(paper):
     """One program sweeps demands, weights and coil designs; each entry acts on its own number."""
     env, params = paper

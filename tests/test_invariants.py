@@ -138,7 +138,7 @@ def reckless(monkeypatch):
 
     def hurried(units, config, table):
         params = draw_params(units, config, table)
-        headway = np.full_like(params.drivers.time_headway, 1e-3)
+        headway = np.full_like(params.drivers.time_headway, 0.1)
         return params.replace(drivers=params.drivers.replace(time_headway=headway))
 
     program = case(LEAST).program

@@ -336,6 +336,8 @@ def check_environment(config: TrainConfig) -> None:
 
 
 def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
+    import jax
+
     from medjax.observation import OBSERVATIONS
     from medjax.wrappers.devices import environment_mesh
     from train.networks import check_network
@@ -344,7 +346,8 @@ def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
     try:
         # An environment is compiled in part; what can be refused without it is refused before.
         check_network(config, OBSERVATIONS.get(config.observation))
-        environment_mesh(config.num_envs // config.num_minibatches, config.num_devices)
+        groups = config.num_envs // config.num_minibatches
+        environment_mesh(groups, config.num_devices, jax.devices())
         return build(config.scenario, observation=config.observation, **overrides)
     except ValueError as error:
         raise SettingError(str(error)) from None

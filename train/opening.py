@@ -23,8 +23,7 @@ def open_session(request: Request) -> Session:
     config = request.config
     prepare_cpu()
     join(request.processes)
-    if request.run_dir is not None and is_first():
-        check_unused(request.run_dir)
+    together(lambda: _look(request.run_dir))
     env, params = make_environment(config)
     try:
         build_network(env, config)
@@ -34,6 +33,11 @@ def open_session(request: Request) -> Session:
     shapes = shapes_of(programs, params, config)
     taken = together(lambda: _take(request, shapes))
     return Session(env, params, config, programs, shapes, request.resume is not None, *taken)
+
+
+def _look(run_dir: Path | None) -> None:
+    if run_dir is not None and is_first():
+        check_unused(run_dir)
 
 
 class _Taken(NamedTuple):

@@ -45,6 +45,7 @@ def assert_same_scores(ours, theirs):
         np.testing.assert_allclose(values, theirs[metric], rtol=1e-5, atol=1e-5, err_msg=metric)
 
 
+@pytest.mark.slow
 def test_each_world_is_what_it_is_alone():
     """Of one world and of several, to rounding; and without MEDs every rule does what none does."""
     env, params = medjax.make("paper", **SMALL)

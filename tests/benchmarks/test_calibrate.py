@@ -27,6 +27,7 @@ def test_solves_what_was_put_in():
     np.testing.assert_allclose(solve(scores, penalty), (factor, w1), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_preset_reproduces_table_2():
     """Within one of the paper's deviations and the error of so few episodes; PPO is not asked."""
     env, params = medjax.make("paper")

@@ -57,7 +57,7 @@ def test_a_masked_action_is_never_taken():
 
 
 @pytest.mark.parametrize("hold", [pytest.param(1, marks=pytest.mark.slow), 3])
-@pytest.mark.parametrize("plan", [AS_BASE, 0])
+@pytest.mark.parametrize("plan", [AS_BASE, pytest.param(0, marks=pytest.mark.slow)])
 def test_plays_the_episodes_of_the_evaluation(hold, plan):
     """The base rule itself, and nothing at all, are scored as train.evaluation scores them, to rounding."""
     env, params = medjax.make("paper", **SMALL)

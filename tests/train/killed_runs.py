@@ -17,7 +17,7 @@ from pathlib import Path
 
 from tests.train.conftest import TINY, make_probe
 
-UPDATES = 100
+UPDATES = 200
 OPTIONS = [
     *TINY,
     f"--total-timesteps={16 * UPDATES}",
@@ -45,7 +45,7 @@ def updates_in(run: Path) -> list[int]:
     return [json.loads(line)["update"] for line in text.splitlines()]
 
 
-def wait_for_updates(run: Path) -> None:
+def wait_for_updates(run: Path, child: int) -> None:
     """Until metrics.jsonl grows. (A life begins by writing it anew, as it was at the checkpoint.)"""
     path, last = run / "metrics.jsonl", None
     while True:
@@ -54,6 +54,7 @@ def wait_for_updates(run: Path) -> None:
             if last and last.st_ino == now.st_ino and last.st_size < now.st_size:
                 return
             last = now
+        assert os.waitpid(child, os.WNOHANG) == (0, 0), "it ended by itself"
         time.sleep(0.005)
 
 
@@ -77,9 +78,9 @@ def main(place: Path, seed: int, kills: int) -> None:
         if number % 3 == 2:  # on its way to the first update, where it spends most of a short life
             time.sleep(rng.uniform(0.0, warm_up))
         else:
-            wait_for_updates(parts)
+            wait_for_updates(parts, child)
             warm_up = time.monotonic() - started
-            time.sleep(rng.uniform(0.0, 0.3))
+            time.sleep(rng.uniform(0.0, 0.1))
         os.kill(child, signal.SIGKILL)
         assert os.waitpid(child, 0)[1] == signal.SIGKILL
         print(

@@ -15,6 +15,7 @@ from matplotlib.image import imread
 import train.contents
 from tests.train.test_cli import refused
 from train import evaluate, report
+from train.checkpoint import to_host
 from train.cli import parse_request
 from train.diagrams import _in_bins
 from train.figures import plot_curve
@@ -38,8 +39,8 @@ for name, value in SMALL.items():
 def make_run(path):
     """A run that has not trained: its first weights, and a made-up curve."""
     session = open_session(parse_request([*OPTIONS, f"--run-dir={path}"]))
-    session.checkpoints.save(session.programs.init(jax.random.key(0), session.params))
-    session.checkpoints.close()
+    state = session.programs.init(jax.random.key(0), session.params)
+    session.checkpoints.save(to_host(state), session.config)
     rows = [
         {"update": n, "env_steps": 100 * n, "episode_return": value, "episodes": 1.0}
         for n, value in enumerate((None, -3.0, 2.0), 1)

@@ -1,5 +1,6 @@
 """Whole runs of the command on a probe: files, resuming, interruption."""
 
+import dataclasses
 import json
 import os
 import signal
@@ -33,7 +34,8 @@ def state_of(run_dir):
     from train.cli import make_environment
     from train.rundir import RunDir
 
-    config = RunDir(run_dir).load_config()
+    # This process need not have the devices that the run had.
+    config = dataclasses.replace(RunDir(run_dir).load_config(), num_devices=0)
     env, params = make_environment(config)
     shapes = shapes_of(make_train(env, params, config), params, config)
     return jax.tree.leaves(Checkpoints(run_dir).restore(shapes))

@@ -10,8 +10,6 @@ from medjax.wrappers import BatchAutoReset, environment_mesh, in_blocks, on_devi
 from medjax.wrappers.rows import CACHED_ROWS
 from tests.train.probe_envs import Probe, ProbeParams
 
-pytestmark = pytest.mark.usefixtures("quick_compiles")
-
 ENV, PARAMS = Probe("noisy"), ProbeParams(episode_decisions=4)
 
 
@@ -47,19 +45,6 @@ def test_devices_and_blocks_change_nothing(num_envs):
     jax.tree.map(np.testing.assert_array_equal, alone, shared)
 
 
-def test_devices_change_nothing_on_the_highway():
-    """The same of the real environment to rounding, as it is compiled quickly here; of programs that are fully
-    optimised to the last bit: tests/test_determinism.py."""
-    env, params = medjax.make("paper", episode_decisions=3)
-    alone = course(env, params, 4, None, 8)
-    shared = course(env, params, 4, 2, 8)
-    _, _, _, truncated, _ = alone[1]
-    assert truncated.any()  # so resets are among it
-    jax.tree.map(
-        lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-5), alone[1], shared[1]
-    )
-
-
 @pytest.mark.parametrize("count", [5, CACHED_ROWS, 4 * CACHED_ROWS, 2 * CACHED_ROWS + 1])
 def test_blocks_are_put_together_in_order(count):
     """Whatever the number of rows, for trees of several arguments."""
@@ -77,3 +62,18 @@ def test_mesh_takes_what_divides():
         environment_mesh(12, devices + 1)
     with pytest.raises(ValueError, match="num_devices is 2, allowed: a divisor of 7"):
         environment_mesh(7, 2)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("quick_compiles")  # which last to the end of the file
+def test_devices_change_nothing_on_the_highway():
+    """The same of the real environment to rounding, as it is compiled quickly here; of programs that are fully
+    optimised to the last bit: tests/test_determinism.py."""
+    env, params = medjax.make("paper", episode_decisions=3)
+    alone = course(env, params, 4, None, 8)
+    shared = course(env, params, 4, 2, 8)
+    _, _, _, truncated, _ = alone[1]
+    assert truncated.any()  # so resets are among it
+    jax.tree.map(
+        lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-5), alone[1], shared[1]
+    )

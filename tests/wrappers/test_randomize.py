@@ -13,8 +13,6 @@ from medjax.wrappers import BatchAutoReset, RandomDemand, scale_demand
 from train.config import TrainConfig
 from train.learner import build_learner
 
-pytestmark = pytest.mark.usefixtures("quick_compiles")
-
 LOW, HIGH = 0.5, 1.5
 THRESHOLD = 2600.0
 
