@@ -113,6 +113,7 @@ def test_each_learner_is_what_it_is_alone():
     assert not np.allclose(first[0], first[2], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_sweep_command(run, tmp_path, capsys):
     """A row for each policy and value in print and as JSON, and a picture; a trained run joins the rules."""
     path, out, plot = tmp_path / "run", tmp_path / "out.json", tmp_path / "plot.png"

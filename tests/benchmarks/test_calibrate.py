@@ -37,6 +37,7 @@ def test_the_preset_reproduces_table_2():
         assert abs(row["mean"] - row["paper_mean"]) < row["paper_std"] + 2 * error, row
 
 
+@pytest.mark.slow
 def test_command_reports_what_it_prints(tmp_path, capsys):
     """Weights and both policies, in print and in the file."""
     out = tmp_path / "out.json"

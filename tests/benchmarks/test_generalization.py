@@ -56,6 +56,7 @@ def few_slots(monkeypatch):
     monkeypatch.setattr(generalization, "SIZES", SMALL)
 
 
+@pytest.mark.slow
 def test_demands_and_policies_side_by_side(runs, tmp_path, capsys):
     """The preset's own demand is what train.evaluate plays; others have other traffic; any observation takes part."""
     out, picture = tmp_path / "out.json", tmp_path / "out.png"

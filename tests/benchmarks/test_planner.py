@@ -56,8 +56,9 @@ def test_a_masked_action_is_never_taken():
     assert int(act(jax.random.key(1), state, params)) == AS_BASE
 
 
-@pytest.mark.parametrize("hold", [pytest.param(1, marks=pytest.mark.slow), 3])
-@pytest.mark.parametrize("plan", [AS_BASE, pytest.param(0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("hold", [1, 3])
+@pytest.mark.slow
+@pytest.mark.parametrize("plan", [AS_BASE, 0])
 def test_plays_the_episodes_of_the_evaluation(hold, plan):
     """The base rule itself, and nothing at all, are scored as train.evaluation scores them, to rounding."""
     env, params = medjax.make("paper", **SMALL)

@@ -10,6 +10,7 @@ from tests.benchmarks.refusal import refused
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
+@pytest.mark.slow
 def test_best_is_the_highest_return(tmp_path, monkeypatch, capsys):
     """One line a setting; rules that send MEDs beat the same ones told to send hardly any."""
     grid = {

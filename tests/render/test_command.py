@@ -111,7 +111,10 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it(
     "argv",
     [
         ["--out", "a.html"],
-        ["--out", "a.html", "--compare", "none", "--follow", "EV:2", "--start", "30"],
+        pytest.param(
+            ["--out", "a.html", "--compare", "none", "--follow", "EV:2", "--start", "30"],
+            marks=pytest.mark.slow,
+        ),
         ["--out", "a.png", "--size", "400x200", "--follow", "1200", "--span", "300"],
         ["--out", "a.mp4", "--duration", "0.5", "--size", "400x200"],
         ["--out", "a.gif", "--start", "3", "--duration", "0.5", "--size", "400x200"],

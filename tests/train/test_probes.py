@@ -76,7 +76,6 @@ def test_credit_over_two_steps():
 
 
 @pytest.mark.parametrize("kind", ["follow", "masked"])
-@pytest.mark.versions
 def test_action_follows_the_cue_and_never_what_is_forbidden(kind):
     env = Probe(kind, num_actions=3 if kind == "masked" else 2)
     state, network, metrics = learn(env, 100, entropy_coef=0.0)

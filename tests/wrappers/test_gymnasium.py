@@ -64,7 +64,6 @@ def episode(env, seed, action=0):
     return steps
 
 
-@pytest.mark.versions
 def test_check_env_has_nothing_to_say(env):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
