@@ -86,15 +86,22 @@ def _wishes(
 
 
 def _approach(
-    vehicles: Vehicles, evs: EVs, length: jax.Array, config: EnvConfig, params: EnvParams
+    vehicles: Vehicles, evs: EVs, drivers: Drivers, config: EnvConfig, params: EnvParams
 ) -> tuple[Approach, jax.Array]:
     """Where booked EVs drive, and the acceleration that takes them there, inf for others."""
-    med = partners(vehicles, evs, length, config)
-    x, speed, lane, length = (
-        column[config.ev_slots] for column in (vehicles.x, vehicles.speed, vehicles.lane, length)
+    med = partners(vehicles, evs, drivers.length, config)
+    x, speed, lane, length, braking = (
+        column[config.ev_slots]
+        for column in (
+            vehicles.x,
+            vehicles.speed,
+            vehicles.lane,
+            drivers.length,
+            drivers.comfortable_deceleration,
+        )
     )
     approach = plan_approach(x, lane, length, evs.panel, med, params.charging)
-    docking = docking_acceleration(x, speed, approach.goal_x, med.speed, params.charging)
+    docking = docking_acceleration(x, speed, approach.goal_x, med.speed, braking, params.charging)
     return approach, jnp.where(evs.med != NOT_BOOKED, docking, jnp.inf)
 
 
@@ -185,7 +192,7 @@ def move(
         acceleration = jnp.minimum(following, wall)
 
     with jax.named_scope("docking"):
-        approach, docking = _approach(vehicles, evs, drivers.length, config, params)
+        approach, docking = _approach(vehicles, evs, drivers, config, params)
         command = acceleration.at[ev_slots].min(docking) + vehicles.acceleration_noise
 
     with jax.named_scope("lane_changes"):

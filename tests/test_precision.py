@@ -71,7 +71,7 @@ def place_in_slot(start_m, speed, params, x_type):
 
     def tick(carry, _):
         med_x, x, v = carry
-        command = docking_acceleration(x, v, med_x, speed, charging)
+        command = docking_acceleration(x, v, med_x, speed, jnp.full_like(v, 2.0), charging)
         x, v = ballistic_step(x, v, command, TICK_S)
         return (ballistic_step(med_x, speed, jnp.zeros_like(v), TICK_S)[0], x, v), None
 

@@ -80,20 +80,33 @@ def plan_approach(
 
 
 def docking_acceleration(
-    x: jax.Array, speed: jax.Array, goal_x: jax.Array, med_speed: jax.Array, params: ChargingParams
+    x: jax.Array,
+    speed: jax.Array,
+    goal_x: jax.Array,
+    med_speed: jax.Array,
+    comfortable_deceleration: jax.Array,
+    params: ChargingParams,
 ) -> jax.Array:
     """Two nested proportional loops: distance asks for relative speed, that for acceleration.
 
     With approach_rate k and speed_rate c the error decays as s^2 + c s + c k = 0. The caller takes
     the smaller of this and IDM, so that no vehicle is approached closer than IDM allows.
 
+    A slot is no emergency: for its sake nobody brakes harder than is comfortable, since IDM followers
+    are safe behind a leader that brakes like that, and not behind one that brakes as hard as they can.
+
+    Args:
+      x, speed, comfortable_deceleration: of the EVs, m, m/s and positive m/s^2, one shape.
+      goal_x: m, where to; med_speed: m/s, of their MEDs; that shape.
+
     Returns:
-      m/s^2, the shape of x.
+      m/s^2, that shape, at least -comfortable_deceleration.
     """
     closing = jnp.clip(
         params.approach_rate * (goal_x - x), -params.approach_speed, params.approach_speed
     )
-    return params.speed_rate * (med_speed + closing - speed)
+    wanted = params.speed_rate * (med_speed + closing - speed)
+    return jnp.maximum(wanted, -comfortable_deceleration)
 
 
 def is_docked(

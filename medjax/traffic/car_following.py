@@ -37,6 +37,7 @@ class Drivers(NamedTuple):
     time_headway: jax.Array  # s
     min_gap: jax.Array  # m
     max_acceleration: jax.Array  # m/s^2
+    comfortable_deceleration: jax.Array  # m/s^2
     braking_weight: jax.Array  # s^2/m, idm.braking_weight
 
 
@@ -84,6 +85,7 @@ def make_drivers(kind: jax.Array, desired_speed: jax.Array, params: DriverParams
         time_headway=by_kind(kind, params.time_headway),
         min_gap=by_kind(kind, params.min_gap),
         max_acceleration=max_acceleration,
+        comfortable_deceleration=comfortable_deceleration,
         braking_weight=braking_weight(max_acceleration, comfortable_deceleration),
     )
 

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.charging.docking import misalignment
+from medjax.charging.docking import docking_acceleration, misalignment
 from medjax.config import FRONT, LEFT, REAR, RIGHT
 from medjax.movement import drivers_of
 from medjax.physics import mutual_inductance
 from medjax.state import NOT_BOOKED
 from medjax.tick import physics_tick
+from medjax.traffic import ballistic_step, idm_acceleration
 from tests.charging.scene import scene
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -89,6 +90,46 @@ def test_never_overlaps_while_docking(quiet, play, panel):
     front_length = np.where(x[:, 0] > x[:, ev], 12.0, 5.0)
     assert np.all((front - front_length - back)[same] > float(params.charging.platoon_min_gap))
     assert float(tally.collisions.sum()) == 0.0
+
+
+def closest(dt, leader_brakes_fully):
+    """Smallest bumper gap of followers, drawn over all that drivers may be, to an EV that falls back to its slot."""
+    rng = np.random.default_rng(1)
+
+    def draw(low, high):
+        return jnp.asarray(rng.uniform(low, high, 20_000), jnp.float32)
+
+    own = {
+        "desired_speed": draw(8.0, 45.0),
+        "time_headway": jnp.maximum(draw(0.25, 3.0), dt),
+        "min_gap": draw(1.0, 5.0),
+        "max_acceleration": draw(0.5, 3.0),
+        "comfortable_deceleration": draw(1.0, 4.0),
+    }
+    tyres = draw(6.0, 10.0)
+    leader_braking = tyres if leader_brakes_fully else draw(1.0, 4.0)
+    _, params = medjax.make("paper", speed_rate=20.0, approach_speed=50.0)
+    start = own["desired_speed"] * draw(0.3, 0.99)
+
+    def tick(state, _):
+        (x, v), (gap, follower_v) = state
+        a = docking_acceleration(x, v, x - 1e3, 0.0, leader_braking, params.charging)
+        ahead, v = ballistic_step(x, v, a, dt)
+        a = jnp.maximum(idm_acceleration(follower_v, gap, state[0][1], **own), -tyres)
+        way, follower_v = ballistic_step(jnp.zeros_like(gap), follower_v, a, dt)
+        gap = gap + (ahead - x) - way
+        return ((ahead, v), (gap, follower_v)), gap
+
+    equilibrium = own["min_gap"] + start * own["time_headway"]
+    states = (jnp.zeros_like(start), start), (equilibrium, start)
+    return jax.lax.scan(tick, states, length=int(60.0 / dt))[1].min()
+
+
+@pytest.mark.parametrize("dt", [0.05, 0.25, 0.5])
+def test_who_follows_an_ev_that_falls_back_has_room(dt):
+    """Behind a leader that is comfortable, and not behind one that brakes as hard as they can."""
+    assert closest(dt, leader_brakes_fully=False) > 0.0
+    assert closest(dt, leader_brakes_fully=True) < 0.0
 
 
 def test_human_transfers_less_than_autonomous(quiet):
