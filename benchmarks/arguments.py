@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import medjax
-from train.cli import OneLineParser, as_path
-from train.config import SettingError
-from train.rundir import check_output
-from train.wording import shown
+from medjax import commandline
+from medjax.commandline import OneLineParser, as_path
+from medjax.files import check_output
+from medjax.wording import InputError, shown
+
+T = TypeVar("T")
 
 
 def benchmark_parser(name: str, description: str | None) -> OneLineParser:
@@ -20,7 +23,6 @@ def benchmark_parser(name: str, description: str | None) -> OneLineParser:
         prog=f"python -m benchmarks.{name}",
         description=description,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     parser.add_argument(
         "--json", type=output_file, metavar="FILE", help="write the figures here too"
@@ -28,17 +30,21 @@ def benchmark_parser(name: str, description: str | None) -> OneLineParser:
     return parser
 
 
-def whole_number(least: int = 1, most: int = 10**7) -> Callable[[str], int]:
-    """A type of argument: whole numbers from `least` to `most`."""
+def argument(read: Callable[[str, str], T]) -> Callable[[str], T]:
+    """`read(name, text)` as a type of argument: argparse names the option, and shows only its own error's words."""
 
-    def parse(text: str) -> int:
-        number = int(text) if re.fullmatch("[0-9]{1,18}", text) else -1
-        if not least <= number <= most:
-            allowed = f"a whole number from {least} to {most}"
-            raise argparse.ArgumentTypeError(f"{shown(text)}: allowed {allowed}")
-        return number
+    def parse(text: str) -> T:
+        try:
+            return read("value", text)
+        except InputError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
 
     return parse
+
+
+def whole_number(least: int = 1, most: int = 10**7) -> Callable[[str], int]:
+    """A type of argument: whole numbers from `least` to `most`."""
+    return argument(partial(commandline.whole_number, least=least, most=most))
 
 
 positive = whole_number()
@@ -61,12 +67,15 @@ def episodes_parser(name: str, description: str | None, episodes: int, seed: int
     return parser
 
 
-def a_path(text: str) -> Path:
-    """A type of argument: a path, there or not."""
-    try:
-        return as_path("it", text)
-    except SettingError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+a_path = argument(as_path)
+
+
+@argument
+def output_file(name: str, text: str) -> Path:
+    """A type of argument: a file that can be written, checked before anything is measured."""
+    path = as_path(name, text)
+    check_output(name, path)
+    return path
 
 
 def picture(text: str) -> Path:
@@ -74,13 +83,3 @@ def picture(text: str) -> Path:
     if not text.endswith(".png"):
         raise argparse.ArgumentTypeError(f"{shown(text)}: allowed a name that ends in .png")
     return output_file(text)
-
-
-def output_file(text: str) -> Path:
-    """A type of argument: a file that can be written, checked before anything is measured."""
-    try:
-        check_output("it", target := a_path(text))
-    except SettingError:
-        allowed = "allowed a file in a directory that exists and is writable"
-        raise argparse.ArgumentTypeError(f"{shown(text)}: {allowed}") from None
-    return target

@@ -14,8 +14,8 @@ import numpy as np
 
 import medjax
 from benchmarks.arguments import episodes_parser
+from medjax.commandline import OneLineParser
 from medjax.wrappers import prepare_cpu
-from train.cli import OneLineParser
 from train.evaluation import Evaluation, Scores, baseline
 
 # Table 2: mean and standard deviation of the episode reward over ten episodes.

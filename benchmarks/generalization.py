@@ -20,11 +20,11 @@ from tqdm import tqdm
 import medjax
 from benchmarks.arguments import a_path, a_seed, benchmark_parser, picture, whole_number
 from benchmarks.generalization_figure import plot_gains
+from medjax.commandline import OneLineParser
 from medjax.policies import BASELINES
+from medjax.wording import InputError
 from medjax.wrappers import prepare_cpu, scale_demand
 from train.bootstrap import bootstrap_ci95
-from train.cli import OneLineParser
-from train.config import SettingError
 from train.evaluation import TRAINED, Evaluation, Policy, Scores, baseline, summarize
 from train.host import enable_compilation_cache
 from train.rundir import RunDir
@@ -49,7 +49,7 @@ def load_run(path: Path, scenario: str) -> dict[str, Policy]:
         scenario: preset that they are to play.
 
     Raises:
-        SettingError: this is no run, or its network does not fit the preset.
+        InputError: this is no run, or its network does not fit the preset.
     """
     config = RunDir(path).load_config()
     config = dataclasses.replace(config, scenario=scenario, overrides=SIZES, num_devices=0)
@@ -187,19 +187,19 @@ def load_runs(paths: Sequence[Path]) -> tuple[dict[str, Policy], dict[str, Polic
     """The trained policies on MAIN and, of those that fit it, on OTHER; a line for each run that does not.
 
     Raises:
-        SettingError: a run cannot be played on MAIN, or its name is taken.
+        InputError: a run cannot be played on MAIN, or its name is taken.
     """
     main: dict[str, Policy] = {}
     for path in paths:
         own = load_run(path, MAIN)
         if own.keys() & {*main, *BASELINES}:
-            raise SettingError(f"run {path} has a name that is taken, allowed: names of their own")
+            raise InputError(f"run {path} has a name that is taken, allowed: names of their own")
         main |= own
     other: dict[str, Policy] = {}
     for path in paths:
         try:
             other |= load_run(path, OTHER)
-        except SettingError as error:
+        except InputError as error:
             print(f"{path.name} does not play {OTHER}: {error}")
     return main, other
 
@@ -212,7 +212,7 @@ def main(arguments: list[str] | None = None) -> None:
     enable_compilation_cache()
     try:
         runs, on_other = load_runs([Path(os.path.abspath(given)) for given in options.run_dir])
-    except SettingError as error:
+    except InputError as error:
         parser.error(str(error))
     which = options.episodes, options.seed
     at_factors = play(MAIN, FACTORS, runs, *which)

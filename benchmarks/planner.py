@@ -19,13 +19,15 @@ from tqdm import tqdm
 
 import medjax
 from benchmarks.arguments import a_path, episodes_parser, positive, whole_number
+from medjax.commandline import OneLineParser
 from medjax.episodes import ACT, RESET, STEP, episode_keys
 from medjax.metrics import episode_metrics
 from medjax.policies import AS_BASE, BASELINES, Act, look_ahead
+from medjax.wording import InputError
 from medjax.wrappers import environment_mesh, on_devices, prepare_cpu
 from train.bootstrap import bootstrap_ci95
-from train.cli import OneLineParser, make_environment
-from train.config import SettingError, TrainConfig
+from train.cli import make_environment
+from train.config import TrainConfig
 from train.evaluation import TRAINED, Policy, Scores, baseline, evaluate_policies
 from train.rundir import RunDir
 from train.trained_run import load_policies, to_play
@@ -131,7 +133,7 @@ def load(options: argparse.Namespace) -> tuple[str, Any, Any, str, dict[str, Pol
     """Scenario, environment, parameters, name of the base, and all policies by name.
 
     Raises:
-      SettingError: the run cannot be read, or a base is given too.
+      InputError: the run cannot be read, or a base is given too.
     """
     if not options.run_dir:
         config = to_play(TrainConfig(), options.scenario)
@@ -139,7 +141,7 @@ def load(options: argparse.Namespace) -> tuple[str, Any, Any, str, dict[str, Pol
         rules = {name: baseline(build(env)) for name, build in BASELINES.items()}
         return config.scenario, env, params, options.base or "forecast", rules
     if options.base:
-        raise SettingError(f"--base is {options.base} with --run-dir, allowed: one of the two")
+        raise InputError(f"--base is {options.base} with --run-dir, allowed: one of the two")
     config = to_play(RunDir(options.run_dir).load_config(), options.scenario)
     env, params, policies = load_policies(options.run_dir, config, stochastic=False)
     return config.scenario, env, params, TRAINED, policies
@@ -152,7 +154,7 @@ def main(arguments: list[str] | None = None) -> None:
     prepare_cpu()
     try:
         scenario, env, params, base, policies = load(options)
-    except SettingError as error:
+    except InputError as error:
         parser.error(str(error))
     act = as_act(env, policies[base])
     plan = look_ahead(env, act, options.samples, options.hold)

@@ -16,8 +16,8 @@ import jax
 
 from benchmarks.arguments import add_scenario, benchmark_parser, positive
 from benchmarks.workload import ENVS, VEHICLES, Measurement, Workload, alternate, road_for
+from medjax.commandline import OneLineParser
 from medjax.wrappers import prepare_cpu
-from train.cli import OneLineParser
 
 
 def cost_ns(result: Measurement) -> float:

@@ -32,9 +32,9 @@ from benchmarks.cases import (
 from benchmarks.evidence import explain
 from benchmarks.invariants import INVARIANTS
 from benchmarks.worlds import as_settings, world_of
+from medjax.commandline import OneLineParser
 from medjax.env import ChargingEnv
 from medjax.wrappers import prepare_cpu
-from train.cli import OneLineParser
 
 CASES = 16  # that the updates are shared among
 MOST_SHOWN = 5  # violations of an episode

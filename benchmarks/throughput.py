@@ -14,8 +14,8 @@ from typing import Any
 from benchmarks.arguments import add_scenario, benchmark_parser, positive, whole_number
 from benchmarks.stages import stage_times
 from benchmarks.workload import ENVS, VEHICLES, Measurement, Workload, measure, road_for
+from medjax.commandline import OneLineParser, fail
 from medjax.wrappers import environment_mesh, prepare_cpu
-from train.cli import OneLineParser, fail
 
 
 def build_parser() -> OneLineParser:
@@ -78,7 +78,7 @@ def main(arguments: list[str] | None = None) -> None:
         for num_envs, _ in cases:
             environment_mesh(num_envs, options.num_devices)
     except ValueError as error:
-        sys.exit(fail("benchmarks.throughput", error))
+        sys.exit(fail("python -m benchmarks.throughput", error))
     results = []
     for num_envs, overrides in cases:
         try:
@@ -86,7 +86,7 @@ def main(arguments: list[str] | None = None) -> None:
                 num_envs, steps=options.steps, repeats=options.repeats, **common, **overrides
             )
         except ValueError as error:
-            sys.exit(fail("benchmarks.throughput", error))
+            sys.exit(fail("python -m benchmarks.throughput", error))
         results.append(dataclasses.asdict(result))
         show(result)
     if options.stages:

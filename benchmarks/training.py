@@ -41,10 +41,12 @@ import numpy as np
 
 import medjax
 from benchmarks.arguments import benchmark_parser, positive
+from medjax.commandline import OneLineParser
+from medjax.wording import InputError
 from medjax.wrappers import prepare_cpu
 from train.bootstrap import bootstrap_ci95
-from train.cli import OneLineParser, make_environment, settings_from_text
-from train.config import SettingError, TrainConfig, from_json
+from train.cli import make_environment, settings_from_text
+from train.config import TrainConfig, from_json
 from train.logs import read_rows
 from train.rundir import RunDir
 
@@ -102,7 +104,7 @@ def settings(given: Mapping[str, str]) -> TrainConfig:
     """Settings of the command from the text of the options.
 
     Raises:
-        SettingError: a value out of its range.
+        InputError: a value out of its range.
     """
     config = from_json(settings_from_text(dict(given)))
     return dataclasses.replace(
@@ -337,7 +339,7 @@ def main(arguments: list[str] | None = None) -> int:
     repeats, target = given.pop("repeats"), given.pop("json")
     try:
         config = settings(given)
-    except SettingError as error:
+    except InputError as error:
         parser.error(str(error))
     try:
         result = measure(config, repeats)

@@ -12,10 +12,10 @@ from typing import Any
 
 import medjax
 from benchmarks.arguments import episodes_parser
+from medjax.commandline import OneLineParser
 from medjax.policies import forecast, paced
 from medjax.wrappers import prepare_cpu
 from train.bootstrap import bootstrap_ci95
-from train.cli import OneLineParser
 from train.evaluation import baseline, evaluate_policies
 
 RULES = {"paced": paced, "forecast": forecast}

@@ -1,17 +1,54 @@
-"""Mobile charging of electric vehicles on a highway, as a JAX-vectorised environment."""
+"""Mobile charging of electric vehicles on a highway, as a JAX-vectorised environment.
 
+What is in it is loaded when it is first asked for (PEP 562): a command's `--help` and its refusal of bad input
+need neither the simulator nor JAX, which takes a second.
+"""
+
+from importlib import import_module
 from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
 
-from medjax.config import EnvConfig, EnvParams
-from medjax.env import ChargingEnv
-from medjax.policies import BASELINES
-from medjax.reward import TERMS
-from medjax.scenarios import SCENARIOS, make
+if TYPE_CHECKING:
+    from medjax.config import EnvConfig, EnvParams
+    from medjax.env import ChargingEnv
+    from medjax.policies import BASELINES
+    from medjax.reward import TERMS
+    from medjax.scenarios import SCENARIOS, make
 
 __all__ = ["BASELINES", "SCENARIOS", "TERMS", "ChargingEnv", "EnvConfig", "EnvParams", "make"]
 __version__ = "0.1.0"
 
-if find_spec(
-    "gymnasium"
-):  # so that gymnasium.make("medjax/Charging-v0") finds it: Gymnasium has no plug-ins
-    import medjax.wrappers.gymnasium  # noqa: F401
+_HOMES = {
+    "BASELINES": "policies",
+    "SCENARIOS": "scenarios",
+    "TERMS": "reward",
+    "ChargingEnv": "env",
+    "EnvConfig": "config",
+    "EnvParams": "config",
+    "make": "scenarios",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    elif find_spec(f"{__name__}.{name}"):
+        value = import_module(f"{__name__}.{name}")
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+if find_spec("gymnasium"):  # so that gymnasium.make finds it: Gymnasium has no plug-ins
+    import gymnasium
+
+    gymnasium.register(
+        "medjax/Charging-v0",
+        entry_point="medjax.wrappers.gymnasium:ChargingGymEnv",
+        vector_entry_point="medjax.wrappers.gymnasium:ChargingVectorEnv",
+    )

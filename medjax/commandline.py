@@ -1,7 +1,4 @@
-"""What the commands of medjax share: bad input is one line on stderr and exit code 2.
-
-`train.cli` has the like of it for the learner's commands: it must not wait for JAX, which `import medjax` loads.
-"""
+"""What all commands share: bad input is one line on stderr and exit code 2. Nothing here waits for JAX."""
 
 from __future__ import annotations
 
@@ -10,14 +7,13 @@ import json
 import os
 import re
 import sys
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from medjax.wording import MOST_SHOWN, one_line, shown
+from medjax.wording import MOST_SHOWN, InputError, one_line, shown
 
-MOST_PATH = 1000  # characters
+MOST_PATH = 1000  # characters; directories are made one within the other
 MOST_NAME = 255  # bytes, of every usual file system
 NOT_NUMBERS = (
     "name",
@@ -26,16 +22,16 @@ NOT_NUMBERS = (
 )  # arguments of medjax.make that only Python can fill
 
 
-class InputError(ValueError):
-    """Bad input; the message is one line that names what, the value and what is allowed."""
-
-
 class OneLineParser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line on stderr and exit code 2."""
+    """An argument parser whose errors are one line on stderr and exit code 2; options are not abbreviated."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        """As argparse's."""
+        super().__init__(*args, **{"allow_abbrev": False, **options})
 
     def error(self, message: str) -> NoReturn:
         """Ends the command."""
-        self.exit(2, f"{self.prog}: {one_line(message)}\n")
+        sys.exit(fail(self.prog, message))
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """As argparse's, but for `--option=--`, which it takes for an empty list."""
@@ -46,8 +42,21 @@ class OneLineParser(argparse.ArgumentParser):
         return super().parse_known_args(given, namespace)
 
 
+def fail(prog: str, message: object) -> int:
+    """Prints a one-line error and returns the exit code 2."""
+    print(f"{prog}: {one_line(str(message))}", file=sys.stderr)
+    return 2
+
+
+def add_set_option(group: Any, text: str) -> None:
+    """The option `--set NAME=VALUE`, which fills `overrides` with text."""
+    group.add_argument(
+        "--set", dest="overrides", metavar="NAME=VALUE", action="append", default=[], help=text
+    )
+
+
 def parse_overrides(assignments: Sequence[str]) -> dict[str, Any]:
-    """`NAME=VALUE` texts as arguments of `medjax.make`; values are JSON, numbers that JSON does not write, or text.
+    """`NAME=VALUE` texts as arguments of `medjax.make`; lists become tuples.
 
     Raises:
       InputError: a text without `=` or with a name that cannot be set from here.
@@ -59,28 +68,63 @@ def parse_overrides(assignments: Sequence[str]) -> dict[str, Any]:
             raise InputError(
                 f"--set {one_line(text, MOST_SHOWN)}: allowed NAME=VALUE with the name of a number of the environment"
             )
-        overrides[name] = _value(value)
+        read = read_value(value)
+        overrides[name] = tuple(read) if isinstance(read, list) else read
     return overrides
 
 
-def _value(text: str) -> Any:
-    for read in (json.loads, float):
-        try:
-            return read(text) if text.isascii() else text  # Python takes the digits of every script
-        except (ValueError, RecursionError):
-            continue
-    return text
+def read_value(text: str) -> Any:
+    """The value in `NAME=VALUE`: JSON, a number as Python writes it (`1.`, `inf`, `nan`), or else the text.
+
+    Raises:
+      InputError: a name is given twice.
+    """
+    try:
+        return read_json(text)
+    except InputError:
+        raise
+    except (ValueError, RecursionError):
+        pass
+    try:
+        return float(text) if text.isascii() else text  # Python takes the digits of every script
+    except ValueError:
+        return text
 
 
-def whole_number(name: str, text: str) -> int:
-    """A number that a random seed can be.
+def read_json(text: str) -> Any:
+    """A JSON value.
+
+    Raises:
+      InputError: a name is given twice.
+      ValueError: it is not JSON.
+      RecursionError: it is nested deeper than Python goes.
+    """
+    return json.loads(text, object_pairs_hook=named_once)
+
+
+def named_once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """The pairs as a dict.
+
+    Raises:
+      InputError: a name is given twice.
+    """
+    found: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in found:
+            raise InputError(f"{shown(name)} is there twice, allowed: once")
+        found[name] = value
+    return found
+
+
+def whole_number(name: str, text: str, least: int = 0, most: int = 2**32 - 1) -> int:
+    """The number that an option gives; by default one that a random seed can be.
 
     Raises:
       InputError: it is none.
     """
-    number = int(text) if re.fullmatch("[0-9]{1,18}", text) else -1
-    if not 0 <= number < 2**32:
-        raise InputError(f"--{name} {shown(text)}: allowed a whole number from 0 to {2**32 - 1}")
+    number = int(text) if re.fullmatch(r"\s*[0-9]{1,18}\s*", text) else -1
+    if not least <= number <= most:
+        raise InputError(f"{name} {shown(text)}: allowed a whole number from {least} to {most}")
     return number
 
 
@@ -92,28 +136,10 @@ def as_path(name: str, text: str) -> Path:
     """
     if not text or not text.isprintable() or len(text) > MOST_PATH:
         raise InputError(
-            f"--{name} {shown(text)}: allowed a path of 1 to {MOST_PATH} printable characters"
+            f"{name} {shown(text)}: allowed a path of 1 to {MOST_PATH} printable characters"
         )
     if any(len(os.fsencode(part)) > MOST_NAME for part in text.split("/")):
-        raise InputError(f"--{name} {shown(text)}: allowed names of at most {MOST_NAME} bytes")
+        raise InputError(f"{name} {shown(text)}: allowed names of at most {MOST_NAME} bytes")
     if text.startswith("~"):  # a shell would have replaced it
-        raise InputError(f"--{name} {shown(text)}: allowed the path itself, or ./~")
+        raise InputError(f"{name} {shown(text)}: allowed the path itself, or ./~")
     return Path(text)
-
-
-def check_writable(out: Path) -> None:
-    """Tries that a file can be written there, before anything is computed for it.
-
-    Raises:
-      InputError: it cannot.
-    """
-    try:
-        if out.exists() and not out.is_file():
-            what = "a directory" if out.is_dir() else "a device"
-            raise InputError(f"--out {out}: is {what}; allowed a file")
-        with tempfile.TemporaryFile(dir=out.parent):
-            pass
-    except OSError as error:
-        raise InputError(
-            f"--out {out}: {error.strerror}; allowed a file in a directory that can be written"
-        ) from None

@@ -1,10 +1,44 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, and whether they can."""
 
 from __future__ import annotations
 
 import contextlib
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+
+from medjax.wording import InputError
+
+
+def check_writable(directory: Path) -> None:
+    """Tries to write in an existing directory.
+
+    Raises:
+      OSError: that failed.
+    """
+    with tempfile.TemporaryFile(dir=directory):
+        pass
+
+
+def check_output(name: str, path: Path) -> None:
+    """Tries that a file can be written there, before anything is computed for it.
+
+    Args:
+      name: of the option that asks for it.
+      path: the file; its directory must be there.
+
+    Raises:
+      InputError: it cannot.
+    """
+    try:
+        if path.exists() and not path.is_file():
+            what = "a directory" if path.is_dir() else "a device"
+            raise InputError(f"{name} {path}: is {what}; allowed a file")
+        check_writable(path.parent)
+    except OSError as error:
+        raise InputError(
+            f"{name} {path}: {error.strerror}; allowed a file in a directory that can be written"
+        ) from None
 
 
 @contextlib.contextmanager

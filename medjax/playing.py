@@ -9,14 +9,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from medjax.commandline import InputError, as_path, parse_overrides, whole_number
+from medjax.commandline import add_set_option, as_path, parse_overrides, whole_number
 from medjax.config import EnvParams
 from medjax.env import ChargingEnv
 from medjax.exported import load_policy
 from medjax.policies import BASELINES
 from medjax.recording import Choose, Recording, by_rule, record_episode
 from medjax.scenarios import SCENARIOS, make, prepare
-from medjax.wording import shown
+from medjax.wording import InputError, shown
 
 RULE = "forecast"  # unless another policy is asked for
 TRAINED = "ppo"  # name of a trained policy
@@ -32,14 +32,7 @@ def add_played(group: Any) -> None:
         "--run-dir", metavar="DIR", help="instead: the policy that train.ppo left in DIR"
     )
     group.add_argument("--scenario", metavar="NAME", help="preset (default: paper)")
-    group.add_argument(
-        "--set",
-        dest="overrides",
-        metavar="NAME=VALUE",
-        action="append",
-        default=[],
-        help="set a number of the environment; repeatable",
-    )
+    add_set_option(group, "set a number of the environment; repeatable")
     group.add_argument("--seed", metavar="N", default="0", help="whose episodes (default: 0)")
     group.add_argument(
         "--episode",
@@ -130,15 +123,15 @@ def played_of(given: argparse.Namespace) -> Played:
         compare=compare,
         scenario=given.scenario or "paper",
         overrides=parse_overrides(given.overrides),
-        seed=whole_number("seed", given.seed),
-        episode=whole_number("episode", given.episode),
+        seed=whole_number("--seed", given.seed),
+        episode=whole_number("--episode", given.episode),
     )
 
 
 def _run_dir(text: str | None) -> Path | None:
     if text is None:
         return None
-    path = as_path("run-dir", text)
+    path = as_path("--run-dir", text)
     if not path.is_dir():
         raise InputError(f"--run-dir {path}: is no directory; allowed one that train.ppo wrote")
     if not (path / POLICY).is_file():

@@ -21,7 +21,6 @@ def build_parser() -> OneLineParser:
         prog=PROG,
         description="Plays an episode and writes a row for each vehicle and physics tick.",
         epilog=f"Example: {PROG} --policy paced --set cooldown_s=30 --out paced.parquet",
-        allow_abbrev=False,
     )
     parser.add_argument(
         "--out", required=True, metavar="FILE", help="ends in .parquet, .csv or .fcd.xml (SUMO)"
@@ -44,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     given = parser.parse_args(argv)
     prepare_cpu()
     try:
-        target = as_path("out", given.out)
+        target = as_path("--out", given.out)
         check_target(target)
         played = played_of(given)
         env, params, chosen = played.policies()

@@ -1,7 +1,4 @@
-"""How messages show what was given: on one line, printable, and not longer than a reader wants it.
-
-`train.wording` has the like of it: bad input of the learner need not wait for JAX, which `import medjax` loads.
-"""
+"""How messages show what was given: on one line, printable, and not longer than a reader wants it."""
 
 from __future__ import annotations
 
@@ -10,6 +7,11 @@ import reprlib
 
 MOST_SHOWN = 100  # characters of a value in a message
 MOST_SAID = 600  # characters of a message on the command line
+
+
+class InputError(ValueError):
+    """Bad input; the message is one line that names what, the value and what is allowed."""
+
 
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel = 3

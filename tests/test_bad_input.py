@@ -21,9 +21,10 @@ from medjax import commandline
 from medjax import config as world
 from medjax.ranges import SIZES
 from medjax.scenarios import prepare
+from medjax.wording import InputError
 from tests import fuzz
 from train import cli
-from train.config import SettingError, TrainConfig
+from train.config import TrainConfig
 
 MOST_S = 2.0  # of the processor: nothing here waits
 MOST_CHARACTERS = 400  # of a message: the value, the name and what is allowed
@@ -70,7 +71,7 @@ def refused(call, *words):
         with pytest.raises(ValueError, match=r"allowed|did you mean") as error:
             call()
     assert time.process_time() - start < MOST_S
-    assert type(error.value) in (ValueError, SettingError)
+    assert type(error.value) in (ValueError, InputError)
     check_line(str(error.value), *words)
 
 

@@ -15,7 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from medjax.files import replacing
-from train.config import SettingError, TrainConfig, to_json
+from medjax.wording import InputError
+from train.config import TrainConfig, to_json
 from train.learner import TrainState
 from train.networks import PolicyWeights
 from train.processes import fetch
@@ -81,7 +82,7 @@ class Checkpoints:
             The state as arrays of NumPy, for `to_devices`.
 
         Raises:
-            SettingError: there is none, it is damaged or foreign, or an array differs; the message names the first.
+            InputError: there is none, it is damaged or foreign, or an array differs; the message names the first.
         """
         return self._read(None, jax.eval_shape(_without_keys, expected), "")  # type: ignore[no-any-return]
 
@@ -93,7 +94,7 @@ class Checkpoints:
             step: one of `all`; None is the newest.
 
         Raises:
-            SettingError: see `restore`.
+            InputError: see `restore`.
         """
         return jax.tree.map(jnp.asarray, self._read(step, expected.weights, WEIGHTS))  # type: ignore[no-any-return]
 
@@ -104,7 +105,7 @@ class Checkpoints:
         """A tree like `expected`, from the arrays whose names begin with `prefix`."""
         step = self.latest() if step is None else step
         if step is None:
-            raise SettingError(
+            raise InputError(
                 f"{self.directory} holds no checkpoint, allowed: a directory that train.ppo wrote"
             )
         where = f"checkpoint {self._path(step)}"
@@ -114,18 +115,18 @@ class Checkpoints:
                 names = [name for name in file.files if name != ABOUT and name.startswith(prefix)]
                 arrays = {name: file[name] for name in names} if version == FORMAT else {}
         except Exception as error:  # whatever NumPy and zipfile make of a damaged file
-            raise SettingError(
+            raise InputError(
                 f"{where} is damaged, or none of train.ppo ({type(error).__name__}), allowed: a whole one;"
                 " where it is taken away, the one before it is read"
             ) from error
         if version != FORMAT:
-            raise SettingError(f"{where} is of format {version!r}, allowed: {FORMAT}")
+            raise InputError(f"{where} is of format {version!r}, allowed: {FORMAT}")
         wanted = _named(expected, prefix)
         saved_layout, layout = _layout(arrays), _layout(wanted)
         for name in sorted({*saved_layout, *layout}):
             found, allowed = (table.get(name, "missing") for table in (saved_layout, layout))
             if found != allowed:
-                raise SettingError(
+                raise InputError(
                     f"{where} is of another shape: {name} is {found}, allowed: {allowed}"
                 )
         leaves = [arrays[name] for name in wanted]

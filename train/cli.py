@@ -3,44 +3,16 @@
 import argparse
 import dataclasses
 import math
-import os
 import re
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
-from train.config import (
-    NOT_NUMBERS,
-    Override,
-    SettingError,
-    TrainConfig,
-    from_json,
-    load_config,
-    to_json,
-)
-from train.reading import read_value
-from train.wording import MOST_SHOWN, one_line, shown
+from medjax.commandline import OneLineParser, add_set_option, as_path, parse_overrides
+from medjax.wording import InputError, shown
+from train.config import TrainConfig, from_json, load_config, to_json
 
 AUTO = "auto"
-MOST_PATH = 1000  # characters; directories are made one within the other
-MOST_NAME = 255  # bytes, of every usual file system
-
-
-class OneLineParser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line on stderr and exit code 2."""
-
-    def error(self, message: str) -> NoReturn:
-        """Ends the command."""
-        self.exit(2, f"{self.prog}: {one_line(message)}\n")
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As argparse's, but for `--option=--`, which it takes for an empty list."""
-        given = sys.argv[1:] if args is None else list(args)
-        for word in given:
-            if word.startswith("--") and word.partition("=")[2] == "--":
-                self.error(f"argument {word.partition('=')[0]}: expected one argument")
-        return super().parse_known_args(given, namespace)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,7 +20,7 @@ class Processes:
     """The processes that train together.
 
     Raises:
-        SettingError: numbers that do not go together.
+        InputError: numbers that do not go together.
     """
 
     coordinator: str | None = (
@@ -62,13 +34,13 @@ class Processes:
         numbers = (self.number, self.index)
         if self.coordinator in (None, AUTO):
             if numbers != (None, None):
-                raise SettingError(
+                raise InputError(
                     f"num_processes is {self.number} and process_id {self.index}, allowed: with --coordinator HOST:PORT"
                 )
             return
         host, _, port = self.coordinator.rpartition(":")
         if not host or not re.fullmatch(r"\d{1,5}", port, re.ASCII) or not 0 < int(port) < 2**16:
-            raise SettingError(
+            raise InputError(
                 f"coordinator is {shown(self.coordinator)}, allowed: HOST:PORT of the first process, or {AUTO}"
             )
         for name, number, low, high in (
@@ -76,7 +48,7 @@ class Processes:
             ("process_id", self.index, 0, (self.number or 1) - 1),
         ):
             if not isinstance(number, int) or not low <= number <= high:
-                raise SettingError(
+                raise InputError(
                     f"{name} is {shown(number)}, allowed: a whole number from {low} to {high}"
                 )
 
@@ -110,7 +82,6 @@ def build_parser(prog: str = "train.ppo") -> OneLineParser:
         description="Trains a dispatcher with PPO, then evaluates it beside those that are not learned.",
         epilog="Example: python -m train.ppo --num-envs 1024 --set cooldown_s=30 --run-dir runs/slow",
         formatter_class=_Help,
-        allow_abbrev=False,
     )
     files = parser.add_argument_group("files")
     files.add_argument(
@@ -174,18 +145,6 @@ def _add_option(group: argparse._ArgumentGroup, field: dataclasses.Field[Any]) -
     )
 
 
-def add_set_option(group: Any, text: str) -> None:
-    """The option `--set NAME=VALUE`, which fills `overrides` with text."""
-    group.add_argument(
-        "--set",
-        dest="overrides",
-        metavar="NAME=VALUE",
-        action="append",
-        default=argparse.SUPPRESS,
-        help=text,
-    )
-
-
 def parse_request(argv: Sequence[str] | None = None) -> Request:
     """The request that `argv` makes, checked; bad input ends the command with exit code 2."""
     parser = build_parser()
@@ -199,42 +158,23 @@ def parse_request(argv: Sequence[str] | None = None) -> Request:
         )
         for option, value in (("--run-dir", run_dir), ("--config", file)):
             if value is not None and resume is not None:
-                raise SettingError(
+                raise InputError(
                     f"{option} is {value} with --resume {resume}, allowed: one of the two"
                 )
-        given_paths = {"run-dir": run_dir, "resume": resume, "config": file}
+        given_paths = {"--run-dir": run_dir, "--resume": resume, "--config": file}
         paths = {
             name: as_path(name, text) for name, text in given_paths.items() if text is not None
         }
-        saved = _saved(paths.get("resume"), paths.get("config"))
+        saved = _saved(paths.get("--resume"), paths.get("--config"))
         config = _config(settings_from_text(given), saved)
-    except SettingError as error:
+    except InputError as error:
         parser.error(str(error))
     return Request(
         config,
-        run_dir=paths.get("run-dir"),
-        resume=paths.get("resume"),
+        run_dir=paths.get("--run-dir"),
+        resume=paths.get("--resume"),
         processes=processes,
     )
-
-
-def as_path(option: str, text: str) -> Path:
-    """The path that an option names.
-
-    Raises:
-        SettingError: no system takes it, or it could not be printed.
-    """
-    if not text or not text.isprintable() or len(text) > MOST_PATH:
-        raise SettingError(
-            f"{option} is {shown(text)}, allowed: a path of 1 to {MOST_PATH} printable characters"
-        )
-    if any(len(os.fsencode(name)) > MOST_NAME for name in text.split("/")):
-        raise SettingError(
-            f"{option} is {shown(text)}, allowed: names of at most {MOST_NAME} bytes"
-        )
-    if text.startswith("~"):  # a shell would have replaced it
-        raise SettingError(f"{option} is {shown(text)}, allowed: the directory itself, or ./~")
-    return Path(text)
 
 
 def _saved(run: Path | None, file: Path | None) -> TrainConfig:
@@ -257,7 +197,7 @@ def settings_from_text(given: dict[str, Any]) -> dict[str, Any]:
     """Values of settings from the text of the command line.
 
     Raises:
-        SettingError: text that is no value of its setting's type.
+        InputError: text that is no value of its setting's type.
     """
     fields = {field.name: field for field in dataclasses.fields(TrainConfig)}
     return {name: _value(fields[name], text) for name, text in given.items()}
@@ -288,36 +228,11 @@ def _number(text: str, kind: Any) -> Any:
         return text
 
 
-def parse_overrides(assignments: Sequence[str]) -> dict[str, Override]:
-    """`NAME=VALUE` texts as a dict; values are JSON (`30`, `true`, `[300, 300]`), else plain text.
-
-    Raises:
-        SettingError: a text without `=` or with a name that cannot be set from here.
-    """
-    overrides: dict[str, Override] = {}
-    for text in assignments:
-        name, equals, value = text.partition("=")
-        name = name.strip()
-        if not equals or not name or name in NOT_NUMBERS:
-            raise SettingError(
-                f"--set {one_line(text, MOST_SHOWN)}, allowed: NAME=VALUE with the name of a number of the environment"
-            )
-        read = read_value(value.strip())
-        overrides[name] = tuple(read) if isinstance(read, list) else read
-    return overrides
-
-
-def fail(prog: str, message: object) -> int:
-    """Prints a one-line error and returns the exit code 2."""
-    print(f"python -m {prog}: {one_line(str(message))}", file=sys.stderr)
-    return 2
-
-
 def make_environment(config: TrainConfig) -> tuple[Any, Any]:
     """The environment that the settings name, and its parameters.
 
     Raises:
-        SettingError: an unknown scenario, option or network, a value out of range, or devices that are not there.
+        InputError: an unknown scenario, option or network, a value out of range, or devices that are not there.
     """
     import medjax
 
@@ -328,7 +243,7 @@ def check_environment(config: TrainConfig) -> None:
     """Refuses what `make_environment` refuses, and computes nothing.
 
     Raises:
-        SettingError: as `make_environment`.
+        InputError: as `make_environment`.
     """
     from medjax.scenarios import prepare
 
@@ -350,4 +265,4 @@ def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
         environment_mesh(groups, config.num_devices, jax.devices())
         return build(config.scenario, observation=config.observation, **overrides)
     except ValueError as error:
-        raise SettingError(str(error)) from None
+        raise InputError(str(error)) from None

@@ -7,15 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from train.reading import read_json, read_yaml
-from train.wording import SettingError, shown
+from medjax.commandline import NOT_NUMBERS, read_json
+from medjax.wording import InputError, shown
+from train.reading import read_yaml
 
 Override = bool | int | float | str | tuple[Any, ...] | dict[str, Any]
-NOT_NUMBERS = (
-    "name",
-    "reward",
-    "observation",
-)  # arguments of medjax.make that only Python can fill
 
 MOST_COUNTED = 2**31 - 1  # indices and counters are int32
 MOST_ITEMS = 32  # of a list; a deeper network would take hours to compile
@@ -61,7 +57,7 @@ class TrainConfig:
     """Everything that determines the result of a run, and a few choices of its conduct.
 
     Raises:
-        SettingError: a value out of its range, or values that do not go together.
+        InputError: a value out of its range, or values that do not go together.
     """
 
     scenario: str = option("paper", "environment", "preset to train on", metavar="NAME")
@@ -183,27 +179,25 @@ class TrainConfig:
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, _read(field, getattr(self, field.name)))
         if self.num_envs % self.num_minibatches:
-            raise SettingError(
+            raise InputError(
                 f"num_envs is {self.num_envs}, which num_minibatches = {self.num_minibatches} does not divide; "
                 f"allowed: a multiple of {self.num_minibatches}"
             )
         if len(self.demand_range) != 2 or self.demand_range[0] > self.demand_range[1]:
             given = " ".join(map(str, self.demand_range))
-            raise SettingError(
-                f"demand_range is {given}, allowed: two numbers, the lower one first"
-            )
+            raise InputError(f"demand_range is {given}, allowed: two numbers, the lower one first")
         for name in ("hidden", "encoder"):
             if not getattr(self, name):
-                raise SettingError(f"{name} is empty, allowed: at least one width")
+                raise InputError(f"{name} is empty, allowed: at least one width")
         if self.eval_episodes == 1:
-            raise SettingError("eval_episodes is 1, allowed: 0, or at least 2")
+            raise InputError("eval_episodes is 1, allowed: 0, or at least 2")
         choices = self.num_envs * self.rollout_length * self.num_seeds
         if choices > MOST_COUNTED:
-            raise SettingError(
+            raise InputError(
                 f"num_envs x rollout_length x num_seeds is {choices}, allowed: at most {MOST_COUNTED}"
             )
         if self.num_updates > MOST_COUNTED:
-            raise SettingError(
+            raise InputError(
                 f"total_timesteps is {self.total_timesteps}, allowed: at most {MOST_COUNTED} updates, "
                 f"{MOST_COUNTED * self.steps_per_update}"
             )
@@ -226,9 +220,7 @@ def _read(field: dataclasses.Field[Any], value: Any) -> Any:
     if not isinstance(field.default, tuple):
         return _read_one(field, type(field.default), value)
     if not isinstance(value, list | tuple) or len(value) > MOST_ITEMS:
-        raise SettingError(
-            f"{field.name} is {shown(value)}, allowed: a list of at most {MOST_ITEMS}"
-        )
+        raise InputError(f"{field.name} is {shown(value)}, allowed: a list of at most {MOST_ITEMS}")
     return tuple(_read_one(field, type(field.default[0]), item) for item in value)
 
 
@@ -238,11 +230,11 @@ def _read_one(field: dataclasses.Field[Any], kind: type, given: Any) -> Any:
     value = _as_kind(kind, given)
     if value is None:
         words = {bool: "true or false", int: "a whole number", float: "a number", str: "a name"}
-        raise SettingError(f"{name} is {shown(given)}, allowed: {words[kind]}")
+        raise InputError(f"{name} is {shown(given)}, allowed: {words[kind]}")
     if meta["choices"] and value not in meta["choices"]:
-        raise SettingError(f"{name} is {shown(given)}, allowed: {', '.join(meta['choices'])}")
+        raise InputError(f"{name} is {shown(given)}, allowed: {', '.join(meta['choices'])}")
     if kind in (int, float) and not meta["low"] <= value <= meta["high"]:
-        raise SettingError(
+        raise InputError(
             f"{name} is {shown(value)}, allowed: at least {meta['low']}, at most {meta['high']}"
         )
     return value
@@ -266,11 +258,11 @@ def _read_overrides(given: Any) -> dict[str, Override]:
     """Numbers of the environment as far as they can be checked without it."""
     given = {} if given is None else given
     if not isinstance(given, Mapping):
-        raise SettingError(f"overrides are {shown(given)}, allowed: values by name")
+        raise InputError(f"overrides are {shown(given)}, allowed: values by name")
     overrides = {}
     for name, value in given.items():
         if not isinstance(name, str) or not name or name in NOT_NUMBERS:
-            raise SettingError(
+            raise InputError(
                 f"overrides hold {shown(name)}, allowed: names of numbers of the environment"
             )
         overrides[name] = _plain(name, value)
@@ -288,7 +280,7 @@ def _plain(name: str, value: Any, nested: bool = False) -> Any:
         return tuple(_plain(name, item, nested=True) for item in value)
     if not nested and isinstance(value, Mapping):
         return {str(key): _plain(name, item, nested=True) for key, item in value.items()}
-    raise SettingError(f"{name} is {shown(value)}, allowed: a number or a list of numbers")
+    raise InputError(f"{name} is {shown(value)}, allowed: a number or a list of numbers")
 
 
 def to_json(config: TrainConfig) -> dict[str, Any]:
@@ -300,16 +292,14 @@ def from_json(data: Any) -> TrainConfig:
     """The settings from a dict of JSON values; fields that are missing keep their defaults.
 
     Raises:
-        SettingError: not a dict, an unknown field, or a value out of its range.
+        InputError: not a dict, an unknown field, or a value out of its range.
     """
     if not isinstance(data, dict):
-        raise SettingError(
-            f"settings are {type(data).__name__}, allowed: an object of named values"
-        )
+        raise InputError(f"settings are {type(data).__name__}, allowed: an object of named values")
     known = {field.name for field in dataclasses.fields(TrainConfig)}
     for name in data:
         if name not in known:
-            raise SettingError(f"{shown(name)} is not a setting of this version")
+            raise InputError(f"{shown(name)} is not a setting of this version")
     return TrainConfig(**data)
 
 
@@ -317,28 +307,28 @@ def load_config(path: Path) -> TrainConfig:
     """Reads the config.json of a run, or settings alone; JSON, or YAML by the name's ending.
 
     Raises:
-        SettingError: the file is missing, cannot be read, or holds something out of range.
+        InputError: the file is missing, cannot be read, or holds something out of range.
     """
     try:
         # Nothing that gives no end of bytes, or none until somebody writes them.
         if path.exists() and not path.is_file():
-            raise SettingError(f"cannot read {path}: not a file")
+            raise InputError(f"cannot read {path}: not a file")
         with path.open("rb") as file:
             content = file.read(MOST_BYTES + 1)
     except OSError as error:
-        raise SettingError(f"cannot read {path}: {error.strerror}") from None
+        raise InputError(f"cannot read {path}: {error.strerror}") from None
     if len(content) > MOST_BYTES:
-        raise SettingError(f"{path} is too long, allowed: at most {MOST_BYTES} bytes")
+        raise InputError(f"{path} is too long, allowed: at most {MOST_BYTES} bytes")
     is_yaml = path.suffix in (".yaml", ".yml")
     try:
         data = read_yaml(content.decode()) if is_yaml else read_json(content.decode())
-    except SettingError as error:
-        raise SettingError(f"{path}: {error}") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     except UnicodeDecodeError:
-        raise SettingError(f"{path} is not a text file") from None
+        raise InputError(f"{path} is not a text file") from None
     except (ValueError, RecursionError):
-        raise SettingError(f"{path} is not a {'YAML' if is_yaml else 'JSON'} file") from None
+        raise InputError(f"{path} is not a {'YAML' if is_yaml else 'JSON'} file") from None
     try:
         return from_json(data.get("config", data) if isinstance(data, dict) else data)
-    except SettingError as error:
-        raise SettingError(f"{path}: {error}") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None

@@ -7,11 +7,19 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from train.cli import OneLineParser, add_set_option, as_path, fail, parse_overrides
-from train.config import SettingError
-from train.rundir import RunDir, check_matplotlib, check_output, write_json
+from medjax.commandline import (
+    OneLineParser,
+    add_set_option,
+    as_path,
+    fail,
+    parse_overrides,
+    whole_number,
+)
+from medjax.files import check_output
+from medjax.wording import InputError
+from train.rundir import RunDir, check_matplotlib, write_json
 from train.tables import format_table
-from train.trained_run import LIMITS, load_policies, to_play, trained_run_parser, whole_number
+from train.trained_run import LIMITS, load_policies, to_play, trained_run_parser
 
 
 def build_parser() -> OneLineParser:
@@ -45,14 +53,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     given = build_parser().parse_args(argv)
     try:
-        numbers = {name: whole_number(name, getattr(given, name)) for name in LIMITS}
-        target, picture = _target("json", given.json), _target("plot", given.plot)
-        changes = parse_overrides(getattr(given, "overrides", []))
-        run_dir = RunDir(as_path("run-dir", given.run_dir))
+        numbers = {
+            name: whole_number(f"--{name}", getattr(given, name), *limits)
+            for name, limits in LIMITS.items()
+        }
+        target, picture = _target("--json", given.json), _target("--plot", given.plot)
+        changes = parse_overrides(given.overrides)
+        run_dir = RunDir(as_path("--run-dir", given.run_dir))
         config = to_play(run_dir.load_config(), given.scenario, changes)
         env, params, policies = load_policies(run_dir.path, config, given.stochastic)
-    except SettingError as error:
-        return fail("train.evaluate", error)
+    except InputError as error:
+        return fail("python -m train.evaluate", error)
     from train.evaluation import evaluate_policies, summarize
     from train.host import enable_compilation_cache
 
@@ -78,9 +89,9 @@ def _target(option: str, text: str | None) -> Path | None:
     if text is None:
         return None
     path = as_path(option, text)
-    if option == "plot":
+    if option == "--plot":
         if path.suffix != ".png":
-            raise SettingError(f"plot is {path}, allowed: a file that ends in .png")
+            raise InputError(f"{option} {path}: allowed a file that ends in .png")
         check_matplotlib()
     check_output(option, path)
     return path

@@ -5,9 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from train.cli import OneLineParser, as_path, fail
-from train.config import SettingError, TrainConfig
-from train.rundir import RunDir, check_output
+from medjax.commandline import OneLineParser, as_path, fail
+from medjax.files import check_output
+from medjax.wording import InputError
+from train.config import TrainConfig
+from train.rundir import RunDir
 from train.trained_run import load_weights
 
 PLATFORMS = ("cpu", "cuda", "tpu")
@@ -18,7 +20,6 @@ def build_parser() -> OneLineParser:
     parser = OneLineParser(
         prog="python -m train.export",
         description="Writes the trained policy of a run as one file, for medjax.exported.load_policy.",
-        allow_abbrev=False,
     )
     parser.add_argument(
         "--run-dir", required=True, metavar="DIR", help="directory that train.ppo wrote"
@@ -84,13 +85,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     given = build_parser().parse_args(argv)
     try:
-        run_dir = RunDir(as_path("run-dir", given.run_dir))
-        target = run_dir.policy if given.out is None else as_path("out", given.out)
+        run_dir = RunDir(as_path("--run-dir", given.run_dir))
+        target = run_dir.policy if given.out is None else as_path("--out", given.out)
         config = run_dir.load_config()
-        check_output("out", target)
+        check_output("--out", target)
         env, _, weights = load_weights(run_dir.path, config)
-    except SettingError as error:
-        return fail("train.export", error)
+    except InputError as error:
+        return fail("python -m train.export", error)
     export_policy(target, env, config, weights)
     print(target)
     return 0

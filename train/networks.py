@@ -17,10 +17,10 @@ from flax import struct
 
 from medjax.config import EnvConfig
 from medjax.observation import FlatObservation
+from medjax.wording import shown
 from medjax.wrappers.normalize import RunningStats, normalize
 from medjax.wrappers.protocol import Environment
 from train.config import TrainConfig
-from train.wording import shown
 
 TYPICAL_NUMBER = 8.0  # of vehicles of a set
 MASKED_LOGIT = -1e9  # finite, so that log-probabilities and gradients are; exp() of it is exactly 0

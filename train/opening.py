@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import IO, NamedTuple
 
+from medjax.wording import InputError
 from medjax.wrappers import prepare_cpu
 from train.checkpoint import Checkpoints, updates_done
 from train.cli import Request, make_environment
-from train.config import SettingError
 from train.learner import TrainState, make_train
 from train.networks import build_network
 from train.processes import is_first, join, together
@@ -18,7 +18,7 @@ def open_session(request: Request) -> Session:
     """Checks everything that can be checked without compiling, then claims the directory.
 
     Raises:
-        SettingError: bad input; nothing was written.
+        InputError: bad input; nothing was written.
     """
     config = request.config
     prepare_cpu()
@@ -29,7 +29,7 @@ def open_session(request: Request) -> Session:
         build_network(env, config)
         programs = make_train(env, params, config)
     except ValueError as error:
-        raise SettingError(str(error)) from None
+        raise InputError(str(error)) from None
     shapes = shapes_of(programs, params, config)
     taken = together(lambda: _take(request, shapes))
     return Session(env, params, config, programs, shapes, request.resume is not None, *taken)
@@ -62,7 +62,7 @@ def _take(request: Request, shapes: TrainState) -> _Taken:
     done = updates_done(saved) if saved is not None else 0
     if done >= config.num_updates:
         steps = done * config.steps_per_update
-        raise SettingError(
+        raise InputError(
             f"run {run_dir.path} has done its {steps} decisions, allowed: --total-timesteps above {steps}"
         )
     if is_first():

@@ -7,8 +7,9 @@ the newest checkpoint; 2 bad input, nothing was touched; 128 + signal: interrupt
 import sys
 from collections.abc import Sequence
 
-from train.cli import fail, parse_request
-from train.config import SettingError
+from medjax.commandline import fail
+from medjax.wording import InputError
+from train.cli import parse_request
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -26,8 +27,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     try:
         session = open_session(request)
-    except SettingError as error:
-        return fail("train.ppo", error)
+    except InputError as error:
+        return fail("python -m train.ppo", error)
     return session.run()
 
 

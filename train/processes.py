@@ -13,8 +13,8 @@ import jax
 import numpy as np
 from jax.experimental import multihost_utils
 
+from medjax.wording import InputError
 from train.cli import AUTO, Processes
-from train.config import SettingError
 
 Result = TypeVar("Result")
 
@@ -25,7 +25,7 @@ def join(processes: Processes) -> None:
     """Waits for the others, before JAX computes anything.
 
     Raises:
-        SettingError: they, or the scheduler that knows them, cannot be found.
+        InputError: they, or the scheduler that knows them, cannot be found.
     """
     if processes.coordinator is None:
         return
@@ -36,7 +36,7 @@ def join(processes: Processes) -> None:
         )
     except (RuntimeError, ValueError) as error:
         reason = str(error).partition("\n")[0]
-        raise SettingError(f"coordinator is {processes.coordinator}: {reason}") from None
+        raise InputError(f"coordinator is {processes.coordinator}: {reason}") from None
 
 
 def leave(code: int) -> int:
@@ -52,18 +52,18 @@ def together(action: Callable[[], Result]) -> Result:
     """What `action` gives, if it went well in every process.
 
     Raises:
-        SettingError: it was refused here, or in another process.
+        InputError: it was refused here, or in another process.
     """
     problem = None
     try:
         result = action()
-    except SettingError as error:
+    except InputError as error:
         problem = error
     failed = agree(problem is not None)[:, 0]
     if problem is not None:
         raise problem
     if failed.any():
-        raise SettingError(f"process {int(np.argmax(failed))} of {failed.size} refused, see there")
+        raise InputError(f"process {int(np.argmax(failed))} of {failed.size} refused, see there")
     return result
 
 

@@ -8,10 +8,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from train.cli import OneLineParser, as_path, fail
-from train.config import SettingError
-from train.rundir import RunDir, check_matplotlib, check_writable
-from train.trained_run import load_policies, to_play, trained_run_parser, whole_number
+from medjax.commandline import OneLineParser, as_path, fail, whole_number
+from medjax.files import check_writable
+from medjax.wording import InputError
+from train.rundir import RunDir, check_matplotlib
+from train.trained_run import LIMITS, load_policies, to_play, trained_run_parser
 
 
 def build_parser() -> OneLineParser:
@@ -33,15 +34,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     given = build_parser().parse_args(argv)
     try:
-        episodes, seed = (whole_number(name, getattr(given, name)) for name in ("episodes", "seed"))
-        run_dir = RunDir(as_path("run-dir", given.run_dir))
+        episodes, seed = (
+            whole_number(f"--{name}", getattr(given, name), *LIMITS[name])
+            for name in ("episodes", "seed")
+        )
+        run_dir = RunDir(as_path("--run-dir", given.run_dir))
         config = to_play(run_dir.load_config())
         _check_target(run_dir.report)
         env, params, policies = load_policies(run_dir.path, config, given.stochastic)
         if not env.config.num_ramps:
-            raise SettingError("num_ramps is 0, allowed: a run with ramps to send MEDs from")
-    except SettingError as error:
-        return fail("train.report", error)
+            raise InputError("num_ramps is 0, allowed: a run with ramps to send MEDs from")
+    except InputError as error:
+        return fail("python -m train.report", error)
     from train.contents import draw, play, write
     from train.host import enable_compilation_cache
 
@@ -62,15 +66,15 @@ def _check_target(path: Path) -> None:
     """Refuses now what would fail after the work.
 
     Raises:
-        SettingError: the directory of the report cannot be made or written, or there is nothing to draw with.
+        InputError: the directory of the report cannot be made or written, or there is nothing to draw with.
     """
     check_matplotlib()
     if path.exists() and not path.is_dir():
-        raise SettingError(f"{path} is not a directory, allowed: a directory, or nothing")
+        raise InputError(f"{path} is not a directory, allowed: a directory, or nothing")
     try:
         check_writable(path if path.exists() else path.parent)
     except OSError as error:
-        raise SettingError(
+        raise InputError(
             f"cannot write {path}: {error.strerror}, allowed: a writable directory"
         ) from None
 

@@ -8,13 +8,14 @@ import itertools
 import json
 import os
 import platform
-import tempfile
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import IO, Any
 
-from train.config import SettingError, TrainConfig, load_config, to_json
+from medjax.files import check_writable, replacing
+from medjax.wording import InputError
+from train.config import TrainConfig, load_config, to_json
 
 PACKAGES = ("medjax", "jax", "jaxlib", "flax", "optax", "distrax", "numpy")
 LOCK = ".lock"
@@ -70,10 +71,10 @@ class RunDir:
         """Settings of the run.
 
         Raises:
-            SettingError: this is no directory of a run, or its settings cannot be read.
+            InputError: this is no directory of a run, or its settings cannot be read.
         """
         if not self.path.is_dir():
-            raise SettingError(
+            raise InputError(
                 f"run {self.path} is not a directory, allowed: one that train.ppo wrote"
             )
         return load_config(self.config)
@@ -85,7 +86,7 @@ class RunDir:
             The lock; see `lock`.
 
         Raises:
-            SettingError: it is in use or cannot be written.
+            InputError: it is in use or cannot be written.
         """
         check_unused(self.path)
         try:
@@ -102,13 +103,13 @@ class RunDir:
         """Keeps other runs out while the file that it returns is open: until this process ends, however it ends.
 
         Raises:
-            SettingError: a run under way has it, or the directory cannot be written.
+            InputError: a run under way has it, or the directory cannot be written.
         """
         try:
             file = (self.path / LOCK).open("a", encoding="utf-8")
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise SettingError(
+            raise InputError(
                 f"run {self.path} is under way in another process, allowed: one process at a time"
             ) from None
         except OSError as error:
@@ -126,7 +127,7 @@ class RunDir:
         """Writes settings changed by --resume; those until `update` stay in `config-until-UPDATE.json`.
 
         Raises:
-            SettingError: the directory cannot be written.
+            InputError: the directory cannot be written.
         """
         try:
             check_writable(self.path)
@@ -147,7 +148,7 @@ def new_run_dir(scenario: str, root: Path = Path("runs")) -> Path:
     """Makes `root/SCENARIO-N` with the smallest N from 1 that is not there yet, and nobody else's.
 
     Raises:
-        SettingError: it cannot be made.
+        InputError: it cannot be made.
     """
     for number in itertools.count(1):
         path = root / f"{scenario}-{number}"
@@ -156,7 +157,7 @@ def new_run_dir(scenario: str, root: Path = Path("runs")) -> Path:
             return path
         except FileExistsError:
             if not root.is_dir():
-                raise SettingError(f"{root} is not a directory, allowed: a directory") from None
+                raise InputError(f"{root} is not a directory, allowed: a directory") from None
         except OSError as error:
             raise _unwritable(path, error) from None
     raise AssertionError
@@ -166,15 +167,15 @@ def check_unused(path: Path) -> None:
     """Refuses a directory that holds anything.
 
     Raises:
-        SettingError: it is in use, is not a directory, or could not be made.
+        InputError: it is in use, is not a directory, or could not be made.
     """
     try:
         if path.exists() and not path.is_dir():
-            raise SettingError(
+            raise InputError(
                 f"run-dir is {path}, which is not a directory, allowed: a new or empty directory"
             )
         if path.exists() and any(entry.name != LOCK for entry in path.iterdir()):
-            raise SettingError(
+            raise InputError(
                 f"run-dir is {path}, which already holds files, allowed: a new or empty directory"
                 " (or --resume it)"
             )
@@ -183,49 +184,18 @@ def check_unused(path: Path) -> None:
         raise _unwritable(path, error) from None
 
 
-def check_writable(path: Path) -> None:
-    """Tries to write in an existing directory.
-
-    Raises:
-        OSError: that failed.
-    """
-    with tempfile.TemporaryFile(dir=path):
-        pass
-
-
-def check_output(option: str, path: Path) -> None:
-    """Refuses a file that cannot be written, before the work for it is done.
-
-    Args:
-        option: that it was given by.
-        path: the file; its directory must be there.
-
-    Raises:
-        SettingError: it cannot be written.
-    """
-    try:
-        if path.exists() and not path.is_file():
-            what = "a directory" if path.is_dir() else "a device"
-            raise SettingError(f"{option} is {path}, which is {what}, allowed: a file")
-        check_writable(path.parent)
-    except OSError as error:
-        raise SettingError(
-            f"cannot write {path}: {error.strerror}, allowed: a file in a writable directory"
-        ) from None
-
-
 def check_matplotlib() -> None:
     """Refuses to draw where matplotlib is missing, before the work for it is done.
 
     Raises:
-        SettingError: it is not installed.
+        InputError: it is not installed.
     """
     if importlib.util.find_spec("matplotlib") is None:
-        raise SettingError("matplotlib is not installed, allowed: pip install 'medjax[train]'")
+        raise InputError("matplotlib is not installed, allowed: pip install 'medjax[train]'")
 
 
-def _unwritable(path: Path, error: OSError) -> SettingError:
-    return SettingError(
+def _unwritable(path: Path, error: OSError) -> InputError:
+    return InputError(
         f"cannot write run-dir {path}: {error.strerror}, allowed: a writable directory"
     )
 
@@ -249,8 +219,5 @@ def write_json(path: Path, data: Mapping[str, Any]) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """Writes text in full or not at all."""
-    # medjax imports JAX, which takes seconds; --help and bad options need not wait for it.
-    from medjax.files import replacing
-
     with replacing(path) as partial:
         partial.write_text(text, encoding="utf-8")

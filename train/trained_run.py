@@ -1,14 +1,14 @@
 """What the commands on a trained run share: their options, their numbers and what they load."""
 
 import dataclasses
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train.cli import OneLineParser, make_environment
-from train.config import Override, SettingError, TrainConfig
-from train.wording import MOST_SHOWN, one_line
+from medjax.commandline import OneLineParser
+from medjax.wording import InputError
+from train.cli import make_environment
+from train.config import Override, TrainConfig
 
 if TYPE_CHECKING:
     from train.evaluation import Policy
@@ -18,7 +18,7 @@ LIMITS = {"episodes": (2, 10**7), "batch": (1, 10**6), "seed": (0, 2**32 - 1)}
 
 def trained_run_parser(prog: str, description: str) -> OneLineParser:
     """The parser of a command that plays whole episodes with the policy in `--run-dir DIR`."""
-    parser = OneLineParser(prog=f"python -m {prog}", description=description, allow_abbrev=False)
+    parser = OneLineParser(prog=f"python -m {prog}", description=description)
     parser.add_argument(
         "--run-dir", required=True, metavar="DIR", help="directory that train.ppo wrote"
     )
@@ -32,21 +32,6 @@ def trained_run_parser(prog: str, description: str) -> OneLineParser:
         help="sample the trained policy's actions; else the most probable",
     )
     return parser
-
-
-def whole_number(name: str, text: str) -> int:
-    """The number that `text` is, within `LIMITS[name]`.
-
-    Raises:
-        SettingError: it is none.
-    """
-    low, high = LIMITS[name]
-    number = int(text) if re.fullmatch(r"\s*[0-9]{1,18}\s*", text) else -1
-    if not low <= number <= high:
-        raise SettingError(
-            f"{name} is {one_line(text, MOST_SHOWN)}, allowed: a whole number from {low} to {high}"
-        )
-    return number
 
 
 def to_play(
@@ -77,7 +62,7 @@ def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, Any]:
         config: its settings, or others of the same network.
 
     Raises:
-        SettingError: the environment cannot be made, or there is no checkpoint that fits it.
+        InputError: the environment cannot be made, or there is no checkpoint that fits it.
     """
     # JAX takes seconds to import; bad options need not wait for them.
     from medjax.wrappers import prepare_cpu
@@ -89,7 +74,7 @@ def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, Any]:
 
     reader = Checkpoints(run_dir)
     if reader.latest() is None:
-        raise SettingError(f"run {run_dir} holds no checkpoint, allowed: one that train.ppo wrote")
+        raise InputError(f"run {run_dir} holds no checkpoint, allowed: one that train.ppo wrote")
     env, params = make_environment(config)
     shapes = shapes_of(make_train(env, params, config), params, config)
     return env, params, reader.restore_weights(shapes)
@@ -106,7 +91,7 @@ def load_policies(
         stochastic: sample the trained policy's actions.
 
     Raises:
-        SettingError: as `load_weights`.
+        InputError: as `load_weights`.
     """
     env, params, weights = load_weights(run_dir, config)
     from train.closing import all_policies

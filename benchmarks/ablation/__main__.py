@@ -13,9 +13,9 @@ import json
 
 from benchmarks.ablation import sweeps, weights
 from benchmarks.arguments import episodes_parser, picture
+from medjax.commandline import OneLineParser, add_set_option
+from medjax.wording import InputError
 from medjax.wrappers import prepare_cpu
-from train.cli import OneLineParser, add_set_option
-from train.config import SettingError
 from train.host import enable_compilation_cache
 
 WEIGHTS = "weights"
@@ -46,7 +46,6 @@ def main(arguments: list[str] | None = None) -> None:
         prog="python -m benchmarks.ablation",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     top.add_argument("study", choices=[WEIGHTS, *sweeps.SWEEPS])
     top.add_argument("options", nargs=argparse.REMAINDER, help="see STUDY --help")
@@ -60,7 +59,7 @@ def main(arguments: list[str] | None = None) -> None:
             report, draw = weights.run(options), weights.plot
         else:
             report, draw = sweeps.run(chosen.study, options), sweeps.plot
-    except SettingError as error:
+    except InputError as error:
         parser.error(str(error))
     if options.json:
         options.json.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")

@@ -9,16 +9,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from medjax.commandline import parse_overrides
 from medjax.policies import BASELINES
+from medjax.wording import shown
 from train.bootstrap import bootstrap_ci95
-from train.cli import parse_overrides
 from train.config import TrainConfig
 from train.evaluation import Policy, Scores, baseline
 from train.figures import MARKERS, colour, save
 from train.rundir import RunDir
 from train.tables import interval, short
 from train.trained_run import to_play
-from train.wording import shown
 
 RULES = ("forecast", "paced", "greedy", "none")
 
@@ -48,7 +48,7 @@ def settings(options: argparse.Namespace) -> TrainConfig:
     """Those of the run that is given, else the default ones; with the environment that is asked for.
 
     Raises:
-      SettingError: there is no such run, or a `--set` that cannot be read.
+      InputError: there is no such run, or a `--set` that cannot be read.
     """
     run_dir = getattr(options, "run_dir", None)
     config = RunDir(run_dir).load_config() if run_dir else TrainConfig(seed=options.seed)

@@ -23,9 +23,10 @@ from benchmarks.ablation.scores import (
 )
 from benchmarks.ablation.worlds import play_worlds
 from benchmarks.arguments import a_path
+from medjax.commandline import OneLineParser
 from medjax.policies import BASELINES
 from train.bootstrap import bootstrap_ci95
-from train.cli import OneLineParser, check_environment, make_environment
+from train.cli import check_environment, make_environment
 from train.evaluation import Policy, Scores
 from train.figures import new_figure
 from train.tables import format_rows, interval, short
@@ -101,7 +102,7 @@ def run(study: str, options: argparse.Namespace) -> dict[str, Any]:
       The report: what was varied, and a row for each policy and value.
 
     Raises:
-      SettingError: a value that is not allowed, or a run that cannot be read.
+      InputError: a value that is not allowed, or a run that cannot be read.
     """
     sweep, config = SWEEPS[study], settings(options)
     values = [int(value) if value == int(value) else value for value in options.values]

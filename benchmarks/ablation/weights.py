@@ -23,8 +23,9 @@ from benchmarks.ablation.scores import (
 )
 from benchmarks.ablation.worlds import play_worlds, train_worlds
 from benchmarks.arguments import positive
-from train.cli import OneLineParser, check_environment, make_environment
-from train.config import SettingError
+from medjax.commandline import OneLineParser
+from medjax.wording import InputError
+from train.cli import check_environment, make_environment
 from train.evaluation import TRAINED, evaluate_policies, trained
 from train.figures import new_figure
 from train.networks import build_network
@@ -71,12 +72,12 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
       The report: a row for each learner, with its costs, then one for each rule. Returns count the costs.
 
     Raises:
-      SettingError: a setting that is not allowed.
+      InputError: a setting that is not allowed.
     """
     costs = [{"dispatches": cost, "gas_delay": 0.0} for cost in options.dispatches]
     costs += [{"dispatches": 0.0, "gas_delay": cost} for cost in options.gas_delay]
     if not costs:
-        raise SettingError("no cost in --dispatches and --gas-delay, allowed: at least one")
+        raise InputError("no cost in --dispatches and --gas-delay, allowed: at least one")
     config = dataclasses.replace(settings(options), total_timesteps=options.decisions)
     for own in costs:  # refuses those that are not allowed
         paid = {f"reward_weights.{term}": -cost for term, cost in own.items()}

@@ -9,9 +9,9 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from medjax.commandline import fail
 from medjax.render.command import Request, parse_request
 from medjax.render.options import PROG
-from medjax.wording import one_line
 
 if TYPE_CHECKING:
     from medjax.config import EnvParams
@@ -33,23 +33,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         _check(request, *request.played.prepared())
         env, params, chosen = request.played.policies()
     except (ValueError, OSError) as error:
-        return _fail(error)
+        return fail(PROG, error)
     try:
         recordings = request.played.record(env, params, chosen)
         try:
             _write(request, recordings)
         except (ValueError, OSError) as error:  # a vehicle that never came, a disk that is full
-            return _fail(error)
+            return fail(PROG, error)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
     print(f"{request.out}: {request.out.stat().st_size / 1e6:.1f} MB")
     return 0
-
-
-def _fail(error: Exception) -> int:
-    print(f"{PROG}: {one_line(str(error))}", file=sys.stderr)
-    return 2
 
 
 def _check(request: Request, env: ChargingEnv, params: EnvParams) -> None:

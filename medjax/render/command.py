@@ -10,12 +10,13 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from medjax.commandline import InputError, as_path, check_writable
+from medjax.commandline import as_path
+from medjax.files import check_output
 from medjax.playing import Played, played_of
 from medjax.render import MissingLibrary
 from medjax.render.camera import check_follow
 from medjax.render.options import SUFFIXES, build_parser
-from medjax.wording import shown
+from medjax.wording import InputError, shown
 
 MOST = 1e9  # seconds or metres: more than there are
 LIBRARIES: dict[str, dict[str, str]] = {
@@ -58,7 +59,7 @@ def parse_request(argv: Sequence[str] | None = None) -> Request:
 
 
 def _request(given: argparse.Namespace) -> Request:
-    out = as_path("out", given.out)
+    out = as_path("--out", given.out)
     if out.suffix not in SUFFIXES:
         raise InputError(f"--out {out}: allowed a file that ends in {', '.join(SUFFIXES)}")
     if given.compare is not None and out.suffix != ".html":
@@ -78,7 +79,7 @@ def _request(given: argparse.Namespace) -> Request:
         span_m=_number("span", given.span, above=0.0),
     )
     _check_libraries(out.suffix)
-    check_writable(out)
+    check_output("--out", out)
     return request
 
 

@@ -19,7 +19,6 @@ def build_parser() -> OneLineParser:
         description="Plays one episode and writes it as a video, a picture or a player in one HTML file.",
         epilog=f"Example: {PROG} --policy forecast --compare none --out episode.html",
         formatter_class=lambda prog: argparse.HelpFormatter(prog, max_help_position=28, width=100),
-        allow_abbrev=False,
     )
     play = parser.add_argument_group("what is played")
     add_played(play)

@@ -121,7 +121,7 @@ def test_bad_input_is_one_line(runs, tmp_path, monkeypatch, capsys):
         (["--run-dir", run, "--episodes=1"], "'1'"),
         (["--run-dir", run, "--seed=-1"], "'-1'"),
         (["--run-dir", run, "--plot=absent/file.png"], "absent/file.png"),
-        (["--run-dir", run, "--json=."], "'.'"),
+        (["--run-dir", run, "--json=."], "is a directory"),
     ):
         assert word in refused(generalization.main, argv, capsys), argv
     monkeypatch.setitem(SMALL, "num_evs", 6)

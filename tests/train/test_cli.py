@@ -5,10 +5,12 @@ import sys
 
 import pytest
 
+from medjax.commandline import parse_overrides
+from medjax.wording import InputError
 from tests.train.conftest import TINY
 from train import evaluate, ppo
-from train.cli import parse_overrides, parse_request
-from train.config import SettingError, TrainConfig, from_json, to_json
+from train.cli import parse_request
+from train.config import TrainConfig, from_json, to_json
 
 
 def exit_code(command, argv):
@@ -117,14 +119,14 @@ def test_help_lists_every_setting(capsys):
     [
         ([], ["--run-dir"]),
         (["--run-dir=absent"], ["absent", "not a directory"]),
-        (["--run-dir=.", "--episodes=0"], ["episodes is 0", "from 2"]),
-        (["--run-dir=.", "--episodes=x"], ["episodes is x", "a whole number"]),
-        (["--run-dir=.", "--seed=-1"], ["seed is -1"]),
-        (["--run-dir=.", "--batch=0"], ["batch is 0"]),
-        (["--run-dir=.", "--json=absent/file.json"], ["absent/file.json", "writable"]),
-        (["--run-dir=.", "--plot=x.jpg"], ["plot is x.jpg", "ends in .png"]),
-        (["--run-dir=.", "--plot=absent/x.png"], ["absent/x.png", "writable"]),
-        (["--run-dir=.", "--json=."], ["directory", "allowed: a file"]),
+        (["--run-dir=.", "--episodes=0"], ["--episodes '0'", "from 2"]),
+        (["--run-dir=.", "--episodes=x"], ["--episodes 'x'", "a whole number"]),
+        (["--run-dir=.", "--seed=-1"], ["--seed '-1'"]),
+        (["--run-dir=.", "--batch=0"], ["--batch '0'"]),
+        (["--run-dir=.", "--json=absent/file.json"], ["absent/file.json", "can be written"]),
+        (["--run-dir=.", "--plot=x.jpg"], ["--plot x.jpg", "ends in .png"]),
+        (["--run-dir=.", "--plot=absent/x.png"], ["absent/x.png", "can be written"]),
+        (["--run-dir=.", "--json=."], ["is a directory", "allowed a file"]),
         (["--run-dir=."], ["config.json", "cannot read"]),
         (["--run-dir=.", "--policies=all"], ["--policies"]),
     ],
@@ -159,7 +161,7 @@ def test_settings_survive_their_file():
     } == to_json(config) | {"overrides": {}}
     assert from_json(json.loads(json.dumps(to_json(config)))).hidden == (8, 4)
     assert from_json({"demand_range": [0, 2]}).demand_range == (0, 2)
-    with pytest.raises(SettingError, match="'speed' is not a setting"):
+    with pytest.raises(InputError, match="'speed' is not a setting"):
         from_json({"speed": 3})
 
 

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from medjax.wording import InputError
 from tests.train.conftest import TINY
 from tests.train.probe_envs import Probe, ProbeParams
 from tests.train.test_cli import refused
@@ -21,7 +22,6 @@ from tests.train.test_session import assert_same_run, rows_of, state_of
 from train import ppo
 from train.checkpoint import Checkpoints
 from train.cli import make_environment
-from train.config import SettingError
 from train.learner import make_train
 from train.logs import Progress, read_rows
 from train.rundir import RunDir
@@ -213,7 +213,7 @@ def saved(probe):
         """All of the newest checkpoint as bytes, or why it is refused."""
         try:
             state = Checkpoints(probe / "run").restore(shapes)
-        except SettingError as error:
+        except InputError as error:
             return str(error)
         return [leaf.tobytes() for leaf in jax.tree.leaves(state)]
 

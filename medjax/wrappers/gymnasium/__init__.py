@@ -13,15 +13,7 @@
 out, and are the caller's to keep or to change.
 """
 
-import gymnasium
-
 from medjax.wrappers.gymnasium.single import ENV_ID, ChargingGymEnv
 from medjax.wrappers.gymnasium.vector import ChargingVectorEnv
 
 __all__ = ["ENV_ID", "ChargingGymEnv", "ChargingVectorEnv"]
-
-gymnasium.register(
-    ENV_ID,
-    entry_point="medjax.wrappers.gymnasium:ChargingGymEnv",
-    vector_entry_point="medjax.wrappers.gymnasium:ChargingVectorEnv",
-)
