@@ -137,13 +137,12 @@ def _sent(
     return Flow(low - slack, high + slack)
 
 
-def tick_books(
+def tick_flows(
     before: EnvState, after: EnvState, config: EnvConfig, params: EnvParams
-) -> tuple[dict[str, jax.Array], Books]:
-    """Books of one tick, and flags for flows that cannot be, by what is wrong."""
+) -> tuple[dict[str, jax.Array], jax.Array, jax.Array]:
+    """Energy that flowed in one tick: flags for what cannot be, by name; what was sent, and received, (2,) J."""
     old, new, dt = before.vehicles, after.vehicles, config.tick_s
     evs, was, link = after.evs, before.evs, params.link
-    ev_capacity, med_capacity = params.ev_capacity_j, params.med_capacity_j
     slot = params.charging.slot_power_w * dt
     # Losses in the EV's own coil remain however strong the coupling.
     best = link.load_ohm / (link.load_ohm + link.ev_resistance_ohm)
@@ -156,17 +155,17 @@ def tick_books(
         was.energy_j,
         evs.energy_j,
         driving(old, new, config.ev_slots, params.ev, dt),
-        ev_capacity,
+        params.ev_capacity_j,
         takes,
     )
     sent = _sent(
         before.meds.energy_j,
         after.meds.energy_j,
         driving(old, new, config.med_slots, params.med, dt),
-        med_capacity,
+        params.med_capacity_j,
         gives,
     )
-    above_reserve = before.meds.energy_j - params.fleet.reserve_soc * med_capacity
+    above_reserve = before.meds.energy_j - params.fleet.reserve_soc * params.med_capacity_j
     arrived = jnp.sum(jnp.where(partner, received.low[:, None], 0.0), axis=0)
     wrong = {
         "EV loses": received.high < 0.0,
@@ -178,20 +177,31 @@ def tick_books(
         & (arrived > best * sent.high),
     }
 
-    gone = old.active & ~new.active
-    left = gone & (new.x > params.road.length_m)
-    travelled = jnp.where(old.active, new.x - old.x, 0.0)
-    soc = evs.energy_j / ev_capacity
-    present = sums_by_class(new.active, config)
-    distance = sums_by_class(travelled, config)
-    changes = jnp.where(old.active, jnp.abs(new.lane - old.lane), 0)
-
-    def total(values: jax.Array) -> jax.Array:
-        return jnp.sum(values, dtype=jnp.float32)
-
     def both(flow: Flow, concerned: jax.Array) -> jax.Array:
         return jnp.stack([total(jnp.where(concerned, bound, 0.0)) for bound in flow])
 
+    return wrong, both(sent, gives > 0.0), both(received, charges)
+
+
+def total(values: jax.Array) -> jax.Array:
+    """Sum, () float32."""
+    return jnp.sum(values, dtype=jnp.float32)
+
+
+def tick_books(
+    before: EnvState, after: EnvState, config: EnvConfig, params: EnvParams
+) -> tuple[dict[str, jax.Array], Books]:
+    """Books of one tick, and flags for flows that cannot be, by what is wrong."""
+    old, new, dt = before.vehicles, after.vehicles, config.tick_s
+    evs, was = after.evs, before.evs
+    wrong, sent_j, received_j = tick_flows(before, after, config, params)
+    gone = old.active & ~new.active
+    left = gone & (new.x > params.road.length_m)
+    travelled = jnp.where(old.active, new.x - old.x, 0.0)
+    soc = evs.energy_j / params.ev_capacity_j
+    present = sums_by_class(new.active, config)
+    distance = sums_by_class(travelled, config)
+    changes = jnp.where(old.active, jnp.abs(new.lane - old.lane), 0)
     return wrong, Books(
         entered=jnp.zeros((3,)),
         left=sums_by_class(left, config),
@@ -206,6 +216,6 @@ def tick_books(
         evs_served=total(evs.served & ~was.served),
         meds_dispatched=jnp.zeros(()),
         lane_changes=total(changes),
-        sent_j=both(sent, gives > 0.0),
-        received_j=both(received, charges),
+        sent_j=sent_j,
+        received_j=received_j,
     )

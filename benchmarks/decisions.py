@@ -24,6 +24,8 @@ from benchmarks.invariants import (
 from medjax.config import EnvConfig, EnvParams
 from medjax.state import AT_DEPOT, RETIRED, EnvState
 
+ROUNDING = 2e-5  # relative, of sums of a decision
+
 
 def check_decision(
     before: EnvState,
@@ -87,6 +89,23 @@ def check_closing(
     }
 
 
+def differs(ours: jax.Array, theirs: jax.Array, scale: Any = 0.0) -> jax.Array:
+    """Whether they are apart by more than rounding of numbers of that scale."""
+    most = jnp.maximum(jnp.maximum(jnp.abs(ours), jnp.abs(theirs)), scale)
+    return ~(jnp.abs(ours - theirs) <= ROUNDING * most)
+
+
+def outside(bounds: jax.Array, value: jax.Array) -> jax.Array:
+    """Whether a flow of energy is not within (2,) bounds."""
+    slack = OF_FLOW * jnp.abs(value)
+    return ~((bounds[0] - slack <= value) & (value <= bounds[1] + slack))
+
+
+def resolved_way(books: Books, params: EnvParams) -> jax.Array:
+    """A way that `differs` by what positions round: each is exact to half a unit in the last place."""
+    return books.vehicle_ticks * 1e-7 * params.road.length_m / ROUNDING
+
+
 def tally_mistakes(
     books: Books,
     before: EnvState,
@@ -97,19 +116,7 @@ def tally_mistakes(
     params: EnvParams,
 ) -> dict[str, dict[str, jax.Array]]:
     """Flags where tally, reward and conservation of vehicles differ from the books, by invariant and name."""
-    tally = info["tally"]
-
-    def differs(ours: jax.Array, theirs: jax.Array, scale: Any = 0.0) -> jax.Array:
-        """Whether they are apart by more than rounding of numbers of that scale."""
-        most = jnp.maximum(jnp.maximum(jnp.abs(ours), jnp.abs(theirs)), scale)
-        return ~(jnp.abs(ours - theirs) <= 2e-5 * most)
-
-    def outside(bounds: jax.Array, value: jax.Array) -> jax.Array:
-        slack = OF_FLOW * jnp.abs(value)
-        return ~((bounds[0] - slack <= value) & (value <= bounds[1] + slack))
-
-    # A way is the difference of two positions, each exact to half a unit in the last place.
-    way = books.vehicle_ticks * 1e-7 * params.road.length_m / 2e-5
+    tally, way = info["tally"], resolved_way(books, params)
     counted = {
         name: differs(
             getattr(books, name), getattr(tally, name), way if name.endswith("_m") else 1e-3
@@ -123,6 +130,31 @@ def tally_mistakes(
     lost = total.entered - total.left - jnp.zeros((3,)).at[1].set(total.depleted)
     lost = lost != sums_by_class(after.vehicles.active, config)
 
+    return {
+        "tally": {
+            **counted,
+            "collisions": tally.collisions > 0.0,
+            "sums": jnp.stack([x.any() for x in jax.tree.leaves(sums)]),
+        },
+        "energy": {
+            "sent": outside(books.sent_j, tally.energy_sent_j),
+            "received": outside(books.received_j, tally.energy_received_j),
+        },
+        "vehicles": {"entered less left and depleted": lost},
+        "reward": reward_mistakes(books, after, reward, info, config, params),
+    }
+
+
+def reward_mistakes(
+    books: Books,
+    after: EnvState,
+    reward: jax.Array,
+    info: Mapping[str, Any],
+    config: EnvConfig,
+    params: EnvParams,
+) -> dict[str, jax.Array]:
+    """Flags where the reward is not the sum of its terms, and a term not what the books say."""
+    tally, way = info["tally"], resolved_way(books, params)
     weights, terms = params.reward_weights, info["reward_terms"]
     added = sum(terms.values(), jnp.zeros(()))
     size = sum((jnp.abs(term) for term in terms.values()), jnp.zeros(()))
@@ -154,16 +186,4 @@ def tally_mistakes(
         name: differs(weights[name] * value, terms[name], jnp.abs(weights[name]) * scale + 1e-30)
         for name, (value, scale) in expected.items()
     }
-    return {
-        "tally": {
-            **counted,
-            "collisions": tally.collisions > 0.0,
-            "sums": jnp.stack([x.any() for x in jax.tree.leaves(sums)]),
-        },
-        "energy": {
-            "sent": outside(books.sent_j, tally.energy_sent_j),
-            "received": outside(books.received_j, tally.energy_received_j),
-        },
-        "vehicles": {"entered less left and depleted": lost},
-        "reward": {"sum": differs(reward, added, size), **named},
-    }
+    return {"sum": differs(reward, added, size), **named}

@@ -145,6 +145,8 @@ def _player(
     """The program `(key, params)` to the first frame, the others `(T, ticks, ...)`, and the decisions."""
 
     def play(key: jax.Array, params: EnvParams) -> tuple[Frames, Frames, Decisions]:
+        """One episode."""
+
         def look(state: EnvState) -> Frames:
             return frame_of(state, params)
 

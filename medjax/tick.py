@@ -57,20 +57,12 @@ def _driven(
     return jnp.where(before.active[slots], energy, 0.0)
 
 
-def _exchange(
-    before: Vehicles,
-    after: Vehicles,
-    state: EnvState,
-    length: jax.Array,
-    config: EnvConfig,
-    params: EnvParams,
-) -> tuple[EVs, MEDs, Tally]:
-    """Docking, transfer and driving energy of one tick."""
-    evs, meds = state.evs, state.meds
+def _links(
+    after: Vehicles, evs: EVs, length: jax.Array, config: EnvConfig, params: EnvParams
+) -> tuple[jax.Array, jax.Array]:
+    """Whether each EV charges, and how efficient its coils are where they stand, `(E,)` each."""
     ev_slots, med_slots = config.ev_slots, config.med_slots
     med = partners(after, evs, length, config)
-    booked = evs.med != NOT_BOOKED
-
     with jax.named_scope("misalignment"):
         goal = panel_x(evs.panel, med, length[ev_slots], params.charging.dock_gap_m)
         error = after.x[ev_slots] - goal
@@ -83,7 +75,7 @@ def _exchange(
         turn = turn_between(
             med.speed, med_lateral_speed, after.speed[ev_slots], after.lateral_speed[ev_slots]
         )
-        is_charging = booked & is_docked(
+        is_charging = (evs.med != NOT_BOOKED) & is_docked(
             error,
             after.speed[ev_slots] - med.speed,
             in_lane & (jnp.abs(across) < 0.25 * params.road.lane_width_m),
@@ -98,11 +90,23 @@ def _exchange(
             seen * turn,
             params.link.panel_gap_m,
         )
-        efficiency = coupling_efficiency(geometry, params.link)
+        return is_charging, coupling_efficiency(geometry, params.link)
 
+
+def _exchange(
+    before: Vehicles,
+    after: Vehicles,
+    state: EnvState,
+    length: jax.Array,
+    config: EnvConfig,
+    params: EnvParams,
+) -> tuple[EVs, MEDs, Tally]:
+    """Docking, transfer and driving energy of one tick."""
+    evs, meds = state.evs, state.meds
+    is_charging, efficiency = _links(after, evs, length, config, params)
     with jax.named_scope("energy"):
-        med_use = _driven(before, after, med_slots, params.med, config.tick_s)
-        ev_use = _driven(before, after, ev_slots, params.ev, config.tick_s)
+        med_use = _driven(before, after, config.med_slots, params.med, config.tick_s)
+        ev_use = _driven(before, after, config.ev_slots, params.ev, config.tick_s)
         flow = transfer(
             efficiency,
             is_charging,

@@ -16,6 +16,7 @@ from hypothesis import settings
 from jax._src import compiler
 
 import medjax
+from tests.refusals import AcceptedError
 
 # Two devices, whatever the machine: training shares its environments among them.
 jax.config.update("jax_num_cpu_devices", 2)
@@ -62,3 +63,22 @@ def quick_compiles():
         patch.setattr(compiler, "get_compile_options", quick)
         yield
     jax.clear_caches()
+
+
+@pytest.fixture
+def nothing_starts(monkeypatch):
+    """The test fails where anything is compiled; commands end at what they would compile first, the coils' table."""
+    compiled = []
+
+    def listen(event, duration, **_):
+        if event == "/jax/core/compile/backend_compile_duration":
+            compiled.append(duration)
+
+    def accepted(*_, **__):
+        raise AcceptedError
+
+    monkeypatch.setattr("medjax.scenarios.build_link", accepted)
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    yield
+    jax.monitoring.unregister_event_duration_listener(listen)
+    assert not compiled

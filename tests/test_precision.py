@@ -8,14 +8,12 @@ import pytest
 import medjax
 from medjax.charging.docking import docking_acceleration, misalignment
 from medjax.charging.transfer import coupling_efficiency
-from medjax.config import FRONT, LEFT, PANELS, EnvConfig, validate_config
+from medjax.config import FRONT, LEFT, PANELS
 from medjax.movement import drivers_of
 from medjax.physics import change_battery
 from medjax.state import IN_SERVICE, Tally
 from medjax.tick import drive_energy, physics_tick
-from medjax.traffic import find_neighbours, sort_by_road
 from medjax.traffic.motion import ballistic_step
-from medjax.traffic.neighbours import NOBODY
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -102,150 +100,6 @@ def test_the_coil_hardly_sees_it(long):
         seen = misalignment(jnp.full(3, panel), along, 0.0, 0.0, params.link.panel_gap_m)
         efficiency = np.asarray(coupling_efficiency(seen, params.link))
         assert efficiency.min() > 0.95 * efficiency[0]
-
-
-# Road order --------------------------------------------------------------------------------------
-
-
-def brute_force(x, lane, target, slot_order=True):
-    """(ahead, behind) of each in its target lane, by float64 positions; ties by slot."""
-    slots = np.arange(len(x))
-    ahead, behind = np.full(len(x), NOBODY), np.full(len(x), NOBODY)
-    for there in np.unique(lane):
-        members = slots[lane == there]
-        members = members[np.lexsort((members, x[members]))]
-        looks = np.flatnonzero(target == there)
-        first = np.searchsorted(x[members], x[looks], side="left")
-        # Those abreast to the last bit are ordered by slot.
-        behind_count = np.array(
-            [
-                count + np.sum((x[members] == x[me]) & (members < me))
-                for count, me in zip(first, looks, strict=True)
-            ],
-            int,
-        )
-        for me, count in zip(looks, behind_count, strict=True):
-            after = count + (lane[me] == there)  # oneself stands there
-            ahead[me] = members[after] if after < len(members) else NOBODY
-            behind[me] = members[count - 1] if count else NOBODY
-    return ahead, behind
-
-
-@jax.jit
-def found(x, lane, target, length_m):
-    order = sort_by_road(x, jnp.ones(x.shape, bool), length_m, jnp.arange(x.size))
-    return find_neighbours(order, lane, target, jnp.ones(x.shape, bool), 5)
-
-
-def abreast_road(length_m, slots, shift_m, rng, spacing_m=5.0):
-    """Lanes 0 to 4 with the same grid of places at least spacing_m apart, each shifted by up to shift_m."""
-    places = slots // 5
-    room = length_m / places - spacing_m - 2 * shift_m
-    grid = (np.arange(places) + rng.uniform(0.0, 1.0, places) * room / (length_m / places)) * (
-        length_m / places
-    )
-    x = (grid[:, None] + rng.uniform(0.0, shift_m, (places, 5))).ravel()
-    lane = np.tile(np.arange(5), places)
-    mixed = rng.permutation(x.size)
-    return x[mixed].astype(np.float32), lane[mixed].astype(np.int32)
-
-
-@pytest.mark.parametrize("direction", [-1, 1])
-def test_order_on_the_long_road(direction):
-    """100 km and 2510 slots resolve 19 cm. In one's own lane the order is that of float64; in the next
-    lane it may differ for two abreast, between whom no gap is safe in either order."""
-    rng = np.random.default_rng(2)
-    resolution = LENGTH_M / 2 ** (31 - 12)
-    swapped = 0
-    for _ in range(5):
-        x, lane = abreast_road(LENGTH_M, 2510, 2 * resolution, rng)
-        target = lane + direction
-        got = found(x, lane, target, LENGTH_M)
-        wide = x.astype(np.float64)
-        own = brute_force(wide, lane, lane)
-        np.testing.assert_array_equal(got.leader, own[0])
-        np.testing.assert_array_equal(got.follower, own[1])
-        exact = brute_force(wide, lane, target)
-        seen = np.asarray(got.target_leader), np.asarray(got.target_follower)
-        wrong = (seen[0] != exact[0]) | (seen[1] != exact[1])
-        swapped += wrong.sum()
-
-        def fits(ahead, behind, wide=wide):
-            """Bumper gaps on both sides are positive, for vehicles of 5 m."""
-            front = np.where(ahead == NOBODY, np.inf, wide[ahead] - 5.0 - wide)
-            back = np.where(behind == NOBODY, np.inf, wide - 5.0 - wide[behind])
-            return (front > 0.0) & (back > 0.0)
-
-        np.testing.assert_array_equal(fits(*seen), fits(*exact))
-        assert not fits(*exact)[wrong].any()
-        apart = [np.abs(wide[neighbours[wrong]] - wide[wrong]) for neighbours in (seen[0], seen[1])]
-        nearest = np.minimum(*apart)
-        assert (nearest <= resolution + 2 * ULP_M).all()
-    assert swapped > 50  # the case was there
-
-
-def test_order_in_a_lane_is_right_up_to_a_resolution_of_a_vehicle():
-    """And wrong beyond: the bound length_m / 2^(31 - slot bits) < shortest vehicle is the bound."""
-    slots, vehicle_m = 2510, 5.0
-    longest = vehicle_m * 2 ** (31 - 12)
-    assert longest > 20 * LENGTH_M
-
-    def mistakes(length_m):
-        rng = np.random.default_rng(3)
-        pairs = rng.uniform(0.0, length_m - 100.0, slots // 2)
-        x = np.stack([pairs, pairs + vehicle_m + 0.5], axis=1).ravel().astype(np.float32)
-        lane = np.zeros(slots, np.int32)
-        near = np.sort(x)
-        assert (np.diff(near)[::2] > 0).all()
-        mixed = rng.permutation(slots)
-        got = found(x[mixed], lane, lane + 1, length_m)
-        ahead, _ = brute_force(x[mixed].astype(np.float64), lane, lane)
-        return np.sum(np.asarray(got.leader) != ahead)
-
-    assert mistakes(0.99 * longest) == 0
-    assert mistakes(4.0 * longest) > 0
-
-
-def test_the_largest_configuration_fits_its_counters():
-    """Places in 16 bits, slot names in 15, counts in 24: brute force on as many vehicles as may be asked for."""
-    largest = EnvConfig(num_meds=64, num_evs=2048, num_gas=2048, num_lanes=6, num_ramps=8)
-    validate_config(largest)
-    slots, lanes = largest.num_vehicles, largest.num_lanes + 1
-    assert (lanes + 1) * (slots + 2) <= 2**16
-    assert slots < 2**15
-    rng = np.random.default_rng(4)
-    x = rng.permutation(slots).astype(np.float32) * 20.0
-    # All in one lane but a few: the counts of the packed words are as large as they get.
-    for crowded in range(lanes):
-        lane = np.where(rng.random(slots) < 0.99, crowded, rng.integers(0, lanes, slots))
-        lane = lane.astype(np.int32)
-        order = jnp.argsort(x).astype(jnp.int32)
-        got = jax.jit(find_neighbours, static_argnums=4)(
-            order, lane, lane + 1, jnp.ones(slots, bool), lanes
-        )
-        expected = *brute_force(x, lane, lane), *brute_force(x, lane, lane + 1)
-        for one, other in zip(got, expected, strict=True):
-            np.testing.assert_array_equal(one, other)
-
-
-def test_counting_asks_for_whole_products():
-    """A GPU would round the factors of a product to 11 bits, and counts of several lanes take 24."""
-
-    def products(jaxpr):
-        for equation in jaxpr.eqns:
-            if equation.primitive.name == "dot_general":
-                yield equation.params["precision"]
-            for inner in jax.tree.leaves(
-                list(equation.params.values()), is_leaf=lambda p: hasattr(p, "eqns")
-            ):
-                if hasattr(inner := getattr(inner, "jaxpr", inner), "eqns"):
-                    yield from products(inner)
-
-    x = jnp.zeros(208)
-    traced = jax.make_jaxpr(lambda: found(x, x.astype(int), x.astype(int), 4000.0))()
-    asked = list(products(traced.jaxpr))
-    assert asked
-    assert all(set(pair) == {jax.lax.Precision.HIGHEST} for pair in asked)
 
 
 # Batteries ---------------------------------------------------------------------------------------

@@ -34,22 +34,12 @@ from medjax.wrappers import (
 )
 from train.advantages import generalized_advantages
 from train.config import TrainConfig
+from train.finite import BAD, first_bad
 from train.losses import Batch, LossWeights, explained_variance, ppo_loss
 from train.networks import PolicyWeights, build_network, masked_categorical
 from train.rollout import EpisodeSums, RolloutState, Trajectory, collect, start
 
 Metrics = dict[str, jax.Array]
-BAD = "first_bad"  # metric: index of the first of QUANTITIES that is not finite, their number if all are
-QUANTITIES = (  # in the order in which an update computes them
-    "observations",
-    "rewards",
-    "values",
-    "advantages",
-    "loss",
-    "gradient",
-    "parameters",
-    "optimizer state",
-)
 
 
 @struct.dataclass
@@ -121,7 +111,7 @@ class Learner:
             "reward_std": jnp.sqrt(return_stats.var),
             "reward_mean": jnp.mean(trajectory.reward),
             **_episode_metrics(sums),
-            BAD: _first_bad(
+            BAD: first_bad(
                 trajectory.obs,
                 trajectory.reward,
                 (trajectory.value, last_value),
@@ -281,19 +271,6 @@ def split_environments(key: jax.Array, samples: Any, num_minibatches: int) -> An
 def _norm(tree: Any) -> jax.Array:
     """Euclidean norm of all leaves together."""
     return jnp.sqrt(sum(jnp.sum(jnp.square(leaf)) for leaf in jax.tree.leaves(tree)))
-
-
-def _first_bad(*quantities: Any) -> jax.Array:
-    """Index of the first of these trees with a number that is not finite, () int32; their count if there is none."""
-
-    def is_bad(tree: Any) -> jax.Array:
-        floats = [
-            leaf for leaf in jax.tree.leaves(tree) if jnp.issubdtype(leaf.dtype, jnp.floating)
-        ]
-        return jnp.stack([~jnp.all(jnp.isfinite(leaf)) for leaf in floats]).any()
-
-    bad = jnp.stack([*map(is_bad, quantities), jnp.bool_(True)])
-    return jnp.argmax(bad).astype(jnp.int32)
 
 
 def _episode_metrics(sums: EpisodeSums) -> Metrics:

@@ -9,14 +9,14 @@ from typing import IO, Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from train.checkpoint import Checkpoints, to_devices, to_host, updates_done
 from train.closing import close_run, prepare_evaluation
 from train.config import TrainConfig
 from train.evaluation import Evaluation
+from train.finite import BAD, finite_updates
 from train.host import Interrupt, deferred_interrupts, enable_compilation_cache
-from train.learner import BAD, QUANTITIES, TrainFunctions, TrainState
+from train.learner import TrainFunctions, TrainState
 from train.logs import MetricsLog, Progress, Row, rows_from
 from train.processes import agree, is_first, leave
 from train.rundir import RunDir
@@ -203,7 +203,7 @@ class Session:
             state, metrics = run(state, self.params, jnp.int32(count))
             metrics = jax.device_get(metrics)
             per_update_s = (time.perf_counter() - called) / count
-            healthy, bad = _healthy(metrics.pop(BAD)[..., :count])
+            healthy, bad = finite_updates(metrics.pop(BAD)[..., :count])
             rows = rows_from(metrics, count)
             for index, row in enumerate(rows):
                 since = called + (index + 1) * per_update_s
@@ -248,17 +248,6 @@ class Session:
         return (
             f"the newest checkpoint is of update {update}" if update else "there is no checkpoint"
         )
-
-
-def _healthy(first_bad: np.ndarray) -> tuple[int, str | None]:
-    """Updates before the first in which something is not finite, and what that is.
-
-    Args:
-        first_bad: metric `BAD` of `(count,)` updates, or `(num_seeds, count)`.
-    """
-    worst = np.min(np.atleast_2d(first_bad), axis=0)
-    bad = np.flatnonzero(worst < len(QUANTITIES))
-    return (int(bad[0]), QUANTITIES[worst[bad[0]]]) if bad.size else (worst.size, None)
 
 
 def _stopped(what: str) -> int:

@@ -76,28 +76,37 @@ def mutual_inductance(
             jnp.cos(tilt),
         )
     )
-    # The integrand is smooth and periodic in phi, where no rule beats the trapezoid's.
-    phi = np.linspace(0.0, math.pi, num_nodes)
-    spacing = np.full(num_nodes, math.pi / (num_nodes - 1))
-    spacing[[0, -1]] /= 2
-    cos_phi, sin_phi, weights = (
-        jnp.asarray(x, radius_1.dtype) for x in (np.cos(phi), np.sin(phi), spacing)
-    )
+    cos_phi, sin_phi, weights = (jnp.asarray(x, radius_1.dtype) for x in _half_rim(num_nodes))
 
     # Distances of a rim point in primary radii: squared from the axis, and above the plane.
     axis_sq = alpha**2 * ((cos_phi * cos_tilt - offset) ** 2 + sin_phi**2)
     height = beta - alpha * cos_phi * sin_tilt
+    sum_psi, a = _psi_sum(axis_sq, height, num_agm_steps)
+    integrand = (cos_tilt - offset * cos_phi) * sum_psi / a
+    scale = (VACUUM_PERMEABILITY / 4) * turns_1 * turns_2 * radius_2**2 / radius_1
+    return scale * jnp.sum(weights * integrand, axis=-1)
+
+
+def _half_rim(num_nodes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """cos(phi), sin(phi) and weights of the nodes, `(num_nodes,)` each."""
+    # The integrand is smooth and periodic in phi, where no rule beats the trapezoid's.
+    phi = np.linspace(0.0, math.pi, num_nodes)
+    spacing = np.full(num_nodes, math.pi / (num_nodes - 1))
+    spacing[[0, -1]] /= 2
+    return np.cos(phi), np.sin(phi), spacing
+
+
+def _psi_sum(axis_sq: jax.Array, height: jax.Array, num_steps: int) -> tuple[jax.Array, jax.Array]:
+    """The sum in Psi over axis_sq, and the mean that K divides by, at rim points in primary radii."""
     # a and b are the means of eq (3)'s k after a first step, and term is c_n^2 / axis_sq from there
     # on. The same b from the root of (1 + axis_sq + height^2)^2 - 4 axis_sq would cancel.
     b_sq = jnp.sqrt((1 - axis_sq - height**2) ** 2 + 4 * height**2)
     a_sq = (1 + axis_sq + height**2 + b_sq) / 2
     a, b = jnp.sqrt(a_sq), jnp.sqrt(b_sq)
     term = 1 / a_sq
-    sum_psi = 2 * term
-    for step in range(num_agm_steps):
+    total = 2 * term
+    for step in range(num_steps):
         a, b = (a + b) / 2, jnp.sqrt(a * b)
         term = axis_sq * term**2 / (16 * a**2)
-        sum_psi = sum_psi + 2 ** (step + 2) * term
-    integrand = (cos_tilt - offset * cos_phi) * sum_psi / a
-    scale = (VACUUM_PERMEABILITY / 4) * turns_1 * turns_2 * radius_2**2 / radius_1
-    return scale * jnp.sum(weights * integrand, axis=-1)
+        total = total + 2 ** (step + 2) * term
+    return total, a

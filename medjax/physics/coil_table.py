@@ -81,10 +81,7 @@ def tabulate_inductance(
     Raises:
       ValueError: a grid size is below its least.
     """
-    sizes = {"num_axial": num_axial, "num_lateral": num_lateral, "num_tilt": num_tilt}
-    for (name, size), least in zip(sizes.items(), _POINTS, strict=True):
-        if size < least:
-            raise ValueError(f"{name} is {size}, must be at least {least}")
+    _check_sizes(num_axial=num_axial, num_lateral=num_lateral, num_tilt=num_tilt)
     nearest, farthest, lateral_limit, tilt_limit = as_floats(
         min_axial, max_axial, max_lateral, max_tilt
     )
@@ -109,6 +106,12 @@ def tabulate_inductance(
         tilt_origin=-tilt_limit,
         tilt_step=2 * tilt_limit / (num_tilt - 1),
     )
+
+
+def _check_sizes(**sizes: int) -> None:
+    for (name, size), least in zip(sizes.items(), _POINTS, strict=True):
+        if size < least:
+            raise ValueError(f"{name} is {size}, must be at least {least}")
 
 
 def interpolate_inductance(

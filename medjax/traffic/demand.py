@@ -203,18 +203,7 @@ def fill_road(
     class_rank = jnp.where(is_ev, jnp.cumsum(is_ev), jnp.cumsum(~is_ev)) - 1
     active = class_rank < jnp.where(is_ev, evs, gas)
 
-    # One packed sort shuffles: random high bits, slot in the low bits, inactive last.
-    bits = max(1, (slots - 1).bit_length())
-    tickets = jax.random.bits(shuffle_key, (slots,), jnp.uint32) >> (bits + 1) << bits
-    tickets = jnp.where(active, tickets, jnp.uint32(2**31))
-    shuffled = jnp.sort(tickets | jnp.arange(slots, dtype=jnp.uint32))
-    order = (shuffled & jnp.uint32(2**bits - 1)).astype(jnp.int32)
-    position = (
-        jnp.zeros((slots,), jnp.int32)
-        .at[order]
-        .set(jnp.arange(slots, dtype=jnp.int32), unique_indices=True)
-    )
-
+    position = _shuffled_places(shuffle_key, active)
     per_lane = jnp.maximum(jnp.ceil((evs + gas) / num_lanes), 1.0)
     spacing = road.length_m / per_lane
     row = position // num_lanes
@@ -230,4 +219,20 @@ def fill_road(
         lane=(position % num_lanes).astype(jnp.int32),
         speed=jnp.minimum(desired_speed, fastest),
         active=active,
+    )
+
+
+def _shuffled_places(key: jax.Array, active: jax.Array) -> jax.Array:
+    """Places of slots in a random order, the active ones first, (C,) int32 from (C,) bool."""
+    slots = active.shape[0]
+    # One packed sort shuffles: random high bits, slot in the low bits, inactive last.
+    bits = max(1, (slots - 1).bit_length())
+    tickets = jax.random.bits(key, (slots,), jnp.uint32) >> (bits + 1) << bits
+    tickets = jnp.where(active, tickets, jnp.uint32(2**31))
+    shuffled = jnp.sort(tickets | jnp.arange(slots, dtype=jnp.uint32))
+    order = (shuffled & jnp.uint32(2**bits - 1)).astype(jnp.int32)
+    return (
+        jnp.zeros((slots,), jnp.int32)
+        .at[order]
+        .set(jnp.arange(slots, dtype=jnp.int32), unique_indices=True)
     )
