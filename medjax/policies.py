@@ -106,7 +106,7 @@ def greedy(env: ChargingEnv) -> Act:
     return _where_needed(env, lambda state, params: stranded_need(env, state, params), 2.0)
 
 
-def forecast(env: ChargingEnv, window_s: float = 45.0, enough: float = 3.5) -> Act:
+def forecast(env: ChargingEnv, window_s: float = 60.0, enough: float = 3.5) -> Act:
     """Sends a MED where most EVs will be in need of it (`forecast_need`), once `enough` are.
 
     The defaults are those that do best on `paper`: `python -m benchmarks.tune` compares them.
