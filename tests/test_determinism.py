@@ -45,7 +45,7 @@ def assert_equal(one, other, rows):
     assert not first
 
 
-def compare(sizes, decisions, scenario="paper", *, as_constants=False, **overrides):
+def assert_same_courses(sizes, decisions, scenario="paper", *, as_constants=False, **overrides):
     """Courses in batches of these sizes against those in the largest; size 0 is the program without vmap.
 
     XLA simplifies more where the world's numbers are constants of the program than where they are arguments.
@@ -73,14 +73,14 @@ def compare(sizes, decisions, scenario="paper", *, as_constants=False, **overrid
 
 def test_alone_and_in_a_batch():
     """Without vmap and among three, fully optimised: every number of every decision."""
-    compare([0, 3], decisions=60)
+    assert_same_courses([0, 3], decisions=60)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("observation", ["flat", "profile"])
 def test_whole_episodes_in_batches_of_all_sizes(observation):
     """1 to 128 environments at once, six hundred decisions."""
-    compare([0, 1, 2, 3, 16, 64, 128], decisions=600, observation=observation)
+    assert_same_courses([0, 1, 2, 3, 16, 64, 128], decisions=600, observation=observation)
 
 
 @pytest.mark.slow
@@ -99,13 +99,13 @@ def test_resets():
 @pytest.mark.slow
 def test_a_long_road_alone_and_in_a_batch():
     """The same of 2512 slots."""
-    compare([0, 3], decisions=120, scenario="long")
+    assert_same_courses([0, 3], decisions=120, scenario="long")
 
 
 @pytest.mark.slow
 def test_numbers_of_the_world_as_constants():
     """Alone and in a batch are equal also where a program is compiled for one world."""
-    compare([0, 2, 64], decisions=300, as_constants=True)
+    assert_same_courses([0, 2, 64], decisions=300, as_constants=True)
 
 
 @pytest.mark.slow
