@@ -11,7 +11,7 @@ from medjax.movement import vehicle_kinds
 from medjax.state import IN_SERVICE
 from medjax.traffic import find_neighbours, sort_by_road
 from medjax.traffic.demand import expected_vehicles
-from tests.test_precision import brute_force
+from tests.traffic.test_order_precision import brute_force
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 

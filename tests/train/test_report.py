@@ -194,9 +194,9 @@ def test_bad_options_are_refused(made, tmp_path, capsys, monkeypatch):
         ([], ["--run-dir"]),
         (["--run-dir=absent"], ["absent", "not a directory"]),
         (["--run-dir=."], ["config.json", "cannot read"]),
-        ([f"--run-dir={made.run}", "--episodes=1"], ["episodes is 1", "from 2"]),
-        ([f"--run-dir={made.run}", "--episodes=many"], ["episodes is many", "a whole number"]),
-        ([f"--run-dir={made.run}", "--seed=-1"], ["seed is -1", "from 0"]),
+        ([f"--run-dir={made.run}", "--episodes=1"], ["--episodes '1'", "from 2"]),
+        ([f"--run-dir={made.run}", "--episodes=many"], ["--episodes 'many'", "a whole number"]),
+        ([f"--run-dir={made.run}", "--seed=-1"], ["--seed '-1'", "from 0"]),
         ([f"--run-dir={made.run}", "--set", "cooldown_s=3"], ["--set"]),
     ):
         refused(capsys, argv, *words, command=report)
