@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from medjax.charging.booking import panel_flags
 from medjax.config import EnvConfig, EnvParams
+from medjax.rounding import rounded, sum_pairwise
 from medjax.state import NOT_BOOKED, QUEUED, EnvState
 from medjax.tick import drive_energy
 from medjax.traffic.demand import entries, entry_rates
@@ -60,7 +61,7 @@ def forecast_need(
     way = ahead_of(where.x)
     # Who enters behind the ramp must do so early enough to catch up.
     time = jnp.where(way >= 0.0, jnp.maximum(window_s - way / closing, 0.0), 0.0)
-    coming = jnp.sum(rate * time, axis=1)
+    coming = sum_pairwise(rounded(rate * time))
 
     near = jnp.abs(ahead_of(med_places(state, config, params))) <= window_m
     free = jnp.sum(jnp.where(near, free_slots(state, config), 0), axis=1)

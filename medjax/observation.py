@@ -15,7 +15,7 @@ from flax import struct
 from medjax.charging.booking import panel_flags
 from medjax.config import PANELS, EnvConfig, EnvParams
 from medjax.need import forecast_need, free_slots, med_places
-from medjax.rounding import in_units
+from medjax.rounding import in_units, rounded, sum_pairwise
 from medjax.state import AT_DEPOT, IN_SERVICE, MERGING, NOT_BOOKED, QUEUED, EnvState
 from medjax.traffic.road import lateral_position
 
@@ -219,7 +219,7 @@ class RoadProfile:
         """Columns `(n, c)` of vehicles at places `(n,)`, summed up at the road's nodes, `(road_nodes * c,)`."""
         shares = hat_weights(place, self.road_nodes)
         # Not a matrix product: that of one environment rounds otherwise than that of many, and takes longer.
-        return jnp.sum(shares[:, :, None] * columns[:, None, :], axis=0).ravel()
+        return sum_pairwise(rounded(shares[:, :, None] * columns[:, None, :]), axis=0).ravel()
 
 
 OBSERVATIONS = {"flat": FlatObservation(), "profile": RoadProfile()}

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.config import EnvConfig, EnvParams
-from medjax.rounding import in_units, sum_pairwise
+from medjax.rounding import in_units, rounded, sum_pairwise
 from medjax.state import EnvState, Tally
 
 
@@ -39,10 +39,8 @@ def depleted(outcome: Outcome) -> jax.Array:
 def soc(outcome: Outcome) -> jax.Array:
     """Mean state of charge of the EVs on the road now, R_SoC; 0 on a road without EVs."""
     on_road = outcome.after.vehicles.active[outcome.config.ev_slots]
-    charge = jnp.where(
-        on_road, in_units(outcome.after.evs.energy_j, outcome.params.ev_capacity_j), 0.0
-    )
-    return sum_pairwise(charge) / jnp.maximum(on_road.sum(), 1)
+    charge = in_units(outcome.after.evs.energy_j, outcome.params.ev_capacity_j)
+    return sum_pairwise(jnp.where(on_road, rounded(charge), 0.0)) / jnp.maximum(on_road.sum(), 1)
 
 
 def distance(outcome: Outcome) -> jax.Array:

@@ -10,27 +10,39 @@ import jax
 import jax.numpy as jnp
 
 
-def sum_pairwise(values: jax.Array) -> jax.Array:
-    """Sum over the last axis, one half added to the other until one number is left.
+def sum_pairwise(values: jax.Array, axis: int = -1) -> jax.Array:
+    """Sum over an axis, one half added to the other until one number is left.
 
     Besides being the same in every program, its error grows with the logarithm of the length only
     (Higham 1993, The accuracy of floating point summation).
 
     Args:
-      values: `(..., n)`, floats.
+      values: `(..., n, ...)`, floats; products as `rounded` gives them.
 
     Returns:
-      `(...)`.
+      `(..., ...)`.
     """
-    size = values.shape[-1]
+    axis %= values.ndim
+    size = values.shape[axis]
     if size == 0:
-        return jnp.zeros(values.shape[:-1], values.dtype)
+        return jnp.sum(values, axis)
     while size > 1:
         half = -(-size // 2)
-        odd = [(0, 0)] * (values.ndim - 1) + [(0, 2 * half - size)]
-        values = values[..., :half] + jnp.pad(values[..., half:], odd)
-        size = half
-    return values[..., 0]
+        first = jax.lax.slice_in_dim(values, 0, half, axis=axis)
+        second = jax.lax.slice_in_dim(values, half, size, axis=axis)
+        odd = [(0, 0)] * values.ndim
+        odd[axis] = (0, 2 * half - size)
+        values, size = first + jnp.pad(second, odd), half
+    return jnp.squeeze(values, axis)
+
+
+def rounded(product: jax.Array) -> jax.Array:
+    """Products `(...)` that are not negative, as they are, for sums of them.
+
+    A processor can add a product that it has not rounded yet (fused multiply-add). XLA lets it where the sum is next to
+    the product, which is so in one program and not in another; here a comparison stands between them.
+    """
+    return jnp.maximum(product, 0.0)
 
 
 def count_down(clock_s: jax.Array, dt: float) -> jax.Array:

@@ -12,7 +12,7 @@ from medjax.config import BodyParams, EnvConfig, EnvParams
 from medjax.indexing import read
 from medjax.movement import move, partners
 from medjax.physics import battery_energy, change_battery, tractive_energy
-from medjax.rounding import count_down, in_units, sum_pairwise
+from medjax.rounding import count_down, in_units, rounded, sum_pairwise
 from medjax.state import (
     IN_SERVICE,
     MERGING,
@@ -198,7 +198,7 @@ def physics_tick(
         evs = _release(vehicles, evs, meds, config, params)
 
     with jax.named_scope("tally"):
-        soc = in_units(evs.energy_j, params.ev_capacity_j)
+        soc = rounded(in_units(evs.energy_j, params.ev_capacity_j))
         travelled = jnp.where(before.active, after.x - before.x, 0.0)
         on_road = by_class(active, config)
         flow = Tally.zeros().replace(

@@ -14,6 +14,7 @@ from train.reading import read_yaml
 Override = bool | int | float | str | tuple[Any, ...] | dict[str, Any]
 
 MOST_COUNTED = 2**31 - 1  # indices and counters are int32
+MOST_PER_CALL = 1024  # updates in one call of the compiled program
 MOST_ITEMS = 32  # of a list; a deeper network would take hours to compile
 MOST_BYTES = 2**16  # of a file of settings
 
@@ -103,7 +104,7 @@ class TrainConfig:
     )
     keep_checkpoints: int = option(3, "run", "newest checkpoints kept", low=1, high=10**6)
     updates_per_call: int = option(
-        16, "run", "most updates in one call of the compiled program", low=1, high=4096
+        16, "run", "most updates in one call of the compiled program", low=1, high=MOST_PER_CALL
     )
     eval_episodes: int = option(
         64, "run", "episodes of the closing evaluation; 0: none", low=0, high=10**7

@@ -33,7 +33,7 @@ from medjax.wrappers import (
     update_stats,
 )
 from train.advantages import generalized_advantages
-from train.config import TrainConfig
+from train.config import MOST_PER_CALL, TrainConfig
 from train.finite import BAD, first_bad
 from train.losses import Batch, LossWeights, explained_variance, ppo_loss
 from train.networks import PolicyWeights, build_network, masked_categorical
@@ -137,22 +137,21 @@ class Learner:
     ) -> tuple[TrainState, Metrics]:
         """Several updates.
 
-        The number is an argument of the compiled program, not a part of it: every run of any length takes the very same
-        steps, so a resumed run repeats an uninterrupted one bit for bit.
+        The number is an argument of the compiled program, not a part of it, and the program does not depend on how many
+        the settings allow: run in whatever pieces, training takes the very same steps, bit for bit.
 
         Args:
             state: where training stands.
             env_params: parameters of the environments.
-            num_updates: () int32, at most `config.updates_per_call`.
+            num_updates: () int32, at most `MOST_PER_CALL`.
 
         Returns:
-            The new state, and metrics `(updates_per_call,)`, of which the first `num_updates` entries are filled.
+            The new state, and metrics `(MOST_PER_CALL,)`, of which the first `num_updates` entries are filled.
         """
         update = jax.jit(self.update)  # traced once for its shapes and its use
         _, shapes = jax.eval_shape(update, state, env_params)
-        places = self.config.updates_per_call
         table = {
-            name: jnp.full((places,), 0 if name == BAD else jnp.nan, metric.dtype)
+            name: jnp.full((MOST_PER_CALL,), 0 if name == BAD else jnp.nan, metric.dtype)
             for name, metric in shapes.items()
         }
 

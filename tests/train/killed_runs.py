@@ -17,14 +17,8 @@ from pathlib import Path
 
 from tests.train.conftest import TINY, make_probe
 
-UPDATES = 200
-OPTIONS = [
-    *TINY,
-    f"--total-timesteps={16 * UPDATES}",
-    "--checkpoint-interval=1",
-    "--eval-episodes=0",
-    "--num-devices=1",
-]
+UPDATES_PER_LIFE = 100  # more than a life gets done in its last tenth of a second
+OPTIONS = [*TINY, "--checkpoint-interval=1", "--eval-episodes=0", "--num-devices=1"]
 
 
 def begin(argv: list[str]) -> int:
@@ -64,7 +58,8 @@ def main(place: Path, seed: int, kills: int) -> None:
     medjax.make = make_probe
     warnings.filterwarnings("ignore", "os.fork")
     whole, parts = place / "whole", place / "parts"
-    child = begin([*OPTIONS, f"--run-dir={whole}"])
+    options = [*OPTIONS, f"--total-timesteps={16 * UPDATES_PER_LIFE * kills}"]
+    child = begin([*options, f"--run-dir={whole}"])
     assert os.waitpid(child, 0)[1] == 0
 
     rng = random.Random(seed)
@@ -74,7 +69,7 @@ def main(place: Path, seed: int, kills: int) -> None:
         if not resumes:
             shutil.rmtree(parts, ignore_errors=True)
         started = time.monotonic()
-        child = begin([f"--resume={parts}"] if resumes else [*OPTIONS, f"--run-dir={parts}"])
+        child = begin([f"--resume={parts}"] if resumes else [*options, f"--run-dir={parts}"])
         if number % 3 == 2:  # on its way to the first update, where it spends most of a short life
             time.sleep(rng.uniform(0.0, warm_up))
         else:
