@@ -11,6 +11,7 @@ from medjax.charging.transfer import coupling_efficiency
 from medjax.config import FRONT, LEFT, PANELS
 from medjax.movement import drivers_of
 from medjax.physics import change_battery
+from medjax.rounding import sum_pairwise
 from medjax.state import IN_SERVICE, Tally
 from medjax.tick import drive_energy, physics_tick
 from medjax.traffic.motion import ballistic_step
@@ -159,6 +160,19 @@ def test_a_battery_ends_at_empty_and_at_full():
 
 
 # Sums and clocks ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("shape", [(5, 1, 8), (40, 3, 7), (2, 9, 33)])
+def test_pairwise_sums_along_any_axis(shape, axis):
+    """Within the bound of Higham 1993, eq. (3.6), of float64's sum."""
+    values = np.random.default_rng(axis).uniform(-1.0, 1.0, shape).astype(np.float32)
+    found = np.asarray(sum_pairwise(jnp.asarray(values), axis=axis))
+    exact = values.astype(np.float64).sum(axis)
+    rounds = np.ceil(np.log2(shape[axis]))
+    bound = 1.001 * rounds * ROUNDING * np.abs(values).sum(axis, dtype=np.float64)
+    assert found.shape == exact.shape
+    assert (np.abs(found - exact) <= bound).all()
 
 
 def summed(happened, decisions):
