@@ -91,3 +91,21 @@ def test_nobody_starts_faster_than_tyres_can_brake(headway):
         closing += (faster > 0.0).sum()
         assert (faster <= 2.0 * worlds.motion.max_braking[row] * gap).all()
     assert closing > 100
+
+
+@pytest.mark.parametrize("observation", ["flat", "profile"])
+def test_a_road_may_be_for_evs_alone(observation):
+    """No slot for gas vehicles: those that ask wait outside, EVs come and go, every number is finite."""
+    env, params = medjax.make("paper", num_gas=0, num_evs=8, num_meds=2, observation=observation)
+    _, state = jax.jit(env.reset)(jax.random.key(0), params)
+    step = jax.jit(env.step_env)
+    for decision in range(40):
+        key = jax.random.fold_in(jax.random.key(1), decision)
+        obs, state, reward, _, _, info = step(key, state, decision % 5, params)
+        numbers = jax.tree.leaves((obs, reward, info["metrics"], info["reward_terms"]))
+        assert all(np.isfinite(leaf).all() for leaf in numbers)
+    meds, evs, gas = np.asarray(state.tally.entered)
+    assert meds > 0
+    assert evs > 0
+    assert gas == 0
+    assert int(state.queue.sum()) > 0

@@ -133,7 +133,7 @@ def place(admitted: jax.Array, free: jax.Array) -> tuple[jax.Array, jax.Array]:
     num_entries = admitted.shape[0]
     place_in_line = jnp.cumsum(admitted.astype(jnp.int32)) - 1
     free_before = jnp.cumsum(free.astype(jnp.int32))
-    placed = admitted & (place_in_line < free_before[-1])
+    placed = admitted & (place_in_line < jnp.sum(free, dtype=jnp.int32))
     in_line = jnp.full((num_entries,), -1, jnp.int32)
     in_line = in_line.at[jnp.where(placed, place_in_line, num_entries)].set(
         jnp.arange(num_entries, dtype=jnp.int32), mode="drop"
