@@ -122,7 +122,7 @@ def whole_number(name: str, text: str, least: int = 0, most: int = 2**32 - 1) ->
     Raises:
       InputError: it is none.
     """
-    number = int(text) if re.fullmatch(r"\s*[0-9]{1,18}\s*", text) else -1
+    number = int(text) if re.fullmatch("[0-9]{1,18}", text) else -1
     if not least <= number <= most:
         raise InputError(f"{name} {shown(text)}: allowed a whole number from {least} to {most}")
     return number

@@ -189,7 +189,7 @@ def _saved(run: Path | None, file: Path | None) -> TrainConfig:
 def _config(changes: dict[str, Any], saved: TrainConfig) -> TrainConfig:
     """The settings: those saved, and what the command line changes."""
     before = to_json(saved)
-    changes["overrides"] = {**before["overrides"], **changes.get("overrides", {})}
+    changes["overrides"] = {**before["overrides"], **changes["overrides"]}
     return from_json({**before, **changes})
 
 

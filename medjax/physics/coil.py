@@ -65,16 +65,10 @@ def mutual_inductance(
     radius_1, radius_2, axial, lateral, tilt, turns_1, turns_2 = as_floats(
         primary_radius, secondary_radius, axial, lateral, tilt, primary_turns, secondary_turns
     )
+    ratios = radius_2 / radius_1, axial / radius_1, lateral / radius_2
     # The angle phi along the secondary's rim runs along a new last axis.
     alpha, beta, offset, sin_tilt, cos_tilt = (
-        jnp.expand_dims(x, -1)
-        for x in (
-            radius_2 / radius_1,
-            axial / radius_1,
-            lateral / radius_2,
-            jnp.sin(tilt),
-            jnp.cos(tilt),
-        )
+        jnp.expand_dims(x, -1) for x in (*ratios, jnp.sin(tilt), jnp.cos(tilt))
     )
     cos_phi, sin_phi, weights = (jnp.asarray(x, radius_1.dtype) for x in _half_rim(num_nodes))
 

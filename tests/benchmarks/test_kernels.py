@@ -164,8 +164,11 @@ def test_a_wrong_kernel_shows_in_its_row(monkeypatch):
         (["--roads", "65537"], "allowed a whole number from 1 to 65536"),
         (["--repeats", "-1"], "'-1': allowed a whole number"),
         (["--repeats", "1.5"], "'1.5': allowed a whole number"),
-        (["--json", "."], "allowed a file"),
-        (["--json", "/no/such/place.json"], "allowed a file"),
+        (["--json", "."], ".: is a directory; allowed a file"),
+        (
+            ["--json", "/no/such/place.json"],
+            "No such file or directory; allowed a file in a directory that can be written",
+        ),
         (["--road", "3"], "unrecognized arguments"),
     ],
 )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.train.probe_envs import Probe, ProbeParams
-from train.config import TrainConfig
+from train.config import MOST_PER_CALL, TrainConfig
 from train.learner import make_train
 from train.networks import apply_policy, build_network
 
@@ -105,6 +105,7 @@ def test_seeds_are_independent():
     config = TrainConfig(**(BASE | {"num_seeds": 2}))
     programs = make_train(env, params, config)
     state, metrics = programs.run(programs.init(jax.random.key(0), params), params, jnp.int32(2))
+    assert metrics["loss"].shape == (2, MOST_PER_CALL)
     first, second = metrics["loss"][:, :2]
     assert (first != second).all()
     assert state.update.shape == (2,)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.train.conftest import TINY
-from tests.train.test_cli import refused
+from tests.train.test_cli import exit_code, refused
 from tests.train.test_session import rows_of, state_of
 from train import ppo
 from train.logs import read_rows
@@ -161,6 +161,8 @@ def test_processes_that_make_no_sense(probe, capsys, argv, words):
 
 def test_more_devices_than_there_are(probe, capsys):
     refused(capsys, [*TINY, "--num-devices=3"], "num_devices is 3", "allowed: 0 to 2")
+    assert list(probe.iterdir()) == []
+    assert exit_code(ppo, [*TINY, "--num-devices=2", "--eval-episodes=0"]) == 0
 
 
 def test_resumed_on_another_number_of_devices(probe):
