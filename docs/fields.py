@@ -9,7 +9,7 @@ from typing import Any
 
 import griffe
 
-SETTING = "option"  # of train.config: its third argument is the help of the command line
+SETTING = "option"  # of train.settings: its third argument is the help of the command line
 
 
 class FieldComments(griffe.Extension):

@@ -19,13 +19,13 @@ import numpy as np
 
 import medjax
 from medjax.charging.docking import Misalignment, Partner, misalignment, panel_lane, panel_x
-from medjax.charging.transfer import coupling_efficiency
-from medjax.config import HUMAN_EV, MED, PANELS, RIGHT, BodyParams, EnvParams
+from medjax.charging.exchange import coupling_efficiency
+from medjax.env.tick import drive_energy
 from medjax.physics import mutual_inductance
-from medjax.tick import drive_energy
 from medjax.traffic import idm_acceleration
 from medjax.traffic.motion import lateral_step
-from train.figures import new_figure, save
+from medjax.world.params import HUMAN_EV, MED, PANELS, RIGHT, BodyParams, EnvParams
+from train.reporting.figures import new_figure, save
 
 ROOT = Path(__file__).parent.parent
 # Okabe and Ito (2008), as in train/figures.py; line styles tell curves apart as well.

@@ -9,22 +9,22 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from medjax.config import EnvConfig, EnvParams
-    from medjax.env import ChargingEnv
-    from medjax.policies import BASELINES
-    from medjax.reward import TERMS
+    from medjax.env.charging_env import ChargingEnv
+    from medjax.env.reward import TERMS
+    from medjax.policies.rules import BASELINES
     from medjax.scenarios import SCENARIOS, make
+    from medjax.world.params import EnvConfig, EnvParams
 
 __all__ = ["BASELINES", "SCENARIOS", "TERMS", "ChargingEnv", "EnvConfig", "EnvParams", "make"]
 __version__ = "0.1.0"
 
 _HOMES = {
-    "BASELINES": "policies",
+    "BASELINES": "policies.rules",
     "SCENARIOS": "scenarios",
-    "TERMS": "reward",
-    "ChargingEnv": "env",
-    "EnvConfig": "config",
-    "EnvParams": "config",
+    "TERMS": "env.reward",
+    "ChargingEnv": "env.charging_env",
+    "EnvConfig": "world.params",
+    "EnvParams": "world.params",
     "make": "scenarios",
 }
 

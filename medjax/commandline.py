@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from medjax.wording import MOST_SHOWN, InputError, one_line, shown
+from medjax.errors import MOST_SHOWN, InputError, one_line, shown
 
 MOST_PATH = 1000  # characters; directories are made one within the other
 MOST_NAME = 255  # bytes, of every usual file system

@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from medjax.wording import InputError
+from medjax.errors import InputError
 
 
 def check_writable(directory: Path) -> None:

@@ -15,7 +15,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from medjax.config import (
+from medjax.env.charging_env import ChargingEnv
+from medjax.env.observation import OBSERVATIONS
+from medjax.env.reward import TERMS, RewardTerm
+from medjax.errors import MOST_SHOWN, shown
+from medjax.physics import tabulate_inductance
+from medjax.world.limits import Limits, read_number
+from medjax.world.params import (
     BodyParams,
     ChargingParams,
     DemandParams,
@@ -29,13 +35,7 @@ from medjax.config import (
     RoadParams,
     check_numbers,
 )
-from medjax.env import ChargingEnv
-from medjax.limits import Limits, read_number
-from medjax.observation import OBSERVATIONS
-from medjax.physics import tabulate_inductance
-from medjax.ranges import COILS, GROUPS, OTHERS, SIZES
-from medjax.reward import TERMS, RewardTerm
-from medjax.wording import MOST_SHOWN, shown
+from medjax.world.ranges import COILS, GROUPS, OTHERS, SIZES
 
 JOULES_PER_KWH = 3.6e6
 
@@ -374,7 +374,7 @@ def make(
       name: one of `SCENARIOS`.
       reward: terms by name; those that come with medjax if None. A term that `reward_weights` of the
         preset does not know gets weight 1.
-      observation: a name of `medjax.observation.OBSERVATIONS`, or one of your own (`ChargingEnv`).
+      observation: a name of `medjax.env.observation.OBSERVATIONS`, or one of your own (`ChargingEnv`).
       **overrides: sizes of `EnvConfig` (`num_evs=80`), numbers of `EnvParams` by their own name
         (`cooldown_s=30`), by group and name where that is not unique (`{"ev.mass_kg": 2000}`), the
         coils (`med_coil_radius_m=0.4`), or `reward_weights={"dispatches": -1.0}`. `ramp_x_m` says

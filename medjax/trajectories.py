@@ -1,15 +1,15 @@
 """The command that writes who was where: `python -m medjax.trajectories --policy NAME --scenario NAME --out FILE`.
 
-Plays one episode and writes a row for each vehicle and physics tick, as Parquet or CSV (`medjax.export.vehicle_table`
-says what is in a row), or as SUMO's floating-car data. Exit code 2 on bad input.
+Plays one episode and writes a row for each vehicle and physics tick, as Parquet or CSV
+(`medjax.episodes.table.vehicle_table` says what is in a row), or as SUMO's floating-car data. Exit code 2 on bad input.
 """
 
 import sys
 from collections.abc import Sequence
 
 from medjax.commandline import OneLineParser, as_path
-from medjax.export import check_target, write_trajectories
-from medjax.playing import add_played, played_of
+from medjax.episodes.chosen import add_played, played_of
+from medjax.episodes.files import check_target, write_trajectories
 from medjax.wrappers import prepare_cpu
 
 PROG = "python -m medjax.trajectories"

@@ -5,7 +5,7 @@ import warnings
 
 import pytest
 
-from medjax.wording import InputError
+from medjax.errors import InputError
 
 MOST_S = 2.0  # of the processor: nothing here waits
 MOST_CHARACTERS = 400  # of a message: the value, the name and what is allowed

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from medjax import commandline
-from medjax.ranges import SIZES
+from medjax.world.ranges import SIZES
 from tests import fuzz
 from tests.refusals import MOST_S, AcceptedError, check_line
 from tests.test_bad_input import (
@@ -103,16 +103,16 @@ COMMANDS = {
     "train.export": ["--run-dir=run"],
     "medjax.render.__main__": ["--out=new.png"],
     "medjax.trajectories": ["--out=new.csv"],
-    "benchmarks.calibrate": [],
-    "benchmarks.generalization": ["--run-dir=run"],
-    "benchmarks.kernels": [],
+    "benchmarks.studies.calibrate": [],
+    "benchmarks.studies.generalization": ["--run-dir=run"],
+    "benchmarks.speed.kernels": [],
     "benchmarks.peers.__main__": [],
-    "benchmarks.planner": [],
-    "benchmarks.scaling": [],
-    "benchmarks.throughput": [],
-    "benchmarks.training": [],
-    "benchmarks.tune": [],
-    "benchmarks.ablation.__main__": ["cooldown"],
+    "benchmarks.studies.planner": [],
+    "benchmarks.speed.scaling": [],
+    "benchmarks.speed.throughput": [],
+    "benchmarks.speed.training": [],
+    "benchmarks.studies.tune": [],
+    "benchmarks.studies.ablation.__main__": ["cooldown"],
 }
 ALWAYS = (
     "--frobnicate",

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import medjax
-import train.session  # noqa: F401 - takes seconds, which count for no input
-from medjax import config as world
-from medjax.ranges import SIZES
+import train.runs.session  # noqa: F401 - takes seconds, which count for no input
 from medjax.scenarios import prepare
+from medjax.world import params as world
+from medjax.world.ranges import SIZES
 from tests import fuzz
 from tests.refusals import not_refused
-from train.config import TrainConfig
+from train.settings import TrainConfig
 
 pytestmark = pytest.mark.usefixtures("nothing_starts")
 

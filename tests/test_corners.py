@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import medjax
-from benchmarks.worlds import draw_params, random_units
-from medjax.config import EnvConfig
+from benchmarks.verification.worlds import draw_params, random_units
+from medjax.world.params import EnvConfig
 from medjax.wrappers import in_blocks
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from medjax import ranges
-from medjax.config import EnvConfig, EnvParams, check_numbers
 from medjax.scenarios import prepare
+from medjax.world import ranges
+from medjax.world.params import EnvConfig, EnvParams, check_numbers
 from tests import fuzz
-from train.cli import parse_request
-from train.config import TrainConfig
+from train.arguments import parse_request
+from train.settings import TrainConfig
 
 ROWS = {row.name: row for row in [*fuzz.ROWS, *fuzz.COILS]}
 FIELDS = {field.name: field for field in dataclasses.fields(TrainConfig)}

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import medjax
-from benchmarks import cases, soak
-from benchmarks.cases import Case, run_case
-from benchmarks.invariants import INVARIANTS
-from benchmarks.worlds import (
+from benchmarks.verification import cases, soak
+from benchmarks.verification.cases import Case, run_case
+from benchmarks.verification.invariants import INVARIANTS
+from benchmarks.verification.worlds import (
     as_overrides,
     as_settings,
     draw_config,
@@ -24,7 +24,7 @@ from benchmarks.worlds import (
     validated,
     world_of,
 )
-from medjax.config import EnvConfig
+from medjax.world.params import EnvConfig
 
 NUM_ENVS = 128
 # The corners of what medjax is meant to bear, and sizes between them.
@@ -103,7 +103,7 @@ def test_cases_reach_all_sizes():
     assert max(c.tick_s for c in configs) == 0.5
     assert max(c.num_meds for c in configs) > 35
     for config in configs:
-        medjax.config.validate_config(config)
+        medjax.world.params.validate_config(config)
 
 
 def test_worlds_reach_the_ends():

@@ -7,10 +7,10 @@ import pytest
 
 import medjax
 from medjax.charging.booking import panel_flags
-from medjax.movement import vehicle_kinds
-from medjax.state import IN_SERVICE
 from medjax.traffic import find_neighbours, sort_by_road
 from medjax.traffic.demand import expected_vehicles
+from medjax.traffic.step import vehicle_kinds
+from medjax.world.state import IN_SERVICE
 from tests.traffic.test_order_precision import brute_force
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")

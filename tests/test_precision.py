@@ -7,14 +7,14 @@ import pytest
 
 import medjax
 from medjax.charging.docking import docking_acceleration, misalignment
-from medjax.charging.transfer import coupling_efficiency
-from medjax.config import FRONT, LEFT, PANELS
-from medjax.movement import drivers_of
+from medjax.charging.exchange import coupling_efficiency
+from medjax.env.tick import drive_energy, physics_tick
+from medjax.numerics.sums import sum_pairwise
 from medjax.physics import change_battery
-from medjax.rounding import sum_pairwise
-from medjax.state import IN_SERVICE, Tally
-from medjax.tick import drive_energy, physics_tick
 from medjax.traffic.motion import ballistic_step
+from medjax.traffic.step import drivers_of
+from medjax.world.params import FRONT, LEFT, PANELS
+from medjax.world.state import IN_SERVICE, Tally
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 

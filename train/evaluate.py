@@ -15,11 +15,11 @@ from medjax.commandline import (
     parse_overrides,
     whole_number,
 )
+from medjax.errors import InputError
 from medjax.files import check_output
-from medjax.wording import InputError
-from train.rundir import RunDir, check_matplotlib, write_json
-from train.tables import format_table
-from train.trained_run import LIMITS, load_policies, to_play, trained_run_parser
+from train.evaluation.tables import format_table
+from train.runs.run_directory import RunDir, check_matplotlib, write_json
+from train.runs.trained_run import LIMITS, load_policies, to_play, trained_run_parser
 
 
 def build_parser() -> OneLineParser:
@@ -64,8 +64,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         env, params, policies = load_policies(run_dir.path, config, given.stochastic)
     except InputError as error:
         return fail("python -m train.evaluate", error)
-    from train.evaluation import evaluate_policies, summarize
-    from train.host import enable_compilation_cache
+    from train.evaluation.scores import evaluate_policies, summarize
+    from train.runs.host import enable_compilation_cache
 
     enable_compilation_cache()
     try:
@@ -77,7 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if target is not None:
         write_json(target, result)
     if picture is not None:
-        from train.figures import plot_comparison
+        from train.reporting.figures import plot_comparison
 
         plot_comparison(picture, scores, numbers["seed"])
     print(format_table(result))

@@ -1,4 +1,4 @@
-"""`python -m train.export --run-dir DIR`: the trained policy as one file that `medjax.exported.load_policy` reads."""
+"""`python -m train.export --run-dir DIR`: the trained policy as one file, for `medjax.policies.saved.load_policy`."""
 
 import sys
 from collections.abc import Sequence
@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from medjax.commandline import OneLineParser, as_path, fail
+from medjax.errors import InputError
 from medjax.files import check_output
-from medjax.wording import InputError
-from train.config import TrainConfig
-from train.rundir import RunDir
-from train.trained_run import load_weights
+from train.runs.run_directory import RunDir
+from train.runs.trained_run import load_weights
+from train.settings import TrainConfig
 
 PLATFORMS = ("cpu", "cuda", "tpu")
 
@@ -19,7 +19,7 @@ def build_parser() -> OneLineParser:
     """The command line."""
     parser = OneLineParser(
         prog="python -m train.export",
-        description="Writes the trained policy of a run as one file, for medjax.exported.load_policy.",
+        description="Writes the trained policy of a run as one file, for medjax.policies.saved.load_policy.",
     )
     parser.add_argument(
         "--run-dir", required=True, metavar="DIR", help="directory that train.ppo wrote"
@@ -37,7 +37,7 @@ def export_policy(path: Path, env: Any, config: TrainConfig, weights: Any) -> No
         path: file to write, replaced.
         env: a single environment of the run.
         config: settings of the run.
-        weights: `train.networks.PolicyWeights`; of the first seed if there were several.
+        weights: `train.algorithms.networks.PolicyWeights`; of the first seed if there were several.
 
     Raises:
         OSError: it cannot be written.
@@ -45,8 +45,8 @@ def export_policy(path: Path, env: Any, config: TrainConfig, weights: Any) -> No
     import jax
     from jax import export
 
-    from medjax.exported import About, save_policy
-    from train.networks import apply_policy, build_network
+    from medjax.policies.saved import About, save_policy
+    from train.algorithms.networks import apply_policy, build_network
 
     network = build_network(env, config)
     if config.num_seeds > 1:

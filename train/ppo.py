@@ -8,8 +8,8 @@ import sys
 from collections.abc import Sequence
 
 from medjax.commandline import fail
-from medjax.wording import InputError
-from train.cli import parse_request
+from medjax.errors import InputError
+from train.arguments import parse_request
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -23,7 +23,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     request = parse_request(argv)
     # JAX takes seconds to import; --help and bad options need not wait for it.
-    from train.opening import open_session
+    from train.runs.start import open_session
 
     try:
         session = open_session(request)

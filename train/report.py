@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from medjax.commandline import OneLineParser, as_path, fail, whole_number
+from medjax.errors import InputError
 from medjax.files import check_writable
-from medjax.wording import InputError
-from train.rundir import RunDir, check_matplotlib
-from train.trained_run import LIMITS, load_policies, to_play, trained_run_parser
+from train.runs.run_directory import RunDir, check_matplotlib
+from train.runs.trained_run import LIMITS, load_policies, to_play, trained_run_parser
 
 
 def build_parser() -> OneLineParser:
@@ -46,8 +46,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise InputError("num_ramps is 0, allowed: a run with ramps to send MEDs from")
     except InputError as error:
         return fail("python -m train.report", error)
-    from train.contents import draw, play, write
-    from train.host import enable_compilation_cache
+    from train.reporting.contents import draw, play, write
+    from train.runs.host import enable_compilation_cache
 
     enable_compilation_cache()
     try:

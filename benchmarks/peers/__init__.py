@@ -10,7 +10,7 @@ import dataclasses
 from pathlib import Path
 from typing import ClassVar
 
-from medjax.config import EnvConfig, EnvParams
+from medjax.world.params import EnvConfig, EnvParams
 
 
 @dataclasses.dataclass(frozen=True)

@@ -21,13 +21,13 @@ from typing import Any
 import jax
 
 import medjax
-from benchmarks.arguments import benchmark_parser, positive
+from benchmarks.command import benchmark_parser, positive
 from benchmarks.peers import Peer, Rate, World
 from benchmarks.peers.highway import HighwayEnv
 from benchmarks.peers.sumo import Sumo
-from benchmarks.workload import measure
+from benchmarks.speed.workload import measure
+from medjax.numerics.devices import cpu_cores
 from medjax.wrappers import prepare_cpu
-from medjax.wrappers.devices import cpu_cores
 
 PEERS: tuple[type[Any], ...] = (Sumo, HighwayEnv)  # each built with a World
 SCENARIO = "paper"

@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 
 from medjax.charging.docking import Partner, panel_lane, panel_x
-from medjax.config import FRONT, PANELS, REAR, ChargingParams, EnvParams
-from medjax.state import IN_SERVICE, NOT_BOOKED, MEDs
+from medjax.world.params import FRONT, PANELS, REAR, ChargingParams, EnvParams
+from medjax.world.state import IN_SERVICE, NOT_BOOKED, MEDs
 
 FAR = 1.0e9
 # A lane change takes about so long; the choice of a panel counts it as way to go.

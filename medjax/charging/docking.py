@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.config import FRONT, LEFT, REAR, RIGHT, ChargingParams
+from medjax.world.params import FRONT, LEFT, REAR, RIGHT, ChargingParams
 
 # Slot lanes relative to the MED's, by panel: left, right, rear, front.
 PANEL_LANE = (-1, 1, 0, 0)

@@ -5,11 +5,11 @@ Coils (`mutual_inductance`, tabulated by `tabulate_inductance`), the link betwee
 elliptic integrals (`ellipk`, `ellipe`). SI units throughout; float64 in gives float64 out.
 """
 
-from medjax.physics.battery import battery_energy, change_battery, tractive_energy
+from medjax.physics.circuit import link_efficiency
 from medjax.physics.coil import VACUUM_PERMEABILITY, mutual_inductance
 from medjax.physics.coil_table import InductanceTable, interpolate_inductance, tabulate_inductance
+from medjax.physics.driving_energy import battery_energy, change_battery, tractive_energy
 from medjax.physics.elliptic import ellipe, ellipk
-from medjax.physics.link import link_efficiency
 
 __all__ = [
     "VACUUM_PERMEABILITY",

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from flax import struct
 from jax.typing import ArrayLike
 
-from medjax.indexing import read
+from medjax.numerics.gathers import read
 from medjax.physics._arrays import as_floats
 from medjax.physics.coil import mutual_inductance
 

@@ -14,9 +14,9 @@ from medjax.render.command import Request, parse_request
 from medjax.render.options import PROG
 
 if TYPE_CHECKING:
-    from medjax.config import EnvParams
-    from medjax.env import ChargingEnv
-    from medjax.recording import Recording
+    from medjax.env.charging_env import ChargingEnv
+    from medjax.episodes.recording import Recording
+    from medjax.world.params import EnvParams
 
 
 def main(argv: Sequence[str] | None = None) -> int:

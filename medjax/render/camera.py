@@ -7,10 +7,10 @@ import re
 
 import numpy as np
 
+from medjax.errors import shown
 from medjax.render.roadway import Roadway
 from medjax.render.scene import Scene, Timeline
 from medjax.render.tracks import CLASSES, Track
-from medjax.wording import shown
 
 AUTO = "auto"
 HOLD_S = 10.0  # that the camera stays with a MED before it goes to a busier one

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from medjax.commandline import as_path
+from medjax.episodes.chosen import Played, played_of
+from medjax.errors import InputError, shown
 from medjax.files import check_output
-from medjax.playing import Played, played_of
 from medjax.render import MissingLibrary
 from medjax.render.camera import check_follow
 from medjax.render.options import SUFFIXES, build_parser
-from medjax.wording import InputError, shown
 
 MOST = 1e9  # seconds or metres: more than there are
 LIBRARIES: dict[str, dict[str, str]] = {

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from medjax.config import GAS, HUMAN_EV, MED, PANELS
-from medjax.metrics import JOULES_PER_KWH
-from medjax.recording import Recording
+from medjax.env.metrics import JOULES_PER_KWH
+from medjax.episodes.recording import Recording
 from medjax.render.camera import AUTO, camera_path
 from medjax.render.layout import EXAGGERATION
 from medjax.render.packing import Packer
@@ -17,6 +16,7 @@ from medjax.render.roadway import VEHICLE_WIDTH_M
 from medjax.render.scene import Timeline
 from medjax.render.series import charts_of
 from medjax.traffic.road import lateral_position
+from medjax.world.params import GAS, HUMAN_EV, MED, PANELS
 
 
 def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:

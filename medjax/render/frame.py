@@ -6,7 +6,6 @@ import functools
 
 import numpy as np
 
-from medjax.config import EnvConfig, EnvParams
 from medjax.render import colors
 from medjax.render.asphalt import draw_asphalt, draw_ruler
 from medjax.render.camera import busiest_place
@@ -17,7 +16,8 @@ from medjax.render.roadway import Roadway
 from medjax.render.scene import Scene, scene_of_state
 from medjax.render.traffic import draw_close, draw_far
 from medjax.scenarios import SCENARIOS
-from medjax.state import EnvState
+from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.state import EnvState
 
 SIZE = (1280, 480)  # px, width and height, unless another one is asked for
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from medjax.commandline import OneLineParser
-from medjax.playing import add_played
+from medjax.episodes.chosen import add_played
 from medjax.render.camera import AUTO, FORMS
 
 PROG = "python -m medjax.render"

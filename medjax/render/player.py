@@ -12,8 +12,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from medjax.episodes.recording import Recording
 from medjax.files import replacing
-from medjax.recording import Recording
 from medjax.render import colors
 from medjax.render.camera import AUTO, camera_path, find_track, is_vehicle
 from medjax.render.episode_data import pack_episode

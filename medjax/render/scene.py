@@ -7,13 +7,13 @@ import functools
 
 import numpy as np
 
-from medjax.config import EnvConfig, EnvParams
-from medjax.movement import vehicle_kinds
-from medjax.recording import Frames, Recording, frame_of
+from medjax.episodes.recording import Frames, Recording, frame_of
 from medjax.render.roadway import Roadway
 from medjax.render.tracks import class_of, ran_out, tracks_of
-from medjax.state import NOT_BOOKED, EnvState
 from medjax.traffic.road import lateral_position
+from medjax.traffic.step import vehicle_kinds
+from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.state import NOT_BOOKED, EnvState
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Scene:
     speed: np.ndarray  # (V,) m/s
     lane: np.ndarray  # (V,) int
     active: np.ndarray  # (V,) bool, on the road
-    kind: np.ndarray  # (V,) int, `medjax.config.KINDS`
+    kind: np.ndarray  # (V,) int, `medjax.world.params.KINDS`
     ev_soc: np.ndarray  # (E,)
     ev_med: np.ndarray  # (E,) int, -1 for none
     ev_panel: np.ndarray  # (E,) int, -1 for none

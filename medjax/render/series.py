@@ -7,8 +7,8 @@ import warnings
 
 import numpy as np
 
-from medjax.metrics import JOULES_PER_KWH
-from medjax.recording import Recording
+from medjax.env.metrics import JOULES_PER_KWH
+from medjax.episodes.recording import Recording
 
 
 @dataclasses.dataclass(frozen=True)

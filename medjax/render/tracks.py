@@ -7,8 +7,8 @@ from collections import Counter
 
 import numpy as np
 
-from medjax.config import EnvConfig
-from medjax.recording import Recording
+from medjax.episodes.recording import Recording
+from medjax.world.params import EnvConfig
 
 CLASSES = ("MED", "EV", "gas")
 

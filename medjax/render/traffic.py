@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from medjax.config import GAS, MED
 from medjax.render import colors
 from medjax.render.canvas import Canvas, text_width
 from medjax.render.layout import Box, View
 from medjax.render.legend import dashed_box, link, mark_ran_out
 from medjax.render.roadway import VEHICLE_WIDTH_M, Roadway
 from medjax.render.scene import Scene, is_booked
-from medjax.state import IN_SERVICE
+from medjax.world.params import GAS, MED
+from medjax.world.state import IN_SERVICE
 
 FAR_PX = {MED: (9.0, 1.0), GAS: (3.0, 0.6)}  # least length of a mark, and its share of a lane
 FAR_EV_PX = (5.0, 0.8)

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from medjax.episodes.recording import Recording
 from medjax.files import replacing
-from medjax.recording import Recording
 from medjax.render.camera import AUTO, busiest_place, busiest_time, camera_path
 from medjax.render.encoder import encode, ffmpeg_program
 from medjax.render.frame import SIZE, draw

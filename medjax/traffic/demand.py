@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.config import DemandParams, DriverParams, RoadParams, Scalar
+from medjax.world.params import DemandParams, DriverParams, RoadParams, Scalar
 
 # Arrivals at one entry in one decision are counted up to here; with 2 expected, more come once in
 # 20,000 decisions.

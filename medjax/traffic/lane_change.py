@@ -11,8 +11,7 @@ from typing import NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 
-from medjax.config import LaneChangeParams
-from medjax.traffic.car_following import (
+from medjax.traffic.following import (
     Follower,
     Leader,
     Platooning,
@@ -22,6 +21,7 @@ from medjax.traffic.car_following import (
 )
 from medjax.traffic.mobil import is_safe, mobil_incentive
 from medjax.traffic.neighbours import NOBODY, Neighbours
+from medjax.world.params import LaneChangeParams
 
 T = TypeVar("T")
 

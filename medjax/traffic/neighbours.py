@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.indexing import read, write
+from medjax.numerics.gathers import read, write
 
 NOBODY = -1
 

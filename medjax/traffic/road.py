@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from medjax.config import RoadParams
+from medjax.world.params import RoadParams
 
 
 def merge_distance(x: jax.Array, road: RoadParams) -> jax.Array:

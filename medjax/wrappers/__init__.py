@@ -3,22 +3,22 @@
 `medjax.wrappers.gymnasium` is imported by itself: it needs the library.
 """
 
+from medjax.env.contract import BatchEnvironment, Environment
+from medjax.numerics.devices import environment_mesh, on_devices, prepare_cpu
+from medjax.numerics.rows import for_true_rows, in_blocks
 from medjax.wrappers.auto_reset import BatchAutoReset, BatchState
+from medjax.wrappers.base import TimeLimitAsEnd, Wrapper
 from medjax.wrappers.decide_every import DecideEvery
-from medjax.wrappers.devices import environment_mesh, on_devices, prepare_cpu
+from medjax.wrappers.demand import RandomDemand, RandomDemandState, scale_demand
 from medjax.wrappers.episode_log import EpisodeLog, EpisodeLogState
 from medjax.wrappers.legacy import LegacyStep
-from medjax.wrappers.normalize import (
+from train.algorithms.normalization import (
     RunningStats,
     init_stats,
     normalize,
     scale_reward,
     update_stats,
 )
-from medjax.wrappers.protocol import BatchEnvironment, Environment
-from medjax.wrappers.randomize import RandomDemand, RandomDemandState, scale_demand
-from medjax.wrappers.rows import for_true_rows, in_blocks
-from medjax.wrappers.wrapper import TimeLimitAsEnd, Wrapper
 
 __all__ = [
     "BatchAutoReset",

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from medjax.wrappers.protocol import Environment, Observation, Params, State, StepResult
-from medjax.wrappers.rows import for_true_rows
+from medjax.env.contract import Environment, Observation, Params, State, StepResult
+from medjax.numerics.rows import for_true_rows
 
 
 @struct.dataclass

@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from medjax.wrappers.protocol import Params, State, StepResult
-from medjax.wrappers.wrapper import Wrapper
+from medjax.env.contract import Params, State, StepResult
+from medjax.wrappers.base import Wrapper
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
+from medjax.env.contract import Observation, Params, StepResult
 from medjax.wrappers.auto_reset import BatchAutoReset
-from medjax.wrappers.protocol import Observation, Params, StepResult
 
 
 @struct.dataclass

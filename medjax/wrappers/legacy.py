@@ -5,10 +5,10 @@ from typing import Any
 
 import jax
 
-from medjax.env import ChargingEnv
-from medjax.spaces import Discrete
-from medjax.wrappers.protocol import Info, Observation, Params, State
-from medjax.wrappers.wrapper import Wrapper
+from medjax.env.charging_env import ChargingEnv
+from medjax.env.contract import Info, Observation, Params, State
+from medjax.env.spaces import Discrete
+from medjax.wrappers.base import Wrapper
 
 
 @dataclasses.dataclass(frozen=True)

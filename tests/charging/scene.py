@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from medjax.state import IN_SERVICE
+from medjax.world.state import IN_SERVICE
 
 MED_SPEED = 22.0
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import medjax
 from medjax.charging.booking import Offers, Requests, book, panel_flags
-from medjax.state import NOT_BOOKED
+from medjax.world.state import NOT_BOOKED
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 

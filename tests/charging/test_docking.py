@@ -7,12 +7,12 @@ import pytest
 
 import medjax
 from medjax.charging.docking import docking_acceleration, misalignment
-from medjax.config import FRONT, LEFT, REAR, RIGHT
-from medjax.movement import drivers_of
+from medjax.env.tick import physics_tick
 from medjax.physics import mutual_inductance
-from medjax.state import NOT_BOOKED
-from medjax.tick import physics_tick
 from medjax.traffic import ballistic_step, idm_acceleration
+from medjax.traffic.step import drivers_of
+from medjax.world.params import FRONT, LEFT, REAR, RIGHT
+from medjax.world.state import NOT_BOOKED
 from tests.charging.scene import scene
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.policies import BASELINES
-from medjax.recording import by_rule, record_episode
+from medjax.episodes.recording import by_rule, record_episode
+from medjax.policies.rules import BASELINES
 from tests.render.made import busy, parked
 
 SMALL = {

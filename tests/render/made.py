@@ -6,8 +6,8 @@ import jax
 import numpy as np
 
 import medjax
-from medjax.recording import Decisions, Frames, Recording
-from medjax.state import AT_DEPOT, IN_SERVICE, Tally
+from medjax.episodes.recording import Decisions, Frames, Recording
+from medjax.world.state import AT_DEPOT, IN_SERVICE, Tally
 
 TICKS = 4
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.exported import About, save_policy
+from medjax.policies.saved import About, save_policy
 from medjax.render.__main__ import main
 from tests.benchmarks.refusal import refused
 from tests.render.test_player import contents
@@ -57,7 +57,7 @@ def _nothing_is_simulated(request, monkeypatch, tmp_path):
         raise AssertionError("simulated before the input was checked")
 
     if request.node.get_closest_marker("slow") is None:
-        monkeypatch.setattr("medjax.recording.record_episode", record)
+        monkeypatch.setattr("medjax.episodes.recording.record_episode", record)
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def played(monkeypatch, recording, other):
     def record(*args, policy, **kwargs):
         return other if policy == "none" else recording
 
-    monkeypatch.setattr("medjax.recording.record_episode", record)
+    monkeypatch.setattr("medjax.episodes.recording.record_episode", record)
 
 
 @pytest.mark.parametrize(("argv", "says"), BAD)

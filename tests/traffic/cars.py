@@ -2,8 +2,8 @@
 
 import jax.numpy as jnp
 
-from medjax.config import DriverParams
-from medjax.traffic.car_following import make_drivers
+from medjax.traffic.following import make_drivers
+from medjax.world.params import DriverParams
 
 LENGTH = 5.0
 

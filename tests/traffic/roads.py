@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from medjax.movement import drivers_of
-from medjax.tick import physics_tick
+from medjax.env.tick import physics_tick
+from medjax.traffic.step import drivers_of
 from tests.traffic.reference import idm
 
 KIND_FIELDS = (

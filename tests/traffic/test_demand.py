@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from scipy.stats import poisson
 
 import medjax
-from medjax.entry import admit
 from medjax.traffic import ballistic_step, idm_acceleration
 from medjax.traffic.demand import (
     MOST_ARRIVALS,
@@ -25,6 +24,7 @@ from medjax.traffic.demand import (
     place,
     poisson_arrivals,
 )
+from medjax.traffic.entry import admit
 from tests.traffic.roads import put
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from medjax.config import EnvConfig
-from medjax.state import MERGING
 from medjax.traffic.lane_change import whose_turn
+from medjax.world.params import EnvConfig
+from medjax.world.state import MERGING
 from tests.traffic.reference import equilibrium_gap, idm, parameters
 from tests.traffic.roads import Record, put, run
 

@@ -4,12 +4,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from medjax.config import LaneChangeParams
 from medjax.traffic import idm_acceleration, mobil_incentive
-from medjax.traffic.car_following import Platooning, following_acceleration, of_slots, roles
+from medjax.traffic.following import Platooning, following_acceleration, of_slots, roles
 from medjax.traffic.lane_change import Turn, Wish, decide
 from medjax.traffic.mobil import is_safe
 from medjax.traffic.neighbours import NOBODY, Neighbours
+from medjax.world.params import LaneChangeParams
 from tests.traffic.cars import LENGTH, drivers
 from tests.traffic.reference import CAR, TRUCK, idm
 

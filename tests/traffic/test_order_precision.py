@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from medjax.config import EnvConfig, validate_config
 from medjax.traffic import find_neighbours, sort_by_road
 from medjax.traffic.neighbours import NOBODY
+from medjax.world.params import EnvConfig, validate_config
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from medjax.traffic import ballistic_step, idm_acceleration
-from medjax.traffic.car_following import Drivers, Platooning, following_acceleration, roles
+from medjax.traffic.following import Drivers, Platooning, following_acceleration, roles
 from medjax.traffic.neighbours import NOBODY
 from tests.traffic.cars import LENGTH, drivers
 from tests.traffic.reference import CAR, HIGHWAY, equilibrium_gap, gain, idm, sampled_gain

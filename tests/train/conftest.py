@@ -44,7 +44,7 @@ def coin(env):
 def probe(monkeypatch, tmp_path, quick_compiles):
     """Makes the commands use probes, and leaves them in an empty working directory."""
     monkeypatch.setattr("medjax.make", make_probe)
-    monkeypatch.setattr("train.closing.BASELINES", {"none": never, "random": coin})
+    monkeypatch.setattr("train.runs.finish.BASELINES", {"none": never, "random": coin})
     work = tmp_path / "work"
     work.mkdir()
     monkeypatch.chdir(work)

@@ -66,7 +66,7 @@ def test_the_highway_trains_the_same_however_it_is_driven(tmp_path, monkeypatch)
         argv += ["--set", f"{name}={value}"]
     one = ["--updates-per-call=1", "--eval-episodes=0", "--checkpoint-interval=3"]
     assert ppo.main([*argv, *one, f"--run-dir={tmp_path / 'one'}"]) == 0
-    monkeypatch.setattr("train.session.SECONDS_PER_CALL", 1e9)
+    monkeypatch.setattr("train.runs.session.SECONDS_PER_CALL", 1e9)
     many = ["--checkpoint-interval=0", "--eval-episodes=4"]
     assert ppo.main([*argv, *many, f"--run-dir={tmp_path / 'many'}"]) == 0
     assert len(rows_of(tmp_path / "one")) == 16

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.exported import load_policy
-from medjax.recording import record_episode
+from medjax.episodes.recording import record_episode
+from medjax.policies.saved import load_policy
 from medjax.wrappers import init_stats
-from tests.train.test_cli import refused
+from tests.train.test_arguments import refused
 from train import export
-from train.config import TrainConfig
-from train.evaluation import evaluate_policies, trained
-from train.networks import PolicyWeights, apply_policy, build_network
+from train.algorithms.networks import PolicyWeights, apply_policy, build_network
+from train.evaluation.scores import evaluate_policies, trained
+from train.settings import TrainConfig
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 

@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-import train.contents
-from tests.train.test_cli import refused
+import train.reporting.contents
+from tests.train.test_arguments import refused
 from train import evaluate, report
-from train.checkpoint import to_host
-from train.cli import parse_request
-from train.diagrams import _in_bins
-from train.figures import plot_curve
-from train.opening import open_session
-from train.survey import SOC_BINS, dispatch_rows, quantile, survey, total
-from train.tables import claim_rows, paper_rows
-from train.traces import Frame, Trace
+from train.arguments import parse_request
+from train.evaluation.tables import claim_rows, paper_rows
+from train.reporting.diagrams import _in_bins
+from train.reporting.figures import plot_curve
+from train.reporting.survey import SOC_BINS, dispatch_rows, quantile, survey, total
+from train.reporting.traces import Frame, Trace
+from train.runs.checkpoint import to_host
+from train.runs.start import open_session
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -54,7 +54,7 @@ def made(tmp_path_factory):
     run = tmp_path_factory.mktemp("report") / "run"
     make_run(run)
     traces, marked, out = [], [], io.StringIO()
-    record, plot_episode = train.contents.record, train.contents.plot_episode
+    record, plot_episode = train.reporting.contents.record, train.reporting.contents.plot_episode
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out):
 
         def keep(*arguments):
@@ -62,9 +62,13 @@ def made(tmp_path_factory):
                 traces.append(trace)
                 yield trace
 
-        patch.setattr("train.contents.record", keep)
-        patch.setattr("train.contents.plot_episode", lambda *a: marked.append(plot_episode(*a)))
-        patch.setattr("train.traces.EPISODES_AT_ONCE", 3)  # a whole part and one that is not
+        patch.setattr("train.reporting.contents.record", keep)
+        patch.setattr(
+            "train.reporting.contents.plot_episode", lambda *a: marked.append(plot_episode(*a))
+        )
+        patch.setattr(
+            "train.reporting.traces.EPISODES_AT_ONCE", 3
+        )  # a whole part and one that is not
         code = report.main([f"--run-dir={run}", f"--episodes={EPISODES}", "--seed=2"])
     whole = jax.tree.map(lambda *parts: np.concatenate(parts), *traces)
     return SimpleNamespace(
@@ -74,10 +78,10 @@ def made(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def scores(made):
-    """What `train.evaluation` says of the same episodes, an array `(episodes,)` each metric and policy."""
-    from train.evaluation import evaluate_policies
-    from train.rundir import RunDir
-    from train.trained_run import load_policies
+    """What `train.evaluation.scores` says of the same episodes, an array `(episodes,)` each metric and policy."""
+    from train.evaluation.scores import evaluate_policies
+    from train.runs.run_directory import RunDir
+    from train.runs.trained_run import load_policies
 
     env, params, policies = load_policies(made.run, RunDir(made.run).load_config(), False)
     return evaluate_policies(env, params, policies, EPISODES, seed=2)
@@ -107,7 +111,7 @@ class Page(HTMLParser):
 def test_pictures_and_page_are_complete(made):
     assert made.code == 0
     there = made.run / "report"
-    names = [f"{name}.png" for name in train.contents.PICTURES]
+    names = [f"{name}.png" for name in train.reporting.contents.PICTURES]
     assert sorted(path.name for path in there.iterdir()) == sorted(
         [*names, "evaluation.json", "report.html"]
     )

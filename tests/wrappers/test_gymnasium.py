@@ -15,7 +15,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv  # noqa: E402
 from gymnasium.wrappers.vector import RecordEpisodeStatistics  # noqa: E402
 
 import medjax  # noqa: E402
-from medjax.env import ChargingEnv  # noqa: E402
+from medjax.env.charging_env import ChargingEnv  # noqa: E402
 from medjax.render import MissingLibrary  # noqa: E402
 from medjax.wrappers.gymnasium import ENV_ID, ChargingGymEnv  # noqa: E402
 

@@ -15,13 +15,13 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from gymnasium.spaces import Box, Discrete
 
-from medjax.config import EnvConfig, EnvParams
-from medjax.env import ChargingEnv
-from medjax.reward import RewardTerm
+from medjax.env.charging_env import ChargingEnv
+from medjax.env.reward import RewardTerm
+from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.scenarios import make
-from medjax.state import EnvState
+from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.state import EnvState
 from medjax.wrappers.auto_reset import BatchAutoReset, BatchState
-from medjax.wrappers.devices import environment_mesh, on_devices
 
 FRAMES_PER_S = 10  # a frame a decision: ten times true speed where a decision is a second
 

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from medjax.state import EnvState
+from medjax.world.state import EnvState
 from medjax.wrappers.gymnasium import programs
 from medjax.wrappers.gymnasium.window import Window
 

@@ -1,0 +1,1 @@
+"""How fast: throughput, scaling, kernels, training."""

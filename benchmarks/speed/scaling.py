@@ -1,0 +1,107 @@
+"""`python -m benchmarks.scaling`: does the cost of a vehicle stay the same from small to large?
+
+Over the number of environments, over the number of vehicles on a road (longer roads at the same demand),
+and over devices (on a CPU, cores); and what a reset and the memory of an environment cost.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import statistics
+import time
+from typing import Any
+
+import jax
+
+from benchmarks.command import add_scenario, benchmark_parser, positive
+from benchmarks.speed.workload import ENVS, VEHICLES, Measurement, Workload, alternate, road_for
+from medjax.commandline import OneLineParser
+from medjax.wrappers import prepare_cpu
+
+
+def cost_ns(result: Measurement) -> float:
+    """Nanoseconds of wall time an active vehicle and tick."""
+    return 1e9 / result.active_vehicle_updates_per_s
+
+
+def spread(results: list[Measurement]) -> float:
+    """The dearest vehicle's cost by the cheapest one's."""
+    costs = [cost_ns(result) for result in results]
+    return max(costs) / min(costs)
+
+
+def reset_in_decisions(num_envs: int, repeats: int, scenario: str) -> float:
+    """Time to reset all environments by the time of one decision in all of them."""
+    work = Workload(num_envs, steps=20, scenario=scenario)
+    work.play()
+    decision_s = statistics.median(work.play()[0] for _ in range(repeats)) / work.steps
+    walls = []
+    for number in range(repeats + 1):
+        start = time.perf_counter()
+        jax.block_until_ready(work.reset(jax.random.key(number)))
+        walls.append(time.perf_counter() - start)
+    return statistics.median(walls[1:]) / decision_s
+
+
+def show(title: str, column: str, rows: list[tuple[Any, Measurement]]) -> None:
+    """A table, and how far its costs are apart."""
+    print(
+        f"\n{title}\n{column:>12}  environments  vehicles a road  M updates/s  ns a vehicle and tick"
+    )
+    for name, result in rows:
+        print(
+            f"{name:>12}  {result.num_envs:>12}  {result.mean_active_vehicles:>15.0f}"
+            f"  {result.active_vehicle_updates_per_s / 1e6:>11.2f}  {cost_ns(result):>21.1f}"
+        )
+    print(f"dearest by cheapest: {spread([result for _, result in rows]):.2f}", flush=True)
+
+
+def build_parser() -> OneLineParser:
+    """The command line."""
+    parser = benchmark_parser("scaling", __doc__)
+    parser.add_argument("--num-envs", type=positive, default=1024, metavar="N")
+    parser.add_argument("--repeats", type=positive, default=5)
+    add_scenario(parser)
+    return parser
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Prints the tables and writes all figures as JSON."""
+    options = build_parser().parse_args(arguments)
+    prepare_cpu()
+    most, scenario = options.num_envs, options.scenario
+
+    def compare(title: str, column: str, works: dict[int, Workload]) -> list[Measurement]:
+        results = alternate(list(works.values()), options.repeats)
+        show(title, column, list(zip(works, results, strict=True)))
+        return results
+
+    def sized(num_envs: int, **changes: Any) -> Workload:
+        # As many decisions in all, so that every measurement takes about as long.
+        return Workload(num_envs, max(4, 50 * most // num_envs), scenario=scenario, **changes)
+
+    tables = {"envs": compare("over environments", "environments", {n: sized(n) for n in ENVS})}
+    roads = {
+        n: Workload(max(1, most * VEHICLES[0] // n), 50, scenario=scenario, **road_for(n, scenario))
+        for n in VEHICLES
+    }
+    tables["vehicles"] = compare("over vehicles on a road", "asked for", roads)
+    counts = [n for n in range(1, len(jax.local_devices()) + 1) if most % n == 0]
+    shares = {n: sized(most, num_devices=n) for n in counts}
+    tables["devices"] = compare("over devices", "devices", shares)
+    reset = reset_in_decisions(most, options.repeats, scenario)
+    print(f"\na reset costs as much as {reset:.2f} decisions")
+    here = tables["devices"][-1]
+    print(
+        f"an environment takes {here.state_bytes_per_env / 1024:.1f} KiB of state and "
+        f"{here.work_bytes_per_env / 1024:.1f} KiB of work space"
+    )
+    if options.json:
+        report: dict[str, Any] = {
+            name: [dataclasses.asdict(result) for result in results]
+            for name, results in tables.items()
+        }
+        report |= {f"{name}_spread": spread(results) for name, results in tables.items()}
+        report["reset_in_decisions"] = reset
+        options.json.write_text(json.dumps(report, indent=2))

@@ -1,0 +1,99 @@
+"""`python -m benchmarks.throughput`: how many active vehicles medjax moves a second.
+
+The complete default step is timed: dispatch, entries, booking, ticks, observation, reward, metrics and
+auto-reset, under uniformly random actions. Only vehicles really on the road are counted.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from typing import Any
+
+from benchmarks.command import add_scenario, benchmark_parser, positive, whole_number
+from benchmarks.speed.stages import stage_times
+from benchmarks.speed.workload import ENVS, VEHICLES, Measurement, Workload, measure, road_for
+from medjax.commandline import OneLineParser, fail
+from medjax.wrappers import environment_mesh, prepare_cpu
+
+
+def build_parser() -> OneLineParser:
+    """The command line."""
+    parser = benchmark_parser("throughput", __doc__)
+    parser.add_argument("--num-envs", type=positive, default=[1024], nargs="+", metavar="N")
+    parser.add_argument(
+        "--sweep",
+        choices=("envs", "vehicles"),
+        help=f"go through {ENVS} environments, or through roads of {VEHICLES} vehicles",
+    )
+    parser.add_argument("--stages", action="store_true", help="show where a decision's time goes")
+    parser.add_argument("--steps", type=positive, default=50, help="decisions in a repeat")
+    parser.add_argument("--repeats", type=positive, default=5)
+    add_scenario(parser)
+    parser.add_argument(
+        "--num-devices",
+        type=whole_number(least=0),
+        default=0,
+        metavar="N",
+        help="devices or CPU cores; 0: all",
+    )
+    return parser
+
+
+def show(result: Measurement) -> None:
+    """One line a measurement."""
+    print(
+        f"{result.num_envs:6d} environments: {result.active_vehicle_updates_per_s / 1e6:6.2f} M active "
+        f"vehicle updates/s, {result.env_steps_per_s:8.0f} decisions/s, "
+        f"{result.mean_active_vehicles:.0f} vehicles a road, compiled in {result.compile_s:.1f} s",
+        flush=True,
+    )
+
+
+def show_stages(times: dict[str, float]) -> None:
+    """Shares of the time that all cores spent in operations."""
+    total = sum(times.values())
+    print("\nstage                 share")
+    for name, seconds in sorted(times.items(), key=lambda item: -item[1]):
+        print(f"{name:<20}{100 * seconds / total:6.1f} %")
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Prints one line a measurement and writes the only one, or all of several, as JSON."""
+    options = build_parser().parse_args(arguments)
+    prepare_cpu()
+    cases: list[tuple[int, dict[str, Any]]] = [(num_envs, {}) for num_envs in options.num_envs]
+    if options.sweep == "envs":
+        cases = [(num_envs, {}) for num_envs in ENVS]
+    elif options.sweep == "vehicles":
+        # As many vehicles in all, so that only the length of a road differs.
+        most = options.num_envs[0]
+        cases = [
+            (max(1, most * VEHICLES[0] // count), road_for(count, options.scenario))
+            for count in VEHICLES
+        ]
+    common = {"scenario": options.scenario, "num_devices": options.num_devices}
+    try:
+        for num_envs, _ in cases:
+            environment_mesh(num_envs, options.num_devices)
+    except ValueError as error:
+        sys.exit(fail("python -m benchmarks.throughput", error))
+    results = []
+    for num_envs, overrides in cases:
+        try:
+            result = measure(
+                num_envs, steps=options.steps, repeats=options.repeats, **common, **overrides
+            )
+        except ValueError as error:
+            sys.exit(fail("python -m benchmarks.throughput", error))
+        results.append(dataclasses.asdict(result))
+        show(result)
+    if options.stages:
+        num_envs, overrides = cases[0]
+        work = Workload(num_envs, steps=8, **common, **overrides)
+        times = stage_times(work)
+        show_stages(times)
+        results[0]["stage_seconds"] = times
+    if options.json:
+        options.json.write_text(json.dumps(results[0] if len(results) == 1 else results, indent=2))

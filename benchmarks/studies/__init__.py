@@ -1,0 +1,1 @@
+"""What a number of the world, a rule or a learner comes to."""

@@ -1,0 +1,71 @@
+"""`python -m benchmarks.ablation STUDY`: what a number of the world, or a weight of the reward, does.
+
+misalignment, humans, cooldown and fleet play rules, and a trained run, in worlds that differ in this one number;
+weights trains a dispatcher for each of several rewards. All worlds of a study run side by side in one compiled
+program and on the same episodes, so that what differs is due to the number that was changed. The options of a study:
+`python -m benchmarks.ablation STUDY --help`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from benchmarks.command import episodes_parser, picture
+from benchmarks.studies.ablation import sweeps, weights
+from medjax.commandline import OneLineParser, add_set_option
+from medjax.errors import InputError
+from medjax.wrappers import prepare_cpu
+from train.runs.host import enable_compilation_cache
+
+WEIGHTS = "weights"
+
+
+def build_parser(study: str) -> OneLineParser:
+    """The command line of one study."""
+    note = weights.NOTE if study == WEIGHTS else sweeps.SWEEPS[study].note
+    parser = episodes_parser(f"ablation {study}", note, episodes=128, seed=0)
+    parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
+    add_set_option(parser, "set another number of the environment, as for train.ppo; repeatable")
+    parser.add_argument("--plot", type=picture, metavar="FILE.png", help="draw the figure here")
+    parser.add_argument(
+        "--stochastic",
+        action="store_true",
+        help="sample the trained policy's actions; else the most probable",
+    )
+    if study == WEIGHTS:
+        weights.add_options(parser)
+    else:
+        sweeps.add_options(parser, study)
+    return parser
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Prints the table of a study; writes the figures and the picture that are asked for."""
+    top = OneLineParser(
+        prog="python -m benchmarks.ablation",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    top.add_argument("study", choices=[WEIGHTS, *sweeps.SWEEPS])
+    top.add_argument("options", nargs=argparse.REMAINDER, help="see STUDY --help")
+    chosen = top.parse_args(arguments)
+    parser = build_parser(chosen.study)
+    options = parser.parse_args(chosen.options)
+    prepare_cpu()
+    enable_compilation_cache()
+    try:
+        if chosen.study == WEIGHTS:
+            report, draw = weights.run(options), weights.plot
+        else:
+            report, draw = sweeps.run(chosen.study, options), sweeps.plot
+    except InputError as error:
+        parser.error(str(error))
+    if options.json:
+        options.json.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    if options.plot:
+        draw(options.plot, report)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,180 @@
+"""Policies in worlds that differ in one number."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.command import a_path
+from benchmarks.studies.ablation.scores import (
+    Column,
+    cells,
+    describe,
+    draw_rows,
+    finish,
+    headings,
+    in_world,
+    non_negative,
+    rules,
+    settings,
+)
+from benchmarks.studies.ablation.worlds import play_worlds
+from medjax.commandline import OneLineParser
+from medjax.policies.rules import BASELINES
+from train.arguments import check_environment, make_environment
+from train.evaluation.scores import Policy, Scores
+from train.evaluation.statistics import bootstrap_ci95
+from train.evaluation.tables import format_rows, interval, short
+from train.reporting.figures import new_figure
+from train.runs.trained_run import load_policies
+
+
+@dataclasses.dataclass(frozen=True)
+class Sweep:
+    """A number of the world, and the values that it takes."""
+
+    number: str  # as medjax.make takes it, group included
+    values: tuple[float, ...]
+    label: str  # with its unit
+    note: str
+
+
+SWEEPS = {
+    "misalignment": Sweep(
+        "link.misalignment_scale",
+        (0, 0.5, 1, 2),
+        "share of the misalignment that coils see",
+        "Coils without misalignment (0: every link at its nominal place), with it (1), and with twice as much (2).",
+    ),
+    "humans": Sweep(
+        "demand.human_share",
+        (0, 0.25, 0.5, 0.75, 1),
+        "share of EVs with a human driver",
+        "EVs that people drive, with their noise, among EVs that drive themselves.",
+    ),
+    "cooldown": Sweep(
+        "fleet.cooldown_s",
+        (5, 10, 20, 30, 40, 60),
+        "cooldown after a dispatch (s)",
+        "How long no MED can be sent after one was.",
+    ),
+    "fleet": Sweep(
+        "fleet.size",
+        (0, 3, 6, 9, 12, 15),
+        "MEDs in the fleet",
+        "How many MEDs there are; where the preset has no places for more: --set num_meds=30 --values 15 20 30.",
+    ),
+}
+COLUMNS = (
+    Column("return", "return", "return of an episode", True),
+    Column("depleted_share", "depleted share", "share of EVs that run out", True),
+    Column("meds_dispatched", "MEDs sent", "MEDs sent in an episode"),
+    Column("energy_delivered_kwh", "kWh delivered", "energy delivered in an episode (kWh)"),
+    Column("energy_lost_kwh", "lost", "energy lost in an episode (kWh)"),
+    Column("mean_soc", "mean SoC", "mean state of charge"),
+)
+
+
+def add_options(parser: OneLineParser, study: str) -> None:
+    """Options of these studies only."""
+    sweep = SWEEPS[study]
+    parser.add_argument(
+        "--values",
+        type=non_negative,
+        nargs="+",
+        default=sweep.values,
+        metavar="X",
+        help=f"{sweep.label} (default: {' '.join(map(str, sweep.values))})".replace("%", "%%"),
+    )
+    parser.add_argument(
+        "--run-dir", type=a_path, metavar="DIR", help="directory that train.ppo wrote, to play too"
+    )
+
+
+def run(study: str, options: argparse.Namespace) -> dict[str, Any]:
+    """Plays all policies at all values, and prints a table.
+
+    Returns:
+      The report: what was varied, and a row for each policy and value.
+
+    Raises:
+      InputError: a value that is not allowed, or a run that cannot be read.
+    """
+    sweep, config = SWEEPS[study], settings(options)
+    values = [int(value) if value == int(value) else value for value in options.values]
+    for value in values:  # refuses those that are not allowed
+        overrides = {**config.overrides, sweep.number: value}
+        check_environment(dataclasses.replace(config, overrides=overrides))
+    policies: dict[str, Policy] = {}
+    if options.run_dir:
+        env, params, found = load_policies(options.run_dir, config, options.stochastic)
+        policies = {name: found[name] for name in found if name not in BASELINES}
+    else:
+        env, params = make_environment(config)
+    policies |= rules(env)
+    numbers = {sweep.number: np.asarray(values, np.float32)}
+    scores = play_worlds(env, params, numbers, policies, options.episodes, options.seed)
+    rows = [
+        row for name, score in scores.items() for row in _rows(name, score, values, options.seed)
+    ]
+    print(f"{config.scenario}, {options.episodes} episodes, seed {options.seed}: {sweep.label}")
+    print(_table(rows, values[0]))
+    return {
+        "study": study,
+        "number": sweep.number,
+        "label": sweep.label,
+        "scenario": config.scenario,
+        "episodes": options.episodes,
+        "seed": options.seed,
+        "rows": rows,
+    }
+
+
+def _rows(policy: str, score: Scores, values: list[float], seed: int) -> list[dict[str, Any]]:
+    """A row for each value; return_change is the return less that of the same episodes at the first value."""
+    rows = []
+    for index, value in enumerate(values):
+        change = score["return"][index] - score["return"][0]
+        rows.append(
+            {"policy": policy, "value": value}
+            | describe(in_world(score, index), COLUMNS, seed)
+            | {
+                "return_change": float(change.mean()),
+                "return_change_ci95": list(bootstrap_ci95(change, seed)),
+            }
+        )
+    return rows
+
+
+def _table(rows: list[dict[str, Any]], first: float) -> str:
+    """The rows as text."""
+    table = [["policy", "value", *headings(COLUMNS), f"return minus at {first}, 95 % CI"]]
+    for row in rows:
+        change = f"{short(row['return_change'])} {interval(row['return_change_ci95'])}"
+        shown = change if row["value"] != first else ""
+        table.append([row["policy"], str(row["value"]), *cells(row, COLUMNS), shown])
+    return format_rows(table)
+
+
+def plot(path: Path, report: dict[str, Any]) -> None:
+    """Draws return and depleted share over the values, a line a policy.
+
+    Args:
+      path: of the PNG.
+      report: of `run`.
+    """
+    figure = new_figure(11, 4.8)
+    names = list(dict.fromkeys(row["policy"] for row in report["rows"]))
+    panels = {}
+    for axes, column in zip(figure.subplots(1, 2), COLUMNS[:2], strict=True):
+        for number, name in enumerate(names):
+            rows = [row for row in report["rows"] if row["policy"] == name]
+            rows.sort(key=lambda row: row["value"])
+            draw_rows(axes, rows, "value", column.metric, name, number, "-")
+        panels[axes] = report["label"], f"{column.axis}, 95 % CI"
+    title = f"{report['scenario']}, {report['episodes']} episodes, the same for all"
+    finish(figure, panels, title, 7, path)

@@ -1,0 +1,158 @@
+"""Dispatchers trained for rewards of other weights: what MEDs and traffic pay for fewer depleted EVs."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.command import positive
+from benchmarks.studies.ablation.scores import (
+    Column,
+    cells,
+    describe,
+    draw_rows,
+    finish,
+    headings,
+    in_world,
+    non_negative,
+    rules,
+    settings,
+)
+from benchmarks.studies.ablation.worlds import play_worlds, train_worlds
+from medjax.commandline import OneLineParser
+from medjax.errors import InputError
+from train.algorithms.networks import build_network
+from train.arguments import check_environment, make_environment
+from train.evaluation.scores import TRAINED, evaluate_policies, trained
+from train.evaluation.tables import format_rows
+from train.reporting.figures import new_figure
+
+NOTE = (
+    "Trains a dispatcher for each cost of a MED without a cost of delay, and for each cost of delay without a cost of "
+    "a MED; weights of eq (10), against that of a depleted EV."
+)
+COSTS = {  # by reward term: default values, and what is paid for
+    "dispatches": ((0.0, 10.0, 20.0, 30.0), "a MED sent"),
+    "gas_delay": ((0.05, 0.1), "a second that a gas vehicle loses"),
+}
+LEFT = {"xytext": (-7, 5), "ha": "right"}  # of a point
+COLUMNS = (
+    Column("depleted_share", "depleted share", "share of EVs that run out", True),
+    Column("meds_dispatched", "MEDs sent", "MEDs sent in an episode", True),
+    Column("gas_mean_speed", "gas m/s", "mean speed of gas vehicles (m/s)", True),
+    Column("mean_soc", "mean SoC", "mean state of charge"),
+)
+
+
+def add_options(parser: OneLineParser) -> None:
+    """Options of this study only."""
+    parser.add_argument(
+        "--decisions", type=positive, default=1_000_000, metavar="N", help="of each learner"
+    )
+    for term, (values, paid_for) in COSTS.items():
+        shown = " ".join(f"{value:g}" for value in values)
+        parser.add_argument(
+            f"--{term.replace('_', '-')}",
+            type=non_negative,
+            nargs="*",
+            default=values,
+            metavar="COST",
+            help=f"of {paid_for} (default: {shown})",
+        )
+
+
+def run(options: argparse.Namespace) -> dict[str, Any]:
+    """Trains a dispatcher for each reward, plays them and the rules, and prints a table.
+
+    Returns:
+      The report: a row for each learner, with its costs, then one for each rule. Returns count the costs.
+
+    Raises:
+      InputError: a setting that is not allowed.
+    """
+    costs = [{"dispatches": cost, "gas_delay": 0.0} for cost in options.dispatches]
+    costs += [{"dispatches": 0.0, "gas_delay": cost} for cost in options.gas_delay]
+    if not costs:
+        raise InputError("no cost in --dispatches and --gas-delay, allowed: at least one")
+    config = dataclasses.replace(settings(options), total_timesteps=options.decisions)
+    for own in costs:  # refuses those that are not allowed
+        paid = {f"reward_weights.{term}": -cost for term, cost in own.items()}
+        check_environment(dataclasses.replace(config, overrides={**config.overrides, **paid}))
+    env, params = make_environment(config)
+    numbers = {
+        f"reward_weights.{term}": -np.asarray([each[term] for each in costs], np.float32)
+        for term in COSTS
+    }
+    weights = train_worlds(env, params, numbers, config)
+    network = build_network(env, config)
+    learned = {TRAINED: trained(network, weights, config.decide_every, options.stochastic)}
+    episodes, seed = options.episodes, options.seed
+    scores = play_worlds(env, params, numbers, learned, episodes, seed, own_weights=True)[TRAINED]
+    rows = [
+        {"policy": TRAINED, **cost, **describe(in_world(scores, index), COLUMNS, seed)}
+        for index, cost in enumerate(costs)
+    ]
+    for name, score in evaluate_policies(env, params, rules(env), episodes, seed).items():
+        rows.append({"policy": name, **describe(score, COLUMNS, seed)})
+    decisions = config.num_updates * config.steps_per_update
+    each = f"{decisions} decisions of each learner, {episodes} episodes, seed {seed}"
+    print(f"{config.scenario}, {each}")
+    print(_table(rows))
+    return {
+        "study": "weights",
+        "scenario": config.scenario,
+        "decisions": decisions,
+        "episodes": episodes,
+        "seed": seed,
+        "rows": rows,
+    }
+
+
+def _table(rows: list[dict[str, Any]]) -> str:
+    """The rows as text."""
+    table = [["policy", "cost of a MED", "of a lost second", *headings(COLUMNS)]]
+    for row in rows:
+        costs = [f"{row[term]:g}" if term in row else "-" for term in COSTS]
+        table.append([row["policy"], *costs, *cells(row, COLUMNS)])
+    return format_rows(table)
+
+
+def plot(path: Path, report: dict[str, Any]) -> None:
+    """Draws depleted EVs over MEDs and over the speed of gas vehicles: a point a learner, with its cost, or a rule.
+
+    Args:
+      path: of the PNG.
+      report: of `run`.
+    """
+    figure = new_figure(11, 5)
+    learned = [row for row in report["rows"] if row["policy"] == TRAINED]
+    on_meds = [row for row in learned if not row["gas_delay"]]
+    on_delay = [row for row in learned if row["gas_delay"]]
+    depleted, *prices, _ = COLUMNS
+    panels = {}
+    for axes, column in zip(figure.subplots(1, 2), prices, strict=True):
+        series = [
+            ("PPO, cost of a MED", on_meds, "-"),
+            ("PPO, cost of a lost second", on_delay, ":"),
+            *((row["policy"], [row], "") for row in report["rows"] if row["policy"] != TRAINED),
+        ]
+        for number, (label, rows, line) in enumerate(series):
+            if rows:
+                draw_rows(axes, rows, column.metric, depleted.metric, label, number, line)
+        for row in learned:
+            # Costs of either kind stand on their own side: their points lie close together.
+            side: dict[str, Any] = {"xytext": (7, -13)} if row["gas_delay"] else LEFT
+            axes.annotate(
+                f"{row['gas_delay'] or row['dispatches']:g}",
+                (row[column.metric], row[depleted.metric]),
+                textcoords="offset points",
+                **side,
+            )
+        axes.margins(0.1)
+        panels[axes] = f"{column.axis}, 95 % CI", f"{depleted.axis}, 95 % CI"
+    each = f"{report['decisions']} decisions of each learner, {report['episodes']} episodes"
+    finish(figure, panels, f"{report['scenario']}: {each}", 3, path)

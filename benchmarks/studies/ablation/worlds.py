@@ -1,0 +1,147 @@
+"""Several worlds, which differ in a few numbers, side by side in one compiled program.
+
+A world's numbers are leaves of `EnvParams`, so `jax.vmap` runs over them: over the worlds in which policies play whole
+episodes, and over the worlds in which dispatchers are trained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from tqdm import tqdm
+
+from medjax.episodes.keys import episode_keys
+from medjax.numerics.rows import CACHED_ROWS, in_blocks
+from medjax.world.params import EnvParams
+from train.algorithms.networks import PolicyWeights
+from train.algorithms.ppo.learner import build_learner, episode_decisions, shardings
+from train.evaluation.scores import MAX_DECISIONS, Policy, Scores, make_runner
+from train.settings import TrainConfig
+
+Numbers = Mapping[str, Any]  # by "group.leaf" of EnvParams; of several worlds: (worlds,) each
+EPISODES_A_CALL = 32  # of the compiled program, about: how often the bar moves and Ctrl-C is heard
+
+
+def with_numbers(params: EnvParams, numbers: Numbers) -> EnvParams:
+    """Params with scalars replaced; they may be traced.
+
+    Args:
+      params: of one world.
+      numbers: by the names that `medjax.make` takes, group included: `fleet.cooldown_s`.
+    """
+    for name, value in numbers.items():
+        group, leaf = name.split(".")
+        holder = getattr(params, group)
+        if isinstance(holder, Mapping):
+            changed: Any = {**holder, leaf: jnp.asarray(value, holder[leaf].dtype)}
+        else:
+            changed = holder.replace(**{leaf: jnp.asarray(value, getattr(holder, leaf).dtype)})
+        params = params.replace(**{group: changed})
+    return params
+
+
+def count_worlds(numbers: Numbers) -> int:
+    """Number of worlds."""
+    return len(next(iter(numbers.values())))
+
+
+def play_worlds(
+    env: Any,
+    params: EnvParams,
+    numbers: Numbers,
+    policies: Mapping[str, Policy],
+    episodes: int,
+    seed: int,
+    own_weights: bool = False,
+) -> dict[str, Scores]:
+    """The same episodes in every world, played by every policy.
+
+    Args:
+      env: a single environment.
+      params: what the worlds have in common.
+      numbers: in which they differ, `(worlds,)` each.
+      policies: by name.
+      episodes: whole episodes of each policy in each world, at least 1.
+      seed: which episodes, as in `train.evaluation.scores`.
+      own_weights: leaves of the policies' weights have an axis of worlds first: in each another policy plays.
+
+    Returns:
+      For each policy, arrays `(worlds, episodes)` float64 of `return`, `length` and the environment's metrics.
+    """
+    worlds = count_worlds(numbers)
+    runner = make_runner(env, policies, episode_decisions(params) or MAX_DECISIONS, worlds)
+
+    @jax.jit
+    def play(weights: Any, keys: jax.Array, params: EnvParams, numbers: Numbers) -> Any:
+        def one(own: Any, world: Numbers) -> Any:
+            return runner(own, keys, with_numbers(params, world))
+
+        return jax.vmap(one, (0 if own_weights else None, 0))(weights, numbers)
+
+    calls, batch = _share(episodes, max(1, CACHED_ROWS // (worlds * len(policies))))
+    keys = episode_keys(seed, calls * batch).reshape(calls, batch)
+    weights = jax.device_get(tuple(policy.weights for policy in policies.values()))
+    bar = tqdm(keys, "episodes", disable=None, leave=False)
+    parts = [jax.device_get(play(weights, some, params, numbers)) for some in bar]
+    columns = {
+        name: np.concatenate([part[name] for part in parts], axis=-1)[..., :episodes]
+        for name in parts[0]
+    }
+    return {
+        policy: {name: values[:, index].astype(np.float64) for name, values in columns.items()}
+        for index, policy in enumerate(policies)
+    }
+
+
+def _share(episodes: int, block: int) -> tuple[int, int]:
+    """Calls of the program and episodes in each, so that devices work on whole blocks; none too few.
+
+    Args:
+      episodes: wanted.
+      block: episodes that fit a device's cache together.
+    """
+    devices = len(jax.local_devices())
+    unit = devices * min(block, -(-episodes // devices))
+    batch = unit * max(1, EPISODES_A_CALL // unit)
+    return -(-episodes // batch), batch
+
+
+def train_worlds(
+    env: Any, params: EnvParams, numbers: Numbers, config: TrainConfig
+) -> PolicyWeights:
+    """A dispatcher for every world, trained side by side, each as `train.ppo` would with the same seed.
+
+    Args:
+      env: a single environment.
+      params: what the worlds have in common.
+      numbers: in which they differ, `(worlds,)` each.
+      config: settings of each learner.
+
+    Returns:
+      What they learned; every leaf has an axis of worlds first.
+    """
+    learner = build_learner(env, params, config)
+
+    def start(key: jax.Array, params: EnvParams, numbers: Numbers) -> Any:
+        # One after the other, see train.algorithms.ppo.learner.make_train.
+        return lax.map(lambda world: learner.init(key, with_numbers(params, world)), numbers)
+
+    def go_on(state: Any, params: EnvParams, numbers: Numbers) -> Any:
+        def one(own: Any, world: Numbers) -> Any:
+            return learner.update(own, with_numbers(params, world))[0]
+
+        # On a CPU the environments of one learner fill the cache.
+        return in_blocks(lambda some: jax.vmap(one)(*some), (state, numbers), rows_at_once=1)
+
+    where = shardings(learner.mesh, seeds=True)
+    init = jax.jit(start, out_shardings=where)
+    run = jax.jit(go_on, in_shardings=(where, None, None), out_shardings=where, donate_argnums=0)
+    state = init(jax.random.key(config.seed), params, numbers)
+    for _ in tqdm(range(config.num_updates), "training", disable=None, leave=False):
+        state = jax.block_until_ready(run(state, params, numbers))
+    return state.weights

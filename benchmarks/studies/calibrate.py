@@ -1,0 +1,91 @@
+"""`python -m benchmarks.calibrate`: the reward weights that give the paper's Table 2 without PPO.
+
+The paper prints neither weights nor penalty. Table 2 has the mean episode reward of "no action" and of "random choice":
+two numbers, for two unknowns, the penalty w1 of a depleted EV and a common factor of the other weights of eq (10).
+Returns are linear in the weights, so both follow from the episodes of these two policies. PPO is never looked at.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+
+import medjax
+from benchmarks.command import episodes_parser
+from medjax.commandline import OneLineParser
+from medjax.wrappers import prepare_cpu
+from train.evaluation.scores import Evaluation, Scores, baseline
+
+# Table 2: mean and standard deviation of the episode reward over ten episodes.
+TABLE_2 = {"none": (-521.874184, 16.52914886), "random": (-332.4056918, 53.94543289)}
+
+
+def without_penalty(score: Scores, penalty: float) -> np.ndarray:
+    """Returns of the episodes `(episodes,)` less what depleted EVs cost at `penalty` each."""
+    return score["return"] + penalty * score["evs_depleted"]
+
+
+def solve(scores: dict[str, Scores], penalty: float) -> tuple[float, float]:
+    """The factor of the other weights, and w1, with which both means are the paper's.
+
+    Args:
+      scores: of episodes under some weights.
+      penalty: w1 among these, positive.
+    """
+    rows = [
+        [without_penalty(scores[name], penalty).mean(), -scores[name]["evs_depleted"].mean()]
+        for name in TABLE_2
+    ]
+    factor, w1 = np.linalg.solve(np.array(rows), [mean for mean, _ in TABLE_2.values()])
+    return float(factor), float(w1)
+
+
+def compare(scores: dict[str, Scores]) -> list[dict[str, Any]]:
+    """Beside the paper's mean and deviation: ours, and how many of its deviations the means are apart."""
+    table = []
+    for name, (mean, std) in TABLE_2.items():
+        returns = scores[name]["return"]
+        table.append(
+            {
+                "policy": name,
+                "paper_mean": mean,
+                "paper_std": std,
+                "mean": float(returns.mean()),
+                "std": float(returns.std(ddof=1)),
+                "deviations_apart": float(abs(returns.mean() - mean) / std),
+            }
+        )
+    return table
+
+
+def build_parser() -> OneLineParser:
+    """The command line."""
+    return episodes_parser("calibrate", __doc__, episodes=1024, seed=1)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Prints the weights that fit, and how the preset's own weights do on other episodes."""
+    options = build_parser().parse_args(arguments)
+    prepare_cpu()
+    env, params = medjax.make(options.scenario)
+    policies = {name: baseline(medjax.BASELINES[name](env)) for name in TABLE_2}
+    weights = {name: float(value) for name, value in params.reward_weights.items()}
+    evaluation = Evaluation(env, params, policies, options.episodes)
+    factor, w1 = solve(evaluation.play(policies, options.seed), -weights["depleted"])
+    print(f"weights that fit episodes of seed {options.seed}, and the preset's own:")
+    best = {name: factor * value for name, value in weights.items() if value} | {"depleted": -w1}
+    for name, value in best.items():
+        print(f"  {name:<10} {value:9.4f} {weights[name]:9.4f}")
+    table = compare(evaluation.play(policies, options.seed + 1))
+    print(f"\nthe preset's weights on episodes of seed {options.seed + 1}, Table 2 beside them:")
+    print("policy        mean      std    paper's    its std   its deviations apart")
+    for row in table:
+        print(
+            f"{row['policy']:<8} {row['mean']:9.1f} {row['std']:8.1f} {row['paper_mean']:10.1f}"
+            f" {row['paper_std']:10.1f} {row['deviations_apart']:22.2f}"
+        )
+    if options.json:
+        report = {"weights": best, "episodes": options.episodes, "table_2": table}
+        options.json.write_text(json.dumps(report, indent=2))

@@ -1,0 +1,233 @@
+"""`python -m benchmarks.generalization`: dispatchers at other demands than the one they were made for.
+
+Trained runs and rules play the same episodes of `paper` at several multiples of its demand, and of `realistic`. The
+runs take their most probable actions, whatever presets and demands they were trained on.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from tqdm import tqdm
+
+import medjax
+from benchmarks.command import a_path, a_seed, benchmark_parser, picture, whole_number
+from benchmarks.studies.generalization_figure import plot_gains
+from medjax.commandline import OneLineParser
+from medjax.errors import InputError
+from medjax.policies.rules import BASELINES
+from medjax.wrappers import prepare_cpu, scale_demand
+from train.evaluation.scores import TRAINED, Evaluation, Policy, Scores, baseline, summarize
+from train.evaluation.statistics import bootstrap_ci95
+from train.evaluation.tables import format_rows, interval, short
+from train.runs.host import enable_compilation_cache
+from train.runs.run_directory import RunDir
+from train.runs.trained_run import load_policies
+
+MAIN, OTHER = "paper", "realistic"
+FACTORS = (0.5, 0.75, 1.0, 1.25, 1.5)  # of MAIN's demand
+RULES = ("forecast", "paced", "greedy", "none")
+REFERENCE, NO_ACTION = "forecast", "none"
+# At 1.5 times its demand the preset's slots are taken, and who comes would wait outside.
+SIZES: dict[str, Any] = {"num_gas": 288}
+
+Played = dict[str, dict[str, Scores]]  # by world and policy
+
+
+def load_run(path: Path, scenario: str) -> dict[str, Policy]:
+    """The trained policies of a run, one a seed, named after its directory.
+
+    Args:
+        path: directory of the run.
+        scenario: preset that they are to play.
+
+    Raises:
+        InputError: this is no run, or its network does not fit the preset.
+    """
+    config = RunDir(path).load_config()
+    config = dataclasses.replace(config, scenario=scenario, overrides=SIZES, num_devices=0)
+    env, _, policies = load_policies(path, config, stochastic=False)
+    return {
+        name.replace(TRAINED, path.name, 1): _with_own_eyes(env, policy)
+        for name, policy in policies.items()
+        if name not in BASELINES
+    }
+
+
+def _with_own_eyes(env: medjax.ChargingEnv, policy: Policy) -> Policy:
+    """`policy` with the observation of `env`, whichever that of the environment it plays in is."""
+
+    def act(
+        weights: Any, key: jax.Array, obs: Any, state: Any, mask: jax.Array, params: Any
+    ) -> jax.Array:
+        """See `Policy.act`."""
+        own = env.observation(state, env.config, params)
+        return policy.act(weights, key, own, state, mask, params)
+
+    return dataclasses.replace(policy, act=act)
+
+
+def play(
+    scenario: str,
+    factors: Sequence[float],
+    runs: Mapping[str, Policy],
+    episodes: int,
+    seed: int,
+) -> list[dict[str, Scores]]:
+    """The same episodes with all policies at each demand, in one compiled program.
+
+    Args:
+        scenario: preset.
+        factors: of its demand.
+        runs: trained policies by name; those of RULES join them.
+        episodes: at least 1.
+        seed: which episodes, as in `train.evaluation.scores`.
+
+    Returns:
+        Scores by policy, at each of the factors.
+    """
+    env, params = medjax.make(scenario, **SIZES)
+    policies = {**runs, **{name: baseline(BASELINES[name](env)) for name in RULES}}
+    evaluation = Evaluation(env, params, policies, episodes)
+    return [
+        evaluation.play(policies, seed, scale_demand(params, factor))
+        for factor in tqdm(factors, scenario, disable=None, leave=False)
+    ]
+
+
+def summary(played: Played, seed: int) -> dict[str, Any]:
+    """What `--json` writes of each world.
+
+    Returns:
+        By world: `policies` as `train.evaluation.scores.summarize` has them, and for each policy `minus_forecast` and
+        `minus_none`, the paired differences of the returns (`mean`, `ci95`).
+    """
+
+    def gains(scores: Mapping[str, Scores], other: str) -> dict[str, Any]:
+        differences = {
+            name: own["return"] - scores[other]["return"] for name, own in scores.items()
+        }
+        return {
+            name: {"mean": float(np.mean(each)), "ci95": list(bootstrap_ci95(each, seed))}
+            for name, each in differences.items()
+            if name != other
+        }
+
+    return {
+        world: {
+            "policies": summarize(scores, world, seed)["policies"],
+            "minus_forecast": gains(scores, REFERENCE),
+            "minus_none": gains(scores, NO_ACTION),
+        }
+        for world, scores in played.items()
+    }
+
+
+def tables(worlds: Mapping[str, Any], runs: Sequence[str]) -> str:
+    """Returns, depleted shares, and what the runs gain on REFERENCE; worlds are columns.
+
+    Args:
+        worlds: of `summary`.
+        runs: names of the trained policies.
+    """
+
+    def row(name: str, kind: str, cell: Callable[[Any], str]) -> list[str]:
+        """A policy's cells, a dash where it did not play."""
+        entries = [world[kind].get(name) for world in worlds.values()]
+        return [name, *(cell(entry) if entry else "-" for entry in entries)]
+
+    def mean_return(entry: Any) -> str:
+        return f"{short(entry['return_mean'])} {interval(entry['return_ci95'])}"
+
+    def share(entry: Any) -> str:
+        return f"{entry['depleted_share']:.3f}"
+
+    def gain(entry: Any) -> str:
+        return f"{short(entry['mean'])} {interval(entry['ci95'])}"
+
+    names = [*runs, *RULES]
+    returns = [row(name, "policies", mean_return) for name in names]
+    shares = [row(name, "policies", share) for name in names]
+    gains = [row(name, "minus_forecast", gain) for name in runs]
+    headed = {
+        "return, 95 % CI": returns,
+        "depleted share": shares,
+        f"minus {REFERENCE}, 95 % CI": gains,
+    }
+    return "\n\n".join(format_rows([[head, *worlds], *rows]) for head, rows in headed.items())
+
+
+def build_parser() -> OneLineParser:
+    """The command line."""
+    parser = benchmark_parser("generalization", __doc__)
+    parser.add_argument(
+        "--run-dir",
+        type=a_path,
+        nargs="+",
+        required=True,
+        metavar="DIR",
+        help="that train.ppo wrote",
+    )
+    parser.add_argument(
+        "--episodes", type=whole_number(least=2), default=256, help="of each policy and world"
+    )
+    parser.add_argument("--seed", type=a_seed, default=0, help="which episodes")
+    parser.add_argument("--plot", type=picture, metavar="FILE.png", help="draw the gains here")
+    return parser
+
+
+def load_runs(paths: Sequence[Path]) -> tuple[dict[str, Policy], dict[str, Policy]]:
+    """The trained policies on MAIN and, of those that fit it, on OTHER; a line for each run that does not.
+
+    Raises:
+        InputError: a run cannot be played on MAIN, or its name is taken.
+    """
+    main: dict[str, Policy] = {}
+    for path in paths:
+        own = load_run(path, MAIN)
+        if own.keys() & {*main, *BASELINES}:
+            raise InputError(f"run {path} has a name that is taken, allowed: names of their own")
+        main |= own
+    other: dict[str, Policy] = {}
+    for path in paths:
+        try:
+            other |= load_run(path, OTHER)
+        except InputError as error:
+            print(f"{path.name} does not play {OTHER}: {error}")
+    return main, other
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Prints the tables; writes the figures and the picture that are asked for."""
+    parser = build_parser()
+    options = parser.parse_args(arguments)
+    prepare_cpu()
+    enable_compilation_cache()
+    try:
+        runs, on_other = load_runs([Path(os.path.abspath(given)) for given in options.run_dir])
+    except InputError as error:
+        parser.error(str(error))
+    which = options.episodes, options.seed
+    at_factors = play(MAIN, FACTORS, runs, *which)
+    elsewhere = play(OTHER, (1.0,), on_other, *which)
+    names = [f"{MAIN} x {factor:g}" for factor in FACTORS] + [OTHER]
+    played = dict(zip(names, at_factors + elsewhere, strict=True))
+    worlds = summary(played, options.seed)
+    print(f"{options.episodes} episodes, seed {options.seed}, the same for every policy\n")
+    print(tables(worlds, list(runs)))
+    if options.json:
+        report = {"episodes": options.episodes, "seed": options.seed, "worlds": worlds}
+        options.json.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    if options.plot:
+        demand = medjax.make(MAIN)[1].demand
+        vehicles_per_h = float(demand.mainline_per_h + demand.ramp_per_h.sum())
+        each = [worlds[name]["minus_none"] for name in names[: len(FACTORS)]]
+        gains = {policy: [gain[policy] for gain in each] for policy in each[0]}
+        plot_gains(options.plot, FACTORS, gains, vehicles_per_h)

@@ -1,0 +1,221 @@
+"""Energy and other books kept from states alone.
+
+What a battery took in is what it holds more than before, plus what driving cost it. That cost is worked out here by the
+work of eqs (7)-(8) in another form: rolling and drag times the way, and the change of kinetic energy. A battery that is
+full or empty hides a part of what flowed, so flows are intervals, `Flow`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from medjax.world.params import BodyParams, EnvConfig, EnvParams
+from medjax.world.state import AT_DEPOT, NOT_BOOKED, EnvState, Vehicles
+
+GRAVITY = 9.81  # m/s^2
+AIR_DENSITY = 1.2  # kg/m^3
+# Energies are float32 numbers of up to a full battery and change twice a tick: each change rounds by at most half a
+# unit in the last place, 6e-8 of the capacity. Ten times that is a twentieth of what a tick of driving costs.
+OF_CAPACITY = 1e-6
+# What flows in a tick is the result of a dozen float32 operations.
+OF_FLOW = 1e-5
+
+
+class Books(struct.PyTreeNode):
+    """What happened in a decision, added up from states; float32, () unless said."""
+
+    entered: jax.Array  # (3,) MEDs, EVs, gas vehicles
+    left: jax.Array  # (3,)
+    depleted: jax.Array
+    ev_seconds: jax.Array
+    ev_distance_m: jax.Array
+    soc_seconds: jax.Array
+    exit_soc: jax.Array
+    gas_seconds: jax.Array
+    gas_distance_m: jax.Array
+    vehicle_ticks: jax.Array
+    evs_served: jax.Array
+    meds_dispatched: jax.Array
+    lane_changes: jax.Array
+    sent_j: jax.Array  # (2,) at least, at most
+    received_j: jax.Array  # (2,)
+
+
+class Flow(NamedTuple):
+    """At least and at most so much, J."""
+
+    low: jax.Array
+    high: jax.Array
+
+
+def sums_by_class(values: jax.Array, config: EnvConfig) -> jax.Array:
+    """Sums over MEDs, EVs and gas vehicles, (3,) float32."""
+    slices = (config.med_slots, config.ev_slots, config.gas_slots)
+    return jnp.stack([jnp.sum(values[s], dtype=jnp.float32) for s in slices])
+
+
+def entry_books(before: EnvState, begun: EnvState, config: EnvConfig) -> Books:
+    """Of dispatch and entries."""
+    zero, pair = jnp.zeros(()), jnp.zeros((2,))
+    blank = dict.fromkeys(Books.__dataclass_fields__, zero)
+    sent = (before.meds.status == AT_DEPOT) & (begun.meds.status != AT_DEPOT)
+    return Books(
+        **blank
+        | {
+            "entered": sums_by_class(begun.vehicles.active & ~before.vehicles.active, config),
+            "left": jnp.zeros((3,)),
+            "meds_dispatched": jnp.sum(sent, dtype=jnp.float32),
+            "sent_j": pair,
+            "received_j": pair,
+        }
+    )
+
+
+def driving(
+    before: Vehicles, after: Vehicles, slots: slice, body: BodyParams, dt: float
+) -> tuple[jax.Array, jax.Array]:
+    """Energy that a tick of driving takes from each battery, and how far float32 may be off it, (C,) J each."""
+    v0, v1 = before.speed[slots], after.speed[slots]
+    way = 0.5 * (v0 + v1) * dt
+    rolling = body.mass_kg * GRAVITY * body.rolling_resistance * way
+    drag = AIR_DENSITY * body.drag_coefficient * body.frontal_area_m2 * (v0 + v1) ** 2 * way / 8.0
+    inertia = body.mass_kg * body.rotational_inertia_factor
+    kinetic = 0.5 * inertia * (v1 - v0) * (v1 + v0)
+    wheels = rolling + drag + kinetic
+    auxiliary = body.auxiliary_w * dt
+    battery = (
+        jnp.where(
+            wheels > 0.0,
+            wheels / body.drivetrain_efficiency,
+            wheels * body.regeneration_efficiency,
+        )
+        + auxiliary
+    )
+    # The difference of two speeds is as exact as they are.
+    gross = rolling + drag + jnp.abs(kinetic) + 2e-2 * inertia * OF_FLOW * (v0 + v1) ** 2
+    off = OF_FLOW * (gross / body.drivetrain_efficiency + auxiliary)
+    on_road = before.active[slots]
+    return jnp.where(on_road, battery, 0.0), jnp.where(on_road, off, 0.0)
+
+
+def _received(
+    before_j: jax.Array,
+    after_j: jax.Array,
+    driven: tuple[jax.Array, jax.Array],
+    capacity: Any,
+    most: jax.Array,
+) -> Flow:
+    """What came into EVs' batteries, (E,) each, `most` at most."""
+    gain = after_j - before_j + driven[0]
+    slack = OF_CAPACITY * capacity + driven[1] + OF_FLOW * jnp.abs(gain)
+    # A full battery takes no charge beyond its room, so a lack there is braking energy that found none. An empty one
+    # may have got something, and spent it.
+    full, empty = after_j >= capacity, after_j <= 0.0
+    low = jnp.where(full, jnp.maximum(gain, 0.0), jnp.where(empty, jnp.minimum(gain, 0.0), gain))
+    high = jnp.where(full, jnp.maximum(gain, 0.0), jnp.where(empty, jnp.minimum(gain, most), gain))
+    return Flow(low - slack, high + slack)
+
+
+def _sent(
+    before_j: jax.Array,
+    after_j: jax.Array,
+    driven: tuple[jax.Array, jax.Array],
+    capacity: Any,
+    most: jax.Array,
+) -> Flow:
+    """What MEDs gave, (M,) each, `most` at most."""
+    loss = before_j - after_j - driven[0]
+    slack = OF_CAPACITY * capacity + driven[1] + OF_FLOW * jnp.abs(loss)
+    full, empty = after_j >= capacity, after_j <= 0.0
+    # A full one may have lost braking energy that found no room; an empty one drives on what it does not have.
+    low = jnp.where(full, jnp.minimum(loss, 0.0), loss)
+    high = jnp.where(empty, jnp.maximum(loss, most), loss)
+    return Flow(low - slack, high + slack)
+
+
+def tick_flows(
+    before: EnvState, after: EnvState, config: EnvConfig, params: EnvParams
+) -> tuple[dict[str, jax.Array], jax.Array, jax.Array]:
+    """Energy that flowed in one tick: flags for what cannot be, by name; what was sent, and received, (2,) J."""
+    old, new, dt = before.vehicles, after.vehicles, config.tick_s
+    evs, was, link = after.evs, before.evs, params.link
+    slot = params.charging.slot_power_w * dt
+    # Losses in the EV's own coil remain however strong the coupling.
+    best = link.load_ohm / (link.load_ohm + link.ev_resistance_ohm)
+    charges = (was.med != NOT_BOOKED) & evs.served
+    takes = jnp.where(charges, best * slot, 0.0)
+    partner = charges[:, None] & (was.med[:, None] == jnp.arange(config.num_meds))
+    gives = slot * jnp.sum(partner, axis=0)
+
+    received = _received(
+        was.energy_j,
+        evs.energy_j,
+        driving(old, new, config.ev_slots, params.ev, dt),
+        params.ev_capacity_j,
+        takes,
+    )
+    sent = _sent(
+        before.meds.energy_j,
+        after.meds.energy_j,
+        driving(old, new, config.med_slots, params.med, dt),
+        params.med_capacity_j,
+        gives,
+    )
+    above_reserve = before.meds.energy_j - params.fleet.reserve_soc * params.med_capacity_j
+    arrived = jnp.sum(jnp.where(partner, received.low[:, None], 0.0), axis=0)
+    wrong = {
+        "EV loses": received.high < 0.0,
+        "EV gains from nowhere": received.low > takes * (1.0 + OF_FLOW),
+        "MED gains": sent.high < 0.0,
+        "MED loses": sent.low > gives * (1.0 + OF_FLOW),
+        "MED below its reserve": (gives > 0.0) & (sent.low > jnp.maximum(above_reserve, 0.0)),
+        "more arrives than the link lets through": partner.any(axis=0)
+        & (arrived > best * sent.high),
+    }
+
+    def both(flow: Flow, concerned: jax.Array) -> jax.Array:
+        return jnp.stack([total(jnp.where(concerned, bound, 0.0)) for bound in flow])
+
+    return wrong, both(sent, gives > 0.0), both(received, charges)
+
+
+def total(values: jax.Array) -> jax.Array:
+    """Sum, () float32."""
+    return jnp.sum(values, dtype=jnp.float32)
+
+
+def tick_books(
+    before: EnvState, after: EnvState, config: EnvConfig, params: EnvParams
+) -> tuple[dict[str, jax.Array], Books]:
+    """Books of one tick, and flags for flows that cannot be, by what is wrong."""
+    old, new, dt = before.vehicles, after.vehicles, config.tick_s
+    evs, was = after.evs, before.evs
+    wrong, sent_j, received_j = tick_flows(before, after, config, params)
+    gone = old.active & ~new.active
+    left = gone & (new.x > params.road.length_m)
+    travelled = jnp.where(old.active, new.x - old.x, 0.0)
+    soc = evs.energy_j / params.ev_capacity_j
+    present = sums_by_class(new.active, config)
+    distance = sums_by_class(travelled, config)
+    changes = jnp.where(old.active, jnp.abs(new.lane - old.lane), 0)
+    return wrong, Books(
+        entered=jnp.zeros((3,)),
+        left=sums_by_class(left, config),
+        depleted=total(gone & ~left),
+        ev_seconds=present[1] * dt,
+        ev_distance_m=distance[1],
+        soc_seconds=total(jnp.where(new.active[config.ev_slots], soc, 0.0)) * dt,
+        exit_soc=total(jnp.where(left[config.ev_slots], soc, 0.0)),
+        gas_seconds=present[2] * dt,
+        gas_distance_m=distance[2],
+        vehicle_ticks=jnp.sum(present),
+        evs_served=total(evs.served & ~was.served),
+        meds_dispatched=jnp.zeros(()),
+        lane_changes=total(changes),
+        sent_j=sent_j,
+        received_j=received_j,
+    )

@@ -1,0 +1,228 @@
+"""Cases of the soak: random worlds side by side in one compiled program that plays and checks them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import struct
+
+import medjax
+from benchmarks.verification.decisions import check_decision
+from benchmarks.verification.invariants import (
+    INVARIANTS,
+    Counts,
+    check_lanes,
+    check_state,
+    count,
+    lengths_of,
+)
+from benchmarks.verification.worlds import draw_config, draw_params, random_units, validated
+from medjax.env.charging_env import ChargingEnv
+from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.state import EnvState
+from medjax.wrappers import environment_mesh, on_devices
+
+NUM_ENVS = 256
+EPISODE_S = 150.0
+NEVER = 2**30
+
+
+class Played(struct.PyTreeNode):
+    """An episode in each of B environments."""
+
+    state: EnvState  # (B, ...) after the last decision
+    updates: jax.Array  # (B,) int32, vehicles on the road, summed over ticks
+    violations: jax.Array  # (B, len(INVARIANTS)) int32
+    first: jax.Array  # (B,) int32, decision of the first violation; -1: at reset; NEVER: none
+
+
+def in_order(counts: Counts) -> jax.Array:
+    """Counts in the order of INVARIANTS, (K,) int32."""
+    return jnp.stack([counts[name] for name in INVARIANTS])
+
+
+def check_start(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """Violations in a state at reset, (K,) int32."""
+    vehicles = state.vehicles
+    counts = count(
+        check_lanes(vehicles, vehicles, lengths_of(state, config, params)),
+        check_state(state, config, params),
+    )
+    return in_order(counts)
+
+
+def random_action(key: jax.Array, mask: jax.Array, wild: jax.Array) -> jax.Array:
+    """Any action, out of range and masked ones among them, or one that is allowed, () int32."""
+    any_key, allowed_key = jax.random.split(key)
+    anything = jax.random.randint(any_key, (), -1, mask.shape[0] + 1)
+    allowed = jax.random.randint(allowed_key, (), 0, mask.shape[0])
+    return jnp.where(wild, anything, jnp.where(mask[allowed], allowed, 0))
+
+
+def environment_keys(key: jax.Array, index: Any) -> jax.Array:
+    """Keys of an environment's reset and of its decisions, in an episode with this key."""
+    return jax.random.split(jax.random.fold_in(key, index))
+
+
+def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
+    """`(params, key, decisions)` to `Played`: the first decisions of the key's episode in each environment, checked.
+
+    Args of the program:
+      params: NumPy leaves (B, ...), but the coils' table, which all share.
+      key: of the episode.
+      decisions: () int32, traced: one program plays to any decision, bit for bit the same way.
+    """
+    env = ChargingEnv(config, probe=lambda state: state)
+
+    def play(index: jax.Array, params: EnvParams, key: jax.Array, decisions: jax.Array) -> Played:
+        """One environment."""
+        reset_key, key = environment_keys(key, index)
+        _, state = env.reset(reset_key, params)
+        found = check_start(state, config, params)
+        first = jnp.where(found.any(), -1, NEVER).astype(jnp.int32)
+
+        def decide(decision: jax.Array, played: Played) -> Played:
+            act_key, step_key = jax.random.split(jax.random.fold_in(key, decision))
+            before = played.state
+            action = random_action(act_key, env.action_mask(before, params), index % 2 == 0)
+            obs, state, reward, _, _, info = env.step_env(step_key, before, action, params)
+            counts = check_decision(before, state, obs, reward, info, config, params)
+            found = in_order(counts)
+            return Played(
+                state=state,
+                updates=played.updates + info["tally"].vehicle_ticks.astype(jnp.int32),
+                violations=played.violations + found,
+                first=jnp.minimum(played.first, jnp.where(found.any(), decision, NEVER)),
+            )
+
+        start = Played(state, jnp.zeros((), jnp.int32), found, first)
+        return jax.lax.fori_loop(0, decisions, decide, start)
+
+    def play_rows(rows: tuple[jax.Array, EnvParams], same: tuple[Any, ...]) -> Played:
+        def one(index: jax.Array, params: EnvParams) -> Played:
+            link = params.link.replace(inductance=same[0])
+            return play(index, params.replace(link=link), *same[1:])
+
+        return jax.vmap(one)(*rows)
+
+    @jax.jit
+    def program(params: EnvParams, key: jax.Array, decisions: jax.Array) -> Played:
+        table, index = params.link.inductance, jnp.arange(jnp.shape(params.battery_scale)[0])
+        rows = index, params.replace(link=params.link.replace(inductance=None))
+        mesh = environment_mesh(index.shape[0], num_devices)
+        return on_devices(mesh, play_rows)(rows, (table, key, decisions))
+
+    return program
+
+
+def compiled(config: EnvConfig, *args: Any) -> Any:
+    """The program of these sizes, for arguments of these shapes."""
+    return episode_program(config).lower(*args).compile()
+
+
+class Case:
+    """Case number `number` of a seed: sizes, the numbers of each environment, and the compiled program.
+
+    Args:
+      seed, number: which case.
+      num_envs: environments side by side; others play otherwise.
+      config: sizes instead of those drawn.
+    """
+
+    def __init__(
+        self, seed: int, number: int, num_envs: int = NUM_ENVS, config: EnvConfig | None = None
+    ) -> None:
+        self.seed, self.number, self.num_envs = seed, number, num_envs
+        self.config = config or draw_config(seed, number)
+        _, paper = medjax.make("paper")
+        rng = np.random.default_rng([seed, number])
+        table = jax.device_get(paper.link.inductance)
+        drawn = draw_params(random_units(rng, num_envs), self.config, table)
+        self.params = validated(self.config, drawn)
+        self.decisions = math.ceil(EPISODE_S / self.config.decision_s)
+        start = time.perf_counter()
+        args = self.params, self.key(0), np.int32(0)
+        self.program = compiled(self.config, *args)
+        self.compile_s = time.perf_counter() - start
+
+    def key(self, episode: int) -> jax.Array:
+        """Of an episode."""
+        key = jax.random.key(self.seed)
+        return jax.random.fold_in(jax.random.fold_in(key, self.number), episode)
+
+    def play(self, episode: int, decisions: int | None = None) -> Played:
+        """An episode in every environment, or its first decisions, as NumPy arrays."""
+        count = np.int32(self.decisions if decisions is None else decisions)
+        return jax.device_get(self.program(self.params, self.key(episode), count))
+
+    def __str__(self) -> str:
+        c = self.config
+        return (
+            f"{c.num_lanes} lanes, {c.num_ramps} ramps, {c.tick_s:g} s x {c.ticks_per_decision}, "
+            f"{c.num_meds} MEDs, {c.num_evs} EVs, {c.num_gas} gas"
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Violation:
+    """The first violation in an environment of a case."""
+
+    case: Case
+    environment: int
+    episode: int
+    decision: int  # -1: at reset
+    counts: dict[str, int]  # in the whole episode
+
+    def command(self) -> str:
+        """What shows it again."""
+        words = ["python -m benchmarks.soak", f"--seed {self.case.seed}"]
+        words += [f"--case {self.case.number}", f"--environment {self.environment}"]
+        if self.episode:
+            words.append(f"--episode {self.episode}")
+        if self.case.num_envs != NUM_ENVS:
+            words.append(f"--num-envs {self.case.num_envs}")
+        return " ".join(words)
+
+    def __str__(self) -> str:
+        where = f"decision {self.decision}" if self.decision >= 0 else "the reset"
+        counts = ", ".join(f"{name} {count}" for name, count in self.counts.items())
+        return (
+            f"VIOLATED: {counts}: seed {self.case.seed}, case {self.case.number}, environment "
+            f"{self.environment}, episode {self.episode}, first in {where}\n  {self.command()}"
+        )
+
+
+def violations_of(case: Case, episode: int, played: Played) -> list[Violation]:
+    """Of an episode, one an environment."""
+    return [
+        Violation(
+            case,
+            int(row),
+            episode,
+            int(played.first[row]),
+            {
+                name: int(count)
+                for name, count in zip(INVARIANTS, played.violations[row], strict=True)
+                if count
+            },
+        )
+        for row in np.flatnonzero(played.first < NEVER)
+    ]
+
+
+def run_case(case: Case, updates: float) -> Iterator[tuple[int, list[Violation]]]:
+    """Episodes of a case until it has moved so many vehicles: updates and violations of each."""
+    done, episode = 0, 0
+    while done < updates:
+        played = case.play(episode)
+        moved = int(played.updates.sum(dtype=np.int64))
+        yield moved, violations_of(case, episode, played)
+        # A case without demand and MEDs never moves anyone; others always do.
+        done, episode = done + max(moved, case.num_envs), episode + 1

@@ -1,0 +1,189 @@
+"""One whole decision against the invariants: its entries, every tick, and what it returns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from benchmarks.verification.books import OF_FLOW, Books, sums_by_class
+from benchmarks.verification.invariants import (
+    Counts,
+    Flags,
+    check_entry,
+    check_lanes,
+    check_state,
+    check_tick,
+    count,
+    lengths_of,
+    not_finite,
+    with_finite_waits,
+)
+from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.state import AT_DEPOT, RETIRED, EnvState
+
+ROUNDING = 2e-5  # relative, of sums of a decision
+
+
+def check_decision(
+    before: EnvState,
+    after: EnvState,
+    obs: jax.Array,
+    reward: jax.Array,
+    info: Mapping[str, Any],
+    config: EnvConfig,
+    params: EnvParams,
+) -> Counts:
+    """One whole decision of `env.step_env`, by an environment whose probe reports the whole state.
+
+    Args:
+      before: the state that the decision was taken in.
+      after, obs, reward, info: what `step_env` returned.
+
+    Returns:
+      Violations in it by invariant, `()` int32 each.
+    """
+    begun, ticks = info["begun"], info["ticks"]
+    entered, books = check_entry(before, begun, config, params)
+    standing = check_lanes(begun.vehicles, begun.vehicles, lengths_of(begun, config, params))
+    counts = count(entered, standing, check_state(begun, config, params))
+
+    def look(
+        carry: tuple[EnvState, Counts, Books], state: EnvState
+    ) -> tuple[tuple[EnvState, Counts, Books], None]:
+        last, counts, books = carry
+        flags, more = check_tick(last, state, config, params)
+        found = count(flags, check_state(state, config, params))
+        return (state, *jax.tree.map(jnp.add, (counts, books), (found, more))), None
+
+    (last, counts, books), _ = jax.lax.scan(look, (begun, counts, books), ticks)
+    closing = check_closing(last, before, after, obs, reward, info, books, config, params)
+    return jax.tree.map(jnp.add, counts, count(closing))
+
+
+def check_closing(
+    last: EnvState,
+    before: EnvState,
+    after: EnvState,
+    obs: jax.Array,
+    reward: jax.Array,
+    info: Mapping[str, Any],
+    books: Books,
+    config: EnvConfig,
+    params: EnvParams,
+) -> Flags:
+    """What a decision returns, against the state after its last tick and the books of its ticks."""
+    # After the last tick the clock moves on, and MEDs may come home and are filled up.
+    home = (last.meds.status == RETIRED) & (after.meds.status == AT_DEPOT)
+    refilled = jnp.where(home, params.med_capacity_j, last.meds.energy_j)
+    same = jax.tree.map(lambda a, b: a != b, (last.vehicles, last.evs), (after.vehicles, after.evs))
+    numbers = (obs, reward, info["tally"], info["metrics"], info["reward_terms"])
+    flags = tally_mistakes(books, before, after, reward, info, config, params)
+    flags["energy"]["refill"] = after.meds.energy_j != refilled
+    return {
+        **flags,
+        "motion": {"between decisions": jnp.stack([x.any() for x in jax.tree.leaves(same)])},
+        "finite": not_finite((numbers, with_finite_waits(after))),
+    }
+
+
+def differs(ours: jax.Array, theirs: jax.Array, scale: Any = 0.0) -> jax.Array:
+    """Whether they are apart by more than rounding of numbers of that scale."""
+    most = jnp.maximum(jnp.maximum(jnp.abs(ours), jnp.abs(theirs)), scale)
+    return ~(jnp.abs(ours - theirs) <= ROUNDING * most)
+
+
+def outside(bounds: jax.Array, value: jax.Array) -> jax.Array:
+    """Whether a flow of energy is not within (2,) bounds."""
+    slack = OF_FLOW * jnp.abs(value)
+    return ~((bounds[0] - slack <= value) & (value <= bounds[1] + slack))
+
+
+def resolved_way(books: Books, params: EnvParams) -> jax.Array:
+    """A way that `differs` by what positions round: each is exact to half a unit in the last place."""
+    return books.vehicle_ticks * 1e-7 * params.road.length_m / ROUNDING
+
+
+def tally_mistakes(
+    books: Books,
+    before: EnvState,
+    after: EnvState,
+    reward: jax.Array,
+    info: Mapping[str, Any],
+    config: EnvConfig,
+    params: EnvParams,
+) -> dict[str, dict[str, jax.Array]]:
+    """Flags where tally, reward and conservation of vehicles differ from the books, by invariant and name."""
+    tally, way = info["tally"], resolved_way(books, params)
+    counted = {
+        name: differs(
+            getattr(books, name), getattr(tally, name), way if name.endswith("_m") else 1e-3
+        )
+        for name in Books.__dataclass_fields__
+        if not name.endswith("_j")
+    }
+    sums = jax.tree.map(lambda a, b, c: differs(a + b, c), before.tally, tally, after.tally)
+
+    total = after.tally
+    lost = total.entered - total.left - jnp.zeros((3,)).at[1].set(total.depleted)
+    lost = lost != sums_by_class(after.vehicles.active, config)
+
+    return {
+        "tally": {
+            **counted,
+            "collisions": tally.collisions > 0.0,
+            "sums": jnp.stack([x.any() for x in jax.tree.leaves(sums)]),
+        },
+        "energy": {
+            "sent": outside(books.sent_j, tally.energy_sent_j),
+            "received": outside(books.received_j, tally.energy_received_j),
+        },
+        "vehicles": {"entered less left and depleted": lost},
+        "reward": reward_mistakes(books, after, reward, info, config, params),
+    }
+
+
+def reward_mistakes(
+    books: Books,
+    after: EnvState,
+    reward: jax.Array,
+    info: Mapping[str, Any],
+    config: EnvConfig,
+    params: EnvParams,
+) -> dict[str, jax.Array]:
+    """Flags where the reward is not the sum of its terms, and a term not what the books say."""
+    tally, way = info["tally"], resolved_way(books, params)
+    weights, terms = params.reward_weights, info["reward_terms"]
+    added = sum(terms.values(), jnp.zeros(()))
+    size = sum((jnp.abs(term) for term in terms.values()), jnp.zeros(()))
+    on_road = after.vehicles.active[config.ev_slots]
+    charge = jnp.where(on_road, after.evs.energy_j / params.ev_capacity_j, 0.0)
+    cruise = params.drivers.desired_speed[-1]
+    speed = books.ev_distance_m / jnp.maximum(books.ev_seconds, 1e-6)
+    expected = {
+        "depleted": (books.depleted, 0.0),
+        "soc": (jnp.sum(charge) / jnp.maximum(jnp.sum(on_road), 1), 0.0),
+        "distance": (books.ev_distance_m / 1000.0, way / 1000.0),
+        "speed": (
+            jnp.where(books.ev_seconds > 0.0, speed / 30.0, 0.0),
+            way / jnp.maximum(books.ev_seconds, 1e-6) / 30.0,
+        ),
+        "dispatches": (books.meds_dispatched, 0.0),
+        "gas_delay": (
+            jnp.maximum(books.gas_seconds - books.gas_distance_m / cruise, 0.0),
+            books.gas_seconds + (books.gas_distance_m + way) / cruise,
+        ),
+        "lane_changes": (books.lane_changes, 0.0),
+        "collisions": (jnp.zeros(()), 0.0),
+        "transfer_loss": (
+            (tally.energy_sent_j - tally.energy_received_j) / 3.6e6,
+            tally.energy_sent_j / 3.6e6,
+        ),
+    }
+    named = {
+        name: differs(weights[name] * value, terms[name], jnp.abs(weights[name]) * scale + 1e-30)
+        for name, (value, scale) in expected.items()
+    }
+    return {"sum": differs(reward, added, size), **named}

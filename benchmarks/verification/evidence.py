@@ -1,0 +1,124 @@
+"""One decision of a violation, tick by tick: which check failed, and the numbers of the vehicles concerned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import jax
+import numpy as np
+
+from benchmarks.verification.books import Books
+from benchmarks.verification.decisions import check_closing
+from benchmarks.verification.invariants import (
+    Flags,
+    check_entry,
+    check_lanes,
+    check_state,
+    check_tick,
+    lengths_of,
+)
+from medjax.env.charging_env import ChargingEnv
+from medjax.traffic.step import vehicle_kinds
+from medjax.world.params import KINDS, EnvConfig, EnvParams
+from medjax.world.state import EnvState
+
+MOST_SHOWN = 4  # of each check
+
+
+def explain(
+    env: ChargingEnv, params: EnvParams, key: jax.Array, before: EnvState, action: Any
+) -> Iterator[str]:
+    """Lines that say what goes wrong in a decision, of one environment.
+
+    Args:
+      env: with a probe that reports the whole state.
+      key, action: of `step_env`.
+    """
+    config = env.config
+    obs, after, reward, _, _, info = jax.jit(env.step_env)(key, before, action, params)
+    begun = info["begun"]
+    flags, books = check_entry(before, begun, config, params)
+    standing = check_lanes(begun.vehicles, begun.vehicles, lengths_of(begun, config, params))
+    yield from _lines("at the first tick's start", before, begun, config, params, flags, standing)
+    yield from _lines("there", before, begun, config, params, check_state(begun, config, params))
+    last = begun
+    for tick in range(config.ticks_per_decision):
+        state = jax.tree.map(lambda leaf, tick=tick: leaf[tick], info["ticks"])
+        flags, more = check_tick(last, state, config, params)
+        books = jax.tree.map(lambda a, b: a + b, books, more)
+        checks = flags, check_state(state, config, params)
+        yield from _lines(f"tick {tick}", last, state, config, params, *checks)
+        last = state
+    closing = check_closing(last, before, after, obs, reward, info, books, config, params)
+    for line in _lines("whole decision", last, after, config, params, closing):
+        yield line
+        yield from _sums(books, info)
+
+
+def _lines(
+    when: str,
+    before: EnvState,
+    after: EnvState,
+    config: EnvConfig,
+    params: EnvParams,
+    *checks: Flags,
+) -> Iterator[str]:
+    """What each failed check found."""
+    order = np.lexsort(
+        (
+            after.vehicles.x,
+            np.where(after.vehicles.active, after.vehicles.lane, np.iinfo(np.int32).max),
+        )
+    )
+    for check in checks:
+        for invariant, parts in check.items():
+            for what, flags in parts.items():
+                places = np.argwhere(np.asarray(flags))
+                if not len(places):
+                    continue
+                yield f"{when}: {invariant}: {what}: {len(places)}"
+                for place in places[:MOST_SHOWN]:
+                    for slot in _slots(invariant, np.shape(flags), place, order, config):
+                        yield "    " + _vehicle(slot, before, after, config, params)
+
+
+def _slots(
+    invariant: str, shape: tuple[int, ...], place: np.ndarray, order: np.ndarray, config: EnvConfig
+) -> list[int]:
+    """Slots of the vehicles that a flag at this place speaks of; none where it speaks of no vehicle."""
+    if invariant in ("overlap", "passed"):
+        return [int(slot) for slot in order[place[0] : place[0] + 2]]
+    if shape == (config.num_vehicles,):
+        return [int(place[0])]
+    if shape == (config.num_evs,):
+        return [config.num_meds + int(place[0])]
+    return [int(place[0])] if shape == (config.num_meds,) else []
+
+
+def _vehicle(
+    slot: int, before: EnvState, after: EnvState, config: EnvConfig, params: EnvParams
+) -> str:
+    """A vehicle before and after."""
+    kind = int(vehicle_kinds(after.evs.is_human, config)[slot])
+    length = float(params.drivers.vehicle_length[kind])
+    texts = []
+    for state in (before, after):
+        v = state.vehicles
+        text = f"lane {v.lane[slot]} x {v.x[slot]:.3f} v {v.speed[slot]:.3f}"
+        ev = slot - config.num_meds
+        if slot < config.num_meds:
+            text += f" status {state.meds.status[slot]} {state.meds.energy_j[slot]:.1f} J"
+        elif ev < config.num_evs:
+            text += f" {state.evs.energy_j[ev]:.1f} J MED {state.evs.med[ev]}.{state.evs.panel[ev]}"
+        texts.append(text if v.active[slot] else f"({text})")
+    return f"slot {slot}, {KINDS[kind]}, {length:.2f} m: {texts[0]} -> {texts[1]}"
+
+
+def _sums(books: Books, info: Any) -> Iterator[str]:
+    """The books beside the tally."""
+    for name in Books.__dataclass_fields__:
+        theirs = info["tally"].energy_sent_j if name == "sent_j" else None
+        theirs = info["tally"].energy_received_j if name == "received_j" else theirs
+        theirs = getattr(info["tally"], name) if theirs is None else theirs
+        yield f"    {name}: {np.asarray(getattr(books, name))}, tally {np.asarray(theirs)}"

@@ -1,0 +1,250 @@
+"""What must hold whatever happens on the road, counted from states alone.
+
+Nothing here uses the simulator's neighbour search, energy formulas or tallies but to hold them against its own:
+vehicles are put in order by a sort of their own, energies follow from work and kinetic energy (`books`),
+sums are added up from the states that a probe reports after every tick (`ChargingEnv(probe=...)`).
+
+Every check returns flags, True where something is wrong, by invariant (`INVARIANTS`) and by what it looked at; `count`
+makes one number of each invariant, so that thousands of environments are checked under `jax.vmap` at speed.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from benchmarks.verification.books import Books, entry_books, tick_books
+from medjax.numerics.gathers import read
+from medjax.traffic.demand import entries
+from medjax.traffic.step import vehicle_kinds
+from medjax.world.params import PANELS, EnvConfig, EnvParams
+from medjax.world.state import (
+    AT_DEPOT,
+    IN_SERVICE,
+    MERGING,
+    NOT_BOOKED,
+    QUEUED,
+    RETIRED,
+    EnvState,
+    Vehicles,
+)
+
+INVARIANTS = {
+    "overlap": "bumper gaps within a lane are not negative",
+    "passed": "nobody drives through another one in its lane",
+    "speed": "nobody drives backwards",
+    "motion": "a vehicle moves by its speeds, one lane at most, and stays who it is",
+    "road": "vehicles are on a lane, before the end of the road or of their acceleration lane",
+    "vehicles": "vehicles come by the entries and go by the end or by running out, none is lost",
+    "bookings": "one EV a panel, one panel an EV, both on the road, and kept until it ends",
+    "soc": "states of charge are in [0, 1]",
+    "energy": "what batteries give, get and spend balances",
+    "finite": "every number is finite",
+    "reward": "the reward is the sum of its terms, and each term what it says",
+    "tally": "the simulator counts what happened",
+}
+Flags = dict[str, dict[str, jax.Array]]  # by invariant, by what was looked at; True: violated
+Counts = dict[str, jax.Array]  # () int32 by invariant, of all of INVARIANTS
+
+# Positions and speeds are float32 of up to thousands: what rounding makes of a tick is far below this.
+ROUNDING_M = 2e-3
+ROUNDING = 1e-5  # relative
+
+
+def count(*checks: Flags) -> Counts:
+    """Violations of each invariant in the checks."""
+
+    def total(name: str) -> jax.Array:
+        flags = [flag for check in checks for flag in check.get(name, {}).values()]
+        return sum((jnp.sum(flag, dtype=jnp.int32) for flag in flags), jnp.zeros((), jnp.int32))
+
+    return {name: total(name) for name in INVARIANTS}
+
+
+def not_finite(tree: Any) -> dict[str, jax.Array]:
+    """Where the floating leaves of a tree are not finite, by their paths."""
+    leaves = jax.tree_util.tree_leaves_with_path(tree)
+    return {
+        jax.tree_util.keystr(path, simple=True, separator="."): ~jnp.isfinite(leaf)
+        for path, leaf in leaves
+        if jnp.issubdtype(leaf.dtype, jnp.floating)
+    }
+
+
+def with_finite_waits(state: EnvState) -> EnvState:
+    """The state but for the time to go of a MED that is never ready again: infinite, on purpose."""
+    ready = jnp.where(state.meds.ready_in_s == jnp.inf, 0.0, state.meds.ready_in_s)
+    return state.replace(meds=state.meds.replace(ready_in_s=ready))
+
+
+def lengths_of(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """Length of the vehicle in each slot, (N,) m."""
+    return params.drivers.vehicle_length[vehicle_kinds(state.evs.is_human, config)]
+
+
+def check_lanes(before: Vehicles, after: Vehicles, length: jax.Array) -> Flags:
+    """Overlaps in a lane, and who was passed there, by the order in which they stand after the tick.
+
+    Args:
+      before, after: the tick; equal where there is none.
+      length: (N,) m.
+    """
+    slots = after.x.shape[0]
+    # One packed word sorts ten times as fast as several arrays: lane, place along the road, slot. Places are cut to
+    # some millimetres; two vehicles of a lane that are so near to each other overlap in either order.
+    slot_bits = (slots - 1).bit_length()
+    places = 2 ** (29 - slot_bits)
+    scale = places / (1.0 + jnp.max(jnp.where(after.active, after.x, 0.0)))
+    place = jnp.clip(after.x * scale, 0, places - 1).astype(jnp.uint32)
+    lane = jnp.where(after.active, after.lane, 7).astype(jnp.uint32)  # 7: no lane
+    order = jnp.sort(((lane * places + place) << slot_bits) | jnp.arange(slots, dtype=jnp.uint32))
+    order = (order & (2**slot_bits - 1)).astype(jnp.int32)
+    lane, x, rear, was_in, was_x = read(
+        (
+            jnp.where(after.active, after.lane, -1),
+            after.x,
+            after.x - length,
+            jnp.where(before.active, before.lane, -1),
+            before.x,
+        ),
+        order,
+    )
+    pair = (lane[1:] == lane[:-1]) & (lane[1:] >= 0)
+    stayed = (was_in[1:] == lane[1:]) & (was_in[:-1] == lane[:-1])
+    return {
+        "overlap": {"pairs in road order": pair & (rear[1:] < x[:-1])},
+        "passed": {"pairs in road order": pair & stayed & (was_x[1:] < was_x[:-1])},
+    }
+
+
+def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
+    """What holds at every instant, but for overlaps (`check_lanes`)."""
+    vehicles, evs, meds = state.vehicles, state.evs, state.meds
+    active, lane, x, road = vehicles.active, vehicles.lane, vehicles.x, params.road
+    ev_active, med_active = active[config.ev_slots], active[config.med_slots]
+
+    along_ramp = x[:, None] - road.ramp_x_m[None, :]
+    on_ramp = (along_ramp >= 0.0) & (along_ramp <= road.acceleration_lane_m + ROUNDING_M)
+    on_lane = (lane >= 0) & jnp.where(
+        lane < config.num_lanes, True, (lane == config.num_lanes) & on_ramp.any(axis=1)
+    )
+    inside = (x >= 0.0) & (x <= road.length_m)
+
+    drives = (meds.status == MERGING) | (meds.status == IN_SERVICE)
+    unknown = (meds.status < AT_DEPOT) | (meds.status > RETIRED)
+    surplus = (jnp.arange(config.num_meds) >= params.fleet.size) & (meds.status != RETIRED)
+
+    booked = evs.med != NOT_BOOKED
+    med, panel = jnp.clip(evs.med, 0, config.num_meds - 1), evs.panel
+    med_capacity = params.med_capacity_j
+    serves = (
+        med_active
+        & (meds.status == IN_SERVICE)
+        & (meds.energy_j > params.fleet.reserve_soc * med_capacity)
+    )
+    exists = (evs.med >= 0) & (evs.med < config.num_meds) & (panel >= 0) & (panel < len(PANELS))
+    place = jnp.where(booked, evs.med * len(PANELS) + panel, -1)
+    same = (place[:, None] == place[None, :]) & booked[:, None]
+    return {
+        "speed": {"below 0": active & (vehicles.speed < 0.0)},
+        "road": {"no lane": active & ~on_lane, "beyond the road": active & ~inside},
+        "vehicles": {
+            "on the road, by a MED's status": med_active != drives,
+            "a MED's status": unknown,
+            "MED beyond the fleet": surplus,
+            "queue below 0": state.queue < 0,
+        },
+        "bookings": {
+            "EVs on one panel": booked & (jnp.sum(same, axis=1) > 1),
+            "MED without panel or the reverse": booked != (panel != NOT_BOOKED),
+            "no such panel": booked & ~exists,
+            "EV off the road": booked & ~ev_active,
+            "MED not in service": booked & ~serves[med],
+            "charges unbooked": evs.is_charging & ~booked,
+        },
+        "soc": {
+            # As energies: a division may round to just above 1.
+            "EV": (evs.energy_j < 0.0) | (evs.energy_j > params.ev_capacity_j),
+            "MED": (meds.energy_j < 0.0) | (meds.energy_j > med_capacity),
+        },
+        "finite": not_finite(with_finite_waits(state)),
+    }
+
+
+def check_entry(
+    before: EnvState, begun: EnvState, config: EnvConfig, params: EnvParams
+) -> tuple[Flags, Books]:
+    """From a decision's state to the one that its first tick starts from: entries and new bookings, nothing else."""
+    old, new = before.vehicles, begun.vehicles
+    enters = new.active & ~old.active
+    where = entries(params.road, config.num_lanes)
+    at = (new.x[:, None] == where.x) & (new.lane[:, None] == where.lane) & enters[:, None]
+    fields = ("active", "x", "speed", "lane", "desired_speed", "lateral_offset")
+    ordinary = jnp.sum(at[config.med_slots.stop :], axis=0)
+
+    evs, was, ev_slots = begun.evs, before.evs, config.ev_slots
+    newcomer = enters[ev_slots]
+    kept = (evs.med == was.med) & (evs.panel == was.panel)
+    arrival, demand = evs.energy_j / params.ev_capacity_j, params.demand
+    slack = ROUNDING * demand.arrival_soc_high
+    low, high = demand.arrival_soc_low - slack, demand.arrival_soc_high + slack
+    waited = (before.meds.status == QUEUED) | (before.meds.status == AT_DEPOT)
+    flags = {
+        "motion": {
+            field: old.active & (getattr(old, field) != getattr(new, field)) for field in fields
+        },
+        "vehicles": {
+            "comes in at no entry": enters & ~at.any(axis=1),
+            "several at one entry": jnp.sum(at, axis=0) > 1,
+            "queue loses vehicles": begun.queue < before.queue - ordinary,
+            "MED out of nowhere": enters[config.med_slots] & ~waited,
+        },
+        "bookings": {"changed": ~newcomer & (was.med != NOT_BOOKED) & ~kept},
+        "energy": {
+            "arrival": newcomer & ((arrival < low) | (arrival > high)),
+            "EV at rest": ~newcomer & (evs.energy_j != was.energy_j),
+            "MED at rest": begun.meds.energy_j != before.meds.energy_j,
+        },
+    }
+    return flags, entry_books(before, begun, config)
+
+
+def check_tick(
+    before: EnvState, after: EnvState, config: EnvConfig, params: EnvParams
+) -> tuple[Flags, Books]:
+    """One tick: everyone moves as bodies do, goes only by a way out, and energy goes from one battery to another."""
+    old, new, dt = before.vehicles, after.vehicles, config.tick_s
+    both, travel = old.active & new.active, new.x - old.x
+    farthest = 0.5 * (old.speed + new.speed) * dt
+    slack = ROUNDING_M + ROUNDING * farthest
+    limit = jnp.maximum(params.motion.max_braking, jnp.max(params.drivers.max_acceleration)) * dt
+    hop = new.lane - old.lane
+    gone = old.active & ~new.active
+    empty = jnp.zeros_like(gone).at[config.ev_slots].set(after.evs.energy_j <= 0.0)
+    past = new.x > params.road.length_m
+    evs, was, evs_stay = after.evs, before.evs, both[config.ev_slots]
+    kept = (evs.med == was.med) & (evs.panel == was.panel)
+    energy, books = tick_books(before, after, config, params)
+    flags = {
+        **check_lanes(old, new, lengths_of(after, config, params)),
+        "motion": {
+            "backward": old.active & (travel < 0.0),
+            "farther than its speeds": old.active & (travel > farthest + slack),
+            "speed jumps": old.active
+            & (jnp.abs(new.speed - old.speed) > limit * (1.0 + ROUNDING) + ROUNDING),
+            "several lanes": old.active & (jnp.abs(hop) > 1),
+            "onto an acceleration lane": old.active & (hop != 0) & (new.lane >= config.num_lanes),
+            "another vehicle": both & (new.desired_speed != old.desired_speed),
+            "another driver": evs_stay & (evs.is_human != was.is_human),
+        },
+        "vehicles": {
+            "appears": new.active & ~old.active,
+            "vanishes": gone & ~(past | empty),
+            "EV without energy": (new.active & empty)[config.ev_slots],
+        },
+        "bookings": {"changed": (evs.med != NOT_BOOKED) & ~kept},
+        "energy": energy,
+    }
+    return flags, books

@@ -1,0 +1,188 @@
+"""`python -m benchmarks.soak`: random play in random worlds, where every invariant is checked after every tick.
+
+Each case is one compiled program: sizes drawn by `worlds`, and environments side by side, each with numbers
+of its own, that play under random actions: allowed ones in one half of them, any in the other. Vehicle updates are
+counted as vehicles really on the road. A violation prints the one command that plays up to it again and shows it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import math
+import sys
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from benchmarks.command import benchmark_parser, positive, whole_number
+from benchmarks.verification.cases import (
+    NUM_ENVS,
+    Case,
+    Violation,
+    environment_keys,
+    random_action,
+    run_case,
+    violations_of,
+)
+from benchmarks.verification.evidence import explain
+from benchmarks.verification.invariants import INVARIANTS
+from benchmarks.verification.worlds import as_settings, world_of
+from medjax.commandline import OneLineParser
+from medjax.env.charging_env import ChargingEnv
+from medjax.wrappers import prepare_cpu
+
+CASES = 16  # that the updates are shared among
+MOST_SHOWN = 5  # violations of an episode
+
+
+def show(case: Case, environment: int, episode: int) -> Iterator[str]:
+    """Plays an episode up to its first violation in one environment, by the same program, and says what happened."""
+    world = world_of(case.params, environment)
+    yield f"case {case.number} of seed {case.seed}: {case}"
+    played = case.play(episode)
+    mine = [v for v in violations_of(case, episode, played) if v.environment == environment]
+    for violation in mine:
+        yield str(violation).split("\n")[0]
+        decision = max(violation.decision, 0)
+        state = jax.tree.map(lambda leaf: leaf[environment], case.play(episode, decision).state)
+        env = ChargingEnv(case.config, probe=lambda state: state)
+        _, key = environment_keys(case.key(episode), environment)
+        act_key, step_key = jax.random.split(jax.random.fold_in(key, decision))
+        mask = env.action_mask(state, world)
+        action = random_action(act_key, mask, jnp.asarray(environment % 2 == 0))
+        yield f"action {int(action)} of 0 to {case.config.num_ramps}"
+        yield from explain(env, world, step_key, state, action)
+    yield "the world, as medjax.make and --set take it:"
+    yield from (f"  --set '{setting}'" for setting in as_settings(case.config, world))
+    if not mine:
+        yield f"no violation in environment {environment}, episode {episode}"
+
+
+def positive_number(text: str) -> float:
+    """A type of argument: a number above 0, such as 1e9."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not 0.0 < number < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r}: allowed a number above 0")
+    return number
+
+
+def build_parser() -> OneLineParser:
+    """The command line."""
+    parser = benchmark_parser("soak", __doc__)
+    parser.add_argument(
+        "--updates", type=positive_number, default=1e9, help="vehicle updates in all"
+    )
+    parser.add_argument("--seed", type=whole_number(least=0), default=0)
+    parser.add_argument("--num-envs", type=positive, default=NUM_ENVS, help="of a case")
+    parser.add_argument("--cases", type=positive, default=CASES, help="that share the updates")
+    again = parser.add_argument_group("to see one environment's first violation again")
+    again.add_argument("--case", type=whole_number(least=0), metavar="C")
+    again.add_argument("--environment", type=whole_number(least=0), metavar="E")
+    again.add_argument("--episode", type=whole_number(least=0), default=0)
+    return parser
+
+
+class Soak:
+    """Cases one after the other, and what they came to."""
+
+    def __init__(self, seed: int, updates: float, num_envs: int, cases: int) -> None:
+        self.seed, self.updates, self.num_envs, self.cases = seed, updates, num_envs, cases
+        self.rows: list[dict[str, Any]] = []
+        self.moved = 0
+        self.found: list[Violation] = []
+        self.start = time.perf_counter()
+
+    def run(self) -> None:
+        """Prints a line a case, and every case's first violations."""
+        share = self.updates / self.cases
+        for number in range(self.cases):
+            print(f"case {number}: compiling ...", end="\r", file=sys.stderr, flush=True)
+            case = Case(self.seed, number, self.num_envs)
+            self._play(case, share)
+
+    def _play(self, case: Case, share: float) -> None:
+        start = time.perf_counter()
+        row = {"case": case.number, **dataclasses.asdict(case.config)}
+        row |= {"compile_s": case.compile_s, "updates": 0, "violations": 0}
+        self.rows.append(row)
+        for moved, found in run_case(case, share):
+            self.moved += moved
+            self.found += found
+            row["updates"] += moved
+            row["violations"] += sum(sum(v.counts.values()) for v in found)
+            row["play_s"] = time.perf_counter() - start
+            for violation in found[:MOST_SHOWN]:
+                print(violation, flush=True)
+            if len(found) > MOST_SHOWN:
+                print(f"  ... and in {len(found) - MOST_SHOWN} more environments")
+            print(
+                f"case {case.number}: {row['updates'] / share:.0%}, in all {self.moved:,} updates",
+                end="\r",
+                file=sys.stderr,
+                flush=True,
+            )
+        print(
+            f"case {case.number:2d}: {case}: {row['updates']:,} updates, {row['violations']} violations, "
+            f"{case.compile_s:.0f} + {row['play_s']:.0f} s",
+            flush=True,
+        )
+
+    def report(self) -> dict[str, Any]:
+        """Totals, by invariant and by case."""
+        totals = {
+            name: sum(violation.counts.get(name, 0) for violation in self.found)
+            for name in INVARIANTS
+        }
+        return {
+            "seed": self.seed,
+            "updates": self.moved,
+            "wall_s": time.perf_counter() - self.start,
+            "num_envs": self.num_envs,
+            "violations": totals,
+            "commands": [violation.command() for violation in self.found],
+            "cases": self.rows,
+            "device": jax.devices()[0].device_kind,
+            "jax_version": jax.__version__,
+        }
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Plays, prints, and ends with exit code 1 if anything was violated."""
+    parser = build_parser()
+    options = parser.parse_args(arguments)
+    if (options.case is None) != (options.environment is None):
+        parser.error("--case and --environment: allowed both or none")
+    prepare_cpu()
+    if options.case is not None:
+        if options.environment >= options.num_envs:
+            parser.error(
+                f"--environment {options.environment}: allowed 0 to {options.num_envs - 1}"
+            )
+        case = Case(options.seed, options.case, options.num_envs)
+        lines = list(show(case, options.environment, options.episode))
+        print("\n".join(lines))
+        sys.exit(any("VIOLATED" in line for line in lines))
+    soak = Soak(options.seed, options.updates, options.num_envs, options.cases)
+    try:
+        soak.run()
+    except KeyboardInterrupt:
+        print("\nstopped")
+    report = soak.report()
+    print(f"\n{report['updates']:,} vehicle updates in {report['wall_s']:.0f} s; violations:")
+    for name, what in INVARIANTS.items():
+        print(f"  {name:<9}{report['violations'][name]:>8}   {what}")
+    if options.json:
+        options.json.write_text(json.dumps(report, indent=2))
+    sys.exit(bool(soak.found))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,271 @@
+"""Random valid worlds: sizes and numbers drawn over all that medjax is meant to bear, by seed.
+
+Everything is drawn between bounds written here, ends included and met often. They are those of `medjax.world.params`
+where it has both; else what a road could have. Bounds that safety itself sets are in `_drivers`, with their reason.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import jax
+import numpy as np
+
+import medjax
+from medjax.env.reward import TERMS
+from medjax.physics import InductanceTable
+from medjax.world.params import (
+    BodyParams,
+    ChargingParams,
+    DemandParams,
+    DriverParams,
+    EnvConfig,
+    EnvParams,
+    FleetParams,
+    LaneChangeParams,
+    LinkParams,
+    MotionParams,
+    RoadParams,
+    validate,
+)
+
+Units = Callable[[tuple[int, ...]], np.ndarray]
+"""Numbers in [0, 1] of the shape asked for, with axes of a batch before it."""
+
+# Vehicles that ask to enter, at most, per hour and lane or ramp: no lane takes more.
+SATURATED_PER_H = 3000.0
+J_PER_KWH = 3.6e6
+LONGEST_M = 20.0  # vehicle
+# Irrational steps through the unit cube (Roberts' R-sequence in 7 dimensions): any few successive cases spread over it.
+_PHI = 1.0923077
+for _ in range(60):
+    _PHI = (1.0 + _PHI) ** (1.0 / 8.0)
+STEPS = _PHI ** -np.arange(1.0, 8.0)
+
+
+def reach_ends(units: Any, share: float = 0.1) -> Any:
+    """Uniform numbers in [0, 1] to such of which that share is 0, and as many are 1."""
+    return np.clip((units - share) / (1.0 - 2.0 * share), 0.0, 1.0)
+
+
+def random_units(rng: np.random.Generator, batch: int) -> Units:
+    """Of `batch` worlds side by side."""
+    return lambda shape: reach_ends(rng.random((batch, *shape)))
+
+
+def draw_config(seed: int, case: int) -> EnvConfig:
+    """Sizes of case 0, 1, ... of a seed: 1-6 lanes, 0-8 ramps, 0.05-0.5 s, 1-40 MEDs, as evenly as few cases can."""
+    start = np.random.default_rng(seed).random(len(STEPS))
+    lanes, ramps, tick, ticks, meds, evs, gas = (start + case * STEPS) % 1.0
+    num_lanes = 1 + int(6 * lanes)
+    return EnvConfig(
+        num_lanes=num_lanes,
+        num_ramps=int(9 * ramps),
+        tick_s=round(float(0.05 + 0.45 * reach_ends(tick, 0.15)), 3),
+        ticks_per_decision=1 + int(8 * ticks),
+        num_meds=1 + int(40 * meds),
+        num_evs=1 + int(60 * evs),
+        num_gas=int(40 * num_lanes * reach_ends(gas)),
+    )
+
+
+class _Draw:
+    """Uniform draws between bounds, as float32 within them."""
+
+    def __init__(self, units: Units) -> None:
+        self.units = units
+
+    def __call__(self, low: Any, high: Any, *shape: int) -> Any:
+        low, high = (np.asarray(bound, np.float32) for bound in (low, high))
+        drawn = low + self.units(shape) * (high - low)
+        return np.clip(drawn.astype(np.float32), low, high)
+
+    def whole(self, low: int, high: int) -> Any:
+        return np.floor(low + self.units(()) * (high + 1 - low)).clip(low, high).astype(np.int32)
+
+
+def _road(draw: _Draw, config: EnvConfig) -> RoadParams:
+    merge = draw(100.0, 350.0)
+    spaced = merge + LONGEST_M + 1.0
+    shortest = np.maximum(150.0, (config.num_ramps + 0.1) * spaced)
+    length = draw(shortest, np.maximum(4000.0, shortest))
+    spare = (0.999 * (length - spaced * config.num_ramps))[..., None]
+    order = np.arange(config.num_ramps)
+    places = np.sort(draw(0.0, 1.0, config.num_ramps), axis=-1) * np.maximum(spare, 0.0)
+    return RoadParams(
+        length_m=length,
+        lane_width_m=draw(2.5, 5.0),
+        ramp_x_m=(places + order * spaced[..., None]).astype(np.float32),
+        acceleration_lane_m=merge,
+    )
+
+
+def _demand(draw: _Draw, config: EnvConfig) -> DemandParams:
+    soc: Any = np.sort(draw(0.0, 1.0, 2), axis=-1)
+    return DemandParams(
+        mainline_per_h=draw(0.0, SATURATED_PER_H * config.num_lanes),
+        ramp_per_h=draw(0.0, SATURATED_PER_H, config.num_ramps),
+        ev_share=draw(0.0, 1.0),
+        human_share=draw(0.0, 1.0),
+        arrival_soc_low=soc[..., 0],
+        arrival_soc_high=soc[..., 1],
+        ramp_speed=draw(3.0, 25.0),
+    )
+
+
+def _drivers(draw: _Draw, config: EnvConfig) -> DriverParams:
+    kinds = len(medjax.world.params.KINDS)
+    return DriverParams(
+        desired_speed=draw(8.0, 45.0, kinds),
+        desired_speed_std=draw(0.0, 4.0, kinds),
+        # The tick is the reaction time: who follows at less than it cannot answer a leader that brakes as hard as
+        # itself (Treiber and Kesting, Traffic Flow Dynamics, 12.2).
+        time_headway=draw(max(0.6, config.tick_s), 3.0, kinds),
+        min_gap=draw(1.0, 5.0, kinds),
+        max_acceleration=draw(0.5, 3.0, kinds),
+        comfortable_deceleration=draw(1.0, 4.0, kinds),
+        acceleration_noise=draw(0.0, 0.3, kinds),
+        lateral_wander=draw(0.0, 0.4, kinds),
+        vehicle_length=draw(3.0, LONGEST_M, kinds),
+    )
+
+
+def _charging(draw: _Draw, config: EnvConfig) -> ChargingParams:
+    soc: Any = np.sort(draw(0.0, 1.0, 2), axis=-1)
+    return ChargingParams(
+        request_soc=soc[..., 0],
+        target_soc=soc[..., 1],
+        reach_ahead_m=draw(0.0, 2000.0),
+        reach_behind_m=draw(0.0, 1000.0),
+        patience_s=draw(1.0, 120.0),
+        retry_s=draw(0.0, 30.0),
+        approach_speed=draw(1.0, 15.0),
+        approach_rate=draw(0.05, 1.0),
+        speed_rate=draw(0.2, 2.0),
+        platoon_headway=draw(max(0.25, config.tick_s), 1.5),  # as time_headway
+        platoon_min_gap=draw(1.0, 5.0),
+        dock_gap_m=draw(2.0, 20.0),
+        dock_tolerance_m=draw(0.1, 2.0),
+        dock_speed_tolerance=draw(0.1, 2.0),
+        hold_tolerance_m=draw(0.1, 4.0),
+        slot_power_w=draw(0.0, 200e3),
+    )
+
+
+def _body(draw: _Draw, mass: tuple[float, float], area: float, pack: float) -> BodyParams:
+    return BodyParams(
+        mass_kg=draw(*mass),
+        drag_coefficient=draw(0.1, 1.0),
+        frontal_area_m2=draw(0.5 * area, area),
+        rolling_resistance=draw(0.004, 0.02),
+        rotational_inertia_factor=draw(1.0, 1.2),
+        drivetrain_efficiency=draw(0.3, 1.0),
+        regeneration_efficiency=draw(0.0, 1.0),
+        auxiliary_w=draw(0.0, 5000.0),
+        pack_j=draw(0.05 * pack * J_PER_KWH, pack * J_PER_KWH),
+    )
+
+
+def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvParams:
+    """Every number of a world, NumPy arrays with the units' batch axes first; the table is taken as it is."""
+    draw = _Draw(units)
+    # Half of the fleets go out once, the others come back.
+    once = draw(0.0, 1.0) < 0.5
+    turnaround: Any = np.where(once, np.float32(math.inf), draw(0.0, 120.0))
+    return EnvParams(
+        road=_road(draw, config),
+        demand=_demand(draw, config),
+        drivers=_drivers(draw, config),
+        motion=MotionParams(
+            max_braking=draw(6.0, 10.0), noise_time_s=draw(0.5, 20.0), lateral_rate=draw(0.5, 4.0)
+        ),
+        lane_change=LaneChangeParams(
+            politeness=draw(0.0, 1.0),
+            threshold=draw(0.0, 1.0),
+            right_bias=draw(-1.0, 1.0),
+            safe_braking=draw(0.5, 5.0),
+            mandatory_bias=draw(0.0, 20.0),
+            urgency_bias=draw(0.0, 20.0),
+        ),
+        fleet=FleetParams(
+            size=draw.whole(0, config.num_meds),
+            cooldown_s=draw(0.0, 30.0),
+            turnaround_s=turnaround,
+            service_speed=draw(5.0, 35.0),
+            service_lane=draw.whole(0, config.num_lanes - 1),
+            reserve_soc=draw(0.0, 1.0),
+        ),
+        charging=_charging(draw, config),
+        link=LinkParams(
+            inductance=table,
+            panel_gap_m=draw(0.05, 0.6),
+            misalignment_scale=draw(0.0, 1.0),
+            load_ohm=draw(1.0, 50.0),
+            med_resistance_ohm=draw(0.01, 1.0),
+            ev_resistance_ohm=draw(0.01, 1.0),
+            angular_frequency=draw(1e5, 1e6),
+        ),
+        ev=_body(draw, (500.0, 3000.0), 4.0, 100.0),
+        med=_body(draw, (4000.0, 40000.0), 12.0, 600.0),
+        battery_scale=draw(1.0, 100.0),
+        reward_weights={term: draw(-20.0, 20.0) for term in TERMS},
+        # Longer than anyone plays: an episode ends where its player stops.
+        episode_decisions=draw.whole(10**6, 10**6),
+    )
+
+
+def _leaves(params: EnvParams) -> Iterator[tuple[str, Any]]:
+    """All numbers by the names that `medjax.make` knows."""
+    for group in dataclasses.fields(params):
+        member = getattr(params, group.name)
+        if isinstance(member, Mapping):
+            yield from ((f"{group.name}.{name}", value) for name, value in member.items())
+        elif dataclasses.is_dataclass(member):
+            for leaf in dataclasses.fields(member):
+                if leaf.name != "inductance":
+                    yield f"{group.name}.{leaf.name}", getattr(member, leaf.name)
+        else:
+            yield group.name, member
+
+
+def world_of(params: EnvParams, index: int) -> EnvParams:
+    """One world of a batch."""
+    table = params.link.inductance
+    link = params.link.replace(inductance=None)
+    one = jax.tree.map(lambda leaf: leaf[index], params.replace(link=link))
+    return one.replace(link=one.link.replace(inductance=table))
+
+
+def as_overrides(config: EnvConfig, params: EnvParams) -> dict[str, Any]:
+    """Keyword arguments with which `medjax.make("paper", ...)` builds this world, to the last bit."""
+
+    def plain(value: Any) -> Any:
+        value = np.asarray(value)
+        if value.ndim:
+            return [plain(entry) for entry in value]
+        return int(value) if value.dtype == np.int32 else float(str(value))
+
+    sizes = dataclasses.asdict(config)
+    return sizes | {name: plain(value) for name, value in _leaves(params)}
+
+
+def as_settings(config: EnvConfig, params: EnvParams) -> list[str]:
+    """The same as texts `NAME=VALUE` for `--set`."""
+    overrides = as_overrides(config, params)
+    return [f"{name}={json.dumps(value)}" for name, value in overrides.items()]
+
+
+def validated(config: EnvConfig, params: EnvParams, worlds: int | None = None) -> EnvParams:
+    """The batch, every world of which `medjax.world.params.validate` has found valid, or the first so many.
+
+    Raises:
+      ValueError: one is not.
+    """
+    for index in range(worlds or len(np.asarray(params.battery_scale))):
+        world = world_of(params, index)
+        validate(config, jax.tree.map(lambda x: x.item() if np.ndim(x) == 0 else x, world))
+    return params

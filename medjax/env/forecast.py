@@ -1,0 +1,68 @@
+"""Who will need a MED soon: what the known demand and the charge of the EVs say."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from medjax.charging.booking import panel_flags
+from medjax.env.tick import drive_energy
+from medjax.numerics.sums import rounded, sum_pairwise
+from medjax.traffic.demand import entries, entry_rates
+from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.state import NOT_BOOKED, QUEUED, EnvState
+
+
+def med_places(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """Where MEDs are, `(M,)` m: one that waits is at its ramp; inf for one that is not on its way."""
+    ramp_x_m = params.road.ramp_x_m if config.num_ramps else jnp.zeros((1,))
+    vehicles, slots = state.vehicles, config.med_slots
+    on_road = jnp.where(vehicles.active[slots], vehicles.x[slots], jnp.inf)
+    return jnp.where(state.meds.status == QUEUED, ramp_x_m[state.meds.ramp], on_road)
+
+
+def free_slots(state: EnvState, config: EnvConfig) -> jax.Array:
+    """Slots that no EV has booked, `(M,)` int32, of every MED."""
+    evs = state.evs
+    taken = panel_flags(evs.med, evs.panel, evs.med != NOT_BOOKED, config.num_meds)
+    return jnp.sum(~taken, axis=1)
+
+
+def forecast_need(
+    state: EnvState, config: EnvConfig, params: EnvParams, window_s: float
+) -> jax.Array:
+    """EVs in need of a MED from each ramp within the window, less free slots, `(num_ramps,)` float32.
+
+    In need are EVs that do not come to the end of the road on what they have at cruising speed: those without
+    a booking on the way to the ramp that could catch up with the MED within the window, and those that the known
+    demand brings in time, on average. Free slots are those of the MEDs that are as near.
+    """
+    road, demand = params.road, params.demand
+    cruise = jnp.asarray(params.drivers.desired_speed[-1])
+    per_metre = drive_energy(cruise, cruise, params.ev, 1.0) / cruise
+    closing = jnp.maximum(cruise - params.fleet.service_speed, 1e-3)
+    window_m = closing * window_s  # that an EV gains on a MED
+
+    def ahead_of(x: jax.Array) -> jax.Array:
+        """Way from places to the ramps, `(num_ramps, ...)` m."""
+        return road.ramp_x_m[:, None] - x[None, :]
+
+    x = state.vehicles.x[config.ev_slots]
+    runs_out = state.evs.energy_j < (road.length_m - x) * per_metre
+    needy = state.vehicles.active[config.ev_slots] & runs_out & (state.evs.med == NOT_BOOKED)
+    way = ahead_of(x)
+    there = jnp.sum(needy & (way <= window_m) & (way >= -params.charging.reach_behind_m), axis=1)
+
+    where = entries(road, config.num_lanes)
+    charge = (road.length_m - where.x) * per_metre / params.ev_capacity_j  # that the rest takes
+    range_of_charge = jnp.maximum(demand.arrival_soc_high - demand.arrival_soc_low, 1e-6)
+    share = jnp.clip((charge - demand.arrival_soc_low) / range_of_charge, 0.0, 1.0)
+    rate = entry_rates(demand, config.num_lanes) * demand.ev_share * share
+    way = ahead_of(where.x)
+    # Who enters behind the ramp must do so early enough to catch up.
+    time = jnp.where(way >= 0.0, jnp.maximum(window_s - way / closing, 0.0), 0.0)
+    coming = sum_pairwise(rounded(rate * time))
+
+    near = jnp.abs(ahead_of(med_places(state, config, params))) <= window_m
+    free = jnp.sum(jnp.where(near, free_slots(state, config), 0), axis=1)
+    return there + coming - free

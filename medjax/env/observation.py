@@ -1,0 +1,225 @@
+"""What the dispatcher sees: the paper's state space, structured and flat.
+
+An observation is a value handed to ChargingEnv: anything with `size(config)` and
+`__call__(state, config, params) -> (size,)`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from medjax.charging.booking import panel_flags
+from medjax.env.forecast import forecast_need, free_slots, med_places
+from medjax.numerics.sums import in_units, rounded, sum_pairwise
+from medjax.traffic.road import lateral_position
+from medjax.world.params import PANELS, EnvConfig, EnvParams
+from medjax.world.state import AT_DEPOT, IN_SERVICE, MERGING, NOT_BOOKED, QUEUED, EnvState
+
+MED_FEATURES = 14
+EV_FEATURES = 8
+CLOCK_FEATURES = 4
+# A cooldown may be 0, so it is scaled by a fixed time.
+COOLDOWN_UNIT_S = 20.0
+NEED_WINDOW_S = 60.0  # of the forecast that the road profile shows
+FAR_KM = 2.0  # beyond that a MED matters little to a ramp
+
+
+class Observation(struct.PyTreeNode):
+    """The structured form; features in the paper's order, scaled to about [-1, 1]."""
+
+    meds: jax.Array  # (M, 14): x, y, vx, vy, SoC, in service, booked x 4, charging x 4
+    evs: jax.Array  # (E, 8): x, y, vx, vy, SoC, is human, is charging, target MED
+    med_mask: jax.Array  # (M,) bool, on the road
+    ev_mask: jax.Array  # (E,) bool, on the road
+    clock: jax.Array  # (4,): time left, cooldown left, share at the depot, share waiting at a ramp
+
+
+def clock_features(state: EnvState, params: EnvParams) -> jax.Array:
+    """`Observation.clock`, (4,) float32."""
+    clock = [
+        in_units(params.episode_decisions - state.time, params.episode_decisions),
+        state.cooldown_s / COOLDOWN_UNIT_S,
+        jnp.mean(state.meds.status == AT_DEPOT),
+        jnp.mean(state.meds.status == QUEUED),
+    ]
+    return jnp.stack(clock).astype(jnp.float32)
+
+
+def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observation:
+    """The structured observation of one environment.
+
+    Vehicles off the road are zero rows, but a MED keeps its state of charge: a full one off the road
+    has not been sent yet. The target MED of an EV is (index + 1) / num_meds, 0 for none.
+    """
+    vehicles, evs, meds = state.vehicles, state.evs, state.meds
+    width = config.num_lanes * params.road.lane_width_m
+    cruise = params.drivers.desired_speed[-1]
+    y = lateral_position(vehicles.lane, vehicles.lateral_offset, params.road.lane_width_m)
+    motion = jnp.stack(
+        [
+            in_units(vehicles.x, params.road.length_m),
+            in_units(y, width),
+            in_units(vehicles.speed, cruise),
+            in_units(vehicles.lateral_speed, params.road.lane_width_m),
+        ],
+        axis=-1,
+    )
+    motion = jnp.where(vehicles.active[:, None], motion, 0.0)
+    booked = panel_flags(evs.med, evs.panel, evs.med != NOT_BOOKED, config.num_meds)
+    charging = panel_flags(evs.med, evs.panel, evs.is_charging, config.num_meds)
+    med_rows = jnp.concatenate(
+        [
+            motion[config.med_slots],
+            in_units(meds.energy_j, params.med_capacity_j)[:, None],
+            (meds.status == IN_SERVICE)[:, None],
+            booked,
+            charging,
+        ],
+        axis=-1,
+        dtype=jnp.float32,
+    )
+    own = jnp.stack(
+        [
+            in_units(evs.energy_j, params.ev_capacity_j),
+            evs.is_human.astype(jnp.float32),
+            evs.is_charging.astype(jnp.float32),
+            (evs.med + 1) / config.num_meds,
+        ],
+        axis=-1,
+    )
+    on_road = vehicles.active[config.ev_slots]
+    ev_rows = jnp.concatenate(
+        [motion[config.ev_slots], jnp.where(on_road[:, None], own, 0.0)], axis=-1
+    )
+    return Observation(
+        meds=med_rows,
+        evs=ev_rows,
+        med_mask=vehicles.active[config.med_slots],
+        ev_mask=on_road,
+        clock=clock_features(state, params),
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class FlatObservation:
+    """MED rows, then EV rows, then (optionally) the clock, as one float32 vector."""
+
+    include_clock: bool = True
+
+    def size(self, config: EnvConfig) -> int:
+        """Length of the vector."""
+        return (
+            MED_FEATURES * config.num_meds
+            + EV_FEATURES * config.num_evs
+            + CLOCK_FEATURES * self.include_clock
+        )
+
+    def split(self, vector: jax.Array, config: EnvConfig) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Parts of `(..., size)`: MEDs `(..., M, 14)`, EVs `(..., E, 8)`, the clock `(..., 4)` or `(..., 0)`."""
+        meds, evs = config.num_meds * MED_FEATURES, config.num_evs * EV_FEATURES
+        first, second, clock = jnp.split(vector, [meds, meds + evs], axis=-1)
+        shape = vector.shape[:-1]
+        return (
+            first.reshape(*shape, config.num_meds, MED_FEATURES),
+            second.reshape(*shape, config.num_evs, EV_FEATURES),
+            clock,
+        )
+
+    def __call__(self, state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+        """`(size,)` float32."""
+        seen = observe(state, config, params)
+        parts = [seen.meds.ravel(), seen.evs.ravel()]
+        if self.include_clock:
+            parts.append(seen.clock)
+        return jnp.concatenate(parts).astype(jnp.float32)
+
+
+def hat_weights(values: jax.Array, num_nodes: int) -> jax.Array:
+    """Shares of values in [0, 1] among evenly spaced nodes, by linear interpolation.
+
+    Args:
+      values: any shape; beyond the ends they belong to the end node.
+      num_nodes: at least 2.
+
+    Returns:
+      The shape of values, and num_nodes: at most two entries that are not 0, which add up to 1.
+    """
+    place = jnp.clip(values, 0.0, 1.0)[..., None] * (num_nodes - 1)
+    return jnp.maximum(1.0 - jnp.abs(place - jnp.arange(num_nodes)), 0.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class RoadProfile:
+    """What is where along the road: numbers of EVs by charge, and of MEDs, at evenly spaced nodes.
+
+    The same for any order of the vehicles in their slots, and a third of the flat observation's size:
+    what is learned of one slot holds for all. It leaves out lanes and speeds.
+
+    At each node: EVs without a booking by state of charge (`soc_nodes`), EVs booked, EVs charging;
+    MEDs waiting or merging (a waiting one at its ramp), MEDs in service, their state of charge, their
+    free slots. Then, for each ramp, the way in km to the next MED ahead of it, and to the next one
+    behind it, at most FAR_KM, and the EVs that will need a MED from there (`forecast_need`), a MED's
+    slots being 1. Then time left and the share at the depot, each by nodes
+    (`clock_nodes`), and the clock of `Observation`.
+    """
+
+    road_nodes: int = 17
+    soc_nodes: int = 6
+    clock_nodes: int = 6
+
+    def size(self, config: EnvConfig) -> int:
+        """Length of the vector."""
+        nodes = self.road_nodes * (self.soc_nodes + 2 + 4) + 2 * self.clock_nodes
+        return nodes + 3 * config.num_ramps + CLOCK_FEATURES
+
+    def __call__(self, state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+        """`(size,)` float32."""
+        vehicles, evs, meds = state.vehicles, state.evs, state.meds
+        on_road = vehicles.active[config.ev_slots]
+        free = (on_road & (evs.med == NOT_BOOKED))[:, None]
+        charge = hat_weights(in_units(evs.energy_j, params.ev_capacity_j), self.soc_nodes)
+        booked = on_road & (evs.med != NOT_BOOKED)
+        ev_columns = jnp.concatenate(
+            [jnp.where(free, charge, 0.0), booked[:, None], evs.is_charging[:, None]], axis=1
+        )
+        ev_place = in_units(vehicles.x[config.ev_slots], params.road.length_m)
+
+        med_x = med_places(state, config, params)
+        serves = meds.status == IN_SERVICE
+        med_columns = jnp.stack(
+            [
+                (meds.status == QUEUED) | (meds.status == MERGING),
+                serves,
+                jnp.where(serves, in_units(meds.energy_j, params.med_capacity_j), 0.0),
+                jnp.where(serves, free_slots(state, config), 0),
+            ],
+            axis=1,
+        )
+        med_place = in_units(med_x, params.road.length_m)
+        ahead_km = (med_x[:, None] - params.road.ramp_x_m) / 1000.0
+        clock = clock_features(state, params)
+        time_left, _, at_depot, _ = clock
+        parts = [
+            self._at_nodes(ev_place, ev_columns),
+            self._at_nodes(med_place, med_columns),
+            jnp.min(jnp.where(ahead_km >= 0.0, ahead_km, FAR_KM), axis=0, initial=FAR_KM),
+            jnp.min(jnp.where(ahead_km < 0.0, -ahead_km, FAR_KM), axis=0, initial=FAR_KM),
+            forecast_need(state, config, params, NEED_WINDOW_S) / len(PANELS),
+            hat_weights(time_left, self.clock_nodes),
+            hat_weights(at_depot, self.clock_nodes),
+            clock,
+        ]
+        return jnp.concatenate(parts).astype(jnp.float32)
+
+    def _at_nodes(self, place: jax.Array, columns: jax.Array) -> jax.Array:
+        """Columns `(n, c)` of vehicles at places `(n,)`, summed up at the road's nodes, `(road_nodes * c,)`."""
+        shares = hat_weights(place, self.road_nodes)
+        # Not a matrix product: that of one environment rounds otherwise than that of many, and takes longer.
+        return sum_pairwise(rounded(shares[:, :, None] * columns[:, None, :]), axis=0).ravel()
+
+
+OBSERVATIONS = {"flat": FlatObservation(), "profile": RoadProfile()}

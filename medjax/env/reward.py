@@ -1,0 +1,111 @@
+"""The reward, eq (10): a weighted sum of named terms.
+
+A term is a function of `Outcome` that returns a float32 scalar. `TERMS` holds those that come with
+medjax; pass `ChargingEnv(reward={**TERMS, "mine": my_term})` or `medjax.make(..., reward=...)` with
+your own. Weights are leaves of `EnvParams.reward_weights`, by the same names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from medjax.numerics.sums import in_units, rounded, sum_pairwise
+from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.state import EnvState, Tally
+
+
+class Outcome(struct.PyTreeNode):
+    """What one decision led to; all a reward term may read."""
+
+    before: EnvState
+    after: EnvState
+    happened: Tally  # sums over the ticks of this decision
+    params: EnvParams
+    config: EnvConfig = struct.field(pytree_node=False)
+
+
+RewardTerm = Callable[[Outcome], jax.Array]
+
+
+def depleted(outcome: Outcome) -> jax.Array:
+    """EVs that ran out in this decision; the paper's P_depleted, to be weighted negatively."""
+    return outcome.happened.depleted
+
+
+def soc(outcome: Outcome) -> jax.Array:
+    """Mean state of charge of the EVs on the road now, R_SoC; 0 on a road without EVs."""
+    on_road = outcome.after.vehicles.active[outcome.config.ev_slots]
+    charge = in_units(outcome.after.evs.energy_j, outcome.params.ev_capacity_j)
+    return sum_pairwise(jnp.where(on_road, rounded(charge), 0.0)) / jnp.maximum(on_road.sum(), 1)
+
+
+def distance(outcome: Outcome) -> jax.Array:
+    """Kilometres covered by all EVs in this decision, R_d."""
+    return outcome.happened.ev_distance_m * 1e-3
+
+
+def speed(outcome: Outcome) -> jax.Array:
+    """Mean speed of the EVs over this decision, R_v, in 30 m/s; 0 on a road without EVs."""
+    mean = outcome.happened.ev_distance_m / jnp.maximum(outcome.happened.ev_seconds, 1e-6)
+    return jnp.where(outcome.happened.ev_seconds > 0.0, mean / 30.0, 0.0)
+
+
+def dispatches(outcome: Outcome) -> jax.Array:
+    """MEDs sent in this decision; a cost of the fleet."""
+    return outcome.happened.meds_dispatched
+
+
+def gas_delay(outcome: Outcome) -> jax.Array:
+    """Vehicle-seconds that gas vehicles lost against their mean desired speed."""
+    happened = outcome.happened
+    cruise = outcome.params.drivers.desired_speed[-1]
+    return jnp.maximum(happened.gas_seconds - happened.gas_distance_m / cruise, 0.0)
+
+
+def lane_changes(outcome: Outcome) -> jax.Array:
+    """Lane changes of all vehicles in this decision."""
+    return outcome.happened.lane_changes
+
+
+def collisions(outcome: Outcome) -> jax.Array:
+    """Vehicles found overlapping their leader, summed over ticks; 0 in a sound simulation."""
+    return outcome.happened.collisions
+
+
+def transfer_loss(outcome: Outcome) -> jax.Array:
+    """Energy lost between MEDs and EVs in this decision, kWh."""
+    return (outcome.happened.energy_sent_j - outcome.happened.energy_received_j) / 3.6e6
+
+
+TERMS: Mapping[str, RewardTerm] = {
+    term.__name__: term
+    for term in (
+        depleted,
+        soc,
+        distance,
+        speed,
+        dispatches,
+        gas_delay,
+        lane_changes,
+        collisions,
+        transfer_loss,
+    )
+}
+
+
+def total_reward(
+    outcome: Outcome, terms: Mapping[str, RewardTerm]
+) -> tuple[jax.Array, dict[str, jax.Array]]:
+    """Weighted sum of the terms, and each weighted term by name; float32 scalars."""
+    weights = outcome.params.reward_weights
+    # The barrier keeps XLA from multiplying a weight with a term's own constants first, as it does where both are
+    # scalars: one environment alone would round otherwise than the same one in a batch.
+    values = jax.lax.optimization_barrier({name: term(outcome) for name, term in terms.items()})
+    parts = {
+        name: jnp.asarray(weights[name] * value, jnp.float32) for name, value in values.items()
+    }
+    return sum(parts.values(), jnp.zeros((), jnp.float32)), parts

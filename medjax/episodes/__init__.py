@@ -1,0 +1,1 @@
+"""Whole episodes: whose randomness they take, who plays them, and what is kept of them."""

@@ -1,0 +1,141 @@
+"""Which episode a command plays, and with whom: its options, and the recordings."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from medjax.commandline import add_set_option, as_path, parse_overrides, whole_number
+from medjax.env.charging_env import ChargingEnv
+from medjax.episodes.recording import Choose, Recording, by_rule, record_episode
+from medjax.errors import InputError, shown
+from medjax.policies.rules import BASELINES
+from medjax.policies.saved import load_policy
+from medjax.scenarios import SCENARIOS, make, prepare
+from medjax.world.params import EnvParams
+
+RULE = "forecast"  # unless another policy is asked for
+TRAINED = "ppo"  # name of a trained policy
+POLICY = "policy.zip"  # its file in the directory of a run
+
+
+def add_played(group: Any) -> None:
+    """Adds the options to a group of a parser; values stay text, so that all errors are worded in one place."""
+    group.add_argument(
+        "--policy", metavar="NAME", help=f"a rule of medjax.policies (default: {RULE})"
+    )
+    group.add_argument(
+        "--run-dir", metavar="DIR", help="instead: the policy that train.ppo left in DIR"
+    )
+    group.add_argument("--scenario", metavar="NAME", help="preset (default: paper)")
+    add_set_option(group, "set a number of the environment; repeatable")
+    group.add_argument("--seed", metavar="N", default="0", help="whose episodes (default: 0)")
+    group.add_argument(
+        "--episode",
+        metavar="N",
+        default="0",
+        help="which of them, as in train.evaluate (default: 0)",
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Played:
+    """What to play; checked as far as that needs no environment."""
+
+    run_dir: Path | None  # a trained policy; None: `policy` is a rule
+    policy: str
+    compare: str | None  # a rule beside it
+    scenario: str  # of a rule; a trained policy has its own
+    overrides: Mapping[str, Any]
+    seed: int
+    episode: int
+
+    def prepared(self) -> tuple[ChargingEnv, EnvParams]:
+        """The environment and its numbers as `policies` makes them, but for the coils; nothing is compiled.
+
+        Raises:
+          ValueError: as `policies`.
+        """
+        if self.run_dir is None:
+            return prepare(self.scenario, **self.overrides)[:2]
+        about = load_policy(self.run_dir / POLICY).about
+        return prepare(about.scenario, observation=about.observation, **about.overrides)[:2]
+
+    def policies(self) -> tuple[ChargingEnv, EnvParams, dict[str, Choose]]:
+        """The environment, its parameters, and what is played in it, by name.
+
+        Raises:
+          ValueError: one line; numbers that the environment does not take, or a policy that cannot be read.
+        """
+        chosen: dict[str, Choose] = {}
+        rules = [self.compare] if self.compare else []
+        if self.run_dir is None:
+            env, params = make(self.scenario, **self.overrides)
+            rules = [self.policy, *rules]
+        else:
+            trained = load_policy(self.run_dir / POLICY)
+            env, params = trained.make()
+            chosen[TRAINED] = trained.choose(env)
+        chosen |= {name: by_rule(BASELINES[name](env), env.num_actions) for name in rules}
+        return env, params, chosen
+
+    def record(
+        self, env: ChargingEnv, params: EnvParams, chosen: Mapping[str, Choose]
+    ) -> list[Recording]:
+        """Plays the episode, once a policy."""
+        recordings = []
+        for name, choose in chosen.items():
+            if sys.stderr.isatty():
+                print(f"compiling and playing an episode with {name} ...", file=sys.stderr)
+            recordings.append(
+                record_episode(
+                    env, params, choose, policy=name, seed=self.seed, episode=self.episode
+                )
+            )
+        return recordings
+
+
+def played_of(given: argparse.Namespace) -> Played:
+    """What the options of `add_played`, and `compare` where there is one, ask for.
+
+    Raises:
+      InputError: an unknown name, a run that is not there, or options that do not go together.
+    """
+    compare = getattr(given, "compare", None)
+    if given.run_dir is not None and (given.policy or given.scenario or given.overrides):
+        raise InputError("--run-dir with --policy, --scenario or --set: allowed one or the other")
+    for option, name in (("policy", given.policy), ("compare", compare)):
+        if name is not None and name not in BASELINES:
+            raise InputError(f"unknown {option} {shown(name)}: allowed {', '.join(BASELINES)}")
+    if given.scenario is not None and given.scenario not in SCENARIOS:
+        raise InputError(
+            f"unknown scenario {shown(given.scenario)}: allowed {', '.join(SCENARIOS)}"
+        )
+    if given.run_dir is None and compare == (given.policy or RULE):
+        raise InputError(f"--compare {compare}: allowed another one than --policy")
+    return Played(
+        run_dir=_run_dir(given.run_dir),
+        policy=given.policy or RULE,
+        compare=compare,
+        scenario=given.scenario or "paper",
+        overrides=parse_overrides(given.overrides),
+        seed=whole_number("--seed", given.seed),
+        episode=whole_number("--episode", given.episode),
+    )
+
+
+def _run_dir(text: str | None) -> Path | None:
+    if text is None:
+        return None
+    path = as_path("--run-dir", text)
+    if not path.is_dir():
+        raise InputError(f"--run-dir {path}: is no directory; allowed one that train.ppo wrote")
+    if not (path / POLICY).is_file():
+        raise InputError(
+            f"--run-dir {path}: holds no {POLICY}; python -m train.export --run-dir {path} writes it"
+        )
+    return path

@@ -1,0 +1,112 @@
+"""Trajectories in a file, whose ending says the format; it appears whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import io
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from medjax.episodes.fcd import write_fcd
+from medjax.episodes.recording import Recording
+from medjax.episodes.table import vehicle_table
+from medjax.files import replacing
+
+EXACT = "%.9g"  # nine digits tell any two float32 apart
+
+
+def write_parquet(recording: Recording, file: IO[bytes]) -> int:
+    """Writes `vehicle_table` with missing values as nulls, and what was played as JSON under the key `medjax`.
+
+    Returns:
+      Rows written.
+    """
+    import pyarrow
+    import pyarrow.parquet
+
+    played = {name: getattr(recording, name) for name in ("scenario", "policy", "seed", "episode")}
+    table = pyarrow.table(
+        {
+            name: pyarrow.array(column.data, mask=np.ma.getmaskarray(column))
+            for name, column in vehicle_table(recording).items()
+        },
+        metadata={"medjax": json.dumps(played)},
+    )
+    pyarrow.parquet.write_table(table, file, use_dictionary=["kind", "panel"])
+    return int(table.num_rows)
+
+
+def write_csv(recording: Recording, file: IO[bytes]) -> int:
+    """Writes `vehicle_table` with a head line and missing values empty; numbers read back exactly as float32.
+
+    Returns:
+      Rows written.
+    """
+    table = vehicle_table(recording)
+    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(table)
+    writer.writerows(zip(*(_as_text(column) for column in table.values()), strict=True))
+    text.detach()
+    return len(table["time_s"])
+
+
+def _as_text(column: np.ma.MaskedArray) -> list[object]:
+    values = column.tolist()  # None where masked
+    if column.dtype.kind != "f":
+        return values
+    return [None if value is None else EXACT % value for value in values]
+
+
+FORMATS: dict[str, Callable[[Recording, IO[bytes]], int]] = {
+    ".parquet": write_parquet,
+    ".csv": write_csv,
+    ".fcd.xml": write_fcd,
+}
+
+
+def check_target(path: Path) -> str:
+    """The ending of `path` among `FORMATS`, once it is sure that such a file can be written.
+
+    Raises:
+      ValueError: one line; another ending, a directory, or a place where nothing can be written.
+      ImportError: one line; the library that the format needs is missing.
+    """
+    ending = next((ending for ending in FORMATS if path.name.endswith(ending)), None)
+    if ending is None:
+        raise ValueError(f"cannot write {path}: allowed endings {', '.join(FORMATS)}")
+    if path.exists() and not path.is_file():
+        what = "a directory" if path.is_dir() else "a device"
+        raise ValueError(f"cannot write {path}: it is {what}")
+    if not path.parent.is_dir():
+        raise ValueError(f"cannot write {path}: no directory {path.parent}")
+    if not os.access(path.parent, os.W_OK):
+        raise ValueError(f"cannot write {path}: {path.parent} is not writable")
+    if ending == ".parquet" and importlib.util.find_spec("pyarrow") is None:
+        raise ImportError('Parquet needs pyarrow: pip install "medjax[trajectories]"')
+    return ending
+
+
+def write_trajectories(recording: Recording, path: str | Path) -> int:
+    """Writes a recording to `path`, over what is there.
+
+    Args:
+      recording: of `medjax.episodes.recording.record_episode`.
+      path: ends in one of `FORMATS`.
+
+    Returns:
+      Rows written, one a vehicle and tick.
+
+    Raises:
+      ValueError, ImportError: as `check_target`.
+    """
+    path = Path(path)
+    write = FORMATS[check_target(path)]
+    with replacing(path) as partial, partial.open("wb") as file:
+        return write(recording, file)

@@ -1,0 +1,1 @@
+"""Arithmetic that knows no vehicle: fast gathers, sums of the same bits everywhere, rows, devices."""

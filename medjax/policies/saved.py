@@ -1,0 +1,154 @@
+"""A trained policy in one file: acts without the learner, its libraries or a JIT of the caller's.
+
+`python -m train.export --run-dir DIR` writes the file. It is a ZIP of `policy.json`, which says what the policy was
+trained for, and `network.bin`, the network with its weights as StableHLO (`jax.export`): any network, on CPUs, GPUs and
+TPUs, readable by later versions of JAX. Nothing is unpickled.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import export
+
+from medjax.env.charging_env import ChargingEnv
+from medjax.episodes.recording import Choose
+from medjax.files import replacing
+from medjax.scenarios import make
+from medjax.world.params import EnvParams
+from medjax.world.state import EnvState
+
+FORMAT = 1
+ABOUT, NETWORK = "policy.json", "network.bin"
+
+
+@dataclasses.dataclass(frozen=True)
+class About:
+    """What a policy was trained for."""
+
+    scenario: str
+    overrides: Mapping[str, Any]  # of `medjax.make`
+    observation: str  # name of it
+    decide_every: int  # decisions from one choice to the next
+    num_features: int
+    num_actions: int
+
+
+@dataclasses.dataclass(frozen=True)
+class ExportedPolicy:
+    """A policy that was read from a file.
+
+    Attributes:
+      about: what it was trained for.
+      network: observations `(rows, num_features)` and masks `(rows, num_actions)` to the probabilities
+        `(rows, num_actions)` of the actions and values `(rows,)`, in units of the learner's scaled reward.
+    """
+
+    about: About
+    network: export.Exported
+
+    def make(self) -> tuple[ChargingEnv, EnvParams]:
+        """The environment that it was trained in, and its parameters."""
+        about = self.about
+        return make(about.scenario, observation=about.observation, **about.overrides)
+
+    def probabilities(self, obs: Any, mask: Any) -> np.ndarray:
+        """Probabilities of the actions.
+
+        Args:
+          obs: `(num_features,)` or `(rows, num_features)`, anything that NumPy takes.
+          mask: `(num_actions,)` or `(rows, num_actions)` bool, allowed actions; an `info["action_mask"]`.
+
+        Returns:
+          `(num_actions,)` or `(rows, num_actions)` float32; 0 where the mask forbids.
+
+        Raises:
+          ValueError: one line, an array of another shape.
+        """
+        obs, mask = np.asarray(obs, np.float32), np.asarray(mask, bool)
+        wanted = self.about.num_features, self.about.num_actions
+        given = obs.shape[-1:] + mask.shape[-1:]
+        if given != wanted or obs.shape[:-1] != mask.shape[:-1] or obs.ndim > 2:
+            raise ValueError(
+                f"obs has shape {obs.shape} and mask {mask.shape}: allowed (..., {wanted[0]}) and "
+                f"(..., {wanted[1]}), with or without an axis for rows"
+            )
+        rows, _ = self.network.call(obs.reshape(-1, wanted[0]), mask.reshape(-1, wanted[1]))
+        return np.asarray(rows).reshape(mask.shape)
+
+    def act(self, obs: Any, mask: Any) -> np.ndarray:
+        """The most probable action, `()` or `(rows,)` int64; arguments are those of `probabilities`.
+
+        To be asked at every `about.decide_every`-th decision; action 0 is to be taken in between.
+        """
+        return np.argmax(self.probabilities(obs, mask), axis=-1)
+
+    def choose(self, env: ChargingEnv) -> Choose:
+        """Itself for `medjax.episodes.recording.record_episode` in an environment with its observation.
+
+        Raises:
+          ValueError: one line, an environment that it does not fit.
+        """
+        size = env.observation.size(env.config)
+        if (size, env.num_actions) != (self.about.num_features, self.about.num_actions):
+            raise ValueError(
+                f"the environment has {size} features and {env.num_actions} actions: allowed "
+                f"{self.about.num_features} and {self.about.num_actions}, as the policy was trained"
+            )
+
+        def choose(
+            key: jax.Array, obs: jax.Array, state: EnvState, params: EnvParams
+        ) -> tuple[jax.Array, jax.Array]:
+            """The most probable action `()` int32, and the probabilities `(num_actions,)`; see `Choose`."""
+            mask = env.action_mask(state, params)
+            chooses = state.time % self.about.decide_every == 0
+            mask = mask & (chooses | (jnp.arange(mask.size) == 0))
+            rows, _ = self.network.call(obs[None], mask[None])
+            return jnp.argmax(rows[0]).astype(jnp.int32), rows[0]
+
+        return choose
+
+
+def save_policy(path: Path, about: About, network: export.Exported) -> None:
+    """Writes the file, in full or not at all.
+
+    Args:
+      path: of the file.
+      about: what the policy was trained for.
+      network: see `ExportedPolicy`.
+
+    Raises:
+      OSError: it cannot be written.
+    """
+    with replacing(path) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as file:
+        text = json.dumps({"format": FORMAT, **dataclasses.asdict(about)}, indent=2)
+        file.writestr(ABOUT, text + "\n")
+        file.writestr(NETWORK, network.serialize())
+
+
+def load_policy(path: Path | str) -> ExportedPolicy:
+    """Reads a policy.
+
+    Raises:
+      ValueError: one line: no such file, or not one that `save_policy` wrote.
+    """
+    allowed = "allowed: a policy that train.ppo or train.export wrote"
+    try:
+        with zipfile.ZipFile(path) as file:
+            given = json.loads(file.read(ABOUT))
+            found = given.pop("format")
+            if found != FORMAT:
+                raise ValueError(f"policy {path} has format {found!r}, allowed: {FORMAT}")
+            return ExportedPolicy(About(**given), export.deserialize(bytearray(file.read(NETWORK))))
+    except OSError as error:
+        raise ValueError(f"policy {path}: {error.strerror or error}, {allowed}") from None
+    except (zipfile.BadZipFile, KeyError, TypeError, AttributeError, json.JSONDecodeError):
+        raise ValueError(f"policy {path} cannot be read, {allowed}") from None

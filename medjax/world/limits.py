@@ -1,0 +1,115 @@
+"""What a number may be, and the one check of all of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import numpy as np
+
+from medjax.errors import shown
+
+
+@dataclasses.dataclass(frozen=True)
+class Limits:
+    """The allowed range of a field; `medjax.world.ranges` has those of all."""
+
+    low: float
+    high: float  # both are allowed; inf allows infinity
+    whole: bool = False
+    per: str = ""  # "kind" of vehicle or "ramp": the field holds one number for each
+
+    def __str__(self) -> str:
+        """What is allowed, in a message."""
+        return f"{'a whole number' if self.whole else 'a number'} from {self.range}"
+
+    @property
+    def range(self) -> str:
+        """`0 to 1e+06`, as the documentation has it."""
+        return " to ".join(
+            f"{bound:.10g}" if abs(bound) < 1e6 else f"{bound:g}" for bound in (self.low, self.high)
+        )
+
+
+def read_number(
+    name: str,
+    value: Any,
+    limits: Limits,
+    shape: tuple[int, ...] = (),
+    *,
+    fill: bool = False,
+    convert: bool = False,
+) -> np.ndarray:
+    """A field's value, checked; nothing is computed on a device.
+
+    Args:
+      name: of the field, for the message.
+      value: a number, an array or a list of numbers.
+      limits: of the field.
+      shape: of the field.
+      fill: whether a single number may stand for a whole array.
+      convert: whether 3.0 may stand for a whole number.
+
+    Returns:
+      An array of the shape, float32, or int32 where the limits say so.
+
+    Raises:
+      ValueError: one line that names the field, the value and what is allowed.
+    """
+    is_list = isinstance(value, list | tuple)
+    given_shape = (len(value),) if is_list else getattr(value, "shape", ())
+    if given_shape != shape and not (fill and given_shape == ()):
+        raise ValueError(f"{name} has shape {shown(given_shape)}: allowed {shape}")
+    given = as_numbers(value)
+    if given is None:
+        raise ValueError(f"{name} = {shown(value)}: allowed {limits}")
+    with np.errstate(over="ignore"):  # what float32 cannot hold is refused below
+        exact = given.astype(np.float64)
+        single = exact.astype(np.float32)
+    # A bound in float32 may lie just outside the bound, and is still allowed.
+    low = min(limits.low, float(np.float32(limits.low)))
+    high = max(limits.high, float(np.float32(limits.high)))
+    good = (exact >= low) & (exact <= high)
+    if limits.whole:
+        good &= (exact == np.floor(exact)) & (convert or given.dtype.kind in "iu")
+    if not good.all():
+        wrong = given[~good].flat[0].item()
+        raise ValueError(f"{name} = {shown(wrong)}: allowed {limits}")
+    return np.broadcast_to(exact.astype(np.int32) if limits.whole else single, shape)
+
+
+def as_numbers(value: Any) -> np.ndarray | None:
+    """Real numbers as an array of them, None for anything else; text and booleans are no numbers."""
+    if isinstance(value, list | tuple):
+        numbers = [_as_number(item) for item in value]
+        return None if None in numbers else np.array(numbers, np.float64)
+    number = _as_number(value)
+    if number is not None:
+        return np.asarray(number)
+    if not isinstance(value, np.ndarray | jax.Array) or not _is_real(value.dtype):
+        return None
+    try:
+        array = np.asarray(value)
+    except Exception:  # traced, deleted, or on another machine: nothing that can be looked at
+        return None
+    return array if array.dtype.kind in "iuf" else array.astype(np.float32)  # bfloat16
+
+
+def _as_number(value: Any) -> int | float | None:
+    """One real number as Python's, None for anything else."""
+    if isinstance(value, np.generic | np.ndarray | jax.Array) and value.ndim == 0:
+        if not _is_real(value.dtype):
+            return None
+        try:
+            value = value.item()
+        except Exception:  # as in `as_numbers`
+            return None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    # Larger ones are in no range, and in no array.
+    return value if isinstance(value, float) or abs(value) < 2**63 else None
+
+
+def _is_real(dtype: Any) -> bool:
+    return jax.dtypes.issubdtype(dtype, np.integer) or jax.dtypes.issubdtype(dtype, np.floating)

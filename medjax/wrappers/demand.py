@@ -1,0 +1,95 @@
+"""Episodes of different demand, so that what is learned holds for more than one."""
+
+import dataclasses
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from medjax.env.contract import Observation, Params, StepResult
+from medjax.world.params import Scalar
+from medjax.wrappers.base import Wrapper
+
+# Folded into the key of a reset, which goes on to the environment as it is: with a factor of 1 an episode
+# is the one that would have been without the wrapper.
+FACTOR = 0xDE3A4D
+
+
+@struct.dataclass
+class RandomDemandState:
+    """State of `RandomDemand`."""
+
+    env: Any  # state of the environment
+    factor: jax.Array  # () float32, of the demand, the same for the whole episode
+
+    @property
+    def time(self) -> jax.Array:
+        """() int32, decisions taken in the episode."""
+        time: jax.Array = self.env.time
+        return time
+
+
+def scale_demand(params: Params, factor: Scalar) -> Params:
+    """`params` with so many times the vehicles asking to enter, at every entry alike.
+
+    Args:
+        params: of the environment, with `demand` (`medjax.world.params.DemandParams`).
+        factor: ().
+    """
+    demand = params.demand
+    return params.replace(
+        demand=demand.replace(
+            mainline_per_h=demand.mainline_per_h * factor, ramp_per_h=demand.ramp_per_h * factor
+        )
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class RandomDemand(Wrapper):
+    """`env` with a demand that is drawn for each episode (domain randomisation, Tobin et al. 2017, arXiv:1703.06907).
+
+    A reset draws a factor, uniformly; the whole episode then has so many times the vehicles asking to enter that the
+    parameters say. All that reads the parameters sees the demand drawn, observations that forecast it included.
+
+    The road has the slots of its `EnvConfig` at any demand: who finds none free waits in the queue of an entry.
+
+    Attributes:
+        env: a single environment.
+        low: smallest factor, at least 0.
+        high: largest factor, at least `low`.
+
+    Raises:
+        ValueError: the factors are out of their range.
+    """
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        if not 0.0 <= self.low <= self.high < math.inf:
+            raise ValueError(
+                f"factors of the demand are {self.low} to {self.high}, must be at least 0 and ascending"
+            )
+
+    def reset(self, key: jax.Array, params: Params) -> tuple[Observation, RandomDemandState]:
+        """Starts an episode of another demand."""
+        own = jax.random.fold_in(key, FACTOR)
+        factor = jax.random.uniform(own, (), jnp.float32, self.low, self.high)
+        obs, state = self.env.reset(key, scale_demand(params, factor))
+        return obs, RandomDemandState(state, factor)
+
+    def step_env(
+        self, key: jax.Array, state: RandomDemandState, action: jax.Array, params: Params
+    ) -> StepResult:
+        """One decision, at the demand of the episode."""
+        obs, env_state, *rest = self.env.step_env(
+            key, state.env, action, scale_demand(params, state.factor)
+        )
+        return obs, RandomDemandState(env_state, state.factor), *rest
+
+    def action_mask(self, state: RandomDemandState, params: Params) -> jax.Array:
+        """`(num_actions,)` bool, that of the environment at the demand of the episode."""
+        return self.env.action_mask(state.env, scale_demand(params, state.factor))

@@ -1,0 +1,118 @@
+"""What the throughput and scaling benchmarks count, and how they sort operations into stages."""
+
+import dataclasses
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from benchmarks.speed import scaling, throughput
+from benchmarks.speed.stages import STAGES, instruction_stages, stage_of, stage_times
+from benchmarks.speed.workload import Measurement, Workload, road_for
+from tests.benchmarks.refusal import refused
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+
+@pytest.fixture(scope="module")
+def work():
+    """A small workload on one device."""
+    return Workload(4, steps=2, num_devices=1)
+
+
+def test_counts_the_vehicles_on_the_road(work):
+    """Against the state: between two decisions few come and go, so the mean is near the numbers seen."""
+    before = int(jnp.sum(work.state.env.vehicles.active))
+    _, active = work.play()
+    after = int(jnp.sum(work.state.env.vehicles.active))
+    ticks = work.steps * work.env.config.ticks_per_decision
+    assert active / ticks == pytest.approx((before + after) / 2, rel=0.02)
+    assert active / ticks < 4 * work.env.config.num_vehicles  # slots would be more
+
+
+@pytest.mark.parametrize(
+    ("name", "stage"),
+    [
+        ("jit(play)/while/body/vmap(entry)/add", "entry"),
+        ("jit(play)/while/body/vmap()/while/body/neighbours/jit(sort)/sort", "neighbours"),
+        ("jit(play)/auto_reset/while/body/vmap()/entry/add", "entry"),
+        ("jit(play)/my_entry/add", "other"),
+        ("", "other"),
+    ],
+)
+def test_an_operation_belongs_to_its_innermost_stage(name, stage):
+    """Scopes are whole words of the name, inside or outside of vmap's brackets."""
+    assert stage_of(name) == stage
+
+
+def test_every_stage_of_the_step_is_found(work):
+    """In the compiled program and in its trace; a renamed scope would be missing."""
+    assert {*STAGES} - {*instruction_stages(work.program.as_text()).values()} == set()
+    times = stage_times(work)
+    assert {"neighbours", "lane_changes", "entry"} <= {*times} <= {*STAGES, "other"}
+    assert all(seconds > 0.0 for seconds in times.values())
+
+
+def vehicles_at_reset(**overrides):
+    """Mean over 32 roads, with no MED yet, and the slots of a road."""
+    env, params = medjax.make("paper", **overrides)
+    keys = jax.random.split(jax.random.key(0), 32)
+    _, state = jax.jit(jax.vmap(env.reset, (0, None)))(keys, params)
+    return float(state.vehicles.active.sum(axis=1).mean()), env.config.num_vehicles
+
+
+@pytest.mark.parametrize("count", [64, 512, 1024])
+def test_a_longer_road_holds_as_many_as_asked(count):
+    """In proportion to the preset's, which holds 140 with its MEDs; as full in its slots."""
+    preset, preset_slots = vehicles_at_reset()
+    mean, slots = vehicles_at_reset(**road_for(count))
+    assert mean / preset == pytest.approx(count / 140, rel=0.08)
+    assert slots / preset_slots == pytest.approx(count / 140, rel=0.15)
+
+
+def test_json_is_what_the_contract_says(tmp_path, capsys):
+    """All fields of the contract, and the figures that the line shows."""
+    path = tmp_path / "result.json"
+    throughput.main(["--num-envs", "2", "--steps", "2", "--repeats", "1", "--json", str(path)])
+    result = json.loads(path.read_text())
+    fields = {
+        "active_vehicle_updates_per_s",
+        "env_steps_per_s",
+        "mean_active_vehicles",
+        "ticks_per_step",
+        "compile_s",
+        "num_envs",
+        "backend",
+        "device",
+        "jax_version",
+    }
+    assert fields <= {*result}
+    rate = result["env_steps_per_s"] * result["ticks_per_step"] * result["mean_active_vehicles"]
+    assert result["active_vehicle_updates_per_s"] == pytest.approx(rate, rel=1e-3)
+    assert f"{result['active_vehicle_updates_per_s'] / 1e6:.2f} M" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("argv", "word"),
+    [
+        (["--num-envs", "0"], "--num-envs"),
+        (["--json", "/no/such/folder/result.json"], "allowed a file"),
+        (["--sweep", "lanes"], "lanes"),
+        (["--num-devices", "99"], "num_devices is 99"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(argv, word, capsys):
+    """Before anything is compiled."""
+    assert word in refused(throughput.main, argv, capsys)
+
+
+def test_spread_is_of_costs():
+    """Twice the rate is half the cost."""
+    fields = {field.name: 1 for field in dataclasses.fields(Measurement)}
+    rates = [2e7, 1e7, 1.6e7]
+    results = [Measurement(**fields | {"active_vehicle_updates_per_s": rate}) for rate in rates]
+    np.testing.assert_allclose([scaling.cost_ns(r) for r in results], [50.0, 100.0, 62.5])
+    assert scaling.spread(results) == pytest.approx(2.0)

@@ -1,0 +1,98 @@
+"""The planner plays the episodes of the evaluation, and finds what pays."""
+
+import json
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from benchmarks.studies import planner
+from medjax.policies.rules import AS_BASE, look_ahead, none, random
+from tests.benchmarks.refusal import refused
+from train.evaluation.scores import baseline, evaluate_policies
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+SMALL = {"num_meds": 2, "num_evs": 6, "num_gas": 12, "episode_decisions": 20}
+
+
+def paid(pay):
+    """A small environment that pays so much for each MED that all else is outweighed, and a state."""
+    env, params = medjax.make("paper", **SMALL)
+    params = params.replace(reward_weights={**params.reward_weights, "dispatches": pay})
+    return env, params, env.reset(jax.random.key(0), params)[1]
+
+
+@pytest.mark.parametrize(
+    ("base", "pay", "allowed"),
+    [
+        (none, 1e4, {1, 2, 3, 4}),  # sends, since the base would not
+        (none, -1e4, {AS_BASE}),  # nothing is better than to wait, as the base does
+        (random, -1e4, {0}),  # waits to the end, since the base would not
+    ],
+)
+def test_leaves_the_base_for_what_surely_pays(base, pay, allowed):
+    env, params, state = paid(pay)
+    act = jax.jit(look_ahead(env, base(env), samples=2, hold=20))
+    assert int(act(jax.random.key(1), state, params)) in allowed
+
+
+def test_no_gain_is_no_reason():
+    """Where all returns are alike it stays with the base."""
+    env, params, state = paid(0.0)
+    params = params.replace(reward_weights=dict.fromkeys(params.reward_weights, 0.0))
+    act = jax.jit(look_ahead(env, none(env), samples=2, hold=4))
+    assert int(act(jax.random.key(1), state, params)) == AS_BASE
+
+
+def test_a_masked_action_is_never_taken():
+    """Under a cooldown it cannot send, however well a MED would pay."""
+    env, params, state = paid(1e4)
+    state = state.replace(cooldown_s=jnp.float32(5.0))
+    act = look_ahead(env, none(env), samples=2, hold=8)
+    assert int(act(jax.random.key(1), state, params)) == AS_BASE
+
+
+@pytest.mark.parametrize("hold", [1, 3])
+@pytest.mark.slow
+@pytest.mark.parametrize("plan", [AS_BASE, 0])
+def test_plays_the_episodes_of_the_evaluation(hold, plan):
+    """The base rule itself, and nothing at all, are scored as train.evaluation.scores scores them, to rounding."""
+    env, params = medjax.make("paper", **SMALL)
+    base = planner.as_act(env, baseline(random(env)))
+    ours = planner.play_plans(
+        env, params, lambda key, state, params: jnp.int32(plan), base, hold, episodes=4, seed=3
+    )
+    rule = random(env) if plan == AS_BASE else none(env)
+    theirs = evaluate_policies(env, params, {"rule": baseline(rule)}, 4, seed=3)["rule"]
+    assert (theirs["meds_dispatched"].sum() > 0) == (plan == AS_BASE)
+    for name, values in ours.items():
+        np.testing.assert_allclose(values, theirs[name], rtol=1e-5, atol=1e-5, err_msg=name)
+
+
+@pytest.mark.slow
+def test_command(tmp_path, capsys, monkeypatch):
+    """A table and the same figures as JSON."""
+    monkeypatch.setattr(medjax, "make", partial(medjax.make, **SMALL))
+    out = tmp_path / "out.json"
+    argv = ["--episodes=2", "--samples=2", "--hold=8", "--base=paced", f"--json={out}"]
+    planner.main(argv)
+    report = json.loads(out.read_text())
+    printed = capsys.readouterr().out
+    assert set(report["policies"]) == {"planner", "paced", "none"}
+    assert f"planner minus paced: {report['planner_minus_base']['mean']:.1f}" in printed
+    for name, row in report["policies"].items():
+        assert any(
+            line.startswith(name) and f"{row['return']:.1f}" in line for line in printed.split("\n")
+        )
+
+
+@pytest.mark.parametrize(
+    "argv", [["--samples=1"], ["--base=best"], ["--hold=0"], ["--run-dir=no/such"]]
+)
+def test_bad_input_is_one_line(argv, capsys):
+    """Exit code 2, and the value is named."""
+    assert argv[0].split("=")[1] in refused(planner.main, argv, capsys)

@@ -1,0 +1,217 @@
+"""ChargingEnv's contract: pure, jitted once, batched over environments and parameters."""
+
+import chex
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from benchmarks.verification.cases import episode_program
+from benchmarks.verification.invariants import INVARIANTS
+from medjax.world.state import AT_DEPOT, QUEUED, RETIRED
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+
+@pytest.fixture(scope="module")
+def step(paper):
+    """The raw step, compiled."""
+    env, params = paper
+    return jax.jit(lambda key, state, action: env.step_env(key, state, action, params))
+
+
+def test_spaces_and_shapes(paper, started):
+    """Observations and actions fit their spaces; dtypes are fixed at reset."""
+    env, params = paper
+    obs, _ = started
+    assert obs.shape == env.observation_space(params).shape == (15 * 14 + 40 * 8 + 4,)
+    assert obs.dtype == jnp.float32
+    assert env.action_space(params).n == env.num_actions == 5
+    assert bool(env.observation_space(params).contains(obs))
+    assert bool(
+        env.action_space(params).contains(env.action_space(params).sample(jax.random.key(0)))
+    )
+    assert env.name == "paper"
+
+
+def test_step_keeps_the_state_s_types(started, step):
+    """A state can be carried by scan: same tree, shapes, dtypes, and no weak type."""
+    _, state = started
+    after = step(jax.random.key(1), state, 0)[1]
+    chex.assert_trees_all_equal_shapes_and_dtypes(state, after)
+    assert not any(leaf.aval.weak_type for leaf in jax.tree.leaves((state, after)))
+
+
+def test_same_key_same_step(started, step):
+    """Pure: equal arguments give equal results."""
+    _, state = started
+    one, two = (step(jax.random.key(7), state, 2) for _ in range(2))
+    chex.assert_trees_all_equal(one, two)
+    other = step(jax.random.key(8), state, 2)
+    assert not np.array_equal(one[0], other[0])
+
+
+def test_compiles_once(paper):
+    """Other keys, states, actions and parameter values reuse the program."""
+    env, params = paper
+    chex.clear_trace_counter()
+
+    @jax.jit
+    @chex.assert_max_traces(n=1)
+    def step(key, state, action, params):
+        return env.step(key, state, action, params)
+
+    _, state = env.reset(jax.random.key(0), params)
+    for seed, action in enumerate((0, 3, 1)):
+        changed = params.replace(battery_scale=params.battery_scale + seed)
+        _, state, *_ = step(jax.random.key(seed), state, jnp.int32(action), changed)
+
+
+def test_vmap_over_parameters(paper):
+    """One program sweeps demands, weights and coil designs; each entry acts on its own number."""
+    env, params = paper
+    power = jnp.array([10e3, 40e3])
+    batch = params.replace(
+        charging=params.charging.replace(slot_power_w=power),
+        reward_weights={**params.reward_weights, "soc": jnp.array([0.0, 1.0])},
+    )
+    axes = jax.tree.map(lambda _: None, params)
+    axes = axes.replace(
+        charging=axes.charging.replace(slot_power_w=0),
+        reward_weights={**axes.reward_weights, "soc": 0},
+    )
+    _, state = env.reset(jax.random.key(0), params)
+    step = jax.vmap(env.step_env, (None, None, None, axes))
+    _, _, reward, _, _, info = jax.jit(step)(jax.random.key(1), state, 0, batch)
+    terms = info["reward_terms"]
+    assert float(terms["soc"][0]) == 0.0 < float(terms["soc"][1])
+    np.testing.assert_allclose(reward[1] - reward[0], terms["soc"][1], rtol=1e-5)
+
+
+def test_truncates_at_the_time_limit_and_resets_in_the_same_step():
+    """gymnax's contract: the new episode's state, the old episode's final observation."""
+    env, params = medjax.make("paper", episode_decisions=3)
+    step = jax.jit(env.step)
+    raw = jax.jit(env.step_env)
+    _, state = env.reset(jax.random.key(0), params)
+    for count in range(1, 4):
+        key = jax.random.key(count)
+        step_key, _ = jax.random.split(key)
+        last_obs, last_state, *_ = raw(step_key, state, 1, params)
+        obs, state, _, terminated, truncated, info = step(key, state, 1, params)
+        assert not bool(terminated)
+        assert bool(truncated) == (count == 3)
+        np.testing.assert_array_equal(info["final_observation"], last_obs)
+        np.testing.assert_array_equal(info["action_mask"], env.action_mask(state, params))
+    assert int(last_state.time) == 3
+    assert int(state.time) == 0
+    assert not np.array_equal(obs, last_obs)
+    assert float(info["metrics"]["meds_dispatched"]) == 1.0
+
+
+@pytest.mark.parametrize("action", [-1, 5, 99])
+def test_action_out_of_range_counts_as_none(started, step, action):
+    """It sends nothing, is counted, and leads to the very state that action 0 leads to."""
+    _, state = started
+    obs, _, _, _, _, info = step(jax.random.key(1), state, action)
+    expected, *_ = step(jax.random.key(1), state, 0)
+    np.testing.assert_array_equal(obs, expected)
+    assert float(info["metrics"]["invalid_actions"]) == 1.0
+    assert float(info["metrics"]["meds_dispatched"]) == 0.0
+
+
+def test_cooldown_and_fleet_limit():
+    """A MED every 5 s at most, 3 in all; a masked action sends none and is counted."""
+    env, params = medjax.make("paper", cooldown_s=5.0, size=3)
+    step = jax.jit(env.step_env)
+    _, state = env.reset(jax.random.key(0), params)
+    sent, allowed = [], []
+    for decision in range(25):
+        allowed.append(bool(env.action_mask(state, params)[2]))
+        _, state, _, _, _, info = step(jax.random.key(decision), state, 2, params)
+        sent.append(float(info["tally"].meds_dispatched))
+    assert list(np.flatnonzero(sent)) == [0, 5, 10] == list(np.flatnonzero(allowed))
+    assert float(info["metrics"]["invalid_actions"]) == 22.0
+    assert np.sum(np.asarray(state.meds.status) == AT_DEPOT) == 0
+    assert np.sum(np.asarray(state.meds.status) == RETIRED) == 12  # those the fleet does not have
+
+
+def test_a_med_returns_after_its_turnaround():
+    """Re-use is a parameter: a MED that left is at the depot again, full, after turnaround_s."""
+    env, params = medjax.make(
+        "paper", turnaround_s=20.0, size=1, mainline_per_h=0.0, ramp_per_h=0.0, cooldown_s=0.0
+    )
+    step = jax.jit(env.step_env)
+    _, state = env.reset(jax.random.key(0), params)
+    statuses, energy = [], []
+    for decision in range(120):
+        action = 4 if decision == 0 else 0
+        _, state, *_ = step(jax.random.key(decision), state, action, params)
+        statuses.append(int(state.meds.status[0]))
+        energy.append(float(state.meds.energy_j[0]))
+    left = statuses.index(RETIRED)
+    back = statuses.index(AT_DEPOT)
+    assert back - left in (19, 20)
+    assert energy[left] < energy[back] == pytest.approx(float(params.med_capacity_j))
+
+
+def test_med_waits_for_a_safe_gap():
+    """A MED sent onto a ramp that is blocked stays queued and is not lost."""
+    env, params = medjax.make("paper", mainline_per_h=0.0, ramp_per_h=0.0)
+    _, state = env.reset(jax.random.key(0), params)
+    vehicles, slot = state.vehicles, env.config.num_vehicles - 1
+    vehicles = vehicles.replace(
+        active=jnp.zeros_like(vehicles.active).at[slot].set(True),
+        x=vehicles.x.at[slot].set(params.road.ramp_x_m[0] + 6.0),
+        lane=vehicles.lane.at[slot].set(env.config.num_lanes),
+        speed=vehicles.speed.at[slot].set(0.0),
+    )
+    _, state, *_ = env.step_env(jax.random.key(0), state.replace(vehicles=vehicles), 1, params)
+    assert int(state.meds.status[0]) == QUEUED
+    assert not bool(state.vehicles.active[0])
+
+
+def test_reward_is_the_sum_of_its_terms(started, step):
+    """And eq (10)'s signs: depletion costs, charge, distance and speed pay."""
+    _, state = started
+    *_, info = step(jax.random.key(4), state, 0)
+    reward = step(jax.random.key(4), state, 0)[2]
+    terms = {name: float(value) for name, value in info["reward_terms"].items()}
+    assert float(reward) == pytest.approx(sum(terms.values()), rel=1e-5)
+    assert terms["depleted"] <= 0.0
+    assert min(terms["soc"], terms["distance"], terms["speed"]) > 0.0
+
+
+@pytest.mark.parametrize("episodes", [4, pytest.param(2000, marks=pytest.mark.slow)])
+def test_random_play_is_sound(paper, episodes):
+    """Every invariant (`benchmarks.verification`) in whole random episodes of the preset, after every tick."""
+    env, params = paper
+    rows = 4
+    batch = jax.tree.map(lambda x: jnp.broadcast_to(x, (rows, *x.shape)), params)
+    batch = batch.replace(link=batch.link.replace(inductance=params.link.inductance))
+    program = episode_program(env.config, num_devices=1)
+    for episode in range(episodes // rows):
+        played = program(batch, jax.random.key(episode), jnp.int32(params.episode_decisions))
+        counts = dict(zip(INVARIANTS, played.violations.sum(axis=0).tolist(), strict=True))
+        assert counts == dict.fromkeys(counts, 0)
+        assert int(played.updates.min()) > 600 * 4 * 50
+
+
+def test_arrivals_at_a_full_road_wait():
+    """With no slot free, who arrives waits in the queue; nobody is lost and nobody enters."""
+    env, params = medjax.make("paper", num_evs=2, num_gas=2, mainline_per_h=6000.0)
+    step = jax.jit(env.step_env)
+    _, state = env.reset(jax.random.key(0), params)
+    most, waiting = 0, []
+    for decision in range(60):
+        _, state, _, _, _, info = step(jax.random.key(decision), state, 0, params)
+        most = max(most, int(state.vehicles.active.sum()))
+        waiting.append(int(state.queue.sum()))
+    assert most <= 4
+    # 6000 and 4 x 250 an hour ask for 117 a minute: all but a few of them wait.
+    assert waiting[-1] > 80
+    assert float(info["metrics"]["queue_vehicle_s"]) == pytest.approx(sum(waiting))
+    tally = state.tally
+    on_road = tally.entered.sum() - tally.left.sum() - tally.depleted
+    assert float(on_road) == int(state.vehicles.active.sum())

@@ -1,0 +1,170 @@
+"""The observation shows the state: recomputed by plain NumPy loops."""
+
+import jax
+import numpy as np
+import pytest
+
+import medjax
+from medjax.env.forecast import forecast_need
+from medjax.env.observation import FlatObservation, RoadProfile
+from medjax.world.state import IN_SERVICE, MERGING, QUEUED
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+
+@pytest.fixture(scope="module")
+def busy():
+    """A state with MEDs in service and EVs charging."""
+    env, params = medjax.make("paper", request_soc=0.6)
+
+    @jax.jit
+    def play(key):
+        _, state = env.reset(key, params)
+
+        def step(state, key):
+            return env.step_env(key, state, 1, params)[1], None
+
+        return jax.lax.scan(step, state, jax.random.split(key, 150))[0]
+
+    state = play(jax.random.key(2))
+    assert bool(state.evs.is_charging.any())
+    return env, params, state
+
+
+def test_rows_by_hand(busy):
+    """Every feature of every MED and EV, in the paper's order."""
+    env, params, state = busy
+    seen = env.observe(state, params)
+    v, evs, meds = state.vehicles, state.evs, state.meds
+    config = env.config
+    for med in range(config.num_meds):
+        flags = np.zeros((2, 4))
+        for ev in range(config.num_evs):
+            if int(evs.med[ev]) == med:
+                flags[0, int(evs.panel[ev])] = 1
+                flags[1, int(evs.panel[ev])] = float(evs.is_charging[ev])
+        row = np.asarray(seen.meds[med])
+        np.testing.assert_allclose(row[:4], motion(v, med), atol=1e-6)
+        assert row[4] == pytest.approx(float(meds.energy_j[med] / params.med_capacity_j))
+        assert row[5] == float(meds.status[med] == IN_SERVICE)
+        np.testing.assert_array_equal(row[6:10], flags[0])
+        np.testing.assert_array_equal(row[10:14], flags[1])
+    for ev in range(config.num_evs):
+        row, slot = np.asarray(seen.evs[ev]), config.num_meds + ev
+        if not bool(v.active[slot]):
+            np.testing.assert_array_equal(row, 0.0)
+            continue
+        np.testing.assert_allclose(row[:4], motion(v, slot), atol=1e-6)
+        assert row[4] == pytest.approx(float(evs.energy_j[ev] / params.ev_capacity_j))
+        assert list(row[5:7]) == [float(evs.is_human[ev]), float(evs.is_charging[ev])]
+        assert row[7] == pytest.approx((int(evs.med[ev]) + 1) / config.num_meds)
+    np.testing.assert_array_equal(seen.ev_mask, v.active[config.ev_slots])
+    np.testing.assert_array_equal(seen.med_mask, v.active[config.med_slots])
+
+
+def motion(vehicles, slot):
+    """x, y, vx, vy in the paper preset's units: 4000 m, 16 m, 30 m/s, 4 m/s."""
+    if not bool(vehicles.active[slot]):
+        return np.zeros(4)
+    y = int(vehicles.lane[slot]) * 4.0 + float(vehicles.lateral_offset[slot])
+    return np.array(
+        [
+            float(vehicles.x[slot]) / 4000.0,
+            y / 16.0,
+            float(vehicles.speed[slot]) / 30.0,
+            float(vehicles.lateral_speed[slot]) / 4.0,
+        ]
+    )
+
+
+def test_flat_is_the_structured_one_in_order(busy):
+    """MED rows, EV rows, clock; the clock is an option."""
+    env, params, state = busy
+    seen = env.observe(state, params)
+    with_clock = FlatObservation()(state, env.config, params)
+    without = FlatObservation(include_clock=False)(state, env.config, params)
+    parts = [np.ravel(seen.meds), np.ravel(seen.evs)]
+    np.testing.assert_array_equal(without, np.concatenate(parts))
+    np.testing.assert_array_equal(with_clock, np.concatenate([*parts, seen.clock]))
+    assert np.asarray(seen.clock[0]) == pytest.approx(1 - 150 / 600)
+
+
+def test_observation_is_scaled(busy):
+    """Normalised: nothing beyond a few units."""
+    env, params, state = busy
+    assert np.abs(np.asarray(env.observation(state, env.config, params))).max() <= 2.0
+
+
+def share(place, node, nodes):
+    """Linear interpolation's share of a place in [0, 1] at one of evenly spaced nodes."""
+    return max(0.0, 1.0 - abs(place * (nodes - 1) - node))
+
+
+def test_profile_by_hand(busy):
+    """Numbers of EVs by charge and of MEDs at 17 nodes of the road, by loops over vehicles."""
+    env, params, state = busy
+    v, evs, meds, config = state.vehicles, state.evs, state.meds, env.config
+    expected_evs, expected_meds = np.zeros((17, 8)), np.zeros((17, 4))
+    ahead, behind = np.full(4, 2.0), np.full(4, 2.0)
+    for ev in range(config.num_evs):
+        slot, booked = config.num_meds + ev, int(evs.med[ev]) >= 0
+        if not bool(v.active[slot]):
+            continue
+        soc = float(evs.energy_j[ev] / params.ev_capacity_j)
+        row = [0.0 if booked else share(soc, node, 6) for node in range(6)]
+        row += [float(booked), float(evs.is_charging[ev])]
+        for node in range(17):
+            expected_evs[node] += np.array(row) * share(float(v.x[slot]) / 4000.0, node, 17)
+    for med in range(config.num_meds):
+        status = int(meds.status[med])
+        x = float(params.road.ramp_x_m[int(meds.ramp[med])] if status == QUEUED else v.x[med])
+        serves = status == IN_SERVICE
+        free = 4 - sum(int(other) == med for other in evs.med)
+        soc = float(meds.energy_j[med] / params.med_capacity_j)
+        row = [float(status in (QUEUED, MERGING)), float(serves), serves * soc, serves * free]
+        for node in range(17):
+            expected_meds[node] += np.array(row) * share(x / 4000.0, node, 17)
+        if status in (QUEUED, MERGING, IN_SERVICE):
+            for ramp, at in enumerate((100.0, 1200.0, 2100.0, 3200.0)):
+                nearest = ahead if x >= at else behind
+                nearest[ramp] = min(nearest[ramp], abs(x - at) / 1000.0)
+    profile = RoadProfile()
+    got = np.asarray(profile(state, config, params))
+    assert got.shape == (profile.size(config),)
+    np.testing.assert_allclose(got[: 17 * 8].reshape(17, 8), expected_evs, atol=1e-3)
+    np.testing.assert_allclose(got[17 * 8 : 17 * 12].reshape(17, 4), expected_meds, atol=1e-3)
+    np.testing.assert_allclose(got[17 * 12 : -20], np.concatenate([ahead, behind]), atol=1e-5)
+    need = forecast_need(state, config, params, 60.0)  # itself by hand in test_policies.py
+    np.testing.assert_allclose(got[-20:-16], need / 4, atol=1e-5)
+    clock = np.asarray(env.observe(state, params).clock)
+    nodes = [[share(clock[index], node, 6) for node in range(6)] for index in (0, 2)]
+    np.testing.assert_allclose(got[-16:-4].reshape(2, 6), nodes, atol=1e-6)
+    np.testing.assert_array_equal(got[-4:], clock)
+    assert ahead.min() < 2.0
+    assert behind.min() < 2.0
+    assert expected_evs.sum() > 1.0
+    assert expected_meds[:, 1].sum() > 0.5
+
+
+def test_profile_ignores_the_order_of_slots(busy):
+    """Two EVs that change slots leave the profile as it was."""
+    env, params, state = busy
+    one, two = 0, 1
+    order = np.arange(env.config.num_evs)
+    order[[one, two]] = two, one
+    slots = np.concatenate([np.arange(15), 15 + order, np.arange(55, 208)])
+    swapped = state.replace(
+        vehicles=jax.tree.map(lambda values: values[slots], state.vehicles),
+        evs=jax.tree.map(lambda values: values[order], state.evs),
+    )
+    profile = RoadProfile()
+    before, after = (profile(s, env.config, params) for s in (state, swapped))
+    np.testing.assert_allclose(before, after, atol=1e-4)
+
+
+def test_profile_of_a_road_without_ramps():
+    """It has no features of ramps, and its size says so."""
+    env, params = medjax.make("paper", observation="profile", num_ramps=0)
+    obs, _ = env.reset(jax.random.key(0), params)
+    assert obs.shape == (env.observation.size(env.config),) == (17 * 12 + 2 * 6 + 4,)
+    assert np.isfinite(obs).all()

@@ -1,0 +1,55 @@
+"""Recordings against evaluation, the tally's books and the kinematics of the road."""
+
+import numpy as np
+import pytest
+
+import medjax
+from medjax.episodes.recording import Recording, by_rule, record_episode
+from medjax.policies.rules import forecast
+from train.evaluation.scores import baseline, evaluate_policies
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+SMALL = {"num_meds": 3, "num_evs": 12, "num_gas": 20, "mainline_per_h": 600.0}
+
+
+@pytest.fixture(scope="module")
+def world():
+    return medjax.make("paper", episode_decisions=90, **SMALL)
+
+
+@pytest.fixture(scope="module")
+def recording(world) -> Recording:
+    env, params = world
+    return record_episode(env, params, by_rule(forecast(env), env.num_actions), seed=3, episode=1)
+
+
+def test_is_the_episode_that_evaluation_plays(world, recording):
+    env, params = world
+    scores = evaluate_policies(env, params, {"rule": baseline(forecast(env))}, 2, seed=3)["rule"]
+    assert recording.decisions.reward.sum() == pytest.approx(scores["return"][1], rel=1e-4)
+    assert (recording.decisions.sent > 0).sum() == scores["meds_dispatched"][1]
+
+
+def test_who_enters_is_who_the_tally_counts(recording):
+    entered = recording.decisions.tally.entered.sum(axis=0)
+    first = recording.frames.active[0]
+    config = recording.config
+    on_road = [first[config.med_slots].sum(), first[config.ev_slots].sum()]
+    on_road.append(first.sum() - sum(on_road))
+    ids = recording.vehicle_ids()
+    assert len(np.unique(ids[ids >= 0])) == ids.max() + 1 == entered.sum() + sum(on_road)
+
+
+def test_a_vehicle_moves_by_its_speed_and_keeps_its_number(recording):
+    frames, ids = recording.frames, recording.vehicle_ids()
+    same = (ids[1:] == ids[:-1]) & (ids[1:] >= 0)
+    moved = (frames.x[1:] - frames.x[:-1])[same]
+    mean_speed = (0.5 * (frames.speed[1:] + frames.speed[:-1]))[same]
+    tick = recording.config.tick_s
+    # a stop within the tick is the only way off the trapezoid
+    braking = frames.speed[1:][same] > 0.0
+    np.testing.assert_allclose(moved[braking], tick * mean_speed[braking], atol=2e-3)
+    assert recording.time_s[-1] == pytest.approx(90.0)
+    for number in np.unique(ids[ids >= 0]):
+        assert len(np.unique(np.nonzero(ids == number)[1])) == 1

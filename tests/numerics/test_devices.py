@@ -1,0 +1,79 @@
+"""Environments shared out among devices, and stepped in blocks, take the very same course."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from medjax.numerics.rows import CACHED_ROWS
+from medjax.wrappers import BatchAutoReset, environment_mesh, in_blocks, on_devices
+from tests.train.probe_envs import Probe, ProbeParams
+
+ENV, PARAMS = Probe("noisy"), ProbeParams(episode_decisions=4)
+
+
+def course(env, params, num_envs, num_devices, decisions):
+    """All that `decisions` steps of a batch return, and the last state; `(num_envs, ...)`.
+
+    Without devices, all environments stepped in one batch by nothing but `jax.vmap` inside.
+    """
+    batch = BatchAutoReset(env, stagger=4)
+
+    def play(keys, params):
+        def step(state, keys):
+            actions = jax.vmap(lambda key: jax.random.randint(key, (), 0, env.num_actions))(keys)
+            obs, state, *rest = batch.step(keys, state, actions, params)
+            return state, (obs, *rest)
+
+        keys = jax.vmap(lambda key: jax.random.split(key, decisions + 1), out_axes=1)(keys)
+        _, state = batch.reset(keys[0], params)
+        state, results = jax.lax.scan(step, state, keys[1:])
+        return state, jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), results)
+
+    shared = on_devices(environment_mesh(num_envs, num_devices), play) if num_devices else play
+    keys = jax.random.split(jax.random.key(0), num_envs)
+    return jax.device_get(jax.jit(shared)(keys, params))
+
+
+@pytest.mark.parametrize("num_envs", [6, 2 * CACHED_ROWS + 2, 3 * CACHED_ROWS])
+def test_devices_and_blocks_change_nothing(num_envs):
+    """Two devices, blocks where the rows of one are too many, against one device; resets included."""
+    assert len(jax.local_devices()) > 1
+    alone = course(ENV, PARAMS, num_envs, None, 9)
+    shared = course(ENV, PARAMS, num_envs, 2, 9)
+    jax.tree.map(np.testing.assert_array_equal, alone, shared)
+
+
+@pytest.mark.parametrize("count", [5, CACHED_ROWS, 4 * CACHED_ROWS, 2 * CACHED_ROWS + 1])
+def test_blocks_are_put_together_in_order(count):
+    """Whatever the number of rows, for trees of several arguments."""
+    rows = jnp.arange(count), {"b": jnp.ones((count, 3))}
+    got = in_blocks(lambda pair: {"sum": pair[0][:, None] + pair[1]["b"]}, rows)
+    np.testing.assert_array_equal(got["sum"], np.arange(count)[:, None] + np.ones((count, 3)))
+
+
+def test_mesh_takes_what_divides():
+    """By itself as many devices as divide the environments; asked for more than it can, it refuses."""
+    devices = len(jax.local_devices())
+    assert environment_mesh(12 * devices).size == devices
+    assert environment_mesh(1).size == 1
+    with pytest.raises(ValueError, match=f"num_devices is {devices + 1}, allowed: 0 to {devices}"):
+        environment_mesh(12, devices + 1)
+    with pytest.raises(ValueError, match="num_devices is 2, allowed: a divisor of 7"):
+        environment_mesh(7, 2)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("quick_compiles")  # which last to the end of the file
+def test_devices_change_nothing_on_the_highway():
+    """The same of the real environment to rounding, as it is compiled quickly here; of programs that are fully
+    optimised to the last bit: tests/test_determinism.py."""
+    env, params = medjax.make("paper", episode_decisions=3)
+    alone = course(env, params, 4, None, 8)
+    shared = course(env, params, 4, 2, 8)
+    _, _, _, truncated, _ = alone[1]
+    assert truncated.any()  # so resets are among it
+    jax.tree.map(
+        lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-5), alone[1], shared[1]
+    )

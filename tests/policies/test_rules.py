@@ -1,0 +1,148 @@
+"""The simple dispatchers do what their names say, and never a masked action."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from medjax.env.forecast import forecast_need
+from medjax.env.tick import drive_energy
+from medjax.world.state import QUEUED
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+
+@pytest.fixture(scope="module")
+def episodes(paper):
+    """Actions, masks and needs of each baseline over four whole episodes."""
+    env, params = paper
+
+    acts = [build(env) for build in medjax.BASELINES.values()]
+    both = (0, 0, 0, None)
+
+    def play(keys):
+        """Side by side in one program; arrays `(decisions, policies, episodes, ...)`."""
+        split = jax.vmap(jax.random.split)(keys)
+        _, state = jax.vmap(env.reset, (0, None))(split[:, 0], params)
+        state = jax.tree.map(lambda x: jnp.broadcast_to(x, (len(acts), *x.shape)), state)
+
+        def step(state, keys):
+            act_keys, step_keys = jnp.moveaxis(jax.vmap(jax.random.split)(keys), 1, 0)
+            own = [jax.tree.map(lambda x, i=i: x[i], state) for i in range(len(acts))]
+            action = jnp.stack(
+                [
+                    jax.vmap(act, (0, 0, None))(act_keys, mine, params)
+                    for act, mine in zip(acts, own, strict=True)
+                ]
+            )
+            mask = jax.vmap(jax.vmap(env.action_mask, (0, None)), (0, None))(state, params)
+            over_policies = jax.vmap(jax.vmap(env.step_env, both), (None, 0, 0, None))
+            return over_policies(step_keys, state, action, params)[1], (action, mask, state)
+
+        steps = jnp.moveaxis(jax.vmap(lambda key: jax.random.split(key, 600))(split[:, 1]), 1, 0)
+        return jax.lax.scan(step, state, steps)[1]
+
+    played = jax.tree.map(np.asarray, jax.jit(play)(jax.random.split(jax.random.key(9), 4)))
+    return {
+        name: jax.tree.map(lambda x, i=i: np.moveaxis(x[:, i], 0, 1), played)
+        for i, name in enumerate(medjax.BASELINES)
+    }
+
+
+@pytest.mark.parametrize("name", list(medjax.BASELINES))
+def test_only_allowed_actions(episodes, name):
+    """Every action is int32 and allowed by the mask."""
+    action, mask, _ = episodes[name]
+    assert action.dtype == jnp.int32
+    assert np.take_along_axis(mask, action[..., None], -1).all()
+
+
+def test_none_sends_none(episodes):
+    assert not episodes["none"][0].any()
+
+
+def test_random_is_uniform_over_ramps(episodes):
+    """All 15 are sent, from all ramps."""
+    action, _, _ = episodes["random"]
+    assert np.all((action > 0).sum(1) == 15)
+    assert len(np.unique(action)) == 5
+
+
+def test_periodic_spreads_the_fleet(episodes):
+    """One every 600 / 15 decisions, ramp after ramp."""
+    action, _, _ = episodes["periodic"]
+    for row in action:
+        when = np.flatnonzero(row)
+        np.testing.assert_array_equal(when, np.arange(15) * 40)
+        np.testing.assert_array_equal(row[when], 1 + np.arange(15) % 4)
+
+
+def test_paced_sends_from_the_first_ramp(episodes):
+    """One every 34 decisions until all 15 are sent."""
+    action, _, _ = episodes["paced"]
+    expected = np.zeros(600)
+    expected[np.arange(15) * 34] = 1
+    np.testing.assert_array_equal(action, np.broadcast_to(expected, action.shape))
+
+
+def test_without_ramps_none_is_sent():
+    """Where nothing can be sent, no rule asks for it."""
+    env, params = medjax.make("paper", num_ramps=0)
+    _, state = env.reset(jax.random.key(0), params)
+    for build in medjax.BASELINES.values():
+        assert build(env)(jax.random.key(1), state, params) == 0
+
+
+def test_greedy_goes_where_the_need_is(episodes, paper):
+    """Each MED is sent from the ramp with most low EVs without a slot, counted by hand."""
+    _, params = paper
+    action, _, state = episodes["greedy"]
+    capacity = float(params.ev_capacity_j)
+    episode, decision = np.nonzero(action)
+    assert len(episode) >= 4
+    for e, d in zip(episode, decision, strict=True):
+        x = state.vehicles.x[e, d, 15:55]
+        low = state.evs.energy_j[e, d] < 0.4 * capacity
+        needy = state.vehicles.active[e, d, 15:55] & low & (state.evs.med[e, d] < 0)
+        counts = [
+            sum(n and r - 400 <= p <= r + 100 for p, n in zip(x, needy, strict=True))
+            for r in (100, 1200, 2100, 3200)
+        ]
+        assert counts[action[e, d] - 1] == max(counts) >= 2
+
+
+def test_forecast_counts_who_will_run_out(paper):
+    """EVs that cannot make it, those to come, and free slots, by loops over vehicles."""
+    env, params = paper
+    _, state = env.reset(jax.random.key(4), params)
+    step = jax.jit(env.step_env)
+    for ramp in (1, 2, 1):
+        for number in range(25):
+            action = ramp if number == 0 else 0
+            _, state, *_ = step(jax.random.key(number), state, action, params)
+    window = 60.0
+    per_metre = float(drive_energy(jnp.float32(30.0), jnp.float32(30.0), params.ev, 1.0)) / 30.0
+    capacity = float(params.ev_capacity_j)
+    active, x = np.asarray(state.vehicles.active), np.asarray(state.vehicles.x)
+    status, place = np.asarray(state.meds.status), np.array([100.0, 1200.0, 2100.0, 3200.0])
+    closing = 30.0 - 18.0
+    expected = np.zeros(4)
+    for ramp, at in enumerate(place):
+        for ev in range(40):
+            here = x[15 + ev]
+            short = float(state.evs.energy_j[ev]) < (4000.0 - here) * per_metre
+            if active[15 + ev] and short and int(state.evs.med[ev]) < 0:
+                expected[ramp] += -100.0 <= at - here <= closing * window
+        for entry, per_h in [(0.0, 2600.0), *((float(p), 250.0) for p in place)]:
+            needs = (4000.0 - entry) * per_metre / capacity
+            share = min(max((needs - 0.2) / 0.5, 0.0), 1.0)
+            time = window - (at - entry) / closing if entry <= at else 0.0
+            expected[ramp] += per_h / 3600 * 0.12 * share * max(time, 0.0)
+        for med in range(15):
+            there = place[int(state.meds.ramp[med])] if status[med] == QUEUED else x[med]
+            if (status[med] == QUEUED or active[med]) and abs(at - there) <= closing * window:
+                expected[ramp] -= 4 - sum(int(other) == med for other in state.evs.med)
+    got = forecast_need(state, env.config, params, window)
+    np.testing.assert_allclose(got, expected, atol=1e-3)
+    assert active[:15].any()

@@ -1,0 +1,81 @@
+"""GAE against a float64 recursion written the other way round: from the definition, episode by episode."""
+
+import jax.numpy as jnp
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from train.algorithms.advantages import generalized_advantages
+
+STEPS = 24
+
+
+def by_definition(reward, value, last_value, terminated, truncated, final_value, gamma, lam):
+    """A_t = sum_k (gamma lam)^k delta_{t+k}, the sum ending with the episode."""
+    steps, envs = reward.shape
+    out = np.zeros((steps, envs))
+    for env in range(envs):
+        for start in range(steps):
+            weight = 1.0
+            for t in range(start, steps):
+                follow = value[t + 1, env] if t + 1 < steps else last_value[env]
+                if terminated[t, env]:
+                    follow = 0.0
+                elif truncated[t, env]:
+                    follow = final_value[t, env]
+                out[start, env] += weight * (reward[t, env] + gamma * follow - value[t, env])
+                if terminated[t, env] or truncated[t, env]:
+                    break
+                weight *= gamma * lam
+    return out
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 2**31),
+    gamma=st.floats(0.0, 1.0),
+    lam=st.floats(0.0, 1.0),
+    often=st.sampled_from([0.0, 0.1, 0.5, 1.0]),
+)
+def test_equals_the_definition(seed, gamma, lam, often):
+    rng = np.random.default_rng(seed)
+    shape = (STEPS, 3)
+    reward, value, final_value = rng.normal(size=(3, *shape))
+    last_value = rng.normal(size=3)
+    terminated, truncated = rng.random((2, *shape)) < often
+    expected = by_definition(
+        reward, value, last_value, terminated, truncated, final_value, gamma, lam
+    )
+    advantage, target = generalized_advantages(
+        *(jnp.asarray(x, jnp.float32) for x in (reward, value, last_value)),
+        jnp.asarray(terminated),
+        jnp.asarray(truncated),
+        jnp.asarray(final_value, jnp.float32),
+        gamma=gamma,
+        gae_lambda=lam,
+    )
+    np.testing.assert_allclose(advantage, expected, rtol=2e-5, atol=2e-5)
+    np.testing.assert_allclose(target, expected + value, rtol=2e-5, atol=2e-5)
+
+
+def test_nothing_leaks_over_the_end_of_an_episode():
+    zeros = jnp.zeros((4, 1))
+    reward = zeros.at[3].set(100.0)  # of the next episode
+    ends = jnp.zeros((4, 1), bool).at[1].set(True)
+    never = jnp.zeros((4, 1), bool)
+    for terminated, truncated in ((ends, never), (never, ends)):
+        advantage, _ = generalized_advantages(
+            reward, zeros, zeros[0], terminated, truncated, zeros, gamma=0.9, gae_lambda=0.9
+        )
+        np.testing.assert_array_equal(advantage[:2], 0.0)
+        assert (advantage[2:] > 0.0).all()
+
+
+def test_lambda_one_gives_discounted_returns_bootstrapped_at_a_truncation():
+    reward = jnp.ones((3, 1))
+    zeros, never = jnp.zeros((3, 1)), jnp.zeros((3, 1), bool)
+    cut = never.at[2].set(True)
+    _, target = generalized_advantages(
+        reward, zeros, zeros[0] + 7.0, never, cut, zeros + 10.0, gamma=0.5, gae_lambda=1.0
+    )
+    np.testing.assert_allclose(target[:, 0], [1.75 + 1.25, 1.5 + 2.5, 1.0 + 5.0])

@@ -1,0 +1,151 @@
+"""The objective of eq. (9), its gradient, and what goes into it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from train.algorithms.networks import masked_categorical
+from train.algorithms.ppo.learner import split_environments
+from train.algorithms.ppo.losses import (
+    Batch,
+    LossWeights,
+    clipped_surrogate,
+    explained_variance,
+    ppo_loss,
+    standardize,
+    value_loss,
+)
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+EPS = 0.2
+
+
+@pytest.mark.parametrize("advantage", [-2.0, -0.5, 0.5, 2.0])
+@pytest.mark.parametrize("ratio", [0.1, 0.5, 0.79, 0.81, 0.99, 1.01, 1.19, 1.21, 2.0, 10.0])
+def test_gradient_is_zero_exactly_where_the_ratio_has_left_in_the_rewarded_direction(
+    ratio, advantage
+):
+    gradient = jax.grad(lambda lp: clipped_surrogate(lp, jnp.float32(0.0), advantage, EPS))(
+        jnp.log(jnp.float32(ratio))
+    )
+    clipped = (advantage > 0 and ratio > 1 + EPS) or (advantage < 0 and ratio < 1 - EPS)
+    if clipped:
+        assert gradient == 0.0
+    else:  # d ratio / d log_prob = ratio
+        assert gradient == pytest.approx(ratio * advantage, rel=1e-5)
+
+
+def test_surrogate_is_the_minimum_of_the_two_terms():
+    rng = np.random.default_rng(0)
+    new, old, advantage = rng.normal(size=(3, 500))
+    ratio = np.exp(new - old)
+    expected = np.where(
+        advantage > 0,
+        np.minimum(ratio, 1 + EPS) * advantage,
+        np.maximum(ratio, 1 - EPS) * advantage,
+    )
+    got = clipped_surrogate(*(jnp.asarray(x, jnp.float32) for x in (new, old, advantage)), EPS)
+    np.testing.assert_allclose(got, expected, rtol=1e-4, atol=1e-6)
+
+
+def test_value_loss():
+    value, old, target = (
+        jnp.array([1.0, 1.0, 0.0]),
+        jnp.array([0.0, 0.9, 0.0]),
+        jnp.array([2.0, 2.0, 2.0]),
+    )
+    np.testing.assert_allclose(value_loss(value, old, target, None), [0.5, 0.5, 2.0])
+    # The first kept within 0.2 of the old value: 0.5 (0.2 - 2)^2.
+    np.testing.assert_allclose(value_loss(value, old, target, 0.2), [1.62, 0.5, 2.0], rtol=1e-6)
+
+
+def test_standardize():
+    x = np.random.default_rng(0).normal(3.0, 5.0, (7, 9))
+    ones = jnp.ones((7, 9))
+    expected = (x - x.mean()) / x.std()
+    np.testing.assert_allclose(standardize(jnp.asarray(x), ones), expected, rtol=1e-4, atol=1e-5)
+    some = np.random.default_rng(1).random((7, 9)) < 0.3
+    expected = (x - x[some].mean()) / x[some].std()
+    got = standardize(jnp.asarray(x), jnp.asarray(some, jnp.float32))
+    np.testing.assert_allclose(got, expected, rtol=1e-4, atol=1e-5)
+    assert np.isfinite(standardize(jnp.ones(4), jnp.ones(4))).all()
+    assert np.isfinite(standardize(jnp.ones(4), jnp.zeros(4))).all()
+
+
+def test_decisions_without_a_choice_teach_the_value_only():
+    rng = np.random.default_rng(2)
+    logits, value = (jnp.asarray(rng.normal(size=shape), jnp.float32) for shape in ((6, 3), (6,)))
+    mask = jnp.ones((6, 3), bool).at[3:, 1:].set(False)
+    batch = Batch(
+        obs=jnp.zeros((6, 1)),
+        mask=mask,
+        action=jnp.array([0, 1, 2, 0, 0, 0]),
+        log_prob=jnp.array([-1.0, -1.0, -1.0, 0.0, 0.0, 0.0]),
+        value=value,
+        advantage=jnp.asarray(rng.normal(size=6), jnp.float32),
+        target=value + 1.0,
+    )
+    weights = LossWeights(EPS, value_coef=0.5, entropy_coef=0.01, clip_value=False)
+
+    def loss(logits, value, batch):
+        return ppo_loss(masked_categorical(logits, batch.mask), value, batch, weights)[0]
+
+    policy, critic = jax.grad(loss, (0, 1))(logits, value, batch)
+    np.testing.assert_array_equal(policy[3:], 0.0)
+    np.testing.assert_allclose(critic, -0.5 / 6, rtol=1e-5)
+    chosen = jax.tree.map(lambda x: x[:3], batch)
+    alone, _ = jax.grad(loss, (0, 1))(logits[:3], value[:3], chosen)
+    np.testing.assert_allclose(policy[:3], alone, rtol=1e-5, atol=1e-7)
+    forced = jax.tree.map(lambda x: x[3:], batch)
+    for gradient in jax.grad(loss, (0, 1))(logits[3:], value[3:], forced):
+        assert np.isfinite(gradient).all()
+
+
+def test_explained_variance():
+    target = jnp.arange(10.0)
+    assert explained_variance(target, target) == 1.0
+    assert explained_variance(jnp.full(10, 4.5), target) == pytest.approx(0.0, abs=1e-6)
+    assert np.isnan(explained_variance(target, jnp.ones(10)))
+
+
+def test_masked_distribution_is_the_softmax_of_the_allowed():
+    logits = jnp.array([[1.0, 2.0, 3.0], [0.5, 0.0, -1.0]])
+    mask = jnp.array([[True, True, False], [True, False, False]])
+    policy = masked_categorical(logits, mask)
+    expected = np.exp([1.0, 2.0]) / np.exp([1.0, 2.0]).sum()
+    np.testing.assert_allclose(policy.probs[0], [*expected, 0.0], rtol=1e-6)
+    entropy = policy.entropy()
+    assert entropy[0] == pytest.approx(-(expected * np.log(expected)).sum(), rel=1e-5)
+    assert entropy[1] == 0.0
+    assert (policy.mode() == jnp.array([1, 0])).all()
+    samples = jax.vmap(lambda key: policy.sample(seed=key))(
+        jax.random.split(jax.random.key(0), 200)
+    )
+    assert (samples[:, 0] < 2).all()
+    assert (samples[:, 1] == 0).all()
+    gradient = jax.grad(
+        lambda x: (
+            masked_categorical(x, mask).log_prob(jnp.array([0, 0]))
+            + masked_categorical(x, mask).entropy()
+        ).sum()
+    )(logits)
+    assert np.isfinite(gradient).all()
+    np.testing.assert_array_equal(gradient[~mask], 0.0)
+
+
+def test_each_sample_is_in_exactly_one_minibatch():
+    steps, envs, parts = 3, 12, 4
+    samples = {
+        "id": jnp.arange(steps * envs).reshape(envs, steps),
+        "x": jnp.zeros((envs, steps, 5)),
+    }
+    dealt = split_environments(jax.random.key(1), samples, parts)
+    assert dealt["id"].shape == (parts, envs // parts, steps)
+    assert dealt["x"].shape == (parts, envs // parts, steps, 5)
+    assert sorted(dealt["id"].ravel().tolist()) == list(range(steps * envs))
+    # Whole environments stay together.
+    assert (dealt["id"][..., 1] - dealt["id"][..., 0] == 1).all()
+    other = split_environments(jax.random.key(2), samples, parts)
+    assert (other["id"] != dealt["id"]).any()

@@ -1,0 +1,91 @@
+"""The network for sets of vehicles: what order and empty slots must not change."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from medjax.env.observation import FlatObservation
+from train.algorithms.networks import build_network
+from train.settings import TrainConfig
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+SMALL = {"num_meds": 3, "num_evs": 5, "num_gas": 12}
+CONFIG = TrainConfig(network="sets", observation="flat", hidden=(16,), encoder=(8, 8))
+
+
+@pytest.fixture(scope="module")
+def network():
+    """`(weights, obs) -> logits and values`, and random weights."""
+    env, params = medjax.make("paper", **SMALL)
+    built = build_network(env, CONFIG)
+    obs = jnp.zeros((1, *env.observation_space(params).shape))
+    weights = built.init(jax.random.key(0), obs)
+    # The last layer begins near zero, where much would look alike.
+    weights = jax.tree.map(lambda w: jax.random.normal(jax.random.key(w.size), w.shape), weights)
+    return jax.jit(built.apply), weights
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Observations of three roads in mid-traffic, and the environment's configuration."""
+    env, params = medjax.make("paper", **SMALL)
+    obs, _ = jax.vmap(env.reset, (0, None))(jax.random.split(jax.random.key(1), 3), params)
+    return obs, env.config
+
+
+def joined(meds, evs, clock):
+    """The inverse of `FlatObservation.split`."""
+    return jnp.concatenate([meds.reshape(3, -1), evs.reshape(3, -1), clock], axis=-1)
+
+
+def test_split_is_the_structured_observation():
+    env, params = medjax.make("paper", **SMALL)
+    obs, state = env.reset(jax.random.key(2), params)
+    seen = env.observe(state, params)
+    meds, evs, clock = FlatObservation().split(obs, env.config)
+    np.testing.assert_array_equal(meds, seen.meds)
+    np.testing.assert_array_equal(evs, seen.evs)
+    np.testing.assert_array_equal(clock, seen.clock)
+    assert FlatObservation(include_clock=False).split(obs[:-4], env.config)[2].shape == (0,)
+
+
+def test_the_order_of_slots_does_not_matter_and_vehicles_do(network, scene):
+    apply, weights = network
+    obs, config = scene
+    meds, evs, clock = FlatObservation().split(obs, config)
+    logits, value = apply(weights, obs)
+    other = joined(meds[:, ::-1], jnp.roll(evs, 2, axis=1), clock)
+    assert not np.array_equal(other, obs)
+    shuffled = apply(weights, other)
+    np.testing.assert_allclose(shuffled[0], logits, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(shuffled[1], value, rtol=1e-4, atol=1e-4)
+    fewer = apply(weights, joined(meds, evs.at[:, 0].set(0.0), clock))
+    there = np.asarray(jnp.any(evs[:, 0] != 0.0, axis=-1))
+    assert there.any()
+    assert (np.abs(fewer[1] - value)[there] > 1e-3).all()
+
+
+def test_empty_slots_change_nothing(network, scene):
+    """The same weights on a road with room for more: no vehicle, no difference."""
+    apply, weights = network
+    obs, config = scene
+    meds, evs, clock = FlatObservation().split(obs, config)
+    env, _ = medjax.make("paper", **(SMALL | {"num_evs": 9}))
+    wider = jnp.concatenate([evs, jnp.zeros((3, 4, evs.shape[-1]))], axis=1)
+    logits, value = build_network(env, CONFIG).apply(weights, joined(meds, wider, clock))
+    np.testing.assert_allclose(logits, apply(weights, obs)[0], rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(value, apply(weights, obs)[1], rtol=1e-4, atol=1e-4)
+
+
+def test_only_the_flat_observation_has_rows():
+    env, _ = medjax.make("paper", observation="profile", **SMALL)
+    with pytest.raises(ValueError, match="network is 'sets' and observation is 'profile'"):
+        build_network(env, TrainConfig(network="sets"))
+    env, _ = medjax.make("paper", **SMALL)
+    with pytest.raises(ValueError, match="normalize_observations is True, allowed: False"):
+        build_network(env, dataclasses.replace(CONFIG, normalize_observations=True))

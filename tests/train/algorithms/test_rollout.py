@@ -1,0 +1,47 @@
+"""What a rollout tells the learner about the ends of episodes."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from medjax.wrappers import BatchAutoReset, EpisodeLog, TimeLimitAsEnd, init_stats
+from tests.train.probe_envs import Probe, ProbeParams
+from train.algorithms.networks import PolicyWeights, apply_value, build_network
+from train.algorithms.rollout import collect, start
+from train.settings import TrainConfig
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+LENGTH, ENVS = 5, 16
+
+
+@pytest.mark.parametrize("bootstrap_timeouts", [False, True])
+def test_cut_episodes_are_always_bootstrapped_and_time_limits_only_if_told(bootstrap_timeouts):
+    """First episodes are cut after 1 to 5 decisions; all others end by time after 5."""
+    env, params = Probe("timed"), ProbeParams(episode_decisions=LENGTH)
+    network = build_network(env, TrainConfig(hidden=(8,)))
+    weights = PolicyWeights(network.init(jax.random.key(0), jnp.zeros((1, 2))), init_stats((2,)))
+    limited = env if bootstrap_timeouts else TimeLimitAsEnd(env)
+    batch = EpisodeLog(BatchAutoReset(limited, stagger=LENGTH))
+    state = start(batch, jax.random.split(jax.random.key(1), ENVS), params)
+    keys = jax.random.split(jax.random.key(2), ENVS)
+    _, trajectory, _, _ = collect(
+        batch, network, weights, state, keys, params, num_steps=12, gamma=0.9
+    )
+
+    seen = jnp.array([[float(time), 0.0] for time in range(LENGTH + 1)])
+    values = np.asarray(apply_value(network, weights, seen))
+    terminated, final_value = map(np.asarray, (trajectory.terminated, trajectory.final_value))
+    ends = terminated | np.asarray(trajectory.truncated)
+    first = ends.argmax(axis=1)
+    assert set(first) == set(range(LENGTH))
+    for row, cut in enumerate(first):
+        for end in np.flatnonzero(ends[row]):
+            by_time = end > cut or cut == LENGTH - 1
+            over = by_time and not bootstrap_timeouts
+            assert terminated[row, end] == over
+            time = LENGTH if by_time else cut + 1
+            expected = 0.0 if over else values[time]
+            np.testing.assert_allclose(final_value[row, end], expected, rtol=1e-5, atol=1e-6)
+        assert (final_value[row, ~ends[row]] == 0.0).all()

@@ -1,0 +1,275 @@
+"""Faults under way: one clear line, an exit code, and nothing saved before is lost."""
+
+import contextlib
+import json
+import os
+import pickle
+import shutil
+import signal
+import subprocess
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from medjax.errors import InputError
+from tests.train.conftest import TINY
+from tests.train.probe_envs import Probe, ProbeParams
+from tests.train.test_arguments import refused
+from tests.train.test_session import assert_same_run, rows_of, state_of
+from train import ppo
+from train.runs.checkpoint import Checkpoints
+from train.arguments import make_environment
+from train.algorithms.ppo.learner import make_train
+from train.runs.logs import Progress, read_rows
+from train.runs.run_directory import RunDir
+from train.runs.session import shapes_of
+
+QUIET = [*TINY, "--eval-episodes=0", "--updates-per-call=1"]
+
+
+@pytest.fixture
+def after_update(monkeypatch):
+    """Does something once so many updates are shown."""
+
+    def arrange(update, action):
+        show = Progress.show
+
+        def show_and_act(self, rows):
+            show(self, rows)
+            if rows[-1]["update"] == update:
+                monkeypatch.setattr(Progress, "show", show)
+                action()
+
+        monkeypatch.setattr(Progress, "show", show_and_act)
+
+    return arrange
+
+
+def stopped(capsys, argv, *words, code=1):
+    """The one line on stderr of a run that stops on its way."""
+    assert ppo.main(argv) == code
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1, err
+    for word in words:
+        assert word in err
+    return err
+
+
+class Breaks(Probe):
+    """From the fourth update on gives NaN as reward, infinity to see, or rewards whose sum is none."""
+
+    def step_env(self, key, state, action, params):
+        obs, state, reward, terminated, truncated, info = super().step_env(
+            key, state, action, params
+        )
+        late = state.time > 12
+        if self.kind == "bad reward":
+            reward = jnp.where(late, jnp.nan, reward)
+        elif self.kind == "vast reward":
+            reward = jnp.where(late, 3e38, reward)
+        else:
+            obs = jnp.where(late, jnp.inf, obs)
+        return obs, state, reward, terminated, truncated, info
+
+
+@pytest.mark.parametrize(
+    ("kind", "named"),
+    [("bad reward", "rewards"), ("vast reward", "advantages"), ("bad sight", "observations")],
+)
+def test_what_is_no_longer_finite_is_named(probe, capsys, monkeypatch, kind, named):
+    """In the update where it happens, the first in the order of computing; the checkpoint before it is kept."""
+    monkeypatch.setattr(
+        "medjax.make", lambda *args, **options: (Breaks(kind), ProbeParams(episode_decisions=40))
+    )
+    options = [
+        *TINY,
+        "--eval-episodes=0",
+        "--no-stagger",
+        "--no-normalize-rewards",
+        "--run-dir=run",
+    ]
+    stopped(capsys, options, f"{named} no longer finite in update 4", "checkpoint is of update 2")
+    assert [row["update"] for row in rows_of(probe / "run")] == [1, 2, 3, 4]
+    assert sorted(path.name for path in (probe / "run" / "checkpoints").iterdir()) == ["2.npz"]
+
+
+@contextlib.contextmanager
+def small_disk(path, size="200k"):
+    """A file system of its own; skips where this user may not make one."""
+    path.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(path)]
+    if not shutil.which("mount") or subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("needs the right to mount a file system")
+    try:
+        yield
+    finally:
+        subprocess.run(["umount", "-l", str(path)], check=True)
+
+
+def test_a_full_disk(probe, capsys, tmp_path):
+    """Stops in a line with whole files; with room again the run goes on as if nothing had been."""
+    options = [*QUIET, "--total-timesteps=640", "--checkpoint-interval=1", "--keep-checkpoints=99"]
+    assert ppo.main([*options, "--run-dir=whole"]) == 0
+    capsys.readouterr()
+    with small_disk(probe / "disk"):
+        line = stopped(capsys, [*options, "--run-dir=disk/run"], "cannot write disk/run")
+        assert "No space left" in line or "could not be written" in line
+        run = probe / "disk" / "run"
+        text = (run / "metrics.jsonl").read_text()
+        assert text.endswith("\n")
+        assert 0 < len(rows_of(run)) < 40
+        json.loads((run / "config.json").read_text())
+        shutil.copytree(run, probe / "more")
+    assert ppo.main(["--resume=more"]) == 0
+    assert_same_run(probe / "whole", probe / "more")
+
+
+def test_a_directory_that_is_removed(probe, capsys, after_update):
+    """Is not made again, and nothing is written beside it."""
+    after_update(3, lambda: shutil.rmtree(probe / "run"))
+    stopped(capsys, [*QUIET, "--run-dir=run"], "cannot write run", "No such file")
+    assert list(probe.iterdir()) == []
+
+
+def test_a_file_system_that_becomes_read_only(probe, capsys, after_update):
+    run = str(probe / "run")
+
+    def remount():
+        subprocess.run(["mount", "--bind", run, run], check=True)
+        subprocess.run(["mount", "-o", "remount,bind,ro", run], check=True)
+
+    with small_disk(probe / "disk"):
+        pass  # this user may mount
+    after_update(3, remount)
+    try:
+        words = ("Read-only file system", "checkpoint is of update 2")
+        stopped(capsys, [*QUIET, "--run-dir=run"], *words)
+        refused(capsys, ["--resume=run"], "cannot write run-dir", "Read-only")
+        refused(capsys, [*TINY, "--run-dir=run/other"], "cannot write run-dir", "Read-only")
+    finally:
+        subprocess.run(["umount", "-l", run], check=False)
+    assert ppo.main([*QUIET, "--run-dir=whole"]) == 0
+    assert ppo.main(["--resume=run"]) == 0
+    assert_same_run(probe / "whole", probe / "run")
+
+
+def test_sigterm_saves(probe, capsys, after_update):
+    after_update(3, lambda: os.kill(os.getpid(), signal.SIGTERM))
+    code = 128 + signal.SIGTERM
+    stopped(capsys, [*QUIET, "--run-dir=run"], "after update 3, saved", "--resume run", code=code)
+    assert len(state_of(probe / "run")) > 0
+
+
+def test_a_second_ctrl_c_ends_at_once(probe, capsys, after_update):
+    """Without a traceback; what was saved before can be gone on from."""
+
+    def twice():
+        for _ in range(2):
+            os.kill(os.getpid(), signal.SIGINT)
+
+    after_update(3, twice)
+    stopped(capsys, [*QUIET, "--run-dir=run"], "at once", "checkpoint is of update 2", code=130)
+    assert ppo.main(["--resume=run"]) == 0
+    assert ppo.main([*QUIET, "--run-dir=whole"]) == 0
+    assert_same_run(probe / "whole", probe / "run")
+
+
+def test_one_run_at_a_time_in_a_directory(probe, capsys, after_update):
+    """While one is under way, the second is refused, started or resumed, and the first is left alone."""
+
+    def intrude():
+        capsys.readouterr()
+        refused(capsys, ["--resume=run"], "run run is under way in another process")
+        refused(capsys, [*TINY, "--run-dir=run"], "run")
+
+    after_update(3, intrude)
+    assert ppo.main([*QUIET, "--run-dir=run"]) == 0
+    assert len(read_rows(probe / "run" / "metrics.jsonl")) == 6
+    held = RunDir(probe / "run").lock()  # it has ended, so that it can be locked
+    held.close()
+    capsys.readouterr()
+    refused(capsys, ["--resume=run"], "has done its 96 decisions")
+
+
+def test_runs_without_a_name_never_share_a_directory(probe, monkeypatch):
+    """Also where both look for a free number at the same time."""
+    from train.runs.run_directory import new_run_dir
+
+    assert [new_run_dir("noisy").name for _ in range(3)] == ["noisy-1", "noisy-2", "noisy-3"]
+
+
+@pytest.fixture
+def saved(probe):
+    """A run with checkpoints 4 and 6, and a way to read the newest."""
+    assert ppo.main([*QUIET, "--keep-checkpoints=2", "--run-dir=run"]) == 0
+    config = RunDir(probe / "run").load_config()
+    env, params = make_environment(config)
+    shapes = shapes_of(make_train(env, params, config), params, config)
+
+    def read():
+        """All of the newest checkpoint as bytes, or why it is refused."""
+        try:
+            state = Checkpoints(probe / "run").restore(shapes)
+        except InputError as error:
+            return str(error)
+        return [leaf.tobytes() for leaf in jax.tree.leaves(state)]
+
+    return probe / "run" / "checkpoints", read
+
+
+MORE = ["--resume=run", "--total-timesteps=128"]
+
+
+def test_a_damaged_checkpoint_is_refused_in_a_line(saved, capsys):
+    """One bit changed anywhere, or cut off anywhere: refused, or read as it was; never otherwise."""
+    place, read = saved
+    path, intact = place / "6.npz", read()
+    assert isinstance(intact, list)
+    whole = path.read_bytes()
+    refusals = []
+    rng = np.random.default_rng(0)
+    for position in rng.integers(0, len(whole), 300):
+        damaged = bytearray(whole)
+        damaged[position] ^= 1 << rng.integers(8)
+        for data in (bytes(damaged), whole[:position]):
+            path.write_bytes(data)
+            found = read()
+            if found != intact:
+                assert isinstance(found, str), position
+                refusals.append(found)
+    assert len(refusals) > 400
+    for line in refusals:
+        assert "checkpoints/6.npz is " in line
+        assert "\n" not in line
+    refused(capsys, MORE, "checkpoints/6.npz")
+
+
+def test_a_foreign_checkpoint_is_refused_in_a_line(saved, capsys):
+    """Another format, another program's archive, a pickle; an older one that is damaged hurts nobody."""
+    place, read = saved
+    with np.load(place / "6.npz") as file:
+        arrays = dict(file)
+    (place / "4.npz").write_bytes(b"")
+    assert isinstance(read(), list)
+    about = {**json.loads(str(arrays["about"])), "format": 2}
+    np.savez(place / "6.npz", **arrays | {"about": json.dumps(about)})
+    refused(capsys, MORE, "checkpoints/6.npz is of format 2, allowed: 1")
+    np.savez(place / "6.npz", weights=np.ones(3))
+    refused(capsys, MORE, "checkpoints/6.npz", "none of train.ppo")
+    (place / "6.npz").write_bytes(pickle.dumps(Owned()))
+    refused(capsys, MORE, "checkpoints/6.npz", "none of train.ppo")
+    np.savez(place / "6.npz", **arrays | {"update": np.asarray(Owned(), object)})
+    refused(capsys, MORE, "checkpoints/6.npz", "none of train.ppo")
+    assert not Path("owned").exists()
+    np.savez(place / "6.npz", **arrays)
+    assert ppo.main(MORE) == 0
+
+
+class Owned:
+    """Makes a file when it is unpickled."""
+
+    def __reduce__(self):
+        return Path.touch, (Path("owned"),)

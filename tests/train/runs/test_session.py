@@ -1,0 +1,260 @@
+"""Whole runs of the command on a probe: files, resuming, interruption."""
+
+import dataclasses
+import json
+import os
+import signal
+
+import jax
+import numpy as np
+import pytest
+import yaml
+
+from medjax.policies.saved import load_policy
+from tests.train.conftest import TINY
+from tests.train.test_arguments import refused
+from train import evaluate, ppo
+from train.runs.checkpoint import Checkpoints
+from train.algorithms.ppo.learner import make_train
+from train.runs.logs import Progress, read_rows, rows_from
+from train.runs.session import shapes_of
+from train.evaluation.tables import final_return, format_table
+
+CLOCK = ("wall_s", "env_steps_per_s")
+
+
+def rows_of(run_dir):
+    return [
+        {name: value for name, value in row.items() if name not in CLOCK}
+        for row in read_rows(run_dir / "metrics.jsonl")
+    ]
+
+
+def state_of(run_dir):
+    from train.arguments import make_environment
+    from train.runs.run_directory import RunDir
+
+    # This process need not have the devices that the run had.
+    config = dataclasses.replace(RunDir(run_dir).load_config(), num_devices=0)
+    env, params = make_environment(config)
+    shapes = shapes_of(make_train(env, params, config), params, config)
+    return jax.tree.leaves(Checkpoints(run_dir).restore(shapes))
+
+
+def assert_same_run(one, other):
+    assert rows_of(one) == rows_of(other)
+    for mine, theirs in zip(state_of(one), state_of(other), strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+
+
+@pytest.fixture
+def interrupt_after(monkeypatch):
+    """Sends SIGINT to this process once so many updates are shown."""
+
+    def arrange(updates):
+        show = Progress.show
+
+        def show_and_interrupt(self, rows):
+            show(self, rows)
+            if rows[-1]["update"] == updates:
+                os.kill(os.getpid(), signal.SIGINT)
+
+        monkeypatch.setattr(Progress, "show", show_and_interrupt)
+        return lambda: monkeypatch.setattr(Progress, "show", show)
+
+    return arrange
+
+
+@pytest.mark.versions
+def test_a_run_leaves_what_is_promised(probe, capsys):
+    assert ppo.main(TINY) == 0
+    out, err = capsys.readouterr()
+    run = probe / "runs" / "noisy-1"
+    rows = read_rows(run / "metrics.jsonl")
+    assert [row["update"] for row in rows] == [1, 2, 3, 4, 5, 6]
+    assert [row["env_steps"] for row in rows] == [16, 32, 48, 64, 80, 96]
+    summary = json.loads((run / "summary.json").read_text())
+    assert summary["env_steps"] == 96
+    assert summary["wall_s"] > summary["compile_s"] > 0
+    assert summary["env_steps_per_s"] > 0
+    assert summary["final_return_mean"] is not None
+    assert json.loads((run / "config.json").read_text())["config"]["num_envs"] == 4
+    assert (run / "plots" / "training_curve.png").read_bytes().startswith(b"\x89PNG")
+    assert sorted(path.name for path in (run / "checkpoints").iterdir()) == [
+        "2.npz",
+        "4.npz",
+        "6.npz",
+    ]
+    assert load_policy(run / "policy.zip").about.scenario == "noisy"
+    assert any((run / "tensorboard").iterdir())
+    for name in ("ppo", "none", "random"):
+        assert name in out
+    assert "compiling" not in err  # no bar where stderr is no terminal
+    # The next run takes the next number and leaves this one alone.
+    before = (run / "metrics.jsonl").read_bytes()
+    assert ppo.main([*TINY, "--seed=1", "--eval-episodes=0", "--keep-checkpoints=1"]) == 0
+    other = probe / "runs" / "noisy-2"
+    assert [path.name for path in (other / "checkpoints").iterdir()] == ["6.npz"]
+    assert (run / "metrics.jsonl").read_bytes() == before
+    assert rows_of(other) != rows_of(run)
+
+
+def test_the_same_seed_gives_the_same_run_however_it_is_driven(probe, capsys, monkeypatch):
+    """Other chunks, checkpoints, evaluation, or begun anew where it was killed before its first checkpoint."""
+    assert ppo.main([*TINY, "--run-dir=whole", "--eval-episodes=0"]) == 0
+    other = ["--updates-per-call=3", "--checkpoint-interval=0", "--keep-checkpoints=1"]
+    monkeypatch.setattr("train.runs.session.SECONDS_PER_CALL", 1e9)  # as many updates as may be at once
+    assert ppo.main([*TINY, *other, "--run-dir=other"]) == 0
+    assert_same_run(probe / "whole", probe / "other")
+    (probe / "again").mkdir()
+    (probe / "again" / "config.json").write_bytes((probe / "whole" / "config.json").read_bytes())
+    capsys.readouterr()
+    refused(capsys, ["--run-dir=again"], "holds no checkpoint", command=evaluate)
+    assert ppo.main(["--resume=again"]) == 0
+    assert_same_run(probe / "whole", probe / "again")
+
+
+@pytest.mark.parametrize("ending", ["json", "yaml"])
+def test_the_settings_of_a_run_repeat_it(probe, ending):
+    """From its own file, and from one that somebody wrote; an option on the command line comes first."""
+    assert ppo.main([*TINY, "--seed=7", "--set", "episode_decisions=7", "--run-dir=one"]) == 0
+    saved = json.loads((probe / "one" / "config.json").read_text())
+    if ending == "yaml":
+        settings = {name: value for name, value in saved["config"].items() if name != "seed"}
+        (probe / "mine.yaml").write_text(yaml.safe_dump(settings))
+        argv = ["--config=mine.yaml", "--seed=7"]
+    else:
+        argv = ["--config=one/config.json"]
+    assert ppo.main([*argv, "--run-dir=two"]) == 0
+    assert_same_run(probe / "one", probe / "two")
+    again = json.loads((probe / "two" / "config.json").read_text())
+    assert again["config"] == saved["config"]
+
+
+@pytest.mark.parametrize("seeds", [1, 2])
+def test_interrupted_and_resumed_equals_uninterrupted_bit_for_bit(
+    probe, capsys, interrupt_after, seeds
+):
+    options = [*TINY, f"--num-seeds={seeds}", "--eval-episodes=0", "--updates-per-call=1"]
+    assert ppo.main([*options, "--run-dir=whole"]) == 0
+    restore = interrupt_after(3)
+    handler = signal.getsignal(signal.SIGINT)
+    assert ppo.main([*options, "--run-dir=parts"]) == 130
+    restore()
+    assert signal.getsignal(signal.SIGINT) is handler
+    assert "--resume parts" in capsys.readouterr().err
+    assert len(rows_of(probe / "parts")) == 3
+    assert (probe / "parts" / "summary.json").exists()
+    assert ppo.main(["--resume=parts"]) == 0
+    assert_same_run(probe / "whole", probe / "parts")
+    summaries = [
+        json.loads((probe / name / "summary.json").read_text()) for name in ("whole", "parts")
+    ]
+    for name in ("env_steps", "final_return_mean", "updates"):
+        assert summaries[0][name] == summaries[1][name]
+
+
+def test_a_killed_run_goes_on_from_its_checkpoint(probe, monkeypatch):
+    options = [*TINY, "--eval-episodes=0", "--updates-per-call=1"]
+    assert ppo.main([*options, "--run-dir=whole"]) == 0
+    show = Progress.show
+
+    def die(self, rows):
+        show(self, rows)
+        if rows[-1]["update"] == 5:
+            raise RuntimeError("killed")
+
+    monkeypatch.setattr(Progress, "show", die)
+    with pytest.raises(RuntimeError, match="killed"):
+        ppo.main([*options, "--run-dir=parts"])
+    monkeypatch.setattr(Progress, "show", show)
+    assert len(rows_of(probe / "parts")) == 5  # one more than the checkpoint of update 4
+    with (probe / "parts" / "metrics.jsonl").open("a") as file:
+        file.write('{"update": 6, "env_st')  # cut off in the writing
+    assert ppo.main(["--resume=parts"]) == 0
+    assert_same_run(probe / "whole", probe / "parts")
+
+
+def test_resume_refuses_what_does_not_fit(probe, capsys):
+    assert ppo.main([*TINY, "--run-dir=run", "--eval-episodes=0"]) == 0
+    capsys.readouterr()
+    before = {path: path.read_bytes() for path in (probe / "run").rglob("*") if path.is_file()}
+    refused(capsys, ["--resume=run"], "96 decisions", "--total-timesteps above 96")
+    more = ["--resume=run", "--total-timesteps=1000"]
+    for change in (["--num-envs=8"], ["--hidden", "8"], ["--num-seeds=2"]):
+        refused(capsys, [*more, *change], "of another shape", "allowed: (")
+    refused(capsys, [*TINY, "--run-dir=run"], "already holds files")
+    assert before == {
+        path: path.read_bytes() for path in (probe / "run").rglob("*") if path.is_file()
+    }
+    assert ppo.main(["--resume=run", "--total-timesteps=128"]) == 0
+    assert len(rows_of(probe / "run")) == 8
+    assert (probe / "run" / "config-until-6.json").exists()
+
+
+def test_interrupted_while_compiling_leaves_nothing(probe, capsys, monkeypatch):
+    def interrupted(self):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("train.runs.session.Session._compile", interrupted)
+    assert ppo.main([*TINY, "--run-dir=run"]) == 130
+    assert not (probe / "run").exists()
+
+
+@pytest.mark.versions
+def test_evaluate_command(probe, capsys):
+    options = [*TINY, "--num-seeds=2", "--eval-episodes=0", "--run-dir=run"]
+    assert ppo.main(options) == 0
+    argv = ["--run-dir=run", "--episodes=5", "--batch=2", "--json=out.json"]
+    assert evaluate.main(argv) == 0
+    result = json.loads((probe / "out.json").read_text())
+    assert result["episodes"] == 5
+    assert result["scenario"] == "noisy"
+    assert set(result["policies"]) == {"ppo", "ppo_seed2", "none", "random"}
+    entry = result["policies"]["ppo"]
+    low, high = entry["return_ci95"]
+    assert low <= entry["return_mean"] <= high
+    assert entry["decisions"] == 5.0
+    assert set(result["paired_return_difference"]) == {"none", "random"}
+    assert len(result["training_seeds"]["return_means"]) == 2
+    capsys.readouterr()
+    assert evaluate.main([*argv, "--stochastic", "--set", "episode_decisions=3", "--seed=4"]) == 0
+    assert json.loads((probe / "out.json").read_text())["policies"]["none"]["decisions"] == 3.0
+    assert "5 whole episodes of noisy" in capsys.readouterr().out
+    refused(capsys, [*argv, "--scenario=nowhere"], "nowhere", command=evaluate)
+    refused(capsys, [*argv, "--set", "x=1"], "'x'", command=evaluate)
+
+
+def test_rows_average_over_the_seeds_that_have_a_value():
+    metrics = {"episode_return": np.array([[1.0, np.nan, 9.0], [3.0, 5.0, 9.0]])}
+    rows = rows_from(metrics, 2)
+    assert [row["episode_return"] for row in rows] == [2.0, 5.0]
+    assert rows[1]["per_seed"]["episode_return"] == [None, 5.0]
+    assert rows_from({"loss": np.array([np.nan, 1.0])}, 2) == [{"loss": None}, {"loss": 1.0}]
+
+
+def test_final_return_weighs_episodes():
+    rows = [{"episode_return": None, "episodes": 0.0}] * 18
+    assert final_return(rows) is None
+    rows = [
+        *rows,
+        {"episode_return": 1.0, "episodes": 3.0},
+        {"episode_return": 5.0, "episodes": 1.0},
+    ]
+    assert final_return(rows) == 2.0
+
+
+def test_table_lists_the_best_first():
+    entry = {"return_mean": 1.0, "return_ci95": [0.5, 1.5], "depleted_share": 0.25}
+    result = {
+        "episodes": 3,
+        "scenario": "paper",
+        "policies": {"none": entry, "ppo": entry | {"return_mean": 123.456}},
+        "paired_return_difference": {"none": {"mean": 122.456, "ci95": [100.0, 140.0]}},
+    }
+    lines = format_table(result).splitlines()
+    assert "depleted share" in lines[1]
+    assert "mean SoC" not in lines[1]
+    assert lines[3].startswith("ppo")
+    assert "123.5" in lines[3]
+    assert "122.5 [100.0, 140.0]" in lines[4]

@@ -1,0 +1,190 @@
+"""Bad input: one clear line on stderr, exit code 2, and nothing is made or overwritten."""
+
+import json
+import sys
+
+import pytest
+
+from medjax.commandline import parse_overrides
+from medjax.errors import InputError
+from tests.train.conftest import TINY
+from train import evaluate, ppo
+from train.arguments import parse_request
+from train.settings import TrainConfig, from_json, to_json
+
+
+def exit_code(command, argv):
+    try:
+        return command.main(argv)
+    except SystemExit as ended:
+        return ended.code
+
+
+def refused(capsys, argv, *words, command=ppo):
+    assert exit_code(command, argv) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1, err
+    for word in words:
+        assert word in err
+    return err
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        (["--scenario=nowhere"], ["nowhere", "allowed", "noisy"]),
+        (["--frobnicate=3"], ["--frobnicate"]),
+        (["--num-env=3"], ["--num-env"]),
+        (["positional"], ["positional"]),
+        (["--num-envs=-4"], ["num_envs is -4", "at least 1"]),
+        (["--num-envs=0"], ["num_envs is 0", "at least 1"]),
+        (["--num-envs=many"], ["num_envs is 'many'", "a whole number"]),
+        (["--num-envs=1.5"], ["num_envs is '1.5'", "a whole number"]),
+        (["--num-envs=7"], ["num_envs is 7", "num_minibatches = 2", "a multiple of 2"]),
+        (["--num-envs"], ["--num-envs"]),
+        (["--total-timesteps=0"], ["total_timesteps is 0", "at least 1"]),
+        (["--num-devices=99"], ["num_devices is 99", "allowed: 0 to"]),
+        (["--seed=-1"], ["seed is -1", "at least 0"]),
+        (["--num-seeds=0"], ["num_seeds is 0", "at least 1"]),
+        (["--learning-rate=nan"], ["learning_rate is nan", "at least 1e-12, at most 10"]),
+        (["--lr=-1e-3"], ["learning_rate is -0.001", "at least 1e-12"]),
+        (["--gamma=1.5"], ["gamma is 1.5", "at most 1"]),
+        (["--gamma=nan"], ["gamma is nan", "at most 1"]),
+        (["--clip=0"], ["clip_epsilon is 0.0", "at least 1e-06"]),
+        (["--entropy=inf"], ["entropy_coef is inf", "at most 1000000.0"]),
+        (["--hidden", "0"], ["hidden is 0", "at least 1"]),
+        (["--hidden", "8", "x"], ["hidden is 'x'", "a whole number"]),
+        (["--demand-range", "1.5", "0.5"], ["demand_range is 1.5 0.5", "the lower one first"]),
+        (["--demand-range", "1"], ["demand_range is 1.0", "two numbers"]),
+        (["--demand-range", "-1", "1"], ["demand_range is -1.0", "at least 0"]),
+        (["--demand-range", "1", "99"], ["demand_range is 99.0", "at most 4"]),
+        (["--demand-range", "nan", "1"], ["demand_range is nan", "at most 4"]),
+        (["--demand-range", "few", "1"], ["demand_range is 'few'", "a number"]),
+        (["--activation=gelu"], ["activation is 'gelu'", "tanh, relu, silu"]),
+        (["--network=transformer"], ["network is 'transformer'", "allowed: mlp"]),
+        (["--eval-episodes=1"], ["eval_episodes is 1", "at least 2"]),
+        (["--set", "nothing=3"], ["nothing", "allowed", "episode_decisions"]),
+        (["--set", "episode_decisions=-3"], ["episode_decisions is -3", "above 0"]),
+        (["--set", "episode_decisions=nan"], ["episode_decisions is nan", "above 0"]),
+        (["--set", "episode_decisions"], ["--set episode_decisions", "NAME=VALUE"]),
+        (["--set", "reward=x"], ["--set reward=x", "NAME=VALUE"]),
+        (["--resume=absent"], ["absent", "not a directory"]),
+        (["--resume=absent", "--run-dir=new"], ["--run-dir", "one of the two"]),
+        (["--resume=absent", "--config=x.json"], ["--config", "one of the two"]),
+        (["--config=absent.yaml"], ["absent.yaml", "cannot read"]),
+    ],
+)
+def test_bad_options_of_ppo(probe, capsys, argv, words):
+    refused(capsys, TINY + argv, *words)
+    assert list(probe.iterdir()) == []
+
+
+def test_run_dir_in_use_is_refused_and_left_as_it_was(probe, capsys):
+    used = probe / "used"
+    used.mkdir()
+    (used / "notes.txt").write_text("precious")
+    refused(
+        capsys, [*TINY, "--run-dir=used"], "used", "already holds files", "a new or empty directory"
+    )
+    assert [path.name for path in used.iterdir()] == ["notes.txt"]
+    assert (used / "notes.txt").read_text() == "precious"
+
+
+def test_run_dir_that_cannot_be_written(probe, capsys):
+    (probe / "file").write_text("")
+    refused(capsys, [*TINY, "--run-dir=file"], "file", "not a directory")
+    refused(capsys, [*TINY, "--run-dir=file/run"], "file/run", "allowed: a")
+    refused(capsys, [*TINY, "--run-dir=/proc/run"], "/proc/run", "cannot write")
+    assert [path.name for path in probe.iterdir()] == ["file"]
+    assert (probe / "file").read_text() == ""
+
+
+def test_bad_settings_are_found_before_the_run_dir_is_made(probe, capsys):
+    refused(capsys, [*TINY, "--run-dir=new", "--scenario=nowhere"], "nowhere")
+    refused(capsys, [*TINY, "--run-dir=new", "--network=x"], "network")
+    assert list(probe.iterdir()) == []
+
+
+def test_help_lists_every_setting(capsys):
+    assert exit_code(ppo, ["--help"]) == 0
+    text = capsys.readouterr().out
+    for name in TrainConfig.__dataclass_fields__:
+        option = "--set" if name == "overrides" else "--" + name.replace("_", "-")
+        assert option in text
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        ([], ["--run-dir"]),
+        (["--run-dir=absent"], ["absent", "not a directory"]),
+        (["--run-dir=.", "--episodes=0"], ["--episodes '0'", "from 2"]),
+        (["--run-dir=.", "--episodes=x"], ["--episodes 'x'", "a whole number"]),
+        (["--run-dir=.", "--seed=-1"], ["--seed '-1'"]),
+        (["--run-dir=.", "--batch=0"], ["--batch '0'"]),
+        (["--run-dir=.", "--json=absent/file.json"], ["absent/file.json", "can be written"]),
+        (["--run-dir=.", "--plot=x.jpg"], ["--plot x.jpg", "ends in .png"]),
+        (["--run-dir=.", "--plot=absent/x.png"], ["absent/x.png", "can be written"]),
+        (["--run-dir=.", "--json=."], ["is a directory", "allowed a file"]),
+        (["--run-dir=."], ["config.json", "cannot read"]),
+        (["--run-dir=.", "--policies=all"], ["--policies"]),
+    ],
+)
+def test_bad_options_of_evaluate(probe, capsys, argv, words):
+    refused(capsys, argv, *words, command=evaluate)
+    assert list(probe.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.json", "{", ["not a JSON file"]),
+        ("a.yaml", "a: [", ["not a YAML file"]),
+        ("a.yaml", "a: !!python/object:os.system x", ["not a YAML file"]),
+        ("a.yaml", "- 1", ["list", "allowed: an object"]),
+        ("a.yaml", "speed: 3", ["'speed' is not a setting"]),
+        ("a.yml", "num_envs: many", ["num_envs is 'many'", "a whole number"]),
+        ("a.json", '{"config": {"gamma": 2}}', ["gamma is 2", "at most 1"]),
+    ],
+)
+def test_bad_settings_files(probe, capsys, name, text, words):
+    (probe / name).write_text(text)
+    refused(capsys, [f"--config={name}", "--run-dir=new"], name, *words)
+    assert [path.name for path in probe.iterdir()] == [name]
+
+
+def test_settings_survive_their_file():
+    config = TrainConfig(num_envs=32, hidden=(8, 4), overrides={"cooldown_s": 3.5, "ramps": (1, 2)})
+    assert to_json(from_json(json.loads(json.dumps(to_json(config))))) | {
+        "overrides": {}
+    } == to_json(config) | {"overrides": {}}
+    assert from_json(json.loads(json.dumps(to_json(config)))).hidden == (8, 4)
+    assert from_json({"demand_range": [0, 2]}).demand_range == (0, 2)
+    with pytest.raises(InputError, match="'speed' is not a setting"):
+        from_json({"speed": 3})
+
+
+def test_values_of_options():
+    request = parse_request(
+        ["--num-envs=32e2", "--lr", "1e-3", "--hidden", "8", "16", "--no-anneal"]
+    )
+    assert request.config == TrainConfig(
+        num_envs=3200, learning_rate=1e-3, hidden=(8, 16), anneal=False
+    )
+    assert parse_request(["--demand-range", "0.5", "2"]).config.demand_range == (0.5, 2.0)
+    assert parse_overrides(["a=3", "b.c=1.5", "d=true", "e=[1, 2]", "f=word"]) == {
+        "a": 3,
+        "b.c": 1.5,
+        "d": True,
+        "e": (1, 2),
+        "f": "word",
+    }
+
+
+def test_the_parser_needs_no_jax():
+    """--help answers at once."""
+    import subprocess
+
+    code = "import train.arguments, sys; train.arguments.build_parser(); sys.exit('jax' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

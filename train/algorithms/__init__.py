@@ -1,0 +1,1 @@
+"""What learns: algorithms, and what they share (networks, rollouts, advantages, normalisation)."""

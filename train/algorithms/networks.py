@@ -1,0 +1,240 @@
+"""Actor-critic networks and the masked policy distribution.
+
+A network maps normalised observations `(..., num_features)` to action logits `(..., num_actions)` and values `(...)`,
+both float32 whatever it computes in. `NETWORKS` names the builders; adding an entry makes it a choice of `--network`.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, Protocol
+
+import distrax
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from medjax.env.contract import Environment
+from medjax.env.observation import FlatObservation
+from medjax.errors import shown
+from medjax.world.params import EnvConfig
+from train.algorithms.normalization import RunningStats, normalize
+from train.settings import TrainConfig
+
+TYPICAL_NUMBER = 8.0  # of vehicles of a set
+MASKED_LOGIT = -1e9  # finite, so that log-probabilities and gradients are; exp() of it is exactly 0
+
+ACTIVATIONS: dict[str, Callable[[jax.Array], jax.Array]] = {
+    "tanh": nn.tanh,
+    "relu": nn.relu,
+    "silu": nn.silu,
+}
+DTYPES = {"float32": jnp.float32, "bfloat16": jnp.bfloat16}
+
+
+class CategoricalLike(Protocol):
+    """The part of a categorical distribution that PPO uses."""
+
+    @property
+    def probs(self) -> jax.Array:
+        """`(..., categories)`."""
+
+    def log_prob(self, value: jax.Array) -> jax.Array:
+        """`(...)`."""
+
+    def entropy(self) -> jax.Array:
+        """`(...)`."""
+
+    def mode(self) -> jax.Array:
+        """`(...)`."""
+
+    def sample(self, *, seed: jax.Array) -> jax.Array:
+        """`(...)`."""
+
+
+@struct.dataclass
+class PolicyWeights:
+    """All that acting needs: a trained policy."""
+
+    params: Any  # of the network
+    obs_stats: RunningStats  # moments that normalise observations
+
+
+class Torso(nn.Module):
+    """Fully connected layers."""
+
+    hidden: Sequence[int]
+    activation: Callable[[jax.Array], jax.Array]
+    dtype: Any
+
+    @nn.compact
+    def __call__(self, x: jax.Array) -> jax.Array:
+        """`(..., num_features)` to `(..., hidden[-1])`."""
+        for width in self.hidden:
+            init = nn.initializers.orthogonal(jnp.sqrt(2.0))
+            x = self.activation(nn.Dense(width, kernel_init=init, dtype=self.dtype)(x))
+        return x
+
+
+class SetTorso(nn.Module):
+    """MEDs and EVs as sets (Deep Sets, Zaheer et al. 2017, arXiv:1703.06114): their order does not matter.
+
+    Reads a flat observation. Every vehicle goes through the encoder of its kind; sums over the vehicles that are there,
+    and the clock, through fully connected layers. A row of zeros is nobody.
+    """
+
+    layout: FlatObservation
+    env_config: EnvConfig
+    encoder: Sequence[int]
+    hidden: Sequence[int]
+    activation: Callable[[jax.Array], jax.Array]
+    dtype: Any
+
+    @nn.compact
+    def __call__(self, x: jax.Array) -> jax.Array:
+        """`(..., num_features)` to `(..., hidden[-1])`."""
+        *sets, clock = self.layout.split(x, self.env_config)
+        sums = [clock]
+        for rows in sets:
+            there = jnp.any(rows != 0.0, axis=-1, keepdims=True)
+            codes = Torso(self.encoder, self.activation, self.dtype)(rows)
+            # Of a dozen vehicles or so, which leaves sums of the size that the next layer is made for.
+            sums.append(jnp.sum(jnp.where(there, codes, 0.0), axis=-2) / TYPICAL_NUMBER)
+        return Torso(self.hidden, self.activation, self.dtype)(jnp.concatenate(sums, axis=-1))
+
+
+class ActorCritic(nn.Module):
+    """Two separate networks, so that the value's gradients do not disturb the policy.
+
+    Orthogonal initialisation; the last layer of the actor is near zero (0.01), which starts it near the same policy
+    everywhere (Andrychowicz et al. 2021, arXiv:2006.05990, section 3.2): action 0 with probability `initial_wait`, the
+    others alike.
+    """
+
+    num_actions: int
+    make_torso: Callable[[], nn.Module]  # all layers but the last
+    initial_wait: float
+
+    def setup(self) -> None:
+        """Makes the layers."""
+        self.actor = self.make_torso()
+        self.critic = self.make_torso()
+        small, unit = nn.initializers.orthogonal(0.01), nn.initializers.orthogonal(1.0)
+        self.logits_head = nn.Dense(
+            self.num_actions, kernel_init=small, bias_init=self._initial_logits, dtype=jnp.float32
+        )
+        self.value_head = nn.Dense(1, kernel_init=unit, dtype=jnp.float32)
+
+    def __call__(self, obs: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """`(..., num_features)` to logits `(..., num_actions)` and values `(...)`."""
+        logits = self.logits_head(self.actor(obs).astype(jnp.float32))
+        value = self.value_head(self.critic(obs).astype(jnp.float32))
+        return logits, value[..., 0]
+
+    def _initial_logits(self, key: jax.Array, shape: Sequence[int], dtype: Any) -> jax.Array:
+        """Logits `(num_actions,)` of the first policy."""
+        others = max(self.num_actions - 1, 1)
+        wait = math.log(self.initial_wait / (1.0 - self.initial_wait) * others)
+        return jnp.zeros(shape, dtype).at[0].set(wait)
+
+
+def mlp(env: Environment, config: TrainConfig) -> Callable[[], nn.Module]:
+    """Fully connected layers, on any observation."""
+    activation, dtype = ACTIVATIONS[config.activation], DTYPES[config.compute_dtype]
+    return partial(Torso, config.hidden, activation, dtype)
+
+
+def sets(env: Environment, config: TrainConfig) -> Callable[[], nn.Module]:
+    """`SetTorso`, on the paper's flat observation; `check_network` refuses others."""
+    layout: FlatObservation = getattr(env, "observation")  # noqa: B009 - not in the protocol
+    activation, dtype = ACTIVATIONS[config.activation], DTYPES[config.compute_dtype]
+    shape: EnvConfig = getattr(env, "config")  # noqa: B009 - not in the protocol
+    return partial(SetTorso, layout, shape, config.encoder, config.hidden, activation, dtype)
+
+
+NETWORKS: dict[str, Callable[[Environment, TrainConfig], Callable[[], nn.Module]]] = {
+    "mlp": mlp,
+    "sets": sets,
+}
+
+
+def check_network(config: TrainConfig, layout: Any) -> None:
+    """Checks that there is a network as `config` wants it; needs no environment.
+
+    Args:
+        config: settings.
+        layout: observation of the environment, `medjax.env.observation.OBSERVATIONS` has those with a name.
+
+    Raises:
+        ValueError: no such network, or it does not fit the observation.
+    """
+    if config.network not in NETWORKS:
+        allowed = ", ".join(NETWORKS)
+        raise ValueError(f"network is {shown(config.network)}, allowed: {allowed}")
+    if config.network != "sets":
+        return
+    if not isinstance(layout, FlatObservation):
+        raise ValueError(
+            f"network is 'sets' and observation is {shown(config.observation)}, allowed: flat"
+        )
+    if config.normalize_observations:  # nobody would no longer be a row of zeros
+        raise ValueError("network is 'sets' and normalize_observations is True, allowed: False")
+
+
+def build_network(env: Environment, config: TrainConfig) -> nn.Module:
+    """The network that `config.network` names.
+
+    Args:
+        env: what it acts in, read for the numbers of actions and vehicles.
+        config: settings.
+
+    Raises:
+        ValueError: no such network, or it does not fit the observation.
+    """
+    check_network(config, getattr(env, "observation", None))
+    make_torso = NETWORKS[config.network](env, config)
+    return ActorCritic(env.num_actions, make_torso, config.initial_wait)
+
+
+def masked_categorical(logits: jax.Array, mask: jax.Array) -> CategoricalLike:
+    """Distribution over the allowed actions.
+
+    Args:
+        logits: `(..., num_actions)` float32.
+        mask: `(..., num_actions)` bool, True = allowed, at least one an entry.
+
+    Returns:
+        A categorical distribution in which other actions have probability exactly 0 and add nothing to the entropy.
+    """
+    return distrax.Categorical(logits=jnp.where(mask, logits, MASKED_LOGIT), dtype=jnp.int32)
+
+
+def sample_each(policy: CategoricalLike, keys: jax.Array) -> jax.Array:
+    """A sample of each of the distributions `(rows,)`, by a key of its own `(rows,)`."""
+    return jax.vmap(lambda own, key: own.sample(seed=key))(policy, keys)
+
+
+def apply_policy(
+    network: nn.Module, weights: PolicyWeights, obs: jax.Array, mask: jax.Array
+) -> tuple[CategoricalLike, jax.Array]:
+    """Policy and value at raw observations.
+
+    Args:
+        network: the network.
+        weights: parameters and the moments that normalise observations.
+        obs: `(..., num_features)`, as the environment returns them.
+        mask: `(..., num_actions)` bool.
+
+    Returns:
+        The masked policy, and values `(...)` in units of the scaled reward.
+    """
+    output: Any = network.apply(weights.params, normalize(weights.obs_stats, obs))
+    logits, value = output
+    return masked_categorical(logits, mask), value
+
+
+def apply_value(network: nn.Module, weights: PolicyWeights, obs: jax.Array) -> jax.Array:
+    """Values `(...)` at raw observations `(..., num_features)`; the compiler drops the unused actor."""
+    output: Any = network.apply(weights.params, normalize(weights.obs_stats, obs))
+    return output[1]

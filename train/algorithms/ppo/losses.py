@@ -1,0 +1,134 @@
+"""The PPO objective."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from train.algorithms.networks import CategoricalLike
+
+
+@struct.dataclass
+class Batch:
+    """Samples to learn from; every array is `(..., )` over the same leading axes."""
+
+    obs: jax.Array  # (..., num_features) float32, normalised
+    mask: jax.Array  # (..., num_actions) bool, True = allowed
+    action: jax.Array  # int32
+    log_prob: jax.Array  # of the action when it was taken
+    value: jax.Array  # when it was taken
+    advantage: jax.Array
+    target: jax.Array  # for the value
+
+
+@dataclasses.dataclass(frozen=True)
+class LossWeights:
+    """Numbers of the objective."""
+
+    clip_epsilon: float
+    value_coef: float
+    entropy_coef: float
+    clip_value: bool
+
+
+def clipped_surrogate(
+    log_prob: jax.Array, old_log_prob: jax.Array, advantage: jax.Array, clip_epsilon: float
+) -> jax.Array:
+    """The objective to be maximised, eq. (9) of the paper, without its mean.
+
+    Its gradient is zero where the ratio has left [1 - eps, 1 + eps] in the direction that the advantage rewards.
+
+    Args:
+        log_prob: `(...)`, log-probability of the action under the policy being learned.
+        old_log_prob: `(...)`, the same under the policy that acted.
+        advantage: `(...)`.
+        clip_epsilon: eps.
+    """
+    ratio = jnp.exp(log_prob - old_log_prob)
+    clipped = jnp.clip(ratio, 1.0 - clip_epsilon, 1.0 + clip_epsilon)
+    return jnp.minimum(ratio * advantage, clipped * advantage)
+
+
+def value_loss(
+    value: jax.Array, old_value: jax.Array, target: jax.Array, clip_epsilon: float | None
+) -> jax.Array:
+    """Half the squared error, without its mean; `(...)`.
+
+    With `clip_epsilon`, the larger of that and the error of the value kept within eps of the old one (Schulman et al.'s
+    implementation). None is the plain error.
+    """
+    error = jnp.square(value - target)
+    if clip_epsilon is not None:
+        kept = old_value + jnp.clip(value - old_value, -clip_epsilon, clip_epsilon)
+        error = jnp.maximum(error, jnp.square(kept - target))
+    return 0.5 * error
+
+
+def leaves_choice(mask: jax.Array) -> jax.Array:
+    """Whether more than one action is allowed, `(...)` bool, by masks `(..., num_actions)`."""
+    return jnp.sum(mask, axis=-1) > 1
+
+
+def weighted_mean(x: jax.Array, weight: jax.Array) -> jax.Array:
+    """Mean of `x` with `weight`, both `(...)`; 0 where all weights are."""
+    return jnp.sum(x * weight) / jnp.maximum(jnp.sum(weight), 1e-8)
+
+
+def standardize(advantage: jax.Array, weight: jax.Array, eps: float = 1e-8) -> jax.Array:
+    """Shifts and scales to mean 0 and standard deviation 1 over the entries of weight 1; both `(...)`."""
+    centred = advantage - weighted_mean(advantage, weight)
+    return centred / (jnp.sqrt(weighted_mean(jnp.square(centred), weight)) + eps)
+
+
+def ppo_loss(
+    distribution: CategoricalLike, value: jax.Array, batch: Batch, weights: LossWeights
+) -> tuple[jax.Array, dict[str, jax.Array]]:
+    """Loss of one minibatch, to be minimised.
+
+    The terms of the policy are means over the decisions that leave a choice. Where only one action is allowed nothing
+    can be learned about acting, and with a long cooldown these are nearly all: they would drown the others in the
+    standardisation of advantages, in the clipped norm of the gradient, and in what is reported. Values are learned
+    everywhere.
+
+    Args:
+        distribution: policy being learned at `batch.obs`, masked by `batch.mask`.
+        value: `(...)`, value being learned at `batch.obs`.
+        batch: samples.
+        weights: coefficients.
+
+    Returns:
+        The loss `()`, and scalars that describe it.
+    """
+    log_prob = distribution.log_prob(batch.action)
+    choice = leaves_choice(batch.mask).astype(jnp.float32)
+    advantage = standardize(batch.advantage, choice)
+    surrogate = clipped_surrogate(log_prob, batch.log_prob, advantage, weights.clip_epsilon)
+    policy_term = -weighted_mean(surrogate, choice)
+    value_clip = weights.clip_epsilon if weights.clip_value else None
+    value_term = jnp.mean(value_loss(value, batch.value, batch.target, value_clip))
+    entropy = weighted_mean(distribution.entropy(), choice)
+    loss = policy_term + weights.value_coef * value_term - weights.entropy_coef * entropy
+    log_ratio = log_prob - batch.log_prob
+    ratio = jnp.exp(log_ratio)
+    outside = jnp.abs(ratio - 1.0) > weights.clip_epsilon
+    metrics = {
+        "loss": loss,
+        "policy_loss": policy_term,
+        "value_loss": value_term,
+        "entropy": entropy,
+        # the low-variance, never negative estimate of http://joschu.net/blog/kl-approx.html
+        "approx_kl": weighted_mean(ratio - 1.0 - log_ratio, choice),
+        "clip_fraction": weighted_mean(outside.astype(jnp.float32), choice),
+        "choice_share": jnp.mean(choice),
+    }
+    return loss, metrics
+
+
+def explained_variance(value: jax.Array, target: jax.Array) -> jax.Array:
+    """Share of the targets' variance that the values explain; 1 is perfect, 0 no better than a constant.
+
+    NaN where the targets do not vary.
+    """
+    spread = jnp.var(target)
+    return jnp.where(spread > 0.0, 1.0 - jnp.var(target - value) / spread, jnp.nan)

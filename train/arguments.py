@@ -1,0 +1,268 @@
+"""The command line, built from the fields of `TrainConfig`."""
+
+import argparse
+import dataclasses
+import math
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from medjax.commandline import OneLineParser, add_set_option, as_path, parse_overrides
+from medjax.errors import InputError, shown
+from train.settings import TrainConfig, from_json, load_config, to_json
+
+AUTO = "auto"
+
+
+@dataclasses.dataclass(frozen=True)
+class Processes:
+    """The processes that train together.
+
+    Raises:
+        InputError: numbers that do not go together.
+    """
+
+    coordinator: str | None = (
+        None  # HOST:PORT of the first; AUTO: the scheduler knows; None: this one is alone
+    )
+    number: int | None = None
+    index: int | None = None
+
+    def __post_init__(self) -> None:
+        """Checks what can be checked before any of them is met."""
+        numbers = (self.number, self.index)
+        if self.coordinator in (None, AUTO):
+            if numbers != (None, None):
+                raise InputError(
+                    f"num_processes is {self.number} and process_id {self.index}, allowed: with --coordinator HOST:PORT"
+                )
+            return
+        host, _, port = self.coordinator.rpartition(":")
+        if not host or not re.fullmatch(r"\d{1,5}", port, re.ASCII) or not 0 < int(port) < 2**16:
+            raise InputError(
+                f"coordinator is {shown(self.coordinator)}, allowed: HOST:PORT of the first process, or {AUTO}"
+            )
+        for name, number, low, high in (
+            ("num_processes", self.number, 1, 2**16),
+            ("process_id", self.index, 0, (self.number or 1) - 1),
+        ):
+            if not isinstance(number, int) or not low <= number <= high:
+                raise InputError(
+                    f"{name} is {shown(number)}, allowed: a whole number from {low} to {high}"
+                )
+
+
+@dataclasses.dataclass(frozen=True)
+class Request:
+    """What the command line of `train.ppo` asks for."""
+
+    config: TrainConfig
+    run_dir: Path | None  # None: an unused one under runs/
+    resume: Path | None  # run to go on with
+    processes: Processes
+
+
+class _Help(argparse.ArgumentDefaultsHelpFormatter):
+    """Defaults are shown where they say something."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=32, width=100)
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        if action.default is None or action.default is argparse.SUPPRESS:
+            return action.help
+        return super()._get_help_string(action)
+
+
+def build_parser(prog: str = "train.ppo") -> OneLineParser:
+    """The parser of `python -m train.ppo`; the options are the fields of `TrainConfig`."""
+    parser = OneLineParser(
+        prog=f"python -m {prog}",
+        description="Trains a dispatcher with PPO, then evaluates it beside those that are not learned.",
+        epilog="Example: python -m train.ppo --num-envs 1024 --set cooldown_s=30 --run-dir runs/slow",
+        formatter_class=_Help,
+    )
+    files = parser.add_argument_group("files")
+    files.add_argument(
+        "--run-dir",
+        metavar="DIR",
+        help="new or empty directory for the results (default: runs/SCENARIO-N)",
+    )
+    files.add_argument(
+        "--resume",
+        metavar="DIR",
+        help="go on with the run in DIR from its newest checkpoint; its settings hold where none are given here",
+    )
+    files.add_argument(
+        "--config",
+        metavar="FILE",
+        help="settings of a file, .json or .yaml, such as the config.json of a run, where none are given here",
+    )
+    several = parser.add_argument_group("several machines")
+    several.add_argument(
+        "--coordinator",
+        metavar="HOST:PORT",
+        help=f"train with other processes; address of the first. {AUTO}: as Slurm, Open MPI or Kubernetes say",
+    )
+    several.add_argument("--num-processes", metavar="N", help="how many there are")
+    several.add_argument("--process-id", metavar="N", help="which of them this is, from 0")
+    groups: dict[str, argparse._ArgumentGroup] = {}
+    for field in dataclasses.fields(TrainConfig):
+        title = field.metadata["group"]
+        group = groups.setdefault(title, parser.add_argument_group(title))
+        _add_option(group, field)
+    return parser
+
+
+def _add_option(group: argparse._ArgumentGroup, field: dataclasses.Field[Any]) -> None:
+    """One option; values stay text here, so that all errors are worded in one place."""
+    meta, default = field.metadata, field.default
+    text = meta["help"]
+    if field.name == "overrides":
+        add_set_option(group, text)
+        return
+    name = "--" + field.name.replace("_", "-")
+    if meta["choices"]:
+        text += f"; one of {', '.join(meta['choices'])}"
+    if isinstance(default, bool):
+        word = "on" if default else "off"
+        action = argparse.BooleanOptionalAction
+        group.add_argument(
+            name, action=action, default=argparse.SUPPRESS, help=f"{text} (default: {word})"
+        )
+        return
+    shown_default = " ".join(map(str, default)) if isinstance(default, tuple) else default
+    low, high = meta["low"], meta["high"]
+    allowed = "" if low is None else f"{low:.10g} to {high:.10g}; "
+    group.add_argument(
+        name,
+        *meta["flags"],
+        default=argparse.SUPPRESS,
+        metavar=meta["metavar"] or ("X" if isinstance(default, float) else "N"),
+        nargs="+" if isinstance(default, tuple) else None,
+        help=f"{text} ({allowed}default: {shown_default})",
+    )
+
+
+def parse_request(argv: Sequence[str] | None = None) -> Request:
+    """The request that `argv` makes, checked; bad input ends the command with exit code 2."""
+    parser = build_parser()
+    given = vars(parser.parse_args(argv))
+    run_dir, resume, file = given.pop("run_dir"), given.pop("resume"), given.pop("config")
+    coordinator = given.pop("coordinator")
+    numbers = [given.pop(name) for name in ("num_processes", "process_id")]
+    try:
+        processes = Processes(
+            coordinator, *(text if text is None else _number(text, int) for text in numbers)
+        )
+        for option, value in (("--run-dir", run_dir), ("--config", file)):
+            if value is not None and resume is not None:
+                raise InputError(
+                    f"{option} is {value} with --resume {resume}, allowed: one of the two"
+                )
+        given_paths = {"--run-dir": run_dir, "--resume": resume, "--config": file}
+        paths = {
+            name: as_path(name, text) for name, text in given_paths.items() if text is not None
+        }
+        saved = _saved(paths.get("--resume"), paths.get("--config"))
+        config = _config(settings_from_text(given), saved)
+    except InputError as error:
+        parser.error(str(error))
+    return Request(
+        config,
+        run_dir=paths.get("--run-dir"),
+        resume=paths.get("--resume"),
+        processes=processes,
+    )
+
+
+def _saved(run: Path | None, file: Path | None) -> TrainConfig:
+    """The settings that the command line changes: those of a run, of a file, or the defaults."""
+    if run is not None:
+        from train.runs.run_directory import RunDir
+
+        return RunDir(run).load_config()
+    return load_config(file) if file is not None else TrainConfig()
+
+
+def _config(changes: dict[str, Any], saved: TrainConfig) -> TrainConfig:
+    """The settings: those saved, and what the command line changes."""
+    before = to_json(saved)
+    changes["overrides"] = {**before["overrides"], **changes["overrides"]}
+    return from_json({**before, **changes})
+
+
+def settings_from_text(given: dict[str, Any]) -> dict[str, Any]:
+    """Values of settings from the text of the command line.
+
+    Raises:
+        InputError: text that is no value of its setting's type.
+    """
+    fields = {field.name: field for field in dataclasses.fields(TrainConfig)}
+    return {name: _value(fields[name], text) for name, text in given.items()}
+
+
+def _value(field: dataclasses.Field[Any], text: Any) -> Any:
+    """Value of one setting; what cannot be converted is left for `TrainConfig` to refuse in its words."""
+    if field.name == "overrides":
+        return parse_overrides(text)
+    default = field.default
+    if isinstance(default, bool | str):
+        return text
+    if isinstance(default, tuple):
+        return tuple(_number(item, type(default[0])) for item in text)
+    return _number(text, type(default))
+
+
+def _number(text: str, kind: Any) -> Any:
+    """`text` as int or float, itself if it is neither."""
+    if not text.isascii():  # Python takes the digits of every script
+        return text
+    if kind is int and re.fullmatch(r"[+-]?\d+(\.\d+)?[eE]\+?\d+", text):
+        value = float(text)  # 1e6 is a whole number to people
+        return int(value) if math.isfinite(value) and value == int(value) else text
+    try:
+        return kind(text)
+    except ValueError:
+        return text
+
+
+def make_environment(config: TrainConfig) -> tuple[Any, Any]:
+    """The environment that the settings name, and its parameters.
+
+    Raises:
+        InputError: an unknown scenario, option or network, a value out of range, or devices that are not there.
+    """
+    import medjax
+
+    return _build(medjax.make, config)
+
+
+def check_environment(config: TrainConfig) -> None:
+    """Refuses what `make_environment` refuses, and computes nothing.
+
+    Raises:
+        InputError: as `make_environment`.
+    """
+    from medjax.scenarios import prepare
+
+    _build(prepare, config)
+
+
+def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
+    import jax
+
+    from medjax.env.observation import OBSERVATIONS
+    from medjax.numerics.devices import environment_mesh
+    from train.algorithms.networks import check_network
+
+    overrides: dict[str, Any] = dict(config.overrides)
+    try:
+        # An environment is compiled in part; what can be refused without it is refused before.
+        check_network(config, OBSERVATIONS.get(config.observation))
+        groups = config.num_envs // config.num_minibatches
+        environment_mesh(groups, config.num_devices, jax.devices())
+        return build(config.scenario, observation=config.observation, **overrides)
+    except ValueError as error:
+        raise InputError(str(error)) from None

@@ -1,0 +1,156 @@
+"""The numbers of a run as tables: rows of cells, and how they are printed."""
+
+import math
+from collections.abc import Mapping, Sequence
+from statistics import fmean
+from typing import Any
+
+from train.runs.logs import MAIN, Row
+
+Table = list[list[str]]  # the first row holds the headings, the first column what a row is of
+
+COLUMNS = {  # of the table: heading, metric, format
+    "depleted share": ("depleted_share", ".3f"),
+    "mean range m": ("mean_range_m", ".0f"),
+    "mean SoC": ("mean_soc", ".3f"),
+    "MEDs sent": ("meds_dispatched", ".2f"),
+}
+PAPER_TABLE_2 = {  # mean and standard deviation of the episode's reward, by policy
+    "random": (-332.4056918, 53.94543289),
+    "none": (-521.874184, 16.52914886),
+    "ppo": (0.340361448, 0.141114801),
+}
+PAPER_CLAIMS = {  # of its policy: metric, what no action gives times this (Figure 8)
+    "depleted_share": 0.5,
+    "mean_range_m": 1.25,
+    "mean_soc": 1.2,
+}
+PAPER_MEDS = 15.0
+
+
+def format_table(result: Mapping[str, Any]) -> str:
+    """The tables of an evaluation: policies, best return first, and what the trained one does against no action.
+
+    Args:
+        result: of `train.evaluation.scores.summarize`.
+    """
+    title = (
+        f"{result['episodes']} whole episodes of {result['scenario']}, the same for every policy"
+    )
+    parts = [f"{title}\n{format_rows(comparison_rows(result))}"]
+    if seeds := result.get("training_seeds"):
+        means = ", ".join(map(short, seeds["return_means"]))
+        middle = f"{short(seeds['interquartile_mean'])} {interval(seeds['ci95'])}"
+        best = max(seeds["paired_return_differences"][0], key=lambda name: _mean(result, name))
+        gains = [gain[best] for gain in seeds["paired_return_differences"]]
+        each = ", ".join(f"{short(gain['mean'])} {interval(gain['ci95'])}" for gain in gains)
+        parts.append(
+            f"training seeds: {means}; interquartile mean, 95 % CI: {middle}\n"
+            f"each minus {best}, 95 % CI: {each}"
+        )
+    if "change_against_none" in result:
+        parts.append(format_rows(claim_rows(result)))
+    return "\n\n".join(parts)
+
+
+def format_rows(table: Table) -> str:
+    """A table as text: the first column to the left, numbers to the right, a line under the headings."""
+    widths = [max(len(row[column]) for row in table) for column in range(len(table[0]))]
+    lines = [
+        "  ".join(
+            cell.ljust(width) if column == 0 else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in table
+    ]
+    lines.insert(1, "-" * max(map(len, lines)))
+    return "\n".join(lines)
+
+
+def comparison_rows(result: Mapping[str, Any]) -> Table:
+    """Return and metrics of every policy, best return first; metrics that one of them lacks are left out."""
+    shown = [
+        heading
+        for heading, (metric, _) in COLUMNS.items()
+        if all(metric in entry for entry in result["policies"].values())
+    ]
+    rows = [["policy", "return", "95 % CI", *shown, "ppo minus it, 95 % CI"]]
+    differences = result.get("paired_return_difference", {})
+    for name, entry in best_first(result):
+        cells = [name, short(entry["return_mean"]), interval(entry["return_ci95"])]
+        cells += [format(entry[COLUMNS[heading][0]], COLUMNS[heading][1]) for heading in shown]
+        difference = differences.get(name)
+        gain = f"{short(difference['mean'])} {interval(difference['ci95'])}" if difference else ""
+        rows.append([*cells, gain])
+    return rows
+
+
+def paper_rows(result: Mapping[str, Any]) -> Table:
+    """Table 2 of the paper, and the same numbers of every policy here; best return first."""
+    rows = [["policy", "paper, mean (std)", "here, mean (std)", "95 % CI of the mean"]]
+    for name, entry in best_first(result):
+        theirs = PAPER_TABLE_2.get(name)
+        rows.append(
+            [
+                name,
+                spread(*theirs) if theirs else "-",
+                spread(entry["return_mean"], entry["return_std"]),
+                interval(entry["return_ci95"]),
+            ]
+        )
+    if seeds := result.get("training_seeds"):
+        what = f"ppo, interquartile mean of {len(seeds['return_means'])} seeds"
+        rows.append([what, "-", short(seeds["interquartile_mean"]), interval(seeds["ci95"])])
+    return rows
+
+
+def claim_rows(result: Mapping[str, Any]) -> Table:
+    """What the paper claims of its policy against no action, and what the trained one does here."""
+    rows = [["against no action", "paper", "ppo here, 95 % CI"]]
+    ours = [entry for name, entry in result["policies"].items() if name.startswith("ppo")]
+    for heading, (metric, form) in COLUMNS.items():
+        if metric in PAPER_CLAIMS:
+            change = result.get("change_against_none", {}).get(metric)
+            here = "-"  # where no action gives 0 there is no share of it
+            if change:
+                low, high = change["ci95"]
+                here = f"{change['mean']:+.1%} [{low:+.1%}, {high:+.1%}]"
+            rows.append([heading, f"{PAPER_CLAIMS[metric] - 1:+.0%}", here])
+        elif all(metric in entry for entry in ours):
+            mean = fmean(entry[metric] for entry in ours)
+            rows.append([heading, format(PAPER_MEDS, ".0f"), format(mean, form)])
+    return rows
+
+
+def _mean(result: Mapping[str, Any], policy: str) -> float:
+    """Its mean return."""
+    return float(result["policies"][policy]["return_mean"])
+
+
+def best_first(result: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """Policies and their entries, by falling mean return."""
+    return sorted(result["policies"].items(), key=lambda item: -item[1]["return_mean"])
+
+
+def spread(mean: float, std: float) -> str:
+    """A mean and, in brackets, its standard deviation."""
+    return f"{short(mean)} ({short(std)})"
+
+
+def interval(ends: Sequence[float]) -> str:
+    """Lower and upper end."""
+    return f"[{short(ends[0])}, {short(ends[1])}]"
+
+
+def short(value: float) -> str:
+    """A number with about four digits, three of them at most after the point."""
+    digits = 3 if not value else max(0, 3 - max(0, math.floor(math.log10(abs(value)))))
+    return f"{value:.{min(digits, 3)}f}"
+
+
+def final_return(rows: Sequence[Row]) -> float | None:
+    """Mean return of the whole episodes that ended in the last tenth of the updates; None if none did."""
+    last = rows[-max(1, len(rows) // 10) :]
+    pairs = [(row[MAIN], row["episodes"]) for row in last if row.get(MAIN) is not None]
+    episodes = sum(count for _, count in pairs)
+    return sum(value * count for value, count in pairs) / episodes if episodes else None

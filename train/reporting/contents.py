@@ -1,0 +1,177 @@
+"""What is in a report: plays the episodes, draws the figures, and writes the page."""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import numpy as np
+
+from medjax.env.charging_env import ChargingEnv
+from medjax.env.observation import NEED_WINDOW_S
+from medjax.policies.rules import BASELINES
+from medjax.world.params import EnvParams
+from train.evaluation.scores import TRAINED, Policy, Scores, evaluate_policies, summarize
+from train.evaluation.tables import (
+    best_first,
+    claim_rows,
+    comparison_rows,
+    format_rows,
+    paper_rows,
+    short,
+)
+from train.reporting.diagrams import plot_dispatch, plot_episode
+from train.reporting.figures import plot_comparison, plot_curve, plot_exit_soc, plot_soc
+from train.reporting.page import Section, write_page
+from train.reporting.survey import Survey, dispatch_rows, survey, total
+from train.reporting.traces import Trace, record
+from train.runs.logs import read_rows
+from train.runs.run_directory import RunDir, write_json
+from train.settings import TrainConfig, to_json
+
+PICTURES = ("training_curve", "comparison", "time_space", "soc_over_time", "soc_at_end", "dispatch")
+
+
+@dataclasses.dataclass(frozen=True)
+class Played:
+    """What the episodes gave.
+
+    Attributes:
+        env: a single environment.
+        params: its parameters.
+        seed: which episodes.
+        scores: of all policies.
+        result: of `train.evaluation.scores.summarize`.
+        names: policies that were recorded: of the trained ones only that of the first seed.
+        seen: their survey.
+        first: the trained policy's first episode.
+    """
+
+    env: ChargingEnv
+    params: EnvParams
+    seed: int
+    scores: Mapping[str, Scores]
+    result: dict[str, Any]
+    names: list[str]
+    seen: Survey
+    first: Trace
+
+
+def play(
+    env: ChargingEnv,
+    params: EnvParams,
+    config: TrainConfig,
+    policies: Mapping[str, Policy],
+    episodes: int,
+    seed: int,
+) -> Played:
+    """Evaluates all policies, then records the same episodes."""
+    print(f"evaluating {len(policies)} policies on {episodes} episodes each", flush=True)
+    scores = evaluate_policies(env, params, policies, episodes, seed)
+    recorded = {name: policies[name] for name in policies if name in (TRAINED, *BASELINES)}
+    print(f"recording {len(recorded)} of them on the same episodes", flush=True)
+    surveys: list[Survey] = []
+    for trace in record(env, params, recorded, episodes, seed):
+        if not surveys:
+            first = jax.tree.map(lambda leaf: leaf[0, list(recorded).index(TRAINED)], trace)
+        surveys.append(survey(trace))
+        done = sum(int(part.episodes) for part in surveys)
+        print(f"recorded {done} of {episodes} episodes", flush=True)
+    return Played(
+        env=env,
+        params=params,
+        seed=seed,
+        scores=scores,
+        result=summarize(scores, config.scenario, seed),
+        names=list(recorded),
+        seen=total(surveys),
+        first=first,
+    )
+
+
+def draw(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
+    """Draws all figures."""
+    path = {name: run_dir.report / f"{name}.png" for name in PICTURES}
+    names, seen, road = played.names, played.seen, played.params.road
+    decision_s = played.env.config.decision_s
+    returns = {name: entry["return_mean"] for name, entry in played.result["policies"].items()}
+    rules = {name: value for name, value in returns.items() if name in BASELINES}
+    title = f"PPO on {config.scenario}, {config.num_envs} environments"
+    plot_curve(path["training_curve"], read_rows(run_dir.metrics), title, rules)
+    plot_comparison(path["comparison"], played.scores, played.seed)
+    title = f"{TRAINED}, first episode of seed {played.seed}, return {short(float(played.first.reward.sum()))}"
+    plot_episode(path["time_space"], played.first, road, decision_s, title)
+    plot_soc(path["soc_over_time"], names, seen, decision_s)
+    plot_exit_soc(path["soc_at_end"], names, seen)
+    best = next((name for name, _ in best_first(played.result) if name in rules), TRAINED)
+    shown = {name: names.index(name) for name in (TRAINED, best)}
+    ramps = np.asarray(road.ramp_x_m)
+    plot_dispatch(path["dispatch"], shown, seen, ramps, decision_s, config.decide_every)
+
+
+def write(run_dir: RunDir, config: TrainConfig, played: Played, stochastic: bool) -> None:
+    """Prints the tables, and writes them to the page with the figures; numbers go to evaluation.json."""
+    result, episodes = played.result, played.result["episodes"]
+    title = f"{episodes} whole episodes of {config.scenario}, the same for every policy"
+    acting = "samples its actions" if stochastic else "takes its most probable action"
+    parts = sections(run_dir, config, played)
+    for part in parts:
+        if part.tables:
+            print("", part.title, *map(format_rows, part.tables), sep="\n")
+    print(f"\n{title}; ppo {acting}")
+    write_json(run_dir.report / "evaluation.json", result)
+    write_page(
+        run_dir.report / "report.html",
+        f"Report of {run_dir.path.resolve().name}",
+        f"{title}, of seed {played.seed}. The trained policy, ppo, {acting}. Intervals are of means, "
+        "by the bootstrap over episodes.",
+        parts,
+    )
+
+
+def sections(run_dir: RunDir, config: TrainConfig, played: Played) -> list[Section]:
+    """The page's parts, with the figures that `draw` drew."""
+    result = played.result
+    path = {name: run_dir.report / f"{name}.png" for name in PICTURES}
+    return [
+        Section(
+            "Figure 7: the training curve",
+            "Mean return of the whole episodes that ended in an update. With several seeds the line is their "
+            "interquartile mean, and the band its 95 % bootstrap interval. Dashed: mean returns of the rules on the "
+            "episodes of this report. The paper trained for 400,000 decisions.",
+            pictures=[path["training_curve"]],
+        ),
+        Section(
+            "Table 2: reward of an episode",
+            "Mean and standard deviation over episodes; the paper's are of ten.",
+            tables=[paper_rows(result)],
+        ),
+        Section(
+            "Figure 8: comparison of the policies",
+            "EVs that run out, the distance that an EV covers on the road, the mean charge of the EVs on it, and the "
+            "MEDs sent. Bars: means; whiskers: 95 % intervals.",
+            tables=[claim_rows(result), comparison_rows(result)],
+            pictures=[path["comparison"]],
+        ),
+        Section(
+            "One episode of the trained policy",
+            "Each line is a vehicle. Vehicles with combustion engines are left out.",
+            pictures=[path["time_space"]],
+        ),
+        Section(
+            "State of charge of the EVs",
+            "First: of the EVs on the road; line: median, bands: the middle 50 % and 90 %, dotted: median with no "
+            "MEDs. Second: of EVs when they come to the end of the road or run out.",
+            pictures=[path["soc_over_time"], path["soc_at_end"]],
+        ),
+        Section(
+            "Where and when MEDs are sent, and needed",
+            f"Need of a ramp: EVs that will need a MED from there within {NEED_WINDOW_S:.0f} s and have no slot, less "
+            "the free slots near by, as the policy sees it. Maps: means over episodes, of the trained policy and of "
+            "the best rule.",
+            tables=[dispatch_rows(played.names, played.seen)],
+            pictures=[path["dispatch"]],
+        ),
+        Section("Settings", "Of the run.", verbatim=json.dumps(to_json(config), indent=2)),
+    ]

@@ -1,0 +1,184 @@
+"""Figures over space and time: one episode on the road, and dispatches beside the need for them.
+
+Every function writes a PNG and raises ImportError where matplotlib is not installed.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from medjax.world.params import RoadParams
+from train.reporting.figures import new_figure, save
+from train.reporting.survey import Survey
+from train.reporting.traces import Trace
+
+MED, CHARGING, SENT, RAN_OUT = "#AAAAAA", "#E69F00", "#0072B2", "#D55E00"  # see COLOURS
+TIME_BINS = 30  # of the maps
+
+
+def plot_episode(
+    path: Path, trace: Trace, road: RoadParams, decision_s: float, title: str
+) -> dict[str, int]:
+    """Draws a time-space diagram: EVs by their charge, MEDs, dispatches, and where EVs ran out.
+
+    Gas vehicles are left out: there are ten of them for each EV.
+
+    Args:
+        path: file to write.
+        trace: of one episode.
+        road: its geometry.
+        decision_s: s from one decision to the next.
+        title: heading.
+
+    Returns:
+        How many `sent` and `depleted` are marked.
+    """
+    figure = new_figure(12, 7.5)
+    axes = figure.add_subplot()
+    _draw_meds(axes, trace, decision_s)
+    lines = _draw_evs(axes, trace, decision_s)
+    marked = _draw_marks(axes, trace, road, decision_s)
+    figure.colorbar(lines, ax=axes, label="state of charge of an EV", pad=0.01)
+    ramps = axes.secondary_yaxis("right")
+    places = [float(x) for x in road.ramp_x_m]
+    ramps.set_yticks(places, [f"ramp {number}" for number in range(1, 1 + len(places))])
+    for place in places:
+        axes.axhline(place, color="black", lw=0.6, ls=":")
+    axes.set_xlim(0, len(trace.sent) * decision_s)
+    axes.set_ylim(0, float(road.length_m))
+    axes.set_xlabel("time (s)")
+    axes.set_ylabel("position along the road (m)")
+    axes.set_title(title)
+    figure.legend(loc="outside lower center", ncols=5, frameon=False)
+    save(figure, path)
+    return marked
+
+
+def _segments(on_road: Any, x: Any, decision_s: float) -> tuple[Any, Any]:
+    """Ways of vehicles from decision to decision.
+
+    Args:
+        on_road: (T + 1, V) bool.
+        x: (T + 1, V) m; that of a vehicle that is gone is where it went.
+        decision_s: s.
+
+    Returns:
+        (lines (S, 2, 2): both ends as time and position; (T, V) bool: which ways they are)
+    """
+    # A slot that empties is filled again one frame later at the earliest, so who was there is the one who drove.
+    there = on_road[:-1]
+    time, slot = np.nonzero(there)
+    starts = np.stack([time * decision_s, x[time, slot]], axis=-1)
+    ends = np.stack([(time + 1) * decision_s, x[time + 1, slot]], axis=-1)
+    return np.stack([starts, ends], axis=1), there
+
+
+def _draw_meds(axes: Any, trace: Trace, decision_s: float) -> None:
+    """MEDs as broad lines under the EVs that they charge."""
+    from matplotlib.collections import LineCollection
+
+    frames = trace.frames
+    lines, there = _segments(frames.med_on_road, frames.med_x, decision_s)
+    charges = (frames.med_charges[:-1] > 0)[there]
+    axes.add_collection(LineCollection(lines, colors=MED, lw=4, label="MED", zorder=1))
+    style: dict[str, Any] = {"colors": CHARGING, "lw": 6, "zorder": 2}
+    axes.add_collection(LineCollection(lines[charges], label="MED that charges EVs", **style))
+
+
+def _draw_evs(axes: Any, trace: Trace, decision_s: float) -> Any:
+    """EVs as thin lines in the colour of their charge, which are returned."""
+    from matplotlib.collections import LineCollection
+
+    frames = trace.frames
+    lines, there = _segments(frames.ev_on_road, frames.ev_x, decision_s)
+    drawn = LineCollection(lines, cmap="viridis", lw=1.2, label="EV", zorder=3)
+    drawn.set_array(frames.ev_soc[:-1][there])
+    drawn.set_clim(0.0, 1.0)
+    axes.add_collection(drawn)
+    return drawn
+
+
+def _draw_marks(axes: Any, trace: Trace, road: RoadParams, decision_s: float) -> dict[str, int]:
+    """Marks where MEDs are sent and where EVs run out; returns how many there are of each."""
+    frames = trace.frames
+    gone = frames.ev_on_road[:-1] & ~frames.ev_on_road[1:]
+    ran_out, slot = np.nonzero(gone & (frames.ev_soc[1:] <= 0.0))
+    sent = np.nonzero(trace.sent)[0]
+    style: dict[str, Any] = {"ls": "none", "zorder": 4, "clip_on": False}
+    axes.plot(
+        (ran_out + 1) * decision_s,
+        frames.ev_x[1 + ran_out, slot],
+        marker="x",
+        color=RAN_OUT,
+        ms=7,
+        mew=2,
+        label=f"EV runs out ({len(ran_out)})",
+        **style,
+    )
+    axes.plot(
+        sent * decision_s,
+        np.asarray(road.ramp_x_m)[trace.sent[sent] - 1],
+        marker="^",
+        color=SENT,
+        mec="white",
+        ms=10,
+        label=f"MED is sent ({len(sent)})",
+        **style,
+    )
+    return {"sent": len(sent), "depleted": len(ran_out)}
+
+
+def plot_dispatch(
+    path: Path,
+    shown: Mapping[str, int],
+    seen: Survey,
+    ramp_x_m: np.ndarray,
+    decision_s: float,
+    choice: int,
+) -> None:
+    """Draws where and when MEDs are sent beside where and when they are needed: a row of two maps a policy.
+
+    Args:
+        path: file to write.
+        shown: policies, and their places in `seen`.
+        seen: of all episodes.
+        ramp_x_m: (R,) m, at least one.
+        decision_s: s from one decision to the next.
+        choice: decisions from one choice of the trained policy to the next; a bin of time holds as many as any other.
+    """
+    decisions = seen.sent.shape[1]
+    width = choice * -(-decisions // (TIME_BINS * choice))
+    edges = np.unique([*range(0, decisions, width), decisions])
+    per_minute = 60.0 / decision_s / seen.episodes
+    sent = {name: _in_bins(seen.sent[index] * per_minute, edges) for name, index in shown.items()}
+    need = {
+        name: _in_bins(seen.need[index] / seen.episodes, edges) for name, index in shown.items()
+    }
+    figure = new_figure(13, 0.8 + 2.6 * len(shown))
+    panels = figure.subplots(len(shown), 2, sharex=True, sharey=True, squeeze=False)
+    ramps = np.arange(len(ramp_x_m) + 1) + 0.5
+    most = max(1e-9, *(values.max() for values in sent.values()))
+    extreme = max(1e-9, *(np.abs(values).max() for values in need.values()))
+    for row, name in zip(panels, shown, strict=True):
+        left = row[0].pcolormesh(
+            edges * decision_s, ramps, sent[name].T, cmap="Blues", vmin=0, vmax=most
+        )
+        right = row[1].pcolormesh(
+            edges * decision_s, ramps, need[name].T, cmap="PuOr_r", vmin=-extreme, vmax=extreme
+        )
+        row[0].set_title(f"{name}: MEDs sent", fontsize="medium")
+        row[1].set_title(f"{name}: need", fontsize="medium")
+        labels = [f"ramp {n}\n{x:.0f} m" for n, x in enumerate(ramp_x_m, 1)]
+        row[0].set_yticks(np.arange(1, len(ramps)), labels)
+    figure.colorbar(left, ax=panels[:, 0], label="MEDs per minute", aspect=30)
+    figure.colorbar(right, ax=panels[:, 1], label="EVs without a slot, less free slots", aspect=30)
+    figure.supxlabel("time (s)")
+    save(figure, path)
+
+
+def _in_bins(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Means of `(T, R)` between edges `(bins + 1,)` of time, `(bins, R)`."""
+    sums = np.add.reduceat(np.asarray(values, np.float64), edges[:-1], axis=0)
+    return sums / np.diff(edges)[:, None]

@@ -1,0 +1,214 @@
+"""Figures of numbers: the training curve, the comparison of policies, and the EVs' charge.
+
+Every function writes a PNG and raises ImportError where matplotlib is not installed.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from train.evaluation.statistics import bootstrap_ci95, interquartile_mean
+from train.evaluation.tables import COLUMNS, PAPER_CLAIMS, PAPER_MEDS, short
+from train.reporting.survey import SOC_BINS, Survey, quantile
+from train.runs.logs import MAIN, Row
+
+# Okabe and Ito (2008): told apart by colour-blind readers, too.
+COLOURS = {
+    "ppo": "#0072B2",
+    "forecast": "#E69F00",
+    "paced": "#009E73",
+    "greedy": "#56B4E9",
+    "periodic": "#CC79A7",
+    "random": "#D55E00",
+}
+OTHER = "#555555"
+MARKERS = "osD^vPX*<>"  # of policies in their order: colours are not all that tells them apart
+PANELS = {  # of the comparison: metric, title with its unit
+    "depleted_share": "share of EVs that run out",
+    "mean_range_m": "mean range of an EV (m)",
+    "mean_soc": "mean state of charge",
+    "meds_dispatched": "MEDs sent",
+}
+NUM_RESAMPLES = 2000  # at every place of the curve
+
+
+def new_figure(width: float, height: float) -> Any:
+    """An empty figure of so many inches that needs no display."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save(figure: Any, path: Path) -> None:
+    """Writes a PNG; its directory is made."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=130)
+
+
+def colour(policy: str) -> str:
+    """The colour of a policy, the same in all figures; learners of all seeds share theirs."""
+    return COLOURS.get(policy.split("_seed")[0], OTHER)
+
+
+def plot_curve(path: Path, rows: Sequence[Row], title: str, baselines: dict[str, float]) -> None:
+    """Draws returns over decisions: a line, with several seeds their interquartile mean in its 95 % band.
+
+    Args:
+        path: file to write; its directory is made.
+        rows: of metrics.jsonl.
+        title: heading.
+        baselines: mean returns of other policies, drawn as level lines.
+    """
+    from matplotlib.ticker import EngFormatter
+
+    figure = new_figure(9, 5)
+    axes = figure.add_subplot()
+    num_seeds = len(rows[-1]["per_seed"][MAIN]) if rows and "per_seed" in rows[-1] else 1
+    there = [row for row in rows if None not in _returns(row)]
+    steps = np.array([row["env_steps"] / num_seeds for row in there])
+    seeds = np.array([_returns(row) for row in there], np.float64).reshape(-1, num_seeds)
+    label = "PPO learning" + (f", {num_seeds} seeds" if num_seeds > 1 else "")
+    axes.plot(steps, interquartile_mean(seeds), color=colour("ppo"), lw=2, label=label)
+    if num_seeds > 1:
+        ends = [bootstrap_ci95(place, 0, NUM_RESAMPLES, interquartile_mean) for place in seeds]
+        low, high = np.reshape(ends, (-1, 2)).T
+        band: dict[str, Any] = {"color": colour("ppo"), "alpha": 0.25, "lw": 0}
+        axes.fill_between(steps, low, high, label="95 % band", **band)
+    for name, value in sorted(baselines.items(), key=lambda item: -item[1]):
+        axes.axhline(value, color=colour(name), ls="--", lw=1.3, label=f"{name}, {short(value)}")
+    axes.set_xlim(0, max((row["env_steps"] / num_seeds for row in rows), default=1))
+    axes.xaxis.set_major_formatter(EngFormatter())
+    axes.set_xlabel("decisions in all environments" + (" of a seed" if num_seeds > 1 else ""))
+    axes.set_ylabel("mean return of the whole episodes that ended")
+    axes.set_title(title)
+    axes.grid(alpha=0.3)
+    figure.legend(loc="outside right upper", fontsize="small", frameon=False)
+    if not there:
+        axes.text(0.5, 0.5, "no whole episode ended", ha="center", transform=axes.transAxes)
+    save(figure, path)
+
+
+def _returns(row: Row) -> list[float | None]:
+    """Of the learner or of each of several; None where no episode ended."""
+    returns: list[float | None] = row["per_seed"][MAIN] if "per_seed" in row else [row.get(MAIN)]
+    return returns
+
+
+def plot_comparison(path: Path, scores: Mapping[str, Mapping[str, np.ndarray]], seed: int) -> None:
+    """Draws Figure 8: a panel a metric, a bar a policy, with the 95 % intervals of the means and the paper's claims.
+
+    Args:
+        path: file to write.
+        scores: of `train.evaluation.scores.evaluate_policies`.
+        seed: of the bootstrap.
+    """
+    names = sorted(scores, key=lambda name: scores[name]["return"].mean())  # the best on top
+    figure = new_figure(11, 2 + 0.45 * len(names))
+    panels, forms = figure.subplots(2, 2, sharey=True), dict(COLUMNS.values())
+    for axes, (metric, title) in zip(panels.flat, PANELS.items(), strict=True):
+        claim, wording = PAPER_MEDS, f"{PAPER_MEDS:.0f}"
+        if metric in PAPER_CLAIMS:
+            claim = PAPER_CLAIMS[metric] * scores["none"][metric].mean()
+            wording = f"none {PAPER_CLAIMS[metric] - 1:+.0%}"
+        axes.axvline(claim, color="black", ls="--", lw=1.2)
+        highest = _bars(axes, {name: scores[name][metric] for name in names}, forms[metric], seed)
+        axes.set_xlim(0, 1.18 * max(highest, claim))
+        axes.set_title(f"{title}; dashed: the paper's claim, {wording}", fontsize="medium")
+        axes.grid(axis="x", alpha=0.3)
+    save(figure, path)
+
+
+def _bars(axes: Any, samples: Mapping[str, np.ndarray], form: str, seed: int) -> float:
+    """A bar for each mean, from below, with its 95 % interval and its number; returns the highest end."""
+    places = np.arange(len(samples))
+    means = np.array([values.mean() for values in samples.values()])
+    ends = np.array([bootstrap_ci95(values, seed) for values in samples.values()])
+    axes.barh(places, means, color=[colour(name) for name in samples], height=0.7)
+    errors = np.abs(ends.T - means)
+    axes.errorbar(means, places, xerr=errors, fmt="none", ecolor="black", capsize=3, lw=1)
+    for place, mean, (_, high) in zip(places, means, ends, strict=True):
+        axes.annotate(
+            format(mean, form),
+            (high, place),
+            (6, 0),
+            textcoords="offset points",
+            va="center",
+            bbox={"fc": "white", "ec": "none", "pad": 1},
+        )
+    axes.set_yticks(places, list(samples))
+    return float(ends.max())
+
+
+def plot_soc(path: Path, names: Sequence[str], seen: Survey, decision_s: float) -> None:
+    """Draws the charge of the EVs on the road over time: a panel a policy, median and quantile bands.
+
+    Args:
+        path: file to write.
+        names: of the policies, in the order of `seen`.
+        seen: of all episodes.
+        decision_s: s from one decision to the next.
+    """
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    columns = min(4, len(names))
+    rows = -(-len(names) // columns)
+    figure = new_figure(3 * columns, 0.9 + 2.4 * rows)
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for axes in panels[len(names) :]:
+        axes.set_axis_off()
+    times = np.arange(seen.soc.shape[1]) * decision_s
+    for index, (axes, name) in enumerate(zip(panels, names, strict=False)):
+        for low, alpha in ((0.05, 0.2), (0.25, 0.35)):
+            ends = [100 * quantile(seen.soc[index], share) for share in (low, 1 - low)]
+            axes.fill_between(times, *ends, color=colour(name), alpha=alpha, lw=0)
+        axes.plot(times, 100 * quantile(seen.soc[index], 0.5), color=colour(name), lw=2)
+        if "none" in names and name != "none":
+            without = quantile(seen.soc[names.index("none")], 0.5)
+            axes.plot(times, 100 * without, color="black", ls=":", lw=1.2)
+        axes.set_title(name, fontsize="medium")
+        axes.set_xlim(0, times[-1])
+        axes.set_ylim(0, 100)
+        axes.tick_params(labelbottom=index + columns >= len(names))
+        axes.grid(alpha=0.3)
+    keys = [
+        Line2D([], [], color=OTHER, lw=2, label="median"),
+        Patch(color=OTHER, alpha=0.55, lw=0, label="middle 50 %"),
+        Patch(color=OTHER, alpha=0.2, lw=0, label="middle 90 %"),
+        Line2D([], [], color="black", ls=":", lw=1.2, label="median with none"),
+    ]
+    figure.legend(handles=keys, loc="outside upper center", ncols=len(keys), frameon=False)
+    figure.supxlabel("time (s)")
+    figure.supylabel("state of charge (%)")
+    save(figure, path)
+
+
+def plot_exit_soc(path: Path, names: Sequence[str], seen: Survey) -> None:
+    """Draws the charge at the end of an EV's way: the share of EVs that end below a state of charge.
+
+    Args:
+        path: file to write.
+        names: of the policies, in the order of `seen`.
+        seen: of all episodes.
+    """
+    figure = new_figure(9, 5)
+    axes = figure.add_subplot()
+    edges = np.linspace(0, 100, SOC_BINS + 1)
+    for index, name in enumerate(names):
+        below = seen.depleted[index] + np.concatenate([[0], np.cumsum(seen.exit_soc[index])])
+        share = below / max(below[-1], 1)
+        axes.plot(
+            edges, share, color=colour(name), lw=2, ls="--" if name == "none" else "-", label=name
+        )
+    axes.set_xlim(0, 100)
+    axes.set_ylim(0, 1)
+    axes.set_xlabel("state of charge at the end of the road (%); at 0: EVs that ran out")
+    axes.set_ylabel("share of EVs that end below it")
+    axes.grid(alpha=0.3)
+    axes.legend(loc="lower right")
+    save(figure, path)

@@ -1,0 +1,109 @@
+"""What many recorded episodes have in common: charge of EVs, dispatches and need, as sums over episodes."""
+
+from collections.abc import Sequence
+
+import jax
+import numpy as np
+from flax import struct
+
+from train.evaluation.tables import Table, short
+from train.reporting.traces import Trace
+
+SOC_BINS = 100  # of equal width, from 0 to 1
+
+
+class Survey(struct.PyTreeNode):
+    """Sums over episodes. P policies, T decisions, R ramps, B = SOC_BINS; NumPy arrays, so that surveys add up."""
+
+    episodes: np.ndarray  # ()
+    soc: np.ndarray  # (P, T + 1, B) EVs on the road, by state of charge
+    exit_soc: np.ndarray  # (P, B) EVs that came to the end of the road
+    depleted: np.ndarray  # (P,) EVs that ran out
+    sent: np.ndarray  # (P, T, R) MEDs
+    need: np.ndarray  # (P, T, R) need of each ramp
+    need_there: np.ndarray  # (P,) need of the ramp that a MED was sent from, over all MEDs
+    to_greatest: np.ndarray  # (P,) MEDs sent from the ramp of the greatest need
+
+
+def survey(trace: Trace) -> Survey:
+    """Sums of traces `(episodes, policies, ...)`."""
+    frames, need = trace.frames, np.asarray(trace.need, np.float64)
+    on_road = np.asarray(frames.ev_on_road)
+    ended = on_road[:, :, :-1] & ~on_road[:, :, 1:]
+    ran_out = ended & (frames.ev_soc[:, :, 1:] <= 0.0)
+    bins = np.clip((frames.ev_soc * SOC_BINS).astype(np.int64), 0, SOC_BINS - 1)
+    sent = np.asarray(trace.sent)[..., None] == 1 + np.arange(need.shape[-1])
+    greatest = need == need.max(axis=-1, keepdims=True, initial=-np.inf)
+    return Survey(
+        episodes=np.asarray(len(need)),
+        soc=_histogram(bins, on_road, 2),
+        exit_soc=_histogram(bins[:, :, 1:], ended & ~ran_out, 1),
+        depleted=np.sum(trace.depleted, axis=(0, 2)),
+        sent=sent.sum(axis=0),
+        need=need.sum(axis=0),
+        need_there=np.sum(need, axis=(0, 2, 3), where=sent),
+        to_greatest=np.sum(sent & greatest, axis=(0, 2, 3)),
+    )
+
+
+def total(surveys: Sequence[Survey]) -> Survey:
+    """The survey of all episodes."""
+    return jax.tree.map(lambda *parts: np.sum(np.stack(parts), axis=0), *surveys)
+
+
+def dispatch_rows(names: Sequence[str], seen: Survey) -> Table:
+    """From which ramps every policy sends MEDs, and what need there is where it does.
+
+    Args:
+        names: of the policies, in the order of `seen`.
+        seen: of all episodes.
+    """
+    ramps = [f"ramp {number}" for number in range(1, 1 + seen.sent.shape[-1])]
+    headings = ["policy", "MEDs sent", *ramps, "from the neediest ramp", "need there", "mean need"]
+    rows = [headings]
+    for index, name in enumerate(names):
+        per_ramp = seen.sent[index].sum(axis=0) / seen.episodes
+        count = seen.sent[index].sum()
+        cells = [name, *(format(value, ".2f") for value in (per_ramp.sum(), *per_ramp))]
+        if count:
+            cells += [
+                f"{seen.to_greatest[index] / count:.0%}",
+                short(seen.need_there[index] / count),
+            ]
+        else:
+            cells += ["-", "-"]
+        rows.append([*cells, short(seen.need[index].mean() / seen.episodes) if ramps else "-"])
+    return rows
+
+
+def _histogram(bins: np.ndarray, counted: np.ndarray, kept: int) -> np.ndarray:
+    """Counts `(..., SOC_BINS)`.
+
+    Args:
+        bins: (episodes, P, T, E).
+        counted: the same shape, bool.
+        kept: axes of the result before the bins: 1 for P, 2 for P and T.
+    """
+    shape = bins.shape[1 : 1 + kept]
+    cell = np.arange(np.prod(shape)).reshape(1, *shape, *(1,) * (3 - kept))
+    flat = (cell * SOC_BINS + bins)[counted]
+    return np.bincount(flat, minlength=cell.size * SOC_BINS).reshape(*shape, SOC_BINS)
+
+
+def quantile(counts: np.ndarray, share: float) -> np.ndarray:
+    """State of charge that a share of the counted EVs is below; NaN where none was counted.
+
+    Args:
+        counts: (..., SOC_BINS).
+        share: in (0, 1).
+
+    Returns:
+        `(...)`, interpolated within a bin.
+    """
+    below = np.cumsum(counts, axis=-1)
+    wanted = share * below[..., -1:]
+    index = np.argmax(below >= wanted, axis=-1)[..., None]
+    here = np.take_along_axis(counts, index, axis=-1)
+    into = (wanted - np.take_along_axis(below, index, axis=-1) + here) / np.maximum(here, 1)
+    value = ((index + into) / SOC_BINS)[..., 0]
+    return np.where(below[..., -1] > 0, value, np.nan)

@@ -1,0 +1,181 @@
+"""Checkpoints of a whole training state: one NumPy archive each, `RUN_DIR/checkpoints/UPDATE.npz`.
+
+An archive holds every array under its path in the state, PRNG keys as the numbers they are made of, and `about`: JSON
+with the version of this format and the settings. It is written beside and renamed, so it is there whole or not at all;
+its reader checks the checksum that a ZIP file has of each member, and never unpickles anything.
+"""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from medjax.files import replacing
+from medjax.errors import InputError
+from train.settings import TrainConfig, to_json
+from train.algorithms.ppo.learner import TrainState
+from train.algorithms.networks import PolicyWeights
+from train.runs.processes import fetch
+
+FORMAT = 1  # of what this version writes and reads
+ABOUT = "about"
+WEIGHTS = "weights/"  # begins the names of what acting needs
+
+
+class Checkpoints:
+    """The checkpoints of one run.
+
+    Args:
+        run_dir: directory of the run; `checkpoints/` is made in it by the first save.
+        keep: newest checkpoints kept by `save`.
+    """
+
+    def __init__(self, run_dir: Path, keep: int = 1) -> None:
+        self.directory = Path(run_dir) / "checkpoints"
+        self.keep = keep
+
+    def save(self, state: TrainState, config: TrainConfig) -> None:
+        """Writes `state` under its number of updates; one that is already there is left alone.
+
+        Args:
+            state: arrays of NumPy (`to_host`).
+            config: settings that it was trained with.
+
+        Raises:
+            OSError: it could not be written; those before it are as they were.
+        """
+        path = self._path(updates_done(state))
+        about = json.dumps({"format": FORMAT, "config": to_json(config)})
+        arrays: dict[str, Any] = {ABOUT: np.asarray(about), **_named(state)}
+        self.directory.mkdir(exist_ok=True)
+        for leftover in self.directory.glob("*.partial.npz"):  # of a run that was killed
+            leftover.unlink()
+        if not path.exists():
+            with replacing(path) as partial, partial.open("wb") as file:
+                np.savez(file, **arrays)
+                file.flush()
+                os.fsync(file.fileno())
+        for update in self.all()[: -self.keep]:
+            self._path(update).unlink()
+
+    def all(self) -> list[int]:
+        """Updates done at each checkpoint, the newest last."""
+        return sorted(
+            int(path.stem) for path in self.directory.glob("*.npz") if path.stem.isdecimal()
+        )
+
+    def latest(self) -> int | None:
+        """Updates done at the newest checkpoint; None if there is none."""
+        return max(self.all(), default=None)
+
+    def restore(self, expected: TrainState) -> TrainState:
+        """Reads the newest checkpoint.
+
+        Args:
+            expected: shapes and types that it must have (`jax.eval_shape` of `Learner.init`).
+
+        Returns:
+            The state as arrays of NumPy, for `to_devices`.
+
+        Raises:
+            InputError: there is none, it is damaged or foreign, or an array differs; the message names the first.
+        """
+        return self._read(None, jax.eval_shape(_without_keys, expected), "")  # type: ignore[no-any-return]
+
+    def restore_weights(self, expected: TrainState, step: int | None = None) -> PolicyWeights:
+        """Reads only what acting needs, whatever number of environments it was trained with.
+
+        Args:
+            expected: shapes and types; only those of its weights are read.
+            step: one of `all`; None is the newest.
+
+        Raises:
+            InputError: see `restore`.
+        """
+        return jax.tree.map(jnp.asarray, self._read(step, expected.weights, WEIGHTS))  # type: ignore[no-any-return]
+
+    def _path(self, update: int) -> Path:
+        return self.directory / f"{update}.npz"
+
+    def _read(self, step: int | None, expected: Any, prefix: str) -> Any:
+        """A tree like `expected`, from the arrays whose names begin with `prefix`."""
+        step = self.latest() if step is None else step
+        if step is None:
+            raise InputError(
+                f"{self.directory} holds no checkpoint, allowed: a directory that train.ppo wrote"
+            )
+        where = f"checkpoint {self._path(step)}"
+        try:
+            with np.load(self._path(step), allow_pickle=False) as file:
+                version = json.loads(str(file[ABOUT]))["format"]
+                names = [name for name in file.files if name != ABOUT and name.startswith(prefix)]
+                arrays = {name: file[name] for name in names} if version == FORMAT else {}
+        except Exception as error:  # whatever NumPy and zipfile make of a damaged file
+            raise InputError(
+                f"{where} is damaged, or none of train.ppo ({type(error).__name__}), allowed: a whole one;"
+                " where it is taken away, the one before it is read"
+            ) from error
+        if version != FORMAT:
+            raise InputError(f"{where} is of format {version!r}, allowed: {FORMAT}")
+        wanted = _named(expected, prefix)
+        saved_layout, layout = _layout(arrays), _layout(wanted)
+        for name in sorted({*saved_layout, *layout}):
+            found, allowed = (table.get(name, "missing") for table in (saved_layout, layout))
+            if found != allowed:
+                raise InputError(
+                    f"{where} is of another shape: {name} is {found}, allowed: {allowed}"
+                )
+        leaves = [arrays[name] for name in wanted]
+        return jax.tree.unflatten(jax.tree.structure(expected), leaves)
+
+
+def updates_done(state: TrainState) -> int:
+    """Updates done, the same for all seeds."""
+    return int(np.max(np.asarray(state.update)))
+
+
+def to_host(state: TrainState) -> TrainState:
+    """Arrays of NumPy, those of other processes among them, with PRNG keys as the numbers they hold."""
+    return fetch(_without_keys(state))  # type: ignore[no-any-return]
+
+
+def to_devices(state: TrainState, expected: TrainState, shardings: Any) -> TrainState:
+    """The inverse of `to_host`, in memory of its own: the training program overwrites its input.
+
+    Args:
+        state: arrays of NumPy, the same in every process.
+        expected: shapes and types.
+        shardings: see `TrainFunctions`.
+    """
+
+    def wrap(like: Any, leaf: jax.Array) -> jax.Array:
+        return jax.random.wrap_key_data(leaf) if _is_key(like) else leaf
+
+    place = jax.jit(lambda plain: jax.tree.map(wrap, expected, plain), out_shardings=shardings)
+    return place(state)  # type: ignore[no-any-return]
+
+
+def _named(tree: Any, prefix: str = "") -> dict[str, Any]:
+    """The leaves by their paths, e.g. `opt_state/0/count`."""
+    leaves = jax.tree_util.tree_flatten_with_path(tree)[0]
+    return {
+        prefix + jax.tree_util.keystr(path, simple=True, separator="/"): leaf
+        for path, leaf in leaves
+    }
+
+
+def _layout(arrays: dict[str, Any]) -> dict[str, str]:
+    """Shape and type of each, e.g. `(1024, 300) float32`."""
+    return {name: f"{array.shape} {array.dtype}" for name, array in arrays.items()}
+
+
+def _is_key(leaf: Any) -> bool:
+    return jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+
+
+def _without_keys(tree: Any) -> Any:
+    return jax.tree.map(lambda leaf: jax.random.key_data(leaf) if _is_key(leaf) else leaf, tree)

@@ -1,0 +1,193 @@
+"""What training reports while it runs: metrics.jsonl, TensorBoard and the progress bar."""
+
+import json
+import math
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from train.settings import TrainConfig
+from train.runs.run_directory import RunDir, write_text
+
+Row = dict[str, Any]
+MAIN = "episode_return"
+
+
+def plain(value: float) -> float | None:
+    """A number for JSON, which has no NaN: None stands for "there was none"."""
+    return float(value) if math.isfinite(value) else None
+
+
+def rows_from(metrics: dict[str, Any], count: int) -> list[Row]:
+    """Metrics of `Learner.run` as one dict an update.
+
+    With several seeds each value is the mean over those that have one, and `per_seed` lists them.
+
+    Args:
+        metrics: arrays `(places,)` or `(num_seeds, places)`.
+        count: leading places that are filled.
+    """
+    columns = {
+        name: np.asarray(values, np.float64)[..., :count] for name, values in metrics.items()
+    }
+    rows = []
+    for index in range(count):
+        cells = {name: column[..., index] for name, column in columns.items()}
+        row: Row = {name: plain(_mean(cell)) for name, cell in cells.items()}
+        if next(iter(cells.values())).ndim:
+            row["per_seed"] = {
+                name: [plain(value) for value in cell] for name, cell in cells.items()
+            }
+        rows.append(row)
+    return rows
+
+
+def _mean(values: np.ndarray) -> float:
+    there = np.atleast_1d(values)
+    there = there[np.isfinite(there)]
+    return float(there.mean()) if there.size else math.nan
+
+
+def read_rows(path: Path) -> list[Row]:
+    """Lines of metrics.jsonl; a last line cut off in the writing is left out."""
+    rows = []
+    if path.exists():
+        for line in path.read_text(encoding="utf-8").splitlines():
+            try:
+                rows.append(json.loads(line))
+            except ValueError:
+                break
+    return rows
+
+
+class MetricsLog:
+    """metrics.jsonl and TensorBoard.
+
+    Args:
+        run_dir: directory of the run.
+        done: updates that training goes on from. Lines of later ones, written after the checkpoint by a run that was
+            killed, are dropped because they will be computed again, and with them what was cut off in the writing.
+
+    Raises:
+        OSError: they cannot be written.
+    """
+
+    def __init__(self, run_dir: RunDir, done: int) -> None:
+        self.rows = [row for row in read_rows(run_dir.metrics) if row["update"] <= done]
+        self._path = run_dir.metrics
+        write_text(self._path, "".join(map(_line, self.rows)))
+        self._board = _tensorboard(run_dir.tensorboard, self.rows)
+
+    def write(self, rows: list[Row]) -> None:
+        """Appends rows, whole lines or nothing; they are in the file when this returns.
+
+        Raises:
+            OSError: the disk is full, or the file is gone.
+        """
+        self.rows += rows
+        text = "".join(map(_line, rows)).encode()
+        # Opened anew for each write, so that a directory that was removed is noticed and not written to unseen.
+        with self._path.open("r+b", buffering=0) as file:
+            end = file.seek(0, os.SEEK_END)
+            try:
+                while text:
+                    text = text[file.write(text) :]
+            except BaseException:
+                file.truncate(end)
+                raise
+        if self._board is not None:
+            for row in rows:
+                self._board.write(row)
+
+    def close(self) -> None:
+        """Closes the files."""
+        if self._board is not None:
+            self._board.close()
+
+
+def _line(row: Row) -> str:
+    return json.dumps(row, allow_nan=False) + "\n"
+
+
+class _Board:
+    """TensorBoard's event files, written where the failure of a write is noticed.
+
+    tensorboardX's SummaryWriter leaves the writing to a thread: when that dies of a full disk, the queue to it fills up
+    and training stands still.
+    """
+
+    def __init__(self, path: Path, rows: list[Row]) -> None:
+        from tensorboardX.event_file_writer import EventsWriter
+        from tensorboardX.proto.event_pb2 import Event, SessionLog
+        from tensorboardX.summary import scalar
+
+        self._event, self._scalar = Event, scalar
+        path.mkdir(parents=True, exist_ok=True)
+        self._file = EventsWriter(str(path / "events"), f".{os.getpid()}")
+        if rows:  # steps from here on hide those of a killed run
+            start = SessionLog(status=SessionLog.START)
+            self._file.write_event(
+                Event(wall_time=time.time(), step=rows[-1]["env_steps"] + 1, session_log=start)
+            )
+
+    def write(self, row: Row) -> None:
+        """Adds every number of a row."""
+        for name, value in row.items():
+            if isinstance(value, float):
+                group = "episode" if name.startswith("episode") else "train"
+                summary = self._scalar(f"{group}/{name}", value)
+                self._file.write_event(
+                    self._event(wall_time=time.time(), step=row["env_steps"], summary=summary)
+                )
+        self._file.flush()
+
+    def close(self) -> None:
+        """Closes the file."""
+        self._file.close()
+
+
+def _tensorboard(path: Path, rows: list[Row]) -> _Board | None:
+    """A writer of event files; None without tensorboardX."""
+    try:
+        return _Board(path, rows)
+    except ImportError:
+        return None
+
+
+class Progress:
+    """A progress bar on stderr, silent where that is no terminal."""
+
+    def __init__(self, config: TrainConfig, done: int, what: str) -> None:
+        self._steps = config.steps_per_update * config.num_seeds
+        self._bar = tqdm(
+            total=config.num_updates * self._steps,
+            initial=done * self._steps,
+            unit="step",
+            unit_scale=True,
+            dynamic_ncols=True,
+            disable=not sys.stderr.isatty(),
+            desc=what,
+            leave=what != "compiling",
+        )
+        self._done = done
+        self._returned = False
+
+    def show(self, rows: list[Row]) -> None:
+        """Moves on by the updates in `rows`, and shows the newest return there is."""
+        returns = [row[MAIN] for row in rows if row.get(MAIN) is not None]
+        if returns:
+            self._bar.set_postfix_str(f"return {returns[-1]:.4g}", refresh=False)
+        elif not self._returned:  # the first whole episodes end late
+            self._bar.set_postfix_str(f"reward {rows[-1]['reward_mean'] or 0.0:.3g}", refresh=False)
+        self._returned |= bool(returns)
+        self._bar.update((rows[-1]["update"] - self._done) * self._steps)
+        self._done = rows[-1]["update"]
+
+    def close(self) -> None:
+        """Leaves the bar as it is."""
+        self._bar.close()

@@ -1,0 +1,261 @@
+"""A training run as the host sees it: compile, drive chunks of updates, save, and close with an evaluation."""
+
+import dataclasses
+import signal
+import sys
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import IO, Any
+
+import jax
+import jax.numpy as jnp
+
+from train.runs.checkpoint import Checkpoints, to_devices, to_host, updates_done
+from train.runs.finish import close_run, prepare_evaluation
+from train.settings import TrainConfig
+from train.evaluation.scores import Evaluation
+from train.algorithms.finite import BAD, finite_updates
+from train.runs.host import Interrupt, deferred_interrupts, enable_compilation_cache
+from train.algorithms.ppo.learner import TrainFunctions, TrainState
+from train.runs.logs import MetricsLog, Progress, Row, rows_from
+from train.runs.processes import agree, is_first, leave
+from train.runs.run_directory import RunDir
+
+# A program that runs once had better compile fast than run fast.
+ONCE = {"xla_backend_optimization_level": 0}
+SECONDS_PER_CALL = 1.0  # of the compiled program: how often the bar moves and Ctrl-C is heard
+
+
+def shapes_of(programs: TrainFunctions, params: Any, config: TrainConfig) -> TrainState:
+    """Shapes and types of the training state, found without computing or compiling it."""
+    # Traced as it will be compiled, so that compiling need not trace it again.
+    state = jax.eval_shape(programs.init, jax.random.key(config.seed), params)
+    # They hold for any number of devices.
+    return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), state)
+
+
+@dataclasses.dataclass
+class Session:
+    """One run, from `train.runs.start.open_session` to its exit code.
+
+    Attributes:
+        env: a single environment.
+        params: its parameters.
+        config: settings.
+        programs: see `make_train`.
+        shapes: shapes and types of the training state.
+        resumed: goes on with a run.
+        run_dir: where results go.
+        lock: keeps other runs out of there while it is open; only the first process has it.
+        saved: the checkpoint to go on from, on the host; None: from the start.
+    """
+
+    env: Any
+    params: Any
+    config: TrainConfig
+    programs: TrainFunctions
+    shapes: TrainState
+    resumed: bool
+    run_dir: RunDir
+    lock: IO[str] | None
+    saved: TrainState | None
+
+    def __post_init__(self) -> None:
+        """Starts the clock."""
+        self.began = time.perf_counter()
+        self.compile_s = self.train_s = self.earlier_s = 0.0
+        self.done = updates_done(self.saved) if self.saved is not None else 0
+        self.checkpoints = Checkpoints(self.run_dir.path, self.config.keep_checkpoints)
+        self.behind = ThreadPoolExecutor(1)
+        self.evaluation: Future[Evaluation]
+
+    def run(self) -> int:
+        """Trains, saves and evaluates. Returns the exit code."""
+        try:
+            return self._run()
+        except KeyboardInterrupt:
+            return leave(_interrupted(signal.SIGINT, f"at once; {self._newest()}"))
+        except OSError as error:
+            what = f"cannot write {self.run_dir.path}: {error.strerror or error}"
+            return leave(_stopped(f"{what}: stopped; {self._newest()}"))
+        except jax.errors.JaxRuntimeError as error:
+            if jax.process_count() == 1:
+                raise
+            what = f"another process ended ({str(error).partition(chr(10))[0][:100]})"
+            return leave(_stopped(f"{what}: stopped; {self._newest()}"))
+        finally:
+            if self.lock is not None:
+                self.lock.close()
+
+    def _run(self) -> int:
+        enable_compilation_cache()
+        self._announce()
+        progress = Progress(self.config, self.done, "compiling")
+        try:
+            init, run = self._compile()
+        except KeyboardInterrupt:
+            if self.resumed:
+                raise
+            self.run_dir.release()
+            return leave(_interrupted(signal.SIGINT, "before the first update, nothing is left"))
+        finally:
+            progress.close()
+        log = MetricsLog(self.run_dir, self.done) if is_first() else None
+        rows = log.rows if log else []
+        self.earlier_s = rows[-1]["wall_s"] if rows else 0.0
+        progress = Progress(self.config, self.done, "training")
+        try:
+            with deferred_interrupts() as interrupt:
+                state, bad = self._drive(run, self._begin(init), log, progress, interrupt)
+        finally:
+            progress.close()
+            if log:
+                log.close()
+        if bad:
+            return _stopped(f"{bad}: stopped; {self._newest()}")
+        return self._close(state, rows, interrupt.number)
+
+    def _close(self, state: TrainState, rows: list[Row], stopped_by: int | None) -> int:
+        """Evaluates and reports; a run that was stopped is only reported. Returns the exit code."""
+        wall_s = self.earlier_s + time.perf_counter() - self.began
+        plain = to_host(state)
+        if is_first():
+            try:
+                close_run(self, plain, rows, wall_s, evaluate=stopped_by is None)
+            except KeyboardInterrupt:
+                close_run(self, plain, rows, wall_s, evaluate=False)
+                again = f"python -m train.evaluate --run-dir {self.run_dir.path}"
+                return leave(
+                    _interrupted(signal.SIGINT, f"after the last update; evaluate with: {again}")
+                )
+        if stopped_by is None:
+            return 0
+        again = f"python -m train.ppo --resume {self.run_dir.path}"
+        return _interrupted(
+            stopped_by, f"after update {updates_done(plain)}, saved; go on with: {again}"
+        )
+
+    def _announce(self) -> None:
+        config, device = self.config, jax.devices()[0]
+        if not is_first():
+            return
+        seeds = f" x {config.num_seeds} seeds" if config.num_seeds > 1 else ""
+        shared = f" in {jax.process_count()} processes" if jax.process_count() > 1 else ""
+        print(
+            f"{'resuming' if self.resumed else 'training'} {config.scenario} in {self.run_dir.path}:"
+            f" {config.num_updates} updates of {config.num_envs} x {config.rollout_length} choices{seeds},"
+            f" {device.platform} {device.device_kind}{shared}",
+            flush=True,
+        )
+
+    def _compile(self) -> tuple[Any, Any]:
+        """The two programs, compiled ahead of time and side by side; `init` is None where it is not needed.
+
+        The closing evaluation is compiled behind them, and on while training begins: XLA leaves a core idle for much of
+        the time that it takes for one program.
+        """
+        start = time.perf_counter()
+        init: Any = self.programs.init
+        run: Any = self.programs.run
+        waiting = None
+        if self.saved is None:
+            lowered = init.lower(jax.random.key(self.config.seed), self.params)
+            waiting = self.behind.submit(lowered.compile, compiler_options=ONCE)
+        lowered = run.lower(self.shapes, self.params, jnp.int32(1))
+        if self.config.eval_episodes and is_first():
+            self.evaluation = self.behind.submit(
+                prepare_evaluation, self.env, self.params, self.config, self.shapes.weights
+            )
+        compiled = lowered.compile()
+        ready = waiting.result() if waiting is not None else None
+        self.compile_s = time.perf_counter() - start
+        return ready, compiled
+
+    def _begin(self, init: Any) -> TrainState:
+        """The state to train from."""
+        if self.saved is None:
+            state: TrainState = init(jax.random.key(self.config.seed), self.params)
+            return state
+        saved, self.saved = self.saved, None
+        return to_devices(saved, self.shapes, self.programs.shardings)
+
+    def _drive(
+        self,
+        run: Any,
+        state: TrainState,
+        log: MetricsLog | None,
+        progress: Progress,
+        interrupt: Interrupt,
+    ) -> tuple[TrainState, str | None]:
+        """Calls the program until all updates are done or a signal came; the last state is saved.
+
+        Returns:
+            The state, and what in it is not finite, if something is (it is not saved then).
+        """
+        config, started = self.config, time.perf_counter()
+        done, per_update_s = self.done, SECONDS_PER_CALL
+        while done < config.num_updates:
+            said = agree(self._chunk(done, per_update_s), interrupt.number or 0)
+            count, interrupt.number = int(said[0, 0]), int(said[:, 1].max()) or None
+            if interrupt.number:
+                break
+            called = time.perf_counter()
+            state, metrics = run(state, self.params, jnp.int32(count))
+            metrics = jax.device_get(metrics)
+            per_update_s = (time.perf_counter() - called) / count
+            healthy, bad = finite_updates(metrics.pop(BAD)[..., :count])
+            rows = rows_from(metrics, count)
+            for index, row in enumerate(rows):
+                since = called + (index + 1) * per_update_s
+                rows[index] = {
+                    "update": done + index + 1,
+                    "env_steps": (done + index + 1) * config.steps_per_update * config.num_seeds,
+                    "wall_s": round(self.earlier_s + since - self.began, 3),
+                    "env_steps_per_s": config.steps_per_update * config.num_seeds / per_update_s,
+                    **row,
+                }
+            done += count
+            if bad:
+                rows = rows[: healthy + 1]
+                bad = f"{bad} no longer finite in update {rows[-1]['update']}"
+            if log:
+                log.write(rows)
+            progress.show(rows)
+            if bad:
+                return state, bad
+            if config.checkpoint_interval and done % config.checkpoint_interval == 0:
+                self._save(state)
+        self._save(state)
+        self.train_s = time.perf_counter() - started
+        return state, None
+
+    def _chunk(self, done: int, per_update_s: float) -> int:
+        """Updates in the next call: about a second of them, not past the end or the next checkpoint."""
+        config = self.config
+        most = min(config.updates_per_call, config.num_updates - done)
+        if config.checkpoint_interval:
+            most = min(most, config.checkpoint_interval - done % config.checkpoint_interval)
+        return max(1, min(most, int(SECONDS_PER_CALL / per_update_s)))
+
+    def _save(self, state: TrainState) -> None:
+        plain = to_host(state)
+        if is_first():
+            self.checkpoints.save(plain, self.config)
+
+    def _newest(self) -> str:
+        """What is saved, in words."""
+        update = self.checkpoints.latest()
+        return (
+            f"the newest checkpoint is of update {update}" if update else "there is no checkpoint"
+        )
+
+
+def _stopped(what: str) -> int:
+    print(what, file=sys.stderr)
+    return 1
+
+
+def _interrupted(number: int, what: str) -> int:
+    if is_first():
+        print(f"interrupted {what}", file=sys.stderr)
+    return 128 + number
