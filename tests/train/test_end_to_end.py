@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from tests.train.test_session import assert_same_run, rows_of
+from tests.train.runs.test_session import assert_same_run, rows_of
 from train import evaluate, ppo
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")

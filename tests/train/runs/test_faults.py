@@ -18,7 +18,7 @@ from medjax.errors import InputError
 from tests.train.conftest import TINY
 from tests.train.probe_envs import Probe, ProbeParams
 from tests.train.test_arguments import refused
-from tests.train.test_session import assert_same_run, rows_of, state_of
+from tests.train.runs.test_session import assert_same_run, rows_of, state_of
 from train import ppo
 from train.runs.checkpoint import Checkpoints
 from train.arguments import make_environment

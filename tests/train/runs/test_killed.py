@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from tests.train.test_session import assert_same_run
+from tests.train.runs.test_session import assert_same_run
 
 
 @pytest.mark.parametrize("kills", [6, pytest.param(20, marks=pytest.mark.slow)])
