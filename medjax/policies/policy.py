@@ -1,0 +1,71 @@
+"""What a dispatcher is: the one protocol of rules, planners, learned policies and those read from a file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+
+class Choice(NamedTuple):
+    """What a policy does at a decision."""
+
+    action: jax.Array  # () int32
+    probabilities: jax.Array  # (num_actions,) that it was drawn with; of a rule 0 and 1
+
+
+class Policy(struct.PyTreeNode):
+    """A way to act in one environment, for `jax.vmap` and `jax.jit` over whatever is batched.
+
+    `policy(key, obs, state, params)` is what it does in one state of the environment that it was built for. A policy is
+    a pytree of its weights: handed to a compiled program it is an argument of it, and other weights are not compiled
+    anew.
+    """
+
+    act: Callable[[Any, jax.Array, Any, Any, Any], Choice] = struct.field(pytree_node=False)
+    weights: Any = ()  # arrays, the first argument of `act`; a rule has none
+
+    def __call__(self, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
+        """What it does.
+
+        Args:
+          key: randomness of this decision.
+          obs: observation of the state, as the environment returned it.
+          state: of the environment.
+          params: of the environment.
+        """
+        return self.act(self.weights, key, obs, state, params)
+
+
+def rule(act: Callable[[jax.Array, Any, Any], jax.Array], num_actions: int) -> Policy:
+    """A policy without weights.
+
+    Args:
+      act: `(key, state, params)` to an action, () int32, that is allowed.
+      num_actions: of the environment.
+    """
+
+    def choose(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
+        action = act(key, state, params)
+        return Choice(action, jax.nn.one_hot(action, num_actions))
+
+    return Policy(choose)
+
+
+def every(policy: Policy, interval: int) -> Policy:
+    """`policy` asked at every `interval`-th decision of an episode; action 0 in between (`wrappers.DecideEvery`)."""
+    if interval == 1:
+        return policy
+
+    def choose(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
+        asked = state.time % interval == 0
+        choice = policy.act(weights, key, obs, state, params)
+        wait = jax.nn.one_hot(0, choice.probabilities.shape[-1])
+        return Choice(
+            jnp.where(asked, choice.action, 0), jnp.where(asked, choice.probabilities, wait)
+        )
+
+    return Policy(choose, policy.weights)
