@@ -125,7 +125,7 @@ def _drivers() -> DriverParams:
         return np.asarray(values, np.float32)
 
     return DriverParams(
-        desired_speed=kinds(25.0, 30.0, 30.0, 30.0),
+        desired_speed=kinds(18.0, 30.0, 30.0, 30.0),
         desired_speed_std=kinds(0.0, 2.0, 1.0, 2.0),
         time_headway=kinds(1.5, 1.4, 1.2, 1.4),
         min_gap=kinds(3.0, 2.0, 2.0, 2.0),
@@ -309,6 +309,13 @@ def _observation(given: Any) -> Any:
     return given
 
 
+def _draw(*state: Any, **how: Any) -> Any:
+    """`medjax.render.frame.render_state`; Pillow, which it draws with, is an optional extra."""
+    from medjax.render.frame import render_state
+
+    return render_state(*state, **how)
+
+
 def prepare(
     name: str = "paper",
     *,
@@ -357,7 +364,7 @@ def prepare(
     known = {term: params.reward_weights.get(term, 1.0) for term in terms}
     params = _set(params.replace(reward_weights=_weights(weights, known)), numbers)
     params = check_numbers(config, params)
-    env = ChargingEnv(config, reward=terms, observation=seen, name=name)
+    env = ChargingEnv(config, reward=terms, observation=seen, name=name, viewer=_draw)
     return env, params, CoilDesign(**coils)
 
 

@@ -34,8 +34,8 @@ class Frames(struct.PyTreeNode):
     lateral_offset: Any  # (F, V) m from the lane's centre, positive to the right
     lateral_speed: Any  # (F, V) m/s, positive to the right
     active: Any  # (F, V) bool, on the road
+    kind: Any  # (F, V) int32 in `medjax.world.kinds.KINDS`
     ev_soc: Any  # (F, E) state of charge, 0 to 1
-    ev_is_human: Any  # (F, E) bool
     ev_med: Any  # (F, E) int32, MED it is booked on, -1 for none
     ev_panel: Any  # (F, E) int32, slot of that MED (`medjax.world.params.PANELS`), -1 for none
     ev_is_charging: Any  # (F, E) bool
@@ -150,7 +150,7 @@ def _player(
         def look(state: EnvState) -> Frames:
             return frame_of(state, params)
 
-        probed = ChargingEnv(env.config, env.reward, env.observation, env.name, probe=look)
+        probed = env.with_probe(look)
         streams = jax.random.split(key, 3)
 
         def decide(carry: tuple[jax.Array, EnvState], time: jax.Array) -> Any:
@@ -192,8 +192,8 @@ def frame_of(state: EnvState, params: EnvParams) -> Frames:
         lateral_offset=vehicles.lateral_offset,
         lateral_speed=vehicles.lateral_speed,
         active=vehicles.active,
+        kind=vehicles.kind,
         ev_soc=evs.energy_j / params.ev_capacity_j,
-        ev_is_human=evs.is_human,
         ev_med=evs.med,
         ev_panel=evs.panel,
         ev_is_charging=evs.is_charging,

@@ -6,7 +6,7 @@ lightness, and neither the green of MEDs nor the gray of gas vehicles on it.
 
 from __future__ import annotations
 
-from medjax.world.params import GAS, MED
+from medjax.world.kinds import GAS, MED
 
 Color = tuple[int, int, int]
 

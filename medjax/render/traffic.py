@@ -10,7 +10,7 @@ from medjax.render.layout import Box, View
 from medjax.render.legend import dashed_box, link, mark_ran_out
 from medjax.render.roadway import VEHICLE_WIDTH_M, Roadway
 from medjax.render.scene import Scene, is_booked
-from medjax.world.params import GAS, MED
+from medjax.world.kinds import GAS, MED
 from medjax.world.state import IN_SERVICE
 
 FAR_PX = {MED: (9.0, 1.0), GAS: (3.0, 0.6)}  # least length of a mark, and its share of a lane

@@ -4,7 +4,7 @@ EnvConfig holds what changes a compiled program. Every other number is a leaf of
 `jax.vmap` can run over demands, reward weights, batteries or coil designs in one program. Both are
 validated on the host by `validate`; `medjax.make` calls it.
 
-The order of vehicle kinds in every `(num_kinds,)` leaf is MED, human-driven EV, autonomous EV, gas.
+The order of vehicle kinds in every `(num_kinds,)` leaf is that of `medjax.world.kinds.KINDS`.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from collections.abc import Mapping
 from typing import Any, get_type_hints
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from flax import struct
+from jax.typing import ArrayLike
 
 from medjax.errors import shown
 from medjax.physics import InductanceTable
+from medjax.world.kinds import KINDS
 from medjax.world.limits import Limits, as_numbers, read_number
 from medjax.world.ranges import GROUPS, OTHERS, SIZES, WEIGHT
-
-KINDS = ("MED", "human EV", "autonomous EV", "gas")
-MED, HUMAN_EV, AUTONOMOUS_EV, GAS = range(4)
 
 PANELS = ("left", "right", "rear", "front")
 LEFT, RIGHT, REAR, FRONT = range(4)
@@ -96,6 +96,16 @@ class EnvConfig:
     def gas_slots(self) -> slice:
         """Slots of gas vehicles."""
         return slice(self.num_meds + self.num_evs, self.num_vehicles)
+
+    @property
+    def traffic_slots(self) -> slice:
+        """Slots of those that come by themselves, EVs before the others: all but MEDs."""
+        return slice(self.num_meds, self.num_vehicles)
+
+    def by_slot(self, meds: ArrayLike, evs: ArrayLike, gas: ArrayLike) -> jax.Array:
+        """Values of the classes' slots, each `(C,)` or one for all of them, as one array `(num_vehicles,)`."""
+        parts = ((meds, self.num_meds), (evs, self.num_evs), (gas, self.num_gas))
+        return jnp.concatenate([jnp.broadcast_to(part, (size,)) for part, size in parts])
 
 
 class RoadParams(struct.PyTreeNode):

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.charging.docking import docking_acceleration, misalignment
+from medjax.charging.docking import docking_acceleration
+from medjax.charging.link import misalignment
 from medjax.env.tick import physics_tick
 from medjax.physics import mutual_inductance
 from medjax.traffic import ballistic_step, idm_acceleration
 from medjax.traffic.step import drivers_of
 from medjax.world.params import FRONT, LEFT, REAR, RIGHT
 from medjax.world.state import NOT_BOOKED
-from tests.charging.scene import scene
+from tests.charging.scene import MED_SPEED, scene
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -24,7 +25,7 @@ STARTS = [(400.0, 0), (400.0, 3), (440.0, 1), (560.0, 3)]
 @pytest.fixture(scope="module")
 def quiet():
     """A road that nobody else enters."""
-    return medjax.make("paper", mainline_per_h=0.0, ramp_per_h=0.0)
+    return medjax.make("paper", mainline_per_h=0.0, ramp_per_h=0.0, service_speed=MED_SPEED)
 
 
 @pytest.fixture(scope="module")

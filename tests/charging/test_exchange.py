@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.charging.docking import Misalignment
-from medjax.charging.exchange import coupling_efficiency, transfer
+from medjax.charging.exchange import transfer
+from medjax.charging.link import Misalignment, coupling_efficiency
 from medjax.env.tick import physics_tick
 from medjax.physics import link_efficiency, mutual_inductance
 from medjax.traffic.step import drivers_of

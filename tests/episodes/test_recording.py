@@ -6,6 +6,7 @@ import pytest
 import medjax
 from medjax.episodes.recording import Recording, by_rule, record_episode
 from medjax.policies.rules import forecast
+from medjax.world.kinds import by_class
 from train.evaluation.scores import baseline, evaluate_policies
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -32,7 +33,7 @@ def test_is_the_episode_that_evaluation_plays(world, recording):
 
 
 def test_who_enters_is_who_the_tally_counts(recording):
-    entered = recording.decisions.tally.entered.sum(axis=0)
+    entered = by_class(recording.decisions.tally.entered.sum(axis=0))
     first = recording.frames.active[0]
     config = recording.config
     on_road = [first[config.med_slots].sum(), first[config.ev_slots].sum()]

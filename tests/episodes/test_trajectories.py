@@ -15,6 +15,7 @@ from medjax.episodes.files import write_trajectories
 from medjax.episodes.table import KIND_NAMES, vehicle_table
 from medjax.traffic.road import lateral_position
 from medjax.trajectories import main
+from medjax.world.kinds import HUMAN_EV
 from medjax.world.params import PANELS
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -115,7 +116,7 @@ def test_rows_are_the_recording(recording, table):
             assert got["kind"] == "med"
             assert got["soc"] == frames.med_soc[f, s]
         elif ev < config.num_evs:
-            human = frames.ev_is_human[f, ev]
+            human = frames.kind[f, s] == HUMAN_EV
             assert got["kind"] == ("human_ev" if human else "autonomous_ev")
             assert got["soc"] == frames.ev_soc[f, ev]
             assert got["is_charging"] == frames.ev_is_charging[f, ev]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import medjax
+from medjax.charging.energy import drive_energy
 from medjax.env.forecast import forecast_need
-from medjax.env.tick import drive_energy
 from medjax.world.state import QUEUED
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")

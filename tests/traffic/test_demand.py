@@ -25,6 +25,7 @@ from medjax.traffic.demand import (
     poisson_arrivals,
 )
 from medjax.traffic.entry import admit
+from medjax.world.kinds import by_class
 from tests.traffic.roads import put
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -185,12 +186,13 @@ def fill(asked):
 
     def run(slots, keys, drivers=params.drivers, **demand):
         demand = params.demand.replace(**{k: jnp.float32(v) for k, v in demand.items()})
+        asked_for = params.replace(demand=demand, drivers=drivers)
         is_ev = jnp.arange(slots) < slots // 2
         kind = jnp.where(is_ev, 1, 3)
 
         def one(key):
             desired = desired_speeds(jax.random.normal(key, (slots,)), kind, drivers)
-            return fill_road(key, is_ev, desired, demand, params.road, drivers, NUM_LANES)
+            return fill_road(key, is_ev, desired, NUM_LANES, asked_for)
 
         filled = jax.jit(jax.vmap(one))(jax.random.split(jax.random.key(1), keys))
         return jax.tree.map(np.asarray, filled), np.asarray(kind)
@@ -266,7 +268,7 @@ def test_queues_take_what_arrives(asked, blank):
     @jax.jit
     @jax.vmap
     def one(key):
-        after, tally = admit(key, waiting, env.config, params)
+        after, _, tally = admit(key, waiting, env.config, params)
         new = after.vehicles.active & ~waiting.vehicles.active
         where = entries(params.road, env.config.num_lanes)
         here = (after.vehicles.x == where.x[:, None]) & (after.vehicles.lane == where.lane[:, None])
@@ -286,7 +288,7 @@ def test_queues_take_what_arrives(asked, blank):
     assert (np.abs(arrived.mean(axis=0) - rate) < 4 * np.sqrt(rate / rounds)).all()
     # Who enters is of the class that was drawn; the next one's is drawn then, and only then.
     was_ev = np.asarray(waiting.next_is_ev)
-    np.testing.assert_array_equal(tally[:, 1], came[:, was_ev].sum(axis=1))
+    np.testing.assert_array_equal(by_class(tally)[:, 1], came[:, was_ev].sum(axis=1))
     drawn = next_is_ev[came == 1]
     assert drawn.mean() == pytest.approx(0.3, abs=4 * np.sqrt(0.21 / drawn.size))
     assert (next_is_ev == was_ev)[came == 0].all()
@@ -308,7 +310,7 @@ def test_the_share_of_evs_is_the_demand_also_where_slots_are_short(scarce):
 
         state, _ = jax.lax.scan(decide, state, jax.random.split(key, 600))
         at_front = jnp.stack([state.next_is_ev, ~state.next_is_ev]) & (state.queue > 0)
-        came = state.tally.entered[1:] - begun[1:] + at_front.sum(axis=1)
+        came = by_class(state.tally.entered - begun)[1:] + at_front.sum(axis=1)
         return came, state.queue.sum()
 
     came, waiting = jax.tree.map(np.asarray, play(jax.random.split(jax.random.key(5), 24)))

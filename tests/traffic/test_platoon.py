@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 from medjax.traffic import ballistic_step, idm_acceleration
 from medjax.traffic.following import Drivers, Platooning, following_acceleration, roles
+from medjax.traffic.idm import IDM
 from medjax.traffic.neighbours import NOBODY
 from tests.traffic.cars import LENGTH, drivers
 from tests.traffic.reference import CAR, HIGHWAY, equilibrium_gap, gain, idm, sampled_gain
@@ -43,9 +44,9 @@ def drive(cars, dt, steps):
     first = jnp.arange(cars.x.shape[0]) == 0
 
     def tick(state, _):
-        leaders, followers = roles(cars.drivers, *state, cars.platoon)
+        leaders, followers = roles(cars.drivers, *state, cars.platoon, IDM())
         ahead = jax.tree.map(lambda field: jnp.roll(field, 1), leaders)
-        a = following_acceleration(followers, ahead, ~first, Platooning(0.3, 2.0))
+        a = following_acceleration(followers, ahead, ~first, Platooning(0.3, 2.0), IDM())
         state = ballistic_step(*state, a, dt)
         return state, state
 
