@@ -55,7 +55,7 @@ class Flow(NamedTuple):
 
 def sums_by_class(values: jax.Array, config: EnvConfig) -> jax.Array:
     """Sums over MEDs, EVs and gas vehicles, (3,) float32."""
-    slices = (config.med_slots, config.ev_slots, config.gas_slots)
+    slices = config.class_slots.values()
     return jnp.stack([jnp.sum(values[s], dtype=jnp.float32) for s in slices])
 
 

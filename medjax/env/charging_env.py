@@ -218,14 +218,14 @@ class ChargingEnv:
         return probed
 
     def render(self, state: EnvState, params: EnvParams | None = None, **size: int) -> Any:
-        """Draws a state of one environment, `(height, width, 3)` uint8, as `medjax.render.render_state` does.
+        """Draws a state of one environment, `(height, width, 3)` uint8, as `medjax.render.frame.render_state` does.
 
         Raises:
           InputError: the environment was built without a viewer.
         """
         if self.viewer is None:
             raise InputError(
-                "this environment has no viewer: pass viewer=medjax.render.render_state, or use medjax.make"
+                "viewer = None: allowed viewer=medjax.render.frame.render_state, or an environment of medjax.make"
             )
         return self.viewer(state, self.config, params, name=self.name, **size)
 

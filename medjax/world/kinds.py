@@ -19,6 +19,7 @@ class Kind(NamedTuple):
 
     name: str  # for people
     slots: str  # class of the slots that hold it, one of CLASSES
+    width_m: float  # of its body; pictures alone show it
 
     @property
     def column(self) -> str:
@@ -27,10 +28,10 @@ class Kind(NamedTuple):
 
 
 KINDS = (
-    Kind("MED", MEDS),
-    Kind("human EV", EVS),
-    Kind("autonomous EV", EVS),
-    Kind("gas", FUELLED),
+    Kind("MED", MEDS, 2.5),
+    Kind("human EV", EVS, 1.8),
+    Kind("autonomous EV", EVS, 1.8),
+    Kind("gas", FUELLED, 1.8),
 )
 MED, HUMAN_EV, AUTONOMOUS_EV, GAS = range(len(KINDS))
 

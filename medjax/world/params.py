@@ -21,7 +21,7 @@ from jax.typing import ArrayLike
 
 from medjax.errors import shown
 from medjax.physics import InductanceTable
-from medjax.world.kinds import KINDS
+from medjax.world.kinds import CLASSES, KINDS
 from medjax.world.limits import Limits, as_numbers, read_number
 from medjax.world.ranges import GROUPS, OTHERS, SIZES, WEIGHT
 
@@ -96,6 +96,11 @@ class EnvConfig:
     def gas_slots(self) -> slice:
         """Slots of gas vehicles."""
         return slice(self.num_meds + self.num_evs, self.num_vehicles)
+
+    @property
+    def class_slots(self) -> dict[str, slice]:
+        """Slots of each class, in the order of `medjax.world.kinds.CLASSES`."""
+        return dict(zip(CLASSES, (self.med_slots, self.ev_slots, self.gas_slots), strict=True))
 
     @property
     def traffic_slots(self) -> slice:

@@ -12,10 +12,10 @@ import pytest
 import medjax.episodes.files
 import medjax.episodes.recording
 from medjax.episodes.files import write_trajectories
-from medjax.episodes.table import KIND_NAMES, vehicle_table
+from medjax.episodes.table import vehicle_table
 from medjax.traffic.road import lateral_position
 from medjax.trajectories import main
-from medjax.world.kinds import HUMAN_EV
+from medjax.world.kinds import HUMAN_EV, KINDS
 from medjax.world.params import PANELS
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -221,7 +221,7 @@ def test_fcd_reads_back_by_sumos_converter(recording, table, fcd, sumo_home, tmp
 
     np.testing.assert_allclose(column("timestep_time"), table["time_s"])
     np.testing.assert_array_equal(column("vehicle_id"), table["vehicle_id"])
-    assert {row["vehicle_type"] for row in rows} <= set(KIND_NAMES)
+    assert {row["vehicle_type"] for row in rows} <= {kind.column for kind in KINDS}
     width = float(recording.params.road.lane_width_m)
     for name, expected in {
         "vehicle_x": table["x_m"],

@@ -53,13 +53,24 @@ def drive(cars, dt, steps):
     return jax.lax.scan(tick, (cars.x, cars.speed), length=steps)[1]
 
 
+class Wave(NamedTuple):
+    """A leader at mean + swing sin(w t), m/s, and the gap behind it that is equilibrium at mean, m."""
+
+    gap: float
+    mean: float
+    w: float
+    swing: float
+
+
 @functools.partial(jax.jit, static_argnames=("count", "dt", "steps"))
-def follow(params, gap, mean, w, swing, count, dt, steps):
-    """Speeds (steps, count) of cars behind a leader at mean + swing sin(w t), from equilibrium.
+def follow(params, wave, count, dt, steps):
+    """Speeds (steps, count) of cars behind a leader that swings, from equilibrium.
 
     Each x is measured from the car's own place in a frame that moves at the mean speed, which
     float32 resolves finely.
     """
+
+    gap, mean, w, swing = wave
 
     def tick(carry, step):
         x, speed = carry
@@ -88,7 +99,7 @@ def amplitude(signal, w, dt):
 def measured_gain(v, w, dt, swing=0.05):
     """One car's amplitude over its leader's."""
     steps = round((8 * 2 * np.pi / w + 60.0) / dt)
-    speed = follow(CAR, equilibrium_gap(CAR, v), v, w, swing, 1, dt, steps)
+    speed = follow(CAR, Wave(equilibrium_gap(CAR, v), v, w, swing), 1, dt, steps)
     return amplitude(speed[:, 0], w, dt) / swing
 
 
@@ -116,7 +127,7 @@ def test_a_swing_grows_in_the_unstable_band_and_dies_outside():
     """Item 6 along a column of 20: each car multiplies a slow swing by |G|."""
     w, dt, swing = 0.1, 0.25, 0.01
     for v, grows in ((10.0, True), (25.0, False)):
-        speed = follow(CAR, equilibrium_gap(CAR, v), v, w, swing, 20, dt, 4000)
+        speed = follow(CAR, Wave(equilibrium_gap(CAR, v), v, w, swing), 20, dt, 4000)
         last = amplitude(speed[:, -1], w, dt) / swing
         assert last == pytest.approx(sampled_gain(CAR, v, w, dt) ** 20, rel=0.01)
         assert (last > 1) == grows
