@@ -25,11 +25,8 @@ def open_session(request: Request) -> Session:
     join(request.processes)
     together(lambda: _look(request.run_dir))
     env, params = make_environment(config)
-    try:
-        build_network(env, config)
-        programs = make_train(env, params, config)
-    except ValueError as error:
-        raise InputError(str(error)) from None
+    build_network(env, config)
+    programs = make_train(env, params, config)
     shapes = shapes_of(programs, params, config)
     taken = together(lambda: _take(request, shapes))
     return Session(env, params, config, programs, shapes, request.resume is not None, *taken)

@@ -29,7 +29,7 @@ class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
       **overrides: of `medjax.make`.
 
     Raises:
-      ValueError: one line; a scenario, option, value or render mode that is not allowed.
+      InputError: one line; a scenario, option, value or render mode that is not allowed.
     """
 
     metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
