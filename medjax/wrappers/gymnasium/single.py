@@ -9,11 +9,10 @@ import jax
 import numpy as np
 from gymnasium.error import ResetNeeded
 
+from medjax.registration import ENV_ID
 from medjax.world.state import EnvState
 from medjax.wrappers.gymnasium import programs
 from medjax.wrappers.gymnasium.window import Window
-
-ENV_ID = "medjax/Charging-v0"
 
 
 class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
