@@ -1,4 +1,4 @@
-"""Wrappers around environments: auto-reset of a batch, episode log, normalisation, gymnax's old step.
+"""Wrappers around environments: auto-reset of a batch, episode log, gymnax's old step.
 
 `medjax.wrappers.gymnasium` is imported by itself: it needs the library.
 """
@@ -12,13 +12,6 @@ from medjax.wrappers.decide_every import DecideEvery
 from medjax.wrappers.demand import RandomDemand, RandomDemandState, scale_demand
 from medjax.wrappers.episode_log import EpisodeLog, EpisodeLogState
 from medjax.wrappers.legacy import LegacyStep
-from train.algorithms.normalization import (
-    RunningStats,
-    init_stats,
-    normalize,
-    scale_reward,
-    update_stats,
-)
 
 __all__ = [
     "BatchAutoReset",
@@ -31,17 +24,12 @@ __all__ = [
     "LegacyStep",
     "RandomDemand",
     "RandomDemandState",
-    "RunningStats",
     "TimeLimitAsEnd",
     "Wrapper",
     "environment_mesh",
     "for_true_rows",
     "in_blocks",
-    "init_stats",
-    "normalize",
     "on_devices",
     "prepare_cpu",
     "scale_demand",
-    "scale_reward",
-    "update_stats",
 ]

@@ -7,10 +7,11 @@ from tests.train import conftest
 
 def main() -> int:
     import medjax
-    from train import closing, ppo
+    from train import ppo
+    from train.runs import finish
 
     medjax.make = conftest.make_probe
-    closing.BASELINES = {"none": conftest.never, "random": conftest.coin}
+    finish.BASELINES = {"none": conftest.never, "random": conftest.coin}
     return ppo.main(sys.argv[1:])
 
 

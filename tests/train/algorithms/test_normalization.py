@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from medjax.wrappers import init_stats, scale_reward, update_stats
-from train.algorithms import normalization as normalize
+from train.algorithms.normalization import init_stats, normalize, scale_reward, update_stats
 
 
 @settings(max_examples=20, deadline=None)

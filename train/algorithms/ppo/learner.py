@@ -23,18 +23,20 @@ from medjax.wrappers import (
     Environment,
     EpisodeLog,
     RandomDemand,
-    RunningStats,
     TimeLimitAsEnd,
     environment_mesh,
-    init_stats,
-    normalize,
     on_devices,
-    scale_reward,
-    update_stats,
 )
 from train.algorithms.advantages import generalized_advantages
 from train.algorithms.finite import BAD, first_bad
 from train.algorithms.networks import PolicyWeights, build_network, masked_categorical
+from train.algorithms.normalization import (
+    RunningStats,
+    init_stats,
+    normalize,
+    scale_reward,
+    update_stats,
+)
 from train.algorithms.ppo.losses import Batch, LossWeights, explained_variance, ppo_loss
 from train.algorithms.rollout import EpisodeSums, RolloutState, Trajectory, collect, start
 from train.settings import MOST_PER_CALL, TrainConfig
