@@ -257,12 +257,8 @@ def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
     from medjax.numerics.devices import environment_mesh
     from train.algorithms.networks import check_network
 
-    overrides: dict[str, Any] = dict(config.overrides)
-    try:
-        # An environment is compiled in part; what can be refused without it is refused before.
-        check_network(config, OBSERVATIONS.get(config.observation))
-        groups = config.num_envs // config.num_minibatches
-        environment_mesh(groups, config.num_devices, jax.devices())
-        return build(config.scenario, observation=config.observation, **overrides)
-    except ValueError as error:
-        raise InputError(str(error)) from None
+    # An environment is compiled in part; what can be refused without it is refused before.
+    check_network(config, OBSERVATIONS.get(config.observation))
+    groups = config.num_envs // config.num_minibatches
+    environment_mesh(groups, config.num_devices, jax.devices())
+    return build(config.scenario, observation=config.observation, **config.overrides)

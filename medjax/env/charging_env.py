@@ -28,6 +28,7 @@ from medjax.traffic.following import CarFollowing
 from medjax.traffic.idm import STANDARD_IDM
 from medjax.traffic.step import drivers_of, perturb
 from medjax.world.params import EnvConfig, EnvParams, validate_config
+from medjax.world.presets import Recipe
 from medjax.world.state import EnvState, Tally
 
 Step = tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, dict[str, Any]]
@@ -47,9 +48,14 @@ class ChargingEnv:
       coupling: efficiency of the coils, one of `medjax.charging.link.COUPLINGS` or of your own.
       viewer: what `render` draws with, `viewer(state, config, params, name=..., **size)`.
 
+    Attributes:
+      recipe: how `medjax.make` was called; None where it was not.
+
     Raises:
-      ValueError: one line, if config is out of range.
+      InputError: one line, if config is none.
     """
+
+    recipe: Recipe | None = None
 
     def __init__(
         self,

@@ -17,7 +17,7 @@ from flax import struct
 
 from medjax.env.contract import Environment
 from medjax.env.observation import FlatObservation
-from medjax.errors import shown
+from medjax.errors import InputError, shown
 from medjax.world.params import EnvConfig
 from train.algorithms.normalization import RunningStats, normalize
 from train.settings import TrainConfig
@@ -167,19 +167,19 @@ def check_network(config: TrainConfig, layout: Any) -> None:
         layout: observation of the environment, `medjax.env.observation.OBSERVATIONS` has those with a name.
 
     Raises:
-        ValueError: no such network, or it does not fit the observation.
+        InputError: no such network, or it does not fit the observation.
     """
     if config.network not in NETWORKS:
         allowed = ", ".join(NETWORKS)
-        raise ValueError(f"network is {shown(config.network)}, allowed: {allowed}")
+        raise InputError(f"network is {shown(config.network)}, allowed: {allowed}")
     if config.network != "sets":
         return
     if not isinstance(layout, FlatObservation):
-        raise ValueError(
+        raise InputError(
             f"network is 'sets' and observation is {shown(config.observation)}, allowed: flat"
         )
     if config.normalize_observations:  # nobody would no longer be a row of zeros
-        raise ValueError("network is 'sets' and normalize_observations is True, allowed: False")
+        raise InputError("network is 'sets' and normalize_observations is True, allowed: False")
 
 
 def build_network(env: Environment, config: TrainConfig) -> nn.Module:
@@ -190,7 +190,7 @@ def build_network(env: Environment, config: TrainConfig) -> nn.Module:
         config: settings.
 
     Raises:
-        ValueError: no such network, or it does not fit the observation.
+        InputError: no such network, or it does not fit the observation.
     """
     check_network(config, getattr(env, "observation", None))
     make_torso = NETWORKS[config.network](env, config)

@@ -7,16 +7,16 @@ import jax
 import numpy as np
 
 from medjax.policies.rules import BASELINES
-from train.runs.checkpoint import updates_done
-from train.settings import TrainConfig
+from train.algorithms.networks import PolicyWeights, build_network
+from train.algorithms.ppo.learner import TrainState
 from train.evaluation.scores import TRAINED, Evaluation, Policy, baseline, summarize, trained
+from train.evaluation.tables import final_return, format_table
 from train.export import export_policy
 from train.reporting.figures import plot_curve
-from train.algorithms.ppo.learner import TrainState
+from train.runs.checkpoint import updates_done
 from train.runs.logs import Row
-from train.algorithms.networks import PolicyWeights, build_network
 from train.runs.run_directory import write_json
-from train.evaluation.tables import final_return, format_table
+from train.settings import TrainConfig
 
 if TYPE_CHECKING:
     from train.runs.session import Session

@@ -68,8 +68,8 @@ def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, Any]:
     from medjax.wrappers import prepare_cpu
 
     prepare_cpu()
-    from train.runs.checkpoint import Checkpoints
     from train.algorithms.ppo.learner import make_train
+    from train.runs.checkpoint import Checkpoints
     from train.runs.session import shapes_of
 
     reader = Checkpoints(run_dir)

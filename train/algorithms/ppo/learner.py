@@ -299,7 +299,7 @@ def build_learner(env: Environment, params: Any, config: TrainConfig) -> Learner
         config: settings.
 
     Raises:
-        ValueError: `config.num_devices` is not possible.
+        InputError: `config.num_devices` is not possible.
     """
     episode_choices = -(-episode_decisions(params) // config.decide_every)
     network = build_network(env, config)
