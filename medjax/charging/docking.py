@@ -156,10 +156,12 @@ def approach(state: EnvState, drivers: Drivers, config: EnvConfig, params: EnvPa
     )
     to_service = jnp.sign(params.fleet.service_lane - vehicles.lane[config.med_slots])
     direction = config.by_slot(to_service, jnp.where(booked, plan.direction, 0), 0)
+    # A write into one array, where `by_slot` would join three: XLA for CPUs is slower at that.
+    free = jnp.full((config.num_vehicles,), jnp.inf)
     return Orders(
         platoon=config.by_slot(jnp.arange(config.num_meds, dtype=jnp.int32), evs.med, NOBODY),
         platooning=Platooning(params.charging.platoon_headway, params.charging.platoon_min_gap),
-        acceleration=config.by_slot(jnp.inf, jnp.where(booked, docking, jnp.inf), jnp.inf),
+        acceleration=free.at[slots].set(jnp.where(booked, docking, jnp.inf)),
         direction=direction.astype(jnp.int32),
         stay=config.by_slot(True, booked, False),
     )

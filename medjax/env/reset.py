@@ -40,7 +40,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
         next_is_ev=jax.random.bernoulli(next_key, demand.ev_share, (config.num_entries,)),
         cooldown_s=jnp.zeros(()),
         time=jnp.zeros((), jnp.int32),
-        tally=Tally.zeros().replace(entered=count_kinds(active, vehicles.kind)),
+        tally=Tally.zeros().replace(entered=count_kinds(active, vehicles.kind, config)),
     )
 
 

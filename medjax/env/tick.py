@@ -48,7 +48,7 @@ def physics_tick(
         evs, meds, exchanged = exchange(before, after, link, state, config, params)
     with jax.named_scope("exits"):
         left = before.active & (after.x > params.road.length_m)
-        ran_out = config.by_slot(False, evs.energy_j <= 0.0, False)
+        ran_out = jnp.zeros_like(left).at[config.ev_slots].set(evs.energy_j <= 0.0)
         depleted = before.active & ran_out & ~left
         after = after.replace(active=before.active & ~left & ~depleted)
         meds = on_the_road(meds, after, left, config, params)
@@ -77,7 +77,7 @@ def _flow(
         return jnp.sum(after.active[slots], dtype=jnp.float32) * config.tick_s
 
     return Tally.zeros().replace(
-        left=count_kinds(left, before.kind),
+        left=count_kinds(left, before.kind, config),
         ev_seconds=seconds(ev_slots),
         ev_distance_m=sum_pairwise(travelled[ev_slots]),
         soc_seconds=sum_pairwise(jnp.where(after.active[ev_slots], soc, 0.0)) * config.tick_s,

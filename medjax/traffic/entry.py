@@ -144,7 +144,7 @@ def admit(
     next_is_ev = jnp.where(placed, class_draw < demand.ev_share, is_ev)
     queued_meds = jnp.sum(status == QUEUED)
     tally = Tally.zeros().replace(
-        entered=count_kinds(entry >= 0, vehicles.kind),
+        entered=count_kinds(entry >= 0, vehicles.kind, config),
         queue_seconds=(jnp.sum(queue) + queued_meds).astype(jnp.float32) * config.decision_s,
     )
     state = state.replace(

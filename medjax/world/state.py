@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.world.kinds import KINDS
+from medjax.world.params import EnvConfig
 
 # Where a MED is in its day.
 AT_DEPOT, QUEUED, MERGING, IN_SERVICE, RETIRED = range(5)
@@ -86,10 +87,13 @@ class Tally(struct.PyTreeNode):
         return jax.tree.map(jnp.add, self, other)
 
 
-def count_kinds(flags: jax.Array, kind: jax.Array) -> jax.Array:
+def count_kinds(flags: jax.Array, kind: jax.Array, config: EnvConfig) -> jax.Array:
     """How many vehicles of each kind have a flag, `(num_kinds,)` float32 from `(N,)` each."""
-    of_kind = kind == jnp.arange(len(KINDS), dtype=jnp.int32)[:, None]
-    return jnp.sum(flags & of_kind, axis=-1, dtype=jnp.float32)
+    counts = []
+    for index, row in enumerate(KINDS):
+        slots = config.class_slots[row.slots]  # a kind is nowhere else
+        counts.append(jnp.sum(flags[slots] & (kind[slots] == index), dtype=jnp.float32))
+    return jnp.stack(counts)
 
 
 class EnvState(struct.PyTreeNode):
