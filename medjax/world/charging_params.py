@@ -19,12 +19,7 @@ class FleetParams(struct.PyTreeNode):
     """The MEDs and their dispatch."""
 
     size: jax.Array | int = number(
-        15,
-        0,
-        64,
-        "",
-        "MEDs at the depot at the start, at most `num_meds`; the most that the paper sends",
-        whole=True,
+        15, 0, 64, "", "MEDs in the depot at first, at most `num_meds`; paper", whole=True
     )
     cooldown_s: Scalar = number(
         5.0, 0, 1e6, "s", "between two dispatches; chosen; the paper leaves its length to the user"
@@ -34,14 +29,10 @@ class FleetParams(struct.PyTreeNode):
         0,
         math.inf,
         "s",
-        "from leaving the road to being ready again, full; inf: each MED is sent at most once an episode",
+        "from the road's end to ready and full; inf: each MED is sent once",
     )
     service_speed: Scalar = number(
-        18.0,
-        1,
-        100,
-        "m/s",
-        "chosen: an EV spends half of what it does at 30 m/s, stays longer, and traffic can pass",
+        18.0, 1, 100, "m/s", "chosen: EVs use half as much as at 30 m/s, and traffic can pass"
     )
     service_lane: jax.Array | int = number(
         2, 0, 5, "", "a lane with one on either side", whole=True
@@ -63,7 +54,7 @@ class ChargingParams(struct.PyTreeNode):
         0.1,
         1e6,
         "s",
-        "a booking that has not docked for so long lapses; reach over approach speed, and ten seconds",
+        "until a booking not docked lapses; reach over approach speed, and 10 s",
     )
     retry_s: Scalar = number(
         10.0, 0, 1e6, "s", "then the EV waits so long before it asks again; chosen"
@@ -72,36 +63,20 @@ class ChargingParams(struct.PyTreeNode):
         8.0, 0.1, 50, "m/s", "chosen: how much faster than the MED an EV closes up, at most"
     )
     approach_rate: Scalar = number(
-        0.35,
-        0.01,
-        10,
-        "1/s",
-        "relative speed asked for per metre to go; chosen: with `speed_rate`, slightly underdamped",
+        0.35, 0.01, 10, "1/s", "relative speed per metre to go; chosen: slightly underdamped"
     )
     speed_rate: Scalar = number(
         1.0, 0.01, 20, "1/s", "acceleration per m/s of relative speed error; chosen"
     )
     platoon_headway: Scalar = number(
-        0.3,
-        0.01,
-        10,
-        "s",
-        "between a MED and the EVs booked on it; cooperative cruise control, as in truck platooning tests",
+        0.3, 0.01, 10, "s", "of a MED and the EVs booked on it; as in truck platooning tests"
     )
     platoon_min_gap: Scalar = number(2.0, 0.1, 20, "m", "as `drivers.min_gap`")
     dock_gap_m: Scalar = number(
-        12.0,
-        0.1,
-        100,
-        "m",
-        "bumper to bumper, in front of and behind a MED; chosen: above the platoon's gap at 18 m/s",
+        12.0, 0.1, 100, "m", "bumper to bumper; chosen: above the platoon's gap at 18 m/s"
     )
     dock_tolerance_m: Scalar = number(
-        0.3,
-        0.001,
-        10,
-        "m",
-        "charging starts within this; chosen: efficiency stays above 0.9",
+        0.3, 0.001, 10, "m", "charging starts within this; chosen: efficiency stays above 0.9"
     )
     dock_speed_tolerance: Scalar = number(
         0.5, 0.001, 10, "m/s", "and within this of the MED's speed; chosen"
@@ -124,18 +99,10 @@ class LinkParams(struct.PyTreeNode):
 
     inductance: InductanceTable = None  # type: ignore[assignment]  # of the two coils; `build_link` fills it in
     panel_gap_m: Scalar = number(
-        0.2,
-        0.05,
-        1,
-        "m",
-        "nominal axial distance of two docked panels, as far as the coils' table goes; design; SAE J2954 Z3",
+        0.2, 0.05, 1, "m", "distance of docked panels, in the coils' table; SAE J2954 Z3"
     )
     misalignment_scale: Scalar = number(
-        1.0,
-        0,
-        10,
-        "",
-        "of what is off nominal, how much the coils see; 0: every link at its nominal place, 1: as the vehicles drive",
+        1.0, 0, 10, "", "share of the misalignment that coils see; 0: none, 1: as vehicles drive"
     )
     load_ohm: Scalar = number(10.0, 1e-3, 1e6, "ohm", "reference")
     med_resistance_ohm: Scalar = number(0.159, 1e-6, 10e3, "ohm", "reference")
@@ -173,11 +140,7 @@ class BodyParams(struct.PyTreeNode):
     """Road load and drivetrain of one vehicle class, eqs (7)-(8): an EV's, and a MED's."""
 
     mass_kg: Scalar = number(
-        (1636.03, 15076.0),
-        1,
-        1e6,
-        "kg",
-        ("Nissan Leaf 30 kWh, fastsim", "reference: a 15 t truck"),
+        (1636.03, 15076.0), 1, 1e6, "kg", ("Nissan Leaf 30 kWh, fastsim", "reference: a 15 t truck")
     )
     drag_coefficient: Scalar = number((0.315, 0.8), 1e-3, 10, "", ("the same", "the same"))
     frontal_area_m2: Scalar = number((2.755, 10.0), 0.01, 100, "m2", ("the same", "the same"))

@@ -61,12 +61,10 @@ class EnvConfig:
         40,
         1,
         4096,
-        text="chosen: 2.8 times those that are expected at 30 m/s; who charges stays longer",
+        text="chosen: 2.8 times the number at 30 m/s; who charges stays longer",
         whole=True,
     )
-    num_gas: int = number(
-        153, 0, 4096, text="chosen: 1.5 times those that are expected at 30 m/s", whole=True
-    )
+    num_gas: int = number(153, 0, 4096, text="chosen: 1.5 times the number at 30 m/s", whole=True)
     num_lanes: int = number(4, 1, 6, text="paper", whole=True)
     num_ramps: int = number(4, 0, 8, text="paper", whole=True)
     tick_s: float = number(

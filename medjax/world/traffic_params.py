@@ -33,21 +33,13 @@ class DemandParams(struct.PyTreeNode):
     """Traffic that asks to enter."""
 
     mainline_per_h: Scalar = number(
-        2600.0,
-        0,
-        100e3,
-        "1/h",
-        "over all lanes at x = 0; chosen: 650 an hour and lane, free flow with platoons",
+        2600.0, 0, 100e3, "1/h", "all lanes; chosen: 650 an hour and lane, free flow with platoons"
     )
     ramp_per_h: jax.Array = number(
         (250.0,) * 4, 0, 100e3, "1/h", "at each ramp, `(num_ramps,)`; chosen", per="ramp"
     )
     ev_share: Scalar = number(
-        0.12,
-        0,
-        1,
-        "",
-        "share of arrivals that are EVs; chosen: so many that fifteen MEDs can serve most",
+        0.12, 0, 1, "", "EVs among arrivals; chosen: so many that fifteen MEDs can serve most"
     )
     human_share: Scalar = number(
         0.5, 0, 1, "", "share of EVs driven by a human; chosen, the paper has both kinds of drivers"
@@ -57,9 +49,9 @@ class DemandParams(struct.PyTreeNode):
         0,
         1,
         "",
-        "arriving EVs' charge is uniform from here; chosen with `battery_scale`: most EVs run out unaided",
+        "charge on arrival, at least; chosen with `battery_scale`: most run out unaided",
     )
-    arrival_soc_high: Scalar = number(0.7, 0, 1, "", "and to here; chosen")
+    arrival_soc_high: Scalar = number(0.7, 0, 1, "", "charge on arrival, at most; chosen")
     ramp_speed: Scalar = number(20.0, 1, 60, "m/s", "at the start of the acceleration lane; chosen")
 
 
@@ -81,20 +73,10 @@ class DriverParams(struct.PyTreeNode):
         (1.5, 1.4, 1.2, 1.4), 0.1, 10, "s", "Kesting, Treiber, Helbing 2007: 1.0-1.6", per="kind"
     )
     min_gap: jax.Array = number(
-        (3.0, 2.0, 2.0, 2.0),
-        0.1,
-        20,
-        "m",
-        "bumper to bumper; Treiber, Hennecke, Helbing 2000: 2",
-        per="kind",
+        (3, 2, 2, 2), 0.1, 20, "m", "bumper to bumper; Treiber et al. 2000: 2", per="kind"
     )
     max_acceleration: jax.Array = number(
-        (1.0, 1.4, 1.4, 1.4),
-        0.1,
-        20,
-        "m/s2",
-        "Treiber, Kesting 2013, table 11.2: 1.0-1.5",
-        per="kind",
+        (1, 1.4, 1.4, 1.4), 0.1, 20, "m/s2", "Treiber, Kesting 2013, tab. 11.2: 1.0-1.5", per="kind"
     )
     comfortable_deceleration: jax.Array = number(
         (2.0, 2.0, 2.0, 2.0), 0.1, 20, "m/s2", "the same", per="kind"
@@ -123,11 +105,7 @@ class MotionParams(struct.PyTreeNode):
         5.0, 0.1, 10e3, "s", "correlation time of acceleration noise and lateral wander; chosen"
     )
     lateral_rate: Scalar = number(
-        2.0,
-        0.1,
-        20,
-        "1/s",
-        "natural frequency of the lateral relaxation; a lane change is 95 % done after 2.4 s",
+        2.0, 0.1, 20, "1/s", "frequency of the lateral relaxation; 95 % of a lane change in 2.4 s"
     )
 
 
@@ -143,11 +121,7 @@ class LaneChangeParams(struct.PyTreeNode):
         4.0, 0.1, 50, "m/s2", "imposed on the new follower or on oneself, at most; the same"
     )
     mandatory_bias: Scalar = number(
-        10.0,
-        0,
-        1000,
-        "m/s2",
-        "added to a mandatory change, at least; chosen: outweighs any incentive, never safety",
+        10.0, 0, 1000, "m/s2", "a mandatory change's; chosen: beats any incentive, never safety"
     )
     urgency_bias: Scalar = number(
         10.0, 0, 1000, "m/s2", "more at the end of an acceleration lane; chosen"
