@@ -6,6 +6,7 @@ Composes traffic, charging, dispatch, observation and reward, and reads like the
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -13,6 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from medjax.charging.booking import Offers, Requests, book, can_serve, panel_flags
+from medjax.env.contract import step_with_reset
 from medjax.env.dispatch import action_mask, dispatch
 from medjax.env.metrics import episode_metrics
 from medjax.env.observation import FlatObservation, Observation, observe
@@ -47,6 +49,9 @@ class ChargingEnv:
     Raises:
       ValueError: one line, if config is out of range.
     """
+
+    decisions_per_step = 1
+    recipe: Any = None  # how `medjax.make` builds it again; None: it was built otherwise
 
     def __init__(
         self,
@@ -86,27 +91,8 @@ class ChargingEnv:
         return self.observation(state, self.config, params), state
 
     def step(self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams) -> Step:
-        """One decision, and a reset in the same step when the episode ends.
-
-        Returns:
-          (observation, state, reward, terminated, truncated, info). Observation and state are those
-          of the next episode when this one ended; `info["final_observation"]` is always the
-          observation that the decision itself led to. `info["action_mask"]` fits the returned state.
-        """
-        step_key, reset_key = jax.random.split(key)
-        last_obs, last_state, reward, terminated, truncated, info = self.step_env(
-            step_key, state, action, params
-        )
-        ends = terminated | truncated
-        # Unbatched, cond spares the reset; under vmap both sides run (wrappers.BatchAutoReset).
-        obs, state = jax.lax.cond(
-            ends, lambda: self.reset(reset_key, params), lambda: (last_obs, last_state)
-        )
-        info = info | {
-            "final_observation": last_obs,
-            "action_mask": self.action_mask(state, params),
-        }
-        return obs, state, reward, terminated, truncated, info
+        """One decision, and a reset in the same step when the episode ends; see `step_with_reset`."""
+        return step_with_reset(self, key, state, action, params)
 
     def step_env(
         self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
@@ -175,6 +161,10 @@ class ChargingEnv:
         """Allowed actions, `(num_actions,)` bool; action 0 always is."""
         return action_mask(state, self.config)
 
+    def get_obs(self, state: EnvState, params: EnvParams) -> jax.Array:
+        """The flat observation of a state, `(size,)` float32."""
+        return self.observation(state, self.config, params)
+
     def observe(self, state: EnvState, params: EnvParams) -> Observation:
         """The structured observation: one row a MED, one an EV, and masks."""
         return observe(state, self.config, params)
@@ -184,6 +174,16 @@ class ChargingEnv:
         from medjax.render.frame import render_state
 
         return render_state(state, self.config, params, name=self.name, **size)
+
+    def highway(self, state: EnvState, params: EnvParams) -> tuple[EnvState, EnvParams]:
+        """State and parameters themselves: no wrapper is around them."""
+        return state, params
+
+    def with_probe(self, probe: Callable[[EnvState], Any] | None) -> ChargingEnv:
+        """The same environment, of the same class, with another probe."""
+        probed = copy.copy(self)
+        probed.probe = probe
+        return probed
 
     def _first_tick(self, state: EnvState) -> jax.Array | int:
         """Number of the decision's first tick, which says whose turn it is to change lanes.
