@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 def test_books_balance_in_every_tick():
     """Battery changes = transfer less driving, recomputed in float64 from speeds, every tick."""
     env, params = medjax.make("paper", request_soc=0.6, cooldown_s=5.0)
-    act = medjax.BASELINES["greedy"](env)
+    policy = medjax.BASELINES["greedy"](env)
     config = env.config
 
     def episode(key):
@@ -26,7 +26,9 @@ def test_books_balance_in_every_tick():
         _, state = env.reset(reset_key, params)
 
         def warm(state, key):
-            return env.step_env(key, state, act(key, state, params), params)[1], None
+            return env.step_env(key, state, policy(key, None, state, params).action, params)[
+                1
+            ], None
 
         state, _ = jax.lax.scan(warm, state, jax.random.split(key, 120))
 

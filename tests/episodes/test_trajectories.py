@@ -36,10 +36,10 @@ def played(tmp_path_factory):
     """The recording that the command made, and the file that it wrote."""
     target = tmp_path_factory.mktemp("out") / "run.csv"
     made = []
-    record = medjax.episodes.chosen.record_episode
+    record = medjax.episodes.options.record_episode
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            medjax.episodes.chosen,
+            medjax.episodes.options,
             "record_episode",
             lambda *args, **kwargs: made.append(record(*args, **kwargs)) or made[0],
         )

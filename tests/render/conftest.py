@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.episodes.recording import by_rule, record_episode
+from medjax.episodes.recording import record_episode
 from medjax.policies.rules import BASELINES
 from tests.render.made import busy, parked
 
@@ -32,8 +32,8 @@ def world():
 def recording(world):
     """Under the rule `periodic`: MEDs come, EVs charge and run out."""
     env, params = world
-    choose = by_rule(BASELINES["periodic"](env), env.num_actions)
-    return record_episode(env, params, choose, policy="periodic", seed=3, episode=14)
+    policy = BASELINES["periodic"](env)
+    return record_episode(env, params, policy, name="periodic", seed=3, episode=14)
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
+from medjax.policies.policy import rule
 from tests.train.probe_envs import Probe, ProbeParams
 
 TINY = [
@@ -33,11 +34,13 @@ def make_probe(name="noisy", observation=None, **overrides):
 
 
 def never(env):
-    return lambda key, state, params: jnp.int32(0)
+    return rule(lambda key, state, params: jnp.int32(0), env.num_actions)
 
 
 def coin(env):
-    return lambda key, state, params: jax.random.randint(key, (), 0, 2, jnp.int32)
+    return rule(
+        lambda key, state, params: jax.random.randint(key, (), 0, 2, jnp.int32), env.num_actions
+    )
 
 
 @pytest.fixture

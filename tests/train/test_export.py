@@ -9,12 +9,13 @@ import pytest
 
 import medjax
 from medjax.episodes.recording import record_episode
+from medjax.episodes.scores import evaluate_policies
 from medjax.policies.saved import load_policy
-from medjax.wrappers import init_stats
 from tests.train.test_arguments import refused
 from train import export
 from train.algorithms.networks import PolicyWeights, apply_policy, build_network
-from train.evaluation.scores import evaluate_policies, trained
+from train.algorithms.normalization import init_stats
+from train.algorithms.policy import learned_policy
 from train.settings import TrainConfig
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -64,8 +65,8 @@ def test_plays_what_the_evaluation_of_the_run_plays(exported):
     env, params, config, network, weights, path = exported
     policy = load_policy(path)
     there, numbers = policy.make()
-    recording = record_episode(there, numbers, policy.choose(there), seed=5, episode=1)
-    policies = {"ppo": trained(network, weights, config.decide_every)}
+    recording = record_episode(there, numbers, policy.policy(there), seed=5, episode=1)
+    policies = {"ppo": learned_policy(env, network, weights, config.decide_every)}
     scores = evaluate_policies(env, params, policies, 2, seed=5)["ppo"]
     assert recording.decisions.reward.sum() == pytest.approx(scores["return"][1], rel=1e-4)
     assert recording.decisions.tally.meds_dispatched.sum() == scores["meds_dispatched"][1] > 0
@@ -80,7 +81,7 @@ def test_another_shape_is_refused(exported):
         policy.act(np.zeros(3), np.ones(5, bool))
     env, _ = medjax.make("paper", **SMALL | {"num_ramps": 2})
     with pytest.raises(ValueError, match="3 actions: allowed"):
-        policy.choose(env)
+        policy.policy(env)
 
 
 def test_a_foreign_file_is_refused(exported, tmp_path):
