@@ -237,6 +237,16 @@ SCENARIOS: dict[str, Scenario] = {
 }
 
 
+@dataclasses.dataclass(frozen=True)
+class Recipe:
+    """How `medjax.make` was called: enough to call it again."""
+
+    scenario: str
+    overrides: Mapping[str, Any]
+    reward: Mapping[str, Any] | None  # as given
+    observation: Any  # as given: a name, or one of one's own
+
+
 def _places() -> dict[str, tuple[str, str, Limits]]:
     """Group, name and limits of every number, by the names that an override may use.
 
@@ -358,6 +368,7 @@ def prepare(
     params = _set(params.replace(reward_weights=_weights(weights, known)), numbers)
     params = check_numbers(config, params)
     env = ChargingEnv(config, reward=terms, observation=seen, name=name)
+    env.recipe = Recipe(name, dict(overrides), reward, observation)
     return env, params, CoilDesign(**coils)
 
 

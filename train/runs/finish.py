@@ -43,7 +43,7 @@ def close_run(
     """
     config, run_dir = session.config, session.run_dir
     started = time.perf_counter()
-    export_policy(run_dir.policy, session.env, config, state.weights)
+    export_policy(run_dir.policy, session.env, session.params, config, state.weights)
     result = None
     if evaluate and config.eval_episodes:
         result = _evaluate(session, state)
