@@ -23,7 +23,7 @@ from medjax.env.contract import (
 class Wrapper:
     """`env` unchanged, and itself an `Environment`; a subclass says what it changes.
 
-    A subclass with a state or parameters of its own says by `inner` what is of `env` in them.
+    A subclass with a state or parameters of its own says by `inner` and `outer` what is of `env` in them.
 
     Attributes:
         env: a single environment.
@@ -34,6 +34,10 @@ class Wrapper:
     def inner(self, state: State, params: Params) -> tuple[State, Params]:
         """State and parameters of `env` in those of the wrapper."""
         return state, params
+
+    def outer(self, state: State, inner: State) -> State:
+        """State of the wrapper after `state`, once that of `env` is `inner`."""
+        return inner
 
     @property
     def name(self) -> str:
@@ -72,7 +76,9 @@ class Wrapper:
         self, key: jax.Array, state: State, action: jax.Array, params: Params
     ) -> StepResult:
         """One decision."""
-        return self.env.step_env(key, state, action, params)
+        own, numbers = self.inner(state, params)
+        obs, own, *rest = self.env.step_env(key, own, action, numbers)
+        return obs, self.outer(state, own), *rest
 
     def action_mask(self, state: State, params: Params) -> jax.Array:
         """`(num_actions,)` bool, True where the action is allowed."""

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from medjax.env.contract import Observation, Params, State, StepResult
+from medjax.env.contract import Observation, Params, State
 from medjax.world.params import Scalar
 from medjax.wrappers.base import Wrapper
 
@@ -78,17 +78,13 @@ class RandomDemand(Wrapper):
         """State of the environment, and the parameters at the demand of the episode (None stays None)."""
         return state.env, None if params is None else scale_demand(params, state.factor)
 
+    def outer(self, state: RandomDemandState, inner: State) -> RandomDemandState:
+        """The same demand to the end of the episode."""
+        return RandomDemandState(inner, state.factor)
+
     def reset(self, key: jax.Array, params: Params) -> tuple[Observation, RandomDemandState]:
         """Starts an episode of another demand."""
         own = jax.random.fold_in(key, FACTOR)
         factor = jax.random.uniform(own, (), jnp.float32, self.low, self.high)
         obs, state = self.env.reset(key, scale_demand(params, factor))
         return obs, RandomDemandState(state, factor)
-
-    def step_env(
-        self, key: jax.Array, state: RandomDemandState, action: jax.Array, params: Params
-    ) -> StepResult:
-        """One decision, at the demand of the episode."""
-        env_state, params = self.inner(state, params)
-        obs, env_state, *rest = self.env.step_env(key, env_state, action, params)
-        return obs, RandomDemandState(env_state, state.factor), *rest
