@@ -47,7 +47,7 @@ def moved_to_the_end(state, config, params, x):
     )
 
 
-def play(env, params, act, decisions):
+def play(env, params, policy, decisions):
     """Jitted (key, state) -> (last state, per decision: what must be 0, who charges where, who is on the road)."""
     config = env.config
     slices = (config.med_slots, config.ev_slots, config.gas_slots)
@@ -55,7 +55,7 @@ def play(env, params, act, decisions):
     def step(state, key):
         act_key, step_key = jax.random.split(key)
         obs, state, reward, _, _, info = env.step_env(
-            step_key, state, act(act_key, state, params), params
+            step_key, state, policy(act_key, None, state, params).action, params
         )
         v, tally = state.vehicles, state.tally
         on_road = jnp.stack([v.active[s].sum() for s in slices])

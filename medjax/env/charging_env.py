@@ -15,6 +15,7 @@ import jax.numpy as jnp
 
 from medjax.charging.booking import book, welcome
 from medjax.charging.link import Coupling, coupling_efficiency
+from medjax.env.contract import step_with_reset
 from medjax.env.dispatch import action_mask, advance_clocks, dispatch
 from medjax.env.metrics import episode_metrics
 from medjax.env.observation import FlatObservation, Observation, observe
@@ -55,6 +56,7 @@ class ChargingEnv:
       InputError: one line, if config is none.
     """
 
+    decisions_per_step = 1
     recipe: Recipe | None = None
 
     def __init__(
@@ -100,27 +102,8 @@ class ChargingEnv:
         return self.get_obs(state, params), state
 
     def step(self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams) -> Step:
-        """One decision, and a reset in the same step when the episode ends.
-
-        Returns:
-          (observation, state, reward, terminated, truncated, info). Observation and state are those
-          of the next episode when this one ended; `info["final_observation"]` is always the
-          observation that the decision itself led to. `info["action_mask"]` fits the returned state.
-        """
-        step_key, reset_key = jax.random.split(key)
-        last_obs, last_state, reward, terminated, truncated, info = self.step_env(
-            step_key, state, action, params
-        )
-        ends = terminated | truncated
-        # Unbatched, cond spares the reset; under vmap both sides run (wrappers.BatchAutoReset).
-        obs, state = jax.lax.cond(
-            ends, lambda: self.reset(reset_key, params), lambda: (last_obs, last_state)
-        )
-        info = info | {
-            "final_observation": last_obs,
-            "action_mask": self.action_mask(state, params),
-        }
-        return obs, state, reward, terminated, truncated, info
+        """One decision, and a reset in the same step when the episode ends; see `step_with_reset`."""
+        return step_with_reset(self, key, state, action, params)
 
     def step_env(
         self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams

@@ -38,7 +38,7 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
         "seed": recording.seed,
         "episode": recording.episode,
         "tickSeconds": config.tick_s,
-        "ticksPerDecision": config.ticks_per_decision,
+        "ticksPerDecision": recording.ticks_per_decision,
         "numMeds": config.num_meds,
         "numEvs": config.num_evs,
         "numVehicles": config.num_vehicles,

@@ -113,7 +113,7 @@ class Timeline:
         share = time_s / recording.config.tick_s - now
         frame = Frames(**{name: getattr(frames, name)[now] for name in Frames.__dataclass_fields__})
         here = self._track_at[now]
-        decision = -(-now // recording.config.ticks_per_decision)
+        decision = -(-now // recording.ticks_per_decision)
         scene = scene_of(
             frame,
             recording.config,

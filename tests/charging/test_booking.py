@@ -146,14 +146,14 @@ def test_too_far_or_too_late_is_refused(booking, paper):
 def test_one_to_one_in_play():
     """At every decision of 16 busy episodes no slot has two EVs, and flags agree with the map."""
     env, params = medjax.make("paper", ev_share=0.4, request_soc=0.6, cooldown_s=5.0)
-    act = medjax.BASELINES["greedy"](env)
+    policy = medjax.BASELINES["greedy"](env)
 
     def episode(key):
         reset_key, key = jax.random.split(key)
         _, state = env.reset(reset_key, params)
 
         def step(state, key):
-            _, state, *_ = env.step_env(key, state, act(key, state, params), params)
+            _, state, *_ = env.step_env(key, state, policy(key, None, state, params).action, params)
             flags = panel_flags(
                 state.evs.med, state.evs.panel, state.evs.med >= 0, env.config.num_meds
             )

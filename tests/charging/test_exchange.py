@@ -17,7 +17,7 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 def played():
     """A busy road, and 120 ticks of it: (env, params, states before, states after, tallies), (8, 120, ...) each."""
     env, params = medjax.make("paper", request_soc=0.6, cooldown_s=5.0)
-    act = medjax.BASELINES["greedy"](env)
+    policy = medjax.BASELINES["greedy"](env)
     config = env.config
 
     def episode(key):
@@ -25,7 +25,9 @@ def played():
         _, state = env.reset(reset_key, params)
 
         def warm(state, key):
-            return env.step_env(key, state, act(key, state, params), params)[1], None
+            return env.step_env(key, state, policy(key, None, state, params).action, params)[
+                1
+            ], None
 
         state, _ = jax.lax.scan(warm, state, jax.random.split(key, 120))
 
