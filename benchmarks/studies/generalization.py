@@ -27,9 +27,9 @@ from medjax.wrappers import prepare_cpu, scale_demand
 from train.evaluation.scores import TRAINED, Evaluation, Policy, Scores, baseline, summarize
 from train.evaluation.statistics import bootstrap_ci95
 from train.evaluation.tables import format_rows, interval, short
-from train.runs.host import enable_compilation_cache
+from train.runs.compilation import enable_compilation_cache
+from train.runs.policies import load_policies
 from train.runs.run_directory import RunDir
-from train.runs.trained_run import load_policies
 
 MAIN, OTHER = "paper", "realistic"
 FACTORS = (0.5, 0.75, 1.0, 1.25, 1.5)  # of MAIN's demand

@@ -25,12 +25,13 @@ from medjax.episodes.keys import ACT, RESET, STEP, episode_keys
 from medjax.errors import InputError
 from medjax.policies.rules import AS_BASE, BASELINES, Act, look_ahead
 from medjax.wrappers import environment_mesh, on_devices, prepare_cpu
-from train.arguments import make_environment
+from train.algorithms.environments import make_environment
+from train.algorithms.ppo.settings import PPOConfig
 from train.evaluation.scores import TRAINED, Policy, Scores, baseline, evaluate_policies
 from train.evaluation.statistics import bootstrap_ci95
+from train.runs.policies import load_policies
 from train.runs.run_directory import RunDir
-from train.runs.trained_run import load_policies, to_play
-from train.settings import TrainConfig
+from train.runs.trained_run import to_play
 
 SHOWN = ("depleted_share", "mean_range_m", "mean_soc", "meds_dispatched")
 
@@ -136,7 +137,7 @@ def load(options: argparse.Namespace) -> tuple[str, Any, Any, str, dict[str, Pol
       InputError: the run cannot be read, or a base is given too.
     """
     if not options.run_dir:
-        config = to_play(TrainConfig(), options.scenario)
+        config = to_play(PPOConfig(), options.scenario)
         env, params = make_environment(config)
         rules = {name: baseline(build(env)) for name, build in BASELINES.items()}
         return config.scenario, env, params, options.base or "forecast", rules

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import pytest
 
 from tests.train.probe_envs import Probe, ProbeParams
+from train import ppo
 
 TINY = [
     "--scenario=noisy",
@@ -44,8 +45,25 @@ def coin(env):
 def probe(monkeypatch, tmp_path, quick_compiles):
     """Makes the commands use probes, and leaves them in an empty working directory."""
     monkeypatch.setattr("medjax.make", make_probe)
-    monkeypatch.setattr("train.runs.finish.BASELINES", {"none": never, "random": coin})
+    monkeypatch.setattr("train.runs.policies.BASELINES", {"none": never, "random": coin})
     work = tmp_path / "work"
     work.mkdir()
     monkeypatch.chdir(work)
     return work
+
+
+def exit_code(command, argv):
+    try:
+        return command.main(argv)
+    except SystemExit as ended:
+        return ended.code
+
+
+def refused(capsys, argv, *words, command=ppo):
+    assert exit_code(command, argv) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1, err
+    for word in words:
+        assert word in err
+    return err

@@ -10,12 +10,13 @@ import pytest
 import medjax
 from medjax.episodes.recording import record_episode
 from medjax.policies.saved import load_policy
-from medjax.wrappers import init_stats
-from tests.train.test_arguments import refused
+from tests.train.conftest import refused
 from train import export
 from train.algorithms.networks import PolicyWeights, apply_policy, build_network
+from train.algorithms.normalization import init_stats
+from train.algorithms.ppo.settings import PPOConfig
 from train.evaluation.scores import evaluate_policies, trained
-from train.settings import TrainConfig
+from train.runs.policy_file import export_policy
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -25,7 +26,7 @@ SMALL = {"num_meds": 3, "num_evs": 8, "num_gas": 12, "episode_decisions": 24}
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
     """A network of random weights that is far from indifferent, and its file."""
-    config = TrainConfig(hidden=(16,), overrides=SMALL, decide_every=4, initial_wait=0.01)
+    config = PPOConfig(hidden=(16,), overrides=SMALL, decide_every=4, initial_wait=0.01)
     env, params = medjax.make("paper", observation=config.observation, **SMALL)
     network = build_network(env, config)
     obs, _ = env.reset(jax.random.key(0), params)
@@ -35,7 +36,7 @@ def exported(tmp_path_factory):
     )
     weights = PolicyWeights(variables, init_stats(obs.shape))
     path = tmp_path_factory.mktemp("policy") / "policy.zip"
-    export.export_policy(path, env, config, weights)
+    export_policy(path, env, config, weights)
     return env, params, config, network, weights, path
 
 

@@ -15,10 +15,10 @@ from tqdm import tqdm
 from medjax.episodes.keys import ACT, RESET, STEP, episode_keys
 from medjax.numerics.rows import CACHED_ROWS
 from medjax.wrappers import Environment, environment_mesh, on_devices
+from train.algorithms.environments import episode_decisions
 from train.algorithms.networks import PolicyWeights, apply_policy
-from train.algorithms.ppo.learner import episode_decisions
 from train.evaluation.statistics import bootstrap_ci95, interquartile_mean, relative_change
-from train.runs.host import compiling
+from train.runs.compilation import compiling
 
 TRAINED = "ppo"
 CLAIMED = ("depleted_share", "mean_range_m", "mean_soc")  # what the paper compares with no action

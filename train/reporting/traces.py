@@ -21,7 +21,7 @@ from medjax.numerics.rows import CACHED_ROWS
 from medjax.world.params import EnvParams
 from medjax.world.state import EnvState
 from medjax.wrappers import environment_mesh, on_devices
-from train.algorithms.ppo.learner import episode_decisions
+from train.algorithms.environments import episode_decisions
 from train.evaluation.scores import Policy, choose
 
 EPISODES_AT_ONCE = 32

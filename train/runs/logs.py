@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from train.settings import TrainConfig
 from train.runs.run_directory import RunDir, write_text
+from train.settings import TrainConfig
 
 Row = dict[str, Any]
 MAIN = "episode_return"
@@ -24,7 +24,7 @@ def plain(value: float) -> float | None:
 
 
 def rows_from(metrics: dict[str, Any], count: int) -> list[Row]:
-    """Metrics of `Learner.run` as one dict an update.
+    """Metrics of `train.algorithms.programs.run_updates` as one dict an update.
 
     With several seeds each value is the mean over those that have one, and `per_seed` lists them.
 

@@ -12,6 +12,7 @@ from typing import Any
 from medjax.commandline import parse_overrides
 from medjax.errors import shown
 from medjax.policies.rules import BASELINES
+from train.algorithms.ppo.settings import PPOConfig
 from train.evaluation.scores import Policy, Scores, baseline
 from train.evaluation.statistics import bootstrap_ci95
 from train.evaluation.tables import interval, short
@@ -51,7 +52,7 @@ def settings(options: argparse.Namespace) -> TrainConfig:
       InputError: there is no such run, or a `--set` that cannot be read.
     """
     run_dir = getattr(options, "run_dir", None)
-    config = RunDir(run_dir).load_config() if run_dir else TrainConfig(seed=options.seed)
+    config = RunDir(run_dir).load_config() if run_dir else PPOConfig(seed=options.seed)
     return to_play(config, options.scenario, parse_overrides(getattr(options, "overrides", [])))
 
 

@@ -25,8 +25,8 @@ from benchmarks.studies.ablation.scores import (
 from benchmarks.studies.ablation.worlds import play_worlds, train_worlds
 from medjax.commandline import OneLineParser
 from medjax.errors import InputError
+from train.algorithms.environments import check_environment, make_environment
 from train.algorithms.networks import build_network
-from train.arguments import check_environment, make_environment
 from train.evaluation.scores import TRAINED, evaluate_policies, trained
 from train.evaluation.tables import format_rows
 from train.reporting.figures import new_figure

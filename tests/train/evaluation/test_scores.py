@@ -7,14 +7,14 @@ import pytest
 from scipy import stats
 
 from medjax.episodes.keys import EVALUATION
-from medjax.wrappers import init_stats
 from tests.train.conftest import coin, never
 from tests.train.probe_envs import Probe, ProbeParams
 from train.algorithms.networks import PolicyWeights, apply_policy, build_network
+from train.algorithms.normalization import init_stats
+from train.algorithms.ppo.settings import PPOConfig
 from train.evaluation.scores import Policy, baseline, evaluate_policies, summarize, trained
 from train.evaluation.statistics import bootstrap_ci95, interquartile_mean, relative_change
 from train.evaluation.tables import format_table
-from train.settings import TrainConfig
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -79,7 +79,7 @@ def test_forbidden_actions_count_as_none():
 
 def untrained(initial_wait):
     """A network on the noisy probe, and its weights before training."""
-    network = build_network(ENV, TrainConfig(initial_wait=initial_wait))
+    network = build_network(ENV, PPOConfig(initial_wait=initial_wait))
     params = network.init(jax.random.key(0), jnp.zeros((1, 2)))
     return network, PolicyWeights(params, init_stats((2,)))
 
