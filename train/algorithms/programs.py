@@ -109,7 +109,7 @@ def shardings(learner: Learner, seeds: bool) -> Any:
     mesh = learner.mesh
     everywhere = NamedSharding(mesh, PartitionSpec())
     rows = NamedSharding(mesh, PartitionSpec(*([None] if seeds else []), *mesh.axis_names))
-    parts: dict[str, Any] = dict.fromkeys(learner.state.__dataclass_fields__, everywhere)
+    parts: dict[str, Any] = {field.name: everywhere for field in dataclasses.fields(learner.state)}
     return learner.state(**parts | {"rollout": rows})
 
 

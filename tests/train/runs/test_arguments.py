@@ -1,5 +1,6 @@
 """Bad input: one clear line on stderr, exit code 2, and nothing is made or overwritten."""
 
+import dataclasses
 import json
 import sys
 
@@ -93,7 +94,8 @@ def test_bad_settings_are_found_before_the_run_dir_is_made(probe, capsys):
 def test_help_lists_every_setting(capsys):
     assert exit_code(ppo, ["--help"]) == 0
     text = capsys.readouterr().out
-    for name in PPOConfig.__dataclass_fields__:
+    for field in dataclasses.fields(PPOConfig):
+        name = field.name
         option = "--set" if name == "overrides" else "--" + name.replace("_", "-")
         assert option in text
 
