@@ -10,9 +10,9 @@ import numpy as np
 
 from train.algorithms.networks import PolicyWeights
 from train.evaluation.scores import Evaluation, summarize
-from train.evaluation.tables import final_return, format_table
+from train.evaluation.tables import format_table
 from train.reporting.figures import plot_curve
-from train.runs.logs import Row
+from train.runs.logs import Row, final_return
 from train.runs.policies import all_policies, weights_by_name
 from train.runs.policy_file import export_policy
 from train.runs.run_directory import RunDir, write_json

@@ -1,17 +1,6 @@
 """What tables say of an evaluation."""
 
-from train.evaluation.tables import claim_rows, final_return, format_table, paper_rows
-
-
-def test_final_return_weighs_episodes():
-    rows = [{"episode_return": None, "episodes": 0.0}] * 18
-    assert final_return(rows) is None
-    rows = [
-        *rows,
-        {"episode_return": 1.0, "episodes": 3.0},
-        {"episode_return": 5.0, "episodes": 1.0},
-    ]
-    assert final_return(rows) == 2.0
+from train.evaluation.tables import claim_rows, format_table, paper_rows
 
 
 def test_table_lists_the_best_first():
