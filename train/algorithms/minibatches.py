@@ -1,9 +1,12 @@
-"""Minibatches of whole environments."""
+"""Minibatches of whole environments, and gradient steps on them."""
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import optax
+from jax import lax
 
 
 def split_environments(key: jax.Array, samples: Any, num_minibatches: int) -> Any:
@@ -32,3 +35,42 @@ def split_environments(key: jax.Array, samples: Any, num_minibatches: int) -> An
         return jax.vmap(lambda group, lot: group[lot], out_axes=1)(groups, lots)
 
     return jax.tree.map(deal, samples)
+
+
+def descend(
+    loss: Callable[[Any, Any], tuple[jax.Array, dict[str, jax.Array]]],
+    optimizer: optax.GradientTransformation,
+    start: tuple[Any, Any],
+    minibatches: Any,
+    num_epochs: int,
+) -> tuple[Any, Any, dict[str, jax.Array]]:
+    """Epochs of gradient steps.
+
+    Args:
+        loss: `(params, minibatch)` to what is to be minimised, and scalars that describe it.
+        optimizer: of optax.
+        start: parameters, and the optimiser's state.
+        minibatches: leaves `(num_minibatches, ...)`.
+        num_epochs: passes over all.
+
+    Returns:
+        Parameters, the optimiser's state, and the scalars averaged over the steps, `grad_norm` among them.
+    """
+
+    def step(carry: tuple[Any, Any], batch: Any) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
+        params, opt_state = carry
+        gradient, metrics = jax.grad(loss, has_aux=True)(params, batch)
+        metrics["grad_norm"] = _norm(gradient)
+        change, opt_state = optimizer.update(gradient, opt_state, params)
+        return (optax.apply_updates(params, change), opt_state), metrics
+
+    def epoch(carry: tuple[Any, Any], _: None) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
+        return lax.scan(step, carry, minibatches)
+
+    (params, opt_state), metrics = lax.scan(epoch, start, None, length=num_epochs)
+    return params, opt_state, jax.tree.map(jnp.mean, metrics)
+
+
+def _norm(tree: Any) -> jax.Array:
+    """Euclidean norm of all leaves together."""
+    return jnp.sqrt(sum(jnp.sum(jnp.square(leaf)) for leaf in jax.tree.leaves(tree)))

@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import optax
 from flax import struct
-from jax import lax
 from jax.sharding import Mesh
 
 from medjax.env.contract import Environment
@@ -18,7 +17,7 @@ from train.algorithms.advantages import Steps, generalized_advantages
 from train.algorithms.algorithm import Algorithm, Metrics, TrainState
 from train.algorithms.environments import training_batch
 from train.algorithms.finite import BAD, first_bad
-from train.algorithms.minibatches import split_environments
+from train.algorithms.minibatches import descend, split_environments
 from train.algorithms.networks import PolicyWeights, build_network, masked_categorical
 from train.algorithms.normalization import (
     RunningStats,
@@ -175,25 +174,8 @@ class PPOLearner:
             logits, value = output
             return ppo_loss(masked_categorical(logits, batch.mask), value, batch, weights)
 
-        def step(carry: tuple[Any, Any], batch: Batch) -> tuple[tuple[Any, Any], Metrics]:
-            current, optimizer_state = carry
-            gradient, metrics = jax.grad(loss_fn, has_aux=True)(current, batch)
-            metrics["grad_norm"] = _norm(gradient)
-            change, optimizer_state = self.optimizer.update(gradient, optimizer_state, current)
-            return (optax.apply_updates(current, change), optimizer_state), metrics
-
-        def epoch(carry: tuple[Any, Any], _: None) -> tuple[tuple[Any, Any], Metrics]:
-            return lax.scan(step, carry, minibatches)
-
-        (params, opt_state), metrics = lax.scan(
-            epoch, (params, opt_state), None, length=config.num_epochs
-        )
-        return params, opt_state, jax.tree.map(jnp.mean, metrics)
-
-
-def _norm(tree: Any) -> jax.Array:
-    """Euclidean norm of all leaves together."""
-    return jnp.sqrt(sum(jnp.sum(jnp.square(leaf)) for leaf in jax.tree.leaves(tree)))
+        start = params, opt_state
+        return descend(loss_fn, self.optimizer, start, minibatches, config.num_epochs)
 
 
 def build_learner(env: Environment, params: Any, config: PPOConfig) -> PPOLearner:
