@@ -78,10 +78,10 @@ class _Help(argparse.ArgumentDefaultsHelpFormatter):
 
 def build_parser(kind: type[TrainConfig]) -> OneLineParser:
     """The parser of `python -m train.ALGORITHM`; the options are the fields of its settings."""
-    command = f"train.{kind.algorithm}"
+    command, learner = f"train.{kind.algorithm}", kind.algorithm.upper()
     parser = OneLineParser(
         prog=f"python -m {command}",
-        description=f"Trains a dispatcher with {kind.algorithm.upper()}, then evaluates it beside those that are not learned.",
+        description=f"Trains a dispatcher with {learner}, then evaluates it beside those that are not learned.",
         epilog=f"Example: python -m {command} --num-envs 1024 --set cooldown_s=30 --run-dir runs/slow",
         formatter_class=_Help,
     )
@@ -110,7 +110,9 @@ def build_parser(kind: type[TrainConfig]) -> OneLineParser:
     several.add_argument("--num-processes", metavar="N", help="how many there are")
     several.add_argument("--process-id", metavar="N", help="which of them this is, from 0")
     groups: dict[str, argparse._ArgumentGroup] = {}
-    for field in sorted(dataclasses.fields(kind), key=lambda own: own.metadata["group"] == "network"):
+    for field in sorted(
+        dataclasses.fields(kind), key=lambda own: own.metadata["group"] == "network"
+    ):
         title = field.metadata["group"]
         group = groups.setdefault(title, parser.add_argument_group(title))
         _add_option(group, field)

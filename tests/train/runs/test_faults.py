@@ -19,12 +19,11 @@ from tests.train.conftest import TINY, refused
 from tests.train.probe_envs import Probe, ProbeParams
 from tests.train.runs.test_session import assert_same_run, rows_of, state_of
 from train import ppo
-from train.runs.checkpoint import Checkpoints
 from train.algorithms.environments import make_environment
-from train.algorithms.programs import make_train
+from train.algorithms.programs import make_train, shapes_of
+from train.runs.checkpoint import Checkpoints
 from train.runs.logs import Progress, read_rows
 from train.runs.run_directory import RunDir
-from train.algorithms.programs import shapes_of
 
 QUIET = [*TINY, "--eval-episodes=0", "--updates-per-call=1"]
 
