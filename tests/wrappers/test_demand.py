@@ -167,7 +167,9 @@ def test_the_learner_draws_what_its_settings_say(small, bounds):
     """By default it has no wrapper at all."""
     config = PPOConfig(num_envs=8, num_minibatches=8, demand_range=bounds)
     learner = build_learner(*small, config)
-    state = jax.eval_shape(learner.env.reset, jax.random.split(jax.random.key(0), 8), small[1])[1]
+    state = jax.eval_shape(
+        learner.collector.env.reset, jax.random.split(jax.random.key(0), 8), small[1]
+    )[1]
     inner = state.env.env
     assert hasattr(inner, "factor") == (bounds != (1.0, 1.0))
     assert inner.time.shape == (8,)
