@@ -1,1 +1,1 @@
-"""One training run: its command line, directory, checkpoints, log, and what it leaves."""
+"""A run from its beginning to its end: directory, checkpoints, logs, processes."""
