@@ -1,6 +1,6 @@
 """The fields of a class in the API reference, with their shapes and units.
 
-The sources say what a field is in a comment behind it, or in `option(...)`; mkdocstrings reads
+The sources say what a field is in a comment behind it, in `option(...)` or in `number(...)`; mkdocstrings reads
 docstrings only.
 """
 
@@ -10,6 +10,7 @@ from typing import Any
 import griffe
 
 SETTING = "option"  # of train.settings: its third argument is the help of the command line
+NUMBER = "number"  # of medjax.world.numbers: default, lowest, highest, unit, text
 
 
 class FieldComments(griffe.Extension):
@@ -44,7 +45,17 @@ def _help(statement: ast.AnnAssign) -> str:
     call = statement.value
     if isinstance(call, ast.Constant):
         return f"default: {ast.unparse(call)}"
-    if not isinstance(call, ast.Call) or getattr(call.func, "id", "") != SETTING:
+    function = getattr(call.func, "id", "") if isinstance(call, ast.Call) else ""
+    if not isinstance(call, ast.Call) or function not in (SETTING, NUMBER):
         return ""
-    default, _, text = call.args[:3]
-    return f"{ast.literal_eval(text)} (default: {ast.unparse(default)})"
+    default = ast.unparse(call.args[0])
+    if function == SETTING:
+        return f"{ast.literal_eval(call.args[2])} (default: {default})"
+    given = dict(zip(("default", "low", "high", "unit", "text"), call.args, strict=False))
+    given |= {keyword.arg: keyword.value for keyword in call.keywords if keyword.arg}
+    unit, text = (
+        ast.literal_eval(given[name]) if name in given else "" for name in ("unit", "text")
+    )
+    said = "; ".join(text) if isinstance(text, tuple) else text
+    low, high = (ast.unparse(given[name]) for name in ("low", "high"))
+    return f"{said} ({unit + ', ' if unit else ''}default: {default}, allowed: {low} to {high})"

@@ -8,6 +8,8 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
+from medjax.registration import register
+
 if TYPE_CHECKING:
     from medjax.env.charging_env import ChargingEnv
     from medjax.env.reward import TERMS
@@ -44,11 +46,4 @@ def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
 
 
-if find_spec("gymnasium"):  # so that gymnasium.make finds it: Gymnasium has no plug-ins
-    import gymnasium
-
-    gymnasium.register(
-        "medjax/Charging-v0",
-        entry_point="medjax.wrappers.gymnasium:ChargingGymEnv",
-        vector_entry_point="medjax.wrappers.gymnasium:ChargingVectorEnv",
-    )
+register()

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from medjax.commandline import OneLineParser, as_path
 from medjax.episodes.chosen import add_played, played_of
 from medjax.episodes.files import check_target, write_trajectories
+from medjax.errors import InputError
 from medjax.wrappers import prepare_cpu
 
 PROG = "python -m medjax.trajectories"
@@ -47,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         check_target(target)
         played = played_of(given)
         env, params, chosen = played.policies()
-    except (ValueError, ImportError) as error:
+    except (InputError, ImportError) as error:
         parser.error(str(error))
     (recording,) = played.record(env, params, chosen)
     try:

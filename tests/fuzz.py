@@ -35,18 +35,14 @@ class Documented:
 
 
 WHOLE = ("ticks_per_decision", "size", "service_lane", "episode_decisions")
-ROWS = [
+ALL = [
     Documented(name, value, *(float(end) for end in allowed.split(" to ")))
     for name, value, allowed in re.findall(
         r"^\| `([\w.]+)` \| ([^|]+?) \| ([^|]+?) \|", PAGE, re.MULTILINE
     )
 ]
-COILS = [
-    Documented("med_coil_radius_m", "", 0.01, 5),
-    Documented("ev_coil_radius_m", "", 0.01, 5),
-    Documented("med_coil_turns", "", 1, 1000),
-    Documented("ev_coil_turns", "", 1, 1000),
-]
+COILS = [row for row in ALL if "_coil_" in row.name]
+ROWS = [row for row in ALL if row not in COILS]
 
 
 class Unprintable:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from medjax import commandline
-from medjax.world.ranges import SIZES
+from medjax.world.params import SIZES
 from tests import fuzz
 from tests.refusals import MOST_S, AcceptedError, check_line
 from tests.test_bad_input import (

@@ -10,8 +10,8 @@ import pytest
 import medjax
 import train.runs.session  # noqa: F401 - takes seconds, which count for no input
 from medjax.scenarios import prepare
-from medjax.world import params as world
-from medjax.world.ranges import SIZES
+from medjax.world import checks as world
+from medjax.world.params import SIZES
 from tests import fuzz
 from tests.refusals import not_refused
 from train.algorithms.ppo.settings import PPOConfig

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import medjax
+from medjax.world.charging_params import CoilDesign
 from tests.train.probe_envs import Probe, ProbeParams
 
 ROOT = Path(__file__).parent.parent
@@ -94,7 +95,9 @@ def test_parameter_table_matches_the_presets(paper):
     for name, text in rows:
         group, _, leaf = name.rpartition(".")
         holder = getattr(params, group) if group else params
-        holder = env.config if hasattr(env.config, name) else holder
+        holder = next(
+            (other for other in (env.config, CoilDesign()) if hasattr(other, name)), holder
+        )
         value = np.atleast_1d(holder[leaf] if isinstance(holder, dict) else getattr(holder, leaf))
         stated = [float(number) for number in text.split(",")]
         np.testing.assert_allclose(*np.broadcast_arrays(stated, value), rtol=1e-3)

@@ -1,10 +1,10 @@
 """Presets, overrides by name, and one clear line for what is not allowed."""
 
+import json
 import math
-import subprocess
-import sys
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -110,11 +110,35 @@ def test_bad_input_is_one_clear_line(overrides, field):
     assert "allowed" in message or "did you mean" in message
 
 
-def test_import_pulls_in_no_plotting():
-    """`import medjax` loads neither a plotting library nor the trainer's dependencies."""
-    code = (
-        "import sys, medjax; bad = {'matplotlib', 'distrax', 'optax', 'tensorboardX'} & "
-        "set(sys.modules); sys.exit(str(bad) if bad else 0)"
-    )
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert ended.returncode == 0, ended.stderr
+def test_a_term_without_a_weight(monkeypatch):
+    """One of medjax's own weighs nothing where the preset does not say how much, one's own weighs 1."""
+    monkeypatch.setitem(medjax.TERMS, "new", lambda outcome: outcome.happened.depleted)
+    _, params = medjax.make(reward={**medjax.TERMS, "mine": lambda outcome: 1.0})
+    assert float(params.reward_weights["new"]) == 0.0
+    assert float(params.reward_weights["mine"]) == 1.0
+    assert float(medjax.make()[1].reward_weights["new"]) == 0.0
+    assert float(medjax.make(reward_weights={"new": 2})[1].reward_weights["new"]) == 2.0
+
+
+def test_the_recipe_makes_the_same_again():
+    """What `make` was told is in `env.recipe`, its numbers as JSON has them; by hand there is none."""
+    given = {
+        "num_evs": np.int64(30),
+        "ramp_x_m": np.array([500, 2500], np.float32),
+        "desired_speed": jnp.full(4, 20.0),
+        "ramp_per_h": (100, 200.5),
+        "turnaround_s": math.inf,
+        "ev.mass_kg": jnp.bfloat16(2000),
+        "med_coil_turns": 12,
+        "reward_weights": {"soc": np.float32(0.5)},
+        "reward_weights.speed": 2,
+    }
+    env, params = medjax.make("realistic", observation="profile", **given)
+    recipe = env.recipe
+    assert (recipe.scenario, recipe.observation, recipe.reward) == ("realistic", "profile", None)
+    overrides = json.loads(json.dumps(recipe.overrides))
+    assert overrides.keys() == given.keys()
+    again, same = medjax.make(recipe.scenario, observation=recipe.observation, **overrides)
+    assert again.config == env.config
+    jax.tree.map(np.testing.assert_array_equal, same, params)
+    assert medjax.ChargingEnv(medjax.EnvConfig()).recipe is None

@@ -15,6 +15,7 @@ from benchmarks.command import add_scenario, benchmark_parser, positive, whole_n
 from benchmarks.speed.stages import stage_times
 from benchmarks.speed.workload import ENVS, VEHICLES, Measurement, Workload, measure, road_for
 from medjax.commandline import OneLineParser, fail
+from medjax.errors import InputError
 from medjax.wrappers import environment_mesh, prepare_cpu
 
 
@@ -77,7 +78,7 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         for num_envs, _ in cases:
             environment_mesh(num_envs, options.num_devices)
-    except ValueError as error:
+    except InputError as error:
         sys.exit(fail("python -m benchmarks.throughput", error))
     results = []
     for num_envs, overrides in cases:
@@ -85,7 +86,7 @@ def main(arguments: list[str] | None = None) -> None:
             result = measure(
                 num_envs, steps=options.steps, repeats=options.repeats, **common, **overrides
             )
-        except ValueError as error:
+        except InputError as error:
             sys.exit(fail("python -m benchmarks.throughput", error))
         results.append(dataclasses.asdict(result))
         show(result)

@@ -18,6 +18,7 @@ import numpy as np
 import medjax
 from medjax.env.reward import TERMS
 from medjax.physics import InductanceTable
+from medjax.world.checks import validate
 from medjax.world.params import (
     BodyParams,
     ChargingParams,
@@ -30,7 +31,6 @@ from medjax.world.params import (
     LinkParams,
     MotionParams,
     RoadParams,
-    validate,
 )
 
 Units = Callable[[tuple[int, ...]], np.ndarray]
@@ -260,10 +260,10 @@ def as_settings(config: EnvConfig, params: EnvParams) -> list[str]:
 
 
 def validated(config: EnvConfig, params: EnvParams, worlds: int | None = None) -> EnvParams:
-    """The batch, every world of which `medjax.world.params.validate` has found valid, or the first so many.
+    """The batch, every world of which `medjax.world.checks.validate` has found valid, or the first so many.
 
     Raises:
-      ValueError: one is not.
+      InputError: one is not.
     """
     for index in range(worlds or len(np.asarray(params.battery_scale))):
         world = world_of(params, index)

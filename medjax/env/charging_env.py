@@ -26,6 +26,7 @@ from medjax.traffic.following import by_kind
 from medjax.traffic.motion import ornstein_uhlenbeck
 from medjax.traffic.step import drivers_of, vehicle_kinds
 from medjax.world.params import AUTONOMOUS_EV, EnvConfig, EnvParams, validate_config
+from medjax.world.presets import Recipe
 from medjax.world.state import AT_DEPOT, NOT_BOOKED, RETIRED, EnvState, Tally
 
 Step = tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, dict[str, Any]]
@@ -44,9 +45,14 @@ class ChargingEnv:
       probe: what to report of the state after every physics tick, `probe(state)`, in `info["ticks"]`, and of the one
         that the first tick starts from, with those who just entered or booked, in `info["begun"]`; None: nothing.
 
+    Attributes:
+      recipe: how `medjax.make` was called; None where it was not.
+
     Raises:
-      ValueError: one line, if config is out of range.
+      InputError: one line, if config is none.
     """
+
+    recipe: Recipe | None = None
 
     def __init__(
         self,

@@ -58,7 +58,7 @@ class Played:
         """The environment and its numbers as `policies` makes them, but for the coils; nothing is compiled.
 
         Raises:
-          ValueError: as `policies`.
+          InputError: as `policies`.
         """
         if self.run_dir is None:
             return prepare(self.scenario, **self.overrides)[:2]
@@ -69,7 +69,7 @@ class Played:
         """The environment, its parameters, and what is played in it, by name.
 
         Raises:
-          ValueError: one line; numbers that the environment does not take, or a policy that cannot be read.
+          InputError: one line; numbers that the environment does not take, or a policy that cannot be read.
         """
         chosen: dict[str, Choose] = {}
         rules = [self.compare] if self.compare else []

@@ -16,6 +16,7 @@ import numpy as np
 from medjax.episodes.fcd import write_fcd
 from medjax.episodes.recording import Recording
 from medjax.episodes.table import vehicle_table
+from medjax.errors import InputError
 from medjax.files import replacing
 
 EXACT = "%.9g"  # nine digits tell any two float32 apart
@@ -75,19 +76,19 @@ def check_target(path: Path) -> str:
     """The ending of `path` among `FORMATS`, once it is sure that such a file can be written.
 
     Raises:
-      ValueError: one line; another ending, a directory, or a place where nothing can be written.
+      InputError: one line; another ending, a directory, or a place where nothing can be written.
       ImportError: one line; the library that the format needs is missing.
     """
     ending = next((ending for ending in FORMATS if path.name.endswith(ending)), None)
     if ending is None:
-        raise ValueError(f"cannot write {path}: allowed endings {', '.join(FORMATS)}")
+        raise InputError(f"cannot write {path}: allowed endings {', '.join(FORMATS)}")
     if path.exists() and not path.is_file():
         what = "a directory" if path.is_dir() else "a device"
-        raise ValueError(f"cannot write {path}: it is {what}")
+        raise InputError(f"cannot write {path}: it is {what}")
     if not path.parent.is_dir():
-        raise ValueError(f"cannot write {path}: no directory {path.parent}")
+        raise InputError(f"cannot write {path}: no directory {path.parent}")
     if not os.access(path.parent, os.W_OK):
-        raise ValueError(f"cannot write {path}: {path.parent} is not writable")
+        raise InputError(f"cannot write {path}: {path.parent} is not writable")
     if ending == ".parquet" and importlib.util.find_spec("pyarrow") is None:
         raise ImportError('Parquet needs pyarrow: pip install "medjax[trajectories]"')
     return ending

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import jax
 from jax.sharding import AxisType, Mesh, PartitionSpec
 
+from medjax.errors import InputError
 from medjax.numerics.rows import CACHED_ROWS, in_blocks
 
 Result = TypeVar("Result")
@@ -52,7 +53,7 @@ def environment_mesh(
         devices: to choose from, as many of each process; None: those of this process.
 
     Raises:
-        ValueError: more devices than there are, or a number that does not divide num_envs.
+        InputError: more devices than there are, or a number that does not divide num_envs.
     """
     by_process: dict[int, list[jax.Device]] = {}
     for device in jax.local_devices() if devices is None else devices:
@@ -62,10 +63,10 @@ def environment_mesh(
         even = range(processes, most + 1, processes)
         num_devices = max((n for n in even if num_envs % n == 0), default=processes)
     if not 1 <= num_devices <= most:
-        raise ValueError(f"num_devices is {num_devices}, allowed: 0 to {most}")
+        raise InputError(f"num_devices is {num_devices}, allowed: 0 to {most}")
     if num_envs % num_devices or num_devices % processes:
         also = f" and a multiple of {processes} processes" if processes > 1 else ""
-        raise ValueError(f"num_devices is {num_devices}, allowed: a divisor of {num_envs}{also}")
+        raise InputError(f"num_devices is {num_devices}, allowed: a divisor of {num_envs}{also}")
     each = num_devices // processes
     chosen = [device for group in by_process.values() for device in group[:each]]
     return jax.make_mesh((num_devices,), (AXIS,), devices=chosen, axis_types=(AxisType.Auto,))

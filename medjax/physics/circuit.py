@@ -5,6 +5,7 @@ from typing import Literal
 import jax
 from jax.typing import ArrayLike
 
+from medjax.errors import InputError
 from medjax.physics._arrays import as_floats
 
 
@@ -39,10 +40,10 @@ def link_efficiency(
       where it has no limit). It is in the widest floating type among the arguments.
 
     Raises:
-      ValueError: `form` is neither of the two.
+      InputError: `form` is neither of the two.
     """
     if form not in ("circuit", "paper"):
-        raise ValueError(f"form is {form!r}, must be 'circuit' or 'paper'")
+        raise InputError(f"form is {form!r}, must be 'circuit' or 'paper'")
     m, load, primary, secondary, omega = as_floats(
         mutual_inductance, load, primary_resistance, secondary_resistance, angular_frequency
     )

@@ -7,7 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from medjax.errors import InputError
 from medjax.physics._arrays import as_floats
+from medjax.physics.elliptic import psi_sum
 
 VACUUM_PERMEABILITY = 4e-7 * math.pi  # mu0, H/m
 
@@ -26,56 +28,49 @@ def mutual_inductance(
 ) -> jax.Array:
     """Mutual inductance of two circular filament coils in air, by the paper's eqs (1)-(5).
 
-    The primary lies in z = 0, centred on the origin. The secondary's centre is
-    (lateral, 0, axial) and its normal (-sin(tilt), 0, cos(tilt)): for positive lateral, axial and
-    tilt, the rim nearest the primary's axis dips toward the primary. The sign is that of the flux,
-    so it changes where the secondary slides off the primary (the null).
+    The primary lies in z = 0, centred on the origin. The secondary's centre is (lateral, 0, axial) and its normal
+    (-sin(tilt), 0, cos(tilt)): for positive lateral, axial and tilt, the rim nearest the primary's axis dips toward
+    the primary. The sign is that of the flux, so it changes where the secondary slides off the primary (the null).
     M(lateral, tilt) = M(-lateral, -tilt), and M(axial, tilt) = M(-axial, -tilt).
 
-    All arguments broadcast; the result has the shape they broadcast to, `(...)`. It is
-    differentiable wherever the wires do not touch, the aligned position included. Where they touch,
-    the filament model itself diverges, and the number returned means nothing.
+    All arguments broadcast; the result has the shape they broadcast to, `(...)`. It is differentiable wherever the
+    wires do not touch, the aligned position included. Where they touch, the filament model itself diverges, and the
+    number returned means nothing.
 
     Args:
-      primary_radius: radius of the primary (in the paper R_MED), m, positive.
-      secondary_radius: radius of the secondary (in the paper R_EV), m, positive.
+      primary_radius, secondary_radius: m, positive; in the paper R_MED and R_EV.
       axial: distance of the centres along the primary's axis (c), m.
       lateral: distance of the centres across the primary's axis (d), m.
       tilt: angle between the two axes (theta), rad.
-      primary_turns: number of turns of the primary, concentrated in one filament.
-      secondary_turns: number of turns of the secondary, likewise.
+      primary_turns, secondary_turns: numbers of turns, each side's concentrated in one filament.
       num_nodes: points of the trapezoid rule over half the secondary's rim, at least 2.
       num_agm_steps: steps of the arithmetic-geometric mean at each point.
 
     Returns:
-      M in henry, in the widest floating type among the arguments. With the default nodes and steps
-      the truncation is below 1e-6 of M's coaxial value while the wires are 0.05 m or more apart,
-      for radii of some 0.3 m; 256 nodes leave float64's rounding down to 0.02 m.
+      M in henry, in the widest floating type among the arguments. With the default nodes and steps the truncation
+      is below 1e-6 of M's coaxial value while the wires are 0.05 m or more apart, for radii of some 0.3 m; 256 nodes
+      leave float64's rounding down to 0.02 m.
 
     Raises:
-      ValueError: fewer than two nodes.
+      InputError: fewer than two nodes.
 
-    Source: paper eqs (1)-(5), rewritten. The printed form subtracts nearly equal numbers in
-    Psi(k), and is 0/0 where lateral = secondary_radius * cos(tilt). Here Psi comes from the sum
-    Psi = (K / k) sum_{n>=1} 2^n c_n^2 over the arithmetic-geometric mean (DLMF 19.8), taken from
-    its first step on, where only V^2 is left in it.
+    Source: paper eqs (1)-(5), rewritten: the printed form subtracts nearly equal numbers in Psi(k), and is 0/0 where
+    lateral = secondary_radius * cos(tilt).
     """
     if num_nodes < 2:
-        raise ValueError(f"num_nodes is {num_nodes}, must be at least 2")
+        raise InputError(f"num_nodes is {num_nodes}, must be at least 2")
     radius_1, radius_2, axial, lateral, tilt, turns_1, turns_2 = as_floats(
         primary_radius, secondary_radius, axial, lateral, tilt, primary_turns, secondary_turns
     )
-    ratios = radius_2 / radius_1, axial / radius_1, lateral / radius_2
+    pose = radius_2 / radius_1, axial / radius_1, lateral / radius_2, jnp.sin(tilt), jnp.cos(tilt)
     # The angle phi along the secondary's rim runs along a new last axis.
-    alpha, beta, offset, sin_tilt, cos_tilt = (
-        jnp.expand_dims(x, -1) for x in (*ratios, jnp.sin(tilt), jnp.cos(tilt))
-    )
+    alpha, beta, offset, sin_tilt, cos_tilt = (jnp.expand_dims(x, -1) for x in pose)
     cos_phi, sin_phi, weights = (jnp.asarray(x, radius_1.dtype) for x in _half_rim(num_nodes))
 
     # Distances of a rim point in primary radii: squared from the axis, and above the plane.
     axis_sq = alpha**2 * ((cos_phi * cos_tilt - offset) ** 2 + sin_phi**2)
     height = beta - alpha * cos_phi * sin_tilt
-    sum_psi, a = _psi_sum(axis_sq, height, num_agm_steps)
+    sum_psi, a = _rim_psi(axis_sq, height, num_agm_steps)
     integrand = (cos_tilt - offset * cos_phi) * sum_psi / a
     scale = (VACUUM_PERMEABILITY / 4) * turns_1 * turns_2 * radius_2**2 / radius_1
     return scale * jnp.sum(weights * integrand, axis=-1)
@@ -90,17 +85,10 @@ def _half_rim(num_nodes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.cos(phi), np.sin(phi), spacing
 
 
-def _psi_sum(axis_sq: jax.Array, height: jax.Array, num_steps: int) -> tuple[jax.Array, jax.Array]:
-    """The sum in Psi over axis_sq, and the mean that K divides by, at rim points in primary radii."""
-    # a and b are the means of eq (3)'s k after a first step, and term is c_n^2 / axis_sq from there
-    # on. The same b from the root of (1 + axis_sq + height^2)^2 - 4 axis_sq would cancel.
+def _rim_psi(axis_sq: jax.Array, height: jax.Array, num_steps: int) -> tuple[jax.Array, jax.Array]:
+    """`psi_sum` over axis_sq at rim points, squared from the axis and above the plane, in primary radii."""
+    # The means of eq (3)'s k after a first step, where only V^2 is left of the printed form. The same b from the root
+    # of (1 + axis_sq + height^2)^2 - 4 axis_sq would cancel.
     b_sq = jnp.sqrt((1 - axis_sq - height**2) ** 2 + 4 * height**2)
     a_sq = (1 + axis_sq + height**2 + b_sq) / 2
-    a, b = jnp.sqrt(a_sq), jnp.sqrt(b_sq)
-    term = 1 / a_sq
-    total = 2 * term
-    for step in range(num_steps):
-        a, b = (a + b) / 2, jnp.sqrt(a * b)
-        term = axis_sq * term**2 / (16 * a**2)
-        total = total + 2 ** (step + 2) * term
-    return total, a
+    return psi_sum(a_sq, b_sq, axis_sq, num_steps)

@@ -9,6 +9,8 @@ Landen's transformation leaves I unchanged while it takes the two means closer, 
 them (Bulirsch, Numer. Math. 7, 78-90, 1965; the mean itself: DLMF 19.8). Every step adds and
 multiplies positive numbers, so no digits cancel; the textbook form E = K (1 - sum 2^(n-1) c_n^2)
 subtracts, and loses digits as m nears 1.
+
+The third is the Psi of two coils, `psi_sum`; see `medjax.physics.coil`.
 """
 
 import math
@@ -93,5 +95,36 @@ def _landen(m: jax.Array, p: jax.Array, q: jax.Array) -> jax.Array:
     a, b = jnp.ones_like(m), jnp.sqrt(1 - m)
     for _ in range(_NUM_STEPS):
         p, q = (p + q) / 2, (b * p + a * q) / (a + b)
-        a, b = (a + b) / 2, jnp.sqrt(a * b)
+        a, b = _means(a, b)
     return jnp.where(m == 1, at_pole, (math.pi / 4) * (p + q) / a)
+
+
+def psi_sum(
+    a_sq: jax.Array, b_sq: jax.Array, spread: jax.Array, num_steps: int
+) -> tuple[jax.Array, jax.Array]:
+    """The sum in Psi = (K / k) sum_{n>=1} 2^n c_n^2, and the mean that K divides by.
+
+    Args:
+      a_sq: square of the arithmetic mean after a first step, `(...)`.
+      b_sq: square of the geometric mean after it, `(...)`.
+      spread: a_sq (a_sq - b_sq) from where it did not cancel, `(...)`; c_1^2 is spread / a_sq.
+      num_steps: of the mean, after the first.
+
+    Returns:
+      (sum over spread, mean), `(...)` each: pi / (2 mean) is K, but for the scale of a and b.
+
+    Source: DLMF 19.8.
+    """
+    a, b = jnp.sqrt(a_sq), jnp.sqrt(b_sq)
+    term = 1 / a_sq  # c_n^2 / spread
+    total = 2 * term
+    for step in range(num_steps):
+        a, b = _means(a, b)
+        term = spread * term**2 / (16 * a**2)
+        total = total + 2 ** (step + 2) * term
+    return total, a
+
+
+def _means(a: jax.Array, b: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """One step of the arithmetic-geometric mean."""
+    return (a + b) / 2, jnp.sqrt(a * b)

@@ -21,6 +21,7 @@ from jax import export
 
 from medjax.env.charging_env import ChargingEnv
 from medjax.episodes.recording import Choose
+from medjax.errors import InputError
 from medjax.files import replacing
 from medjax.scenarios import make
 from medjax.world.params import EnvParams
@@ -71,13 +72,13 @@ class ExportedPolicy:
           `(num_actions,)` or `(rows, num_actions)` float32; 0 where the mask forbids.
 
         Raises:
-          ValueError: one line, an array of another shape.
+          InputError: one line, an array of another shape.
         """
         obs, mask = np.asarray(obs, np.float32), np.asarray(mask, bool)
         wanted = self.about.num_features, self.about.num_actions
         given = obs.shape[-1:] + mask.shape[-1:]
         if given != wanted or obs.shape[:-1] != mask.shape[:-1] or obs.ndim > 2:
-            raise ValueError(
+            raise InputError(
                 f"obs has shape {obs.shape} and mask {mask.shape}: allowed (..., {wanted[0]}) and "
                 f"(..., {wanted[1]}), with or without an axis for rows"
             )
@@ -95,11 +96,11 @@ class ExportedPolicy:
         """Itself for `medjax.episodes.recording.record_episode` in an environment with its observation.
 
         Raises:
-          ValueError: one line, an environment that it does not fit.
+          InputError: one line, an environment that it does not fit.
         """
         size = env.observation.size(env.config)
         if (size, env.num_actions) != (self.about.num_features, self.about.num_actions):
-            raise ValueError(
+            raise InputError(
                 f"the environment has {size} features and {env.num_actions} actions: allowed "
                 f"{self.about.num_features} and {self.about.num_actions}, as the policy was trained"
             )
@@ -138,7 +139,7 @@ def load_policy(path: Path | str) -> ExportedPolicy:
     """Reads a policy.
 
     Raises:
-      ValueError: one line: no such file, or not one that `save_policy` wrote.
+      InputError: one line: no such file, or not one that `save_policy` wrote.
     """
     allowed = "allowed: a policy that train.ppo or train.export wrote"
     try:
@@ -146,9 +147,11 @@ def load_policy(path: Path | str) -> ExportedPolicy:
             given = json.loads(file.read(ABOUT))
             found = given.pop("format")
             if found != FORMAT:
-                raise ValueError(f"policy {path} has format {found!r}, allowed: {FORMAT}")
+                raise InputError(f"policy {path} has format {found!r}, allowed: {FORMAT}")
             return ExportedPolicy(About(**given), export.deserialize(bytearray(file.read(NETWORK))))
     except OSError as error:
-        raise ValueError(f"policy {path}: {error.strerror or error}, {allowed}") from None
-    except (zipfile.BadZipFile, KeyError, TypeError, AttributeError, json.JSONDecodeError):
-        raise ValueError(f"policy {path} cannot be read, {allowed}") from None
+        raise InputError(f"policy {path}: {error.strerror or error}, {allowed}") from None
+    except InputError:
+        raise
+    except (zipfile.BadZipFile, KeyError, TypeError, AttributeError, ValueError):
+        raise InputError(f"policy {path} cannot be read, {allowed}") from None

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from medjax.commandline import fail
+from medjax.errors import InputError
 from medjax.render.command import Request, parse_request
 from medjax.render.options import PROG
 
@@ -32,13 +33,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         _check(request, *request.played.prepared())
         env, params, chosen = request.played.policies()
-    except (ValueError, OSError) as error:
+    except (InputError, OSError) as error:
         return fail(PROG, error)
     try:
         recordings = request.played.record(env, params, chosen)
         try:
             _write(request, recordings)
-        except (ValueError, OSError) as error:  # a vehicle that never came, a disk that is full
+        except (InputError, OSError) as error:  # a vehicle that never came, a disk that is full
             return fail(PROG, error)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
@@ -48,13 +49,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _check(request: Request, env: ChargingEnv, params: EnvParams) -> None:
-    """Raises ValueError for a place or time that the episode will not have."""
+    """Raises InputError for a place or time that the episode will not have."""
     length_m = float(params.road.length_m)
     seconds = int(params.episode_decisions) * env.config.decision_s
     if request.place_m is not None and not 0.0 <= request.place_m <= length_m:
-        raise ValueError(f"--follow {request.follow}: allowed 0 to {length_m:g} m")
+        raise InputError(f"--follow {request.follow}: allowed 0 to {length_m:g} m")
     if request.start_s is not None and request.start_s > seconds:
-        raise ValueError(f"--start {request.start_s:g}: allowed 0 to {seconds:g} s")
+        raise InputError(f"--start {request.start_s:g}: allowed 0 to {seconds:g} s")
 
 
 def _write(request: Request, recordings: Sequence[Recording]) -> None:

@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 
-from medjax.errors import shown
+from medjax.errors import InputError, shown
 from medjax.render.roadway import Roadway
 from medjax.render.scene import Scene, Timeline
 from medjax.render.tracks import CLASSES, Track
@@ -42,7 +42,7 @@ def camera_path(timeline: Timeline, follow: str) -> np.ndarray:
     With `auto` it is with the MED that charges most EVs, for HOLD_S at least.
 
     Raises:
-      ValueError: one line, `follow` names nothing that there is.
+      InputError: one line, `follow` names nothing that there is.
     """
     count = len(timeline.recording.frames.x)
     if follow == AUTO:
@@ -52,12 +52,12 @@ def camera_path(timeline: Timeline, follow: str) -> np.ndarray:
     except ValueError:
         return _track_path(timeline, find_track(timeline, follow))
     if not 0.0 <= place <= timeline.roadway.length_m:
-        raise ValueError(f"follow = {follow}: allowed 0 to {timeline.roadway.length_m:g} m")
+        raise InputError(f"follow = {follow}: allowed 0 to {timeline.roadway.length_m:g} m")
     return np.full(count, place)
 
 
 def check_follow(text: str) -> None:
-    """Raises ValueError for what can be followed in no recording."""
+    """Raises InputError for what can be followed in no recording."""
     if text == AUTO or _parts(text) is not None:
         return
     try:
@@ -65,7 +65,7 @@ def check_follow(text: str) -> None:
     except ValueError:
         known = False
     if not known:
-        raise ValueError(f"follow = {shown(text)}: allowed {FORMS}")
+        raise InputError(f"follow = {shown(text)}: allowed {FORMS}")
 
 
 def _parts(text: str) -> tuple[str, int] | None:
@@ -83,7 +83,7 @@ def is_vehicle(follow: str) -> bool:
 
 
 def find_track(timeline: Timeline, text: str) -> Track:
-    """The vehicle that `MED:3` names; raises ValueError where there is none."""
+    """The vehicle that `MED:3` names; raises InputError where there is none."""
     check_follow(text)
     kind, number = _parts(text) or ("", 0)
     same = [track for track in timeline.tracks if track.kind == kind]
@@ -91,7 +91,7 @@ def find_track(timeline: Timeline, text: str) -> Track:
         if track.number == number:
             return track
     allowed = f"1 to {len(same)}" if same else f"none, for there is no {kind} in this episode"
-    raise ValueError(f"follow = {text}: allowed {kind} numbers: {allowed}")
+    raise InputError(f"follow = {text}: allowed {kind} numbers: {allowed}")
 
 
 def _track_path(timeline: Timeline, track: Track) -> np.ndarray:

@@ -54,7 +54,7 @@ def parse_request(argv: Sequence[str] | None = None) -> Request:
     given = parser.parse_args(argv)
     try:
         return _request(given)
-    except ValueError as error:
+    except InputError as error:
         parser.error(str(error))
 
 

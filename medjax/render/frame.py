@@ -6,6 +6,7 @@ import functools
 
 import numpy as np
 
+from medjax.errors import InputError
 from medjax.render import colors
 from medjax.render.asphalt import draw_asphalt, draw_ruler
 from medjax.render.camera import busiest_place
@@ -45,11 +46,11 @@ def draw(
       `(height, width, 3)` uint8.
 
     Raises:
-      ValueError: a size that no picture can have.
+      InputError: a size that no picture can have.
     """
     check_size(width, height)
     if span_m is not None and not span_m > 0.0:
-        raise ValueError(f"span_m = {span_m}: allowed (0, inf)")
+        raise InputError(f"span_m = {span_m}: allowed (0, inf)")
     font = font_size(width, height)
     layout = Layout.of(width, height, legend_rows(width - font, font), font)
     canvas = Canvas(width, height, colors.PAPER)
@@ -87,7 +88,7 @@ def render_state(
       `(height, width, 3)` uint8.
 
     Raises:
-      ValueError: one line; a size that no picture can have, no preset of that name, or a state that is of another one.
+      InputError: one line; a size that no picture can have, no preset of that name, or a state that is of another one.
     """
     if params is None:
         params = _preset(name, config)
@@ -99,7 +100,7 @@ def render_state(
 @functools.cache
 def _preset(name: str, config: EnvConfig) -> EnvParams:
     if name not in SCENARIOS:
-        raise ValueError(f"no preset {name!r}: give params")
+        raise InputError(f"no preset {name!r}: give params")
     return SCENARIOS[name].params(config)
 
 
@@ -109,7 +110,7 @@ def _check_batteries(state: EnvState, params: EnvParams, name: str) -> None:
         (state.meds.energy_j, params.med_capacity_j),
     ):
         if float(np.max(energy)) > 1.001 * float(capacity):
-            raise ValueError(f"the state is of other batteries than preset {name!r}: give params")
+            raise InputError(f"the state is of other batteries than preset {name!r}: give params")
 
 
 def _draw_strip(

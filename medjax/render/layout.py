@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from medjax.errors import InputError
 from medjax.render.roadway import Roadway
 
 Box = tuple[float, float, float, float]  # px: left, top, right, bottom
@@ -44,10 +45,10 @@ class Layout:
 
 
 def check_size(width: int, height: int) -> None:
-    """Raises ValueError where no picture of that size can be drawn."""
+    """Raises InputError where no picture of that size can be drawn."""
     for name, value, low in (("width", width, SMALLEST[0]), ("height", height, SMALLEST[1])):
         if not low <= value <= LARGEST:
-            raise ValueError(f"{name} = {value}: allowed {low} to {LARGEST} px")
+            raise InputError(f"{name} = {value}: allowed {low} to {LARGEST} px")
 
 
 def font_size(width: int, height: int) -> int:

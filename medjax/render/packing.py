@@ -12,6 +12,8 @@ import gzip
 
 import numpy as np
 
+from medjax.errors import InputError
+
 MISSING = -(2**31)  # what stands for a number that is not there (NaN)
 
 
@@ -32,11 +34,11 @@ class Packer:
           order: how often differences along time are taken.
 
         Raises:
-          ValueError: a number too large for its step.
+          InputError: a number too large for its step.
         """
         steps = np.round(np.asarray(values, np.float64) / step)
         if np.nanmax(np.abs(steps), initial=0.0) >= 2**31:
-            raise ValueError(
+            raise InputError(
                 f"{name} holds {np.nanmax(np.abs(values)):g}: allowed {2**31 * step:g}"
             )
         whole = np.where(np.isnan(steps), MISSING, steps).astype(np.int64).astype(np.int32)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from medjax.episodes.recording import Recording
+from medjax.errors import InputError
 from medjax.files import replacing
 from medjax.render import colors
 from medjax.render.camera import AUTO, camera_path, find_track, is_vehicle
@@ -46,7 +47,7 @@ def write_player(
       start_s: where the clock stands at the start.
 
     Raises:
-      ValueError: one line; recordings of different episodes, a vehicle or time that there is not.
+      InputError: one line; recordings of different episodes, a vehicle or time that there is not.
       OSError: path cannot be written.
     """
     page = player_page(recordings, follow=follow, start_s=start_s)
@@ -61,7 +62,7 @@ def player_page(
     check_comparable(recordings)
     timelines = [Timeline(recording) for recording in recordings]
     if not 0.0 <= start_s <= timelines[0].duration_s:
-        raise ValueError(f"start = {start_s:g} s: allowed 0 to {timelines[0].duration_s:g} s")
+        raise InputError(f"start = {start_s:g} s: allowed 0 to {timelines[0].duration_s:g} s")
     packed = [pack_episode(timeline) for timeline in timelines]
     head = recordings[0]
     data = {
@@ -92,17 +93,17 @@ def player_page(
 
 
 def check_comparable(recordings: Sequence[Recording]) -> None:
-    """Raises ValueError unless these are one recording, or two of the same episode of the same world."""
+    """Raises InputError unless these are one recording, or two of the same episode of the same world."""
     if not 1 <= len(recordings) <= 2:
-        raise ValueError(f"{len(recordings)} recordings: allowed 1 or 2")
+        raise InputError(f"{len(recordings)} recordings: allowed 1 or 2")
     first, last = recordings[0], recordings[-1]
     for name in ("scenario", "seed", "episode", "config"):
         a, b = getattr(first, name), getattr(last, name)
         if a != b:
-            raise ValueError(f"{name} is {a} and {b}: allowed two recordings of the same episode")
+            raise InputError(f"{name} is {a} and {b}: allowed two recordings of the same episode")
     lengths = len(first.frames.x), len(last.frames.x)
     if lengths[0] != lengths[1]:
-        raise ValueError(f"{lengths[0]} and {lengths[1]} frames: allowed episodes of one length")
+        raise InputError(f"{lengths[0]} and {lengths[1]} frames: allowed episodes of one length")
 
 
 def _follow(timeline: Timeline, follow: str) -> dict[str, Any]:

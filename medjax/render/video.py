@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from medjax.episodes.recording import Recording
+from medjax.errors import InputError
 from medjax.files import replacing
 from medjax.render.camera import AUTO, busiest_place, busiest_time, camera_path
 from medjax.render.encoder import encode, ffmpeg_program
@@ -60,7 +61,7 @@ def write_png(path: Path, recording: Recording, shot: Shot = Shot()) -> None:
     """Writes one picture, of `shot.start_s`.
 
     Raises:
-      ValueError: a size, time or vehicle that there is not.
+      InputError: a size, time or vehicle that there is not.
       OSError: path cannot be written.
     """
     from PIL import Image
@@ -82,14 +83,14 @@ def write_video(path: Path, recording: Recording, shot: Shot = Shot()) -> None:
 
     Raises:
       MissingLibrary: imageio-ffmpeg is not installed.
-      ValueError: another ending; a size, time or vehicle that there is not.
+      InputError: another ending; a size, time or vehicle that there is not.
       OSError: path cannot be written.
     """
     from tqdm import tqdm
 
     ffmpeg_program()
     if path.suffix not in SUFFIXES:
-        raise ValueError(f"{path.name}: allowed {', '.join(SUFFIXES)}")
+        raise InputError(f"{path.name}: allowed {', '.join(SUFFIXES)}")
     timeline = Timeline(recording)
     start, duration = _stretch(timeline, shot, whole=path.suffix == ".mp4")
     times = picture_times(timeline, start, duration)
@@ -132,7 +133,7 @@ def _place(timeline: Timeline, path: np.ndarray, time: float) -> float:
 
 def _checked(timeline: Timeline, start_s: float) -> float:
     if not 0.0 <= start_s <= timeline.duration_s:
-        raise ValueError(f"start = {start_s:g} s: allowed 0 to {timeline.duration_s:g} s")
+        raise InputError(f"start = {start_s:g} s: allowed 0 to {timeline.duration_s:g} s")
     return start_s
 
 
@@ -142,7 +143,7 @@ def _stretch(timeline: Timeline, shot: Shot, *, whole: bool) -> tuple[float, flo
     if duration is None:
         duration = timeline.duration_s if whole else EXCERPT_S
     if not duration > 0.0:
-        raise ValueError(f"duration = {duration:g} s: allowed (0, inf)")
+        raise InputError(f"duration = {duration:g} s: allowed (0, inf)")
     if shot.start_s is not None:
         return _checked(timeline, shot.start_s), duration
     if whole and shot.duration_s is None:

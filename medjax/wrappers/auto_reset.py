@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.env.contract import Environment, Observation, Params, State, StepResult
+from medjax.errors import InputError
 from medjax.numerics.rows import for_true_rows
 
 
@@ -42,7 +43,7 @@ class BatchAutoReset:
             `info["cut_short"]` because such an episode says nothing about a whole one's return.
 
     Raises:
-        ValueError: a number out of its range.
+        InputError: a number out of its range.
     """
 
     env: Environment
@@ -52,9 +53,9 @@ class BatchAutoReset:
     def __post_init__(self) -> None:
         """Checks the numbers."""
         if self.reset_pool_size < 0:
-            raise ValueError(f"reset_pool_size is {self.reset_pool_size}, must be at least 0")
+            raise InputError(f"reset_pool_size is {self.reset_pool_size}, must be at least 0")
         if self.stagger < 0:
-            raise ValueError(f"stagger is {self.stagger}, must be at least 0")
+            raise InputError(f"stagger is {self.stagger}, must be at least 0")
 
     @property
     def num_actions(self) -> int:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from medjax.env.contract import Params, State, StepResult
+from medjax.errors import InputError
 from medjax.wrappers.base import Wrapper
 
 
@@ -23,7 +24,7 @@ class DecideEvery(Wrapper):
         interval: decisions from one choice to the next, at least 1.
 
     Raises:
-        ValueError: the interval is out of its range.
+        InputError: the interval is out of its range.
     """
 
     interval: int = 1
@@ -31,7 +32,7 @@ class DecideEvery(Wrapper):
     def __post_init__(self) -> None:
         """Checks the number."""
         if self.interval < 1:
-            raise ValueError(f"interval is {self.interval}, must be at least 1")
+            raise InputError(f"interval is {self.interval}, must be at least 1")
 
     def step_env(
         self, key: jax.Array, state: State, action: jax.Array, params: Params

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.env.contract import Observation, Params, StepResult
+from medjax.errors import InputError
 from medjax.world.params import Scalar
 from medjax.wrappers.base import Wrapper
 
@@ -61,7 +62,7 @@ class RandomDemand(Wrapper):
         high: largest factor, at least `low`.
 
     Raises:
-        ValueError: the factors are out of their range.
+        InputError: the factors are out of their range.
     """
 
     low: float
@@ -70,7 +71,7 @@ class RandomDemand(Wrapper):
     def __post_init__(self) -> None:
         """Checks the numbers."""
         if not 0.0 <= self.low <= self.high < math.inf:
-            raise ValueError(
+            raise InputError(
                 f"factors of the demand are {self.low} to {self.high}, must be at least 0 and ascending"
             )
 

@@ -69,7 +69,7 @@ class Algorithm:
         settings: their class; its `algorithm` is the name in tables and files.
         build_network: `(env, config)` to a network of logits `(..., num_actions)` and values `(...)` at observations
             `(..., num_features)`; of logits the policy takes the highest, or samples their softmax.
-        build_learner: `(env, params, config)` to what learns; ValueError if `config.num_devices` is not possible.
+        build_learner: `(env, params, config)` to what learns; InputError if `config.num_devices` is not possible.
     """
 
     settings: type[TrainConfig]

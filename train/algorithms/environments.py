@@ -8,7 +8,6 @@ import jax
 import medjax
 from medjax.env.contract import Environment
 from medjax.env.observation import OBSERVATIONS
-from medjax.errors import InputError
 from medjax.numerics.devices import environment_mesh
 from medjax.scenarios import prepare
 from medjax.wrappers import BatchAutoReset, DecideEvery, EpisodeLog, RandomDemand, TimeLimitAsEnd
@@ -35,14 +34,10 @@ def check_environment(config: TrainConfig) -> None:
 
 
 def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
-    overrides: dict[str, Any] = dict(config.overrides)
-    try:
-        # An environment is compiled in part; what can be refused without it is refused before.
-        check_network(config, OBSERVATIONS.get(config.observation))
-        environment_mesh(config.device_groups, config.num_devices, jax.devices())
-        return build(config.scenario, observation=config.observation, **overrides)
-    except ValueError as error:
-        raise InputError(str(error)) from None
+    # An environment is compiled in part; what can be refused without it is refused before.
+    check_network(config, OBSERVATIONS.get(config.observation))
+    environment_mesh(config.device_groups, config.num_devices, jax.devices())
+    return build(config.scenario, observation=config.observation, **config.overrides)
 
 
 def training_batch(

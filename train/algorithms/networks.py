@@ -17,7 +17,7 @@ from flax import struct
 
 from medjax.env.contract import Environment
 from medjax.env.observation import FlatObservation
-from medjax.errors import shown
+from medjax.errors import InputError, shown
 from medjax.world.params import EnvConfig
 from train.algorithms.normalization import RunningStats, normalize
 from train.settings import TrainConfig
@@ -167,13 +167,13 @@ def check_network(config: TrainConfig, layout: Any) -> None:
         layout: observation of the environment, `medjax.env.observation.OBSERVATIONS` has those with a name.
 
     Raises:
-        ValueError: no such network, or it does not fit the observation.
+        InputError: no such network, or it does not fit the observation.
     """
     if config.network not in NETWORKS:
         allowed = ", ".join(NETWORKS)
-        raise ValueError(f"network is {shown(config.network)}, allowed: {allowed}")
+        raise InputError(f"network is {shown(config.network)}, allowed: {allowed}")
     if config.network == "sets" and not isinstance(layout, FlatObservation):
-        raise ValueError(
+        raise InputError(
             f"network is 'sets' and observation is {shown(config.observation)}, allowed: flat"
         )
 
@@ -186,7 +186,7 @@ def build_torso(env: Environment, config: TrainConfig) -> Callable[[], nn.Module
         config: settings.
 
     Raises:
-        ValueError: no such network, or it does not fit the observation.
+        InputError: no such network, or it does not fit the observation.
     """
     check_network(config, getattr(env, "observation", None))
     return NETWORKS[config.network](env, config)

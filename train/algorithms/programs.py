@@ -74,7 +74,7 @@ def make_train(env: Environment, params: Any, config: TrainConfig) -> Programs:
         `config.num_seeds > 1` every leaf of the state and of the metrics has a leading axis of that length.
 
     Raises:
-        ValueError: `config.num_devices` is not possible.
+        InputError: `config.num_devices` is not possible.
     """
     learner = algorithm_of(config).build_learner(env, params, config)
     init: Callable[[jax.Array, Any], TrainState] = learner.init

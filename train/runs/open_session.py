@@ -26,10 +26,7 @@ def open_session(request: Request) -> Session:
     join(request.processes)
     together(lambda: _look(request.run_dir))
     env, params = make_environment(config)
-    try:
-        programs = make_train(env, params, config)
-    except ValueError as error:
-        raise InputError(str(error)) from None
+    programs = make_train(env, params, config)
     shapes = shapes_of(programs, params, config)
     taken = together(lambda: _take(request, shapes))
     return Session(env, params, config, programs, shapes, request.resume is not None, *taken)

@@ -17,6 +17,7 @@ from gymnasium.spaces import Box, Discrete
 
 from medjax.env.charging_env import ChargingEnv
 from medjax.env.reward import RewardTerm
+from medjax.errors import InputError
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.scenarios import make
 from medjax.world.params import EnvConfig, EnvParams
@@ -54,10 +55,10 @@ def spaces_of(env: ChargingEnv, params: EnvParams) -> tuple[Box, Discrete]:
 
 
 def check_render_mode(render_mode: str | None, metadata: Mapping[str, Any]) -> None:
-    """Raises ValueError with one line."""
+    """Raises InputError with one line."""
     allowed = metadata["render_modes"]
     if render_mode is not None and render_mode not in allowed:
-        raise ValueError(f"render_mode = {render_mode!r}: allowed None, {', '.join(allowed)}")
+        raise InputError(f"render_mode = {render_mode!r}: allowed None, {', '.join(allowed)}")
 
 
 def picture(env: ChargingEnv, state: EnvState, params: EnvParams) -> np.ndarray:

@@ -9,11 +9,10 @@ import jax
 import numpy as np
 from gymnasium.error import ResetNeeded
 
+from medjax.registration import ENV_ID
 from medjax.world.state import EnvState
 from medjax.wrappers.gymnasium import programs
 from medjax.wrappers.gymnasium.window import Window
-
-ENV_ID = "medjax/Charging-v0"
 
 
 class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
@@ -29,7 +28,7 @@ class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
       **overrides: of `medjax.make`.
 
     Raises:
-      ValueError: one line; a scenario, option, value or render mode that is not allowed.
+      InputError: one line; a scenario, option, value or render mode that is not allowed.
     """
 
     metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]

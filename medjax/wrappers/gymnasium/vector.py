@@ -13,6 +13,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from medjax.errors import InputError
 from medjax.wrappers.auto_reset import BatchState
 from medjax.wrappers.gymnasium import programs
 
@@ -29,7 +30,7 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
       scenario, render_mode, **overrides: as of `ChargingGymEnv`; render modes are None and "rgb_array".
 
     Raises:
-      ValueError: one line; a number, scenario, option, value or render mode that is not allowed.
+      InputError: one line; a number, scenario, option, value or render mode that is not allowed.
     """
 
     metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
@@ -46,7 +47,7 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         **overrides: Any,
     ) -> None:
         if num_envs < 1:
-            raise ValueError(f"num_envs = {num_envs}: allowed at least 1")
+            raise InputError(f"num_envs = {num_envs}: allowed at least 1")
         programs.check_render_mode(render_mode, self.metadata)
         self.num_envs = num_envs
         self.simulator, self.params = programs.make_shared(scenario, overrides)
@@ -79,7 +80,7 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             seed = [seed + number for number in range(self.num_envs)]
         seeds = [None] * self.num_envs if seed is None else list(seed)
         if len(seeds) != self.num_envs:
-            raise ValueError(f"{len(seeds)} seeds: allowed {self.num_envs}, one a copy")
+            raise InputError(f"{len(seeds)} seeds: allowed {self.num_envs}, one a copy")
         for number, own in enumerate(seeds):
             if own is not None:
                 self._generators[number] = seeding.np_random(own)[0]

@@ -187,7 +187,7 @@ def build_learner(env: Environment, params: Any, config: PPOConfig) -> PPOLearne
         config: settings.
 
     Raises:
-        ValueError: `config.num_devices` is not possible.
+        InputError: `config.num_devices` is not possible.
     """
     network = build_network(env, config)
     mesh = environment_mesh(config.device_groups, config.num_devices, jax.devices())

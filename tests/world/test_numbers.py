@@ -9,15 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from docs.parameters import PAGE, written
 from medjax.scenarios import prepare
-from medjax.world import ranges
-from medjax.world.params import EnvConfig, EnvParams, check_numbers
+from medjax.world.checks import check_numbers
+from medjax.world.params import COILS, GROUPS, OTHERS, SIZES, WEIGHT, EnvConfig, EnvParams
 from tests import fuzz
-from train.algorithms.ppo.settings import PPOConfig
-from train.runs.arguments import parse_request
 
 ROWS = {row.name: row for row in [*fuzz.ROWS, *fuzz.COILS]}
-FIELDS = {field.name: field for field in dataclasses.fields(PPOConfig)}
 
 # What a number at the end of its range needs of others; see "What must go together".
 LONG = {"length_m": 200e3}
@@ -71,7 +69,7 @@ def test_ends_of_ranges(name):
     row = ROWS[name]
     for end in reachable(row):
         for value in forms(end):
-            if name in ranges.SIZES and row.whole and np.asarray(value).dtype.kind == "f":
+            if name in SIZES and row.whole and np.asarray(value).dtype.kind == "f":
                 continue
             got = np.asarray(accepted(name, value))
             np.testing.assert_allclose(got, end, rtol=1e-7)
@@ -105,7 +103,7 @@ def test_any_number_of_its_range(data):
 
 
 INDEPENDENT = sorted(
-    name for name in ROWS if name not in BESIDE and name not in ranges.SIZES and "_soc" not in name
+    name for name in ROWS if name not in BESIDE and name not in SIZES and "_soc" not in name
 )
 
 
@@ -125,88 +123,30 @@ def test_all_numbers_at_once(numbers):
 def test_every_field_has_a_range():
     """In the code and in the documentation: of every number that there is, and the same."""
     _, params, coils = prepare()
-    assert set(ranges.SIZES) == {field.name for field in dataclasses.fields(EnvConfig)}
-    assert set(ranges.COILS) == {field.name for field in dataclasses.fields(coils)}
-    stated = {**ranges.SIZES, **ranges.OTHERS, **ranges.COILS}
+    assert set(SIZES) == {field.name for field in dataclasses.fields(EnvConfig)}
+    assert set(COILS) == {field.name for field in dataclasses.fields(coils)}
+    stated = {**SIZES, **OTHERS, **COILS}
     for field in dataclasses.fields(EnvParams):
         holder = getattr(params, field.name)
         if field.name == "reward_weights":
-            stated |= {f"reward_weights.{term}": ranges.WEIGHT for term in holder}
+            stated |= {f"reward_weights.{term}": WEIGHT for term in holder}
         elif dataclasses.is_dataclass(holder):
             leaves = {leaf.name for leaf in dataclasses.fields(holder)} - {"inductance"}
-            assert set(ranges.GROUPS[field.name]) == leaves
-            stated |= {f"{field.name}.{leaf}": ranges.GROUPS[field.name][leaf] for leaf in leaves}
+            assert set(GROUPS[field.name]) == leaves
+            stated |= {f"{field.name}.{leaf}": GROUPS[field.name][leaf] for leaf in leaves}
         else:
-            assert field.name in ranges.OTHERS
+            assert field.name in OTHERS
     assert stated.keys() == ROWS.keys()
     for name, limits in stated.items():
         assert (limits.low, limits.high, limits.whole) == (*ends(name), ROWS[name].whole), name
 
 
+def test_the_page_has_what_is_declared():
+    """`python -m docs.parameters` would write the same tables."""
+    page = PAGE.read_text(encoding="utf-8")
+    assert written(page) == page
+    assert page.count("<!-- table: ") == 5
+
+
 def ends(name):
     return ROWS[name].low, ROWS[name].high
-
-
-# The learner's settings.
-
-BESIDE_SETTING = {
-    "num_minibatches": {"num_envs": 2**20},
-    "total_timesteps": {"num_envs": 2**20},
-    "num_envs": {"num_minibatches": 1},
-    "num_seeds": {},
-}
-
-
-def good_settings(field):
-    one = field.default[0] if isinstance(field.default, tuple) else field.default
-    if isinstance(one, bool):
-        return [True, False]
-    if field.metadata["choices"]:
-        return field.metadata["choices"]
-    if not isinstance(one, int | float):
-        return []
-    return [field.metadata["low"], field.metadata["high"], one]
-
-
-@pytest.mark.parametrize("name", FIELDS)
-def test_settings(name):
-    """In Python and on the command line, to the ends of the range."""
-    field = FIELDS[name]
-    beside = BESIDE_SETTING.get(name, {})
-    flag = "--" + name.replace("_", "-")
-    others = [f"--{other.replace('_', '-')}={value}" for other, value in beside.items()]
-    for value in good_settings(field):
-        given = (value, value) if isinstance(field.default, tuple) else value
-        config = PPOConfig(**{name: given}, **beside)
-        assert getattr(config, name) == given
-        if isinstance(value, bool):
-            argv = [flag if value else flag.replace("--", "--no-", 1)]
-        elif isinstance(given, tuple):
-            argv = [flag, *map(str, given)]
-        else:
-            argv = [f"{flag}={value}"]
-        assert parse_request(PPOConfig, [*argv, *others]).config == config
-        if isinstance(value, int | float) and not isinstance(value, bool) and given is value:
-            same = np.asarray(value)[()]
-            assert PPOConfig(**{name: same}, **beside) == config
-
-
-def test_paths_of_any_usual_name():
-    for name in (
-        "runs/a",
-        "../x",
-        "/tmp/x y",
-        "-rf",
-        "con",
-        "é€",
-        "🚚",
-        "a" * 255,
-        "./~",
-        "x.",
-        "...",
-        "a/../b",
-        "run/",
-    ):
-        assert str(parse_request(PPOConfig, [f"--run-dir={name}"]).run_dir) == name.rstrip(
-            "/"
-        ).removeprefix("./")

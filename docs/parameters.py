@@ -1,0 +1,67 @@
+"""The tables of docs/parameters.md, from what `medjax.world` declares; `python -m docs.parameters` writes them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from medjax.env.reward import TERMS
+from medjax.world.charging_params import CoilDesign
+from medjax.world.numbers import Number
+from medjax.world.params import COILS, GROUPS, OTHERS, SIZES, WEIGHT, WEIGHTS, EnvConfig
+from medjax.world.presets import SCENARIOS
+
+PAGE = Path(__file__).with_suffix(".md")
+TABLE = re.compile(r"(<!-- table: ([\w, .]+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
+HEAD = "| name | value | allowed | unit | what it is; source |\n|---|---|---|---|---|\n"
+BODIES = ("ev", "med")
+
+
+def _shown(value: Any) -> str:
+    """A number, or those of an array; one stands for all of the same."""
+    texts = [f"{number:.6g}" for number in np.ravel(value)]
+    return texts[0] if len(set(texts)) == 1 else ", ".join(texts)
+
+
+def _row(name: str, value: Any, declared: Number, body: int = 0) -> str:
+    text = declared.text[body] if isinstance(declared.text, tuple) else declared.text
+    cells = (f"`{name}`", _shown(value), declared.range, declared.unit, text)
+    return "|" + "|".join(f" {cell} " if cell else " " for cell in cells) + "|\n"
+
+
+def _rows(group: str) -> Iterator[str]:
+    """The rows of a group, or of one number that is in none."""
+    config, coils = EnvConfig(), CoilDesign()
+    params = SCENARIOS["paper"].params(config)
+    if group == "sizes":
+        yield from (_row(name, getattr(config, name), SIZES[name]) for name in SIZES)
+    elif group == "coils":
+        yield from (_row(name, getattr(coils, name), COILS[name]) for name in COILS)
+    elif group == "reward_weights":
+        for term in TERMS:
+            declared = WEIGHTS.get(term, WEIGHT)
+            yield _row(f"{group}.{term}", declared.default, declared)
+    elif group in OTHERS:
+        yield _row(group, getattr(params, group), OTHERS[group])
+    else:
+        body = BODIES.index(group) if group in BODIES else 0
+        for name, declared in GROUPS[group].items():
+            yield _row(f"{group}.{name}", getattr(getattr(params, group), name), declared, body)
+
+
+def _table(found: re.Match[str]) -> str:
+    rows = (row for group in found[2].split(", ") for row in _rows(group))
+    return found[1] + HEAD + "".join(rows) + found[3]
+
+
+def written(page: str) -> str:
+    """The page with its tables as they are declared; a comment before each names its groups."""
+    return TABLE.sub(_table, page)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(written(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,0 +1,172 @@
+"""The numbers of fleet, charging, link and batteries, each declared once: as `medjax.world.traffic_params`."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import jax
+from flax import struct
+
+from medjax.physics import InductanceTable, tabulate_inductance
+from medjax.world.numbers import number, numbers_of
+from medjax.world.traffic_params import Scalar
+
+JOULES_PER_KWH = 3.6e6
+
+
+class FleetParams(struct.PyTreeNode):
+    """The MEDs and their dispatch."""
+
+    size: jax.Array | int = number(
+        15, 0, 64, "", "MEDs in the depot at first, at most `num_meds`; paper", whole=True
+    )
+    cooldown_s: Scalar = number(
+        5.0, 0, 1e6, "s", "between two dispatches; chosen; the paper leaves its length to the user"
+    )
+    turnaround_s: Scalar = number(
+        math.inf,
+        0,
+        math.inf,
+        "s",
+        "from the road's end to ready and full; inf: each MED is sent once",
+    )
+    service_speed: Scalar = number(
+        18.0, 1, 100, "m/s", "chosen: EVs use half as much as at 30 m/s, and traffic can pass"
+    )
+    service_lane: jax.Array | int = number(
+        2, 0, 5, "", "a lane with one on either side", whole=True
+    )
+    reserve_soc: Scalar = number(0.1, 0, 1, "", "a MED keeps this for its way home; chosen")
+
+
+class ChargingParams(struct.PyTreeNode):
+    """Requests, booking and docking."""
+
+    request_soc: Scalar = number(0.4, 0, 1, "", "an EV below this asks; chosen")
+    target_soc: Scalar = number(0.8, 0, 1, "", "and leaves its slot at this; chosen")
+    reach_ahead_m: Scalar = number(
+        400.0, 0, 200e3, "m", "how far ahead of the EV a MED may be asked; chosen"
+    )
+    reach_behind_m: Scalar = number(100.0, 0, 200e3, "m", "how far behind it; chosen")
+    patience_s: Scalar = number(
+        60.0,
+        0.1,
+        1e6,
+        "s",
+        "until a booking not docked lapses; reach over approach speed, and 10 s",
+    )
+    retry_s: Scalar = number(
+        10.0, 0, 1e6, "s", "then the EV waits so long before it asks again; chosen"
+    )
+    approach_speed: Scalar = number(
+        8.0, 0.1, 50, "m/s", "chosen: how much faster than the MED an EV closes up, at most"
+    )
+    approach_rate: Scalar = number(
+        0.35, 0.01, 10, "1/s", "relative speed per metre to go; chosen: slightly underdamped"
+    )
+    speed_rate: Scalar = number(
+        1.0, 0.01, 20, "1/s", "acceleration per m/s of relative speed error; chosen"
+    )
+    platoon_headway: Scalar = number(
+        0.3, 0.01, 10, "s", "of a MED and the EVs booked on it; as in truck platooning tests"
+    )
+    platoon_min_gap: Scalar = number(2.0, 0.1, 20, "m", "as `drivers.min_gap`")
+    dock_gap_m: Scalar = number(
+        12.0, 0.1, 100, "m", "bumper to bumper; chosen: above the platoon's gap at 18 m/s"
+    )
+    dock_tolerance_m: Scalar = number(
+        0.3, 0.001, 10, "m", "charging starts within this; chosen: efficiency stays above 0.9"
+    )
+    dock_speed_tolerance: Scalar = number(
+        0.5, 0.001, 10, "m/s", "and within this of the MED's speed; chosen"
+    )
+    hold_tolerance_m: Scalar = number(
+        0.6, 0.001, 10, "m", "beyond this it stops; chosen: the coils' null is at 0.58 m"
+    )
+    slot_power_w: Scalar = number(
+        40e3,
+        0,
+        10e6,
+        "W",
+        "drawn from the MED for each charging slot; chosen between dynamic demonstrators (20 kW) and "
+        "static heavy duty (120 kW)",
+    )
+
+
+class LinkParams(struct.PyTreeNode):
+    """Coils and the circuit; the table is `physics.tabulate_inductance` of the coil design."""
+
+    inductance: InductanceTable = None  # type: ignore[assignment]  # of the two coils; `build_link` fills it in
+    panel_gap_m: Scalar = number(
+        0.2, 0.05, 1, "m", "distance of docked panels, in the coils' table; SAE J2954 Z3"
+    )
+    misalignment_scale: Scalar = number(
+        1.0, 0, 10, "", "share of the misalignment that coils see; 0: none, 1: as vehicles drive"
+    )
+    load_ohm: Scalar = number(10.0, 1e-3, 1e6, "ohm", "reference")
+    med_resistance_ohm: Scalar = number(0.159, 1e-6, 10e3, "ohm", "reference")
+    ev_resistance_ohm: Scalar = number(0.126, 1e-6, 10e3, "ohm", "reference")
+    angular_frequency: Scalar = number(2.0 * math.pi * 85e3, 1, 1e9, "rad/s", "85 kHz, SAE J2954")
+
+
+@dataclasses.dataclass(frozen=True)
+class CoilDesign:
+    """The coils of both sides; `build_link` tabulates their mutual inductance."""
+
+    med_coil_radius_m: float = number(0.35, 0.01, 5, "m", "reference")
+    ev_coil_radius_m: float = number(0.30, 0.01, 5, "m", "reference")
+    med_coil_turns: int = number(10, 1, 1000, "", "reference")
+    ev_coil_turns: int = number(10, 1, 1000, "", "reference")
+
+
+def build_link(design: CoilDesign, params: LinkParams | None = None) -> LinkParams:
+    """Link of a coil design; pure in the design's numbers, so that it may run under `jax.vmap`.
+
+    Args:
+      design: the coils.
+      params: everything else of the link; None takes the defaults.
+    """
+    table = tabulate_inductance(
+        design.med_coil_radius_m,
+        design.ev_coil_radius_m,
+        primary_turns=design.med_coil_turns,
+        secondary_turns=design.ev_coil_turns,
+    )
+    return (params or LinkParams()).replace(inductance=table)
+
+
+class BodyParams(struct.PyTreeNode):
+    """Road load and drivetrain of one vehicle class, eqs (7)-(8): an EV's, and a MED's."""
+
+    mass_kg: Scalar = number(
+        (1636.03, 15076.0), 1, 1e6, "kg", ("Nissan Leaf 30 kWh, fastsim", "reference: a 15 t truck")
+    )
+    drag_coefficient: Scalar = number((0.315, 0.8), 1e-3, 10, "", ("the same", "the same"))
+    frontal_area_m2: Scalar = number((2.755, 10.0), 0.01, 100, "m2", ("the same", "the same"))
+    rolling_resistance: Scalar = number((0.008, 0.0092), 1e-4, 1, "", ("the same", "the same"))
+    rotational_inertia_factor: Scalar = number(
+        (1.01765, 1.01765), 1, 10, "", ("the same", "as the EV")
+    )
+    drivetrain_efficiency: Scalar = number(
+        (0.90, 0.90), 0.01, 1, "", ("reference, steady speed columns", "as the EV")
+    )
+    regeneration_efficiency: Scalar = number((0.6, 0.6), 0, 1, "", ("chosen", "chosen"))
+    auxiliary_w: Scalar = number(
+        (250.0, 1000.0), 0, 1e6, "W", ("reference, steady speed columns", "chosen")
+    )
+    pack_j: Scalar = number(
+        (30.0 * JOULES_PER_KWH, 400.0 * JOULES_PER_KWH),
+        3.6e3,
+        3.6e12,
+        "J",
+        ("true battery capacity: 30 kWh", "true battery capacity: 400 kWh"),
+    )
+
+
+NISSAN_LEAF, TRUCK = (
+    BodyParams(
+        **{name: declared.default[body] for name, declared in numbers_of(BodyParams).items()}
+    )
+    for body in range(2)
+)

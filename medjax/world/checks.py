@@ -1,0 +1,120 @@
+"""The check of a whole world on the host: each number in its range and shape, and what must go together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, get_type_hints
+
+import numpy as np
+
+from medjax.errors import InputError, shown
+from medjax.physics import InductanceTable
+from medjax.world.numbers import Number, as_numbers, read_number
+from medjax.world.params import (
+    GROUPS,
+    KINDS,
+    OTHERS,
+    WEIGHT,
+    EnvConfig,
+    EnvParams,
+    validate_config,
+)
+
+
+def check_numbers(config: EnvConfig, params: EnvParams) -> EnvParams:
+    """Checks everything but the coils' table, and computes nothing.
+
+    Returns:
+      The params, with every number as a NumPy array of its type and shape.
+
+    Raises:
+      InputError: one line that names the field, its value and what is allowed.
+    """
+    validate_config(config)
+    _check_type("params", params, EnvParams)
+    shapes = {"": (), "kind": (len(KINDS),), "ramp": (config.num_ramps,)}
+
+    def read(name: str, value: Any, limits: Number) -> np.ndarray:
+        return read_number(name, value, limits, shapes[limits.per])
+
+    kinds = get_type_hints(EnvParams)
+    changed: dict[str, Any] = {
+        name: read(name, getattr(params, name), limits) for name, limits in OTHERS.items()
+    }
+    for group, ranges in GROUPS.items():
+        member = getattr(params, group)
+        _check_type(group, member, kinds[group])
+        changed[group] = member.replace(
+            **{
+                name: read(f"{group}.{name}", getattr(member, name), limits)
+                for name, limits in ranges.items()
+            }
+        )
+    _check_type("reward_weights", params.reward_weights, Mapping)
+    changed["reward_weights"] = {
+        term: read(f"reward_weights.{term}", weight, WEIGHT)
+        for term, weight in params.reward_weights.items()
+    }
+    checked = params.replace(**changed)
+    _check_road(checked)
+    _check_pairs(config, checked)
+    return checked
+
+
+def _check_type(name: str, value: object, kind: type) -> None:
+    if not isinstance(value, kind):
+        raise InputError(f"{name} = {shown(value)}: allowed {kind.__name__}")
+
+
+def _check_road(params: EnvParams) -> None:
+    road = params.road
+    lane_m = float(road.acceleration_lane_m)
+    stop_m = float(params.demand.ramp_speed) ** 2 / (2.0 * float(params.motion.max_braking))
+    if road.ramp_x_m.size and lane_m < stop_m:
+        raise InputError(
+            f"acceleration_lane_m = {lane_m:g}: allowed at least {stop_m:g} m, the way to a stop from ramp_speed"
+        )
+    last = float(road.length_m) - lane_m
+    for x in road.ramp_x_m:
+        if x > last:
+            raise InputError(
+                f"ramp_x_m = {x:g}: allowed 0 to {last:g} m (road less one merge lane)"
+            )
+    # Who enters at a ramp reaches back by its length, to where others may stand at the end of the lane before.
+    apart_m = lane_m + float(params.drivers.vehicle_length.max())
+    if (np.diff(road.ramp_x_m) <= apart_m).any():
+        raise InputError(
+            f"ramp_x_m = {shown(road.ramp_x_m.tolist())}: allowed ascending, more than acceleration_lane_m and the "
+            f"longest vehicle_length = {apart_m:g} m apart"
+        )
+
+
+def _check_pairs(config: EnvConfig, params: EnvParams) -> None:
+    """Numbers that another one bounds."""
+    demand, charging, fleet = params.demand, params.charging, params.fleet
+    pairs: tuple[tuple[str, Any, str, Any], ...] = (
+        ("arrival_soc_low", demand.arrival_soc_low, "arrival_soc_high", demand.arrival_soc_high),
+        ("request_soc", charging.request_soc, "target_soc", charging.target_soc),
+        ("service_lane", fleet.service_lane, "num_lanes - 1", config.num_lanes - 1),
+        ("fleet size", fleet.size, "num_meds", config.num_meds),
+    )
+    for name, value, bound, most in pairs:
+        if value > most:
+            raise InputError(f"{name} = {value:g}: allowed at most {bound} = {most:g}")
+
+
+def validate(config: EnvConfig, params: EnvParams) -> None:
+    """Checks both on the host, for unbatched params.
+
+    Raises:
+      InputError: one line that names the field, its value and what is allowed.
+    """
+    check_numbers(config, params)
+    table = params.link.inductance
+    _check_type("link.inductance", table, InductanceTable)
+    for name, value in vars(table).items():
+        array = as_numbers(value)
+        if array is None or array.ndim != 3 * (name == "values") or not np.isfinite(array).all():
+            raise InputError(
+                f"link.inductance.{name} = {shown(value)}: allowed what build_link gives"
+            )

@@ -1,0 +1,129 @@
+"""Named presets: `paper` is the default of every number, another one says what it has otherwise.
+
+The names by which numbers are changed are here, too; `medjax.make` takes the same.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from medjax.errors import InputError
+from medjax.world.numbers import read_number
+from medjax.world.params import GROUPS, OTHERS, EnvConfig, EnvParams
+
+
+def _places() -> dict[str, tuple[str, str]]:
+    """Group and name of every number, by the names that an override may use.
+
+    A number's own name serves where it is the only one of that name (`cooldown_s`), else it needs its group's
+    (`ev.mass_kg`).
+    """
+    found = {name: [("", name)] for name in OTHERS}
+    for group, numbers in GROUPS.items():
+        for name in numbers:
+            for known_as in (name, f"{group}.{name}"):
+                found.setdefault(known_as, []).append((group, name))
+    return {name: places[0] for name, places in found.items() if len(places) == 1}
+
+
+PLACES = _places()
+
+
+def _put(params: EnvParams, place: tuple[str, str], value: Any) -> EnvParams:
+    """Params with one number replaced, unchecked."""
+    group, name = place
+    if not group:
+        return params.replace(**{name: value})
+    return params.replace(**{group: getattr(params, group).replace(**{name: value})})
+
+
+def change_numbers(params: EnvParams, overrides: Mapping[str, Any]) -> EnvParams:
+    """Params with numbers replaced, by the names of `PLACES`; a scalar given for an array fills it.
+
+    Raises:
+      InputError: one line; a value that is not allowed, or a number that is given under both of its names.
+    """
+    names: dict[tuple[str, str], str] = {}
+    for key, value in overrides.items():
+        place = group, name = PLACES[key]
+        if (other := names.setdefault(place, key)) != key:
+            raise InputError(f"{key} and {other} are the same number: allowed one of the two")
+        shape = np.shape(getattr(getattr(params, group) if group else params, name))
+        declared = GROUPS[group][name] if group else OTHERS[name]
+        number = read_number(key, value, declared, shape, fill=True, convert=True)
+        params = _put(params, place, number)
+    return params
+
+
+def _fit(params: EnvParams, config: EnvConfig) -> EnvParams:
+    """Params as far as the sizes allow: as many ramps, no more MEDs, a service lane with one on either side."""
+    road, demand, fleet = params.road, params.demand, params.fleet
+    places, ramps = np.asarray(road.ramp_x_m, np.float32), config.num_ramps
+    if len(places) != ramps:
+        places = np.linspace(places[0], places[-1], ramps, dtype=np.float32)
+    lane = max(0, min(int(fleet.service_lane), config.num_lanes - 2))
+    return params.replace(
+        road=road.replace(ramp_x_m=places),
+        demand=demand.replace(ramp_per_h=np.resize(np.float32(demand.ramp_per_h), ramps)),
+        fleet=fleet.replace(size=min(int(fleet.size), config.num_meds), service_lane=lane),
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Scenario:
+    """A preset: static sizes, and the numbers in which it differs from `paper`, by the names of `PLACES`."""
+
+    config: EnvConfig = dataclasses.field(default_factory=EnvConfig)
+    numbers: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    def params(self, config: EnvConfig) -> EnvParams:
+        """The numbers for these sizes, all but the coils' table."""
+        params = EnvParams()
+        for name, value in self.numbers.items():
+            params = _put(params, PLACES[name], value)
+        return _fit(params, config)
+
+
+SCENARIOS: dict[str, Scenario] = {
+    # The paper's corridor: batteries scaled so that charge matters within 4 km.
+    "paper": Scenario(),
+    # True packs: EVs arrive with little energy left above empty, so some cannot cross 4 km.
+    "realistic": Scenario(
+        numbers={
+            "battery_scale": 1.0,
+            "arrival_soc_low": 0.005,
+            "arrival_soc_high": 0.05,
+            "request_soc": 0.02,
+            "target_soc": 0.06,
+        }
+    ),
+    # A motorway of 100 km with true packs: the way takes a Leaf 18 kWh, and charging it 40 km.
+    "long": Scenario(
+        EnvConfig(num_meds=64, num_evs=400, num_gas=2048, num_ramps=8),
+        {
+            "length_m": 100_000.0,
+            "ramp_x_m": [100.0 + 12_000.0 * ramp for ramp in range(8)],
+            "mainline_per_h": 1100.0,
+            "ramp_per_h": 175.0,
+            "size": 64,
+            "battery_scale": 1.0,
+            "episode_decisions": 3600,
+        },
+    ),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Recipe:
+    """How `medjax.make` was called: enough to call it again."""
+
+    scenario: str
+    overrides: Mapping[
+        str, Any
+    ]  # by name; numbers, lists of numbers and `reward_weights`, as JSON has them
+    reward: Mapping[str, Any] | None  # as given
+    observation: Any  # as given: a name, or one of one's own

@@ -1,0 +1,128 @@
+"""The numbers of road, demand and drivers, each declared once: default, range, unit, what it is and its source.
+
+Four numbers in a row are one a kind of vehicle: MED, human-driven EV, autonomous EV, gas (`medjax.world.params.KINDS`).
+"""
+
+from __future__ import annotations
+
+import jax
+from flax import struct
+
+from medjax.world.numbers import number
+
+Scalar = jax.Array | float
+
+
+class RoadParams(struct.PyTreeNode):
+    """Geometry of the highway; positions are metres from its left end."""
+
+    length_m: Scalar = number(4000.0, 100, 200e3, "m", 'paper, "Experiment settings"')
+    lane_width_m: Scalar = number(4.0, 2, 10, "m", "paper (highway-env's lane)")
+    ramp_x_m: jax.Array = number(
+        (100.0, 1200.0, 2100.0, 3200.0),
+        0,
+        200e3,
+        "m",
+        "where each acceleration lane starts, `(num_ramps,)`; paper",
+        per="ramp",
+    )
+    acceleration_lane_m: Scalar = number(250.0, 10, 5000, "m", "chosen; usual for motorways")
+
+
+class DemandParams(struct.PyTreeNode):
+    """Traffic that asks to enter."""
+
+    mainline_per_h: Scalar = number(
+        2600.0, 0, 100e3, "1/h", "all lanes; chosen: 650 an hour and lane, free flow with platoons"
+    )
+    ramp_per_h: jax.Array = number(
+        (250.0,) * 4, 0, 100e3, "1/h", "at each ramp, `(num_ramps,)`; chosen", per="ramp"
+    )
+    ev_share: Scalar = number(
+        0.12, 0, 1, "", "EVs among arrivals; chosen: so many that fifteen MEDs can serve most"
+    )
+    human_share: Scalar = number(
+        0.5, 0, 1, "", "share of EVs driven by a human; chosen, the paper has both kinds of drivers"
+    )
+    arrival_soc_low: Scalar = number(
+        0.2,
+        0,
+        1,
+        "",
+        "charge on arrival, at least; chosen with `battery_scale`: most run out unaided",
+    )
+    arrival_soc_high: Scalar = number(0.7, 0, 1, "", "charge on arrival, at most; chosen")
+    ramp_speed: Scalar = number(20.0, 1, 60, "m/s", "at the start of the acceleration lane; chosen")
+
+
+class DriverParams(struct.PyTreeNode):
+    """Car-following and body parameters, each `(num_kinds,)`."""
+
+    desired_speed: jax.Array = number(
+        (25.0, 30.0, 30.0, 30.0),
+        1,
+        100,
+        "m/s",
+        "mean of the kind; paper: about 110 km/h; a MED drives `fleet.service_speed` instead",
+        per="kind",
+    )
+    desired_speed_std: jax.Array = number(
+        (0.0, 2.0, 1.0, 2.0), 0, 20, "m/s", "standard deviation among drivers; chosen", per="kind"
+    )
+    time_headway: jax.Array = number(
+        (1.5, 1.4, 1.2, 1.4), 0.1, 10, "s", "Kesting, Treiber, Helbing 2007: 1.0-1.6", per="kind"
+    )
+    min_gap: jax.Array = number(
+        (3, 2, 2, 2), 0.1, 20, "m", "bumper to bumper; Treiber et al. 2000: 2", per="kind"
+    )
+    max_acceleration: jax.Array = number(
+        (1, 1.4, 1.4, 1.4), 0.1, 20, "m/s2", "Treiber, Kesting 2013, tab. 11.2: 1.0-1.5", per="kind"
+    )
+    comfortable_deceleration: jax.Array = number(
+        (2.0, 2.0, 2.0, 2.0), 0.1, 20, "m/s2", "the same", per="kind"
+    )
+    acceleration_noise: jax.Array = number(
+        (0.02, 0.10, 0.01, 0.10), 0, 5, "m/s2", "standard deviation; chosen", per="kind"
+    )
+    lateral_wander: jax.Array = number(
+        (0.02, 0.15, 0.02, 0.15),
+        0,
+        2,
+        "m",
+        "standard deviation; chosen; drivers keep their lane to 0.1-0.3 m",
+        per="kind",
+    )
+    vehicle_length: jax.Array = number(
+        (12.0, 5.0, 5.0, 5.0), 2, 50, "m", "paper (highway-env's car); a rigid truck", per="kind"
+    )
+
+
+class MotionParams(struct.PyTreeNode):
+    """Limits and noise shared by all vehicles."""
+
+    max_braking: Scalar = number(9.0, 1, 50, "m/s2", "the tyres' limit; dry road")
+    noise_time_s: Scalar = number(
+        5.0, 0.1, 10e3, "s", "correlation time of acceleration noise and lateral wander; chosen"
+    )
+    lateral_rate: Scalar = number(
+        2.0, 0.1, 20, "1/s", "frequency of the lateral relaxation; 95 % of a lane change in 2.4 s"
+    )
+
+
+class LaneChangeParams(struct.PyTreeNode):
+    """MOBIL (Kesting, Treiber, Helbing 2007)."""
+
+    politeness: Scalar = number(0.2, 0, 1, "", "Kesting, Treiber, Helbing 2007: 0.2-0.5")
+    threshold: Scalar = number(0.2, 0, 100, "m/s2", "the same: 0.1-0.2")
+    right_bias: Scalar = number(
+        0.0, -100, 100, "m/s2", "in favour of the right lane; symmetric rules, as in the USA"
+    )
+    safe_braking: Scalar = number(
+        4.0, 0.1, 50, "m/s2", "imposed on the new follower or on oneself, at most; the same"
+    )
+    mandatory_bias: Scalar = number(
+        10.0, 0, 1000, "m/s2", "a mandatory change's; chosen: beats any incentive, never safety"
+    )
+    urgency_bias: Scalar = number(
+        10.0, 0, 1000, "m/s2", "more at the end of an acceleration lane; chosen"
+    )

@@ -1,0 +1,73 @@
+"""Every value that a setting allows is accepted, in Python and on the command line."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from train.arguments import parse_request
+
+from train.settings import PPOConfig
+
+FIELDS = {field.name: field for field in dataclasses.fields(PPOConfig)}
+
+BESIDE_SETTING = {
+    "num_minibatches": {"num_envs": 2**20},
+    "total_timesteps": {"num_envs": 2**20},
+    "num_envs": {"num_minibatches": 1},
+    "num_seeds": {},
+}
+
+
+def good_settings(field):
+    one = field.default[0] if isinstance(field.default, tuple) else field.default
+    if isinstance(one, bool):
+        return [True, False]
+    if field.metadata["choices"]:
+        return field.metadata["choices"]
+    if not isinstance(one, int | float):
+        return []
+    return [field.metadata["low"], field.metadata["high"], one]
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_settings(name):
+    """In Python and on the command line, to the ends of the range."""
+    field = FIELDS[name]
+    beside = BESIDE_SETTING.get(name, {})
+    flag = "--" + name.replace("_", "-")
+    others = [f"--{other.replace('_', '-')}={value}" for other, value in beside.items()]
+    for value in good_settings(field):
+        given = (value, value) if isinstance(field.default, tuple) else value
+        config = PPOConfig(**{name: given}, **beside)
+        assert getattr(config, name) == given
+        if isinstance(value, bool):
+            argv = [flag if value else flag.replace("--", "--no-", 1)]
+        elif isinstance(given, tuple):
+            argv = [flag, *map(str, given)]
+        else:
+            argv = [f"{flag}={value}"]
+        assert parse_request(PPOConfig, [*argv, *others]).config == config
+        if isinstance(value, int | float) and not isinstance(value, bool) and given is value:
+            same = np.asarray(value)[()]
+            assert PPOConfig(**{name: same}, **beside) == config
+
+
+def test_paths_of_any_usual_name():
+    for name in (
+        "runs/a",
+        "../x",
+        "/tmp/x y",
+        "-rf",
+        "con",
+        "é€",
+        "🚚",
+        "a" * 255,
+        "./~",
+        "x.",
+        "...",
+        "a/../b",
+        "run/",
+    ):
+        assert str(parse_request(PPOConfig, [f"--run-dir={name}"]).run_dir) == name.rstrip(
+            "/"
+        ).removeprefix("./")
