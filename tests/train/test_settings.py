@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from train.arguments import parse_request
 
+from train.runs.arguments import parse_request
 from train.settings import PPOConfig
 
 FIELDS = {field.name: field for field in dataclasses.fields(PPOConfig)}
