@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from train.algorithms.ppo.settings import PPOConfig
 from train.runs.arguments import parse_request
-from train.settings import PPOConfig
 
 FIELDS = {field.name: field for field in dataclasses.fields(PPOConfig)}
 
