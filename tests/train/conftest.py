@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
+from medjax.errors import InputError
 from tests.train.probe_envs import Probe, ProbeParams
 from train import ppo
 
@@ -24,12 +25,12 @@ TINY = [
 def make_probe(name="noisy", observation=None, **overrides):
     """Stands in for medjax.make."""
     if name not in ("noisy", "follow"):
-        raise ValueError(f"unknown scenario {name!r}: allowed follow, noisy")
+        raise InputError(f"unknown scenario {name!r}: allowed follow, noisy")
     for option, value in overrides.items():
         if option not in ("episode_decisions", "reward"):
-            raise ValueError(f"unknown option {option!r}: allowed episode_decisions, reward")
+            raise InputError(f"unknown option {option!r}: allowed episode_decisions, reward")
         if not isinstance(value, int | float) or not 0 < value < 100:
-            raise ValueError(f"{option} is {value}, allowed: above 0, below 100")
+            raise InputError(f"{option} is {value}, allowed: above 0, below 100")
     return Probe(name), ProbeParams(**overrides)
 
 
