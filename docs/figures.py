@@ -18,13 +18,14 @@ import jax.numpy as jnp
 import numpy as np
 
 import medjax
-from medjax.charging.docking import Misalignment, Partner, misalignment, panel_lane, panel_x
-from medjax.charging.exchange import coupling_efficiency
-from medjax.env.tick import drive_energy
+from medjax.charging.docking import Partner, panel_lane, panel_x
+from medjax.charging.energy import drive_energy
+from medjax.charging.link import Misalignment, coupling_efficiency, misalignment
 from medjax.physics import mutual_inductance
 from medjax.traffic import idm_acceleration
 from medjax.traffic.motion import lateral_step
-from medjax.world.params import HUMAN_EV, MED, PANELS, RIGHT, BodyParams, EnvParams
+from medjax.world.kinds import HUMAN_EV, MED
+from medjax.world.params import PANELS, RIGHT, BodyParams, EnvParams
 from train.reporting.figures import new_figure, save
 
 ROOT = Path(__file__).parent.parent

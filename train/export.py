@@ -43,10 +43,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         from train.runs.policies import load_weights
         from train.runs.policy_file import export_policy
 
-        env, _, weights = load_weights(run_dir.path, config)
+        env, params, weights = load_weights(run_dir.path, config)
     except InputError as error:
         return fail("python -m train.export", error)
-    export_policy(target, env, config, weights)
+    export_policy(target, env, params, config, weights)
     print(target)
     return 0
 

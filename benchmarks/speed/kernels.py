@@ -21,8 +21,7 @@ import numpy as np
 
 import medjax
 from benchmarks.command import benchmark_parser, whole_number
-from medjax.charging.docking import Misalignment
-from medjax.charging.exchange import coupling_efficiency
+from medjax.charging.link import Misalignment, coupling_efficiency
 from medjax.physics import ellipe, ellipk, interpolate_inductance, mutual_inductance
 from medjax.scenarios import CoilDesign
 from medjax.traffic import find_neighbours, sort_by_road

@@ -198,22 +198,20 @@ def play_checkpoints(run_dir: RunDir) -> tuple[float, list[Checkpoint]]:
         The mean return of greedy, and the checkpoints from the first to the last.
     """
     # Flax and the learner take seconds to import; bad options need not wait for them.
-    from train.algorithms.networks import build_network
-    from train.evaluation.scores import baseline, evaluate_policies, trained
+    from medjax.episodes.scores import evaluate_policies
+    from train.algorithms.registry import algorithm_of
     from train.runs.checkpoint import Checkpoints
     from train.runs.policies import weight_shapes
 
     config = run_dir.load_config()
     env, params = make_environment(config)
-    network = build_network(env, config)
+    learn = algorithm_of(config)
     shapes = weight_shapes(env, params, config)
-    policies = {"greedy": baseline(medjax.BASELINES["greedy"](env))}
+    policies = {"greedy": medjax.BASELINES["greedy"](env)}
     reader = Checkpoints(run_dir.path)
     updates = reader.all()
     for update in updates:
-        policies[str(update)] = trained(
-            network, reader.restore_weights(shapes, update), config.decide_every
-        )
+        policies[str(update)] = learn.policy(env, config, reader.restore_weights(shapes, update))
     scores = evaluate_policies(env, params, policies, config.eval_episodes, config.seed)
     greedy = scores["greedy"]["return"]
     curve = [compare(each, scores[str(each)]["return"], greedy, config.seed) for each in updates]

@@ -15,8 +15,8 @@ import numpy as np
 import medjax
 from benchmarks.command import episodes_parser
 from medjax.commandline import OneLineParser
+from medjax.episodes.scores import Evaluation, Scores
 from medjax.wrappers import prepare_cpu
-from train.evaluation.scores import Evaluation, Scores, baseline
 
 # Table 2: mean and standard deviation of the episode reward over ten episodes.
 TABLE_2 = {"none": (-521.874184, 16.52914886), "random": (-332.4056918, 53.94543289)}
@@ -70,7 +70,7 @@ def main(arguments: list[str] | None = None) -> None:
     options = build_parser().parse_args(arguments)
     prepare_cpu()
     env, params = medjax.make(options.scenario)
-    policies = {name: baseline(medjax.BASELINES[name](env)) for name in TABLE_2}
+    policies = {name: medjax.BASELINES[name](env) for name in TABLE_2}
     weights = {name: float(value) for name, value in params.reward_weights.items()}
     evaluation = Evaluation(env, params, policies, options.episodes)
     factor, w1 = solve(evaluation.play(policies, options.seed), -weights["depleted"])

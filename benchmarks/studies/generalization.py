@@ -21,10 +21,12 @@ import medjax
 from benchmarks.command import a_path, a_seed, benchmark_parser, picture, whole_number
 from benchmarks.studies.generalization_figure import plot_gains
 from medjax.commandline import OneLineParser
+from medjax.episodes.scores import Evaluation, Scores
 from medjax.errors import InputError
+from medjax.policies.policy import Choice, Policy
 from medjax.policies.rules import BASELINES
 from medjax.wrappers import prepare_cpu, scale_demand
-from train.evaluation.scores import TRAINED, Evaluation, Policy, Scores, baseline, summarize
+from train.evaluation.scores import summarize
 from train.evaluation.statistics import bootstrap_ci95
 from train.evaluation.tables import format_rows, interval, short
 from train.runs.compilation import enable_compilation_cache
@@ -55,7 +57,7 @@ def load_run(path: Path, scenario: str) -> dict[str, Policy]:
     config = dataclasses.replace(config, scenario=scenario, overrides=SIZES, num_devices=0)
     env, _, policies = load_policies(path, config, stochastic=False)
     return {
-        name.replace(TRAINED, path.name, 1): _with_own_eyes(env, policy)
+        name.replace(config.algorithm, path.name, 1): _with_own_eyes(env, policy)
         for name, policy in policies.items()
         if name not in BASELINES
     }
@@ -64,14 +66,11 @@ def load_run(path: Path, scenario: str) -> dict[str, Policy]:
 def _with_own_eyes(env: medjax.ChargingEnv, policy: Policy) -> Policy:
     """`policy` with the observation of `env`, whichever that of the environment it plays in is."""
 
-    def act(
-        weights: Any, key: jax.Array, obs: Any, state: Any, mask: jax.Array, params: Any
-    ) -> jax.Array:
+    def act(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
         """See `Policy.act`."""
-        own = env.observation(state, env.config, params)
-        return policy.act(weights, key, own, state, mask, params)
+        return policy.act(weights, key, env.get_obs(state, params), state, params)
 
-    return dataclasses.replace(policy, act=act)
+    return policy.replace(act=act)
 
 
 def play(
@@ -94,7 +93,7 @@ def play(
         Scores by policy, at each of the factors.
     """
     env, params = medjax.make(scenario, **SIZES)
-    policies = {**runs, **{name: baseline(BASELINES[name](env)) for name in RULES}}
+    policies = {**runs, **{name: BASELINES[name](env) for name in RULES}}
     evaluation = Evaluation(env, params, policies, episodes)
     return [
         evaluation.play(policies, seed, scale_demand(params, factor))
@@ -122,7 +121,7 @@ def summary(played: Played, seed: int) -> dict[str, Any]:
 
     return {
         world: {
-            "policies": summarize(scores, world, seed)["policies"],
+            "policies": summarize(scores, world, (), seed)["policies"],
             "minus_forecast": gains(scores, REFERENCE),
             "minus_none": gains(scores, NO_ACTION),
         }

@@ -10,9 +10,10 @@ import numpy as np
 
 from medjax.env.charging_env import ChargingEnv
 from medjax.env.observation import NEED_WINDOW_S
+from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
 from medjax.world.params import EnvParams
-from train.evaluation.scores import Policy, Scores, evaluate_policies, summarize
+from train.evaluation.scores import Scores, evaluate_policies, learned_names, summarize
 from train.evaluation.tables import (
     best_first,
     claim_rows,
@@ -84,7 +85,7 @@ def play(
         params=params,
         seed=seed,
         scores=scores,
-        result=summarize(scores, config.scenario, seed),
+        result=summarize(scores, config.scenario, learned_names(scores), seed),
         names=list(recorded),
         seen=total(surveys),
         first=first,
@@ -133,7 +134,7 @@ def write(run_dir: RunDir, config: TrainConfig, played: Played, stochastic: bool
 
 def sections(run_dir: RunDir, config: TrainConfig, played: Played) -> list[Section]:
     """The page's parts, with the figures that `draw` drew."""
-    result = played.result
+    result, learned = played.result, learned_names(played.scores)
     path = {name: run_dir.report / f"{name}.png" for name in PICTURES}
     return [
         Section(
@@ -146,13 +147,13 @@ def sections(run_dir: RunDir, config: TrainConfig, played: Played) -> list[Secti
         Section(
             "Table 2: reward of an episode",
             "Mean and standard deviation over episodes; the paper's are of ten.",
-            tables=[paper_rows(result)],
+            tables=[paper_rows(result, learned)],
         ),
         Section(
             "Figure 8: comparison of the policies",
             "EVs that run out, the distance that an EV covers on the road, the mean charge of the EVs on it, and the "
             "MEDs sent. Bars: means; whiskers: 95 % intervals.",
-            tables=[claim_rows(result), comparison_rows(result)],
+            tables=[claim_rows(result, learned), comparison_rows(result, learned)],
             pictures=[path["comparison"]],
         ),
         Section(

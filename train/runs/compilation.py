@@ -1,11 +1,9 @@
-"""Compiled programs: where they are kept, and what is seen of their making."""
+"""Where compiled programs are kept."""
 
 import os
 from pathlib import Path
-from typing import Any
 
 import jax
-from tqdm import tqdm
 
 
 def enable_compilation_cache() -> None:
@@ -17,8 +15,3 @@ def enable_compilation_cache() -> None:
         return
     root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     jax.config.update("jax_compilation_cache_dir", str(Path(root) / "medjax" / "xla"))
-
-
-def compiling() -> Any:
-    """A line that says so while it is open as a context; nothing where stderr is no terminal."""
-    return tqdm(desc="compiling ...", bar_format="{desc}", disable=None, leave=False)

@@ -7,11 +7,11 @@ import jax
 
 from medjax.errors import InputError
 from medjax.numerics.devices import prepare_cpu
+from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
 from train.algorithms.environments import make_environment
 from train.algorithms.networks import PolicyWeights
 from train.algorithms.registry import algorithm_of
-from train.evaluation.scores import Policy, baseline
 from train.runs.checkpoint import Checkpoints
 from train.settings import TrainConfig
 
@@ -75,20 +75,10 @@ def all_policies(
     """
     learn = algorithm_of(config)
     learned = {
-        name: _scored(learn.policy(env, config, own, stochastic))
+        name: learn.policy(env, config, own, stochastic)
         for name, own in weights_by_name(config, weights).items()
     }
-    return learned | {name: baseline(build(env)) for name, build in BASELINES.items()}
-
-
-def _scored(policy: Any) -> Policy:
-    """SEAM until train.evaluation takes medjax.policies.policy.Policy: the same policy as it wants it."""
-    return Policy(
-        lambda weights, key, obs, state, mask, params: (
-            policy.act(weights, key, obs, state, params).action
-        ),
-        policy.weights,
-    )
+    return learned | {name: build(env) for name, build in BASELINES.items()}
 
 
 def load_policies(

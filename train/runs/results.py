@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from train.algorithms.networks import PolicyWeights
-from train.evaluation.scores import Evaluation, summarize
+from train.evaluation.scores import Evaluation, learned_names, summarize
 from train.evaluation.tables import format_table
 from train.reporting.figures import plot_curve
 from train.runs.logs import Row, final_return
@@ -25,6 +25,7 @@ class Trained:
 
     Attributes:
         env: a single environment.
+        params: its parameters.
         config: settings.
         run_dir: where results go.
         weights: what was learned, on the host.
@@ -37,6 +38,7 @@ class Trained:
     """
 
     env: Any
+    params: Any
     config: TrainConfig
     run_dir: RunDir
     weights: PolicyWeights
@@ -64,7 +66,7 @@ def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> None:
         evaluation: of `prepare_evaluation`; None: there is none.
     """
     started = time.perf_counter()
-    export_policy(run.run_dir.policy, run.env, run.config, run.weights)
+    export_policy(run.run_dir.policy, run.env, run.params, run.config, run.weights)
     returns = _evaluate(run, evaluation) if evaluation is not None else {}
     _draw_curve(run, returns)
     summary = _summary(run, returns) | {"evaluation_s": round(time.perf_counter() - started, 3)}
@@ -84,11 +86,11 @@ def _evaluate(run: Trained, evaluation: Future[Evaluation]) -> dict[str, float]:
     print(
         f"evaluating {len(policies)} policies on {config.eval_episodes} episodes each", flush=True
     )
-    result = summarize(
-        evaluation.result().play(policies, config.seed), config.scenario, config.seed
-    )
+    scores = evaluation.result().play(policies, config.seed)
+    learned = learned_names(scores)
+    result = summarize(scores, config.scenario, learned, config.seed)
     write_json(run.run_dir.evaluation, result)
-    print(format_table(result), flush=True)
+    print(format_table(result, learned), flush=True)
     return {name: entry["return_mean"] for name, entry in result["policies"].items()}
 
 

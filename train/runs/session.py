@@ -116,6 +116,7 @@ class Session:
         if is_first():
             ended = Trained(
                 env=self.env,
+                params=self.params,
                 config=self.config,
                 run_dir=self.run_dir,
                 weights=plain.weights,

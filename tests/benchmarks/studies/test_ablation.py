@@ -12,13 +12,13 @@ import medjax
 from benchmarks.studies.ablation import __main__ as ablation
 from benchmarks.studies.ablation.scores import RULES, in_world
 from benchmarks.studies.ablation.worlds import play_worlds, train_worlds
+from medjax.episodes.scores import evaluate_policies
 from medjax.physics import link_efficiency, mutual_inductance
 from medjax.policies.rules import BASELINES
 from tests.benchmarks.refusal import refused
 from train import ppo
 from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.programs import make_train
-from train.evaluation.scores import baseline, evaluate_policies
 from train.runs.policies import load_policies
 from train.runs.run_directory import RunDir
 
@@ -36,7 +36,7 @@ def run(monkeypatch):
 
 
 def rules(env, *names):
-    return {name: baseline(BASELINES[name](env)) for name in names}
+    return {name: BASELINES[name](env) for name in names}
 
 
 def assert_same_scores(ours, theirs):
