@@ -14,7 +14,7 @@ from medjax.world import checks as world
 from medjax.world.params import SIZES
 from tests import fuzz
 from tests.refusals import not_refused
-from train.settings import TrainConfig
+from train.algorithms.ppo.settings import PPOConfig
 
 pytestmark = pytest.mark.usefixtures("nothing_starts")
 
@@ -200,7 +200,7 @@ def test_bad_combinations(overrides, name):
 
 # The learner's settings.
 
-FIELDS = {field.name: field for field in dataclasses.fields(TrainConfig)}
+FIELDS = {field.name: field for field in dataclasses.fields(PPOConfig)}
 
 
 def settings_of(name):
@@ -229,7 +229,7 @@ def settings_of(name):
             bad += [2.0, np.float32(low), "1"]
     if isinstance(field.default, tuple):
         bad = [[value] for value in bad] + [[], (), None, 3, "12", {1: 2}, [1] * 100_000]
-    return [(v, lambda v=v: TrainConfig(**{name: v})) for v in bad]
+    return [(v, lambda v=v: PPOConfig(**{name: v})) for v in bad]
 
 
 @pytest.mark.parametrize("name", FIELDS)

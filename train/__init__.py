@@ -1,1 +1,1 @@
-"""Learning a dispatcher: PPO compiled together with the simulator, and its evaluation."""
+"""Learning a dispatcher in one compiled program with the simulator, and its evaluation."""

@@ -1,6 +1,7 @@
 """The command that evaluates: `python -m train.evaluate --run-dir DIR --episodes 1000 --json FILE`.
 
-The trained policy ("ppo") and every policy of medjax.policies play the same episodes. Exit code 2 on bad input.
+The trained policy, under the name of its algorithm ("ppo"), and every policy of medjax.policies play the same episodes.
+Exit code 2 on bad input.
 """
 
 import sys
@@ -19,7 +20,7 @@ from medjax.errors import InputError
 from medjax.files import check_output
 from train.evaluation.tables import format_table
 from train.runs.run_directory import RunDir, check_matplotlib, write_json
-from train.runs.trained_run import LIMITS, load_policies, to_play, trained_run_parser
+from train.runs.trained_run import LIMITS, to_play, trained_run_parser
 
 
 def build_parser() -> OneLineParser:
@@ -61,11 +62,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         changes = parse_overrides(given.overrides)
         run_dir = RunDir(as_path("--run-dir", given.run_dir))
         config = to_play(run_dir.load_config(), given.scenario, changes)
+        # JAX takes seconds to import; bad options need not wait for it.
+        from train.runs.policies import load_policies
+
         env, params, policies = load_policies(run_dir.path, config, given.stochastic)
     except InputError as error:
         return fail("python -m train.evaluate", error)
     from train.evaluation.scores import evaluate_policies, learned_names, summarize
-    from train.runs.host import enable_compilation_cache
+    from train.runs.compilation import enable_compilation_cache
 
     enable_compilation_cache()
     try:

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 
 from medjax.commandline import fail
 from medjax.errors import InputError
-from train.arguments import parse_request
+from train.algorithms.ppo.settings import PPOConfig
+from train.runs.arguments import parse_request
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -21,9 +22,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
-    request = parse_request(argv)
+    request = parse_request(PPOConfig, argv)
     # JAX takes seconds to import; --help and bad options need not wait for it.
-    from train.runs.start import open_session
+    from train.runs.open_session import open_session
 
     try:
         session = open_session(request)

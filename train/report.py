@@ -1,7 +1,8 @@
 """The command that makes the paper's tables and figures: `python -m train.report --run-dir DIR`.
 
-The trained policy ("ppo") and every policy of medjax.policies play the same episodes, those of `train.evaluate`. PNGs
-and one HTML page that needs nothing else go to DIR/report, over those of an earlier report. Exit code 2 on bad input.
+The trained policy, under the name of its algorithm ("ppo"), and every policy of medjax.policies play the same episodes,
+those of `train.evaluate`. PNGs and one HTML page that needs nothing else go to DIR/report, over those of an earlier
+report. Exit code 2 on bad input.
 """
 
 import sys
@@ -12,7 +13,7 @@ from medjax.commandline import OneLineParser, as_path, fail, whole_number
 from medjax.errors import InputError
 from medjax.files import check_writable
 from train.runs.run_directory import RunDir, check_matplotlib
-from train.runs.trained_run import LIMITS, load_policies, to_play, trained_run_parser
+from train.runs.trained_run import LIMITS, to_play, trained_run_parser
 
 
 def build_parser() -> OneLineParser:
@@ -41,13 +42,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         run_dir = RunDir(as_path("--run-dir", given.run_dir))
         config = to_play(run_dir.load_config())
         _check_target(run_dir.report)
+        # JAX takes seconds to import; bad options need not wait for it.
+        from train.runs.policies import load_policies
+
         env, params, policies = load_policies(run_dir.path, config, given.stochastic)
         if not env.config.num_ramps:
             raise InputError("num_ramps is 0, allowed: a run with ramps to send MEDs from")
     except InputError as error:
         return fail("python -m train.report", error)
-    from train.reporting.contents import draw, play, write
-    from train.runs.host import enable_compilation_cache
+    from train.reporting.report import draw, play, write
+    from train.runs.compilation import enable_compilation_cache
 
     enable_compilation_cache()
     try:

@@ -44,8 +44,10 @@ from benchmarks.command import benchmark_parser, positive
 from medjax.commandline import OneLineParser
 from medjax.errors import InputError
 from medjax.wrappers import prepare_cpu
-from train.arguments import make_environment, settings_from_text
+from train.algorithms.environments import make_environment
+from train.algorithms.ppo.settings import PPOConfig
 from train.evaluation.statistics import bootstrap_ci95
+from train.runs.arguments import settings_from_text
 from train.runs.logs import read_rows
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig, from_json
@@ -106,7 +108,7 @@ def settings(given: Mapping[str, str]) -> TrainConfig:
     Raises:
         InputError: a value out of its range.
     """
-    config = from_json(settings_from_text(dict(given)))
+    config = from_json(settings_from_text(PPOConfig, dict(given)), PPOConfig)
     return dataclasses.replace(
         config,
         checkpoint_interval=-(-config.num_updates // CHECKPOINTS),
@@ -197,23 +199,19 @@ def play_checkpoints(run_dir: RunDir) -> tuple[float, list[Checkpoint]]:
     """
     # Flax and the learner take seconds to import; bad options need not wait for them.
     from medjax.episodes.scores import evaluate_policies
-    from train.algorithms.networks import build_network
-    from train.algorithms.policy import learned_policy
-    from train.algorithms.ppo.learner import make_train
+    from train.algorithms.registry import algorithm_of
     from train.runs.checkpoint import Checkpoints
-    from train.runs.session import shapes_of
+    from train.runs.policies import weight_shapes
 
     config = run_dir.load_config()
     env, params = make_environment(config)
-    network = build_network(env, config)
-    shapes = shapes_of(make_train(env, params, config), params, config)
+    learn = algorithm_of(config)
+    shapes = weight_shapes(env, params, config)
     policies = {"greedy": medjax.BASELINES["greedy"](env)}
     reader = Checkpoints(run_dir.path)
     updates = reader.all()
     for update in updates:
-        policies[str(update)] = learned_policy(
-            env, network, reader.restore_weights(shapes, update), config.decide_every
-        )
+        policies[str(update)] = learn.policy(env, config, reader.restore_weights(shapes, update))
     scores = evaluate_policies(env, params, policies, config.eval_episodes, config.seed)
     greedy = scores["greedy"]["return"]
     curve = [compare(each, scores[str(each)]["return"], greedy, config.seed) for each in updates]

@@ -29,9 +29,9 @@ from medjax.wrappers import prepare_cpu, scale_demand
 from train.evaluation.scores import summarize
 from train.evaluation.statistics import bootstrap_ci95
 from train.evaluation.tables import format_rows, interval, short
-from train.runs.host import enable_compilation_cache
+from train.runs.compilation import enable_compilation_cache
+from train.runs.policies import load_policies
 from train.runs.run_directory import RunDir
-from train.runs.trained_run import TRAINED, load_policies
 
 MAIN, OTHER = "paper", "realistic"
 FACTORS = (0.5, 0.75, 1.0, 1.25, 1.5)  # of MAIN's demand
@@ -57,7 +57,7 @@ def load_run(path: Path, scenario: str) -> dict[str, Policy]:
     config = dataclasses.replace(config, scenario=scenario, overrides=SIZES, num_devices=0)
     env, _, policies = load_policies(path, config, stochastic=False)
     return {
-        name.replace(TRAINED, path.name, 1): _with_own_eyes(env, policy)
+        name.replace(config.algorithm, path.name, 1): _with_own_eyes(env, policy)
         for name, policy in policies.items()
         if name not in BASELINES
     }

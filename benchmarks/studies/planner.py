@@ -29,11 +29,12 @@ from medjax.numerics.devices import environment_mesh, on_devices, prepare_cpu
 from medjax.policies.planner import AS_BASE, Plan, look_ahead
 from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
-from train.arguments import make_environment
+from train.algorithms.environments import make_environment
+from train.algorithms.ppo.settings import PPOConfig
 from train.evaluation.statistics import bootstrap_ci95
+from train.runs.policies import load_policies
 from train.runs.run_directory import RunDir
-from train.runs.trained_run import TRAINED, load_policies, to_play
-from train.settings import TrainConfig
+from train.runs.trained_run import to_play
 
 SHOWN = ("depleted_share", "mean_range_m", "mean_soc", "meds_dispatched")
 
@@ -117,7 +118,7 @@ def load(options: argparse.Namespace) -> tuple[str, Any, Any, str, dict[str, Pol
       InputError: the run cannot be read, or a base is given too.
     """
     if not options.run_dir:
-        config = to_play(TrainConfig(), options.scenario)
+        config = to_play(PPOConfig(), options.scenario)
         env, params = make_environment(config)
         rules = {name: build(env) for name, build in BASELINES.items()}
         return config.scenario, env, params, options.base or "forecast", rules
@@ -125,7 +126,7 @@ def load(options: argparse.Namespace) -> tuple[str, Any, Any, str, dict[str, Pol
         raise InputError(f"--base is {options.base} with --run-dir, allowed: one of the two")
     config = to_play(RunDir(options.run_dir).load_config(), options.scenario)
     env, params, policies = load_policies(options.run_dir, config, stochastic=False)
-    return config.scenario, env, params, TRAINED, policies
+    return config.scenario, env, params, config.algorithm, policies
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -4,9 +4,11 @@ import jax
 import jax.numpy as jnp
 import pytest
 
+from medjax.errors import InputError
 from medjax.policies.policy import rule
 from medjax.scenarios import Recipe
 from tests.train.probe_envs import Probe, ProbeParams
+from train import ppo
 
 TINY = [
     "--scenario=noisy",
@@ -25,12 +27,12 @@ TINY = [
 def make_probe(name="noisy", observation=None, **overrides):
     """Stands in for medjax.make."""
     if name not in ("noisy", "follow"):
-        raise ValueError(f"unknown scenario {name!r}: allowed follow, noisy")
+        raise InputError(f"unknown scenario {name!r}: allowed follow, noisy")
     for option, value in overrides.items():
         if option not in ("episode_decisions", "reward"):
-            raise ValueError(f"unknown option {option!r}: allowed episode_decisions, reward")
+            raise InputError(f"unknown option {option!r}: allowed episode_decisions, reward")
         if not isinstance(value, int | float) or not 0 < value < 100:
-            raise ValueError(f"{option} is {value}, allowed: above 0, below 100")
+            raise InputError(f"{option} is {value}, allowed: above 0, below 100")
     recipe = Recipe(name, overrides, None, observation)
     return Probe(name, recipe=recipe), ProbeParams(**overrides)
 
@@ -50,8 +52,25 @@ def probe(monkeypatch, tmp_path, quick_compiles):
     """Makes the commands use probes, and leaves them in an empty working directory."""
     monkeypatch.setattr("medjax.make", make_probe)
     monkeypatch.setattr("medjax.policies.saved.make", make_probe)
-    monkeypatch.setattr("train.runs.finish.BASELINES", {"none": never, "random": coin})
+    monkeypatch.setattr("train.runs.policies.BASELINES", {"none": never, "random": coin})
     work = tmp_path / "work"
     work.mkdir()
     monkeypatch.chdir(work)
     return work
+
+
+def exit_code(command, argv):
+    try:
+        return command.main(argv)
+    except SystemExit as ended:
+        return ended.code
+
+
+def refused(capsys, argv, *words, command=ppo):
+    assert exit_code(command, argv) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1, err
+    for word in words:
+        assert word in err
+    return err

@@ -8,10 +8,10 @@ from tests.train import conftest
 def main() -> int:
     import medjax
     from train import ppo
-    from train.runs import finish
+    from train.runs import policies
 
     medjax.make = conftest.make_probe
-    finish.BASELINES = {"none": conftest.never, "random": conftest.coin}
+    policies.BASELINES = {"none": conftest.never, "random": conftest.coin}
     return ppo.main(sys.argv[1:])
 
 

@@ -16,12 +16,13 @@ from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError
 from medjax.policies.saved import about_of, load_policy
 from medjax.wrappers import RandomDemand
-from tests.train.test_arguments import refused
+from tests.train.conftest import refused
 from train import export
 from train.algorithms.networks import PolicyWeights, apply_policy, build_network
 from train.algorithms.normalization import init_stats
 from train.algorithms.policy import learned_policy
-from train.settings import TrainConfig
+from train.algorithms.ppo.settings import PPOConfig
+from train.runs.policy_file import export_policy
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -31,7 +32,7 @@ SMALL = {"num_meds": 3, "num_evs": 8, "num_gas": 12, "episode_decisions": 24}
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
     """A network of random weights that is far from indifferent, and its file."""
-    config = TrainConfig(hidden=(16,), overrides=SMALL, decide_every=4, initial_wait=0.01)
+    config = PPOConfig(hidden=(16,), overrides=SMALL, decide_every=4, initial_wait=0.01)
     env, params = medjax.make("paper", observation=config.observation, **SMALL)
     network = build_network(env, config)
     obs, _ = env.reset(jax.random.key(0), params)
@@ -41,7 +42,7 @@ def exported(tmp_path_factory):
     )
     weights = PolicyWeights(variables, init_stats(obs.shape))
     path = tmp_path_factory.mktemp("policy") / "policy.zip"
-    export.export_policy(path, env, params, config, weights)
+    export_policy(path, env, params, config, weights)
     return env, params, config, network, weights, path
 
 

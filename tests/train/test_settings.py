@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from train.arguments import parse_request
-from train.settings import TrainConfig
+from train.algorithms.ppo.settings import PPOConfig
+from train.runs.arguments import parse_request
 
-FIELDS = {field.name: field for field in dataclasses.fields(TrainConfig)}
+FIELDS = {field.name: field for field in dataclasses.fields(PPOConfig)}
 
 BESIDE_SETTING = {
     "num_minibatches": {"num_envs": 2**20},
@@ -38,7 +38,7 @@ def test_settings(name):
     others = [f"--{other.replace('_', '-')}={value}" for other, value in beside.items()]
     for value in good_settings(field):
         given = (value, value) if isinstance(field.default, tuple) else value
-        config = TrainConfig(**{name: given}, **beside)
+        config = PPOConfig(**{name: given}, **beside)
         assert getattr(config, name) == given
         if isinstance(value, bool):
             argv = [flag if value else flag.replace("--", "--no-", 1)]
@@ -46,10 +46,10 @@ def test_settings(name):
             argv = [flag, *map(str, given)]
         else:
             argv = [f"{flag}={value}"]
-        assert parse_request([*argv, *others]).config == config
+        assert parse_request(PPOConfig, [*argv, *others]).config == config
         if isinstance(value, int | float) and not isinstance(value, bool) and given is value:
             same = np.asarray(value)[()]
-            assert TrainConfig(**{name: same}, **beside) == config
+            assert PPOConfig(**{name: same}, **beside) == config
 
 
 def test_paths_of_any_usual_name():
@@ -68,6 +68,6 @@ def test_paths_of_any_usual_name():
         "a/../b",
         "run/",
     ):
-        assert str(parse_request([f"--run-dir={name}"]).run_dir) == name.rstrip("/").removeprefix(
-            "./"
-        )
+        assert str(parse_request(PPOConfig, [f"--run-dir={name}"]).run_dir) == name.rstrip(
+            "/"
+        ).removeprefix("./")

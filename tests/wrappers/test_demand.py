@@ -12,7 +12,7 @@ from medjax.traffic.demand import entry_rates, expected_vehicles
 from medjax.world.kinds import GAS
 from medjax.wrappers import BatchAutoReset, RandomDemand, scale_demand
 from train.algorithms.ppo.learner import build_learner
-from train.settings import TrainConfig
+from train.algorithms.ppo.settings import PPOConfig
 
 LOW, HIGH = 0.5, 1.5
 THRESHOLD = 2600.0
@@ -166,9 +166,11 @@ def test_bad_factors_are_refused(low, high):
 @pytest.mark.parametrize("bounds", [(LOW, HIGH), (1.0, 1.0)])
 def test_the_learner_draws_what_its_settings_say(small, bounds):
     """By default it has no wrapper at all."""
-    config = TrainConfig(num_envs=8, num_minibatches=8, demand_range=bounds)
+    config = PPOConfig(num_envs=8, num_minibatches=8, demand_range=bounds)
     learner = build_learner(*small, config)
-    state = jax.eval_shape(learner.env.reset, jax.random.split(jax.random.key(0), 8), small[1])[1]
+    state = jax.eval_shape(
+        learner.collector.env.reset, jax.random.split(jax.random.key(0), 8), small[1]
+    )[1]
     inner = state.env.env
     assert hasattr(inner, "factor") == (bounds != (1.0, 1.0))
     assert inner.time.shape == (8,)

@@ -2,19 +2,23 @@
 
 import jax
 import jax.numpy as jnp
+from flax import struct
 from jax import lax
 
 
+@struct.dataclass
+class Steps:
+    """What advantages are made of; every array is `(num_steps, ...)`."""
+
+    reward: jax.Array
+    value: jax.Array  # of the observation acted on
+    terminated: jax.Array  # bool
+    truncated: jax.Array  # bool
+    final_value: jax.Array  # of the final observation; read only where truncated
+
+
 def generalized_advantages(
-    reward: jax.Array,
-    value: jax.Array,
-    last_value: jax.Array,
-    terminated: jax.Array,
-    truncated: jax.Array,
-    final_value: jax.Array,
-    *,
-    gamma: float,
-    gae_lambda: float,
+    steps: Steps, last_value: jax.Array, *, gamma: float, gae_lambda: float
 ) -> tuple[jax.Array, jax.Array]:
     """GAE(lambda) (Schulman et al. 2016, arXiv:1506.02438, eq. 16) over rollouts with auto-reset.
 
@@ -23,22 +27,19 @@ def generalized_advantages(
     both terminates and truncates terminates.
 
     Args:
-        reward: `(num_steps, ...)`.
-        value: `(num_steps, ...)`, value of the observation acted on.
+        steps: of the rollouts.
         last_value: `(...)`, value of the observation after the last step (of a new episode if that step ended one).
-        terminated: `(num_steps, ...)` bool.
-        truncated: `(num_steps, ...)` bool.
-        final_value: `(num_steps, ...)`, value of the final observation; read only where truncated.
         gamma: discount per step.
         gae_lambda: trace decay per step.
 
     Returns:
         Advantages and value targets (`advantage + value`), both `(num_steps, ...)`.
     """
+    value, terminated, truncated = steps.value, steps.terminated, steps.truncated
     next_value = jnp.concatenate([value[1:], last_value[None]])
-    next_value = jnp.where(truncated, final_value, next_value)
+    next_value = jnp.where(truncated, steps.final_value, next_value)
     next_value = jnp.where(terminated, 0.0, next_value)
-    delta = reward + gamma * next_value - value
+    delta = steps.reward + gamma * next_value - value
     decay = jnp.where(terminated | truncated, 0.0, gamma * gae_lambda)
 
     def back(

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 BAD = "first_bad"  # metric: index of the first of QUANTITIES that is not finite, their number if all are
-QUANTITIES = (  # in the order in which an update computes them
+QUANTITIES = (  # that an algorithm may have, in the order in which an update computes them
     "observations",
     "rewards",
     "values",
@@ -19,8 +19,15 @@ QUANTITIES = (  # in the order in which an update computes them
 )
 
 
-def first_bad(*quantities: Any) -> jax.Array:
-    """Index of the first of these trees with a number that is not finite, () int32; their count if there is none."""
+def first_bad(**quantities: Any) -> jax.Array:
+    """The first of these trees with a number that is not finite.
+
+    Args:
+        quantities: by their names in `QUANTITIES`, with `_` for a space, in the order of these.
+
+    Returns:
+        Its index in `QUANTITIES`, () int32; their number if all are finite.
+    """
 
     def is_bad(tree: Any) -> jax.Array:
         floats = [
@@ -28,8 +35,9 @@ def first_bad(*quantities: Any) -> jax.Array:
         ]
         return jnp.stack([~jnp.all(jnp.isfinite(leaf)) for leaf in floats]).any()
 
-    bad = jnp.stack([*map(is_bad, quantities), jnp.bool_(True)])
-    return jnp.argmax(bad).astype(jnp.int32)
+    places = [QUANTITIES.index(name.replace("_", " ")) for name in quantities]
+    bad = jnp.stack([*map(is_bad, quantities.values()), jnp.bool_(True)])
+    return jnp.asarray([*places, len(QUANTITIES)], jnp.int32)[jnp.argmax(bad)]
 
 
 def finite_updates(bad: np.ndarray) -> tuple[int, str | None]:

@@ -34,7 +34,7 @@ DTYPES = {"float32": jnp.float32, "bfloat16": jnp.bfloat16}
 
 
 class CategoricalLike(Protocol):
-    """The part of a categorical distribution that PPO uses."""
+    """The part of a categorical distribution that learners use."""
 
     @property
     def probs(self) -> jax.Array:
@@ -172,29 +172,29 @@ def check_network(config: TrainConfig, layout: Any) -> None:
     if config.network not in NETWORKS:
         allowed = ", ".join(NETWORKS)
         raise InputError(f"network is {shown(config.network)}, allowed: {allowed}")
-    if config.network != "sets":
-        return
-    if not isinstance(layout, FlatObservation):
+    if config.network == "sets" and not isinstance(layout, FlatObservation):
         raise InputError(
             f"network is 'sets' and observation is {shown(config.observation)}, allowed: flat"
         )
-    if config.normalize_observations:  # nobody would no longer be a row of zeros
-        raise InputError("network is 'sets' and normalize_observations is True, allowed: False")
 
 
-def build_network(env: Environment, config: TrainConfig) -> nn.Module:
-    """The network that `config.network` names.
+def build_torso(env: Environment, config: TrainConfig) -> Callable[[], nn.Module]:
+    """All layers but the last, as `config.network` names them.
 
     Args:
-        env: what it acts in, read for the numbers of actions and vehicles.
+        env: what the network acts in, read for the numbers of actions and vehicles.
         config: settings.
 
     Raises:
         InputError: no such network, or it does not fit the observation.
     """
     check_network(config, getattr(env, "observation", None))
-    make_torso = NETWORKS[config.network](env, config)
-    return ActorCritic(env.num_actions, make_torso, config.initial_wait)
+    return NETWORKS[config.network](env, config)
+
+
+def build_network(env: Environment, config: TrainConfig) -> nn.Module:
+    """An actor-critic of `build_torso`."""
+    return ActorCritic(env.num_actions, build_torso(env, config), config.initial_wait)
 
 
 def masked_categorical(logits: jax.Array, mask: jax.Array) -> CategoricalLike:

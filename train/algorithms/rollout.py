@@ -1,5 +1,7 @@
 """Acting in a batch of environments."""
 
+import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import flax.linen as nn
@@ -8,8 +10,15 @@ import jax.numpy as jnp
 from flax import struct
 from jax import lax
 
-from medjax.wrappers import BatchEnvironment, for_true_rows
-from train.algorithms.networks import PolicyWeights, apply_policy, apply_value, sample_each
+from medjax.env.contract import BatchEnvironment
+from medjax.numerics.rows import for_true_rows
+from train.algorithms.networks import (
+    CategoricalLike,
+    PolicyWeights,
+    apply_policy,
+    apply_value,
+    sample_each,
+)
 
 
 @struct.dataclass
@@ -46,12 +55,6 @@ class EpisodeSums:
     total: jax.Array  # (num_envs, len(names) + 1) float32, the number of episodes last
 
 
-def start(env: BatchEnvironment, keys: jax.Array, env_params: Any) -> RolloutState:
-    """Fresh episodes, one for each of the keys `(num_envs,)`."""
-    obs, state = env.reset(keys, env_params)
-    return RolloutState(state, obs, jnp.zeros(keys.shape, jnp.float32))
-
-
 def values_where(
     network: nn.Module, weights: PolicyWeights, obs: jax.Array, mask: jax.Array, block: int
 ) -> jax.Array:
@@ -76,55 +79,101 @@ def sum_episodes(episode: dict[str, Any]) -> EpisodeSums:
     return EpisodeSums(tuple(values), jnp.where(episode["complete"][:, None], table, 0.0))
 
 
-def collect(
-    env: BatchEnvironment,
-    network: nn.Module,
-    weights: PolicyWeights,
-    state: RolloutState,
-    keys: jax.Array,
-    env_params: Any,
-    *,
-    num_steps: int,
-    gamma: float,
-) -> tuple[RolloutState, Trajectory, jax.Array, EpisodeSums]:
-    """Acts for `num_steps` steps in some environments, each on its own.
+def episode_metrics(sums: EpisodeSums) -> dict[str, jax.Array]:
+    """Means over the whole episodes that ended in the rollout; NaN if none did."""
+    *totals, count = jnp.sum(sums.total, axis=0)
+    return {
+        "episodes": count,
+        **{
+            f"episode_{name}": total / count for name, total in zip(sums.names, totals, strict=True)
+        },
+    }
 
-    Args:
+
+Choose = Callable[[CategoricalLike, jax.Array], jax.Array]  # (rows,) policies and keys to actions
+
+
+@dataclasses.dataclass(frozen=True)
+class Collector:
+    """Acts in a batch of environments, each on its own.
+
+    Attributes:
         env: batch whose steps report `info["episode"]` (`medjax.wrappers.EpisodeLog`).
-        network: actor-critic.
-        weights: its parameters and the moments that normalise observations, fixed for the whole rollout.
-        state: where the environments stand.
-        keys: `(num_envs,)`, randomness of policy and environment.
-        env_params: parameters of the environments.
-        num_steps: per environment.
+        network: of logits and values.
+        num_steps: of a rollout, per environment.
         gamma: discount per step.
-
-    Returns:
-        The new state, the trajectory, the values `(num_envs,)` of the observations after it, sums over ended episodes.
     """
-    few = max(1, keys.shape[0] // 64)
 
-    def decide(
-        carry: RolloutState, step_keys: jax.Array
+    env: BatchEnvironment
+    network: nn.Module
+    num_steps: int
+    gamma: float
+
+    def start(self, keys: jax.Array, env_params: Any) -> RolloutState:
+        """Fresh episodes, one for each of the keys `(num_envs,)`."""
+        obs, state = self.env.reset(keys, env_params)
+        return RolloutState(state, obs, jnp.zeros(keys.shape, jnp.float32))
+
+    def collect(
+        self,
+        weights: PolicyWeights,
+        state: RolloutState,
+        keys: jax.Array,
+        env_params: Any,
+        choose: Choose = sample_each,
+    ) -> tuple[RolloutState, Trajectory, jax.Array, EpisodeSums]:
+        """A rollout.
+
+        Args:
+            weights: parameters and the moments that normalise observations, fixed for the whole rollout.
+            state: where the environments stand.
+            keys: `(num_envs,)`, randomness of policy and environment.
+            env_params: parameters of the environments.
+            choose: how actions are drawn from the policies.
+
+        Returns:
+            The new state, the trajectory, the values `(num_envs,)` of the observations after it, sums over ended
+            episodes.
+        """
+
+        def decide(
+            carry: RolloutState, step_keys: jax.Array
+        ) -> tuple[RolloutState, tuple[Trajectory, EpisodeSums]]:
+            return self._step(weights, carry, step_keys, env_params, choose)
+
+        # (num_steps, num_envs, 2)
+        split = jax.vmap(lambda key: jax.random.split(key, (self.num_steps, 2)), out_axes=1)
+        state, (trajectory, sums) = lax.scan(decide, state, split(keys))
+        trajectory = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), trajectory)
+        last_value = apply_value(self.network, weights, state.obs)
+        return state, trajectory, last_value, jax.tree.map(lambda x: jnp.sum(x, axis=0), sums)
+
+    def _step(
+        self,
+        weights: PolicyWeights,
+        state: RolloutState,
+        keys: jax.Array,
+        env_params: Any,
+        choose: Choose,
     ) -> tuple[RolloutState, tuple[Trajectory, EpisodeSums]]:
-        """One step in every environment, by keys `(num_envs, 2)`."""
-        act_keys, env_keys = step_keys[:, 0], step_keys[:, 1]
+        """One step in every environment, by keys `(num_envs, 2)`; arrays are `(num_envs, ...)`."""
+        act_keys, env_keys = keys[:, 0], keys[:, 1]
         with jax.named_scope("act"):
-            mask = env.action_mask(carry.env, env_params)
-            policy, value = apply_policy(network, weights, carry.obs, mask)
-            action = sample_each(policy, act_keys)
+            mask = self.env.action_mask(state.env, env_params)
+            policy, value = apply_policy(self.network, weights, state.obs, mask)
+            action = choose(policy, act_keys)
             log_prob = policy.log_prob(action)
         with jax.named_scope("environment"):
-            obs, env_state, reward, terminated, truncated, info = env.step(
-                env_keys, carry.env, action, env_params
+            obs, env_state, reward, terminated, truncated, info = self.env.step(
+                env_keys, state.env, action, env_params
             )
         with jax.named_scope("bootstrap"):
-            cut = truncated & ~terminated
-            final_value = values_where(network, weights, info["final_observation"], cut, few)
+            cut, few = truncated & ~terminated, max(1, keys.shape[0] // 64)
+            final_value = values_where(self.network, weights, info["final_observation"], cut, few)
         reward = reward.astype(jnp.float32)
-        discounted = gamma * carry.discounted_sum + reward
+        discounted = self.gamma * state.discounted_sum + reward
         step = Trajectory(
-            obs=carry.obs,
+            obs=state.obs,
             mask=mask,
             action=action,
             log_prob=log_prob,
@@ -137,10 +186,3 @@ def collect(
         )
         discounted = jnp.where(terminated | truncated, 0.0, discounted)
         return RolloutState(env_state, obs, discounted), (step, sum_episodes(info["episode"]))
-
-    # (num_steps, num_envs, 2)
-    step_keys = jax.vmap(lambda key: jax.random.split(key, (num_steps, 2)), out_axes=1)(keys)
-    state, (trajectory, sums) = lax.scan(decide, state, step_keys)
-    trajectory = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), trajectory)
-    last_value = apply_value(network, weights, state.obs)
-    return state, trajectory, last_value, jax.tree.map(lambda x: jnp.sum(x, axis=0), sums)

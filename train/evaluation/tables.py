@@ -5,8 +5,6 @@ from collections.abc import Mapping, Sequence
 from statistics import fmean
 from typing import Any
 
-from train.runs.logs import MAIN, Row
-
 Table = list[list[str]]  # the first row holds the headings, the first column what a row is of
 
 COLUMNS = {  # of the table: heading, metric, format
@@ -147,11 +145,3 @@ def short(value: float) -> str:
     """A number with about four digits, three of them at most after the point."""
     digits = 3 if not value else max(0, 3 - max(0, math.floor(math.log10(abs(value)))))
     return f"{value:.{min(digits, 3)}f}"
-
-
-def final_return(rows: Sequence[Row]) -> float | None:
-    """Mean return of the whole episodes that ended in the last tenth of the updates; None if none did."""
-    last = rows[-max(1, len(rows) // 10) :]
-    pairs = [(row[MAIN], row["episodes"]) for row in last if row.get(MAIN) is not None]
-    episodes = sum(count for _, count in pairs)
-    return sum(value * count for value, count in pairs) / episodes if episodes else None

@@ -9,14 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from train.algorithms.settings import SETTINGS
 from train.evaluation.statistics import bootstrap_ci95, interquartile_mean
 from train.evaluation.tables import COLUMNS, PAPER_CLAIMS, PAPER_MEDS, short
 from train.reporting.survey import SOC_BINS, Survey, quantile
 from train.runs.logs import MAIN, Row
+from train.settings import TrainConfig
 
 # Okabe and Ito (2008): told apart by colour-blind readers, too.
 COLOURS = {
-    "ppo": "#0072B2",
+    **dict.fromkeys((kind.algorithm for kind in SETTINGS), "#0072B2"),
     "forecast": "#E69F00",
     "paced": "#009E73",
     "greedy": "#56B4E9",
@@ -55,13 +57,15 @@ def colour(policy: str) -> str:
     return COLOURS.get(policy.split("_seed")[0], OTHER)
 
 
-def plot_curve(path: Path, rows: Sequence[Row], title: str, baselines: dict[str, float]) -> None:
+def plot_curve(
+    path: Path, rows: Sequence[Row], config: TrainConfig, baselines: Mapping[str, float]
+) -> None:
     """Draws returns over decisions: a line, with several seeds their interquartile mean in its 95 % band.
 
     Args:
         path: file to write; its directory is made.
         rows: of metrics.jsonl.
-        title: heading.
+        config: settings of the run.
         baselines: mean returns of other policies, drawn as level lines.
     """
     from matplotlib.ticker import EngFormatter
@@ -72,12 +76,13 @@ def plot_curve(path: Path, rows: Sequence[Row], title: str, baselines: dict[str,
     there = [row for row in rows if None not in _returns(row)]
     steps = np.array([row["env_steps"] / num_seeds for row in there])
     seeds = np.array([_returns(row) for row in there], np.float64).reshape(-1, num_seeds)
-    label = "PPO learning" + (f", {num_seeds} seeds" if num_seeds > 1 else "")
-    axes.plot(steps, interquartile_mean(seeds), color=colour("ppo"), lw=2, label=label)
+    learner, own = config.algorithm.upper(), colour(config.algorithm)
+    label = f"{learner} learning" + (f", {num_seeds} seeds" if num_seeds > 1 else "")
+    axes.plot(steps, interquartile_mean(seeds), color=own, lw=2, label=label)
     if num_seeds > 1:
         ends = [bootstrap_ci95(place, 0, NUM_RESAMPLES, interquartile_mean) for place in seeds]
         low, high = np.reshape(ends, (-1, 2)).T
-        band: dict[str, Any] = {"color": colour("ppo"), "alpha": 0.25, "lw": 0}
+        band: dict[str, Any] = {"color": own, "alpha": 0.25, "lw": 0}
         axes.fill_between(steps, low, high, label="95 % band", **band)
     for name, value in sorted(baselines.items(), key=lambda item: -item[1]):
         axes.axhline(value, color=colour(name), ls="--", lw=1.3, label=f"{name}, {short(value)}")
@@ -85,7 +90,7 @@ def plot_curve(path: Path, rows: Sequence[Row], title: str, baselines: dict[str,
     axes.xaxis.set_major_formatter(EngFormatter())
     axes.set_xlabel("decisions in all environments" + (" of a seed" if num_seeds > 1 else ""))
     axes.set_ylabel("mean return of the whole episodes that ended")
-    axes.set_title(title)
+    axes.set_title(f"{learner} on {config.scenario}, {config.num_envs} environments")
     axes.grid(alpha=0.3)
     figure.legend(loc="outside right upper", fontsize="small", frameon=False)
     if not there:

@@ -16,8 +16,8 @@ import numpy as np
 
 from medjax.errors import InputError
 from medjax.files import replacing
+from train.algorithms.algorithm import TrainState
 from train.algorithms.networks import PolicyWeights
-from train.algorithms.ppo.learner import TrainState
 from train.runs.processes import fetch
 from train.settings import TrainConfig, to_json
 
@@ -76,7 +76,7 @@ class Checkpoints:
         """Reads the newest checkpoint.
 
         Args:
-            expected: shapes and types that it must have (`jax.eval_shape` of `Learner.init`).
+            expected: shapes and types that it must have (`train.algorithms.programs.shapes_of`).
 
         Returns:
             The state as arrays of NumPy, for `to_devices`.
@@ -86,17 +86,17 @@ class Checkpoints:
         """
         return self._read(None, jax.eval_shape(_without_keys, expected), "")  # type: ignore[no-any-return]
 
-    def restore_weights(self, expected: TrainState, step: int | None = None) -> PolicyWeights:
+    def restore_weights(self, expected: PolicyWeights, step: int | None = None) -> PolicyWeights:
         """Reads only what acting needs, whatever number of environments it was trained with.
 
         Args:
-            expected: shapes and types; only those of its weights are read.
+            expected: shapes and types (`train.runs.policies.weight_shapes`).
             step: one of `all`; None is the newest.
 
         Raises:
             InputError: see `restore`.
         """
-        return jax.tree.map(jnp.asarray, self._read(step, expected.weights, WEIGHTS))  # type: ignore[no-any-return]
+        return jax.tree.map(jnp.asarray, self._read(step, expected, WEIGHTS))  # type: ignore[no-any-return]
 
     def _path(self, update: int) -> Path:
         return self.directory / f"{update}.npz"
@@ -149,7 +149,7 @@ def to_devices(state: TrainState, expected: TrainState, shardings: Any) -> Train
     Args:
         state: arrays of NumPy, the same in every process.
         expected: shapes and types.
-        shardings: see `TrainFunctions`.
+        shardings: see `train.algorithms.programs.Programs`.
     """
 
     def wrap(like: Any, leaf: jax.Array) -> jax.Array:

@@ -5,6 +5,7 @@ import math
 import os
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ def plain(value: float) -> float | None:
 
 
 def rows_from(metrics: dict[str, Any], count: int) -> list[Row]:
-    """Metrics of `Learner.run` as one dict an update.
+    """Metrics of `train.algorithms.programs.run_updates` as one dict an update.
 
     With several seeds each value is the mean over those that have one, and `per_seed` lists them.
 
@@ -63,6 +64,14 @@ def read_rows(path: Path) -> list[Row]:
             except ValueError:
                 break
     return rows
+
+
+def final_return(rows: Sequence[Row]) -> float | None:
+    """Mean return of the whole episodes that ended in the last tenth of the updates; None if none did."""
+    last = rows[-max(1, len(rows) // 10) :]
+    pairs = [(row[MAIN], row["episodes"]) for row in last if row.get(MAIN) is not None]
+    episodes = sum(count for _, count in pairs)
+    return sum(value * count for value, count in pairs) / episodes if episodes else None
 
 
 class MetricsLog:

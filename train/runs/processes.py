@@ -14,7 +14,7 @@ import numpy as np
 from jax.experimental import multihost_utils
 
 from medjax.errors import InputError
-from train.arguments import AUTO, Processes
+from train.runs.arguments import AUTO, Processes
 
 Result = TypeVar("Result")
 

@@ -15,6 +15,7 @@ from typing import IO, Any
 
 from medjax.errors import InputError
 from medjax.files import check_writable, replacing
+from train.algorithms.settings import SETTINGS
 from train.settings import TrainConfig, load_config, to_json
 
 PACKAGES = ("medjax", "jax", "jaxlib", "flax", "optax", "distrax", "numpy")
@@ -67,8 +68,11 @@ class RunDir:
         """Event files."""
         return self.path / "tensorboard"
 
-    def load_config(self) -> TrainConfig:
+    def load_config(self, *kinds: type[TrainConfig]) -> TrainConfig:
         """Settings of the run.
+
+        Args:
+            kinds: of settings that are allowed; those of every algorithm if none is given.
 
         Raises:
             InputError: this is no directory of a run, or its settings cannot be read.
@@ -77,7 +81,7 @@ class RunDir:
             raise InputError(
                 f"run {self.path} is not a directory, allowed: one that train.ppo wrote"
             )
-        return load_config(self.config)
+        return load_config(self.config, *(kinds or SETTINGS))
 
     def claim(self, config: TrainConfig) -> IO[str]:
         """Makes the directory, locks it and writes the settings into it.
@@ -131,7 +135,7 @@ class RunDir:
         """
         try:
             check_writable(self.path)
-            if load_config(self.config) != config:
+            if load_config(self.config, type(config)) != config:
                 before = self.config.read_text(encoding="utf-8")
                 write_text(self.path / f"config-until-{update}.json", before)
                 self._save_config(config)

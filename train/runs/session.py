@@ -10,14 +10,16 @@ from typing import IO, Any
 import jax
 import jax.numpy as jnp
 
+from train.algorithms.algorithm import TrainState
 from train.algorithms.finite import BAD, finite_updates
-from train.algorithms.ppo.learner import TrainFunctions, TrainState
+from train.algorithms.programs import Programs
 from train.evaluation.scores import Evaluation
 from train.runs.checkpoint import Checkpoints, to_devices, to_host, updates_done
-from train.runs.finish import close_run, prepare_evaluation
-from train.runs.host import Interrupt, deferred_interrupts, enable_compilation_cache
+from train.runs.compilation import enable_compilation_cache
+from train.runs.interrupts import Interrupt, deferred_interrupts
 from train.runs.logs import MetricsLog, Progress, Row, rows_from
 from train.runs.processes import agree, is_first, leave
+from train.runs.results import Trained, prepare_evaluation, write_results
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig
 
@@ -26,17 +28,9 @@ ONCE = {"xla_backend_optimization_level": 0}
 SECONDS_PER_CALL = 1.0  # of the compiled program: how often the bar moves and Ctrl-C is heard
 
 
-def shapes_of(programs: TrainFunctions, params: Any, config: TrainConfig) -> TrainState:
-    """Shapes and types of the training state, found without computing or compiling it."""
-    # Traced as it will be compiled, so that compiling need not trace it again.
-    state = jax.eval_shape(programs.init, jax.random.key(config.seed), params)
-    # They hold for any number of devices.
-    return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), state)
-
-
 @dataclasses.dataclass
 class Session:
-    """One run, from `train.runs.start.open_session` to its exit code.
+    """One run, from `train.runs.open_session` to its exit code.
 
     Attributes:
         env: a single environment.
@@ -53,7 +47,7 @@ class Session:
     env: Any
     params: Any
     config: TrainConfig
-    programs: TrainFunctions
+    programs: Programs
     shapes: TrainState
     resumed: bool
     run_dir: RunDir
@@ -67,7 +61,7 @@ class Session:
         self.done = updates_done(self.saved) if self.saved is not None else 0
         self.checkpoints = Checkpoints(self.run_dir.path, self.config.keep_checkpoints)
         self.behind = ThreadPoolExecutor(1)
-        self.evaluation: Future[Evaluation]
+        self.evaluation: Future[Evaluation] | None = None
 
     def run(self) -> int:
         """Trains, saves and evaluates. Returns the exit code."""
@@ -120,17 +114,30 @@ class Session:
         wall_s = self.earlier_s + time.perf_counter() - self.began
         plain = to_host(state)
         if is_first():
+            ended = Trained(
+                env=self.env,
+                params=self.params,
+                config=self.config,
+                run_dir=self.run_dir,
+                weights=plain.weights,
+                rows=rows,
+                updates=updates_done(plain),
+                new_updates=updates_done(plain) - self.done,
+                wall_s=wall_s,
+                compile_s=self.compile_s,
+                train_s=self.train_s,
+            )
             try:
-                close_run(self, plain, rows, wall_s, evaluate=stopped_by is None)
+                write_results(ended, self.evaluation if stopped_by is None else None)
             except KeyboardInterrupt:
-                close_run(self, plain, rows, wall_s, evaluate=False)
+                write_results(ended, None)
                 again = f"python -m train.evaluate --run-dir {self.run_dir.path}"
                 return leave(
                     _interrupted(signal.SIGINT, f"after the last update; evaluate with: {again}")
                 )
         if stopped_by is None:
             return 0
-        again = f"python -m train.ppo --resume {self.run_dir.path}"
+        again = f"python -m train.{self.config.algorithm} --resume {self.run_dir.path}"
         return _interrupted(
             stopped_by, f"after update {updates_done(plain)}, saved; go on with: {again}"
         )
@@ -143,7 +150,7 @@ class Session:
         shared = f" in {jax.process_count()} processes" if jax.process_count() > 1 else ""
         print(
             f"{'resuming' if self.resumed else 'training'} {config.scenario} in {self.run_dir.path}:"
-            f" {config.num_updates} updates of {config.num_envs} x {config.rollout_length} choices{seeds},"
+            f" {config.num_updates} updates of {config.num_envs} x {config.choices_per_update} choices{seeds},"
             f" {device.platform} {device.device_kind}{shared}",
             flush=True,
         )

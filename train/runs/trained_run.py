@@ -1,19 +1,12 @@
-"""What the commands on a trained run share: their options, their numbers and what they load."""
+"""What the commands on a trained run share: their options, and the settings that they play it with."""
 
 import dataclasses
 from collections.abc import Mapping
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from medjax.commandline import OneLineParser
-from medjax.errors import InputError
-from train.arguments import make_environment
-from train.settings import Override, TrainConfig
+from train.option import Override
+from train.settings import TrainConfig
 
-if TYPE_CHECKING:
-    from medjax.policies.policy import Policy
-
-TRAINED = "ppo"  # name of the learned policy, that of the first seed
 LIMITS = {"episodes": (2, 10**7), "batch": (1, 10**6), "seed": (0, 2**32 - 1)}
 
 
@@ -53,48 +46,3 @@ def to_play(
     overrides = {**kept, **(changes or {})}
     # This machine need not have the devices that the run had.
     return dataclasses.replace(config, scenario=scenario, overrides=overrides, num_devices=0)
-
-
-def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, Any]:
-    """A single environment, its parameters, and the newest weights of a run.
-
-    Args:
-        run_dir: directory of the run.
-        config: its settings, or others of the same network.
-
-    Raises:
-        InputError: the environment cannot be made, or there is no checkpoint that fits it.
-    """
-    # JAX takes seconds to import; bad options need not wait for them.
-    from medjax.wrappers import prepare_cpu
-
-    prepare_cpu()
-    from train.algorithms.ppo.learner import make_train
-    from train.runs.checkpoint import Checkpoints
-    from train.runs.session import shapes_of
-
-    reader = Checkpoints(run_dir)
-    if reader.latest() is None:
-        raise InputError(f"run {run_dir} holds no checkpoint, allowed: one that train.ppo wrote")
-    env, params = make_environment(config)
-    shapes = shapes_of(make_train(env, params, config), params, config)
-    return env, params, reader.restore_weights(shapes)
-
-
-def load_policies(
-    run_dir: Path, config: TrainConfig, stochastic: bool
-) -> tuple[Any, Any, dict[str, "Policy"]]:
-    """A single environment, its parameters, and the trained and all other policies by name.
-
-    Args:
-        run_dir: directory of the run.
-        config: its settings, or others of the same network.
-        stochastic: sample the trained policy's actions.
-
-    Raises:
-        InputError: as `load_weights`.
-    """
-    env, params, weights = load_weights(run_dir, config)
-    from train.runs.finish import all_policies
-
-    return env, params, all_policies(env, config, weights, stochastic)

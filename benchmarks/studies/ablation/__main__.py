@@ -16,7 +16,7 @@ from benchmarks.studies.ablation import sweeps, weights
 from medjax.commandline import OneLineParser, add_set_option
 from medjax.errors import InputError
 from medjax.wrappers import prepare_cpu
-from train.runs.host import enable_compilation_cache
+from train.runs.compilation import enable_compilation_cache
 
 WEIGHTS = "weights"
 

@@ -14,6 +14,7 @@ from medjax.episodes.scores import Scores
 from medjax.errors import shown
 from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
+from train.algorithms.ppo.settings import PPOConfig
 from train.evaluation.statistics import bootstrap_ci95
 from train.evaluation.tables import interval, short
 from train.reporting.figures import MARKERS, colour, save
@@ -52,7 +53,7 @@ def settings(options: argparse.Namespace) -> TrainConfig:
       InputError: there is no such run, or a `--set` that cannot be read.
     """
     run_dir = getattr(options, "run_dir", None)
-    config = RunDir(run_dir).load_config() if run_dir else TrainConfig(seed=options.seed)
+    config = RunDir(run_dir).load_config() if run_dir else PPOConfig(seed=options.seed)
     return to_play(config, options.scenario, parse_overrides(getattr(options, "overrides", [])))
 
 

@@ -27,11 +27,11 @@ from medjax.commandline import OneLineParser
 from medjax.episodes.scores import Scores
 from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
-from train.arguments import check_environment, make_environment
+from train.algorithms.environments import check_environment, make_environment
 from train.evaluation.statistics import bootstrap_ci95
 from train.evaluation.tables import format_rows, interval, short
 from train.reporting.figures import new_figure
-from train.runs.trained_run import load_policies
+from train.runs.policies import load_policies
 
 
 @dataclasses.dataclass(frozen=True)

@@ -26,12 +26,10 @@ from benchmarks.studies.ablation.worlds import play_worlds, train_worlds
 from medjax.commandline import OneLineParser
 from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError
-from train.algorithms.networks import build_network
-from train.algorithms.policy import learned_policy
-from train.arguments import check_environment, make_environment
+from train.algorithms.environments import check_environment, make_environment
+from train.algorithms.registry import algorithm_of
 from train.evaluation.tables import format_rows
 from train.reporting.figures import new_figure
-from train.runs.trained_run import TRAINED
 
 NOTE = (
     "Trains a dispatcher for each cost of a MED without a cost of delay, and for each cost of delay without a cost of "
@@ -90,14 +88,12 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         for term in COSTS
     }
     weights = train_worlds(env, params, numbers, config)
-    network = build_network(env, config)
-    learned = {
-        TRAINED: learned_policy(env, network, weights, config.decide_every, options.stochastic)
-    }
+    name = config.algorithm
+    learned = {name: algorithm_of(config).policy(env, config, weights, options.stochastic)}
     episodes, seed = options.episodes, options.seed
-    scores = play_worlds(env, params, numbers, learned, episodes, seed, own_weights=True)[TRAINED]
+    scores = play_worlds(env, params, numbers, learned, episodes, seed, own_weights=True)[name]
     rows = [
-        {"policy": TRAINED, **cost, **describe(in_world(scores, index), COLUMNS, seed)}
+        {"policy": name, **cost, **describe(in_world(scores, index), COLUMNS, seed)}
         for index, cost in enumerate(costs)
     ]
     for name, score in evaluate_policies(env, params, rules(env), episodes, seed).items():
@@ -133,7 +129,7 @@ def plot(path: Path, report: dict[str, Any]) -> None:
       report: of `run`.
     """
     figure = new_figure(11, 5)
-    learned = [row for row in report["rows"] if row["policy"] == TRAINED]
+    learned = [row for row in report["rows"] if "gas_delay" in row]
     on_meds = [row for row in learned if not row["gas_delay"]]
     on_delay = [row for row in learned if row["gas_delay"]]
     depleted, *prices, _ = COLUMNS
@@ -142,7 +138,7 @@ def plot(path: Path, report: dict[str, Any]) -> None:
         series = [
             ("PPO, cost of a MED", on_meds, "-"),
             ("PPO, cost of a lost second", on_delay, ":"),
-            *((row["policy"], [row], "") for row in report["rows"] if row["policy"] != TRAINED),
+            *((row["policy"], [row], "") for row in report["rows"] if "gas_delay" not in row),
         ]
         for number, (label, rows, line) in enumerate(series):
             if rows:

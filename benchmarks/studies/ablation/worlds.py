@@ -20,8 +20,10 @@ from medjax.episodes.scores import MAX_DECISIONS, Scores, make_runner
 from medjax.numerics.rows import CACHED_ROWS, in_blocks
 from medjax.policies.policy import Policy
 from medjax.world.params import EnvParams
+from train.algorithms.environments import episode_decisions
 from train.algorithms.networks import PolicyWeights
-from train.algorithms.ppo.learner import build_learner, episode_decisions, shardings
+from train.algorithms.programs import shardings
+from train.algorithms.registry import algorithm_of
 from train.settings import TrainConfig
 
 Numbers = Mapping[str, Any]  # by "group.leaf" of EnvParams; of several worlds: (worlds,) each
@@ -126,10 +128,10 @@ def train_worlds(
     Returns:
       What they learned; every leaf has an axis of worlds first.
     """
-    learner = build_learner(env, params, config)
+    learner = algorithm_of(config).build_learner(env, params, config)
 
     def start(key: jax.Array, params: EnvParams, numbers: Numbers) -> Any:
-        # One after the other, see train.algorithms.ppo.learner.make_train.
+        # One after the other, see train.algorithms.programs.make_train.
         return lax.map(lambda world: learner.init(key, with_numbers(params, world)), numbers)
 
     def go_on(state: Any, params: EnvParams, numbers: Numbers) -> Any:
@@ -139,7 +141,7 @@ def train_worlds(
         # On a CPU the environments of one learner fill the cache.
         return in_blocks(lambda some: jax.vmap(one)(*some), (state, numbers), rows_at_once=1)
 
-    where = shardings(learner.mesh, seeds=True)
+    where = shardings(learner, seeds=True)
     init = jax.jit(start, out_shardings=where)
     run = jax.jit(go_on, in_shardings=(where, None, None), out_shardings=where, donate_argnums=0)
     state = init(jax.random.key(config.seed), params, numbers)

@@ -17,10 +17,10 @@ from medjax.physics import link_efficiency, mutual_inductance
 from medjax.policies.rules import BASELINES
 from tests.benchmarks.refusal import refused
 from train import ppo
-from train.algorithms.ppo.learner import make_train
+from train.algorithms.ppo.settings import PPOConfig
+from train.algorithms.programs import make_train
+from train.runs.policies import load_policies
 from train.runs.run_directory import RunDir
-from train.runs.trained_run import load_policies
-from train.settings import TrainConfig
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -88,7 +88,7 @@ def test_without_misalignment_every_link_is_nominal():
 def test_each_learner_is_what_it_is_alone():
     """Equal rewards teach the same; each learner is that of train.ppo, to rounding."""
     env, params = medjax.make("paper", **SMALL)
-    config = TrainConfig(
+    config = PPOConfig(
         num_envs=4,
         num_minibatches=2,
         rollout_length=4,

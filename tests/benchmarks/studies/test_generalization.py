@@ -12,14 +12,14 @@ from medjax.episodes.scores import evaluate_policies
 from medjax.scenarios import SCENARIOS
 from medjax.world.params import EnvConfig
 from tests.benchmarks.refusal import refused
-from train.algorithms.ppo.learner import make_train
-from train.arguments import make_environment
+from train.algorithms.environments import make_environment
+from train.algorithms.ppo.settings import PPOConfig
+from train.algorithms.programs import make_train
 from train.evaluation.tables import interval, short
 from train.runs.checkpoint import Checkpoints, to_host
+from train.runs.policies import load_policies
 from train.runs.run_directory import RunDir
 from train.runs.session import ONCE
-from train.runs.trained_run import load_policies
-from train.settings import TrainConfig
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -28,7 +28,7 @@ SMALL = {"num_meds": 2, "num_evs": 8, "num_gas": 40, "episode_decisions": 20}
 
 def untrained(path, observation):
     """A run of no update, on a road with few slots."""
-    config = TrainConfig(
+    config = PPOConfig(
         num_envs=2,
         num_minibatches=2,
         hidden=(4,),

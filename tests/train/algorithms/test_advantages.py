@@ -5,13 +5,16 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from train.algorithms.advantages import generalized_advantages
+from train.algorithms.advantages import Steps, generalized_advantages
 
 STEPS = 24
 
 
-def by_definition(reward, value, last_value, terminated, truncated, final_value, gamma, lam):
+def by_definition(rollout, last_value, gamma, lam):
     """A_t = sum_k (gamma lam)^k delta_{t+k}, the sum ending with the episode."""
+    reward, value, terminated, truncated, final_value = (
+        np.asarray(x) for x in vars(rollout).values()
+    )
     steps, envs = reward.shape
     out = np.zeros((steps, envs))
     for env in range(envs):
@@ -43,16 +46,16 @@ def test_equals_the_definition(seed, gamma, lam, often):
     reward, value, final_value = rng.normal(size=(3, *shape))
     last_value = rng.normal(size=3)
     terminated, truncated = rng.random((2, *shape)) < often
-    expected = by_definition(
-        reward, value, last_value, terminated, truncated, final_value, gamma, lam
-    )
-    advantage, target = generalized_advantages(
-        *(jnp.asarray(x, jnp.float32) for x in (reward, value, last_value)),
+    rollout = Steps(reward, value, terminated, truncated, final_value)
+    expected = by_definition(rollout, last_value, gamma, lam)
+    rollout = Steps(
+        *(jnp.asarray(x, jnp.float32) for x in (reward, value)),
         jnp.asarray(terminated),
         jnp.asarray(truncated),
         jnp.asarray(final_value, jnp.float32),
-        gamma=gamma,
-        gae_lambda=lam,
+    )
+    advantage, target = generalized_advantages(
+        rollout, jnp.asarray(last_value, jnp.float32), gamma=gamma, gae_lambda=lam
     )
     np.testing.assert_allclose(advantage, expected, rtol=2e-5, atol=2e-5)
     np.testing.assert_allclose(target, expected + value, rtol=2e-5, atol=2e-5)
@@ -64,9 +67,8 @@ def test_nothing_leaks_over_the_end_of_an_episode():
     ends = jnp.zeros((4, 1), bool).at[1].set(True)
     never = jnp.zeros((4, 1), bool)
     for terminated, truncated in ((ends, never), (never, ends)):
-        advantage, _ = generalized_advantages(
-            reward, zeros, zeros[0], terminated, truncated, zeros, gamma=0.9, gae_lambda=0.9
-        )
+        rollout = Steps(reward, zeros, terminated, truncated, zeros)
+        advantage, _ = generalized_advantages(rollout, zeros[0], gamma=0.9, gae_lambda=0.9)
         np.testing.assert_array_equal(advantage[:2], 0.0)
         assert (advantage[2:] > 0.0).all()
 
@@ -75,7 +77,6 @@ def test_lambda_one_gives_discounted_returns_bootstrapped_at_a_truncation():
     reward = jnp.ones((3, 1))
     zeros, never = jnp.zeros((3, 1)), jnp.zeros((3, 1), bool)
     cut = never.at[2].set(True)
-    _, target = generalized_advantages(
-        reward, zeros, zeros[0] + 7.0, never, cut, zeros + 10.0, gamma=0.5, gae_lambda=1.0
-    )
+    rollout = Steps(reward, zeros, never, cut, zeros + 10.0)
+    _, target = generalized_advantages(rollout, zeros[0] + 7.0, gamma=0.5, gae_lambda=1.0)
     np.testing.assert_allclose(target[:, 0], [1.75 + 1.25, 1.5 + 2.5, 1.0 + 5.0])

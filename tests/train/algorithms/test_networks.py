@@ -1,4 +1,4 @@
-"""The network for sets of vehicles: what order and empty slots must not change."""
+"""The network for sets of vehicles: what order and empty slots must not change; and the masked policy."""
 
 import dataclasses
 
@@ -9,13 +9,13 @@ import pytest
 
 import medjax
 from medjax.env.observation import FlatObservation
-from train.algorithms.networks import build_network
-from train.settings import TrainConfig
+from train.algorithms.networks import build_network, masked_categorical
+from train.algorithms.ppo.settings import PPOConfig
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 SMALL = {"num_meds": 3, "num_evs": 5, "num_gas": 12}
-CONFIG = TrainConfig(network="sets", observation="flat", hidden=(16,), encoder=(8, 8))
+CONFIG = PPOConfig(network="sets", observation="flat", hidden=(16,), encoder=(8, 8))
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,32 @@ def test_empty_slots_change_nothing(network, scene):
 def test_only_the_flat_observation_has_rows():
     env, _ = medjax.make("paper", observation="profile", **SMALL)
     with pytest.raises(ValueError, match="network is 'sets' and observation is 'profile'"):
-        build_network(env, TrainConfig(network="sets"))
+        build_network(env, PPOConfig(network="sets"))
     env, _ = medjax.make("paper", **SMALL)
     with pytest.raises(ValueError, match="normalize_observations is True, allowed: False"):
         build_network(env, dataclasses.replace(CONFIG, normalize_observations=True))
+
+
+def test_masked_distribution_is_the_softmax_of_the_allowed():
+    logits = jnp.array([[1.0, 2.0, 3.0], [0.5, 0.0, -1.0]])
+    mask = jnp.array([[True, True, False], [True, False, False]])
+    policy = masked_categorical(logits, mask)
+    expected = np.exp([1.0, 2.0]) / np.exp([1.0, 2.0]).sum()
+    np.testing.assert_allclose(policy.probs[0], [*expected, 0.0], rtol=1e-6)
+    entropy = policy.entropy()
+    assert entropy[0] == pytest.approx(-(expected * np.log(expected)).sum(), rel=1e-5)
+    assert entropy[1] == 0.0
+    assert (policy.mode() == jnp.array([1, 0])).all()
+    samples = jax.vmap(lambda key: policy.sample(seed=key))(
+        jax.random.split(jax.random.key(0), 200)
+    )
+    assert (samples[:, 0] < 2).all()
+    assert (samples[:, 1] == 0).all()
+    gradient = jax.grad(
+        lambda x: (
+            masked_categorical(x, mask).log_prob(jnp.array([0, 0]))
+            + masked_categorical(x, mask).entropy()
+        ).sum()
+    )(logits)
+    assert np.isfinite(gradient).all()
+    np.testing.assert_array_equal(gradient[~mask], 0.0)

@@ -9,8 +9,8 @@ from medjax.wrappers import BatchAutoReset, EpisodeLog, TimeLimitAsEnd
 from tests.train.probe_envs import Probe, ProbeParams
 from train.algorithms.networks import PolicyWeights, apply_value, build_network
 from train.algorithms.normalization import init_stats
-from train.algorithms.rollout import collect, start
-from train.settings import TrainConfig
+from train.algorithms.ppo.settings import PPOConfig
+from train.algorithms.rollout import Collector
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -21,15 +21,14 @@ LENGTH, ENVS = 5, 16
 def test_cut_episodes_are_always_bootstrapped_and_time_limits_only_if_told(bootstrap_timeouts):
     """First episodes are cut after 1 to 5 decisions; all others end by time after 5."""
     env, params = Probe("timed"), ProbeParams(episode_decisions=LENGTH)
-    network = build_network(env, TrainConfig(hidden=(8,)))
+    network = build_network(env, PPOConfig(hidden=(8,)))
     weights = PolicyWeights(network.init(jax.random.key(0), jnp.zeros((1, 2))), init_stats((2,)))
     limited = env if bootstrap_timeouts else TimeLimitAsEnd(env)
     batch = EpisodeLog(BatchAutoReset(limited, stagger=LENGTH))
-    state = start(batch, jax.random.split(jax.random.key(1), ENVS), params)
+    collector = Collector(batch, network, num_steps=12, gamma=0.9)
+    state = collector.start(jax.random.split(jax.random.key(1), ENVS), params)
     keys = jax.random.split(jax.random.key(2), ENVS)
-    _, trajectory, _, _ = collect(
-        batch, network, weights, state, keys, params, num_steps=12, gamma=0.9
-    )
+    _, trajectory, _, _ = collector.collect(weights, state, keys, params)
 
     seen = jnp.array([[float(time), 0.0] for time in range(LENGTH + 1)])
     values = np.asarray(apply_value(network, weights, seen))

@@ -14,10 +14,10 @@ from tests.train.probe_envs import Probe, ProbeParams
 from train.algorithms.networks import PolicyWeights, apply_policy, build_network
 from train.algorithms.normalization import init_stats
 from train.algorithms.policy import learned_policy
+from train.algorithms.ppo.settings import PPOConfig
 from train.evaluation.scores import summarize
 from train.evaluation.statistics import bootstrap_ci95, interquartile_mean, relative_change
 from train.evaluation.tables import format_table
-from train.settings import TrainConfig
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -85,7 +85,7 @@ def test_forbidden_actions_count_as_none():
 
 def untrained(initial_wait):
     """A network on the noisy probe, and its weights before training."""
-    network = build_network(ENV, TrainConfig(initial_wait=initial_wait))
+    network = build_network(ENV, PPOConfig(initial_wait=initial_wait))
     params = network.init(jax.random.key(0), jnp.zeros((1, 2)))
     return network, PolicyWeights(params, init_stats((2,)))
 

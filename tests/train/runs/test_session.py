@@ -11,14 +11,11 @@ import pytest
 import yaml
 
 from medjax.policies.saved import load_policy
-from tests.train.conftest import TINY
-from tests.train.test_arguments import refused
+from tests.train.conftest import TINY, refused
 from train import evaluate, ppo
-from train.algorithms.ppo.learner import make_train
-from train.evaluation.tables import final_return, format_table
+from train.algorithms.programs import make_train, shapes_of
 from train.runs.checkpoint import Checkpoints
-from train.runs.logs import Progress, read_rows, rows_from
-from train.runs.session import shapes_of
+from train.runs.logs import Progress, read_rows
 
 CLOCK = ("wall_s", "env_steps_per_s")
 
@@ -31,7 +28,7 @@ def rows_of(run_dir):
 
 
 def state_of(run_dir):
-    from train.arguments import make_environment
+    from train.algorithms.environments import make_environment
     from train.runs.run_directory import RunDir
 
     # This process need not have the devices that the run had.
@@ -225,38 +222,3 @@ def test_evaluate_command(probe, capsys):
     assert "5 whole episodes of noisy" in capsys.readouterr().out
     refused(capsys, [*argv, "--scenario=nowhere"], "nowhere", command=evaluate)
     refused(capsys, [*argv, "--set", "x=1"], "'x'", command=evaluate)
-
-
-def test_rows_average_over_the_seeds_that_have_a_value():
-    metrics = {"episode_return": np.array([[1.0, np.nan, 9.0], [3.0, 5.0, 9.0]])}
-    rows = rows_from(metrics, 2)
-    assert [row["episode_return"] for row in rows] == [2.0, 5.0]
-    assert rows[1]["per_seed"]["episode_return"] == [None, 5.0]
-    assert rows_from({"loss": np.array([np.nan, 1.0])}, 2) == [{"loss": None}, {"loss": 1.0}]
-
-
-def test_final_return_weighs_episodes():
-    rows = [{"episode_return": None, "episodes": 0.0}] * 18
-    assert final_return(rows) is None
-    rows = [
-        *rows,
-        {"episode_return": 1.0, "episodes": 3.0},
-        {"episode_return": 5.0, "episodes": 1.0},
-    ]
-    assert final_return(rows) == 2.0
-
-
-def test_table_lists_the_best_first():
-    entry = {"return_mean": 1.0, "return_ci95": [0.5, 1.5], "depleted_share": 0.25}
-    result = {
-        "episodes": 3,
-        "scenario": "paper",
-        "policies": {"none": entry, "ppo": entry | {"return_mean": 123.456}},
-        "paired_return_difference": {"none": {"mean": 122.456, "ci95": [100.0, 140.0]}},
-    }
-    lines = format_table(result).splitlines()
-    assert "depleted share" in lines[1]
-    assert "mean SoC" not in lines[1]
-    assert lines[3].startswith("ppo")
-    assert "123.5" in lines[3]
-    assert "122.5 [100.0, 140.0]" in lines[4]

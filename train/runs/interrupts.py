@@ -1,14 +1,10 @@
-"""The process around a run: signals, and the cache of compiled programs."""
+"""Signals that ask a run to end."""
 
 import contextlib
 import dataclasses
-import os
 import signal
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
-
-import jax
 
 
 @dataclasses.dataclass
@@ -36,14 +32,3 @@ def deferred_interrupts() -> Iterator[Interrupt]:
     finally:
         for each, handler in previous.items():
             signal.signal(each, handler)
-
-
-def enable_compilation_cache() -> None:
-    """Keeps compiled programs in the user's cache directory, unless the user chose another place."""
-    if (
-        getattr(jax.config, "jax_compilation_cache_dir", None)
-        or "JAX_COMPILATION_CACHE_DIR" in os.environ
-    ):
-        return
-    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    jax.config.update("jax_compilation_cache_dir", str(Path(root) / "medjax" / "xla"))

@@ -1,15 +1,16 @@
-"""The command line, built from the fields of `TrainConfig`."""
+"""The command line of training, built from the fields of an algorithm's settings."""
 
 import argparse
 import dataclasses
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from medjax.commandline import OneLineParser, add_set_option, as_path, parse_overrides
 from medjax.errors import InputError, shown
+from train.runs.run_directory import RunDir
 from train.settings import TrainConfig, from_json, load_config, to_json
 
 AUTO = "auto"
@@ -55,7 +56,7 @@ class Processes:
 
 @dataclasses.dataclass(frozen=True)
 class Request:
-    """What the command line of `train.ppo` asks for."""
+    """What the command line asks for."""
 
     config: TrainConfig
     run_dir: Path | None  # None: an unused one under runs/
@@ -75,12 +76,13 @@ class _Help(argparse.ArgumentDefaultsHelpFormatter):
         return super()._get_help_string(action)
 
 
-def build_parser(prog: str = "train.ppo") -> OneLineParser:
-    """The parser of `python -m train.ppo`; the options are the fields of `TrainConfig`."""
+def build_parser(kind: type[TrainConfig]) -> OneLineParser:
+    """The parser of `python -m train.ALGORITHM`; the options are the fields of its settings."""
+    command, learner = f"train.{kind.algorithm}", kind.algorithm.upper()
     parser = OneLineParser(
-        prog=f"python -m {prog}",
-        description="Trains a dispatcher with PPO, then evaluates it beside those that are not learned.",
-        epilog="Example: python -m train.ppo --num-envs 1024 --set cooldown_s=30 --run-dir runs/slow",
+        prog=f"python -m {command}",
+        description=f"Trains a dispatcher with {learner}, then evaluates it beside those that are not learned.",
+        epilog=f"Example: python -m {command} --num-envs 1024 --set cooldown_s=30 --run-dir runs/slow",
         formatter_class=_Help,
     )
     files = parser.add_argument_group("files")
@@ -108,7 +110,9 @@ def build_parser(prog: str = "train.ppo") -> OneLineParser:
     several.add_argument("--num-processes", metavar="N", help="how many there are")
     several.add_argument("--process-id", metavar="N", help="which of them this is, from 0")
     groups: dict[str, argparse._ArgumentGroup] = {}
-    for field in dataclasses.fields(TrainConfig):
+    for field in sorted(
+        dataclasses.fields(kind), key=lambda own: own.metadata["group"] == "network"
+    ):
         title = field.metadata["group"]
         group = groups.setdefault(title, parser.add_argument_group(title))
         _add_option(group, field)
@@ -145,9 +149,14 @@ def _add_option(group: argparse._ArgumentGroup, field: dataclasses.Field[Any]) -
     )
 
 
-def parse_request(argv: Sequence[str] | None = None) -> Request:
-    """The request that `argv` makes, checked; bad input ends the command with exit code 2."""
-    parser = build_parser()
+def parse_request(kind: type[TrainConfig], argv: Sequence[str] | None = None) -> Request:
+    """The request that `argv` makes, checked; bad input ends the command with exit code 2.
+
+    Args:
+        kind: of settings.
+        argv: arguments; None takes those of the process.
+    """
+    parser = build_parser(kind)
     given = vars(parser.parse_args(argv))
     run_dir, resume, file = given.pop("run_dir"), given.pop("resume"), given.pop("config")
     coordinator = given.pop("coordinator")
@@ -165,8 +174,8 @@ def parse_request(argv: Sequence[str] | None = None) -> Request:
         paths = {
             name: as_path(name, text) for name, text in given_paths.items() if text is not None
         }
-        saved = _saved(paths.get("--resume"), paths.get("--config"))
-        config = _config(settings_from_text(given), saved)
+        saved = _saved(kind, paths.get("--resume"), paths.get("--config"))
+        config = _config(settings_from_text(kind, given), saved)
     except InputError as error:
         parser.error(str(error))
     return Request(
@@ -177,34 +186,36 @@ def parse_request(argv: Sequence[str] | None = None) -> Request:
     )
 
 
-def _saved(run: Path | None, file: Path | None) -> TrainConfig:
+def _saved(kind: type[TrainConfig], run: Path | None, file: Path | None) -> TrainConfig:
     """The settings that the command line changes: those of a run, of a file, or the defaults."""
     if run is not None:
-        from train.runs.run_directory import RunDir
-
-        return RunDir(run).load_config()
-    return load_config(file) if file is not None else TrainConfig()
+        return RunDir(run).load_config(kind)
+    return load_config(file, kind) if file is not None else kind()
 
 
 def _config(changes: dict[str, Any], saved: TrainConfig) -> TrainConfig:
     """The settings: those saved, and what the command line changes."""
     before = to_json(saved)
     changes["overrides"] = {**before["overrides"], **changes["overrides"]}
-    return from_json({**before, **changes})
+    return from_json({**before, **changes}, type(saved))
 
 
-def settings_from_text(given: dict[str, Any]) -> dict[str, Any]:
+def settings_from_text(kind: type[TrainConfig], given: dict[str, Any]) -> dict[str, Any]:
     """Values of settings from the text of the command line.
+
+    Args:
+        kind: of settings.
+        given: text by name; of `overrides` and of lists several.
 
     Raises:
         InputError: text that is no value of its setting's type.
     """
-    fields = {field.name: field for field in dataclasses.fields(TrainConfig)}
+    fields = {field.name: field for field in dataclasses.fields(kind)}
     return {name: _value(fields[name], text) for name, text in given.items()}
 
 
 def _value(field: dataclasses.Field[Any], text: Any) -> Any:
-    """Value of one setting; what cannot be converted is left for `TrainConfig` to refuse in its words."""
+    """Value of one setting; what cannot be converted is left for the settings to refuse in their words."""
     if field.name == "overrides":
         return parse_overrides(text)
     default = field.default
@@ -226,39 +237,3 @@ def _number(text: str, kind: Any) -> Any:
         return kind(text)
     except ValueError:
         return text
-
-
-def make_environment(config: TrainConfig) -> tuple[Any, Any]:
-    """The environment that the settings name, and its parameters.
-
-    Raises:
-        InputError: an unknown scenario, option or network, a value out of range, or devices that are not there.
-    """
-    import medjax
-
-    return _build(medjax.make, config)
-
-
-def check_environment(config: TrainConfig) -> None:
-    """Refuses what `make_environment` refuses, and computes nothing.
-
-    Raises:
-        InputError: as `make_environment`.
-    """
-    from medjax.scenarios import prepare
-
-    _build(prepare, config)
-
-
-def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
-    import jax
-
-    from medjax.env.observation import OBSERVATIONS
-    from medjax.numerics.devices import environment_mesh
-    from train.algorithms.networks import check_network
-
-    # An environment is compiled in part; what can be refused without it is refused before.
-    check_network(config, OBSERVATIONS.get(config.observation))
-    groups = config.num_envs // config.num_minibatches
-    environment_mesh(groups, config.num_devices, jax.devices())
-    return build(config.scenario, observation=config.observation, **config.overrides)

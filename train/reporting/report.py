@@ -29,7 +29,6 @@ from train.reporting.survey import Survey, dispatch_rows, survey, total
 from train.reporting.traces import Trace, record
 from train.runs.logs import read_rows
 from train.runs.run_directory import RunDir, write_json
-from train.runs.trained_run import TRAINED
 from train.settings import TrainConfig, to_json
 
 PICTURES = ("training_curve", "comparison", "time_space", "soc_over_time", "soc_at_end", "dispatch")
@@ -71,12 +70,13 @@ def play(
     """Evaluates all policies, then records the same episodes."""
     print(f"evaluating {len(policies)} policies on {episodes} episodes each", flush=True)
     scores = evaluate_policies(env, params, policies, episodes, seed)
-    recorded = {name: policies[name] for name in policies if name in (TRAINED, *BASELINES)}
+    ours = config.algorithm
+    recorded = {name: policies[name] for name in policies if name in (ours, *BASELINES)}
     print(f"recording {len(recorded)} of them on the same episodes", flush=True)
     surveys: list[Survey] = []
     for trace in record(env, params, recorded, episodes, seed):
         if not surveys:
-            first = jax.tree.map(lambda leaf: leaf[0, list(recorded).index(TRAINED)], trace)
+            first = jax.tree.map(lambda leaf: leaf[0, list(recorded).index(ours)], trace)
         surveys.append(survey(trace))
         done = sum(int(part.episodes) for part in surveys)
         print(f"recorded {done} of {episodes} episodes", flush=True)
@@ -99,15 +99,15 @@ def draw(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
     decision_s = played.env.config.decision_s
     returns = {name: entry["return_mean"] for name, entry in played.result["policies"].items()}
     rules = {name: value for name, value in returns.items() if name in BASELINES}
-    title = f"PPO on {config.scenario}, {config.num_envs} environments"
-    plot_curve(path["training_curve"], read_rows(run_dir.metrics), title, rules)
+    plot_curve(path["training_curve"], read_rows(run_dir.metrics), config, rules)
     plot_comparison(path["comparison"], played.scores, played.seed)
-    title = f"{TRAINED}, first episode of seed {played.seed}, return {short(float(played.first.reward.sum()))}"
+    ours = config.algorithm
+    title = f"{ours}, first episode of seed {played.seed}, return {short(float(played.first.reward.sum()))}"
     plot_episode(path["time_space"], played.first, road, decision_s, title)
     plot_soc(path["soc_over_time"], names, seen, decision_s)
     plot_exit_soc(path["soc_at_end"], names, seen)
-    best = next((name for name, _ in best_first(played.result) if name in rules), TRAINED)
-    shown = {name: names.index(name) for name in (TRAINED, best)}
+    best = next((name for name, _ in best_first(played.result) if name in rules), ours)
+    shown = {name: names.index(name) for name in (ours, best)}
     ramps = np.asarray(road.ramp_x_m)
     plot_dispatch(path["dispatch"], shown, seen, ramps, decision_s, config.decide_every)
 
@@ -121,12 +121,12 @@ def write(run_dir: RunDir, config: TrainConfig, played: Played, stochastic: bool
     for part in parts:
         if part.tables:
             print("", part.title, *map(format_rows, part.tables), sep="\n")
-    print(f"\n{title}; ppo {acting}")
+    print(f"\n{title}; {config.algorithm} {acting}")
     write_json(run_dir.report / "evaluation.json", result)
     write_page(
         run_dir.report / "report.html",
         f"Report of {run_dir.path.resolve().name}",
-        f"{title}, of seed {played.seed}. The trained policy, ppo, {acting}. Intervals are of means, "
+        f"{title}, of seed {played.seed}. The trained policy, {config.algorithm}, {acting}. Intervals are of means, "
         "by the bootstrap over episodes.",
         parts,
     )

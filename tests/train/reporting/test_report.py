@@ -12,17 +12,14 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-import train.reporting.contents
-from tests.train.test_arguments import refused
+import train.reporting.report
+from tests.train.conftest import refused
 from train import evaluate, report
-from train.arguments import parse_request
-from train.evaluation.tables import claim_rows, paper_rows
-from train.reporting.diagrams import _in_bins
-from train.reporting.figures import plot_curve
-from train.reporting.survey import SOC_BINS, dispatch_rows, quantile, survey, total
-from train.reporting.traces import Frame, Trace
+from train.algorithms.ppo.settings import PPOConfig
+from train.reporting.survey import dispatch_rows, survey, total
+from train.runs.arguments import parse_request
 from train.runs.checkpoint import to_host
-from train.runs.start import open_session
+from train.runs.open_session import open_session
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -38,7 +35,7 @@ for name, value in SMALL.items():
 
 def make_run(path):
     """A run that has not trained: its first weights, and a made-up curve."""
-    session = open_session(parse_request([*OPTIONS, f"--run-dir={path}"]))
+    session = open_session(parse_request(PPOConfig, [*OPTIONS, f"--run-dir={path}"]))
     state = session.programs.init(jax.random.key(0), session.params)
     session.checkpoints.save(to_host(state), session.config)
     rows = [
@@ -54,7 +51,7 @@ def made(tmp_path_factory):
     run = tmp_path_factory.mktemp("report") / "run"
     make_run(run)
     traces, marked, out = [], [], io.StringIO()
-    record, plot_episode = train.reporting.contents.record, train.reporting.contents.plot_episode
+    record, plot_episode = train.reporting.report.record, train.reporting.report.plot_episode
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out):
 
         def keep(*arguments):
@@ -62,9 +59,9 @@ def made(tmp_path_factory):
                 traces.append(trace)
                 yield trace
 
-        patch.setattr("train.reporting.contents.record", keep)
+        patch.setattr("train.reporting.report.record", keep)
         patch.setattr(
-            "train.reporting.contents.plot_episode", lambda *a: marked.append(plot_episode(*a))
+            "train.reporting.report.plot_episode", lambda *a: marked.append(plot_episode(*a))
         )
         patch.setattr(
             "train.reporting.traces.EPISODES_AT_ONCE", 3
@@ -80,8 +77,8 @@ def made(tmp_path_factory):
 def scores(made):
     """What `train.evaluation.scores` says of the same episodes, an array `(episodes,)` each metric and policy."""
     from train.evaluation.scores import evaluate_policies
+    from train.runs.policies import load_policies
     from train.runs.run_directory import RunDir
-    from train.runs.trained_run import load_policies
 
     env, params, policies = load_policies(made.run, RunDir(made.run).load_config(), False)
     return evaluate_policies(env, params, policies, EPISODES, seed=2)
@@ -111,7 +108,7 @@ class Page(HTMLParser):
 def test_pictures_and_page_are_complete(made):
     assert made.code == 0
     there = made.run / "report"
-    names = [f"{name}.png" for name in train.reporting.contents.PICTURES]
+    names = [f"{name}.png" for name in train.reporting.report.PICTURES]
     assert sorted(path.name for path in there.iterdir()) == sorted(
         [*names, "evaluation.json", "report.html"]
     )
@@ -212,89 +209,3 @@ def test_bad_options_are_refused(made, tmp_path, capsys, monkeypatch):
     (tmp_path / "report").write_text("precious")
     refused(capsys, ["--run-dir=."], "report", "not a directory", command=report)
     assert (tmp_path / "report").read_text() == "precious"
-
-
-def test_tables_of_several_training_seeds():
-    entry = {"return_mean": 1.0, "return_std": 2.0, "return_ci95": [0.5, 1.5]}
-    seeds = {"return_means": [1.0, 3.0], "interquartile_mean": 2.0, "ci95": [1.0, 3.0]}
-    change = {"mean": -0.5, "ci95": [-0.625, -0.375]}
-    result = {
-        "policies": {
-            "ppo": entry | {"meds_dispatched": 2.0},
-            "none": entry | {"return_mean": -7.0},
-        },
-        "training_seeds": seeds,
-        "change_against_none": {"depleted_share": change},
-    }
-    result["policies"]["ppo_seed2"] = entry | {"return_mean": 3.0, "meds_dispatched": 4.0}
-    rows = paper_rows(result)
-    assert [row[0] for row in rows[1:4]] == ["ppo_seed2", "ppo", "none"]
-    assert rows[-1][1:] == ["-", "2.000", "[1.000, 3.000]"]
-    claims = {row[0]: row[1:] for row in claim_rows(result)}
-    assert claims["depleted share"] == ["-50%", "-50.0% [-62.5%, -37.5%]"]
-    assert claims["mean SoC"] == ["+20%", "-"]
-    assert claims["MEDs sent"] == ["15", "3.00"]
-
-
-def trace_by_hand():
-    """One policy, two EV slots, three decisions: an EV leaves with half its charge, one runs out, a third enters."""
-    on_road = np.array([[1, 1], [0, 1], [1, 0], [1, 0]], bool)
-    soc = np.array([[0.6, 0.1], [0.505, 0.05], [0.7, 0.0], [0.6, 0.0]])
-    frames = Frame(
-        ev_x=np.zeros((4, 2)),
-        ev_soc=soc,
-        ev_on_road=on_road,
-        med_x=np.zeros((4, 1)),
-        med_on_road=np.zeros((4, 1), bool),
-        med_charges=np.zeros((4, 1), int),
-    )
-    need = np.array([[1.0, 3.0], [2.0, 0.5], [1.0, 1.0]])
-    trace = Trace(frames, np.array([2, 0, 1]), need, np.zeros(3), np.array([0.0, 1.0, 0.0]))
-    return jax.tree.map(lambda leaf: leaf[None, None], trace)
-
-
-def test_a_survey_by_hand():
-    seen = survey(trace_by_hand())
-    assert seen.depleted.tolist() == [1.0]
-    assert np.flatnonzero(seen.exit_soc[0]).tolist() == [50]
-    assert seen.soc.sum(axis=-1).tolist() == [[2, 1, 1, 1]]
-    assert seen.sent[0].tolist() == [[0, 1], [0, 0], [1, 0]]
-    assert seen.need_there.tolist() == [3.0 + 1.0]
-    assert seen.to_greatest.tolist() == [2]
-    twice = total([seen, seen])
-    assert twice.episodes == 2
-    assert dispatch_rows(["a"], twice)[1] == [
-        "a", "2.00", "1.00", "1.00", "100%", "2.000", "1.417",
-    ]  # fmt: skip
-
-
-@pytest.mark.parametrize("share", [0.05, 0.25, 0.5, 0.95])
-def test_quantiles_of_a_histogram_are_those_of_the_samples(share):
-    samples = np.random.default_rng(0).beta(2.0, 5.0, (3, 5000))
-    counts = np.stack([np.histogram(row, SOC_BINS, (0.0, 1.0))[0] for row in samples])
-    got = quantile(counts, share)
-    np.testing.assert_allclose(got, np.quantile(samples, share, axis=1), atol=1.0 / SOC_BINS)
-    assert np.isnan(quantile(np.zeros((2, SOC_BINS), int), share)).all()
-
-
-def test_bins_of_time_keep_the_total():
-    values = np.random.default_rng(0).random((10, 2))
-    edges = np.array([0, 4, 8, 10])
-    means = _in_bins(values, edges)
-    np.testing.assert_allclose((means * np.diff(edges)[:, None]).sum(axis=0), values.sum(axis=0))
-    np.testing.assert_allclose(means[2], values[8:].mean(axis=0))
-
-
-@pytest.mark.parametrize("seeds", [2, 5])
-def test_a_curve_of_several_seeds_and_one_of_none(tmp_path, seeds):
-    rng = np.random.default_rng(0)
-    rows = [{"env_steps": 10, "episode_return": 1.0, "per_seed": {"episode_return": [1.0] * seeds}}]
-    rows[0]["per_seed"]["episode_return"][0] = None  # no episode of the first seed has ended
-    for number in range(2, 30):
-        values = list(number + rng.normal(size=seeds))
-        mean = float(np.mean(values))
-        row = {"env_steps": 10 * number, "episode_return": mean}
-        rows.append(row | {"per_seed": {"episode_return": values}})
-    for name, given in (("curve", rows), ("first", rows[:1]), ("none", [])):
-        plot_curve(tmp_path / f"{name}.png", given, "a title", {"none": -1.0, "random": 2.0})
-        assert imread(tmp_path / f"{name}.png").std() > 0.02

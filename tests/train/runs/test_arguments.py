@@ -1,5 +1,6 @@
 """Bad input: one clear line on stderr, exit code 2, and nothing is made or overwritten."""
 
+import dataclasses
 import json
 import sys
 
@@ -7,27 +8,11 @@ import pytest
 
 from medjax.commandline import parse_overrides
 from medjax.errors import InputError
-from tests.train.conftest import TINY
+from tests.train.conftest import TINY, exit_code, refused
 from train import evaluate, ppo
-from train.arguments import parse_request
-from train.settings import TrainConfig, from_json, to_json
-
-
-def exit_code(command, argv):
-    try:
-        return command.main(argv)
-    except SystemExit as ended:
-        return ended.code
-
-
-def refused(capsys, argv, *words, command=ppo):
-    assert exit_code(command, argv) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1, err
-    for word in words:
-        assert word in err
-    return err
+from train.algorithms.ppo.settings import PPOConfig
+from train.runs.arguments import parse_request
+from train.settings import from_json, to_json
 
 
 @pytest.mark.parametrize(
@@ -109,7 +94,8 @@ def test_bad_settings_are_found_before_the_run_dir_is_made(probe, capsys):
 def test_help_lists_every_setting(capsys):
     assert exit_code(ppo, ["--help"]) == 0
     text = capsys.readouterr().out
-    for name in TrainConfig.__dataclass_fields__:
+    for field in dataclasses.fields(PPOConfig):
+        name = field.name
         option = "--set" if name == "overrides" else "--" + name.replace("_", "-")
         assert option in text
 
@@ -155,24 +141,27 @@ def test_bad_settings_files(probe, capsys, name, text, words):
 
 
 def test_settings_survive_their_file():
-    config = TrainConfig(num_envs=32, hidden=(8, 4), overrides={"cooldown_s": 3.5, "ramps": (1, 2)})
-    assert to_json(from_json(json.loads(json.dumps(to_json(config))))) | {
+    config = PPOConfig(num_envs=32, hidden=(8, 4), overrides={"cooldown_s": 3.5, "ramps": (1, 2)})
+    assert to_json(from_json(json.loads(json.dumps(to_json(config))), PPOConfig)) | {
         "overrides": {}
     } == to_json(config) | {"overrides": {}}
-    assert from_json(json.loads(json.dumps(to_json(config)))).hidden == (8, 4)
-    assert from_json({"demand_range": [0, 2]}).demand_range == (0, 2)
+    assert from_json(json.loads(json.dumps(to_json(config))), PPOConfig).hidden == (8, 4)
+    assert from_json({"demand_range": [0, 2]}, PPOConfig).demand_range == (0, 2)
     with pytest.raises(InputError, match="'speed' is not a setting"):
-        from_json({"speed": 3})
+        from_json({"speed": 3}, PPOConfig)
 
 
 def test_values_of_options():
     request = parse_request(
-        ["--num-envs=32e2", "--lr", "1e-3", "--hidden", "8", "16", "--no-anneal"]
+        PPOConfig, ["--num-envs=32e2", "--lr", "1e-3", "--hidden", "8", "16", "--no-anneal"]
     )
-    assert request.config == TrainConfig(
+    assert request.config == PPOConfig(
         num_envs=3200, learning_rate=1e-3, hidden=(8, 16), anneal=False
     )
-    assert parse_request(["--demand-range", "0.5", "2"]).config.demand_range == (0.5, 2.0)
+    assert parse_request(PPOConfig, ["--demand-range", "0.5", "2"]).config.demand_range == (
+        0.5,
+        2.0,
+    )
     assert parse_overrides(["a=3", "b.c=1.5", "d=true", "e=[1, 2]", "f=word"]) == {
         "a": 3,
         "b.c": 1.5,
@@ -186,5 +175,12 @@ def test_the_parser_needs_no_jax():
     """--help answers at once."""
     import subprocess
 
-    code = "import train.arguments, sys; train.arguments.build_parser(); sys.exit('jax' in sys.modules)"
+    code = """if True:
+        import sys
+        from train.algorithms.settings import SETTINGS
+        from train.runs.arguments import build_parser
+        for kind in SETTINGS:
+            build_parser(kind)
+        sys.exit('jax' in sys.modules)
+    """
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

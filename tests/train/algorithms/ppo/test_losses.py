@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from train.algorithms.networks import masked_categorical
-from train.algorithms.ppo.learner import split_environments
 from train.algorithms.ppo.losses import (
     Batch,
     LossWeights,
@@ -108,44 +107,3 @@ def test_explained_variance():
     assert explained_variance(target, target) == 1.0
     assert explained_variance(jnp.full(10, 4.5), target) == pytest.approx(0.0, abs=1e-6)
     assert np.isnan(explained_variance(target, jnp.ones(10)))
-
-
-def test_masked_distribution_is_the_softmax_of_the_allowed():
-    logits = jnp.array([[1.0, 2.0, 3.0], [0.5, 0.0, -1.0]])
-    mask = jnp.array([[True, True, False], [True, False, False]])
-    policy = masked_categorical(logits, mask)
-    expected = np.exp([1.0, 2.0]) / np.exp([1.0, 2.0]).sum()
-    np.testing.assert_allclose(policy.probs[0], [*expected, 0.0], rtol=1e-6)
-    entropy = policy.entropy()
-    assert entropy[0] == pytest.approx(-(expected * np.log(expected)).sum(), rel=1e-5)
-    assert entropy[1] == 0.0
-    assert (policy.mode() == jnp.array([1, 0])).all()
-    samples = jax.vmap(lambda key: policy.sample(seed=key))(
-        jax.random.split(jax.random.key(0), 200)
-    )
-    assert (samples[:, 0] < 2).all()
-    assert (samples[:, 1] == 0).all()
-    gradient = jax.grad(
-        lambda x: (
-            masked_categorical(x, mask).log_prob(jnp.array([0, 0]))
-            + masked_categorical(x, mask).entropy()
-        ).sum()
-    )(logits)
-    assert np.isfinite(gradient).all()
-    np.testing.assert_array_equal(gradient[~mask], 0.0)
-
-
-def test_each_sample_is_in_exactly_one_minibatch():
-    steps, envs, parts = 3, 12, 4
-    samples = {
-        "id": jnp.arange(steps * envs).reshape(envs, steps),
-        "x": jnp.zeros((envs, steps, 5)),
-    }
-    dealt = split_environments(jax.random.key(1), samples, parts)
-    assert dealt["id"].shape == (parts, envs // parts, steps)
-    assert dealt["x"].shape == (parts, envs // parts, steps, 5)
-    assert sorted(dealt["id"].ravel().tolist()) == list(range(steps * envs))
-    # Whole environments stay together.
-    assert (dealt["id"][..., 1] - dealt["id"][..., 0] == 1).all()
-    other = split_environments(jax.random.key(2), samples, parts)
-    assert (other["id"] != dealt["id"]).any()

@@ -4,14 +4,15 @@ from pathlib import Path
 from typing import IO, NamedTuple
 
 from medjax.errors import InputError
-from medjax.wrappers import prepare_cpu
-from train.algorithms.networks import build_network
-from train.algorithms.ppo.learner import TrainState, make_train
-from train.arguments import Request, make_environment
+from medjax.numerics.devices import prepare_cpu
+from train.algorithms.algorithm import TrainState
+from train.algorithms.environments import make_environment
+from train.algorithms.programs import make_train, shapes_of
+from train.runs.arguments import Request
 from train.runs.checkpoint import Checkpoints, updates_done
 from train.runs.processes import is_first, join, together
 from train.runs.run_directory import RunDir, check_unused, new_run_dir
-from train.runs.session import Session, shapes_of
+from train.runs.session import Session
 
 
 def open_session(request: Request) -> Session:
@@ -25,7 +26,6 @@ def open_session(request: Request) -> Session:
     join(request.processes)
     together(lambda: _look(request.run_dir))
     env, params = make_environment(config)
-    build_network(env, config)
     programs = make_train(env, params, config)
     shapes = shapes_of(programs, params, config)
     taken = together(lambda: _take(request, shapes))

@@ -1,0 +1,41 @@
+"""What tables say of an evaluation."""
+
+from train.evaluation.tables import claim_rows, format_table, paper_rows
+
+
+def test_table_lists_the_best_first():
+    entry = {"return_mean": 1.0, "return_ci95": [0.5, 1.5], "depleted_share": 0.25}
+    result = {
+        "episodes": 3,
+        "scenario": "paper",
+        "policies": {"none": entry, "ppo": entry | {"return_mean": 123.456}},
+        "paired_return_difference": {"none": {"mean": 122.456, "ci95": [100.0, 140.0]}},
+    }
+    lines = format_table(result).splitlines()
+    assert "depleted share" in lines[1]
+    assert "mean SoC" not in lines[1]
+    assert lines[3].startswith("ppo")
+    assert "123.5" in lines[3]
+    assert "122.5 [100.0, 140.0]" in lines[4]
+
+
+def test_tables_of_several_training_seeds():
+    entry = {"return_mean": 1.0, "return_std": 2.0, "return_ci95": [0.5, 1.5]}
+    seeds = {"return_means": [1.0, 3.0], "interquartile_mean": 2.0, "ci95": [1.0, 3.0]}
+    change = {"mean": -0.5, "ci95": [-0.625, -0.375]}
+    result = {
+        "policies": {
+            "ppo": entry | {"meds_dispatched": 2.0},
+            "none": entry | {"return_mean": -7.0},
+        },
+        "training_seeds": seeds,
+        "change_against_none": {"depleted_share": change},
+    }
+    result["policies"]["ppo_seed2"] = entry | {"return_mean": 3.0, "meds_dispatched": 4.0}
+    rows = paper_rows(result)
+    assert [row[0] for row in rows[1:4]] == ["ppo_seed2", "ppo", "none"]
+    assert rows[-1][1:] == ["-", "2.000", "[1.000, 3.000]"]
+    claims = {row[0]: row[1:] for row in claim_rows(result)}
+    assert claims["depleted share"] == ["-50%", "-50.0% [-62.5%, -37.5%]"]
+    assert claims["mean SoC"] == ["+20%", "-"]
+    assert claims["MEDs sent"] == ["15", "3.00"]

@@ -1,0 +1,107 @@
+"""What an algorithm is to the runs that train with it: a way to learn, and the policy that comes of it.
+
+One more is a subclass of `TrainConfig` in `train.algorithms.settings.SETTINGS`, an `Algorithm` in
+`train.algorithms.registry.ALGORITHMS`, and a command like `train.ppo`.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import flax.linen as nn
+import jax
+from flax import struct
+from jax.sharding import Mesh
+
+from medjax.env.contract import Environment
+from medjax.policies.policy import Policy
+from train.algorithms.networks import PolicyWeights
+from train.algorithms.normalization import init_stats
+from train.algorithms.policy import learned_policy
+from train.algorithms.rollout import RolloutState
+from train.settings import TrainConfig
+
+Metrics = dict[str, jax.Array]
+
+
+@struct.dataclass
+class TrainState:
+    """All that changes in training, enough to go on from; an algorithm adds its own fields in a subclass.
+
+    What belongs to environments, shared out among devices, is `rollout`; the rest is the same on all. With several
+    seeds every leaf has a leading axis for them.
+    """
+
+    weights: PolicyWeights  # all that acting needs
+    rollout: RolloutState  # leaves (num_envs, ...)
+    key: jax.Array  # typed PRNG key
+    update: jax.Array  # () int32, updates done
+
+
+class Learner(Protocol):
+    """An algorithm at work in one environment, for one seed: pure functions of its state."""
+
+    @property
+    def state(self) -> type[TrainState]:
+        """The class of its state."""
+
+    @property
+    def mesh(self) -> Mesh:
+        """Devices that share the environments."""
+
+    def init(self, key: jax.Array, env_params: Any) -> Any:
+        """The state before the first update."""
+
+    def update(self, state: Any, env_params: Any) -> tuple[Any, Metrics]:
+        """One update.
+
+        Returns:
+            The new state, and scalars that describe the update: `reward_mean`, those of
+            `train.algorithms.rollout.episode_metrics` and of `train.algorithms.finite.BAD`, and what else there is.
+        """
+
+
+@dataclasses.dataclass(frozen=True)
+class Algorithm:
+    """A way to learn a dispatcher.
+
+    Attributes:
+        settings: their class; its `algorithm` is the name in tables and files.
+        build_network: `(env, config)` to a network of logits `(..., num_actions)` and values `(...)` at observations
+            `(..., num_features)`; of logits the policy takes the highest, or samples their softmax.
+        build_learner: `(env, params, config)` to what learns; InputError if `config.num_devices` is not possible.
+    """
+
+    settings: type[TrainConfig]
+    build_network: Callable[[Environment, Any], nn.Module]
+    build_learner: Callable[[Environment, Any, Any], Learner]
+
+    def policy(
+        self,
+        env: Environment,
+        config: TrainConfig,
+        weights: PolicyWeights,
+        stochastic: bool = False,
+    ) -> Policy:
+        """What was learned.
+
+        Args:
+            env: a single environment.
+            config: settings.
+            weights: of one seed.
+            stochastic: sample actions; else the most probable ones.
+        """
+        network = self.build_network(env, config)
+        return learned_policy(env, network, weights, config.decide_every, stochastic)
+
+    def weight_shapes(self, env: Environment, params: Any, config: TrainConfig) -> PolicyWeights:
+        """Shapes and types of the weights of one seed, found without computing or compiling anything."""
+        network = self.build_network(env, config)
+        shape = env.observation_space(params).shape
+
+        def init(key: jax.Array, obs: jax.Array) -> PolicyWeights:
+            return PolicyWeights(network.init(key, obs), init_stats(shape))
+
+        obs = jax.ShapeDtypeStruct((1, *shape), "float32")
+        shapes: PolicyWeights = jax.eval_shape(init, jax.random.key(0), obs)
+        return shapes

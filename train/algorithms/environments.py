@@ -1,0 +1,65 @@
+"""What a learner acts in: the environment that the settings name, alone and as the batch it learns from."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+
+import medjax
+from medjax.env.contract import Environment
+from medjax.env.observation import OBSERVATIONS
+from medjax.numerics.devices import environment_mesh
+from medjax.scenarios import prepare
+from medjax.wrappers import BatchAutoReset, DecideEvery, EpisodeLog, RandomDemand, TimeLimitAsEnd
+from train.algorithms.networks import check_network
+from train.settings import TrainConfig
+
+
+def make_environment(config: TrainConfig) -> tuple[Any, Any]:
+    """The environment that the settings name, and its parameters.
+
+    Raises:
+        InputError: an unknown scenario, option or network, a value out of range, or devices that are not there.
+    """
+    return _build(medjax.make, config)
+
+
+def check_environment(config: TrainConfig) -> None:
+    """Refuses what `make_environment` refuses, and computes nothing.
+
+    Raises:
+        InputError: as `make_environment`.
+    """
+    _build(prepare, config)
+
+
+def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
+    # An environment is compiled in part; what can be refused without it is refused before.
+    check_network(config, OBSERVATIONS.get(config.observation))
+    environment_mesh(config.device_groups, config.num_devices, jax.devices())
+    return build(config.scenario, observation=config.observation, **config.overrides)
+
+
+def training_batch(
+    env: Environment, params: Any, config: TrainConfig, bootstrap_timeouts: bool = False
+) -> EpisodeLog:
+    """What a learner steps: a batch of `env` in which an action is a choice, and episodes are counted and begun anew.
+
+    Args:
+        env: a single environment.
+        params: its parameters, read only for the length of an episode.
+        config: settings.
+        bootstrap_timeouts: the time limit stays a truncation; else it is an end.
+    """
+    if config.demand_range != (1.0, 1.0):
+        env = RandomDemand(env, *config.demand_range)
+    if not bootstrap_timeouts:
+        env = TimeLimitAsEnd(env)
+    episode_choices = -(-episode_decisions(params) // config.decide_every)
+    stagger = episode_choices if config.stagger else 0
+    return EpisodeLog(BatchAutoReset(DecideEvery(env, config.decide_every), stagger=stagger))
+
+
+def episode_decisions(params: Any) -> int:
+    """Decisions until an episode is truncated, as the parameters say; 0 if they do not."""
+    return int(getattr(params, "episode_decisions", 0))

@@ -1,0 +1,76 @@
+"""Minibatches of whole environments, and gradient steps on them."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import optax
+from jax import lax
+
+
+def split_environments(key: jax.Array, samples: Any, num_minibatches: int) -> Any:
+    """Deals the environments out: of every `num_minibatches` neighbours, each minibatch gets one by lot.
+
+    Whole environments rather than single steps: dealing environments is cheap, and the rollout keeps its layout
+    (sorting all steps costs more than it decorrelates). Among neighbours rather than among all: environments are alike,
+    so that nothing is lost by it, and devices that share them need not exchange samples.
+
+    Args:
+        key: of the lots.
+        samples: leaves `(num_envs, ...)`.
+        num_minibatches: a divisor of num_envs.
+
+    Returns:
+        Leaves `(num_minibatches, num_envs / num_minibatches, ...)`; each sample is in exactly one minibatch.
+    """
+    num_envs = jax.tree.leaves(samples)[0].shape[0]
+    places = jnp.broadcast_to(
+        jnp.arange(num_minibatches), (num_envs // num_minibatches, num_minibatches)
+    )
+    lots = jax.random.permutation(key, places, axis=1, independent=True)
+
+    def deal(values: jax.Array) -> jax.Array:
+        groups = values.reshape(-1, num_minibatches, *values.shape[1:])
+        return jax.vmap(lambda group, lot: group[lot], out_axes=1)(groups, lots)
+
+    return jax.tree.map(deal, samples)
+
+
+def descend(
+    loss: Callable[[Any, Any], tuple[jax.Array, dict[str, jax.Array]]],
+    optimizer: optax.GradientTransformation,
+    start: tuple[Any, Any],
+    minibatches: Any,
+    num_epochs: int,
+) -> tuple[Any, Any, dict[str, jax.Array]]:
+    """Epochs of gradient steps.
+
+    Args:
+        loss: `(params, minibatch)` to what is to be minimised, and scalars that describe it.
+        optimizer: of optax.
+        start: parameters, and the optimiser's state.
+        minibatches: leaves `(num_minibatches, ...)`.
+        num_epochs: passes over all.
+
+    Returns:
+        Parameters, the optimiser's state, and the scalars averaged over the steps, `grad_norm` among them.
+    """
+
+    def step(carry: tuple[Any, Any], batch: Any) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
+        params, opt_state = carry
+        gradient, metrics = jax.grad(loss, has_aux=True)(params, batch)
+        metrics["grad_norm"] = _norm(gradient)
+        change, opt_state = optimizer.update(gradient, opt_state, params)
+        return (optax.apply_updates(params, change), opt_state), metrics
+
+    def epoch(carry: tuple[Any, Any], _: None) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
+        return lax.scan(step, carry, minibatches)
+
+    (params, opt_state), metrics = lax.scan(epoch, start, None, length=num_epochs)
+    return params, opt_state, jax.tree.map(jnp.mean, metrics)
+
+
+def _norm(tree: Any) -> jax.Array:
+    """Euclidean norm of all leaves together."""
+    return jnp.sqrt(sum(jnp.sum(jnp.square(leaf)) for leaf in jax.tree.leaves(tree)))

@@ -1,0 +1,78 @@
+"""Settings of PPO."""
+
+import dataclasses
+from typing import ClassVar
+
+from medjax.errors import InputError
+from train.option import option
+from train.settings import MOST_COUNTED, TrainConfig
+
+
+@dataclasses.dataclass(frozen=True)
+class PPOConfig(TrainConfig):
+    """Settings of a run that learns with PPO.
+
+    Raises:
+        InputError: a value out of its range, or values that do not go together.
+    """
+
+    algorithm: ClassVar[str] = "ppo"
+
+    rollout_length: int = option(16, "PPO", "choices per environment and update", limits=(1, 2**16))
+    num_minibatches: int = option(
+        32, "PPO", "minibatches per epoch; must divide num_envs", limits=(1, 2**20)
+    )
+    num_epochs: int = option(8, "PPO", "passes over each rollout", limits=(1, 1000))
+    learning_rate: float = option(
+        1e-3, "PPO", "of Adam, at the start", flags=("--lr",), limits=(1e-12, 10)
+    )
+    anneal: bool = option(True, "PPO", "let the learning rate fall linearly to 0")
+    gamma: float = option(0.996, "PPO", "discount per choice", limits=(0, 1))
+    gae_lambda: float = option(
+        0.95, "PPO", "decay of the advantage trace per choice", limits=(0, 1)
+    )
+    bootstrap_timeouts: bool = option(
+        False,
+        "PPO",
+        "value what would follow after the time limit; for observations without a clock",
+    )
+    clip_epsilon: float = option(
+        0.2, "PPO", "clip of the ratio, eq. (9)", flags=("--clip",), limits=(1e-6, 1e6)
+    )
+    clip_value: bool = option(False, "PPO", "clip the value loss as well")
+    entropy_coef: float = option(
+        0.0, "PPO", "weight of the entropy bonus", flags=("--entropy",), limits=(0, 1e6)
+    )
+    value_coef: float = option(0.5, "PPO", "weight of the value loss", limits=(0, 1e6))
+    max_grad_norm: float = option(
+        0.5, "PPO", "global norm at which gradients are clipped", limits=(1e-6, 1e9)
+    )
+    normalize_observations: bool = option(False, "PPO", "shift and scale by running moments")
+    normalize_rewards: bool = option(True, "PPO", "scale by the spread of the discounted return")
+
+    def __post_init__(self) -> None:
+        """Checks as `TrainConfig`, then what must go together."""
+        super().__post_init__()
+        if self.num_envs % self.num_minibatches:
+            raise InputError(
+                f"num_envs is {self.num_envs}, which num_minibatches = {self.num_minibatches} does not divide; "
+                f"allowed: a multiple of {self.num_minibatches}"
+            )
+        choices = self.num_envs * self.rollout_length * self.num_seeds
+        if choices > MOST_COUNTED:
+            raise InputError(
+                f"num_envs x rollout_length x num_seeds is {choices}, allowed: at most {MOST_COUNTED}"
+            )
+        if self.network == "sets" and self.normalize_observations:
+            # A row of zeros is nobody there, and would no longer be one.
+            raise InputError("network is 'sets' and normalize_observations is True, allowed: False")
+
+    @property
+    def choices_per_update(self) -> int:
+        """Choices per environment and update."""
+        return self.rollout_length
+
+    @property
+    def device_groups(self) -> int:
+        """Groups of neighbours among which minibatches are dealt."""
+        return self.num_envs // self.num_minibatches

@@ -1,0 +1,122 @@
+"""A setting: one declaration of its default, its range and its text, and the check of values against it."""
+
+import dataclasses
+import math
+import numbers
+from collections.abc import Mapping
+from typing import Any
+
+from medjax.commandline import NOT_NUMBERS
+from medjax.errors import InputError, shown
+
+Override = bool | int | float | str | tuple[Any, ...] | dict[str, Any]
+
+MOST_ITEMS = 32  # of a list; a deeper network would take hours to compile
+
+
+def option(
+    default: Any,
+    group: str,
+    text: str,
+    *,
+    flags: tuple[str, ...] = (),
+    choices: tuple[str, ...] = (),
+    metavar: str | None = None,
+    limits: tuple[float | None, float | None] = (None, None),
+) -> Any:
+    """A dataclass field with what the command line and the checks need to know about it.
+
+    Args:
+        default: value when nothing is said.
+        group: heading in --help.
+        text: help, with the unit.
+        flags: further names of the option.
+        choices: allowed values.
+        metavar: placeholder in --help.
+        limits: smallest and largest allowed value.
+    """
+    low, high = limits
+    metadata: dict[str, Any] = {
+        "group": group,
+        "help": text,
+        "flags": flags,
+        "choices": choices,
+        "metavar": metavar,
+        "low": low,
+        "high": high,
+    }
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def checked(field: dataclasses.Field[Any], value: Any) -> Any:
+    """The value of a setting, as Python's own type.
+
+    Raises:
+        InputError: of another type, or out of its range.
+    """
+    if field.name == "overrides":
+        return _read_overrides(value)
+    if not isinstance(field.default, tuple):
+        return _read_one(field, type(field.default), value)
+    if not isinstance(value, list | tuple) or len(value) > MOST_ITEMS:
+        raise InputError(f"{field.name} is {shown(value)}, allowed: a list of at most {MOST_ITEMS}")
+    return tuple(_read_one(field, type(field.default[0]), item) for item in value)
+
+
+def _read_one(field: dataclasses.Field[Any], kind: type, given: Any) -> Any:
+    """Type and range of one value."""
+    name, meta = field.name, field.metadata
+    value = _as_kind(kind, given)
+    if value is None:
+        words = {bool: "true or false", int: "a whole number", float: "a number", str: "a name"}
+        raise InputError(f"{name} is {shown(given)}, allowed: {words[kind]}")
+    if meta["choices"] and value not in meta["choices"]:
+        raise InputError(f"{name} is {shown(given)}, allowed: {', '.join(meta['choices'])}")
+    if kind in (int, float) and not meta["low"] <= value <= meta["high"]:
+        raise InputError(
+            f"{name} is {shown(value)}, allowed: at least {meta['low']}, at most {meta['high']}"
+        )
+    return value
+
+
+def _as_kind(kind: type, value: Any) -> Any:
+    """The value as `kind`, None if it is none; NumPy's numbers are numbers too."""
+    if kind in (bool, str) or isinstance(value, bool):
+        return value if type(value) is kind else None
+    if kind is int and isinstance(value, numbers.Integral):
+        return int(value)
+    if kind is float and isinstance(value, numbers.Real):
+        try:
+            return float(value)
+        except OverflowError:  # a whole number that no float holds
+            return math.inf
+    return None
+
+
+def _read_overrides(given: Any) -> dict[str, Override]:
+    """Numbers of the environment as far as they can be checked without it."""
+    given = {} if given is None else given
+    if not isinstance(given, Mapping):
+        raise InputError(f"overrides are {shown(given)}, allowed: values by name")
+    overrides = {}
+    for name, value in given.items():
+        if not isinstance(name, str) or not name or name in NOT_NUMBERS:
+            raise InputError(
+                f"overrides hold {shown(name)}, allowed: names of numbers of the environment"
+            )
+        overrides[name] = _plain(name, value)
+    return overrides
+
+
+def _plain(name: str, value: Any, nested: bool = False) -> Any:
+    """A value that JSON can hold: a number, text, or a list or a mapping of them."""
+    if isinstance(value, bool | str):
+        return value
+    number = _as_kind(int if isinstance(value, numbers.Integral) else float, value)
+    if number is not None:
+        return number
+    if not nested and isinstance(value, list | tuple):
+        return tuple(_plain(name, item, nested=True) for item in value)
+    if not nested and isinstance(value, Mapping):
+        return {str(key): _plain(name, item, nested=True) for key, item in value.items()}
+    raise InputError(f"{name} is {shown(value)}, allowed: a number or a list of numbers")

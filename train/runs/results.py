@@ -1,0 +1,130 @@
+"""What a run leaves when its training ends: the policy, its evaluation, the training curve and a summary."""
+
+import dataclasses
+import time
+from concurrent.futures import Future
+from typing import Any
+
+import jax
+import numpy as np
+
+from train.algorithms.networks import PolicyWeights
+from train.evaluation.scores import Evaluation, learned_names, summarize
+from train.evaluation.tables import format_table
+from train.reporting.figures import plot_curve
+from train.runs.logs import Row, final_return
+from train.runs.policies import all_policies, weights_by_name
+from train.runs.policy_file import export_policy
+from train.runs.run_directory import RunDir, write_json
+from train.settings import TrainConfig
+
+
+@dataclasses.dataclass(frozen=True)
+class Trained:
+    """A run whose training has ended.
+
+    Attributes:
+        env: a single environment.
+        params: its parameters.
+        config: settings.
+        run_dir: where results go.
+        weights: what was learned, on the host.
+        rows: all lines of metrics.jsonl.
+        updates: done, in all.
+        new_updates: done by this process.
+        wall_s: seconds to the end of training, with compilation and resumed runs, without imports.
+        compile_s: seconds, of this process.
+        train_s: seconds, of this process.
+    """
+
+    env: Any
+    params: Any
+    config: TrainConfig
+    run_dir: RunDir
+    weights: PolicyWeights
+    rows: list[Row]
+    updates: int
+    new_updates: int
+    wall_s: float
+    compile_s: float
+    train_s: float
+
+
+def prepare_evaluation(
+    env: Any, params: Any, config: TrainConfig, shapes: PolicyWeights
+) -> Evaluation:
+    """The closing evaluation of policies with weights of these shapes, compiled."""
+    weights = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
+    return Evaluation(env, params, all_policies(env, config, weights), config.eval_episodes)
+
+
+def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> None:
+    """Exports the policy, evaluates it, draws the curve, and writes summary.json.
+
+    Args:
+        run: what to write about.
+        evaluation: of `prepare_evaluation`; None: there is none.
+    """
+    started = time.perf_counter()
+    export_policy(run.run_dir.policy, run.env, run.params, run.config, run.weights)
+    returns = _evaluate(run, evaluation) if evaluation is not None else {}
+    _draw_curve(run, returns)
+    summary = _summary(run, returns) | {"evaluation_s": round(time.perf_counter() - started, 3)}
+    write_json(run.run_dir.summary, summary)
+    speed, steps = summary["env_steps_per_s"], summary["env_steps"]
+    print(
+        f"{steps} decisions in {run.wall_s:.1f} s, of which {run.compile_s:.1f} s compiling;"
+        f" {speed:.0f} decisions/s while training. Results: {run.run_dir.path}",
+        flush=True,
+    )
+
+
+def _evaluate(run: Trained, evaluation: Future[Evaluation]) -> dict[str, float]:
+    """Plays the closing evaluation, writes and prints it. Returns the mean returns by policy."""
+    config = run.config
+    policies = all_policies(run.env, config, run.weights)
+    print(
+        f"evaluating {len(policies)} policies on {config.eval_episodes} episodes each", flush=True
+    )
+    scores = evaluation.result().play(policies, config.seed)
+    learned = learned_names(scores)
+    result = summarize(scores, config.scenario, learned, config.seed)
+    write_json(run.run_dir.evaluation, result)
+    print(format_table(result, learned), flush=True)
+    return {name: entry["return_mean"] for name, entry in result["policies"].items()}
+
+
+def _draw_curve(run: Trained, returns: dict[str, float]) -> None:
+    """Draws the training curve over the mean returns of the rules."""
+    config, learned = run.config, weights_by_name(run.config, run.weights)
+    rules = {name: value for name, value in returns.items() if name not in learned}
+    try:
+        plot_curve(run.run_dir.plots / "training_curve.png", run.rows, config, rules)
+    except ImportError:
+        print("no training curve: matplotlib is not installed", flush=True)
+
+
+def _summary(run: Trained, returns: dict[str, float]) -> dict[str, Any]:
+    """What summary.json says."""
+    config = run.config
+    steps = config.steps_per_update * config.num_seeds
+    final, source = final_return(run.rows), "training"
+    if final is None and config.algorithm in returns:
+        final, source = returns[config.algorithm], "evaluation"
+    return {
+        "scenario": config.scenario,
+        "num_envs": config.num_envs,
+        "num_seeds": config.num_seeds,
+        "seed": config.seed,
+        "updates": run.updates,
+        "env_steps": run.updates * steps,
+        "wall_s": round(run.wall_s, 3),
+        "compile_s": round(run.compile_s, 3),  # of this process, as the next three are
+        "train_s": round(run.train_s, 3),
+        "env_steps_per_s": run.new_updates * steps / run.train_s if run.train_s else 0.0,
+        "final_return_mean": final,
+        "final_return_from": source if final is not None else None,
+        "evaluation_return_mean": returns,
+        "backend": jax.default_backend(),
+        "device": jax.devices()[0].device_kind,
+    }
