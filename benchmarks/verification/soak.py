@@ -1,6 +1,6 @@
 """`python -m benchmarks.soak`: random play in random worlds, where every invariant is checked after every tick.
 
-Each case is one compiled program: sizes drawn by `worlds`, and environments side by side, each with numbers
+Each case is one compiled program: sizes drawn by `random_worlds`, and environments side by side, each with numbers
 of its own, that play under random actions: allowed ones in one half of them, any in the other. Vehicle updates are
 counted as vehicles really on the road. A violation prints the one command that plays up to it again and shows it.
 """
@@ -30,7 +30,7 @@ from benchmarks.verification.cases import (
 )
 from benchmarks.verification.evidence import explain
 from benchmarks.verification.invariants import INVARIANTS
-from benchmarks.verification.worlds import as_settings, world_of
+from benchmarks.verification.random_worlds import as_settings, world_of
 from medjax.commandline import OneLineParser
 from medjax.env.charging_env import ChargingEnv
 from medjax.errors import InputError
