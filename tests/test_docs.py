@@ -74,6 +74,16 @@ def test_links_exist(page):
         assert (page.parent / target).exists(), target
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_files_that_are_named_exist(page):
+    """With their folder; a test, which is named by itself too, anywhere."""
+    text = page.read_text()
+    for name in re.findall(r"\b(?:medjax|train|benchmarks|tests|docs)/[\w./]*\.\w+", text):
+        assert (ROOT / name).exists(), name
+    for name in re.findall(r"(?<![/\w])test_\w+\.py", text):
+        assert list((ROOT / "tests").rglob(name)), name
+
+
 def test_custom_reward_example_adds_its_term(capsys):
     """The example's term appears in the reward with its weight."""
     run(EXAMPLES[OWN_REWARD])
