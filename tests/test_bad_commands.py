@@ -113,6 +113,7 @@ COMMANDS = {
     "benchmarks.speed.training": [],
     "benchmarks.studies.tune": [],
     "benchmarks.studies.ablation.__main__": ["cooldown"],
+    "benchmarks.verification.golden": ["--out=new.npz"],
 }
 ALWAYS = (
     "--frobnicate",
