@@ -10,6 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+import jax
+
 import medjax
 from medjax import commandline
 from medjax.commandline import OneLineParser, as_path
@@ -64,6 +66,15 @@ def run_command(
     if plot and options.plot:
         plot(options.plot, result)
     return result
+
+
+def machine() -> dict[str, str]:
+    """What figures of speed depend on, as every report names it."""
+    return {
+        "backend": jax.default_backend(),
+        "device": jax.devices()[0].device_kind,
+        "jax_version": jax.__version__,
+    }
 
 
 def say(line: str) -> None:

@@ -17,10 +17,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jax
-
 import medjax
-from benchmarks.command import benchmark_parser, positive, run_command, say
+from benchmarks.command import benchmark_parser, machine, positive, run_command, say
 from benchmarks.peers import Peer, Rate, World
 from benchmarks.peers.highway import HighwayEnv
 from benchmarks.peers.sumo import Sumo
@@ -138,9 +136,7 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
         "cores": cores,
         "platform": platform.platform(),
         "python_version": platform.python_version(),
-        "jax_version": jax.__version__,
-        "backend": jax.default_backend(),
-        "device": jax.devices()[0].device_kind,
+        **machine(),
         "simulators": {name: dataclasses.asdict(result) for name, result in results.items()},
         "skipped": skipped,
     }

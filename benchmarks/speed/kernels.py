@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import medjax
-from benchmarks.command import benchmark_parser, run_command, whole_number
+from benchmarks.command import benchmark_parser, machine, run_command, whole_number
 from benchmarks.speed.references import (
     CHECKED_ROADS,
     COILS,
@@ -227,9 +227,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         "scenario": SCENARIO,
         "roads": roads,
         "repeats": repeats,
-        "backend": jax.default_backend(),
-        "device": jax.devices()[0].device_kind,
-        "jax_version": jax.__version__,
+        **machine(),
         "integral_by_table": ns["mutual_inductance"] / ns["interpolate_inductance"],
         "rows": [dataclasses.asdict(row) for row in rows],
     }

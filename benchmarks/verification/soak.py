@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 import jax
 import jax.numpy as jnp
 
-from benchmarks.command import benchmark_parser, positive, run_command, whole_number
+from benchmarks.command import benchmark_parser, machine, positive, run_command, whole_number
 from benchmarks.verification.cases import (
     NUM_ENVS,
     Case,
@@ -148,8 +148,7 @@ class Soak:
             "violations": totals,
             "commands": [violation.command() for violation in self.found],
             "cases": self.rows,
-            "device": jax.devices()[0].device_kind,
-            "jax_version": jax.__version__,
+            **machine(),
         }
 
 
