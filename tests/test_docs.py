@@ -11,7 +11,7 @@ from medjax.world.charging_params import CoilDesign
 from tests.train.probe_envs import Probe, ProbeParams
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 NAMES = {  # by code: what two pages share runs once
     code: f"{page.relative_to(ROOT)}-{number}"
     for page in PAGES
