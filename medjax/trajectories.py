@@ -8,8 +8,8 @@ import sys
 from collections.abc import Sequence
 
 from medjax.commandline import OneLineParser, as_path
-from medjax.episodes.chosen import add_played, played_of
 from medjax.episodes.files import check_target, write_trajectories
+from medjax.episodes.options import add_episode_options, requested_episode
 from medjax.errors import InputError
 from medjax.wrappers import prepare_cpu
 
@@ -27,7 +27,7 @@ def build_parser() -> OneLineParser:
         "--out", required=True, metavar="FILE", help="ends in .parquet, .csv or .fcd.xml (SUMO)"
     )
     episode = parser.add_argument_group("episode")
-    add_played(episode)
+    add_episode_options(episode)
     return parser
 
 
@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         target = as_path("--out", given.out)
         check_target(target)
-        played = played_of(given)
+        played = requested_episode(given)
         env, params, chosen = played.policies()
     except (InputError, ImportError) as error:
         parser.error(str(error))

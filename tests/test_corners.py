@@ -7,6 +7,7 @@ import pytest
 
 import medjax
 from benchmarks.verification.random_worlds import draw_params, random_units
+from medjax.world.kinds import by_class
 from medjax.world.params import EnvConfig
 from medjax.wrappers import in_blocks
 
@@ -104,7 +105,7 @@ def test_a_road_may_be_for_evs_alone(observation):
         obs, state, reward, _, _, info = step(key, state, decision % 5, params)
         numbers = jax.tree.leaves((obs, reward, info["metrics"], info["reward_terms"]))
         assert all(np.isfinite(leaf).all() for leaf in numbers)
-    meds, evs, gas = np.asarray(state.tally.entered)
+    meds, evs, gas = np.asarray(by_class(state.tally.entered))
     assert meds > 0
     assert evs > 0
     assert gas == 0

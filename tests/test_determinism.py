@@ -20,11 +20,11 @@ def digest(leaf):
 
 def course(env, decisions, key, state, params):
     """Digests of all that decisions under random actions return, `(decisions,)` by name."""
-    act = medjax.BASELINES["random"](env)
+    policy = medjax.BASELINES["random"](env)
 
     def step(state, key):
         act_key, step_key = jax.random.split(key)
-        action = act(act_key, state, params)
+        action = policy(act_key, None, state, params).action
         obs, state, reward, terminated, truncated, info = env.step_env(
             step_key, state, action, params
         )

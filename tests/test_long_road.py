@@ -9,7 +9,7 @@ import medjax
 from medjax.charging.booking import panel_flags
 from medjax.traffic import find_neighbours, sort_by_road
 from medjax.traffic.demand import expected_vehicles
-from medjax.traffic.step import vehicle_kinds
+from medjax.world.kinds import MED, by_class
 from medjax.world.state import IN_SERVICE
 from tests.traffic.test_order_precision import brute_force
 
@@ -47,7 +47,7 @@ def moved_to_the_end(state, config, params, x):
     )
 
 
-def play(env, params, act, decisions):
+def play(env, params, policy, decisions):
     """Jitted (key, state) -> (last state, per decision: what must be 0, who charges where, who is on the road)."""
     config = env.config
     slices = (config.med_slots, config.ev_slots, config.gas_slots)
@@ -55,17 +55,18 @@ def play(env, params, act, decisions):
     def step(state, key):
         act_key, step_key = jax.random.split(key)
         obs, state, reward, _, _, info = env.step_env(
-            step_key, state, act(act_key, state, params), params
+            step_key, state, policy(act_key, None, state, params).action, params
         )
         v, tally = state.vehicles, state.tally
         on_road = jnp.stack([v.active[s].sum() for s in slices])
-        length = params.drivers.vehicle_length[vehicle_kinds(state.evs.is_human, config)]
+        length = params.drivers.vehicle_length[v.kind]
         order = jnp.lexsort((v.x, jnp.where(v.active, v.lane, 99)))
         lane, x, rear = v.lane[order], v.x[order], (v.x - length)[order]
         pairs = v.active[order][1:] & v.active[order][:-1] & (lane[1:] == lane[:-1])
         soc = state.evs.energy_j / params.ev_capacity_j
         med_soc = state.meds.energy_j / params.med_capacity_j
-        lost = tally.entered - tally.left - on_road - jnp.array([0.0, 1.0, 0.0]) * tally.depleted
+        lost = by_class(tally.entered - tally.left) - on_road
+        lost -= jnp.array([0.0, 1.0, 0.0]) * tally.depleted
         floats = [leaf for leaf in jax.tree.leaves((obs, state, reward)) if leaf.dtype == x.dtype]
         seats = panel_flags(state.evs.med, state.evs.panel, state.evs.med >= 0, config.num_meds)
         wrong = {
@@ -152,7 +153,7 @@ def test_a_whole_hour(long, policy):
     assert 1500 < total.min() < 2000 < total.max() < env.config.num_vehicles
     places = np.histogram(np.asarray(charging_x), bins=np.linspace(0.0, 1e5, 11))[0]
     assert (places > 0).all()  # somebody charges in every stretch of 10 km
-    assert float(state.tally.left[0]) > 0.0
+    assert float(state.tally.left[MED]) > 0.0
 
     idle = play(env, params, medjax.BASELINES["none"](env), int(params.episode_decisions))
     unserved, _ = idle(key, jax.jit(env.reset)(key, params)[1])

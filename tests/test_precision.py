@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.charging.docking import docking_acceleration, misalignment
-from medjax.charging.exchange import coupling_efficiency
-from medjax.env.tick import drive_energy, physics_tick
+from medjax.charging.docking import docking_acceleration
+from medjax.charging.energy import drive_energy
+from medjax.charging.link import coupling_efficiency, misalignment
+from medjax.env.tick import physics_tick
 from medjax.traffic.motion import ballistic_step
 from medjax.traffic.step import drivers_of
 from medjax.world.params import FRONT, LEFT, PANELS

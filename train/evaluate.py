@@ -64,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         env, params, policies = load_policies(run_dir.path, config, given.stochastic)
     except InputError as error:
         return fail("python -m train.evaluate", error)
-    from train.evaluation.scores import evaluate_policies, summarize
+    from train.evaluation.scores import evaluate_policies, learned_names, summarize
     from train.runs.host import enable_compilation_cache
 
     enable_compilation_cache()
@@ -73,14 +73,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
-    result = summarize(scores, config.scenario, numbers["seed"])
+    learned = learned_names(scores)
+    result = summarize(scores, config.scenario, learned, numbers["seed"])
     if target is not None:
         write_json(target, result)
     if picture is not None:
         from train.reporting.figures import plot_comparison
 
         plot_comparison(picture, scores, numbers["seed"])
-    print(format_table(result))
+    print(format_table(result, learned))
     return 0
 
 

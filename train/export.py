@@ -30,24 +30,27 @@ def build_parser() -> OneLineParser:
     return parser
 
 
-def export_policy(path: Path, env: Any, config: TrainConfig, weights: Any) -> None:
+def export_policy(path: Path, env: Any, params: Any, config: TrainConfig, weights: Any) -> None:
     """Writes a policy.
 
     Args:
         path: file to write, replaced.
-        env: a single environment of the run.
+        env: a single environment of the run, as `medjax.make` gave it.
+        params: its parameters.
         config: settings of the run.
         weights: `train.algorithms.networks.PolicyWeights`; of the first seed if there were several.
 
     Raises:
+        InputError: the file could not name the environment.
         OSError: it cannot be written.
     """
     import jax
     from jax import export
 
-    from medjax.policies.saved import About, save_policy
+    from medjax.policies.saved import about_of, save_policy
     from train.algorithms.networks import apply_policy, build_network
 
+    about = about_of(env, params, config.decide_every)
     network = build_network(env, config)
     if config.num_seeds > 1:
         weights = jax.tree.map(lambda leaf: leaf[0], weights)
@@ -57,19 +60,10 @@ def export_policy(path: Path, env: Any, config: TrainConfig, weights: Any) -> No
         policy, value = apply_policy(network, weights, obs, mask)
         return policy.probs, value
 
-    features = weights.obs_stats.mean.shape[-1]
     rows = export.symbolic_shape("rows")[0]
     shapes = (
-        jax.ShapeDtypeStruct((rows, features), "float32"),
-        jax.ShapeDtypeStruct((rows, env.num_actions), "bool"),
-    )
-    about = About(
-        scenario=config.scenario,
-        overrides=dict(config.overrides),
-        observation=config.observation,
-        decide_every=config.decide_every,
-        num_features=features,
-        num_actions=env.num_actions,
+        jax.ShapeDtypeStruct((rows, about.num_features), "float32"),
+        jax.ShapeDtypeStruct((rows, about.num_actions), "bool"),
     )
     save_policy(path, about, export.export(jax.jit(act), platforms=PLATFORMS)(*shapes))
 
@@ -89,10 +83,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         target = run_dir.policy if given.out is None else as_path("--out", given.out)
         config = run_dir.load_config()
         check_output("--out", target)
-        env, _, weights = load_weights(run_dir.path, config)
+        env, params, weights = load_weights(run_dir.path, config)
     except InputError as error:
         return fail("python -m train.export", error)
-    export_policy(target, env, config, weights)
+    export_policy(target, env, params, config, weights)
     print(target)
     return 0
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers import Peer, Rate, World
-from medjax.world.params import GAS
+from medjax.world.kinds import GAS
 
 SPAN_S = 10.0  # simulated; the 600 s of an episode would take minutes, and cost a tick the same
 WARM_UP_S = 1.0

@@ -15,7 +15,8 @@ import numpy as np
 
 from benchmarks.peers import Peer, Rate, World
 from medjax.traffic.demand import SPEED_SPREAD, entry_rates
-from medjax.world.params import AUTONOMOUS_EV, GAS, HUMAN_EV, EnvParams
+from medjax.world.kinds import AUTONOMOUS_EV, GAS, HUMAN_EV
+from medjax.world.params import EnvParams
 
 # medjax's vehicles start on the acceleration lane; SUMO's start this much before it, on a ramp.
 RAMP_M = 20.0

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 import medjax
+from medjax.episodes.scores import evaluate_policies
 from train.algorithms.networks import build_network
+from train.algorithms.policy import learned_policy
 from train.algorithms.ppo.learner import make_train
 from train.arguments import make_environment
-from train.evaluation.scores import baseline, evaluate_policies, trained
 from train.evaluation.statistics import bootstrap_ci95
 from train.runs.checkpoint import Checkpoints
 from train.runs.logs import read_rows
@@ -85,12 +86,12 @@ def play_checkpoints(run_dir: RunDir) -> tuple[float, list[Checkpoint]]:
     env, params = make_environment(config)
     network = build_network(env, config)
     shapes = shapes_of(make_train(env, params, config), params, config)
-    policies = {"greedy": baseline(medjax.BASELINES["greedy"](env))}
+    policies = {"greedy": medjax.BASELINES["greedy"](env)}
     reader = Checkpoints(run_dir.path)
     updates = reader.all()
     for update in updates:
-        policies[str(update)] = trained(
-            network, reader.restore_weights(shapes, update), config.decide_every
+        policies[str(update)] = learned_policy(
+            env, network, reader.restore_weights(shapes, update), config.decide_every
         )
     scores = evaluate_policies(env, params, policies, config.eval_episodes, config.seed)
     greedy = scores["greedy"]["return"]

@@ -31,8 +31,7 @@ from benchmarks.speed.references import (
     neumann,
     road_order,
 )
-from medjax.charging.docking import Misalignment
-from medjax.charging.exchange import coupling_efficiency
+from medjax.charging.link import Misalignment, coupling_efficiency
 from medjax.commandline import OneLineParser
 from medjax.errors import InputError
 from medjax.physics import ellipe, ellipk, interpolate_inductance, mutual_inductance

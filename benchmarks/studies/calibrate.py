@@ -15,7 +15,7 @@ import numpy as np
 import medjax
 from benchmarks.command import episodes_parser, run_command
 from medjax.commandline import OneLineParser
-from train.evaluation.scores import Evaluation, Scores, baseline
+from medjax.episodes.scores import Evaluation, Scores
 
 # Table 2: mean and standard deviation of the episode reward over ten episodes.
 TABLE_2 = {"none": (-521.874184, 16.52914886), "random": (-332.4056918, 53.94543289)}
@@ -67,7 +67,7 @@ def build_parser() -> OneLineParser:
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Prints the weights that fit, and how the preset's own weights do on other episodes."""
     env, params = medjax.make(options.scenario)
-    policies = {name: baseline(medjax.BASELINES[name](env)) for name in TABLE_2}
+    policies = {name: medjax.BASELINES[name](env) for name in TABLE_2}
     weights = {name: float(value) for name, value in params.reward_weights.items()}
     evaluation = Evaluation(env, params, policies, options.episodes)
     factor, w1 = solve(evaluation.play(policies, options.seed), -weights["depleted"])

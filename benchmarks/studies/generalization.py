@@ -20,16 +20,18 @@ from tqdm import tqdm
 import medjax
 from benchmarks.command import a_path, a_seed, add_plot, benchmark_parser, run_command, whole_number
 from medjax.commandline import OneLineParser
+from medjax.episodes.scores import Evaluation, Scores
 from medjax.errors import InputError
+from medjax.policies.policy import Choice, Policy
 from medjax.policies.rules import BASELINES
 from medjax.wrappers import scale_demand
-from train.evaluation.scores import TRAINED, Evaluation, Policy, Scores, baseline, summarize
+from train.evaluation.scores import summarize
 from train.evaluation.statistics import bootstrap_ci95
 from train.evaluation.tables import format_rows, interval, short
 from train.reporting.figures import MARKERS, colour, new_figure, save
 from train.runs.host import enable_compilation_cache
 from train.runs.run_directory import RunDir
-from train.runs.trained_run import load_policies
+from train.runs.trained_run import TRAINED, load_policies
 
 MAIN, OTHER = "paper", "realistic"
 FACTORS = (0.5, 0.75, 1.0, 1.25, 1.5)  # of MAIN's demand
@@ -67,14 +69,11 @@ def load_run(path: Path, scenario: str) -> dict[str, Policy]:
 def _with_own_eyes(env: medjax.ChargingEnv, policy: Policy) -> Policy:
     """`policy` with the observation of `env`, whichever that of the environment it plays in is."""
 
-    def act(
-        weights: Any, key: jax.Array, obs: Any, state: Any, mask: jax.Array, params: Any
-    ) -> jax.Array:
+    def act(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
         """See `Policy.act`."""
-        own = env.observation(state, env.config, params)
-        return policy.act(weights, key, own, state, mask, params)
+        return policy.act(weights, key, env.get_obs(state, params), state, params)
 
-    return dataclasses.replace(policy, act=act)
+    return policy.replace(act=act)
 
 
 def play(
@@ -97,7 +96,7 @@ def play(
         Scores by policy, at each of the factors.
     """
     env, params = medjax.make(scenario, **SIZES)
-    policies = {**runs, **{name: baseline(BASELINES[name](env)) for name in RULES}}
+    policies = {**runs, **{name: BASELINES[name](env) for name in RULES}}
     evaluation = Evaluation(env, params, policies, episodes)
     return [
         evaluation.play(policies, seed, scale_demand(params, factor))
@@ -125,7 +124,7 @@ def summary(played: Played, seed: int) -> dict[str, Any]:
 
     return {
         world: {
-            "policies": summarize(scores, world, seed)["policies"],
+            "policies": summarize(scores, world, (), seed)["policies"],
             "minus_forecast": gains(scores, REFERENCE),
             "minus_none": gains(scores, NO_ACTION),
         }

@@ -13,8 +13,8 @@ from typing import Any
 import medjax
 from benchmarks.command import episodes_parser, run_command
 from medjax.commandline import OneLineParser
+from medjax.episodes.scores import evaluate_policies
 from medjax.policies.rules import forecast, paced
-from train.evaluation.scores import baseline, evaluate_policies
 from train.evaluation.statistics import bootstrap_ci95
 
 RULES = {"paced": paced, "forecast": forecast}
@@ -45,7 +45,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     report = {}
     for rule in options.rules:
         named = {", ".join(f"{k} {v:g}" for k, v in row.items()): row for row in GRID[rule]}
-        policies = {name: baseline(RULES[rule](env, **row)) for name, row in named.items()}
+        policies = {name: RULES[rule](env, **row) for name, row in named.items()}
         scores = evaluate_policies(env, params, policies, options.episodes, options.seed, batch=32)
         rows = []
         for name, score in scores.items():

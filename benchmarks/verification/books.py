@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
+from medjax.world.kinds import KINDS
 from medjax.world.params import BodyParams, EnvConfig, EnvParams
 from medjax.world.state import AT_DEPOT, NOT_BOOKED, EnvState, Vehicles
 
@@ -28,8 +29,8 @@ OF_FLOW = 1e-5
 class Books(struct.PyTreeNode):
     """What happened in a decision, added up from states; float32, () unless said."""
 
-    entered: jax.Array  # (3,) MEDs, EVs, gas vehicles
-    left: jax.Array  # (3,)
+    entered: jax.Array  # (num_kinds,)
+    left: jax.Array  # (num_kinds,)
     depleted: jax.Array
     ev_seconds: jax.Array
     ev_distance_m: jax.Array
@@ -54,20 +55,27 @@ class Flow(NamedTuple):
 
 def sums_by_class(values: jax.Array, config: EnvConfig) -> jax.Array:
     """Sums over MEDs, EVs and gas vehicles, (3,) float32."""
-    slices = (config.med_slots, config.ev_slots, config.gas_slots)
+    slices = config.class_slots.values()
     return jnp.stack([jnp.sum(values[s], dtype=jnp.float32) for s in slices])
 
 
-def entry_books(before: EnvState, begun: EnvState, config: EnvConfig) -> Books:
+def sums_by_kind(flags: jax.Array, kind: jax.Array) -> jax.Array:
+    """Vehicles of each kind, (num_kinds,) float32."""
+    counts = jnp.zeros((len(KINDS),), jnp.float32)
+    return counts.at[kind].add(flags.astype(jnp.float32))
+
+
+def entry_books(before: EnvState, begun: EnvState) -> Books:
     """Of dispatch and entries."""
     zero, pair = jnp.zeros(()), jnp.zeros((2,))
     blank = dict.fromkeys(Books.__dataclass_fields__, zero)
     sent = (before.meds.status == AT_DEPOT) & (begun.meds.status != AT_DEPOT)
+    come = begun.vehicles.active & ~before.vehicles.active
     return Books(
         **blank
         | {
-            "entered": sums_by_class(begun.vehicles.active & ~before.vehicles.active, config),
-            "left": jnp.zeros((3,)),
+            "entered": sums_by_kind(come, begun.vehicles.kind),
+            "left": jnp.zeros((len(KINDS),)),
             "meds_dispatched": jnp.sum(sent, dtype=jnp.float32),
             "sent_j": pair,
             "received_j": pair,
@@ -203,8 +211,8 @@ def tick_books(
     distance = sums_by_class(travelled, config)
     changes = jnp.where(old.active, jnp.abs(new.lane - old.lane), 0)
     return wrong, Books(
-        entered=jnp.zeros((3,)),
-        left=sums_by_class(left, config),
+        entered=jnp.zeros((len(KINDS),)),
+        left=sums_by_kind(left, old.kind),
         depleted=total(gone & ~left),
         ev_seconds=present[1] * dt,
         ev_distance_m=distance[1],

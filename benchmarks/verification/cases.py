@@ -52,7 +52,7 @@ def check_start(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Ar
     """Violations in a state at reset, (K,) int32."""
     vehicles = state.vehicles
     counts = count(
-        check_lanes(vehicles, vehicles, lengths_of(state, config, params)),
+        check_lanes(vehicles, vehicles, lengths_of(state, params)),
         check_state(state, config, params),
     )
     return in_order(counts)
@@ -79,7 +79,7 @@ def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
       key: of the episode.
       decisions: () int32, traced: one program plays to any decision, bit for bit the same way.
     """
-    env = ChargingEnv(config, probe=lambda state: state)
+    env = ChargingEnv(config).with_probe(lambda state: state)
 
     def play(index: jax.Array, params: EnvParams, key: jax.Array, decisions: jax.Array) -> Played:
         """One environment."""

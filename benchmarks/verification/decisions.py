@@ -21,6 +21,7 @@ from benchmarks.verification.invariants import (
     not_finite,
     with_finite_waits,
 )
+from medjax.world.kinds import GAS, by_class
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import AT_DEPOT, RETIRED, EnvState
 
@@ -41,7 +42,7 @@ def check_decision(decision: Decision, config: EnvConfig, params: EnvParams) -> 
     """Violations in one whole decision by invariant, `()` int32 each."""
     begun, ticks = decision.info["begun"], decision.info["ticks"]
     entered, books = check_entry(decision.before, begun, config, params)
-    standing = check_lanes(begun.vehicles, begun.vehicles, lengths_of(begun, config, params))
+    standing = check_lanes(begun.vehicles, begun.vehicles, lengths_of(begun, params))
     counts = count(entered, standing, check_state(begun, config, params))
 
     def look(
@@ -108,7 +109,7 @@ def tally_mistakes(
     }
     total = decision.after.tally
     sums = jax.tree.map(lambda a, b, c: differs(a + b, c), decision.before.tally, tally, total)
-    lost = total.entered - total.left - jnp.zeros((3,)).at[1].set(total.depleted)
+    lost = by_class(total.entered - total.left) - jnp.zeros((3,)).at[1].set(total.depleted)
     lost = lost != sums_by_class(decision.after.vehicles.active, config)
 
     return {
@@ -137,7 +138,7 @@ def reward_mistakes(
     size = sum((jnp.abs(term) for term in terms.values()), jnp.zeros(()))
     on_road = after.vehicles.active[config.ev_slots]
     charge = jnp.where(on_road, after.evs.energy_j / params.ev_capacity_j, 0.0)
-    cruise = params.drivers.desired_speed[-1]
+    cruise = params.drivers.desired_speed[GAS]
     speed = books.ev_distance_m / jnp.maximum(books.ev_seconds, 1e-6)
     expected = {
         "depleted": (books.depleted, 0.0),

@@ -19,8 +19,8 @@ from benchmarks.verification.invariants import (
     lengths_of,
 )
 from medjax.env.charging_env import ChargingEnv
-from medjax.traffic.step import vehicle_kinds
-from medjax.world.params import KINDS, EnvConfig, EnvParams
+from medjax.world.kinds import KINDS
+from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState
 
 MOST_SHOWN = 4  # of each check
@@ -39,7 +39,7 @@ def explain(
     obs, after, reward, _, _, info = jax.jit(env.step_env)(key, before, action, params)
     begun = info["begun"]
     flags, books = check_entry(before, begun, config, params)
-    standing = check_lanes(begun.vehicles, begun.vehicles, lengths_of(begun, config, params))
+    standing = check_lanes(begun.vehicles, begun.vehicles, lengths_of(begun, params))
     yield from _lines("at the first tick's start", before, begun, config, params, flags, standing)
     yield from _lines("there", before, begun, config, params, check_state(begun, config, params))
     last = begun
@@ -101,7 +101,7 @@ def _vehicle(
     slot: int, before: EnvState, after: EnvState, config: EnvConfig, params: EnvParams
 ) -> str:
     """A vehicle before and after."""
-    kind = int(vehicle_kinds(after.evs.is_human, config)[slot])
+    kind = int(after.vehicles.kind[slot])
     length = float(params.drivers.vehicle_length[kind])
     texts = []
     for state in (before, after):
@@ -113,7 +113,7 @@ def _vehicle(
         elif ev < config.num_evs:
             text += f" {state.evs.energy_j[ev]:.1f} J MED {state.evs.med[ev]}.{state.evs.panel[ev]}"
         texts.append(text if v.active[slot] else f"({text})")
-    return f"slot {slot}, {KINDS[kind]}, {length:.2f} m: {texts[0]} -> {texts[1]}"
+    return f"slot {slot}, {KINDS[kind].name}, {length:.2f} m: {texts[0]} -> {texts[1]}"
 
 
 def _sums(books: Books, info: Any) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 Nothing here uses the simulator's neighbour search, energy formulas or tallies but to hold them against its own:
 vehicles are put in order by a sort of their own, energies follow from work and kinetic energy (`books`),
-sums are added up from the states that a probe reports after every tick (`ChargingEnv(probe=...)`).
+sums are added up from the states that a probe reports after every tick (`ChargingEnv.with_probe`).
 
 Every check returns flags, True where something is wrong, by invariant (`INVARIANTS`) and by what it looked at; `count`
 makes one number of each invariant, so that thousands of environments are checked under `jax.vmap` at speed.
@@ -18,7 +18,6 @@ import jax.numpy as jnp
 from benchmarks.verification.books import Books, entry_books, tick_books
 from medjax.numerics.gathers import read
 from medjax.traffic.demand import entries
-from medjax.traffic.step import vehicle_kinds
 from medjax.world.params import PANELS, EnvConfig, EnvParams
 from medjax.world.state import (
     AT_DEPOT,
@@ -79,9 +78,9 @@ def with_finite_waits(state: EnvState) -> EnvState:
     return state.replace(meds=state.meds.replace(ready_in_s=ready))
 
 
-def lengths_of(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+def lengths_of(state: EnvState, params: EnvParams) -> jax.Array:
     """Length of the vehicle in each slot, (N,) m."""
-    return params.drivers.vehicle_length[vehicle_kinds(state.evs.is_human, config)]
+    return params.drivers.vehicle_length[state.vehicles.kind]
 
 
 def check_lanes(before: Vehicles, after: Vehicles, length: jax.Array) -> Flags:
@@ -208,7 +207,7 @@ def check_entry(
             "MED at rest": begun.meds.energy_j != before.meds.energy_j,
         },
     }
-    return flags, entry_books(before, begun, config)
+    return flags, entry_books(before, begun)
 
 
 def check_tick(
@@ -224,11 +223,11 @@ def check_tick(
     gone = old.active & ~new.active
     empty = jnp.zeros_like(gone).at[config.ev_slots].set(after.evs.energy_j <= 0.0)
     past = new.x > params.road.length_m
-    evs, was, evs_stay = after.evs, before.evs, both[config.ev_slots]
+    evs, was = after.evs, before.evs
     kept = (evs.med == was.med) & (evs.panel == was.panel)
     energy, books = tick_books(before, after, config, params)
     flags = {
-        **check_lanes(old, new, lengths_of(after, config, params)),
+        **check_lanes(old, new, lengths_of(after, params)),
         "motion": {
             "backward": old.active & (travel < 0.0),
             "farther than its speeds": old.active & (travel > farthest + slack),
@@ -237,7 +236,7 @@ def check_tick(
             "several lanes": old.active & (jnp.abs(hop) > 1),
             "onto an acceleration lane": old.active & (hop != 0) & (new.lane >= config.num_lanes),
             "another vehicle": both & (new.desired_speed != old.desired_speed),
-            "another driver": evs_stay & (evs.is_human != was.is_human),
+            "another kind": both & (new.kind != old.kind),
         },
         "vehicles": {
             "appears": new.active & ~old.active,

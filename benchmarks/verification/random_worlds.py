@@ -15,10 +15,10 @@ from typing import Any
 import jax
 import numpy as np
 
-import medjax
 from medjax.env.reward import TERMS
 from medjax.physics import InductanceTable
 from medjax.world.checks import validate
+from medjax.world.kinds import KINDS
 from medjax.world.params import (
     BodyParams,
     ChargingParams,
@@ -118,7 +118,7 @@ def _demand(draw: _Draw, config: EnvConfig) -> DemandParams:
 
 
 def _drivers(draw: _Draw, config: EnvConfig) -> DriverParams:
-    kinds = len(medjax.world.params.KINDS)
+    kinds = len(KINDS)
     return DriverParams(
         desired_speed=draw(8.0, 45.0, kinds),
         desired_speed_std=draw(0.0, 4.0, kinds),

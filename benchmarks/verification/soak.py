@@ -49,7 +49,7 @@ def show(case: Case, environment: int, episode: int) -> Iterator[str]:
         yield str(violation).split("\n")[0]
         decision = max(violation.decision, 0)
         state = jax.tree.map(lambda leaf: leaf[environment], case.play(episode, decision).state)
-        env = ChargingEnv(case.config, probe=lambda state: state)
+        env = ChargingEnv(case.config).with_probe(lambda state: state)
         _, key = environment_keys(case.key(episode), environment)
         act_key, step_key = jax.random.split(jax.random.fold_in(key, decision))
         mask = env.action_mask(state, world)

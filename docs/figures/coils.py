@@ -11,8 +11,7 @@ import numpy as np
 
 import medjax
 from docs.figures.look import CURVES
-from medjax.charging.docking import Misalignment, misalignment
-from medjax.charging.exchange import coupling_efficiency
+from medjax.charging.link import Misalignment, coupling_efficiency, misalignment
 from medjax.physics import mutual_inductance
 from medjax.world.params import RIGHT, EnvParams
 from train.reporting.figures import new_figure, save

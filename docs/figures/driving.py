@@ -10,7 +10,8 @@ import numpy as np
 from docs.figures.look import BLUE, CURVES
 from medjax.traffic import idm_acceleration
 from medjax.traffic.motion import lateral_step
-from medjax.world.params import HUMAN_EV, EnvParams
+from medjax.world.kinds import HUMAN_EV
+from medjax.world.params import EnvParams
 from train.reporting.figures import new_figure, save
 
 

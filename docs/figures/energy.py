@@ -9,8 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from docs.figures.look import BLUE, GREEN, ORANGE, RED, SKY
-from medjax.env.tick import drive_energy
-from medjax.world.params import HUMAN_EV, BodyParams, EnvParams
+from medjax.charging.energy import drive_energy
+from medjax.world.kinds import HUMAN_EV
+from medjax.world.params import BodyParams, EnvParams
 from train.reporting.figures import new_figure, save
 
 KNOWN = Path(__file__).parents[2] / "tests/data/ev_energy.csv"

@@ -10,7 +10,8 @@ import numpy as np
 
 from docs.figures.look import BLUE, GREEN, SKY
 from medjax.charging.docking import Partner, panel_lane, panel_x
-from medjax.world.params import HUMAN_EV, MED, PANELS, EnvParams
+from medjax.world.kinds import HUMAN_EV, MED
+from medjax.world.params import PANELS, EnvParams
 from train.reporting.figures import new_figure, save
 
 ASPHALT, LINE = "#D9D9D9", "#FFFFFF"

@@ -1,1 +1,1 @@
-"""Where physics and traffic meet: requests, booking, docking and transfer."""
+"""Where physics and traffic meet: booking, docking, the link between coils, and the exchange of energy."""

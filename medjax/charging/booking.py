@@ -1,4 +1,4 @@
-"""Who may charge where: requests, and the one-to-one map of EVs and slots.
+"""Who may charge where: asking, granting and releasing, and the one-to-one map of EVs and slots.
 
 The map is kept once, on the EVs' side: `med` and `panel`. What a MED shows is derived from it.
 """
@@ -11,8 +11,13 @@ import jax
 import jax.numpy as jnp
 
 from medjax.charging.docking import Partner, panel_lane, panel_x
-from medjax.world.params import FRONT, PANELS, REAR, ChargingParams, EnvParams
-from medjax.world.state import IN_SERVICE, NOT_BOOKED, MEDs
+from medjax.charging.energy import cruising
+from medjax.numerics.gathers import read
+from medjax.numerics.sums import count_down
+from medjax.traffic.entry import Newcomers
+from medjax.traffic.following import by_kind
+from medjax.world.params import FRONT, PANELS, REAR, ChargingParams, EnvConfig, EnvParams
+from medjax.world.state import IN_SERVICE, NOT_BOOKED, EnvState, EVs, MEDs, Vehicles
 
 FAR = 1.0e9
 # A lane change takes about so long; the choice of a panel counts it as way to go.
@@ -37,6 +42,29 @@ def can_serve(meds: MEDs, params: EnvParams) -> jax.Array:
     """MEDs in service that hold energy above their reserve, `(num_meds,)` bool."""
     reserve = params.fleet.reserve_soc * params.med_capacity_j
     return (meds.status == IN_SERVICE) & (meds.energy_j > reserve)
+
+
+def unserved(energy_j: jax.Array) -> EVs:
+    """EVs with this energy, `(E,)` J, that no MED has served."""
+    not_booked = jnp.full(energy_j.shape, NOT_BOOKED, jnp.int32)
+    return EVs(
+        energy_j=energy_j,
+        rest_j=jnp.zeros(energy_j.shape),
+        med=not_booked,
+        panel=not_booked,
+        is_charging=jnp.zeros(energy_j.shape, bool),
+        timer_s=jnp.zeros(energy_j.shape),
+        served=jnp.zeros(energy_j.shape, bool),
+    )
+
+
+def welcome(evs: EVs, newcomers: Newcomers, config: EnvConfig, params: EnvParams) -> EVs:
+    """The EVs with those that just came onto the road, of a random charge, in the slots that these took."""
+    demand, entry = params.demand, newcomers.entry[config.ev_slots]
+    span = demand.arrival_soc_high - demand.arrival_soc_low
+    soc = demand.arrival_soc_low + newcomers.luck * span
+    fresh = unserved(soc[jnp.maximum(entry, 0)] * params.ev_capacity_j)
+    return jax.tree.map(lambda new, old: jnp.where(entry >= 0, new, old), fresh, evs)
 
 
 class Offers(NamedTuple):
@@ -83,7 +111,7 @@ def _panel_cost(
     return jnp.where(offer.free & on_road & ~blocked, seconds, FAR)
 
 
-def book(
+def grant(
     med: jax.Array,
     panel: jax.Array,
     requests: Requests,
@@ -127,3 +155,61 @@ def book(
     chosen = chosen.at[jnp.where(first, nearest, num_meds)].min(slots, mode="drop")
     accepted = first & (chosen[nearest] == slots)
     return jnp.where(accepted, nearest, med), jnp.where(accepted, choice, panel)
+
+
+def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests, Offers]:
+    """Which EVs ask for a slot now, and what the MEDs have free."""
+    vehicles, evs, meds = state.vehicles, state.evs, state.meds
+    med_slots, ev_slots = config.med_slots, config.ev_slots
+    length = by_kind(vehicles.kind, params.drivers.vehicle_length)
+    booked = panel_flags(evs.med, evs.panel, evs.med != NOT_BOOKED, config.num_meds)
+    offers = Offers(
+        x=vehicles.x[med_slots],
+        speed=vehicles.speed[med_slots],
+        lane=vehicles.lane[med_slots],
+        length=length[med_slots],
+        free=can_serve(meds, params)[:, None] & ~booked,
+    )
+    lane = vehicles.lane[ev_slots]
+    _, power_w = cruising(params)
+    requests = Requests(
+        x=vehicles.x[ev_slots],
+        lane=lane,
+        length=length[ev_slots],
+        asks=vehicles.active[ev_slots]
+        & (lane < config.num_lanes)
+        & (evs.med == NOT_BOOKED)
+        & (evs.timer_s <= 0.0)
+        & (evs.energy_j < params.charging.request_soc * params.ev_capacity_j),
+        endurance_s=evs.energy_j / power_w,
+    )
+    return requests, offers
+
+
+def book(state: EnvState, config: EnvConfig, params: EnvParams) -> EVs:
+    """The EVs after one round of asking and granting."""
+    evs, (requests, offers) = state.evs, ask(state, config, params)
+    length_m, num_lanes = params.road.length_m, config.num_lanes
+    med, panel = grant(evs.med, evs.panel, requests, offers, length_m, num_lanes, params.charging)
+    return evs.replace(med=med, panel=panel)
+
+
+def release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params: EnvParams) -> EVs:
+    """Ends bookings after a tick: charged, gone, out of time, or the MED is gone or empty."""
+    booked = evs.med != NOT_BOOKED
+    partner = jnp.maximum(evs.med, 0)
+    serves = can_serve(meds, params)
+    timer = jnp.where(
+        booked,
+        jnp.where(evs.is_charging, 0.0, evs.timer_s + config.tick_s),
+        count_down(evs.timer_s, config.tick_s),
+    )
+    late = booked & (timer > params.charging.patience_s)
+    done = evs.energy_j >= params.charging.target_soc * params.ev_capacity_j
+    ends = booked & (late | done | ~read(serves, partner) | ~vehicles.active[config.ev_slots])
+    return evs.replace(
+        med=jnp.where(ends, NOT_BOOKED, evs.med),
+        panel=jnp.where(ends, NOT_BOOKED, evs.panel),
+        is_charging=evs.is_charging & ~ends,
+        timer_s=jnp.where(ends, jnp.where(late, params.charging.retry_s, 0.0), timer),
+    )

@@ -7,7 +7,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.world.params import FRONT, LEFT, REAR, RIGHT, ChargingParams
+from medjax.numerics.gathers import read
+from medjax.traffic.following import Drivers, Platooning
+from medjax.traffic.neighbours import NOBODY
+from medjax.traffic.step import Orders
+from medjax.world.params import FRONT, REAR, ChargingParams, EnvConfig, EnvParams
+from medjax.world.state import NOT_BOOKED, EnvState, EVs, Vehicles
 
 # Slot lanes relative to the MED's, by panel: left, right, rear, front.
 PANEL_LANE = (-1, 1, 0, 0)
@@ -24,6 +29,13 @@ class Partner(NamedTuple):
     speed: jax.Array  # m/s
     lane: jax.Array  # int32
     length: jax.Array  # m
+
+
+def partners(vehicles: Vehicles, evs: EVs, length: jax.Array, config: EnvConfig) -> Partner:
+    """The MED of each EV, `(E,)` fields; MED 0 stands in where an EV is not booked."""
+    columns = Partner(vehicles.x, vehicles.speed, vehicles.lane, length)
+    meds = jax.tree.map(lambda column: column[config.med_slots], columns)
+    return read(meds, jnp.maximum(evs.med, 0))
 
 
 def panel_lane(panel: jax.Array, med_lane: jax.Array) -> jax.Array:
@@ -123,41 +135,33 @@ def is_docked(
     return in_lane & (arrives | holds)
 
 
-class Misalignment(NamedTuple):
-    """Coil geometry of each pair, in the convention of `physics.mutual_inductance`."""
+def approach(state: EnvState, drivers: Drivers, config: EnvConfig, params: EnvParams) -> Orders:
+    """What charging asks of traffic in a tick.
 
-    axial: jax.Array  # m
-    lateral: jax.Array  # m
-    tilt: jax.Array  # rad
-
-
-def misalignment(
-    panel: jax.Array,
-    along_m: jax.Array,
-    across_m: jax.Array,
-    turn_rad: jax.Array,
-    panel_gap_m: jax.Array | float,
-) -> Misalignment:
-    """Geometry of a docked pair from how far the EV is off its slot.
-
-    Side panels face across the road: their distance opens and closes as the vehicles wander, and
-    what is lateral to the coils lies along the road. Front and rear panels face along it.
-
-    Args:
-      panel: int32, any shape.
-      along_m: EV ahead of its slot, m.
-      across_m: EV to the right of its slot, m.
-      turn_rad: heading of the EV less that of the MED, positive to the right.
-      panel_gap_m: nominal axial distance; booms give way, so it never falls below a quarter of it.
+    MEDs change to their service lane and stay there; booked EVs drive to their slots, in one platoon with
+    their MED.
     """
-    side = (panel == LEFT) | (panel == RIGHT)
-    away = jnp.where(panel == RIGHT, 1.0, -1.0)
-    outward = jnp.where(panel == FRONT, 1.0, -1.0)
-    opening = jnp.where(side, away * across_m, outward * along_m)
-    # Normals: the panel that faces right or back turns with the vehicle, its mirror image against it.
-    tilt = jnp.where(side, away, -outward) * turn_rad
-    return Misalignment(
-        axial=jnp.maximum(panel_gap_m + opening, 0.25 * panel_gap_m),
-        lateral=jnp.where(side, along_m, across_m),
-        tilt=tilt,
+    vehicles, evs, slots = state.vehicles, state.evs, config.ev_slots
+    booked = evs.med != NOT_BOOKED
+    med = partners(vehicles, evs, drivers.length, config)
+    x, lane = vehicles.x[slots], vehicles.lane[slots]
+    plan = plan_approach(x, lane, drivers.length[slots], evs.panel, med, params.charging)
+    docking = docking_acceleration(
+        x,
+        vehicles.speed[slots],
+        plan.goal_x,
+        med.speed,
+        drivers.comfortable_deceleration[slots],
+        params.charging,
+    )
+    to_service = jnp.sign(params.fleet.service_lane - vehicles.lane[config.med_slots])
+    direction = config.by_slot(to_service, jnp.where(booked, plan.direction, 0), 0)
+    # A write into one array, where `by_slot` would join three: XLA for CPUs is slower at that.
+    free = jnp.full((config.num_vehicles,), jnp.inf)
+    return Orders(
+        platoon=config.by_slot(jnp.arange(config.num_meds, dtype=jnp.int32), evs.med, NOBODY),
+        platooning=Platooning(params.charging.platoon_headway, params.charging.platoon_min_gap),
+        acceleration=free.at[slots].set(jnp.where(booked, docking, jnp.inf)),
+        direction=direction.astype(jnp.int32),
+        stay=config.by_slot(True, booked, False),
     )

@@ -1,4 +1,4 @@
-"""Energy from a MED's slots into EVs, through the coils."""
+"""Energy from a MED's slots into EVs, and from batteries into driving."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.docking import Misalignment
+from medjax.charging.energy import drive_energy
+from medjax.charging.link import Link
 from medjax.numerics.gathers import read
-from medjax.physics import interpolate_inductance, link_efficiency
-from medjax.world.params import LinkParams, Scalar
+from medjax.numerics.sums import sum_pairwise
+from medjax.physics import change_battery
+from medjax.world.params import BodyParams, EnvConfig, EnvParams, Scalar
+from medjax.world.state import EnvState, EVs, MEDs, Tally, Vehicles
 
 
 class Transfer(NamedTuple):
@@ -19,20 +22,6 @@ class Transfer(NamedTuple):
     sent_j: jax.Array  # (E,) to each EV out of its MED
     received_j: jax.Array  # (E,) into its battery; the difference is lost
     drawn_j: jax.Array  # (M,) out of each MED; adds up to sent_j
-
-
-def coupling_efficiency(geometry: Misalignment, link: LinkParams) -> jax.Array:
-    """Link efficiency of each pair, in [0, 1], by the tabulated coil integral and eq (6)."""
-    inductance = interpolate_inductance(
-        link.inductance, geometry.axial, geometry.lateral, geometry.tilt
-    )
-    return link_efficiency(
-        inductance,
-        load=link.load_ohm,
-        primary_resistance=link.med_resistance_ohm,
-        secondary_resistance=link.ev_resistance_ohm,
-        angular_frequency=link.angular_frequency,
-    )
 
 
 def transfer(
@@ -58,3 +47,60 @@ def transfer(
     share = jnp.minimum(1.0, jnp.maximum(med_available_j, 0.0) / jnp.maximum(wanted, 1e-6))
     sent = asked * read(share, jnp.maximum(med, 0))
     return Transfer(sent, sent * efficiency, wanted * share)
+
+
+def _driven(
+    before: Vehicles, after: Vehicles, slots: slice, body: BodyParams, tick_s: float
+) -> jax.Array:
+    """Energy that driving takes from each battery in a tick, J; 0 off the road."""
+    energy = drive_energy(before.speed[slots], after.speed[slots], body, tick_s)
+    return jnp.where(before.active[slots], energy, 0.0)
+
+
+def exchange(
+    before: Vehicles,
+    after: Vehicles,
+    link: Link,
+    state: EnvState,
+    config: EnvConfig,
+    params: EnvParams,
+) -> tuple[EVs, MEDs, Tally]:
+    """Transfer and driving energy of one tick.
+
+    Args:
+      before, after: the vehicles around the tick.
+      link: of each EV with its MED, after it.
+      state: the batteries before it.
+
+    Returns:
+      (EVs, MEDs, what flowed)
+    """
+    evs, meds = state.evs, state.meds
+    med_use = _driven(before, after, config.med_slots, params.med, config.tick_s)
+    ev_use = _driven(before, after, config.ev_slots, params.ev, config.tick_s)
+    flow = transfer(
+        link.efficiency,
+        link.is_charging,
+        evs.med,
+        meds.energy_j - params.fleet.reserve_soc * params.med_capacity_j,
+        params.ev_capacity_j - (evs.energy_j - ev_use),
+        params.charging.slot_power_w * config.tick_s,
+    )
+    ev_energy, ev_rest = change_battery(
+        evs.energy_j, evs.rest_j, flow.received_j - ev_use, params.ev_capacity_j
+    )
+    med_energy, med_rest = change_battery(
+        meds.energy_j, meds.rest_j, -med_use - flow.drawn_j, params.med_capacity_j
+    )
+    tally = Tally.zeros().replace(
+        energy_sent_j=sum_pairwise(flow.sent_j),
+        energy_received_j=sum_pairwise(flow.received_j),
+        evs_served=jnp.sum(link.is_charging & ~evs.served, dtype=jnp.float32),
+    )
+    evs = evs.replace(
+        energy_j=ev_energy,
+        rest_j=ev_rest,
+        is_charging=link.is_charging,
+        served=evs.served | link.is_charging,
+    )
+    return evs, meds.replace(energy_j=med_energy, rest_j=med_rest), tally

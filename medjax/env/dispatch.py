@@ -1,12 +1,23 @@
-"""The dispatcher's action: which ramp a MED is sent from, and when one may be sent."""
+"""The dispatcher's action and a MED's day: sent to a ramp, in service, off the road, at the depot again."""
 
 from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
 
+from medjax.numerics.sums import count_down
 from medjax.world.params import EnvConfig, EnvParams
-from medjax.world.state import AT_DEPOT, QUEUED, EnvState
+from medjax.world.state import (
+    AT_DEPOT,
+    IN_SERVICE,
+    MERGING,
+    QUEUED,
+    RETIRED,
+    EnvState,
+    MEDs,
+    Tally,
+    Vehicles,
+)
 
 
 def action_mask(state: EnvState, config: EnvConfig) -> jax.Array:
@@ -21,7 +32,7 @@ def action_mask(state: EnvState, config: EnvConfig) -> jax.Array:
 
 def dispatch(
     state: EnvState, action: jax.Array, config: EnvConfig, params: EnvParams
-) -> tuple[EnvState, jax.Array, jax.Array]:
+) -> tuple[EnvState, Tally]:
     """Sends a MED to a ramp, where it waits for a safe gap.
 
     An action out of range, or one that is masked, counts as 0.
@@ -30,7 +41,7 @@ def dispatch(
       action: () integer.
 
     Returns:
-      (state, sent () bool, invalid () bool)
+      (state, tally of what was sent, or invalid)
     """
     action = jnp.asarray(action).astype(jnp.int32)
     in_range = (action >= 0) & (action < config.num_actions)
@@ -45,4 +56,53 @@ def dispatch(
         ramp=jnp.where(chosen, action - 1, meds.ramp),
     )
     cooldown = jnp.where(sent, params.fleet.cooldown_s, state.cooldown_s)
-    return state.replace(meds=meds, cooldown_s=cooldown), sent, ~allowed
+    tally = Tally.zeros().replace(
+        meds_dispatched=sent.astype(jnp.float32), invalid_actions=(~allowed).astype(jnp.float32)
+    )
+    return state.replace(meds=meds, cooldown_s=cooldown), tally
+
+
+def on_the_road(
+    meds: MEDs, vehicles: Vehicles, left: jax.Array, config: EnvConfig, params: EnvParams
+) -> MEDs:
+    """After a tick: in service once settled in the service lane, retired once off the road.
+
+    Args:
+      vehicles: of all slots, after the tick.
+      left: (N,) bool, at the end of the road in it.
+    """
+    slots = config.med_slots
+    in_lane = vehicles.lane[slots] == params.fleet.service_lane
+    settled = jnp.abs(vehicles.lateral_offset[slots]) < 1.0
+    status = jnp.where((meds.status == MERGING) & in_lane & settled, IN_SERVICE, meds.status)
+    return meds.replace(
+        status=jnp.where(left[slots], RETIRED, status),
+        ready_in_s=jnp.where(left[slots], params.fleet.turnaround_s, meds.ready_in_s),
+    )
+
+
+def at_depot(config: EnvConfig, params: EnvParams) -> MEDs:
+    """The fleet, full and at the depot; slots beyond its size hold MEDs that never come."""
+    exists = jnp.arange(config.num_meds) < params.fleet.size
+    return MEDs(
+        energy_j=jnp.full((config.num_meds,), params.med_capacity_j, jnp.float32),
+        rest_j=jnp.zeros((config.num_meds,)),
+        status=jnp.where(exists, AT_DEPOT, RETIRED).astype(jnp.int32),
+        ramp=jnp.zeros((config.num_meds,), jnp.int32),
+        ready_in_s=jnp.full((config.num_meds,), jnp.inf, jnp.float32),
+    )
+
+
+def advance_clocks(state: EnvState, config: EnvConfig, params: EnvParams) -> EnvState:
+    """Counts the decision, lets the cooldown run, and brings MEDs back to the depot, full."""
+    meds, dt = state.meds, config.decision_s
+    ready_in = jnp.where(meds.status == RETIRED, count_down(meds.ready_in_s, dt), meds.ready_in_s)
+    returns = (meds.status == RETIRED) & (ready_in <= 0.0)
+    meds = meds.replace(
+        status=jnp.where(returns, AT_DEPOT, meds.status),
+        energy_j=jnp.where(returns, params.med_capacity_j, meds.energy_j),
+        rest_j=jnp.where(returns, 0.0, meds.rest_j),
+        ready_in_s=ready_in,
+    )
+    cooldown_s = count_down(state.cooldown_s, dt)
+    return state.replace(meds=meds, cooldown_s=cooldown_s, time=state.time + 1)

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from medjax.charging.booking import panel_flags
-from medjax.env.tick import drive_energy
+from medjax.charging.energy import cruising
 from medjax.numerics.sums import rounded, sum_pairwise
 from medjax.traffic.demand import entries, entry_rates
 from medjax.world.params import EnvConfig, EnvParams
@@ -38,8 +38,8 @@ def forecast_need(
     demand brings in time, on average. Free slots are those of the MEDs that are as near.
     """
     road, demand = params.road, params.demand
-    cruise = jnp.asarray(params.drivers.desired_speed[-1])
-    per_metre = drive_energy(cruise, cruise, params.ev, 1.0) / cruise
+    cruise, power_w = cruising(params)
+    per_metre = power_w / cruise
     closing = jnp.maximum(cruise - params.fleet.service_speed, 1e-3)
     window_m = closing * window_s  # that an EV gains on a MED
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
+from medjax.world.kinds import CLASSES, EVS, by_class
 from medjax.world.state import Tally
 
 JOULES_PER_KWH = 3.6e6
@@ -21,12 +22,12 @@ def episode_metrics(tally: Tally) -> dict[str, jax.Array]:
     def ratio(numerator: jax.Array, denominator: jax.Array) -> jax.Array:
         return numerator / jnp.maximum(denominator, 1.0)
 
-    evs = tally.entered[1]
+    evs, evs_left = (by_class(counts)[CLASSES.index(EVS)] for counts in (tally.entered, tally.left))
     return {
         "depleted_share": ratio(tally.depleted, evs),
         "mean_range_m": ratio(tally.ev_distance_m, evs),
         "mean_soc": ratio(tally.soc_seconds, tally.ev_seconds),
-        "exit_soc": ratio(tally.exit_soc, tally.left[1] + tally.depleted),
+        "exit_soc": ratio(tally.exit_soc, evs_left + tally.depleted),
         "meds_dispatched": tally.meds_dispatched,
         "energy_delivered_kwh": tally.energy_received_j / JOULES_PER_KWH,
         "energy_lost_kwh": (tally.energy_sent_j - tally.energy_received_j) / JOULES_PER_KWH,

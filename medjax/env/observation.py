@@ -16,6 +16,7 @@ from medjax.charging.booking import panel_flags
 from medjax.env.forecast import forecast_need, free_slots, med_places
 from medjax.numerics.sums import in_units, rounded, sum_pairwise
 from medjax.traffic.road import lateral_position
+from medjax.world.kinds import GAS, HUMAN_EV
 from medjax.world.params import PANELS, EnvConfig, EnvParams
 from medjax.world.state import AT_DEPOT, IN_SERVICE, MERGING, NOT_BOOKED, QUEUED, EnvState
 
@@ -57,7 +58,7 @@ def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observatio
     """
     vehicles, evs, meds = state.vehicles, state.evs, state.meds
     width = config.num_lanes * params.road.lane_width_m
-    cruise = params.drivers.desired_speed[-1]
+    cruise = params.drivers.desired_speed[GAS]
     y = lateral_position(vehicles.lane, vehicles.lateral_offset, params.road.lane_width_m)
     motion = jnp.stack(
         [
@@ -85,7 +86,7 @@ def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observatio
     own = jnp.stack(
         [
             in_units(evs.energy_j, params.ev_capacity_j),
-            evs.is_human.astype(jnp.float32),
+            (vehicles.kind[config.ev_slots] == HUMAN_EV).astype(jnp.float32),
             evs.is_charging.astype(jnp.float32),
             (evs.med + 1) / config.num_meds,
         ],

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.numerics.sums import in_units, rounded, sum_pairwise
+from medjax.world.kinds import GAS
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, Tally
 
@@ -62,7 +63,7 @@ def dispatches(outcome: Outcome) -> jax.Array:
 def gas_delay(outcome: Outcome) -> jax.Array:
     """Vehicle-seconds that gas vehicles lost against their mean desired speed."""
     happened = outcome.happened
-    cruise = outcome.params.drivers.desired_speed[-1]
+    cruise = outcome.params.drivers.desired_speed[GAS]
     return jnp.maximum(happened.gas_seconds - happened.gas_distance_m / cruise, 0.0)
 
 

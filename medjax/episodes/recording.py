@@ -11,14 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from flax import struct
 
-from medjax.env.charging_env import ChargingEnv
-from medjax.episodes.keys import ACT, RESET, STEP, episode_keys
-from medjax.policies.rules import Act
+from medjax.env.contract import Environment
+from medjax.episodes.keys import episode_keys
+from medjax.episodes.player import Episodes, Player, episode_decisions, episode_steps
+from medjax.policies.policy import Policy
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, Tally
-
-Choose = Callable[[jax.Array, jax.Array, EnvState, EnvParams], tuple[jax.Array, jax.Array]]
-"""`(key, obs, state, params)` to an action `()` int32 and the probabilities `(num_actions,)` it was drawn with."""
 
 
 class Frames(struct.PyTreeNode):
@@ -34,8 +32,8 @@ class Frames(struct.PyTreeNode):
     lateral_offset: Any  # (F, V) m from the lane's centre, positive to the right
     lateral_speed: Any  # (F, V) m/s, positive to the right
     active: Any  # (F, V) bool, on the road
+    kind: Any  # (F, V) int32 in `medjax.world.kinds.KINDS`
     ev_soc: Any  # (F, E) state of charge, 0 to 1
-    ev_is_human: Any  # (F, E) bool
     ev_med: Any  # (F, E) int32, MED it is booked on, -1 for none
     ev_panel: Any  # (F, E) int32, slot of that MED (`medjax.world.params.PANELS`), -1 for none
     ev_is_charging: Any  # (F, E) bool
@@ -61,7 +59,8 @@ class Decisions(struct.PyTreeNode):
 class Recording:
     """An episode of T decisions, F = 1 + T * ticks_per_decision frames; the first frame is that of the reset.
 
-    Decision t is taken at frame `t * ticks_per_decision` and leads to the `ticks_per_decision` frames after it.
+    Decision t is taken at frame `t * ticks_per_decision` and leads to the `ticks_per_decision` frames after it; the
+    last one may lead to fewer, where a wrapper takes several of the highway's decisions at once.
     """
 
     scenario: str
@@ -69,14 +68,21 @@ class Recording:
     seed: int
     episode: int
     config: EnvConfig
-    params: EnvParams  # NumPy leaves
+    params: EnvParams  # of the highway as it was simulated; NumPy leaves
     frames: Frames
     decisions: Decisions
+    ticks_per_decision: int
 
     @property
     def time_s(self) -> np.ndarray:
         """Time of each frame, (F,) s since the reset."""
         return np.arange(len(self.frames.x)) * self.config.tick_s
+
+    @property
+    def decision_frames(self) -> np.ndarray:
+        """The frame that each decision is taken at, and the last one, (T + 1,) int."""
+        count = 1 + len(self.decisions.action)
+        return np.minimum(np.arange(count) * self.ticks_per_decision, len(self.frames.x) - 1)
 
     def vehicle_ids(self) -> np.ndarray:
         """Who is in each slot, (F, V) int64: numbers in the order of entry, by slot within a frame; -1 for nobody."""
@@ -88,98 +94,90 @@ class Recording:
         return np.where(active, latest, -1)
 
 
-def by_rule(act: Act, num_actions: int) -> Choose:
-    """`act(key, state, params)`, as `medjax.policies.BASELINES` build it, for `record_episode`."""
-
-    def choose(
-        key: jax.Array, obs: jax.Array, state: EnvState, params: EnvParams
-    ) -> tuple[jax.Array, jax.Array]:
-        action = act(key, state, params)
-        return action, jax.nn.one_hot(action, num_actions)
-
-    return choose
-
-
 def record_episode(
-    env: ChargingEnv,
+    env: Environment,
     params: EnvParams,
-    choose: Choose,
+    policy: Policy,
     *,
-    policy: str = "policy",
+    name: str = "policy",
     seed: int = 0,
     episode: int = 0,
 ) -> Recording:
     """Plays one episode and keeps every physics tick.
 
     Args:
-      env: a single environment; a probe of its own is replaced.
+      env: a single environment, wrapped or not; a probe of its own is replaced.
       params: its parameters.
-      choose: the dispatcher; it is compiled with the environment.
-      policy: its name.
+      policy: the dispatcher; it is compiled with the environment.
+      name: of the policy.
       seed: whose episodes.
       episode: which of them; the same as in `train.evaluate`.
     """
-    play = _player(env, choose, int(params.episode_decisions))
-    key = episode_keys(seed, 1, episode)[0]
-    first, ticks, decided = jax.device_get(jax.jit(play)(key, params))
+    play = jax.jit(_program(env, policy, episode_steps(env, params)))
+    first, ticks, decided, road = jax.device_get(
+        play(policy.weights, episode_keys(seed, 1, episode), params)
+    )
     frames = jax.tree.map(
         lambda start, rest: np.concatenate([start[None], rest.reshape(-1, *start.shape)]),
         first,
         ticks,
     )
+    # The last step of several decisions may reach beyond the end.
+    count = 1 + episode_decisions(params) * env.config.ticks_per_decision
     return Recording(
         scenario=env.name,
-        policy=policy,
+        policy=name,
         seed=seed,
         episode=episode,
         config=env.config,
-        params=jax.device_get(params),
-        frames=frames,
+        params=road,
+        frames=jax.tree.map(lambda leaf: leaf[:count], frames),
         decisions=decided,
+        ticks_per_decision=env.config.ticks_per_decision * env.decisions_per_step,
     )
 
 
-def _player(
-    env: ChargingEnv, choose: Choose, decisions: int
-) -> Callable[[jax.Array, EnvParams], tuple[Frames, Frames, Decisions]]:
-    """The program `(key, params)` to the first frame, the others `(T, ticks, ...)`, and the decisions."""
+def _program(
+    env: Environment, policy: Policy, steps: int
+) -> Callable[[Any, jax.Array, Any], tuple[Frames, Frames, Decisions, EnvParams]]:
+    """`(weights, key (1,), params)` to the first frame, the others `(T, ticks, ...)`, decisions, and its numbers."""
+    player = Player(env.with_probe(lambda state: state), [policy])
 
-    def play(key: jax.Array, params: EnvParams) -> tuple[Frames, Frames, Decisions]:
-        """One episode."""
+    def play(
+        weights: Any, key: jax.Array, params: Any
+    ) -> tuple[Frames, Frames, Decisions, EnvParams]:
+        """One episode, the only row."""
+        begun = player.start(key, params)
+        begin, road = env.highway(_row(begun.state), params)
 
-        def look(state: EnvState) -> Frames:
-            return frame_of(state, params)
-
-        probed = ChargingEnv(env.config, env.reward, env.observation, env.name, probe=look)
-        streams = jax.random.split(key, 3)
-
-        def decide(carry: tuple[jax.Array, EnvState], time: jax.Array) -> Any:
+        def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
             """One decision."""
-            obs, state = carry
-            now = jax.vmap(jax.random.fold_in, (0, None))(streams, time)
-            mask = probed.action_mask(state, params)
-            action, probabilities = choose(now[ACT], obs, state, params)
-            obs, state, reward, _, _, info = probed.step_env(now[STEP], state, action, params)
-            happened = info["tally"]
+            episodes, made = player.decide(episodes, number, [weights], params)
+            after, _ = env.highway(_row(episodes.state), params)
+            made = _row(made)
+            happened = made.info["tally"]
             decision = Decisions(
-                action=action,
-                sent=jnp.where(happened.meds_dispatched > 0.0, action, 0),
-                mask=mask,
-                probabilities=probabilities,
-                reward=reward,
-                reward_terms=info["reward_terms"],
+                action=made.action,
+                sent=jnp.where(happened.meds_dispatched > 0.0, made.action, 0),
+                mask=made.mask,
+                probabilities=made.probabilities,
+                reward=made.reward,
+                reward_terms=made.info["reward_terms"],
                 tally=happened,
-                queue=state.queue,
-                cooldown_s=state.cooldown_s,
+                queue=after.queue,
+                cooldown_s=after.cooldown_s,
             )
-            return (obs, state), (info["ticks"], decision)
+            return episodes, (frame_of(made.info["ticks"], road), decision)
 
-        obs, state = probed.reset(streams[RESET], params)
-        times = jnp.arange(decisions, dtype=jnp.int32)
-        _, (ticks, decided) = jax.lax.scan(decide, (obs, state), times)
-        return look(state), ticks, decided
+        _, (ticks, decided) = jax.lax.scan(decide, begun, jnp.arange(steps, dtype=jnp.int32))
+        return frame_of(begin, road), ticks, decided, road
 
     return play
+
+
+def _row(rows: Any) -> Any:
+    """The only one of rows."""
+    return jax.tree.map(lambda leaf: leaf[0], rows)
 
 
 def frame_of(state: EnvState, params: EnvParams) -> Frames:
@@ -192,8 +190,8 @@ def frame_of(state: EnvState, params: EnvParams) -> Frames:
         lateral_offset=vehicles.lateral_offset,
         lateral_speed=vehicles.lateral_speed,
         active=vehicles.active,
+        kind=vehicles.kind,
         ev_soc=evs.energy_j / params.ev_capacity_j,
-        ev_is_human=evs.is_human,
         ev_med=evs.med,
         ev_panel=evs.panel,
         ev_is_charging=evs.is_charging,

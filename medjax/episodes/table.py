@@ -6,10 +6,8 @@ import numpy as np
 
 from medjax.episodes.recording import Recording
 from medjax.traffic.road import lateral_position
-from medjax.traffic.step import vehicle_kinds
-from medjax.world.params import KINDS, PANELS
-
-KIND_NAMES = tuple(kind.lower().replace(" ", "_") for kind in KINDS)
+from medjax.world.kinds import KINDS
+from medjax.world.params import PANELS
 
 Table = dict[str, np.ma.MaskedArray]
 
@@ -39,12 +37,11 @@ def vehicle_table(recording: Recording) -> Table:
     soc, med, panel, charging = _of_evs_and_meds(recording)
     booked = med[rows] >= 0
     acceleration, known = _acceleration(recording, ids)
-    kinds = np.asarray(vehicle_kinds(frames.ev_is_human, recording.config))
     lane, offset = frames.lane[rows], frames.lateral_offset[rows]
     return {
         "time_s": _all(recording.time_s[time]),
         "vehicle_id": _all(ids[rows]),
-        "kind": _all(np.asarray(KIND_NAMES)[kinds[rows]]),
+        "kind": _all(np.asarray([kind.column for kind in KINDS])[frames.kind[rows]]),
         "x_m": _all(frames.x[rows]),
         "lane": _all(lane),
         "lateral_m": _all(np.asarray(lateral_position(lane, offset, lane_width), np.float32)),

@@ -1,16 +1,20 @@
 """Dispatchers: rules, a planner, and trained policies from a file."""
 
-from medjax.policies.policy import Choice, Policy
+from medjax.policies.planner import look_ahead
+from medjax.policies.policy import Choice, Policy, every, rule
 from medjax.policies.rules import BASELINES, forecast, greedy, none, paced, periodic, random
 
 __all__ = [
     "BASELINES",
     "Choice",
     "Policy",
+    "every",
     "forecast",
     "greedy",
+    "look_ahead",
     "none",
     "paced",
     "periodic",
     "random",
+    "rule",
 ]

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +21,16 @@ import numpy as np
 from jax import export
 
 from medjax.env.charging_env import ChargingEnv
-from medjax.episodes.recording import Choose
+from medjax.env.contract import Environment
 from medjax.errors import InputError
 from medjax.files import replacing
+from medjax.policies.policy import Choice, Policy, every
 from medjax.scenarios import make
 from medjax.world.params import EnvParams
-from medjax.world.state import EnvState
 
 FORMAT = 1
 ABOUT, NETWORK = "policy.json", "network.bin"
+LEARNED = "ppo"  # name of a policy whose file does not say it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,6 +43,7 @@ class About:
     decide_every: int  # decisions from one choice to the next
     num_features: int
     num_actions: int
+    name: str = LEARNED  # of the policy
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,7 +75,7 @@ class ExportedPolicy:
           `(num_actions,)` or `(rows, num_actions)` float32; 0 where the mask forbids.
 
         Raises:
-          InputError: one line, an array of another shape.
+          InputError: an array of another shape.
         """
         obs, mask = np.asarray(obs, np.float32), np.asarray(mask, bool)
         wanted = self.about.num_features, self.about.num_actions
@@ -92,30 +95,47 @@ class ExportedPolicy:
         """
         return np.argmax(self.probabilities(obs, mask), axis=-1)
 
-    def choose(self, env: ChargingEnv) -> Choose:
-        """Itself for `medjax.episodes.recording.record_episode` in an environment with its observation.
+    def policy(self, env: Environment) -> Policy:
+        """Itself among the policies of an environment with its observation: its most probable action.
 
         Raises:
-          InputError: one line, an environment that it does not fit.
+          InputError: an environment that it does not fit.
         """
-        size = env.observation.size(env.config)
+        size = math.prod(env.observation_space(None).shape)
         if (size, env.num_actions) != (self.about.num_features, self.about.num_actions):
             raise InputError(
                 f"the environment has {size} features and {env.num_actions} actions: allowed "
                 f"{self.about.num_features} and {self.about.num_actions}, as the policy was trained"
             )
+        call = _batched(self.network)
 
-        def choose(
-            key: jax.Array, obs: jax.Array, state: EnvState, params: EnvParams
-        ) -> tuple[jax.Array, jax.Array]:
-            """The most probable action `()` int32, and the probabilities `(num_actions,)`; see `Choose`."""
-            mask = env.action_mask(state, params)
-            chooses = state.time % self.about.decide_every == 0
-            mask = mask & (chooses | (jnp.arange(mask.size) == 0))
-            rows, _ = self.network.call(obs[None], mask[None])
-            return jnp.argmax(rows[0]).astype(jnp.int32), rows[0]
+        def act(weights: Any, key: jax.Array, obs: jax.Array, state: Any, params: Any) -> Choice:
+            """See `Policy.act`; the weights are in the network."""
+            (probabilities,), _ = call(obs[None], env.action_mask(state, params)[None])
+            return Choice(jnp.argmax(probabilities).astype(jnp.int32), probabilities)
 
-        return choose
+        return every(Policy(act), self.about.decide_every)
+
+
+def _batched(network: export.Exported) -> Callable[[jax.Array, jax.Array], Any]:
+    """The network on rows, for `jax.vmap` too, which JAX has no rule for: further axes are merged into the rows."""
+
+    @jax.custom_batching.custom_vmap
+    def call(obs: jax.Array, mask: jax.Array) -> tuple[jax.Array, jax.Array]:
+        probabilities, values = network.call(obs, mask)
+        return probabilities, values
+
+    @call.def_vmap
+    def _call_all(size: int, batched: Sequence[bool], *leaves: jax.Array) -> Any:
+        full = [
+            leaf if own else jnp.broadcast_to(leaf, (size, *leaf.shape))
+            for leaf, own in zip(leaves, batched, strict=True)
+        ]
+        merged = call(*(leaf.reshape(-1, leaf.shape[-1]) for leaf in full))
+        split = [leaf.reshape(size, -1, *leaf.shape[1:]) for leaf in merged]
+        return tuple(split), (True, True)
+
+    return call
 
 
 def save_policy(path: Path, about: About, network: export.Exported) -> None:
@@ -135,11 +155,45 @@ def save_policy(path: Path, about: About, network: export.Exported) -> None:
         file.writestr(NETWORK, network.serialize())
 
 
+def about_of(env: Environment, params: Any, decide_every: int, name: str = LEARNED) -> About:
+    """What a policy of an environment must know to play in it again.
+
+    Args:
+      env: as `medjax.make` built it, with rewards and an observation that have names.
+      params: those that `medjax.make` gave with it.
+      decide_every: decisions from one choice to the next.
+      name: of the policy.
+
+    Raises:
+      InputError: an environment that its file could not name.
+    """
+    recipe = getattr(env, "recipe", None)  # an environment of one's own need not have any
+    allowed = "allowed: an environment and its numbers as medjax.make gives them"
+    if recipe is None:
+        raise InputError(f"no file can say what {env.name} is, {allowed}")
+    if recipe.reward is not None or not isinstance(recipe.observation, str):
+        what = "reward" if recipe.reward is not None else "observation"
+        raise InputError(f"no file can say what the {what} of one's own is, {allowed}")
+    _, given = make(recipe.scenario, observation=recipe.observation, **recipe.overrides)
+    here, there = map(jax.tree.leaves, (params, given))
+    if len(here) != len(there) or not all(map(np.array_equal, here, there)):
+        raise InputError(f"no file can say which numbers of {env.name} were changed, {allowed}")
+    return About(
+        scenario=recipe.scenario,
+        overrides=recipe.overrides,
+        observation=recipe.observation,
+        decide_every=decide_every,
+        num_features=math.prod(env.observation_space(params).shape),
+        num_actions=env.num_actions,
+        name=name,
+    )
+
+
 def load_policy(path: Path | str) -> ExportedPolicy:
     """Reads a policy.
 
     Raises:
-      InputError: one line: no such file, or not one that `save_policy` wrote.
+      InputError: no such file, or not one that `save_policy` wrote.
     """
     allowed = "allowed: a policy that train.ppo or train.export wrote"
     try:

@@ -10,7 +10,8 @@ import numpy as np
 from medjax.errors import InputError, shown
 from medjax.render.roadway import Roadway
 from medjax.render.scene import Scene, Timeline
-from medjax.render.tracks import CLASSES, Track
+from medjax.render.tracks import Track
+from medjax.world.kinds import CLASSES
 
 AUTO = "auto"
 HOLD_S = 10.0  # that the camera stays with a MED before it goes to a busier one

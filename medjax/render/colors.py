@@ -6,7 +6,7 @@ lightness, and neither the green of MEDs nor the gray of gas vehicles on it.
 
 from __future__ import annotations
 
-from medjax.world.params import GAS, MED
+from medjax.world.kinds import EVS, KINDS, MED
 
 Color = tuple[int, int, int]
 
@@ -52,9 +52,9 @@ def soc_color(soc: float) -> Color:
 
 def vehicle_color(kind: int, soc: float) -> Color:
     """Fill of a vehicle; `soc` counts for EVs alone."""
-    if kind == MED:
-        return MED_COLOR
-    return GAS_COLOR if kind == GAS else soc_color(soc)
+    if KINDS[kind].slots == EVS:
+        return soc_color(soc)
+    return MED_COLOR if kind == MED else GAS_COLOR
 
 
 def text_color(background: Color) -> Color:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from medjax.commandline import as_path
-from medjax.episodes.chosen import Played, played_of
+from medjax.episodes.options import EpisodeRequest, requested_episode
 from medjax.errors import InputError, shown
 from medjax.files import check_output
 from medjax.render import MissingLibrary
@@ -33,7 +33,7 @@ class Request:
     """What to play and what to write; checked as far as that needs no environment."""
 
     out: Path
-    played: Played
+    played: EpisodeRequest
     follow: str
     start_s: float | None
     duration_s: float | None
@@ -70,7 +70,7 @@ def _request(given: argparse.Namespace) -> Request:
     width, height = _size(given.size)
     request = Request(
         out=out,
-        played=played_of(given),
+        played=requested_episode(given),
         follow=given.follow,
         start_s=_number("start", given.start, least=0.0),
         duration_s=_number("duration", given.duration, above=0.0),

@@ -16,7 +16,8 @@ from medjax.render.roadway import VEHICLE_WIDTH_M
 from medjax.render.scene import Timeline
 from medjax.render.series import charts_of
 from medjax.traffic.road import lateral_position
-from medjax.world.params import GAS, HUMAN_EV, MED, PANELS
+from medjax.world.kinds import GAS, HUMAN_EV, MED
+from medjax.world.params import PANELS
 
 
 def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
@@ -29,7 +30,7 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
     _add_decisions(packer, recording)
     for number, chart in enumerate(charts):
         packer.add(f"chart{number}", chart.values, 1e-4)
-    human = np.asarray(recording.frames.ev_is_human)
+    human = np.asarray(recording.frames.kind) == HUMAN_EV
     first_ev, last_ev = config.ev_slots.start, config.ev_slots.stop
     meta = {
         "scenario": recording.scenario,
@@ -37,7 +38,7 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
         "seed": recording.seed,
         "episode": recording.episode,
         "tickSeconds": config.tick_s,
-        "ticksPerDecision": config.ticks_per_decision,
+        "ticksPerDecision": recording.ticks_per_decision,
         "numMeds": config.num_meds,
         "numEvs": config.num_evs,
         "numVehicles": config.num_vehicles,
@@ -60,7 +61,7 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
         "rewardTerms": list(decisions.reward_terms),
         "tracks": [
             [t.slot, t.first, t.last, t.number]
-            + ([int(human[t.first, t.slot - first_ev])] if first_ev <= t.slot < last_ev else [])
+            + ([int(human[t.first, t.slot])] if first_ev <= t.slot < last_ev else [])
             for t in timeline.tracks
         ],
         "ranOut": [[stop.slot, stop.frame, round(stop.x_m, 2)] for stop in timeline.ran_out],

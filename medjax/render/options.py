@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from medjax.commandline import OneLineParser
-from medjax.episodes.chosen import add_played
+from medjax.episodes.options import add_episode_options
 from medjax.render.camera import AUTO, FORMS
 
 PROG = "python -m medjax.render"
@@ -21,7 +21,7 @@ def build_parser() -> OneLineParser:
         formatter_class=lambda prog: argparse.HelpFormatter(prog, max_help_position=28, width=100),
     )
     play = parser.add_argument_group("what is played")
-    add_played(play)
+    add_episode_options(play)
     play.add_argument(
         "--compare", metavar="NAME", help="a rule on the same episode beside it; .html"
     )

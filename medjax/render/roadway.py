@@ -7,9 +7,10 @@ import dataclasses
 import numpy as np
 
 from medjax.charging.docking import PANEL_LANE, Partner, panel_x
-from medjax.world.params import HUMAN_EV, MED, EnvConfig, EnvParams
+from medjax.world.kinds import HUMAN_EV, KINDS, MED
+from medjax.world.params import EnvConfig, EnvParams
 
-VEHICLE_WIDTH_M = (2.5, 1.8, 1.8, 1.8)  # MED, human EV, autonomous EV, gas; drawing alone knows it
+VEHICLE_WIDTH_M = tuple(kind.width_m for kind in KINDS)
 
 
 @dataclasses.dataclass(frozen=True)

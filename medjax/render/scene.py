@@ -11,7 +11,6 @@ from medjax.episodes.recording import Frames, Recording, frame_of
 from medjax.render.roadway import Roadway
 from medjax.render.tracks import class_of, ran_out, tracks_of
 from medjax.traffic.road import lateral_position
-from medjax.traffic.step import vehicle_kinds
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import NOT_BOOKED, EnvState
 
@@ -25,7 +24,7 @@ class Scene:
     speed: np.ndarray  # (V,) m/s
     lane: np.ndarray  # (V,) int
     active: np.ndarray  # (V,) bool, on the road
-    kind: np.ndarray  # (V,) int, `medjax.world.params.KINDS`
+    kind: np.ndarray  # (V,) int, `medjax.world.kinds.KINDS`
     ev_soc: np.ndarray  # (E,)
     ev_med: np.ndarray  # (E,) int, -1 for none
     ev_panel: np.ndarray  # (E,) int, -1 for none
@@ -53,7 +52,7 @@ def scene_of(frame: Frames, config: EnvConfig, params: EnvParams, **told: object
         "y": np.asarray(
             lateral_position(frame.lane, frame.lateral_offset, params.road.lane_width_m)
         ),
-        "kind": np.asarray(vehicle_kinds(frame.ev_is_human, config)),
+        "kind": np.asarray(frame.kind),
         "fleet": int(params.fleet.size),
     }
     same = ("speed", "lane", "active", "ev_soc", "ev_med", "ev_panel", "ev_is_charging")
@@ -114,7 +113,7 @@ class Timeline:
         share = time_s / recording.config.tick_s - now
         frame = Frames(**{name: getattr(frames, name)[now] for name in Frames.__dataclass_fields__})
         here = self._track_at[now]
-        decision = -(-now // recording.config.ticks_per_decision)
+        decision = -(-now // recording.ticks_per_decision)
         scene = scene_of(
             frame,
             recording.config,

@@ -25,7 +25,7 @@ class Chart:
 def charts_of(recording: Recording) -> list[Chart]:
     """Charts of an episode; their first point is the reset, the next one follows the first decision."""
     config, frames, decisions = recording.config, recording.frames, recording.decisions
-    now = slice(None, None, config.ticks_per_decision)
+    now = recording.decision_frames
     active, speed = np.asarray(frames.active)[now], np.asarray(frames.speed)[now]
     evs, gas = config.ev_slots, config.gas_slots
     tally = decisions.tally

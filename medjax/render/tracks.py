@@ -10,8 +10,6 @@ import numpy as np
 from medjax.episodes.recording import Recording
 from medjax.world.params import EnvConfig
 
-CLASSES = ("MED", "EV", "gas")
-
 
 @dataclasses.dataclass(frozen=True)
 class Track:
@@ -20,7 +18,7 @@ class Track:
     slot: int
     first: int  # frame that it is first seen in
     last: int  # and last seen in
-    kind: str  # of CLASSES
+    kind: str  # of `medjax.world.kinds.CLASSES`
     number: int  # of its class, from 1, in the order of entry
 
     @property
@@ -39,10 +37,9 @@ class RanOut:
 
 
 def class_of(slot: int, config: EnvConfig) -> str:
-    """Class of a slot, of CLASSES."""
-    if slot < config.num_meds:
-        return CLASSES[0]
-    return CLASSES[1] if slot < config.ev_slots.stop else CLASSES[2]
+    """Class of a slot, of `medjax.world.kinds.CLASSES`."""
+    slots = config.class_slots.items()
+    return next(name for name, where in slots if where.start <= slot < where.stop)
 
 
 def tracks_of(recording: Recording) -> list[Track]:

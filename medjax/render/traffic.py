@@ -10,11 +10,11 @@ from medjax.render.layout import Box, View
 from medjax.render.legend import dashed_box, link, mark_ran_out
 from medjax.render.roadway import VEHICLE_WIDTH_M, Roadway
 from medjax.render.scene import Scene, is_booked
-from medjax.world.params import GAS, MED
+from medjax.world.kinds import EVS, FUELLED, GAS, KINDS, MED, MEDS
 from medjax.world.state import IN_SERVICE
 
-FAR_PX = {MED: (9.0, 1.0), GAS: (3.0, 0.6)}  # least length of a mark, and its share of a lane
-FAR_EV_PX = (5.0, 0.8)
+# Least length of a mark, and its share of a lane, by class of slots.
+FAR_PX = {MEDS: (9.0, 1.0), EVS: (5.0, 0.8), FUELLED: (3.0, 0.6)}
 
 
 def _soc(scene: Scene, slot: int) -> float:
@@ -32,7 +32,7 @@ def draw_far(canvas: Canvas, view: View, scene: Scene, road: Roadway, font: int)
     lane = road.lane_width_m * view.per_m
     for slot in _back_to_front(scene):
         kind = int(scene.kind[slot])
-        least, share = FAR_PX.get(kind, FAR_EV_PX)
+        least, share = FAR_PX[KINDS[kind].slots]
         right = view.px(scene.x[slot])
         length = max(least, road.vehicle_length_m[kind] * view.along)
         y, half = view.py(scene.y[slot]), 0.5 * max(share * lane, 2.0)
@@ -94,9 +94,9 @@ def _draw_body(canvas: Canvas, box: Box, scene: Scene, slot: int, font: int) -> 
     """A vehicle; the charge is written on EVs and MEDs that are long enough."""
     kind = int(scene.kind[slot])
     fill = colors.vehicle_color(kind, _soc(scene, slot))
-    outline = colors.EDGE if kind == GAS else colors.INK
-    canvas.body(box, fill, outline)
-    if kind == GAS:
+    has_charge = KINDS[kind].slots != FUELLED
+    canvas.body(box, fill, colors.INK if has_charge else colors.EDGE)
+    if not has_charge:
         return
     soc = float(scene.med_soc[slot]) if kind == MED else _soc(scene, slot)
     number = f"{100.0 * soc:.0f}"

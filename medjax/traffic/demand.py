@@ -7,7 +7,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.world.params import DemandParams, DriverParams, RoadParams, Scalar
+from medjax.world.kinds import AUTONOMOUS_EV, EVS, FUELLED, GAS, HUMAN_EV, kinds_in
+from medjax.world.params import DemandParams, DriverParams, EnvParams, RoadParams, Scalar
 
 # Arrivals at one entry in one decision are counted up to here; with 2 expected, more come once in
 # 20,000 decisions.
@@ -47,6 +48,12 @@ def desired_speeds(normal: jax.Array, kind: jax.Array, drivers: DriverParams) ->
     """Desired speed of each vehicle, m/s, from standard normal draws of its shape."""
     spread = jnp.clip(normal, -SPEED_SPREAD, SPEED_SPREAD) * drivers.desired_speed_std[kind]
     return jnp.maximum(drivers.desired_speed[kind] + spread, 0.5 * drivers.desired_speed[kind])
+
+
+def drawn_kinds(uniform: jax.Array, is_ev: jax.Array, demand: DemandParams) -> jax.Array:
+    """Kinds of vehicles that come by themselves, int32, from uniform draws and whether each is an EV, of one shape."""
+    driven = jnp.where(uniform < demand.human_share, HUMAN_EV, AUTONOMOUS_EV)
+    return jnp.where(is_ev, driven, GAS).astype(jnp.int32)
 
 
 class Entries(NamedTuple):
@@ -160,66 +167,73 @@ def expected_vehicles(demand: DemandParams, road: RoadParams, speed: Scalar) -> 
 
 
 def fill_road(
-    key: jax.Array,
-    is_ev: jax.Array,
-    desired_speed: jax.Array,
-    demand: DemandParams,
-    road: RoadParams,
-    drivers: DriverParams,
-    num_lanes: int,
-    max_braking: Scalar = 1e9,
+    key: jax.Array, is_ev: jax.Array, desired_speed: jax.Array, num_lanes: int, params: EnvParams
 ) -> Fill:
     """Fills the lanes to match the demand, in closed form and without a collision.
 
     A Poisson number of vehicles stands on a grid of places, one lane after the other, each moved
-    forward by up to half the spacing. EVs are mixed in at random by one shuffle of the slots. Nobody
-    starts faster than the headway to the smallest possible gap allows, nor so fast that four fifths of max_braking
-    would not bring it down to the slowest one's speed within that gap.
+    forward by up to half the spacing. EVs are mixed in at random by one shuffle of the slots.
 
     Args:
       key: random key.
       is_ev: (C,) bool, class of each slot (EVs and gas vehicles).
       desired_speed: (C,) m/s.
-      max_braking: m/s^2; as good as no limit unless given.
 
     Returns:
       Fill of the C slots.
     """
     count_key, share_key, shuffle_key, jitter_key = jax.random.split(key, 4)
-    slots = is_ev.shape[0]
-    num_ev_slots = jnp.sum(is_ev)
-    cruise = drivers.desired_speed[-1]
-    expected = expected_vehicles(demand, road, cruise)
-    # Normal approximations of the Poisson and binomial counts: closed form, and good above 20.
-    total = expected + jnp.sqrt(expected) * jax.random.normal(count_key)
-    # Leave everyone more than a standing vehicle's room in the half of the spacing that jitter spares,
-    # whatever the demand; MEDs, the first kind, are not filled in.
-    room = jnp.max(drivers.vehicle_length[1:] + drivers.min_gap[1:])
-    total = jnp.clip(jnp.round(total), 0, num_lanes * jnp.floor(road.length_m / (2.5 * room)))
-    spread = jnp.sqrt(total * demand.ev_share * (1.0 - demand.ev_share))
-    evs = jnp.round(total * demand.ev_share + spread * jax.random.normal(share_key))
-    evs = jnp.clip(evs, 0, jnp.minimum(total, num_ev_slots))
-    gas = jnp.clip(total - evs, 0, slots - num_ev_slots)
+    evs, gas = _drawn_counts((count_key, share_key), is_ev, num_lanes, params)
     class_rank = jnp.where(is_ev, jnp.cumsum(is_ev), jnp.cumsum(~is_ev)) - 1
     active = class_rank < jnp.where(is_ev, evs, gas)
 
     position = _shuffled_places(shuffle_key, active)
     per_lane = jnp.maximum(jnp.ceil((evs + gas) / num_lanes), 1.0)
-    spacing = road.length_m / per_lane
+    spacing = params.road.length_m / per_lane
     row = position // num_lanes
-    jitter = jax.random.uniform(jitter_key, (slots,), maxval=0.5)
+    jitter = jax.random.uniform(jitter_key, is_ev.shape, maxval=0.5)
+    return Fill(
+        x=(row + jitter) * spacing,
+        lane=(position % num_lanes).astype(jnp.int32),
+        speed=jnp.minimum(desired_speed, _safe_start(spacing, desired_speed, params)),
+        active=active,
+    )
+
+
+def _drawn_counts(
+    keys: tuple[jax.Array, jax.Array], is_ev: jax.Array, num_lanes: int, params: EnvParams
+) -> tuple[jax.Array, jax.Array]:
+    """EVs and gas vehicles on the road, () each: at most as many as there are slots and as the road has room for."""
+    demand, road, drivers = params.demand, params.road, params.drivers
+    slots, num_ev_slots = is_ev.shape[0], jnp.sum(is_ev)
+    expected = expected_vehicles(demand, road, drivers.desired_speed[GAS])
+    # Normal approximations of the Poisson and binomial counts: closed form, and good above 20.
+    total = expected + jnp.sqrt(expected) * jax.random.normal(keys[0])
+    # Leave everyone more than a standing vehicle's room in the half of the spacing that jitter spares,
+    # whatever the demand; MEDs are not filled in.
+    kinds = jnp.array(kinds_in(EVS, FUELLED))
+    room = jnp.max(drivers.vehicle_length[kinds] + drivers.min_gap[kinds])
+    total = jnp.clip(jnp.round(total), 0, num_lanes * jnp.floor(road.length_m / (2.5 * room)))
+    spread = jnp.sqrt(total * demand.ev_share * (1.0 - demand.ev_share))
+    evs = jnp.round(total * demand.ev_share + spread * jax.random.normal(keys[1]))
+    evs = jnp.clip(evs, 0, jnp.minimum(total, num_ev_slots))
+    return evs, jnp.clip(total - evs, 0, slots - num_ev_slots)
+
+
+def _safe_start(spacing: jax.Array, desired_speed: jax.Array, params: EnvParams) -> jax.Array:
+    """The speed that nobody on a road filled at this spacing, m, starts faster than, () m/s.
+
+    The headway to the smallest possible gap allows it, and four fifths of max_braking would bring it down to the
+    slowest one's speed within that gap.
+    """
+    drivers = params.drivers
     smallest_gap = 0.5 * spacing - jnp.max(drivers.vehicle_length)
     room = jnp.maximum(smallest_gap - jnp.max(drivers.min_gap), 0.0)
     # As XLA divides by what all environments share; where there is one, it would not.
     fastest = room * (1.0 / jnp.max(drivers.time_headway))
     slowest = jnp.minimum(jnp.min(desired_speed), fastest)
-    fastest = jnp.minimum(fastest, jnp.sqrt(slowest**2 + 2.0 * 0.8 * max_braking * room))
-    return Fill(
-        x=(row + jitter) * spacing,
-        lane=(position % num_lanes).astype(jnp.int32),
-        speed=jnp.minimum(desired_speed, fastest),
-        active=active,
-    )
+    braked = slowest**2 + 2.0 * 0.8 * params.motion.max_braking * room
+    return jnp.minimum(fastest, jnp.sqrt(braked))
 
 
 def _shuffled_places(key: jax.Array, active: jax.Array) -> jax.Array:

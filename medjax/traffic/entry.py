@@ -7,10 +7,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.env.tick import by_class
 from medjax.traffic.demand import (
     Entries,
     desired_speeds,
+    drawn_kinds,
     entries,
     entry_rates,
     entry_speed,
@@ -19,9 +19,9 @@ from medjax.traffic.demand import (
     poisson_arrivals,
 )
 from medjax.traffic.following import by_kind
-from medjax.traffic.step import vehicle_kinds
-from medjax.world.params import AUTONOMOUS_EV, GAS, HUMAN_EV, MED, EnvConfig, EnvParams
-from medjax.world.state import MERGING, NOT_BOOKED, QUEUED, EnvState, Tally
+from medjax.world.kinds import MED
+from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.state import MERGING, QUEUED, EnvState, Tally, Vehicles, count_kinds
 
 
 def _waiting_meds(state: EnvState, config: EnvConfig) -> tuple[jax.Array, jax.Array]:
@@ -33,35 +33,31 @@ def _waiting_meds(state: EnvState, config: EnvConfig) -> tuple[jax.Array, jax.Ar
     return first, jnp.concatenate([none.astype(bool), waits.any(axis=1)])
 
 
+class Newcomers(NamedTuple):
+    """Who came onto the road in a round of entries."""
+
+    entry: jax.Array  # (N,) int32, the entry that a slot received a vehicle from, -1 for none
+    luck: jax.Array  # (K,) uniform draws, one an entry, for what else is random about a newcomer
+
+
 class _NextUp(NamedTuple):
     """Who would enter at each entry, `(K,)` each."""
 
     kind: jax.Array  # int32
-    is_human: jax.Array  # bool, read of EVs only
     desired_speed: jax.Array  # m/s
-    soc: jax.Array  # state of charge, read of EVs only
 
 
 def _next_up(
     speed_draw: jax.Array,
-    human_draw: jax.Array,
-    soc_draw: jax.Array,
+    kind_draw: jax.Array,
     state: EnvState,
     med_waits: jax.Array,
     params: EnvParams,
 ) -> _NextUp:
-    """A MED where one waits, else the first of the queue, by draws `(K,)`: normal, uniform, uniform."""
-    demand, drivers = params.demand, params.drivers
-    is_human = human_draw < demand.human_share
-    kind = jnp.where(state.next_is_ev, jnp.where(is_human, HUMAN_EV, AUTONOMOUS_EV), GAS)
+    """A MED where one waits, else the first of the queue, by draws `(K,)`: normal, uniform."""
+    kind = drawn_kinds(kind_draw, state.next_is_ev, params.demand)
     kind = jnp.where(med_waits, MED, kind)
-    desired = desired_speeds(speed_draw, kind, drivers)
-    return _NextUp(
-        kind=kind,
-        is_human=is_human,
-        desired_speed=jnp.where(med_waits, params.fleet.service_speed, desired),
-        soc=demand.arrival_soc_low + soc_draw * (demand.arrival_soc_high - demand.arrival_soc_low),
-    )
+    return _NextUp(kind, desired_speeds(speed_draw, kind, params.drivers))
 
 
 def _safe_speed(
@@ -69,7 +65,7 @@ def _safe_speed(
 ) -> tuple[jax.Array, jax.Array]:
     """Speed at which each may enter, and whether it may, `(K,)` each."""
     vehicles, drivers = state.vehicles, params.drivers
-    length = by_kind(vehicle_kinds(state.evs.is_human, config), drivers.vehicle_length)
+    length = by_kind(vehicles.kind, drivers.vehicle_length)
     ahead = next_ahead(where, vehicles.x, vehicles.lane, length, vehicles.speed, vehicles.active)
     desired, kind = next_up.desired_speed, next_up.kind
     on_ramp = where.lane == config.num_lanes
@@ -80,75 +76,54 @@ def _safe_speed(
 
 
 def _put_on_road(
-    entry: jax.Array,
-    next_up: _NextUp,
-    where: Entries,
-    speed: jax.Array,
-    state: EnvState,
-    config: EnvConfig,
-    params: EnvParams,
-) -> EnvState:
+    vehicles: Vehicles, entry: jax.Array, next_up: _NextUp, where: Entries, speed: jax.Array
+) -> Vehicles:
     """Writes newcomers into their slots.
 
     Args:
       entry: (N,) int32, the entry that a slot receives a vehicle from, -1 for none.
       speed: (K,) m/s, at which they enter.
     """
-    vehicles, evs, meds = state.vehicles, state.evs, state.meds
-    new = entry >= 0
-    source = jnp.maximum(entry, 0)
+    new, source = entry >= 0, jnp.maximum(entry, 0)
 
     def fresh(values: jax.Array, old: jax.Array) -> jax.Array:
         return jnp.where(new, values[source], old)
 
     still = jnp.zeros(where.x.shape)
-    vehicles = vehicles.replace(
+    return vehicles.replace(
         x=fresh(where.x, vehicles.x),
         speed=fresh(speed, vehicles.speed),
         lane=fresh(where.lane, vehicles.lane),
         active=vehicles.active | new,
+        kind=fresh(next_up.kind, vehicles.kind),
         lateral_offset=fresh(still, vehicles.lateral_offset),
         lateral_speed=fresh(still, vehicles.lateral_speed),
         desired_speed=fresh(next_up.desired_speed, vehicles.desired_speed),
         acceleration_noise=fresh(still, vehicles.acceleration_noise),
         wander=fresh(still, vehicles.wander),
     )
-    new_ev, ev_source = new[config.ev_slots], source[config.ev_slots]
-    evs = evs.replace(
-        energy_j=jnp.where(new_ev, next_up.soc[ev_source] * params.ev_capacity_j, evs.energy_j),
-        rest_j=jnp.where(new_ev, 0.0, evs.rest_j),
-        is_human=jnp.where(new_ev, next_up.is_human[ev_source], evs.is_human),
-        med=jnp.where(new_ev, NOT_BOOKED, evs.med),
-        panel=jnp.where(new_ev, NOT_BOOKED, evs.panel),
-        is_charging=evs.is_charging & ~new_ev,
-        timer_s=jnp.where(new_ev, 0.0, evs.timer_s),
-        served=evs.served & ~new_ev,
-    )
-    meds = meds.replace(status=jnp.where(new[config.med_slots], MERGING, meds.status))
-    return state.replace(vehicles=vehicles, evs=evs, meds=meds)
 
 
 def admit(
     key: jax.Array, state: EnvState, config: EnvConfig, params: EnvParams
-) -> tuple[EnvState, Tally]:
+) -> tuple[EnvState, Newcomers, Tally]:
     """One round of entries: at most one vehicle at each entry, MEDs first.
 
-    An arrival that finds no safe gap, or no free slot of its class, waits in the queue.
+    An arrival that finds no safe gap, or no free slot of its class, waits in the queue. What EVs bring with
+    them is left to the caller.
 
     Returns:
-      (state, tally of who entered)
+      (state, who came, tally of who entered)
     """
     demand, active, num_entries = params.demand, state.vehicles.active, config.num_entries
     normal_key, uniform_key = jax.random.split(key)
     speed_draw = jax.random.normal(normal_key, (num_entries,))
-    arrival_draw, class_draw, human_draw, soc_draw = jax.random.uniform(
-        uniform_key, (4, num_entries)
-    )
+    arrival_draw, class_draw, kind_draw, luck = jax.random.uniform(uniform_key, (4, num_entries))
     expected = entry_rates(demand, config.num_lanes) * config.decision_s
     queue = state.queue + poisson_arrivals(arrival_draw, expected)
 
     first_med, med_waits = _waiting_meds(state, config)
-    next_up = _next_up(speed_draw, human_draw, soc_draw, state, med_waits, params)
+    next_up = _next_up(speed_draw, kind_draw, state, med_waits, params)
     where = entries(params.road, config.num_lanes)
     speed, safe = _safe_speed(next_up, where, state, config, params)
 
@@ -159,16 +134,23 @@ def admit(
     enters = jnp.where(med_waits & safe, first_med, config.num_meds)
     med_entry = jnp.full((config.num_meds,), -1, jnp.int32)
     med_entry = med_entry.at[enters].set(jnp.arange(num_entries, dtype=jnp.int32), mode="drop")
-    entry = jnp.concatenate([med_entry, ev_entry, gas_entry])
-    state = _put_on_road(entry, next_up, where, speed, state, config, params)
+    entry = config.by_slot(med_entry, ev_entry, gas_entry)
+    vehicles = _put_on_road(state.vehicles, entry, next_up, where, speed)
+    status = jnp.where(med_entry >= 0, MERGING, state.meds.status)
 
     placed = ev_placed | gas_placed
     queue = queue - placed
     # A class is drawn once a vehicle: drawn at every try, a class short of slots would be let in too seldom.
     next_is_ev = jnp.where(placed, class_draw < demand.ev_share, is_ev)
-    queued_meds = jnp.sum(state.meds.status == QUEUED)
+    queued_meds = jnp.sum(status == QUEUED)
     tally = Tally.zeros().replace(
-        entered=by_class(entry >= 0, config),
+        entered=count_kinds(entry >= 0, vehicles.kind, config),
         queue_seconds=(jnp.sum(queue) + queued_meds).astype(jnp.float32) * config.decision_s,
     )
-    return state.replace(queue=queue, next_is_ev=next_is_ev), tally
+    state = state.replace(
+        vehicles=vehicles,
+        meds=state.meds.replace(status=status),
+        queue=queue,
+        next_is_ev=next_is_ev,
+    )
+    return state, Newcomers(entry, luck), tally

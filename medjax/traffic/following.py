@@ -1,24 +1,21 @@
-"""Who follows whom how: IDM between any two vehicles, each with its own parameters."""
+"""Who follows whom how: a car-following model between any two vehicles, each with its own parameters."""
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 
 from medjax.numerics.gathers import read
-from medjax.traffic.idm import (
-    FREE_GAP_M,
-    braking_weight,
-    free_acceleration,
-    interaction,
-    wanted_gap,
-)
 from medjax.traffic.neighbours import NOBODY
 from medjax.world.params import DriverParams, Scalar
 
 T = TypeVar("T")
+
+# The gap of a vehicle with nobody ahead: far enough that IDM's (s*/s)^2 is lost in float32 rounding.
+FREE_GAP_M = 1.0e6
 
 
 class Leader(NamedTuple):
@@ -38,7 +35,7 @@ class Drivers(NamedTuple):
     min_gap: jax.Array  # m
     max_acceleration: jax.Array  # m/s^2
     comfortable_deceleration: jax.Array  # m/s^2
-    braking_weight: jax.Array  # s^2/m, idm.braking_weight
+    constants: Any  # of the model, `CarFollowing.constants`
 
 
 class Follower(NamedTuple):
@@ -46,12 +43,36 @@ class Follower(NamedTuple):
 
     x: jax.Array  # m, front bumper
     speed: jax.Array  # m/s
-    free_acceleration: jax.Array  # m/s^2, with nobody ahead
     time_headway: jax.Array  # s
     min_gap: jax.Array  # m
     max_acceleration: jax.Array  # m/s^2
-    braking_weight: jax.Array  # s^2/m
+    prepared: Any  # by the model, `CarFollowing.prepare`
     platoon: jax.Array  # int32, index of the MED it drives with, or NOBODY
+
+
+class CarFollowing(Protocol):
+    """A car-following model, `ChargingEnv(following=...)`; `medjax.traffic.idm.IDM` is one.
+
+    What depends on the follower alone is worked out once for all vehicles, not for each leader that it might
+    have: a lane change looks at four pairs.
+    """
+
+    def constants(self, drivers: Drivers) -> Any:
+        """A tree of `(N,)`, what the model makes of drivers (without `constants`) once a decision."""
+
+    def prepare(self, drivers: Drivers, speed: jax.Array) -> Any:
+        """A tree of `(N,)`, what the model makes of all vehicles at their speeds `(N,)` m/s, once a tick."""
+
+    def acceleration(
+        self, follower: Follower, gap: jax.Array, leader_speed: ArrayLike
+    ) -> jax.Array:
+        """Of a follower behind a leader, or something that stands, m/s^2, of the shape of the gap.
+
+        Args:
+          follower: its headway and standing gap are those that it keeps to this leader.
+          gap: m, bumper to bumper; FREE_GAP_M on a free road, below 0 where they overlap.
+          leader_speed: m/s; the follower's own on a free road.
+        """
 
 
 class Platooning(NamedTuple):
@@ -71,42 +92,38 @@ def of_slots(vehicles: T, slots: jax.Array) -> T:
     return read(vehicles, jnp.maximum(slots, 0))
 
 
-def make_drivers(kind: jax.Array, desired_speed: jax.Array, params: DriverParams) -> Drivers:
+def make_drivers(
+    kind: jax.Array, desired_speed: jax.Array, params: DriverParams, model: CarFollowing
+) -> Drivers:
     """Drivers of all slots by their kinds' parameters.
 
     Args:
       kind: (N,) int32; desired_speed: (N,) m/s.
     """
-    max_acceleration = by_kind(kind, params.max_acceleration)
-    comfortable_deceleration = by_kind(kind, params.comfortable_deceleration)
-    return Drivers(
+    drivers = Drivers(
         length=by_kind(kind, params.vehicle_length),
         desired_speed=desired_speed,
         time_headway=by_kind(kind, params.time_headway),
         min_gap=by_kind(kind, params.min_gap),
-        max_acceleration=max_acceleration,
-        comfortable_deceleration=comfortable_deceleration,
-        braking_weight=braking_weight(max_acceleration, comfortable_deceleration),
+        max_acceleration=by_kind(kind, params.max_acceleration),
+        comfortable_deceleration=by_kind(kind, params.comfortable_deceleration),
+        constants=None,
     )
+    return drivers._replace(constants=model.constants(drivers))
 
 
 def roles(
-    drivers: Drivers, x: jax.Array, speed: jax.Array, platoon: jax.Array
+    drivers: Drivers, x: jax.Array, speed: jax.Array, platoon: jax.Array, model: CarFollowing
 ) -> tuple[Leader, Follower]:
     """All vehicles as they are seen from behind, and as they follow; every array `(N,)`."""
     leader = Leader(x - drivers.length, speed, platoon)
     follower = Follower(
         x=x,
         speed=speed,
-        free_acceleration=free_acceleration(
-            speed,
-            desired_speed=drivers.desired_speed,
-            max_acceleration=drivers.max_acceleration,
-        ),
         time_headway=drivers.time_headway,
         min_gap=drivers.min_gap,
         max_acceleration=drivers.max_acceleration,
-        braking_weight=drivers.braking_weight,
+        prepared=model.prepare(drivers, speed),
         platoon=platoon,
     )
     return leader, follower
@@ -118,9 +135,13 @@ def gap_between(follower: Follower, leader: Leader) -> jax.Array:
 
 
 def following_acceleration(
-    follower: Follower, leader: Leader, has_leader: jax.Array, platooning: Platooning
+    follower: Follower,
+    leader: Leader,
+    has_leader: jax.Array,
+    platooning: Platooning,
+    model: CarFollowing,
 ) -> jax.Array:
-    """IDM acceleration of each follower behind its leader, m/s^2, by the follower's parameters.
+    """Acceleration of each follower behind its leader, m/s^2, by the follower's parameters.
 
     Members of one platoon keep the platoon's headway and gap to each other: a MED and the EVs booked
     on it drive closer than strangers would.
@@ -130,24 +151,9 @@ def following_acceleration(
       has_leader: bool, that shape; False is a free road.
     """
     together = has_leader & (follower.platoon == leader.platoon) & (follower.platoon != NOBODY)
-    wanted = wanted_gap(
-        follower.speed,
-        jnp.where(has_leader, leader.speed, follower.speed),
+    keeps = follower._replace(
         time_headway=jnp.where(together, platooning.time_headway, follower.time_headway),
         min_gap=jnp.where(together, platooning.min_gap, follower.min_gap),
-        braking_weight=follower.braking_weight,
     )
     gap = jnp.where(has_leader, gap_between(follower, leader), FREE_GAP_M)
-    return follower.free_acceleration - interaction(wanted, gap, follower.max_acceleration)
-
-
-def obstacle_acceleration(driver: Follower, distance: jax.Array) -> jax.Array:
-    """IDM acceleration toward something that stands distance metres ahead, m/s^2."""
-    wanted = wanted_gap(
-        driver.speed,
-        0.0,
-        time_headway=driver.time_headway,
-        min_gap=driver.min_gap,
-        braking_weight=driver.braking_weight,
-    )
-    return driver.free_acceleration - interaction(wanted, distance, driver.max_acceleration)
+    return model.acceleration(keeps, gap, jnp.where(has_leader, leader.speed, follower.speed))

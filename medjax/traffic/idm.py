@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 
+from medjax.traffic.following import Drivers, Follower
+
 # Bumper gaps are not let below this in s*/s, so that an overlap brakes hard instead of dividing by 0.
 SMALLEST_GAP_M = 0.1
-# The gap of a vehicle with nobody ahead: far enough that (s*/s)^2 is lost in float32 rounding.
-FREE_GAP_M = 1.0e6
 
 
 def idm_acceleration(
@@ -28,7 +31,7 @@ def idm_acceleration(
 
     Args:
       speed: m/s; all arguments broadcast together, any shape.
-      gap: m, bumper to bumper; below 0.1 m it counts as 0.1 m. FREE_GAP_M for a free road.
+      gap: m, bumper to bumper; below 0.1 m it counts as 0.1 m. `following.FREE_GAP_M` for a free road.
       leader_speed: m/s.
       desired_speed: v0, m/s.
       time_headway: T, s.
@@ -91,3 +94,48 @@ def interaction(wanted: jax.Array, gap: ArrayLike, max_acceleration: ArrayLike) 
     """A (s*/s)^2, m/s^2, what the leader takes from the free acceleration."""
     ratio = wanted / jnp.maximum(gap, SMALLEST_GAP_M)
     return jnp.multiply(max_acceleration, jnp.square(ratio))
+
+
+class Prepared(NamedTuple):
+    """What IDM takes from a follower alone; every field of one shape."""
+
+    free_acceleration: jax.Array  # m/s^2, with nobody ahead
+    braking_weight: jax.Array  # s^2/m
+
+
+@dataclasses.dataclass(frozen=True)
+class IDM:
+    """IDM as a `CarFollowing`."""
+
+    exponent: float = 4.0
+
+    def constants(self, drivers: Drivers) -> jax.Array:
+        """The braking weight, s^2/m."""
+        return braking_weight(drivers.max_acceleration, drivers.comfortable_deceleration)
+
+    def prepare(self, drivers: Drivers, speed: jax.Array) -> Prepared:
+        """The acceleration on a free road, and the braking weight."""
+        free = free_acceleration(
+            speed,
+            desired_speed=drivers.desired_speed,
+            max_acceleration=drivers.max_acceleration,
+            exponent=self.exponent,
+        )
+        return Prepared(free, drivers.constants)
+
+    def acceleration(
+        self, follower: Follower, gap: jax.Array, leader_speed: ArrayLike
+    ) -> jax.Array:
+        """`idm_acceleration`, m/s^2."""
+        wanted = wanted_gap(
+            follower.speed,
+            leader_speed,
+            time_headway=follower.time_headway,
+            min_gap=follower.min_gap,
+            braking_weight=follower.prepared.braking_weight,
+        )
+        free = follower.prepared.free_acceleration
+        return free - interaction(wanted, gap, follower.max_acceleration)
+
+
+STANDARD_IDM = IDM()  # with the usual exponent

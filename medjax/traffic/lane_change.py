@@ -6,19 +6,13 @@ from one lane, where they already keep their distance, so no gap is ever taken f
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 
-from medjax.traffic.following import (
-    Follower,
-    Leader,
-    Platooning,
-    following_acceleration,
-    gap_between,
-    of_slots,
-)
+from medjax.traffic.following import Follower, Leader, gap_between, of_slots
 from medjax.traffic.mobil import is_safe, mobil_incentive
 from medjax.traffic.neighbours import NOBODY, Neighbours
 from medjax.world.params import LaneChangeParams
@@ -71,27 +65,32 @@ def place_group(flags: jax.Array, turn: Turn, num_vehicles: int) -> jax.Array:
     return rows.reshape(-1)[:num_vehicles]
 
 
+class Situation(NamedTuple):
+    """What everyone sees of everyone, and does about it in the own lane, `(N,)` each, by slot."""
+
+    leaders: Leader
+    followers: Follower
+    neighbours: Neighbours  # in the own lane, and in the lane on the side looked at
+    following: jax.Array  # m/s^2, by car following alone
+    acceleration: jax.Array  # m/s^2, with the end of an acceleration lane counted
+
+
+Follow = Callable[[Follower, Leader, jax.Array], jax.Array]
+"""`(followers, leaders, has_leader)` of one shape to accelerations, m/s^2."""
+
+
 def decide(
-    leaders: Leader,
-    followers: Follower,
-    following: jax.Array,
-    turn: Turn,
-    neighbours: Neighbours,
-    acceleration: jax.Array,
-    wish: Wish,
-    platooning: Platooning,
-    params: LaneChangeParams,
+    situation: Situation, wish: Wish, turn: Turn, follow: Follow, params: LaneChangeParams
 ) -> jax.Array:
     """Which of those whose turn it is want to change lanes now and can safely, `(C,)` bool.
 
     Args:
-      leaders, followers: of all vehicles, by slot; every array is `(N,)`.
-      following: m/s^2, by car following alone.
-      turn: whose turn it is, and the side looked at.
-      neighbours: in the own lane, and in the lane on that side.
-      acceleration: m/s^2, with the end of an acceleration lane counted.
+      situation: of all vehicles.
       wish: mandatory changes; they add a bias, safety is never waived.
+      turn: whose turn it is, and the side looked at.
+      follow: car following between any two.
     """
+    leaders, followers, neighbours, following, acceleration = situation
     own = pick_group(followers, turn)
     seen = pick_group(leaders, turn)
     neighbours, wish = pick_group(neighbours, turn), pick_group(wish, turn)
@@ -103,11 +102,9 @@ def decide(
     has_follower = neighbours.target_follower != NOBODY
     has_old_follower = neighbours.follower != NOBODY
 
-    own_after = following_acceleration(own, leader, has_leader, platooning)
-    new_after = following_acceleration(follower, seen, has_follower, platooning)
-    old_after = following_acceleration(
-        old_follower, old_leader, neighbours.leader != NOBODY, platooning
-    )
+    own_after = follow(own, leader, has_leader)
+    new_after = follow(follower, seen, has_follower)
+    old_after = follow(old_follower, old_leader, neighbours.leader != NOBODY)
 
     incentive = mobil_incentive(
         pick_group(acceleration, turn),

@@ -1,136 +1,104 @@
-"""How all vehicles move in a tick: perception, car following, docking control, lane changes, motion."""
+"""How all vehicles move in a tick: perception, car following, lane changes, motion."""
 
 from __future__ import annotations
+
+import functools
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.docking import Approach, Partner, docking_acceleration, plan_approach
-from medjax.numerics.gathers import read
 from medjax.traffic.following import (
+    CarFollowing,
     Drivers,
-    Follower,
-    Leader,
     Platooning,
+    by_kind,
     following_acceleration,
     gap_between,
     make_drivers,
-    obstacle_acceleration,
     of_slots,
     roles,
 )
-from medjax.traffic.lane_change import Turn, Wish, decide, place_group, whose_turn
-from medjax.traffic.motion import ballistic_step, lateral_step
-from medjax.traffic.neighbours import NOBODY, Neighbours, find_neighbours, sort_by_road
+from medjax.traffic.idm import STANDARD_IDM
+from medjax.traffic.lane_change import (
+    Follow,
+    Situation,
+    Turn,
+    Wish,
+    decide,
+    place_group,
+    whose_turn,
+)
+from medjax.traffic.motion import ballistic_step, lateral_step, ornstein_uhlenbeck
+from medjax.traffic.neighbours import NOBODY, find_neighbours, sort_by_road
 from medjax.traffic.road import merge_distance
-from medjax.world.params import AUTONOMOUS_EV, GAS, HUMAN_EV, MED, EnvConfig, EnvParams
-from medjax.world.state import NOT_BOOKED, EnvState, EVs, Tally, Vehicles
+from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.state import IN_SERVICE, EnvState, Tally, Vehicles
 
 
-def vehicle_kinds(is_human: jax.Array, config: EnvConfig) -> jax.Array:
-    """Kind of each slot, `(..., N)` int32, by `is_human` `(..., E)`: its class by position, EVs by who drives."""
-    lead = is_human.shape[:-1]
-    return jnp.concatenate(
-        [
-            jnp.full((*lead, config.num_meds), MED, jnp.int32),
-            jnp.where(is_human, HUMAN_EV, AUTONOMOUS_EV).astype(jnp.int32),
-            jnp.full((*lead, config.num_gas), GAS, jnp.int32),
-        ],
-        axis=-1,
+class Orders(NamedTuple):
+    """What others than its driver want of each vehicle in a tick, `(N,)` but for `platooning`."""
+
+    platoon: jax.Array  # int32, vehicles of one number keep together, NOBODY: of none
+    platooning: Platooning  # how close
+    acceleration: jax.Array  # m/s^2 at most, inf where nobody cares
+    direction: jax.Array  # int32: -1 must go left, +1 right, 0 need not change lanes
+    stay: jax.Array  # bool: no change but a mandatory one
+
+
+def drivers_of(
+    state: EnvState, config: EnvConfig, params: EnvParams, following: CarFollowing = STANDARD_IDM
+) -> Drivers:
+    """Drivers of all slots, `(N,)` each; they stay the same between two rounds of entries.
+
+    A MED drives with its own desired speed until it is in service, then at the fleet's service speed.
+    """
+    vehicles, slots = state.vehicles, config.med_slots
+    own = vehicles.desired_speed
+    in_service = state.meds.status == IN_SERVICE
+    med_speed = jnp.where(in_service, params.fleet.service_speed, own[slots])
+    return make_drivers(vehicles.kind, own.at[slots].set(med_speed), params.drivers, following)
+
+
+def perturb(key: jax.Array, vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> Vehicles:
+    """Drivers' noise moves on once a decision; between decisions it is constant."""
+    drivers = params.drivers
+    normal = jax.random.normal(key, (2, config.num_vehicles))
+    time_s, dt = params.motion.noise_time_s, config.decision_s
+    noise, wander = (
+        ornstein_uhlenbeck(value, draw, by_kind(vehicles.kind, std), time_s, dt)
+        for value, draw, std in (
+            (vehicles.acceleration_noise, normal[0], drivers.acceleration_noise),
+            (vehicles.wander, normal[1], drivers.lateral_wander),
+        )
     )
-
-
-def drivers_of(state: EnvState, config: EnvConfig, params: EnvParams) -> Drivers:
-    """Drivers of all slots, `(N,)` each; they stay the same between two rounds of entries."""
-    kind = vehicle_kinds(state.evs.is_human, config)
-    return make_drivers(kind, state.vehicles.desired_speed, params.drivers)
-
-
-def partners(vehicles: Vehicles, evs: EVs, length: jax.Array, config: EnvConfig) -> Partner:
-    """The MED of each EV, `(E,)` fields; MED 0 stands in where an EV is not booked."""
-    columns = Partner(vehicles.x, vehicles.speed, vehicles.lane, length)
-    meds = jax.tree.map(lambda column: column[config.med_slots], columns)
-    return read(meds, jnp.maximum(evs.med, 0))
-
-
-def _platoons(state: EnvState, config: EnvConfig) -> jax.Array:
-    """Index of the MED that each vehicle drives with, `(N,)` int32."""
-    return jnp.concatenate(
-        [
-            jnp.arange(config.num_meds, dtype=jnp.int32),
-            state.evs.med,
-            jnp.full((config.num_gas,), NOBODY, jnp.int32),
-        ]
-    )
+    return vehicles.replace(acceleration_noise=noise, wander=wander)
 
 
 def _wishes(
-    state: EnvState, approach: Approach, to_end: jax.Array, config: EnvConfig, params: EnvParams
+    vehicles: Vehicles, orders: Orders, to_end: jax.Array, config: EnvConfig, params: EnvParams
 ) -> Wish:
-    """Mandatory changes: off a ramp, a MED to its service lane, a booked EV to its slot's lane."""
-    lane = state.vehicles.lane
-    merging = lane == config.num_lanes
-    booked = state.evs.med != NOT_BOOKED
-    gas = jnp.zeros((config.num_gas,), jnp.int32)
-    med_direction = jnp.sign(params.fleet.service_lane - lane[config.med_slots])
-    ev_direction = jnp.where(booked, approach.direction, 0)
-    direction = jnp.concatenate([med_direction, ev_direction, gas]).astype(jnp.int32)
-    stay = jnp.concatenate([jnp.ones((config.num_meds,), bool), booked, gas.astype(bool)])
+    """Mandatory changes: off a ramp, and what is ordered."""
+    merging = vehicles.lane == config.num_lanes
+    urgency = jnp.clip(1.0 - to_end / params.road.acceleration_lane_m, 0.0, 1.0)
     return Wish(
-        direction=jnp.where(merging, -1, direction),
-        urgency=jnp.where(
-            merging, jnp.clip(1.0 - to_end / params.road.acceleration_lane_m, 0.0, 1.0), 0.0
-        ),
-        stay=stay,
+        direction=jnp.where(merging, -1, orders.direction),
+        urgency=jnp.where(merging, urgency, 0.0),
+        stay=orders.stay,
     )
-
-
-def _approach(
-    vehicles: Vehicles, evs: EVs, drivers: Drivers, config: EnvConfig, params: EnvParams
-) -> tuple[Approach, jax.Array]:
-    """Where booked EVs drive, and the acceleration that takes them there, inf for others."""
-    med = partners(vehicles, evs, drivers.length, config)
-    x, speed, lane, length, braking = (
-        column[config.ev_slots]
-        for column in (
-            vehicles.x,
-            vehicles.speed,
-            vehicles.lane,
-            drivers.length,
-            drivers.comfortable_deceleration,
-        )
-    )
-    approach = plan_approach(x, lane, length, evs.panel, med, params.charging)
-    docking = docking_acceleration(x, speed, approach.goal_x, med.speed, braking, params.charging)
-    return approach, jnp.where(evs.med != NOT_BOOKED, docking, jnp.inf)
 
 
 def _lane_changes(
-    state: EnvState,
-    leaders: Leader,
-    followers: Follower,
-    neighbours: Neighbours,
-    following: jax.Array,
-    acceleration: jax.Array,
+    vehicles: Vehicles,
+    situation: Situation,
     wish: Wish,
     turn: Turn,
-    platooning: Platooning,
+    follow: Follow,
     config: EnvConfig,
     params: EnvParams,
 ) -> jax.Array:
     """Lane steps of all vehicles in this tick, `(N,)` int32 in -1, 0, 1."""
-    vehicles = state.vehicles
-    changes = decide(
-        leaders,
-        followers,
-        following,
-        turn,
-        neighbours,
-        acceleration,
-        wish,
-        platooning,
-        params.lane_change,
-    )
+    changes = decide(situation, wish, turn, follow, params.lane_change)
     target = vehicles.lane + turn.direction
     settled = jnp.abs(vehicles.lateral_offset) < 0.5 * params.road.lane_width_m
     may_change = vehicles.active & settled & (target >= 0) & (target < config.num_lanes)
@@ -159,59 +127,45 @@ def _step(
 
 
 def move(
-    state: EnvState, drivers: Drivers, tick: jax.Array, config: EnvConfig, params: EnvParams
+    vehicles: Vehicles,
+    drivers: Drivers,
+    orders: Orders,
+    tick: jax.Array,
+    config: EnvConfig,
+    params: EnvParams,
+    model: CarFollowing,
 ) -> tuple[Vehicles, Tally]:
     """Moves all vehicles by one tick; who leaves the road is not yet taken off it.
 
     Args:
-      state: of one environment.
-      drivers: of its vehicles.
+      vehicles: of one environment; drivers: theirs, with the constants of the model.
+      orders: what others want of them; car following and safety come first.
       tick: () int32; its parity says which way drivers look.
     """
-    vehicles, evs, ev_slots = state.vehicles, state.evs, config.ev_slots
-    leaders, followers = roles(drivers, vehicles.x, vehicles.speed, _platoons(state, config))
+    leaders, followers = roles(drivers, vehicles.x, vehicles.speed, orders.platoon, model)
     turn = whose_turn(tick, config.lane_change_groups)
     with jax.named_scope("neighbours"):
         order = sort_by_road(vehicles.x, vehicles.active, params.road.length_m, vehicles.road_order)
-        neighbours = find_neighbours(
-            order,
-            vehicles.lane,
-            vehicles.lane + turn.direction,
-            vehicles.active,
-            config.num_lanes + 1,
-        )
+        target, lanes = vehicles.lane + turn.direction, config.num_lanes + 1
+        neighbours = find_neighbours(order, vehicles.lane, target, vehicles.active, lanes)
 
+    follow = functools.partial(following_acceleration, platooning=orders.platooning, model=model)
     with jax.named_scope("car_following"):
         leader, has_leader = of_slots(leaders, neighbours.leader), neighbours.leader != NOBODY
-        platooning = Platooning(params.charging.platoon_headway, params.charging.platoon_min_gap)
-        following = following_acceleration(followers, leader, has_leader, platooning)
+        following = follow(followers, leader, has_leader)
         to_end = merge_distance(vehicles.x, params.road)
-        wall = jnp.where(
-            vehicles.lane == config.num_lanes, obstacle_acceleration(followers, to_end), jnp.inf
-        )
+        on_ramp = vehicles.lane == config.num_lanes
+        # The end of an acceleration lane stands.
+        wall = jnp.where(on_ramp, model.acceleration(followers, to_end, 0.0), jnp.inf)
         acceleration = jnp.minimum(following, wall)
 
-    with jax.named_scope("docking"):
-        approach, docking = _approach(vehicles, evs, drivers, config, params)
-        command = acceleration.at[ev_slots].min(docking) + vehicles.acceleration_noise
-
     with jax.named_scope("lane_changes"):
-        wish = _wishes(state, approach, to_end, config, params)
-        steps = _lane_changes(
-            state,
-            leaders,
-            followers,
-            neighbours,
-            following,
-            acceleration,
-            wish,
-            turn,
-            platooning,
-            config,
-            params,
-        )
+        situation = Situation(leaders, followers, neighbours, following, acceleration)
+        wish = _wishes(vehicles, orders, to_end, config, params)
+        steps = _lane_changes(vehicles, situation, wish, turn, follow, config, params)
 
     with jax.named_scope("motion"):
+        command = jnp.minimum(acceleration, orders.acceleration) + vehicles.acceleration_noise
         command = jnp.clip(command, -params.motion.max_braking, followers.max_acceleration)
         moved = _step(vehicles, command, steps, config, params).replace(road_order=order)
     overlapping = has_leader & (gap_between(followers, leader) < 0.0)

@@ -9,10 +9,10 @@ import numpy as np
 
 from medjax.errors import InputError, shown
 from medjax.physics import InductanceTable
+from medjax.world.kinds import KINDS
 from medjax.world.numbers import Number, as_numbers, read_number
 from medjax.world.params import (
     GROUPS,
-    KINDS,
     OTHERS,
     WEIGHT,
     EnvConfig,

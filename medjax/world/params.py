@@ -8,7 +8,7 @@ Each number is declared once, by `number`: here, in `traffic_params` and in `cha
 checks, the names that `medjax.make` takes, the preset `paper`, and the tables of docs/parameters.md, which
 `python -m docs.parameters` writes.
 
-The order of vehicle kinds in every `(num_kinds,)` leaf is MED, human-driven EV, autonomous EV, gas.
+The order of vehicle kinds in every `(num_kinds,)` leaf is that of `medjax.world.kinds.KINDS`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ import dataclasses
 from typing import get_type_hints
 
 import jax
+import jax.numpy as jnp
 from flax import struct
+from jax.typing import ArrayLike
 
 from medjax.errors import InputError, shown
 from medjax.world.charging_params import (
@@ -29,6 +31,7 @@ from medjax.world.charging_params import (
     FleetParams,
     LinkParams,
 )
+from medjax.world.kinds import CLASSES
 from medjax.world.numbers import Number, number, numbers_of, read_number
 from medjax.world.traffic_params import (
     DemandParams,
@@ -38,9 +41,6 @@ from medjax.world.traffic_params import (
     RoadParams,
     Scalar,
 )
-
-KINDS = ("MED", "human EV", "autonomous EV", "gas")
-MED, HUMAN_EV, AUTONOMOUS_EV, GAS = range(4)
 
 PANELS = ("left", "right", "rear", "front")
 LEFT, RIGHT, REAR, FRONT = range(4)
@@ -119,6 +119,21 @@ class EnvConfig:
     def gas_slots(self) -> slice:
         """Slots of gas vehicles."""
         return slice(self.num_meds + self.num_evs, self.num_vehicles)
+
+    @property
+    def class_slots(self) -> dict[str, slice]:
+        """Slots of each class, in the order of `medjax.world.kinds.CLASSES`."""
+        return dict(zip(CLASSES, (self.med_slots, self.ev_slots, self.gas_slots), strict=True))
+
+    @property
+    def traffic_slots(self) -> slice:
+        """Slots of those that come by themselves, EVs before the others: all but MEDs."""
+        return slice(self.num_meds, self.num_vehicles)
+
+    def by_slot(self, meds: ArrayLike, evs: ArrayLike, gas: ArrayLike) -> jax.Array:
+        """Values of the classes' slots, each `(C,)` or one for all of them, as one array `(num_vehicles,)`."""
+        parts = ((meds, self.num_meds), (evs, self.num_evs), (gas, self.num_gas))
+        return jnp.concatenate([jnp.broadcast_to(part, (size,)) for part, size in parts])
 
 
 def weight(default: float, unit: str, text: str) -> Number:

@@ -6,6 +6,9 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
+from medjax.world.kinds import KINDS
+from medjax.world.params import EnvConfig
+
 # Where a MED is in its day.
 AT_DEPOT, QUEUED, MERGING, IN_SERVICE, RETIRED = range(5)
 
@@ -13,12 +16,13 @@ NOT_BOOKED = -1
 
 
 class Vehicles(struct.PyTreeNode):
-    """Everything on the road, by slot: MEDs, EVs, gas. N = num_vehicles."""
+    """Everything on the road, by slot (`EnvConfig.med_slots` and so on). N = num_vehicles."""
 
     x: jax.Array  # (N,) m, front bumper
     speed: jax.Array  # (N,) m/s
     lane: jax.Array  # (N,) int32, 0 leftmost; num_lanes is an acceleration lane
     active: jax.Array  # (N,) bool, on the road
+    kind: jax.Array  # (N,) int32 in `medjax.world.kinds.KINDS`
     lateral_offset: jax.Array  # (N,) m from the lane's centre, positive to the right
     lateral_speed: jax.Array  # (N,) m/s
     desired_speed: jax.Array  # (N,) m/s
@@ -32,7 +36,6 @@ class EVs(struct.PyTreeNode):
 
     energy_j: jax.Array  # (E,)
     rest_j: jax.Array  # (E,) what rounding left out of energy_j
-    is_human: jax.Array  # (E,) bool
     med: jax.Array  # (E,) int32, MED it is booked on, or NOT_BOOKED
     panel: jax.Array  # (E,) int32, slot of that MED, or NOT_BOOKED
     is_charging: jax.Array  # (E,) bool
@@ -53,8 +56,8 @@ class MEDs(struct.PyTreeNode):
 class Tally(struct.PyTreeNode):
     """Sums over time of what the metrics and the rewards are made of; all float32."""
 
-    entered: jax.Array  # (3,) MEDs, EVs, gas vehicles, those on the road at reset included
-    left: jax.Array  # (3,) at the end of the road
+    entered: jax.Array  # (num_kinds,) vehicles of each kind, those on the road at reset included
+    left: jax.Array  # (num_kinds,) at the end of the road
     depleted: jax.Array  # () EVs that ran out
     ev_seconds: jax.Array  # () integral of the number of EVs on the road
     ev_distance_m: jax.Array  # ()
@@ -77,11 +80,20 @@ class Tally(struct.PyTreeNode):
         """Nothing has happened."""
         zero = jnp.zeros((), jnp.float32)
         scalars = dict.fromkeys(cls.__dataclass_fields__, zero)
-        three = jnp.zeros((3,), jnp.float32)
-        return cls(**scalars | {"entered": three, "left": three})
+        kinds = jnp.zeros((len(KINDS),), jnp.float32)
+        return cls(**scalars | {"entered": kinds, "left": kinds})
 
     def __add__(self, other: Tally) -> Tally:
         return jax.tree.map(jnp.add, self, other)
+
+
+def count_kinds(flags: jax.Array, kind: jax.Array, config: EnvConfig) -> jax.Array:
+    """How many vehicles of each kind have a flag, `(num_kinds,)` float32 from `(N,)` each."""
+    counts = []
+    for index, row in enumerate(KINDS):
+        slots = config.class_slots[row.slots]  # a kind is nowhere else
+        counts.append(jnp.sum(flags[slots] & (kind[slots] == index), dtype=jnp.float32))
+    return jnp.stack(counts)
 
 
 class EnvState(struct.PyTreeNode):

@@ -1,6 +1,6 @@
 """The numbers of road, demand and drivers, each declared once: default, range, unit, what it is and its source.
 
-Four numbers in a row are one a kind of vehicle: MED, human-driven EV, autonomous EV, gas (`medjax.world.params.KINDS`).
+Four numbers in a row are one a kind of vehicle: MED, human-driven EV, autonomous EV, gas (`medjax.world.kinds.KINDS`).
 """
 
 from __future__ import annotations
@@ -59,11 +59,11 @@ class DriverParams(struct.PyTreeNode):
     """Car-following and body parameters, each `(num_kinds,)`."""
 
     desired_speed: jax.Array = number(
-        (25.0, 30.0, 30.0, 30.0),
+        (18.0, 30.0, 30.0, 30.0),
         1,
         100,
         "m/s",
-        "mean of the kind; paper: about 110 km/h; a MED drives `fleet.service_speed` instead",
+        "mean of the kind; paper: about 110 km/h; a MED drives `fleet.service_speed` once it is in service",
         per="kind",
     )
     desired_speed_std: jax.Array = number(

@@ -1,23 +1,43 @@
 """What a wrapper of one environment leaves as it is."""
 
+from __future__ import annotations
+
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
-from medjax.env.contract import Environment, Observation, Params, State, StepResult
+from medjax.env.contract import (
+    Environment,
+    Observation,
+    Params,
+    State,
+    StepResult,
+    step_with_reset,
+)
 
 
 @dataclasses.dataclass(frozen=True)
 class Wrapper:
-    """`env` unchanged; a subclass says what it changes.
+    """`env` unchanged, and itself an `Environment`; a subclass says what it changes.
+
+    A subclass with a state or parameters of its own says by `inner` and `outer` what is of `env` in them.
 
     Attributes:
         env: a single environment.
     """
 
     env: Environment
+
+    def inner(self, state: State, params: Params) -> tuple[State, Params]:
+        """State and parameters of `env` in those of the wrapper."""
+        return state, params
+
+    def outer(self, state: State, inner: State) -> State:
+        """State of the wrapper after `state`, once that of `env` is `inner`."""
+        return inner
 
     @property
     def name(self) -> str:
@@ -29,23 +49,68 @@ class Wrapper:
         """Number of discrete actions."""
         return self.env.num_actions
 
+    @property
+    def config(self) -> Any:
+        """Sizes and cadences of the highway."""
+        return self.env.config
+
+    @property
+    def observation(self) -> Any:
+        """Layout of what is observed."""
+        return self.env.observation
+
+    @property
+    def decisions_per_step(self) -> int:
+        """Decisions of the highway in a step."""
+        return self.env.decisions_per_step
+
     def reset(self, key: jax.Array, params: Params) -> tuple[Observation, State]:
         """Starts an episode."""
         return self.env.reset(key, params)
+
+    def step(self, key: jax.Array, state: State, action: jax.Array, params: Params) -> StepResult:
+        """One decision, and a reset in the same step when the episode ends."""
+        return step_with_reset(self, key, state, action, params)
 
     def step_env(
         self, key: jax.Array, state: State, action: jax.Array, params: Params
     ) -> StepResult:
         """One decision."""
-        return self.env.step_env(key, state, action, params)
+        own, numbers = self.inner(state, params)
+        obs, own, *rest = self.env.step_env(key, own, action, numbers)
+        return obs, self.outer(state, own), *rest
 
     def action_mask(self, state: State, params: Params) -> jax.Array:
         """`(num_actions,)` bool, True where the action is allowed."""
-        return self.env.action_mask(state, params)
+        return self.env.action_mask(*self.inner(state, params))
 
-    def observation_space(self, params: Params) -> Any:
+    def get_obs(self, state: State, params: Params) -> Observation:
+        """What a policy sees of a state."""
+        return self.env.get_obs(*self.inner(state, params))
+
+    def observe(self, state: State, params: Params) -> Any:
+        """The same in structured form."""
+        return self.env.observe(*self.inner(state, params))
+
+    def observation_space(self, params: Params = None) -> Any:
         """That of the environment."""
         return self.env.observation_space(params)
+
+    def action_space(self, params: Params = None) -> Any:
+        """That of the environment."""
+        return self.env.action_space(params)
+
+    def render(self, state: State, params: Params = None, **size: int) -> Any:
+        """A picture of a state."""
+        return self.env.render(*self.inner(state, params), **size)
+
+    def highway(self, state: State, params: Params) -> tuple[Any, Any]:
+        """The road under all wrappers."""
+        return self.env.highway(*self.inner(state, params))
+
+    def with_probe(self, probe: Callable[[Any], Any] | None) -> Environment:
+        """The same wrapper of an environment that reports its ticks."""
+        return dataclasses.replace(self, env=self.env.with_probe(probe))
 
 
 @dataclasses.dataclass(frozen=True)

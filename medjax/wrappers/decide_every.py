@@ -1,12 +1,14 @@
 """Choices that stand for several decisions."""
 
 import dataclasses
+from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
-from medjax.env.contract import Params, State, StepResult
+from medjax.env.contract import Info, Params, State, StepResult
 from medjax.errors import InputError
 from medjax.wrappers.base import Wrapper
 
@@ -34,27 +36,53 @@ class DecideEvery(Wrapper):
         if self.interval < 1:
             raise InputError(f"interval is {self.interval}, must be at least 1")
 
+    @property
+    def decisions_per_step(self) -> int:
+        """Decisions of the highway from one choice to the next."""
+        return self.interval * self.env.decisions_per_step
+
     def step_env(
         self, key: jax.Array, state: State, action: jax.Array, params: Params
     ) -> StepResult:
         """The action, then action 0, until the next choice or the end of the episode.
 
         Returns:
-            obs, state, reward, terminated, truncated, info of the last decision; but reward is the sum of all.
+            obs, state, reward, terminated, truncated, info of the last decision; but the reward and what of info adds
+            up are sums over all, and `info["ticks"]` is of all, which after the end of an episode means nothing.
         """
         actions = jnp.zeros((self.interval,), jnp.int32).at[0].set(action)
         steps = (jax.random.split(key, self.interval), actions)
         shapes = jax.eval_shape(self.env.step_env, key, state, actions[0], params)
-        obs, _, *rest = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
+        obs, _, *rest, info = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
+        _split(info)
 
         def decide(
             before: StepResult, step: tuple[jax.Array, jax.Array]
-        ) -> tuple[StepResult, None]:
+        ) -> tuple[StepResult, dict[str, Any]]:
             """One decision; what is over stays as it is."""
-            _, state, total, terminated, truncated, _ = before
+            _, state, total, terminated, truncated, sums = before
             obs, state, reward, *ends, info = self.env.step_env(step[0], state, step[1], params)
+            probed = _split(info)
+            added = {name: info[name] for name in ADDED if name in info}
+            info |= jax.tree.map(jnp.add, {name: sums[name] for name in added}, added)
             after: StepResult = (obs, state, total + reward, *ends, info)
             over = terminated | truncated
-            return jax.tree.map(lambda old, new: jnp.where(over, old, new), before, after), None
+            return jax.tree.map(lambda old, new: jnp.where(over, old, new), before, after), probed
 
-        return lax.scan(decide, (obs, state, *rest), steps)[0]
+        first: Any = (obs, state, *rest, info)
+        (*last, info), probed = lax.scan(decide, first, steps)
+        for name, leaves in probed.items():
+            info[name] = jax.tree.map(PROBED[name], leaves)
+        return *last, info
+
+
+ADDED = ("reward_terms", "tally")  # of info: sums over decisions
+PROBED: dict[str, Callable[[jax.Array], jax.Array]] = {  # of info: what is made of those of all
+    "begun": lambda each: each[0],
+    "ticks": lambda each: each.reshape(-1, *each.shape[2:]),
+}
+
+
+def _split(info: Info) -> dict[str, Any]:
+    """What a probe reports, taken out of `info`."""
+    return {name: info.pop(name) for name in PROBED if name in info}

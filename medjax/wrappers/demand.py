@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from medjax.env.contract import Observation, Params, StepResult
+from medjax.env.contract import Observation, Params, State
 from medjax.errors import InputError
 from medjax.world.params import Scalar
 from medjax.wrappers.base import Wrapper
@@ -75,22 +75,17 @@ class RandomDemand(Wrapper):
                 f"factors of the demand are {self.low} to {self.high}, must be at least 0 and ascending"
             )
 
+    def inner(self, state: RandomDemandState, params: Params) -> tuple[State, Params]:
+        """State of the environment, and the parameters at the demand of the episode (None stays None)."""
+        return state.env, None if params is None else scale_demand(params, state.factor)
+
+    def outer(self, state: RandomDemandState, inner: State) -> RandomDemandState:
+        """The same demand to the end of the episode."""
+        return RandomDemandState(inner, state.factor)
+
     def reset(self, key: jax.Array, params: Params) -> tuple[Observation, RandomDemandState]:
         """Starts an episode of another demand."""
         own = jax.random.fold_in(key, FACTOR)
         factor = jax.random.uniform(own, (), jnp.float32, self.low, self.high)
         obs, state = self.env.reset(key, scale_demand(params, factor))
         return obs, RandomDemandState(state, factor)
-
-    def step_env(
-        self, key: jax.Array, state: RandomDemandState, action: jax.Array, params: Params
-    ) -> StepResult:
-        """One decision, at the demand of the episode."""
-        obs, env_state, *rest = self.env.step_env(
-            key, state.env, action, scale_demand(params, state.factor)
-        )
-        return obs, RandomDemandState(env_state, state.factor), *rest
-
-    def action_mask(self, state: RandomDemandState, params: Params) -> jax.Array:
-        """`(num_actions,)` bool, that of the environment at the demand of the episode."""
-        return self.env.action_mask(state.env, scale_demand(params, state.factor))

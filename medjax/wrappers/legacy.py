@@ -5,9 +5,7 @@ from typing import Any
 
 import jax
 
-from medjax.env.charging_env import ChargingEnv
 from medjax.env.contract import Info, Observation, Params, State
-from medjax.env.spaces import Discrete
 from medjax.wrappers.base import Wrapper
 
 
@@ -22,23 +20,19 @@ class LegacyStep(Wrapper):
     two ends apart, and `info["final_observation"]` is what the ended episode led to, where `done`; the observation
     returned is then the first of the next episode.
 
+    To be put around all other wrappers, which hand on the raw step only.
+
     Attributes:
         env: a single environment.
     """
 
-    env: ChargingEnv
-
-    def action_space(self, params: Params = None) -> Discrete:
-        """That of the environment."""
-        return self.env.action_space(params)
-
-    def step(
+    def step(  # type: ignore[override]
         self, key: jax.Array, state: State, action: jax.Array, params: Params
     ) -> tuple[Observation, State, jax.Array, jax.Array, Info]:
         """One decision, and a reset in the same step when the episode ends.
 
         Returns:
-            (observation (size,) float32, state, reward () float32, done () bool, info); see `ChargingEnv.step`.
+            (observation (size,) float32, state, reward () float32, done () bool, info); see `step_with_reset`.
         """
         obs, state, reward, terminated, truncated, info = self.env.step(key, state, action, params)
         ends: dict[str, Any] = {"terminated": terminated, "truncated": truncated}

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import medjax
-from medjax.charging.booking import Offers, Requests, book, panel_flags
+from medjax.charging.booking import Offers, Requests, grant, panel_flags
 from medjax.world.state import NOT_BOOKED
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -18,10 +18,10 @@ NUM_MEDS, NUM_EVS = 4, 12
 
 @pytest.fixture(scope="module")
 def booking(paper):
-    """`book` of the paper's numbers, compiled."""
+    """`grant` of the paper's numbers, compiled."""
     _, params = paper
     return jax.jit(
-        lambda med, panel, requests, offers: book(
+        lambda med, panel, requests, offers: grant(
             med, panel, requests, offers, 4000.0, 4, params.charging
         )
     )
@@ -133,7 +133,7 @@ def test_too_far_or_too_late_is_refused(booking, paper):
             jnp.array([True]),
             jnp.array([endurance]),
         )
-        got, _ = book(med, panel, requests, offers, 4000.0, 4, params.charging)
+        got, _ = grant(med, panel, requests, offers, 4000.0, 4, params.charging)
         return int(got[0]) == 0
 
     assert accepted(900.0, 1000.0)
@@ -146,14 +146,14 @@ def test_too_far_or_too_late_is_refused(booking, paper):
 def test_one_to_one_in_play():
     """At every decision of 16 busy episodes no slot has two EVs, and flags agree with the map."""
     env, params = medjax.make("paper", ev_share=0.4, request_soc=0.6, cooldown_s=5.0)
-    act = medjax.BASELINES["greedy"](env)
+    policy = medjax.BASELINES["greedy"](env)
 
     def episode(key):
         reset_key, key = jax.random.split(key)
         _, state = env.reset(reset_key, params)
 
         def step(state, key):
-            _, state, *_ = env.step_env(key, state, act(key, state, params), params)
+            _, state, *_ = env.step_env(key, state, policy(key, None, state, params).action, params)
             flags = panel_flags(
                 state.evs.med, state.evs.panel, state.evs.med >= 0, env.config.num_meds
             )

@@ -6,19 +6,18 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.charging.docking import Misalignment
-from medjax.charging.exchange import coupling_efficiency, transfer
+from medjax.charging.exchange import transfer
 from medjax.env.tick import physics_tick
-from medjax.physics import link_efficiency, mutual_inductance
 from medjax.traffic.step import drivers_of
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
-def test_books_balance_in_every_tick():
-    """Battery changes = transfer less driving, recomputed in float64 from speeds, every tick."""
+@pytest.fixture(scope="module")
+def played():
+    """A busy road, and 120 ticks of it: (env, params, states before, states after, tallies), (8, 120, ...) each."""
     env, params = medjax.make("paper", request_soc=0.6, cooldown_s=5.0)
-    act = medjax.BASELINES["greedy"](env)
+    policy = medjax.BASELINES["greedy"](env)
     config = env.config
 
     def episode(key):
@@ -26,7 +25,9 @@ def test_books_balance_in_every_tick():
         _, state = env.reset(reset_key, params)
 
         def warm(state, key):
-            return env.step_env(key, state, act(key, state, params), params)[1], None
+            return env.step_env(key, state, policy(key, None, state, params).action, params)[
+                1
+            ], None
 
         state, _ = jax.lax.scan(warm, state, jax.random.split(key, 120))
 
@@ -38,32 +39,39 @@ def test_books_balance_in_every_tick():
 
         return jax.lax.scan(tick, state, jnp.arange(120))[1]
 
-    before, after, tally = jax.jit(jax.vmap(episode))(jax.random.split(jax.random.key(5), 8))
+    return env, params, *jax.jit(jax.vmap(episode))(jax.random.split(jax.random.key(5), 8))
+
+
+def driving(before, after, slots, body, dt):
+    """Eqs (7)-(8) and the drivetrain in NumPy, J for each vehicle and tick; 0 off the road."""
+    v0, v1 = (np.asarray(s.vehicles.speed, np.float64)[..., slots] for s in (before, after))
+    v = (v0 + v1) / 2
+    number = {k: float(getattr(body, k)) for k in body.__dataclass_fields__}
+    kinetic = 0.5 * number["rotational_inertia_factor"] * number["mass_kg"] * (v1**2 - v0**2)
+    rolling = number["mass_kg"] * 9.81 * number["rolling_resistance"] * v * dt
+    drag = 0.5 * 1.2 * number["drag_coefficient"] * number["frontal_area_m2"] * v**3 * dt
+    wheels = kinetic + rolling + drag
+    battery = np.where(
+        wheels > 0,
+        wheels / number["drivetrain_efficiency"],
+        wheels * number["regeneration_efficiency"],
+    )
+    on_road = np.asarray(before.vehicles.active)[..., slots]
+    return np.where(on_road, battery + number["auxiliary_w"] * dt, 0.0)
+
+
+def test_books_balance_in_every_tick(played):
+    """Battery changes = transfer less driving, recomputed in float64 from speeds, every tick."""
+    env, params, before, after, tally = played
+    config = env.config
     sent, received = (
         np.asarray(x, np.float64) for x in (tally.energy_sent_j, tally.energy_received_j)
     )
     assert (sent > 0).any()
     assert np.all(received <= sent)
 
-    def driving(body, slots):
-        """Eqs (7)-(8) and the drivetrain in NumPy, J for each vehicle and tick."""
-        v0, v1 = (np.asarray(s.vehicles.speed, np.float64)[..., slots] for s in (before, after))
-        dt, v = config.tick_s, (v0 + v1) / 2
-        number = {k: float(getattr(body, k)) for k in body.__dataclass_fields__}
-        kinetic = 0.5 * number["rotational_inertia_factor"] * number["mass_kg"] * (v1**2 - v0**2)
-        rolling = number["mass_kg"] * 9.81 * number["rolling_resistance"] * v * dt
-        drag = 0.5 * 1.2 * number["drag_coefficient"] * number["frontal_area_m2"] * v**3 * dt
-        wheels = kinetic + rolling + drag
-        battery = np.where(
-            wheels > 0,
-            wheels / number["drivetrain_efficiency"],
-            wheels * number["regeneration_efficiency"],
-        )
-        return battery + number["auxiliary_w"] * dt
-
-    on_road = np.asarray(before.vehicles.active)
     capacity = float(params.med_capacity_j)
-    med_used = np.where(on_road[..., config.med_slots], driving(params.med, config.med_slots), 0.0)
+    med_used = driving(before, after, config.med_slots, params.med, config.tick_s)
     old, new = (np.asarray(s.meds.energy_j, np.float64) for s in (before, after))
     # What braking gives back does not fit into a full battery; a full MED has sent nothing.
     inside = new < capacity * (1 - 1e-6)
@@ -72,7 +80,7 @@ def test_books_balance_in_every_tick():
     assert (new <= capacity * (1 + 1e-6)).all()
     assert (old - med_used >= capacity * (1 - 2e-6))[~inside].all()  # full because it had to be
 
-    ev_used = np.where(on_road[..., config.ev_slots], driving(params.ev, config.ev_slots), 0.0)
+    ev_used = driving(before, after, config.ev_slots, params.ev, config.tick_s)
     old, new = (np.asarray(s.evs.energy_j, np.float64) for s in (before, after))
     # An EV at the stop of its battery, empty or full, cannot spend or take what the formula says.
     inside = (new > 0) & (new < float(params.ev_capacity_j) * (1 - 1e-6))
@@ -105,23 +113,3 @@ def test_empty_med_and_idle_ev_move_nothing():
         200.0,
     )
     assert np.all(np.asarray(flow.sent_j) == 0.0)
-
-
-@pytest.mark.parametrize("lateral", [0.0, 0.1, 0.3])
-def test_efficiency_is_that_of_the_coil_integral(paper, lateral):
-    """What the simulator uses, by table, is what the integral gives for its coils."""
-    _, params = paper
-    seen = coupling_efficiency(
-        Misalignment(jnp.float32(0.21), jnp.float32(lateral), 0.05), params.link
-    )
-    inductance = mutual_inductance(
-        0.35, 0.30, 0.21, lateral, 0.05, primary_turns=10, secondary_turns=10
-    )
-    exact = link_efficiency(
-        inductance,
-        load=10.0,
-        primary_resistance=0.159,
-        secondary_resistance=0.126,
-        angular_frequency=2 * np.pi * 85e3,
-    )
-    assert float(seen) == pytest.approx(float(exact), abs=1e-3)

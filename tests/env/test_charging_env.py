@@ -9,6 +9,9 @@ import pytest
 import medjax
 from benchmarks.verification.cases import episode_program
 from benchmarks.verification.invariants import INVARIANTS
+from medjax.charging.link import COUPLINGS
+from medjax.env import ChargingEnv
+from medjax.errors import InputError
 from medjax.world.state import AT_DEPOT, QUEUED, RETIRED
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -215,3 +218,57 @@ def test_arrivals_at_a_full_road_wait():
     tally = state.tally
     on_road = tally.entered.sum() - tally.left.sum() - tally.depleted
     assert float(on_road) == int(state.vehicles.active.sum())
+
+
+def test_the_coupling_is_a_value():
+    """Coils without loss deliver all that is sent; eq (6) as it is printed delivers another share than the circuit."""
+    made, params = medjax.make("paper", request_soc=0.6, cooldown_s=5.0)
+
+    def share(coupling):
+        env = ChargingEnv(made.config, coupling=coupling)
+        _, state = env.reset(jax.random.key(2), params)
+
+        def step(state, key):
+            return env.step_env(key, state, 1, params)[1], None
+
+        run = jax.jit(lambda state, keys: jax.lax.scan(step, state, keys)[0].tally)
+        tally = run(state, jax.random.split(jax.random.key(3), 100))
+        assert float(tally.energy_sent_j) > 0.0
+        return float(tally.energy_received_j / tally.energy_sent_j)
+
+    assert share(lambda geometry, link: jnp.ones_like(geometry.axial)) == pytest.approx(1.0)
+    circuit, printed = share(COUPLINGS["circuit"]), share(COUPLINGS["paper"])
+    # R_MED for R_EV in the first factor: 10.126 / 10.159 of the other.
+    assert printed / circuit == pytest.approx(10.126 / 10.159, rel=1e-3)
+
+
+def test_a_probe_leaves_the_environment_and_its_class_as_they_are(paper, started):
+    """`with_probe` is a copy with all that a subclass adds; what the probe sees comes tick by tick."""
+
+    class Named(ChargingEnv):
+        """With something of its own."""
+
+        own = None
+
+    env = Named(paper[0].config)
+    env.own = "kept"
+    probed = env.with_probe(lambda state: state.vehicles.active.sum())
+    assert type(probed) is Named
+    assert probed.own == "kept"
+    _, state = started
+    *_, info = jax.jit(probed.step_env)(jax.random.key(0), state, 0, paper[1])
+    assert info["ticks"].shape == (env.config.ticks_per_decision,)
+    assert env.probe is None
+    assert env.highway(state, paper[1]) == (state, paper[1])
+    np.testing.assert_array_equal(env.get_obs(state, paper[1]), started[0])
+
+
+def test_render_draws_with_the_viewer(started, paper):
+    """Whatever it is; without one it says what to do."""
+    env, _ = paper
+    told = []
+    drawn = ChargingEnv(env.config, name="mine", viewer=lambda *a, **how: told.append((a, how)))
+    drawn.render(started[1], None, width=3)
+    assert told == [((started[1], env.config, None), {"name": "mine", "width": 3})]
+    with pytest.raises(InputError, match="viewer = None"):
+        ChargingEnv(env.config).render(started[1])

@@ -7,6 +7,7 @@ import pytest
 import medjax
 from medjax.env.forecast import forecast_need
 from medjax.env.observation import FlatObservation, RoadProfile
+from medjax.world.kinds import HUMAN_EV
 from medjax.world.state import IN_SERVICE, MERGING, QUEUED
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -56,7 +57,8 @@ def test_rows_by_hand(busy):
             continue
         np.testing.assert_allclose(row[:4], motion(v, slot), atol=1e-6)
         assert row[4] == pytest.approx(float(evs.energy_j[ev] / params.ev_capacity_j))
-        assert list(row[5:7]) == [float(evs.is_human[ev]), float(evs.is_charging[ev])]
+        is_human = int(v.kind[slot]) == HUMAN_EV
+        assert list(row[5:7]) == [float(is_human), float(evs.is_charging[ev])]
         assert row[7] == pytest.approx((int(evs.med[ev]) + 1) / config.num_meds)
     np.testing.assert_array_equal(seen.ev_mask, v.active[config.ev_slots])
     np.testing.assert_array_equal(seen.med_mask, v.active[config.med_slots])

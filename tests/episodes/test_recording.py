@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.episodes.recording import Recording, by_rule, record_episode
+from medjax.episodes.recording import Recording, record_episode
+from medjax.episodes.scores import evaluate_policies
 from medjax.policies.rules import forecast
-from train.evaluation.scores import baseline, evaluate_policies
+from medjax.world.kinds import by_class
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -21,18 +22,18 @@ def world():
 @pytest.fixture(scope="module")
 def recording(world) -> Recording:
     env, params = world
-    return record_episode(env, params, by_rule(forecast(env), env.num_actions), seed=3, episode=1)
+    return record_episode(env, params, forecast(env), seed=3, episode=1)
 
 
 def test_is_the_episode_that_evaluation_plays(world, recording):
     env, params = world
-    scores = evaluate_policies(env, params, {"rule": baseline(forecast(env))}, 2, seed=3)["rule"]
+    scores = evaluate_policies(env, params, {"rule": forecast(env)}, 2, seed=3)["rule"]
     assert recording.decisions.reward.sum() == pytest.approx(scores["return"][1], rel=1e-4)
     assert (recording.decisions.sent > 0).sum() == scores["meds_dispatched"][1]
 
 
 def test_who_enters_is_who_the_tally_counts(recording):
-    entered = recording.decisions.tally.entered.sum(axis=0)
+    entered = by_class(recording.decisions.tally.entered.sum(axis=0))
     first = recording.frames.active[0]
     config = recording.config
     on_road = [first[config.med_slots].sum(), first[config.ev_slots].sum()]

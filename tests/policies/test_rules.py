@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import medjax
+from medjax.charging.energy import drive_energy
 from medjax.env.forecast import forecast_need
-from medjax.env.tick import drive_energy
 from medjax.world.state import QUEUED
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -18,22 +18,22 @@ def episodes(paper):
     """Actions, masks and needs of each baseline over four whole episodes."""
     env, params = paper
 
-    acts = [build(env) for build in medjax.BASELINES.values()]
+    policies = [build(env) for build in medjax.BASELINES.values()]
     both = (0, 0, 0, None)
 
     def play(keys):
         """Side by side in one program; arrays `(decisions, policies, episodes, ...)`."""
         split = jax.vmap(jax.random.split)(keys)
         _, state = jax.vmap(env.reset, (0, None))(split[:, 0], params)
-        state = jax.tree.map(lambda x: jnp.broadcast_to(x, (len(acts), *x.shape)), state)
+        state = jax.tree.map(lambda x: jnp.broadcast_to(x, (len(policies), *x.shape)), state)
 
         def step(state, keys):
             act_keys, step_keys = jnp.moveaxis(jax.vmap(jax.random.split)(keys), 1, 0)
-            own = [jax.tree.map(lambda x, i=i: x[i], state) for i in range(len(acts))]
+            own = [jax.tree.map(lambda x, i=i: x[i], state) for i in range(len(policies))]
             action = jnp.stack(
                 [
-                    jax.vmap(act, (0, 0, None))(act_keys, mine, params)
-                    for act, mine in zip(acts, own, strict=True)
+                    jax.vmap(policy, (0, None, 0, None))(act_keys, None, mine, params).action
+                    for policy, mine in zip(policies, own, strict=True)
                 ]
             )
             mask = jax.vmap(jax.vmap(env.action_mask, (0, None)), (0, None))(state, params)
@@ -91,7 +91,7 @@ def test_without_ramps_none_is_sent():
     env, params = medjax.make("paper", num_ramps=0)
     _, state = env.reset(jax.random.key(0), params)
     for build in medjax.BASELINES.values():
-        assert build(env)(jax.random.key(1), state, params) == 0
+        assert build(env)(jax.random.key(1), None, state, params).action == 0
 
 
 def test_greedy_goes_where_the_need_is(episodes, paper):

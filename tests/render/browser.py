@@ -39,3 +39,20 @@ def opened(browser, path, width=1600, height=900):
     yield page
     context.close()
     assert wrong == []
+
+
+def seconds(page):
+    return page.evaluate("medjaxPlayer.clock.seconds")
+
+
+def settle(page):
+    """Waits until what was asked for is drawn."""
+    page.evaluate(
+        "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+    )
+
+
+def facts(page):
+    """Names and values of the vehicle panel."""
+    names = page.locator("#vehicle-panel dt").all_inner_texts()
+    return dict(zip(names, page.locator("#vehicle-panel dd").all_inner_texts(), strict=True))

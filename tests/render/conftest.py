@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.episodes.recording import by_rule, record_episode
+from medjax.episodes.recording import record_episode
 from medjax.policies.rules import BASELINES
+from medjax.render.player import write_player
+from tests.render.browser import chromium_program
 from tests.render.made import busy, parked
 
 SMALL = {
@@ -32,8 +34,8 @@ def world():
 def recording(world):
     """Under the rule `periodic`: MEDs come, EVs charge and run out."""
     env, params = world
-    choose = by_rule(BASELINES["periodic"](env), env.num_actions)
-    return record_episode(env, params, choose, policy="periodic", seed=3, episode=14)
+    policy = BASELINES["periodic"](env)
+    return record_episode(env, params, policy, name="periodic", seed=3, episode=14)
 
 
 @pytest.fixture(scope="session")
@@ -57,3 +59,31 @@ def still():
 def full():
     """600 decisions of a full highway."""
     return busy()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Headless Chromium."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="drives the browser")
+    if chromium_program() is None:
+        pytest.skip("no Chromium here (Debian: apt-get install chromium)")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium_program(), args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def one(recording, tmp_path_factory):
+    """The player's page of one recording."""
+    path = tmp_path_factory.mktemp("player") / "one.html"
+    write_player(path, [recording])
+    return path
+
+
+@pytest.fixture(scope="module")
+def two(recording, other, tmp_path_factory):
+    """The page of two side by side."""
+    path = tmp_path_factory.mktemp("player") / "two.html"
+    write_player(path, [recording, other])
+    return path

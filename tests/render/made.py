@@ -7,6 +7,7 @@ import numpy as np
 
 import medjax
 from medjax.episodes.recording import Decisions, Frames, Recording
+from medjax.world.kinds import AUTONOMOUS_EV, GAS, MED
 from medjax.world.state import AT_DEPOT, IN_SERVICE, Tally
 
 TICKS = 4
@@ -20,11 +21,12 @@ def blank(frames, **overrides):
     shapes = {
         "x": (v, np.float32), "speed": (v, np.float32), "lane": (v, np.int32),
         "lateral_offset": (v, np.float32), "lateral_speed": (v, np.float32), "active": (v, bool),
-        "ev_soc": (e, np.float32), "ev_is_human": (e, bool), "ev_med": (e, np.int32),
+        "ev_soc": (e, np.float32), "kind": (v, np.int32), "ev_med": (e, np.int32),
         "ev_panel": (e, np.int32), "ev_is_charging": (e, bool), "med_soc": (m, np.float32),
         "med_status": (m, np.int32),
     }  # fmt: skip
     arrays = {name: np.zeros((frames, size), kind) for name, (size, kind) in shapes.items()}
+    arrays["kind"][:] = config.by_slot(MED, AUTONOMOUS_EV, GAS)
     arrays["ev_med"][:] = arrays["ev_panel"][:] = -1
     arrays["med_status"][:] = AT_DEPOT
     mask = np.ones((decisions, env.num_actions), bool)
@@ -52,6 +54,7 @@ def blank(frames, **overrides):
         params=jax.device_get(params),
         frames=Frames(**arrays),
         decisions=decided,
+        ticks_per_decision=TICKS,
     )
 
 

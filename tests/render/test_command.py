@@ -57,17 +57,17 @@ def _nothing_is_simulated(request, monkeypatch, tmp_path):
         raise AssertionError("simulated before the input was checked")
 
     if request.node.get_closest_marker("slow") is None:
-        monkeypatch.setattr("medjax.episodes.recording.record_episode", record)
+        monkeypatch.setattr("medjax.episodes.options.record_episode", record)
 
 
 @pytest.fixture
 def played(monkeypatch, recording, other):
     """The command gets these recordings at once."""
 
-    def record(*args, policy, **kwargs):
-        return other if policy == "none" else recording
+    def record(*args, name, **kwargs):
+        return other if name == "none" else recording
 
-    monkeypatch.setattr("medjax.episodes.recording.record_episode", record)
+    monkeypatch.setattr("medjax.episodes.options.record_episode", record)
 
 
 @pytest.mark.parametrize(("argv", "says"), BAD)

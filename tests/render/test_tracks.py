@@ -5,6 +5,7 @@ import numpy as np
 from medjax.render.camera import AUTO, busiest_time, camera_path, find_track
 from medjax.render.scene import Timeline
 from medjax.render.tracks import ran_out, tracks_of
+from medjax.world.kinds import by_class
 
 
 def test_as_many_vehicles_of_each_class_as_the_tally_counts(recording):
@@ -12,7 +13,7 @@ def test_as_many_vehicles_of_each_class_as_the_tally_counts(recording):
     config = recording.config
     slices = (config.med_slots, config.ev_slots, config.gas_slots)
     at_start = [active[0, slots].sum() for slots in slices]
-    entered = recording.decisions.tally.entered.sum(axis=0) + at_start
+    entered = by_class(recording.decisions.tally.entered.sum(axis=0)) + at_start
     numbers = [[t.number for t in tracks if t.kind == kind] for kind in ("MED", "EV", "gas")]
     assert [len(n) for n in numbers] == list(entered)
     assert all(sorted(n) == list(range(1, len(n) + 1)) for n in numbers)

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 
 from medjax.traffic.following import make_drivers
+from medjax.traffic.idm import IDM
 from medjax.world.params import DriverParams
 
 LENGTH = 5.0
@@ -20,4 +21,4 @@ def drivers(kinds):
         lateral_wander=zeros,
         vehicle_length=jnp.full(count, LENGTH),
     )
-    return make_drivers(jnp.arange(count), params.desired_speed, params)
+    return make_drivers(jnp.arange(count), params.desired_speed, params, IDM())

@@ -64,9 +64,7 @@ class Record:
         self.x, self.speed = vehicles.x.astype(np.float64), vehicles.speed.astype(np.float64)
         self.lane, self.active = vehicles.lane, vehicles.active
         self.desired_speed = vehicles.desired_speed
-        kind = np.full(self.x.shape, 3)
-        kind[:, config.med_slots] = 0
-        kind[:, config.ev_slots] = np.where(states.evs.is_human, 1, 2)
+        kind = vehicles.kind
         self.kinds = {name: np.asarray(getattr(params.drivers, name))[kind] for name in KIND_FIELDS}
         self.length = self.kinds["vehicle_length"]
         charging = params.charging

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import poisson
 
-import medjax
 from medjax.traffic import ballistic_step, idm_acceleration
 from medjax.traffic.demand import (
     MOST_ARRIVALS,
@@ -24,8 +23,6 @@ from medjax.traffic.demand import (
     place,
     poisson_arrivals,
 )
-from medjax.traffic.entry import admit
-from tests.traffic.roads import put
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -185,12 +182,13 @@ def fill(asked):
 
     def run(slots, keys, drivers=params.drivers, **demand):
         demand = params.demand.replace(**{k: jnp.float32(v) for k, v in demand.items()})
+        asked_for = params.replace(demand=demand, drivers=drivers)
         is_ev = jnp.arange(slots) < slots // 2
         kind = jnp.where(is_ev, 1, 3)
 
         def one(key):
             desired = desired_speeds(jax.random.normal(key, (slots,)), kind, drivers)
-            return fill_road(key, is_ev, desired, demand, params.road, drivers, NUM_LANES)
+            return fill_road(key, is_ev, desired, NUM_LANES, asked_for)
 
         filled = jax.jit(jax.vmap(one))(jax.random.split(jax.random.key(1), keys))
         return jax.tree.map(np.asarray, filled), np.asarray(kind)
@@ -254,64 +252,3 @@ def test_filled_road_matches_the_demand(fill, asked):
         assert share == pytest.approx(0.25, abs=0.01)
     ev_x = filled.x[filled.active & (kind == 1)]
     assert ev_x.mean() == pytest.approx(2000.0, abs=4 * 4000 / np.sqrt(12 * ev_x.size) + 35.0)
-
-
-def test_queues_take_what_arrives(asked, blank):
-    """Entered plus waiting grows by Poisson arrivals, of the right mean at each entry; two are blocked."""
-    env, params = asked
-    rounds = 6000
-    waiting = put(blank, [80, 81], [3.0, 110.0], [1, 4], [10.0, 10.0], [30.0, 30.0])
-    waiting = waiting.replace(queue=jnp.array([0, 3, 0, 0, 1, 0, 0, 0], jnp.int32))
-
-    @jax.jit
-    @jax.vmap
-    def one(key):
-        after, tally = admit(key, waiting, env.config, params)
-        new = after.vehicles.active & ~waiting.vehicles.active
-        where = entries(params.road, env.config.num_lanes)
-        here = (after.vehicles.x == where.x[:, None]) & (after.vehicles.lane == where.lane[:, None])
-        came = jnp.sum(new & here, axis=1)
-        return after.queue, came, tally.entered, new.sum(), after.next_is_ev
-
-    queue, came, tally, new, next_is_ev = jax.tree.map(
-        np.asarray, one(jax.random.split(jax.random.key(2), rounds))
-    )
-    arrived = queue + came - np.asarray(waiting.queue)
-    assert (arrived >= 0).all()
-    assert came.max() == 1
-    assert not came[:, [1, 4]].any()  # a rear bumper over the entry, and one 5 m ahead of it
-    np.testing.assert_array_equal(came.sum(axis=1), new)
-    np.testing.assert_array_equal(tally.sum(axis=1), new)
-    rate = np.array([700.0] * 4 + [300.0] * 4) / 3600
-    assert (np.abs(arrived.mean(axis=0) - rate) < 4 * np.sqrt(rate / rounds)).all()
-    # Who enters is of the class that was drawn; the next one's is drawn then, and only then.
-    was_ev = np.asarray(waiting.next_is_ev)
-    np.testing.assert_array_equal(tally[:, 1], came[:, was_ev].sum(axis=1))
-    drawn = next_is_ev[came == 1]
-    assert drawn.mean() == pytest.approx(0.3, abs=4 * np.sqrt(0.21 / drawn.size))
-    assert (next_is_ev == was_ev)[came == 0].all()
-
-
-@pytest.mark.parametrize("scarce", [{"num_evs": 6}, {"num_gas": 20}])
-def test_the_share_of_evs_is_the_demand_also_where_slots_are_short(scarce):
-    """A class that waits for slots neither loses nor gains its share of who comes to an entry's front."""
-    env, params = medjax.make("paper", ev_share=0.3, **scarce)
-
-    @jax.jit
-    @jax.vmap
-    def play(key):
-        _, state = env.reset(key, params)
-        begun = state.tally.entered
-
-        def decide(state, step_key):
-            return env.step_env(step_key, state, 0, params)[1], None
-
-        state, _ = jax.lax.scan(decide, state, jax.random.split(key, 600))
-        at_front = jnp.stack([state.next_is_ev, ~state.next_is_ev]) & (state.queue > 0)
-        came = state.tally.entered[1:] - begun[1:] + at_front.sum(axis=1)
-        return came, state.queue.sum()
-
-    came, waiting = jax.tree.map(np.asarray, play(jax.random.split(jax.random.key(5), 24)))
-    assert (waiting > 20).all()  # slots are short indeed
-    evs, everyone = float(came[:, 0].sum()), float(came.sum())
-    assert evs / everyone == pytest.approx(0.3, abs=4 * (0.21 / everyone) ** 0.5)

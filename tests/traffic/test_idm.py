@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize_scalar
 
 from medjax.traffic import idm_acceleration
-from medjax.traffic.idm import FREE_GAP_M, SMALLEST_GAP_M
+from medjax.traffic.following import FREE_GAP_M
+from medjax.traffic.idm import SMALLEST_GAP_M
 from tests.traffic.reference import CAR, HIGHWAY, TRUCK, equilibrium_gap, idm, slopes
 
 NAMED = {"car": CAR, "highway": HIGHWAY, "truck": TRUCK}

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from medjax.traffic.lane_change import whose_turn
+from medjax.world.kinds import MED, by_class
 from medjax.world.params import EnvConfig
 from medjax.world.state import MERGING
 from tests.traffic.reference import equilibrium_gap, idm, parameters
@@ -190,7 +191,7 @@ def test_play_is_worth_checking(records, random_play):
     """Jams, merges, MEDs, bookings, exits and depletions all happen in what is checked below."""
     tally = jax.tree.map(lambda a: np.asarray(a[:, -1]), random_play.tally)
     assert (tally.left.sum(axis=1) > 50).all()
-    assert tally.entered[:, 0].sum() > 40
+    assert tally.entered[:, MED].sum() > 40
     assert tally.depleted.sum() > 20
     assert tally.evs_served.sum() > 5
     merges = sum((road.lane[tick, slot] == 4) for road in records for tick, slot in road.changes())
@@ -207,18 +208,15 @@ def test_vehicles_are_conserved_in_every_tick(records, random_play, each_tick):
         appeared = ~road.active[:-1] & road.active[1:]
         gone = road.active[:-1] & ~road.active[1:]
         past_end = road.x[1:] > 4000.0
+        entered, left = by_class(tally.entered), by_class(tally.left)
         classes = (config.med_slots, config.ev_slots, config.gas_slots)
         for k, slots in enumerate(classes):
             depleted = tally.depleted if k == 1 else 0.0
             on_road = road.active[:, slots].sum(axis=1)
+            np.testing.assert_array_equal(entered[:, k], on_road + left[:, k] + depleted)
+            np.testing.assert_array_equal(np.diff(entered[:, k]), appeared[:, slots].sum(axis=1))
             np.testing.assert_array_equal(
-                tally.entered[:, k], on_road + tally.left[:, k] + depleted
-            )
-            np.testing.assert_array_equal(
-                np.diff(tally.entered[:, k]), appeared[:, slots].sum(axis=1)
-            )
-            np.testing.assert_array_equal(
-                np.diff(tally.left[:, k]), (gone & past_end)[:, slots].sum(axis=1)
+                np.diff(left[:, k]), (gone & past_end)[:, slots].sum(axis=1)
             )
         empty = (gone & ~past_end)[:, config.ev_slots]
         np.testing.assert_array_equal(np.diff(tally.depleted), empty.sum(axis=1))

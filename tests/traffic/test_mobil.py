@@ -1,12 +1,15 @@
 """MOBIL: item 7 of reference/traffic.md, safety, and followers judged as the cars that they are."""
 
+import functools
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from medjax.traffic import idm_acceleration, mobil_incentive
 from medjax.traffic.following import Platooning, following_acceleration, of_slots, roles
-from medjax.traffic.lane_change import Turn, Wish, decide
+from medjax.traffic.idm import IDM
+from medjax.traffic.lane_change import Situation, Turn, Wish, decide
 from medjax.traffic.mobil import is_safe
 from medjax.traffic.neighbours import NOBODY, Neighbours
 from medjax.world.params import LaneChangeParams
@@ -75,8 +78,16 @@ def test_safety_criterion(own, follower, ahead, behind, safe):
     assert bool(got) is safe
 
 
+def wish(direction=0, stay=False):
+    """What everyone must do."""
+    return Wish(jnp.full(5, direction), jnp.zeros(5), jnp.full(5, stay))
+
+
+NOTHING = wish()
+
+
 def lane_change(
-    x, speed, kinds, *, neighbours=(1, 3, 2, 4), politeness=0.0, threshold=0.2, wish=0, stay=False
+    x, speed, kinds, *, neighbours=(1, 3, 2, 4), politeness=0.0, threshold=0.2, wish=NOTHING
 ):
     """Whether the ego, slot 0, changes to the right among five vehicles of the given kinds."""
     leaders, followers = roles(
@@ -84,6 +95,7 @@ def lane_change(
         jnp.asarray(x, jnp.float32),
         jnp.asarray(speed, jnp.float32),
         jnp.full(5, NOBODY),
+        IDM(),
     )
     # Only the ego asks; what the others see of each other is needed for their accelerations.
     old_leader, old_follower, new_leader, new_follower = neighbours
@@ -95,19 +107,13 @@ def lane_change(
         target_leader=nobody.at[EGO].set(new_leader),
         target_follower=nobody.at[EGO].set(new_follower),
     )
-    platooning = Platooning(0.3, 2.0)
-    following = following_acceleration(
-        followers, of_slots(leaders, leader), leader != NOBODY, platooning
-    )
+    follow = functools.partial(following_acceleration, platooning=Platooning(0.3, 2.0), model=IDM())
+    following = follow(followers, of_slots(leaders, leader), leader != NOBODY)
     changes = decide(
-        leaders,
-        followers,
-        following,
+        Situation(leaders, followers, seen, following, following),
+        wish,
         Turn(jnp.asarray(1), jnp.asarray(0), 1),
-        seen,
-        following,
-        Wish(jnp.full(5, wish), jnp.zeros(5), jnp.full(5, stay)),
-        platooning,
+        follow,
         LaneChangeParams(politeness, threshold, 0.0, 4.0, 10.0, 10.0),
     )
     return bool(changes[EGO])
@@ -159,11 +165,11 @@ def test_judged_parameters_differ():
 
 
 @pytest.mark.parametrize(
-    ("wish", "stay", "changes"), [(1, False, True), (-1, False, False), (0, True, False)]
+    ("direction", "stay", "changes"), [(1, False, True), (-1, False, False), (0, True, False)]
 )
-def test_mandatory_changes_go_first(wish, stay, changes):
+def test_mandatory_changes_go_first(direction, stay, changes):
     """One that must go left, or must stay, does not go right for its own gain."""
-    assert lane_change(X, SPEED, [CAR] * 5, wish=wish, stay=stay) is changes
+    assert lane_change(X, SPEED, [CAR] * 5, wish=wish(direction, stay)) is changes
 
 
 def test_a_mandatory_change_waives_no_safety():
@@ -171,10 +177,10 @@ def test_a_mandatory_change_waives_no_safety():
     worse = [0.0, 500.0, 40.0, -60.0, -60.0]  # a short gap ahead in the target lane
     speed = [20.0, 20.0, 20.0, 20.0, 20.0]
     assert not lane_change(worse, speed, [CAR] * 5)
-    assert lane_change(worse, speed, [CAR] * 5, wish=1)
+    assert lane_change(worse, speed, [CAR] * 5, wish=wish(1))
     unsafe = [0.0, 500.0, 40.0, -60.0, -LENGTH - 8.0]
     assert idm(CAR, 8.0, 20.0, 20.0) < -4.0
-    assert not lane_change(unsafe, speed, [CAR] * 5, wish=1)
+    assert not lane_change(unsafe, speed, [CAR] * 5, wish=wish(1))
 
 
 def test_empty_lane_needs_nobody():

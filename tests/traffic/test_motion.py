@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from medjax.traffic import ballistic_step, idm_acceleration
-from medjax.traffic.idm import FREE_GAP_M
+from medjax.traffic.following import FREE_GAP_M
 from medjax.traffic.motion import lateral_step, ornstein_uhlenbeck, turn_between
 from tests.traffic.reference import CAR, idm
 

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 from medjax.traffic import ballistic_step, idm_acceleration
 from medjax.traffic.following import Drivers, Platooning, following_acceleration, roles
+from medjax.traffic.idm import IDM
 from medjax.traffic.neighbours import NOBODY
 from tests.traffic.cars import LENGTH, drivers
 from tests.traffic.reference import CAR, HIGHWAY, equilibrium_gap, gain, idm, sampled_gain
@@ -43,22 +44,33 @@ def drive(cars, dt, steps):
     first = jnp.arange(cars.x.shape[0]) == 0
 
     def tick(state, _):
-        leaders, followers = roles(cars.drivers, *state, cars.platoon)
+        leaders, followers = roles(cars.drivers, *state, cars.platoon, IDM())
         ahead = jax.tree.map(lambda field: jnp.roll(field, 1), leaders)
-        a = following_acceleration(followers, ahead, ~first, Platooning(0.3, 2.0))
+        a = following_acceleration(followers, ahead, ~first, Platooning(0.3, 2.0), IDM())
         state = ballistic_step(*state, a, dt)
         return state, state
 
     return jax.lax.scan(tick, (cars.x, cars.speed), length=steps)[1]
 
 
+class Wave(NamedTuple):
+    """A leader at mean + swing sin(w t), m/s, and the gap behind it that is equilibrium at mean, m."""
+
+    gap: float
+    mean: float
+    w: float
+    swing: float
+
+
 @functools.partial(jax.jit, static_argnames=("count", "dt", "steps"))
-def follow(params, gap, mean, w, swing, count, dt, steps):
-    """Speeds (steps, count) of cars behind a leader at mean + swing sin(w t), from equilibrium.
+def follow(params, wave, count, dt, steps):
+    """Speeds (steps, count) of cars behind a leader that swings, from equilibrium.
 
     Each x is measured from the car's own place in a frame that moves at the mean speed, which
     float32 resolves finely.
     """
+
+    gap, mean, w, swing = wave
 
     def tick(carry, step):
         x, speed = carry
@@ -87,7 +99,7 @@ def amplitude(signal, w, dt):
 def measured_gain(v, w, dt, swing=0.05):
     """One car's amplitude over its leader's."""
     steps = round((8 * 2 * np.pi / w + 60.0) / dt)
-    speed = follow(CAR, equilibrium_gap(CAR, v), v, w, swing, 1, dt, steps)
+    speed = follow(CAR, Wave(equilibrium_gap(CAR, v), v, w, swing), 1, dt, steps)
     return amplitude(speed[:, 0], w, dt) / swing
 
 
@@ -115,7 +127,7 @@ def test_a_swing_grows_in_the_unstable_band_and_dies_outside():
     """Item 6 along a column of 20: each car multiplies a slow swing by |G|."""
     w, dt, swing = 0.1, 0.25, 0.01
     for v, grows in ((10.0, True), (25.0, False)):
-        speed = follow(CAR, equilibrium_gap(CAR, v), v, w, swing, 20, dt, 4000)
+        speed = follow(CAR, Wave(equilibrium_gap(CAR, v), v, w, swing), 20, dt, 4000)
         last = amplitude(speed[:, -1], w, dt) / swing
         assert last == pytest.approx(sampled_gain(CAR, v, w, dt) ** 20, rel=0.01)
         assert (last > 1) == grows

@@ -4,6 +4,8 @@ import jax
 import jax.numpy as jnp
 import pytest
 
+from medjax.policies.policy import rule
+from medjax.scenarios import Recipe
 from tests.train.probe_envs import Probe, ProbeParams
 
 TINY = [
@@ -29,21 +31,25 @@ def make_probe(name="noisy", observation=None, **overrides):
             raise ValueError(f"unknown option {option!r}: allowed episode_decisions, reward")
         if not isinstance(value, int | float) or not 0 < value < 100:
             raise ValueError(f"{option} is {value}, allowed: above 0, below 100")
-    return Probe(name), ProbeParams(**overrides)
+    recipe = Recipe(name, overrides, None, observation)
+    return Probe(name, recipe=recipe), ProbeParams(**overrides)
 
 
 def never(env):
-    return lambda key, state, params: jnp.int32(0)
+    return rule(lambda key, state, params: jnp.int32(0), env.num_actions)
 
 
 def coin(env):
-    return lambda key, state, params: jax.random.randint(key, (), 0, 2, jnp.int32)
+    return rule(
+        lambda key, state, params: jax.random.randint(key, (), 0, 2, jnp.int32), env.num_actions
+    )
 
 
 @pytest.fixture
 def probe(monkeypatch, tmp_path, quick_compiles):
     """Makes the commands use probes, and leaves them in an empty working directory."""
     monkeypatch.setattr("medjax.make", make_probe)
+    monkeypatch.setattr("medjax.policies.saved.make", make_probe)
     monkeypatch.setattr("train.runs.finish.BASELINES", {"none": never, "random": coin})
     work = tmp_path / "work"
     work.mkdir()

@@ -2,19 +2,25 @@
 
 import zipfile
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import medjax
+from medjax.env.charging_env import ChargingEnv
+from medjax.env.observation import FlatObservation
 from medjax.episodes.recording import record_episode
-from medjax.policies.saved import load_policy
-from medjax.wrappers import init_stats
+from medjax.episodes.scores import evaluate_policies
+from medjax.errors import InputError
+from medjax.policies.saved import about_of, load_policy
+from medjax.wrappers import RandomDemand
 from tests.train.test_arguments import refused
 from train import export
 from train.algorithms.networks import PolicyWeights, apply_policy, build_network
-from train.evaluation.scores import evaluate_policies, trained
+from train.algorithms.normalization import init_stats
+from train.algorithms.policy import learned_policy
 from train.settings import TrainConfig
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -35,7 +41,7 @@ def exported(tmp_path_factory):
     )
     weights = PolicyWeights(variables, init_stats(obs.shape))
     path = tmp_path_factory.mktemp("policy") / "policy.zip"
-    export.export_policy(path, env, config, weights)
+    export.export_policy(path, env, params, config, weights)
     return env, params, config, network, weights, path
 
 
@@ -64,8 +70,8 @@ def test_plays_what_the_evaluation_of_the_run_plays(exported):
     env, params, config, network, weights, path = exported
     policy = load_policy(path)
     there, numbers = policy.make()
-    recording = record_episode(there, numbers, policy.choose(there), seed=5, episode=1)
-    policies = {"ppo": trained(network, weights, config.decide_every)}
+    recording = record_episode(there, numbers, policy.policy(there), seed=5, episode=1)
+    policies = {"ppo": learned_policy(env, network, weights, config.decide_every)}
     scores = evaluate_policies(env, params, policies, 2, seed=5)["ppo"]
     assert recording.decisions.reward.sum() == pytest.approx(scores["return"][1], rel=1e-4)
     assert recording.decisions.tally.meds_dispatched.sum() == scores["meds_dispatched"][1] > 0
@@ -74,13 +80,70 @@ def test_plays_what_the_evaluation_of_the_run_plays(exported):
     np.testing.assert_allclose(recording.decisions.probabilities.sum(axis=1), 1.0, atol=1e-5)
 
 
+def test_a_file_that_would_rebuild_another_world_is_refused(exported):
+    """One with numbers or rewards of its own, or with a wrapper around it."""
+    env, params, *_ = exported
+    about = about_of(env, params, 4)
+    again, numbers = medjax.make(about.scenario, observation=about.observation, **about.overrides)
+    assert again.config == env.config
+    chex.assert_trees_all_equal(numbers, params)
+    cases = [
+        (env, params.replace(battery_scale=params.battery_scale + 1.0), "which numbers of paper"),
+        (ChargingEnv(env.config, observation=env.observation), params, "what charging is"),
+        (RandomDemand(env, 0.5, 1.5), params, "what paper is"),
+        (*medjax.make("paper", reward={"mine": lambda outcome: 0.0}), "what the reward"),
+        (*medjax.make("paper", observation=FlatObservation()), "what the observation"),
+    ]
+    for world, given, says in cases:
+        with pytest.raises(InputError, match=f"{says}.*allowed: an environment") as refusal:
+            about_of(world, given, 4)
+        assert "\n" not in str(refusal.value)
+
+
+def test_is_vmapped_as_a_loop_plays_it(exported):
+    """Over rows, over rows of rows, and over some of its arguments only."""
+    env, params, *_, path = exported
+    policy = load_policy(path).policy(env)
+    obs, states = jax.vmap(env.reset, (0, None))(jax.random.split(jax.random.key(3), 6), params)
+    keys = jax.random.split(jax.random.key(4), 6)
+    one_by_one = [
+        policy(keys[i], obs[i], jax.tree.map(lambda leaf, i=i: leaf[i], states), params)
+        for i in range(6)
+    ]
+    looped = jax.tree.map(lambda *each: jnp.stack(each), *one_by_one)
+    rows = jax.vmap(policy, (0, 0, 0, None))
+    chex.assert_trees_all_close(rows(keys, obs, states, params), looped, atol=1e-6)
+    fold = jax.tree.map(lambda leaf: leaf.reshape(2, 3, *leaf.shape[1:]), (keys, obs, states))
+    nested = jax.jit(jax.vmap(rows, (0, 0, 0, None)))(*fold, params)
+    flat = jax.tree.map(lambda leaf: leaf.reshape(6, *leaf.shape[2:]), nested)
+    chex.assert_trees_all_close(flat, looped, atol=1e-6)
+    state = jax.tree.map(lambda leaf: leaf[0], states)
+    seen = jax.vmap(policy, (None, 0, None, None))(keys[0], obs, state, params)
+    np.testing.assert_allclose(seen.probabilities[0], looped.probabilities[0], atol=1e-6)
+    assert len(np.unique(seen.probabilities, axis=0)) == 6
+
+
+def test_joins_a_comparison(exported):
+    """Beside the network that it came from and a rule, on the same episodes."""
+    env, params, config, network, weights, path = exported
+    policies = {
+        "saved": load_policy(path).policy(env),
+        "learned": learned_policy(env, network, weights, config.decide_every),
+        "none": medjax.BASELINES["none"](env),
+    }
+    scores = evaluate_policies(env, params, policies, 4, seed=2)
+    for name, values in scores["saved"].items():
+        np.testing.assert_allclose(values, scores["learned"][name], rtol=1e-4, err_msg=name)
+    assert scores["saved"]["meds_dispatched"].sum() > scores["none"]["meds_dispatched"].sum() == 0
+
+
 def test_another_shape_is_refused(exported):
     policy = load_policy(exported[-1])
     with pytest.raises(ValueError, match=r"obs has shape \(3,\).*allowed"):
         policy.act(np.zeros(3), np.ones(5, bool))
     env, _ = medjax.make("paper", **SMALL | {"num_ramps": 2})
     with pytest.raises(ValueError, match="3 actions: allowed"):
-        policy.choose(env)
+        policy.policy(env)
 
 
 def test_a_foreign_file_is_refused(exported, tmp_path):

@@ -9,6 +9,7 @@ from flax import struct
 
 import medjax
 from medjax.traffic.demand import entry_rates, expected_vehicles
+from medjax.world.kinds import GAS
 from medjax.wrappers import BatchAutoReset, RandomDemand, scale_demand
 from train.algorithms.ppo.learner import build_learner
 from train.settings import TrainConfig
@@ -147,7 +148,7 @@ def test_vehicles_that_enter_follow_the_factor():
         return state.factor, jnp.sum(state.env.tally.entered)
 
     factor, count = jax.device_get(entered(jax.random.split(jax.random.key(1), episodes)))
-    start = expected_vehicles(params.demand, params.road, params.drivers.desired_speed[-1])
+    start = expected_vehicles(params.demand, params.road, params.drivers.desired_speed[GAS])
     comes = jnp.sum(entry_rates(params.demand, env.config.num_lanes))
     expected = float(start + comes * decisions * env.config.decision_s)
     slope, offset = np.polyfit(factor, count, 1)

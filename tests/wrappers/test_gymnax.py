@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.wrappers import LegacyStep
+from medjax.wrappers import DecideEvery, LegacyStep, RandomDemand
 
 gymnax = pytest.importorskip("gymnax", reason='pip install "gymnax>=1.0"')
 if int(version("gymnax").split(".")[0]) < 1:
@@ -109,6 +109,13 @@ def test_dm_env_wrapper_finds_the_final_observation():
     obs, final, discount = jax.eval_shape(run, KEY)
     assert obs.shape == final.shape == (STEPS, *ENV.observation_space(PARAMS).shape)
     assert discount.shape == (STEPS,)
+
+
+def test_log_wrapper_takes_a_wrapped_environment():
+    env = wrappers.LogWrapper(DecideEvery(RandomDemand(ENV, 0.5, 1.5), 2))
+    _, (obs, *_, info) = jax.eval_shape(play(env), KEY)
+    assert obs.shape == (STEPS, *ENV.observation_space(PARAMS).shape)
+    assert info["returned_episode_returns"].shape == (STEPS,)
 
 
 def test_flat_observations_stay_as_they_are():

@@ -28,16 +28,17 @@ PAPER_CLAIMS = {  # of its policy: metric, what no action gives times this (Figu
 PAPER_MEDS = 15.0
 
 
-def format_table(result: Mapping[str, Any]) -> str:
+def format_table(result: Mapping[str, Any], learned: Sequence[str]) -> str:
     """The tables of an evaluation: policies, best return first, and what the trained one does against no action.
 
     Args:
         result: of `train.evaluation.scores.summarize`.
+        learned: names of the learned policies, that of the first training seed first; so below.
     """
     title = (
         f"{result['episodes']} whole episodes of {result['scenario']}, the same for every policy"
     )
-    parts = [f"{title}\n{format_rows(comparison_rows(result))}"]
+    parts = [f"{title}\n{format_rows(comparison_rows(result, learned))}"]
     if seeds := result.get("training_seeds"):
         means = ", ".join(map(short, seeds["return_means"]))
         middle = f"{short(seeds['interquartile_mean'])} {interval(seeds['ci95'])}"
@@ -49,7 +50,7 @@ def format_table(result: Mapping[str, Any]) -> str:
             f"each minus {best}, 95 % CI: {each}"
         )
     if "change_against_none" in result:
-        parts.append(format_rows(claim_rows(result)))
+        parts.append(format_rows(claim_rows(result, learned)))
     return "\n\n".join(parts)
 
 
@@ -67,14 +68,14 @@ def format_rows(table: Table) -> str:
     return "\n".join(lines)
 
 
-def comparison_rows(result: Mapping[str, Any]) -> Table:
+def comparison_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
     """Return and metrics of every policy, best return first; metrics that one of them lacks are left out."""
     shown = [
         heading
         for heading, (metric, _) in COLUMNS.items()
         if all(metric in entry for entry in result["policies"].values())
     ]
-    rows = [["policy", "return", "95 % CI", *shown, "ppo minus it, 95 % CI"]]
+    rows = [["policy", "return", "95 % CI", *shown, f"{learned[0]} minus it, 95 % CI"]]
     differences = result.get("paired_return_difference", {})
     for name, entry in best_first(result):
         cells = [name, short(entry["return_mean"]), interval(entry["return_ci95"])]
@@ -85,7 +86,7 @@ def comparison_rows(result: Mapping[str, Any]) -> Table:
     return rows
 
 
-def paper_rows(result: Mapping[str, Any]) -> Table:
+def paper_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
     """Table 2 of the paper, and the same numbers of every policy here; best return first."""
     rows = [["policy", "paper, mean (std)", "here, mean (std)", "95 % CI of the mean"]]
     for name, entry in best_first(result):
@@ -99,15 +100,15 @@ def paper_rows(result: Mapping[str, Any]) -> Table:
             ]
         )
     if seeds := result.get("training_seeds"):
-        what = f"ppo, interquartile mean of {len(seeds['return_means'])} seeds"
+        what = f"{learned[0]}, interquartile mean of {len(seeds['return_means'])} seeds"
         rows.append([what, "-", short(seeds["interquartile_mean"]), interval(seeds["ci95"])])
     return rows
 
 
-def claim_rows(result: Mapping[str, Any]) -> Table:
+def claim_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
     """What the paper claims of its policy against no action, and what the trained one does here."""
-    rows = [["against no action", "paper", "ppo here, 95 % CI"]]
-    ours = [entry for name, entry in result["policies"].items() if name.startswith("ppo")]
+    rows = [["against no action", "paper", f"{learned[0]} here, 95 % CI"]]
+    ours = [result["policies"][name] for name in learned]
     for heading, (metric, form) in COLUMNS.items():
         if metric in PAPER_CLAIMS:
             change = result.get("change_against_none", {}).get(metric)

@@ -10,9 +10,10 @@ import numpy as np
 
 from medjax.env.charging_env import ChargingEnv
 from medjax.env.observation import NEED_WINDOW_S
+from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
 from medjax.world.params import EnvParams
-from train.evaluation.scores import TRAINED, Policy, Scores, evaluate_policies, summarize
+from train.evaluation.scores import Scores, evaluate_policies, learned_names, summarize
 from train.evaluation.tables import (
     best_first,
     claim_rows,
@@ -28,6 +29,7 @@ from train.reporting.survey import Survey, dispatch_rows, survey, total
 from train.reporting.traces import Trace, record
 from train.runs.logs import read_rows
 from train.runs.run_directory import RunDir, write_json
+from train.runs.trained_run import TRAINED
 from train.settings import TrainConfig, to_json
 
 PICTURES = ("training_curve", "comparison", "time_space", "soc_over_time", "soc_at_end", "dispatch")
@@ -83,7 +85,7 @@ def play(
         params=params,
         seed=seed,
         scores=scores,
-        result=summarize(scores, config.scenario, seed),
+        result=summarize(scores, config.scenario, learned_names(scores), seed),
         names=list(recorded),
         seen=total(surveys),
         first=first,
@@ -132,7 +134,7 @@ def write(run_dir: RunDir, config: TrainConfig, played: Played, stochastic: bool
 
 def sections(run_dir: RunDir, config: TrainConfig, played: Played) -> list[Section]:
     """The page's parts, with the figures that `draw` drew."""
-    result = played.result
+    result, learned = played.result, learned_names(played.scores)
     path = {name: run_dir.report / f"{name}.png" for name in PICTURES}
     return [
         Section(
@@ -145,13 +147,13 @@ def sections(run_dir: RunDir, config: TrainConfig, played: Played) -> list[Secti
         Section(
             "Table 2: reward of an episode",
             "Mean and standard deviation over episodes; the paper's are of ten.",
-            tables=[paper_rows(result)],
+            tables=[paper_rows(result, learned)],
         ),
         Section(
             "Figure 8: comparison of the policies",
             "EVs that run out, the distance that an EV covers on the road, the mean charge of the EVs on it, and the "
             "MEDs sent. Bars: means; whiskers: 95 % intervals.",
-            tables=[claim_rows(result), comparison_rows(result)],
+            tables=[claim_rows(result, learned), comparison_rows(result, learned)],
             pictures=[path["comparison"]],
         ),
         Section(

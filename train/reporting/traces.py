@@ -1,6 +1,6 @@
 """Whole episodes decision by decision: the road, the dispatches and the need for them.
 
-The episodes are those of `train.evaluation.scores`: the same keys, and the same streams of randomness.
+The episodes are those of `medjax.episodes.scores`, played by the same player.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -13,16 +13,16 @@ from flax import struct
 from jax import lax
 from tqdm import tqdm
 
-from medjax.env.charging_env import ChargingEnv
+from medjax.env.contract import Environment
 from medjax.env.forecast import forecast_need
 from medjax.env.observation import NEED_WINDOW_S
-from medjax.episodes.keys import ACT, RESET, STEP, episode_keys
+from medjax.episodes.keys import episode_keys
+from medjax.episodes.player import Episodes, Player, episode_steps
+from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.numerics.rows import CACHED_ROWS
-from medjax.world.params import EnvParams
+from medjax.policies.policy import Policy
+from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState
-from medjax.wrappers import environment_mesh, on_devices
-from train.algorithms.ppo.learner import episode_decisions
-from train.evaluation.scores import Policy, choose
 
 EPISODES_AT_ONCE = 32
 BYTES_AT_ONCE = 2**28  # of traces
@@ -52,12 +52,12 @@ class Trace(struct.PyTreeNode):
 
 
 def record(
-    env: ChargingEnv, params: EnvParams, policies: Mapping[str, Policy], episodes: int, seed: int
+    env: Environment, params: EnvParams, policies: Mapping[str, Policy], episodes: int, seed: int
 ) -> Iterator[Trace]:
     """Plays the first episodes of a seed with every policy, some at a time.
 
     Args:
-        env: a single environment.
+        env: a single environment, wrapped or not.
         params: its parameters.
         policies: by name.
         episodes: whole episodes per policy.
@@ -66,7 +66,7 @@ def record(
     Yields:
         Traces of NumPy arrays `(episodes at once, policies, ...)`, of consecutive episodes.
     """
-    run = _recorder(env, policies, episode_decisions(params))
+    run = _recorder(env, policies, episode_steps(env, params))
     weights = tuple(policy.weights for policy in policies.values())
     keys = episode_keys(seed, episodes)
     at_once = min(episodes, EPISODES_AT_ONCE)
@@ -81,57 +81,52 @@ def record(
 
 
 def _recorder(
-    env: ChargingEnv, policies: Mapping[str, Policy], decisions: int
+    env: Environment, policies: Mapping[str, Policy], steps: int
 ) -> Callable[[Any, jax.Array, EnvParams], Trace]:
     """The jitted program `(weights, keys (episodes,), params) -> traces (episodes, policies, ...)`."""
-    acts: list[Callable[..., Any]] = [
-        jax.vmap(policy.act, (None, 0, 0, 0, 0, None)) for policy in policies.values()
-    ]
-    over_rows = (0, None)
-    step_all = jax.vmap(env.step_env, (0, 0, 0, None))
+    player = Player(env, [*policies.values()])
+    count = len(player.policies)
 
     def play(keys: jax.Array, same: tuple[Any, EnvParams]) -> Trace:
-        """Traces of some episodes; a row of the batch plays one episode with one policy."""
+        """Traces of some episodes."""
         weights, params = same
-        streams = jnp.repeat(jax.vmap(jax.random.split, over_rows)(keys, 3), len(acts), axis=0)
-        look = jax.vmap(lambda state: _frame(state, env, params))
-        need = jax.vmap(lambda state: forecast_need(state, env.config, params, NEED_WINDOW_S))
+        look = jax.vmap(lambda state: _frame(*env.highway(state, params), env.config))
+        need = jax.vmap(lambda state: _need(*env.highway(state, params), env.config))
 
-        def decide(carry: tuple[Any, EnvState], time: jax.Array) -> tuple[Any, Any]:
+        def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
             """One decision in every row."""
-            obs, state = carry
-            now = jax.vmap(jax.vmap(jax.random.fold_in, over_rows), over_rows)(streams, time)
-            mask = jax.vmap(env.action_mask, over_rows)(state, params)
-            action = choose(acts, weights, (now[:, ACT], obs, state, mask), params)
-            obs, after, reward, _, _, info = step_all(now[:, STEP], state, action, params)
-            happened = info["tally"]
-            sent = jnp.where(happened.meds_dispatched > 0.0, action, 0)
-            return (obs, after), (look(after), sent, need(state), reward, happened.depleted)
+            after, made = player.decide(episodes, number, weights, params)
+            happened = made.info["tally"]
+            sent = jnp.where(happened.meds_dispatched > 0.0, made.action, 0)
+            traced = look(after.state), sent, need(episodes.state), made.reward, happened.depleted
+            return after, traced
 
-        obs, state = jax.vmap(env.reset, over_rows)(streams[:, RESET], params)
-        times = jnp.arange(decisions, dtype=jnp.int32)
-        _, (frames, *decided) = lax.scan(decide, (obs, state), times)
+        first = player.start(keys, params)
+        _, (frames, *decided) = lax.scan(decide, first, jnp.arange(steps, dtype=jnp.int32))
         frames = jax.tree.map(
-            lambda first, rest: jnp.concatenate([first[None], rest]), look(state), frames
+            lambda begin, rest: jnp.concatenate([begin[None], rest]), look(first.state), frames
         )
         return jax.tree.map(
-            lambda leaf: jnp.moveaxis(leaf, 1, 0).reshape(
-                -1, len(acts), len(leaf), *leaf.shape[2:]
-            ),
+            lambda leaf: jnp.moveaxis(leaf, 1, 0).reshape(-1, count, len(leaf), *leaf.shape[2:]),
             Trace(frames, *decided),
         )
 
     def run(weights: Any, keys: jax.Array, params: EnvParams) -> Trace:
-        episodes_at_once = max(1, CACHED_ROWS // len(acts))
+        episodes_at_once = max(1, CACHED_ROWS // count)
         shared = on_devices(environment_mesh(keys.shape[0]), play, episodes_at_once)
         return shared(keys, (weights, params))
 
     return jax.jit(run)
 
 
-def _frame(state: EnvState, env: ChargingEnv, params: EnvParams) -> Frame:
+def _need(state: EnvState, params: EnvParams, config: EnvConfig) -> jax.Array:
+    """`Trace.need` of a state, (R,)."""
+    return forecast_need(state, config, params, NEED_WINDOW_S)
+
+
+def _frame(state: EnvState, params: EnvParams, config: EnvConfig) -> Frame:
     """What is recorded of a state."""
-    config, vehicles, evs = env.config, state.vehicles, state.evs
+    vehicles, evs = state.vehicles, state.evs
     partner = evs.med[:, None] == jnp.arange(config.num_meds)
     return Frame(
         ev_x=vehicles.x[config.ev_slots],

@@ -14,12 +14,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from medjax.files import replacing
 from medjax.errors import InputError
-from train.settings import TrainConfig, to_json
-from train.algorithms.ppo.learner import TrainState
+from medjax.files import replacing
 from train.algorithms.networks import PolicyWeights
+from train.algorithms.ppo.learner import TrainState
 from train.runs.processes import fetch
+from train.settings import TrainConfig, to_json
 
 FORMAT = 1  # of what this version writes and reads
 ABOUT = "about"

@@ -6,17 +6,20 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
+from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
-from train.runs.checkpoint import updates_done
-from train.settings import TrainConfig
-from train.evaluation.scores import TRAINED, Evaluation, Policy, baseline, summarize, trained
+from train.algorithms.networks import PolicyWeights, build_network
+from train.algorithms.policy import learned_policy
+from train.algorithms.ppo.learner import TrainState
+from train.evaluation.scores import Evaluation, learned_names, summarize
+from train.evaluation.tables import final_return, format_table
 from train.export import export_policy
 from train.reporting.figures import plot_curve
-from train.algorithms.ppo.learner import TrainState
+from train.runs.checkpoint import updates_done
 from train.runs.logs import Row
-from train.algorithms.networks import PolicyWeights, build_network
 from train.runs.run_directory import write_json
-from train.evaluation.tables import final_return, format_table
+from train.runs.trained_run import TRAINED
+from train.settings import TrainConfig
 
 if TYPE_CHECKING:
     from train.runs.session import Session
@@ -40,12 +43,12 @@ def close_run(
     """
     config, run_dir = session.config, session.run_dir
     started = time.perf_counter()
-    export_policy(run_dir.policy, session.env, config, state.weights)
+    export_policy(run_dir.policy, session.env, session.params, config, state.weights)
     result = None
     if evaluate and config.eval_episodes:
         result = _evaluate(session, state)
         write_json(run_dir.evaluation, result)
-        print(format_table(result), flush=True)
+        print(format_table(result, learned_names(result["policies"])), flush=True)
     returns = (
         {name: entry["return_mean"] for name, entry in result["policies"].items()} if result else {}
     )
@@ -95,7 +98,7 @@ def _evaluate(session: "Session", state: TrainState) -> dict[str, Any]:
         f"evaluating {len(policies)} policies on {config.eval_episodes} episodes each", flush=True
     )
     scores = session.evaluation.result().play(policies, config.seed)
-    return summarize(scores, config.scenario, config.seed)
+    return summarize(scores, config.scenario, learned_names(scores), config.seed)
 
 
 def prepare_evaluation(
@@ -127,7 +130,7 @@ def all_policies(
             if config.num_seeds > 1
             else weights
         )
-        policies[TRAINED if index == 0 else f"{TRAINED}_seed{index + 1}"] = trained(
-            network, own, config.decide_every, stochastic
+        policies[TRAINED if index == 0 else f"{TRAINED}_seed{index + 1}"] = learned_policy(
+            env, network, own, config.decide_every, stochastic
         )
-    return policies | {name: baseline(build(env)) for name, build in BASELINES.items()}
+    return policies | {name: build(env) for name, build in BASELINES.items()}

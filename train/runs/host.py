@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-from tqdm import tqdm
 
 
 @dataclasses.dataclass
@@ -48,8 +47,3 @@ def enable_compilation_cache() -> None:
         return
     root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     jax.config.update("jax_compilation_cache_dir", str(Path(root) / "medjax" / "xla"))
-
-
-def compiling() -> Any:
-    """A line that says so while it is open as a context; nothing where stderr is no terminal."""
-    return tqdm(desc="compiling ...", bar_format="{desc}", disable=None, leave=False)

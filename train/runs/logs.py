@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from train.settings import TrainConfig
 from train.runs.run_directory import RunDir, write_text
+from train.settings import TrainConfig
 
 Row = dict[str, Any]
 MAIN = "episode_return"

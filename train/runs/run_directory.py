@@ -13,8 +13,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import IO, Any
 
-from medjax.files import check_writable, replacing
 from medjax.errors import InputError
+from medjax.files import check_writable, replacing
 from train.settings import TrainConfig, load_config, to_json
 
 PACKAGES = ("medjax", "jax", "jaxlib", "flax", "optax", "distrax", "numpy")

@@ -10,16 +10,16 @@ from typing import IO, Any
 import jax
 import jax.numpy as jnp
 
+from train.algorithms.finite import BAD, finite_updates
+from train.algorithms.ppo.learner import TrainFunctions, TrainState
+from train.evaluation.scores import Evaluation
 from train.runs.checkpoint import Checkpoints, to_devices, to_host, updates_done
 from train.runs.finish import close_run, prepare_evaluation
-from train.settings import TrainConfig
-from train.evaluation.scores import Evaluation
-from train.algorithms.finite import BAD, finite_updates
 from train.runs.host import Interrupt, deferred_interrupts, enable_compilation_cache
-from train.algorithms.ppo.learner import TrainFunctions, TrainState
 from train.runs.logs import MetricsLog, Progress, Row, rows_from
 from train.runs.processes import agree, is_first, leave
 from train.runs.run_directory import RunDir
+from train.settings import TrainConfig
 
 # A program that runs once had better compile fast than run fast.
 ONCE = {"xla_backend_optimization_level": 0}

@@ -5,10 +5,10 @@ from typing import IO, NamedTuple
 
 from medjax.errors import InputError
 from medjax.wrappers import prepare_cpu
-from train.runs.checkpoint import Checkpoints, updates_done
-from train.arguments import Request, make_environment
-from train.algorithms.ppo.learner import TrainState, make_train
 from train.algorithms.networks import build_network
+from train.algorithms.ppo.learner import TrainState, make_train
+from train.arguments import Request, make_environment
+from train.runs.checkpoint import Checkpoints, updates_done
 from train.runs.processes import is_first, join, together
 from train.runs.run_directory import RunDir, check_unused, new_run_dir
 from train.runs.session import Session, shapes_of

@@ -11,8 +11,9 @@ from train.arguments import make_environment
 from train.settings import Override, TrainConfig
 
 if TYPE_CHECKING:
-    from train.evaluation.scores import Policy
+    from medjax.policies.policy import Policy
 
+TRAINED = "ppo"  # name of the learned policy, that of the first seed
 LIMITS = {"episodes": (2, 10**7), "batch": (1, 10**6), "seed": (0, 2**32 - 1)}
 
 
@@ -68,8 +69,8 @@ def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, Any]:
     from medjax.wrappers import prepare_cpu
 
     prepare_cpu()
-    from train.runs.checkpoint import Checkpoints
     from train.algorithms.ppo.learner import make_train
+    from train.runs.checkpoint import Checkpoints
     from train.runs.session import shapes_of
 
     reader = Checkpoints(run_dir)

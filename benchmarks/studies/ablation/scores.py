@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from medjax.commandline import parse_overrides
+from medjax.episodes.scores import Scores
 from medjax.errors import shown
+from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
-from train.evaluation.scores import Policy, Scores, baseline
 from train.evaluation.statistics import bootstrap_ci95
 from train.evaluation.tables import interval, short
 from train.reporting.figures import MARKERS, colour, save
@@ -57,7 +58,7 @@ def settings(options: argparse.Namespace) -> TrainConfig:
 
 def rules(env: Any) -> dict[str, Policy]:
     """The policies that are not learned, by name."""
-    return {name: baseline(BASELINES[name](env)) for name in RULES}
+    return {name: BASELINES[name](env) for name in RULES}
 
 
 def in_world(score: Scores, index: int) -> Scores:

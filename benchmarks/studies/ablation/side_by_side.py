@@ -16,11 +16,12 @@ from jax import lax
 from tqdm import tqdm
 
 from medjax.episodes.keys import episode_keys
+from medjax.episodes.scores import MAX_DECISIONS, Scores, make_runner
 from medjax.numerics.rows import CACHED_ROWS, in_blocks
+from medjax.policies.policy import Policy
 from medjax.world.params import EnvParams
 from train.algorithms.networks import PolicyWeights
 from train.algorithms.ppo.learner import build_learner, episode_decisions, shardings
-from train.evaluation.scores import MAX_DECISIONS, Policy, Scores, make_runner
 from train.settings import TrainConfig
 
 Numbers = Mapping[str, Any]  # by "group.leaf" of EnvParams; of several worlds: (worlds,) each
@@ -67,7 +68,7 @@ def play_worlds(
       numbers: in which they differ, `(worlds,)` each.
       policies: by name.
       episodes: whole episodes of each policy in each world, at least 1.
-      seed: which episodes, as in `train.evaluation.scores`.
+      seed: which episodes, as in `medjax.episodes.scores`.
       own_weights: leaves of the policies' weights have an axis of worlds first: in each another policy plays.
 
     Returns:

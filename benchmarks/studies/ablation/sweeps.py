@@ -24,9 +24,10 @@ from benchmarks.studies.ablation.scores import (
 )
 from benchmarks.studies.ablation.side_by_side import play_worlds
 from medjax.commandline import OneLineParser
+from medjax.episodes.scores import Scores
+from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
 from train.arguments import check_environment, make_environment
-from train.evaluation.scores import Policy, Scores
 from train.evaluation.statistics import bootstrap_ci95
 from train.evaluation.tables import format_rows, interval, short
 from train.reporting.figures import new_figure

@@ -24,12 +24,14 @@ from benchmarks.studies.ablation.scores import (
 )
 from benchmarks.studies.ablation.side_by_side import play_worlds, train_worlds
 from medjax.commandline import OneLineParser
+from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError
 from train.algorithms.networks import build_network
+from train.algorithms.policy import learned_policy
 from train.arguments import check_environment, make_environment
-from train.evaluation.scores import TRAINED, evaluate_policies, trained
 from train.evaluation.tables import format_rows
 from train.reporting.figures import new_figure
+from train.runs.trained_run import TRAINED
 
 NOTE = (
     "Trains a dispatcher for each cost of a MED without a cost of delay, and for each cost of delay without a cost of "
@@ -89,7 +91,9 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     }
     weights = train_worlds(env, params, numbers, config)
     network = build_network(env, config)
-    learned = {TRAINED: trained(network, weights, config.decide_every, options.stochastic)}
+    learned = {
+        TRAINED: learned_policy(env, network, weights, config.decide_every, options.stochastic)
+    }
     episodes, seed = options.episodes, options.seed
     scores = play_worlds(env, params, numbers, learned, episodes, seed, own_weights=True)[TRAINED]
     rows = [

@@ -15,13 +15,10 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from gymnasium.spaces import Box, Discrete
 
-from medjax.env.charging_env import ChargingEnv
-from medjax.env.reward import RewardTerm
+from medjax.env.contract import Environment
 from medjax.errors import InputError
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.scenarios import make
-from medjax.world.params import EnvConfig, EnvParams
-from medjax.world.state import EnvState
 from medjax.wrappers.auto_reset import BatchAutoReset, BatchState
 
 FRAMES_PER_S = 10  # a frame a decision: ten times true speed where a decision is a second
@@ -33,21 +30,31 @@ BOUND = 1e6
 REPORTED = ("action_mask", "metrics", "reward_terms")
 
 
-def make_shared(scenario: str, overrides: Mapping[str, Any]) -> tuple[ChargingEnv, EnvParams]:
-    """`medjax.make`, but one environment for all that are built alike: they share their compiled programs."""
-    env, params = make(scenario, **overrides)
-    parts = (env.config, tuple(env.reward.items()), env.observation, env.name)
-    return (_shared(*parts) if isinstance(env.observation, Hashable) else env), params
+_SHARED: dict[Any, Environment] = {}
 
 
-@functools.lru_cache(maxsize=32)
-def _shared(
-    config: EnvConfig, reward: tuple[tuple[str, RewardTerm], ...], observation: Any, name: str
-) -> ChargingEnv:
-    return ChargingEnv(config, dict(reward), observation, name)
+def chosen(
+    scenario: str | None, env: Environment | None, params: Any, overrides: Mapping[str, Any]
+) -> tuple[Environment, Any]:
+    """The environment that is given, or else the one that is to be made, and its parameters.
+
+    Of environments that are made alike there is one: they share their compiled programs.
+
+    Raises:
+      InputError: both, or an environment without parameters; or as `medjax.make`.
+    """
+    if env is not None:
+        if scenario is not None or overrides or params is None:
+            raise InputError("env: allowed with params, and without a scenario or its options")
+        return env, params
+    if params is not None:
+        raise InputError("params without env: allowed options of medjax.make by name")
+    made, params = make("paper" if scenario is None else scenario, **overrides)
+    kind = (made.config, tuple(made.reward.items()), made.observation, made.name)
+    return (_SHARED.setdefault(kind, made) if isinstance(kind[2], Hashable) else made), params
 
 
-def spaces_of(env: ChargingEnv, params: EnvParams) -> tuple[Box, Discrete]:
+def spaces_of(env: Environment, params: Any) -> tuple[Box, Discrete]:
     """Gymnasium's spaces of observations and actions."""
     seen = env.observation_space(params)
     low, high = max(seen.low, -BOUND), min(seen.high, BOUND)
@@ -55,13 +62,13 @@ def spaces_of(env: ChargingEnv, params: EnvParams) -> tuple[Box, Discrete]:
 
 
 def check_render_mode(render_mode: str | None, metadata: Mapping[str, Any]) -> None:
-    """Raises InputError with one line."""
+    """Raises InputError."""
     allowed = metadata["render_modes"]
     if render_mode is not None and render_mode not in allowed:
         raise InputError(f"render_mode = {render_mode!r}: allowed None, {', '.join(allowed)}")
 
 
-def picture(env: ChargingEnv, state: EnvState, params: EnvParams) -> np.ndarray:
+def picture(env: Environment, state: Any, params: Any) -> np.ndarray:
     """The road, `(H, W, 3)` uint8.
 
     Raises:
@@ -90,7 +97,7 @@ def to_numpy(tree: Any) -> Any:
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def reset_one(env: ChargingEnv, key: jax.Array, params: EnvParams) -> Any:
+def reset_one(env: Environment, key: jax.Array, params: Any) -> Any:
     """(key, state, (observation, info)) of a new episode."""
     key, now = jax.random.split(key)
     obs, state = env.reset(jax.random.split(now)[0], params)
@@ -98,9 +105,7 @@ def reset_one(env: ChargingEnv, key: jax.Array, params: EnvParams) -> Any:
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def step_one(
-    env: ChargingEnv, key: jax.Array, state: EnvState, action: Any, params: EnvParams
-) -> Any:
+def step_one(env: Environment, key: jax.Array, state: Any, action: Any, params: Any) -> Any:
     """(key, state, (observation, reward, terminated, truncated, info)) after a decision."""
     key, now = jax.random.split(key)
     obs, state, *rest, info = env.step_env(jax.random.split(now)[0], state, action, params)
@@ -108,17 +113,17 @@ def step_one(
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def mask_one(env: ChargingEnv, state: EnvState, params: EnvParams) -> jax.Array:
+def mask_one(env: Environment, state: Any, params: Any) -> jax.Array:
     """Allowed actions, `(num_actions,)` bool."""
     return env.action_mask(state, params)
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def reset_all(env: ChargingEnv, keys: jax.Array, params: EnvParams) -> Any:
+def reset_all(env: Environment, keys: jax.Array, params: Any) -> Any:
     """`reset_one` for each of the keys `(num_envs,)`."""
     batch = BatchAutoReset(env)
 
-    def start(keys: jax.Array, params: EnvParams) -> Any:
+    def start(keys: jax.Array, params: Any) -> Any:
         later, now = _split(keys)
         obs, state = batch.reset(now, params)
         return later, state, (obs, {"action_mask": batch.action_mask(state, params)})
@@ -128,7 +133,7 @@ def reset_all(env: ChargingEnv, keys: jax.Array, params: EnvParams) -> Any:
 
 @functools.partial(jax.jit, static_argnums=0)
 def step_all(
-    env: ChargingEnv, keys: jax.Array, state: BatchState, actions: Any, params: EnvParams
+    env: Environment, keys: jax.Array, state: BatchState, actions: Any, params: Any
 ) -> Any:
     """A decision in every copy, and a new episode where one ended.
 
@@ -138,7 +143,7 @@ def step_all(
     """
     batch = BatchAutoReset(env)
 
-    def decide(rows: tuple[jax.Array, BatchState, Any], params: EnvParams) -> Any:
+    def decide(rows: tuple[jax.Array, BatchState, Any], params: Any) -> Any:
         keys, state, actions = rows
         later, now = _split(keys)
         obs, state, *rest, info = batch.step(now, state, actions, params)

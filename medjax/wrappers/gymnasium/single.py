@@ -9,8 +9,8 @@ import jax
 import numpy as np
 from gymnasium.error import ResetNeeded
 
+from medjax.env.contract import Environment
 from medjax.registration import ENV_ID
-from medjax.world.state import EnvState
 from medjax.wrappers.gymnasium import programs
 from medjax.wrappers.gymnasium.window import Window
 
@@ -23,12 +23,13 @@ class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
     by name (`ChargingEnv.step_env`). An action that is not allowed counts as 0.
 
     Args:
-      scenario: a name of `medjax.SCENARIOS`.
+      scenario: a name of `medjax.SCENARIOS`; None: "paper".
       render_mode: None, "rgb_array" or "human".
+      env, params: instead, an environment, wrapped or of one's own, and its parameters.
       **overrides: of `medjax.make`.
 
     Raises:
-      InputError: one line; a scenario, option, value or render mode that is not allowed.
+      InputError: a scenario, option, value or render mode that is not allowed.
     """
 
     metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
@@ -37,14 +38,20 @@ class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
     }
 
     def __init__(
-        self, scenario: str = "paper", render_mode: str | None = None, **overrides: Any
+        self,
+        scenario: str | None = None,
+        render_mode: str | None = None,
+        *,
+        env: Environment | None = None,
+        params: Any = None,
+        **overrides: Any,
     ) -> None:
         programs.check_render_mode(render_mode, self.metadata)
-        self.simulator, self.params = programs.make_shared(scenario, overrides)
+        self.simulator, self.params = programs.chosen(scenario, env, params, overrides)
         self.observation_space, self.action_space = programs.spaces_of(self.simulator, self.params)
         self.render_mode = render_mode
         self._key: jax.Array | None = None
-        self._state: EnvState | None = None
+        self._state: Any = None
         self._window: Window | None = None
 
     def reset(

@@ -13,6 +13,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from medjax.env.contract import Environment
 from medjax.errors import InputError
 from medjax.wrappers.auto_reset import BatchState
 from medjax.wrappers.gymnasium import programs
@@ -27,10 +28,10 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     Args:
       num_envs: copies, at least 1.
-      scenario, render_mode, **overrides: as of `ChargingGymEnv`; render modes are None and "rgb_array".
+      scenario, render_mode, env, params, **overrides: as of `ChargingGymEnv`; render modes are None and "rgb_array".
 
     Raises:
-      InputError: one line; a number, scenario, option, value or render mode that is not allowed.
+      InputError: a number, scenario, option, value or render mode that is not allowed.
     """
 
     metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
@@ -42,15 +43,18 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def __init__(
         self,
         num_envs: int = 1,
-        scenario: str = "paper",
+        scenario: str | None = None,
         render_mode: str | None = None,
+        *,
+        env: Environment | None = None,
+        params: Any = None,
         **overrides: Any,
     ) -> None:
         if num_envs < 1:
             raise InputError(f"num_envs = {num_envs}: allowed at least 1")
         programs.check_render_mode(render_mode, self.metadata)
         self.num_envs = num_envs
-        self.simulator, self.params = programs.make_shared(scenario, overrides)
+        self.simulator, self.params = programs.chosen(scenario, env, params, overrides)
         spaces = programs.spaces_of(self.simulator, self.params)
         self.single_observation_space, self.single_action_space = spaces
         self.observation_space, self.action_space = (batch_space(s, num_envs) for s in spaces)

@@ -12,12 +12,12 @@ import medjax
 from benchmarks.studies.ablation import __main__ as ablation
 from benchmarks.studies.ablation.scores import RULES, in_world
 from benchmarks.studies.ablation.side_by_side import play_worlds, train_worlds
+from medjax.episodes.scores import evaluate_policies
 from medjax.physics import link_efficiency, mutual_inductance
 from medjax.policies.rules import BASELINES
 from tests.benchmarks.refusal import refused
 from train import ppo
 from train.algorithms.ppo.learner import make_train
-from train.evaluation.scores import baseline, evaluate_policies
 from train.runs.run_directory import RunDir
 from train.runs.trained_run import load_policies
 from train.settings import TrainConfig
@@ -36,7 +36,7 @@ def run(monkeypatch):
 
 
 def rules(env, *names):
-    return {name: baseline(BASELINES[name](env)) for name in names}
+    return {name: BASELINES[name](env) for name in names}
 
 
 def assert_same_scores(ours, theirs):

@@ -8,8 +8,8 @@ import pytest
 import medjax
 from benchmarks.studies import calibrate
 from benchmarks.studies.calibrate import TABLE_2, compare, solve, without_penalty
+from medjax.episodes.scores import evaluate_policies
 from tests.benchmarks.refusal import refused
-from train.evaluation.scores import baseline, evaluate_policies
 
 
 def test_solves_what_was_put_in():
@@ -31,7 +31,7 @@ def test_solves_what_was_put_in():
 def test_the_preset_reproduces_table_2():
     """Within one of the paper's deviations and the error of so few episodes; PPO is not asked."""
     env, params = medjax.make("paper")
-    policies = {name: baseline(medjax.BASELINES[name](env)) for name in TABLE_2}
+    policies = {name: medjax.BASELINES[name](env) for name in TABLE_2}
     for row in compare(evaluate_policies(env, params, policies, 64, seed=11)):
         error = row["std"] / np.sqrt(64)
         assert abs(row["mean"] - row["paper_mean"]) < row["paper_std"] + 2 * error, row

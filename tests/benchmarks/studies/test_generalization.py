@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from benchmarks.studies import generalization
+from medjax.episodes.scores import evaluate_policies
 from medjax.scenarios import SCENARIOS
 from medjax.world.params import EnvConfig
 from tests.benchmarks.refusal import refused
 from train.algorithms.ppo.learner import make_train
 from train.arguments import make_environment
-from train.evaluation.scores import evaluate_policies
 from train.evaluation.tables import interval, short
 from train.runs.checkpoint import Checkpoints, to_host
 from train.runs.run_directory import RunDir

@@ -10,9 +10,10 @@ import pytest
 
 import medjax
 from benchmarks.studies import planner
-from medjax.policies.rules import AS_BASE, look_ahead, none, random
+from medjax.episodes.scores import evaluate_policies
+from medjax.policies.planner import AS_BASE, look_ahead
+from medjax.policies.rules import none, random
 from tests.benchmarks.refusal import refused
-from train.evaluation.scores import baseline, evaluate_policies
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -60,14 +61,19 @@ def test_a_masked_action_is_never_taken():
 @pytest.mark.slow
 @pytest.mark.parametrize("plan", [AS_BASE, 0])
 def test_plays_the_episodes_of_the_evaluation(hold, plan):
-    """The base rule itself, and nothing at all, are scored as train.evaluation.scores scores them, to rounding."""
+    """The base rule itself, and nothing at all, are scored as medjax.episodes.scores scores them, to rounding."""
     env, params = medjax.make("paper", **SMALL)
-    base = planner.as_act(env, baseline(random(env)))
     ours = planner.play_plans(
-        env, params, lambda key, state, params: jnp.int32(plan), base, hold, episodes=4, seed=3
+        env,
+        params,
+        lambda key, state, params: jnp.int32(plan),
+        random(env),
+        hold,
+        episodes=4,
+        seed=3,
     )
     rule = random(env) if plan == AS_BASE else none(env)
-    theirs = evaluate_policies(env, params, {"rule": baseline(rule)}, 4, seed=3)["rule"]
+    theirs = evaluate_policies(env, params, {"rule": rule}, 4, seed=3)["rule"]
     assert (theirs["meds_dispatched"].sum() > 0) == (plan == AS_BASE)
     for name, values in ours.items():
         np.testing.assert_allclose(values, theirs[name], rtol=1e-5, atol=1e-5, err_msg=name)

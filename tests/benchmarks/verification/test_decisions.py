@@ -17,6 +17,7 @@ from benchmarks.verification.invariants import (
     check_tick,
     count,
 )
+from medjax.world.kinds import GAS
 from medjax.world.params import EnvConfig
 from medjax.world.state import AT_DEPOT, IN_SERVICE, NOT_BOOKED, Tally
 
@@ -252,7 +253,7 @@ def test_a_wrong_outcome_is_found(still):
         assert set(found) <= {"vehicles"}  # a depleted one is then missing
     assert closing(still, tally={"energy_sent_j": jnp.float32(20.0)}) == {"energy": 1}
     assert closing(still, tally={"energy_received_j": jnp.float32(20.0)}) == {"energy": 1}
-    lost = state.replace(tally=state.tally.replace(entered=state.tally.entered.at[2].add(1.0)))
+    lost = state.replace(tally=state.tally.replace(entered=state.tally.entered.at[GAS].add(1.0)))
     assert closing(still, after=lost) == {"vehicles": 1, "tally": 1}
     assert closing(still, after=set_at(state, "vehicles.speed", 0, 1.0)) == {"motion": 1}
     assert closing(still, after=set_at(state, "meds.energy_j", 1, 1.0)) == {"energy": 1}

@@ -5,9 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from medjax.wrappers import BatchAutoReset, EpisodeLog, TimeLimitAsEnd, init_stats
+from medjax.wrappers import BatchAutoReset, EpisodeLog, TimeLimitAsEnd
 from tests.train.probe_envs import Probe, ProbeParams
 from train.algorithms.networks import PolicyWeights, apply_value, build_network
+from train.algorithms.normalization import init_stats
 from train.algorithms.rollout import collect, start
 from train.settings import TrainConfig
 

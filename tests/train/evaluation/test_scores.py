@@ -7,11 +7,14 @@ import pytest
 from scipy import stats
 
 from medjax.episodes.keys import EVALUATION
-from medjax.wrappers import init_stats
+from medjax.episodes.scores import evaluate_policies
+from medjax.policies.policy import Choice, Policy, rule
 from tests.train.conftest import coin, never
 from tests.train.probe_envs import Probe, ProbeParams
 from train.algorithms.networks import PolicyWeights, apply_policy, build_network
-from train.evaluation.scores import Policy, baseline, evaluate_policies, summarize, trained
+from train.algorithms.normalization import init_stats
+from train.algorithms.policy import learned_policy
+from train.evaluation.scores import summarize
 from train.evaluation.statistics import bootstrap_ci95, interquartile_mean, relative_change
 from train.evaluation.tables import format_table
 from train.settings import TrainConfig
@@ -22,11 +25,11 @@ ENV, PARAMS = Probe("noisy"), ProbeParams(episode_decisions=6)
 
 
 def test_the_same_policy_twice_is_the_same_and_differences_are_the_policies_own():
-    one = baseline(lambda key, state, params: jnp.int32(1))
+    one = rule(lambda key, state, params: jnp.int32(1), 2)
     policies = {
-        "a": baseline(coin(ENV)),
-        "b": baseline(coin(ENV)),
-        "none": baseline(never(ENV)),
+        "a": coin(ENV),
+        "b": coin(ENV),
+        "none": never(ENV),
         "one": one,
     }
     scores = evaluate_policies(ENV, PARAMS, policies, episodes=7, seed=3, batch=4)
@@ -46,14 +49,14 @@ def test_the_same_policy_twice_is_the_same_and_differences_are_the_policies_own(
 
 
 def test_equals_one_episode_stepped_by_hand():
-    scores = evaluate_policies(ENV, PARAMS, {"coin": baseline(coin(ENV))}, episodes=2, seed=9)
+    scores = evaluate_policies(ENV, PARAMS, {"coin": coin(ENV)}, episodes=2, seed=9)
     root = jax.random.fold_in(jax.random.key(9), EVALUATION)
     for episode in range(2):
         reset_key, step_key, act_key = jax.random.split(jax.random.fold_in(root, episode), 3)
         _, state = ENV.reset(reset_key, PARAMS)
         total, truncated, time = 0.0, False, 0
         while not truncated:
-            action = coin(ENV)(jax.random.fold_in(act_key, time), state, PARAMS)
+            action = coin(ENV)(jax.random.fold_in(act_key, time), None, state, PARAMS).action
             key = jax.random.fold_in(step_key, time)
             _, state, reward, _, truncated, _ = ENV.step_env(key, state, action, PARAMS)
             total, time = total + float(reward), time + 1
@@ -63,17 +66,20 @@ def test_equals_one_episode_stepped_by_hand():
 def test_nothing_counts_after_the_end_of_an_episode():
     env, params = Probe("constant_terminated"), ProbeParams(episode_decisions=3)
     ends_early = Probe("follow"), ProbeParams(episode_decisions=50)
-    scores = evaluate_policies(env, params, {"none": baseline(never(env))}, 3)
+    scores = evaluate_policies(env, params, {"none": never(env)}, 3)
     np.testing.assert_array_equal(scores["none"]["return"], 3.0)
-    scores = evaluate_policies(*ends_early, {"none": baseline(never(env))}, 5)
+    scores = evaluate_policies(*ends_early, {"none": never(env)}, 5)
     np.testing.assert_array_equal(scores["none"]["length"], 1.0)
     assert set(scores["none"]["return"]) <= {0.0, 1.0}
 
 
 def test_forbidden_actions_count_as_none():
     env = Probe("masked", num_actions=3)
-    two = Policy(lambda weights, key, obs, state, mask, params: weights, jnp.int32(2))
-    scores = evaluate_policies(env, ProbeParams(), {"two": two, "none": baseline(never(env))}, 20)
+    two = Policy(
+        lambda weights, key, obs, state, params: Choice(weights, jax.nn.one_hot(weights, 3)),
+        jnp.int32(2),
+    )
+    scores = evaluate_policies(env, ProbeParams(), {"two": two, "none": never(env)}, 20)
     np.testing.assert_array_equal(scores["two"]["return"], scores["none"]["return"])
 
 
@@ -94,8 +100,8 @@ def test_the_first_policy_waits_as_often_as_it_is_told():
 @pytest.mark.parametrize(("interval", "choices"), [(1, 6), (4, 2), (6, 1)])
 def test_a_trained_policy_waits_between_its_choices(interval, choices):
     """Always action 1 where it chooses, each worth 1: at decisions 0, interval, 2 interval, ... of six."""
-    policy = trained(*untrained(0.01), interval)
-    policies = {"ppo": policy, "none": baseline(never(ENV))}
+    policy = learned_policy(ENV, *untrained(0.01), interval)
+    policies = {"ppo": policy, "none": never(ENV)}
     scores = evaluate_policies(ENV, PARAMS, policies, episodes=5)
     gain = scores["ppo"]["return"] - scores["none"]["return"]
     np.testing.assert_allclose(gain, choices, rtol=1e-5)
@@ -142,7 +148,7 @@ def test_no_share_of_nothing():
     """No action sends nobody to the shoulder in most episodes: there is no interval to give."""
     none = {"return": np.zeros(3), "depleted_share": np.array([0.0, 0.0, 0.1])}
     ours = {"return": np.ones(3), "depleted_share": np.zeros(3)}
-    assert "change_against_none" not in summarize({"ppo": ours, "none": none}, "paper")
+    assert "change_against_none" not in summarize({"ppo": ours, "none": none}, "paper", ["ppo"])
 
 
 @pytest.mark.parametrize("size", [1, 3, 4, 7, 8])
@@ -164,7 +170,8 @@ def test_several_training_seeds_are_compared_by_their_mean():
         "length": np.full(3, 6.0),
         "mean_range_m": np.full(3, 10.0),
     }
-    result = summarize(scores, "paper")
+    learned = ["ppo", "ppo_seed2"]
+    result = summarize(scores, "paper", learned)
     assert list(result["paired_return_difference"]) == ["none"]
     assert result["paired_return_difference"]["none"]["mean"] == pytest.approx(7.0 / 3.0)
     assert result["change_against_none"]["mean_range_m"]["mean"] == pytest.approx(0.7 / 3.0)
@@ -175,7 +182,9 @@ def test_several_training_seeds_are_compared_by_their_mean():
     own = [gains["none"] for gains in seeds["paired_return_differences"]]
     assert [gain["mean"] for gain in own] == pytest.approx([3.0, 5.0 / 3.0])
     assert all(gain["ci95"][0] < gain["mean"] < gain["ci95"][1] for gain in own)
-    assert f"each minus none, 95 % CI: 3.000 [{own[0]['ci95'][0]:.3f}" in format_table(result)
+    assert f"each minus none, 95 % CI: 3.000 [{own[0]['ci95'][0]:.3f}" in format_table(
+        result, learned
+    )
 
 
 def test_summary_has_the_contracts_names():
@@ -189,7 +198,7 @@ def test_summary_has_the_contracts_names():
             "mean_soc": np.zeros(50),
         },
     }
-    result = summarize(scores, "paper")
+    result = summarize(scores, "paper", ["ppo"])
     assert result["episodes"] == 50
     assert result["scenario"] == "paper"
     entry = result["policies"]["ppo"]

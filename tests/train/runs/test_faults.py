@@ -17,12 +17,12 @@ import pytest
 from medjax.errors import InputError
 from tests.train.conftest import TINY
 from tests.train.probe_envs import Probe, ProbeParams
-from tests.train.test_arguments import refused
 from tests.train.runs.test_session import assert_same_run, rows_of, state_of
+from tests.train.test_arguments import refused
 from train import ppo
-from train.runs.checkpoint import Checkpoints
-from train.arguments import make_environment
 from train.algorithms.ppo.learner import make_train
+from train.arguments import make_environment
+from train.runs.checkpoint import Checkpoints
 from train.runs.logs import Progress, read_rows
 from train.runs.run_directory import RunDir
 from train.runs.session import shapes_of

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from tests.train.conftest import TINY
-from tests.train.test_arguments import exit_code, refused
 from tests.train.runs.test_session import rows_of, state_of
+from tests.train.test_arguments import exit_code, refused
 from train import ppo
 from train.runs.logs import read_rows
 

@@ -14,11 +14,11 @@ from medjax.policies.saved import load_policy
 from tests.train.conftest import TINY
 from tests.train.test_arguments import refused
 from train import evaluate, ppo
-from train.runs.checkpoint import Checkpoints
 from train.algorithms.ppo.learner import make_train
+from train.evaluation.tables import final_return, format_table
+from train.runs.checkpoint import Checkpoints
 from train.runs.logs import Progress, read_rows, rows_from
 from train.runs.session import shapes_of
-from train.evaluation.tables import final_return, format_table
 
 CLOCK = ("wall_s", "env_steps_per_s")
 
@@ -103,7 +103,9 @@ def test_the_same_seed_gives_the_same_run_however_it_is_driven(probe, capsys, mo
     """Other chunks, checkpoints, evaluation, or begun anew where it was killed before its first checkpoint."""
     assert ppo.main([*TINY, "--run-dir=whole", "--eval-episodes=0"]) == 0
     other = ["--updates-per-call=3", "--checkpoint-interval=0", "--keep-checkpoints=1"]
-    monkeypatch.setattr("train.runs.session.SECONDS_PER_CALL", 1e9)  # as many updates as may be at once
+    monkeypatch.setattr(
+        "train.runs.session.SECONDS_PER_CALL", 1e9
+    )  # as many updates as may be at once
     assert ppo.main([*TINY, *other, "--run-dir=other"]) == 0
     assert_same_run(probe / "whole", probe / "other")
     (probe / "again").mkdir()

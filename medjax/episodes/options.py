@@ -1,4 +1,4 @@
-"""Which episode a command plays, and with whom: its options, and the recordings."""
+"""The options of commands that play an episode: which one, with whom, and the recordings of it."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from typing import Any
 
 from medjax.commandline import add_set_option, as_path, parse_overrides, whole_number
 from medjax.env.charging_env import ChargingEnv
-from medjax.episodes.recording import Choose, Recording, by_rule, record_episode
+from medjax.episodes.recording import Recording, record_episode
 from medjax.errors import InputError, shown
+from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
 from medjax.policies.saved import load_policy
 from medjax.scenarios import SCENARIOS, make, prepare
 from medjax.world.params import EnvParams
 
 RULE = "forecast"  # unless another policy is asked for
-TRAINED = "ppo"  # name of a trained policy
-POLICY = "policy.zip"  # its file in the directory of a run
+POLICY = "policy.zip"  # file of a trained policy in the directory of a run
 
 
-def add_played(group: Any) -> None:
+def add_episode_options(group: Any) -> None:
     """Adds the options to a group of a parser; values stay text, so that all errors are worded in one place."""
     group.add_argument(
         "--policy", metavar="NAME", help=f"a rule of medjax.policies (default: {RULE})"
@@ -43,7 +43,7 @@ def add_played(group: Any) -> None:
 
 
 @dataclasses.dataclass(frozen=True)
-class Played:
+class EpisodeRequest:
     """What to play; checked as far as that needs no environment."""
 
     run_dir: Path | None  # a trained policy; None: `policy` is a rule
@@ -65,13 +65,13 @@ class Played:
         about = load_policy(self.run_dir / POLICY).about
         return prepare(about.scenario, observation=about.observation, **about.overrides)[:2]
 
-    def policies(self) -> tuple[ChargingEnv, EnvParams, dict[str, Choose]]:
+    def policies(self) -> tuple[ChargingEnv, EnvParams, dict[str, Policy]]:
         """The environment, its parameters, and what is played in it, by name.
 
         Raises:
           InputError: one line; numbers that the environment does not take, or a policy that cannot be read.
         """
-        chosen: dict[str, Choose] = {}
+        chosen: dict[str, Policy] = {}
         rules = [self.compare] if self.compare else []
         if self.run_dir is None:
             env, params = make(self.scenario, **self.overrides)
@@ -79,28 +79,26 @@ class Played:
         else:
             trained = load_policy(self.run_dir / POLICY)
             env, params = trained.make()
-            chosen[TRAINED] = trained.choose(env)
-        chosen |= {name: by_rule(BASELINES[name](env), env.num_actions) for name in rules}
+            chosen[trained.about.name] = trained.policy(env)
+        chosen |= {name: BASELINES[name](env) for name in rules}
         return env, params, chosen
 
     def record(
-        self, env: ChargingEnv, params: EnvParams, chosen: Mapping[str, Choose]
+        self, env: ChargingEnv, params: EnvParams, chosen: Mapping[str, Policy]
     ) -> list[Recording]:
         """Plays the episode, once a policy."""
         recordings = []
-        for name, choose in chosen.items():
+        for name, policy in chosen.items():
             if sys.stderr.isatty():
                 print(f"compiling and playing an episode with {name} ...", file=sys.stderr)
             recordings.append(
-                record_episode(
-                    env, params, choose, policy=name, seed=self.seed, episode=self.episode
-                )
+                record_episode(env, params, policy, name=name, seed=self.seed, episode=self.episode)
             )
         return recordings
 
 
-def played_of(given: argparse.Namespace) -> Played:
-    """What the options of `add_played`, and `compare` where there is one, ask for.
+def requested_episode(given: argparse.Namespace) -> EpisodeRequest:
+    """What the options of `add_episode_options`, and `compare` where there is one, ask for.
 
     Raises:
       InputError: an unknown name, a run that is not there, or options that do not go together.
@@ -117,7 +115,7 @@ def played_of(given: argparse.Namespace) -> Played:
         )
     if given.run_dir is None and compare == (given.policy or RULE):
         raise InputError(f"--compare {compare}: allowed another one than --policy")
-    return Played(
+    return EpisodeRequest(
         run_dir=_run_dir(given.run_dir),
         policy=given.policy or RULE,
         compare=compare,

@@ -1,0 +1,45 @@
+"""What driving takes from the batteries of vehicles."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+
+from medjax.physics import battery_energy, tractive_energy
+from medjax.world.kinds import AUTONOMOUS_EV
+from medjax.world.params import BodyParams, EnvParams
+
+
+def drive_energy(
+    before: ArrayLike, after: ArrayLike, body: BodyParams, dt: float | jax.Array
+) -> jax.Array:
+    """Energy that driving for dt takes from the battery, J; eqs (7)-(8) and the drivetrain.
+
+    Args:
+      before, after: speeds, m/s, one shape.
+      body: of the vehicles; dt: s.
+    """
+    wheels = tractive_energy(
+        before,
+        after,
+        dt,
+        mass=body.mass_kg,
+        drag_coefficient=body.drag_coefficient,
+        frontal_area=body.frontal_area_m2,
+        rolling_resistance=body.rolling_resistance,
+        rotational_inertia_factor=body.rotational_inertia_factor,
+    )
+    return battery_energy(
+        wheels,
+        dt,
+        drivetrain_efficiency=body.drivetrain_efficiency,
+        regeneration_efficiency=body.regeneration_efficiency,
+        auxiliary_power=body.auxiliary_w,
+    )
+
+
+def cruising(params: EnvParams) -> tuple[jax.Array, jax.Array]:
+    """Speed at which EVs mean to drive, that of autonomous ones, m/s, and the battery power that it takes, W."""
+    speed = jnp.asarray(params.drivers.desired_speed[AUTONOMOUS_EV])
+    return speed, drive_energy(speed, speed, params.ev, 1.0)

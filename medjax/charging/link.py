@@ -1,0 +1,130 @@
+"""How the coils of a docked pair stand to each other, and how much of the energy passes."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from medjax.charging.docking import is_docked, panel_lane, panel_x, partners
+from medjax.numerics.gathers import read
+from medjax.physics import interpolate_inductance, link_efficiency
+from medjax.traffic.motion import turn_between
+from medjax.world.params import FRONT, LEFT, RIGHT, EnvConfig, EnvParams, LinkParams
+from medjax.world.state import NOT_BOOKED, EVs, Vehicles
+
+
+class Misalignment(NamedTuple):
+    """Coil geometry of each pair, in the convention of `physics.mutual_inductance`."""
+
+    axial: jax.Array  # m
+    lateral: jax.Array  # m
+    tilt: jax.Array  # rad
+
+
+def misalignment(
+    panel: jax.Array,
+    along_m: jax.Array,
+    across_m: jax.Array,
+    turn_rad: jax.Array,
+    panel_gap_m: jax.Array | float,
+) -> Misalignment:
+    """Geometry of a docked pair from how far the EV is off its slot.
+
+    Side panels face across the road: their distance opens and closes as the vehicles wander, and
+    what is lateral to the coils lies along the road. Front and rear panels face along it.
+
+    Args:
+      panel: int32, any shape.
+      along_m: EV ahead of its slot, m.
+      across_m: EV to the right of its slot, m.
+      turn_rad: heading of the EV less that of the MED, positive to the right.
+      panel_gap_m: nominal axial distance; booms give way, so it never falls below a quarter of it.
+    """
+    side = (panel == LEFT) | (panel == RIGHT)
+    away = jnp.where(panel == RIGHT, 1.0, -1.0)
+    outward = jnp.where(panel == FRONT, 1.0, -1.0)
+    opening = jnp.where(side, away * across_m, outward * along_m)
+    # Normals: the panel that faces right or back turns with the vehicle, its mirror image against it.
+    tilt = jnp.where(side, away, -outward) * turn_rad
+    return Misalignment(
+        axial=jnp.maximum(panel_gap_m + opening, 0.25 * panel_gap_m),
+        lateral=jnp.where(side, along_m, across_m),
+        tilt=tilt,
+    )
+
+
+def coupling_efficiency(
+    geometry: Misalignment, link: LinkParams, form: Literal["circuit", "paper"] = "circuit"
+) -> jax.Array:
+    """Link efficiency of each pair, in [0, 1], by the tabulated coil integral and eq (6) in one of its forms."""
+    inductance = interpolate_inductance(
+        link.inductance, geometry.axial, geometry.lateral, geometry.tilt
+    )
+    return link_efficiency(
+        inductance,
+        load=link.load_ohm,
+        primary_resistance=link.med_resistance_ohm,
+        secondary_resistance=link.ev_resistance_ohm,
+        angular_frequency=link.angular_frequency,
+        form=form,
+    )
+
+
+Coupling = Callable[[Misalignment, LinkParams], jax.Array]
+"""Efficiency in [0, 1] of pairs of coils that stand so, of the shape of the geometry's fields."""
+
+COUPLINGS: Mapping[str, Coupling] = {
+    "circuit": coupling_efficiency,
+    "paper": functools.partial(coupling_efficiency, form="paper"),  # eq (6) as it is printed
+}
+
+
+class Link(NamedTuple):
+    """The coils of each EV with those of its MED, `(E,)` each."""
+
+    is_charging: jax.Array  # bool
+    efficiency: jax.Array  # in [0, 1], wherever they stand
+
+
+def links(
+    vehicles: Vehicles,
+    evs: EVs,
+    length: jax.Array,
+    config: EnvConfig,
+    params: EnvParams,
+    coupling: Coupling,
+) -> Link:
+    """Whether each EV charges, and how efficient its coils are where they stand.
+
+    Args:
+      length: (N,) m, of the vehicles.
+    """
+    ev_slots, med_slots = config.ev_slots, config.med_slots
+    med = partners(vehicles, evs, length, config)
+    goal = panel_x(evs.panel, med, length[ev_slots], params.charging.dock_gap_m)
+    error = vehicles.x[ev_slots] - goal
+    in_lane = vehicles.lane[ev_slots] == panel_lane(evs.panel, med.lane)
+    med_offset, med_lateral_speed = read(
+        (vehicles.lateral_offset[med_slots], vehicles.lateral_speed[med_slots]),
+        jnp.maximum(evs.med, 0),
+    )
+    across = vehicles.lateral_offset[ev_slots] - med_offset
+    turn = turn_between(
+        med.speed, med_lateral_speed, vehicles.speed[ev_slots], vehicles.lateral_speed[ev_slots]
+    )
+    is_charging = (evs.med != NOT_BOOKED) & is_docked(
+        error,
+        vehicles.speed[ev_slots] - med.speed,
+        in_lane & (jnp.abs(across) < 0.25 * params.road.lane_width_m),
+        evs.is_charging,
+        params.charging,
+    )
+    seen = params.link.misalignment_scale
+    geometry = misalignment(
+        evs.panel, seen * error, seen * across, seen * turn, params.link.panel_gap_m
+    )
+    return Link(is_charging, coupling(geometry, params.link))

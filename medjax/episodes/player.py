@@ -1,0 +1,158 @@
+"""The one player of whole episodes: what evaluation, recordings, traces and the planner drive, each at its own pace.
+
+Episodes are rows of a batch, and every row draws from the streams of its episode (`medjax.episodes.keys`): decision t
+from `fold_in(stream, t)`. So all that is played of an episode is the same episode, and differences between policies are
+theirs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from medjax.env.contract import Environment
+from medjax.episodes.keys import ACT, RESET, STEP
+from medjax.policies.policy import Choice, Policy
+
+
+class Episodes(struct.PyTreeNode):
+    """Where some episodes stand; every leaf has an axis of rows first."""
+
+    streams: jax.Array  # (rows, 3) keys, see `medjax.episodes.keys`
+    obs: Any
+    state: Any
+    done: jax.Array  # (rows,) bool
+    scores: dict[str, jax.Array]  # (rows,) float32: "return", "length", the environment's metrics
+
+
+class Decision(struct.PyTreeNode):
+    """What was decided in every row, and what came of it."""
+
+    action: jax.Array  # (rows,) int32, as the policy chose; one that the mask forbids counts as 0
+    probabilities: jax.Array  # (rows, num_actions) of the policy
+    mask: jax.Array  # (rows, num_actions) bool, allowed actions
+    reward: jax.Array  # (rows,)
+    info: dict[str, Any]  # of the environment's step
+
+
+class Player:
+    """Policies side by side: row r is played by policy `r % len(policies)`, so that all are one batch.
+
+    The environment is compiled once for all of them, and the fixed cost of a decision is paid once. Weights are given
+    to every decision: they are arguments of a compiled program, not a part of it.
+
+    Args:
+        env: a single environment.
+        policies: at least one; their own weights are not read.
+    """
+
+    def __init__(self, env: Environment, policies: Sequence[Policy]) -> None:
+        self.env, self.policies = env, tuple(policies)
+        # Traced once for its shapes and its use.
+        self._step = jax.jit(jax.vmap(env.step_env, (0, 0, 0, None)))
+
+    def start(self, keys: jax.Array, params: Any) -> Episodes:
+        """Before the first decision, episodes `(episodes,)` by their keys; each is played by all policies in turn.
+
+        Returns:
+            `episodes * policies` rows.
+        """
+        streams = jax.vmap(jax.random.split, (0, None))(keys, 3)
+        streams = jnp.repeat(streams, len(self.policies), axis=0)
+        obs, state = jax.vmap(self.env.reset, (0, None))(streams[:, RESET], params)
+        actions = jnp.zeros(streams.shape[:1], jnp.int32)
+        *_, info = jax.eval_shape(self._step, streams[:, STEP], state, actions, params)
+        names = ("return", "length", *info["metrics"])
+        return Episodes(
+            streams=streams,
+            obs=obs,
+            state=state,
+            done=jnp.zeros(actions.shape, bool),
+            scores=dict.fromkeys(names, jnp.zeros(actions.shape, jnp.float32)),
+        )
+
+    def choose(
+        self, episodes: Episodes, number: Any, weights: Sequence[Any], params: Any
+    ) -> Choice:
+        """What the policies do at decision `number` of the episodes, leaves `(rows, ...)`.
+
+        Args:
+            episodes: where they stand.
+            number: () int32, of all rows, or (rows,).
+            weights: of the policies.
+            params: of the environment.
+        """
+        rows = _at(episodes.streams[:, ACT], number), episodes.obs, episodes.state
+        count = len(self.policies)
+        choices = []
+        for index, (policy, own) in enumerate(zip(self.policies, weights, strict=True)):
+            mine = jax.tree.map(lambda leaf, index=index: leaf[index::count], rows)
+            act: Callable[..., Choice] = jax.vmap(policy.act, (None, 0, 0, 0, None))
+            choices.append(act(own, *mine, params))
+
+        def take_turns(*leaves: jax.Array) -> jax.Array:
+            return jnp.stack(leaves, axis=1).reshape(-1, *leaves[0].shape[1:])
+
+        first, *others = choices
+        taken: Choice = jax.tree.map(take_turns, first, *others)
+        return taken
+
+    def go_on(
+        self, episodes: Episodes, number: Any, choice: Choice, params: Any
+    ) -> tuple[Episodes, Decision]:
+        """Takes decision `number` in every row; what is over keeps its score.
+
+        Args:
+            episodes: where they stand.
+            number: as of `choose`.
+            choice: leaves `(rows, ...)`.
+            params: of the environment.
+        """
+        mask = jax.vmap(self.env.action_mask, (0, None))(episodes.state, params)
+        action = choice.action.astype(jnp.int32)
+        allowed = jnp.take_along_axis(mask, action[:, None], axis=1, mode="clip")[:, 0]
+        taken = jnp.where(allowed, action, 0)  # action 0 is always allowed
+        keys = _at(episodes.streams[:, STEP], number)
+        obs, state, reward, terminated, truncated, info = self._step(
+            keys, episodes.state, taken, params
+        )
+        live, scores = ~episodes.done, episodes.scores
+        now = {
+            "return": scores["return"] + reward.astype(jnp.float32),
+            "length": scores["length"] + 1.0,
+            **{name: value.astype(jnp.float32) for name, value in info["metrics"].items()},
+        }
+        after = Episodes(
+            streams=episodes.streams,
+            obs=obs,
+            state=state,
+            done=episodes.done | terminated | truncated,
+            scores={name: jnp.where(live, now[name], old) for name, old in scores.items()},
+        )
+        return after, Decision(action, choice.probabilities, mask, reward, info)
+
+    def decide(
+        self, episodes: Episodes, number: Any, weights: Sequence[Any], params: Any
+    ) -> tuple[Episodes, Decision]:
+        """Decision `number` of every row, as its policy chooses: `choose`, then `go_on`."""
+        choice = self.choose(episodes, number, weights, params)
+        return self.go_on(episodes, number, choice, params)
+
+
+def _at(streams: jax.Array, number: Any) -> jax.Array:
+    """Keys `(rows,)` of a decision, out of streams `(rows,)`."""
+    return jax.vmap(jax.random.fold_in, (0, 0 if jnp.ndim(number) else None))(streams, number)
+
+
+def episode_decisions(params: Any) -> int:
+    """Decisions until an episode is truncated, as the parameters say; 0 if they do not."""
+    return int(getattr(params, "episode_decisions", 0))
+
+
+def episode_steps(env: Environment, params: Any) -> int:
+    """Steps of the environment in the longest episode."""
+    return -(-episode_decisions(params) // env.decisions_per_step)

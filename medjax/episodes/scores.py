@@ -1,0 +1,147 @@
+"""Policies side by side on whole episodes with paired randomness: what each of them scores."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from medjax.env.contract import Environment
+from medjax.episodes.keys import episode_keys
+from medjax.episodes.player import Episodes, Player, episode_decisions
+from medjax.numerics.devices import environment_mesh, on_devices
+from medjax.numerics.rows import CACHED_ROWS
+from medjax.policies.policy import Policy
+
+MAX_DECISIONS = 100_000  # of an episode whose parameters do not say how long it is
+
+Scores = dict[str, np.ndarray]  # "return", "length" and the environment's metrics, each (episodes,)
+
+
+def make_runner(
+    env: Environment, policies: Mapping[str, Policy], max_decisions: int, worlds: int = 1
+) -> Any:
+    """The jitted program `(weights, keys (episodes,), params) -> dict of (policies, episodes)` of whole episodes.
+
+    `worlds` is the number of params that it will be mapped over by `jax.vmap`: blocks are the smaller.
+    """
+    player = Player(env, [*policies.values()])
+    count = len(player.policies)
+
+    def play(keys: jax.Array, same: tuple[Any, Any]) -> dict[str, jax.Array]:
+        """Scores `(episodes, policies)`."""
+        weights, params = same
+
+        def unfinished(carry: tuple[Episodes, jax.Array]) -> jax.Array:
+            episodes, number = carry
+            return (number < max_decisions) & ~jnp.all(episodes.done)
+
+        def decide(carry: tuple[Episodes, jax.Array]) -> tuple[Episodes, jax.Array]:
+            """One decision in every row."""
+            episodes, number = carry
+            return player.decide(episodes, number, weights, params)[0], number + 1
+
+        end, _ = lax.while_loop(unfinished, decide, (player.start(keys, params), jnp.int32(0)))
+        return {name: values.reshape(-1, count) for name, values in end.scores.items()}
+
+    def run(weights: Any, keys: jax.Array, params: Any) -> dict[str, jax.Array]:
+        mesh = environment_mesh(keys.shape[0])
+        episodes_at_once = max(1, CACHED_ROWS // (count * worlds))
+        scores = on_devices(mesh, play, episodes_at_once)(keys, (weights, params))
+        return {name: values.T for name, values in scores.items()}
+
+    return jax.jit(run)
+
+
+class Evaluation:
+    """Policies side by side on the same episodes, compiled when built.
+
+    Episode i starts from the same key for all, and its decision t draws from the same key, so that differences between
+    policies are theirs. Actions that the mask forbids count as 0.
+
+    Args:
+        env: a single environment, wrapped or not.
+        params: its parameters.
+        policies: by name. Their weights are read for shapes only.
+        episodes: whole episodes per policy, at least 1.
+        batch: episodes of each policy played together; the result does not depend on it but for rounding.
+    """
+
+    def __init__(
+        self,
+        env: Environment,
+        params: Any,
+        policies: Mapping[str, Policy],
+        episodes: int,
+        batch: int = 128,
+    ) -> None:
+        self.names, self.params, self.episodes = list(policies), params, episodes
+        self.batch = min(batch, episodes)
+        runner = make_runner(env, policies, episode_decisions(params) or MAX_DECISIONS)
+        self._run = runner.lower(_host_weights(policies), self._keys(0)[0], params).compile()
+
+    def play(
+        self, policies: Mapping[str, Policy], seed: int, params: Any = None
+    ) -> dict[str, Scores]:
+        """Plays the episodes.
+
+        Args:
+            policies: those that this was built for, with the weights to act with.
+            seed: which episodes.
+            params: other numbers of the environment than those that this was built for.
+
+        Returns:
+            For each policy, arrays `(episodes,)` float64 of `return`, `length` and the environment's metrics.
+        """
+        weights = _host_weights(policies)
+        params = self.params if params is None else params
+        blocks = _progress(self._keys(seed), desc="episodes")
+        parts = [jax.device_get(self._run(weights, keys, params)) for keys in blocks]
+        columns = {
+            name: np.concatenate([part[name] for part in parts], axis=1)[:, : self.episodes].astype(
+                np.float64
+            )
+            for name in parts[0]
+        }
+        return {
+            policy: {name: values[index] for name, values in columns.items()}
+            for index, policy in enumerate(self.names)
+        }
+
+    def _keys(self, seed: int) -> jax.Array:
+        """Keys `(batches, batch)`: whole batches, so that one program serves; episodes too many are thrown away."""
+        batches = -(-self.episodes // self.batch)
+        return episode_keys(seed, batches * self.batch).reshape(batches, self.batch)
+
+
+def _host_weights(policies: Mapping[str, Policy]) -> Any:
+    """From the host, since training may have left them on other devices than play here."""
+    return jax.device_get(tuple(policy.weights for policy in policies.values()))
+
+
+def _progress(items: Any = None, **options: Any) -> Any:
+    """A bar, or a line, on a terminal; without tqdm there is none."""
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        return contextlib.nullcontext() if items is None else items
+    return tqdm(items, disable=None, leave=False, **options)
+
+
+def evaluate_policies(
+    env: Environment,
+    params: Any,
+    policies: Mapping[str, Policy],
+    episodes: int,
+    seed: int = 0,
+    batch: int = 128,
+) -> dict[str, Scores]:
+    """Plays the same episodes with every policy, see `Evaluation`."""
+    with _progress(desc="compiling ...", bar_format="{desc}"):
+        evaluation = Evaluation(env, params, policies, episodes, batch)
+    return evaluation.play(policies, seed)

@@ -1,0 +1,86 @@
+"""How the coils of a pair stand, from first principles, and how efficient they are then."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from medjax.charging.link import COUPLINGS, Misalignment, misalignment
+from medjax.physics import link_efficiency, mutual_inductance
+from medjax.world.params import FRONT, LEFT, REAR, RIGHT
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+
+@pytest.mark.parametrize("form", ["circuit", "paper"])
+@pytest.mark.parametrize("lateral", [0.0, 0.1, 0.3])
+def test_efficiency_is_that_of_the_coil_integral(paper, lateral, form):
+    """What the simulator uses, by table, is what the integral gives for its coils, by either form of eq (6)."""
+    _, params = paper
+    seen = COUPLINGS[form](Misalignment(jnp.float32(0.21), jnp.float32(lateral), 0.05), params.link)
+    inductance = mutual_inductance(
+        0.35, 0.30, 0.21, lateral, 0.05, primary_turns=10, secondary_turns=10
+    )
+    exact = link_efficiency(
+        inductance,
+        load=10.0,
+        primary_resistance=0.159,
+        secondary_resistance=0.126,
+        angular_frequency=2 * np.pi * 85e3,
+        form=form,
+    )
+    assert float(seen) == pytest.approx(float(exact), abs=1e-3)
+
+
+def corner_distance(panel, along, across, turn, gap):
+    """Axial and lateral distance of two panels, by turning points in the plane with NumPy.
+
+    The MED's panel is at the origin and faces `normal`; the EV's panel is `gap` away, displaced by
+    (along, across). Along points forward, across to the right.
+    """
+    normal = {LEFT: (0, -1), RIGHT: (0, 1), REAR: (-1, 0), FRONT: (1, 0)}[panel]
+    normal = np.array(normal, float)
+    tangent = np.abs(normal[::-1])
+    offset = gap * normal + np.array([along, across])
+    return offset @ normal, offset @ tangent
+
+
+@pytest.mark.parametrize("panel", [LEFT, RIGHT, REAR, FRONT])
+def test_misalignment_geometry(panel):
+    """Axial and lateral distance are projections on the panel's normal and its plane."""
+    rng = np.random.default_rng(panel)
+    for along, across, turn in rng.uniform(-0.1, 0.1, (20, 3)):
+        seen = misalignment(jnp.int32(panel), along, across, turn, 0.2)
+        axial, lateral = corner_distance(panel, along, across, turn, 0.2)
+        np.testing.assert_allclose([seen.axial, seen.lateral], [axial, lateral], atol=1e-6)
+        assert abs(float(seen.tilt)) == pytest.approx(abs(turn), rel=1e-5)
+
+
+@pytest.mark.parametrize("panel", [LEFT, RIGHT, REAR, FRONT])
+def test_tilt_sign_moves_the_near_edge(panel):
+    """The tilt's sign matches two real loops in space: Neumann's double integral in NumPy."""
+    along, across, turn, gap = 0.05, 0.12, 0.2, 0.35
+    if panel in (REAR, FRONT):
+        along, across = across, along
+    seen = misalignment(jnp.int32(panel), along, across, turn, gap)
+    ours = mutual_inductance(0.35, 0.30, seen.axial, seen.lateral, seen.tilt)
+    assert float(ours) == pytest.approx(neumann(panel, along, across, turn, gap), rel=2e-3)
+
+
+def neumann(panel, along, across, turn, gap):
+    """Mutual inductance of the two panels' loops, by Neumann's formula on 400 x 400 chords."""
+    normal = {LEFT: (0, -1, 0), RIGHT: (0, 1, 0), REAR: (-1, 0, 0), FRONT: (1, 0, 0)}[panel]
+    normal = np.array(normal, float)
+    up = np.array([0.0, 0.0, 1.0])
+    side = np.cross(up, normal)
+    angle = np.linspace(0.0, 2.0 * np.pi, 401)
+    ring = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * up
+    primary = 0.35 * ring
+    # Heading turns to the right: forward (1, 0) goes to (cos, sin) with y to the right.
+    rotate = np.array(
+        [[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]]
+    )
+    secondary = gap * normal + np.array([along, across, 0.0]) + 0.30 * ring @ rotate.T
+    first, second = np.diff(primary, axis=0), np.diff(secondary, axis=0)
+    middle_1, middle_2 = (primary[1:] + primary[:-1]) / 2, (secondary[1:] + secondary[:-1]) / 2
+    distance = np.linalg.norm(middle_1[:, None] - middle_2[None], axis=-1)
+    return 1e-7 * np.sum(first @ second.T / distance)

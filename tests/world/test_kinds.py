@@ -1,0 +1,39 @@
+"""The table of kinds, and the one order of slots."""
+
+import jax
+import numpy as np
+
+from medjax.world.kinds import CLASSES, KINDS, by_class, kinds_in
+
+
+def test_classes_share_out_the_kinds():
+    """Every kind is in one class, and counts of kinds add up by class."""
+    assert sorted(kinds_in(*CLASSES)) == list(range(len(KINDS)))
+    counts = np.arange(2 * len(KINDS), dtype=np.float32).reshape(2, -1)
+    expected = [counts[:, list(kinds_in(slots))].sum(axis=1) for slots in CLASSES]
+    np.testing.assert_array_equal(by_class(counts), np.stack(expected, axis=-1))
+
+
+def test_vehicles_are_of_a_kind_that_their_slot_holds(paper):
+    """At the reset and after 30 decisions of entries, on the road and off it."""
+    env, params = paper
+    config = env.config
+    slots = np.asarray(config.by_slot(0, 1, 2))
+    for index, where in enumerate((config.med_slots, config.ev_slots, config.gas_slots)):
+        assert (slots[where] == index).all()
+    of_kind = np.array([CLASSES.index(kind.slots) for kind in KINDS])
+
+    @jax.jit
+    def play(key):
+        start = env.reset(key, params)[1]
+
+        def step(state, key):
+            state = env.step_env(key, state, 1, params)[1]
+            return state, state.vehicles.kind
+
+        return start.vehicles.kind, jax.lax.scan(step, start, jax.random.split(key, 30))[1]
+
+    start, later = jax.tree.map(np.asarray, play(jax.random.key(0)))
+    assert (of_kind[start] == slots).all()
+    assert (of_kind[later] == slots).all()
+    assert (later != start).any()  # another driver in an EV's slot
