@@ -9,11 +9,13 @@ import medjax
 from medjax.charging.docking import docking_acceleration
 from medjax.charging.energy import drive_energy
 from medjax.charging.link import coupling_efficiency, misalignment
+from medjax.env.dispatch import advance_clocks
 from medjax.env.tick import physics_tick
 from medjax.numerics.sums import sum_pairwise
 from medjax.physics import change_battery
 from medjax.traffic.motion import ballistic_step
 from medjax.traffic.step import drivers_of
+from medjax.world.kinds import AUTONOMOUS_EV, MED
 from medjax.world.params import FRONT, LEFT, PANELS
 from medjax.world.state import IN_SERVICE, Tally
 
@@ -227,7 +229,10 @@ def test_a_clock_runs_down_in_time(tick_s, ticks):
     def decision(carry, _):
         clock, count = carry
         count += clock > 0.0
-        return (env._advance_clock(state.replace(cooldown_s=clock), params).cooldown_s, count), None
+        return (
+            advance_clocks(state.replace(cooldown_s=clock), env.config, params).cooldown_s,
+            count,
+        ), None
 
     (left, counts), _ = jax.lax.scan(
         decision, (clocks, jnp.zeros(clocks.shape, jnp.int32)), length=3700
@@ -252,6 +257,7 @@ def platoon(env, params, x):
         speed=np.full(5, 17.987),
         lane=np.array([2, 1, 3, 2, 2], np.int32),
         active=np.ones(5, bool),
+        kind=np.array([MED] + 4 * [AUTONOMOUS_EV], np.int32),
         desired_speed=np.array([17.987, 30.0, 30.0, 30.0, 30.0]),
         road_order=np.arange(5, dtype=np.int32),
     )
@@ -291,7 +297,7 @@ def played(env, params, state, ticks, float_type):
 def test_ten_minutes_of_charging_at_the_far_end_against_float64():
     """The whole tick at 80 to 90 km, computed in both types: the same EVs charge throughout, they stand where
     docking's bound lets them, and batteries and books agree."""
-    env, params = medjax.make("long", num_meds=1, num_evs=4, num_gas=0)
+    env, params = medjax.make("long", num_meds=1, num_evs=4, num_gas=0, service_speed=17.987)
     ticks = 2400
     state = platoon(env, params, 80_000.0)
     (narrow, books), (wide, true) = (
