@@ -10,7 +10,7 @@ from medjax.charging.booking import panel_flags
 from medjax.traffic import find_neighbours, sort_by_road
 from medjax.traffic.demand import expected_vehicles
 from medjax.world.kinds import MED, by_class
-from medjax.world.state import IN_SERVICE
+from medjax.world.state import IN_SERVICE, count_kinds
 from tests.traffic.test_order_precision import brute_force
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -109,12 +109,9 @@ def test_random_play_from_end_to_end_of_the_road(long):
     assert obs.shape == (env.observation.size(config),)
     started = int(state.vehicles.active.sum())
     state = moved_to_the_end(state, config, params, 95_000.0)
-    removed = state.vehicles.active
-    counts = jnp.stack(
-        [removed[s].sum() for s in (config.med_slots, config.ev_slots, config.gas_slots)]
-    )
+    counts = count_kinds(state.vehicles.active, state.vehicles.kind, config)
     state = state.replace(
-        tally=state.tally.replace(entered=counts.astype(jnp.float32))
+        tally=state.tally.replace(entered=counts)
     )  # the ledger of who was put there
     run = play(env, params, medjax.BASELINES["random"](env), 120)
     state, (wrong, charging_x, on_road) = run(key, state)

@@ -226,7 +226,7 @@ def played(env, params, state, ticks, float_type):
 def test_ten_minutes_of_charging_at_the_far_end_against_float64():
     """The whole tick at 80 to 90 km, computed in both types: the same EVs charge throughout, they stand where
     docking's bound lets them, and batteries and books agree."""
-    env, params = medjax.make("long", num_meds=1, num_evs=4, num_gas=0)
+    env, params = medjax.make("long", num_meds=1, num_evs=4, num_gas=0, service_speed=17.987)
     ticks = 2400
     state = platoon(env, params, 80_000.0)
     (narrow, books), (wide, true) = (
