@@ -11,7 +11,7 @@ def test_table_lists_the_best_first():
         "policies": {"none": entry, "ppo": entry | {"return_mean": 123.456}},
         "paired_return_difference": {"none": {"mean": 122.456, "ci95": [100.0, 140.0]}},
     }
-    lines = format_table(result).splitlines()
+    lines = format_table(result, ["ppo"]).splitlines()
     assert "depleted share" in lines[1]
     assert "mean SoC" not in lines[1]
     assert lines[3].startswith("ppo")
@@ -32,10 +32,10 @@ def test_tables_of_several_training_seeds():
         "change_against_none": {"depleted_share": change},
     }
     result["policies"]["ppo_seed2"] = entry | {"return_mean": 3.0, "meds_dispatched": 4.0}
-    rows = paper_rows(result)
+    rows = paper_rows(result, ["ppo", "ppo_seed2"])
     assert [row[0] for row in rows[1:4]] == ["ppo_seed2", "ppo", "none"]
     assert rows[-1][1:] == ["-", "2.000", "[1.000, 3.000]"]
-    claims = {row[0]: row[1:] for row in claim_rows(result)}
+    claims = {row[0]: row[1:] for row in claim_rows(result, ["ppo", "ppo_seed2"])}
     assert claims["depleted share"] == ["-50%", "-50.0% [-62.5%, -37.5%]"]
     assert claims["mean SoC"] == ["+20%", "-"]
     assert claims["MEDs sent"] == ["15", "3.00"]
