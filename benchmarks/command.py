@@ -1,18 +1,23 @@
-"""What the benchmarks' command lines share: bad input is one line on stderr and exit code 2."""
+"""What the benchmarks' commands share: their options, and what becomes of what they measure."""
 
 from __future__ import annotations
 
 import argparse
+import json
+import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
+
+import jax
 
 import medjax
 from medjax import commandline
 from medjax.commandline import OneLineParser, as_path
 from medjax.errors import InputError, shown
 from medjax.files import check_output
+from medjax.numerics.devices import prepare_cpu
 
 T = TypeVar("T")
 
@@ -28,6 +33,53 @@ def benchmark_parser(name: str, description: str | None) -> OneLineParser:
         "--json", type=output_file, metavar="FILE", help="write the figures here too"
     )
     return parser
+
+
+def run_command(
+    parser: OneLineParser,
+    measure: Callable[[argparse.Namespace], Any],
+    arguments: list[str] | None = None,
+    plot: Callable[[Path, Any], None] | None = None,
+) -> Any:
+    """A command from its arguments to the files that are asked for; bad input ends it in one line and exit code 2.
+
+    Args:
+      parser: of `benchmark_parser`.
+      measure: does it, prints what it finds, and returns what `--json` writes; an InputError of it is bad input.
+      arguments: None: those of the process.
+      plot: draws what `measure` returned to the PNG of `--plot`.
+
+    Returns:
+      What `measure` returned.
+    """
+    options = parser.parse_args(arguments)
+    prepare_cpu()
+    try:
+        result = measure(options)
+    except InputError as error:
+        parser.error(str(error))
+    if options.json:
+        try:
+            options.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        except OSError as error:
+            parser.error(f"--json {options.json}: {error.strerror}")
+    if plot and options.plot:
+        plot(options.plot, result)
+    return result
+
+
+def machine() -> dict[str, str]:
+    """What figures of speed depend on, as every report names it."""
+    return {
+        "backend": jax.default_backend(),
+        "device": jax.devices()[0].device_kind,
+        "jax_version": jax.__version__,
+    }
+
+
+def say(line: str) -> None:
+    """Progress, on stderr."""
+    print(line, file=sys.stderr, flush=True)
 
 
 def argument(read: Callable[[str, str], T]) -> Callable[[str], T]:
@@ -76,6 +128,11 @@ def output_file(name: str, text: str) -> Path:
     path = as_path(name, text)
     check_output(name, path)
     return path
+
+
+def add_plot(parser: OneLineParser, what: str) -> None:
+    """Adds `--plot FILE.png`."""
+    parser.add_argument("--plot", type=picture, metavar="FILE.png", help=f"draw {what} here")
 
 
 def picture(text: str) -> Path:

@@ -13,12 +13,12 @@ import pytest
 
 from medjax import commandline
 from medjax.world.params import SIZES
-from tests import fuzz
+from tests.bad_texts import FILES, PATHS, TEXTS
+from tests.documented import NUMBERS, ROOT
 from tests.refusals import MOST_S, AcceptedError, check_line
 from tests.test_bad_input import (
     FIELDS,
     LEAVES,
-    ROWS,
     TOGETHER,
     arguments,
     leaves_of,
@@ -30,12 +30,10 @@ from tests.test_bad_input import (
 
 pytestmark = pytest.mark.usefixtures("nothing_starts")
 
-FILES = fuzz.FILES
-
 
 @pytest.fixture
 def work(tmp_path, monkeypatch):
-    """A working directory with what `fuzz.PATHS` names."""
+    """A working directory with what `PATHS` names."""
     (tmp_path / "work/used").mkdir(parents=True)
     work = tmp_path / "work"
     (work / "used/notes.txt").write_text("precious")
@@ -113,6 +111,7 @@ COMMANDS = {
     "benchmarks.speed.training": [],
     "benchmarks.studies.tune": [],
     "benchmarks.studies.ablation.__main__": ["cooldown"],
+    "benchmarks.verification.golden": ["--out=new.npz"],
 }
 ALWAYS = (
     "--frobnicate",
@@ -155,13 +154,11 @@ def bad_lines(name, options):
         if action.nargs == 0:
             texts = ["", "x", "true"]
         elif dest in FILE_OPTIONS:
-            texts = [
-                text for text in fuzz.PATHS if text not in ("file", "file/", "loop", "dangling")
-            ]
+            texts = [text for text in PATHS if text not in ("file", "file/", "loop", "dangling")]
         elif dest in DIRECTORY_OPTIONS:
-            texts = fuzz.PATHS
+            texts = PATHS
         else:
-            texts = fuzz.TEXTS
+            texts = TEXTS
             lines.append([*start, flag])
         if dest in DIRECTORY_OPTIONS and flag + "=run" in start:
             start = [word for word in start if not word.startswith(flag)]
@@ -194,7 +191,7 @@ RAW = [
 def test_bad_input_of_a_process(argv, work):
     """The same for real, with bytes that are no text."""
     before = tree(work)
-    environment = os.environ | {"PYTHONPATH": str(fuzz.ROOT)}
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "train.ppo", *argv]
     ended = subprocess.run(command, capture_output=True, timeout=60, check=False, env=environment)
     assert (ended.returncode, ended.stdout) == (2, b"")
@@ -204,7 +201,7 @@ def test_bad_input_of_a_process(argv, work):
 
 def test_there_are_two_thousand(work):
     """Bad inputs in all."""
-    count = sum(len(overrides_of(name)) for name in ROWS)
+    count = sum(len(overrides_of(name)) for name in NUMBERS)
     count += sum(len(sizes_of(name)) for name in SIZES)
     count += sum(len(leaves_of(name)) for name in LEAVES)
     count += sum(len(settings_of(name)) for name in FIELDS)

@@ -12,14 +12,12 @@ import train.runs.session  # noqa: F401 - takes seconds, which count for no inpu
 from medjax.scenarios import prepare
 from medjax.world import checks as world
 from medjax.world.params import SIZES
-from tests import fuzz
+from tests import bad_values
+from tests.documented import COILS, NUMBERS
 from tests.refusals import not_refused
 from train.algorithms.ppo.settings import PPOConfig
 
 pytestmark = pytest.mark.usefixtures("nothing_starts")
-
-ROWS = {row.name: row for row in [*fuzz.ROWS, *fuzz.COILS]}
-
 
 # The environment: by name, by size, and by leaf.
 
@@ -27,11 +25,11 @@ ROWS = {row.name: row for row in [*fuzz.ROWS, *fuzz.COILS]}
 def overrides_of(name):
     return [
         (value, lambda value=value: medjax.make(**{name: value}))
-        for value in fuzz.bad_values(ROWS[name])
+        for value in bad_values.bad_values(NUMBERS[name])
     ]
 
 
-@pytest.mark.parametrize("name", ROWS)
+@pytest.mark.parametrize("name", NUMBERS)
 def test_bad_overrides(name):
     """As an argument of make: number, size, coil or weight."""
     short = name.rpartition(".")[2]
@@ -40,7 +38,9 @@ def test_bad_overrides(name):
 
 
 def sizes_of(name):
-    return [(v, lambda v=v: medjax.EnvConfig(**{name: v})) for v in fuzz.bad_values(ROWS[name])]
+    return [
+        (v, lambda v=v: medjax.EnvConfig(**{name: v})) for v in bad_values.bad_values(NUMBERS[name])
+    ]
 
 
 @pytest.mark.parametrize("name", SIZES)
@@ -61,11 +61,12 @@ def leaves_of(name):
         return params.replace(**{group: holder.replace(**{leaf: value})})
 
     return [
-        (v, lambda v=v: world.validate(env.config, changed(v))) for v in fuzz.bad_values(ROWS[name])
+        (v, lambda v=v: world.validate(env.config, changed(v)))
+        for v in bad_values.bad_values(NUMBERS[name])
     ]
 
 
-LEAVES = [row.name for row in fuzz.ROWS if row.name not in SIZES]
+LEAVES = [name for name in NUMBERS if name not in COILS and name not in SIZES]
 
 
 @pytest.mark.parametrize("name", LEAVES)
@@ -119,7 +120,7 @@ def test_bad_structures():
 
 
 def arguments():
-    names = [v for v in fuzz.NO_NUMBERS if not isinstance(v, str)]
+    names = [v for v in bad_values.NO_NUMBERS if not isinstance(v, str)]
     names += ["", "papre", "PAPER", "paper ", "paper\n", "\ud800", "p" * 100_000, 3, 0.5]
     calls = [(v, lambda v=v: medjax.make(v)) for v in names]
     calls += [(v, lambda v=v: medjax.make(observation=v)) for v in names if not callable(v)]
@@ -206,11 +207,11 @@ FIELDS = {field.name: field for field in dataclasses.fields(PPOConfig)}
 def settings_of(name):
     field = FIELDS[name]
     one = field.default[0] if isinstance(field.default, tuple) else field.default
-    bad = [v for v in fuzz.NO_NUMBERS if not isinstance(v, list | np.ndarray | jax.Array)]
-    bad += [fuzz.DEEP, fuzz.HEAVY]
+    bad = [v for v in bad_values.NO_NUMBERS if not isinstance(v, list | np.ndarray | jax.Array)]
+    bad += [bad_values.DEEP, bad_values.HEAVY]
     if name == "overrides":
         bad = [v for v in bad if v is not None and v != {} and not isinstance(v, dict)]
-        inner = [v for v in fuzz.NO_NUMBERS if not isinstance(v, bool | str | list | dict)]
+        inner = [v for v in bad_values.NO_NUMBERS if not isinstance(v, bool | str | list | dict)]
         bad += [{"cooldown_s": v} for v in inner] + [
             {v: 1} for v in (None, 3, "", "name", "reward")
         ]
@@ -224,7 +225,9 @@ def settings_of(name):
         assert math.isfinite(low)
         assert math.isfinite(high)
         whole = isinstance(one, int)
-        bad += [v for v in fuzz.outside(low, high, whole) if not isinstance(v, list | jax.Array)]
+        bad += [
+            v for v in bad_values.outside(low, high, whole) if not isinstance(v, list | jax.Array)
+        ]
         if whole:
             bad += [2.0, np.float32(low), "1"]
     if isinstance(field.default, tuple):

@@ -11,7 +11,7 @@ from medjax.world.charging_params import CoilDesign
 from tests.train.probe_envs import Probe, ProbeParams
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 NAMES = {  # by code: what two pages share runs once
     code: f"{page.relative_to(ROOT)}-{number}"
     for page in PAGES
@@ -72,6 +72,16 @@ def test_links_exist(page):
     prose = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
     for target in re.findall(r"\]\((?!http)([^)#]+)", prose):
         assert (page.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_files_that_are_named_exist(page):
+    """With their folder; a test, which is named by itself too, anywhere."""
+    text = page.read_text()
+    for name in re.findall(r"\b(?:medjax|train|benchmarks|tests|docs)/[\w./]*\.\w+", text):
+        assert (ROOT / name).exists(), name
+    for name in re.findall(r"(?<![/\w])test_\w+\.py", text):
+        assert list((ROOT / "tests").rglob(name)), name
 
 
 def test_custom_reward_example_adds_its_term(capsys):

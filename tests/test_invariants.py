@@ -16,7 +16,7 @@ import medjax
 from benchmarks.verification import cases, soak
 from benchmarks.verification.cases import Case, run_case
 from benchmarks.verification.invariants import INVARIANTS
-from benchmarks.verification.worlds import (
+from benchmarks.verification.random_worlds import (
     as_overrides,
     as_settings,
     draw_config,

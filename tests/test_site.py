@@ -113,7 +113,7 @@ def test_reference_has_every_public_name(pages):
 def test_figures_are_drawn_by_the_code(tmp_path):
     """`python -m docs.figures` draws the figures that are committed, and the pages show all of them."""
     pytest.importorskip("matplotlib", reason="matplotlib missing: pip install -e '.[train]'")
-    from docs.figures import draw
+    from docs.figures.__main__ import draw
 
     names = {path.name for path in draw(tmp_path)}
     text = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs").glob("*.md"))

@@ -7,27 +7,24 @@ all of them; medians over rounds are compared.
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import importlib.metadata
-import json
 import platform
 import statistics
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jax
-
 import medjax
-from benchmarks.command import benchmark_parser, positive
+from benchmarks.command import benchmark_parser, machine, positive, run_command, say
 from benchmarks.peers import Peer, Rate, World
 from benchmarks.peers.highway import HighwayEnv
 from benchmarks.peers.sumo import Sumo
 from benchmarks.speed.workload import measure
+from medjax.commandline import OneLineParser
 from medjax.numerics.devices import cpu_cores
-from medjax.wrappers import prepare_cpu
 
 PEERS: tuple[type[Any], ...] = (Sumo, HighwayEnv)  # each built with a World
 SCENARIO = "paper"
@@ -75,11 +72,6 @@ def installed_version(package: str) -> str | None:
         return None
 
 
-def say(line: str) -> None:
-    """Progress, on stderr."""
-    print(line, file=sys.stderr, flush=True)
-
-
 def alternate(simulators: Sequence[Peer], rounds: int) -> dict[str, list[Rate]]:
     """Measures every simulator once a round, in the order given."""
     rates: dict[str, list[Rate]] = {simulator.name: [] for simulator in simulators}
@@ -115,8 +107,8 @@ def summarise(simulators: Sequence[Peer], rates: dict[str, list[Rate]]) -> dict[
     }
 
 
-def compare(num_envs: int, rounds: int) -> dict[str, Any]:
-    """The whole run; what `--json` writes."""
+def compare(options: argparse.Namespace) -> dict[str, Any]:
+    """The whole run; prints the table and what differs."""
     present, skipped = [], []
     for peer in PEERS:
         if installed_version(peer.package) is None:
@@ -134,22 +126,22 @@ def compare(num_envs: int, rounds: int) -> dict[str, Any]:
     num_vehicles = round(counted.mean_active_vehicles)
     with tempfile.TemporaryDirectory() as folder:
         workload = World(env.config, params, num_vehicles, cores, Path(folder))
-        simulators = [Medjax(num_envs, decisions), *(peer(workload) for peer in present)]
-        results = summarise(simulators, alternate(simulators, rounds))
-    return {
+        simulators = [Medjax(options.num_envs, decisions), *(peer(workload) for peer in present)]
+        results = summarise(simulators, alternate(simulators, options.rounds))
+    comparison = {
         "scenario": SCENARIO,
         "unit": "active vehicle updates per second",
-        "rounds": rounds,
-        "num_envs": num_envs,
+        "rounds": options.rounds,
+        "num_envs": options.num_envs,
         "cores": cores,
         "platform": platform.platform(),
         "python_version": platform.python_version(),
-        "jax_version": jax.__version__,
-        "backend": jax.default_backend(),
-        "device": jax.devices()[0].device_kind,
+        **machine(),
         "simulators": {name: dataclasses.asdict(result) for name, result in results.items()},
         "skipped": skipped,
     }
+    print(report(comparison))
+    return comparison
 
 
 def report(comparison: dict[str, Any]) -> str:
@@ -173,8 +165,8 @@ def report(comparison: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Prints the table and what differs, and writes the same as JSON."""
+def build_parser() -> OneLineParser:
+    """The command line."""
     parser = benchmark_parser("peers", __doc__)
     parser.add_argument("--rounds", type=positive, default=3, metavar="N", help="default: 3")
     parser.add_argument(
@@ -184,12 +176,12 @@ def main(arguments: list[str] | None = None) -> None:
         metavar="N",
         help="roads of medjax; default: 1024",
     )
-    options = parser.parse_args(arguments)
-    prepare_cpu()
-    comparison = compare(options.num_envs, options.rounds)
-    if options.json:
-        options.json.write_text(json.dumps(comparison, indent=2) + "\n")
-    print(report(comparison))
+    return parser
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The command."""
+    run_command(build_parser(), compare, arguments)
 
 
 if __name__ == "__main__":

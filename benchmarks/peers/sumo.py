@@ -6,7 +6,7 @@ import itertools
 import math
 import statistics
 import subprocess
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -47,69 +47,62 @@ def _cuts(params: EnvParams) -> list[float]:
     return sorted(ends | set(ramps) | {x + merge for x in ramps})
 
 
-def build_network(workload: World) -> Path:
-    """The road as netconvert makes it; edges are named by the position of their left end.
+Elements = list[ElementTree.Element]
+Network = tuple[Elements, Elements, Elements]  # nodes, edges and connections
 
-    SUMO counts lanes from the right, so the acceleration lane is lane 0 of its edge.
-    """
-    params, num_lanes = workload.params, workload.config.num_lanes
+
+def _main_road(params: EnvParams, num_lanes: int, common: Mapping[str, Any]) -> Network:
+    """Edges from cut to cut, named by the position of their left end, with an acceleration lane behind each ramp."""
     ramps, cuts = _ramps(params), _cuts(params)
-    width = float(params.road.lane_width_m)
-    common = {
-        "width": width,
-        "speed": float(params.drivers.desired_speed[GAS]),
-        "spreadType": "right",
-    }
     nodes = [_element("node", id=f"x{x:g}", x=x, y=0) for x in cuts]
     edges, connections = [], []
     for left, right in itertools.pairwise(cuts):
         merging = left in ramps
-        edges.append(
-            _element(
-                "edge",
-                id=f"main{left:g}",
-                from_=f"x{left:g}",
-                to=f"x{right:g}",
-                numLanes=num_lanes + merging,
-                **common,
-            )
-        )
+        ends = {"from_": f"x{left:g}", "to": f"x{right:g}"}
+        lanes = num_lanes + merging
+        edges.append(_element("edge", id=f"main{left:g}", **ends, numLanes=lanes, **common))
         if right != cuts[-1]:
+            joined = {"from_": f"main{left:g}", "to": f"main{right:g}"}
             connections += [
                 _element(
-                    "connection",
-                    from_=f"main{left:g}",
-                    to=f"main{right:g}",
-                    fromLane=lane + merging,
-                    toLane=lane + (right in ramps),
+                    "connection", **joined, fromLane=lane + merging, toLane=lane + (right in ramps)
                 )
                 for lane in range(num_lanes)
             ]
-    for x in ramps:
-        # Beside lane 0 of the edge that it joins, so that no two connections cross.
-        y = -width * num_lanes
-        nodes.append(_element("node", id=f"ramp{x:g}", x=x - RAMP_M, y=y))
+    return nodes, edges, connections
+
+
+def _on_ramps(params: EnvParams, y: float, common: Mapping[str, Any]) -> Network:
+    """A short edge to each ramp's acceleration lane, at `y` beside the road so that no two connections cross."""
+    nodes, edges, connections = [], [], []
+    for x in _ramps(params):
+        name, end = f"ramp{x:g}", f"x{x:g}"
+        shape = f"{x - RAMP_M},{y} {x},{y}"
+        nodes.append(_element("node", id=name, x=x - RAMP_M, y=y))
         edges.append(
-            _element(
-                "edge",
-                id=f"ramp{x:g}",
-                from_=f"ramp{x:g}",
-                to=f"x{x:g}",
-                numLanes=1,
-                shape=f"{x - RAMP_M},{y} {x},{y}",
-                **common,
-            )
+            _element("edge", id=name, from_=name, to=end, numLanes=1, shape=shape, **common)
         )
         connections.append(
-            _element("connection", from_=f"ramp{x:g}", to=f"main{x:g}", fromLane=0, toLane=0)
+            _element("connection", from_=name, to=f"main{x:g}", fromLane=0, toLane=0)
         )
-    folder = workload.folder
+    return nodes, edges, connections
+
+
+def build_network(workload: World) -> Path:
+    """The road as netconvert makes it.
+
+    SUMO counts lanes from the right, so the acceleration lane is lane 0 of its edge.
+    """
+    params, num_lanes, folder = workload.params, workload.config.num_lanes, workload.folder
+    width = float(params.road.lane_width_m)
+    speed = float(params.drivers.desired_speed[GAS])
+    common = {"width": width, "speed": speed, "spreadType": "right"}
+    road = _main_road(params, num_lanes, common), _on_ramps(params, -width * num_lanes, common)
     network = folder / "road.net.xml"
     command = ["netconvert", "--no-turnarounds", "true"]
-    command += ["--node-files", str(_write(folder / "road.nod.xml", "nodes", nodes))]
-    command += ["--edge-files", str(_write(folder / "road.edg.xml", "edges", edges))]
-    joins = _write(folder / "road.con.xml", "connections", connections)
-    command += ["--connection-files", str(joins)]
+    for kind, parts in zip(("node", "edge", "connection"), zip(*road, strict=True), strict=True):
+        file = _write(folder / f"road.{kind}.xml", f"{kind}s", itertools.chain(*parts))
+        command += [f"--{kind}-files", str(file)]
     # Edges then meet without lanes of a junction between them: lengths are exact, and SUMO is faster.
     command += ["--no-internal-links", "true", "--output-file", str(network)]
     _finish(_start(command))

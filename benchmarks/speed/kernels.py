@@ -8,22 +8,33 @@ program shows in its time.
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
-import json
 import statistics
 import time
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 import medjax
-from benchmarks.command import benchmark_parser, whole_number
+from benchmarks.command import benchmark_parser, machine, run_command, whole_number
+from benchmarks.speed.references import (
+    CHECKED_ROADS,
+    COILS,
+    count_wrong,
+    draw_positions,
+    draw_traffic,
+    exact_efficiency,
+    neumann,
+    road_order,
+)
 from medjax.charging.link import Misalignment, coupling_efficiency
+from medjax.commandline import OneLineParser
+from medjax.errors import InputError
 from medjax.physics import ellipe, ellipk, interpolate_inductance, mutual_inductance
-from medjax.scenarios import CoilDesign
 from medjax.traffic import find_neighbours, sort_by_road
 from medjax.traffic.neighbours import NOBODY, Neighbours
 from medjax.world.params import EnvConfig, LinkParams
@@ -34,11 +45,9 @@ except ImportError:  # `main` says what to install
     special = None
 
 SCENARIO = "paper"
-COILS = CoilDesign()  # what the preset tabulates
 # Below these distances of the two wires, the integral and its table promise nothing (their docstrings).
 INTEGRAL_GAP_M, TABLE_GAP_M = 0.05, 0.03
 CHECKED_PAIRS = 1000  # two milliseconds of reference each
-CHECKED_ROADS = 8
 ALL_PAIRS_ROADS = 64  # its time grows with the square of the slots, not with the roads
 MOST = 65_536  # roads, which fit into the indices of `medjax.numerics.gathers`; and repeats
 
@@ -56,7 +65,7 @@ class Row:
     against: str  # what the error is, and from which reference
 
 
-def measure(
+def time_calls(
     function: Callable[..., Any], *arguments: Any, repeats: int, elements: int
 ) -> tuple[Any, dict[str, Any]]:
     """Output of one compiled call, and the figures of `Row` that come from timing it."""
@@ -87,7 +96,7 @@ def elliptic_rows(count: int, repeats: int) -> list[Row]:
     m = np.minimum(m.astype(np.float32), np.nextafter(np.float32(1), np.float32(0)))
     rows = []
     for function in (ellipk, ellipe):
-        value, figures = measure(function, jnp.asarray(m), repeats=repeats, elements=count)
+        value, figures = time_calls(function, jnp.asarray(m), repeats=repeats, elements=count)
         exact = getattr(special, function.__name__)(m.astype(np.float64))
         error = float(np.max(np.abs(np.asarray(value, np.float64) / exact - 1)))
         against = "relative, SciPy's in float64"
@@ -97,33 +106,6 @@ def elliptic_rows(count: int, repeats: int) -> list[Row]:
 
 
 # Coils
-
-
-def neumann(axial: float, lateral: float, tilt: float, num_nodes: int = 256) -> tuple[float, float]:
-    """Mutual inductance of `COILS` by Neumann's double integral, in float64.
-
-    The trapezoid rule around both rims; no elliptic integral and no code of `mutual_inductance`. It is
-    exact to 1e-9 at 0.03 m between the wires and to rounding at 0.05 m.
-
-    Args:
-      axial, lateral: m; tilt: rad; the convention is `mutual_inductance`'s.
-
-    Returns:
-      (M in H, shortest distance between the wires in m).
-    """
-    radius_1, radius_2 = COILS.med_coil_radius_m, COILS.ev_coil_radius_m
-    phi = np.arange(num_nodes) * (2 * np.pi / num_nodes)
-    cos_1, sin_1 = np.cos(phi)[:, None], np.sin(phi)[:, None]
-    cos_2, sin_2 = np.cos(phi), np.sin(phi)
-    along = lateral + radius_2 * cos_2 * np.cos(tilt) - radius_1 * cos_1
-    across = radius_2 * sin_2 - radius_1 * sin_1
-    height = axial + radius_2 * cos_2 * np.sin(tilt)
-    distance = np.sqrt(along**2 + across**2 + height**2)
-    # Product of the two wires' directions, each a rim point's derivative by its angle over the radius.
-    product = sin_1 * sin_2 * np.cos(tilt) + cos_1 * cos_2
-    turns = COILS.med_coil_turns * COILS.ev_coil_turns
-    element = radius_1 * radius_2 * (2 * np.pi / num_nodes) ** 2
-    return float(1e-7 * turns * element * np.sum(product / distance)), float(np.min(distance))
 
 
 def coil_rows(link: LinkParams, count: int, repeats: int) -> list[Row]:
@@ -142,7 +124,7 @@ def coil_rows(link: LinkParams, count: int, repeats: int) -> list[Row]:
         return f"{np.sum(apart)} of {checked} pairs (wires {gap_m} m apart or more)"
 
     arguments = [jnp.asarray(x) for x in position]
-    value, figures = measure(integral, *arguments, repeats=repeats, elements=count)
+    value, figures = time_calls(integral, *arguments, repeats=repeats, elements=count)
     # M passes through zero, so its error is measured by what M is at that distance without offset.
     coaxial = np.array([neumann(float(axial), 0.0, 0.0)[0] for axial in position[0, :checked]])
     error = np.abs(np.asarray(value, np.float64)[:checked] - exact) / coaxial
@@ -151,7 +133,7 @@ def coil_rows(link: LinkParams, count: int, repeats: int) -> list[Row]:
     worst = float(np.max(error[apart]))
     rows = [Row("mutual_inductance", "pair", **figures, worst_error=worst, against=against)]
 
-    _, figures = measure(
+    _, figures = time_calls(
         interpolate_inductance, link.inductance, *arguments, repeats=repeats, elements=count
     )
     efficiency = jax.jit(coupling_efficiency)(Misalignment(*arguments), link)
@@ -165,108 +147,7 @@ def coil_rows(link: LinkParams, count: int, repeats: int) -> list[Row]:
     return rows
 
 
-def draw_positions(link: LinkParams, count: int) -> np.ndarray:
-    """Axial and lateral distance (m) and tilt (rad), `(3, count)` float32, within the table's limits.
-
-    One half is in the nearest quarter of the axial range, where M changes most.
-    """
-    table = link.inductance
-    num_axial, num_lateral, _ = table.values.shape
-    nearest = float(jnp.exp(table.log_axial_origin))
-    farthest = nearest * float(jnp.exp(table.log_axial_step * (num_axial - 1)))
-    widest = float(table.lateral_step) * (num_lateral - 1)
-    steepest = -float(table.tilt_origin)
-    random = np.random.default_rng(0)
-    reach = np.where(random.random(count) < 0.5, 0.25, 1.0)
-    axial = nearest + (farthest - nearest) * reach * random.random(count)
-    lateral = random.uniform(-widest, widest, count)
-    tilt = random.uniform(-steepest, steepest, count)
-    return np.stack([axial, lateral, tilt]).astype(np.float32)
-
-
-def exact_efficiency(inductance: np.ndarray, link: LinkParams) -> np.ndarray:
-    """Eq (6) in its circuit form, in float64; inductance in H."""
-    load, primary = float(link.load_ohm), float(link.med_resistance_ohm)
-    secondary, omega = float(link.ev_resistance_ohm), float(link.angular_frequency)
-    total = secondary + load
-    return load / (total * (1 + primary * total / (omega * inductance) ** 2))
-
-
 # Neighbours
-
-
-class Traffic(NamedTuple):
-    """Vehicles of many roads, each `(roads, slots)`."""
-
-    x: jax.Array  # m
-    lane: jax.Array
-    target_lane: jax.Array  # the lane looked at, one to a side; it may be off the road
-    active: jax.Array
-    previous_order: jax.Array  # slots along the road a tick ago
-
-
-def draw_traffic(config: EnvConfig, length_m: float, roads: int) -> Traffic:
-    """Roads three quarters full, as in the preset, whose vehicles drove 20 to 30 m/s in the last tick.
-
-    Positions are whole quarters of a metre: some tie, and none are closer than the sort resolves, where
-    order along the road is by slot.
-    """
-    random = np.random.default_rng(0)
-    shape = (roads, config.num_vehicles)
-    x = np.round(random.uniform(0.0, length_m, shape) * 4) / 4
-    active = random.random(shape) < 0.75
-    before = x - random.uniform(20.0, 30.0, shape) * config.tick_s
-    lane = random.integers(0, config.num_lanes + 1, shape)
-    return Traffic(
-        x=jnp.asarray(x, jnp.float32),
-        lane=jnp.asarray(lane, jnp.int32),
-        # A whole road looks to one side in a tick.
-        target_lane=jnp.asarray(lane + random.choice([-1, 1], (roads, 1)), jnp.int32),
-        active=jnp.asarray(active),
-        previous_order=jnp.asarray(road_order(before, active), jnp.int32),
-    )
-
-
-def road_order(x: np.ndarray, active: np.ndarray) -> np.ndarray:
-    """Slots from the rearmost to the foremost, ties by slot, the inactive last."""
-    return np.argsort(np.where(active, x, np.inf), axis=-1, kind="stable")
-
-
-def search_all_pairs(
-    x: np.ndarray, lane: np.ndarray, wanted: np.ndarray, active: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Slots next ahead and behind in the lane `wanted`, NOBODY where there is none, of one road.
-
-    All pairs are compared in float64; of vehicles that are abreast, the higher slot is ahead.
-
-    Args:
-      x: (N,) m; lane, wanted: (N,) int; active: (N,) bool.
-    """
-    slots = np.arange(len(x))
-    gap = x.astype(np.float64) - x.astype(np.float64)[:, None]  # of the column's from the row's
-    seen = active & active[:, None] & (lane == wanted[:, None])
-    is_ahead = (gap > 0) | ((gap == 0) & (slots > slots[:, None]))
-    is_behind = (gap < 0) | ((gap == 0) & (slots < slots[:, None]))
-    to_ahead = np.where(seen & is_ahead, gap, np.inf)
-    to_behind = np.where(seen & is_behind, -gap, np.inf)
-    ahead = np.argmin(to_ahead, axis=1)
-    # argmin takes the first of equals; behind, the last is nearest.
-    behind = len(x) - 1 - np.argmin(to_behind[:, ::-1], axis=1)
-    return (
-        np.where(np.isfinite(to_ahead.min(axis=1)), ahead, NOBODY),
-        np.where(np.isfinite(to_behind.min(axis=1)), behind, NOBODY),
-    )
-
-
-def count_wrong(found: Neighbours, traffic: Traffic, roads: int = CHECKED_ROADS) -> int:
-    """Neighbours, of four a slot, that are not those of `search_all_pairs`, on the first `roads`."""
-    wrong = 0
-    for road in range(min(roads, len(traffic.x))):
-        x, lane, target, active, _ = (np.asarray(values[road]) for values in traffic)
-        own, other = (search_all_pairs(x, lane, wanted, active) for wanted in (lane, target))
-        ours = np.stack([slots[road] for slots in found])
-        wrong += int(np.sum(ours != np.stack([*own, *other])))
-    return wrong
 
 
 def all_pairs_leader(x: jax.Array, lane: jax.Array, active: jax.Array) -> jax.Array:
@@ -287,7 +168,7 @@ def neighbour_rows(config: EnvConfig, length_m: float, roads: int, repeats: int)
 
     def time_on(used: int, function: Callable[..., Any], *arguments: jax.Array) -> Any:
         slots = used * config.num_vehicles
-        return measure(jax.vmap(function), *arguments, repeats=repeats, elements=slots)
+        return time_calls(jax.vmap(function), *arguments, repeats=repeats, elements=slots)
 
     def sort(x: jax.Array, active: jax.Array, previous: jax.Array) -> jax.Array:
         return sort_by_road(x, active, length_m, previous)
@@ -324,8 +205,15 @@ def neighbour_rows(config: EnvConfig, length_m: float, roads: int, repeats: int)
 # The command
 
 
-def run(roads: int, repeats: int) -> dict[str, Any]:
-    """All kernels at the preset's sizes on `roads` roads; what `--json` writes."""
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Times all kernels at the preset's sizes, and prints the table.
+
+    Raises:
+      InputError: there is no SciPy.
+    """
+    if special is None:
+        raise InputError('SciPy, the reference, is not installed: pip install -e ".[train,test]"')
+    roads, repeats = options.roads, options.repeats
     env, params = medjax.make(SCENARIO)
     rows = [
         *elliptic_rows(roads * env.config.num_vehicles, repeats),
@@ -334,16 +222,16 @@ def run(roads: int, repeats: int) -> dict[str, Any]:
         *neighbour_rows(env.config, float(params.road.length_m), roads, repeats),
     ]
     ns = {row.kernel: row.ns_per_element for row in rows}
-    return {
+    result = {
         "scenario": SCENARIO,
         "roads": roads,
         "repeats": repeats,
-        "backend": jax.default_backend(),
-        "device": jax.devices()[0].device_kind,
-        "jax_version": jax.__version__,
+        **machine(),
         "integral_by_table": ns["mutual_inductance"] / ns["interpolate_inductance"],
         "rows": [dataclasses.asdict(row) for row in rows],
     }
+    print(report(result))
+    return result
 
 
 def report(result: dict[str, Any]) -> str:
@@ -366,19 +254,15 @@ def report(result: dict[str, Any]) -> str:
     )
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Prints the table and writes the same as JSON."""
+def build_parser() -> OneLineParser:
+    """The command line."""
     parser = benchmark_parser("kernels", __doc__)
     count = whole_number(most=MOST)
     parser.add_argument("--roads", type=count, default=1024, metavar="N", help="default: 1024")
     parser.add_argument("--repeats", type=count, default=7, metavar="N", help="default: 7")
-    options = parser.parse_args(arguments)
-    if special is None:
-        parser.error('SciPy, the reference, is not installed: pip install -e ".[train,test]"')
-    result = run(options.roads, options.repeats)
-    print(report(result))
-    if options.json:
-        try:
-            options.json.write_text(json.dumps(result, indent=2) + "\n")
-        except OSError as error:
-            parser.error(f"--json {options.json}: {error.strerror}")
+    return parser
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The command."""
+    run_command(build_parser(), measure, arguments)

@@ -6,18 +6,17 @@ and over devices (on a CPU, cores); and what a reset and the memory of an enviro
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
-import json
 import statistics
 import time
 from typing import Any
 
 import jax
 
-from benchmarks.command import add_scenario, benchmark_parser, positive
+from benchmarks.command import add_scenario, benchmark_parser, positive, run_command
 from benchmarks.speed.workload import ENVS, VEHICLES, Measurement, Workload, alternate, road_for
 from medjax.commandline import OneLineParser
-from medjax.wrappers import prepare_cpu
 
 
 def cost_ns(result: Measurement) -> float:
@@ -66,10 +65,8 @@ def build_parser() -> OneLineParser:
     return parser
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Prints the tables and writes all figures as JSON."""
-    options = build_parser().parse_args(arguments)
-    prepare_cpu()
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Prints the tables, and returns all figures."""
     most, scenario = options.num_envs, options.scenario
 
     def compare(title: str, column: str, works: dict[int, Workload]) -> list[Measurement]:
@@ -97,11 +94,13 @@ def main(arguments: list[str] | None = None) -> None:
         f"an environment takes {here.state_bytes_per_env / 1024:.1f} KiB of state and "
         f"{here.work_bytes_per_env / 1024:.1f} KiB of work space"
     )
-    if options.json:
-        report: dict[str, Any] = {
-            name: [dataclasses.asdict(result) for result in results]
-            for name, results in tables.items()
-        }
-        report |= {f"{name}_spread": spread(results) for name, results in tables.items()}
-        report["reset_in_decisions"] = reset
-        options.json.write_text(json.dumps(report, indent=2))
+    figures: dict[str, Any] = {
+        name: [dataclasses.asdict(result) for result in results] for name, results in tables.items()
+    }
+    figures |= {f"{name}_spread": spread(results) for name, results in tables.items()}
+    return figures | {"reset_in_decisions": reset}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The command."""
+    run_command(build_parser(), measure, arguments)

@@ -6,17 +6,21 @@ auto-reset, under uniformly random actions. Only vehicles really on the road are
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
-import json
-import sys
 from typing import Any
 
-from benchmarks.command import add_scenario, benchmark_parser, positive, whole_number
+from benchmarks.command import (
+    add_scenario,
+    benchmark_parser,
+    positive,
+    run_command,
+    whole_number,
+)
 from benchmarks.speed.stages import stage_times
 from benchmarks.speed.workload import ENVS, VEHICLES, Measurement, Workload, measure, road_for
-from medjax.commandline import OneLineParser, fail
-from medjax.errors import InputError
-from medjax.wrappers import environment_mesh, prepare_cpu
+from medjax.commandline import OneLineParser
+from medjax.wrappers import environment_mesh
 
 
 def build_parser() -> OneLineParser:
@@ -60,34 +64,31 @@ def show_stages(times: dict[str, float]) -> None:
         print(f"{name:<20}{100 * seconds / total:6.1f} %")
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Prints one line a measurement and writes the only one, or all of several, as JSON."""
-    options = build_parser().parse_args(arguments)
-    prepare_cpu()
-    cases: list[tuple[int, dict[str, Any]]] = [(num_envs, {}) for num_envs in options.num_envs]
+def cases_of(options: argparse.Namespace) -> list[tuple[int, dict[str, Any]]]:
+    """Environments and overrides of each measurement that is asked for."""
     if options.sweep == "envs":
-        cases = [(num_envs, {}) for num_envs in ENVS]
-    elif options.sweep == "vehicles":
+        return [(num_envs, {}) for num_envs in ENVS]
+    if options.sweep == "vehicles":
         # As many vehicles in all, so that only the length of a road differs.
         most = options.num_envs[0]
-        cases = [
+        return [
             (max(1, most * VEHICLES[0] // count), road_for(count, options.scenario))
             for count in VEHICLES
         ]
+    return [(num_envs, {}) for num_envs in options.num_envs]
+
+
+def time_cases(options: argparse.Namespace) -> Any:
+    """Prints one line a measurement, and returns the only one, or all of several."""
+    cases = cases_of(options)
     common = {"scenario": options.scenario, "num_devices": options.num_devices}
-    try:
-        for num_envs, _ in cases:
-            environment_mesh(num_envs, options.num_devices)
-    except InputError as error:
-        sys.exit(fail("python -m benchmarks.throughput", error))
+    for num_envs, _ in cases:  # refuses what is not allowed before anything is compiled
+        environment_mesh(num_envs, options.num_devices)
     results = []
     for num_envs, overrides in cases:
-        try:
-            result = measure(
-                num_envs, steps=options.steps, repeats=options.repeats, **common, **overrides
-            )
-        except InputError as error:
-            sys.exit(fail("python -m benchmarks.throughput", error))
+        result = measure(
+            num_envs, steps=options.steps, repeats=options.repeats, **common, **overrides
+        )
         results.append(dataclasses.asdict(result))
         show(result)
     if options.stages:
@@ -96,5 +97,9 @@ def main(arguments: list[str] | None = None) -> None:
         times = stage_times(work)
         show_stages(times)
         results[0]["stage_seconds"] = times
-    if options.json:
-        options.json.write_text(json.dumps(results[0] if len(results) == 1 else results, indent=2))
+    return results[0] if len(results) == 1 else results
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The command."""
+    run_command(build_parser(), time_cases, arguments)

@@ -7,16 +7,15 @@ Returns are linear in the weights, so both follow from the episodes of these two
 
 from __future__ import annotations
 
-import json
+import argparse
 from typing import Any
 
 import numpy as np
 
 import medjax
-from benchmarks.command import episodes_parser
+from benchmarks.command import episodes_parser, run_command
 from medjax.commandline import OneLineParser
 from medjax.episodes.scores import Evaluation, Scores
-from medjax.wrappers import prepare_cpu
 
 # Table 2: mean and standard deviation of the episode reward over ten episodes.
 TABLE_2 = {"none": (-521.874184, 16.52914886), "random": (-332.4056918, 53.94543289)}
@@ -65,10 +64,8 @@ def build_parser() -> OneLineParser:
     return episodes_parser("calibrate", __doc__, episodes=1024, seed=1)
 
 
-def main(arguments: list[str] | None = None) -> None:
+def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Prints the weights that fit, and how the preset's own weights do on other episodes."""
-    options = build_parser().parse_args(arguments)
-    prepare_cpu()
     env, params = medjax.make(options.scenario)
     policies = {name: medjax.BASELINES[name](env) for name in TABLE_2}
     weights = {name: float(value) for name, value in params.reward_weights.items()}
@@ -86,6 +83,9 @@ def main(arguments: list[str] | None = None) -> None:
             f"{row['policy']:<8} {row['mean']:9.1f} {row['std']:8.1f} {row['paper_mean']:10.1f}"
             f" {row['paper_std']:10.1f} {row['deviations_apart']:22.2f}"
         )
-    if options.json:
-        report = {"weights": best, "episodes": options.episodes, "table_2": table}
-        options.json.write_text(json.dumps(report, indent=2))
+    return {"weights": best, "episodes": options.episodes, "table_2": table}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The command."""
+    run_command(build_parser(), measure, arguments)

@@ -6,8 +6,8 @@ runs take their most probable actions, whatever presets and demands they were tr
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
-import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -18,25 +18,28 @@ import numpy as np
 from tqdm import tqdm
 
 import medjax
-from benchmarks.command import a_path, a_seed, benchmark_parser, picture, whole_number
-from benchmarks.studies.generalization_figure import plot_gains
+from benchmarks.command import a_path, a_seed, add_plot, benchmark_parser, run_command, whole_number
 from medjax.commandline import OneLineParser
 from medjax.episodes.scores import Evaluation, Scores
 from medjax.errors import InputError
 from medjax.policies.policy import Choice, Policy
 from medjax.policies.rules import BASELINES
-from medjax.wrappers import prepare_cpu, scale_demand
+from medjax.wrappers import scale_demand
 from train.evaluation.scores import summarize
 from train.evaluation.statistics import bootstrap_ci95
 from train.evaluation.tables import format_rows, interval, short
+from train.reporting.figures import MARKERS, colour, new_figure, save
 from train.runs.compilation import enable_compilation_cache
 from train.runs.policies import load_policies
 from train.runs.run_directory import RunDir
 
 MAIN, OTHER = "paper", "realistic"
 FACTORS = (0.5, 0.75, 1.0, 1.25, 1.5)  # of MAIN's demand
+AT_FACTORS = tuple(f"{MAIN} x {factor:g}" for factor in FACTORS)
 RULES = ("forecast", "paced", "greedy", "none")
 REFERENCE, NO_ACTION = "forecast", "none"
+# For trained runs; of Okabe and Ito (2008) those that train.reporting.figures gives to few rules; markers differ too.
+RUN_COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#000000")
 # At 1.5 times its demand the preset's slots are taken, and who comes would wait outside.
 SIZES: dict[str, Any] = {"num_gas": 288}
 
@@ -178,7 +181,7 @@ def build_parser() -> OneLineParser:
         "--episodes", type=whole_number(least=2), default=256, help="of each policy and world"
     )
     parser.add_argument("--seed", type=a_seed, default=0, help="which episodes")
-    parser.add_argument("--plot", type=picture, metavar="FILE.png", help="draw the gains here")
+    add_plot(parser, "the gains")
     return parser
 
 
@@ -203,30 +206,60 @@ def load_runs(paths: Sequence[Path]) -> tuple[dict[str, Policy], dict[str, Polic
     return main, other
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Prints the tables; writes the figures and the picture that are asked for."""
-    parser = build_parser()
-    options = parser.parse_args(arguments)
-    prepare_cpu()
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Prints the tables.
+
+    Raises:
+        InputError: of `load_runs`.
+    """
     enable_compilation_cache()
-    try:
-        runs, on_other = load_runs([Path(os.path.abspath(given)) for given in options.run_dir])
-    except InputError as error:
-        parser.error(str(error))
+    runs, on_other = load_runs([Path(os.path.abspath(given)) for given in options.run_dir])
     which = options.episodes, options.seed
     at_factors = play(MAIN, FACTORS, runs, *which)
     elsewhere = play(OTHER, (1.0,), on_other, *which)
-    names = [f"{MAIN} x {factor:g}" for factor in FACTORS] + [OTHER]
-    played = dict(zip(names, at_factors + elsewhere, strict=True))
+    played = dict(zip([*AT_FACTORS, OTHER], at_factors + elsewhere, strict=True))
     worlds = summary(played, options.seed)
     print(f"{options.episodes} episodes, seed {options.seed}, the same for every policy\n")
     print(tables(worlds, list(runs)))
-    if options.json:
-        report = {"episodes": options.episodes, "seed": options.seed, "worlds": worlds}
-        options.json.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
-    if options.plot:
-        demand = medjax.make(MAIN)[1].demand
-        vehicles_per_h = float(demand.mainline_per_h + demand.ramp_per_h.sum())
-        each = [worlds[name]["minus_none"] for name in names[: len(FACTORS)]]
-        gains = {policy: [gain[policy] for gain in each] for policy in each[0]}
-        plot_gains(options.plot, FACTORS, gains, vehicles_per_h)
+    return {"episodes": options.episodes, "seed": options.seed, "worlds": worlds}
+
+
+def plot(path: Path, report: dict[str, Any]) -> None:
+    """Draws what each policy gains on no action over the demand, rules dashed, as a PNG.
+
+    Args:
+        path: file to write.
+        report: of `measure`.
+    """
+    demand = medjax.make(MAIN)[1].demand
+    vehicles_per_h = float(demand.mainline_per_h + demand.ramp_per_h.sum())
+    worlds = [report["worlds"][name]["minus_none"] for name in AT_FACTORS]
+    figure = new_figure(8, 5)
+    axes = figure.add_subplot()
+    for number, name in enumerate(worlds[0]):
+        means = np.array([world[name]["mean"] for world in worlds])
+        low, high = np.array([world[name]["ci95"] for world in worlds]).T
+        is_rule = name in BASELINES
+        axes.errorbar(
+            FACTORS,
+            means,
+            yerr=(means - low, high - means),
+            color=colour(name) if is_rule else RUN_COLOURS[number % len(RUN_COLOURS)],
+            marker=MARKERS[number % len(MARKERS)],
+            ls="--" if is_rule else "-",
+            capsize=3,
+            label=name,
+        )
+    axes.axhline(0.0, color="0.5", lw=1)
+    axes.set_xticks(FACTORS)
+    axes.set_xlabel(f"demand, multiples of {vehicles_per_h:.0f} vehicles/h")
+    axes.set_ylabel("return of an episode minus that of no action, 95 % CI")
+    axes.set_title("Other demands than the preset's")
+    axes.grid(alpha=0.3)
+    figure.legend(loc="outside right upper", fontsize="small", frameon=False)
+    save(figure, path)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The command."""
+    run_command(build_parser(), measure, arguments, plot)

@@ -9,7 +9,6 @@ plays for the same seed, so that returns of both commands stand beside each othe
 from __future__ import annotations
 
 import argparse
-import json
 from typing import Any
 
 import jax
@@ -18,14 +17,14 @@ import numpy as np
 from jax import lax
 from tqdm import tqdm
 
-from benchmarks.command import a_path, episodes_parser, positive, whole_number
+from benchmarks.command import a_path, episodes_parser, positive, run_command, whole_number
 from medjax.commandline import OneLineParser
 from medjax.env.contract import Environment
 from medjax.episodes.keys import ACT, episode_keys
 from medjax.episodes.player import Episodes, Player, episode_steps
 from medjax.episodes.scores import Scores, evaluate_policies
 from medjax.errors import InputError
-from medjax.numerics.devices import environment_mesh, on_devices, prepare_cpu
+from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.policies.planner import AS_BASE, Plan, look_ahead
 from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
@@ -129,15 +128,13 @@ def load(options: argparse.Namespace) -> tuple[str, Any, Any, str, dict[str, Pol
     return config.scenario, env, params, config.algorithm, policies
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Prints the planner's, its base's and no action's scores."""
-    parser = build_parser()
-    options = parser.parse_args(arguments)
-    prepare_cpu()
-    try:
-        scenario, env, params, base, policies = load(options)
-    except InputError as error:
-        parser.error(str(error))
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Prints the planner's, its base's and no action's scores.
+
+    Raises:
+      InputError: of `load`.
+    """
+    scenario, env, params, base, policies = load(options)
     hold, episodes, seed = options.hold, options.episodes, options.seed
     plan = look_ahead(env, policies[base], options.samples, hold)
     scores = {"planner": play_plans(env, params, plan, policies[base], hold, episodes, seed)}
@@ -155,7 +152,10 @@ def main(arguments: list[str] | None = None) -> None:
     gain = scores["planner"]["return"] - scores[base]["return"]
     low, high = bootstrap_ci95(gain)
     print(f"planner minus {base}: {gain.mean():.1f} [{low:.1f}, {high:.1f}]")
-    if options.json:
-        gained = {"mean": float(gain.mean()), "ci95": [low, high]}
-        report = {"policies": rows, "planner_minus_base": gained, "episodes": options.episodes}
-        options.json.write_text(json.dumps(report, indent=2))
+    gained = {"mean": float(gain.mean()), "ci95": [low, high]}
+    return {"policies": rows, "planner_minus_base": gained, "episodes": options.episodes}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The command."""
+    run_command(build_parser(), measure, arguments)

@@ -7,15 +7,14 @@ uses by default.
 
 from __future__ import annotations
 
-import json
+import argparse
 from typing import Any
 
 import medjax
-from benchmarks.command import episodes_parser
+from benchmarks.command import episodes_parser, run_command
 from medjax.commandline import OneLineParser
 from medjax.episodes.scores import evaluate_policies
 from medjax.policies.rules import forecast, paced
-from medjax.wrappers import prepare_cpu
 from train.evaluation.statistics import bootstrap_ci95
 
 RULES = {"paced": paced, "forecast": forecast}
@@ -40,10 +39,8 @@ def build_parser() -> OneLineParser:
     return parser
 
 
-def main(arguments: list[str] | None = None) -> None:
+def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Prints a line for each setting, and the best one of each rule."""
-    options = build_parser().parse_args(arguments)
-    prepare_cpu()
     env, params = medjax.make(options.scenario)
     report = {}
     for rule in options.rules:
@@ -59,5 +56,9 @@ def main(arguments: list[str] | None = None) -> None:
         best = max(rows, key=lambda row: row["return_mean"])
         print(f"best {rule}: " + ", ".join(f"{name} {best[name]:g}" for name in GRID[rule][0]))
         report[rule] = {"rows": rows, "best": best}
-    if options.json:
-        options.json.write_text(json.dumps(report, indent=2))
+    return report
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The command."""
+    run_command(build_parser(), measure, arguments)

@@ -14,7 +14,7 @@ import numpy as np
 from flax import struct
 
 import medjax
-from benchmarks.verification.decisions import check_decision
+from benchmarks.verification.decisions import Decision, check_decision
 from benchmarks.verification.invariants import (
     INVARIANTS,
     Counts,
@@ -23,7 +23,7 @@ from benchmarks.verification.invariants import (
     count,
     lengths_of,
 )
-from benchmarks.verification.worlds import draw_config, draw_params, random_units, validated
+from benchmarks.verification.random_worlds import draw_config, draw_params, random_units, validated
 from medjax.env.charging_env import ChargingEnv
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState
@@ -93,8 +93,8 @@ def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
             before = played.state
             action = random_action(act_key, env.action_mask(before, params), index % 2 == 0)
             obs, state, reward, _, _, info = env.step_env(step_key, before, action, params)
-            counts = check_decision(before, state, obs, reward, info, config, params)
-            found = in_order(counts)
+            decided = Decision(before, state, obs, reward, info)
+            found = in_order(check_decision(decided, config, params))
             return Played(
                 state=state,
                 updates=played.updates + info["tally"].vehicle_ticks.astype(jnp.int32),

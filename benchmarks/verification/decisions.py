@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -28,26 +28,20 @@ from medjax.world.state import AT_DEPOT, RETIRED, EnvState
 ROUNDING = 2e-5  # relative, of sums of a decision
 
 
-def check_decision(
-    before: EnvState,
-    after: EnvState,
-    obs: jax.Array,
-    reward: jax.Array,
-    info: Mapping[str, Any],
-    config: EnvConfig,
-    params: EnvParams,
-) -> Counts:
-    """One whole decision of `env.step_env`, by an environment whose probe reports the whole state.
+class Decision(NamedTuple):
+    """A call of `env.step_env`, of an environment whose probe reports the whole state, and what it returned."""
 
-    Args:
-      before: the state that the decision was taken in.
-      after, obs, reward, info: what `step_env` returned.
+    before: EnvState
+    after: EnvState
+    obs: jax.Array
+    reward: jax.Array
+    info: Mapping[str, Any]
 
-    Returns:
-      Violations in it by invariant, `()` int32 each.
-    """
-    begun, ticks = info["begun"], info["ticks"]
-    entered, books = check_entry(before, begun, config, params)
+
+def check_decision(decision: Decision, config: EnvConfig, params: EnvParams) -> Counts:
+    """Violations in one whole decision by invariant, `()` int32 each."""
+    begun, ticks = decision.info["begun"], decision.info["ticks"]
+    entered, books = check_entry(decision.before, begun, config, params)
     standing = check_lanes(begun.vehicles, begun.vehicles, lengths_of(begun, params))
     counts = count(entered, standing, check_state(begun, config, params))
 
@@ -60,28 +54,22 @@ def check_decision(
         return (state, *jax.tree.map(jnp.add, (counts, books), (found, more))), None
 
     (last, counts, books), _ = jax.lax.scan(look, (begun, counts, books), ticks)
-    closing = check_closing(last, before, after, obs, reward, info, books, config, params)
+    closing = check_closing(last, decision, books, config, params)
     return jax.tree.map(jnp.add, counts, count(closing))
 
 
 def check_closing(
-    last: EnvState,
-    before: EnvState,
-    after: EnvState,
-    obs: jax.Array,
-    reward: jax.Array,
-    info: Mapping[str, Any],
-    books: Books,
-    config: EnvConfig,
-    params: EnvParams,
+    last: EnvState, decision: Decision, books: Books, config: EnvConfig, params: EnvParams
 ) -> Flags:
     """What a decision returns, against the state after its last tick and the books of its ticks."""
+    after, info = decision.after, decision.info
     # After the last tick the clock moves on, and MEDs may come home and are filled up.
     home = (last.meds.status == RETIRED) & (after.meds.status == AT_DEPOT)
     refilled = jnp.where(home, params.med_capacity_j, last.meds.energy_j)
     same = jax.tree.map(lambda a, b: a != b, (last.vehicles, last.evs), (after.vehicles, after.evs))
-    numbers = (obs, reward, info["tally"], info["metrics"], info["reward_terms"])
-    flags = tally_mistakes(books, before, after, reward, info, config, params)
+    figures = [info[name] for name in ("tally", "metrics", "reward_terms")]
+    numbers = (decision.obs, decision.reward, *figures)
+    flags = tally_mistakes(books, decision, config, params)
     flags["energy"]["refill"] = after.meds.energy_j != refilled
     return {
         **flags,
@@ -108,16 +96,10 @@ def resolved_way(books: Books, params: EnvParams) -> jax.Array:
 
 
 def tally_mistakes(
-    books: Books,
-    before: EnvState,
-    after: EnvState,
-    reward: jax.Array,
-    info: Mapping[str, Any],
-    config: EnvConfig,
-    params: EnvParams,
+    books: Books, decision: Decision, config: EnvConfig, params: EnvParams
 ) -> dict[str, dict[str, jax.Array]]:
     """Flags where tally, reward and conservation of vehicles differ from the books, by invariant and name."""
-    tally, way = info["tally"], resolved_way(books, params)
+    tally, way = decision.info["tally"], resolved_way(books, params)
     counted = {
         name: differs(
             getattr(books, name), getattr(tally, name), way if name.endswith("_m") else 1e-3
@@ -125,11 +107,10 @@ def tally_mistakes(
         for name in Books.__dataclass_fields__
         if not name.endswith("_j")
     }
-    sums = jax.tree.map(lambda a, b, c: differs(a + b, c), before.tally, tally, after.tally)
-
-    total = after.tally
+    total = decision.after.tally
+    sums = jax.tree.map(lambda a, b, c: differs(a + b, c), decision.before.tally, tally, total)
     lost = by_class(total.entered - total.left) - jnp.zeros((3,)).at[1].set(total.depleted)
-    lost = lost != sums_by_class(after.vehicles.active, config)
+    lost = lost != sums_by_class(decision.after.vehicles.active, config)
 
     return {
         "tally": {
@@ -142,21 +123,17 @@ def tally_mistakes(
             "received": outside(books.received_j, tally.energy_received_j),
         },
         "vehicles": {"entered less left and depleted": lost},
-        "reward": reward_mistakes(books, after, reward, info, config, params),
+        "reward": reward_mistakes(books, decision, config, params),
     }
 
 
 def reward_mistakes(
-    books: Books,
-    after: EnvState,
-    reward: jax.Array,
-    info: Mapping[str, Any],
-    config: EnvConfig,
-    params: EnvParams,
+    books: Books, decision: Decision, config: EnvConfig, params: EnvParams
 ) -> dict[str, jax.Array]:
     """Flags where the reward is not the sum of its terms, and a term not what the books say."""
-    tally, way = info["tally"], resolved_way(books, params)
-    weights, terms = params.reward_weights, info["reward_terms"]
+    after, tally = decision.after, decision.info["tally"]
+    way = resolved_way(books, params)
+    weights, terms = params.reward_weights, decision.info["reward_terms"]
     added = sum(terms.values(), jnp.zeros(()))
     size = sum((jnp.abs(term) for term in terms.values()), jnp.zeros(()))
     on_road = after.vehicles.active[config.ev_slots]
@@ -187,4 +164,4 @@ def reward_mistakes(
         name: differs(weights[name] * value, terms[name], jnp.abs(weights[name]) * scale + 1e-30)
         for name, (value, scale) in expected.items()
     }
-    return {"sum": differs(reward, added, size), **named}
+    return {"sum": differs(decision.reward, added, size), **named}

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from benchmarks.verification.books import Books
-from benchmarks.verification.decisions import check_closing
+from benchmarks.verification.decisions import Decision, check_closing
 from benchmarks.verification.invariants import (
     Flags,
     check_entry,
@@ -50,7 +50,8 @@ def explain(
         checks = flags, check_state(state, config, params)
         yield from _lines(f"tick {tick}", last, state, config, params, *checks)
         last = state
-    closing = check_closing(last, before, after, obs, reward, info, books, config, params)
+    decision = Decision(before, after, obs, reward, info)
+    closing = check_closing(last, decision, books, config, params)
     for line in _lines("whole decision", last, after, config, params, closing):
         yield line
         yield from _sums(books, info)

@@ -1,6 +1,6 @@
 """`python -m benchmarks.soak`: random play in random worlds, where every invariant is checked after every tick.
 
-Each case is one compiled program: sizes drawn by `worlds`, and environments side by side, each with numbers
+Each case is one compiled program: sizes drawn by `random_worlds`, and environments side by side, each with numbers
 of its own, that play under random actions: allowed ones in one half of them, any in the other. Vehicle updates are
 counted as vehicles really on the road. A violation prints the one command that plays up to it again and shows it.
 """
@@ -9,17 +9,16 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import math
 import sys
 import time
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NoReturn
 
 import jax
 import jax.numpy as jnp
 
-from benchmarks.command import benchmark_parser, positive, whole_number
+from benchmarks.command import benchmark_parser, machine, positive, run_command, whole_number
 from benchmarks.verification.cases import (
     NUM_ENVS,
     Case,
@@ -31,10 +30,10 @@ from benchmarks.verification.cases import (
 )
 from benchmarks.verification.evidence import explain
 from benchmarks.verification.invariants import INVARIANTS
-from benchmarks.verification.worlds import as_settings, world_of
+from benchmarks.verification.random_worlds import as_settings, world_of
 from medjax.commandline import OneLineParser
 from medjax.env.charging_env import ChargingEnv
-from medjax.wrappers import prepare_cpu
+from medjax.errors import InputError
 
 CASES = 16  # that the updates are shared among
 MOST_SHOWN = 5  # violations of an episode
@@ -149,27 +148,31 @@ class Soak:
             "violations": totals,
             "commands": [violation.command() for violation in self.found],
             "cases": self.rows,
-            "device": jax.devices()[0].device_kind,
-            "jax_version": jax.__version__,
+            **machine(),
         }
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Plays, prints, and ends with exit code 1 if anything was violated."""
-    parser = build_parser()
-    options = parser.parse_args(arguments)
-    if (options.case is None) != (options.environment is None):
-        parser.error("--case and --environment: allowed both or none")
-    prepare_cpu()
-    if options.case is not None:
-        if options.environment >= options.num_envs:
-            parser.error(
-                f"--environment {options.environment}: allowed 0 to {options.num_envs - 1}"
-            )
-        case = Case(options.seed, options.case, options.num_envs)
-        lines = list(show(case, options.environment, options.episode))
-        print("\n".join(lines))
-        sys.exit(any("VIOLATED" in line for line in lines))
+def show_again(options: argparse.Namespace) -> NoReturn:
+    """Prints the first violation of one environment.
+
+    Raises:
+      InputError: there is no such environment.
+    """
+    if options.case is None or options.environment is None:
+        raise InputError("--case and --environment: allowed both or none")
+    if options.environment >= options.num_envs:
+        most = options.num_envs - 1
+        raise InputError(f"--environment {options.environment}: allowed 0 to {most}")
+    case = Case(options.seed, options.case, options.num_envs)
+    lines = list(show(case, options.environment, options.episode))
+    print("\n".join(lines))
+    sys.exit(any("VIOLATED" in line for line in lines))
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Plays all cases, and prints what they came to."""
+    if options.case is not None or options.environment is not None:
+        show_again(options)
     soak = Soak(options.seed, options.updates, options.num_envs, options.cases)
     try:
         soak.run()
@@ -179,10 +182,10 @@ def main(arguments: list[str] | None = None) -> None:
     print(f"\n{report['updates']:,} vehicle updates in {report['wall_s']:.0f} s; violations:")
     for name, what in INVARIANTS.items():
         print(f"  {name:<9}{report['violations'][name]:>8}   {what}")
-    if options.json:
-        options.json.write_text(json.dumps(report, indent=2))
-    sys.exit(bool(soak.found))
+    return report
 
 
-if __name__ == "__main__":
-    main()
+def main(arguments: list[str] | None = None) -> None:
+    """The command; it ends with exit code 1 if anything was violated."""
+    report = run_command(build_parser(), measure, arguments)
+    sys.exit(bool(report["commands"]))

@@ -13,9 +13,7 @@ from docs.parameters import PAGE, written
 from medjax.scenarios import prepare
 from medjax.world.checks import check_numbers
 from medjax.world.params import COILS, GROUPS, OTHERS, SIZES, WEIGHT, EnvConfig, EnvParams
-from tests import fuzz
-
-ROWS = {row.name: row for row in [*fuzz.ROWS, *fuzz.COILS]}
+from tests.documented import NUMBERS
 
 # What a number at the end of its range needs of others; see "What must go together".
 LONG = {"length_m": 200e3}
@@ -63,10 +61,10 @@ def accepted(name, value):
     raise AssertionError(name)
 
 
-@pytest.mark.parametrize("name", ROWS)
+@pytest.mark.parametrize("name", NUMBERS)
 def test_ends_of_ranges(name):
     """Both ends, in every form; a size is a whole number, and 4.0 is none."""
-    row = ROWS[name]
+    row = NUMBERS[name]
     for end in reachable(row):
         for value in forms(end):
             if name in SIZES and row.whole and np.asarray(value).dtype.kind == "f":
@@ -97,19 +95,19 @@ def numbers(row):
 @given(st.data())
 @settings(max_examples=150)
 def test_any_number_of_its_range(data):
-    name = data.draw(st.sampled_from(sorted(ROWS)))
-    value = data.draw(numbers(ROWS[name]))
+    name = data.draw(st.sampled_from(sorted(NUMBERS)))
+    value = data.draw(numbers(NUMBERS[name]))
     np.testing.assert_allclose(np.asarray(accepted(name, value)), value, rtol=1e-6, atol=1e-37)
 
 
 INDEPENDENT = sorted(
-    name for name in ROWS if name not in BESIDE and name not in SIZES and "_soc" not in name
+    name for name in NUMBERS if name not in BESIDE and name not in SIZES and "_soc" not in name
 )
 
 
 @given(
     st.fixed_dictionaries(
-        {name: numbers(ROWS[name]) for name in INDEPENDENT if "braking" not in name}
+        {name: numbers(NUMBERS[name]) for name in INDEPENDENT if "braking" not in name}
     )
 )
 @settings(max_examples=25)
@@ -136,9 +134,9 @@ def test_every_field_has_a_range():
             stated |= {f"{field.name}.{leaf}": GROUPS[field.name][leaf] for leaf in leaves}
         else:
             assert field.name in OTHERS
-    assert stated.keys() == ROWS.keys()
+    assert stated.keys() == NUMBERS.keys()
     for name, limits in stated.items():
-        assert (limits.low, limits.high, limits.whole) == (*ends(name), ROWS[name].whole), name
+        assert (limits.low, limits.high, limits.whole) == (*ends(name), NUMBERS[name].whole), name
 
 
 def test_the_page_has_what_is_declared():
@@ -149,4 +147,4 @@ def test_the_page_has_what_is_declared():
 
 
 def ends(name):
-    return ROWS[name].low, ROWS[name].high
+    return NUMBERS[name].low, NUMBERS[name].high

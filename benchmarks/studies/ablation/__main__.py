@@ -9,13 +9,11 @@ program and on the same episodes, so that what differs is due to the number that
 from __future__ import annotations
 
 import argparse
-import json
+from typing import Any
 
-from benchmarks.command import episodes_parser, picture
+from benchmarks.command import add_plot, episodes_parser, run_command
 from benchmarks.studies.ablation import sweeps, weights
 from medjax.commandline import OneLineParser, add_set_option
-from medjax.errors import InputError
-from medjax.wrappers import prepare_cpu
 from train.runs.compilation import enable_compilation_cache
 
 WEIGHTS = "weights"
@@ -27,7 +25,7 @@ def build_parser(study: str) -> OneLineParser:
     parser = episodes_parser(f"ablation {study}", note, episodes=128, seed=0)
     parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
     add_set_option(parser, "set another number of the environment, as for train.ppo; repeatable")
-    parser.add_argument("--plot", type=picture, metavar="FILE.png", help="draw the figure here")
+    add_plot(parser, "the figure")
     parser.add_argument(
         "--stochastic",
         action="store_true",
@@ -41,7 +39,7 @@ def build_parser(study: str) -> OneLineParser:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Prints the table of a study; writes the figures and the picture that are asked for."""
+    """The command."""
     top = OneLineParser(
         prog="python -m benchmarks.ablation",
         description=__doc__,
@@ -50,21 +48,14 @@ def main(arguments: list[str] | None = None) -> None:
     top.add_argument("study", choices=[WEIGHTS, *sweeps.SWEEPS])
     top.add_argument("options", nargs=argparse.REMAINDER, help="see STUDY --help")
     chosen = top.parse_args(arguments)
-    parser = build_parser(chosen.study)
-    options = parser.parse_args(chosen.options)
-    prepare_cpu()
-    enable_compilation_cache()
-    try:
-        if chosen.study == WEIGHTS:
-            report, draw = weights.run(options), weights.plot
-        else:
-            report, draw = sweeps.run(chosen.study, options), sweeps.plot
-    except InputError as error:
-        parser.error(str(error))
-    if options.json:
-        options.json.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
-    if options.plot:
-        draw(options.plot, report)
+    parser, is_weights = build_parser(chosen.study), chosen.study == WEIGHTS
+
+    def measure(options: argparse.Namespace) -> dict[str, Any]:
+        """Prints the table of the study."""
+        enable_compilation_cache()
+        return weights.run(options) if is_weights else sweeps.run(chosen.study, options)
+
+    run_command(parser, measure, chosen.options, weights.plot if is_weights else sweeps.plot)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from benchmarks.studies.ablation.scores import (
     rules,
     settings,
 )
-from benchmarks.studies.ablation.worlds import play_worlds, train_worlds
+from benchmarks.studies.ablation.side_by_side import play_worlds, train_worlds
 from medjax.commandline import OneLineParser
 from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError

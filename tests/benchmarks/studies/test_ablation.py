@@ -11,7 +11,7 @@ import pytest
 import medjax
 from benchmarks.studies.ablation import __main__ as ablation
 from benchmarks.studies.ablation.scores import RULES, in_world
-from benchmarks.studies.ablation.worlds import play_worlds, train_worlds
+from benchmarks.studies.ablation.side_by_side import play_worlds, train_worlds
 from medjax.episodes.scores import evaluate_policies
 from medjax.physics import link_efficiency, mutual_inductance
 from medjax.policies.rules import BASELINES

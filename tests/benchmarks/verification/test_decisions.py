@@ -8,7 +8,7 @@ import pytest
 
 import medjax
 from benchmarks.verification.books import entry_books
-from benchmarks.verification.decisions import check_closing
+from benchmarks.verification.decisions import Decision, check_closing
 from benchmarks.verification.invariants import (
     INVARIANTS,
     check_entry,
@@ -234,18 +234,8 @@ def closing(still, after=None, obs=0.0, reward=0.0, terms=None, tally=None, last
     after = after or state.replace(tally=state.tally + tally)
     terms = dict.fromkeys(params.reward_weights, jnp.zeros(())) | (terms or {})
     info = {"tally": tally, "reward_terms": terms, "metrics": {}}
-    return violated(
-        check_closing,
-        last or state,
-        state,
-        after,
-        jnp.float32(obs),
-        jnp.float32(reward),
-        info,
-        books,
-        config,
-        params,
-    )
+    decision = Decision(state, after, jnp.float32(obs), jnp.float32(reward), info)
+    return violated(check_closing, last or state, decision, books, config, params)
 
 
 def test_a_wrong_outcome_is_found(still):

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.verification import cases, soak
 from benchmarks.verification.invariants import INVARIANTS
-from benchmarks.verification.worlds import draw_config
+from benchmarks.verification.random_worlds import draw_config
 from tests.benchmarks.refusal import refused
 
 

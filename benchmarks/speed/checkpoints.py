@@ -1,0 +1,99 @@
+"""When a training run beat greedy: its checkpoints, played on the episodes of its closing evaluation."""
+
+from __future__ import annotations
+
+import dataclasses
+import statistics
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from train.arguments import make_environment
+
+import medjax
+from medjax.episodes.scores import evaluate_policies
+from train.algorithms.networks import build_network
+from train.algorithms.policy import learned_policy
+from train.algorithms.ppo.learner import make_train
+from train.evaluation.statistics import bootstrap_ci95
+from train.runs.checkpoint import Checkpoints
+from train.runs.logs import read_rows
+from train.runs.run_directory import RunDir
+from train.runs.session import shapes_of
+
+
+@dataclasses.dataclass(frozen=True)
+class Checkpoint:
+    """How the weights of one checkpoint play."""
+
+    update: int
+    return_mean: float
+    gain_ci95: tuple[float, float]  # of the mean paired difference to greedy, of returns
+
+
+def reached_s(run_dir: RunDir, update: int) -> float:
+    """Seconds on the run's clock until `update` was done."""
+    rows = read_rows(run_dir.metrics)
+    return next(float(row["wall_s"]) for row in rows if row["update"] == update)
+
+
+def compare(update: int, ours: np.ndarray, greedy: np.ndarray, seed: int) -> Checkpoint:
+    """A checkpoint against greedy.
+
+    Args:
+        update: of the checkpoint.
+        ours: its returns, `(episodes,)`.
+        greedy: those of greedy on the same episodes.
+        seed: of the bootstrap.
+    """
+    return Checkpoint(update, float(ours.mean()), bootstrap_ci95(ours - greedy, seed))
+
+
+def first_beaten(curve: Sequence[Checkpoint]) -> Checkpoint | None:
+    """The earliest checkpoint that is surely above greedy; None if none is."""
+    return next((point for point in curve if point.gain_ci95[0] > 0), None)
+
+
+def when_beaten(
+    curve: Sequence[Checkpoint], runs: Mapping[str, Sequence[RunDir]]
+) -> dict[str, Any] | None:
+    """Update and return of the first checkpoint that beats greedy, and how long each kind of start took until then.
+
+    Args:
+        curve: of the checkpoints, from the first to the last.
+        runs: of each kind of start, which all learned the same.
+
+    Returns:
+        `KIND_s`, the median over its runs, `update` and `return_mean`; None if none does.
+    """
+    point = first_beaten(curve)
+    if point is None:
+        return None
+    times = {
+        f"{name}_s": statistics.median(reached_s(run_dir, point.update) for run_dir in dirs)
+        for name, dirs in runs.items()
+    }
+    return {**times, "update": point.update, "return_mean": point.return_mean}
+
+
+def play_checkpoints(run_dir: RunDir) -> tuple[float, list[Checkpoint]]:
+    """Plays every checkpoint of a run and greedy on the episodes of the closing evaluation.
+
+    Returns:
+        The mean return of greedy, and the checkpoints from the first to the last.
+    """
+    config = run_dir.load_config()
+    env, params = make_environment(config)
+    network = build_network(env, config)
+    shapes = shapes_of(make_train(env, params, config), params, config)
+    policies = {"greedy": medjax.BASELINES["greedy"](env)}
+    reader = Checkpoints(run_dir.path)
+    updates = reader.all()
+    for update in updates:
+        policies[str(update)] = learned_policy(
+            env, network, reader.restore_weights(shapes, update), config.decide_every
+        )
+    scores = evaluate_policies(env, params, policies, config.eval_episodes, config.seed)
+    greedy = scores["greedy"]["return"]
+    curve = [compare(each, scores[str(each)]["return"], greedy, config.seed) for each in updates]
+    return float(greedy.mean()), curve

@@ -1,0 +1,264 @@
+"""`python -m benchmarks.verification.golden`: what a tree computes, to compare it bit for bit with another one.
+
+    python -m benchmarks.verification.golden --out old.npz           in the one tree
+    python -m benchmarks.verification.golden --out new.npz           in the other
+    python -m benchmarks.verification.golden --compare old.npz new.npz
+
+A file holds rollouts of several worlds under random allowed actions, and with `--training` what a short run of
+train.ppo logged, scored and learned. Both must come from one machine and one version of JAX: others round differently.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import operator
+import subprocess
+import sys
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import medjax
+from benchmarks.command import argument, benchmark_parser, output_file, run_command, say
+from medjax.commandline import OneLineParser, as_path
+from medjax.errors import InputError
+
+ROOT = Path(__file__).resolve().parents[2]  # where `-m train.ppo` is found, wherever this is called
+SEED, ENVS = 7, 4
+# By name: preset, decisions, overrides. Together they come to everything that a decision may do.
+WORLDS: dict[str, tuple[str, int, dict[str, Any]]] = {
+    "paper": ("paper", 90, {}),
+    "profile": (
+        "paper",
+        90,
+        {"observation": "profile", "episode_decisions": 60, "turnaround_s": 20.0},
+    ),
+    "realistic": ("realistic", 60, {}),
+    "odd": (
+        "paper",
+        60,
+        {"num_meds": 6, "num_evs": 33, "num_gas": 100, "num_lanes": 3, "ramp_x_m": [200, 1500]}
+        | {"ticks_per_decision": 3, "tick_s": 0.3},
+    ),
+}
+STATE = (
+    *("vehicles.x", "vehicles.speed", "vehicles.lane", "vehicles.active"),
+    *("vehicles.lateral_offset", "evs.energy_j", "evs.med", "evs.panel", "evs.is_charging"),
+    *("meds.energy_j", "meds.status", "queue"),
+)
+TRAINING = {
+    "--num-envs": 64,
+    "--num-minibatches": 8,
+    "--total-timesteps": 65536,
+    "--eval-episodes": 6,
+    "--seed": 3,
+    "--set": "episode_decisions=240",
+}
+CLOCKS = ("wall_s", "env_steps_per_s")  # of a row of metrics.jsonl
+# The worlds of the golden test: full traffic for a few decisions, and a MED that charges EVs on a quiet road. There few
+# vehicles decide anything, so that rounding stays rounding for long.
+SHORT: dict[str, tuple[str, int, dict[str, Any]]] = {
+    "paper": ("paper", 20, {}),
+    "quiet": (
+        "paper",
+        60,
+        {"num_meds": 2, "num_evs": 6, "num_gas": 4, "mainline_per_h": 300, "ramp_per_h": 0}
+        | {"ev_share": 0.8, "arrival_soc_high": 0.4},
+    ),
+}
+
+
+def rollout(env: Any, decisions: int) -> Callable[[Any, int], dict[str, np.ndarray]]:
+    """Random allowed actions in environments side by side, in one program.
+
+    Returns:
+      `(params, num_envs)` to arrays by name, (num_envs, decisions, ...) each: what `step` returned, and STATE after it.
+    """
+
+    def one(key: jax.Array, params: Any) -> dict[str, jax.Array]:
+        reset_key, key = jax.random.split(key)
+
+        def decide(state: Any, number: jax.Array) -> tuple[Any, dict[str, jax.Array]]:
+            act_key, step_key = jax.random.split(jax.random.fold_in(key, number))
+            allowed = jnp.where(env.action_mask(state, params), 0.0, -jnp.inf)
+            action = jax.random.categorical(act_key, allowed).astype(jnp.int32)
+            obs, state, reward, terminated, truncated, info = env.step(
+                step_key, state, action, params
+            )
+            seen = {"obs": obs, "reward": reward, "ended": terminated | truncated}
+            seen |= {name: operator.attrgetter(name)(state) for name in STATE}
+            for group in ("metrics", "reward_terms"):
+                seen |= {f"{group}.{name}": value for name, value in info[group].items()}
+            return state, seen
+
+        return jax.lax.scan(decide, env.reset(reset_key, params)[1], jnp.arange(decisions))[1]
+
+    program = jax.jit(jax.vmap(one, (0, None)))
+
+    def play(params: Any, num_envs: int) -> dict[str, np.ndarray]:
+        keys = jax.random.split(jax.random.key(SEED), num_envs)
+        return jax.device_get(program(keys, params))
+
+    return play
+
+
+def rollouts() -> dict[str, np.ndarray]:
+    """Those of WORLDS, as WORLD/NAME."""
+    found: dict[str, np.ndarray] = {}
+    for world, (preset, decisions, overrides) in WORLDS.items():
+        say(f"playing {world}")
+        env, params = medjax.make(preset, **overrides)
+        played = rollout(env, decisions)(params, ENVS)
+        found |= {f"{world}/{name}": values for name, values in played.items()}
+    return found
+
+
+def train() -> dict[str, np.ndarray]:
+    """What a short run of train.ppo logs, scores and learns, as training/NAME."""
+    with tempfile.TemporaryDirectory() as folder:
+        run = Path(folder) / "run"
+        words = [f"{name}={value}" for name, value in TRAINING.items()]
+        say("training")
+        command = [sys.executable, "-m", "train.ppo", f"--run-dir={run}", *words]
+        subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+        rows = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+        names = [name for name in rows[0] if name not in CLOCKS]
+        found = {f"training/{name}": np.array([str(row[name]) for row in rows]) for name in names}
+        found["training/evaluation"] = np.array((run / "evaluation.json").read_text())
+        newest = max((run / "checkpoints").glob("*.npz"), key=lambda path: int(path.stem))
+        with np.load(newest) as state:
+            for name in state.files:
+                if name.startswith("weights/"):
+                    found[f"training/{name}"] = state[name]
+    return found
+
+
+def differences(old: Mapping[str, np.ndarray], new: Mapping[str, np.ndarray]) -> Iterator[str]:
+    """A line for each name whose bits differ, or that only one of them has."""
+    for name in sorted({*old} | {*new}):
+        if name not in new or name not in old:
+            yield f"{name}: only in the {'old' if name in old else 'new'} file"
+            continue
+        a, b = old[name], new[name]
+        if (a.dtype, a.shape) != (b.dtype, b.shape):
+            yield f"{name}: {a.dtype} {a.shape} and {b.dtype} {b.shape}"
+        elif a.tobytes() != b.tobytes():
+            yield f"{name}: {_how(a, b)}"
+
+
+def _how(a: np.ndarray, b: np.ndarray) -> str:
+    """How arrays of one shape and type differ."""
+    if a.dtype.kind not in "biuf":
+        return "differs"
+    unlike = (a != b) & ~((a != a) & (b != b))
+    text = f"{unlike.sum()} of {a.size} differ"
+    if a.ndim > 1 and unlike.any():
+        text += f", first in decision {np.nonzero(unlike.reshape(*a.shape[:2], -1))[1].min()}"
+    finite = unlike & np.isfinite(a) & np.isfinite(b)
+    apart = np.abs(a.astype(np.float64) - b.astype(np.float64))[finite]
+    return f"{text}, by at most {apart.max():.3g}" if apart.size else text
+
+
+def numbers() -> dict[str, Any]:
+    """Of SHORT: rewards of all decisions, metrics and state after the last; of who is on the road only."""
+    found = {}
+    for world, (preset, decisions, overrides) in SHORT.items():
+        env, params = medjax.make(preset, **overrides)
+        found[world] = last_of(rollout(env, decisions)(params, 1))
+    return found
+
+
+def last_of(played: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """One environment's numbers in few digits, as `numbers` has them."""
+    final = {name: values[0, -1] for name, values in played.items()}
+    on_road = np.flatnonzero(final["vehicles.active"])
+    chosen: dict[str, Any] = {"reward": played["reward"][0]}
+    for name, values in final.items():
+        if name.startswith("vehicles."):
+            chosen[name] = values[on_road]
+        elif name not in ("obs", "reward", "ended"):
+            chosen[name] = values
+    chosen["vehicles.active"] = on_road
+    return {name: _few_digits(np.asarray(values)) for name, values in chosen.items()}
+
+
+def _few_digits(values: np.ndarray) -> Any:
+    if values.dtype.kind == "f":
+        return json.loads(json.dumps(np.vectorize(lambda x: float(f"{x:.7g}"))(values).tolist()))
+    return values.astype(int).tolist()
+
+
+def write_numbers(path: Path) -> None:
+    """Writes `numbers` as JSON, a line a name."""
+    worlds = {
+        world: ",\n".join(f"  {json.dumps(name)}: {json.dumps(each)}" for name, each in own.items())
+        for world, own in numbers().items()
+    }
+    text = ",\n".join(f"{json.dumps(world)}: {{\n{lines}\n}}" for world, lines in worlds.items())
+    path.write_text(f"{{\n{text}\n}}\n", encoding="utf-8")
+
+
+def archive(name: str, text: str) -> dict[str, np.ndarray]:
+    """Arrays of a file that `--out` wrote.
+
+    Raises:
+      InputError: it cannot be read.
+    """
+    path = as_path(name, text)
+    try:
+        with np.load(path) as found:
+            return dict(found)
+    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile):
+        raise InputError(f"{name} {path} cannot be read, allowed: a file of --out") from None
+
+
+def build_parser() -> OneLineParser:
+    """The command line."""
+    parser = benchmark_parser("verification.golden", __doc__)
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--out", type=output_file, metavar="FILE.npz", help="write rollouts here")
+    what.add_argument(
+        "--compare", type=argument(archive), nargs=2, metavar="FILE.npz", help="two such files"
+    )
+    what.add_argument(
+        "--numbers",
+        type=output_file,
+        metavar="FILE.json",
+        help="write the few numbers that the golden test expects: tests/data/golden.json",
+    )
+    parser.add_argument(
+        "--training", action="store_true", help="with --out: train for a minute or two, too"
+    )
+    return parser
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Writes what is asked for, or prints what differs."""
+    if options.compare:
+        old, new = options.compare
+        lines = list(differences(old, new))
+        print(*lines, f"{len(lines)} of {len({*old} | {*new})} differ", sep="\n")
+        return {"differ": lines}
+    if options.numbers:
+        write_numbers(options.numbers)
+    else:
+        found: Any = rollouts() | (train() if options.training else {})
+        with options.out.open("wb") as file:
+            np.savez_compressed(file, **found)
+    return {"differ": []}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The command; it ends with exit code 1 where files differ."""
+    sys.exit(bool(run_command(build_parser(), measure, arguments)["differ"]))
+
+
+if __name__ == "__main__":
+    main()

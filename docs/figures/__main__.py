@@ -1,0 +1,51 @@
+"""The figures of the models' pages, drawn by the functions that they are about.
+
+    python -m docs.figures [DIRECTORY]      writes docs/images/*.png
+
+from the repository's root; it needs the extra `train` for matplotlib.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import medjax
+from docs.figures.coils import draw_efficiency, draw_inductance
+from docs.figures.driving import draw_idm, draw_lane_change
+from docs.figures.energy import draw_energy
+from docs.figures.road import draw_road
+from medjax.world.params import EnvParams
+
+IMAGES = Path(__file__).parents[1] / "images"
+
+FIGURES: dict[str, Callable[[Path, EnvParams], None]] = {
+    "road": draw_road,
+    "idm": draw_idm,
+    "lane_change": draw_lane_change,
+    "inductance": draw_inductance,
+    "efficiency": draw_efficiency,
+    "energy": draw_energy,
+}
+
+
+def draw(directory: Path) -> list[Path]:
+    """Draws all figures of the `paper` preset.
+
+    Args:
+      directory: where to; it is made.
+
+    Returns:
+      The files.
+    """
+    _, params = medjax.make("paper")
+    paths = [directory / f"{name}.png" for name in FIGURES]
+    for path, figure in zip(paths, FIGURES.values(), strict=True):
+        figure(path, params)
+    return paths
+
+
+if __name__ == "__main__":
+    for written in draw(Path(sys.argv[1]) if len(sys.argv) > 1 else IMAGES):
+        print(written)

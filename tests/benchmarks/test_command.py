@@ -1,0 +1,58 @@
+"""What becomes of what a benchmark measures, whichever it is."""
+
+import json
+
+import pytest
+
+from benchmarks.command import add_plot, benchmark_parser, run_command
+from medjax.errors import InputError
+from tests.benchmarks.refusal import refused
+
+
+def parser():
+    found = benchmark_parser("example", "An example.")
+    add_plot(found, "it")
+    return found
+
+
+def test_figures_and_picture_are_written_where_they_are_asked_for(tmp_path):
+    """And nowhere else."""
+    file, picture = tmp_path / "out.json", tmp_path / "out.png"
+    drawn = []
+    plot = lambda path, result: drawn.append((path, result))  # noqa: E731
+    assert run_command(parser(), lambda options: {"x": 1}, [], plot) == {"x": 1}
+    assert not [*tmp_path.iterdir(), *drawn]
+    run_command(parser(), lambda options: {"x": 1}, [f"--json={file}", f"--plot={picture}"], plot)
+    assert json.loads(file.read_text()) == {"x": 1}
+    assert drawn == [(picture, {"x": 1})]
+
+
+def test_bad_input_is_one_line_whenever_it_is_found(capsys):
+    def measure(options):
+        raise InputError("x is 3, allowed: 4")
+
+    error = refused(lambda argv: run_command(parser(), measure, argv), [], capsys)
+    assert error == "python -m benchmarks.example: x is 3, allowed: 4\n"
+
+
+def test_another_error_is_not_called_bad_input():
+    def measure(options):
+        raise ValueError("shapes differ")
+
+    with pytest.raises(ValueError, match="shapes differ"):
+        run_command(parser(), measure, [])
+
+
+def test_a_file_that_cannot_be_written_in_the_end_is_one_line(tmp_path, capsys):
+    """Its place is checked before; it may be gone after."""
+    folder = tmp_path / "gone"
+    folder.mkdir()
+
+    def measure(options):
+        folder.rmdir()
+        return {}
+
+    argv = [f"--json={folder / 'out.json'}"]
+    error = refused(lambda argv: run_command(parser(), measure, argv), argv, capsys)
+    assert error.startswith(f"python -m benchmarks.example: --json {folder}")
+    assert "No such file or directory" in error

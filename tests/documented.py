@@ -1,0 +1,36 @@
+"""What docs/parameters.md says of every number, so that a new one is tried without anybody's thinking of it."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+PAGE = (ROOT / "docs/parameters.md").read_text(encoding="utf-8")
+
+
+@dataclasses.dataclass(frozen=True)
+class Documented:
+    """A row of docs/parameters.md."""
+
+    name: str
+    value: str
+    low: float
+    high: float
+
+    @property
+    def whole(self):
+        """Sizes, counts and lanes."""
+        leaf = self.name.rpartition(".")[2]
+        return leaf.startswith("num_") or leaf in WHOLE
+
+
+WHOLE = ("ticks_per_decision", "size", "service_lane", "episode_decisions")
+NUMBERS = {
+    name: Documented(name, value, *(float(end) for end in allowed.split(" to ")))
+    for name, value, allowed in re.findall(
+        r"^\| `([\w.]+)` \| ([^|]+?) \| ([^|]+?) \|", PAGE, re.MULTILINE
+    )
+}
+COILS = [
+    name for name in NUMBERS if "_coil_" in name
+]  # those that `make` builds the coils' table from

@@ -1,0 +1,215 @@
+"""The house's rules over the import graph and the sizes of files and functions: docs/architecture.md says why.
+
+Imports are read from the source. Those within a function are late: they count for every rule, too, and have one..
+Those under TYPE_CHECKING never run: they count as knowing, but close no circle.
+"""
+
+import ast
+import sys
+
+import pytest
+
+from tests.import_graph import (
+    HOUSES,
+    ROOT,
+    Import,
+    arrows,
+    graph_of,
+    imports_in,
+    imports_of,
+    modules,
+    source_files,
+    way,
+)
+
+# From the bottom up: a room imports itself, its neighbours on the same line, and the lines above its own.
+LEVELS = """
+medjax.errors medjax.files medjax.commandline
+medjax.numerics
+medjax.physics
+medjax.world
+medjax.traffic
+medjax.charging
+medjax.env
+medjax.scenarios
+medjax.policies
+medjax.wrappers
+medjax.episodes
+medjax.render
+medjax medjax.trajectories
+train.settings train.yaml_file train.arguments
+train.algorithms
+train.evaluation train.runs train.reporting
+train
+benchmarks.command
+benchmarks.speed
+benchmarks.studies benchmarks.verification benchmarks.peers
+benchmarks
+"""
+RANKS = {
+    room: rank for rank, rooms in enumerate(LEVELS.split("\n")[1:-1]) for room in rooms.split()
+}
+# Whatever the order: no way leads from the one to the others.
+APART = {
+    "medjax.physics": ("medjax.world", "medjax.traffic", "medjax.charging", "medjax.env"),
+    "medjax.traffic": ("medjax.charging", "medjax.env"),
+    "medjax.env": ("medjax.render", "medjax.policies"),
+}
+
+MOST_LINES, MOST_OF_A_FUNCTION, MOST_ARGUMENTS = 300, 60, 7
+SOURCES = ("py", "js", "css", "html")
+# Formulas of the public contract: their arguments are the field's.
+FORMULAS = {
+    "idm_acceleration",
+    "mutual_inductance",
+    "tabulate_inductance",
+    "tractive_energy",
+}
+
+
+def room_of(name):
+    """The longest of LEVELS that the name is in."""
+    while name not in RANKS:
+        name = name.rpartition(".")[0]
+    return name
+
+
+def is_in(name, room):
+    return name == room or name.startswith(room + ".")
+
+
+def show(name, found, what):
+    """A line of a list of violations."""
+    where = modules()[name].path.relative_to(ROOT)
+    return f"{where}:{found.line}: {name} imports {found.target}: {what}"
+
+
+def check(violations):
+    """Fails with each of them on a line."""
+    lines = list(dict.fromkeys(violations))
+    assert not lines, f"{len(lines)} against the rules\n" + "\n".join(lines)
+
+
+def test_imports_are_read_as_they_are_meant():
+    """A module of a package or a name in it, late, or for types only."""
+    tree = ast.parse(
+        "from medjax.traffic import idm, find_neighbours\n"
+        "if TYPE_CHECKING:\n    import medjax.render\n"
+        "def late():\n    import gymnasium.spaces\n"
+    )
+    assert [*imports_in(tree, False, False)] == [
+        Import("medjax.traffic", 1, is_late=False, is_for_types=False),
+        Import("medjax.traffic.idm", 1, is_late=False, is_for_types=False),
+        Import("medjax.render", 3, is_late=False, is_for_types=True),
+        Import("gymnasium.spaces", 5, is_late=True, is_for_types=False),
+    ]
+
+
+def test_arrows_go_down():
+    """A room knows the rooms under it."""
+    check(
+        show(name, found, f"{room_of(found.target)} is above {room_of(name)}")
+        for name, found in arrows()
+        if RANKS[room_of(found.target)] > RANKS[room_of(name)]
+    )
+
+
+def test_no_circle():
+    """Between modules, late imports counted; of each circle a shortest one."""
+    graph = graph_of((name, found) for name, found in arrows() if not found.is_for_types)
+    circles, shown = [], set()
+    for name in graph:
+        circle = (
+            None if name in shown else way(graph, name, lambda target, name=name: target == name)
+        )
+        if circle:
+            circles.append(" imports ".join(circle))
+            shown.update(circle)
+    check(circles)
+
+
+@pytest.mark.parametrize("room", APART)
+def test_rooms_that_know_nothing_of_each_other(room):
+    """Not even through others."""
+    graph = graph_of(arrows())
+    is_apart = lambda target: any(is_in(target, other) for other in APART[room])  # noqa: E731
+    inside = [name for name in modules() if is_in(name, room)]
+    check(" imports ".join(found) for name in inside if (found := way(graph, name, is_apart)))
+
+
+def test_nothing_imports_a_command():
+    """But the short module that stands for it."""
+    check(
+        show(name, found, "a command")
+        for name, found in arrows()
+        if modules()[found.target].is_command and not modules()[name].stands_for_another
+    )
+
+
+def test_late_imports_are_for_what_may_be_missing():
+    """Or in commands, which answer --help and bad input without waiting for JAX."""
+    always = {"jax", "flax", "numpy", *HOUSES, *sys.stdlib_module_names}
+    check(
+        show(name, found, "within a function")
+        for name, module in modules().items()
+        for found in imports_of(name)
+        if found.is_late and found.target.partition(".")[0] in always and not module.is_command
+    )
+
+
+def test_every_folder_is_a_package():
+    """Else neither mypy nor a wheel knows it as one."""
+    folders = {path.parent for path in source_files(*HOUSES, "tests", "docs")}
+    check(
+        f"{folder.relative_to(ROOT)} has no __init__.py"
+        for folder in sorted(folders)
+        if not (folder / "__init__.py").exists()
+    )
+
+
+def length(path):
+    return len(path.read_text(encoding="utf-8").splitlines())
+
+
+def test_files_are_short():
+    """At most 300 lines, in all languages."""
+    check(
+        f"{path.relative_to(ROOT)}: {length(path)} lines, allowed {MOST_LINES}"
+        for path in source_files(*HOUSES, "tests", "docs", endings=SOURCES)
+        if length(path) > MOST_LINES
+    )
+
+
+def functions():
+    """(where, its syntax) of every function, within classes and functions too."""
+    for path in source_files(*HOUSES, "tests", "docs"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef):
+                yield f"{path.relative_to(ROOT)}:{node.lineno}: {node.name}", node
+
+
+def test_functions_are_short():
+    """At most 60 lines, documentation and all."""
+    check(
+        f"{where}: {lines} lines, allowed {MOST_OF_A_FUNCTION}"
+        for where, node in functions()
+        if (lines := node.end_lineno - node.lineno + 1) > MOST_OF_A_FUNCTION
+    )
+
+
+def test_functions_take_few_arguments():
+    """At most 7; what a method belongs to is none of them."""
+    many = {where: node for where, node in functions() if count_arguments(node) > MOST_ARGUMENTS}
+    check(
+        f"{where}: {count_arguments(node)} arguments, allowed {MOST_ARGUMENTS}"
+        for where, node in many.items()
+        if node.name not in FORMULAS
+    )
+    assert {node.name for node in many.values()} >= FORMULAS  # no exception that is not needed
+
+
+def count_arguments(node):
+    given = node.args
+    named = [each.arg for each in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
+    named += [each.arg for each in (given.vararg, given.kwarg) if each]
+    return len(named) - (named[:1] in (["self"], ["cls"]))
