@@ -37,7 +37,7 @@ medjax.wrappers
 medjax.episodes
 medjax.render
 medjax medjax.trajectories
-train.settings train.yaml_file train.arguments
+train.option train.settings train.yaml_file
 train.algorithms
 train.evaluation train.runs train.reporting
 train
