@@ -8,7 +8,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from medjax.registration import register
+from medjax import hooks
 
 if TYPE_CHECKING:
     from medjax.env.charging_env import ChargingEnv
@@ -46,4 +46,11 @@ def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
 
 
-register()
+def _draw(*state: Any, **how: Any) -> Any:
+    from medjax.render.frame import render_state
+
+    return render_state(*state, **how)
+
+
+hooks.viewer = _draw
+hooks.register()

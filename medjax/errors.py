@@ -9,6 +9,13 @@ MOST_SHOWN = 100  # characters of a value in a message
 MOST_SAID = 600  # characters of a message on the command line
 
 
+class MissingLibrary(ImportError):
+    """An optional library is not installed; the message says which, and the command that installs it."""
+
+    def __init__(self, library: str) -> None:
+        super().__init__(f'{library} is not installed: pip install "medjax[render]"')
+
+
 class InputError(ValueError):
     """Bad input; the message is one line that names what, the value and what is allowed."""
 

@@ -115,13 +115,6 @@ def _size(name: str, sizes: dict[str, Any], numbers: Mapping[str, Any]) -> EnvCo
     return dataclasses.replace(SCENARIOS[name].config, **sizes)
 
 
-def _draw(*state: Any, **how: Any) -> Any:
-    """`medjax.render.frame.render_state`; Pillow, which it draws with, is an optional extra."""
-    from medjax.render.frame import render_state
-
-    return render_state(*state, **how)
-
-
 def prepare(
     name: str = "paper",
     *,
@@ -146,7 +139,7 @@ def prepare(
     known = {term: params.reward_weights.get(term, float(term not in TERMS)) for term in terms}
     params = params.replace(reward_weights=_weights(given.weights, known))
     params = check_numbers(config, change_numbers(params, given.numbers))
-    env = ChargingEnv(config, reward=terms, observation=seen, name=name, viewer=_draw)
+    env = ChargingEnv(config, reward=terms, observation=seen, name=name)
     plain = {key: _plain(value) for key, value in overrides.items()}
     env.recipe = Recipe(name, plain, reward, observation)
     return env, params, CoilDesign(**given.coils)

@@ -9,9 +9,11 @@ import medjax
 from medjax.charging.docking import docking_acceleration
 from medjax.charging.energy import drive_energy
 from medjax.charging.link import coupling_efficiency, misalignment
+from medjax.env.dispatch import advance_clocks
 from medjax.env.tick import physics_tick
 from medjax.traffic.motion import ballistic_step
 from medjax.traffic.step import drivers_of
+from medjax.world.kinds import AUTONOMOUS_EV, MED
 from medjax.world.params import FRONT, LEFT, PANELS
 from medjax.world.state import IN_SERVICE, Tally
 
@@ -156,7 +158,10 @@ def test_a_clock_runs_down_in_time(tick_s, ticks):
     def decision(carry, _):
         clock, count = carry
         count += clock > 0.0
-        return (env._advance_clock(state.replace(cooldown_s=clock), params).cooldown_s, count), None
+        return (
+            advance_clocks(state.replace(cooldown_s=clock), env.config, params).cooldown_s,
+            count,
+        ), None
 
     (left, counts), _ = jax.lax.scan(
         decision, (clocks, jnp.zeros(clocks.shape, jnp.int32)), length=3700
@@ -181,6 +186,7 @@ def platoon(env, params, x):
         speed=np.full(5, 17.987),
         lane=np.array([2, 1, 3, 2, 2], np.int32),
         active=np.ones(5, bool),
+        kind=np.array([MED, *[AUTONOMOUS_EV] * 4], np.int32),
         desired_speed=np.array([17.987, 30.0, 30.0, 30.0, 30.0]),
         road_order=np.arange(5, dtype=np.int32),
     )

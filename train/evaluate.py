@@ -68,7 +68,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         env, params, policies = load_policies(run_dir.path, config, given.stochastic)
     except InputError as error:
         return fail("python -m train.evaluate", error)
-    from train.evaluation.scores import evaluate_policies, learned_names, summarize
+    from medjax.episodes.scores import evaluate_policies
+    from train.evaluation.summary import learned_names, summarize
     from train.runs.compilation import enable_compilation_cache
 
     enable_compilation_cache()

@@ -8,18 +8,16 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from train.arguments import make_environment
 
 import medjax
 from medjax.episodes.scores import evaluate_policies
-from train.algorithms.networks import build_network
-from train.algorithms.policy import learned_policy
-from train.algorithms.ppo.learner import make_train
+from train.algorithms.environments import make_environment
+from train.algorithms.registry import algorithm_of
 from train.evaluation.statistics import bootstrap_ci95
 from train.runs.checkpoint import Checkpoints
 from train.runs.logs import read_rows
+from train.runs.policies import weight_shapes
 from train.runs.run_directory import RunDir
-from train.runs.session import shapes_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,15 +82,12 @@ def play_checkpoints(run_dir: RunDir) -> tuple[float, list[Checkpoint]]:
     """
     config = run_dir.load_config()
     env, params = make_environment(config)
-    network = build_network(env, config)
-    shapes = shapes_of(make_train(env, params, config), params, config)
+    learn, shapes = algorithm_of(config), weight_shapes(env, params, config)
     policies = {"greedy": medjax.BASELINES["greedy"](env)}
     reader = Checkpoints(run_dir.path)
     updates = reader.all()
     for update in updates:
-        policies[str(update)] = learned_policy(
-            env, network, reader.restore_weights(shapes, update), config.decide_every
-        )
+        policies[str(update)] = learn.policy(env, config, reader.restore_weights(shapes, update))
     scores = evaluate_policies(env, params, policies, config.eval_episodes, config.seed)
     greedy = scores["greedy"]["return"]
     curve = [compare(each, scores[str(each)]["return"], greedy, config.seed) for each in updates]

@@ -25,8 +25,8 @@ from medjax.errors import InputError
 from medjax.policies.policy import Choice, Policy
 from medjax.policies.rules import BASELINES
 from medjax.wrappers import scale_demand
-from train.evaluation.scores import summarize
 from train.evaluation.statistics import bootstrap_ci95
+from train.evaluation.summary import summarize
 from train.evaluation.tables import format_rows, interval, short
 from train.reporting.figures import MARKERS, colour, new_figure, save
 from train.runs.compilation import enable_compilation_cache
@@ -90,7 +90,7 @@ def play(
         factors: of its demand.
         runs: trained policies by name; those of RULES join them.
         episodes: at least 1.
-        seed: which episodes, as in `train.evaluation.scores`.
+        seed: which episodes, as in `medjax.episodes.scores`.
 
     Returns:
         Scores by policy, at each of the factors.
@@ -108,7 +108,7 @@ def summary(played: Played, seed: int) -> dict[str, Any]:
     """What `--json` writes of each world.
 
     Returns:
-        By world: `policies` as `train.evaluation.scores.summarize` has them, and for each policy `minus_forecast` and
+        By world: `policies` as `train.evaluation.summary.summarize` has them, and for each policy `minus_forecast` and
         `minus_none`, the paired differences of the returns (`mean`, `ci95`).
     """
 

@@ -13,6 +13,7 @@ from typing import Any, Self
 import jax
 import jax.numpy as jnp
 
+from medjax import hooks
 from medjax.charging.booking import book, welcome
 from medjax.charging.link import Coupling, coupling_efficiency
 from medjax.env.contract import step_with_reset
@@ -23,7 +24,6 @@ from medjax.env.reset import initial_state
 from medjax.env.reward import TERMS, Outcome, RewardTerm, total_reward
 from medjax.env.spaces import Box, Discrete
 from medjax.env.tick import physics_tick
-from medjax.errors import InputError
 from medjax.traffic.entry import admit
 from medjax.traffic.following import CarFollowing
 from medjax.traffic.idm import STANDARD_IDM
@@ -47,7 +47,6 @@ class ChargingEnv:
       name: shown in logs.
       following: the car-following model.
       coupling: efficiency of the coils, one of `medjax.charging.link.COUPLINGS` or of your own.
-      viewer: what `render` draws with, `viewer(state, config, params, name=..., **size)`.
 
     Attributes:
       recipe: how `medjax.make` was called; None where it was not.
@@ -67,7 +66,6 @@ class ChargingEnv:
         name: str = "charging",
         following: CarFollowing = STANDARD_IDM,
         coupling: Coupling = coupling_efficiency,
-        viewer: Callable[..., Any] | None = None,
     ) -> None:
         validate_config(config)
         self.config = config
@@ -76,7 +74,6 @@ class ChargingEnv:
         self.name = name
         self.following = following
         self.coupling = coupling
-        self.viewer = viewer
         self.probe: Callable[[EnvState], Any] | None = None
 
     @property
@@ -207,16 +204,8 @@ class ChargingEnv:
         return probed
 
     def render(self, state: EnvState, params: EnvParams | None = None, **size: int) -> Any:
-        """Draws a state of one environment, `(height, width, 3)` uint8, as `medjax.render.frame.render_state` does.
-
-        Raises:
-          InputError: the environment was built without a viewer.
-        """
-        if self.viewer is None:
-            raise InputError(
-                "viewer = None: allowed viewer=medjax.render.frame.render_state, or an environment of medjax.make"
-            )
-        return self.viewer(state, self.config, params, name=self.name, **size)
+        """Draws a state of one environment, `(height, width, 3)` uint8: `medjax.render.frame.render_state`."""
+        return hooks.viewer(state, self.config, params, name=self.name, **size)
 
     def _first_tick(self, state: EnvState) -> jax.Array | int:
         """Number of the decision's first tick, which says whose turn it is to change lanes.

@@ -8,6 +8,7 @@ theirs.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import jax
@@ -53,7 +54,7 @@ class Player:
     def __init__(self, env: Environment, policies: Sequence[Policy]) -> None:
         self.env, self.policies = env, tuple(policies)
         # Traced once for its shapes and its use.
-        self._step = jax.jit(jax.vmap(env.step_env, (0, 0, 0, None)))
+        self._step = jax.jit(_over_rows(env.step_env))
 
     def start(self, keys: jax.Array, params: Any) -> Episodes:
         """Before the first decision, episodes `(episodes,)` by their keys; each is played by all policies in turn.
@@ -63,7 +64,7 @@ class Player:
         """
         streams = jax.vmap(jax.random.split, (0, None))(keys, 3)
         streams = jnp.repeat(streams, len(self.policies), axis=0)
-        obs, state = jax.vmap(self.env.reset, (0, None))(streams[:, RESET], params)
+        obs, state = _over_rows(self.env.reset)(streams[:, RESET], params)
         actions = jnp.zeros(streams.shape[:1], jnp.int32)
         *_, info = jax.eval_shape(self._step, streams[:, STEP], state, actions, params)
         names = ("return", "length", *info["metrics"])
@@ -91,8 +92,7 @@ class Player:
         choices = []
         for index, (policy, own) in enumerate(zip(self.policies, weights, strict=True)):
             mine = jax.tree.map(lambda leaf, index=index: leaf[index::count], rows)
-            act: Callable[..., Choice] = jax.vmap(policy.act, (None, 0, 0, 0, None))
-            choices.append(act(own, *mine, params))
+            choices.append(_over_rows(partial(policy.act, own))(*mine, params))
 
         def take_turns(*leaves: jax.Array) -> jax.Array:
             return jnp.stack(leaves, axis=1).reshape(-1, *leaves[0].shape[1:])
@@ -112,7 +112,7 @@ class Player:
             choice: leaves `(rows, ...)`.
             params: of the environment.
         """
-        mask = jax.vmap(self.env.action_mask, (0, None))(episodes.state, params)
+        mask = _over_rows(self.env.action_mask)(episodes.state, params)
         action = choice.action.astype(jnp.int32)
         allowed = jnp.take_along_axis(mask, action[:, None], axis=1, mode="clip")[:, 0]
         taken = jnp.where(allowed, action, 0)  # action 0 is always allowed
@@ -141,6 +141,19 @@ class Player:
         """Decision `number` of every row, as its policy chooses: `choose`, then `go_on`."""
         choice = self.choose(episodes, number, weights, params)
         return self.go_on(episodes, number, choice, params)
+
+
+def _over_rows(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`function(*row, params)` for rows; a row alone is not batched, for that compiles faster."""
+
+    def mapped(*given: Any) -> Any:
+        *rows, params = given
+        if jax.tree.leaves(rows)[0].shape[0] != 1:
+            return jax.vmap(function, (*[0] * len(rows), None))(*rows, params)
+        row = jax.tree.map(lambda leaf: leaf[0], rows)
+        return jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], function(*row, params))
+
+    return mapped
 
 
 def _at(streams: jax.Array, number: Any) -> jax.Array:

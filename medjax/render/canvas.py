@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from medjax.render import MissingLibrary
+from medjax.errors import MissingLibrary
 from medjax.render.colors import Color
 from medjax.render.layout import Box
 

@@ -12,9 +12,8 @@ from pathlib import Path
 
 from medjax.commandline import as_path
 from medjax.episodes.options import EpisodeRequest, requested_episode
-from medjax.errors import InputError, shown
+from medjax.errors import InputError, MissingLibrary, shown
 from medjax.files import check_output
-from medjax.render import MissingLibrary
 from medjax.render.camera import check_follow
 from medjax.render.options import SUFFIXES, build_parser
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from medjax.render import MissingLibrary
+from medjax.errors import MissingLibrary
 
 _H264 = ("-c:v", "libx264", "-crf", "20", "-pix_fmt", "yuv420p", "-movflags", "+faststart")
 

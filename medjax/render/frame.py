@@ -16,8 +16,8 @@ from medjax.render.legend import draw_header, draw_legend, legend_rows
 from medjax.render.roadway import Roadway
 from medjax.render.scene import Scene, scene_of_state
 from medjax.render.traffic import draw_close, draw_far
-from medjax.scenarios import SCENARIOS
 from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.presets import SCENARIOS
 from medjax.world.state import EnvState
 
 SIZE = (1280, 480)  # px, width and height, unless another one is asked for

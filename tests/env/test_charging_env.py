@@ -11,7 +11,6 @@ from benchmarks.verification.cases import episode_program
 from benchmarks.verification.invariants import INVARIANTS
 from medjax.charging.link import COUPLINGS
 from medjax.env import ChargingEnv
-from medjax.errors import InputError
 from medjax.world.state import AT_DEPOT, QUEUED, RETIRED
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -263,12 +262,10 @@ def test_a_probe_leaves_the_environment_and_its_class_as_they_are(paper, started
     np.testing.assert_array_equal(env.get_obs(state, paper[1]), started[0])
 
 
-def test_render_draws_with_the_viewer(started, paper):
-    """Whatever it is; without one it says what to do."""
+def test_render_draws_with_the_viewer(started, paper, monkeypatch):
+    """Whatever it is."""
     env, _ = paper
     told = []
-    drawn = ChargingEnv(env.config, name="mine", viewer=lambda *a, **how: told.append((a, how)))
-    drawn.render(started[1], None, width=3)
+    monkeypatch.setattr("medjax.hooks.viewer", lambda *a, **how: told.append((a, how)))
+    ChargingEnv(env.config, name="mine").render(started[1], None, width=3)
     assert told == [((started[1], env.config, None), {"name": "mine", "width": 3})]
-    with pytest.raises(InputError, match="viewer = None"):
-        ChargingEnv(env.config).render(started[1])

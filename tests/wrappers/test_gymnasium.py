@@ -16,7 +16,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics  # noqa: E402
 
 import medjax  # noqa: E402
 from medjax.env.charging_env import ChargingEnv  # noqa: E402
-from medjax.render import MissingLibrary  # noqa: E402
+from medjax.errors import MissingLibrary  # noqa: E402
 from medjax.wrappers.gymnasium import ENV_ID, ChargingGymEnv  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")

@@ -34,7 +34,7 @@ def highway(quick_compiles):
     env, params = medjax.make(
         "paper", num_meds=2, num_evs=4, num_gas=6, mainline_per_h=600, episode_decisions=DECISIONS
     )
-    own = type("Own", (medjax.ChargingEnv,), {})(env.config, name="mine", viewer=env.viewer)
+    own = type("Own", (medjax.ChargingEnv,), {})(env.config, name="mine")
     return own, params
 
 

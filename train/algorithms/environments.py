@@ -8,6 +8,7 @@ import jax
 import medjax
 from medjax.env.contract import Environment
 from medjax.env.observation import OBSERVATIONS
+from medjax.episodes.player import episode_decisions
 from medjax.numerics.devices import environment_mesh
 from medjax.scenarios import prepare
 from medjax.wrappers import BatchAutoReset, DecideEvery, EpisodeLog, RandomDemand, TimeLimitAsEnd
@@ -58,8 +59,3 @@ def training_batch(
     episode_choices = -(-episode_decisions(params) // config.decide_every)
     stagger = episode_choices if config.stagger else 0
     return EpisodeLog(BatchAutoReset(DecideEvery(env, config.decide_every), stagger=stagger))
-
-
-def episode_decisions(params: Any) -> int:
-    """Decisions until an episode is truncated, as the parameters say; 0 if they do not."""
-    return int(getattr(params, "episode_decisions", 0))

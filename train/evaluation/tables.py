@@ -30,7 +30,7 @@ def format_table(result: Mapping[str, Any], learned: Sequence[str]) -> str:
     """The tables of an evaluation: policies, best return first, and what the trained one does against no action.
 
     Args:
-        result: of `train.evaluation.scores.summarize`.
+        result: of `train.evaluation.summary.summarize`.
         learned: names of the learned policies, that of the first training seed first; so below.
     """
     title = (

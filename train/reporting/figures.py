@@ -109,7 +109,7 @@ def plot_comparison(path: Path, scores: Mapping[str, Mapping[str, np.ndarray]], 
 
     Args:
         path: file to write.
-        scores: of `train.evaluation.scores.evaluate_policies`.
+        scores: of `medjax.episodes.scores.evaluate_policies`.
         seed: of the bootstrap.
     """
     names = sorted(scores, key=lambda name: scores[name]["return"].mean())  # the best on top

@@ -10,10 +10,11 @@ import numpy as np
 
 from medjax.env.charging_env import ChargingEnv
 from medjax.env.observation import NEED_WINDOW_S
+from medjax.episodes.scores import Scores, evaluate_policies
 from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
 from medjax.world.params import EnvParams
-from train.evaluation.scores import Scores, evaluate_policies, learned_names, summarize
+from train.evaluation.summary import learned_names, summarize
 from train.evaluation.tables import (
     best_first,
     claim_rows,
@@ -43,7 +44,7 @@ class Played:
         params: its parameters.
         seed: which episodes.
         scores: of all policies.
-        result: of `train.evaluation.scores.summarize`.
+        result: of `train.evaluation.summary.summarize`.
         names: policies that were recorded: of the trained ones only that of the first seed.
         seen: their survey.
         first: the trained policy's first episode.

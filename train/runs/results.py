@@ -8,8 +8,9 @@ from typing import Any
 import jax
 import numpy as np
 
+from medjax.episodes.scores import Evaluation
 from train.algorithms.networks import PolicyWeights
-from train.evaluation.scores import Evaluation, learned_names, summarize
+from train.evaluation.summary import learned_names, summarize
 from train.evaluation.tables import format_table
 from train.reporting.figures import plot_curve
 from train.runs.logs import Row, final_return

@@ -10,10 +10,10 @@ from typing import IO, Any
 import jax
 import jax.numpy as jnp
 
+from medjax.episodes.scores import Evaluation
 from train.algorithms.algorithm import TrainState
 from train.algorithms.finite import BAD, finite_updates
 from train.algorithms.programs import Programs
-from train.evaluation.scores import Evaluation
 from train.runs.checkpoint import Checkpoints, to_devices, to_host, updates_done
 from train.runs.compilation import enable_compilation_cache
 from train.runs.interrupts import Interrupt, deferred_interrupts

@@ -16,11 +16,11 @@ from jax import lax
 from tqdm import tqdm
 
 from medjax.episodes.keys import episode_keys
+from medjax.episodes.player import episode_decisions
 from medjax.episodes.scores import MAX_DECISIONS, Scores, make_runner
 from medjax.numerics.rows import CACHED_ROWS, in_blocks
 from medjax.policies.policy import Policy
 from medjax.world.params import EnvParams
-from train.algorithms.environments import episode_decisions
 from train.algorithms.networks import PolicyWeights
 from train.algorithms.programs import shardings
 from train.algorithms.registry import algorithm_of

@@ -13,7 +13,7 @@ Importing this registers both as `medjax/Charging-v0`, as `import medjax` does a
 out, and are the caller's to keep or to change.
 """
 
-from medjax.registration import ENV_ID, register
+from medjax.hooks import ENV_ID, register
 from medjax.wrappers.gymnasium.single import ChargingGymEnv
 from medjax.wrappers.gymnasium.vector import ChargingVectorEnv
 

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 
 from medjax.env.contract import Environment
-from medjax.registration import ENV_ID
+from medjax.hooks import ENV_ID
 from medjax.wrappers.gymnasium import programs
 from medjax.wrappers.gymnasium.window import Window
 

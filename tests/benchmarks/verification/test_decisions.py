@@ -17,7 +17,7 @@ from benchmarks.verification.invariants import (
     check_tick,
     count,
 )
-from medjax.world.kinds import GAS
+from medjax.world.kinds import GAS, KINDS
 from medjax.world.params import EnvConfig
 from medjax.world.state import AT_DEPOT, IN_SERVICE, NOT_BOOKED, Tally
 
@@ -60,7 +60,9 @@ def still():
         is_charging=jnp.zeros((4,), bool),
     )
     meds = meds.replace(status=meds.status.at[0].set(IN_SERVICE))
-    entered = Tally.zeros().replace(entered=jnp.array([1.0, 3.0, 1.0]))
+    entered = Tally.zeros().replace(
+        entered=jnp.zeros((len(KINDS),)).at[vehicles.kind[slots]].add(1.0)
+    )
     state = state.replace(
         vehicles=vehicles, evs=evs, meds=meds, queue=jnp.zeros_like(state.queue), tally=entered
     )
@@ -229,7 +231,7 @@ def closing(still, after=None, obs=0.0, reward=0.0, terms=None, tally=None, last
     """What is violated in a decision in which nothing happens, but for what is given."""
     state, config, params = still
     params = params.replace(reward_weights=dict.fromkeys(params.reward_weights, 0.0))
-    books = entry_books(state, state, config)
+    books = entry_books(state, state)
     tally = Tally.zeros().replace(**tally or {})
     after = after or state.replace(tally=state.tally + tally)
     terms = dict.fromkeys(params.reward_weights, jnp.zeros(())) | (terms or {})

@@ -157,7 +157,7 @@ def test_trees_are_compared_by_the_command(monkeypatch, tmp_path, capsys):
 @pytest.mark.slow
 def test_a_short_training_run_repeats(monkeypatch):
     """Bit for bit: metrics, scores and weights."""
-    tiny = {"--num-envs": 4, "--num-minibatches": 2, "--total-timesteps": 512, "--eval-episodes": 1}
+    tiny = {"--num-envs": 4, "--num-minibatches": 2, "--total-timesteps": 512, "--eval-episodes": 2}
     monkeypatch.setattr(golden, "TRAINING", golden.TRAINING | tiny)
     first, second = golden.train(), golden.train()
     assert {"training/evaluation", "training/episode_return"} <= first.keys()

@@ -32,10 +32,11 @@ def test_tables_of_several_training_seeds():
         "change_against_none": {"depleted_share": change},
     }
     result["policies"]["ppo_seed2"] = entry | {"return_mean": 3.0, "meds_dispatched": 4.0}
-    rows = paper_rows(result, ["ppo", "ppo_seed2"])
+    learned = ["ppo", "ppo_seed2"]
+    rows = paper_rows(result, learned)
     assert [row[0] for row in rows[1:4]] == ["ppo_seed2", "ppo", "none"]
     assert rows[-1][1:] == ["-", "2.000", "[1.000, 3.000]"]
-    claims = {row[0]: row[1:] for row in claim_rows(result, ["ppo", "ppo_seed2"])}
+    claims = {row[0]: row[1:] for row in claim_rows(result, learned)}
     assert claims["depleted share"] == ["-50%", "-50.0% [-62.5%, -37.5%]"]
     assert claims["mean SoC"] == ["+20%", "-"]
     assert claims["MEDs sent"] == ["15", "3.00"]

@@ -75,8 +75,8 @@ def made(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def scores(made):
-    """What `train.evaluation.scores` says of the same episodes, an array `(episodes,)` each metric and policy."""
-    from train.evaluation.scores import evaluate_policies
+    """What `medjax.episodes.scores` says of the same episodes, an array `(episodes,)` each metric and policy."""
+    from medjax.episodes.scores import evaluate_policies
     from train.runs.policies import load_policies
     from train.runs.run_directory import RunDir
 

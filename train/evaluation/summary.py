@@ -5,11 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from medjax.episodes.scores import Evaluation, Scores, evaluate_policies
+from medjax.episodes.scores import Scores
 from medjax.policies.rules import BASELINES
 from train.evaluation.statistics import bootstrap_ci95, interquartile_mean, relative_change
-
-__all__ = ["Evaluation", "Scores", "evaluate_policies", "learned_names", "summarize"]
 
 CLAIMED = ("depleted_share", "mean_range_m", "mean_soc")  # what the paper compares with no action
 
@@ -25,7 +23,7 @@ def summarize(
     """The JSON of `train.evaluate`.
 
     Args:
-        scores: of `evaluate_policies`.
+        scores: of `medjax.episodes.scores.evaluate_policies`.
         scenario: name of the preset.
         learned: which of them are learned policies, all by one algorithm, a training seed each.
         seed: of the bootstrap.
