@@ -47,12 +47,25 @@ def coin(env):
     )
 
 
+STAND_INS = {
+    "medjax.make": make_probe,
+    "medjax.policies.saved.make": make_probe,
+    "train.runs.policies.BASELINES": {"none": never, "random": coin},
+}
+
+
+def use_probes():
+    """Makes the commands use probes for the rest of this process."""
+    patch = pytest.MonkeyPatch()
+    for name, stand_in in STAND_INS.items():
+        patch.setattr(name, stand_in)
+
+
 @pytest.fixture
 def probe(monkeypatch, tmp_path, quick_compiles):
     """Makes the commands use probes, and leaves them in an empty working directory."""
-    monkeypatch.setattr("medjax.make", make_probe)
-    monkeypatch.setattr("medjax.policies.saved.make", make_probe)
-    monkeypatch.setattr("train.runs.policies.BASELINES", {"none": never, "random": coin})
+    for name, stand_in in STAND_INS.items():
+        monkeypatch.setattr(name, stand_in)
     work = tmp_path / "work"
     work.mkdir()
     monkeypatch.chdir(work)

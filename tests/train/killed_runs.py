@@ -15,7 +15,7 @@ import time
 import warnings
 from pathlib import Path
 
-from tests.train.conftest import TINY, make_probe
+from tests.train.conftest import TINY, use_probes
 
 UPDATES_PER_LIFE = 100  # more than a life gets done in its last tenth of a second
 OPTIONS = [*TINY, "--checkpoint-interval=1", "--eval-episodes=0", "--num-devices=1"]
@@ -26,6 +26,7 @@ def begin(argv: list[str]) -> int:
     if (child := os.fork()) == 0:
         from train import ppo
 
+        use_probes()
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         os._exit(ppo.main(argv))
     return child
@@ -53,9 +54,6 @@ def wait_for_updates(run: Path, child: int) -> None:
 
 
 def main(place: Path, seed: int, kills: int) -> None:
-    import medjax
-
-    medjax.make = make_probe
     warnings.filterwarnings("ignore", "os.fork")
     whole, parts = place / "whole", place / "parts"
     options = [*OPTIONS, f"--total-timesteps={16 * UPDATES_PER_LIFE * kills}"]

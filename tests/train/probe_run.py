@@ -2,16 +2,13 @@
 
 import sys
 
-from tests.train import conftest
+from tests.train.conftest import use_probes
 
 
 def main() -> int:
-    import medjax
     from train import ppo
-    from train.runs import policies
 
-    medjax.make = conftest.make_probe
-    policies.BASELINES = {"none": conftest.never, "random": conftest.coin}
+    use_probes()
     return ppo.main(sys.argv[1:])
 
 

@@ -14,7 +14,7 @@ from medjax.wrappers import DecideEvery, LegacyStep, RandomDemand, TimeLimitAsEn
 from train.algorithms.networks import PolicyWeights, build_network
 from train.algorithms.normalization import init_stats
 from train.algorithms.policy import learned_policy
-from train.settings import TrainConfig
+from train.algorithms.ppo.settings import PPOConfig
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -74,7 +74,7 @@ def test_the_whole_surface(world, highway, saved):
 
 def learned(env, params):
     """A network before training."""
-    network = build_network(env, TrainConfig(hidden=(4,)))
+    network = build_network(env, PPOConfig(hidden=(4,)))
     shape = env.observation_space(params).shape
     variables = jax.jit(network.init)(jax.random.key(0), jnp.zeros((1, *shape)))
     return learned_policy(env, network, PolicyWeights(variables, init_stats(shape)))
