@@ -20,7 +20,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     EVs on the road have spent what the way to their place takes since they arrived; those whose
     energy would not have lasted are not there, just as in the flow without MEDs.
     """
-    demand = params.demand
+    demand, slots = params.demand, config.traffic_slots
     speed_key, kind_key, soc_key, fill_key, noise_key, next_key = jax.random.split(key, 6)
     vehicles = _filled((speed_key, kind_key, fill_key, noise_key), config, params)
     arrival = jax.random.uniform(
@@ -31,7 +31,10 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     )
     speed, power_w = cruising(params)
     energy = arrival * params.ev_capacity_j - vehicles.x[config.ev_slots] * (power_w / speed)
-    active = vehicles.active & config.by_slot(True, energy > 0.0, True)
+    alive = config.by_slot(True, energy > 0.0, True)[slots]
+    # Of traffic alone: for the observation XLA works the energy out anew, in one kernel with this filter, and what
+    # else is in that kernel decides its last bits. With the whole array, runs of record would not repeat.
+    active = _beside_meds(vehicles.active[slots] & alive, config)
     return EnvState(
         vehicles=vehicles.replace(active=active),
         evs=unserved(jnp.maximum(energy, 0.0)),
@@ -49,22 +52,18 @@ def _filled(keys: tuple[jax.Array, ...], config: EnvConfig, params: EnvParams) -
     speed_key, kind_key, fill_key, noise_key = keys
     drivers, slots = params.drivers, config.traffic_slots
 
-    def with_meds(values: jax.Array, of_meds: int = 0) -> jax.Array:
-        blank = jnp.full((config.num_vehicles,), of_meds, values.dtype)
-        return blank.at[slots].set(values)
-
     is_ev = config.by_slot(False, True, False)[slots]
     kind = drawn_kinds(jax.random.uniform(kind_key, is_ev.shape), is_ev, params.demand)
-    kind = with_meds(kind, MED)
+    kind = _beside_meds(kind, config, MED)
     desired = desired_speeds(jax.random.normal(speed_key, kind.shape), kind, drivers)
     fill = fill_road(fill_key, is_ev, desired[slots], config.num_lanes, params)
     noise = jax.random.normal(noise_key, (2, config.num_vehicles))
     wander = noise[1] * drivers.lateral_wander[kind]
     return Vehicles(
-        x=with_meds(fill.x),
-        speed=with_meds(fill.speed),
-        lane=with_meds(fill.lane),
-        active=with_meds(fill.active),
+        x=_beside_meds(fill.x, config),
+        speed=_beside_meds(fill.speed, config),
+        lane=_beside_meds(fill.lane, config),
+        active=_beside_meds(fill.active, config),
         kind=kind,
         lateral_offset=wander,
         lateral_speed=jnp.zeros((config.num_vehicles,)),
@@ -73,3 +72,9 @@ def _filled(keys: tuple[jax.Array, ...], config: EnvConfig, params: EnvParams) -
         wander=wander,
         road_order=jnp.arange(config.num_vehicles, dtype=jnp.int32),
     )
+
+
+def _beside_meds(values: jax.Array, config: EnvConfig, of_meds: int = 0) -> jax.Array:
+    """Values of traffic's slots `(C,)` and one for all MEDs, `(num_vehicles,)`."""
+    blank = jnp.full((config.num_vehicles,), of_meds, values.dtype)
+    return blank.at[config.traffic_slots].set(values)
