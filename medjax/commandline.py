@@ -19,6 +19,8 @@ NOT_NUMBERS = (
     "name",
     "reward",
     "observation",
+    "following",
+    "coupling",
 )  # arguments of medjax.make that only Python can fill
 
 

@@ -13,10 +13,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from medjax.charging.link import Coupling, coupling_efficiency
 from medjax.env.charging_env import ChargingEnv
 from medjax.env.observation import OBSERVATIONS
 from medjax.env.reward import TERMS, RewardTerm
 from medjax.errors import MOST_SHOWN, InputError, shown
+from medjax.traffic.following import CarFollowing
+from medjax.traffic.idm import STANDARD_IDM
 from medjax.world.charging_params import CoilDesign, build_link
 from medjax.world.checks import check_numbers
 from medjax.world.numbers import as_numbers, read_number
@@ -107,6 +110,25 @@ def _observation(given: Any) -> Any:
     return given
 
 
+def _following(given: Any) -> CarFollowing:
+    """The car-following model: IDM, or one's own."""
+    if given is None:
+        return STANDARD_IDM
+    for method in ("constants", "prepare", "acceleration"):
+        if isinstance(given, type) or not callable(getattr(given, method, None)):
+            raise InputError(f"following = {shown(given)}: allowed a model, such as IDM()")
+    return given
+
+
+def _coupling(given: Any) -> Coupling:
+    """The coils' efficiency: that of the circuit, or one's own."""
+    if given is None:
+        return coupling_efficiency
+    if not callable(given):
+        raise InputError(f"coupling = {shown(given)}: allowed a function")
+    return given
+
+
 def _size(name: str, sizes: dict[str, Any], numbers: Mapping[str, Any]) -> EnvConfig:
     """The preset's sizes, some of them replaced; a list of ramps says how many there are."""
     ramp_x_m: Any = numbers.get("ramp_x_m", numbers.get("road.ramp_x_m"))
@@ -120,6 +142,8 @@ def prepare(
     *,
     reward: Mapping[str, RewardTerm] | None = None,
     observation: Any = "flat",
+    following: CarFollowing | None = None,
+    coupling: Coupling | None = None,
     **overrides: Any,
 ) -> tuple[ChargingEnv, EnvParams, CoilDesign]:
     """What `make` builds, all but the coils' table: everything is checked, nothing is computed or compiled.
@@ -139,9 +163,16 @@ def prepare(
     known = {term: params.reward_weights.get(term, float(term not in TERMS)) for term in terms}
     params = params.replace(reward_weights=_weights(given.weights, known))
     params = check_numbers(config, change_numbers(params, given.numbers))
-    env = ChargingEnv(config, reward=terms, observation=seen, name=name)
+    env = ChargingEnv(
+        config,
+        reward=terms,
+        observation=seen,
+        name=name,
+        following=_following(following),
+        coupling=_coupling(coupling),
+    )
     plain = {key: _plain(value) for key, value in overrides.items()}
-    env.recipe = Recipe(name, plain, reward, observation)
+    env.recipe = Recipe(name, plain, reward, observation, following, coupling)
     return env, params, CoilDesign(**given.coils)
 
 
@@ -150,6 +181,8 @@ def make(
     *,
     reward: Mapping[str, RewardTerm] | None = None,
     observation: Any = "flat",
+    following: CarFollowing | None = None,
+    coupling: Coupling | None = None,
     **overrides: Any,
 ) -> tuple[ChargingEnv, EnvParams]:
     """Builds a preset, with numbers changed by name.
@@ -159,6 +192,8 @@ def make(
       reward: terms by name; those that come with medjax if None. A term that `reward_weights` of the
         preset does not know gets weight 0 if it is one of `medjax.TERMS`, and 1 if it is your own.
       observation: a name of `medjax.env.observation.OBSERVATIONS`, or one of your own (`ChargingEnv`).
+      following: car-following model, IDM if None; `medjax.traffic.following.CarFollowing`.
+      coupling: efficiency of the coils, that of the circuit if None; `medjax.charging.link.COUPLINGS` has others.
       **overrides: sizes of `EnvConfig` (`num_evs=80`), numbers of `EnvParams` by their own name
         (`cooldown_s=30`), by group and name where that is not unique (`{"ev.mass_kg": 2000}`), the
         coils (`med_coil_radius_m=0.4`), or `reward_weights={"dispatches": -1.0}`. `ramp_x_m` says
@@ -170,7 +205,14 @@ def make(
     Raises:
       InputError: one line; an unknown scenario or name, or a value that is not allowed.
     """
-    env, params, coils = prepare(name, reward=reward, observation=observation, **overrides)
+    env, params, coils = prepare(
+        name,
+        reward=reward,
+        observation=observation,
+        following=following,
+        coupling=coupling,
+        **overrides,
+    )
     link = build_link(coils, params.link)
     table = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), link.inductance)
     params = params.replace(link=link.replace(inductance=table))

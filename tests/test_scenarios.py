@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import medjax
+from medjax.charging.link import COUPLINGS, coupling_efficiency
 from medjax.physics import mutual_inductance
+from medjax.traffic.idm import IDM, STANDARD_IDM
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -97,6 +99,9 @@ BAD = [
     ({"request_soc": 0.9, "target_soc": 0.5}, "request_soc"),
     ({"med_coil_radius_m": 0.0}, "med_coil_radius_m"),
     ({"med_coil_turns": "ten"}, "med_coil_turns"),
+    ({"following": "idm"}, "following"),
+    ({"following": IDM}, "following"),
+    ({"coupling": "paper"}, "coupling"),
 ]
 
 
@@ -118,6 +123,17 @@ def test_a_term_without_a_weight(monkeypatch):
     assert float(params.reward_weights["mine"]) == 1.0
     assert float(medjax.make()[1].reward_weights["new"]) == 0.0
     assert float(medjax.make(reward_weights={"new": 2})[1].reward_weights["new"]) == 2.0
+
+
+def test_car_following_and_coupling_are_values():
+    """They come to the environment as they are; medjax's own where nothing is said."""
+    model, printed = IDM(exponent=2.0), COUPLINGS["paper"]
+    env, _ = medjax.make("paper", following=model, coupling=printed)
+    assert (env.following, env.coupling) == (model, printed)
+    assert (env.recipe.following, env.recipe.coupling) == (model, printed)
+    env, _ = medjax.make("paper")
+    assert (env.following, env.coupling) == (STANDARD_IDM, coupling_efficiency)
+    assert env.recipe.following is env.recipe.coupling is None
 
 
 def test_the_recipe_makes_the_same_again():

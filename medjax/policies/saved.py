@@ -159,7 +159,7 @@ def about_of(env: Environment, params: Any, decide_every: int, name: str = LEARN
     """What a policy of an environment must know to play in it again.
 
     Args:
-      env: as `medjax.make` built it, with rewards and an observation that have names.
+      env: as `medjax.make` built it, with nothing of one's own in it.
       params: those that `medjax.make` gave with it.
       decide_every: decisions from one choice to the next.
       name: of the policy.
@@ -171,9 +171,12 @@ def about_of(env: Environment, params: Any, decide_every: int, name: str = LEARN
     allowed = "allowed: an environment and its numbers as medjax.make gives them"
     if recipe is None:
         raise InputError(f"no file can say what {env.name} is, {allowed}")
-    if recipe.reward is not None or not isinstance(recipe.observation, str):
-        what = "reward" if recipe.reward is not None else "observation"
-        raise InputError(f"no file can say what the {what} of one's own is, {allowed}")
+    own = [
+        name for name in ("reward", "following", "coupling") if getattr(recipe, name) is not None
+    ]
+    own += [] if isinstance(recipe.observation, str) else ["observation"]
+    if own:
+        raise InputError(f"no file can say what the {own[0]} of one's own is, {allowed}")
     _, given = make(recipe.scenario, observation=recipe.observation, **recipe.overrides)
     here, there = map(jax.tree.leaves, (params, given))
     if len(here) != len(there) or not all(map(np.array_equal, here, there)):

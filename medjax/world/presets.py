@@ -127,3 +127,5 @@ class Recipe:
     ]  # by name; numbers, lists of numbers and `reward_weights`, as JSON has them
     reward: Mapping[str, Any] | None  # as given
     observation: Any  # as given: a name, or one of one's own
+    following: Any = None  # as given
+    coupling: Any = None  # as given

@@ -42,6 +42,7 @@ class Probe:
     kind: str
     num_actions: int = 2
     num_features: int = 2
+    observation: Any = None  # a layout that no network knows
     recipe: Any = dataclasses.field(default=None, compare=False)  # how `make_probe` was called
 
     @property

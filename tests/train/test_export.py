@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 import medjax
+from medjax.charging.link import COUPLINGS
 from medjax.env.charging_env import ChargingEnv
 from medjax.env.observation import FlatObservation
 from medjax.episodes.recording import record_episode
 from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError
 from medjax.policies.saved import about_of, load_policy
+from medjax.traffic.idm import IDM
 from medjax.wrappers import RandomDemand
 from tests.train.conftest import refused
 from train import export
@@ -82,7 +84,7 @@ def test_plays_what_the_evaluation_of_the_run_plays(exported):
 
 
 def test_a_file_that_would_rebuild_another_world_is_refused(exported):
-    """One with numbers or rewards of its own, or with a wrapper around it."""
+    """One with numbers, rewards or models of its own, or with a wrapper around it."""
     env, params, *_ = exported
     about = about_of(env, params, 4)
     again, numbers = medjax.make(about.scenario, observation=about.observation, **about.overrides)
@@ -94,6 +96,8 @@ def test_a_file_that_would_rebuild_another_world_is_refused(exported):
         (RandomDemand(env, 0.5, 1.5), params, "what paper is"),
         (*medjax.make("paper", reward={"mine": lambda outcome: 0.0}), "what the reward"),
         (*medjax.make("paper", observation=FlatObservation()), "what the observation"),
+        (*medjax.make("paper", following=IDM(exponent=2.0)), "what the following"),
+        (*medjax.make("paper", coupling=COUPLINGS["paper"]), "what the coupling"),
     ]
     for world, given, says in cases:
         with pytest.raises(InputError, match=f"{says}.*allowed: an environment") as refusal:

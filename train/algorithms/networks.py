@@ -147,10 +147,9 @@ def mlp(env: Environment, config: TrainConfig) -> Callable[[], nn.Module]:
 
 def sets(env: Environment, config: TrainConfig) -> Callable[[], nn.Module]:
     """`SetTorso`, on the paper's flat observation; `check_network` refuses others."""
-    layout: FlatObservation = getattr(env, "observation")  # noqa: B009 - not in the protocol
     activation, dtype = ACTIVATIONS[config.activation], DTYPES[config.compute_dtype]
-    shape: EnvConfig = getattr(env, "config")  # noqa: B009 - not in the protocol
-    return partial(SetTorso, layout, shape, config.encoder, config.hidden, activation, dtype)
+    layers = config.encoder, config.hidden, activation, dtype
+    return partial(SetTorso, env.observation, env.config, *layers)
 
 
 NETWORKS: dict[str, Callable[[Environment, TrainConfig], Callable[[], nn.Module]]] = {
@@ -188,7 +187,7 @@ def build_torso(env: Environment, config: TrainConfig) -> Callable[[], nn.Module
     Raises:
         InputError: no such network, or it does not fit the observation.
     """
-    check_network(config, getattr(env, "observation", None))
+    check_network(config, env.observation)
     return NETWORKS[config.network](env, config)
 
 
