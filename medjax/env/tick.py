@@ -14,6 +14,7 @@ from medjax.numerics.sums import in_units, rounded, sum_pairwise
 from medjax.traffic.following import CarFollowing, Drivers
 from medjax.traffic.idm import STANDARD_IDM
 from medjax.traffic.step import move
+from medjax.world.kinds import GAS_KINDS
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, EVs, Tally, Vehicles, count_kinds
 
@@ -70,19 +71,20 @@ def _flow(
 ) -> Tally:
     """Who was on the road in a tick for how long and how far, and who `left` `(N,)` it at its end."""
     ev_slots, gas_slots = config.ev_slots, config.gas_slots
+    of_gas_kind = before.kind[gas_slots] == jnp.array(GAS_KINDS)[:, None]
     soc = rounded(in_units(evs.energy_j, params.ev_capacity_j))
     travelled = jnp.where(before.active, after.x - before.x, 0.0)
 
-    def seconds(slots: slice) -> jax.Array:
-        return jnp.sum(after.active[slots], dtype=jnp.float32) * config.tick_s
+    def seconds(there: jax.Array) -> jax.Array:
+        return jnp.sum(there, axis=-1, dtype=jnp.float32) * config.tick_s
 
     return Tally.zeros().replace(
         left=count_kinds(left, before.kind, config),
-        ev_seconds=seconds(ev_slots),
+        ev_seconds=seconds(after.active[ev_slots]),
         ev_distance_m=sum_pairwise(travelled[ev_slots]),
         soc_seconds=sum_pairwise(jnp.where(after.active[ev_slots], soc, 0.0)) * config.tick_s,
         exit_soc=sum_pairwise(jnp.where(left[ev_slots], soc, 0.0)),
-        gas_seconds=seconds(gas_slots),
-        gas_distance_m=sum_pairwise(travelled[gas_slots]),
+        gas_seconds=seconds(after.active[gas_slots] & of_gas_kind),
+        gas_distance_m=sum_pairwise(jnp.where(of_gas_kind, travelled[gas_slots], 0.0)),
         vehicle_ticks=jnp.sum(after.active, dtype=jnp.float32),
     )
