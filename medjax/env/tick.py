@@ -71,12 +71,15 @@ def _flow(
 ) -> Tally:
     """Who was on the road in a tick for how long and how far, and who `left` `(N,)` it at its end."""
     ev_slots, gas_slots = config.ev_slots, config.gas_slots
-    of_gas_kind = before.kind[gas_slots] == jnp.array(GAS_KINDS)[:, None]
     soc = rounded(in_units(evs.energy_j, params.ev_capacity_j))
     travelled = jnp.where(before.active, after.x - before.x, 0.0)
 
     def seconds(there: jax.Array) -> jax.Array:
-        return jnp.sum(there, axis=-1, dtype=jnp.float32) * config.tick_s
+        return jnp.sum(there, dtype=jnp.float32) * config.tick_s
+
+    def of_gas(values: jax.Array) -> list[jax.Array]:
+        """The values of each kind in the gas slots, 0 elsewhere."""
+        return [jnp.where(before.kind[gas_slots] == k, values[gas_slots], 0) for k in GAS_KINDS]
 
     return Tally.zeros().replace(
         left=count_kinds(left, before.kind, config),
@@ -84,7 +87,7 @@ def _flow(
         ev_distance_m=sum_pairwise(travelled[ev_slots]),
         soc_seconds=sum_pairwise(jnp.where(after.active[ev_slots], soc, 0.0)) * config.tick_s,
         exit_soc=sum_pairwise(jnp.where(left[ev_slots], soc, 0.0)),
-        gas_seconds=seconds(after.active[gas_slots] & of_gas_kind),
-        gas_distance_m=sum_pairwise(jnp.where(of_gas_kind, travelled[gas_slots], 0.0)),
+        gas_seconds=jnp.stack([seconds(there) for there in of_gas(after.active)]),
+        gas_distance_m=jnp.stack([sum_pairwise(way) for way in of_gas(travelled)]),
         vehicle_ticks=jnp.sum(after.active, dtype=jnp.float32),
     )

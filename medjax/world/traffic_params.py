@@ -1,6 +1,6 @@
 """The numbers of road, demand and drivers, each declared once: default, range, unit, what it is and its source.
 
-Four numbers in a row are one a kind of vehicle: MED, human-driven EV, autonomous EV, gas (`medjax.world.kinds.KINDS`).
+Numbers in a row are one a kind of vehicle, in the order of `medjax.world.kinds.KINDS`.
 """
 
 from __future__ import annotations
