@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from benchmarks.peers import Peer, Rate, World
-from medjax.traffic.demand import SPEED_SPREAD, class_shares, entry_rates
+from medjax.traffic.demand import SPEED_SPREAD, entry_rates
 from medjax.world.kinds import EVS, GAS, GAS_KINDS, kinds_in
 from medjax.world.params import EnvParams
 
@@ -114,7 +114,7 @@ def build_demand(workload: World) -> Path:
     params = workload.params
     demand, drivers = params.demand, params.drivers
     limit = float(drivers.desired_speed[GAS])  # desired speeds are factors of the road's limit
-    of_class, ev = class_shares(demand), float(demand.ev_share)
+    of_class, ev = demand.class_shares, float(demand.ev_share)
     shares = {kind: ev * float(of_class[kind]) for kind in kinds_in(EVS)}
     shares |= {kind: (1.0 - ev) * float(of_class[kind]) for kind in GAS_KINDS}
     kinds = _element("vTypeDistribution", id="traffic")

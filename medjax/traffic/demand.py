@@ -50,14 +50,9 @@ def desired_speeds(normal: jax.Array, kind: jax.Array, drivers: DriverParams) ->
     return jnp.maximum(drivers.desired_speed[kind] + spread, 0.5 * drivers.desired_speed[kind])
 
 
-def class_shares(demand: DemandParams) -> tuple[Scalar, ...]:
-    """Share of each kind among the vehicles of its class, in the order of `medjax.world.kinds.KINDS`."""
-    return 1.0, demand.human_share, 1.0 - demand.human_share, 1.0
-
-
 def drawn_kinds(uniform: jax.Array, is_ev: jax.Array, demand: DemandParams) -> jax.Array:
     """Kinds of vehicles that come by themselves, int32, from uniform draws and whether each is an EV, of one shape."""
-    shares = class_shares(demand)
+    shares = demand.class_shares
 
     def drawn(kinds: tuple[int, ...]) -> jax.Array | int:
         kind: jax.Array | int = kinds[-1]
@@ -219,7 +214,7 @@ def _drawn_counts(
     """EVs and gas vehicles on the road, () each: at most as many as there are slots and as the road has room for."""
     demand, road, drivers = params.demand, params.road, params.drivers
     slots, num_ev_slots = is_ev.shape[0], jnp.sum(is_ev)
-    shares, speed = class_shares(demand), drivers.desired_speed
+    shares, speed = demand.class_shares, drivers.desired_speed
     # EVs mean to drive as fast as gas vehicles do.
     expected = sum(shares[k] * expected_vehicles(demand, road, speed[k]) for k in GAS_KINDS)
     # Normal approximations of the Poisson and binomial counts: closed form, and good above 20.
@@ -242,7 +237,7 @@ def _safe_start(spacing: jax.Array, desired_speed: jax.Array, params: EnvParams)
     The headway to the smallest possible gap allows it, and four fifths of max_braking would bring it down to the
     slowest one's speed within that gap.
     """
-    drivers, comes = params.drivers, jnp.stack(class_shares(params.demand)) > 0.0
+    drivers, comes = params.drivers, jnp.stack(params.demand.class_shares) > 0.0
 
     def largest(of_kinds: jax.Array) -> jax.Array:
         return jnp.max(jnp.where(comes, of_kinds, 0.0))

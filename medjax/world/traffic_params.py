@@ -54,6 +54,11 @@ class DemandParams(struct.PyTreeNode):
     arrival_soc_high: Scalar = number(0.7, 0, 1, "", "charge on arrival, at most; chosen")
     ramp_speed: Scalar = number(20.0, 1, 60, "m/s", "at the start of the acceleration lane; chosen")
 
+    @property
+    def class_shares(self) -> tuple[Scalar, ...]:
+        """Share of each kind among the vehicles of its class, in the order of `medjax.world.kinds.KINDS`."""
+        return 1.0, self.human_share, 1.0 - self.human_share, 1.0
+
 
 class DriverParams(struct.PyTreeNode):
     """Car-following and body parameters, each `(num_kinds,)`."""
