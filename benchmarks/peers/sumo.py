@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.peers import Peer, Rate, World
 from medjax.traffic.demand import SPEED_SPREAD, entry_rates
-from medjax.world.kinds import AUTONOMOUS_EV, GAS, HUMAN_EV
+from medjax.world.kinds import EVS, GAS, GAS_KINDS, kinds_in
 from medjax.world.params import EnvParams
 
 # medjax's vehicles start on the acceleration lane; SUMO's start this much before it, on a ramp.
@@ -114,8 +114,9 @@ def build_demand(workload: World) -> Path:
     params = workload.params
     demand, drivers = params.demand, params.drivers
     limit = float(drivers.desired_speed[GAS])  # desired speeds are factors of the road's limit
-    ev, human = float(demand.ev_share), float(demand.human_share)
-    shares = {HUMAN_EV: ev * human, AUTONOMOUS_EV: ev * (1.0 - human), GAS: 1.0 - ev}
+    of_class, ev = demand.class_shares, float(demand.ev_share)
+    shares = {kind: ev * float(of_class[kind]) for kind in kinds_in(EVS)}
+    shares |= {kind: (1.0 - ev) * float(of_class[kind]) for kind in GAS_KINDS}
     kinds = _element("vTypeDistribution", id="traffic")
     for kind, share in shares.items():
         mean = float(drivers.desired_speed[kind]) / limit

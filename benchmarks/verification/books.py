@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from medjax.world.kinds import KINDS
+from medjax.world.kinds import GAS_KINDS, KINDS
 from medjax.world.params import BodyParams, EnvConfig, EnvParams
 from medjax.world.state import AT_DEPOT, NOT_BOOKED, EnvState, Vehicles
 
@@ -36,8 +36,8 @@ class Books(struct.PyTreeNode):
     ev_distance_m: jax.Array
     soc_seconds: jax.Array
     exit_soc: jax.Array
-    gas_seconds: jax.Array
-    gas_distance_m: jax.Array
+    gas_seconds: jax.Array  # (num_gas_kinds,)
+    gas_distance_m: jax.Array  # (num_gas_kinds,)
     vehicle_ticks: jax.Array
     evs_served: jax.Array
     meds_dispatched: jax.Array
@@ -59,10 +59,10 @@ def sums_by_class(values: jax.Array, config: EnvConfig) -> jax.Array:
     return jnp.stack([jnp.sum(values[s], dtype=jnp.float32) for s in slices])
 
 
-def sums_by_kind(flags: jax.Array, kind: jax.Array) -> jax.Array:
-    """Vehicles of each kind, (num_kinds,) float32."""
-    counts = jnp.zeros((len(KINDS),), jnp.float32)
-    return counts.at[kind].add(flags.astype(jnp.float32))
+def sums_by_kind(values: jax.Array, kind: jax.Array) -> jax.Array:
+    """Sums over the vehicles of each kind, (num_kinds,) float32."""
+    sums = jnp.zeros((len(KINDS),), jnp.float32)
+    return sums.at[kind].add(values.astype(jnp.float32))
 
 
 def entry_books(before: EnvState, begun: EnvState) -> Books:
@@ -76,6 +76,8 @@ def entry_books(before: EnvState, begun: EnvState) -> Books:
         | {
             "entered": sums_by_kind(come, begun.vehicles.kind),
             "left": jnp.zeros((len(KINDS),)),
+            "gas_seconds": jnp.zeros((len(GAS_KINDS),)),
+            "gas_distance_m": jnp.zeros((len(GAS_KINDS),)),
             "meds_dispatched": jnp.sum(sent, dtype=jnp.float32),
             "sent_j": pair,
             "received_j": pair,
@@ -207,7 +209,7 @@ def tick_books(
     left = gone & (new.x > params.road.length_m)
     travelled = jnp.where(old.active, new.x - old.x, 0.0)
     soc = evs.energy_j / params.ev_capacity_j
-    present = sums_by_class(new.active, config)
+    present, gas = sums_by_class(new.active, config), jnp.array(GAS_KINDS)
     distance = sums_by_class(travelled, config)
     changes = jnp.where(old.active, jnp.abs(new.lane - old.lane), 0)
     return wrong, Books(
@@ -218,8 +220,8 @@ def tick_books(
         ev_distance_m=distance[1],
         soc_seconds=total(jnp.where(new.active[config.ev_slots], soc, 0.0)) * dt,
         exit_soc=total(jnp.where(left[config.ev_slots], soc, 0.0)),
-        gas_seconds=present[2] * dt,
-        gas_distance_m=distance[2],
+        gas_seconds=sums_by_kind(new.active, old.kind)[gas] * dt,
+        gas_distance_m=sums_by_kind(travelled, old.kind)[gas],
         vehicle_ticks=jnp.sum(present),
         evs_served=total(evs.served & ~was.served),
         meds_dispatched=jnp.zeros(()),

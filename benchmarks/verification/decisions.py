@@ -21,7 +21,7 @@ from benchmarks.verification.invariants import (
     not_finite,
     with_finite_waits,
 )
-from medjax.world.kinds import GAS, by_class
+from medjax.world.kinds import GAS_KINDS, by_class
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import AT_DEPOT, RETIRED, EnvState
 
@@ -138,7 +138,7 @@ def reward_mistakes(
     size = sum((jnp.abs(term) for term in terms.values()), jnp.zeros(()))
     on_road = after.vehicles.active[config.ev_slots]
     charge = jnp.where(on_road, after.evs.energy_j / params.ev_capacity_j, 0.0)
-    cruise = params.drivers.desired_speed[GAS]
+    cruise = params.drivers.desired_speed[jnp.array(GAS_KINDS)]
     speed = books.ev_distance_m / jnp.maximum(books.ev_seconds, 1e-6)
     expected = {
         "depleted": (books.depleted, 0.0),
@@ -150,8 +150,8 @@ def reward_mistakes(
         ),
         "dispatches": (books.meds_dispatched, 0.0),
         "gas_delay": (
-            jnp.maximum(books.gas_seconds - books.gas_distance_m / cruise, 0.0),
-            books.gas_seconds + (books.gas_distance_m + way) / cruise,
+            jnp.maximum(jnp.sum(books.gas_seconds - books.gas_distance_m / cruise), 0.0),
+            jnp.sum(books.gas_seconds + (books.gas_distance_m + way) / cruise),
         ),
         "lane_changes": (books.lane_changes, 0.0),
         "collisions": (jnp.zeros(()), 0.0),

@@ -20,6 +20,13 @@ from medjax.world.state import (
 )
 
 
+def action_names(config: EnvConfig, params: EnvParams) -> list[str]:
+    """What each action is, for people; params of one environment."""
+    return ["none"] + [
+        f"ramp {number} ({x:.0f} m)" for number, x in enumerate(params.road.ramp_x_m, 1)
+    ]
+
+
 def action_mask(state: EnvState, config: EnvConfig) -> jax.Array:
     """Allowed actions, `(1 + num_ramps,)` bool.
 

@@ -35,7 +35,7 @@ def episode_metrics(tally: Tally) -> dict[str, jax.Array]:
         "evs_depleted": tally.depleted,
         "evs_served": tally.evs_served,
         "ev_mean_speed": ratio(tally.ev_distance_m, tally.ev_seconds),
-        "gas_mean_speed": ratio(tally.gas_distance_m, tally.gas_seconds),
+        "gas_mean_speed": ratio(tally.gas_distance_m.sum(), tally.gas_seconds.sum()),
         "queue_vehicle_s": tally.queue_seconds,
         "lane_changes": tally.lane_changes,
         "collisions": tally.collisions,

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.numerics.sums import in_units, rounded, sum_pairwise
-from medjax.world.kinds import GAS
+from medjax.world.kinds import GAS_KINDS
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, Tally
 
@@ -61,10 +61,11 @@ def dispatches(outcome: Outcome) -> jax.Array:
 
 
 def gas_delay(outcome: Outcome) -> jax.Array:
-    """Vehicle-seconds that gas vehicles lost against their mean desired speed."""
+    """Vehicle-seconds that gas vehicles lost against the mean desired speed of their kind."""
     happened = outcome.happened
-    cruise = outcome.params.drivers.desired_speed[GAS]
-    return jnp.maximum(happened.gas_seconds - happened.gas_distance_m / cruise, 0.0)
+    cruise = outcome.params.drivers.desired_speed[jnp.array(GAS_KINDS)]
+    lost = happened.gas_seconds - happened.gas_distance_m / cruise
+    return jnp.maximum(jnp.sum(lost), 0.0)
 
 
 def lane_changes(outcome: Outcome) -> jax.Array:

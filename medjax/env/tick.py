@@ -14,6 +14,7 @@ from medjax.numerics.sums import in_units, rounded, sum_pairwise
 from medjax.traffic.following import CarFollowing, Drivers
 from medjax.traffic.idm import STANDARD_IDM
 from medjax.traffic.step import move
+from medjax.world.kinds import GAS_KINDS
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, EVs, Tally, Vehicles, count_kinds
 
@@ -73,16 +74,20 @@ def _flow(
     soc = rounded(in_units(evs.energy_j, params.ev_capacity_j))
     travelled = jnp.where(before.active, after.x - before.x, 0.0)
 
-    def seconds(slots: slice) -> jax.Array:
-        return jnp.sum(after.active[slots], dtype=jnp.float32) * config.tick_s
+    def seconds(there: jax.Array) -> jax.Array:
+        return jnp.sum(there, dtype=jnp.float32) * config.tick_s
+
+    def of_gas(values: jax.Array) -> list[jax.Array]:
+        """The values of each kind in the gas slots, 0 elsewhere."""
+        return [jnp.where(before.kind[gas_slots] == k, values[gas_slots], 0) for k in GAS_KINDS]
 
     return Tally.zeros().replace(
         left=count_kinds(left, before.kind, config),
-        ev_seconds=seconds(ev_slots),
+        ev_seconds=seconds(after.active[ev_slots]),
         ev_distance_m=sum_pairwise(travelled[ev_slots]),
         soc_seconds=sum_pairwise(jnp.where(after.active[ev_slots], soc, 0.0)) * config.tick_s,
         exit_soc=sum_pairwise(jnp.where(left[ev_slots], soc, 0.0)),
-        gas_seconds=seconds(gas_slots),
-        gas_distance_m=sum_pairwise(travelled[gas_slots]),
+        gas_seconds=jnp.stack([seconds(there) for there in of_gas(after.active)]),
+        gas_distance_m=jnp.stack([sum_pairwise(way) for way in of_gas(travelled)]),
         vehicle_ticks=jnp.sum(after.active, dtype=jnp.float32),
     )

@@ -52,8 +52,7 @@ def periodic(env: Environment) -> Policy:
         sent = state.tally.meds_dispatched.astype(jnp.int32)
         due = state.time * params.fleet.size >= sent * params.episode_decisions
         ramp = 1 + sent % env.config.num_ramps if env.config.num_ramps else 0
-        send = due & mask[-1]
-        return jnp.where(send, ramp, 0)
+        return jnp.where(due & mask[ramp], ramp, 0)
 
     return _of_highway(env, act)
 
@@ -100,8 +99,9 @@ def _where_needed(
 
     def act(mask: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
         needs = need(state, params)
-        send = (needs.max() >= enough) & mask[-1]
-        return jnp.where(send, 1 + jnp.argmax(needs), 0)
+        best = 1 + jnp.argmax(needs)
+        send = (needs.max() >= enough) & mask[best]
+        return jnp.where(send, best, 0)
 
     return _of_highway(env, act)
 

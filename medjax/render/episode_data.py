@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from medjax.env.dispatch import action_names
 from medjax.env.metrics import JOULES_PER_KWH
 from medjax.episodes.recording import Recording
 from medjax.render.camera import AUTO, camera_path
 from medjax.render.layout import EXAGGERATION
 from medjax.render.packing import Packer
-from medjax.render.roadway import VEHICLE_WIDTH_M
 from medjax.render.scene import Timeline
 from medjax.render.series import charts_of
 from medjax.traffic.road import lateral_position
-from medjax.world.kinds import GAS, HUMAN_EV, MED
+from medjax.world.kinds import HUMAN_EV, KINDS
 from medjax.world.params import PANELS
+from medjax.world.state import STATUS_NAMES
 
 
 def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
@@ -30,8 +30,11 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
     _add_decisions(packer, recording)
     for number, chart in enumerate(charts):
         packer.add(f"chart{number}", chart.values, 1e-4)
-    human = np.asarray(recording.frames.kind) == HUMAN_EV
-    first_ev, last_ev = config.ev_slots.start, config.ev_slots.stop
+    kinds = np.asarray(recording.frames.kind)
+    bodies = [
+        {"name": kind.name, "length": length, "width": kind.width_m}
+        for kind, length in zip(KINDS, road.vehicle_length_m, strict=True)
+    ]
     meta = {
         "scenario": recording.scenario,
         "policy": recording.policy,
@@ -54,14 +57,15 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
             "shoulder": road.shoulder_m,
             "exaggeration": EXAGGERATION,
         },
-        "lengths": dict(zip(("med", "ev", "gas"), _by_class(road.vehicle_length_m), strict=True)),
-        "widths": dict(zip(("med", "ev", "gas"), _by_class(VEHICLE_WIDTH_M), strict=True)),
+        "kinds": bodies,
+        "slotBody": bodies[HUMAN_EV],
+        "statuses": STATUS_NAMES,
+        "actions": action_names(config, params),
         "panels": PANELS,
         "slots": road.slots_m,
         "rewardTerms": list(decisions.reward_terms),
         "tracks": [
-            [t.slot, t.first, t.last, t.number]
-            + ([int(human[t.first, t.slot])] if first_ev <= t.slot < last_ev else [])
+            [t.slot, t.first, t.last, t.number, int(kinds[t.first, t.slot])]
             for t in timeline.tracks
         ],
         "ranOut": [[stop.slot, stop.frame, round(stop.x_m, 2)] for stop in timeline.ran_out],
@@ -72,11 +76,6 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
         "arrays": packer.index,
     }
     return meta, packer.text()
-
-
-def _by_class(of_kinds: Sequence[float]) -> tuple[float, float, float]:
-    """MED, EV and gas vehicle, of values by kind."""
-    return of_kinds[MED], of_kinds[HUMAN_EV], of_kinds[GAS]
 
 
 def _add_frames(packer: Packer, timeline: Timeline) -> None:

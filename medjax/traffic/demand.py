@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.world.kinds import AUTONOMOUS_EV, EVS, FUELLED, GAS, HUMAN_EV, kinds_in
+from medjax.world.kinds import EVS, FUELLED, GAS_KINDS, kinds_in
 from medjax.world.params import DemandParams, DriverParams, EnvParams, RoadParams, Scalar
 
 # Arrivals at one entry in one decision are counted up to here; with 2 expected, more come once in
@@ -52,8 +52,16 @@ def desired_speeds(normal: jax.Array, kind: jax.Array, drivers: DriverParams) ->
 
 def drawn_kinds(uniform: jax.Array, is_ev: jax.Array, demand: DemandParams) -> jax.Array:
     """Kinds of vehicles that come by themselves, int32, from uniform draws and whether each is an EV, of one shape."""
-    driven = jnp.where(uniform < demand.human_share, HUMAN_EV, AUTONOMOUS_EV)
-    return jnp.where(is_ev, driven, GAS).astype(jnp.int32)
+    shares = demand.class_shares
+
+    def drawn(kinds: tuple[int, ...]) -> jax.Array | int:
+        kind: jax.Array | int = kinds[-1]
+        for place in reversed(range(len(kinds) - 1)):
+            below = sum(shares[index] for index in kinds[: place + 1])
+            kind = jnp.where(uniform < below, kinds[place], kind)
+        return kind
+
+    return jnp.where(is_ev, drawn(kinds_in(EVS)), drawn(GAS_KINDS)).astype(jnp.int32)
 
 
 class Entries(NamedTuple):
@@ -206,13 +214,16 @@ def _drawn_counts(
     """EVs and gas vehicles on the road, () each: at most as many as there are slots and as the road has room for."""
     demand, road, drivers = params.demand, params.road, params.drivers
     slots, num_ev_slots = is_ev.shape[0], jnp.sum(is_ev)
-    expected = expected_vehicles(demand, road, drivers.desired_speed[GAS])
+    shares, speed = demand.class_shares, drivers.desired_speed
+    # EVs mean to drive as fast as gas vehicles do.
+    expected = sum(shares[k] * expected_vehicles(demand, road, speed[k]) for k in GAS_KINDS)
     # Normal approximations of the Poisson and binomial counts: closed form, and good above 20.
     total = expected + jnp.sqrt(expected) * jax.random.normal(keys[0])
     # Leave everyone more than a standing vehicle's room in the half of the spacing that jitter spares,
     # whatever the demand; MEDs are not filled in.
     kinds = jnp.array(kinds_in(EVS, FUELLED))
-    room = jnp.max(drivers.vehicle_length[kinds] + drivers.min_gap[kinds])
+    rooms = (drivers.vehicle_length + drivers.min_gap)[kinds]
+    room = jnp.max(jnp.where(jnp.stack(shares)[kinds] > 0.0, rooms, 0.0))
     total = jnp.clip(jnp.round(total), 0, num_lanes * jnp.floor(road.length_m / (2.5 * room)))
     spread = jnp.sqrt(total * demand.ev_share * (1.0 - demand.ev_share))
     evs = jnp.round(total * demand.ev_share + spread * jax.random.normal(keys[1]))
@@ -226,11 +237,15 @@ def _safe_start(spacing: jax.Array, desired_speed: jax.Array, params: EnvParams)
     The headway to the smallest possible gap allows it, and four fifths of max_braking would bring it down to the
     slowest one's speed within that gap.
     """
-    drivers = params.drivers
-    smallest_gap = 0.5 * spacing - jnp.max(drivers.vehicle_length)
-    room = jnp.maximum(smallest_gap - jnp.max(drivers.min_gap), 0.0)
+    drivers, comes = params.drivers, jnp.stack(params.demand.class_shares) > 0.0
+
+    def largest(of_kinds: jax.Array) -> jax.Array:
+        return jnp.max(jnp.where(comes, of_kinds, 0.0))
+
+    smallest_gap = 0.5 * spacing - largest(drivers.vehicle_length)
+    room = jnp.maximum(smallest_gap - largest(drivers.min_gap), 0.0)
     # As XLA divides by what all environments share; where there is one, it would not.
-    fastest = room * (1.0 / jnp.max(drivers.time_headway))
+    fastest = room * (1.0 / largest(drivers.time_headway))
     slowest = jnp.minimum(jnp.min(desired_speed), fastest)
     braked = slowest**2 + 2.0 * 0.8 * params.motion.max_braking * room
     return jnp.minimum(fastest, jnp.sqrt(braked))

@@ -81,7 +81,8 @@ def _check_road(params: EnvParams) -> None:
                 f"ramp_x_m = {x:g}: allowed 0 to {last:g} m (road less one merge lane)"
             )
     # Who enters at a ramp reaches back by its length, to where others may stand at the end of the lane before.
-    apart_m = lane_m + float(params.drivers.vehicle_length.max())
+    comes = np.array([share > 0.0 for share in params.demand.class_shares])
+    apart_m = lane_m + float(params.drivers.vehicle_length[comes].max())
     if (np.diff(road.ramp_x_m) <= apart_m).any():
         raise InputError(
             f"ramp_x_m = {shown(road.ramp_x_m.tolist())}: allowed ascending, more than acceleration_lane_m and the "

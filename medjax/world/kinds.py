@@ -41,6 +41,8 @@ def kinds_in(*classes: str) -> tuple[int, ...]:
     return tuple(index for index, kind in enumerate(KINDS) if kind.slots in classes)
 
 
+GAS_KINDS = kinds_in(FUELLED)
+
 # Whether the slots of a class, a column in the order of CLASSES, hold a kind, a row.
 _MEMBERS = np.array([[kind.slots == slots for slots in CLASSES] for kind in KINDS], np.float32)
 

@@ -6,11 +6,12 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from medjax.world.kinds import KINDS
+from medjax.world.kinds import GAS_KINDS, KINDS
 from medjax.world.params import EnvConfig
 
 # Where a MED is in its day.
-AT_DEPOT, QUEUED, MERGING, IN_SERVICE, RETIRED = range(5)
+STATUS_NAMES = ("at the depot", "waiting at its ramp", "merging", "in service", "gone")
+AT_DEPOT, QUEUED, MERGING, IN_SERVICE, RETIRED = range(len(STATUS_NAMES))
 
 NOT_BOOKED = -1
 
@@ -63,8 +64,8 @@ class Tally(struct.PyTreeNode):
     ev_distance_m: jax.Array  # ()
     soc_seconds: jax.Array  # () integral of the sum of the EVs' state of charge
     exit_soc: jax.Array  # () sum of the state of charge of the EVs that left
-    gas_seconds: jax.Array  # ()
-    gas_distance_m: jax.Array  # ()
+    gas_seconds: jax.Array  # (num_gas_kinds,) of each of `medjax.world.kinds.GAS_KINDS`
+    gas_distance_m: jax.Array  # (num_gas_kinds,)
     vehicle_ticks: jax.Array  # () vehicles on the road, summed over ticks
     energy_sent_j: jax.Array  # () out of MEDs through their slots
     energy_received_j: jax.Array  # () into EVs
@@ -80,8 +81,9 @@ class Tally(struct.PyTreeNode):
         """Nothing has happened."""
         zero = jnp.zeros((), jnp.float32)
         scalars = dict.fromkeys(cls.__dataclass_fields__, zero)
-        kinds = jnp.zeros((len(KINDS),), jnp.float32)
-        return cls(**scalars | {"entered": kinds, "left": kinds})
+        kinds = dict.fromkeys(("entered", "left"), jnp.zeros((len(KINDS),), jnp.float32))
+        gas = jnp.zeros((len(GAS_KINDS),), jnp.float32)
+        return cls(**scalars | kinds | {"gas_seconds": gas, "gas_distance_m": gas})
 
     def __add__(self, other: Tally) -> Tally:
         return jax.tree.map(jnp.add, self, other)

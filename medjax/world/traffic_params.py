@@ -1,6 +1,6 @@
 """The numbers of road, demand and drivers, each declared once: default, range, unit, what it is and its source.
 
-Four numbers in a row are one a kind of vehicle: MED, human-driven EV, autonomous EV, gas (`medjax.world.kinds.KINDS`).
+Numbers in a row are one a kind of vehicle, in the order of `medjax.world.kinds.KINDS`.
 """
 
 from __future__ import annotations
@@ -53,6 +53,11 @@ class DemandParams(struct.PyTreeNode):
     )
     arrival_soc_high: Scalar = number(0.7, 0, 1, "", "charge on arrival, at most; chosen")
     ramp_speed: Scalar = number(20.0, 1, 60, "m/s", "at the start of the acceleration lane; chosen")
+
+    @property
+    def class_shares(self) -> tuple[Scalar, ...]:
+        """Share of each kind among the vehicles of its class, in the order of `medjax.world.kinds.KINDS`."""
+        return 1.0, self.human_share, 1.0 - self.human_share, 1.0
 
 
 class DriverParams(struct.PyTreeNode):

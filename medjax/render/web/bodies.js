@@ -1,4 +1,3 @@
-const SIZE_NAMES = ["med", "ev", "gas"];
 const FAR = [
   { least: 9, share: 1.0 },
   { least: 5, share: 0.8 },
@@ -7,9 +6,9 @@ const FAR = [
 
 /** Outline of a vehicle, px. */
 function bodyOf(view, episode, slot) {
-  const size = SIZE_NAMES[episode.kindOf(slot)];
-  const width = episode.meta.lengths[size] * view.perX;
-  const height = episode.meta.widths[size] * view.perY;
+  const { body } = episode.tracks[episode.present[slot]];
+  const width = body.length * view.perX;
+  const height = body.width * view.perY;
   const left = view.px(episode.x[slot]) - width;
   return { left, top: view.py(episode.y[slot]) - height / 2, width, height };
 }
@@ -92,8 +91,8 @@ function drawClose(context, view, episode, theme, selected) {
 function drawFreeSlots(context, view, episode, theme, booked) {
   const { meta, frame } = episode;
   const taken = new Set(booked.map(({ med, panel }) => 8 * med + panel));
-  const width = meta.lengths.ev * view.perX;
-  const height = meta.widths.ev * view.perY;
+  const width = meta.slotBody.length * view.perX;
+  const height = meta.slotBody.width * view.perY;
   const right = (meta.road.lanes - 0.5) * meta.road.laneWidth;
   context.strokeStyle = theme.edge;
   context.lineWidth = 1;

@@ -78,12 +78,10 @@ class DispatchPanel {
   }
 
   _row(action) {
-    const { ramps } = this.episode.meta.road;
-    const label = action ? `ramp ${action} (${ramps[action - 1].toFixed(0)} m)` : "none";
     const bar = element("div");
     const number = element("td");
     const row = element("tr", {}, [
-      element("td", { textContent: label }),
+      element("td", { textContent: this.episode.meta.actions[action] }),
       element("td", { className: "bar" }, [bar]),
       number,
     ]);

@@ -1,12 +1,12 @@
 const KIND = { MED: 0, EV: 1, GAS: 2 };
 const KIND_NAMES = ["MED", "EV", "gas vehicle"];
 const IN_SERVICE = 3;
-const STATUS_NAMES = ["at the depot", "waiting at its ramp", "merging", "in service", "gone"];
 
 /** One vehicle's stay on the road. */
 class Track {
-  constructor(index, [slot, first, last, number, human], episode) {
-    Object.assign(this, { index, slot, first, last, number, human: human === 1 });
+  constructor(index, [slot, first, last, number, kind], episode) {
+    Object.assign(this, { index, slot, first, last, number });
+    this.body = episode.meta.kinds[kind];
     this.kind = episode.kindOf(slot);
     this.name = `${this.kind === KIND.GAS ? "gas" : KIND_NAMES[this.kind]} ${number}`;
   }

@@ -21,7 +21,7 @@ function eventsOf(episode, track) {
     let before = -1;
     for (let frame = track.first; frame <= track.last; frame += 1) {
       const now = episode.status(track.slot, frame);
-      if (now !== before && before >= 0) note(frame, STATUS_NAMES[now]);
+      if (now !== before && before >= 0) note(frame, episode.meta.statuses[now]);
       before = now;
     }
     for (let ev = 0; ev < episode.meta.numEvs; ev += 1) {
@@ -54,14 +54,14 @@ function factsOf(episode, track, frame) {
   const kwh = soc * (track.kind === KIND.MED ? meta.medKwh : meta.evKwh);
   facts.push(["charge", `${(100 * soc).toFixed(2)} % (${kwh.toFixed(3)} kWh)`]);
   if (track.kind === KIND.MED) {
-    facts.push(["status", STATUS_NAMES[episode.status(track.slot, frame)]]);
+    facts.push(["status", meta.statuses[episode.status(track.slot, frame)]]);
     const served = episode.booked(frame).filter(({ med }) => med === track.slot);
     const texts = served.map(({ slot, panel, charging }) =>
       `${episode.nameAt(slot, frame)} ${meta.panels[panel]}${charging ? ", charging" : ""}`);
     facts.push(["slots", texts.join("; ") || "all free"]);
     return facts;
   }
-  facts.push(["driver", track.human ? "human" : "autonomous"]);
+  facts.push(["driver", track.body.name.split(" ")[0]]);
   const booking = episode.booking(track.slot, frame);
   const text = booking && `${episode.nameAt(booking.med, frame)}, ${meta.panels[booking.panel]} slot`;
   facts.push(["booked", text ? `${text}, ${booking.charging ? "charging" : "on its way"}` : "no slot"]);
