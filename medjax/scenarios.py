@@ -19,7 +19,7 @@ from medjax.env.observation import OBSERVATIONS
 from medjax.env.reward import TERMS, RewardTerm
 from medjax.errors import MOST_SHOWN, InputError, shown
 from medjax.traffic.following import CarFollowing
-from medjax.traffic.idm import STANDARD_IDM
+from medjax.traffic.idm import IDM_PLUS
 from medjax.world.charging_params import CoilDesign, build_link
 from medjax.world.checks import check_numbers
 from medjax.world.numbers import as_numbers, read_number
@@ -113,7 +113,7 @@ def _observation(given: Any) -> Any:
 def _following(given: Any) -> CarFollowing:
     """The car-following model: IDM, or one's own."""
     if given is None:
-        return STANDARD_IDM
+        return IDM_PLUS
     for method in ("constants", "prepare", "acceleration"):
         if isinstance(given, type) or not callable(getattr(given, method, None)):
             raise InputError(f"following = {shown(given)}: allowed a model, such as IDM()")

@@ -26,7 +26,7 @@ from medjax.env.spaces import Box, Discrete
 from medjax.env.tick import physics_tick
 from medjax.traffic.entry import admit
 from medjax.traffic.following import CarFollowing
-from medjax.traffic.idm import STANDARD_IDM
+from medjax.traffic.idm import IDM_PLUS
 from medjax.traffic.step import drivers_of, perturb
 from medjax.world.params import EnvConfig, EnvParams, validate_config
 from medjax.world.presets import Recipe
@@ -64,7 +64,7 @@ class ChargingEnv:
         reward: Mapping[str, RewardTerm] = TERMS,
         observation: Any = None,
         name: str = "charging",
-        following: CarFollowing = STANDARD_IDM,
+        following: CarFollowing = IDM_PLUS,
         coupling: Coupling = coupling_efficiency,
     ) -> None:
         validate_config(config)

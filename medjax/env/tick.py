@@ -12,7 +12,7 @@ from medjax.charging.link import Coupling, coupling_efficiency, links
 from medjax.env.dispatch import on_the_road
 from medjax.numerics.sums import in_units, rounded, sum_pairwise
 from medjax.traffic.following import CarFollowing, Drivers
-from medjax.traffic.idm import STANDARD_IDM
+from medjax.traffic.idm import IDM_PLUS
 from medjax.traffic.step import move
 from medjax.world.kinds import GAS_KINDS
 from medjax.world.params import EnvConfig, EnvParams
@@ -25,7 +25,7 @@ def physics_tick(
     tick: jax.Array,
     config: EnvConfig,
     params: EnvParams,
-    following: CarFollowing = STANDARD_IDM,
+    following: CarFollowing = IDM_PLUS,
     coupling: Coupling = coupling_efficiency,
 ) -> tuple[EnvState, Tally]:
     """Advances one environment by `config.tick_s`.

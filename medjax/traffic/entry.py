@@ -45,6 +45,7 @@ class _NextUp(NamedTuple):
 
     kind: jax.Array  # int32
     desired_speed: jax.Array  # m/s
+    time_headway: jax.Array  # s
 
 
 def _next_up(
@@ -57,7 +58,9 @@ def _next_up(
     """A MED where one waits, else the first of the queue, by draws `(K,)`: normal, uniform."""
     kind = drawn_kinds(kind_draw, state.next_is_ev, params.demand)
     kind = jnp.where(med_waits, MED, kind)
-    return _NextUp(kind, desired_speeds(speed_draw, kind, params.drivers))
+    drivers = params.drivers
+    desired = desired_speeds(speed_draw, kind, drivers)
+    return _NextUp(kind, desired, by_kind(kind, drivers.time_headway))
 
 
 def _safe_speed(
@@ -70,9 +73,7 @@ def _safe_speed(
     desired, kind = next_up.desired_speed, next_up.kind
     on_ramp = where.lane == config.num_lanes
     wanted = jnp.where(on_ramp, jnp.minimum(desired, params.demand.ramp_speed), desired)
-    return entry_speed(
-        wanted, ahead, by_kind(kind, drivers.time_headway), by_kind(kind, drivers.min_gap)
-    )
+    return entry_speed(wanted, ahead, next_up.time_headway, by_kind(kind, drivers.min_gap))
 
 
 def _put_on_road(
@@ -90,6 +91,7 @@ def _put_on_road(
         return jnp.where(new, values[source], old)
 
     still = jnp.zeros(where.x.shape)
+    nobody = jnp.full(where.x.shape, jnp.inf)
     return vehicles.replace(
         x=fresh(where.x, vehicles.x),
         speed=fresh(speed, vehicles.speed),
@@ -101,6 +103,10 @@ def _put_on_road(
         desired_speed=fresh(next_up.desired_speed, vehicles.desired_speed),
         acceleration_noise=fresh(still, vehicles.acceleration_noise),
         wander=fresh(still, vehicles.wander),
+        headway=fresh(next_up.time_headway, vehicles.headway),
+        courtesy_left=fresh(nobody, vehicles.courtesy_left),
+        courtesy_right=fresh(nobody, vehicles.courtesy_right),
+        recovery_s=fresh(still, vehicles.recovery_s),
     )
 
 

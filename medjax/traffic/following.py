@@ -10,7 +10,7 @@ from jax.typing import ArrayLike
 
 from medjax.numerics.gathers import read
 from medjax.traffic.neighbours import NOBODY
-from medjax.world.params import DriverParams, Scalar
+from medjax.world.params import DriverParams, LaneChangeParams, Scalar
 
 T = TypeVar("T")
 
@@ -134,6 +134,37 @@ def gap_between(follower: Follower, leader: Leader) -> jax.Array:
     return leader.rear - follower.x
 
 
+def same_platoon(follower: Follower, leader: Leader, has_leader: jax.Array) -> jax.Array:
+    """Whether each drives with the one ahead of it, bool."""
+    return has_leader & (follower.platoon == leader.platoon) & (follower.platoon != NOBODY)
+
+
+def relaxed_headway(
+    headway: jax.Array,
+    usual: jax.Array,
+    present: jax.Array,
+    is_new: jax.Array,
+    dt: float,
+    params: LaneChangeParams,
+) -> jax.Array:
+    """Headways that drivers keep in this tick, s: a short one is accepted for a while and grows back.
+
+    After a change of lanes, one's own or that of the vehicle ahead, a driver takes the headway that there is, down
+    to the shortest accepted one. From then it relaxes to the usual one, and it is never shorter than what there is.
+
+    Args:
+      headway: (N,) s, so far; usual: (N,) s, each driver's own.
+      present: (N,) s, the gap beyond the standing gap over the speed.
+      is_new: (N,) bool, this vehicle or the one ahead is changing lanes.
+
+    Source: Laval and Leclercq 2008; Schakel, Knoop, van Arem 2012, eq (13).
+    """
+    there = jnp.minimum(present, usual)
+    grown = headway + (usual - headway) * (dt / params.relaxation_s)
+    taken = jnp.maximum(there, jnp.minimum(params.accepted_headway, usual))
+    return jnp.where(is_new, taken, jnp.maximum(grown, there))
+
+
 def following_acceleration(
     follower: Follower,
     leader: Leader,
@@ -150,7 +181,7 @@ def following_acceleration(
       follower, leader: equal shapes.
       has_leader: bool, that shape; False is a free road.
     """
-    together = has_leader & (follower.platoon == leader.platoon) & (follower.platoon != NOBODY)
+    together = same_platoon(follower, leader, has_leader)
     keeps = follower._replace(
         time_headway=jnp.where(together, platooning.time_headway, follower.time_headway),
         min_gap=jnp.where(together, platooning.min_gap, follower.min_gap),

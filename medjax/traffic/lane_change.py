@@ -19,12 +19,16 @@ from medjax.world.params import LaneChangeParams
 
 T = TypeVar("T")
 
+# Below this a vehicle hardly moves sideways when it changes lanes.
+CRAWL_M_PER_S = 2.0
+# What is no more urgent is nobody's concern but one's own.
+COURTEOUS_DESIRE = 0.3
+
 
 class Wish(NamedTuple):
     """What each vehicle must do across the road, `(N,)` each."""
 
-    direction: jax.Array  # int32: -1 must go left, +1 right, 0 need not change
-    urgency: jax.Array  # 0 to 1, adds bias to a mandatory change
+    desire: jax.Array  # -1 to 1: must go left where negative, right where positive; its size says how urgent it is
     stay: jax.Array  # bool: no change but a mandatory one
 
 
@@ -54,14 +58,15 @@ def pick_group(tree: T, turn: Turn) -> T:
     return jax.tree.map(pick, tree)
 
 
-def place_group(flags: jax.Array, turn: Turn, num_vehicles: int) -> jax.Array:
-    """Flags of those whose turn it is back by slot, `(num_vehicles,)` bool, False for the others.
+def place_group(values: jax.Array, turn: Turn, others: jax.Array) -> jax.Array:
+    """Values of those whose turn it is back by slot, `(N,)`, with those of the others, `(N,)`.
 
     A write into an array rather than a select, because XLA does not fuse through it: a select would be
     merged into each of its readers, and the whole decision computed again for each.
     """
-    rows = jnp.zeros((flags.shape[0], turn.groups), bool)
-    rows = jax.lax.dynamic_update_index_in_dim(rows, flags, turn.group, axis=1)
+    num_vehicles = others.shape[0]
+    rows = jnp.pad(others, (0, -num_vehicles % turn.groups)).reshape(-1, turn.groups)
+    rows = jax.lax.dynamic_update_index_in_dim(rows, values, turn.group, axis=1)
     return rows.reshape(-1)[:num_vehicles]
 
 
@@ -70,6 +75,7 @@ class Situation(NamedTuple):
 
     leaders: Leader
     followers: Follower
+    usual_headway: jax.Array  # s, which drivers keep in the long run
     neighbours: Neighbours  # in the own lane, and in the lane on the side looked at
     following: jax.Array  # m/s^2, by car following alone
     acceleration: jax.Array  # m/s^2, with the end of an acceleration lane counted
@@ -79,10 +85,42 @@ Follow = Callable[[Follower, Leader, jax.Array], jax.Array]
 """`(followers, leaders, has_leader)` of one shape to accelerations, m/s^2."""
 
 
+class Decision(NamedTuple):
+    """What those whose turn it is decide, `(C,)` each."""
+
+    changes: jax.Array  # bool, into the lane looked at, now
+    courtesy: jax.Array  # m/s^2 at most, towards the vehicle ahead in that lane; inf where nothing is at stake
+
+
+def _for_the_desire(usual: jax.Array, desire: jax.Array, params: LaneChangeParams) -> jax.Array:
+    """Headways that are accepted for a change so urgent, s: LMRS, eq (10)."""
+    shortest = jnp.minimum(params.accepted_headway, usual)
+    return usual + (shortest - usual) * desire
+
+
+def _courtesy(
+    own: Follower,
+    leader: Leader,
+    own_after: jax.Array,
+    concerned: jax.Array,
+    params: LaneChangeParams,
+) -> jax.Array:
+    """Acceleration at most, m/s^2, towards the vehicle ahead in the other lane, of those whom it `concerned`.
+
+    Who must change falls in behind it, and who is behind one that must come makes room, both within comfort: who
+    would have to brake harder passes instead.
+    """
+    closing = jnp.maximum(own.speed - leader.speed, 0.0)
+    room = jnp.maximum(gap_between(own, leader), 0.0)
+    comfortable = jnp.square(closing) <= 2.0 * params.courtesy_braking * room
+    bounded = jnp.maximum(own_after, -params.courtesy_braking)
+    return jnp.where(concerned & comfortable, bounded, jnp.inf)
+
+
 def decide(
     situation: Situation, wish: Wish, turn: Turn, follow: Follow, params: LaneChangeParams
-) -> jax.Array:
-    """Which of those whose turn it is want to change lanes now and can safely, `(C,)` bool.
+) -> Decision:
+    """What those whose turn it is do about the lane that they look at.
 
     Args:
       situation: of all vehicles.
@@ -90,17 +128,30 @@ def decide(
       turn: whose turn it is, and the side looked at.
       follow: car following between any two.
     """
-    leaders, followers, neighbours, following, acceleration = situation
-    own = pick_group(followers, turn)
+    leaders, followers, usual, neighbours, following, acceleration = situation
+    own, own_usual = pick_group((followers, usual), turn)
     seen = pick_group(leaders, turn)
+    desire = wish.desire * turn.direction  # to the side looked at
     neighbours, wish = pick_group(neighbours, turn), pick_group(wish, turn)
-    leader = of_slots(leaders, neighbours.target_leader)
+    leader, leader_desire = of_slots((leaders, desire), neighbours.target_leader)
     old_leader = of_slots(leaders, neighbours.leader)
-    follower, new_before = of_slots((followers, following), neighbours.target_follower)
+    follower, follower_usual, new_before = of_slots(
+        (followers, usual, following), neighbours.target_follower
+    )
     old_follower, old_before = of_slots((followers, following), neighbours.follower)
     has_leader = neighbours.target_leader != NOBODY
     has_follower = neighbours.target_follower != NOBODY
+    has_old_leader = neighbours.leader != NOBODY
     has_old_follower = neighbours.follower != NOBODY
+
+    desire = pick_group(desire, turn)
+    wanted = jnp.maximum(desire, 0.0)
+    # One that comes over from the lane looked at, into the gap that is open in front of this vehicle.
+    open_to = has_leader & ~(has_old_leader & (old_leader.rear < leader.rear))
+    asked = jnp.where(open_to, jnp.maximum(-leader_desire, 0.0), 0.0)
+    stake = jnp.maximum(wanted, asked)
+    own = own._replace(time_headway=_for_the_desire(own_usual, stake, params))
+    follower = follower._replace(time_headway=_for_the_desire(follower_usual, wanted, params))
 
     own_after = follow(own, leader, has_leader)
     new_after = follow(follower, seen, has_follower)
@@ -124,12 +175,15 @@ def decide(
         min_gap_ahead=own.min_gap,
         min_gap_behind=follower.min_gap,
     )
-    mandatory = wish.direction == turn.direction
+    mandatory = desire > 0.0
     bias = jnp.where(
         mandatory,
-        params.mandatory_bias + wish.urgency * params.urgency_bias,
+        params.mandatory_bias + wanted * params.urgency_bias,
         params.right_bias * turn.direction,
     )
     wants = incentive + bias > params.threshold
-    free = (wish.direction == 0) & ~wish.stay
-    return safe & wants & (mandatory | free)
+    free = (desire == 0.0) & ~wish.stay
+    # Who stands must be able to drive into the other lane, or it would stand in both.
+    moves = (own.speed > CRAWL_M_PER_S) | (own_after > 0.5 * own.max_acceleration)
+    courtesy = _courtesy(own, leader, own_after, has_leader & (stake > COURTEOUS_DESIRE), params)
+    return Decision(safe & wants & moves & (mandatory | free), courtesy)

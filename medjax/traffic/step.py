@@ -8,7 +8,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from medjax.numerics.sums import count_down
 from medjax.traffic.following import (
+    FREE_GAP_M,
     CarFollowing,
     Drivers,
     Platooning,
@@ -17,9 +19,11 @@ from medjax.traffic.following import (
     gap_between,
     make_drivers,
     of_slots,
+    relaxed_headway,
     roles,
+    same_platoon,
 )
-from medjax.traffic.idm import STANDARD_IDM
+from medjax.traffic.idm import IDM_PLUS
 from medjax.traffic.lane_change import (
     Follow,
     Situation,
@@ -29,11 +33,21 @@ from medjax.traffic.lane_change import (
     place_group,
     whose_turn,
 )
-from medjax.traffic.motion import ballistic_step, lateral_step, ornstein_uhlenbeck
+from medjax.traffic.motion import (
+    Steering,
+    ballistic_step,
+    lateral_step,
+    ornstein_uhlenbeck,
+    stopping_acceleration,
+)
 from medjax.traffic.neighbours import NOBODY, find_neighbours, sort_by_road
 from medjax.traffic.road import merge_distance
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, EnvState, Tally, Vehicles
+
+
+# How urgent what others order is: enough to be mandatory, too little to ask anyone for room.
+ORDERED_DESIRE = 0.25
 
 
 class Orders(NamedTuple):
@@ -47,7 +61,7 @@ class Orders(NamedTuple):
 
 
 def drivers_of(
-    state: EnvState, config: EnvConfig, params: EnvParams, following: CarFollowing = STANDARD_IDM
+    state: EnvState, config: EnvConfig, params: EnvParams, following: CarFollowing = IDM_PLUS
 ) -> Drivers:
     """Drivers of all slots, `(N,)` each; they stay the same between two rounds of entries.
 
@@ -75,16 +89,20 @@ def perturb(key: jax.Array, vehicles: Vehicles, config: EnvConfig, params: EnvPa
     return vehicles.replace(acceleration_noise=noise, wander=wander)
 
 
+def _is_changing(vehicles: Vehicles, params: EnvParams) -> jax.Array:
+    """Whether each is nearer to the lane that it comes from, `(N,)` bool."""
+    return jnp.abs(vehicles.lateral_offset) >= 0.5 * params.road.lane_width_m
+
+
 def _wishes(
     vehicles: Vehicles, orders: Orders, to_end: jax.Array, config: EnvConfig, params: EnvParams
 ) -> Wish:
     """Mandatory changes: off a ramp, and what is ordered."""
     merging = vehicles.lane == config.num_lanes
-    urgency = jnp.clip(1.0 - to_end / params.road.acceleration_lane_m, 0.0, 1.0)
+    urgency = jnp.clip(1.0 - to_end / params.lane_change.view_m, ORDERED_DESIRE, 1.0)
     return Wish(
-        direction=jnp.where(merging, -1, orders.direction),
-        urgency=jnp.where(merging, urgency, 0.0),
-        stay=orders.stay,
+        desire=jnp.where(merging, -urgency, ORDERED_DESIRE * orders.direction),
+        stay=orders.stay | (vehicles.recovery_s > 0.0),
     )
 
 
@@ -96,13 +114,24 @@ def _lane_changes(
     follow: Follow,
     config: EnvConfig,
     params: EnvParams,
-) -> jax.Array:
-    """Lane steps of all vehicles in this tick, `(N,)` int32 in -1, 0, 1."""
-    changes = decide(situation, wish, turn, follow, params.lane_change)
+) -> tuple[jax.Array, Vehicles]:
+    """Lane steps of all vehicles in this tick, `(N,)` int32 in -1, 0, 1; the vehicles, courteous."""
+    decision = decide(situation, wish, turn, follow, params.lane_change)
     target = vehicles.lane + turn.direction
-    settled = jnp.abs(vehicles.lateral_offset) < 0.5 * params.road.lane_width_m
-    may_change = vehicles.active & settled & (target >= 0) & (target < config.num_lanes)
-    return turn.direction * (may_change & place_group(changes, turn, config.num_vehicles))
+    may_change = vehicles.active & ~_is_changing(vehicles, params)
+    may_change &= (target >= 0) & (target < config.num_lanes)
+    changes = may_change & place_group(decision.changes, turn, jnp.zeros_like(may_change))
+    left, right = vehicles.courtesy_left, vehicles.courtesy_right
+    seen = place_group(decision.courtesy, turn, jnp.where(turn.direction < 0, left, right))
+    return turn.direction * changes, vehicles.replace(
+        courtesy_left=jnp.where(changes, jnp.inf, jnp.where(turn.direction < 0, seen, left)),
+        courtesy_right=jnp.where(changes, jnp.inf, jnp.where(turn.direction < 0, right, seen)),
+        recovery_s=jnp.where(
+            changes,
+            params.lane_change.recovery_s,
+            count_down(vehicles.recovery_s, config.tick_s),
+        ),
+    )
 
 
 def _step(
@@ -110,11 +139,13 @@ def _step(
 ) -> Vehicles:
     """Motion of one tick under accelerations `(N,)` m/s2 and lane changes `(N,)` of -1, 0 or 1."""
     x, speed = ballistic_step(vehicles.x, vehicles.speed, command, config.tick_s)
+    motion = params.motion
+    sideways = jnp.minimum(motion.lateral_speed, motion.lateral_slope * speed)
     offset, lateral_speed = lateral_step(
         vehicles.lateral_offset - steps * params.road.lane_width_m,
         vehicles.lateral_speed,
         vehicles.wander,
-        params.motion.lateral_rate,
+        Steering(motion.lateral_rate, motion.lateral_acceleration, sideways),
         config.tick_s,
     )
     return vehicles.replace(
@@ -151,23 +182,47 @@ def move(
 
     follow = functools.partial(following_acceleration, platooning=orders.platooning, model=model)
     with jax.named_scope("car_following"):
-        leader, has_leader = of_slots(leaders, neighbours.leader), neighbours.leader != NOBODY
+        changing = _is_changing(vehicles, params)
+        leader, its_changing = of_slots((leaders, changing), neighbours.leader)
+        has_leader = neighbours.leader != NOBODY
+        together = same_platoon(followers, leader, has_leader)
+        gap = jnp.where(has_leader, gap_between(followers, leader), FREE_GAP_M)
+        headway = relaxed_headway(
+            vehicles.headway,
+            drivers.time_headway,
+            (gap - followers.min_gap) / jnp.maximum(vehicles.speed, 1.0),
+            changing | has_leader & its_changing,
+            config.tick_s,
+            params.lane_change,
+        )
+        headway = jnp.where(together, orders.platooning.time_headway, headway)
+        followers = followers._replace(time_headway=headway)
         following = follow(followers, leader, has_leader)
         to_end = merge_distance(vehicles.x, params.road)
         on_ramp = vehicles.lane == config.num_lanes
-        # The end of an acceleration lane stands.
-        wall = jnp.where(on_ramp, model.acceleration(followers, to_end, 0.0), jnp.inf)
-        acceleration = jnp.minimum(following, wall)
+        stop = stopping_acceleration(
+            vehicles.speed,
+            to_end - followers.min_gap,
+            drivers.comfortable_deceleration,
+            config.tick_s,
+        )
+        stop = jnp.where(on_ramp, stop, jnp.inf)
+        courtesy = jnp.minimum(vehicles.courtesy_left, vehicles.courtesy_right)
+        acceleration = jnp.minimum(jnp.minimum(following, stop), courtesy)
 
     with jax.named_scope("lane_changes"):
-        situation = Situation(leaders, followers, neighbours, following, acceleration)
+        situation = Situation(
+            leaders, followers, drivers.time_headway, neighbours, following, acceleration
+        )
         wish = _wishes(vehicles, orders, to_end, config, params)
-        steps = _lane_changes(vehicles, situation, wish, turn, follow, config, params)
+        steps, vehicles = _lane_changes(vehicles, situation, wish, turn, follow, config, params)
 
     with jax.named_scope("motion"):
         command = jnp.minimum(acceleration, orders.acceleration) + vehicles.acceleration_noise
+        command = jnp.minimum(command, stop)  # noise carries nobody off the end of a lane
         command = jnp.clip(command, -params.motion.max_braking, followers.max_acceleration)
-        moved = _step(vehicles, command, steps, config, params).replace(road_order=order)
+        moved = _step(vehicles, command, steps, config, params)
+        moved = moved.replace(road_order=order, headway=headway)
     overlapping = has_leader & (gap_between(followers, leader) < 0.0)
     tally = Tally.zeros().replace(
         lane_changes=jnp.sum(jnp.abs(steps), dtype=jnp.float32),

@@ -110,7 +110,16 @@ class MotionParams(struct.PyTreeNode):
         5.0, 0.1, 10e3, "s", "correlation time of acceleration noise and lateral wander; chosen"
     )
     lateral_rate: Scalar = number(
-        2.0, 0.1, 20, "1/s", "frequency of the lateral relaxation; 95 % of a lane change in 2.4 s"
+        2.0, 0.1, 20, "1/s", "of steering; half of it is what is left of an offset once it is small"
+    )
+    lateral_acceleration: Scalar = number(
+        2.0, 0.1, 20, "m/s2", "sideways, at most; comfortable steering"
+    )
+    lateral_speed: Scalar = number(
+        1.5, 0.1, 10, "m/s", "sideways, at most: a lane in 4 s; Toledo, Zohar 2007: 4.6 s on average"
+    )
+    lateral_slope: Scalar = number(
+        0.2, 0.01, 1, "", "sideways speed over the speed along, at most: nobody slides; chosen"
     )
 
 
@@ -130,4 +139,19 @@ class LaneChangeParams(struct.PyTreeNode):
     )
     urgency_bias: Scalar = number(
         10.0, 0, 1000, "m/s2", "more at the end of an acceleration lane; chosen"
+    )
+    accepted_headway: Scalar = number(
+        0.56, 0.1, 10, "s", "where a change is most urgent; Schakel, Knoop, van Arem 2012"
+    )
+    relaxation_s: Scalar = number(
+        15.0, 0.1, 1e3, "s", "in which a short headway grows back; Laval, Leclercq 2008: 10-20"
+    )
+    courtesy_braking: Scalar = number(
+        2.0, 0, 20, "m/s2", "for one who must change, at most; Schakel et al. 2012: comfortable"
+    )
+    view_m: Scalar = number(
+        360.0, 1, 10e3, "m", "where a change begins to be urgent, before the place where it must be done"
+    )
+    recovery_s: Scalar = number(
+        6.0, 0, 1e3, "s", "from a change to the next one that is only an advantage; chosen"
     )
