@@ -46,6 +46,7 @@ class Follower(NamedTuple):
     time_headway: jax.Array  # s
     min_gap: jax.Array  # m
     max_acceleration: jax.Array  # m/s^2
+    comfortable_deceleration: jax.Array  # m/s^2
     prepared: Any  # by the model, `CarFollowing.prepare`
     platoon: jax.Array  # int32, index of the MED it drives with, or NOBODY
 
@@ -123,6 +124,7 @@ def roles(
         time_headway=drivers.time_headway,
         min_gap=drivers.min_gap,
         max_acceleration=drivers.max_acceleration,
+        comfortable_deceleration=drivers.comfortable_deceleration,
         prepared=model.prepare(drivers, speed),
         platoon=platoon,
     )
@@ -139,10 +141,18 @@ def same_platoon(follower: Follower, leader: Leader, has_leader: jax.Array) -> j
     return has_leader & (follower.platoon == leader.platoon) & (follower.platoon != NOBODY)
 
 
+def spare_headway(follower: Follower, leader: Leader, has_leader: jax.Array) -> jax.Array:
+    """Headway that IDM finds kept as things are, s: the gap less s0 and what closing in takes, over the speed."""
+    comfortable = follower.max_acceleration * follower.comfortable_deceleration
+    closing = jnp.maximum(follower.speed - leader.speed, 0.0) / (2.0 * jnp.sqrt(comfortable))
+    kept = (gap_between(follower, leader) - follower.min_gap) / jnp.maximum(follower.speed, 1.0)
+    return jnp.where(has_leader, kept - closing, jnp.inf)
+
+
 def relaxed_headway(
     headway: jax.Array,
     usual: jax.Array,
-    present: jax.Array,
+    spare: jax.Array,
     is_new: jax.Array,
     dt: float,
     params: LaneChangeParams,
@@ -154,12 +164,12 @@ def relaxed_headway(
 
     Args:
       headway: (N,) s, so far; usual: (N,) s, each driver's own.
-      present: (N,) s, the gap beyond the standing gap over the speed.
+      spare: (N,) s, what there is (`spare_headway`).
       is_new: (N,) bool, this vehicle or the one ahead is changing lanes.
 
     Source: Laval and Leclercq 2008; Schakel, Knoop, van Arem 2012, eq (13).
     """
-    there = jnp.minimum(present, usual)
+    there = jnp.minimum(spare, usual)
     grown = headway + (usual - headway) * (dt / params.relaxation_s)
     taken = jnp.maximum(there, jnp.minimum(params.accepted_headway, usual))
     return jnp.where(is_new, taken, jnp.maximum(grown, there))

@@ -23,6 +23,9 @@ T = TypeVar("T")
 CRAWL_M_PER_S = 2.0
 # What is no more urgent is nobody's concern but one's own.
 COURTEOUS_DESIRE = 0.3
+# From here on a change is made at any speed; before, at this share of the speed of the one that is then behind.
+HASTY_DESIRE = 0.6
+EVEN_SPEED = 0.95
 
 
 class Wish(NamedTuple):
@@ -111,10 +114,12 @@ def _courtesy(
     would have to brake harder passes instead.
     """
     closing = jnp.maximum(own.speed - leader.speed, 0.0)
-    room = jnp.maximum(gap_between(own, leader), 0.0)
-    comfortable = jnp.square(closing) <= 2.0 * params.courtesy_braking * room
+    room = gap_between(own, leader) - 0.5 * own.min_gap
+    # Of two side by side, equally fast, the one behind falls back; but not where it stands, since nothing would open.
+    even = (closing < 1.0) & (own.speed > CRAWL_M_PER_S)
+    in_comfort = (room > 0.0) & (jnp.square(closing) <= 2.0 * params.courtesy_braking * room)
     bounded = jnp.maximum(own_after, -params.courtesy_braking)
-    return jnp.where(concerned & comfortable, bounded, jnp.inf)
+    return jnp.where(concerned & (even | in_comfort), bounded, jnp.inf)
 
 
 def decide(
@@ -171,9 +176,11 @@ def decide(
         jnp.where(has_follower, new_after, 0.0),
         jnp.where(has_leader, gap_between(own, leader), jnp.inf),
         jnp.where(has_follower, gap_between(follower, seen), jnp.inf),
-        safe_braking=params.safe_braking,
-        min_gap_ahead=own.min_gap,
-        min_gap_behind=follower.min_gap,
+        # The more urgent, the harder a change may make others, and oneself, brake: LMRS's gap acceptance.
+        safe_braking=params.safe_braking * jnp.where(desire > 0.0, desire, 1.0),
+        # Who stops to let one in keeps its standing gap: less must do, or both would wait for each other.
+        min_gap_ahead=own.min_gap * (1.0 - 0.5 * wanted),
+        min_gap_behind=follower.min_gap * (1.0 - 0.5 * wanted),
     )
     mandatory = desire > 0.0
     bias = jnp.where(
@@ -185,5 +192,9 @@ def decide(
     free = (desire == 0.0) & ~wish.stay
     # Who stands must be able to drive into the other lane, or it would stand in both.
     moves = (own.speed > CRAWL_M_PER_S) | (own_after > 0.5 * own.max_acceleration)
+    # With half of the way left, who can still gain on the one behind does so first.
+    early = (desire > COURTEOUS_DESIRE) & (desire < HASTY_DESIRE)
+    gains = pick_group(acceleration, turn) > 0.25 * own.max_acceleration
+    waits = early & gains & has_follower & (own.speed < EVEN_SPEED * follower.speed)
     courtesy = _courtesy(own, leader, own_after, has_leader & (stake > COURTEOUS_DESIRE), params)
-    return Decision(safe & wants & moves & (mandatory | free), courtesy)
+    return Decision(safe & wants & moves & ~waits & (mandatory | free), courtesy)

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 
 from medjax.numerics.sums import count_down
 from medjax.traffic.following import (
-    FREE_GAP_M,
     CarFollowing,
     Drivers,
     Platooning,
@@ -22,6 +21,7 @@ from medjax.traffic.following import (
     relaxed_headway,
     roles,
     same_platoon,
+    spare_headway,
 )
 from medjax.traffic.idm import IDM_PLUS
 from medjax.traffic.lane_change import (
@@ -186,11 +186,10 @@ def move(
         leader, its_changing = of_slots((leaders, changing), neighbours.leader)
         has_leader = neighbours.leader != NOBODY
         together = same_platoon(followers, leader, has_leader)
-        gap = jnp.where(has_leader, gap_between(followers, leader), FREE_GAP_M)
         headway = relaxed_headway(
             vehicles.headway,
             drivers.time_headway,
-            (gap - followers.min_gap) / jnp.maximum(vehicles.speed, 1.0),
+            spare_headway(followers, leader, has_leader),
             changing | has_leader & its_changing,
             config.tick_s,
             params.lane_change,
@@ -203,7 +202,7 @@ def move(
         stop = stopping_acceleration(
             vehicles.speed,
             to_end - followers.min_gap,
-            drivers.comfortable_deceleration,
+            params.lane_change.safe_braking,
             config.tick_s,
         )
         stop = jnp.where(on_ramp, stop, jnp.inf)
