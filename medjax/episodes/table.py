@@ -56,9 +56,7 @@ def vehicle_table(recording: Recording) -> Table:
     }
 
 
-def _of_evs_and_meds(
-    recording: Recording,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _of_evs_and_meds(recording: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """State of charge, booked MED, its panel (-1 for none) and whether it charges, each (F, V)."""
     config, frames = recording.config, recording.frames
     soc = np.zeros(frames.x.shape, np.float32)
