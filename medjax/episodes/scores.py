@@ -42,7 +42,6 @@ def make_runner(
             return (number < max_decisions) & ~jnp.all(episodes.done)
 
         def decide(carry: tuple[Episodes, jax.Array]) -> tuple[Episodes, jax.Array]:
-            """One decision in every row."""
             episodes, number = carry
             return player.decide(episodes, number, weights, params)[0], number + 1
 
@@ -102,14 +101,9 @@ class Evaluation:
         params = self.params if params is None else params
         blocks = _progress(self._keys(seed), desc="episodes")
         parts = [jax.device_get(self._run(weights, keys, params)) for keys in blocks]
-        columns = {
-            name: np.concatenate([part[name] for part in parts], axis=1)[:, : self.episodes].astype(
-                np.float64
-            )
-            for name in parts[0]
-        }
+        columns = jax.tree.map(lambda *blocks: np.concatenate(blocks, axis=1, dtype=float), *parts)
         return {
-            policy: {name: values[index] for name, values in columns.items()}
+            policy: {name: values[index, : self.episodes] for name, values in columns.items()}
             for index, policy in enumerate(self.names)
         }
 

@@ -7,17 +7,15 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from medjax.commandline import fail
+from medjax.env.charging_env import ChargingEnv
+from medjax.episodes.recording import Recording
 from medjax.errors import InputError
-from medjax.render.command import Request, parse_request
-from medjax.render.options import PROG
-
-if TYPE_CHECKING:
-    from medjax.env.charging_env import ChargingEnv
-    from medjax.episodes.recording import Recording
-    from medjax.world.params import EnvParams
+from medjax.render.camera import as_number
+from medjax.render.command import PROG, Request, parse_request
+from medjax.render.player import write_player
+from medjax.world.params import EnvParams
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -50,32 +48,24 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _check(request: Request, env: ChargingEnv, params: EnvParams) -> None:
     """Raises InputError for a place or time that the episode will not have."""
-    length_m = float(params.road.length_m)
+    follow, start_s = request.shot.follow, request.shot.start_s
+    place_m, length_m = as_number(follow), float(params.road.length_m)  # nan: it is a vehicle
     seconds = int(params.episode_decisions) * env.config.decision_s
-    if request.place_m is not None and not 0.0 <= request.place_m <= length_m:
-        raise InputError(f"--follow {request.follow}: allowed 0 to {length_m:g} m")
-    if request.start_s is not None and request.start_s > seconds:
-        raise InputError(f"--start {request.start_s:g}: allowed 0 to {seconds:g} s")
+    if place_m < 0.0 or place_m > length_m:
+        raise InputError(f"--follow {follow}: allowed 0 to {length_m:g} m")
+    if start_s is not None and start_s > seconds:
+        raise InputError(f"--start {start_s:g}: allowed 0 to {seconds:g} s")
 
 
 def _write(request: Request, recordings: Sequence[Recording]) -> None:
-    if request.out.suffix == ".html":
-        from medjax.render.player import write_player
-
-        write_player(request.out, recordings, follow=request.follow, start_s=request.start_s or 0.0)
+    out, shot = request.out, request.shot
+    if out.suffix == ".html":
+        write_player(out, recordings, follow=shot.follow, start_s=shot.start_s or 0.0)
         return
-    from medjax.render.video import Shot, write_png, write_video
+    from medjax.render.video import write_png, write_video
 
-    shot = Shot(
-        follow=request.follow,
-        start_s=request.start_s,
-        duration_s=request.duration_s,
-        width=request.width,
-        height=request.height,
-        span_m=request.span_m,
-    )
-    write = write_png if request.out.suffix == ".png" else write_video
-    write(request.out, recordings[0], shot)
+    write = write_png if out.suffix == ".png" else write_video
+    write(out, recordings[0], shot)
 
 
 if __name__ == "__main__":

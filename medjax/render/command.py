@@ -5,26 +5,23 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import importlib.util
-import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from medjax.commandline import as_path
-from medjax.episodes.options import EpisodeRequest, requested_episode
+from medjax.commandline import OneLineParser, as_path
+from medjax.episodes.options import EpisodeRequest, add_episode_options, requested_episode
 from medjax.errors import InputError, MissingLibrary, shown
 from medjax.files import check_output
-from medjax.render.camera import check_follow
-from medjax.render.options import SUFFIXES, build_parser
+from medjax.render.camera import AUTO, FORMS, Shot, as_number, check_follow
+from medjax.render.layout import check_size
 
+PROG = "python -m medjax.render"
 MOST = 1e9  # seconds or metres: more than there are
-LIBRARIES: dict[str, dict[str, str]] = {
-    ".mp4": {"PIL": "Pillow", "imageio_ffmpeg": "imageio-ffmpeg", "tqdm": "tqdm"},
-    ".gif": {"PIL": "Pillow", "imageio_ffmpeg": "imageio-ffmpeg", "tqdm": "tqdm"},
-    ".png": {"PIL": "Pillow"},
-    ".html": {},
-}
+FOR_VIDEO = {"PIL": "Pillow", "imageio_ffmpeg": "imageio-ffmpeg", "tqdm": "tqdm"}
+LIBRARIES = {".mp4": FOR_VIDEO, ".gif": FOR_VIDEO, ".png": {"PIL": "Pillow"}, ".html": {}}
 """What each kind of file is written with: module, and name of the package."""
+SUFFIXES = ", ".join(LIBRARIES)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,18 +30,35 @@ class Request:
 
     out: Path
     played: EpisodeRequest
-    follow: str
-    start_s: float | None
-    duration_s: float | None
-    width: int
-    height: int
-    span_m: float | None
+    shot: Shot
 
-    @property
-    def place_m(self) -> float | None:
-        """Where the camera stands; None where it follows a vehicle."""
-        place = _float(self.follow)
-        return None if math.isnan(place) else place
+
+def build_parser() -> OneLineParser:
+    """The parser; values stay text here, so that all errors are worded in one place."""
+    parser = OneLineParser(
+        prog=PROG,
+        description="Plays one episode and writes it as a video, a picture or a player in one HTML file.",
+        epilog=f"Example: {PROG} --policy forecast --compare none --out episode.html",
+        formatter_class=lambda prog: argparse.HelpFormatter(prog, max_help_position=28, width=100),
+    )
+    play = parser.add_argument_group("what is played")
+    add_episode_options(play)
+    beside = "a rule on the same episode beside it; .html"
+    play.add_argument("--compare", metavar="NAME", help=beside)
+    show = parser.add_argument_group("what is written")
+    show.add_argument("--out", metavar="FILE", required=True, help=f"FILE ends in {SUFFIXES}")
+    for name, metavar, default, text in (
+        ("follow", "WHAT", AUTO, f"camera: {FORMS} (default: {AUTO}, the busiest MED)"),
+        (
+            *("start", "S", None),
+            "first second shown (default: 0 for .html and a whole .mp4, else where most EVs charge)",
+        ),
+        ("duration", "S", None, "seconds of .mp4 (default: to the end) or .gif (default: 20)"),
+        ("size", "WxH", "1280x480", "px, of video and picture (default: 1280x480)"),
+        ("span", "M", None, "metres of road that the camera shows (default: as fits)"),
+    ):
+        show.add_argument(f"--{name}", metavar=metavar, default=default, help=text)
+    return parser
 
 
 def parse_request(argv: Sequence[str] | None = None) -> Request:
@@ -59,38 +73,31 @@ def parse_request(argv: Sequence[str] | None = None) -> Request:
 
 def _request(given: argparse.Namespace) -> Request:
     out = as_path("--out", given.out)
-    if out.suffix not in SUFFIXES:
-        raise InputError(f"--out {out}: allowed a file that ends in {', '.join(SUFFIXES)}")
+    if out.suffix not in LIBRARIES:
+        raise InputError(f"--out {out}: allowed a file that ends in {SUFFIXES}")
     if given.compare is not None and out.suffix != ".html":
         raise InputError(f"--compare with {out.name}: allowed with a file that ends in .html")
     if out.suffix == ".html" and given.duration is not None:
         raise InputError(f"--duration with {out.name}: the player holds the whole episode")
     check_follow(given.follow)
     width, height = _size(given.size)
-    request = Request(
-        out=out,
-        played=requested_episode(given),
+    played = requested_episode(given)
+    shot = Shot(
         follow=given.follow,
-        start_s=_number("start", given.start, least=0.0),
-        duration_s=_number("duration", given.duration, above=0.0),
+        start_s=_number("start", given.start, zero=True),
+        duration_s=_number("duration", given.duration),
         width=width,
         height=height,
-        span_m=_number("span", given.span, above=0.0),
+        span_m=_number("span", given.span),
     )
-    _check_libraries(out.suffix)
-    check_output("--out", out)
-    return request
-
-
-def _check_libraries(suffix: str) -> None:
-    for module, library in LIBRARIES[suffix].items():
+    for module, library in LIBRARIES[out.suffix].items():
         if importlib.util.find_spec(module) is None:
             raise InputError(str(MissingLibrary(library)))
+    check_output("--out", out)
+    return Request(out, played, shot)
 
 
 def _size(text: str) -> tuple[int, int]:
-    from medjax.render.layout import check_size
-
     found = re.fullmatch("([0-9]{1,9})x([0-9]{1,9})", text)
     if found is None:
         raise InputError(f"--size {shown(text)}: allowed WIDTHxHEIGHT in px, as in 1280x480")
@@ -99,22 +106,12 @@ def _size(text: str) -> tuple[int, int]:
     return width, height
 
 
-def _number(
-    name: str, text: str | None, *, least: float | None = None, above: float | None = None
-) -> float | None:
+def _number(name: str, text: str | None, *, zero: bool = False) -> float | None:
+    """The number that an option gives, `zero` among what is allowed; None where it is not given."""
     if text is None:
         return None
-    allowed = f"from {least:g}" if least is not None else f"above {above:g}"
-    value = _float(text)
-    fits = value >= least if least is not None else value > (above or 0.0)
-    if not fits or value > MOST:
-        raise InputError(f"--{name} {shown(text)}: allowed a number {allowed} to {MOST:g}")
+    value = as_number(text)
+    if not 0.0 <= value <= MOST or (value == 0.0 and not zero):
+        allowed = f"{'from' if zero else 'above'} 0 to {MOST:g}"
+        raise InputError(f"--{name} {shown(text)}: allowed a number {allowed}")
     return value
-
-
-def _float(text: str) -> float:
-    """The number that a text is; nan if it is none, or in the digits of another script."""
-    try:
-        return float(text) if text.isascii() else math.nan
-    except ValueError:
-        return math.nan

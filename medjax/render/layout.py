@@ -9,6 +9,7 @@ from medjax.render.roadway import Roadway
 
 Box = tuple[float, float, float, float]  # px: left, top, right, bottom
 
+SIZE = (1280, 480)  # px, width and height, unless another one is asked for
 SMALLEST = (160, 120)  # px; below, not even the clock fits
 LARGEST = 8192  # px
 SPAN_M = (120.0, 400.0)  # of road that the camera shows, unless it is told
@@ -28,25 +29,23 @@ class Layout:
     @classmethod
     def of(cls, width: int, height: int, legend_rows: int, font: int) -> Layout:
         """Divides a picture; the legend gives way first."""
-        pad = round(0.5 * font)
-        line = round(1.7 * font)
+        pad, line = round(0.5 * font), round(1.7 * font)
         legend = line * legend_rows if height > line * (legend_rows + 6) else 0
         top = line + pad // 2
         left = height - top - legend
         strip = round(min(0.42 * left, max(0.3 * left, 4.0 * line), 6.0 * line))
-        inside = (pad, width - pad)
         return cls(
             font,
-            header=(inside[0], 0, inside[1], top),
-            strip=(inside[0], top, inside[1], top + strip),
+            header=(pad, 0, width - pad, top),
+            strip=(pad, top, width - pad, top + strip),
             camera=(0, top + strip, width, height - legend),
-            legend=(inside[0], height - legend, inside[1], height),
+            legend=(pad, height - legend, width - pad, height),
         )
 
 
 def check_size(width: int, height: int) -> None:
     """Raises InputError where no picture of that size can be drawn."""
-    for name, value, low in (("width", width, SMALLEST[0]), ("height", height, SMALLEST[1])):
+    for name, value, low in zip(("width", "height"), (width, height), SMALLEST, strict=True):
         if not low <= value <= LARGEST:
             raise InputError(f"{name} = {value}: allowed {low} to {LARGEST} px")
 
@@ -68,8 +67,7 @@ class View:
 
     def px(self, x_m: float) -> float:
         """Across the picture."""
-        left, _, right, _ = self.box
-        return left + (x_m - self.start_m) * (right - left) / self.span_m
+        return self.box[0] + (x_m - self.start_m) * (self.box[2] - self.box[0]) / self.span_m
 
     def py(self, y_m: float) -> float:
         """Down the picture."""

@@ -31,22 +31,17 @@ def charts_of(recording: Recording) -> list[Chart]:
     tally = decisions.tally
     received = np.asarray(tally.energy_received_j) / JOULES_PER_KWH
     lost = np.asarray(tally.energy_sent_j) / JOULES_PER_KWH - received
+    energy = np.stack([_so_far(received), _so_far(lost)])
     queue = np.concatenate([[0.0], np.asarray(decisions.queue).sum(axis=1)])
     charge = 100.0 * _mean(np.asarray(frames.ev_soc)[now], active[:, evs])
     speeds = [_mean(speed[:, slots], active[:, slots]) for slots in (evs, gas)]
     return [
         Chart("Mean charge of EVs", "%", 1, ("",), charge[None]),
-        Chart("EVs that ran out", "", 0, ("",), _so_far(np.asarray(tally.depleted))[None]),
+        Chart("EVs that ran out", "", 0, ("",), _so_far(tally.depleted)[None]),
         Chart("Mean speed", "m/s", 1, ("EVs", "gas"), np.stack(speeds)),
-        Chart(
-            "Energy through the coils",
-            "kWh",
-            2,
-            ("delivered", "lost"),
-            np.stack([_so_far(received), _so_far(lost)]),
-        ),
+        Chart("Energy through the coils", "kWh", 2, ("delivered", "lost"), energy),
         Chart("Vehicles waiting to enter", "", 0, ("",), queue[None]),
-        Chart("Return so far", "", 1, ("",), _so_far(np.asarray(decisions.reward))[None]),
+        Chart("Return so far", "", 1, ("",), _so_far(decisions.reward)[None]),
     ]
 
 
