@@ -5,8 +5,6 @@ acceleration lanes and `highway_1` the rightmost of the others, and measures sid
 of an edge of `num_lanes + 1` lanes that netconvert draws from (0, 0) to (length, 0).
 """
 
-from __future__ import annotations
-
 from typing import IO
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Trajectories in a file, whose ending says the format; it appears whole or not at all."""
 
-from __future__ import annotations
-
 import csv
 import importlib.util
 import io

@@ -1,7 +1,5 @@
 """The options of commands that play an episode: which one, with whom, and the recordings of it."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import sys

@@ -5,8 +5,6 @@ from `fold_in(stream, t)`. So all that is played of an episode is the same episo
 theirs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """One whole episode, every physics tick of it, as NumPy arrays: what pictures, players and exports are made of."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import partial
 from typing import Any

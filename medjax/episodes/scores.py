@@ -1,7 +1,5 @@
 """Policies side by side on whole episodes with paired randomness: what each of them scores."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """A recording as one table: a row for each vehicle on the road at each physics tick."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from medjax.episodes.recording import Recording

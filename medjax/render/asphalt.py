@@ -1,7 +1,5 @@
 """What does not move: lanes, acceleration lanes, the ramps that lead to them, and a ruler."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from medjax.render import colors

@@ -1,7 +1,5 @@
 """Where the camera looks: a vehicle, a place, or wherever most is going on."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

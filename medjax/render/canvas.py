@@ -1,7 +1,5 @@
 """A picture under construction: smooth shapes in pixels of the result, crisp text on top of them."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 from typing import Any

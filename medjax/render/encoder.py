@@ -1,7 +1,5 @@
 """Pictures into a video file, through the ffmpeg that imageio-ffmpeg brings along."""
 
-from __future__ import annotations
-
 import contextlib
 import subprocess
 import tempfile

@@ -1,7 +1,5 @@
 """One instant as an RGB array: the whole road as a strip, and a camera on a stretch of it."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np
@@ -11,15 +9,7 @@ from medjax.render import colors
 from medjax.render.asphalt import draw_asphalt, draw_ruler
 from medjax.render.camera import busiest_place
 from medjax.render.canvas import Canvas
-from medjax.render.layout import (
-    SIZE,
-    Layout,
-    View,
-    camera_view,
-    check_size,
-    font_size,
-    strip_view,
-)
+from medjax.render.layout import SIZE, Layout, View, check_size, font_size
 from medjax.render.legend import draw_header, draw_legend, legend_rows
 from medjax.render.roadway import Roadway
 from medjax.render.scene import Scene, scene_of_state
@@ -58,11 +48,11 @@ def draw(
     if span_m is not None and not span_m > 0.0:
         raise InputError(f"span_m = {span_m}: allowed (0, inf)")
     font = font_size(width, height)
-    layout = Layout.of(width, height, legend_rows(width - font, font), font)
-    camera = camera_view(layout.camera, road, center_m, span_m, font)
+    layout = Layout.of(width, height, len(legend_rows(width - font, font)), font)
+    camera = layout.camera_view(road, center_m, span_m)
     canvas = Canvas(width, height, colors.PAPER)
     draw_header(canvas, layout, scene)
-    _draw_strip(canvas, strip_view(layout.strip, road, font), scene, road, camera, font)
+    _draw_strip(canvas, layout.strip_view(road), scene, road, camera, font)
     draw_asphalt(canvas, camera, road, marked=True)
     draw_close(canvas, camera, scene, road, font)
     draw_ruler(canvas, camera, road, font)

@@ -1,7 +1,5 @@
 """What the colours and lines mean, and the line of counters."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 from medjax.render import colors
@@ -21,7 +19,7 @@ ENTRIES = {
 }
 
 
-def _rows(width: float, font: int) -> list[list[str]]:
+def legend_rows(width: float, font: int) -> list[list[str]]:
     """Entries that fit beside each other."""
     rows: list[list[str]] = [[]]
     used = 0.0
@@ -35,18 +33,13 @@ def _rows(width: float, font: int) -> list[list[str]]:
     return rows
 
 
-def legend_rows(width: float, font: int) -> int:
-    """Lines that the legend takes."""
-    return len(_rows(width, font))
-
-
 def draw_legend(canvas: Canvas, layout: Layout) -> None:
     """Draws all entries, in rows."""
     left, top, right, bottom = layout.legend
     if bottom <= top:
         return
     font = layout.font
-    rows = _rows(right - left, font)
+    rows = legend_rows(right - left, font)
     height = (bottom - top) / len(rows)
     for number, row in enumerate(rows):
         x, y = left, top + (number + 0.5) * height

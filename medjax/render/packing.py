@@ -5,8 +5,6 @@ are small; these are written byte plane by byte plane, so that the many zero byt
 `web/packing.js` undoes it.
 """
 
-from __future__ import annotations
-
 import base64
 import gzip
 

@@ -3,8 +3,6 @@
 The page is written in plain JavaScript under `web/`; this module puts the recordings into it.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from html import escape
@@ -21,7 +19,7 @@ from medjax.render.episode_data import pack_episode
 from medjax.render.scene import Timeline
 
 # In the order in which they build on each other.
-SCRIPTS = "packing theme episode road bodies charts vehicle dispatch clock player input".split()
+SCRIPTS = "packing theme episode road bodies charts vehicle dispatch clock player input"
 
 
 def write_player(
@@ -63,7 +61,7 @@ def player_page(
     policies = " and ".join(recording.policy for recording in recordings)
     title = f"{head.scenario}: {policies}, seed {head.seed}, episode {head.episode}"
     web = resources.files("medjax.render") / "web"
-    script = "\n".join((web / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS)
+    script = "\n".join((web / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS.split())
     blobs = "\n".join(
         f'<script type="text/plain" id="data-{number}">{text}</script>'
         for number, (_, text) in enumerate(packed)

@@ -1,7 +1,5 @@
 """One instant of the road as a picture needs it, from a recording or from a state."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 

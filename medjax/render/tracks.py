@@ -1,7 +1,5 @@
 """Vehicles through time: who was in which slot for how long, and where EVs ran out."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections import Counter
 

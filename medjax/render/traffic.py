@@ -1,7 +1,5 @@
 """Vehicles, their slots and the links between them: as marks from far, as bodies from close."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from medjax.render import colors

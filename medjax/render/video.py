@@ -5,8 +5,6 @@ gives 5 pictures, at which a GIF's clock of 1/100 s is exact as well. Between tw
 (`Timeline.at`).
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
@@ -25,6 +23,7 @@ from medjax.render.scene import Timeline
 SMOOTH_HZ = 20.0  # pictures a second, about
 EXCERPT_S = 20.0  # of a GIF, unless it is told: they are large
 FASTEST_M_PER_S = 100.0  # no vehicle drives so fast
+AS_FITS = Shot()
 PALETTE_PICTURES = 8  # that the 256 colours of a GIF are chosen from: all show the same few
 
 
@@ -42,7 +41,7 @@ def picture_times(timeline: Timeline, start_s: float, duration_s: float) -> np.n
     return (first + np.arange(ticks * pictures) / pictures) * tick_s
 
 
-def write_png(path: Path, recording: Recording, shot: Shot = Shot()) -> None:
+def write_png(path: Path, recording: Recording, shot: Shot = AS_FITS) -> None:
     """Writes one picture, of `shot.start_s`.
 
     Raises:
@@ -61,7 +60,7 @@ def write_png(path: Path, recording: Recording, shot: Shot = Shot()) -> None:
         Image.fromarray(picture).save(partial, "PNG", optimize=True)
 
 
-def write_video(path: Path, recording: Recording, shot: Shot = Shot()) -> None:
+def write_video(path: Path, recording: Recording, shot: Shot = AS_FITS) -> None:
     """Writes .mp4 (H.264) or .gif, as path ends; a bar shows how far it is, on a terminal.
 
     Raises:
@@ -96,8 +95,8 @@ def _pictures(timeline: Timeline, shot: Shot, times: Iterable[float]) -> Iterato
 
 
 def _picture(timeline: Timeline, shot: Shot, time: float, place: float) -> np.ndarray:
-    how = {"width": shot.width, "height": shot.height, "span_m": shot.span_m}
-    return draw(timeline.at(time), timeline.roadway, place, **how)
+    size = {"width": shot.width, "height": shot.height}
+    return draw(timeline.at(time), timeline.roadway, place, span_m=shot.span_m, **size)
 
 
 def _place(timeline: Timeline, path: np.ndarray, time: float) -> float:

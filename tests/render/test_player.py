@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from medjax.render.episode_data import charts_of
 from medjax.render.packing import MISSING, Packer
 from medjax.render.player import player_page, write_player
-from medjax.render.series import charts_of
 from medjax.render.tracks import tracks_of
 
 MEGABYTE = 1e6
