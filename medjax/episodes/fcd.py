@@ -47,11 +47,9 @@ def write_fcd(recording: Recording, file: IO[bytes]) -> None:
         -sideways,
     )
     vehicles = list(map(ROW.format, *(column.tolist() for column in columns)))
-    ends = np.searchsorted(table["time_s"].data, recording.time_s, side="right")
+    starts = np.searchsorted(table["time_s"].data, recording.time_s)
     file.write(HEAD.encode())
-    first = 0
-    for time, end in zip(recording.time_s, ends, strict=True):
-        block = "".join(vehicles[first:end])
+    for time, start, end in zip(recording.time_s, starts, [*starts[1:], None], strict=True):
+        block = "".join(vehicles[start:end])
         file.write(f'    <timestep time="{time:.3f}">\n{block}    </timestep>\n'.encode())
-        first = end
     file.write(b"</fcd-export>\n")

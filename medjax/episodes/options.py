@@ -108,8 +108,14 @@ def requested_episode(given: argparse.Namespace) -> EpisodeRequest:
             raise InputError(f"unknown {option} {shown(name)}: allowed {', '.join(known)}")
     if given.run_dir is None and compare == (given.policy or RULE):
         raise InputError(f"--compare {compare}: allowed another one than --policy")
+    run_dir = None if given.run_dir is None else as_path("--run-dir", given.run_dir)
+    if run_dir and not run_dir.is_dir():
+        raise InputError(f"--run-dir {run_dir}: is no directory; allowed one that train.ppo wrote")
+    if run_dir and not (run_dir / POLICY).is_file():
+        remedy = f"python -m train.export --run-dir {run_dir} writes it"
+        raise InputError(f"--run-dir {run_dir}: holds no {POLICY}; {remedy}")
     return EpisodeRequest(
-        run_dir=_run_dir(given.run_dir),
+        run_dir=run_dir,
         policy=given.policy or RULE,
         compare=compare,
         scenario=given.scenario or "paper",
@@ -117,16 +123,3 @@ def requested_episode(given: argparse.Namespace) -> EpisodeRequest:
         seed=whole_number("--seed", given.seed),
         episode=whole_number("--episode", given.episode),
     )
-
-
-def _run_dir(text: str | None) -> Path | None:
-    if text is None:
-        return None
-    path = as_path("--run-dir", text)
-    if not path.is_dir():
-        raise InputError(f"--run-dir {path}: is no directory; allowed one that train.ppo wrote")
-    if not (path / POLICY).is_file():
-        raise InputError(
-            f"--run-dir {path}: holds no {POLICY}; python -m train.export --run-dir {path} writes it"
-        )
-    return path

@@ -99,7 +99,7 @@ class Evaluation:
         params = self.params if params is None else params
         blocks = _progress(self._keys(seed), desc="episodes")
         parts = [jax.device_get(self._run(weights, keys, params)) for keys in blocks]
-        columns = jax.tree.map(lambda *blocks: np.concatenate(blocks, axis=1, dtype=float), *parts)
+        columns = jax.tree.map(lambda *each: np.concatenate(each, axis=1, dtype=np.float64), *parts)
         return {
             policy: {name: values[index, : self.episodes] for name, values in columns.items()}
             for index, policy in enumerate(self.names)

@@ -99,9 +99,8 @@ def find_track(timeline: Timeline, text: str) -> Track:
     check_follow(text)
     kind, number = vehicle_named(text) or ("", 0)
     same = [track for track in timeline.tracks if track.kind == kind]
-    for track in same:
-        if track.number == number:
-            return track
+    if 1 <= number <= len(same):
+        return same[number - 1]
     allowed = f"1 to {len(same)}" if same else f"none, for there is no {kind} in this episode"
     raise InputError(f"follow = {text}: allowed {kind} numbers: {allowed}")
 

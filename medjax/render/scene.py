@@ -1,7 +1,6 @@
 """One instant of the road as a picture needs it, from a recording or from a state."""
 
 import dataclasses
-import functools
 
 import jax
 import numpy as np
@@ -67,10 +66,7 @@ def _scene_of(frame: Frames, params: EnvParams, **told: object) -> Scene:
 
 
 def scene_of_state(state: EnvState, config: EnvConfig, params: EnvParams, title: str) -> Scene:
-    """What a state of one environment shows.
-
-    It knows how many EVs ran out, not where.
-    """
+    """What a state of one environment shows; it knows how many EVs ran out, not where."""
     return _scene_of(
         frame_of(state, params),
         params,
@@ -91,16 +87,12 @@ class Timeline:
         self.roadway = Roadway.of(recording.config, recording.params)
         self.tracks = tracks_of(recording)
         self.ran_out = ran_out(recording)
+        self._track_at = recording.vehicle_ids()  # index into `tracks`, (F, V); -1 for nobody
 
     @property
     def duration_s(self) -> float:
         """From the first frame to the last."""
         return (len(self.recording.frames.x) - 1) * self.recording.config.tick_s
-
-    @functools.cached_property
-    def _track_at(self) -> np.ndarray:
-        """Index into `tracks`, `(F, V)` int; -1 for nobody."""
-        return self.recording.vehicle_ids()
 
     def frame_at(self, time_s: float) -> int:
         """The last frame at or before a time, within the recording."""

@@ -23,8 +23,8 @@ from medjax.render.scene import Timeline
 SMOOTH_HZ = 20.0  # pictures a second, about
 EXCERPT_S = 20.0  # of a GIF, unless it is told: they are large
 FASTEST_M_PER_S = 100.0  # no vehicle drives so fast
-AS_FITS = Shot()
 PALETTE_PICTURES = 8  # that the 256 colours of a GIF are chosen from: all show the same few
+AS_FITS = Shot()
 
 
 def per_tick(tick_s: float) -> int:
