@@ -44,10 +44,7 @@ class TrainConfig(abc.ABC):
     )
     num_envs: int = option(256, "environment", "environments run side by side", limits=(1, 2**20))
     decide_every: int = option(
-        8,
-        "environment",
-        "decisions from one choice of the policy to the next",
-        limits=(1, 10**6),
+        8, "environment", "decisions from one choice of the policy to the next", limits=(1, 10**6)
     )
     stagger: bool = option(
         True, "environment", "spread the ends of the first episodes, so that not all end together"

@@ -174,8 +174,7 @@ def test_a_foreign_file_is_refused(exported, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("argv", "words"),
-    [(["--run-dir=absent"], ["absent", "not a directory"]), ([], ["--run-dir"])],
+    ("argv", "words"), [(["--run-dir=absent"], ["absent", "not a directory"]), ([], ["--run-dir"])]
 )
 def test_bad_options(argv, words, capsys):
     line = refused(capsys, argv, *words, command=export)

@@ -179,10 +179,7 @@ def parse_request(kind: type[TrainConfig], argv: Sequence[str] | None = None) ->
     except InputError as error:
         parser.error(str(error))
     return Request(
-        config,
-        run_dir=paths.get("--run-dir"),
-        resume=paths.get("--resume"),
-        processes=processes,
+        config, run_dir=paths.get("--run-dir"), resume=paths.get("--resume"), processes=processes
     )
 
 

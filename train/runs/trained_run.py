@@ -29,9 +29,7 @@ def trained_run_parser(prog: str, description: str) -> OneLineParser:
 
 
 def to_play(
-    config: TrainConfig,
-    scenario: str | None = None,
-    changes: Mapping[str, Override] | None = None,
+    config: TrainConfig, scenario: str | None = None, changes: Mapping[str, Override] | None = None
 ) -> TrainConfig:
     """Settings of a run, for playing it here, in the environment that is asked for.
 
