@@ -1,9 +1,10 @@
 """What the commands on a trained run share: their options, and the settings that they play it with."""
 
+import argparse
 import dataclasses
 from collections.abc import Mapping
 
-from medjax.commandline import OneLineParser
+from medjax.commandline import OneLineParser, whole_number
 from train.option import Override
 from train.settings import TrainConfig
 
@@ -26,6 +27,15 @@ def trained_run_parser(prog: str, description: str) -> OneLineParser:
         help="sample the trained policy's actions; else the most probable",
     )
     return parser
+
+
+def whole_numbers(given: argparse.Namespace) -> dict[str, int]:
+    """Those of `LIMITS` that a command has as options, checked."""
+    return {
+        name: whole_number(f"--{name}", getattr(given, name), *limits)
+        for name, limits in LIMITS.items()
+        if name in given
+    }
 
 
 def to_play(
