@@ -28,8 +28,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         config = run_dir.load_config()
         check_output("--out", target)
         # JAX takes seconds to import; bad options need not wait for it.
-        from train.runs.policies import load_weights
-        from train.runs.policy_file import export_policy
+        from train.runs.policies import export_policy, load_weights
 
         env, params, weights = load_weights(run_dir.path, config)
     except InputError as error:

@@ -24,7 +24,7 @@ from train.algorithms.networks import PolicyWeights, apply_policy, build_network
 from train.algorithms.normalization import init_stats
 from train.algorithms.policy import learned_policy
 from train.algorithms.ppo.settings import PPOConfig
-from train.runs.policy_file import export_policy
+from train.runs.policies import export_policy
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 

@@ -24,8 +24,8 @@ from train.settings import MOST_PER_CALL, TrainConfig
 class Programs:
     """The two programs of training, over all seeds at once."""
 
-    init: Callable[[jax.Array, Any], TrainState]  # (key, env_params)
-    run: Callable[[TrainState, Any, jax.Array], tuple[TrainState, Metrics]]  # see `run_updates`
+    init: Any  # jitted: (key, env_params) to the state
+    run: Any  # jitted: (state, env_params, num_updates) to the state and metrics, see `run_updates`
     shardings: Any  # of the state, a prefix of its tree
 
 

@@ -24,9 +24,8 @@ class Processes:
         InputError: numbers that do not go together.
     """
 
-    coordinator: str | None = (
-        None  # HOST:PORT of the first; AUTO: the scheduler knows; None: this one is alone
-    )
+    # HOST:PORT of the first; AUTO: the scheduler knows; None: this one is alone
+    coordinator: str | None = None
     number: int | None = None
     index: int | None = None
 
@@ -110,9 +109,8 @@ def build_parser(kind: type[TrainConfig]) -> OneLineParser:
     several.add_argument("--num-processes", metavar="N", help="how many there are")
     several.add_argument("--process-id", metavar="N", help="which of them this is, from 0")
     groups: dict[str, argparse._ArgumentGroup] = {}
-    for field in sorted(
-        dataclasses.fields(kind), key=lambda own: own.metadata["group"] == "network"
-    ):
+    fields = dataclasses.fields(kind)
+    for field in sorted(fields, key=lambda own: own.metadata["group"] == "network"):
         title = field.metadata["group"]
         group = groups.setdefault(title, parser.add_argument_group(title))
         _add_option(group, field)
@@ -130,11 +128,9 @@ def _add_option(group: argparse._ArgumentGroup, field: dataclasses.Field[Any]) -
     if meta["choices"]:
         text += f"; one of {', '.join(meta['choices'])}"
     if isinstance(default, bool):
-        word = "on" if default else "off"
+        text += f" (default: {'on' if default else 'off'})"
         action = argparse.BooleanOptionalAction
-        group.add_argument(
-            name, action=action, default=argparse.SUPPRESS, help=f"{text} (default: {word})"
-        )
+        group.add_argument(name, action=action, default=argparse.SUPPRESS, help=text)
         return
     shown_default = " ".join(map(str, default)) if isinstance(default, tuple) else default
     low, high = meta["low"], meta["high"]
@@ -150,37 +146,32 @@ def _add_option(group: argparse._ArgumentGroup, field: dataclasses.Field[Any]) -
 
 
 def parse_request(kind: type[TrainConfig], argv: Sequence[str] | None = None) -> Request:
-    """The request that `argv` makes, checked; bad input ends the command with exit code 2.
-
-    Args:
-        kind: of settings.
-        argv: arguments; None takes those of the process.
-    """
+    """The checked request of `argv` (None: that of the process); bad input ends the command with exit code 2."""
     parser = build_parser(kind)
     given = vars(parser.parse_args(argv))
-    run_dir, resume, file = given.pop("run_dir"), given.pop("resume"), given.pop("config")
+    files = {"--run-dir": "run_dir", "--resume": "resume", "--config": "config"}
+    texts = {option: given.pop(name) for option, name in files.items()}
     coordinator = given.pop("coordinator")
     numbers = [given.pop(name) for name in ("num_processes", "process_id")]
     try:
         processes = Processes(
             coordinator, *(text if text is None else _number(text, int) for text in numbers)
         )
-        for option, value in (("--run-dir", run_dir), ("--config", file)):
-            if value is not None and resume is not None:
-                raise InputError(
-                    f"{option} is {value} with --resume {resume}, allowed: one of the two"
-                )
-        given_paths = {"--run-dir": run_dir, "--resume": resume, "--config": file}
-        paths = {
-            name: as_path(name, text) for name, text in given_paths.items() if text is not None
-        }
-        saved = _saved(kind, paths.get("--resume"), paths.get("--config"))
-        config = _config(settings_from_text(kind, given), saved)
+        resume = texts["--resume"]
+        for option in ("--run-dir", "--config"):
+            if resume is not None and texts[option] is not None:
+                what = f"{option} is {texts[option]} with --resume {resume}"
+                raise InputError(f"{what}, allowed: one of the two")
+        run_dir, run, file = (
+            None if text is None else as_path(option, text) for option, text in texts.items()
+        )
+        before = to_json(_saved(kind, run, file))
+        changes = settings_from_text(kind, given)
+        changes["overrides"] = {**before["overrides"], **changes["overrides"]}
+        config = from_json({**before, **changes}, kind)
     except InputError as error:
         parser.error(str(error))
-    return Request(
-        config, run_dir=paths.get("--run-dir"), resume=paths.get("--resume"), processes=processes
-    )
+    return Request(config, run_dir, run, processes)
 
 
 def _saved(kind: type[TrainConfig], run: Path | None, file: Path | None) -> TrainConfig:
@@ -188,13 +179,6 @@ def _saved(kind: type[TrainConfig], run: Path | None, file: Path | None) -> Trai
     if run is not None:
         return RunDir(run).load_config(kind)
     return load_config(file, kind) if file is not None else kind()
-
-
-def _config(changes: dict[str, Any], saved: TrainConfig) -> TrainConfig:
-    """The settings: those saved, and what the command line changes."""
-    before = to_json(saved)
-    changes["overrides"] = {**before["overrides"], **changes["overrides"]}
-    return from_json({**before, **changes}, type(saved))
 
 
 def settings_from_text(kind: type[TrainConfig], given: dict[str, Any]) -> dict[str, Any]:
