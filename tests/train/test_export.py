@@ -20,9 +20,8 @@ from medjax.traffic.idm import IDM
 from medjax.wrappers import RandomDemand
 from tests.train.conftest import refused
 from train import export
-from train.algorithms.networks import PolicyWeights, apply_policy, build_network
+from train.algorithms.networks import PolicyWeights, apply_policy, build_network, learned_policy
 from train.algorithms.normalization import init_stats
-from train.algorithms.policy import learned_policy
 from train.algorithms.ppo.settings import PPOConfig
 from train.runs.policies import export_policy
 

@@ -18,6 +18,7 @@ from flax import struct
 from medjax.env.contract import Environment
 from medjax.env.observation import FlatObservation
 from medjax.errors import InputError, shown
+from medjax.policies.policy import Choice, Policy, every
 from medjax.world.params import EnvConfig
 from train.algorithms.normalization import RunningStats, normalize
 from train.settings import TrainConfig
@@ -169,16 +170,14 @@ def check_network(config: TrainConfig, layout: Any) -> None:
         InputError: no such network, or it does not fit the observation.
     """
     if config.network not in NETWORKS:
-        allowed = ", ".join(NETWORKS)
-        raise InputError(f"network is {shown(config.network)}, allowed: {allowed}")
+        raise InputError(f"network is {shown(config.network)}, allowed: {', '.join(NETWORKS)}")
     if config.network == "sets" and not isinstance(layout, FlatObservation):
-        raise InputError(
-            f"network is 'sets' and observation is {shown(config.observation)}, allowed: flat"
-        )
+        given = shown(config.observation)
+        raise InputError(f"network is 'sets' and observation is {given}, allowed: flat")
 
 
-def build_torso(env: Environment, config: TrainConfig) -> Callable[[], nn.Module]:
-    """All layers but the last, as `config.network` names them.
+def build_network(env: Environment, config: TrainConfig) -> nn.Module:
+    """The actor-critic that `config.network` names.
 
     Args:
         env: what the network acts in, read for the numbers of actions and vehicles.
@@ -188,12 +187,8 @@ def build_torso(env: Environment, config: TrainConfig) -> Callable[[], nn.Module
         InputError: no such network, or it does not fit the observation.
     """
     check_network(config, env.observation)
-    return NETWORKS[config.network](env, config)
-
-
-def build_network(env: Environment, config: TrainConfig) -> nn.Module:
-    """An actor-critic of `build_torso`."""
-    return ActorCritic(env.num_actions, build_torso(env, config), config.initial_wait)
+    make_torso = NETWORKS[config.network](env, config)
+    return ActorCritic(env.num_actions, make_torso, config.initial_wait)
 
 
 def masked_categorical(logits: jax.Array, mask: jax.Array) -> CategoricalLike:
@@ -237,3 +232,28 @@ def apply_value(network: nn.Module, weights: PolicyWeights, obs: jax.Array) -> j
     """Values `(...)` at raw observations `(..., num_features)`; the compiler drops the unused actor."""
     output: Any = network.apply(weights.params, normalize(weights.obs_stats, obs))
     return output[1]
+
+
+def learned_policy(
+    env: Environment,
+    network: nn.Module,
+    weights: PolicyWeights,
+    decide_every: int = 1,
+    stochastic: bool = False,
+) -> Policy:
+    """The most probable action of a network, or a sample.
+
+    Args:
+        env: a single environment.
+        network: an actor-critic.
+        weights: what it learned.
+        decide_every: decisions from one choice to the next, see `medjax.wrappers.DecideEvery`.
+        stochastic: sample.
+    """
+
+    def act(given: PolicyWeights, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
+        distribution, _ = apply_policy(network, given, obs, env.action_mask(state, params))
+        action = distribution.sample(seed=key) if stochastic else distribution.mode()
+        return Choice(action.astype(jnp.int32), distribution.probs)
+
+    return every(Policy(act, weights), decide_every)

@@ -77,7 +77,7 @@ def make_train(env: Environment, params: Any, config: TrainConfig) -> Programs:
         InputError: `config.num_devices` is not possible.
     """
     learner = algorithm_of(config).build_learner(env, params, config)
-    init: Callable[[jax.Array, Any], TrainState] = learner.init
+    init: Callable[..., TrainState] = learner.init
     run: Callable[..., tuple[TrainState, Metrics]] = partial(run_updates, learner)
     if config.num_seeds > 1:
         # One after the other: each runs as fast as alone, its environments in the cache, its matrices plain.

@@ -84,9 +84,7 @@ def episode_metrics(sums: EpisodeSums) -> dict[str, jax.Array]:
     *totals, count = jnp.sum(sums.total, axis=0)
     return {
         "episodes": count,
-        **{
-            f"episode_{name}": total / count for name, total in zip(sums.names, totals, strict=True)
-        },
+        **{f"episode_{name}": each / count for name, each in zip(sums.names, totals, strict=True)},
     }
 
 
@@ -95,19 +93,12 @@ Choose = Callable[[CategoricalLike, jax.Array], jax.Array]  # (rows,) policies a
 
 @dataclasses.dataclass(frozen=True)
 class Collector:
-    """Acts in a batch of environments, each on its own.
+    """Acts in a batch of environments, each on its own."""
 
-    Attributes:
-        env: batch whose steps report `info["episode"]` (`medjax.wrappers.EpisodeLog`).
-        network: of logits and values.
-        num_steps: of a rollout, per environment.
-        gamma: discount per step.
-    """
-
-    env: BatchEnvironment
-    network: nn.Module
-    num_steps: int
-    gamma: float
+    env: BatchEnvironment  # its steps report `info["episode"]` (`medjax.wrappers.EpisodeLog`)
+    network: nn.Module  # of logits and values
+    num_steps: int  # of a rollout, per environment
+    gamma: float  # discount per step
 
     def start(self, keys: jax.Array, env_params: Any) -> RolloutState:
         """Fresh episodes, one for each of the keys `(num_envs,)`."""

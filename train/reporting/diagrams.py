@@ -57,16 +57,7 @@ def plot_episode(
 
 
 def _segments(on_road: Any, x: Any, decision_s: float) -> tuple[Any, Any]:
-    """Ways of vehicles from decision to decision.
-
-    Args:
-        on_road: (T + 1, V) bool.
-        x: (T + 1, V) m; that of a vehicle that is gone is where it went.
-        decision_s: s.
-
-    Returns:
-        (lines (S, 2, 2): both ends as time and position; (T, V) bool: which ways they are)
-    """
+    """Ways of vehicles `(T + 1, V)`: lines `(S, 2, 2)` from time and position to those, and which ways, `(T, V)`."""
     # A slot that empties is filled again one frame later at the earliest, so who was there is the one who drove.
     there = on_road[:-1]
     time, slot = np.nonzero(there)
@@ -107,26 +98,11 @@ def _draw_marks(axes: Any, trace: Trace, road: RoadParams, decision_s: float) ->
     ran_out, slot = np.nonzero(gone & (frames.ev_soc[1:] <= 0.0))
     sent = np.nonzero(trace.sent)[0]
     style: dict[str, Any] = {"ls": "none", "zorder": 4, "clip_on": False}
-    axes.plot(
-        (ran_out + 1) * decision_s,
-        frames.ev_x[1 + ran_out, slot],
-        marker="x",
-        color=RAN_OUT,
-        ms=7,
-        mew=2,
-        label=f"EV runs out ({len(ran_out)})",
-        **style,
-    )
-    axes.plot(
-        sent * decision_s,
-        np.asarray(road.ramp_x_m)[trace.sent[sent] - 1],
-        marker="^",
-        color=SENT,
-        mec="white",
-        ms=10,
-        label=f"MED is sent ({len(sent)})",
-        **style,
-    )
+    there, ramp = frames.ev_x[1 + ran_out, slot], np.asarray(road.ramp_x_m)[trace.sent[sent] - 1]
+    cross = style | {"marker": "x", "color": RAN_OUT, "ms": 7, "mew": 2}
+    axes.plot((ran_out + 1) * decision_s, there, label=f"EV runs out ({len(ran_out)})", **cross)
+    arrow = style | {"marker": "^", "color": SENT, "ms": 10, "mec": "white"}
+    axes.plot(sent * decision_s, ramp, label=f"MED is sent ({len(sent)})", **arrow)
     return {"sent": len(sent), "depleted": len(ran_out)}
 
 
@@ -153,21 +129,18 @@ def plot_dispatch(
     edges = np.unique([*range(0, decisions, width), decisions])
     per_minute = 60.0 / decision_s / seen.episodes
     sent = {name: _in_bins(seen.sent[index] * per_minute, edges) for name, index in shown.items()}
-    need = {
-        name: _in_bins(seen.need[index] / seen.episodes, edges) for name, index in shown.items()
-    }
+    needs = seen.need / seen.episodes
+    need = {name: _in_bins(needs[index], edges) for name, index in shown.items()}
     figure = new_figure(13, 0.8 + 2.6 * len(shown))
     panels = figure.subplots(len(shown), 2, sharex=True, sharey=True, squeeze=False)
     ramps = np.arange(len(ramp_x_m) + 1) + 0.5
     most = max(1e-9, *(values.max() for values in sent.values()))
     extreme = max(1e-9, *(np.abs(values).max() for values in need.values()))
+    grid = edges * decision_s, ramps
+    limits = {"vmin": -extreme, "vmax": extreme}
     for row, name in zip(panels, shown, strict=True):
-        left = row[0].pcolormesh(
-            edges * decision_s, ramps, sent[name].T, cmap="Blues", vmin=0, vmax=most
-        )
-        right = row[1].pcolormesh(
-            edges * decision_s, ramps, need[name].T, cmap="PuOr_r", vmin=-extreme, vmax=extreme
-        )
+        left = row[0].pcolormesh(*grid, sent[name].T, cmap="Blues", vmin=0, vmax=most)
+        right = row[1].pcolormesh(*grid, need[name].T, cmap="PuOr_r", **limits)
         row[0].set_title(f"{name}: MEDs sent", fontsize="medium")
         row[1].set_title(f"{name}: need", fontsize="medium")
         labels = [f"ramp {n}\n{x:.0f} m" for n, x in enumerate(ramp_x_m, 1)]

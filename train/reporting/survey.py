@@ -59,17 +59,14 @@ def dispatch_rows(names: Sequence[str], seen: Survey) -> Table:
         seen: of all episodes.
     """
     ramps = [f"ramp {number}" for number in range(1, 1 + seen.sent.shape[-1])]
-    headings = ["policy", "MEDs sent", *ramps, "from the neediest ramp", "need there", "mean need"]
-    rows = [headings]
+    rows = [["policy", "MEDs sent", *ramps, "from the neediest ramp", "need there", "mean need"]]
     for index, name in enumerate(names):
         per_ramp = seen.sent[index].sum(axis=0) / seen.episodes
         count = seen.sent[index].sum()
         cells = [name, *(format(value, ".2f") for value in (per_ramp.sum(), *per_ramp))]
         if count:
-            cells += [
-                f"{seen.to_greatest[index] / count:.0%}",
-                short(seen.need_there[index] / count),
-            ]
+            need_there = short(seen.need_there[index] / count)
+            cells += [f"{seen.to_greatest[index] / count:.0%}", need_there]
         else:
             cells += ["-", "-"]
         rows.append([*cells, short(seen.need[index].mean() / seen.episodes) if ramps else "-"])
