@@ -166,10 +166,9 @@ def from_json(data: Any, *kinds: type[Config]) -> Config:
     given = values.pop("algorithm", kinds[0].algorithm)
     if not isinstance(given, str) or given not in by_name:
         raise InputError(f"algorithm is {shown(given)}, allowed: {', '.join(by_name)}")
-    known = {field.name for field in dataclasses.fields(by_name[given])}
-    for name in values:
-        if name not in known:
-            raise InputError(f"{shown(name)} is not a setting of this version")
+    known = [field.name for field in dataclasses.fields(by_name[given])]
+    if foreign := [name for name in values if name not in known]:
+        raise InputError(f"{shown(foreign[0])} is not a setting of this version")
     return by_name[given](**values)
 
 
@@ -196,13 +195,10 @@ def load_config(path: Path, *kinds: type[Config]) -> Config:
     is_yaml = path.suffix in (".yaml", ".yml")
     try:
         data = read_yaml(content.decode()) if is_yaml else read_json(content.decode())
+        return from_json(data.get("config", data) if isinstance(data, dict) else data, *kinds)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path} is not a text file") from None
     except (ValueError, RecursionError):
         raise InputError(f"{path} is not a {'YAML' if is_yaml else 'JSON'} file") from None
-    try:
-        return from_json(data.get("config", data) if isinstance(data, dict) else data, *kinds)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None

@@ -7,7 +7,7 @@ both float32 whatever it computes in. `NETWORKS` names the builders; adding an e
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import distrax
 import flax.linen as nn
@@ -32,26 +32,6 @@ ACTIVATIONS: dict[str, Callable[[jax.Array], jax.Array]] = {
     "silu": nn.silu,
 }
 DTYPES = {"float32": jnp.float32, "bfloat16": jnp.bfloat16}
-
-
-class CategoricalLike(Protocol):
-    """The part of a categorical distribution that learners use."""
-
-    @property
-    def probs(self) -> jax.Array:
-        """`(..., categories)`."""
-
-    def log_prob(self, value: jax.Array) -> jax.Array:
-        """`(...)`."""
-
-    def entropy(self) -> jax.Array:
-        """`(...)`."""
-
-    def mode(self) -> jax.Array:
-        """`(...)`."""
-
-    def sample(self, *, seed: jax.Array) -> jax.Array:
-        """`(...)`."""
 
 
 @struct.dataclass
@@ -191,7 +171,7 @@ def build_network(env: Environment, config: TrainConfig) -> nn.Module:
     return ActorCritic(env.num_actions, make_torso, config.initial_wait)
 
 
-def masked_categorical(logits: jax.Array, mask: jax.Array) -> CategoricalLike:
+def masked_categorical(logits: jax.Array, mask: jax.Array) -> distrax.Categorical:
     """Distribution over the allowed actions.
 
     Args:
@@ -204,14 +184,14 @@ def masked_categorical(logits: jax.Array, mask: jax.Array) -> CategoricalLike:
     return distrax.Categorical(logits=jnp.where(mask, logits, MASKED_LOGIT), dtype=jnp.int32)
 
 
-def sample_each(policy: CategoricalLike, keys: jax.Array) -> jax.Array:
+def sample_each(policy: distrax.Categorical, keys: jax.Array) -> jax.Array:
     """A sample of each of the distributions `(rows,)`, by a key of its own `(rows,)`."""
     return jax.vmap(lambda own, key: own.sample(seed=key))(policy, keys)
 
 
 def apply_policy(
     network: nn.Module, weights: PolicyWeights, obs: jax.Array, mask: jax.Array
-) -> tuple[CategoricalLike, jax.Array]:
+) -> tuple[distrax.Categorical, jax.Array]:
     """Policy and value at raw observations.
 
     Args:

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
+import distrax
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
@@ -12,13 +13,7 @@ from jax import lax
 
 from medjax.env.contract import BatchEnvironment
 from medjax.numerics.rows import for_true_rows
-from train.algorithms.networks import (
-    CategoricalLike,
-    PolicyWeights,
-    apply_policy,
-    apply_value,
-    sample_each,
-)
+from train.algorithms.networks import PolicyWeights, apply_policy, apply_value, sample_each
 
 
 @struct.dataclass
@@ -88,7 +83,9 @@ def episode_metrics(sums: EpisodeSums) -> dict[str, jax.Array]:
     }
 
 
-Choose = Callable[[CategoricalLike, jax.Array], jax.Array]  # (rows,) policies and keys to actions
+Choose = Callable[
+    [distrax.Categorical, jax.Array], jax.Array
+]  # (rows,) policies and keys to actions
 
 
 @dataclasses.dataclass(frozen=True)

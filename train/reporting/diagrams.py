@@ -46,11 +46,8 @@ def plot_episode(
     ramps.set_yticks(places, [f"ramp {number}" for number in range(1, 1 + len(places))])
     for place in places:
         axes.axhline(place, color="black", lw=0.6, ls=":")
-    axes.set_xlim(0, len(trace.sent) * decision_s)
-    axes.set_ylim(0, float(road.length_m))
-    axes.set_xlabel("time (s)")
-    axes.set_ylabel("position along the road (m)")
-    axes.set_title(title)
+    axes.set(xlim=(0, len(trace.sent) * decision_s), ylim=(0, float(road.length_m)), title=title)
+    axes.set(xlabel="time (s)", ylabel="position along the road (m)")
     figure.legend(loc="outside lower center", ncols=5, frameon=False)
     save(figure, path)
     return marked
