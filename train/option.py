@@ -21,7 +21,6 @@ def option(
     *,
     flags: tuple[str, ...] = (),
     choices: tuple[str, ...] = (),
-    metavar: str | None = None,
     limits: tuple[float | None, float | None] = (None, None),
 ) -> Any:
     """A dataclass field with what the command line and the checks need to know about it.
@@ -32,10 +31,9 @@ def option(
         text: help, with the unit.
         flags: further names of the option.
         choices: allowed values.
-        metavar: placeholder in --help.
         limits: smallest and largest allowed value.
     """
-    said = {"group": group, "help": text, "flags": flags, "choices": choices, "metavar": metavar}
+    said = {"group": group, "help": text, "flags": flags, "choices": choices}
     low, high = limits
     return dataclasses.field(default=default, metadata={**said, "low": low, "high": high})
 

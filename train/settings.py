@@ -28,18 +28,15 @@ class TrainConfig(abc.ABC):
 
     algorithm: ClassVar[str]  # its name, and that of the policy that it learns
 
-    scenario: str = option("paper", "environment", "preset to train on", metavar="NAME")
+    scenario: str = option("paper", "environment", "preset to train on")
     overrides: Mapping[str, Override] = option(
         None, "environment", "set a number of the environment, e.g. --set cooldown_s=30; repeatable"
     )
-    observation: str = option(
-        "profile", "environment", "what the policy sees: profile or flat", metavar="NAME"
-    )
+    observation: str = option("profile", "environment", "what the policy sees: profile or flat")
     demand_range: tuple[float, ...] = option(
         (1.0, 1.0),
         "environment",
         "in training, each episode has the demand of the preset times a factor, drawn between these two",
-        metavar="X",
         limits=(0, 4),  # four lanes do not carry more
     )
     num_envs: int = option(256, "environment", "environments run side by side", limits=(1, 2**20))
@@ -72,23 +69,15 @@ class TrainConfig(abc.ABC):
     )
 
     network: str = option(
-        "mlp",
-        "network",
-        "architecture: mlp, or sets (of MEDs and EVs) with --observation flat",
-        metavar="NAME",
+        "mlp", "network", "architecture: mlp, or sets (of MEDs and EVs) with --observation flat"
     )
     hidden: tuple[int, ...] = option(
-        (128, 128),
-        "network",
-        "widths of the hidden layers of actor and critic",
-        metavar="N",
-        limits=(1, 2**16),
+        (128, 128), "network", "widths of the hidden layers of actor and critic", limits=(1, 2**16)
     )
     encoder: tuple[int, ...] = option(
         (64, 64),
         "network",
         "widths of the layers of sets that every vehicle goes through",
-        metavar="N",
         limits=(1, 2**16),
     )
     activation: str = option("silu", "network", "between layers", choices=("tanh", "relu", "silu"))

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import distrax
@@ -123,15 +124,10 @@ class Collector:
             The new state, the trajectory, the values `(num_envs,)` of the observations after it, sums over ended
             episodes.
         """
-
-        def decide(
-            carry: RolloutState, step_keys: jax.Array
-        ) -> tuple[RolloutState, tuple[Trajectory, EpisodeSums]]:
-            return self._step(weights, carry, step_keys, env_params, choose)
-
         # (num_steps, num_envs, 2)
         split = jax.vmap(lambda key: jax.random.split(key, (self.num_steps, 2)), out_axes=1)
-        state, (trajectory, sums) = lax.scan(decide, state, split(keys))
+        step = partial(self._step, weights, env_params, choose)
+        state, (trajectory, sums) = lax.scan(step, state, split(keys))
         trajectory = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), trajectory)
         last_value = apply_value(self.network, weights, state.obs)
         return state, trajectory, last_value, jax.tree.map(lambda x: jnp.sum(x, axis=0), sums)
@@ -139,10 +135,10 @@ class Collector:
     def _step(
         self,
         weights: PolicyWeights,
-        state: RolloutState,
-        keys: jax.Array,
         env_params: Any,
         choose: Choose,
+        state: RolloutState,
+        keys: jax.Array,
     ) -> tuple[RolloutState, tuple[Trajectory, EpisodeSums]]:
         """One step in every environment, by keys `(num_envs, 2)`; arrays are `(num_envs, ...)`."""
         act_keys, env_keys = keys[:, 0], keys[:, 1]

@@ -58,10 +58,7 @@ def format_rows(table: Table) -> str:
     """A table as text: the first column to the left, numbers to the right, a line under the headings."""
     widths = [max(len(row[column]) for row in table) for column in range(len(table[0]))]
     lines = [
-        "  ".join(
-            cell.ljust(width) if column == 0 else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
+        "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]).rstrip()
         for row in table
     ]
     lines.insert(1, "-" * max(map(len, lines)))
@@ -70,16 +67,17 @@ def format_rows(table: Table) -> str:
 
 def comparison_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
     """Return and metrics of every policy, best return first; metrics that one of them lacks are left out."""
-    shown = [
-        heading
-        for heading, (metric, _) in COLUMNS.items()
-        if all(metric in entry for entry in result["policies"].values())
-    ]
+    entries = result["policies"].values()
+    shown = {
+        heading: (metric, form)
+        for heading, (metric, form) in COLUMNS.items()
+        if all(metric in entry for entry in entries)
+    }
     rows = [["policy", "return", "95 % CI", *shown, f"{learned[0]} minus it, 95 % CI"]]
     differences = result.get("paired_return_difference", {})
     for name, entry in best_first(result):
         cells = [name, short(entry["return_mean"]), interval(entry["return_ci95"])]
-        cells += [format(entry[COLUMNS[heading][0]], COLUMNS[heading][1]) for heading in shown]
+        cells += [format(entry[metric], form) for metric, form in shown.values()]
         rows.append([*cells, _gain(differences[name]) if name in differences else ""])
     return rows
 

@@ -12,7 +12,7 @@ import numpy as np
 from medjax.world.params import RoadParams
 from train.reporting.figures import new_figure, save
 from train.reporting.survey import Survey
-from train.reporting.traces import Trace
+from train.reporting.traces import Frame, Trace
 
 MED, CHARGING, SENT, RAN_OUT = "#AAAAAA", "#E69F00", "#0072B2", "#D55E00"  # see COLOURS
 TIME_BINS = 30  # of the maps
@@ -37,8 +37,7 @@ def plot_episode(
     """
     figure = new_figure(12, 7.5)
     axes = figure.add_subplot()
-    _draw_meds(axes, trace, decision_s)
-    lines = _draw_evs(axes, trace, decision_s)
+    lines = _draw_vehicles(axes, trace.frames, decision_s)
     marked = _draw_marks(axes, trace, road, decision_s)
     figure.colorbar(lines, ax=axes, label="state of charge of an EV", pad=0.01)
     ramps = axes.secondary_yaxis("right")
@@ -63,23 +62,15 @@ def _segments(on_road: Any, x: Any, decision_s: float) -> tuple[Any, Any]:
     return np.stack([starts, ends], axis=1), there
 
 
-def _draw_meds(axes: Any, trace: Trace, decision_s: float) -> None:
-    """MEDs as broad lines under the EVs that they charge."""
+def _draw_vehicles(axes: Any, frames: Frame, decision_s: float) -> Any:
+    """MEDs as broad lines; over them EVs as thin lines in the colour of their charge, which are returned."""
     from matplotlib.collections import LineCollection
 
-    frames = trace.frames
     lines, there = _segments(frames.med_on_road, frames.med_x, decision_s)
     charges = (frames.med_charges[:-1] > 0)[there]
     axes.add_collection(LineCollection(lines, colors=MED, lw=4, label="MED", zorder=1))
     style: dict[str, Any] = {"colors": CHARGING, "lw": 6, "zorder": 2}
     axes.add_collection(LineCollection(lines[charges], label="MED that charges EVs", **style))
-
-
-def _draw_evs(axes: Any, trace: Trace, decision_s: float) -> Any:
-    """EVs as thin lines in the colour of their charge, which are returned."""
-    from matplotlib.collections import LineCollection
-
-    frames = trace.frames
     lines, there = _segments(frames.ev_on_road, frames.ev_x, decision_s)
     drawn = LineCollection(lines, cmap="viridis", lw=1.2, label="EV", zorder=3)
     drawn.set_array(frames.ev_soc[:-1][there])

@@ -5,6 +5,7 @@ import dataclasses
 import math
 import re
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -66,13 +67,9 @@ class Request:
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
     """Defaults are shown where they say something."""
 
-    def __init__(self, prog: str) -> None:
-        super().__init__(prog, max_help_position=32, width=100)
-
     def _get_help_string(self, action: argparse.Action) -> str | None:
-        if action.default is None or action.default is argparse.SUPPRESS:
-            return action.help
-        return super()._get_help_string(action)
+        says = action.default not in (None, argparse.SUPPRESS)
+        return super()._get_help_string(action) if says else action.help
 
 
 def build_parser(kind: type[TrainConfig]) -> OneLineParser:
@@ -82,7 +79,7 @@ def build_parser(kind: type[TrainConfig]) -> OneLineParser:
         prog=f"python -m {command}",
         description=f"Trains a dispatcher with {learner}, then evaluates it beside those that are not learned.",
         epilog=f"Example: python -m {command} --num-envs 1024 --set cooldown_s=30 --run-dir runs/slow",
-        formatter_class=_Help,
+        formatter_class=partial(_Help, max_help_position=32, width=100),
     )
     files = parser.add_argument_group("files")
     files.add_argument(
@@ -132,16 +129,17 @@ def _add_option(group: argparse._ArgumentGroup, field: dataclasses.Field[Any]) -
         action = argparse.BooleanOptionalAction
         group.add_argument(name, action=action, default=argparse.SUPPRESS, help=text)
         return
-    shown_default = " ".join(map(str, default)) if isinstance(default, tuple) else default
+    values = default if isinstance(default, tuple) else (default,)
+    names = {float: "X", str: "N" if meta["choices"] else "NAME"}
     low, high = meta["low"], meta["high"]
     allowed = "" if low is None else f"{low:.10g} to {high:.10g}; "
     group.add_argument(
         name,
         *meta["flags"],
         default=argparse.SUPPRESS,
-        metavar=meta["metavar"] or ("X" if isinstance(default, float) else "N"),
+        metavar=names.get(type(values[0]), "N"),
         nargs="+" if isinstance(default, tuple) else None,
-        help=f"{text} ({allowed}default: {shown_default})",
+        help=f"{text} ({allowed}default: {' '.join(map(str, values))})",
     )
 
 

@@ -85,16 +85,7 @@ def all_policies(
 def load_policies(
     run_dir: Path, config: TrainConfig, stochastic: bool
 ) -> tuple[Any, Any, dict[str, Policy]]:
-    """A single environment, its parameters, and the trained and all other policies by name.
-
-    Args:
-        run_dir: directory of the run.
-        config: its settings, or others of the same network.
-        stochastic: sample the trained policy's actions.
-
-    Raises:
-        InputError: as `load_weights`.
-    """
+    """A single environment, its parameters, and `all_policies`; arguments and errors are those of `load_weights`."""
     env, params, weights = load_weights(run_dir, config)
     return env, params, all_policies(env, config, weights, stochastic)
 

@@ -59,13 +59,14 @@ class Session:
         except KeyboardInterrupt:
             return leave(_interrupted(signal.SIGINT, f"at once; {self._newest()}"))
         except OSError as error:
-            what = f"cannot write {self.run_dir.path}: {error.strerror or error}"
-            return leave(_stopped(f"{what}: stopped; {self._newest()}"))
+            return leave(
+                self._stopped(f"cannot write {self.run_dir.path}: {error.strerror or error}")
+            )
         except jax.errors.JaxRuntimeError as error:
             if jax.process_count() == 1:
                 raise
-            what = f"another process ended ({str(error).partition(chr(10))[0][:100]})"
-            return leave(_stopped(f"{what}: stopped; {self._newest()}"))
+            reason = str(error).partition("\n")[0][:100]
+            return leave(self._stopped(f"another process ended ({reason})"))
         finally:
             if self.lock is not None:
                 self.lock.close()
@@ -93,7 +94,7 @@ class Session:
             if log:
                 log.close()
         if bad:
-            return _stopped(f"{bad}: stopped; {self._newest()}")
+            return self._stopped(bad)
         return self._close(state, rows, interrupt.number)
 
     def _close(self, state: TrainState, rows: list[Row], stopped_by: int | None) -> int:
@@ -239,10 +240,9 @@ class Session:
             return f"the newest checkpoint is of update {update}"
         return "there is no checkpoint"
 
-
-def _stopped(what: str) -> int:
-    print(what, file=sys.stderr)
-    return 1
+    def _stopped(self, what: str) -> int:
+        print(f"{what}: stopped; {self._newest()}", file=sys.stderr)
+        return 1
 
 
 def _interrupted(number: int, what: str) -> int:

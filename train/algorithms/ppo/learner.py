@@ -62,14 +62,9 @@ class PPOLearner:
         keys = jax.random.split(reset_key, self.config.num_envs)
         rollout = on_devices(self.mesh, self.collector.start)(keys, env_params)
         params = self.collector.network.init(network_key, rollout.obs[:1])
-        return PPOState(
-            weights=PolicyWeights(params, init_stats(rollout.obs.shape[1:])),
-            opt_state=self.optimizer.init(params),
-            rollout=rollout,
-            return_stats=init_stats(),
-            key=key,
-            update=jnp.int32(0),
-        )
+        weights = PolicyWeights(params, init_stats(rollout.obs.shape[1:]))
+        opt_state, return_stats = self.optimizer.init(params), init_stats()
+        return PPOState(weights, rollout, key, jnp.int32(0), opt_state, return_stats)
 
     def update(self, state: PPOState, env_params: Any) -> tuple[PPOState, Metrics]:
         """A rollout, and the epochs of gradient steps on it.
@@ -112,15 +107,8 @@ class PPOLearner:
                 optimizer_state=opt_state,
             ),
         }
-        next_state = PPOState(
-            weights=PolicyWeights(params, obs_stats),
-            opt_state=opt_state,
-            rollout=rollout,
-            return_stats=return_stats,
-            key=key,
-            update=state.update + 1,
-        )
-        return next_state, metrics
+        weights, done = PolicyWeights(params, obs_stats), state.update + 1
+        return PPOState(weights, rollout, key, done, opt_state, return_stats), metrics
 
     def _collect(
         self, rows: tuple[RolloutState, jax.Array], same: tuple[PolicyWeights, Any]
