@@ -39,11 +39,7 @@ def option(
 
 
 def checked(field: dataclasses.Field[Any], value: Any) -> Any:
-    """The value of a setting, as Python's own type.
-
-    Raises:
-        InputError: of another type, or out of its range.
-    """
+    """The value of a setting, as Python's own type; InputError if it is of another, or out of its range."""
     if field.name == "overrides":
         return _read_overrides(value)
     if not isinstance(field.default, tuple):

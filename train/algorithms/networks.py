@@ -26,11 +26,7 @@ from train.settings import TrainConfig
 TYPICAL_NUMBER = 8.0  # of vehicles of a set
 MASKED_LOGIT = -1e9  # finite, so that log-probabilities and gradients are; exp() of it is exactly 0
 
-ACTIVATIONS: dict[str, Callable[[jax.Array], jax.Array]] = {
-    "tanh": nn.tanh,
-    "relu": nn.relu,
-    "silu": nn.silu,
-}
+ACTIVATIONS = {"tanh": nn.tanh, "relu": nn.relu, "silu": nn.silu}
 DTYPES = {"float32": jnp.float32, "bfloat16": jnp.bfloat16}
 
 
@@ -133,22 +129,11 @@ def sets(env: Environment, config: TrainConfig) -> Callable[[], nn.Module]:
     return partial(SetTorso, env.observation, env.config, *layers)
 
 
-NETWORKS: dict[str, Callable[[Environment, TrainConfig], Callable[[], nn.Module]]] = {
-    "mlp": mlp,
-    "sets": sets,
-}
+NETWORKS = {"mlp": mlp, "sets": sets}
 
 
 def check_network(config: TrainConfig, layout: Any) -> None:
-    """Checks that there is a network as `config` wants it; needs no environment.
-
-    Args:
-        config: settings.
-        layout: observation of the environment, `medjax.env.observation.OBSERVATIONS` has those with a name.
-
-    Raises:
-        InputError: no such network, or it does not fit the observation.
-    """
+    """Refuses (InputError) a network that there is not, or that does not fit the observation `layout`."""
     if config.network not in NETWORKS:
         raise InputError(f"network is {shown(config.network)}, allowed: {', '.join(NETWORKS)}")
     if config.network == "sets" and not isinstance(layout, FlatObservation):

@@ -106,10 +106,7 @@ def _returns(row: Row) -> list[float | None]:
 def plot_comparison(path: Path, scores: Mapping[str, Mapping[str, np.ndarray]], seed: int) -> None:
     """Draws Figure 8: a panel a metric, a bar a policy, with the 95 % intervals of the means and the paper's claims.
 
-    Args:
-        path: file to write.
-        scores: of `medjax.episodes.scores.evaluate_policies`.
-        seed: of the bootstrap.
+    The scores are of `medjax.episodes.scores.evaluate_policies`, the seed of the bootstrap.
     """
     names = sorted(scores, key=lambda name: scores[name]["return"].mean())  # the best on top
     figure = new_figure(11, 2 + 0.45 * len(names))

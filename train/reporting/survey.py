@@ -52,12 +52,7 @@ def total(surveys: Sequence[Survey]) -> Survey:
 
 
 def dispatch_rows(names: Sequence[str], seen: Survey) -> Table:
-    """From which ramps every policy sends MEDs, and what need there is where it does.
-
-    Args:
-        names: of the policies, in the order of `seen`.
-        seen: of all episodes.
-    """
+    """From which ramps every policy, in the order of `seen`, sends MEDs, and what need there is where it does."""
     ramps = [f"ramp {number}" for number in range(1, 1 + seen.sent.shape[-1])]
     rows = [["policy", "MEDs sent", *ramps, "from the neediest ramp", "need there", "mean need"]]
     for index, name in enumerate(names):
@@ -74,13 +69,7 @@ def dispatch_rows(names: Sequence[str], seen: Survey) -> Table:
 
 
 def _histogram(bins: np.ndarray, counted: np.ndarray, kept: int) -> np.ndarray:
-    """Counts `(..., SOC_BINS)`.
-
-    Args:
-        bins: (episodes, P, T, E).
-        counted: the same shape, bool.
-        kept: axes of the result before the bins: 1 for P, 2 for P and T.
-    """
+    """Counts of bins `(episodes, P, T, E)`, `(P, SOC_BINS)` if one axis is kept, `(P, T, SOC_BINS)` if two are."""
     shape = bins.shape[1 : 1 + kept]
     cell = np.arange(np.prod(shape)).reshape(1, *shape, *(1,) * (3 - kept))
     flat = (cell * SOC_BINS + bins)[counted]

@@ -99,14 +99,8 @@ def _recorder(
             after, made = player.decide(episodes, number, weights, params)
             happened = made.info["tally"]
             sent = jnp.where(happened.meds_dispatched > 0.0, made.action, 0)
-            traced = (
-                look(after.state),
-                sent,
-                jax.vmap(need_at)(episodes.state),
-                made.reward,
-                happened.depleted,
-            )
-            return after, traced
+            seen, need = look(after.state), jax.vmap(need_at)(episodes.state)
+            return after, (seen, sent, need, made.reward, happened.depleted)
 
         first = player.start(keys, params)
         _, (frames, *decided) = lax.scan(decide, first, jnp.arange(steps, dtype=jnp.int32))

@@ -19,11 +19,7 @@ AUTO = "auto"
 
 @dataclasses.dataclass(frozen=True)
 class Processes:
-    """The processes that train together.
-
-    Raises:
-        InputError: numbers that do not go together.
-    """
+    """The processes that train together; InputError for numbers that do not go together."""
 
     # HOST:PORT of the first; AUTO: the scheduler knows; None: this one is alone
     coordinator: str | None = None

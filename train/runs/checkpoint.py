@@ -39,11 +39,7 @@ class Checkpoints:
         self.keep = keep
 
     def save(self, state: TrainState, config: TrainConfig) -> None:
-        """Writes `state` under its number of updates; one that is already there is left alone.
-
-        Args:
-            state: arrays of NumPy (`to_host`).
-            config: settings that it was trained with.
+        """Writes a state `to_host` under its number of updates; one that is already there is left alone.
 
         Raises:
             OSError: it could not be written; those before it are as they were.

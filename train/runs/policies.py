@@ -75,10 +75,8 @@ def all_policies(
         stochastic: sample the trained policy's actions.
     """
     learn = algorithm_of(config)
-    learned = {
-        name: learn.policy(env, config, own, stochastic)
-        for name, own in weights_by_name(config, weights).items()
-    }
+    by_name = weights_by_name(config, weights).items()
+    learned = {name: learn.policy(env, config, own, stochastic) for name, own in by_name}
     return learned | {name: build(env) for name, build in BASELINES.items()}
 
 

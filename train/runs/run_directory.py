@@ -129,11 +129,7 @@ def new_run_dir(scenario: str, root: Path = Path("runs")) -> Path:
 
 
 def check_unused(path: Path) -> None:
-    """Refuses a directory that holds anything.
-
-    Raises:
-        InputError: it is in use, is not a directory, or could not be made.
-    """
+    """Refuses (InputError) a directory that holds anything, is none, or could not be made."""
     allowed = "allowed: a new or empty directory"
     with _writing(path):
         if path.exists() and not path.is_dir():
@@ -146,11 +142,7 @@ def check_unused(path: Path) -> None:
 
 
 def check_matplotlib() -> None:
-    """Refuses to draw where matplotlib is missing, before the work for it is done.
-
-    Raises:
-        InputError: it is not installed.
-    """
+    """Refuses to draw (InputError) where matplotlib is not installed, before the work for it is done."""
     if importlib.util.find_spec("matplotlib") is None:
         raise InputError("matplotlib is not installed, allowed: pip install 'medjax[train]'")
 

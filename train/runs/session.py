@@ -59,9 +59,8 @@ class Session:
         except KeyboardInterrupt:
             return leave(_interrupted(signal.SIGINT, f"at once; {self._newest()}"))
         except OSError as error:
-            return leave(
-                self._stopped(f"cannot write {self.run_dir.path}: {error.strerror or error}")
-            )
+            reason = error.strerror or error
+            return leave(self._stopped(f"cannot write {self.run_dir.path}: {reason}"))
         except jax.errors.JaxRuntimeError as error:
             if jax.process_count() == 1:
                 raise
