@@ -10,9 +10,8 @@ from medjax.episodes.scores import evaluate_policies
 from medjax.policies.policy import Choice, Policy, rule
 from tests.train.conftest import coin, never
 from tests.train.probe_envs import Probe, ProbeParams
-from train.algorithms.networks import PolicyWeights, apply_policy, build_network
+from train.algorithms.networks import PolicyWeights, apply_policy, build_network, learned_policy
 from train.algorithms.normalization import init_stats
-from train.algorithms.policy import learned_policy
 from train.algorithms.ppo.settings import PPOConfig
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
