@@ -10,13 +10,7 @@ import argparse
 import dataclasses
 from typing import Any
 
-from benchmarks.command import (
-    add_scenario,
-    benchmark_parser,
-    positive,
-    run_command,
-    whole_number,
-)
+from benchmarks.command import add_scenario, benchmark_parser, positive, run_command, whole_number
 from benchmarks.speed.stages import stage_times
 from benchmarks.speed.workload import ENVS, VEHICLES, Measurement, Workload, measure, road_for
 from medjax.commandline import OneLineParser

@@ -77,11 +77,7 @@ def _with_own_eyes(env: medjax.ChargingEnv, policy: Policy) -> Policy:
 
 
 def play(
-    scenario: str,
-    factors: Sequence[float],
-    runs: Mapping[str, Policy],
-    episodes: int,
-    seed: int,
+    scenario: str, factors: Sequence[float], runs: Mapping[str, Policy], episodes: int, seed: int
 ) -> list[dict[str, Scores]]:
     """The same episodes with all policies at each demand, in one compiled program.
 

@@ -99,9 +99,7 @@ def driving(
     auxiliary = body.auxiliary_w * dt
     battery = (
         jnp.where(
-            wheels > 0.0,
-            wheels / body.drivetrain_efficiency,
-            wheels * body.regeneration_efficiency,
+            wheels > 0.0, wheels / body.drivetrain_efficiency, wheels * body.regeneration_efficiency
         )
         + auxiliary
     )

@@ -26,13 +26,7 @@ RELATIVE, ABSOLUTE = 2e-6, 1e-4
 THRESHOLDS = {
     "demand": ("ramp_per_h", "human_share"),
     "motion": ("max_braking",),
-    "lane_change": (
-        "politeness",
-        "right_bias",
-        "safe_braking",
-        "mandatory_bias",
-        "urgency_bias",
-    ),
+    "lane_change": ("politeness", "right_bias", "safe_braking", "mandatory_bias", "urgency_bias"),
     "fleet": ("turnaround_s", "reserve_soc"),
     "charging": (
         "request_soc",
