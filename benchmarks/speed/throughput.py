@@ -10,7 +10,7 @@ import argparse
 import dataclasses
 from typing import Any
 
-from benchmarks.command import add_scenario, benchmark_parser, positive, run_command, whole_number
+from benchmarks.command import add_scenario, benchmark_parser, natural, positive, run_command
 from benchmarks.speed.stages import stage_times
 from benchmarks.speed.workload import ENVS, VEHICLES, Measurement, Workload, measure, road_for
 from medjax.commandline import OneLineParser
@@ -32,7 +32,7 @@ def build_parser() -> OneLineParser:
     add_scenario(parser)
     parser.add_argument(
         "--num-devices",
-        type=whole_number(least=0),
+        type=natural,
         default=0,
         metavar="N",
         help="devices or CPU cores; 0: all",

@@ -89,10 +89,8 @@ def rollout(env: Any, decisions: int) -> Callable[[Any, int], dict[str, np.ndarr
             act_key, step_key = jax.random.split(jax.random.fold_in(key, number))
             allowed = jnp.where(env.action_mask(state, params), 0.0, -jnp.inf)
             action = jax.random.categorical(act_key, allowed).astype(jnp.int32)
-            obs, state, reward, terminated, truncated, info = env.step(
-                step_key, state, action, params
-            )
-            seen = {"obs": obs, "reward": reward, "ended": terminated | truncated}
+            obs, state, reward, ended, cut, info = env.step(step_key, state, action, params)
+            seen = {"obs": obs, "reward": reward, "ended": ended | cut}
             seen |= {name: operator.attrgetter(name)(state) for name in STATE}
             for group in ("metrics", "reward_terms"):
                 seen |= {f"{group}.{name}": value for name, value in info[group].items()}
@@ -115,8 +113,8 @@ def rollouts() -> dict[str, np.ndarray]:
     for world, (preset, decisions, overrides) in WORLDS.items():
         say(f"playing {world}")
         env, params = medjax.make(preset, **overrides)
-        played = rollout(env, decisions)(params, ENVS)
-        found |= {f"{world}/{name}": values for name, values in played.items()}
+        for name, values in rollout(env, decisions)(params, ENVS).items():
+            found[f"{world}/{name}"] = values
     return found
 
 
@@ -134,10 +132,8 @@ def train() -> dict[str, np.ndarray]:
         found["training/evaluation"] = np.array((run / "evaluation.json").read_text())
         newest = max((run / "checkpoints").glob("*.npz"), key=lambda path: int(path.stem))
         with np.load(newest) as state:
-            for name in state.files:
-                if name.startswith("weights/"):
-                    found[f"training/{name}"] = state[name]
-    return found
+            names = [name for name in state.files if name.startswith("weights/")]
+            return found | {f"training/{name}": state[name] for name in names}
 
 
 def differences(old: Mapping[str, np.ndarray], new: Mapping[str, np.ndarray]) -> Iterator[str]:
@@ -181,17 +177,15 @@ def last_of(played: Mapping[str, np.ndarray]) -> dict[str, Any]:
     on_road = np.flatnonzero(final["vehicles.active"])
     chosen: dict[str, Any] = {"reward": played["reward"][0]}
     for name, values in final.items():
-        if name.startswith("vehicles."):
-            chosen[name] = values[on_road]
-        elif name not in ("obs", "reward", "ended"):
-            chosen[name] = values
+        if name not in ("obs", "reward", "ended"):
+            chosen[name] = values[on_road] if name.startswith("vehicles.") else values
     chosen["vehicles.active"] = on_road
     return {name: _few_digits(np.asarray(values)) for name, values in chosen.items()}
 
 
 def _few_digits(values: np.ndarray) -> Any:
     if values.dtype.kind == "f":
-        return json.loads(json.dumps(np.vectorize(lambda x: float(f"{x:.7g}"))(values).tolist()))
+        return np.vectorize(lambda x: float(f"{x:.7g}"))(values).tolist()
     return values.astype(int).tolist()
 
 
