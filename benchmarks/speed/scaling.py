@@ -45,9 +45,8 @@ def reset_in_decisions(num_envs: int, repeats: int, scenario: str) -> float:
 
 def show(title: str, column: str, rows: list[tuple[Any, Measurement]]) -> None:
     """A table, and how far its costs are apart."""
-    print(
-        f"\n{title}\n{column:>12}  environments  vehicles a road  M updates/s  ns a vehicle and tick"
-    )
+    headings = "environments  vehicles a road  M updates/s  ns a vehicle and tick"
+    print(f"\n{title}\n{column:>12}  {headings}")
     for name, result in rows:
         print(
             f"{name:>12}  {result.num_envs:>12}  {result.mean_active_vehicles:>15.0f}"
@@ -90,10 +89,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     reset = reset_in_decisions(most, options.repeats, scenario)
     print(f"\na reset costs as much as {reset:.2f} decisions")
     here = tables["devices"][-1]
-    print(
-        f"an environment takes {here.state_bytes_per_env / 1024:.1f} KiB of state and "
-        f"{here.work_bytes_per_env / 1024:.1f} KiB of work space"
-    )
+    state, work = here.state_bytes_per_env / 1024, here.work_bytes_per_env / 1024
+    print(f"an environment takes {state:.1f} KiB of state and {work:.1f} KiB of work space")
     figures: dict[str, Any] = {
         name: [dataclasses.asdict(result) for result in results] for name, results in tables.items()
     }

@@ -30,6 +30,7 @@ import signal
 import sys
 import tempfile
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -113,11 +114,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def report(result: Mapping[str, Any]) -> str:
-    """The table, and when greedy was beaten.
-
-    Args:
-        result: of `measure`.
-    """
+    """The table of what `measure` returned, and when greedy was beaten."""
     lines = [
         f"{result['env_steps']:,} decisions of {result['scenario']}, {result['num_envs']} environments, "
         f"{result['backend']} ({result['device']}); seconds, medians of {result['repeats']}",
@@ -128,43 +125,27 @@ def report(result: Mapping[str, Any]) -> str:
         wall = Wall(**result[name])
         *seconds, speed = dataclasses.astuple(wall)
         lines.append(f"{name:6}" + "".join(f"{part:12.1f}" for part in seconds) + f"{speed:14,.0f}")
-    greedy = result["greedy_return_mean"]
     beaten = result["greedy_beaten"]
-    if beaten is not None:
-        verdict = (
-            f"greedy beaten after {beaten['cold_s']:.1f} s, warm {beaten['warm_s']:.1f} s "
-            f"(update {beaten['update']}, return {beaten['return_mean']:.1f} against {greedy:.1f})"
-        )
-    else:
-        last = result["checkpoints"][-1]
-        verdict = (
-            f"greedy not beaten (last update {last['update']}, "
-            f"return {last['return_mean']:.1f} against {greedy:.1f})"
-        )
-    return "\n".join([*lines, "", verdict])
+    shown = beaten or result["checkpoints"][-1]
+    verdict = "greedy not beaten (last "
+    if beaten:
+        verdict = f"greedy beaten after {beaten['cold_s']:.1f} s, warm {beaten['warm_s']:.1f} s ("
+    verdict += f"update {shown['update']}, return {shown['return_mean']:.1f}"
+    return "\n".join([*lines, "", f"{verdict} against {result['greedy_return_mean']:.1f})"])
 
 
 def build_parser() -> OneLineParser:
     """The options; those of the settings stay text, which `settings` checks in the words of train.ppo."""
     parser = benchmark_parser("training", __doc__)
-    parser.add_argument("--num-envs", default="256", metavar="N", help="default: 256")
-    parser.add_argument(
-        "--total-timesteps",
-        default="400000",
-        metavar="N",
-        help="decisions, rounded up to updates; default: 400000",
-    )
+    add = partial(parser.add_argument, metavar="N")
+    add("--num-envs", default="256", help="default: 256")
+    rounded = "decisions, rounded up to updates; default: 400000"
+    add("--total-timesteps", default="400000", help=rounded)
     parser.add_argument(
         "--scenario", default="paper", choices=list(medjax.SCENARIOS), help="default: paper"
     )
-    parser.add_argument("--seed", default="0", metavar="N", help="default: 0")
-    parser.add_argument(
-        "--repeats",
-        type=positive,
-        default=1,
-        metavar="N",
-        help="cold and warm starts each; default: 1",
-    )
+    add("--seed", default="0", help="default: 0")
+    add("--repeats", type=positive, default=1, help="cold and warm starts each; default: 1")
     return parser
 
 

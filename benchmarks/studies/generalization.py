@@ -43,15 +43,9 @@ RUN_COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#000000")
 # At 1.5 times its demand the preset's slots are taken, and who comes would wait outside.
 SIZES: dict[str, Any] = {"num_gas": 288}
 
-Played = dict[str, dict[str, Scores]]  # by world and policy
-
 
 def load_run(path: Path, scenario: str) -> dict[str, Policy]:
-    """The trained policies of a run, one a seed, named after its directory.
-
-    Args:
-        path: directory of the run.
-        scenario: preset that they are to play.
+    """The trained policies of a run, one a seed, named after its directory, in the preset that they are to play.
 
     Raises:
         InputError: this is no run, or its network does not fit the preset.
@@ -85,11 +79,7 @@ def play(
         scenario: preset.
         factors: of its demand.
         runs: trained policies by name; those of RULES join them.
-        episodes: at least 1.
-        seed: which episodes, as in `medjax.episodes.scores`.
-
-    Returns:
-        Scores by policy, at each of the factors.
+        episodes, seed: as in `medjax.episodes.scores`.
     """
     env, params = medjax.make(scenario, **SIZES)
     policies = {**runs, **{name: BASELINES[name](env) for name in RULES}}
@@ -100,46 +90,36 @@ def play(
     ]
 
 
-def summary(played: Played, seed: int) -> dict[str, Any]:
-    """What `--json` writes of each world.
+def summary(scores: Mapping[str, Scores], world: str, seed: int) -> dict[str, Any]:
+    """What `--json` writes of a world.
 
     Returns:
-        By world: `policies` as `train.evaluation.summary.summarize` has them, and for each policy `minus_forecast` and
+        `policies` as `train.evaluation.summary.summarize` has them, and for each policy `minus_forecast` and
         `minus_none`, the paired differences of the returns (`mean`, `ci95`).
     """
 
-    def gains(scores: Mapping[str, Scores], other: str) -> dict[str, Any]:
-        differences = {
-            name: own["return"] - scores[other]["return"] for name, own in scores.items()
-        }
-        return {
-            name: {"mean": float(np.mean(each)), "ci95": list(bootstrap_ci95(each, seed))}
-            for name, each in differences.items()
-            if name != other
-        }
+    def gains(other: str) -> dict[str, Any]:
+        found = {}
+        for name in [each for each in scores if each != other]:
+            gain = scores[name]["return"] - scores[other]["return"]
+            found[name] = {"mean": float(np.mean(gain)), "ci95": list(bootstrap_ci95(gain, seed))}
+        return found
 
-    return {
-        world: {
-            "policies": summarize(scores, world, (), seed)["policies"],
-            "minus_forecast": gains(scores, REFERENCE),
-            "minus_none": gains(scores, NO_ACTION),
-        }
-        for world, scores in played.items()
-    }
+    policies = summarize(scores, world, (), seed)["policies"]
+    gained = {"minus_forecast": gains(REFERENCE), "minus_none": gains(NO_ACTION)}
+    return {"policies": policies, **gained}
 
 
 def tables(worlds: Mapping[str, Any], runs: Sequence[str]) -> str:
-    """Returns, depleted shares, and what the runs gain on REFERENCE; worlds are columns.
+    """Returns, depleted shares, and what the runs gain on REFERENCE; worlds, each of `summary`, are columns."""
 
-    Args:
-        worlds: of `summary`.
-        runs: names of the trained policies.
-    """
-
-    def row(name: str, kind: str, cell: Callable[[Any], str]) -> list[str]:
-        """A policy's cells, a dash where it did not play."""
-        entries = [world[kind].get(name) for world in worlds.values()]
-        return [name, *(cell(entry) if entry else "-" for entry in entries)]
+    def table(head: str, kind: str, names: Sequence[str], cell: Callable[[Any], str]) -> str:
+        """A row a policy, with a dash where it did not play."""
+        rows = [[head, *worlds]]
+        for name in names:
+            entries = [world[kind].get(name) for world in worlds.values()]
+            rows.append([name, *(cell(entry) if entry else "-" for entry in entries)])
+        return format_rows(rows)
 
     def mean_return(entry: Any) -> str:
         return f"{short(entry['return_mean'])} {interval(entry['return_ci95'])}"
@@ -151,27 +131,18 @@ def tables(worlds: Mapping[str, Any], runs: Sequence[str]) -> str:
         return f"{short(entry['mean'])} {interval(entry['ci95'])}"
 
     names = [*runs, *RULES]
-    returns = [row(name, "policies", mean_return) for name in names]
-    shares = [row(name, "policies", share) for name in names]
-    gains = [row(name, "minus_forecast", gain) for name in runs]
-    headed = {
-        "return, 95 % CI": returns,
-        "depleted share": shares,
-        f"minus {REFERENCE}, 95 % CI": gains,
-    }
-    return "\n\n".join(format_rows([[head, *worlds], *rows]) for head, rows in headed.items())
+    returns = table("return, 95 % CI", "policies", names, mean_return)
+    shares = table("depleted share", "policies", names, share)
+    gains = table(f"minus {REFERENCE}, 95 % CI", "minus_forecast", runs, gain)
+    return "\n\n".join([returns, shares, gains])
 
 
 def build_parser() -> OneLineParser:
     """The command line."""
     parser = benchmark_parser("generalization", __doc__)
+    shown = "that train.ppo wrote"
     parser.add_argument(
-        "--run-dir",
-        type=a_path,
-        nargs="+",
-        required=True,
-        metavar="DIR",
-        help="that train.ppo wrote",
+        "--run-dir", type=a_path, nargs="+", required=True, metavar="DIR", help=shown
     )
     parser.add_argument(
         "--episodes", type=whole_number(least=2), default=256, help="of each policy and world"
@@ -213,20 +184,15 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     which = options.episodes, options.seed
     at_factors = play(MAIN, FACTORS, runs, *which)
     elsewhere = play(OTHER, (1.0,), on_other, *which)
-    played = dict(zip([*AT_FACTORS, OTHER], at_factors + elsewhere, strict=True))
-    worlds = summary(played, options.seed)
+    played = zip([*AT_FACTORS, OTHER], at_factors + elsewhere, strict=True)
+    worlds = {world: summary(scores, world, options.seed) for world, scores in played}
     print(f"{options.episodes} episodes, seed {options.seed}, the same for every policy\n")
     print(tables(worlds, list(runs)))
     return {"episodes": options.episodes, "seed": options.seed, "worlds": worlds}
 
 
 def plot(path: Path, report: dict[str, Any]) -> None:
-    """Draws what each policy gains on no action over the demand, rules dashed, as a PNG.
-
-    Args:
-        path: file to write.
-        report: of `measure`.
-    """
+    """Draws the report of `measure` as a PNG: what each policy gains on no action over the demand, rules dashed."""
     demand = medjax.make(MAIN)[1].demand
     vehicles_per_h = float(demand.mainline_per_h + demand.ramp_per_h.sum())
     worlds = [report["worlds"][name]["minus_none"] for name in AT_FACTORS]
