@@ -32,7 +32,6 @@ from benchmarks.speed.references import (
     road_order,
 )
 from medjax.charging.link import Misalignment, coupling_efficiency
-from medjax.commandline import OneLineParser
 from medjax.errors import InputError
 from medjax.physics import ellipe, ellipk, interpolate_inductance, mutual_inductance
 from medjax.traffic import find_neighbours, sort_by_road
@@ -234,15 +233,9 @@ def report(result: dict[str, Any]) -> str:
     return "\n".join([*lines, "", ratio])
 
 
-def build_parser() -> OneLineParser:
-    """The command line."""
+def main(arguments: list[str] | None = None) -> None:
     parser = benchmark_parser("kernels", __doc__)
     count = whole_number(most=MOST)
     parser.add_argument("--roads", type=count, default=1024, metavar="N", help="default: 1024")
     parser.add_argument("--repeats", type=count, default=7, metavar="N", help="default: 7")
-    return parser
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """The command."""
-    run_command(build_parser(), measure, arguments)
+    run_command(parser, measure, arguments)

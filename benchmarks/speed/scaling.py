@@ -16,7 +16,6 @@ import jax
 
 from benchmarks.command import add_scenario, benchmark_parser, positive, run_command
 from benchmarks.speed.workload import ENVS, VEHICLES, Measurement, Workload, alternate, road_for
-from medjax.commandline import OneLineParser
 
 
 def cost_ns(result: Measurement) -> float:
@@ -55,15 +54,6 @@ def show(title: str, column: str, rows: list[tuple[Any, Measurement]]) -> None:
     print(f"dearest by cheapest: {spread([result for _, result in rows]):.2f}", flush=True)
 
 
-def build_parser() -> OneLineParser:
-    """The command line."""
-    parser = benchmark_parser("scaling", __doc__)
-    parser.add_argument("--num-envs", type=positive, default=1024, metavar="N")
-    parser.add_argument("--repeats", type=positive, default=5)
-    add_scenario(parser)
-    return parser
-
-
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Prints the tables, and returns all figures."""
     most, scenario = options.num_envs, options.scenario
@@ -99,5 +89,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command."""
-    run_command(build_parser(), measure, arguments)
+    parser = benchmark_parser("scaling", __doc__)
+    parser.add_argument("--num-envs", type=positive, default=1024, metavar="N")
+    parser.add_argument("--repeats", type=positive, default=5)
+    add_scenario(parser)
+    run_command(parser, measure, arguments)

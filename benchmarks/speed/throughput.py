@@ -13,23 +13,7 @@ from typing import Any
 from benchmarks.command import add_scenario, benchmark_parser, natural, positive, run_command
 from benchmarks.speed.stages import stage_times
 from benchmarks.speed.workload import ENVS, VEHICLES, Measurement, Workload, measure, road_for
-from medjax.commandline import OneLineParser
 from medjax.wrappers import environment_mesh
-
-
-def build_parser() -> OneLineParser:
-    """The command line."""
-    parser = benchmark_parser("throughput", __doc__)
-    parser.add_argument("--num-envs", type=positive, default=[1024], nargs="+", metavar="N")
-    shown = f"go through {ENVS} environments, or through roads of {VEHICLES} vehicles"
-    parser.add_argument("--sweep", choices=("envs", "vehicles"), help=shown)
-    parser.add_argument("--stages", action="store_true", help="show where a decision's time goes")
-    parser.add_argument("--steps", type=positive, default=50, help="decisions in a repeat")
-    parser.add_argument("--repeats", type=positive, default=5)
-    add_scenario(parser)
-    shown = "devices or CPU cores; 0: all"
-    parser.add_argument("--num-devices", type=natural, default=0, metavar="N", help=shown)
-    return parser
 
 
 def show(result: Measurement) -> None:
@@ -81,5 +65,14 @@ def time_cases(options: argparse.Namespace) -> Any:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command."""
-    run_command(build_parser(), time_cases, arguments)
+    parser = benchmark_parser("throughput", __doc__)
+    parser.add_argument("--num-envs", type=positive, default=[1024], nargs="+", metavar="N")
+    shown = f"go through {ENVS} environments, or through roads of {VEHICLES} vehicles"
+    parser.add_argument("--sweep", choices=("envs", "vehicles"), help=shown)
+    parser.add_argument("--stages", action="store_true", help="show where a decision's time goes")
+    parser.add_argument("--steps", type=positive, default=50, help="decisions in a repeat")
+    parser.add_argument("--repeats", type=positive, default=5)
+    add_scenario(parser)
+    shown = "devices or CPU cores; 0: all"
+    parser.add_argument("--num-devices", type=natural, default=0, metavar="N", help=shown)
+    run_command(parser, time_cases, arguments)

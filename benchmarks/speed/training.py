@@ -39,7 +39,6 @@ import jax
 import medjax
 from benchmarks.command import benchmark_parser, positive, run_command, say
 from benchmarks.speed.training_process import CommandError, Wall, median, start
-from medjax.commandline import OneLineParser
 from train.algorithms.ppo.settings import PPOConfig
 from train.runs.arguments import settings_from_text
 from train.runs.run_directory import RunDir
@@ -134,8 +133,13 @@ def report(result: Mapping[str, Any]) -> str:
     return "\n".join([*lines, "", f"{verdict} against {result['greedy_return_mean']:.1f})"])
 
 
-def build_parser() -> OneLineParser:
-    """The options; those of the settings stay text, which `settings` checks in the words of train.ppo."""
+def main(arguments: list[str] | None = None) -> int:
+    """The command.
+
+    Returns:
+        The exit code: 0 done, 1 the training command failed, 130 interrupted.
+    """
+    # The options; those of the settings stay text, which `settings` checks in the words of train.ppo.
     parser = benchmark_parser("training", __doc__)
     add = partial(parser.add_argument, metavar="N")
     add("--num-envs", default="256", help="default: 256")
@@ -146,17 +150,8 @@ def build_parser() -> OneLineParser:
     )
     add("--seed", default="0", help="default: 0")
     add("--repeats", type=positive, default=1, help="cold and warm starts each; default: 1")
-    return parser
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """The command.
-
-    Returns:
-        The exit code: 0 done, 1 the training command failed, 130 interrupted.
-    """
     try:
-        run_command(build_parser(), measure, arguments)
+        run_command(parser, measure, arguments)
     except CommandError as error:
         say(f"python -m benchmarks.training: {error}")
         return 1

@@ -14,7 +14,6 @@ import numpy as np
 
 import medjax
 from benchmarks.command import episodes_parser, run_command
-from medjax.commandline import OneLineParser
 from medjax.episodes.scores import Evaluation, Scores
 from train.evaluation.tables import PAPER_TABLE_2
 
@@ -52,11 +51,6 @@ def compare(scores: dict[str, Scores]) -> list[dict[str, Any]]:
     return table
 
 
-def build_parser() -> OneLineParser:
-    """The command line."""
-    return episodes_parser("calibrate", __doc__, episodes=1024, seed=1)
-
-
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Prints the weights that fit, and how the preset's own weights do on other episodes."""
     env, params = medjax.make(options.scenario)
@@ -80,5 +74,5 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command."""
-    run_command(build_parser(), measure, arguments)
+    parser = episodes_parser("calibrate", __doc__, episodes=1024, seed=1)
+    run_command(parser, measure, arguments)

@@ -19,7 +19,6 @@ from tqdm import tqdm
 
 import medjax
 from benchmarks.command import a_path, a_seed, add_plot, benchmark_parser, run_command, whole_number
-from medjax.commandline import OneLineParser
 from medjax.episodes.scores import Evaluation, Scores
 from medjax.errors import InputError
 from medjax.policies.policy import Choice, Policy
@@ -137,21 +136,6 @@ def tables(worlds: Mapping[str, Any], runs: Sequence[str]) -> str:
     return "\n\n".join([returns, shares, gains])
 
 
-def build_parser() -> OneLineParser:
-    """The command line."""
-    parser = benchmark_parser("generalization", __doc__)
-    shown = "that train.ppo wrote"
-    parser.add_argument(
-        "--run-dir", type=a_path, nargs="+", required=True, metavar="DIR", help=shown
-    )
-    parser.add_argument(
-        "--episodes", type=whole_number(least=2), default=256, help="of each policy and world"
-    )
-    parser.add_argument("--seed", type=a_seed, default=0, help="which episodes")
-    add_plot(parser, "the gains")
-    return parser
-
-
 def load_runs(paths: Sequence[Path]) -> tuple[dict[str, Policy], dict[str, Policy]]:
     """The trained policies on MAIN and, of those that fit it, on OTHER; a line for each run that does not.
 
@@ -223,5 +207,14 @@ def plot(path: Path, report: dict[str, Any]) -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command."""
-    run_command(build_parser(), measure, arguments, plot)
+    parser = benchmark_parser("generalization", __doc__)
+    shown = "that train.ppo wrote"
+    parser.add_argument(
+        "--run-dir", type=a_path, nargs="+", required=True, metavar="DIR", help=shown
+    )
+    parser.add_argument(
+        "--episodes", type=whole_number(least=2), default=256, help="of each policy and world"
+    )
+    parser.add_argument("--seed", type=a_seed, default=0, help="which episodes")
+    add_plot(parser, "the gains")
+    run_command(parser, measure, arguments, plot)

@@ -18,7 +18,6 @@ from jax import lax
 from tqdm import tqdm
 
 from benchmarks.command import a_path, episodes_parser, positive, run_command, whole_number
-from medjax.commandline import OneLineParser
 from medjax.env.contract import Environment
 from medjax.episodes.keys import ACT, episode_keys
 from medjax.episodes.player import Episodes, Player, episode_steps
@@ -86,25 +85,6 @@ def play_plans(
     return {name: np.asarray(values, np.float64) for name, values in played.scores.items()}
 
 
-def build_parser() -> OneLineParser:
-    """The command line."""
-    parser = episodes_parser("planner", __doc__, episodes=16, seed=0)
-    parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
-    parser.add_argument(
-        "--run-dir", type=a_path, metavar="DIR", help="run whose first learner is improved on"
-    )
-    parser.add_argument(
-        "--base", choices=list(BASELINES), help="rule that is improved on (default: forecast)"
-    )
-    parser.add_argument(
-        "--samples", type=whole_number(least=2), default=16, help="futures of each action"
-    )
-    parser.add_argument(
-        "--hold", type=positive, default=16, metavar="N", help="decisions from plan to plan"
-    )
-    return parser
-
-
 def load(options: argparse.Namespace) -> tuple[str, Any, Any, str, dict[str, Policy]]:
     """Scenario, environment, parameters, name of the base, and all policies by name.
 
@@ -152,5 +132,18 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command."""
-    run_command(build_parser(), measure, arguments)
+    parser = episodes_parser("planner", __doc__, episodes=16, seed=0)
+    parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
+    parser.add_argument(
+        "--run-dir", type=a_path, metavar="DIR", help="run whose first learner is improved on"
+    )
+    parser.add_argument(
+        "--base", choices=list(BASELINES), help="rule that is improved on (default: forecast)"
+    )
+    parser.add_argument(
+        "--samples", type=whole_number(least=2), default=16, help="futures of each action"
+    )
+    parser.add_argument(
+        "--hold", type=positive, default=16, metavar="N", help="decisions from plan to plan"
+    )
+    run_command(parser, measure, arguments)

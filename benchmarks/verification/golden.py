@@ -27,7 +27,7 @@ import numpy as np
 
 import medjax
 from benchmarks.command import argument, benchmark_parser, output_file, run_command, say
-from medjax.commandline import OneLineParser, as_path
+from medjax.commandline import as_path
 from medjax.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]  # where `-m train.ppo` is found, wherever this is called
@@ -213,26 +213,6 @@ def archive(name: str, text: str) -> dict[str, np.ndarray]:
         raise InputError(f"{name} {path} cannot be read, allowed: a file of --out") from None
 
 
-def build_parser() -> OneLineParser:
-    """The command line."""
-    parser = benchmark_parser("verification.golden", __doc__)
-    what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--out", type=output_file, metavar="FILE.npz", help="write rollouts here")
-    what.add_argument(
-        "--compare", type=argument(archive), nargs=2, metavar="FILE.npz", help="two such files"
-    )
-    what.add_argument(
-        "--numbers",
-        type=output_file,
-        metavar="FILE.json",
-        help="write the few numbers that the golden test expects: tests/data/golden.json",
-    )
-    parser.add_argument(
-        "--training", action="store_true", help="with --out: train for a minute or two, too"
-    )
-    return parser
-
-
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Writes what is asked for, or prints what differs."""
     if options.compare:
@@ -251,7 +231,22 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 def main(arguments: list[str] | None = None) -> None:
     """The command; it ends with exit code 1 where files differ."""
-    sys.exit(bool(run_command(build_parser(), measure, arguments)["differ"]))
+    parser = benchmark_parser("verification.golden", __doc__)
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--out", type=output_file, metavar="FILE.npz", help="write rollouts here")
+    what.add_argument(
+        "--compare", type=argument(archive), nargs=2, metavar="FILE.npz", help="two such files"
+    )
+    what.add_argument(
+        "--numbers",
+        type=output_file,
+        metavar="FILE.json",
+        help="write the few numbers that the golden test expects: tests/data/golden.json",
+    )
+    parser.add_argument(
+        "--training", action="store_true", help="with --out: train for a minute or two, too"
+    )
+    sys.exit(bool(run_command(parser, measure, arguments)["differ"]))
 
 
 if __name__ == "__main__":

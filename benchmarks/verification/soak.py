@@ -30,7 +30,6 @@ from benchmarks.verification.cases import (
 from benchmarks.verification.evidence import explain
 from benchmarks.verification.invariants import INVARIANTS
 from benchmarks.verification.random_worlds import as_settings, world_of
-from medjax.commandline import OneLineParser
 from medjax.env.charging_env import ChargingEnv
 from medjax.errors import InputError
 
@@ -59,21 +58,6 @@ def show(case: Case, environment: int, episode: int) -> Iterator[str]:
     yield from (f"  --set '{setting}'" for setting in as_settings(case.config, world))
     if not mine:
         yield f"no violation in environment {environment}, episode {episode}"
-
-
-def build_parser() -> OneLineParser:
-    """The command line."""
-    parser = benchmark_parser("soak", __doc__)
-    above_0 = a_number("a number above 0", lambda value: value > 0.0)
-    parser.add_argument("--updates", type=above_0, default=1e9, help="vehicle updates in all")
-    parser.add_argument("--seed", type=natural, default=0)
-    parser.add_argument("--num-envs", type=positive, default=NUM_ENVS, help="of a case")
-    parser.add_argument("--cases", type=positive, default=CASES, help="that share the updates")
-    again = parser.add_argument_group("to see one environment's first violation again")
-    again.add_argument("--case", type=natural, metavar="C")
-    again.add_argument("--environment", type=natural, metavar="E")
-    again.add_argument("--episode", type=natural, default=0)
-    return parser
 
 
 def _pass(line: str) -> None:
@@ -171,5 +155,15 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 def main(arguments: list[str] | None = None) -> None:
     """The command; it ends with exit code 1 if anything was violated."""
-    report = run_command(build_parser(), measure, arguments)
+    parser = benchmark_parser("soak", __doc__)
+    above_0 = a_number("a number above 0", lambda value: value > 0.0)
+    parser.add_argument("--updates", type=above_0, default=1e9, help="vehicle updates in all")
+    parser.add_argument("--seed", type=natural, default=0)
+    parser.add_argument("--num-envs", type=positive, default=NUM_ENVS, help="of a case")
+    parser.add_argument("--cases", type=positive, default=CASES, help="that share the updates")
+    again = parser.add_argument_group("to see one environment's first violation again")
+    again.add_argument("--case", type=natural, metavar="C")
+    again.add_argument("--environment", type=natural, metavar="E")
+    again.add_argument("--episode", type=natural, default=0)
+    report = run_command(parser, measure, arguments)
     sys.exit(bool(report["commands"]))
