@@ -30,9 +30,8 @@ def benchmark_parser(name: str, description: str | None) -> OneLineParser:
         description=description,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument(
-        "--json", type=output_file, metavar="FILE", help="write the figures here too"
-    )
+    figures = "write the figures here too"
+    parser.add_argument("--json", type=output_file, metavar="FILE", help=figures)
     return parser
 
 
@@ -128,9 +127,8 @@ def add_scenario(parser: OneLineParser) -> None:
 def episodes_parser(name: str, description: str | None, episodes: int, seed: int) -> OneLineParser:
     """`benchmark_parser` of a command that plays whole episodes, with these defaults."""
     parser = benchmark_parser(name, description)
-    parser.add_argument(
-        "--episodes", type=whole_number(least=2), default=episodes, help="of each policy"
-    )
+    number = whole_number(least=2)
+    parser.add_argument("--episodes", type=number, default=episodes, help="of each policy")
     parser.add_argument("--seed", type=a_seed, default=seed, help="which episodes")
     add_scenario(parser)
     return parser

@@ -80,11 +80,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         for number in range(1, repeats + 1):
             place = Path(folder) / str(number)
             for name in walls:
-                run_dir = RunDir(place / name)
-                wall = start(config, run_dir, place / "cache")
-                walls[name].append(wall)
-                runs[name].append(run_dir)
-                say(f"repeat {number}/{repeats}: {name} {wall.total_s:.1f} s")
+                runs[name].append(RunDir(place / name))
+                walls[name].append(start(config, runs[name][-1], place / "cache"))
+                say(f"repeat {number}/{repeats}: {name} {walls[name][-1].total_s:.1f} s")
         first = runs["cold"][0]
         summary = json.loads(first.summary.read_text(encoding="utf-8"))
         say("playing the checkpoints")

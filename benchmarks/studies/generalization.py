@@ -185,22 +185,15 @@ def plot(path: Path, report: dict[str, Any]) -> None:
     for number, name in enumerate(worlds[0]):
         means = np.array([world[name]["mean"] for world in worlds])
         low, high = np.array([world[name]["ci95"] for world in worlds]).T
-        is_rule = name in BASELINES
-        axes.errorbar(
-            FACTORS,
-            means,
-            yerr=(means - low, high - means),
-            color=colour(name) if is_rule else RUN_COLOURS[number % len(RUN_COLOURS)],
-            marker=MARKERS[number % len(MARKERS)],
-            ls="--" if is_rule else "-",
-            capsize=3,
-            label=name,
-        )
+        style = {"color": RUN_COLOURS[number % len(RUN_COLOURS)], "ls": "-"}
+        if name in BASELINES:
+            style = {"color": colour(name), "ls": "--"}
+        style |= {"marker": MARKERS[number % len(MARKERS)], "label": name}
+        axes.errorbar(FACTORS, means, yerr=(means - low, high - means), capsize=3, **style)
     axes.axhline(0.0, color="0.5", lw=1)
-    axes.set_xticks(FACTORS)
+    axes.set(xticks=FACTORS, title="Other demands than the preset's")
     axes.set_xlabel(f"demand, multiples of {vehicles_per_h:.0f} vehicles/h")
     axes.set_ylabel("return of an episode minus that of no action, 95 % CI")
-    axes.set_title("Other demands than the preset's")
     axes.grid(alpha=0.3)
     figure.legend(loc="outside right upper", fontsize="small", frameon=False)
     save(figure, path)
@@ -208,13 +201,9 @@ def plot(path: Path, report: dict[str, Any]) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     parser = benchmark_parser("generalization", __doc__)
-    shown = "that train.ppo wrote"
-    parser.add_argument(
-        "--run-dir", type=a_path, nargs="+", required=True, metavar="DIR", help=shown
-    )
-    parser.add_argument(
-        "--episodes", type=whole_number(least=2), default=256, help="of each policy and world"
-    )
-    parser.add_argument("--seed", type=a_seed, default=0, help="which episodes")
+    add, a_run = parser.add_argument, "that train.ppo wrote"
+    add("--run-dir", type=a_path, nargs="+", required=True, metavar="DIR", help=a_run)
+    add("--episodes", type=whole_number(least=2), default=256, help="of each policy and world")
+    add("--seed", type=a_seed, default=0, help="which episodes")
     add_plot(parser, "the gains")
     run_command(parser, measure, arguments, plot)

@@ -134,16 +134,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 def main(arguments: list[str] | None = None) -> None:
     parser = episodes_parser("planner", __doc__, episodes=16, seed=0)
     parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
-    parser.add_argument(
-        "--run-dir", type=a_path, metavar="DIR", help="run whose first learner is improved on"
-    )
-    parser.add_argument(
-        "--base", choices=list(BASELINES), help="rule that is improved on (default: forecast)"
-    )
-    parser.add_argument(
-        "--samples", type=whole_number(least=2), default=16, help="futures of each action"
-    )
-    parser.add_argument(
-        "--hold", type=positive, default=16, metavar="N", help="decisions from plan to plan"
-    )
+    add = parser.add_argument
+    add("--run-dir", type=a_path, metavar="DIR", help="run whose first learner is improved on")
+    add("--base", choices=list(BASELINES), help="rule that is improved on (default: forecast)")
+    add("--samples", type=whole_number(least=2), default=16, help="futures of each action")
+    add("--hold", type=positive, default=16, metavar="N", help="decisions from plan to plan")
     run_command(parser, measure, arguments)

@@ -18,6 +18,7 @@ import sys
 import tempfile
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,21 +33,15 @@ from medjax.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]  # where `-m train.ppo` is found, wherever this is called
 SEED, ENVS = 7, 4
+PROFILE = {"observation": "profile", "episode_decisions": 60, "turnaround_s": 20.0}
+ODD = {"num_meds": 6, "num_evs": 33, "num_gas": 100, "num_lanes": 3, "ramp_x_m": [200, 1500]}
+ODD |= {"ticks_per_decision": 3, "tick_s": 0.3}
 # By name: preset, decisions, overrides. Together they come to everything that a decision may do.
 WORLDS: dict[str, tuple[str, int, dict[str, Any]]] = {
     "paper": ("paper", 90, {}),
-    "profile": (
-        "paper",
-        90,
-        {"observation": "profile", "episode_decisions": 60, "turnaround_s": 20.0},
-    ),
+    "profile": ("paper", 90, PROFILE),
     "realistic": ("realistic", 60, {}),
-    "odd": (
-        "paper",
-        60,
-        {"num_meds": 6, "num_evs": 33, "num_gas": 100, "num_lanes": 3, "ramp_x_m": [200, 1500]}
-        | {"ticks_per_decision": 3, "tick_s": 0.3},
-    ),
+    "odd": ("paper", 60, ODD),
 }
 STATE = (
     *("vehicles.x", "vehicles.speed", "vehicles.lane", "vehicles.active"),
@@ -54,12 +49,8 @@ STATE = (
     *("meds.energy_j", "meds.status", "queue"),
 )
 TRAINING = {
-    "--num-envs": 64,
-    "--num-minibatches": 8,
-    "--total-timesteps": 65536,
-    "--eval-episodes": 6,
-    "--seed": 3,
-    "--set": "episode_decisions=240",
+    **{"--num-envs": 64, "--num-minibatches": 8, "--total-timesteps": 65536},
+    **{"--eval-episodes": 6, "--seed": 3, "--set": "episode_decisions=240"},
 }
 CLOCKS = ("wall_s", "env_steps_per_s")  # of a row of metrics.jsonl
 # The worlds of the golden test: full traffic for a few decisions, and a MED that charges EVs on a quiet road. There few
@@ -233,19 +224,13 @@ def main(arguments: list[str] | None = None) -> None:
     """The command; it ends with exit code 1 where files differ."""
     parser = benchmark_parser("verification.golden", __doc__)
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--out", type=output_file, metavar="FILE.npz", help="write rollouts here")
-    what.add_argument(
-        "--compare", type=argument(archive), nargs=2, metavar="FILE.npz", help="two such files"
-    )
-    what.add_argument(
-        "--numbers",
-        type=output_file,
-        metavar="FILE.json",
-        help="write the few numbers that the golden test expects: tests/data/golden.json",
-    )
-    parser.add_argument(
-        "--training", action="store_true", help="with --out: train for a minute or two, too"
-    )
+    file = partial(what.add_argument, metavar="FILE.npz")
+    file("--out", type=output_file, help="write rollouts here")
+    file("--compare", type=argument(archive), nargs=2, help="two such files")
+    few = "write the few numbers that the golden test expects: tests/data/golden.json"
+    what.add_argument("--numbers", type=output_file, metavar="FILE.json", help=few)
+    longer = "with --out: train for a minute or two, too"
+    parser.add_argument("--training", action="store_true", help=longer)
     sys.exit(bool(run_command(parser, measure, arguments)["differ"]))
 
 

@@ -36,7 +36,6 @@ def build_parser(study: str) -> OneLineParser:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command."""
     top = OneLineParser(
         prog="python -m benchmarks.ablation",
         description=__doc__,
