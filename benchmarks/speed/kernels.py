@@ -203,14 +203,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         *neighbour_rows(env.config, float(params.road.length_m), roads, repeats),
     ]
     ns = {row.kernel: row.ns_per_element for row in rows}
-    result = {
-        "scenario": SCENARIO,
-        "roads": roads,
-        "repeats": repeats,
-        **machine(),
-        "integral_by_table": ns["mutual_inductance"] / ns["interpolate_inductance"],
-        "rows": [dataclasses.asdict(row) for row in rows],
-    }
+    result = {"scenario": SCENARIO, "roads": roads, "repeats": repeats, **machine()}
+    result["integral_by_table"] = ns["mutual_inductance"] / ns["interpolate_inductance"]
+    result["rows"] = list(map(dataclasses.asdict, rows))
     print(report(result))
     return result
 

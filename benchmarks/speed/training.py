@@ -57,11 +57,8 @@ def settings(given: Mapping[str, str]) -> TrainConfig:
         InputError: a value out of its range.
     """
     config = from_json(settings_from_text(PPOConfig, dict(given)), PPOConfig)
-    return dataclasses.replace(
-        config,
-        checkpoint_interval=-(-config.num_updates // CHECKPOINTS),
-        keep_checkpoints=config.num_updates,
-    )
+    updates, apart = config.num_updates, -(-config.num_updates // CHECKPOINTS)
+    return dataclasses.replace(config, checkpoint_interval=apart, keep_checkpoints=updates)
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -97,11 +94,10 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         "env_steps": summary["env_steps"],
         "seed": config.seed,
         "repeats": repeats,
-        "backend": summary["backend"],
-        "device": summary["device"],
+        **{name: summary[name] for name in ("backend", "device")},
         "jax_version": jax.__version__,
         **{name: dataclasses.asdict(median(each)) for name, each in walls.items()},
-        "runs": {name: [dataclasses.asdict(wall) for wall in each] for name, each in walls.items()},
+        "runs": {name: list(map(dataclasses.asdict, each)) for name, each in walls.items()},
         "greedy_return_mean": greedy,
         "greedy_beaten": beaten,
         "checkpoints": [dataclasses.asdict(each) for each in curve],
@@ -119,8 +115,7 @@ def report(result: Mapping[str, Any]) -> str:
         f"{'':6}" + "".join(f"{heading:>12}" for heading in HEADINGS) + f"{'decisions/s':>14}",
     ]
     for name in ("cold", "warm"):
-        wall = Wall(**result[name])
-        *seconds, speed = dataclasses.astuple(wall)
+        *seconds, speed = result[name].values()
         lines.append(f"{name:6}" + "".join(f"{part:12.1f}" for part in seconds) + f"{speed:14,.0f}")
     beaten = result["greedy_beaten"]
     shown = beaten or result["checkpoints"][-1]

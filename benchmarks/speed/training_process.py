@@ -66,9 +66,10 @@ def start(config: TrainConfig, run_dir: RunDir, cache: Path) -> Wall:
 
 def split(summary: Mapping[str, Any], total_s: float) -> Wall:
     """Parts of the wall time of one process, from its summary.json and the seconds from its start to its end."""
-    parts = [summary[name] for name in ("compile_s", "train_s", "evaluation_s")]
-    speed = summary["env_steps_per_s"]
-    return Wall(total_s, *parts, other_s=total_s - sum(parts), decisions_per_s=speed)
+    names = "compile_s", "train_s", "evaluation_s", "env_steps_per_s"
+    compile_s, train_s, evaluation_s, speed = (summary[name] for name in names)
+    other_s = total_s - (compile_s + train_s + evaluation_s)
+    return Wall(total_s, compile_s, train_s, evaluation_s, other_s, speed)
 
 
 def median(walls: Sequence[Wall]) -> Wall:

@@ -101,22 +101,16 @@ def driving(
     return jnp.where(on_road, battery, 0.0), jnp.where(on_road, off, 0.0)
 
 
-class Change(NamedTuple):
-    """What a tick did to batteries but for driving, (C,) each."""
-
-    gain: jax.Array  # J
-    slack: jax.Array  # by how much float32 may be off it, J
-    full: jax.Array
-    empty: jax.Array
+Change = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
 
 
 def _change(
     before_j: jax.Array, after_j: jax.Array, driven: tuple[jax.Array, jax.Array], capacity: Any
 ) -> Change:
-    """`driven`: of `driving`."""
+    """What batteries gained but for driving, how far float32 may be off it, J, and who is full and empty; (C,) each."""
     gain = after_j - before_j + driven[0]
     slack = OF_CAPACITY * capacity + driven[1] + OF_FLOW * jnp.abs(gain)
-    return Change(gain, slack, after_j >= capacity, after_j <= 0.0)
+    return gain, slack, after_j >= capacity, after_j <= 0.0
 
 
 def _received(change: Change, most: jax.Array) -> Flow:
@@ -131,11 +125,11 @@ def _received(change: Change, most: jax.Array) -> Flow:
 
 def _sent(change: Change, most: jax.Array) -> Flow:
     """What MEDs gave, (M,) each, `most` at most."""
-    loss = -change.gain
+    gain, slack, full, empty = change
     # A full one may have lost braking energy that found no room; an empty one drives on what it does not have.
-    low = jnp.where(change.full, jnp.minimum(loss, 0.0), loss)
-    high = jnp.where(change.empty, jnp.maximum(loss, most), loss)
-    return Flow(low - change.slack, high + change.slack)
+    low = jnp.where(full, jnp.minimum(-gain, 0.0), -gain)
+    high = jnp.where(empty, jnp.maximum(-gain, most), -gain)
+    return Flow(low - slack, high + slack)
 
 
 def tick_flows(

@@ -115,15 +115,9 @@ def run(study: str, options: argparse.Namespace) -> dict[str, Any]:
         rows += _rows(name, score, values, options.seed)
     print(f"{config.scenario}, {options.episodes} episodes, seed {options.seed}: {sweep.label}")
     print(_table(rows, values[0]))
-    return {
-        "study": study,
-        "number": sweep.number,
-        "label": sweep.label,
-        "scenario": config.scenario,
-        "episodes": options.episodes,
-        "seed": options.seed,
-        "rows": rows,
-    }
+    varied = {"study": study, "number": sweep.number, "label": sweep.label}
+    played = {"episodes": options.episodes, "seed": options.seed}
+    return {**varied, "scenario": config.scenario, **played, "rows": rows}
 
 
 def _rows(policy: str, score: Scores, values: list[float], seed: int) -> list[dict[str, Any]]:

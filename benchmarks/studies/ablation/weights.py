@@ -93,14 +93,8 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     decisions = config.num_updates * config.steps_per_update
     each = f"{decisions} decisions of each learner, {episodes} episodes, seed {seed}"
     print(f"{config.scenario}, {each}", _table(rows), sep="\n")
-    return {
-        "study": "weights",
-        "scenario": config.scenario,
-        "decisions": decisions,
-        "episodes": episodes,
-        "seed": seed,
-        "rows": rows,
-    }
+    played = {"decisions": decisions, "episodes": episodes, "seed": seed}
+    return {"study": "weights", "scenario": config.scenario, **played, "rows": rows}
 
 
 def _table(rows: list[dict[str, Any]]) -> str:
