@@ -107,19 +107,9 @@ class Workload:
         return time.perf_counter() - start, float(active)
 
 
-def measure(
-    num_envs: int,
-    *,
-    steps: int = 50,
-    repeats: int = 5,
-    seed: int = 0,
-    scenario: str = "paper",
-    num_devices: int = 0,
-    **overrides: Any,
-) -> Measurement:
-    """Times `steps` random decisions in `num_envs` environments, `repeats` times, after warm-up."""
-    work = Workload(num_envs, steps, seed, scenario, num_devices, **overrides)
-    return alternate([work], repeats)[0]
+def measure(num_envs: int, *, steps: int = 50, repeats: int = 5, **options: Any) -> Measurement:
+    """Times one `Workload` of these options, `repeats` times, after warm-up."""
+    return alternate([Workload(num_envs, steps, **options)], repeats)[0]
 
 
 def alternate(works: list[Workload], repeats: int) -> list[Measurement]:

@@ -113,10 +113,7 @@ def compiled(config: EnvConfig, *args: Any) -> Any:
 class Case:
     """Case number `number` of a seed: sizes, the numbers of each environment, and the compiled program.
 
-    Args:
-      seed, number: which case.
-      num_envs: environments side by side; others play otherwise.
-      config: sizes instead of those drawn.
+    With another number of environments they play otherwise. `config` is sizes instead of those drawn.
     """
 
     def __init__(

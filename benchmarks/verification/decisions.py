@@ -64,8 +64,7 @@ def check_closing(
     home = (last.meds.status == RETIRED) & (after.meds.status == AT_DEPOT)
     refilled = jnp.where(home, params.med_capacity_j, last.meds.energy_j)
     same = jax.tree.map(lambda a, b: a != b, (last.vehicles, last.evs), (after.vehicles, after.evs))
-    figures = [info[name] for name in ("tally", "metrics", "reward_terms")]
-    numbers = (decision.obs, decision.reward, *figures)
+    numbers = decision.obs, decision.reward, info["tally"], info["metrics"], info["reward_terms"]
     flags = tally_mistakes(books, decision, config, params)
     flags["energy"]["refill"] = after.meds.energy_j != refilled
     return {

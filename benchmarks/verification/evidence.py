@@ -30,12 +30,7 @@ MOST_SHOWN = 4  # of each check
 def explain(
     env: ChargingEnv, params: EnvParams, key: jax.Array, before: EnvState, action: Any
 ) -> Iterator[str]:
-    """Lines that say what goes wrong in a decision, of one environment.
-
-    Args:
-      env: with a probe that reports the whole state.
-      key, action: of `step_env`.
-    """
+    """Lines that say what goes wrong in a decision of one environment, whose probe reports the whole state."""
     config = env.config
     obs, after, reward, _, _, info = jax.jit(env.step_env)(key, before, action, params)
     begun = info["begun"]

@@ -35,13 +35,12 @@ ROOT = Path(__file__).resolve().parents[2]  # where `-m train.ppo` is found, whe
 SEED, ENVS = 7, 4
 PROFILE = {"observation": "profile", "episode_decisions": 60, "turnaround_s": 20.0}
 ODD = {"num_meds": 6, "num_evs": 33, "num_gas": 100, "num_lanes": 3, "ramp_x_m": [200, 1500]}
-ODD |= {"ticks_per_decision": 3, "tick_s": 0.3}
 # By name: preset, decisions, overrides. Together they come to everything that a decision may do.
 WORLDS: dict[str, tuple[str, int, dict[str, Any]]] = {
     "paper": ("paper", 90, {}),
     "profile": ("paper", 90, PROFILE),
     "realistic": ("realistic", 60, {}),
-    "odd": ("paper", 60, ODD),
+    "odd": ("paper", 60, {**ODD, "ticks_per_decision": 3, "tick_s": 0.3}),
 }
 STATE = (
     *("vehicles.x", "vehicles.speed", "vehicles.lane", "vehicles.active"),
@@ -53,16 +52,12 @@ TRAINING = {
     **{"--eval-episodes": 6, "--seed": 3, "--set": "episode_decisions=240"},
 }
 CLOCKS = ("wall_s", "env_steps_per_s")  # of a row of metrics.jsonl
+QUIET = {"num_meds": 2, "num_evs": 6, "num_gas": 4, "mainline_per_h": 300, "ramp_per_h": 0}
 # The worlds of the golden test: full traffic for a few decisions, and a MED that charges EVs on a quiet road. There few
 # vehicles decide anything, so that rounding stays rounding for long.
 SHORT: dict[str, tuple[str, int, dict[str, Any]]] = {
     "paper": ("paper", 20, {}),
-    "quiet": (
-        "paper",
-        60,
-        {"num_meds": 2, "num_evs": 6, "num_gas": 4, "mainline_per_h": 300, "ramp_per_h": 0}
-        | {"ev_share": 0.8, "arrival_soc_high": 0.4},
-    ),
+    "quiet": ("paper", 60, {**QUIET, "ev_share": 0.8, "arrival_soc_high": 0.4}),
 }
 
 

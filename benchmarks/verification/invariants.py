@@ -83,12 +83,7 @@ def lengths_of(state: EnvState, params: EnvParams) -> jax.Array:
 
 
 def check_lanes(before: Vehicles, after: Vehicles, length: jax.Array) -> Flags:
-    """Overlaps in a lane, and who was passed there, by the order in which they stand after the tick.
-
-    Args:
-      before, after: the tick; equal where there is none.
-      length: (N,) m.
-    """
+    """Overlaps in a lane, and who was passed there, by the order in which they stand after the tick; length (N,) m."""
     slots = after.x.shape[0]
     # One packed word sorts ten times as fast as several arrays: lane, place along the road, slot. Places are cut to
     # some millimetres; two vehicles of a lane that are so near to each other overlap in either order.

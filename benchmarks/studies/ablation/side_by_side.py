@@ -59,8 +59,7 @@ def play_worlds(
       params: what the worlds have in common.
       numbers: in which they differ, `(worlds,)` each.
       policies: by name.
-      episodes: whole episodes of each policy in each world, at least 1.
-      seed: which episodes, as in `medjax.episodes.scores`.
+      episodes, seed: as in `medjax.episodes.scores`.
       own_weights: leaves of the policies' weights have an axis of worlds first: in each another policy plays.
 
     Returns:
