@@ -194,10 +194,9 @@ def make(
       observation: a name of `medjax.env.observation.OBSERVATIONS`, or one of your own (`ChargingEnv`).
       following: car-following model, IDM if None; `medjax.traffic.following.CarFollowing`.
       coupling: efficiency of the coils, that of the circuit if None; `medjax.charging.link.COUPLINGS` has others.
-      **overrides: sizes of `EnvConfig` (`num_evs=80`), numbers of `EnvParams` by their own name
-        (`cooldown_s=30`), by group and name where that is not unique (`{"ev.mass_kg": 2000}`), the
-        coils (`med_coil_radius_m=0.4`), or `reward_weights={"dispatches": -1.0}`. `ramp_x_m` says
-        how many ramps there are where `num_ramps` does not.
+      **overrides: sizes of `EnvConfig` (`num_evs=80`), numbers of `EnvParams` by their own name (`cooldown_s=30`), by
+        group and name where that is not unique (`{"ev.mass_kg": 2000}`), the coils (`med_coil_radius_m=0.4`), or
+        `reward_weights={"dispatches": -1.0}`. `ramp_x_m` says how many ramps there are where `num_ramps` does not.
 
     Returns:
       (env, params); params are float32 and int32 arrays, ready to be batched. `env.recipe` says how they were made.

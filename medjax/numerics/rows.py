@@ -40,10 +40,7 @@ def in_blocks(
 
 
 def for_true_rows(
-    mask: jax.Array,
-    block: int,
-    body: Callable[[jax.Array, jax.Array, Carry], Carry],
-    carry: Carry,
+    mask: jax.Array, block: int, body: Callable[[jax.Array, jax.Array, Carry], Carry], carry: Carry
 ) -> Carry:
     """Calls `body` on blocks of the row numbers at which `mask` is True, until all have been served.
 

@@ -85,8 +85,7 @@ def battery_energy(
       tractive_energy: energy at the wheels in the step, J, negative when braking.
       dt: length of the step, s.
       drivetrain_efficiency: share of battery energy that reaches the wheels, in (0, 1].
-      regeneration_efficiency: share of braking energy that reaches the battery, in [0, 1]; 0 for
-        friction brakes only.
+      regeneration_efficiency: share of braking energy that reaches the battery, in [0, 1]; 0 for friction brakes only.
       auxiliary_power: power of what else the battery feeds (climate, electronics), W.
 
     Returns:

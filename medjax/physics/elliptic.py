@@ -4,11 +4,10 @@ The two integrals and their derivatives are all of the shape
 
     I(m; p, q) = integral over [0, pi/2] of (p cos^2 x + q sin^2 x) / sqrt(1 - m sin^2 x) dx
 
-with K = I(m; 1, 1), E = I(m; 1, 1 - m), dK/dm = I(m; 1, 0) / (2 (1 - m)), dE/dm = -I(m; 0, 1) / 2.
-Landen's transformation leaves I unchanged while it takes the two means closer, and p and q with
-them (Bulirsch, Numer. Math. 7, 78-90, 1965; the mean itself: DLMF 19.8). Every step adds and
-multiplies positive numbers, so no digits cancel; the textbook form E = K (1 - sum 2^(n-1) c_n^2)
-subtracts, and loses digits as m nears 1.
+with K = I(m; 1, 1), E = I(m; 1, 1 - m), dK/dm = I(m; 1, 0) / (2 (1 - m)), dE/dm = -I(m; 0, 1) / 2. Landen's
+transformation leaves I unchanged while it takes the two means closer, and p and q with them (Bulirsch, Numer. Math. 7,
+78-90, 1965; the mean itself: DLMF 19.8). Every step adds and multiplies positive numbers, so no digits cancel; the
+textbook form E = K (1 - sum 2^(n-1) c_n^2) subtracts, and loses digits as m nears 1.
 
 The third is the Psi of two coils, `psi_sum`; see `medjax.physics.coil`.
 """

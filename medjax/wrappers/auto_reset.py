@@ -92,9 +92,8 @@ class BatchAutoReset:
             params: parameters, the same for all copies.
 
         Returns:
-            obs, state, reward, terminated, truncated, info; every leaf `(num_envs, ...)`. Besides what the
-            environment reports, info holds `final_observation` (the observation before any reset) and
-            `cut_short` (see `stagger`).
+            obs, state, reward, terminated, truncated, info; every leaf `(num_envs, ...)`. Besides what the environment
+            reports, info holds `final_observation` (the observation before any reset) and `cut_short` (see `stagger`).
         """
         step_keys, reset_keys = _split(keys)
         step = jax.vmap(self.env.step_env, (0, 0, 0, None))

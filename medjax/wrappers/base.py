@@ -9,14 +9,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from medjax.env.contract import (
-    Environment,
-    Observation,
-    Params,
-    State,
-    StepResult,
-    step_with_reset,
-)
+from medjax.env.contract import Environment, Observation, Params, State, StepResult, step_with_reset
 
 
 @dataclasses.dataclass(frozen=True)
