@@ -44,18 +44,10 @@ def tractive_energy(
       Energy in J, negative when braking or rolling downhill takes out more than resistance does.
       It is in the widest floating type among the arguments.
     """
+    motion = speed_before, speed_after, dt
+    vehicle = mass, drag_coefficient, frontal_area, rolling_resistance, rotational_inertia_factor
     before, after, dt, mass, drag, area, rolling, inertia, slope, density, gravity = as_floats(
-        speed_before,
-        speed_after,
-        dt,
-        mass,
-        drag_coefficient,
-        frontal_area,
-        rolling_resistance,
-        rotational_inertia_factor,
-        slope,
-        air_density,
-        gravity,
+        *motion, *vehicle, slope, air_density, gravity
     )
     mean_speed = (before + after) / 2
     force = (
