@@ -4,8 +4,6 @@ Trained runs and rules play the same episodes of `paper` at several multiples of
 runs take their most probable actions, whatever presets and demands they were trained on.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import os

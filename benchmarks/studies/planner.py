@@ -6,8 +6,6 @@ plays for the same seed, so that returns of both commands stand beside each othe
 `samples * actions * decisions / hold / 2` others.
 """
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

@@ -5,8 +5,6 @@ work of eqs (7)-(8) in another form: rolling and drag times the way, and the cha
 full or empty hides a part of what flowed, so flows are intervals, `Flow`.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import jax

@@ -1,7 +1,5 @@
 """What the studies share: settings of the environment, rows of a report, and how they are shown."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 from collections.abc import Mapping, Sequence
