@@ -33,6 +33,7 @@ class Wish(NamedTuple):
 
     desire: jax.Array  # -1 to 1: must go left where negative, right where positive; its size says how urgent it is
     stay: jax.Array  # bool: no change but a mandatory one
+    may: jax.Array  # bool: nothing but traffic is in the way of a change to the side looked at
 
 
 class Turn(NamedTuple):
@@ -88,11 +89,8 @@ Follow = Callable[[Follower, Leader, jax.Array], jax.Array]
 """`(followers, leaders, has_leader)` of one shape to accelerations, m/s^2."""
 
 
-class Decision(NamedTuple):
-    """What those whose turn it is decide, `(C,)` each."""
-
-    changes: jax.Array  # bool, into the lane looked at, now
-    courtesy: jax.Array  # m/s^2 at most, towards the vehicle ahead in that lane; inf where nothing is at stake
+# What those decide who change lanes; the others, an acceleration that they keep to out of courtesy.
+GOES = -jnp.inf
 
 
 def _for_the_desire(usual: jax.Array, desire: jax.Array, params: LaneChangeParams) -> jax.Array:
@@ -124,14 +122,18 @@ def _courtesy(
 
 def decide(
     situation: Situation, wish: Wish, turn: Turn, follow: Follow, params: LaneChangeParams
-) -> Decision:
-    """What those whose turn it is do about the lane that they look at.
+) -> jax.Array:
+    """What those whose turn it is do about the lane that they look at, `(C,)`.
 
     Args:
       situation: of all vehicles.
       wish: mandatory changes; they add a bias, safety is never waived.
       turn: whose turn it is, and the side looked at.
       follow: car following between any two.
+
+    Returns:
+      GOES where one changes lanes now, safely. Else the acceleration, m/s^2, that it keeps to for the one ahead in
+      that lane, inf where nothing is at stake. One array, since two would be worked out one after the other.
     """
     leaders, followers, usual, neighbours, following, acceleration = situation
     own, own_usual = pick_group((followers, usual), turn)
@@ -197,4 +199,5 @@ def decide(
     gains = pick_group(acceleration, turn) > 0.25 * own.max_acceleration
     waits = early & gains & has_follower & (own.speed < EVEN_SPEED * follower.speed)
     courtesy = _courtesy(own, leader, own_after, has_leader & (stake > COURTEOUS_DESIRE), params)
-    return Decision(safe & wants & moves & ~waits & (mandatory | free), courtesy)
+    goes = wish.may & safe & wants & moves & ~waits & (mandatory | free)
+    return jnp.where(goes, GOES, courtesy)

@@ -25,6 +25,7 @@ from medjax.traffic.following import (
 )
 from medjax.traffic.idm import IDM_PLUS
 from medjax.traffic.lane_change import (
+    GOES,
     Follow,
     Situation,
     Turn,
@@ -95,14 +96,22 @@ def _is_changing(vehicles: Vehicles, params: EnvParams) -> jax.Array:
 
 
 def _wishes(
-    vehicles: Vehicles, orders: Orders, to_end: jax.Array, config: EnvConfig, params: EnvParams
+    vehicles: Vehicles,
+    orders: Orders,
+    to_end: jax.Array,
+    direction: jax.Array,
+    config: EnvConfig,
+    params: EnvParams,
 ) -> Wish:
-    """Mandatory changes: off a ramp, and what is ordered."""
+    """Mandatory changes: off a ramp, and what is ordered; and who may change to the side looked at."""
+    target = vehicles.lane + direction
     merging = vehicles.lane == config.num_lanes
     urgency = jnp.clip(1.0 - to_end / params.lane_change.view_m, ORDERED_DESIRE, 1.0)
+    there = vehicles.active & (target >= 0) & (target < config.num_lanes)
     return Wish(
         desire=jnp.where(merging, -urgency, ORDERED_DESIRE * orders.direction),
         stay=orders.stay | (vehicles.recovery_s > 0.0),
+        may=there & ~_is_changing(vehicles, params),
     )
 
 
@@ -116,16 +125,14 @@ def _lane_changes(
     params: EnvParams,
 ) -> tuple[jax.Array, Vehicles]:
     """Lane steps of all vehicles in this tick, `(N,)` int32 in -1, 0, 1; the vehicles, courteous."""
-    decision = decide(situation, wish, turn, follow, params.lane_change)
-    target = vehicles.lane + turn.direction
-    may_change = vehicles.active & ~_is_changing(vehicles, params)
-    may_change &= (target >= 0) & (target < config.num_lanes)
-    changes = may_change & place_group(decision.changes, turn, jnp.zeros_like(may_change))
+    decided = decide(situation, wish, turn, follow, params.lane_change)
     left, right = vehicles.courtesy_left, vehicles.courtesy_right
-    seen = place_group(decision.courtesy, turn, jnp.where(turn.direction < 0, left, right))
+    looks_left = turn.direction < 0
+    seen = place_group(decided, turn, jnp.where(looks_left, left, right))
+    changes = seen == GOES
     return turn.direction * changes, vehicles.replace(
-        courtesy_left=jnp.where(changes, jnp.inf, jnp.where(turn.direction < 0, seen, left)),
-        courtesy_right=jnp.where(changes, jnp.inf, jnp.where(turn.direction < 0, right, seen)),
+        courtesy_left=jnp.where(changes, jnp.inf, jnp.where(looks_left, seen, left)),
+        courtesy_right=jnp.where(changes, jnp.inf, jnp.where(looks_left, right, seen)),
         recovery_s=jnp.where(
             changes,
             params.lane_change.recovery_s,
@@ -213,7 +220,7 @@ def move(
         situation = Situation(
             leaders, followers, drivers.time_headway, neighbours, following, acceleration
         )
-        wish = _wishes(vehicles, orders, to_end, config, params)
+        wish = _wishes(vehicles, orders, to_end, turn.direction, config, params)
         steps, vehicles = _lane_changes(vehicles, situation, wish, turn, follow, config, params)
 
     with jax.named_scope("motion"):
