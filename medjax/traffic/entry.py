@@ -104,8 +104,7 @@ def _put_on_road(
         acceleration_noise=fresh(still, vehicles.acceleration_noise),
         wander=fresh(still, vehicles.wander),
         headway=fresh(next_up.time_headway, vehicles.headway),
-        courtesy_left=fresh(nobody, vehicles.courtesy_left),
-        courtesy_right=fresh(nobody, vehicles.courtesy_right),
+        courtesy=fresh(nobody, vehicles.courtesy),
         recovery_s=fresh(still, vehicles.recovery_s),
     )
 

@@ -45,7 +45,7 @@ class Turn(NamedTuple):
 
 
 def whose_turn(tick: jax.Array, groups: int) -> Turn:
-    """Even ticks look left, odd ticks right, and groups take turns.
+    """Even ticks look left, odd ticks right, and groups take turns: each looks left, and right in the next tick.
 
     So each vehicle looks both ways once in 2 * groups ticks, and a tick judges one group only.
     """
@@ -81,6 +81,7 @@ class Situation(NamedTuple):
     followers: Follower
     usual_headway: jax.Array  # s, which drivers keep in the long run
     neighbours: Neighbours  # in the own lane, and in the lane on the side looked at
+    courtesy: jax.Array  # m/s^2 at most, of the last look
     following: jax.Array  # m/s^2, by car following alone
     acceleration: jax.Array  # m/s^2, with the end of an acceleration lane counted
 
@@ -135,8 +136,8 @@ def decide(
       GOES where one changes lanes now, safely. Else the acceleration, m/s^2, that it keeps to for the one ahead in
       that lane, inf where nothing is at stake. One array, since two would be worked out one after the other.
     """
-    leaders, followers, usual, neighbours, following, acceleration = situation
-    own, own_usual = pick_group((followers, usual), turn)
+    leaders, followers, usual, neighbours, courtesy, following, acceleration = situation
+    own, own_usual, held = pick_group((followers, usual, courtesy), turn)
     seen = pick_group(leaders, turn)
     desire = wish.desire * turn.direction  # to the side looked at
     neighbours, wish = pick_group(neighbours, turn), pick_group(wish, turn)
@@ -199,5 +200,7 @@ def decide(
     gains = pick_group(acceleration, turn) > 0.25 * own.max_acceleration
     waits = early & gains & has_follower & (own.speed < EVEN_SPEED * follower.speed)
     courtesy = _courtesy(own, leader, own_after, has_leader & (stake > COURTEOUS_DESIRE), params)
+    # Left is looked first, and what it asks for holds beside what the right asks for.
+    courtesy = jnp.minimum(courtesy, jnp.where(turn.direction > 0, held, jnp.inf))
     goes = wish.may & safe & wants & moves & ~waits & (mandatory | free)
     return jnp.where(goes, GOES, courtesy)

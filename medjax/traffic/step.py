@@ -76,7 +76,7 @@ def drivers_of(
 
 
 def perturb(key: jax.Array, vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> Vehicles:
-    """Drivers' noise moves on once a decision; between decisions it is constant."""
+    """Drivers' noise moves on once a decision, and they recover from lane changes; between decisions both stay."""
     drivers = params.drivers
     normal = jax.random.normal(key, (2, config.num_vehicles))
     time_s, dt = params.motion.noise_time_s, config.decision_s
@@ -87,7 +87,8 @@ def perturb(key: jax.Array, vehicles: Vehicles, config: EnvConfig, params: EnvPa
             (vehicles.wander, normal[1], drivers.lateral_wander),
         )
     )
-    return vehicles.replace(acceleration_noise=noise, wander=wander)
+    recovery_s = count_down(vehicles.recovery_s, dt)
+    return vehicles.replace(acceleration_noise=noise, wander=wander, recovery_s=recovery_s)
 
 
 def _is_changing(vehicles: Vehicles, params: EnvParams) -> jax.Array:
@@ -126,19 +127,11 @@ def _lane_changes(
 ) -> tuple[jax.Array, Vehicles]:
     """Lane steps of all vehicles in this tick, `(N,)` int32 in -1, 0, 1; the vehicles, courteous."""
     decided = decide(situation, wish, turn, follow, params.lane_change)
-    left, right = vehicles.courtesy_left, vehicles.courtesy_right
-    looks_left = turn.direction < 0
-    seen = place_group(decided, turn, jnp.where(looks_left, left, right))
+    seen = place_group(decided, turn, vehicles.courtesy)
     changes = seen == GOES
-    return turn.direction * changes, vehicles.replace(
-        courtesy_left=jnp.where(changes, jnp.inf, jnp.where(looks_left, seen, left)),
-        courtesy_right=jnp.where(changes, jnp.inf, jnp.where(looks_left, right, seen)),
-        recovery_s=jnp.where(
-            changes,
-            params.lane_change.recovery_s,
-            count_down(vehicles.recovery_s, config.tick_s),
-        ),
-    )
+    recovery_s = jnp.where(changes, params.lane_change.recovery_s, vehicles.recovery_s)
+    courtesy = jnp.where(changes, jnp.inf, seen)
+    return turn.direction * changes, vehicles.replace(courtesy=courtesy, recovery_s=recovery_s)
 
 
 def _step(
@@ -213,12 +206,17 @@ def move(
             config.tick_s,
         )
         stop = jnp.where(on_ramp, stop, jnp.inf)
-        courtesy = jnp.minimum(vehicles.courtesy_left, vehicles.courtesy_right)
-        acceleration = jnp.minimum(jnp.minimum(following, stop), courtesy)
+        acceleration = jnp.minimum(jnp.minimum(following, stop), vehicles.courtesy)
 
     with jax.named_scope("lane_changes"):
         situation = Situation(
-            leaders, followers, drivers.time_headway, neighbours, following, acceleration
+            leaders,
+            followers,
+            drivers.time_headway,
+            neighbours,
+            vehicles.courtesy,
+            following,
+            acceleration,
         )
         wish = _wishes(vehicles, orders, to_end, turn.direction, config, params)
         steps, vehicles = _lane_changes(vehicles, situation, wish, turn, follow, config, params)

@@ -30,8 +30,7 @@ class Vehicles(struct.PyTreeNode):
     acceleration_noise: jax.Array  # (N,) m/s^2
     wander: jax.Array  # (N,) m, lateral offset the driver steers to
     headway: jax.Array  # (N,) s, that a driver keeps now: a short one grows back
-    courtesy_left: jax.Array  # (N,) m/s^2 at most, for those who change from or to the left; else inf
-    courtesy_right: jax.Array  # (N,) m/s^2 at most, the same on the right
+    courtesy: jax.Array  # (N,) m/s^2 at most, for one that changes lanes, or to become one; else inf
     recovery_s: jax.Array  # (N,) s, until a change that is only an advantage is thought of again
     road_order: jax.Array  # (N,) int32, slots lane by lane and rear to front, of the last tick
 
