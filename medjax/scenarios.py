@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.link import Coupling, coupling_efficiency
+from medjax.charging.link import Coupling, couple
 from medjax.env.charging_env import ChargingEnv
 from medjax.env.observation import OBSERVATIONS
 from medjax.env.reward import TERMS, RewardTerm
@@ -123,7 +123,7 @@ def _following(given: Any) -> CarFollowing:
 def _coupling(given: Any) -> Coupling:
     """The coils' efficiency: that of the circuit, or one's own."""
     if given is None:
-        return coupling_efficiency
+        return couple
     if not callable(given):
         raise InputError(f"coupling = {shown(given)}: allowed a function")
     return given
@@ -193,7 +193,7 @@ def make(
         preset does not know gets weight 0 if it is one of `medjax.TERMS`, and 1 if it is your own.
       observation: a name of `medjax.env.observation.OBSERVATIONS`, or one of your own (`ChargingEnv`).
       following: car-following model, IDM if None; `medjax.traffic.following.CarFollowing`.
-      coupling: efficiency of the coils, that of the circuit if None; `medjax.charging.link.COUPLINGS` has others.
+      coupling: the coils' circuit, the one solved if None; `medjax.charging.link.COUPLINGS` has others.
       **overrides: sizes of `EnvConfig` (`num_evs=80`), numbers of `EnvParams` by their own name
         (`cooldown_s=30`), by group and name where that is not unique (`{"ev.mass_kg": 2000}`), the
         coils (`med_coil_radius_m=0.4`), or `reward_weights={"dispatches": -1.0}`. `ramp_x_m` says

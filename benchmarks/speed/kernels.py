@@ -31,7 +31,7 @@ from benchmarks.speed.references import (
     neumann,
     road_order,
 )
-from medjax.charging.link import Misalignment, coupling_efficiency
+from medjax.charging.link import Misalignment, couple
 from medjax.commandline import OneLineParser
 from medjax.errors import InputError
 from medjax.physics import ellipe, ellipk, interpolate_inductance, mutual_inductance
@@ -136,7 +136,7 @@ def coil_rows(link: LinkParams, count: int, repeats: int) -> list[Row]:
     _, figures = time_calls(
         interpolate_inductance, link.inductance, *arguments, repeats=repeats, elements=count
     )
-    efficiency = jax.jit(coupling_efficiency)(Misalignment(*arguments), link)
+    efficiency = jax.jit(couple)(Misalignment(*arguments), link).efficiency
     error = np.abs(np.asarray(efficiency, np.float64)[:checked] - exact_efficiency(exact, link))
     apart = gap >= TABLE_GAP_M
     against = f"of link efficiency, the same, {extent(apart, TABLE_GAP_M)}"

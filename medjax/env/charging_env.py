@@ -15,7 +15,7 @@ import jax.numpy as jnp
 
 from medjax import hooks
 from medjax.charging.booking import book, welcome
-from medjax.charging.link import Coupling, coupling_efficiency
+from medjax.charging.link import Coupling, couple
 from medjax.env.contract import step_with_reset
 from medjax.env.dispatch import action_mask, advance_clocks, dispatch
 from medjax.env.metrics import episode_metrics
@@ -46,7 +46,7 @@ class ChargingEnv:
       observation: flat observation, `size(config)` and `__call__(state, config, params)`.
       name: shown in logs.
       following: the car-following model.
-      coupling: efficiency of the coils, one of `medjax.charging.link.COUPLINGS` or of your own.
+      coupling: the coils' circuit, one of `medjax.charging.link.COUPLINGS` or of your own.
 
     Attributes:
       recipe: how `medjax.make` was called; None where it was not.
@@ -65,7 +65,7 @@ class ChargingEnv:
         observation: Any = None,
         name: str = "charging",
         following: CarFollowing = STANDARD_IDM,
-        coupling: Coupling = coupling_efficiency,
+        coupling: Coupling = couple,
     ) -> None:
         validate_config(config)
         self.config = config

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from medjax.charging.booking import release
 from medjax.charging.docking import approach
 from medjax.charging.exchange import exchange
-from medjax.charging.link import Coupling, coupling_efficiency, links
+from medjax.charging.link import Coupling, couple, links
 from medjax.env.dispatch import on_the_road
 from medjax.numerics.sums import in_units, rounded, sum_pairwise
 from medjax.traffic.following import CarFollowing, Drivers
@@ -26,7 +26,7 @@ def physics_tick(
     config: EnvConfig,
     params: EnvParams,
     following: CarFollowing = STANDARD_IDM,
-    coupling: Coupling = coupling_efficiency,
+    coupling: Coupling = couple,
 ) -> tuple[EnvState, Tally]:
     """Advances one environment by `config.tick_s`.
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.charging.exchange import transfer
+from medjax.charging.exchange import taper, transfer
 from medjax.env.tick import physics_tick
 from medjax.traffic.step import drivers_of
 
@@ -96,7 +96,12 @@ def test_short_med_shares_and_full_ev_takes_no_more():
     charging = jnp.array([True, True, True])
     med = jnp.array([0, 0, 1], jnp.int32)
     flow = transfer(
-        efficiency, charging, med, jnp.array([100.0, 1e6]), jnp.array([1e6, 1e6, 45.0]), 200.0
+        efficiency,
+        charging,
+        med,
+        jnp.array([100.0, 1e6]),
+        jnp.array([1e6, 1e6, 45.0]),
+        jnp.full(3, 200.0),
     )
     np.testing.assert_allclose(flow.sent_j, [50.0, 50.0, 50.0], rtol=1e-6)
     np.testing.assert_allclose(flow.received_j, [45.0, 40.0, 45.0], rtol=1e-6)
@@ -110,6 +115,45 @@ def test_empty_med_and_idle_ev_move_nothing():
         jnp.array([0, 1], jnp.int32),
         jnp.array([-5.0, 1e6]),
         jnp.array([1e6, 1e6]),
-        200.0,
+        jnp.full(2, 200.0),
     )
     assert np.all(np.asarray(flow.sent_j) == 0.0)
+
+
+def test_a_slot_sends_what_it_may():
+    """Each EV's own slot, where the coils of one stand badly."""
+    flow = transfer(
+        jnp.array([0.9, 0.5]),
+        jnp.array([True, True]),
+        jnp.array([0, 0], jnp.int32),
+        jnp.array([1e6]),
+        jnp.array([1e6, 1e6]),
+        jnp.array([200.0, 30.0]),
+    )
+    np.testing.assert_allclose(flow.sent_j, [200.0, 30.0])
+    np.testing.assert_allclose(flow.received_j, [180.0, 15.0])
+    np.testing.assert_allclose(flow.drawn_j, [230.0])
+
+
+@pytest.mark.parametrize("taper_soc", [0.8, 0.5, 1.0])
+def test_charging_slows_down_towards_a_full_battery(taper_soc):
+    """Power falls linearly from `taper_soc` on, so that what is missing decays exponentially: with full power P in a
+    battery of capacity C, over tau = (1 - taper_soc) C / P."""
+    _, params = medjax.make("paper", taper_soc=taper_soc)
+    capacity = float(params.ev_capacity_j)
+    share = np.asarray(taper(jnp.linspace(0.0, 1.0, 101) * capacity, params), np.float64)
+    soc = np.linspace(0.0, 1.0, 101)
+    below = soc < taper_soc - 1e-6
+    np.testing.assert_array_equal(share[below], 1.0)
+    if taper_soc < 1.0:
+        expected = np.minimum(1.0, (1.0 - soc) / (1.0 - taper_soc))
+        np.testing.assert_allclose(share, expected, atol=1e-5)
+    assert share[-1] == 0.0
+
+    power, dt, ticks = 40e3, 0.25, 400
+    energy = jnp.float32(taper_soc * capacity)
+    for _ in range(ticks):
+        energy = energy + power * dt * taper(energy, params)
+    decay = power * dt * ticks / (max(1.0 - taper_soc, 1e-9) * capacity)
+    missing = (1.0 - taper_soc) * capacity * np.exp(-decay)
+    assert capacity - float(energy) == pytest.approx(missing, rel=0.02, abs=1e-4 * capacity)

@@ -122,7 +122,10 @@ def test_forecast_counts_who_will_run_out(paper):
             action = ramp if number == 0 else 0
             _, state, *_ = step(jax.random.key(number), state, action, params)
     window = 60.0
-    per_metre = float(drive_energy(jnp.float32(30.0), jnp.float32(30.0), params.ev, 1.0)) / 30.0
+    per_metre = (
+        float(drive_energy(jnp.float32(30.0), jnp.float32(30.0), params.ev, params.road, 1.0))
+        / 30.0
+    )
     capacity = float(params.ev_capacity_j)
     active, x = np.asarray(state.vehicles.active), np.asarray(state.vehicles.x)
     status, place = np.asarray(state.meds.status), np.array([100.0, 1200.0, 2100.0, 3200.0])
