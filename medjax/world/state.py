@@ -42,6 +42,7 @@ class EVs(struct.PyTreeNode):
     is_charging: jax.Array  # (E,) bool
     timer_s: jax.Array  # (E,) booked: since booking or last charge; else: until it may ask again
     served: jax.Array  # (E,) bool, has charged at least once
+    complies: jax.Array  # (E,) bool, its driver slows down to save charge
 
 
 class MEDs(struct.PyTreeNode):
