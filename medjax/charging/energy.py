@@ -41,6 +41,11 @@ def drive_energy(
     )
 
 
+def per_metre(speed: jax.Array, body: BodyParams, road: RoadParams) -> jax.Array:
+    """Energy that a metre at a constant speed takes from the battery, J; speeds in m/s, above 0."""
+    return drive_energy(speed, speed, body, road, 1.0) / speed
+
+
 def cruising(params: EnvParams) -> tuple[jax.Array, jax.Array]:
     """Speed at which EVs mean to drive, that of autonomous ones, m/s, and the battery power that it takes, W."""
     speed = jnp.asarray(params.drivers.desired_speed[AUTONOMOUS_EV])

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.energy import drive_energy
+from medjax.charging.energy import drive_energy, per_metre
 from medjax.charging.link import Link
 from medjax.numerics.gathers import read
 from medjax.numerics.sums import sum_pairwise
@@ -107,9 +107,15 @@ def exchange(
     med_energy, med_rest = change_battery(
         meds.energy_j, meds.rest_j, -med_use - flow.drawn_j, params.med_capacity_j
     )
+    travelled = after.x[config.ev_slots] - before.x[config.ev_slots]
+    cruising_j = travelled * per_metre(before.desired_speed[config.ev_slots], params.ev, road)
+    on_road = before.active[config.ev_slots]
     tally = Tally.zeros().replace(
         energy_sent_j=sum_pairwise(flow.sent_j),
         energy_received_j=sum_pairwise(flow.received_j),
+        ev_driving_j=sum_pairwise(ev_use),
+        ev_cruising_j=sum_pairwise(jnp.where(on_road, cruising_j, 0.0)),
+        med_driving_j=sum_pairwise(med_use),
         evs_served=jnp.sum(link.is_charging & ~evs.served, dtype=jnp.float32),
     )
     evs = evs.replace(
