@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from medjax.charging.link import Coupling, couple
 from medjax.env.charging_env import ChargingEnv
 from medjax.env.observation import OBSERVATIONS
-from medjax.env.reward import TERMS, RewardTerm
+from medjax.env.reward import REWARDS, TERMS, RewardTerm
 from medjax.errors import MOST_SHOWN, InputError, shown
 from medjax.traffic.following import CarFollowing
 from medjax.traffic.idm import STANDARD_IDM
@@ -87,11 +87,15 @@ def _unknown(kind: str, name: Any, allowed: list[str]) -> InputError:
 
 
 def _terms(reward: Any) -> Mapping[str, RewardTerm]:
-    """The reward's terms: those that come with medjax, or one's own."""
-    if reward is None:
-        return TERMS
+    """The reward's terms: a set that comes with medjax, by its name, or one's own."""
+    if isinstance(reward, str):
+        if reward not in REWARDS:
+            raise _unknown("reward", reward, list(REWARDS))
+        return REWARDS[reward]
     if not isinstance(reward, Mapping):
-        raise InputError(f"reward = {shown(reward)}: allowed functions by name")
+        raise InputError(
+            f"reward = {shown(reward)}: allowed {', '.join(REWARDS)}, or functions by name"
+        )
     for term, function in reward.items():
         if not isinstance(term, str) or not callable(function):
             raise InputError(f"reward[{shown(term)}] = {shown(function)}: allowed a function")
@@ -140,7 +144,7 @@ def _size(name: str, sizes: dict[str, Any], numbers: Mapping[str, Any]) -> EnvCo
 def prepare(
     name: str = "paper",
     *,
-    reward: Mapping[str, RewardTerm] | None = None,
+    reward: str | Mapping[str, RewardTerm] | None = None,
     observation: Any = "flat",
     following: CarFollowing | None = None,
     coupling: Coupling | None = None,
@@ -156,7 +160,8 @@ def prepare(
     """
     if not isinstance(name, str) or name not in SCENARIOS:
         raise _unknown("scenario", name, list(SCENARIOS))
-    terms, seen = _terms(reward), _observation(observation)
+    terms = _terms(SCENARIOS[name].reward if reward is None else reward)
+    seen = _observation(observation)
     given = _sort(overrides)
     config = _size(name, given.sizes, given.numbers)
     params = SCENARIOS[name].params(config)
@@ -179,7 +184,7 @@ def prepare(
 def make(
     name: str = "paper",
     *,
-    reward: Mapping[str, RewardTerm] | None = None,
+    reward: str | Mapping[str, RewardTerm] | None = None,
     observation: Any = "flat",
     following: CarFollowing | None = None,
     coupling: Coupling | None = None,
@@ -189,7 +194,8 @@ def make(
 
     Args:
       name: one of `SCENARIOS`.
-      reward: terms by name; those that come with medjax if None. A term that `reward_weights` of the
+      reward: a set of terms by its name (`medjax.env.reward.REWARDS`: "paper", "money"), or functions by name; that of
+        the preset if None. A term that `reward_weights` of the
         preset does not know gets weight 0 if it is one of `medjax.TERMS`, and 1 if it is your own.
       observation: a name of `medjax.env.observation.OBSERVATIONS`, or one of your own (`ChargingEnv`).
       following: car-following model, IDM if None; `medjax.traffic.following.CarFollowing`.
