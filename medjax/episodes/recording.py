@@ -148,12 +148,13 @@ def _program(
     ) -> tuple[Frames, Frames, Decisions, EnvParams]:
         """One episode, the only row."""
         begun = player.start(key, params)
-        begin, road = env.highway(_row(begun.state), params)
+        numbers = policy.world(params)
+        begin, road = env.highway(_row(begun.state), numbers)
 
         def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
             """One decision."""
             episodes, made = player.decide(episodes, number, [weights], params)
-            after, _ = env.highway(_row(episodes.state), params)
+            after, _ = env.highway(_row(episodes.state), numbers)
             made = _row(made)
             happened = made.info["tally"]
             decision = Decisions(

@@ -27,6 +27,8 @@ class Policy(struct.PyTreeNode):
 
     act: Callable[[Any, jax.Array, Any, Any, Any], Choice] = struct.field(pytree_node=False)
     weights: Any = ()  # arrays, the first argument of `act`; a rule has none
+    # From the environment's numbers to those that it plays in: a control may have drivers do what others do by MEDs.
+    world: Callable[[Any], Any] = struct.field(pytree_node=False, default=lambda params: params)
 
     def __call__(self, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
         """What it does.
@@ -68,4 +70,4 @@ def every(policy: Policy, interval: int) -> Policy:
             jnp.where(asked, choice.action, 0), jnp.where(asked, choice.probabilities, wait)
         )
 
-    return Policy(choose, policy.weights)
+    return Policy(choose, policy.weights, policy.world)
