@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -29,9 +30,8 @@ def benchmark_parser(name: str, description: str | None) -> OneLineParser:
         description=description,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument(
-        "--json", type=output_file, metavar="FILE", help="write the figures here too"
-    )
+    figures = "write the figures here too"
+    parser.add_argument("--json", type=output_file, metavar="FILE", help=figures)
     return parser
 
 
@@ -47,10 +47,7 @@ def run_command(
       parser: of `benchmark_parser`.
       measure: does it, prints what it finds, and returns what `--json` writes; an InputError of it is bad input.
       arguments: None: those of the process.
-      plot: draws what `measure` returned to the PNG of `--plot`.
-
-    Returns:
-      What `measure` returned.
+      plot: draws what `measure` returned, which is returned here too, to the PNG of `--plot`.
     """
     options = parser.parse_args(arguments)
     prepare_cpu()
@@ -100,7 +97,26 @@ def whole_number(least: int = 1, most: int = 10**7) -> Callable[[str], int]:
 
 
 positive = whole_number()
+natural = whole_number(least=0)
 a_seed = whole_number(least=0, most=2**32 - 1)
+
+
+def a_number(allowed: str, is_allowed: Callable[[float], bool]) -> Callable[[str], float]:
+    """A type of argument: finite numbers, such as 1e9, that are allowed; `allowed` says which."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (text.isascii() and math.isfinite(value) and is_allowed(value)):
+            raise argparse.ArgumentTypeError(f"{shown(text)}: allowed {allowed}")
+        return value
+
+    return parse
+
+
+non_negative = a_number("a number from 0", lambda value: value >= 0.0)
 
 
 def add_scenario(parser: OneLineParser) -> None:
@@ -111,9 +127,8 @@ def add_scenario(parser: OneLineParser) -> None:
 def episodes_parser(name: str, description: str | None, episodes: int, seed: int) -> OneLineParser:
     """`benchmark_parser` of a command that plays whole episodes, with these defaults."""
     parser = benchmark_parser(name, description)
-    parser.add_argument(
-        "--episodes", type=whole_number(least=2), default=episodes, help="of each policy"
-    )
+    number = whole_number(least=2)
+    parser.add_argument("--episodes", type=number, default=episodes, help="of each policy")
     parser.add_argument("--seed", type=a_seed, default=seed, help="which episodes")
     add_scenario(parser)
     return parser

@@ -50,7 +50,7 @@ benchmarks
 RANKS = {
     room: rank for rank, rooms in enumerate(LEVELS.split("\n")[1:-1]) for room in rooms.split()
 }
-LAZY = ("medjax", "medjax.render.command")
+LAZY = ("medjax",)
 # Whatever the order: no way leads from the one to the others.
 APART = {
     "medjax.physics": ("medjax.world", "medjax.traffic", "medjax.charging", "medjax.env"),

@@ -8,19 +8,12 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from medjax.commandline import (
-    OneLineParser,
-    add_set_option,
-    as_path,
-    fail,
-    parse_overrides,
-    whole_number,
-)
+from medjax.commandline import OneLineParser, add_set_option, as_path, fail, parse_overrides
 from medjax.errors import InputError
 from medjax.files import check_output
 from train.evaluation.tables import format_table
 from train.runs.run_directory import RunDir, check_matplotlib, write_json
-from train.runs.trained_run import LIMITS, to_play, trained_run_parser
+from train.runs.trained_run import to_play, trained_run_parser, whole_numbers
 
 
 def build_parser() -> OneLineParser:
@@ -44,20 +37,10 @@ def build_parser() -> OneLineParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Evaluates as the command line says.
-
-    Args:
-        argv: arguments; None takes those of the process.
-
-    Returns:
-        The exit code.
-    """
+    """Evaluates as the command line says (None: that of the process). Returns the exit code."""
     given = build_parser().parse_args(argv)
     try:
-        numbers = {
-            name: whole_number(f"--{name}", getattr(given, name), *limits)
-            for name, limits in LIMITS.items()
-        }
+        numbers = whole_numbers(given)
         target, picture = _target("--json", given.json), _target("--plot", given.plot)
         changes = parse_overrides(given.overrides)
         run_dir = RunDir(as_path("--run-dir", given.run_dir))

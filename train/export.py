@@ -9,8 +9,8 @@ from medjax.files import check_output
 from train.runs.run_directory import RunDir
 
 
-def build_parser() -> OneLineParser:
-    """The command line."""
+def main(argv: Sequence[str] | None = None) -> int:
+    """Exports as the command line says (None: that of the process). Returns the exit code."""
     parser = OneLineParser(
         prog="python -m train.export",
         description="Writes the trained policy of a run as one file, for medjax.policies.saved.load_policy.",
@@ -21,27 +21,14 @@ def build_parser() -> OneLineParser:
     parser.add_argument(
         "--out", metavar="FILE", help="file to write (default: policy.zip in DIR), replaced"
     )
-    return parser
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Exports as the command line says.
-
-    Args:
-        argv: arguments; None takes those of the process.
-
-    Returns:
-        The exit code.
-    """
-    given = build_parser().parse_args(argv)
+    given = parser.parse_args(argv)
     try:
         run_dir = RunDir(as_path("--run-dir", given.run_dir))
         target = run_dir.policy if given.out is None else as_path("--out", given.out)
         config = run_dir.load_config()
         check_output("--out", target)
         # JAX takes seconds to import; bad options need not wait for it.
-        from train.runs.policies import load_weights
-        from train.runs.policy_file import export_policy
+        from train.runs.policies import export_policy, load_weights
 
         env, params, weights = load_weights(run_dir.path, config)
     except InputError as error:

@@ -21,7 +21,6 @@ def option(
     *,
     flags: tuple[str, ...] = (),
     choices: tuple[str, ...] = (),
-    metavar: str | None = None,
     limits: tuple[float | None, float | None] = (None, None),
 ) -> Any:
     """A dataclass field with what the command line and the checks need to know about it.
@@ -32,28 +31,15 @@ def option(
         text: help, with the unit.
         flags: further names of the option.
         choices: allowed values.
-        metavar: placeholder in --help.
         limits: smallest and largest allowed value.
     """
+    said = {"group": group, "help": text, "flags": flags, "choices": choices}
     low, high = limits
-    metadata: dict[str, Any] = {
-        "group": group,
-        "help": text,
-        "flags": flags,
-        "choices": choices,
-        "metavar": metavar,
-        "low": low,
-        "high": high,
-    }
-    return dataclasses.field(default=default, metadata=metadata)
+    return dataclasses.field(default=default, metadata={**said, "low": low, "high": high})
 
 
 def checked(field: dataclasses.Field[Any], value: Any) -> Any:
-    """The value of a setting, as Python's own type.
-
-    Raises:
-        InputError: of another type, or out of its range.
-    """
+    """The value of a setting, as Python's own type; InputError if it is of another, or out of its range."""
     if field.name == "overrides":
         return _read_overrides(value)
     if not isinstance(field.default, tuple):
@@ -72,10 +58,9 @@ def _read_one(field: dataclasses.Field[Any], kind: type, given: Any) -> Any:
         raise InputError(f"{name} is {shown(given)}, allowed: {words[kind]}")
     if meta["choices"] and value not in meta["choices"]:
         raise InputError(f"{name} is {shown(given)}, allowed: {', '.join(meta['choices'])}")
-    if kind in (int, float) and not meta["low"] <= value <= meta["high"]:
-        raise InputError(
-            f"{name} is {shown(value)}, allowed: at least {meta['low']}, at most {meta['high']}"
-        )
+    low, high = meta["low"], meta["high"]
+    if kind in (int, float) and not low <= value <= high:
+        raise InputError(f"{name} is {shown(value)}, allowed: at least {low}, at most {high}")
     return value
 
 
@@ -98,14 +83,11 @@ def _read_overrides(given: Any) -> dict[str, Override]:
     given = {} if given is None else given
     if not isinstance(given, Mapping):
         raise InputError(f"overrides are {shown(given)}, allowed: values by name")
-    overrides = {}
-    for name, value in given.items():
+    for name in given:
         if not isinstance(name, str) or not name or name in NOT_NUMBERS:
-            raise InputError(
-                f"overrides hold {shown(name)}, allowed: names of numbers of the environment"
-            )
-        overrides[name] = _plain(name, value)
-    return overrides
+            allowed = "allowed: names of numbers of the environment"
+            raise InputError(f"overrides hold {shown(name)}, {allowed}")
+    return {name: _plain(name, value) for name, value in given.items()}
 
 
 def _plain(name: str, value: Any, nested: bool = False) -> Any:

@@ -14,14 +14,7 @@ from train.runs.arguments import parse_request
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Trains and evaluates as the command line says.
-
-    Args:
-        argv: arguments; None takes those of the process.
-
-    Returns:
-        The exit code.
-    """
+    """Trains and evaluates as the command line says (None: that of the process). Returns the exit code."""
     request = parse_request(PPOConfig, argv)
     # JAX takes seconds to import; --help and bad options need not wait for it.
     from train.runs.open_session import open_session

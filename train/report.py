@@ -9,36 +9,22 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from medjax.commandline import OneLineParser, as_path, fail, whole_number
+from medjax.commandline import as_path, fail
 from medjax.errors import InputError
 from medjax.files import check_writable
 from train.runs.run_directory import RunDir, check_matplotlib
-from train.runs.trained_run import LIMITS, to_play, trained_run_parser
-
-
-def build_parser() -> OneLineParser:
-    """The parser of `python -m train.report`."""
-    return trained_run_parser(
-        "train.report",
-        "Makes the paper's tables and figures of a trained run in DIR/report, as PNGs and one HTML page.",
-    )
+from train.runs.trained_run import to_play, trained_run_parser, whole_numbers
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Makes the report that the command line asks for.
-
-    Args:
-        argv: arguments; None takes those of the process.
-
-    Returns:
-        The exit code.
-    """
-    given = build_parser().parse_args(argv)
+    """Makes the report that the command line (None: that of the process) asks for. Returns the exit code."""
+    parser = trained_run_parser(
+        "train.report",
+        "Makes the paper's tables and figures of a trained run in DIR/report, as PNGs and one HTML page.",
+    )
+    given = parser.parse_args(argv)
     try:
-        episodes, seed = (
-            whole_number(f"--{name}", getattr(given, name), *LIMITS[name])
-            for name in ("episodes", "seed")
-        )
+        numbers = whole_numbers(given)
         run_dir = RunDir(as_path("--run-dir", given.run_dir))
         config = to_play(run_dir.load_config())
         _check_target(run_dir.report)
@@ -55,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     enable_compilation_cache()
     try:
-        played = play(env, params, config, policies, episodes, seed)
+        played = play(env, params, config, policies, **numbers)
         print("drawing", flush=True)
         draw(run_dir, config, played)
     except KeyboardInterrupt:
@@ -67,11 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _check_target(path: Path) -> None:
-    """Refuses now what would fail after the work.
-
-    Raises:
-        InputError: the directory of the report cannot be made or written, or there is nothing to draw with.
-    """
+    """Refuses now what would fail after the work: a place that cannot be written, or nothing to draw with."""
     check_matplotlib()
     if path.exists() and not path.is_dir():
         raise InputError(f"{path} is not a directory, allowed: a directory, or nothing")

@@ -28,26 +28,20 @@ class TrainConfig(abc.ABC):
 
     algorithm: ClassVar[str]  # its name, and that of the policy that it learns
 
-    scenario: str = option("paper", "environment", "preset to train on", metavar="NAME")
+    scenario: str = option("paper", "environment", "preset to train on")
     overrides: Mapping[str, Override] = option(
         None, "environment", "set a number of the environment, e.g. --set cooldown_s=30; repeatable"
     )
-    observation: str = option(
-        "profile", "environment", "what the policy sees: profile or flat", metavar="NAME"
-    )
+    observation: str = option("profile", "environment", "what the policy sees: profile or flat")
     demand_range: tuple[float, ...] = option(
         (1.0, 1.0),
         "environment",
         "in training, each episode has the demand of the preset times a factor, drawn between these two",
-        metavar="X",
         limits=(0, 4),  # four lanes do not carry more
     )
     num_envs: int = option(256, "environment", "environments run side by side", limits=(1, 2**20))
     decide_every: int = option(
-        8,
-        "environment",
-        "decisions from one choice of the policy to the next",
-        limits=(1, 10**6),
+        8, "environment", "decisions from one choice of the policy to the next", limits=(1, 10**6)
     )
     stagger: bool = option(
         True, "environment", "spread the ends of the first episodes, so that not all end together"
@@ -75,23 +69,15 @@ class TrainConfig(abc.ABC):
     )
 
     network: str = option(
-        "mlp",
-        "network",
-        "architecture: mlp, or sets (of MEDs and EVs) with --observation flat",
-        metavar="NAME",
+        "mlp", "network", "architecture: mlp, or sets (of MEDs and EVs) with --observation flat"
     )
     hidden: tuple[int, ...] = option(
-        (128, 128),
-        "network",
-        "widths of the hidden layers of actor and critic",
-        metavar="N",
-        limits=(1, 2**16),
+        (128, 128), "network", "widths of the hidden layers of actor and critic", limits=(1, 2**16)
     )
     encoder: tuple[int, ...] = option(
         (64, 64),
         "network",
         "widths of the layers of sets that every vehicle goes through",
-        metavar="N",
         limits=(1, 2**16),
     )
     activation: str = option("silu", "network", "between layers", choices=("tanh", "relu", "silu"))
@@ -169,10 +155,9 @@ def from_json(data: Any, *kinds: type[Config]) -> Config:
     given = values.pop("algorithm", kinds[0].algorithm)
     if not isinstance(given, str) or given not in by_name:
         raise InputError(f"algorithm is {shown(given)}, allowed: {', '.join(by_name)}")
-    known = {field.name for field in dataclasses.fields(by_name[given])}
-    for name in values:
-        if name not in known:
-            raise InputError(f"{shown(name)} is not a setting of this version")
+    known = [field.name for field in dataclasses.fields(by_name[given])]
+    if foreign := [name for name in values if name not in known]:
+        raise InputError(f"{shown(foreign[0])} is not a setting of this version")
     return by_name[given](**values)
 
 
@@ -199,13 +184,10 @@ def load_config(path: Path, *kinds: type[Config]) -> Config:
     is_yaml = path.suffix in (".yaml", ".yml")
     try:
         data = read_yaml(content.decode()) if is_yaml else read_json(content.decode())
+        return from_json(data.get("config", data) if isinstance(data, dict) else data, *kinds)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path} is not a text file") from None
     except (ValueError, RecursionError):
         raise InputError(f"{path} is not a {'YAML' if is_yaml else 'JSON'} file") from None
-    try:
-        return from_json(data.get("config", data) if isinstance(data, dict) else data, *kinds)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None

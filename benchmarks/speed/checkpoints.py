@@ -36,14 +36,7 @@ def reached_s(run_dir: RunDir, update: int) -> float:
 
 
 def compare(update: int, ours: np.ndarray, greedy: np.ndarray, seed: int) -> Checkpoint:
-    """A checkpoint against greedy.
-
-    Args:
-        update: of the checkpoint.
-        ours: its returns, `(episodes,)`.
-        greedy: those of greedy on the same episodes.
-        seed: of the bootstrap.
-    """
+    """A checkpoint by its returns and those of greedy on the same episodes, `(episodes,)` each."""
     return Checkpoint(update, float(ours.mean()), bootstrap_ci95(ours - greedy, seed))
 
 
@@ -55,14 +48,9 @@ def first_beaten(curve: Sequence[Checkpoint]) -> Checkpoint | None:
 def when_beaten(
     curve: Sequence[Checkpoint], runs: Mapping[str, Sequence[RunDir]]
 ) -> dict[str, Any] | None:
-    """Update and return of the first checkpoint that beats greedy, and how long each kind of start took until then.
+    """Update and return of the first checkpoint of a curve that beats greedy, None if none does, and `KIND_s`.
 
-    Args:
-        curve: of the checkpoints, from the first to the last.
-        runs: of each kind of start, which all learned the same.
-
-    Returns:
-        `KIND_s`, the median over its runs, `update` and `return_mean`; None if none does.
+    That is how long each kind of start, which all learned the same, took until then: the median over its runs.
     """
     point = first_beaten(curve)
     if point is None:
@@ -75,20 +63,15 @@ def when_beaten(
 
 
 def play_checkpoints(run_dir: RunDir) -> tuple[float, list[Checkpoint]]:
-    """Plays every checkpoint of a run and greedy on the episodes of the closing evaluation.
-
-    Returns:
-        The mean return of greedy, and the checkpoints from the first to the last.
-    """
+    """The mean return of greedy on the episodes of a run's closing evaluation, and its checkpoints on the same."""
     config = run_dir.load_config()
     env, params = make_environment(config)
     learn, shapes = algorithm_of(config), weight_shapes(env, params, config)
     policies = {"greedy": medjax.BASELINES["greedy"](env)}
     reader = Checkpoints(run_dir.path)
-    updates = reader.all()
-    for update in updates:
+    for update in reader.all():
         policies[str(update)] = learn.policy(env, config, reader.restore_weights(shapes, update))
     scores = evaluate_policies(env, params, policies, config.eval_episodes, config.seed)
-    greedy = scores["greedy"]["return"]
-    curve = [compare(each, scores[str(each)]["return"], greedy, config.seed) for each in updates]
+    greedy = scores.pop("greedy")["return"]
+    curve = [compare(int(n), own["return"], greedy, config.seed) for n, own in scores.items()]
     return float(greedy.mean()), curve

@@ -32,7 +32,6 @@ from benchmarks.speed.references import (
     road_order,
 )
 from medjax.charging.link import Misalignment, couple
-from medjax.commandline import OneLineParser
 from medjax.errors import InputError
 from medjax.physics import ellipe, ellipk, interpolate_inductance, mutual_inductance
 from medjax.traffic import find_neighbours, sort_by_road
@@ -78,14 +77,9 @@ def time_calls(
         start = time.perf_counter()
         jax.block_until_ready(program(*arguments))
         walls.append(time.perf_counter() - start)
-    return output, {
-        "elements": elements,
-        "ns_per_element": statistics.median(walls) / elements * 1e9,
-        "compile_s": compile_s,
-    }
-
-
-# Elliptic integrals
+    ns_per_element = statistics.median(walls) / elements * 1e9
+    figures = {"elements": elements, "ns_per_element": ns_per_element, "compile_s": compile_s}
+    return output, figures
 
 
 def elliptic_rows(count: int, repeats: int) -> list[Row]:
@@ -99,13 +93,9 @@ def elliptic_rows(count: int, repeats: int) -> list[Row]:
         value, figures = time_calls(function, jnp.asarray(m), repeats=repeats, elements=count)
         exact = getattr(special, function.__name__)(m.astype(np.float64))
         error = float(np.max(np.abs(np.asarray(value, np.float64) / exact - 1)))
-        against = "relative, SciPy's in float64"
-        row = Row(function.__name__, "value", **figures, worst_error=error, against=against)
-        rows.append(row)
+        name, against = function.__name__, "relative, SciPy's in float64"
+        rows.append(Row(name, "value", **figures, worst_error=error, against=against))
     return rows
-
-
-# Coils
 
 
 def coil_rows(link: LinkParams, count: int, repeats: int) -> list[Row]:
@@ -120,34 +110,28 @@ def coil_rows(link: LinkParams, count: int, repeats: int) -> list[Row]:
             primary_turns=COILS.med_coil_turns, secondary_turns=COILS.ev_coil_turns,
         )  # fmt: skip
 
-    def extent(apart: np.ndarray, gap_m: float) -> str:
-        return f"{np.sum(apart)} of {checked} pairs (wires {gap_m} m apart or more)"
+    def row(
+        kernel: str, figures: dict[str, Any], error: np.ndarray, gap_m: float, what: str
+    ) -> Row:
+        apart = gap >= gap_m
+        against = f"{what}, {np.sum(apart)} of {checked} pairs (wires {gap_m} m apart or more)"
+        worst = float(np.max(error[apart]))
+        return Row(kernel, "pair", **figures, worst_error=worst, against=against)
 
+    calls = {"repeats": repeats, "elements": count}
     arguments = [jnp.asarray(x) for x in position]
-    value, figures = time_calls(integral, *arguments, repeats=repeats, elements=count)
+    value, integrating = time_calls(integral, *arguments, **calls)
     # M passes through zero, so its error is measured by what M is at that distance without offset.
     coaxial = np.array([neumann(float(axial), 0.0, 0.0)[0] for axial in position[0, :checked]])
     error = np.abs(np.asarray(value, np.float64)[:checked] - exact) / coaxial
-    apart = gap >= INTEGRAL_GAP_M
-    against = f"by coaxial M, Neumann's integral in float64, {extent(apart, INTEGRAL_GAP_M)}"
-    worst = float(np.max(error[apart]))
-    rows = [Row("mutual_inductance", "pair", **figures, worst_error=worst, against=against)]
-
-    _, figures = time_calls(
-        interpolate_inductance, link.inductance, *arguments, repeats=repeats, elements=count
-    )
+    _, reading = time_calls(interpolate_inductance, link.inductance, *arguments, **calls)
     efficiency = jax.jit(couple)(Misalignment(*arguments), link).efficiency
-    error = np.abs(np.asarray(efficiency, np.float64)[:checked] - exact_efficiency(exact, link))
-    apart = gap >= TABLE_GAP_M
-    against = f"of link efficiency, the same, {extent(apart, TABLE_GAP_M)}"
-    worst = float(np.max(error[apart]))
-    rows.append(
-        Row("interpolate_inductance", "pair", **figures, worst_error=worst, against=against)
-    )
-    return rows
-
-
-# Neighbours
+    off = np.abs(np.asarray(efficiency, np.float64)[:checked] - exact_efficiency(exact, link))
+    by_neumann = "by coaxial M, Neumann's integral in float64"
+    return [
+        row("mutual_inductance", integrating, error, INTEGRAL_GAP_M, by_neumann),
+        row("interpolate_inductance", reading, off, TABLE_GAP_M, "of link efficiency, the same"),
+    ]
 
 
 def all_pairs_leader(x: jax.Array, lane: jax.Array, active: jax.Array) -> jax.Array:
@@ -202,9 +186,6 @@ def neighbour_rows(config: EnvConfig, length_m: float, roads: int, repeats: int)
     ]
 
 
-# The command
-
-
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Times all kernels at the preset's sizes, and prints the table.
 
@@ -222,14 +203,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         *neighbour_rows(env.config, float(params.road.length_m), roads, repeats),
     ]
     ns = {row.kernel: row.ns_per_element for row in rows}
-    result = {
-        "scenario": SCENARIO,
-        "roads": roads,
-        "repeats": repeats,
-        **machine(),
-        "integral_by_table": ns["mutual_inductance"] / ns["interpolate_inductance"],
-        "rows": [dataclasses.asdict(row) for row in rows],
-    }
+    result = {"scenario": SCENARIO, "roads": roads, "repeats": repeats, **machine()}
+    result["integral_by_table"] = ns["mutual_inductance"] / ns["interpolate_inductance"]
+    result["rows"] = list(map(dataclasses.asdict, rows))
     print(report(result))
     return result
 
@@ -248,21 +224,13 @@ def report(result: dict[str, Any]) -> str:
             f"{row['kernel']:23}{elements:>16}{row['ns_per_element']:12.2f}{row['compile_s']:11.2f}"
             f"{row['worst_error']:13.2g}  {row['against']}"
         )
-    ratio = result["integral_by_table"]
-    return "\n".join(
-        [*lines, "", f"The coil integral takes {ratio:.1f} times as long as its table."]
-    )
+    ratio = f"The coil integral takes {result['integral_by_table']:.1f} times as long as its table."
+    return "\n".join([*lines, "", ratio])
 
 
-def build_parser() -> OneLineParser:
-    """The command line."""
+def main(arguments: list[str] | None = None) -> None:
     parser = benchmark_parser("kernels", __doc__)
     count = whole_number(most=MOST)
     parser.add_argument("--roads", type=count, default=1024, metavar="N", help="default: 1024")
     parser.add_argument("--repeats", type=count, default=7, metavar="N", help="default: 7")
-    return parser
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """The command."""
-    run_command(build_parser(), measure, arguments)
+    run_command(parser, measure, arguments)

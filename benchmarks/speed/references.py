@@ -18,8 +18,6 @@ from medjax.world.params import EnvConfig, LinkParams
 COILS = CoilDesign()  # what the preset tabulates
 CHECKED_ROADS = 8
 
-# Coils
-
 
 def neumann(axial: float, lateral: float, tilt: float, num_nodes: int = 256) -> tuple[float, float]:
     """Mutual inductance of `COILS` by Neumann's double integral, in float64.
@@ -75,9 +73,6 @@ def exact_efficiency(inductance: np.ndarray, link: LinkParams) -> np.ndarray:
     return load / (total * (1 + primary * total / (omega * inductance) ** 2))
 
 
-# Neighbours
-
-
 class Traffic(NamedTuple):
     """Vehicles of many roads, each `(roads, slots)`."""
 
@@ -128,17 +123,13 @@ def search_all_pairs(
     slots = np.arange(len(x))
     gap = x.astype(np.float64) - x.astype(np.float64)[:, None]  # of the column's from the row's
     seen = active & active[:, None] & (lane == wanted[:, None])
-    is_ahead = (gap > 0) | ((gap == 0) & (slots > slots[:, None]))
-    is_behind = (gap < 0) | ((gap == 0) & (slots < slots[:, None]))
-    to_ahead = np.where(seen & is_ahead, gap, np.inf)
-    to_behind = np.where(seen & is_behind, -gap, np.inf)
-    ahead = np.argmin(to_ahead, axis=1)
+    is_ahead = seen & ((gap > 0) | ((gap == 0) & (slots > slots[:, None])))
+    is_behind = seen & ((gap < 0) | ((gap == 0) & (slots < slots[:, None])))
+    ahead = np.argmin(np.where(is_ahead, gap, np.inf), axis=1)
     # argmin takes the first of equals; behind, the last is nearest.
-    behind = len(x) - 1 - np.argmin(to_behind[:, ::-1], axis=1)
-    return (
-        np.where(np.isfinite(to_ahead.min(axis=1)), ahead, NOBODY),
-        np.where(np.isfinite(to_behind.min(axis=1)), behind, NOBODY),
-    )
+    behind = len(x) - 1 - np.argmin(np.where(is_behind, -gap, np.inf)[:, ::-1], axis=1)
+    ahead = np.where(is_ahead.any(axis=1), ahead, NOBODY)
+    return ahead, np.where(is_behind.any(axis=1), behind, NOBODY)
 
 
 def count_wrong(found: Neighbours, traffic: Traffic, roads: int = CHECKED_ROADS) -> int:

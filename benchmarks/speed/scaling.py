@@ -16,7 +16,6 @@ import jax
 
 from benchmarks.command import add_scenario, benchmark_parser, positive, run_command
 from benchmarks.speed.workload import ENVS, VEHICLES, Measurement, Workload, alternate, road_for
-from medjax.commandline import OneLineParser
 
 
 def cost_ns(result: Measurement) -> float:
@@ -45,24 +44,14 @@ def reset_in_decisions(num_envs: int, repeats: int, scenario: str) -> float:
 
 def show(title: str, column: str, rows: list[tuple[Any, Measurement]]) -> None:
     """A table, and how far its costs are apart."""
-    print(
-        f"\n{title}\n{column:>12}  environments  vehicles a road  M updates/s  ns a vehicle and tick"
-    )
+    headings = "environments  vehicles a road  M updates/s  ns a vehicle and tick"
+    print(f"\n{title}\n{column:>12}  {headings}")
     for name, result in rows:
         print(
             f"{name:>12}  {result.num_envs:>12}  {result.mean_active_vehicles:>15.0f}"
             f"  {result.active_vehicle_updates_per_s / 1e6:>11.2f}  {cost_ns(result):>21.1f}"
         )
     print(f"dearest by cheapest: {spread([result for _, result in rows]):.2f}", flush=True)
-
-
-def build_parser() -> OneLineParser:
-    """The command line."""
-    parser = benchmark_parser("scaling", __doc__)
-    parser.add_argument("--num-envs", type=positive, default=1024, metavar="N")
-    parser.add_argument("--repeats", type=positive, default=5)
-    add_scenario(parser)
-    return parser
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -90,10 +79,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     reset = reset_in_decisions(most, options.repeats, scenario)
     print(f"\na reset costs as much as {reset:.2f} decisions")
     here = tables["devices"][-1]
-    print(
-        f"an environment takes {here.state_bytes_per_env / 1024:.1f} KiB of state and "
-        f"{here.work_bytes_per_env / 1024:.1f} KiB of work space"
-    )
+    state, work = here.state_bytes_per_env / 1024, here.work_bytes_per_env / 1024
+    print(f"an environment takes {state:.1f} KiB of state and {work:.1f} KiB of work space")
     figures: dict[str, Any] = {
         name: [dataclasses.asdict(result) for result in results] for name, results in tables.items()
     }
@@ -102,5 +89,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command."""
-    run_command(build_parser(), measure, arguments)
+    parser = benchmark_parser("scaling", __doc__)
+    parser.add_argument("--num-envs", type=positive, default=1024, metavar="N")
+    parser.add_argument("--repeats", type=positive, default=5)
+    add_scenario(parser)
+    run_command(parser, measure, arguments)

@@ -10,40 +10,10 @@ import argparse
 import dataclasses
 from typing import Any
 
-from benchmarks.command import (
-    add_scenario,
-    benchmark_parser,
-    positive,
-    run_command,
-    whole_number,
-)
+from benchmarks.command import add_scenario, benchmark_parser, natural, positive, run_command
 from benchmarks.speed.stages import stage_times
 from benchmarks.speed.workload import ENVS, VEHICLES, Measurement, Workload, measure, road_for
-from medjax.commandline import OneLineParser
 from medjax.wrappers import environment_mesh
-
-
-def build_parser() -> OneLineParser:
-    """The command line."""
-    parser = benchmark_parser("throughput", __doc__)
-    parser.add_argument("--num-envs", type=positive, default=[1024], nargs="+", metavar="N")
-    parser.add_argument(
-        "--sweep",
-        choices=("envs", "vehicles"),
-        help=f"go through {ENVS} environments, or through roads of {VEHICLES} vehicles",
-    )
-    parser.add_argument("--stages", action="store_true", help="show where a decision's time goes")
-    parser.add_argument("--steps", type=positive, default=50, help="decisions in a repeat")
-    parser.add_argument("--repeats", type=positive, default=5)
-    add_scenario(parser)
-    parser.add_argument(
-        "--num-devices",
-        type=whole_number(least=0),
-        default=0,
-        metavar="N",
-        help="devices or CPU cores; 0: all",
-    )
-    return parser
 
 
 def show(result: Measurement) -> None:
@@ -70,11 +40,8 @@ def cases_of(options: argparse.Namespace) -> list[tuple[int, dict[str, Any]]]:
         return [(num_envs, {}) for num_envs in ENVS]
     if options.sweep == "vehicles":
         # As many vehicles in all, so that only the length of a road differs.
-        most = options.num_envs[0]
-        return [
-            (max(1, most * VEHICLES[0] // count), road_for(count, options.scenario))
-            for count in VEHICLES
-        ]
+        most, scenario = options.num_envs[0] * VEHICLES[0], options.scenario
+        return [(max(1, most // count), road_for(count, scenario)) for count in VEHICLES]
     return [(num_envs, {}) for num_envs in options.num_envs]
 
 
@@ -84,22 +51,28 @@ def time_cases(options: argparse.Namespace) -> Any:
     common = {"scenario": options.scenario, "num_devices": options.num_devices}
     for num_envs, _ in cases:  # refuses what is not allowed before anything is compiled
         environment_mesh(num_envs, options.num_devices)
-    results = []
+    results, steps, repeats = [], options.steps, options.repeats
     for num_envs, overrides in cases:
-        result = measure(
-            num_envs, steps=options.steps, repeats=options.repeats, **common, **overrides
-        )
+        result = measure(num_envs, steps=steps, repeats=repeats, **common, **overrides)
         results.append(dataclasses.asdict(result))
         show(result)
     if options.stages:
         num_envs, overrides = cases[0]
         work = Workload(num_envs, steps=8, **common, **overrides)
-        times = stage_times(work)
+        results[0]["stage_seconds"] = times = stage_times(work)
         show_stages(times)
-        results[0]["stage_seconds"] = times
     return results[0] if len(results) == 1 else results
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command."""
-    run_command(build_parser(), time_cases, arguments)
+    parser = benchmark_parser("throughput", __doc__)
+    parser.add_argument("--num-envs", type=positive, default=[1024], nargs="+", metavar="N")
+    shown = f"go through {ENVS} environments, or through roads of {VEHICLES} vehicles"
+    parser.add_argument("--sweep", choices=("envs", "vehicles"), help=shown)
+    parser.add_argument("--stages", action="store_true", help="show where a decision's time goes")
+    parser.add_argument("--steps", type=positive, default=50, help="decisions in a repeat")
+    parser.add_argument("--repeats", type=positive, default=5)
+    add_scenario(parser)
+    shown = "devices or CPU cores; 0: all"
+    parser.add_argument("--num-devices", type=natural, default=0, metavar="N", help=shown)
+    run_command(parser, time_cases, arguments)

@@ -30,6 +30,7 @@ import signal
 import sys
 import tempfile
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,6 @@ import jax
 import medjax
 from benchmarks.command import benchmark_parser, positive, run_command, say
 from benchmarks.speed.training_process import CommandError, Wall, median, start
-from medjax.commandline import OneLineParser
 from train.algorithms.ppo.settings import PPOConfig
 from train.runs.arguments import settings_from_text
 from train.runs.run_directory import RunDir
@@ -57,11 +57,8 @@ def settings(given: Mapping[str, str]) -> TrainConfig:
         InputError: a value out of its range.
     """
     config = from_json(settings_from_text(PPOConfig, dict(given)), PPOConfig)
-    return dataclasses.replace(
-        config,
-        checkpoint_interval=-(-config.num_updates // CHECKPOINTS),
-        keep_checkpoints=config.num_updates,
-    )
+    updates, apart = config.num_updates, -(-config.num_updates // CHECKPOINTS)
+    return dataclasses.replace(config, checkpoint_interval=apart, keep_checkpoints=updates)
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -80,11 +77,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         for number in range(1, repeats + 1):
             place = Path(folder) / str(number)
             for name in walls:
-                run_dir = RunDir(place / name)
-                wall = start(config, run_dir, place / "cache")
-                walls[name].append(wall)
-                runs[name].append(run_dir)
-                say(f"repeat {number}/{repeats}: {name} {wall.total_s:.1f} s")
+                runs[name].append(RunDir(place / name))
+                walls[name].append(start(config, runs[name][-1], place / "cache"))
+                say(f"repeat {number}/{repeats}: {name} {walls[name][-1].total_s:.1f} s")
         first = runs["cold"][0]
         summary = json.loads(first.summary.read_text(encoding="utf-8"))
         say("playing the checkpoints")
@@ -99,11 +94,10 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         "env_steps": summary["env_steps"],
         "seed": config.seed,
         "repeats": repeats,
-        "backend": summary["backend"],
-        "device": summary["device"],
+        **{name: summary[name] for name in ("backend", "device")},
         "jax_version": jax.__version__,
         **{name: dataclasses.asdict(median(each)) for name, each in walls.items()},
-        "runs": {name: [dataclasses.asdict(wall) for wall in each] for name, each in walls.items()},
+        "runs": {name: list(map(dataclasses.asdict, each)) for name, each in walls.items()},
         "greedy_return_mean": greedy,
         "greedy_beaten": beaten,
         "checkpoints": [dataclasses.asdict(each) for each in curve],
@@ -113,11 +107,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def report(result: Mapping[str, Any]) -> str:
-    """The table, and when greedy was beaten.
-
-    Args:
-        result: of `measure`.
-    """
+    """The table of what `measure` returned, and when greedy was beaten."""
     lines = [
         f"{result['env_steps']:,} decisions of {result['scenario']}, {result['num_envs']} environments, "
         f"{result['backend']} ({result['device']}); seconds, medians of {result['repeats']}",
@@ -125,47 +115,15 @@ def report(result: Mapping[str, Any]) -> str:
         f"{'':6}" + "".join(f"{heading:>12}" for heading in HEADINGS) + f"{'decisions/s':>14}",
     ]
     for name in ("cold", "warm"):
-        wall = Wall(**result[name])
-        *seconds, speed = dataclasses.astuple(wall)
+        *seconds, speed = result[name].values()
         lines.append(f"{name:6}" + "".join(f"{part:12.1f}" for part in seconds) + f"{speed:14,.0f}")
-    greedy = result["greedy_return_mean"]
     beaten = result["greedy_beaten"]
-    if beaten is not None:
-        verdict = (
-            f"greedy beaten after {beaten['cold_s']:.1f} s, warm {beaten['warm_s']:.1f} s "
-            f"(update {beaten['update']}, return {beaten['return_mean']:.1f} against {greedy:.1f})"
-        )
-    else:
-        last = result["checkpoints"][-1]
-        verdict = (
-            f"greedy not beaten (last update {last['update']}, "
-            f"return {last['return_mean']:.1f} against {greedy:.1f})"
-        )
-    return "\n".join([*lines, "", verdict])
-
-
-def build_parser() -> OneLineParser:
-    """The options; those of the settings stay text, which `settings` checks in the words of train.ppo."""
-    parser = benchmark_parser("training", __doc__)
-    parser.add_argument("--num-envs", default="256", metavar="N", help="default: 256")
-    parser.add_argument(
-        "--total-timesteps",
-        default="400000",
-        metavar="N",
-        help="decisions, rounded up to updates; default: 400000",
-    )
-    parser.add_argument(
-        "--scenario", default="paper", choices=list(medjax.SCENARIOS), help="default: paper"
-    )
-    parser.add_argument("--seed", default="0", metavar="N", help="default: 0")
-    parser.add_argument(
-        "--repeats",
-        type=positive,
-        default=1,
-        metavar="N",
-        help="cold and warm starts each; default: 1",
-    )
-    return parser
+    shown = beaten or result["checkpoints"][-1]
+    verdict = "greedy not beaten (last "
+    if beaten:
+        verdict = f"greedy beaten after {beaten['cold_s']:.1f} s, warm {beaten['warm_s']:.1f} s ("
+    verdict += f"update {shown['update']}, return {shown['return_mean']:.1f}"
+    return "\n".join([*lines, "", f"{verdict} against {result['greedy_return_mean']:.1f})"])
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -174,8 +132,19 @@ def main(arguments: list[str] | None = None) -> int:
     Returns:
         The exit code: 0 done, 1 the training command failed, 130 interrupted.
     """
+    # The options; those of the settings stay text, which `settings` checks in the words of train.ppo.
+    parser = benchmark_parser("training", __doc__)
+    add = partial(parser.add_argument, metavar="N")
+    add("--num-envs", default="256", help="default: 256")
+    rounded = "decisions, rounded up to updates; default: 400000"
+    add("--total-timesteps", default="400000", help=rounded)
+    parser.add_argument(
+        "--scenario", default="paper", choices=list(medjax.SCENARIOS), help="default: paper"
+    )
+    add("--seed", default="0", help="default: 0")
+    add("--repeats", type=positive, default=1, help="cold and warm starts each; default: 1")
     try:
-        run_command(build_parser(), measure, arguments)
+        run_command(parser, measure, arguments)
     except CommandError as error:
         say(f"python -m benchmarks.training: {error}")
         return 1

@@ -17,12 +17,8 @@ from train.runs.run_directory import RunDir
 from train.settings import TrainConfig
 
 PASSED_ON = (  # settings that the command is given
-    "scenario",
-    "num_envs",
-    "total_timesteps",
-    "seed",
-    "checkpoint_interval",
-    "keep_checkpoints",
+    *("scenario", "num_envs", "total_timesteps", "seed"),
+    *("checkpoint_interval", "keep_checkpoints"),
 )
 ROOT = Path(__file__).resolve().parents[2]  # where `-m train.ppo` is found, wherever this is called
 
@@ -33,7 +29,7 @@ class CommandError(RuntimeError):
 
 @dataclasses.dataclass(frozen=True)
 class Wall:
-    """What one start took, in seconds; see the module's docstring."""
+    """What one start took, in seconds; `benchmarks.speed.training` says what is in each."""
 
     total_s: float
     compile_s: float
@@ -44,12 +40,7 @@ class Wall:
 
 
 def start(config: TrainConfig, run_dir: RunDir, cache: Path) -> Wall:
-    """Runs the training command to its end.
-
-    Args:
-        config: settings; those of `PASSED_ON` count.
-        run_dir: where its results go, not there yet.
-        cache: directory of its compiled programs.
+    """Runs the training command to its end; its results go to `run_dir`, its compiled programs to `cache`.
 
     Raises:
         CommandError: it failed.
@@ -74,19 +65,11 @@ def start(config: TrainConfig, run_dir: RunDir, cache: Path) -> Wall:
 
 
 def split(summary: Mapping[str, Any], total_s: float) -> Wall:
-    """Parts of the wall time of one process.
-
-    Args:
-        summary: of summary.json.
-        total_s: seconds from starting the process to its end.
-    """
-    parts = {name: summary[name] for name in ("compile_s", "train_s", "evaluation_s")}
-    return Wall(
-        total_s=total_s,
-        other_s=total_s - sum(parts.values()),
-        decisions_per_s=summary["env_steps_per_s"],
-        **parts,
-    )
+    """Parts of the wall time of one process, from its summary.json and the seconds from its start to its end."""
+    names = "compile_s", "train_s", "evaluation_s", "env_steps_per_s"
+    compile_s, train_s, evaluation_s, speed = (summary[name] for name in names)
+    other_s = total_s - (compile_s + train_s + evaluation_s)
+    return Wall(total_s, compile_s, train_s, evaluation_s, other_s, speed)
 
 
 def median(walls: Sequence[Wall]) -> Wall:

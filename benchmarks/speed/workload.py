@@ -42,16 +42,13 @@ class Measurement:
 class Workload:
     """`steps` decisions in each of `num_envs` environments, compiled, with episodes well mixed.
 
-    The first episode of each environment is cut at a random place, so that resets happen at their usual
-    rate from then on.
+    The first episode of each is cut at a random place, so that resets happen at their usual rate from then on.
 
     Args:
-      num_envs: environments.
+      num_envs: environments, on `num_devices` devices; 0: all.
       steps: decisions in a call.
       seed: of all draws.
-      scenario: a preset.
-      num_devices: devices that share the environments; 0: all.
-      overrides: as for `medjax.make`.
+      scenario, overrides: as for `medjax.make`.
     """
 
     def __init__(
@@ -66,8 +63,7 @@ class Workload:
         self.env, self.params = medjax.make(scenario, **overrides)
         self.num_envs, self.steps = num_envs, steps
         self.mesh = environment_mesh(num_envs, num_devices)
-        stagger = int(self.params.episode_decisions)
-        self.batch = BatchAutoReset(self.env, stagger=stagger)
+        self.batch = BatchAutoReset(self.env, stagger=int(self.params.episode_decisions))
         self.key, reset_key = jax.random.split(jax.random.key(seed))
         self.reset = jax.jit(self._reset)
         _, self.state = self.reset(reset_key)
@@ -92,25 +88,16 @@ class Workload:
 
         def step(state: Any, keys: jax.Array) -> tuple[Any, tuple[jax.Array, jax.Array]]:
             choose = jax.vmap(lambda key: jax.random.randint(key, (), 0, self.env.num_actions))
-            obs, state, reward, *_, info = self.batch.step(
-                keys[:, 0], state, choose(keys[:, 1]), params
-            )
+            actions = choose(keys[:, 1])
+            obs, state, reward, *_, info = self.batch.step(keys[:, 0], state, actions, params)
             # A sum over all that a step returns keeps XLA from leaving any of it out.
-            results = (obs, reward, info["reward_terms"], info["metrics"])
-            seen = sum(
-                (leaf.reshape(keys.shape[0], -1).sum(1) for leaf in jax.tree.leaves(results)),
-                jnp.zeros(()),
-            )
-            return state, (info["tally"].vehicle_ticks, seen)
+            results = jax.tree.leaves((obs, reward, info["reward_terms"], info["metrics"]))
+            sums = (leaf.reshape(keys.shape[0], -1).sum(1) for leaf in results)
+            return state, (info["tally"].vehicle_ticks, sum(sums, jnp.zeros(())))
 
         split = jax.vmap(lambda key: jax.random.split(key, (self.steps, 2)), out_axes=1)
         state, sums = jax.lax.scan(step, state, split(keys))
         return state, jax.tree.map(lambda values: jnp.sum(values, axis=0), sums)
-
-    def temporary_bytes(self) -> int:
-        """Memory of one device beside its arguments and results, as XLA plans it."""
-        plan: Any = self.program.memory_analysis()
-        return int(plan.temp_size_in_bytes)
 
     def play(self) -> tuple[float, float]:
         """(seconds of one call, vehicles on the road summed over its ticks)."""
@@ -120,40 +107,24 @@ class Workload:
         return time.perf_counter() - start, float(active)
 
 
-def measure(
-    num_envs: int,
-    *,
-    steps: int = 50,
-    repeats: int = 5,
-    seed: int = 0,
-    scenario: str = "paper",
-    num_devices: int = 0,
-    **overrides: Any,
-) -> Measurement:
-    """Times `steps` random decisions in `num_envs` environments, `repeats` times, after warm-up."""
-    return alternate(
-        [Workload(num_envs, steps, seed, scenario, num_devices, **overrides)], repeats
-    )[0]
+def measure(num_envs: int, *, steps: int = 50, repeats: int = 5, **options: Any) -> Measurement:
+    """Times one `Workload` of these options, `repeats` times, after warm-up."""
+    return alternate([Workload(num_envs, steps, **options)], repeats)[0]
 
 
 def alternate(works: list[Workload], repeats: int) -> list[Measurement]:
-    """Times all workloads `repeats` times in turn, after warm-up.
-
-    In turn, so that a machine that slows down for a while slows all of them alike.
-    """
+    """Times all workloads in turn, after warm-up: a machine that slows down for a while slows all of them alike."""
     for work in works:
         work.play()
-    calls: list[list[tuple[float, float]]] = [[] for _ in works]
-    for _ in range(repeats):
-        for work, own in zip(works, calls, strict=True):
-            own.append(work.play())
-    return [summarize(work, own) for work, own in zip(works, calls, strict=True)]
+    rounds = [[work.play() for work in works] for _ in range(repeats)]
+    return [summarize(work, own) for work, *own in zip(works, *rounds, strict=True)]
 
 
 def summarize(work: Workload, calls: list[tuple[float, float]]) -> Measurement:
     """Medians of what `Workload.play` returned."""
     num_envs, decisions = work.num_envs, work.num_envs * work.steps
     ticks = work.env.config.ticks_per_decision
+    plan: Any = work.program.memory_analysis()
     return Measurement(
         active_vehicle_updates_per_s=statistics.median(active / wall for wall, active in calls),
         env_steps_per_s=decisions / statistics.median(wall for wall, _ in calls),
@@ -165,15 +136,14 @@ def summarize(work: Workload, calls: list[tuple[float, float]]) -> Measurement:
         repeats=len(calls),
         state_bytes_per_env=sum(x.nbytes for x in jax.tree.leaves(work.state)) // num_envs,
         # XLA counts one device, which holds its share of the environments.
-        work_bytes_per_env=work.temporary_bytes() * work.mesh.size // num_envs,
+        work_bytes_per_env=int(plan.temp_size_in_bytes) * work.mesh.size // num_envs,
     )
 
 
 def road_for(num_vehicles: int, scenario: str = "paper") -> dict[str, Any]:
     """Overrides that make the road so long, at the same demand, that it holds about num_vehicles.
 
-    Ramps keep their places along it, slots their share of spare ones, and batteries last as far along
-    the road, so that as many vehicles run out on it.
+    Ramps keep their places along it, slots their share of spare ones, and batteries last as far along the road.
     """
     env, params = medjax.make(scenario)
     scale = num_vehicles / PRESET_VEHICLES

@@ -14,11 +14,11 @@ import numpy as np
 
 import medjax
 from benchmarks.command import episodes_parser, run_command
-from medjax.commandline import OneLineParser
 from medjax.episodes.scores import Evaluation, Scores
+from train.evaluation.tables import PAPER_TABLE_2
 
-# Table 2: mean and standard deviation of the episode reward over ten episodes.
-TABLE_2 = {"none": (-521.874184, 16.52914886), "random": (-332.4056918, 53.94543289)}
+# Mean and standard deviation of the episode reward over ten episodes.
+TABLE_2 = {name: PAPER_TABLE_2[name] for name in ("none", "random")}
 
 
 def without_penalty(score: Scores, penalty: float) -> np.ndarray:
@@ -29,9 +29,7 @@ def without_penalty(score: Scores, penalty: float) -> np.ndarray:
 def solve(scores: dict[str, Scores], penalty: float) -> tuple[float, float]:
     """The factor of the other weights, and w1, with which both means are the paper's.
 
-    Args:
-      scores: of episodes under some weights.
-      penalty: w1 among these, positive.
+    From scores of episodes under some weights, among which w1 is `penalty`, positive.
     """
     rows = [
         [without_penalty(scores[name], penalty).mean(), -scores[name]["evs_depleted"].mean()]
@@ -43,25 +41,14 @@ def solve(scores: dict[str, Scores], penalty: float) -> tuple[float, float]:
 
 def compare(scores: dict[str, Scores]) -> list[dict[str, Any]]:
     """Beside the paper's mean and deviation: ours, and how many of its deviations the means are apart."""
-    table = []
+    table: list[dict[str, Any]] = []
     for name, (mean, std) in TABLE_2.items():
         returns = scores[name]["return"]
-        table.append(
-            {
-                "policy": name,
-                "paper_mean": mean,
-                "paper_std": std,
-                "mean": float(returns.mean()),
-                "std": float(returns.std(ddof=1)),
-                "deviations_apart": float(abs(returns.mean() - mean) / std),
-            }
-        )
+        ours = {"mean": float(returns.mean()), "std": float(returns.std(ddof=1))}
+        apart = float(abs(returns.mean() - mean) / std)
+        paper = {"policy": name, "paper_mean": mean, "paper_std": std}
+        table.append({**paper, **ours, "deviations_apart": apart})
     return table
-
-
-def build_parser() -> OneLineParser:
-    """The command line."""
-    return episodes_parser("calibrate", __doc__, episodes=1024, seed=1)
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -87,5 +74,5 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command."""
-    run_command(build_parser(), measure, arguments)
+    parser = episodes_parser("calibrate", __doc__, episodes=1024, seed=1)
+    run_command(parser, measure, arguments)

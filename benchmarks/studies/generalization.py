@@ -19,7 +19,6 @@ from tqdm import tqdm
 
 import medjax
 from benchmarks.command import a_path, a_seed, add_plot, benchmark_parser, run_command, whole_number
-from medjax.commandline import OneLineParser
 from medjax.episodes.scores import Evaluation, Scores
 from medjax.errors import InputError
 from medjax.policies.policy import Choice, Policy
@@ -43,15 +42,9 @@ RUN_COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#000000")
 # At 1.5 times its demand the preset's slots are taken, and who comes would wait outside.
 SIZES: dict[str, Any] = {"num_gas": 288}
 
-Played = dict[str, dict[str, Scores]]  # by world and policy
-
 
 def load_run(path: Path, scenario: str) -> dict[str, Policy]:
-    """The trained policies of a run, one a seed, named after its directory.
-
-    Args:
-        path: directory of the run.
-        scenario: preset that they are to play.
+    """The trained policies of a run, one a seed, named after its directory, in the preset that they are to play.
 
     Raises:
         InputError: this is no run, or its network does not fit the preset.
@@ -77,11 +70,7 @@ def _with_own_eyes(env: medjax.ChargingEnv, policy: Policy) -> Policy:
 
 
 def play(
-    scenario: str,
-    factors: Sequence[float],
-    runs: Mapping[str, Policy],
-    episodes: int,
-    seed: int,
+    scenario: str, factors: Sequence[float], runs: Mapping[str, Policy], episodes: int, seed: int
 ) -> list[dict[str, Scores]]:
     """The same episodes with all policies at each demand, in one compiled program.
 
@@ -89,11 +78,7 @@ def play(
         scenario: preset.
         factors: of its demand.
         runs: trained policies by name; those of RULES join them.
-        episodes: at least 1.
-        seed: which episodes, as in `medjax.episodes.scores`.
-
-    Returns:
-        Scores by policy, at each of the factors.
+        episodes, seed: as in `medjax.episodes.scores`.
     """
     env, params = medjax.make(scenario, **SIZES)
     policies = {**runs, **{name: BASELINES[name](env) for name in RULES}}
@@ -104,46 +89,36 @@ def play(
     ]
 
 
-def summary(played: Played, seed: int) -> dict[str, Any]:
-    """What `--json` writes of each world.
+def summary(scores: Mapping[str, Scores], world: str, seed: int) -> dict[str, Any]:
+    """What `--json` writes of a world.
 
     Returns:
-        By world: `policies` as `train.evaluation.summary.summarize` has them, and for each policy `minus_forecast` and
+        `policies` as `train.evaluation.summary.summarize` has them, and for each policy `minus_forecast` and
         `minus_none`, the paired differences of the returns (`mean`, `ci95`).
     """
 
-    def gains(scores: Mapping[str, Scores], other: str) -> dict[str, Any]:
-        differences = {
-            name: own["return"] - scores[other]["return"] for name, own in scores.items()
-        }
-        return {
-            name: {"mean": float(np.mean(each)), "ci95": list(bootstrap_ci95(each, seed))}
-            for name, each in differences.items()
-            if name != other
-        }
+    def gains(other: str) -> dict[str, Any]:
+        found = {}
+        for name in [each for each in scores if each != other]:
+            gain = scores[name]["return"] - scores[other]["return"]
+            found[name] = {"mean": float(np.mean(gain)), "ci95": list(bootstrap_ci95(gain, seed))}
+        return found
 
-    return {
-        world: {
-            "policies": summarize(scores, world, (), seed)["policies"],
-            "minus_forecast": gains(scores, REFERENCE),
-            "minus_none": gains(scores, NO_ACTION),
-        }
-        for world, scores in played.items()
-    }
+    policies = summarize(scores, world, (), seed)["policies"]
+    gained = {"minus_forecast": gains(REFERENCE), "minus_none": gains(NO_ACTION)}
+    return {"policies": policies, **gained}
 
 
 def tables(worlds: Mapping[str, Any], runs: Sequence[str]) -> str:
-    """Returns, depleted shares, and what the runs gain on REFERENCE; worlds are columns.
+    """Returns, depleted shares, and what the runs gain on REFERENCE; worlds, each of `summary`, are columns."""
 
-    Args:
-        worlds: of `summary`.
-        runs: names of the trained policies.
-    """
-
-    def row(name: str, kind: str, cell: Callable[[Any], str]) -> list[str]:
-        """A policy's cells, a dash where it did not play."""
-        entries = [world[kind].get(name) for world in worlds.values()]
-        return [name, *(cell(entry) if entry else "-" for entry in entries)]
+    def table(head: str, kind: str, names: Sequence[str], cell: Callable[[Any], str]) -> str:
+        """A row a policy, with a dash where it did not play."""
+        rows = [[head, *worlds]]
+        for name in names:
+            entries = [world[kind].get(name) for world in worlds.values()]
+            rows.append([name, *(cell(entry) if entry else "-" for entry in entries)])
+        return format_rows(rows)
 
     def mean_return(entry: Any) -> str:
         return f"{short(entry['return_mean'])} {interval(entry['return_ci95'])}"
@@ -155,34 +130,10 @@ def tables(worlds: Mapping[str, Any], runs: Sequence[str]) -> str:
         return f"{short(entry['mean'])} {interval(entry['ci95'])}"
 
     names = [*runs, *RULES]
-    returns = [row(name, "policies", mean_return) for name in names]
-    shares = [row(name, "policies", share) for name in names]
-    gains = [row(name, "minus_forecast", gain) for name in runs]
-    headed = {
-        "return, 95 % CI": returns,
-        "depleted share": shares,
-        f"minus {REFERENCE}, 95 % CI": gains,
-    }
-    return "\n\n".join(format_rows([[head, *worlds], *rows]) for head, rows in headed.items())
-
-
-def build_parser() -> OneLineParser:
-    """The command line."""
-    parser = benchmark_parser("generalization", __doc__)
-    parser.add_argument(
-        "--run-dir",
-        type=a_path,
-        nargs="+",
-        required=True,
-        metavar="DIR",
-        help="that train.ppo wrote",
-    )
-    parser.add_argument(
-        "--episodes", type=whole_number(least=2), default=256, help="of each policy and world"
-    )
-    parser.add_argument("--seed", type=a_seed, default=0, help="which episodes")
-    add_plot(parser, "the gains")
-    return parser
+    returns = table("return, 95 % CI", "policies", names, mean_return)
+    shares = table("depleted share", "policies", names, share)
+    gains = table(f"minus {REFERENCE}, 95 % CI", "minus_forecast", runs, gain)
+    return "\n\n".join([returns, shares, gains])
 
 
 def load_runs(paths: Sequence[Path]) -> tuple[dict[str, Policy], dict[str, Policy]]:
@@ -217,20 +168,15 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     which = options.episodes, options.seed
     at_factors = play(MAIN, FACTORS, runs, *which)
     elsewhere = play(OTHER, (1.0,), on_other, *which)
-    played = dict(zip([*AT_FACTORS, OTHER], at_factors + elsewhere, strict=True))
-    worlds = summary(played, options.seed)
+    played = zip([*AT_FACTORS, OTHER], at_factors + elsewhere, strict=True)
+    worlds = {world: summary(scores, world, options.seed) for world, scores in played}
     print(f"{options.episodes} episodes, seed {options.seed}, the same for every policy\n")
     print(tables(worlds, list(runs)))
     return {"episodes": options.episodes, "seed": options.seed, "worlds": worlds}
 
 
 def plot(path: Path, report: dict[str, Any]) -> None:
-    """Draws what each policy gains on no action over the demand, rules dashed, as a PNG.
-
-    Args:
-        path: file to write.
-        report: of `measure`.
-    """
+    """Draws the report of `measure` as a PNG: what each policy gains on no action over the demand, rules dashed."""
     demand = medjax.make(MAIN)[1].demand
     vehicles_per_h = float(demand.mainline_per_h + demand.ramp_per_h.sum())
     worlds = [report["worlds"][name]["minus_none"] for name in AT_FACTORS]
@@ -239,27 +185,25 @@ def plot(path: Path, report: dict[str, Any]) -> None:
     for number, name in enumerate(worlds[0]):
         means = np.array([world[name]["mean"] for world in worlds])
         low, high = np.array([world[name]["ci95"] for world in worlds]).T
-        is_rule = name in BASELINES
-        axes.errorbar(
-            FACTORS,
-            means,
-            yerr=(means - low, high - means),
-            color=colour(name) if is_rule else RUN_COLOURS[number % len(RUN_COLOURS)],
-            marker=MARKERS[number % len(MARKERS)],
-            ls="--" if is_rule else "-",
-            capsize=3,
-            label=name,
-        )
+        style = {"color": RUN_COLOURS[number % len(RUN_COLOURS)], "ls": "-"}
+        if name in BASELINES:
+            style = {"color": colour(name), "ls": "--"}
+        style |= {"marker": MARKERS[number % len(MARKERS)], "label": name}
+        axes.errorbar(FACTORS, means, yerr=(means - low, high - means), capsize=3, **style)
     axes.axhline(0.0, color="0.5", lw=1)
-    axes.set_xticks(FACTORS)
+    axes.set(xticks=FACTORS, title="Other demands than the preset's")
     axes.set_xlabel(f"demand, multiples of {vehicles_per_h:.0f} vehicles/h")
     axes.set_ylabel("return of an episode minus that of no action, 95 % CI")
-    axes.set_title("Other demands than the preset's")
     axes.grid(alpha=0.3)
     figure.legend(loc="outside right upper", fontsize="small", frameon=False)
     save(figure, path)
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command."""
-    run_command(build_parser(), measure, arguments, plot)
+    parser = benchmark_parser("generalization", __doc__)
+    add, a_run = parser.add_argument, "that train.ppo wrote"
+    add("--run-dir", type=a_path, nargs="+", required=True, metavar="DIR", help=a_run)
+    add("--episodes", type=whole_number(least=2), default=256, help="of each policy and world")
+    add("--seed", type=a_seed, default=0, help="which episodes")
+    add_plot(parser, "the gains")
+    run_command(parser, measure, arguments, plot)

@@ -18,7 +18,6 @@ from jax import lax
 from tqdm import tqdm
 
 from benchmarks.command import a_path, episodes_parser, positive, run_command, whole_number
-from medjax.commandline import OneLineParser
 from medjax.env.contract import Environment
 from medjax.episodes.keys import ACT, episode_keys
 from medjax.episodes.player import Episodes, Player, episode_steps
@@ -41,19 +40,15 @@ SHOWN = ("depleted_share", "mean_range_m", "mean_soc", "meds_dispatched")
 def play_plans(
     env: Environment, params: Any, plan: Plan, base: Policy, hold: int, episodes: int, seed: int
 ) -> Scores:
-    """Whole episodes of a planner that is asked at every `hold`-th decision.
+    """Whole episodes, played together, of a planner that is asked at every `hold`-th decision.
 
     Args:
       env: a single environment.
       params: its parameters.
       plan: as `medjax.policies.planner.look_ahead` returns it.
       base: what is played where it says AS_BASE.
-      hold: at least 1.
-      episodes: at least 1; all are played together.
+      hold, episodes: at least 1.
       seed: which episodes, as in `medjax.episodes.scores`.
-
-    Returns:
-      As `medjax.episodes.scores.Evaluation.play`, for one policy.
     """
     mesh, player = environment_mesh(episodes), Player(env, [base])
 
@@ -83,31 +78,11 @@ def play_plans(
 
     ask, go_on = jax.jit(on_devices(mesh, ask)), jax.jit(on_devices(mesh, go_on))
     played = jax.jit(player.start)(episode_keys(seed, episodes), params)
-    for first in tqdm(
-        range(0, episode_steps(env, params), hold), "planning", disable=None, leave=False
-    ):
+    firsts = range(0, episode_steps(env, params), hold)
+    for first in tqdm(firsts, "planning", disable=None, leave=False):
         same = jnp.int32(first), params
         played = go_on((played, ask(played, same)), same)
     return {name: np.asarray(values, np.float64) for name, values in played.scores.items()}
-
-
-def build_parser() -> OneLineParser:
-    """The command line."""
-    parser = episodes_parser("planner", __doc__, episodes=16, seed=0)
-    parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
-    parser.add_argument(
-        "--run-dir", type=a_path, metavar="DIR", help="run whose first learner is improved on"
-    )
-    parser.add_argument(
-        "--base", choices=list(BASELINES), help="rule that is improved on (default: forecast)"
-    )
-    parser.add_argument(
-        "--samples", type=whole_number(least=2), default=16, help="futures of each action"
-    )
-    parser.add_argument(
-        "--hold", type=positive, default=16, metavar="N", help="decisions from plan to plan"
-    )
-    return parser
 
 
 def load(options: argparse.Namespace) -> tuple[str, Any, Any, str, dict[str, Policy]]:
@@ -141,7 +116,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     others = {name: policies[name] for name in dict.fromkeys([base, "none"])}
     scores |= evaluate_policies(env, params, others, episodes, seed)
     rows = {}
-    print(f"{options.episodes} episodes of {scenario}, seed {options.seed}")
+    print(f"{episodes} episodes of {scenario}, seed {seed}")
     print(f"{'policy':<10}{'return':>9}{'95 % CI':>20}" + "".join(f"{name:>17}" for name in SHOWN))
     for name, score in scores.items():
         low, high = bootstrap_ci95(score["return"])
@@ -153,9 +128,15 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     low, high = bootstrap_ci95(gain)
     print(f"planner minus {base}: {gain.mean():.1f} [{low:.1f}, {high:.1f}]")
     gained = {"mean": float(gain.mean()), "ci95": [low, high]}
-    return {"policies": rows, "planner_minus_base": gained, "episodes": options.episodes}
+    return {"policies": rows, "planner_minus_base": gained, "episodes": episodes}
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command."""
-    run_command(build_parser(), measure, arguments)
+    parser = episodes_parser("planner", __doc__, episodes=16, seed=0)
+    parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
+    add = parser.add_argument
+    add("--run-dir", type=a_path, metavar="DIR", help="run whose first learner is improved on")
+    add("--base", choices=list(BASELINES), help="rule that is improved on (default: forecast)")
+    add("--samples", type=whole_number(least=2), default=16, help="futures of each action")
+    add("--hold", type=positive, default=16, metavar="N", help="decisions from plan to plan")
+    run_command(parser, measure, arguments)

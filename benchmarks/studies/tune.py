@@ -12,7 +12,6 @@ from typing import Any
 
 import medjax
 from benchmarks.command import episodes_parser, run_command
-from medjax.commandline import OneLineParser
 from medjax.episodes.scores import evaluate_policies
 from medjax.policies.rules import forecast, paced
 from train.evaluation.statistics import bootstrap_ci95
@@ -30,13 +29,6 @@ GRID: dict[str, list[dict[str, Any]]] = {
         for enough in (3.0, 3.5, 4.0, 4.5, 5.0)
     ],
 }
-
-
-def build_parser() -> OneLineParser:
-    """The command line."""
-    parser = episodes_parser("tune", __doc__, episodes=256, seed=31)
-    parser.add_argument("--rules", nargs="+", default=list(RULES), choices=list(RULES))
-    return parser
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -60,5 +52,6 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command."""
-    run_command(build_parser(), measure, arguments)
+    parser = episodes_parser("tune", __doc__, episodes=256, seed=31)
+    parser.add_argument("--rules", nargs="+", default=list(RULES), choices=list(RULES))
+    run_command(parser, measure, arguments)

@@ -53,36 +53,31 @@ class Flow(NamedTuple):
     high: jax.Array
 
 
+def total(values: jax.Array) -> jax.Array:
+    """Sum, () float32."""
+    return jnp.sum(values, dtype=jnp.float32)
+
+
 def sums_by_class(values: jax.Array, config: EnvConfig) -> jax.Array:
     """Sums over MEDs, EVs and gas vehicles, (3,) float32."""
-    slices = config.class_slots.values()
-    return jnp.stack([jnp.sum(values[s], dtype=jnp.float32) for s in slices])
+    return jnp.stack([total(values[slots]) for slots in config.class_slots.values()])
 
 
 def sums_by_kind(values: jax.Array, kind: jax.Array) -> jax.Array:
     """Sums over the vehicles of each kind, (num_kinds,) float32."""
-    sums = jnp.zeros((len(KINDS),), jnp.float32)
-    return sums.at[kind].add(values.astype(jnp.float32))
+    return jnp.zeros((len(KINDS),), jnp.float32).at[kind].add(values.astype(jnp.float32))
 
 
 def entry_books(before: EnvState, begun: EnvState) -> Books:
     """Of dispatch and entries."""
-    zero, pair = jnp.zeros(()), jnp.zeros((2,))
-    blank = dict.fromkeys(Books.__dataclass_fields__, zero)
     sent = (before.meds.status == AT_DEPOT) & (begun.meds.status != AT_DEPOT)
     come = begun.vehicles.active & ~before.vehicles.active
-    return Books(
-        **blank
-        | {
-            "entered": sums_by_kind(come, begun.vehicles.kind),
-            "left": jnp.zeros((len(KINDS),)),
-            "gas_seconds": jnp.zeros((len(GAS_KINDS),)),
-            "gas_distance_m": jnp.zeros((len(GAS_KINDS),)),
-            "meds_dispatched": jnp.sum(sent, dtype=jnp.float32),
-            "sent_j": pair,
-            "received_j": pair,
-        }
-    )
+    pair, by_gas_kind = jnp.zeros((2,)), jnp.zeros((len(GAS_KINDS),))
+    books = dict.fromkeys(Books.__dataclass_fields__, jnp.zeros(()))
+    books |= {"left": jnp.zeros((len(KINDS),)), "sent_j": pair, "received_j": pair}
+    books |= {"gas_seconds": by_gas_kind, "gas_distance_m": by_gas_kind}
+    books |= {"entered": sums_by_kind(come, begun.vehicles.kind), "meds_dispatched": total(sent)}
+    return Books(**books)
 
 
 def driving(
@@ -97,14 +92,8 @@ def driving(
     kinetic = 0.5 * inertia * (v1 - v0) * (v1 + v0)
     wheels = rolling + drag + kinetic
     auxiliary = body.auxiliary_w * dt
-    battery = (
-        jnp.where(
-            wheels > 0.0,
-            wheels / body.drivetrain_efficiency,
-            wheels * body.regeneration_efficiency,
-        )
-        + auxiliary
-    )
+    used, regained = wheels / body.drivetrain_efficiency, wheels * body.regeneration_efficiency
+    battery = jnp.where(wheels > 0.0, used, regained) + auxiliary
     # The difference of two speeds is as exact as they are.
     gross = rolling + drag + jnp.abs(kinetic) + 2e-2 * inertia * OF_FLOW * (v0 + v1) ** 2
     off = OF_FLOW * (gross / body.drivetrain_efficiency + auxiliary)
@@ -112,38 +101,34 @@ def driving(
     return jnp.where(on_road, battery, 0.0), jnp.where(on_road, off, 0.0)
 
 
-def _received(
-    before_j: jax.Array,
-    after_j: jax.Array,
-    driven: tuple[jax.Array, jax.Array],
-    capacity: Any,
-    most: jax.Array,
-) -> Flow:
-    """What came into EVs' batteries, (E,) each, `most` at most."""
+Change = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
+
+
+def _change(
+    before_j: jax.Array, after_j: jax.Array, driven: tuple[jax.Array, jax.Array], capacity: Any
+) -> Change:
+    """What batteries gained but for driving, how far float32 may be off it, J, and who is full and empty; (C,) each."""
     gain = after_j - before_j + driven[0]
     slack = OF_CAPACITY * capacity + driven[1] + OF_FLOW * jnp.abs(gain)
+    return gain, slack, after_j >= capacity, after_j <= 0.0
+
+
+def _received(change: Change, most: jax.Array) -> Flow:
+    """What came into EVs' batteries, (E,) each, `most` at most."""
+    gain, slack, full, empty = change
     # A full battery takes no charge beyond its room, so a lack there is braking energy that found none. An empty one
     # may have got something, and spent it.
-    full, empty = after_j >= capacity, after_j <= 0.0
     low = jnp.where(full, jnp.maximum(gain, 0.0), jnp.where(empty, jnp.minimum(gain, 0.0), gain))
     high = jnp.where(full, jnp.maximum(gain, 0.0), jnp.where(empty, jnp.minimum(gain, most), gain))
     return Flow(low - slack, high + slack)
 
 
-def _sent(
-    before_j: jax.Array,
-    after_j: jax.Array,
-    driven: tuple[jax.Array, jax.Array],
-    capacity: Any,
-    most: jax.Array,
-) -> Flow:
+def _sent(change: Change, most: jax.Array) -> Flow:
     """What MEDs gave, (M,) each, `most` at most."""
-    loss = before_j - after_j - driven[0]
-    slack = OF_CAPACITY * capacity + driven[1] + OF_FLOW * jnp.abs(loss)
-    full, empty = after_j >= capacity, after_j <= 0.0
+    gain, slack, full, empty = change
     # A full one may have lost braking energy that found no room; an empty one drives on what it does not have.
-    low = jnp.where(full, jnp.minimum(loss, 0.0), loss)
-    high = jnp.where(empty, jnp.maximum(loss, most), loss)
+    low = jnp.where(full, jnp.minimum(-gain, 0.0), -gain)
+    high = jnp.where(empty, jnp.maximum(-gain, most), -gain)
     return Flow(low - slack, high + slack)
 
 
@@ -161,41 +146,26 @@ def tick_flows(
     partner = charges[:, None] & (was.med[:, None] == jnp.arange(config.num_meds))
     gives = slot * jnp.sum(partner, axis=0)
 
-    received = _received(
-        was.energy_j,
-        evs.energy_j,
-        driving(old, new, config.ev_slots, params.ev, dt),
-        params.ev_capacity_j,
-        takes,
-    )
-    sent = _sent(
-        before.meds.energy_j,
-        after.meds.energy_j,
-        driving(old, new, config.med_slots, params.med, dt),
-        params.med_capacity_j,
-        gives,
-    )
-    above_reserve = before.meds.energy_j - params.fleet.reserve_soc * params.med_capacity_j
+    driven = driving(old, new, config.ev_slots, params.ev, dt)
+    received = _received(_change(was.energy_j, evs.energy_j, driven, params.ev_capacity_j), takes)
+    driven, capacity = driving(old, new, config.med_slots, params.med, dt), params.med_capacity_j
+    sent = _sent(_change(before.meds.energy_j, after.meds.energy_j, driven, capacity), gives)
+    above_reserve = before.meds.energy_j - params.fleet.reserve_soc * capacity
     arrived = jnp.sum(jnp.where(partner, received.low[:, None], 0.0), axis=0)
+    too_much = partner.any(axis=0) & (arrived > best * sent.high)
     wrong = {
         "EV loses": received.high < 0.0,
         "EV gains from nowhere": received.low > takes * (1.0 + OF_FLOW),
         "MED gains": sent.high < 0.0,
         "MED loses": sent.low > gives * (1.0 + OF_FLOW),
         "MED below its reserve": (gives > 0.0) & (sent.low > jnp.maximum(above_reserve, 0.0)),
-        "more arrives than the link lets through": partner.any(axis=0)
-        & (arrived > best * sent.high),
+        "more arrives than the link lets through": too_much,
     }
 
     def both(flow: Flow, concerned: jax.Array) -> jax.Array:
         return jnp.stack([total(jnp.where(concerned, bound, 0.0)) for bound in flow])
 
     return wrong, both(sent, gives > 0.0), both(received, charges)
-
-
-def total(values: jax.Array) -> jax.Array:
-    """Sum, () float32."""
-    return jnp.sum(values, dtype=jnp.float32)
 
 
 def tick_books(
@@ -211,7 +181,6 @@ def tick_books(
     soc = evs.energy_j / params.ev_capacity_j
     present, gas = sums_by_class(new.active, config), jnp.array(GAS_KINDS)
     distance = sums_by_class(travelled, config)
-    changes = jnp.where(old.active, jnp.abs(new.lane - old.lane), 0)
     return wrong, Books(
         entered=jnp.zeros((len(KINDS),)),
         left=sums_by_kind(left, old.kind),
@@ -225,7 +194,7 @@ def tick_books(
         vehicle_ticks=jnp.sum(present),
         evs_served=total(evs.served & ~was.served),
         meds_dispatched=jnp.zeros(()),
-        lane_changes=total(changes),
+        lane_changes=total(jnp.where(old.active, jnp.abs(new.lane - old.lane), 0)),
         sent_j=sent_j,
         received_j=received_j,
     )

@@ -15,14 +15,7 @@ from flax import struct
 
 import medjax
 from benchmarks.verification.decisions import Decision, check_decision
-from benchmarks.verification.invariants import (
-    INVARIANTS,
-    Counts,
-    check_lanes,
-    check_state,
-    count,
-    lengths_of,
-)
+from benchmarks.verification.invariants import INVARIANTS, Counts, check_standing, count
 from benchmarks.verification.random_worlds import draw_config, draw_params, random_units, validated
 from medjax.env.charging_env import ChargingEnv
 from medjax.world.params import EnvConfig, EnvParams
@@ -46,16 +39,6 @@ class Played(struct.PyTreeNode):
 def in_order(counts: Counts) -> jax.Array:
     """Counts in the order of INVARIANTS, (K,) int32."""
     return jnp.stack([counts[name] for name in INVARIANTS])
-
-
-def check_start(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Violations in a state at reset, (K,) int32."""
-    vehicles = state.vehicles
-    counts = count(
-        check_lanes(vehicles, vehicles, lengths_of(state, params)),
-        check_state(state, config, params),
-    )
-    return in_order(counts)
 
 
 def random_action(key: jax.Array, mask: jax.Array, wild: jax.Array) -> jax.Array:
@@ -85,7 +68,7 @@ def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
         """One environment."""
         reset_key, key = environment_keys(key, index)
         _, state = env.reset(reset_key, params)
-        found = check_start(state, config, params)
+        found = in_order(count(check_standing(state, config, params)))
         first = jnp.where(found.any(), -1, NEVER).astype(jnp.int32)
 
         def decide(decision: jax.Array, played: Played) -> Played:
@@ -130,10 +113,7 @@ def compiled(config: EnvConfig, *args: Any) -> Any:
 class Case:
     """Case number `number` of a seed: sizes, the numbers of each environment, and the compiled program.
 
-    Args:
-      seed, number: which case.
-      num_envs: environments side by side; others play otherwise.
-      config: sizes instead of those drawn.
+    With another number of environments they play otherwise. `config` is sizes instead of those drawn.
     """
 
     def __init__(
@@ -141,21 +121,18 @@ class Case:
     ) -> None:
         self.seed, self.number, self.num_envs = seed, number, num_envs
         self.config = config or draw_config(seed, number)
-        _, paper = medjax.make("paper")
-        rng = np.random.default_rng([seed, number])
-        table = jax.device_get(paper.link.inductance)
-        drawn = draw_params(random_units(rng, num_envs), self.config, table)
-        self.params = validated(self.config, drawn)
+        units = random_units(np.random.default_rng([seed, number]), num_envs)
+        table = jax.device_get(medjax.make("paper")[1].link.inductance)
+        self.params = validated(self.config, draw_params(units, self.config, table))
         self.decisions = math.ceil(EPISODE_S / self.config.decision_s)
         start = time.perf_counter()
-        args = self.params, self.key(0), np.int32(0)
-        self.program = compiled(self.config, *args)
+        self.program = compiled(self.config, self.params, self.key(0), np.int32(0))
         self.compile_s = time.perf_counter() - start
 
     def key(self, episode: int) -> jax.Array:
         """Of an episode."""
-        key = jax.random.key(self.seed)
-        return jax.random.fold_in(jax.random.fold_in(key, self.number), episode)
+        of_case = jax.random.fold_in(jax.random.key(self.seed), self.number)
+        return jax.random.fold_in(of_case, episode)
 
     def play(self, episode: int, decisions: int | None = None) -> Played:
         """An episode in every environment, or its first decisions, as NumPy arrays."""
@@ -201,20 +178,12 @@ class Violation:
 
 def violations_of(case: Case, episode: int, played: Played) -> list[Violation]:
     """Of an episode, one an environment."""
-    return [
-        Violation(
-            case,
-            int(row),
-            episode,
-            int(played.first[row]),
-            {
-                name: int(count)
-                for name, count in zip(INVARIANTS, played.violations[row], strict=True)
-                if count
-            },
-        )
-        for row in np.flatnonzero(played.first < NEVER)
-    ]
+    found = []
+    for row in np.flatnonzero(played.first < NEVER).tolist():
+        of_all = zip(INVARIANTS, played.violations[row].tolist(), strict=True)
+        counts = {name: count for name, count in of_all if count}
+        found.append(Violation(case, row, episode, int(played.first[row]), counts))
+    return found
 
 
 def run_case(case: Case, updates: float) -> Iterator[tuple[int, list[Violation]]]:

@@ -13,11 +13,10 @@ from benchmarks.verification.invariants import (
     Counts,
     Flags,
     check_entry,
-    check_lanes,
+    check_standing,
     check_state,
     check_tick,
     count,
-    lengths_of,
     not_finite,
     with_finite_waits,
 )
@@ -40,20 +39,18 @@ class Decision(NamedTuple):
 
 def check_decision(decision: Decision, config: EnvConfig, params: EnvParams) -> Counts:
     """Violations in one whole decision by invariant, `()` int32 each."""
-    begun, ticks = decision.info["begun"], decision.info["ticks"]
+    begun = decision.info["begun"]
     entered, books = check_entry(decision.before, begun, config, params)
-    standing = check_lanes(begun.vehicles, begun.vehicles, lengths_of(begun, params))
-    counts = count(entered, standing, check_state(begun, config, params))
+    counts = count(entered, check_standing(begun, config, params))
 
-    def look(
-        carry: tuple[EnvState, Counts, Books], state: EnvState
-    ) -> tuple[tuple[EnvState, Counts, Books], None]:
+    def look(carry: tuple[EnvState, Counts, Books], state: EnvState) -> tuple[Any, None]:
         last, counts, books = carry
         flags, more = check_tick(last, state, config, params)
         found = count(flags, check_state(state, config, params))
         return (state, *jax.tree.map(jnp.add, (counts, books), (found, more))), None
 
-    (last, counts, books), _ = jax.lax.scan(look, (begun, counts, books), ticks)
+    start = begun, counts, books
+    (last, counts, books), _ = jax.lax.scan(look, start, decision.info["ticks"])
     closing = check_closing(last, decision, books, config, params)
     return jax.tree.map(jnp.add, counts, count(closing))
 
@@ -67,8 +64,7 @@ def check_closing(
     home = (last.meds.status == RETIRED) & (after.meds.status == AT_DEPOT)
     refilled = jnp.where(home, params.med_capacity_j, last.meds.energy_j)
     same = jax.tree.map(lambda a, b: a != b, (last.vehicles, last.evs), (after.vehicles, after.evs))
-    figures = [info[name] for name in ("tally", "metrics", "reward_terms")]
-    numbers = (decision.obs, decision.reward, *figures)
+    numbers = decision.obs, decision.reward, info["tally"], info["metrics"], info["reward_terms"]
     flags = tally_mistakes(books, decision, config, params)
     flags["energy"]["refill"] = after.meds.energy_j != refilled
     return {
@@ -100,18 +96,16 @@ def tally_mistakes(
 ) -> dict[str, dict[str, jax.Array]]:
     """Flags where tally, reward and conservation of vehicles differ from the books, by invariant and name."""
     tally, way = decision.info["tally"], resolved_way(books, params)
+    scales = {name: way if name.endswith("_m") else 1e-3 for name in Books.__dataclass_fields__}
     counted = {
-        name: differs(
-            getattr(books, name), getattr(tally, name), way if name.endswith("_m") else 1e-3
-        )
-        for name in Books.__dataclass_fields__
+        name: differs(getattr(books, name), getattr(tally, name), scale)
+        for name, scale in scales.items()
         if not name.endswith("_j")
     }
     total = decision.after.tally
     sums = jax.tree.map(lambda a, b, c: differs(a + b, c), decision.before.tally, tally, total)
     lost = by_class(total.entered - total.left) - jnp.zeros((3,)).at[1].set(total.depleted)
     lost = lost != sums_by_class(decision.after.vehicles.active, config)
-
     return {
         "tally": {
             **counted,
@@ -139,15 +133,14 @@ def reward_mistakes(
     on_road = after.vehicles.active[config.ev_slots]
     charge = jnp.where(on_road, after.evs.energy_j / params.ev_capacity_j, 0.0)
     cruise = params.drivers.desired_speed[jnp.array(GAS_KINDS)]
-    speed = books.ev_distance_m / jnp.maximum(books.ev_seconds, 1e-6)
+    seconds = jnp.maximum(books.ev_seconds, 1e-6)
+    speed = jnp.where(books.ev_seconds > 0.0, books.ev_distance_m / seconds / 30.0, 0.0)
+    lost_j = tally.energy_sent_j - tally.energy_received_j
     expected = {
         "depleted": (books.depleted, 0.0),
         "soc": (jnp.sum(charge) / jnp.maximum(jnp.sum(on_road), 1), 0.0),
         "distance": (books.ev_distance_m / 1000.0, way / 1000.0),
-        "speed": (
-            jnp.where(books.ev_seconds > 0.0, speed / 30.0, 0.0),
-            way / jnp.maximum(books.ev_seconds, 1e-6) / 30.0,
-        ),
+        "speed": (speed, way / seconds / 30.0),
         "dispatches": (books.meds_dispatched, 0.0),
         "gas_delay": (
             jnp.maximum(jnp.sum(books.gas_seconds - books.gas_distance_m / cruise), 0.0),
@@ -155,10 +148,7 @@ def reward_mistakes(
         ),
         "lane_changes": (books.lane_changes, 0.0),
         "collisions": (jnp.zeros(()), 0.0),
-        "transfer_loss": (
-            (tally.energy_sent_j - tally.energy_received_j) / 3.6e6,
-            tally.energy_sent_j / 3.6e6,
-        ),
+        "transfer_loss": (lost_j / 3.6e6, tally.energy_sent_j / 3.6e6),
     }
     named = {
         name: differs(weights[name] * value, terms[name], jnp.abs(weights[name]) * scale + 1e-30)

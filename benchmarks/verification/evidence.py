@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterator
 from typing import Any
 
@@ -29,12 +30,7 @@ MOST_SHOWN = 4  # of each check
 def explain(
     env: ChargingEnv, params: EnvParams, key: jax.Array, before: EnvState, action: Any
 ) -> Iterator[str]:
-    """Lines that say what goes wrong in a decision, of one environment.
-
-    Args:
-      env: with a probe that reports the whole state.
-      key, action: of `step_env`.
-    """
+    """Lines that say what goes wrong in a decision of one environment, whose probe reports the whole state."""
     config = env.config
     obs, after, reward, _, _, info = jax.jit(env.step_env)(key, before, action, params)
     begun = info["begun"]
@@ -44,9 +40,9 @@ def explain(
     yield from _lines("there", before, begun, config, params, check_state(begun, config, params))
     last = begun
     for tick in range(config.ticks_per_decision):
-        state = jax.tree.map(lambda leaf, tick=tick: leaf[tick], info["ticks"])
+        state = jax.tree.map(operator.itemgetter(tick), info["ticks"])
         flags, more = check_tick(last, state, config, params)
-        books = jax.tree.map(lambda a, b: a + b, books, more)
+        books = jax.tree.map(operator.add, books, more)
         checks = flags, check_state(state, config, params)
         yield from _lines(f"tick {tick}", last, state, config, params, *checks)
         last = state
@@ -66,12 +62,9 @@ def _lines(
     *checks: Flags,
 ) -> Iterator[str]:
     """What each failed check found."""
-    order = np.lexsort(
-        (
-            after.vehicles.x,
-            np.where(after.vehicles.active, after.vehicles.lane, np.iinfo(np.int32).max),
-        )
-    )
+    vehicles = after.vehicles
+    lane = np.where(vehicles.active, vehicles.lane, np.iinfo(np.int32).max)
+    order = np.lexsort((vehicles.x, lane))
     for check in checks:
         for invariant, parts in check.items():
             for what, flags in parts.items():
@@ -89,12 +82,10 @@ def _slots(
 ) -> list[int]:
     """Slots of the vehicles that a flag at this place speaks of; none where it speaks of no vehicle."""
     if invariant in ("overlap", "passed"):
-        return [int(slot) for slot in order[place[0] : place[0] + 2]]
-    if shape == (config.num_vehicles,):
-        return [int(place[0])]
+        return order[place[0] : place[0] + 2].tolist()
     if shape == (config.num_evs,):
         return [config.num_meds + int(place[0])]
-    return [int(place[0])] if shape == (config.num_meds,) else []
+    return [int(place[0])] if shape in ((config.num_vehicles,), (config.num_meds,)) else []
 
 
 def _vehicle(
@@ -119,7 +110,5 @@ def _vehicle(
 def _sums(books: Books, info: Any) -> Iterator[str]:
     """The books beside the tally."""
     for name in Books.__dataclass_fields__:
-        theirs = info["tally"].energy_sent_j if name == "sent_j" else None
-        theirs = info["tally"].energy_received_j if name == "received_j" else theirs
-        theirs = getattr(info["tally"], name) if theirs is None else theirs
+        theirs = getattr(info["tally"], f"energy_{name}" if name.endswith("_j") else name)
         yield f"    {name}: {np.asarray(getattr(books, name))}, tally {np.asarray(theirs)}"

@@ -18,6 +18,7 @@ import sys
 import tempfile
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,26 +28,19 @@ import numpy as np
 
 import medjax
 from benchmarks.command import argument, benchmark_parser, output_file, run_command, say
-from medjax.commandline import OneLineParser, as_path
+from medjax.commandline import as_path
 from medjax.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]  # where `-m train.ppo` is found, wherever this is called
 SEED, ENVS = 7, 4
+PROFILE = {"observation": "profile", "episode_decisions": 60, "turnaround_s": 20.0}
+ODD = {"num_meds": 6, "num_evs": 33, "num_gas": 100, "num_lanes": 3, "ramp_x_m": [200, 1500]}
 # By name: preset, decisions, overrides. Together they come to everything that a decision may do.
 WORLDS: dict[str, tuple[str, int, dict[str, Any]]] = {
     "paper": ("paper", 90, {}),
-    "profile": (
-        "paper",
-        90,
-        {"observation": "profile", "episode_decisions": 60, "turnaround_s": 20.0},
-    ),
+    "profile": ("paper", 90, PROFILE),
     "realistic": ("realistic", 60, {}),
-    "odd": (
-        "paper",
-        60,
-        {"num_meds": 6, "num_evs": 33, "num_gas": 100, "num_lanes": 3, "ramp_x_m": [200, 1500]}
-        | {"ticks_per_decision": 3, "tick_s": 0.3},
-    ),
+    "odd": ("paper", 60, {**ODD, "ticks_per_decision": 3, "tick_s": 0.3}),
 }
 STATE = (
     *("vehicles.x", "vehicles.speed", "vehicles.lane", "vehicles.active"),
@@ -54,24 +48,16 @@ STATE = (
     *("meds.energy_j", "meds.status", "queue"),
 )
 TRAINING = {
-    "--num-envs": 64,
-    "--num-minibatches": 8,
-    "--total-timesteps": 65536,
-    "--eval-episodes": 6,
-    "--seed": 3,
-    "--set": "episode_decisions=240",
+    **{"--num-envs": 64, "--num-minibatches": 8, "--total-timesteps": 65536},
+    **{"--eval-episodes": 6, "--seed": 3, "--set": "episode_decisions=240"},
 }
 CLOCKS = ("wall_s", "env_steps_per_s")  # of a row of metrics.jsonl
+QUIET = {"num_meds": 2, "num_evs": 6, "num_gas": 4, "mainline_per_h": 300, "ramp_per_h": 0}
 # The worlds of the golden test: full traffic for a few decisions, and a MED that charges EVs on a quiet road. There few
 # vehicles decide anything, so that rounding stays rounding for long.
 SHORT: dict[str, tuple[str, int, dict[str, Any]]] = {
     "paper": ("paper", 20, {}),
-    "quiet": (
-        "paper",
-        60,
-        {"num_meds": 2, "num_evs": 6, "num_gas": 4, "mainline_per_h": 300, "ramp_per_h": 0}
-        | {"ev_share": 0.8, "arrival_soc_high": 0.4},
-    ),
+    "quiet": ("paper", 60, {**QUIET, "ev_share": 0.8, "arrival_soc_high": 0.4}),
 }
 
 
@@ -89,10 +75,8 @@ def rollout(env: Any, decisions: int) -> Callable[[Any, int], dict[str, np.ndarr
             act_key, step_key = jax.random.split(jax.random.fold_in(key, number))
             allowed = jnp.where(env.action_mask(state, params), 0.0, -jnp.inf)
             action = jax.random.categorical(act_key, allowed).astype(jnp.int32)
-            obs, state, reward, terminated, truncated, info = env.step(
-                step_key, state, action, params
-            )
-            seen = {"obs": obs, "reward": reward, "ended": terminated | truncated}
+            obs, state, reward, ended, cut, info = env.step(step_key, state, action, params)
+            seen = {"obs": obs, "reward": reward, "ended": ended | cut}
             seen |= {name: operator.attrgetter(name)(state) for name in STATE}
             for group in ("metrics", "reward_terms"):
                 seen |= {f"{group}.{name}": value for name, value in info[group].items()}
@@ -115,8 +99,8 @@ def rollouts() -> dict[str, np.ndarray]:
     for world, (preset, decisions, overrides) in WORLDS.items():
         say(f"playing {world}")
         env, params = medjax.make(preset, **overrides)
-        played = rollout(env, decisions)(params, ENVS)
-        found |= {f"{world}/{name}": values for name, values in played.items()}
+        for name, values in rollout(env, decisions)(params, ENVS).items():
+            found[f"{world}/{name}"] = values
     return found
 
 
@@ -134,10 +118,8 @@ def train() -> dict[str, np.ndarray]:
         found["training/evaluation"] = np.array((run / "evaluation.json").read_text())
         newest = max((run / "checkpoints").glob("*.npz"), key=lambda path: int(path.stem))
         with np.load(newest) as state:
-            for name in state.files:
-                if name.startswith("weights/"):
-                    found[f"training/{name}"] = state[name]
-    return found
+            names = [name for name in state.files if name.startswith("weights/")]
+            return found | {f"training/{name}": state[name] for name in names}
 
 
 def differences(old: Mapping[str, np.ndarray], new: Mapping[str, np.ndarray]) -> Iterator[str]:
@@ -181,17 +163,15 @@ def last_of(played: Mapping[str, np.ndarray]) -> dict[str, Any]:
     on_road = np.flatnonzero(final["vehicles.active"])
     chosen: dict[str, Any] = {"reward": played["reward"][0]}
     for name, values in final.items():
-        if name.startswith("vehicles."):
-            chosen[name] = values[on_road]
-        elif name not in ("obs", "reward", "ended"):
-            chosen[name] = values
+        if name not in ("obs", "reward", "ended"):
+            chosen[name] = values[on_road] if name.startswith("vehicles.") else values
     chosen["vehicles.active"] = on_road
     return {name: _few_digits(np.asarray(values)) for name, values in chosen.items()}
 
 
 def _few_digits(values: np.ndarray) -> Any:
     if values.dtype.kind == "f":
-        return json.loads(json.dumps(np.vectorize(lambda x: float(f"{x:.7g}"))(values).tolist()))
+        return np.vectorize(lambda x: float(f"{x:.7g}"))(values).tolist()
     return values.astype(int).tolist()
 
 
@@ -219,26 +199,6 @@ def archive(name: str, text: str) -> dict[str, np.ndarray]:
         raise InputError(f"{name} {path} cannot be read, allowed: a file of --out") from None
 
 
-def build_parser() -> OneLineParser:
-    """The command line."""
-    parser = benchmark_parser("verification.golden", __doc__)
-    what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--out", type=output_file, metavar="FILE.npz", help="write rollouts here")
-    what.add_argument(
-        "--compare", type=argument(archive), nargs=2, metavar="FILE.npz", help="two such files"
-    )
-    what.add_argument(
-        "--numbers",
-        type=output_file,
-        metavar="FILE.json",
-        help="write the few numbers that the golden test expects: tests/data/golden.json",
-    )
-    parser.add_argument(
-        "--training", action="store_true", help="with --out: train for a minute or two, too"
-    )
-    return parser
-
-
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Writes what is asked for, or prints what differs."""
     if options.compare:
@@ -257,7 +217,16 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 def main(arguments: list[str] | None = None) -> None:
     """The command; it ends with exit code 1 where files differ."""
-    sys.exit(bool(run_command(build_parser(), measure, arguments)["differ"]))
+    parser = benchmark_parser("verification.golden", __doc__)
+    what = parser.add_mutually_exclusive_group(required=True)
+    file = partial(what.add_argument, metavar="FILE.npz")
+    file("--out", type=output_file, help="write rollouts here")
+    file("--compare", type=argument(archive), nargs=2, help="two such files")
+    few = "write the few numbers that the golden test expects: tests/data/golden.json"
+    what.add_argument("--numbers", type=output_file, metavar="FILE.json", help=few)
+    longer = "with --out: train for a minute or two, too"
+    parser.add_argument("--training", action="store_true", help=longer)
+    sys.exit(bool(run_command(parser, measure, arguments)["differ"]))
 
 
 if __name__ == "__main__":

@@ -64,10 +64,9 @@ def count(*checks: Flags) -> Counts:
 
 def not_finite(tree: Any) -> dict[str, jax.Array]:
     """Where the floating leaves of a tree are not finite, by their paths."""
-    leaves = jax.tree_util.tree_leaves_with_path(tree)
     return {
         jax.tree_util.keystr(path, simple=True, separator="."): ~jnp.isfinite(leaf)
-        for path, leaf in leaves
+        for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
         if jnp.issubdtype(leaf.dtype, jnp.floating)
     }
 
@@ -84,12 +83,7 @@ def lengths_of(state: EnvState, params: EnvParams) -> jax.Array:
 
 
 def check_lanes(before: Vehicles, after: Vehicles, length: jax.Array) -> Flags:
-    """Overlaps in a lane, and who was passed there, by the order in which they stand after the tick.
-
-    Args:
-      before, after: the tick; equal where there is none.
-      length: (N,) m.
-    """
+    """Overlaps in a lane, and who was passed there, by the order in which they stand after the tick; length (N,) m."""
     slots = after.x.shape[0]
     # One packed word sorts ten times as fast as several arrays: lane, place along the road, slot. Places are cut to
     # some millimetres; two vehicles of a lane that are so near to each other overlap in either order.
@@ -100,16 +94,10 @@ def check_lanes(before: Vehicles, after: Vehicles, length: jax.Array) -> Flags:
     lane = jnp.where(after.active, after.lane, 7).astype(jnp.uint32)  # 7: no lane
     order = jnp.sort(((lane * places + place) << slot_bits) | jnp.arange(slots, dtype=jnp.uint32))
     order = (order & (2**slot_bits - 1)).astype(jnp.int32)
-    lane, x, rear, was_in, was_x = read(
-        (
-            jnp.where(after.active, after.lane, -1),
-            after.x,
-            after.x - length,
-            jnp.where(before.active, before.lane, -1),
-            before.x,
-        ),
-        order,
-    )
+    is_in = jnp.where(after.active, after.lane, -1)
+    was_in = jnp.where(before.active, before.lane, -1)
+    columns = is_in, after.x, after.x - length, was_in, before.x
+    lane, x, rear, was_in, was_x = read(columns, order)
     pair = (lane[1:] == lane[:-1]) & (lane[1:] >= 0)
     stayed = (was_in[1:] == lane[1:]) & (was_in[:-1] == lane[:-1])
     return {
@@ -126,9 +114,8 @@ def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
 
     along_ramp = x[:, None] - road.ramp_x_m[None, :]
     on_ramp = (along_ramp >= 0.0) & (along_ramp <= road.acceleration_lane_m + ROUNDING_M)
-    on_lane = (lane >= 0) & jnp.where(
-        lane < config.num_lanes, True, (lane == config.num_lanes) & on_ramp.any(axis=1)
-    )
+    merges = (lane == config.num_lanes) & on_ramp.any(axis=1)
+    on_lane = (lane >= 0) & ((lane < config.num_lanes) | merges)
     inside = (x >= 0.0) & (x <= road.length_m)
 
     drives = (meds.status == MERGING) | (meds.status == IN_SERVICE)
@@ -138,11 +125,8 @@ def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
     booked = evs.med != NOT_BOOKED
     med, panel = jnp.clip(evs.med, 0, config.num_meds - 1), evs.panel
     med_capacity = params.med_capacity_j
-    serves = (
-        med_active
-        & (meds.status == IN_SERVICE)
-        & (meds.energy_j > params.fleet.reserve_soc * med_capacity)
-    )
+    has_energy = meds.energy_j > params.fleet.reserve_soc * med_capacity
+    serves = med_active & (meds.status == IN_SERVICE) & has_energy
     exists = (evs.med >= 0) & (evs.med < config.num_meds) & (panel >= 0) & (panel < len(PANELS))
     place = jnp.where(booked, evs.med * len(PANELS) + panel, -1)
     same = (place[:, None] == place[None, :]) & booked[:, None]
@@ -172,6 +156,13 @@ def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
     }
 
 
+def check_standing(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
+    """What holds at every instant, overlaps too."""
+    vehicles = state.vehicles
+    lanes = check_lanes(vehicles, vehicles, lengths_of(state, params))
+    return {**lanes, **check_state(state, config, params)}
+
+
 def check_entry(
     before: EnvState, begun: EnvState, config: EnvConfig, params: EnvParams
 ) -> tuple[Flags, Books]:
@@ -190,10 +181,9 @@ def check_entry(
     slack = ROUNDING * demand.arrival_soc_high
     low, high = demand.arrival_soc_low - slack, demand.arrival_soc_high + slack
     waited = (before.meds.status == QUEUED) | (before.meds.status == AT_DEPOT)
+    moved = {field: old.active & (getattr(old, field) != getattr(new, field)) for field in fields}
     flags = {
-        "motion": {
-            field: old.active & (getattr(old, field) != getattr(new, field)) for field in fields
-        },
+        "motion": moved,
         "vehicles": {
             "comes in at no entry": enters & ~at.any(axis=1),
             "several at one entry": jnp.sum(at, axis=0) > 1,
@@ -219,6 +209,7 @@ def check_tick(
     farthest = 0.5 * (old.speed + new.speed) * dt
     slack = ROUNDING_M + ROUNDING * farthest
     limit = jnp.maximum(params.motion.max_braking, jnp.max(params.drivers.max_acceleration)) * dt
+    jumps = jnp.abs(new.speed - old.speed) > limit * (1.0 + ROUNDING) + ROUNDING
     hop = new.lane - old.lane
     gone = old.active & ~new.active
     empty = jnp.zeros_like(gone).at[config.ev_slots].set(after.evs.energy_j <= 0.0)
@@ -231,8 +222,7 @@ def check_tick(
         "motion": {
             "backward": old.active & (travel < 0.0),
             "farther than its speeds": old.active & (travel > farthest + slack),
-            "speed jumps": old.active
-            & (jnp.abs(new.speed - old.speed) > limit * (1.0 + ROUNDING) + ROUNDING),
+            "speed jumps": old.active & jumps,
             "several lanes": old.active & (jnp.abs(hop) > 1),
             "onto an acceleration lane": old.active & (hop != 0) & (new.lane >= config.num_lanes),
             "another vehicle": both & (new.desired_speed != old.desired_speed),

@@ -9,7 +9,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+import operator
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -17,21 +18,10 @@ import numpy as np
 
 from medjax.env.reward import TERMS
 from medjax.physics import InductanceTable
+from medjax.world import params as groups
 from medjax.world.checks import validate
 from medjax.world.kinds import KINDS
-from medjax.world.params import (
-    BodyParams,
-    ChargingParams,
-    DemandParams,
-    DriverParams,
-    EnvConfig,
-    EnvParams,
-    FleetParams,
-    LaneChangeParams,
-    LinkParams,
-    MotionParams,
-    RoadParams,
-)
+from medjax.world.params import EnvConfig, EnvParams
 
 Units = Callable[[tuple[int, ...]], np.ndarray]
 """Numbers in [0, 1] of the shape asked for, with axes of a batch before it."""
@@ -88,7 +78,7 @@ class _Draw:
         return np.floor(low + self.units(()) * (high + 1 - low)).clip(low, high).astype(np.int32)
 
 
-def _road(draw: _Draw, config: EnvConfig) -> RoadParams:
+def _road(draw: _Draw, config: EnvConfig) -> groups.RoadParams:
     merge = draw(100.0, 350.0)
     spaced = merge + LONGEST_M + 1.0
     shortest = np.maximum(150.0, (config.num_ramps + 0.1) * spaced)
@@ -96,7 +86,7 @@ def _road(draw: _Draw, config: EnvConfig) -> RoadParams:
     spare = (0.999 * (length - spaced * config.num_ramps))[..., None]
     order = np.arange(config.num_ramps)
     places = np.sort(draw(0.0, 1.0, config.num_ramps), axis=-1) * np.maximum(spare, 0.0)
-    return RoadParams(
+    return groups.RoadParams(
         length_m=length,
         lane_width_m=draw(2.5, 5.0),
         ramp_x_m=(places + order * spaced[..., None]).astype(np.float32),
@@ -104,9 +94,9 @@ def _road(draw: _Draw, config: EnvConfig) -> RoadParams:
     )
 
 
-def _demand(draw: _Draw, config: EnvConfig) -> DemandParams:
+def _demand(draw: _Draw, config: EnvConfig) -> groups.DemandParams:
     soc: Any = np.sort(draw(0.0, 1.0, 2), axis=-1)
-    return DemandParams(
+    return groups.DemandParams(
         mainline_per_h=draw(0.0, SATURATED_PER_H * config.num_lanes),
         ramp_per_h=draw(0.0, SATURATED_PER_H, config.num_ramps),
         ev_share=draw(0.0, 1.0),
@@ -117,9 +107,9 @@ def _demand(draw: _Draw, config: EnvConfig) -> DemandParams:
     )
 
 
-def _drivers(draw: _Draw, config: EnvConfig) -> DriverParams:
+def _drivers(draw: _Draw, config: EnvConfig) -> groups.DriverParams:
     kinds = len(KINDS)
-    return DriverParams(
+    return groups.DriverParams(
         desired_speed=draw(8.0, 45.0, kinds),
         desired_speed_std=draw(0.0, 4.0, kinds),
         # The tick is the reaction time: who follows at less than it cannot answer a leader that brakes as hard as
@@ -134,9 +124,9 @@ def _drivers(draw: _Draw, config: EnvConfig) -> DriverParams:
     )
 
 
-def _charging(draw: _Draw, config: EnvConfig) -> ChargingParams:
+def _charging(draw: _Draw, config: EnvConfig) -> groups.ChargingParams:
     soc: Any = np.sort(draw(0.0, 1.0, 2), axis=-1)
-    return ChargingParams(
+    return groups.ChargingParams(
         request_soc=soc[..., 0],
         target_soc=soc[..., 1],
         reach_ahead_m=draw(0.0, 2000.0),
@@ -156,8 +146,8 @@ def _charging(draw: _Draw, config: EnvConfig) -> ChargingParams:
     )
 
 
-def _body(draw: _Draw, mass: tuple[float, float], area: float, pack: float) -> BodyParams:
-    return BodyParams(
+def _body(draw: _Draw, mass: tuple[float, float], area: float, pack: float) -> groups.BodyParams:
+    return groups.BodyParams(
         mass_kg=draw(*mass),
         drag_coefficient=draw(0.1, 1.0),
         frontal_area_m2=draw(0.5 * area, area),
@@ -173,17 +163,16 @@ def _body(draw: _Draw, mass: tuple[float, float], area: float, pack: float) -> B
 def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvParams:
     """Every number of a world, NumPy arrays with the units' batch axes first; the table is taken as it is."""
     draw = _Draw(units)
-    # Half of the fleets go out once, the others come back.
-    once = draw(0.0, 1.0) < 0.5
+    once = draw(0.0, 1.0) < 0.5  # half of the fleets; the others come back
     turnaround: Any = np.where(once, np.float32(math.inf), draw(0.0, 120.0))
     return EnvParams(
         road=_road(draw, config),
         demand=_demand(draw, config),
         drivers=_drivers(draw, config),
-        motion=MotionParams(
+        motion=groups.MotionParams(
             max_braking=draw(6.0, 10.0), noise_time_s=draw(0.5, 20.0), lateral_rate=draw(0.5, 4.0)
         ),
-        lane_change=LaneChangeParams(
+        lane_change=groups.LaneChangeParams(
             politeness=draw(0.0, 1.0),
             threshold=draw(0.0, 1.0),
             right_bias=draw(-1.0, 1.0),
@@ -191,7 +180,7 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
             mandatory_bias=draw(0.0, 20.0),
             urgency_bias=draw(0.0, 20.0),
         ),
-        fleet=FleetParams(
+        fleet=groups.FleetParams(
             size=draw.whole(0, config.num_meds),
             cooldown_s=draw(0.0, 30.0),
             turnaround_s=turnaround,
@@ -200,7 +189,7 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
             reserve_soc=draw(0.0, 1.0),
         ),
         charging=_charging(draw, config),
-        link=LinkParams(
+        link=groups.LinkParams(
             inductance=table,
             panel_gap_m=draw(0.05, 0.6),
             misalignment_scale=draw(0.0, 1.0),
@@ -218,26 +207,14 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
     )
 
 
-def _leaves(params: EnvParams) -> Iterator[tuple[str, Any]]:
-    """All numbers by the names that `medjax.make` knows."""
-    for group in dataclasses.fields(params):
-        member = getattr(params, group.name)
-        if isinstance(member, Mapping):
-            yield from ((f"{group.name}.{name}", value) for name, value in member.items())
-        elif dataclasses.is_dataclass(member):
-            for leaf in dataclasses.fields(member):
-                if leaf.name != "inductance":
-                    yield f"{group.name}.{leaf.name}", getattr(member, leaf.name)
-        else:
-            yield group.name, member
+def _with_table(params: EnvParams, table: InductanceTable | None) -> EnvParams:
+    return params.replace(link=params.link.replace(inductance=table))
 
 
 def world_of(params: EnvParams, index: int) -> EnvParams:
     """One world of a batch."""
-    table = params.link.inductance
-    link = params.link.replace(inductance=None)
-    one = jax.tree.map(lambda leaf: leaf[index], params.replace(link=link))
-    return one.replace(link=one.link.replace(inductance=table))
+    one = jax.tree.map(operator.itemgetter(index), _with_table(params, None))
+    return _with_table(one, params.link.inductance)
 
 
 def as_overrides(config: EnvConfig, params: EnvParams) -> dict[str, Any]:
@@ -249,14 +226,16 @@ def as_overrides(config: EnvConfig, params: EnvParams) -> dict[str, Any]:
             return [plain(entry) for entry in value]
         return int(value) if value.dtype == np.int32 else float(str(value))
 
-    sizes = dataclasses.asdict(config)
-    return sizes | {name: plain(value) for name, value in _leaves(params)}
+    leaves = jax.tree_util.tree_leaves_with_path(_with_table(params, None))
+    return dataclasses.asdict(config) | {
+        jax.tree_util.keystr(path, simple=True, separator="."): plain(value)
+        for path, value in leaves
+    }
 
 
 def as_settings(config: EnvConfig, params: EnvParams) -> list[str]:
     """The same as texts `NAME=VALUE` for `--set`."""
-    overrides = as_overrides(config, params)
-    return [f"{name}={json.dumps(value)}" for name, value in overrides.items()]
+    return [f"{name}={json.dumps(value)}" for name, value in as_overrides(config, params).items()]
 
 
 def validated(config: EnvConfig, params: EnvParams, worlds: int | None = None) -> EnvParams:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import math
 import sys
 import time
 from collections.abc import Iterator
@@ -18,7 +17,7 @@ from typing import Any, NoReturn
 import jax
 import jax.numpy as jnp
 
-from benchmarks.command import benchmark_parser, machine, positive, run_command, whole_number
+from benchmarks.command import a_number, benchmark_parser, machine, natural, positive, run_command
 from benchmarks.verification.cases import (
     NUM_ENVS,
     Case,
@@ -31,7 +30,6 @@ from benchmarks.verification.cases import (
 from benchmarks.verification.evidence import explain
 from benchmarks.verification.invariants import INVARIANTS
 from benchmarks.verification.random_worlds import as_settings, world_of
-from medjax.commandline import OneLineParser
 from medjax.env.charging_env import ChargingEnv
 from medjax.errors import InputError
 
@@ -62,31 +60,9 @@ def show(case: Case, environment: int, episode: int) -> Iterator[str]:
         yield f"no violation in environment {environment}, episode {episode}"
 
 
-def positive_number(text: str) -> float:
-    """A type of argument: a number above 0, such as 1e9."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not 0.0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r}: allowed a number above 0")
-    return number
-
-
-def build_parser() -> OneLineParser:
-    """The command line."""
-    parser = benchmark_parser("soak", __doc__)
-    parser.add_argument(
-        "--updates", type=positive_number, default=1e9, help="vehicle updates in all"
-    )
-    parser.add_argument("--seed", type=whole_number(least=0), default=0)
-    parser.add_argument("--num-envs", type=positive, default=NUM_ENVS, help="of a case")
-    parser.add_argument("--cases", type=positive, default=CASES, help="that share the updates")
-    again = parser.add_argument_group("to see one environment's first violation again")
-    again.add_argument("--case", type=whole_number(least=0), metavar="C")
-    again.add_argument("--environment", type=whole_number(least=0), metavar="E")
-    again.add_argument("--episode", type=whole_number(least=0), default=0)
-    return parser
+def _pass(line: str) -> None:
+    """Progress that the next line overwrites, on stderr."""
+    print(line, end="\r", file=sys.stderr, flush=True)
 
 
 class Soak:
@@ -101,11 +77,9 @@ class Soak:
 
     def run(self) -> None:
         """Prints a line a case, and every case's first violations."""
-        share = self.updates / self.cases
         for number in range(self.cases):
-            print(f"case {number}: compiling ...", end="\r", file=sys.stderr, flush=True)
-            case = Case(self.seed, number, self.num_envs)
-            self._play(case, share)
+            _pass(f"case {number}: compiling ...")
+            self._play(Case(self.seed, number, self.num_envs), self.updates / self.cases)
 
     def _play(self, case: Case, share: float) -> None:
         start = time.perf_counter()
@@ -122,12 +96,8 @@ class Soak:
                 print(violation, flush=True)
             if len(found) > MOST_SHOWN:
                 print(f"  ... and in {len(found) - MOST_SHOWN} more environments")
-            print(
-                f"case {case.number}: {row['updates'] / share:.0%}, in all {self.moved:,} updates",
-                end="\r",
-                file=sys.stderr,
-                flush=True,
-            )
+            done = f"{row['updates'] / share:.0%}, in all {self.moved:,} updates"
+            _pass(f"case {case.number}: {done}")
         print(
             f"case {case.number:2d}: {case}: {row['updates']:,} updates, {row['violations']} violations, "
             f"{case.compile_s:.0f} + {row['play_s']:.0f} s",
@@ -136,10 +106,8 @@ class Soak:
 
     def report(self) -> dict[str, Any]:
         """Totals, by invariant and by case."""
-        totals = {
-            name: sum(violation.counts.get(name, 0) for violation in self.found)
-            for name in INVARIANTS
-        }
+        counts = [violation.counts for violation in self.found]
+        totals = {name: sum(each.get(name, 0) for each in counts) for name in INVARIANTS}
         return {
             "seed": self.seed,
             "updates": self.moved,
@@ -165,7 +133,7 @@ def show_again(options: argparse.Namespace) -> NoReturn:
         raise InputError(f"--environment {options.environment}: allowed 0 to {most}")
     case = Case(options.seed, options.case, options.num_envs)
     lines = list(show(case, options.environment, options.episode))
-    print("\n".join(lines))
+    print(*lines, sep="\n")
     sys.exit(any("VIOLATED" in line for line in lines))
 
 
@@ -187,5 +155,15 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 def main(arguments: list[str] | None = None) -> None:
     """The command; it ends with exit code 1 if anything was violated."""
-    report = run_command(build_parser(), measure, arguments)
+    parser = benchmark_parser("soak", __doc__)
+    above_0 = a_number("a number above 0", lambda value: value > 0.0)
+    parser.add_argument("--updates", type=above_0, default=1e9, help="vehicle updates in all")
+    parser.add_argument("--seed", type=natural, default=0)
+    parser.add_argument("--num-envs", type=positive, default=NUM_ENVS, help="of a case")
+    parser.add_argument("--cases", type=positive, default=CASES, help="that share the updates")
+    again = parser.add_argument_group("to see one environment's first violation again")
+    again.add_argument("--case", type=natural, metavar="C")
+    again.add_argument("--environment", type=natural, metavar="E")
+    again.add_argument("--episode", type=natural, default=0)
+    report = run_command(parser, measure, arguments)
     sys.exit(bool(report["commands"]))

@@ -1,7 +1,5 @@
 """Trajectories in a file, whose ending says the format; it appears whole or not at all."""
 
-from __future__ import annotations
-
 import csv
 import importlib.util
 import io
@@ -22,40 +20,28 @@ from medjax.files import replacing
 EXACT = "%.9g"  # nine digits tell any two float32 apart
 
 
-def write_parquet(recording: Recording, file: IO[bytes]) -> int:
-    """Writes `vehicle_table` with missing values as nulls, and what was played as JSON under the key `medjax`.
-
-    Returns:
-      Rows written.
-    """
+def write_parquet(recording: Recording, file: IO[bytes]) -> None:
+    """Writes `vehicle_table` with missing values as nulls, and what was played as JSON under the key `medjax`."""
     import pyarrow
     import pyarrow.parquet
 
     played = {name: getattr(recording, name) for name in ("scenario", "policy", "seed", "episode")}
-    table = pyarrow.table(
-        {
-            name: pyarrow.array(column.data, mask=np.ma.getmaskarray(column))
-            for name, column in vehicle_table(recording).items()
-        },
-        metadata={"medjax": json.dumps(played)},
-    )
+    columns = {
+        name: pyarrow.array(column.data, mask=np.ma.getmaskarray(column))
+        for name, column in vehicle_table(recording).items()
+    }
+    table = pyarrow.table(columns, metadata={"medjax": json.dumps(played)})
     pyarrow.parquet.write_table(table, file, use_dictionary=["kind", "panel"])
-    return int(table.num_rows)
 
 
-def write_csv(recording: Recording, file: IO[bytes]) -> int:
-    """Writes `vehicle_table` with a head line and missing values empty; numbers read back exactly as float32.
-
-    Returns:
-      Rows written.
-    """
+def write_csv(recording: Recording, file: IO[bytes]) -> None:
+    """Writes `vehicle_table` with a head line and missing values empty; numbers read back exactly as float32."""
     table = vehicle_table(recording)
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(table)
     writer.writerows(zip(*(_as_text(column) for column in table.values()), strict=True))
     text.detach()
-    return len(table["time_s"])
 
 
 def _as_text(column: np.ma.MaskedArray) -> list[object]:
@@ -65,11 +51,8 @@ def _as_text(column: np.ma.MaskedArray) -> list[object]:
     return [None if value is None else EXACT % value for value in values]
 
 
-FORMATS: dict[str, Callable[[Recording, IO[bytes]], int]] = {
-    ".parquet": write_parquet,
-    ".csv": write_csv,
-    ".fcd.xml": write_fcd,
-}
+FORMATS: dict[str, Callable[[Recording, IO[bytes]], None]]
+FORMATS = {".parquet": write_parquet, ".csv": write_csv, ".fcd.xml": write_fcd}
 
 
 def check_target(path: Path) -> str:
@@ -110,4 +93,5 @@ def write_trajectories(recording: Recording, path: str | Path) -> int:
     path = Path(path)
     write = FORMATS[check_target(path)]
     with replacing(path) as partial, partial.open("wb") as file:
-        return write(recording, file)
+        write(recording, file)
+    return int(recording.frames.active.sum())

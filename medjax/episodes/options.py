@@ -1,7 +1,5 @@
 """The options of commands that play an episode: which one, with whom, and the recordings of it."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import sys
@@ -34,12 +32,8 @@ def add_episode_options(group: Any) -> None:
     group.add_argument("--scenario", metavar="NAME", help="preset (default: paper)")
     add_set_option(group, "set a number of the environment; repeatable")
     group.add_argument("--seed", metavar="N", default="0", help="whose episodes (default: 0)")
-    group.add_argument(
-        "--episode",
-        metavar="N",
-        default="0",
-        help="which of them, as in train.evaluate (default: 0)",
-    )
+    which = "which of them, as in train.evaluate (default: 0)"
+    group.add_argument("--episode", metavar="N", default="0", help=which)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,16 +65,15 @@ class EpisodeRequest:
         Raises:
           InputError: one line; numbers that the environment does not take, or a policy that cannot be read.
         """
-        chosen: dict[str, Policy] = {}
-        rules = [self.compare] if self.compare else []
         if self.run_dir is None:
             env, params = make(self.scenario, **self.overrides)
-            rules = [self.policy, *rules]
+            chosen = {self.policy: BASELINES[self.policy](env)}
         else:
             trained = load_policy(self.run_dir / POLICY)
             env, params = trained.make()
-            chosen[trained.about.name] = trained.policy(env)
-        chosen |= {name: BASELINES[name](env) for name in rules}
+            chosen = {trained.about.name: trained.policy(env)}
+        if self.compare:
+            chosen[self.compare] = BASELINES[self.compare](env)
         return env, params, chosen
 
     def record(
@@ -106,17 +99,23 @@ def requested_episode(given: argparse.Namespace) -> EpisodeRequest:
     compare = getattr(given, "compare", None)
     if given.run_dir is not None and (given.policy or given.scenario or given.overrides):
         raise InputError("--run-dir with --policy, --scenario or --set: allowed one or the other")
-    for option, name in (("policy", given.policy), ("compare", compare)):
-        if name is not None and name not in BASELINES:
-            raise InputError(f"unknown {option} {shown(name)}: allowed {', '.join(BASELINES)}")
-    if given.scenario is not None and given.scenario not in SCENARIOS:
-        raise InputError(
-            f"unknown scenario {shown(given.scenario)}: allowed {', '.join(SCENARIOS)}"
-        )
+    for option, name, known in (
+        ("policy", given.policy, BASELINES),
+        ("compare", compare, BASELINES),
+        ("scenario", given.scenario, SCENARIOS),
+    ):
+        if name is not None and name not in known:
+            raise InputError(f"unknown {option} {shown(name)}: allowed {', '.join(known)}")
     if given.run_dir is None and compare == (given.policy or RULE):
         raise InputError(f"--compare {compare}: allowed another one than --policy")
+    run_dir = None if given.run_dir is None else as_path("--run-dir", given.run_dir)
+    if run_dir and not run_dir.is_dir():
+        raise InputError(f"--run-dir {run_dir}: is no directory; allowed one that train.ppo wrote")
+    if run_dir and not (run_dir / POLICY).is_file():
+        remedy = f"python -m train.export --run-dir {run_dir} writes it"
+        raise InputError(f"--run-dir {run_dir}: holds no {POLICY}; {remedy}")
     return EpisodeRequest(
-        run_dir=_run_dir(given.run_dir),
+        run_dir=run_dir,
         policy=given.policy or RULE,
         compare=compare,
         scenario=given.scenario or "paper",
@@ -124,16 +123,3 @@ def requested_episode(given: argparse.Namespace) -> EpisodeRequest:
         seed=whole_number("--seed", given.seed),
         episode=whole_number("--episode", given.episode),
     )
-
-
-def _run_dir(text: str | None) -> Path | None:
-    if text is None:
-        return None
-    path = as_path("--run-dir", text)
-    if not path.is_dir():
-        raise InputError(f"--run-dir {path}: is no directory; allowed one that train.ppo wrote")
-    if not (path / POLICY).is_file():
-        raise InputError(
-            f"--run-dir {path}: holds no {POLICY}; python -m train.export --run-dir {path} writes it"
-        )
-    return path

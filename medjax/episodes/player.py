@@ -5,8 +5,6 @@ from `fold_in(stream, t)`. So all that is played of an episode is the same episo
 theirs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -53,8 +51,9 @@ class Player:
 
     def __init__(self, env: Environment, policies: Sequence[Policy]) -> None:
         self.env, self.policies = env, tuple(policies)
-        # Traced once for its shapes and its use.
-        self._step = jax.jit(self._over_rows(env.step_env))
+        self._step = jax.jit(
+            self._over_rows(env.step_env)
+        )  # traced once for its shapes and its use
 
     def start(self, keys: jax.Array, params: Any) -> Episodes:
         """Before the first decision, episodes `(episodes,)` by their keys; each is played by all policies in turn.
@@ -97,9 +96,7 @@ class Player:
         def take_turns(*leaves: jax.Array) -> jax.Array:
             return jnp.stack(leaves, axis=1).reshape(-1, *leaves[0].shape[1:])
 
-        first, *others = choices
-        taken: Choice = jax.tree.map(take_turns, first, *others)
-        return taken
+        return jax.tree.map(take_turns, *choices)
 
     def go_on(
         self, episodes: Episodes, number: Any, choice: Choice, params: Any
@@ -139,8 +136,7 @@ class Player:
         self, episodes: Episodes, number: Any, weights: Sequence[Any], params: Any
     ) -> tuple[Episodes, Decision]:
         """Decision `number` of every row, as its policy chooses: `choose`, then `go_on`."""
-        choice = self.choose(episodes, number, weights, params)
-        return self.go_on(episodes, number, choice, params)
+        return self.go_on(episodes, number, self.choose(episodes, number, weights, params), params)
 
     def _over_rows(self, function: Callable[..., Any]) -> Callable[..., Any]:
         """`function(*row, params)` for rows that policies take in turn, each in its policy's world."""

@@ -1,9 +1,7 @@
 """One whole episode, every physics tick of it, as NumPy arrays: what pictures, players and exports are made of."""
 
-from __future__ import annotations
-
 import dataclasses
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
@@ -113,17 +111,17 @@ def record_episode(
       seed: whose episodes.
       episode: which of them; the same as in `train.evaluate`.
     """
-    play = jax.jit(_program(env, policy, episode_steps(env, params)))
+    player = Player(env.with_probe(lambda state: state), [policy])
+    play = jax.jit(partial(_play, player, episode_steps(env, params)))
     first, ticks, decided, road = jax.device_get(
         play(policy.weights, episode_keys(seed, 1, episode), params)
     )
-    frames = jax.tree.map(
-        lambda start, rest: np.concatenate([start[None], rest.reshape(-1, *start.shape)]),
-        first,
-        ticks,
-    )
     # The last step of several decisions may reach beyond the end.
     count = 1 + episode_decisions(params) * env.config.ticks_per_decision
+
+    def join(start: np.ndarray, rest: np.ndarray) -> np.ndarray:
+        return np.concatenate([start[None], rest.reshape(-1, *start.shape)])[:count]
+
     return Recording(
         scenario=env.name,
         policy=name,
@@ -131,49 +129,40 @@ def record_episode(
         episode=episode,
         config=env.config,
         params=road,
-        frames=jax.tree.map(lambda leaf: leaf[:count], frames),
+        frames=jax.tree.map(join, first, ticks),
         decisions=decided,
         ticks_per_decision=env.config.ticks_per_decision * env.decisions_per_step,
     )
 
 
-def _program(
-    env: Environment, policy: Policy, steps: int
-) -> Callable[[Any, jax.Array, Any], tuple[Frames, Frames, Decisions, EnvParams]]:
-    """`(weights, key (1,), params)` to the first frame, the others `(T, ticks, ...)`, decisions, and its numbers."""
-    player = Player(env.with_probe(lambda state: state), [policy])
+def _play(
+    player: Player, steps: int, weights: Any, key: jax.Array, params: Any
+) -> tuple[Frames, Frames, Decisions, EnvParams]:
+    """The first frame, the others `(T, ticks, ...)`, decisions and the highway's numbers; one row."""
+    begun = player.start(key, params)
+    numbers = player.policies[0].world(params)
+    begin, road = player.env.highway(_row(begun.state), numbers)
 
-    def play(
-        weights: Any, key: jax.Array, params: Any
-    ) -> tuple[Frames, Frames, Decisions, EnvParams]:
-        """One episode, the only row."""
-        begun = player.start(key, params)
-        numbers = policy.world(params)
-        begin, road = env.highway(_row(begun.state), numbers)
+    def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
+        episodes, rows = player.decide(episodes, number, [weights], params)
+        after, _ = player.env.highway(_row(episodes.state), numbers)
+        made = _row(rows)
+        tally = made.info["tally"]
+        decision = Decisions(
+            action=made.action,
+            sent=jnp.where(tally.meds_dispatched > 0.0, made.action, 0),
+            mask=made.mask,
+            probabilities=made.probabilities,
+            reward=made.reward,
+            reward_terms=made.info["reward_terms"],
+            tally=tally,
+            queue=after.queue,
+            cooldown_s=after.cooldown_s,
+        )
+        return episodes, (frame_of(made.info["ticks"], road), decision)
 
-        def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
-            """One decision."""
-            episodes, made = player.decide(episodes, number, [weights], params)
-            after, _ = env.highway(_row(episodes.state), numbers)
-            made = _row(made)
-            happened = made.info["tally"]
-            decision = Decisions(
-                action=made.action,
-                sent=jnp.where(happened.meds_dispatched > 0.0, made.action, 0),
-                mask=made.mask,
-                probabilities=made.probabilities,
-                reward=made.reward,
-                reward_terms=made.info["reward_terms"],
-                tally=happened,
-                queue=after.queue,
-                cooldown_s=after.cooldown_s,
-            )
-            return episodes, (frame_of(made.info["ticks"], road), decision)
-
-        _, (ticks, decided) = jax.lax.scan(decide, begun, jnp.arange(steps, dtype=jnp.int32))
-        return frame_of(begin, road), ticks, decided, road
-
-    return play
+    _, (ticks, decided) = jax.lax.scan(decide, begun, jnp.arange(steps, dtype=jnp.int32))
+    return frame_of(begin, road), ticks, decided, road
 
 
 def _row(rows: Any) -> Any:

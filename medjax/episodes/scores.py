@@ -1,7 +1,5 @@
 """Policies side by side on whole episodes with paired randomness: what each of them scores."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Mapping
 from typing import Any
@@ -42,7 +40,6 @@ def make_runner(
             return (number < max_decisions) & ~jnp.all(episodes.done)
 
         def decide(carry: tuple[Episodes, jax.Array]) -> tuple[Episodes, jax.Array]:
-            """One decision in every row."""
             episodes, number = carry
             return player.decide(episodes, number, weights, params)[0], number + 1
 
@@ -102,14 +99,9 @@ class Evaluation:
         params = self.params if params is None else params
         blocks = _progress(self._keys(seed), desc="episodes")
         parts = [jax.device_get(self._run(weights, keys, params)) for keys in blocks]
-        columns = {
-            name: np.concatenate([part[name] for part in parts], axis=1)[:, : self.episodes].astype(
-                np.float64
-            )
-            for name in parts[0]
-        }
+        columns = jax.tree.map(lambda *each: np.concatenate(each, axis=1, dtype=np.float64), *parts)
         return {
-            policy: {name: values[index] for name, values in columns.items()}
+            policy: {name: values[index, : self.episodes] for name, values in columns.items()}
             for index, policy in enumerate(self.names)
         }
 

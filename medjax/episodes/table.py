@@ -1,7 +1,5 @@
 """A recording as one table: a row for each vehicle on the road at each physics tick."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from medjax.episodes.recording import Recording
@@ -31,34 +29,38 @@ def vehicle_table(recording: Recording) -> Table:
         panel: of that MED, "left", "right", "rear" or "front".
         is_charging: bool.
     """
-    frames, ids = recording.frames, recording.vehicle_ids()
+    config, frames, ids = recording.config, recording.frames, recording.vehicle_ids()
     time, slot = rows = np.nonzero(ids >= 0)
-    lane_width = float(recording.params.road.lane_width_m)
-    soc, med, panel, charging = _of_evs_and_meds(recording)
-    booked = med[rows] >= 0
-    acceleration, known = _acceleration(recording, ids)
+    soc, med, panel, charging = (each[rows] for each in _of_evs_and_meds(recording))
+    change = np.diff(frames.speed, axis=0, prepend=frames.speed[:1]) / np.float32(config.tick_s)
+    is_new = np.diff(ids, axis=0, prepend=-2) != 0  # before the first frame there was nobody
     lane, offset = frames.lane[rows], frames.lateral_offset[rows]
+    lateral = lateral_position(lane, offset, float(recording.params.road.lane_width_m))
+    columns = {
+        "time_s": recording.time_s[time],
+        "vehicle_id": ids[rows],
+        "kind": np.asarray([kind.column for kind in KINDS])[frames.kind[rows]],
+        "x_m": frames.x[rows],
+        "lane": lane,
+        "lateral_m": np.asarray(lateral, np.float32),
+        "lane_offset_m": offset,
+        "speed_m_per_s": frames.speed[rows],
+        "lateral_speed_m_per_s": frames.lateral_speed[rows],
+        "acceleration_m_per_s2": change[rows],
+        "soc": soc,
+        "booked_med_id": ids[time, np.maximum(med, 0)],
+        "panel": np.asarray(PANELS)[np.maximum(panel, 0)],
+        "is_charging": charging,
+    }
+    missing = {"acceleration_m_per_s2": is_new[rows], "soc": slot >= config.ev_slots.stop}
+    missing |= dict.fromkeys(("booked_med_id", "panel"), med < 0)
     return {
-        "time_s": _all(recording.time_s[time]),
-        "vehicle_id": _all(ids[rows]),
-        "kind": _all(np.asarray([kind.column for kind in KINDS])[frames.kind[rows]]),
-        "x_m": _all(frames.x[rows]),
-        "lane": _all(lane),
-        "lateral_m": _all(np.asarray(lateral_position(lane, offset, lane_width), np.float32)),
-        "lane_offset_m": _all(offset),
-        "speed_m_per_s": _all(frames.speed[rows]),
-        "lateral_speed_m_per_s": _all(frames.lateral_speed[rows]),
-        "acceleration_m_per_s2": _where(known[rows], acceleration[rows]),
-        "soc": _where(slot < recording.config.ev_slots.stop, soc[rows]),
-        "booked_med_id": _where(booked, ids[time, np.maximum(med[rows], 0)]),
-        "panel": _where(booked, np.asarray(PANELS)[np.maximum(panel[rows], 0)]),
-        "is_charging": _all(charging[rows]),
+        name: np.ma.masked_array(values, missing.get(name, np.ma.nomask))
+        for name, values in columns.items()
     }
 
 
-def _of_evs_and_meds(
-    recording: Recording,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _of_evs_and_meds(recording: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """State of charge, booked MED, its panel (-1 for none) and whether it charges, each (F, V)."""
     config, frames = recording.config, recording.frames
     soc = np.zeros(frames.x.shape, np.float32)
@@ -68,22 +70,3 @@ def _of_evs_and_meds(
     charging = np.zeros(frames.x.shape, bool)
     charging[:, config.ev_slots] = frames.ev_is_charging
     return soc, med, panel, charging
-
-
-def _acceleration(recording: Recording, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """m/s^2 over the last tick, (F, V), and where the vehicle was there before it."""
-    speed = recording.frames.speed
-    acceleration, known = np.zeros_like(speed), np.zeros(speed.shape, bool)
-    acceleration[1:] = (speed[1:] - speed[:-1]) / np.float32(recording.config.tick_s)
-    known[1:] = ids[1:] == ids[:-1]
-    return acceleration, known
-
-
-def _all(values: np.ndarray) -> np.ma.MaskedArray:
-    """A column that every row has."""
-    return np.ma.masked_array(values)
-
-
-def _where(has: np.ndarray, values: np.ndarray) -> np.ma.MaskedArray:
-    """A column that some rows have."""
-    return np.ma.masked_array(values, mask=~has)

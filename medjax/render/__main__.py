@@ -1,23 +1,69 @@
 """The command `python -m medjax.render --policy NAME | --run-dir DIR --out episode.mp4|.gif|.png|.html`.
 
-Exit code 2 on bad input.
+What is asked for is refused before anything is simulated. Exit code 2 on bad input.
 """
 
-from __future__ import annotations
-
+import argparse
+import dataclasses
+import importlib.util
+import re
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from pathlib import Path
 
-from medjax.commandline import fail
-from medjax.errors import InputError
-from medjax.render.command import Request, parse_request
-from medjax.render.options import PROG
+from medjax.commandline import OneLineParser, as_path, fail
+from medjax.env.charging_env import ChargingEnv
+from medjax.episodes.options import EpisodeRequest, add_episode_options, requested_episode
+from medjax.episodes.recording import Recording
+from medjax.errors import InputError, MissingLibrary, shown
+from medjax.files import check_output
+from medjax.render.camera import AUTO, FORMS, Shot, as_number, check_follow
+from medjax.render.layout import check_size
+from medjax.render.player import write_player
+from medjax.world.params import EnvParams
 
-if TYPE_CHECKING:
-    from medjax.env.charging_env import ChargingEnv
-    from medjax.episodes.recording import Recording
-    from medjax.world.params import EnvParams
+PROG = "python -m medjax.render"
+MOST = 1e9  # seconds or metres: more than there are
+FOR_VIDEO = {"PIL": "Pillow", "imageio_ffmpeg": "imageio-ffmpeg", "tqdm": "tqdm"}
+LIBRARIES = {".mp4": FOR_VIDEO, ".gif": FOR_VIDEO, ".png": {"PIL": "Pillow"}, ".html": {}}
+"""What each kind of file is written with: module, and name of the package."""
+SUFFIXES = ", ".join(LIBRARIES)
+
+
+@dataclasses.dataclass(frozen=True)
+class Request:
+    """What to play and what to write; checked as far as that needs no environment."""
+
+    out: Path
+    played: EpisodeRequest
+    shot: Shot
+
+
+def build_parser() -> OneLineParser:
+    """The parser; values stay text here, so that all errors are worded in one place."""
+    parser = OneLineParser(
+        prog=PROG,
+        description="Plays one episode and writes it as a video, a picture or a player in one HTML file.",
+        epilog=f"Example: {PROG} --policy forecast --compare none --out episode.html",
+        formatter_class=lambda prog: argparse.HelpFormatter(prog, max_help_position=28, width=100),
+    )
+    play = parser.add_argument_group("what is played")
+    add_episode_options(play)
+    compare = "a rule on the same episode beside it; .html"
+    play.add_argument("--compare", metavar="NAME", help=compare)
+    show = parser.add_argument_group("what is written")
+    show.add_argument("--out", metavar="FILE", required=True, help=f"FILE ends in {SUFFIXES}")
+    follow = f"camera: {FORMS} (default: {AUTO}, the busiest MED)"
+    show.add_argument("--follow", metavar="WHAT", default=AUTO, help=follow)
+    start = "first second shown (default: 0 for .html and a whole .mp4, else where most EVs charge)"
+    show.add_argument("--start", metavar="S", help=start)
+    duration = "seconds of .mp4 (default: to the end) or .gif (default: 20)"
+    show.add_argument("--duration", metavar="S", help=duration)
+    size = "px, of video and picture (default: 1280x480)"
+    show.add_argument("--size", metavar="WxH", default="1280x480", help=size)
+    span = "metres of road that the camera shows (default: as fits)"
+    show.add_argument("--span", metavar="M", help=span)
+    return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -29,7 +75,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
       The exit code.
     """
-    request = parse_request(argv)
+    parser = build_parser()
+    try:
+        request = _request(parser.parse_args(argv))
+    except InputError as error:
+        parser.error(str(error))
     try:
         _check(request, *request.played.prepared())
         env, params, chosen = request.played.policies()
@@ -48,34 +98,72 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _request(given: argparse.Namespace) -> Request:
+    out = as_path("--out", given.out)
+    if out.suffix not in LIBRARIES:
+        raise InputError(f"--out {out}: allowed a file that ends in {SUFFIXES}")
+    if given.compare is not None and out.suffix != ".html":
+        raise InputError(f"--compare with {out.name}: allowed with a file that ends in .html")
+    if out.suffix == ".html" and given.duration is not None:
+        raise InputError(f"--duration with {out.name}: the player holds the whole episode")
+    check_follow(given.follow)
+    width, height = _size(given.size)
+    played = requested_episode(given)
+    shot = Shot(
+        follow=given.follow,
+        start_s=_number("start", given.start, zero=True),
+        duration_s=_number("duration", given.duration),
+        width=width,
+        height=height,
+        span_m=_number("span", given.span),
+    )
+    for module, library in LIBRARIES[out.suffix].items():
+        if importlib.util.find_spec(module) is None:
+            raise InputError(str(MissingLibrary(library)))
+    check_output("--out", out)
+    return Request(out, played, shot)
+
+
+def _size(text: str) -> tuple[int, int]:
+    found = re.fullmatch("([0-9]{1,9})x([0-9]{1,9})", text)
+    if found is None:
+        raise InputError(f"--size {shown(text)}: allowed WIDTHxHEIGHT in px, as in 1280x480")
+    width, height = int(found[1]), int(found[2])
+    check_size(width, height)
+    return width, height
+
+
+def _number(name: str, text: str | None, *, zero: bool = False) -> float | None:
+    """The number that an option gives, `zero` among what is allowed; None where it is not given."""
+    if text is None:
+        return None
+    value = as_number(text)
+    if not 0.0 <= value <= MOST or (value == 0.0 and not zero):
+        allowed = f"{'from' if zero else 'above'} 0 to {MOST:g}"
+        raise InputError(f"--{name} {shown(text)}: allowed a number {allowed}")
+    return value
+
+
 def _check(request: Request, env: ChargingEnv, params: EnvParams) -> None:
     """Raises InputError for a place or time that the episode will not have."""
-    length_m = float(params.road.length_m)
+    follow, start_s = request.shot.follow, request.shot.start_s
+    place_m, length_m = as_number(follow), float(params.road.length_m)  # nan: it is a vehicle
     seconds = int(params.episode_decisions) * env.config.decision_s
-    if request.place_m is not None and not 0.0 <= request.place_m <= length_m:
-        raise InputError(f"--follow {request.follow}: allowed 0 to {length_m:g} m")
-    if request.start_s is not None and request.start_s > seconds:
-        raise InputError(f"--start {request.start_s:g}: allowed 0 to {seconds:g} s")
+    if place_m < 0.0 or place_m > length_m:
+        raise InputError(f"--follow {follow}: allowed 0 to {length_m:g} m")
+    if start_s is not None and start_s > seconds:
+        raise InputError(f"--start {start_s:g}: allowed 0 to {seconds:g} s")
 
 
 def _write(request: Request, recordings: Sequence[Recording]) -> None:
-    if request.out.suffix == ".html":
-        from medjax.render.player import write_player
-
-        write_player(request.out, recordings, follow=request.follow, start_s=request.start_s or 0.0)
+    out, shot = request.out, request.shot
+    if out.suffix == ".html":
+        write_player(out, recordings, follow=shot.follow, start_s=shot.start_s or 0.0)
         return
-    from medjax.render.video import Shot, write_png, write_video
+    from medjax.render.video import write_png, write_video
 
-    shot = Shot(
-        follow=request.follow,
-        start_s=request.start_s,
-        duration_s=request.duration_s,
-        width=request.width,
-        height=request.height,
-        span_m=request.span_m,
-    )
-    write = write_png if request.out.suffix == ".png" else write_video
-    write(request.out, recordings[0], shot)
+    write = write_png if out.suffix == ".png" else write_video
+    write(out, recordings[0], shot)
 
 
 if __name__ == "__main__":

@@ -1,21 +1,33 @@
 """Where the camera looks: a vehicle, a place, or wherever most is going on."""
 
-from __future__ import annotations
-
+import dataclasses
 import math
 import re
 
 import numpy as np
 
 from medjax.errors import InputError, shown
+from medjax.render.layout import SIZE
 from medjax.render.roadway import Roadway
 from medjax.render.scene import Scene, Timeline
 from medjax.render.tracks import Track
 from medjax.world.kinds import CLASSES
 
-AUTO = "auto"
+AUTO = "auto"  # with the MED that charges most EVs
 HOLD_S = 10.0  # that the camera stays with a MED before it goes to a busier one
 FORMS = "auto, MED:NUMBER, EV:NUMBER, gas:NUMBER, or a position in m"
+
+
+@dataclasses.dataclass(frozen=True)
+class Shot:
+    """What of a recording is filmed, and how."""
+
+    follow: str = AUTO  # see `camera_path`
+    start_s: float | None = None  # None: the start for .mp4, else where most EVs charge
+    duration_s: float | None = None  # None: to the end for .mp4, 20 s for .gif
+    width: int = SIZE[0]  # px
+    height: int = SIZE[1]
+    span_m: float | None = None  # of road that the camera shows; None: as lanes are high
 
 
 def busiest_place(scene: Scene, road: Roadway) -> float:
@@ -45,32 +57,36 @@ def camera_path(timeline: Timeline, follow: str) -> np.ndarray:
     Raises:
       InputError: one line, `follow` names nothing that there is.
     """
-    count = len(timeline.recording.frames.x)
     if follow == AUTO:
         return _auto_path(timeline)
+    x = timeline.recording.frames.x
     try:
         place = float(follow)
     except ValueError:
-        return _track_path(timeline, find_track(timeline, follow))
+        track = find_track(timeline, follow)
+        frames = np.clip(np.arange(len(x)), track.first, track.last)
+        return np.asarray(x[frames, track.slot], np.float64)
     if not 0.0 <= place <= timeline.roadway.length_m:
         raise InputError(f"follow = {follow}: allowed 0 to {timeline.roadway.length_m:g} m")
-    return np.full(count, place)
+    return np.full(len(x), place)
 
 
 def check_follow(text: str) -> None:
     """Raises InputError for what can be followed in no recording."""
-    if text == AUTO or _parts(text) is not None:
-        return
-    try:
-        known = text.isascii() and math.isfinite(float(text))
-    except ValueError:
-        known = False
-    if not known:
+    if text != AUTO and vehicle_named(text) is None and not math.isfinite(as_number(text)):
         raise InputError(f"follow = {shown(text)}: allowed {FORMS}")
 
 
-def _parts(text: str) -> tuple[str, int] | None:
-    """Class and number of `ev:27`."""
+def as_number(text: str) -> float:
+    """The number that a text is; nan if it is none, or in the digits of another script."""
+    try:
+        return float(text) if text.isascii() else math.nan
+    except ValueError:
+        return math.nan
+
+
+def vehicle_named(text: str) -> tuple[str, int] | None:
+    """Class and number of `ev:27`, whether there is one or not; None of what names no vehicle."""
     found = re.fullmatch(r"([A-Za-z]+)[: ]?([0-9]{1,9})", text.strip())
     names = {name.lower(): name for name in CLASSES}
     if found is None or found[1].lower() not in names:
@@ -78,27 +94,15 @@ def _parts(text: str) -> tuple[str, int] | None:
     return names[found[1].lower()], int(found[2])
 
 
-def is_vehicle(follow: str) -> bool:
-    """Whether `follow` names a vehicle, one that there is or not."""
-    return _parts(follow) is not None
-
-
 def find_track(timeline: Timeline, text: str) -> Track:
     """The vehicle that `MED:3` names; raises InputError where there is none."""
     check_follow(text)
-    kind, number = _parts(text) or ("", 0)
+    kind, number = vehicle_named(text) or ("", 0)
     same = [track for track in timeline.tracks if track.kind == kind]
-    for track in same:
-        if track.number == number:
-            return track
+    if 1 <= number <= len(same):
+        return same[number - 1]
     allowed = f"1 to {len(same)}" if same else f"none, for there is no {kind} in this episode"
     raise InputError(f"follow = {text}: allowed {kind} numbers: {allowed}")
-
-
-def _track_path(timeline: Timeline, track: Track) -> np.ndarray:
-    x = timeline.recording.frames.x[:, track.slot]
-    frames = np.arange(len(x))
-    return np.asarray(x[np.clip(frames, track.first, track.last)], np.float64)
 
 
 def _auto_path(timeline: Timeline) -> np.ndarray:

@@ -1,7 +1,5 @@
 """A picture under construction: smooth shapes in pixels of the result, crisp text on top of them."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 from typing import Any
@@ -9,13 +7,15 @@ from typing import Any
 import numpy as np
 
 from medjax.errors import MissingLibrary
-from medjax.render.colors import Color
+from medjax.render.colors import FAINT_INK, Color
 from medjax.render.layout import Box
 
 try:
     from PIL import Image, ImageDraw, ImageFont
 except ImportError:
     raise MissingLibrary("Pillow") from None
+
+Points = Sequence[tuple[float, float]]  # px
 
 FINE = 2  # shapes are drawn so much larger and averaged: Pillow's own edges are jagged
 
@@ -47,12 +47,8 @@ class Canvas:
         left, top, right, bottom = (value * FINE for value in box)
         if right - left < 1.0 or bottom - top < 1.0:
             return
-        self._draw.rectangle(
-            (round(left), round(top), round(right) - 1, round(bottom) - 1),
-            fill,
-            outline,
-            max(1, round(line * FINE)),
-        )
+        corners = (round(left), round(top), round(right) - 1, round(bottom) - 1)
+        self._draw.rectangle(corners, fill, outline, max(1, round(line * FINE)))
 
     def body(self, box: Box, fill: Color, outline: Color) -> None:
         """A vehicle that drives to the right, seen from above; its window is of the outline's colour."""
@@ -60,48 +56,35 @@ class Canvas:
         height = bottom - top
         if right - left < 2 or height < 2:
             return
-        self._draw.rounded_rectangle(
-            (left, top, right - 1, bottom - 1), 0.22 * height, fill, outline, FINE
-        )
+        corners = (left, top, right - 1, bottom - 1)
+        self._draw.rounded_rectangle(corners, 0.22 * height, fill, outline, FINE)
         if height > 8 * FINE:
             front = right - round(0.28 * height)
             shade = (front, top + 0.16 * height, front + 0.14 * height, bottom - 0.16 * height)
             self._draw.rectangle(shade, outline)
 
-    def line(self, points: Sequence[tuple[float, float]], color: Color, width: float = 1.0) -> None:
+    def line(self, points: Points, color: Color, width: float) -> None:
         """A line through points."""
         fine = [(x * FINE, y * FINE) for x, y in points]
         self._draw.line(fine, color, max(1, round(width * FINE)), joint="curve")
 
-    def dashes(
-        self,
-        start: tuple[float, float],
-        end: tuple[float, float],
-        color: Color,
-        width: float = 1.0,
-        on: float = 5.0,
-        off: float = 4.0,
-    ) -> None:
+    def dashes(self, ends: Points, color: Color, width: float, on: float, off: float) -> None:
         """A dashed line."""
-        (x0, y0), (x1, y1) = start, end
+        (x0, y0), (x1, y1) = ends
         length = max(np.hypot(x1 - x0, y1 - y0), 1e-6)
         ux, uy = (x1 - x0) / length, (y1 - y0) / length
         for begin in np.arange(0.0, length, on + off):
-            stop = min(begin + on, length)
-            self.line(
-                [(x0 + ux * begin, y0 + uy * begin), (x0 + ux * stop, y0 + uy * stop)], color, width
-            )
+            dash = (begin, min(begin + on, length))
+            self.line([(x0 + ux * at, y0 + uy * at) for at in dash], color, width)
 
-    def polygon(self, points: Sequence[tuple[float, float]], fill: Color) -> None:
+    def polygon(self, points: Points, fill: Color) -> None:
         """A filled polygon."""
         self._draw.polygon([(x * FINE, y * FINE) for x, y in points], fill)
 
     def cross(self, x: float, y: float, radius: float, color: Color, width: float) -> None:
         """An x."""
-        for sign in (-1.0, 1.0):
-            self.line(
-                [(x - radius, y - sign * radius), (x + radius, y + sign * radius)], color, width
-            )
+        for dy in (-radius, radius):
+            self.line([(x - radius, y - dy), (x + radius, y + dy)], color, width)
 
     def text(
         self, x: float, y: float, text: str, size: int, color: Color, anchor: str = "lm"
@@ -110,21 +93,15 @@ class Canvas:
         self._texts.append((x, y, text, size, color, anchor))
 
     def labels(
-        self,
-        places: Sequence[tuple[float, str]],
-        y: float,
-        size: int,
-        color: Color,
-        left: float,
-        right: float,
+        self, places: Sequence[tuple[float, str]], y: float, size: int, left: float, right: float
     ) -> None:
-        """Texts centred at places `(x, text)` from left to right; one that has no room is left out."""
+        """Faint texts centred at places `(x, text)` from left to right; one that has no room is left out."""
         free = left
         for place, text in places:
             half = 0.5 * text_width(text, size)
             x = min(max(place, left + half), right - half)
             if x - half >= free and abs(x - place) <= half + 1.0:
-                self.text(x, y, text, size, color, "mm")
+                self.text(x, y, text, size, FAINT_INK, "mm")
                 free = x + half + size
 
     def finish(self) -> np.ndarray:

@@ -4,8 +4,6 @@ State of charge runs from dark blue (empty) over magenta to yellow (full), the w
 lightness, and neither the green of MEDs nor the gray of gas vehicles on it.
 """
 
-from __future__ import annotations
-
 from medjax.world.kinds import EVS, KINDS, MED
 
 Color = tuple[int, int, int]

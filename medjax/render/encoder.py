@@ -1,7 +1,5 @@
 """Pictures into a video file, through the ffmpeg that imageio-ffmpeg brings along."""
 
-from __future__ import annotations
-
 import contextlib
 import subprocess
 import tempfile
@@ -28,7 +26,7 @@ def ffmpeg_program() -> str:
 @contextlib.contextmanager
 def encode(
     path: Path, rate: Fraction, size: tuple[int, int], samples: Sequence[np.ndarray]
-) -> Iterator[Callable[[np.ndarray], None]]:
+) -> Iterator[Callable[[np.ndarray], object]]:
     """A function that adds a picture, `(height, width, 3)` uint8, to the video at path.
 
     Args:
@@ -56,11 +54,12 @@ def encode(
             stdout=subprocess.DEVNULL,
             stderr=log,
         )
-        assert process.stdin is not None
+        pipe = process.stdin
+        assert pipe is not None
         try:
             with contextlib.suppress(BrokenPipeError):  # its log says more
-                yield lambda picture: _send(process, picture)
-                process.stdin.close()
+                yield lambda picture: pipe.write(np.ascontiguousarray(picture).data)
+                pipe.close()
             process.wait()
         except BaseException:
             process.kill()
@@ -70,11 +69,6 @@ def encode(
             log.seek(0)
             said = log.read().decode("utf-8", "replace").split("\n")[0]
             raise OSError(f"ffmpeg: {said}")
-
-
-def _send(process: subprocess.Popen[bytes], picture: np.ndarray) -> None:
-    assert process.stdin is not None
-    process.stdin.write(np.ascontiguousarray(picture).data)
 
 
 def _save_palette(path: Path, pictures: Sequence[np.ndarray]) -> None:

@@ -1,7 +1,7 @@
 """What the player's page must know of a recording: `web/episode.js` reads it."""
 
-from __future__ import annotations
-
+import dataclasses
+import warnings
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,6 @@ from medjax.render.camera import AUTO, camera_path
 from medjax.render.layout import EXAGGERATION
 from medjax.render.packing import Packer
 from medjax.render.scene import Timeline
-from medjax.render.series import charts_of
 from medjax.traffic.road import lateral_position
 from medjax.world.kinds import HUMAN_EV, KINDS
 from medjax.world.params import PANELS
@@ -83,27 +82,74 @@ def _add_frames(packer: Packer, timeline: Timeline) -> None:
     frames, road = timeline.recording.frames, timeline.roadway
     active = np.asarray(frames.active)
     y = lateral_position(frames.lane, frames.lateral_offset, road.lane_width_m)
-    vehicles = (("x", frames.x, 0.01, 2), ("y", y, 0.01, 1), ("speed", frames.speed, 0.01, 1))
-    for name, values, step, order in (*vehicles, ("lane", frames.lane, 1.0, 1)):
-        packer.add(name, np.where(active, values, 0).T, step, order)
-    packer.add("evSoc", np.asarray(frames.ev_soc).T, 1e-4)
-    packer.add("evMed", np.asarray(frames.ev_med).T)
-    packer.add("evPanel", np.asarray(frames.ev_panel).T)
-    packer.add("evCharging", np.asarray(frames.ev_is_charging).T)
-    packer.add("medSoc", np.asarray(frames.med_soc).T, 1e-4)
-    packer.add("medStatus", np.asarray(frames.med_status).T)
+    packer.add("x", np.where(active, frames.x, 0).T, 0.01, 2)
+    packer.add("y", np.where(active, y, 0).T, 0.01)
+    packer.add("speed", np.where(active, frames.speed, 0).T, 0.01)
+    packer.add("lane", np.where(active, frames.lane, 0).T)
+    packer.add("evSoc", frames.ev_soc.T, 1e-4)
+    packer.add("evMed", frames.ev_med.T)
+    packer.add("evPanel", frames.ev_panel.T)
+    packer.add("evCharging", frames.ev_is_charging.T)
+    packer.add("medSoc", frames.med_soc.T, 1e-4)
+    packer.add("medStatus", frames.med_status.T)
     packer.add("camera", camera_path(timeline, AUTO)[None], 0.1, 2)
 
 
 def _add_decisions(packer: Packer, recording: Recording) -> None:
     """What was decided, each `(rows, T)`."""
     decisions = recording.decisions
-    packer.add("action", np.asarray(decisions.action)[None])
-    packer.add("sent", np.asarray(decisions.sent)[None])
-    packer.add("mask", np.asarray(decisions.mask).T)
-    packer.add("probability", np.asarray(decisions.probabilities).T, 1e-4)
-    packer.add("reward", np.asarray(decisions.reward)[None], 1e-4, 0)
-    terms = np.array([np.asarray(term) for term in decisions.reward_terms.values()])
+    packer.add("action", decisions.action[None])
+    packer.add("sent", decisions.sent[None])
+    packer.add("mask", decisions.mask.T)
+    packer.add("probability", decisions.probabilities.T, 1e-4)
+    packer.add("reward", decisions.reward[None], 1e-4, 0)
+    terms = np.array([*decisions.reward_terms.values()])
     packer.add("terms", terms.reshape(len(terms), -1), 1e-4, 0)
-    packer.add("queue", np.asarray(decisions.queue).T)
-    packer.add("cooldown", np.asarray(decisions.cooldown_s)[None], 0.01)
+    packer.add("queue", decisions.queue.T)
+    packer.add("cooldown", decisions.cooldown_s[None], 0.01)
+
+
+@dataclasses.dataclass(frozen=True)
+class Chart:
+    """A chart of one or two lines; T decisions."""
+
+    title: str
+    unit: str
+    digits: int  # after the point
+    labels: tuple[str, ...]
+    values: np.ndarray  # (lines, T + 1), NaN where there is nothing to average
+
+
+def charts_of(recording: Recording) -> list[Chart]:
+    """Charts of an episode; their first point is the reset, the next one follows the first decision."""
+    config, frames, decisions = recording.config, recording.frames, recording.decisions
+    now = recording.decision_frames
+    active, speed = np.asarray(frames.active)[now], np.asarray(frames.speed)[now]
+    evs, gas = config.ev_slots, config.gas_slots
+    tally = decisions.tally
+    received = np.asarray(tally.energy_received_j) / JOULES_PER_KWH
+    lost = np.asarray(tally.energy_sent_j) / JOULES_PER_KWH - received
+    energy = np.stack([_so_far(received), _so_far(lost)])
+    queue = np.concatenate([[0.0], np.asarray(decisions.queue).sum(axis=1)])
+    charge = 100.0 * _mean(np.asarray(frames.ev_soc)[now], active[:, evs])
+    speeds = [_mean(speed[:, slots], active[:, slots]) for slots in (evs, gas)]
+    return [
+        Chart("Mean charge of EVs", "%", 1, ("",), charge[None]),
+        Chart("EVs that ran out", "", 0, ("",), _so_far(tally.depleted)[None]),
+        Chart("Mean speed", "m/s", 1, ("EVs", "gas"), np.stack(speeds)),
+        Chart("Energy through the coils", "kWh", 2, ("delivered", "lost"), energy),
+        Chart("Vehicles waiting to enter", "", 0, ("",), queue[None]),
+        Chart("Return so far", "", 1, ("",), _so_far(decisions.reward)[None]),
+    ]
+
+
+def _so_far(values: Any) -> np.ndarray:
+    """Sums `(T + 1,)` of what happened in each decision, `(T,)`."""
+    return np.concatenate([[0.0], np.cumsum(np.asarray(values, np.float64))])
+
+
+def _mean(values: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Means over the second axis of those that are there; NaN of none."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.nanmean(np.where(there, np.asarray(values, np.float64), np.nan), axis=1)

@@ -1,7 +1,5 @@
 """One instant as an RGB array: the whole road as a strip, and a camera on a stretch of it."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np
@@ -11,7 +9,7 @@ from medjax.render import colors
 from medjax.render.asphalt import draw_asphalt, draw_ruler
 from medjax.render.camera import busiest_place
 from medjax.render.canvas import Canvas
-from medjax.render.layout import Layout, View, camera_view, check_size, font_size, strip_view
+from medjax.render.layout import SIZE, Layout, View, check_size, font_size
 from medjax.render.legend import draw_header, draw_legend, legend_rows
 from medjax.render.roadway import Roadway
 from medjax.render.scene import Scene, scene_of_state
@@ -19,8 +17,6 @@ from medjax.render.traffic import draw_close, draw_far
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.presets import SCENARIOS
 from medjax.world.state import EnvState
-
-SIZE = (1280, 480)  # px, width and height, unless another one is asked for
 
 
 def draw(
@@ -52,12 +48,11 @@ def draw(
     if span_m is not None and not span_m > 0.0:
         raise InputError(f"span_m = {span_m}: allowed (0, inf)")
     font = font_size(width, height)
-    layout = Layout.of(width, height, legend_rows(width - font, font), font)
+    layout = Layout.of(width, height, len(legend_rows(width - font, font)), font)
+    camera = layout.camera_view(road, center_m, span_m)
     canvas = Canvas(width, height, colors.PAPER)
-    camera = camera_view(layout.camera, road, center_m, span_m, font)
     draw_header(canvas, layout, scene)
-    strip = strip_view(layout.strip, road, font)
-    _draw_strip(canvas, strip, scene, road, camera, font)
+    _draw_strip(canvas, layout.strip_view(road), scene, road, camera, font)
     draw_asphalt(canvas, camera, road, marked=True)
     draw_close(canvas, camera, scene, road, font)
     draw_ruler(canvas, camera, road, font)
@@ -92,7 +87,9 @@ def render_state(
     """
     if params is None:
         params = _preset(name, config)
-        _check_batteries(state, params, name)
+        batteries = (state.evs, params.ev_capacity_j), (state.meds, params.med_capacity_j)
+        if any(np.max(each.energy_j) > 1.001 * float(capacity_j) for each, capacity_j in batteries):
+            raise InputError(f"the state is of other batteries than preset {name!r}: give params")
     scene, road = scene_of_state(state, config, params, name), Roadway.of(config, params)
     return draw(scene, road, busiest_place(scene, road), width=width, height=height)
 
@@ -102,15 +99,6 @@ def _preset(name: str, config: EnvConfig) -> EnvParams:
     if name not in SCENARIOS:
         raise InputError(f"no preset {name!r}: give params")
     return SCENARIOS[name].params(config)
-
-
-def _check_batteries(state: EnvState, params: EnvParams, name: str) -> None:
-    for energy, capacity in (
-        (state.evs.energy_j, params.ev_capacity_j),
-        (state.meds.energy_j, params.med_capacity_j),
-    ):
-        if float(np.max(energy)) > 1.001 * float(capacity):
-            raise InputError(f"the state is of other batteries than preset {name!r}: give params")
 
 
 def _draw_strip(
@@ -123,4 +111,4 @@ def _draw_strip(
     top, bottom = strip.box[1], strip.box[3]
     canvas.box((left - 1, top, right + 1, bottom), None, colors.CAMERA, 1.5)
     labels = [(strip.px(x), f"ramp {number}") for number, x in enumerate(road.ramp_x_m, 1)]
-    canvas.labels(labels, bottom + 0.65 * font, font, colors.FAINT_INK, strip.box[0], strip.box[2])
+    canvas.labels(labels, bottom + 0.65 * font, font, strip.box[0], strip.box[2])

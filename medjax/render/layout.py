@@ -9,44 +9,16 @@ from medjax.render.roadway import Roadway
 
 Box = tuple[float, float, float, float]  # px: left, top, right, bottom
 
+SIZE = (1280, 480)  # px, width and height, unless another one is asked for
 SMALLEST = (160, 120)  # px; below, not even the clock fits
 LARGEST = 8192  # px
 SPAN_M = (120.0, 400.0)  # of road that the camera shows, unless it is told
 EXAGGERATION = 1.6  # of the lateral scale in the camera, where there is room
 
 
-@dataclasses.dataclass(frozen=True)
-class Layout:
-    """Boxes in px, top to bottom."""
-
-    font: int  # px
-    header: Box
-    strip: Box
-    camera: Box
-    legend: Box  # may be empty
-
-    @classmethod
-    def of(cls, width: int, height: int, legend_rows: int, font: int) -> Layout:
-        """Divides a picture; the legend gives way first."""
-        pad = round(0.5 * font)
-        line = round(1.7 * font)
-        legend = line * legend_rows if height > line * (legend_rows + 6) else 0
-        top = line + pad // 2
-        left = height - top - legend
-        strip = round(min(0.42 * left, max(0.3 * left, 4.0 * line), 6.0 * line))
-        inside = (pad, width - pad)
-        return cls(
-            font,
-            header=(inside[0], 0, inside[1], top),
-            strip=(inside[0], top, inside[1], top + strip),
-            camera=(0, top + strip, width, height - legend),
-            legend=(inside[0], height - legend, inside[1], height),
-        )
-
-
 def check_size(width: int, height: int) -> None:
     """Raises InputError where no picture of that size can be drawn."""
-    for name, value, low in (("width", width, SMALLEST[0]), ("height", height, SMALLEST[1])):
+    for name, value, low in zip(("width", "height"), (width, height), SMALLEST, strict=True):
         if not low <= value <= LARGEST:
             raise InputError(f"{name} = {value}: allowed {low} to {LARGEST} px")
 
@@ -68,8 +40,7 @@ class View:
 
     def px(self, x_m: float) -> float:
         """Across the picture."""
-        left, _, right, _ = self.box
-        return left + (x_m - self.start_m) * (right - left) / self.span_m
+        return self.box[0] + (x_m - self.start_m) * (self.box[2] - self.box[0]) / self.span_m
 
     def py(self, y_m: float) -> float:
         """Down the picture."""
@@ -81,35 +52,61 @@ class View:
         return (self.box[2] - self.box[0]) / self.span_m
 
 
+@dataclasses.dataclass(frozen=True)
+class Layout:
+    """Boxes in px, top to bottom."""
+
+    font: int  # px
+    header: Box
+    strip: Box
+    camera: Box
+    legend: Box  # may be empty
+
+    @classmethod
+    def of(cls, width: int, height: int, legend_rows: int, font: int) -> Layout:
+        """Divides a picture; the legend gives way first."""
+        pad, line = round(0.5 * font), round(1.7 * font)
+        legend = line * legend_rows if height > line * (legend_rows + 6) else 0
+        top = line + pad // 2
+        left = height - top - legend
+        strip = round(min(0.42 * left, max(0.3 * left, 4.0 * line), 6.0 * line))
+        return cls(
+            font,
+            header=(pad, 0, width - pad, top),
+            strip=(pad, top, width - pad, top + strip),
+            camera=(0, top + strip, width, height - legend),
+            legend=(pad, height - legend, width - pad, height),
+        )
+
+    def strip_view(self, road: Roadway) -> View:
+        """The whole road, with a line of text left free under it."""
+        left, top, right, bottom = self.strip
+        bottom -= 1.3 * self.font
+        top_m, height_m = _across(road)
+        box = (left, top, right, bottom)
+        return View(box, 0.0, road.length_m, top_m, (bottom - top) / height_m)
+
+    def camera_view(self, road: Roadway, center_m: float, span_m: float | None) -> View:
+        """A stretch of road around a place, which is kept on it; a line of text is left free below."""
+        left, top, right, bottom = self.camera
+        top, bottom = top + 0.6 * self.font, bottom - 1.8 * self.font
+        top_m, height_m = _across(road)
+        per_m = (bottom - top) / height_m
+        if span_m is None:
+            span_m = min(max((right - left) / per_m * EXAGGERATION, SPAN_M[0]), SPAN_M[1])
+        span_m = min(span_m, road.length_m)
+        # A tall picture of a short stretch would draw cars as towers.
+        limit = 3.0 * (right - left) / span_m
+        if per_m > limit:
+            spare = (per_m - limit) * height_m
+            top, bottom = top + 0.5 * spare, bottom - 0.5 * spare
+            per_m = limit
+        start = min(max(center_m - 0.5 * span_m, 0.0), road.length_m - span_m)
+        return View((left, top, right, bottom), start, span_m, top_m, per_m)
+
+
 def _across(road: Roadway) -> tuple[float, float]:
     """What must be seen across the road, m: top and height."""
     top = road.left_m - 0.25 * road.lane_width_m
     bottom = road.shoulder_m + 0.4 * road.lane_width_m
     return top, bottom - top
-
-
-def strip_view(box: Box, road: Roadway, font: int) -> View:
-    """The whole road, with a line of text left free under it."""
-    left, top, right, bottom = box
-    road_box = (left, top, right, bottom - 1.3 * font)
-    top_m, height_m = _across(road)
-    return View(road_box, 0.0, road.length_m, top_m, (road_box[3] - road_box[1]) / height_m)
-
-
-def camera_view(box: Box, road: Roadway, center_m: float, span_m: float | None, font: int) -> View:
-    """A stretch of road around a place, which is kept on it; a line of text is left free below."""
-    left, top, right, bottom = box
-    inner = (left, top + 0.6 * font, right, bottom - 1.8 * font)
-    top_m, height_m = _across(road)
-    per_m = (inner[3] - inner[1]) / height_m
-    if span_m is None:
-        span_m = min(max((right - left) / per_m * EXAGGERATION, SPAN_M[0]), SPAN_M[1])
-    span_m = min(span_m, road.length_m)
-    # A tall picture of a short stretch would draw cars as towers.
-    limit = 3.0 * (right - left) / span_m
-    if per_m > limit:
-        spare = (per_m - limit) * height_m
-        inner = (left, inner[1] + 0.5 * spare, right, inner[3] - 0.5 * spare)
-        per_m = limit
-    start = min(max(center_m - 0.5 * span_m, 0.0), road.length_m - span_m)
-    return View(inner, start, span_m, top_m, per_m)

@@ -1,34 +1,30 @@
 """What the colours and lines mean, and the line of counters."""
 
-from __future__ import annotations
+from itertools import pairwise
 
 from medjax.render import colors
-from medjax.render.canvas import Canvas, text_width
-from medjax.render.colors import Color
-from medjax.render.layout import Layout
-from medjax.render.scene import Scene, is_booked
+from medjax.render.canvas import Canvas, Points, text_width
+from medjax.render.layout import Box, Layout
+from medjax.render.scene import Scene
 
-LABELS = {
-    "med": "MED",
-    "gas": "gas vehicle",
-    "soc": "EV, charge 0 to 100 %",
-    "link": "charging",
-    "booked": "booked",
-    "slot": "free slot",
-    "ran out": "EV ran out",
+# What symbols mean, and their widths in font sizes.
+ENTRIES = {
+    "med": ("MED", 2.4),
+    "gas": ("gas vehicle", 1.8),
+    "soc": ("EV, charge 0 to 100 %", 5.0),
+    "link": ("charging", 1.8),
+    "booked": ("booked", 1.8),
+    "slot": ("free slot", 1.6),
+    "ran out": ("EV ran out", 1.0),
 }
 
 
-def _symbol_width(name: str, font: int) -> float:
-    return font * {"soc": 5.0, "med": 2.4, "slot": 1.6, "ran out": 1.0}.get(name, 1.8)
-
-
-def _rows(width: float, font: int) -> list[list[str]]:
+def legend_rows(width: float, font: int) -> list[list[str]]:
     """Entries that fit beside each other."""
     rows: list[list[str]] = [[]]
     used = 0.0
-    for name, label in LABELS.items():
-        entry = _symbol_width(name, font) + 2.0 * font + text_width(label, font)
+    for name, (label, symbol) in ENTRIES.items():
+        entry = font * symbol + 2.0 * font + text_width(label, font)
         if rows[-1] and used + entry - font > width:
             rows.append([])
             used = 0.0
@@ -37,27 +33,22 @@ def _rows(width: float, font: int) -> list[list[str]]:
     return rows
 
 
-def legend_rows(width: float, font: int) -> int:
-    """Lines that the legend takes."""
-    return len(_rows(width, font))
-
-
 def draw_legend(canvas: Canvas, layout: Layout) -> None:
     """Draws all entries, in rows."""
     left, top, right, bottom = layout.legend
     if bottom <= top:
         return
     font = layout.font
-    rows = _rows(right - left, font)
+    rows = legend_rows(right - left, font)
     height = (bottom - top) / len(rows)
     for number, row in enumerate(rows):
         x, y = left, top + (number + 0.5) * height
         for name in row:
-            width = _symbol_width(name, font)
-            _symbol(canvas, name, x, y, width, font)
-            x += width + 0.5 * font
-            canvas.text(x, y, LABELS[name], font, colors.INK)
-            x += text_width(LABELS[name], font) + 1.5 * font
+            label, symbol = ENTRIES[name]
+            _symbol(canvas, name, x, y, font * symbol, font)
+            x += font * symbol + 0.5 * font
+            canvas.text(x, y, label, font, colors.INK)
+            x += text_width(label, font) + 1.5 * font
 
 
 def _symbol(canvas: Canvas, name: str, x: float, y: float, width: float, font: int) -> None:
@@ -72,42 +63,29 @@ def _symbol(canvas: Canvas, name: str, x: float, y: float, width: float, font: i
             shade = colors.soc_color(pixel / width)
             canvas.box((x + pixel, y - half, x + pixel + 1.0, y + half), shade)
         canvas.box(box, None, colors.INK)
-    elif name == "link":
-        link(canvas, (x, y), (x + width, y), font, charges=True)
-    elif name == "booked":
-        link(canvas, (x, y), (x + width, y), font, charges=False)
+    elif name in ("link", "booked"):
+        link(canvas, [(x, y), (x + width, y)], font, charges=name == "link")
     elif name == "slot":
-        dashed_box(canvas, box, colors.EDGE)
+        mark_free(canvas, box)
     else:
         mark_ran_out(canvas, x + 0.5 * width, y, 0.36 * font)
 
 
-def link(
-    canvas: Canvas,
-    start: tuple[float, float],
-    end: tuple[float, float],
-    font: int,
-    *,
-    charges: bool,
-) -> None:
+def link(canvas: Canvas, ends: Points, font: int, *, charges: bool) -> None:
     """The line between a MED and an EV."""
     if charges:
-        canvas.line([start, end], colors.PAPER, 0.5 * font)
-        canvas.line([start, end], colors.LINK, 0.28 * font)
+        canvas.line(ends, colors.PAPER, 0.5 * font)
+        canvas.line(ends, colors.LINK, 0.28 * font)
     else:
-        canvas.dashes(start, end, colors.BOOKED, 0.11 * font, 0.4 * font, 0.3 * font)
+        canvas.dashes(ends, colors.BOOKED, 0.11 * font, 0.4 * font, 0.3 * font)
 
 
-def dashed_box(canvas: Canvas, box: tuple[float, float, float, float], color: Color) -> None:
-    """The outline of a slot that is free."""
+def mark_free(canvas: Canvas, box: Box) -> None:
+    """The dashed outline of a free slot."""
     left, top, right, bottom = box
-    for start, end in (
-        ((left, top), (right, top)),
-        ((right, top), (right, bottom)),
-        ((right, bottom), (left, bottom)),
-        ((left, bottom), (left, top)),
-    ):
-        canvas.dashes(start, end, color, 1.0, 3.0, 2.5)
+    corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)]
+    for side in pairwise(corners):
+        canvas.dashes(side, colors.EDGE, 1.0, 3.0, 2.5)
 
 
 def mark_ran_out(canvas: Canvas, x: float, y: float, radius: float) -> None:
@@ -116,7 +94,7 @@ def mark_ran_out(canvas: Canvas, x: float, y: float, radius: float) -> None:
     canvas.cross(x, y, radius, colors.RAN_OUT, 0.5 * radius)
 
 
-def clock(time_s: float) -> str:
+def _clock(time_s: float) -> str:
     """`mm:ss.t`."""
     tenths = int(time_s * 10.0 + 1e-6)
     return f"{tenths // 600}:{tenths // 10 % 60:02d}.{tenths % 10}"
@@ -125,22 +103,20 @@ def clock(time_s: float) -> str:
 def draw_header(canvas: Canvas, layout: Layout, scene: Scene) -> None:
     """The clock, counters, and the title; what does not fit is left out, from the right."""
     left, top, right, bottom = layout.header
-    font, middle = layout.font, 0.5 * (top + bottom)
-    evs = slice(scene.num_meds, scene.num_meds + len(scene.ev_soc))
-    on_road = scene.active[evs]
+    font, middle, large = layout.font, 0.5 * (top + bottom), round(1.25 * layout.font)
+    on_road = scene.evs_on_road
     charging = int((scene.ev_is_charging & on_road).sum())
     counters = [
         f"MEDs sent {scene.sent} of {scene.fleet}",
         f"EVs {int(on_road.sum())}",
         f"charging {charging}",
-        f"on the way to a slot {int(is_booked(scene).sum()) - charging}",
+        f"on the way to a slot {int(scene.is_booked.sum()) - charging}",
         f"ran out {scene.ran_out}",
     ]
     if on_road.any():
         counters.insert(2, f"mean charge {100.0 * scene.ev_soc[on_road].mean():.0f} %")
-    time = clock(scene.time_s)
-    canvas.text(left, middle, time, round(1.25 * font), colors.INK)
-    x = left + text_width("00:00.0", round(1.25 * font)) + font
+    canvas.text(left, middle, _clock(scene.time_s), large, colors.INK)
+    x = left + text_width("00:00.0", large) + font
     for text in counters:
         if x + text_width(text, font) > right:
             return

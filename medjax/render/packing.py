@@ -5,8 +5,6 @@ are small; these are written byte plane by byte plane, so that the many zero byt
 `web/packing.js` undoes it.
 """
 
-from __future__ import annotations
-
 import base64
 import gzip
 
@@ -38,21 +36,17 @@ class Packer:
         """
         steps = np.round(np.asarray(values, np.float64) / step)
         if np.nanmax(np.abs(steps), initial=0.0) >= 2**31:
-            raise InputError(
-                f"{name} holds {np.nanmax(np.abs(values)):g}: allowed {2**31 * step:g}"
-            )
+            most = np.nanmax(np.abs(values))
+            raise InputError(f"{name} holds {most:g}: allowed {2**31 * step:g}")
         whole = np.where(np.isnan(steps), MISSING, steps).astype(np.int64).astype(np.int32)
         for _ in range(order):
-            # Wraps around; so does the sum that undoes it.
-            whole = np.concatenate([whole[:, :1], np.diff(whole, axis=1)], axis=1)
+            whole = np.diff(whole, axis=1, prepend=np.int32(0))  # wraps around, as its sum does
         signed = whole.ravel()
         folded = ((signed << 1) ^ (signed >> 31)).astype("<u4")  # small numbers of either sign
-        planes = folded.view(np.uint8).reshape(-1, 4).T
-        self._planes.append(np.ascontiguousarray(planes).tobytes())
-        self.index.append(
-            {"name": name, "rows": values.shape[0], "times": values.shape[1], "step": step}
-            | {"order": order}
-        )
+        self._planes.append(folded.view(np.uint8).reshape(-1, 4).T.tobytes())
+        rows, times = values.shape
+        entry = {"name": name, "rows": rows, "times": times, "step": step, "order": order}
+        self.index.append(entry)
 
     def text(self) -> str:
         """Everything, gzip in base64."""

@@ -3,8 +3,6 @@
 The page is written in plain JavaScript under `web/`; this module puts the recordings into it.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from html import escape
@@ -16,23 +14,12 @@ from medjax.episodes.recording import Recording
 from medjax.errors import InputError
 from medjax.files import replacing
 from medjax.render import colors
-from medjax.render.camera import AUTO, camera_path, find_track, is_vehicle
+from medjax.render.camera import AUTO, camera_path, find_track, vehicle_named
 from medjax.render.episode_data import pack_episode
 from medjax.render.scene import Timeline
 
-SCRIPTS = (
-    "packing.js",
-    "theme.js",
-    "episode.js",
-    "road.js",
-    "bodies.js",
-    "charts.js",
-    "vehicle.js",
-    "dispatch.js",
-    "clock.js",
-    "player.js",
-    "input.js",
-)  # in the order in which they build on each other
+# In the order in which they build on each other.
+SCRIPTS = "packing theme episode road bodies charts vehicle dispatch clock player input"
 
 
 def write_player(
@@ -67,14 +54,14 @@ def player_page(
     head = recordings[0]
     data = {
         "episodes": [meta for meta, _ in packed],
-        "socScale": [colors.css(color) for color in colors.SOC_SCALE],
+        "socScale": list(map(colors.css, colors.SOC_SCALE)),
         "start": start_s,
         "follow": _follow(timelines[0], follow),
     }
     policies = " and ".join(recording.policy for recording in recordings)
     title = f"{head.scenario}: {policies}, seed {head.seed}, episode {head.episode}"
     web = resources.files("medjax.render") / "web"
-    script = "\n".join((web / name).read_text(encoding="utf-8") for name in SCRIPTS)
+    script = "\n".join((web / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS.split())
     blobs = "\n".join(
         f'<script type="text/plain" id="data-{number}">{text}</script>'
         for number, (_, text) in enumerate(packed)
@@ -109,7 +96,7 @@ def check_comparable(recordings: Sequence[Recording]) -> None:
 def _follow(timeline: Timeline, follow: str) -> dict[str, Any]:
     """What the camera does at the start: which vehicle, or which place."""
     path = camera_path(timeline, follow)  # refuses what there is not
-    if is_vehicle(follow):
+    if vehicle_named(follow):
         return {"mode": "selected", "track": timeline.tracks.index(find_track(timeline, follow))}
     return {"mode": "auto"} if follow == AUTO else {"mode": "free", "x": float(path[0])}
 
@@ -129,8 +116,7 @@ def _root_style() -> str:
         "out": colors.RAN_OUT,
         "accent": colors.SELECTED,
     }
-    lines = [f"  --{name}: {colors.css(color)};" for name, color in names.items()]
-    scale = ", ".join(colors.css(color) for color in colors.SOC_SCALE)
-    return (
-        ":root {\n" + "\n".join([*lines, f"  --soc: linear-gradient(to right, {scale});"]) + "\n}\n"
-    )
+    values = {name: colors.css(color) for name, color in names.items()}
+    values["soc"] = f"linear-gradient(to right, {', '.join(map(colors.css, colors.SOC_SCALE))})"
+    lines = "\n".join(f"  --{name}: {value};" for name, value in values.items())
+    return f":root {{\n{lines}\n}}\n"

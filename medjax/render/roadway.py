@@ -7,10 +7,8 @@ import dataclasses
 import numpy as np
 
 from medjax.charging.docking import PANEL_LANE, Partner, panel_x
-from medjax.world.kinds import HUMAN_EV, KINDS, MED
+from medjax.world.kinds import HUMAN_EV, MED
 from medjax.world.params import EnvConfig, EnvParams
-
-VEHICLE_WIDTH_M = tuple(kind.width_m for kind in KINDS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,9 +21,8 @@ class Roadway:
     ramp_x_m: tuple[float, ...]  # where each acceleration lane starts
     acceleration_lane_m: float
     vehicle_length_m: tuple[float, ...]  # by kind
-    slots_m: tuple[
-        tuple[float, float], ...
-    ]  # by panel: an EV's front bumper in its slot, from that of the MED; to the right
+    # By panel: an EV's front bumper in its slot, from that of the MED; to the right.
+    slots_m: tuple[tuple[float, float], ...]
 
     @classmethod
     def of(cls, config: EnvConfig, params: EnvParams) -> Roadway:
@@ -39,7 +36,7 @@ class Roadway:
             length_m=float(road.length_m),
             num_lanes=config.num_lanes,
             lane_width_m=float(road.lane_width_m),
-            ramp_x_m=tuple(float(x) for x in np.asarray(road.ramp_x_m)),
+            ramp_x_m=tuple(map(float, np.asarray(road.ramp_x_m))),
             acceleration_lane_m=float(road.acceleration_lane_m),
             vehicle_length_m=tuple(map(float, lengths)),
             slots_m=tuple(zip(map(float, ahead), map(float, aside), strict=True)),
@@ -56,11 +53,7 @@ class Roadway:
         return self.left_m + self.num_lanes * self.lane_width_m
 
     @property
-    def merge_right_m(self) -> float:
-        """Right edge of the acceleration lanes; of the through lanes where there are none."""
-        return self.right_m + (self.lane_width_m if self.ramp_x_m else 0.0)
-
-    @property
     def shoulder_m(self) -> float:
         """Lateral place of those that ran out: right of everything that drives."""
-        return self.merge_right_m + 0.4 * self.lane_width_m
+        acceleration_lane = self.lane_width_m if self.ramp_x_m else 0.0
+        return self.right_m + acceleration_lane + 0.4 * self.lane_width_m

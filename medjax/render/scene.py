@@ -1,10 +1,8 @@
 """One instant of the road as a picture needs it, from a recording or from a state."""
 
-from __future__ import annotations
-
 import dataclasses
-import functools
 
+import jax
 import numpy as np
 
 from medjax.episodes.recording import Frames, Recording, frame_of
@@ -44,30 +42,33 @@ class Scene:
         """M; the slot of the first EV."""
         return len(self.med_soc)
 
+    @property
+    def evs_on_road(self) -> np.ndarray:
+        """(E,) bool."""
+        return self.active[self.num_meds : self.num_meds + len(self.ev_soc)]
 
-def scene_of(frame: Frames, config: EnvConfig, params: EnvParams, **told: object) -> Scene:
+    @property
+    def is_booked(self) -> np.ndarray:
+        """Which EVs on the road have a slot, (E,) bool."""
+        return self.evs_on_road & (self.ev_med != NOT_BOOKED)
+
+
+def _scene_of(frame: Frames, params: EnvParams, **told: object) -> Scene:
     """What a frame without its axis of time shows; `told` fills the fields that it does not know."""
+    y = lateral_position(frame.lane, frame.lateral_offset, params.road.lane_width_m)
     known: dict[str, object] = {
-        "x": np.asarray(frame.x, np.float64),
-        "y": np.asarray(
-            lateral_position(frame.lane, frame.lateral_offset, params.road.lane_width_m)
-        ),
-        "kind": np.asarray(frame.kind),
-        "fleet": int(params.fleet.size),
+        name: np.asarray(values)
+        for name, values in vars(frame).items()
+        if name not in ("lateral_offset", "lateral_speed")
     }
-    same = ("speed", "lane", "active", "ev_soc", "ev_med", "ev_panel", "ev_is_charging")
-    known |= {name: np.asarray(getattr(frame, name)) for name in (*same, "med_soc", "med_status")}
-    return Scene(**known | told)  # type: ignore[arg-type]
+    known |= {"x": np.asarray(frame.x, np.float64), "y": np.asarray(y)}
+    return Scene(**known | told, fleet=int(params.fleet.size))  # type: ignore[arg-type]
 
 
 def scene_of_state(state: EnvState, config: EnvConfig, params: EnvParams, title: str) -> Scene:
-    """What a state of one environment shows.
-
-    It knows how many EVs ran out, not where.
-    """
-    return scene_of(
+    """What a state of one environment shows; it knows how many EVs ran out, not where."""
+    return _scene_of(
         frame_of(state, params),
-        config,
         params,
         ran_out_x=np.zeros(0),
         ran_out=int(state.tally.depleted),
@@ -86,17 +87,12 @@ class Timeline:
         self.roadway = Roadway.of(recording.config, recording.params)
         self.tracks = tracks_of(recording)
         self.ran_out = ran_out(recording)
-        self.title = f"{recording.scenario} · {recording.policy}"
+        self._track_at = recording.vehicle_ids()  # index into `tracks`, (F, V); -1 for nobody
 
     @property
     def duration_s(self) -> float:
         """From the first frame to the last."""
         return (len(self.recording.frames.x) - 1) * self.recording.config.tick_s
-
-    @functools.cached_property
-    def _track_at(self) -> np.ndarray:
-        """Index into `tracks`, `(F, V)` int; -1 for nobody."""
-        return self.recording.vehicle_ids()
 
     def frame_at(self, time_s: float) -> int:
         """The last frame at or before a time, within the recording."""
@@ -111,18 +107,17 @@ class Timeline:
         recording, frames = self.recording, self.recording.frames
         now = self.frame_at(time_s)
         share = time_s / recording.config.tick_s - now
-        frame = Frames(**{name: getattr(frames, name)[now] for name in Frames.__dataclass_fields__})
         here = self._track_at[now]
         decision = -(-now // recording.ticks_per_decision)
-        scene = scene_of(
-            frame,
-            recording.config,
+        ran_out_x = np.array([stop.x_m for stop in self.ran_out if stop.frame <= now])
+        scene = _scene_of(
+            jax.tree.map(lambda leaf: leaf[now], frames),
             recording.params,
-            ran_out_x=np.array([stop.x_m for stop in self.ran_out if stop.frame <= now]),
-            ran_out=sum(stop.frame <= now for stop in self.ran_out),
+            ran_out_x=ran_out_x,
+            ran_out=len(ran_out_x),
             sent=int(np.sum(np.asarray(recording.decisions.sent)[:decision] > 0)),
             time_s=time_s,
-            title=self.title,
+            title=f"{recording.scenario} · {recording.policy}",
             names=tuple(self.tracks[i].name if i >= 0 else "" for i in here),
         )
         if share < 1e-6 or now + 1 == len(frames.x):
@@ -133,9 +128,3 @@ class Timeline:
         ahead = np.where(stays, frames.x[now + 1] - scene.x, scene.speed * recording.config.tick_s)
         aside = np.where(stays, next_y - scene.y, 0.0)
         return dataclasses.replace(scene, x=scene.x + share * ahead, y=scene.y + share * aside)
-
-
-def is_booked(scene: Scene) -> np.ndarray:
-    """Which EVs on the road have a slot, (E,) bool."""
-    evs = slice(scene.num_meds, scene.num_meds + len(scene.ev_soc))
-    return scene.active[evs] & (scene.ev_med != NOT_BOOKED)

@@ -1,7 +1,5 @@
 """Vehicles through time: who was in which slot for how long, and where EVs ran out."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections import Counter
 
@@ -46,20 +44,14 @@ def tracks_of(recording: Recording) -> list[Track]:
     """All vehicles in the order of entry, by slot among those that enter at once."""
     ids = recording.vehicle_ids()
     frames, slots = np.nonzero(ids >= 0)
-    numbers = ids[frames, slots]
-    count = int(numbers.max()) + 1 if numbers.size else 0
-    first, last, slot = (np.zeros(count, np.int64) for _ in range(3))
-    # Frames ascend: the last assignment of a number stands.
-    last[numbers], slot[numbers] = frames, slots
-    first[numbers[::-1]] = frames[::-1]
+    # Rows are in the order of time, and a vehicle keeps its slot and leaves no gap.
+    _, entry, stay = np.unique(ids[frames, slots], return_index=True, return_counts=True)
     seen: Counter[str] = Counter()
     tracks = []
-    for number in range(count):
-        kind = class_of(int(slot[number]), recording.config)
+    for slot, first, count in np.stack([slots[entry], frames[entry], stay], axis=1).tolist():
+        kind = class_of(slot, recording.config)
         seen[kind] += 1
-        tracks.append(
-            Track(int(slot[number]), int(first[number]), int(last[number]), kind, seen[kind])
-        )
+        tracks.append(Track(slot, first, first + count - 1, kind, seen[kind]))
     return tracks
 
 

@@ -1,15 +1,13 @@
 """Vehicles, their slots and the links between them: as marks from far, as bodies from close."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from medjax.render import colors
 from medjax.render.canvas import Canvas, text_width
 from medjax.render.layout import Box, View
-from medjax.render.legend import dashed_box, link, mark_ran_out
-from medjax.render.roadway import VEHICLE_WIDTH_M, Roadway
-from medjax.render.scene import Scene, is_booked
+from medjax.render.legend import link, mark_free, mark_ran_out
+from medjax.render.roadway import Roadway
+from medjax.render.scene import Scene
 from medjax.world.kinds import EVS, FUELLED, GAS, KINDS, MED, MEDS
 from medjax.world.state import IN_SERVICE
 
@@ -46,7 +44,7 @@ def _body(view: View, scene: Scene, road: Roadway, slot: int) -> Box:
     """Outline of a vehicle, px."""
     kind = int(scene.kind[slot])
     right, length = view.px(scene.x[slot]), road.vehicle_length_m[kind] * view.along
-    y, half = view.py(scene.y[slot]), 0.5 * VEHICLE_WIDTH_M[kind] * view.per_m
+    y, half = view.py(scene.y[slot]), 0.5 * KINDS[kind].width_m * view.per_m
     return right - length, y - half, right, y + half
 
 
@@ -59,12 +57,13 @@ def draw_close(canvas: Canvas, view: View, scene: Scene, road: Roadway, font: in
     left, _, right, _ = view.box
     bodies = {int(slot): _body(view, scene, road, slot) for slot in _back_to_front(scene)}
     _draw_slots(canvas, view, scene, road)
-    booked = np.nonzero(is_booked(scene))[0]
-    for ev in sorted(booked, key=lambda ev: scene.ev_is_charging[ev]):  # solid over dashed
+    for ev in sorted(
+        np.nonzero(scene.is_booked)[0], key=lambda ev: scene.ev_is_charging[ev]
+    ):  # solid over dashed
         med = int(scene.ev_med[ev])
         if med in bodies:
             ends = _middle(bodies[med]), _middle(bodies[scene.num_meds + int(ev)])
-            link(canvas, *ends, font, charges=bool(scene.ev_is_charging[ev]))
+            link(canvas, ends, font, charges=bool(scene.ev_is_charging[ev]))
     for slot, box in bodies.items():
         if box[2] > left and box[0] < right:
             _draw_body(canvas, box, scene, slot, font)
@@ -76,10 +75,9 @@ def draw_close(canvas: Canvas, view: View, scene: Scene, road: Roadway, font: in
 
 def _draw_slots(canvas: Canvas, view: View, scene: Scene, road: Roadway) -> None:
     """The places around MEDs in service where an EV may charge and none has booked."""
-    booked = is_booked(scene)
+    booked = scene.is_booked
     taken = set(zip(scene.ev_med[booked], scene.ev_panel[booked], strict=True))
-    length = road.vehicle_length_m[GAS]
-    half = 0.5 * VEHICLE_WIDTH_M[GAS] * view.per_m
+    length, half = road.vehicle_length_m[GAS], 0.5 * KINDS[GAS].width_m * view.per_m
     for med in np.nonzero((scene.med_status == IN_SERVICE) & scene.active[: scene.num_meds])[0]:
         for panel, (ahead, aside) in enumerate(road.slots_m):
             x, y = scene.x[med] + ahead, scene.y[med] + aside
@@ -87,7 +85,7 @@ def _draw_slots(canvas: Canvas, view: View, scene: Scene, road: Roadway) -> None
                 continue
             box = (view.px(x - length), view.py(y) - half, view.px(x), view.py(y) + half)
             if box[0] > view.box[0] and box[2] < view.box[2]:
-                dashed_box(canvas, box, colors.EDGE)
+                mark_free(canvas, box)
 
 
 def _draw_body(canvas: Canvas, box: Box, scene: Scene, slot: int, font: int) -> None:

@@ -5,8 +5,6 @@ gives 5 pictures, at which a GIF's clock of 1/100 s is exact as well. Between tw
 (`Timeline.at`).
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
@@ -17,30 +15,16 @@ import numpy as np
 from medjax.episodes.recording import Recording
 from medjax.errors import InputError
 from medjax.files import replacing
-from medjax.render.camera import AUTO, busiest_place, busiest_time, camera_path
+from medjax.render.camera import AUTO, Shot, busiest_place, busiest_time, camera_path
 from medjax.render.encoder import encode, ffmpeg_program
-from medjax.render.frame import SIZE, draw
+from medjax.render.frame import draw
 from medjax.render.scene import Timeline
 
 SMOOTH_HZ = 20.0  # pictures a second, about
 EXCERPT_S = 20.0  # of a GIF, unless it is told: they are large
-
 FASTEST_M_PER_S = 100.0  # no vehicle drives so fast
 PALETTE_PICTURES = 8  # that the 256 colours of a GIF are chosen from: all show the same few
-
-SUFFIXES = (".mp4", ".gif")
-
-
-@dataclasses.dataclass(frozen=True)
-class Shot:
-    """What of a recording is filmed, and how."""
-
-    follow: str = AUTO  # see `camera_path`
-    start_s: float | None = None  # None: the start for .mp4, else where most EVs charge
-    duration_s: float | None = None  # None: to the end for .mp4, EXCERPT_S for .gif
-    width: int = SIZE[0]  # px
-    height: int = SIZE[1]
-    span_m: float | None = None  # of road that the camera shows; None: as `draw` finds fit
+AS_FITS = Shot()
 
 
 def per_tick(tick_s: float) -> int:
@@ -57,7 +41,7 @@ def picture_times(timeline: Timeline, start_s: float, duration_s: float) -> np.n
     return (first + np.arange(ticks * pictures) / pictures) * tick_s
 
 
-def write_png(path: Path, recording: Recording, shot: Shot = Shot()) -> None:
+def write_png(path: Path, recording: Recording, shot: Shot = AS_FITS) -> None:
     """Writes one picture, of `shot.start_s`.
 
     Raises:
@@ -68,17 +52,15 @@ def write_png(path: Path, recording: Recording, shot: Shot = Shot()) -> None:
 
     timeline = Timeline(recording)
     time = busiest_time(timeline) if shot.start_s is None else _checked(timeline, shot.start_s)
-    scene = timeline.at(time)
     place = camera_path(timeline, shot.follow)[timeline.frame_at(time)]
     if shot.follow == AUTO:
-        place = busiest_place(scene, timeline.roadway)
-    size = {"width": shot.width, "height": shot.height}
-    picture = draw(scene, timeline.roadway, float(place), span_m=shot.span_m, **size)
+        place = busiest_place(timeline.at(time), timeline.roadway)
+    picture = _picture(timeline, shot, time, float(place))
     with replacing(path) as partial:
         Image.fromarray(picture).save(partial, "PNG", optimize=True)
 
 
-def write_video(path: Path, recording: Recording, shot: Shot = Shot()) -> None:
+def write_video(path: Path, recording: Recording, shot: Shot = AS_FITS) -> None:
     """Writes .mp4 (H.264) or .gif, as path ends; a bar shows how far it is, on a terminal.
 
     Raises:
@@ -89,8 +71,8 @@ def write_video(path: Path, recording: Recording, shot: Shot = Shot()) -> None:
     from tqdm import tqdm
 
     ffmpeg_program()
-    if path.suffix not in SUFFIXES:
-        raise InputError(f"{path.name}: allowed {', '.join(SUFFIXES)}")
+    if path.suffix not in (".mp4", ".gif"):
+        raise InputError(f"{path.name}: allowed .mp4, .gif")
     timeline = Timeline(recording)
     start, duration = _stretch(timeline, shot, whole=path.suffix == ".mp4")
     times = picture_times(timeline, start, duration)
@@ -100,10 +82,8 @@ def write_video(path: Path, recording: Recording, shot: Shot = Shot()) -> None:
     some = times[np.linspace(0, len(times) - 1, PALETTE_PICTURES).round().astype(int)]
     samples = list(_pictures(timeline, shot, some)) if path.suffix == ".gif" else []
     bar = tqdm(times, desc=f"writing {path.name}", unit="frame", disable=None)
-    with (
-        replacing(path) as partial,
-        encode(partial, rate, (shot.width, shot.height), samples) as add,
-    ):
+    size = (shot.width, shot.height)
+    with replacing(path) as partial, encode(partial, rate, size, samples) as add:
         for picture in _pictures(timeline, shot, bar):
             add(picture)
 
@@ -111,14 +91,12 @@ def write_video(path: Path, recording: Recording, shot: Shot = Shot()) -> None:
 def _pictures(timeline: Timeline, shot: Shot, times: Iterable[float]) -> Iterator[np.ndarray]:
     path = camera_path(timeline, shot.follow)
     for time in times:
-        yield draw(
-            timeline.at(time),
-            timeline.roadway,
-            _place(timeline, path, time),
-            width=shot.width,
-            height=shot.height,
-            span_m=shot.span_m,
-        )
+        yield _picture(timeline, shot, time, _place(timeline, path, time))
+
+
+def _picture(timeline: Timeline, shot: Shot, time: float, place: float) -> np.ndarray:
+    size = {"width": shot.width, "height": shot.height}
+    return draw(timeline.at(time), timeline.roadway, place, span_m=shot.span_m, **size)
 
 
 def _place(timeline: Timeline, path: np.ndarray, time: float) -> float:

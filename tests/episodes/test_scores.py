@@ -10,9 +10,8 @@ from medjax.episodes.scores import evaluate_policies
 from medjax.policies.policy import Choice, Policy, rule
 from tests.train.conftest import coin, never
 from tests.train.probe_envs import Probe, ProbeParams
-from train.algorithms.networks import PolicyWeights, apply_policy, build_network
+from train.algorithms.networks import PolicyWeights, apply_policy, build_network, learned_policy
 from train.algorithms.normalization import init_stats
-from train.algorithms.policy import learned_policy
 from train.algorithms.ppo.settings import PPOConfig
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -22,12 +21,7 @@ ENV, PARAMS = Probe("noisy"), ProbeParams(episode_decisions=6)
 
 def test_the_same_policy_twice_is_the_same_and_differences_are_the_policies_own():
     one = rule(lambda key, state, params: jnp.int32(1), 2)
-    policies = {
-        "a": coin(ENV),
-        "b": coin(ENV),
-        "none": never(ENV),
-        "one": one,
-    }
+    policies = {"a": coin(ENV), "b": coin(ENV), "none": never(ENV), "one": one}
     scores = evaluate_policies(ENV, PARAMS, policies, episodes=7, seed=3, batch=4)
     assert set(scores["a"]) == {"return", "length", "total", "decisions"}
     for name in scores["a"]:

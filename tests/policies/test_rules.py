@@ -8,6 +8,7 @@ import pytest
 import medjax
 from medjax.charging.energy import drive_energy
 from medjax.env.forecast import forecast_need
+from medjax.episodes.scores import evaluate_policies
 from medjax.world.state import QUEUED
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")

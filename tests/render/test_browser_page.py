@@ -31,10 +31,8 @@ def test_two_policies_share_one_clock(browser, two):
         lines = page.locator(".view-line").all_inner_texts()
         assert "MEDs sent 2 of 3" in lines[0]
         assert "MEDs sent 0 of 3" in lines[1]
-        assert page.locator("#dispatch-panel h2").all_inner_texts() == [
-            "Dispatch: periodic",
-            "Dispatch: none",
-        ]
+        titles = page.locator("#dispatch-panel h2").all_inner_texts()
+        assert titles == ["Dispatch: periodic", "Dispatch: none"]
 
 
 def test_two_full_highways_are_drawn_in_less_than_a_50th_of_a_second(browser, full, tmp_path):

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from medjax.render.episode_data import charts_of
 from medjax.render.packing import MISSING, Packer
 from medjax.render.player import player_page, write_player
-from medjax.render.series import charts_of
 from medjax.render.tracks import tracks_of
 
 MEGABYTE = 1e6
@@ -120,8 +120,7 @@ def test_a_title_cannot_break_the_page(recording):
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
-    [({"seed": 9}, "seed is 3 and 9"), ({"episode": 2}, "episode is 14 and 2")],
+    ("change", "says"), [({"seed": 9}, "seed is 3 and 9"), ({"episode": 2}, "episode is 14 and 2")]
 )
 def test_only_the_same_episode_is_compared(recording, other, change, says):
     with pytest.raises(ValueError, match=f"^{says}: allowed two recordings of the same episode$"):

@@ -72,8 +72,6 @@ def test_the_camera_leaves_a_med_for_a_busier_one_within_ten_seconds(recording):
 
 
 def test_most_evs_charge_when_it_is_busiest(recording):
-    charging = recording.frames.ev_is_charging.sum(axis=1)
+    timeline, charging = Timeline(recording), recording.frames.ev_is_charging.sum(axis=1)
     assert charging.max() > 0
-    assert (
-        charging[Timeline(recording).frame_at(busiest_time(Timeline(recording)))] == charging.max()
-    )
+    assert charging[timeline.frame_at(busiest_time(timeline))] == charging.max()

@@ -9,13 +9,7 @@ from medjax.render.scene import Timeline
 
 Image = pytest.importorskip("PIL.Image", reason="videos need Pillow")
 ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="videos need imageio-ffmpeg")
-from medjax.render.video import (  # noqa: E402
-    Shot,
-    per_tick,
-    picture_times,
-    write_png,
-    write_video,
-)
+from medjax.render.video import Shot, per_tick, picture_times, write_png, write_video  # noqa: E402
 
 SHOT = Shot(start_s=30.0, duration_s=2.0, width=321, height=240)
 

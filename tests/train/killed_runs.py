@@ -78,10 +78,7 @@ def main(place: Path, seed: int, kills: int) -> None:
         assert os.waitpid(child, 0)[1] == signal.SIGKILL
         print(
             json.dumps(
-                {
-                    "updates": updates_in(parts),
-                    "unfinished": len(list(parts.glob("**/*.partial*"))),
-                }
+                {"updates": updates_in(parts), "unfinished": len(list(parts.glob("**/*.partial*")))}
             ),
             flush=True,
         )

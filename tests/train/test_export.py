@@ -20,11 +20,10 @@ from medjax.traffic.idm import IDM
 from medjax.wrappers import RandomDemand
 from tests.train.conftest import refused
 from train import export
-from train.algorithms.networks import PolicyWeights, apply_policy, build_network
+from train.algorithms.networks import PolicyWeights, apply_policy, build_network, learned_policy
 from train.algorithms.normalization import init_stats
-from train.algorithms.policy import learned_policy
 from train.algorithms.ppo.settings import PPOConfig
-from train.runs.policy_file import export_policy
+from train.runs.policies import export_policy
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -174,8 +173,7 @@ def test_a_foreign_file_is_refused(exported, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("argv", "words"),
-    [(["--run-dir=absent"], ["absent", "not a directory"]), ([], ["--run-dir"])],
+    ("argv", "words"), [(["--run-dir=absent"], ["absent", "not a directory"]), ([], ["--run-dir"])]
 )
 def test_bad_options(argv, words, capsys):
     line = refused(capsys, argv, *words, command=export)

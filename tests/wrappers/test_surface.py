@@ -11,9 +11,8 @@ from medjax.episodes.scores import evaluate_policies
 from medjax.episodes.table import vehicle_table
 from medjax.policies.saved import About, load_policy, save_policy
 from medjax.wrappers import DecideEvery, LegacyStep, RandomDemand, TimeLimitAsEnd
-from train.algorithms.networks import PolicyWeights, build_network
+from train.algorithms.networks import PolicyWeights, build_network, learned_policy
 from train.algorithms.normalization import init_stats
-from train.algorithms.policy import learned_policy
 from train.algorithms.ppo.settings import PPOConfig
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")

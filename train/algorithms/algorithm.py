@@ -15,9 +15,8 @@ from jax.sharding import Mesh
 
 from medjax.env.contract import Environment
 from medjax.policies.policy import Policy
-from train.algorithms.networks import PolicyWeights
+from train.algorithms.networks import PolicyWeights, learned_policy
 from train.algorithms.normalization import init_stats
-from train.algorithms.policy import learned_policy
 from train.algorithms.rollout import RolloutState
 from train.settings import TrainConfig
 
@@ -83,14 +82,7 @@ class Algorithm:
         weights: PolicyWeights,
         stochastic: bool = False,
     ) -> Policy:
-        """What was learned.
-
-        Args:
-            env: a single environment.
-            config: settings.
-            weights: of one seed.
-            stochastic: sample actions; else the most probable ones.
-        """
+        """What was learned, with the weights of one seed, in a single environment; see `learned_policy`."""
         network = self.build_network(env, config)
         return learned_policy(env, network, weights, config.decide_every, stochastic)
 
@@ -103,5 +95,4 @@ class Algorithm:
             return PolicyWeights(network.init(key, obs), init_stats(shape))
 
         obs = jax.ShapeDtypeStruct((1, *shape), "float32")
-        shapes: PolicyWeights = jax.eval_shape(init, jax.random.key(0), obs)
-        return shapes
+        return jax.eval_shape(init, jax.random.key(0), obs)

@@ -26,11 +26,7 @@ def make_environment(config: TrainConfig) -> tuple[Any, Any]:
 
 
 def check_environment(config: TrainConfig) -> None:
-    """Refuses what `make_environment` refuses, and computes nothing.
-
-    Raises:
-        InputError: as `make_environment`.
-    """
+    """Refuses (InputError) what `make_environment` refuses, and computes nothing."""
     _build(prepare, config)
 
 

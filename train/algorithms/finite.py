@@ -30,9 +30,8 @@ def first_bad(**quantities: Any) -> jax.Array:
     """
 
     def is_bad(tree: Any) -> jax.Array:
-        floats = [
-            leaf for leaf in jax.tree.leaves(tree) if jnp.issubdtype(leaf.dtype, jnp.floating)
-        ]
+        leaves = jax.tree.leaves(tree)
+        floats = [leaf for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.floating)]
         return jnp.stack([~jnp.all(jnp.isfinite(leaf)) for leaf in floats]).any()
 
     places = [QUANTITIES.index(name.replace("_", " ")) for name in quantities]

@@ -25,9 +25,8 @@ def split_environments(key: jax.Array, samples: Any, num_minibatches: int) -> An
         Leaves `(num_minibatches, num_envs / num_minibatches, ...)`; each sample is in exactly one minibatch.
     """
     num_envs = jax.tree.leaves(samples)[0].shape[0]
-    places = jnp.broadcast_to(
-        jnp.arange(num_minibatches), (num_envs // num_minibatches, num_minibatches)
-    )
+    shape = num_envs // num_minibatches, num_minibatches
+    places = jnp.broadcast_to(jnp.arange(num_minibatches), shape)
     lots = jax.random.permutation(key, places, axis=1, independent=True)
 
     def deal(values: jax.Array) -> jax.Array:
@@ -60,7 +59,8 @@ def descend(
     def step(carry: tuple[Any, Any], batch: Any) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
         params, opt_state = carry
         gradient, metrics = jax.grad(loss, has_aux=True)(params, batch)
-        metrics["grad_norm"] = _norm(gradient)
+        squares = (jnp.sum(jnp.square(leaf)) for leaf in jax.tree.leaves(gradient))
+        metrics["grad_norm"] = jnp.sqrt(sum(squares))
         change, opt_state = optimizer.update(gradient, opt_state, params)
         return (optax.apply_updates(params, change), opt_state), metrics
 
@@ -69,8 +69,3 @@ def descend(
 
     (params, opt_state), metrics = lax.scan(epoch, start, None, length=num_epochs)
     return params, opt_state, jax.tree.map(jnp.mean, metrics)
-
-
-def _norm(tree: Any) -> jax.Array:
-    """Euclidean norm of all leaves together."""
-    return jnp.sqrt(sum(jnp.sum(jnp.square(leaf)) for leaf in jax.tree.leaves(tree)))

@@ -7,7 +7,7 @@ both float32 whatever it computes in. `NETWORKS` names the builders; adding an e
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import distrax
 import flax.linen as nn
@@ -18,6 +18,7 @@ from flax import struct
 from medjax.env.contract import Environment
 from medjax.env.observation import FlatObservation
 from medjax.errors import InputError, shown
+from medjax.policies.policy import Choice, Policy, every
 from medjax.world.params import EnvConfig
 from train.algorithms.normalization import RunningStats, normalize
 from train.settings import TrainConfig
@@ -25,32 +26,8 @@ from train.settings import TrainConfig
 TYPICAL_NUMBER = 8.0  # of vehicles of a set
 MASKED_LOGIT = -1e9  # finite, so that log-probabilities and gradients are; exp() of it is exactly 0
 
-ACTIVATIONS: dict[str, Callable[[jax.Array], jax.Array]] = {
-    "tanh": nn.tanh,
-    "relu": nn.relu,
-    "silu": nn.silu,
-}
+ACTIVATIONS = {"tanh": nn.tanh, "relu": nn.relu, "silu": nn.silu}
 DTYPES = {"float32": jnp.float32, "bfloat16": jnp.bfloat16}
-
-
-class CategoricalLike(Protocol):
-    """The part of a categorical distribution that learners use."""
-
-    @property
-    def probs(self) -> jax.Array:
-        """`(..., categories)`."""
-
-    def log_prob(self, value: jax.Array) -> jax.Array:
-        """`(...)`."""
-
-    def entropy(self) -> jax.Array:
-        """`(...)`."""
-
-    def mode(self) -> jax.Array:
-        """`(...)`."""
-
-    def sample(self, *, seed: jax.Array) -> jax.Array:
-        """`(...)`."""
 
 
 @struct.dataclass
@@ -152,33 +129,20 @@ def sets(env: Environment, config: TrainConfig) -> Callable[[], nn.Module]:
     return partial(SetTorso, env.observation, env.config, *layers)
 
 
-NETWORKS: dict[str, Callable[[Environment, TrainConfig], Callable[[], nn.Module]]] = {
-    "mlp": mlp,
-    "sets": sets,
-}
+NETWORKS = {"mlp": mlp, "sets": sets}
 
 
 def check_network(config: TrainConfig, layout: Any) -> None:
-    """Checks that there is a network as `config` wants it; needs no environment.
-
-    Args:
-        config: settings.
-        layout: observation of the environment, `medjax.env.observation.OBSERVATIONS` has those with a name.
-
-    Raises:
-        InputError: no such network, or it does not fit the observation.
-    """
+    """Refuses (InputError) a network that there is not, or that does not fit the observation `layout`."""
     if config.network not in NETWORKS:
-        allowed = ", ".join(NETWORKS)
-        raise InputError(f"network is {shown(config.network)}, allowed: {allowed}")
+        raise InputError(f"network is {shown(config.network)}, allowed: {', '.join(NETWORKS)}")
     if config.network == "sets" and not isinstance(layout, FlatObservation):
-        raise InputError(
-            f"network is 'sets' and observation is {shown(config.observation)}, allowed: flat"
-        )
+        given = shown(config.observation)
+        raise InputError(f"network is 'sets' and observation is {given}, allowed: flat")
 
 
-def build_torso(env: Environment, config: TrainConfig) -> Callable[[], nn.Module]:
-    """All layers but the last, as `config.network` names them.
+def build_network(env: Environment, config: TrainConfig) -> nn.Module:
+    """The actor-critic that `config.network` names.
 
     Args:
         env: what the network acts in, read for the numbers of actions and vehicles.
@@ -188,15 +152,11 @@ def build_torso(env: Environment, config: TrainConfig) -> Callable[[], nn.Module
         InputError: no such network, or it does not fit the observation.
     """
     check_network(config, env.observation)
-    return NETWORKS[config.network](env, config)
+    make_torso = NETWORKS[config.network](env, config)
+    return ActorCritic(env.num_actions, make_torso, config.initial_wait)
 
 
-def build_network(env: Environment, config: TrainConfig) -> nn.Module:
-    """An actor-critic of `build_torso`."""
-    return ActorCritic(env.num_actions, build_torso(env, config), config.initial_wait)
-
-
-def masked_categorical(logits: jax.Array, mask: jax.Array) -> CategoricalLike:
+def masked_categorical(logits: jax.Array, mask: jax.Array) -> distrax.Categorical:
     """Distribution over the allowed actions.
 
     Args:
@@ -209,14 +169,14 @@ def masked_categorical(logits: jax.Array, mask: jax.Array) -> CategoricalLike:
     return distrax.Categorical(logits=jnp.where(mask, logits, MASKED_LOGIT), dtype=jnp.int32)
 
 
-def sample_each(policy: CategoricalLike, keys: jax.Array) -> jax.Array:
+def sample_each(policy: distrax.Categorical, keys: jax.Array) -> jax.Array:
     """A sample of each of the distributions `(rows,)`, by a key of its own `(rows,)`."""
     return jax.vmap(lambda own, key: own.sample(seed=key))(policy, keys)
 
 
 def apply_policy(
     network: nn.Module, weights: PolicyWeights, obs: jax.Array, mask: jax.Array
-) -> tuple[CategoricalLike, jax.Array]:
+) -> tuple[distrax.Categorical, jax.Array]:
     """Policy and value at raw observations.
 
     Args:
@@ -237,3 +197,28 @@ def apply_value(network: nn.Module, weights: PolicyWeights, obs: jax.Array) -> j
     """Values `(...)` at raw observations `(..., num_features)`; the compiler drops the unused actor."""
     output: Any = network.apply(weights.params, normalize(weights.obs_stats, obs))
     return output[1]
+
+
+def learned_policy(
+    env: Environment,
+    network: nn.Module,
+    weights: PolicyWeights,
+    decide_every: int = 1,
+    stochastic: bool = False,
+) -> Policy:
+    """The most probable action of a network, or a sample.
+
+    Args:
+        env: a single environment.
+        network: an actor-critic.
+        weights: what it learned.
+        decide_every: decisions from one choice to the next, see `medjax.wrappers.DecideEvery`.
+        stochastic: sample.
+    """
+
+    def act(given: PolicyWeights, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
+        distribution, _ = apply_policy(network, given, obs, env.action_mask(state, params))
+        action = distribution.sample(seed=key) if stochastic else distribution.mode()
+        return Choice(action.astype(jnp.int32), distribution.probs)
+
+    return every(Policy(act, weights), decide_every)

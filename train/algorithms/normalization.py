@@ -4,6 +4,8 @@ Moments of batches are merged by the parallel rule of Chan, Golub and LeVeque (1
 with weights instead of sums so that float32 serves for any number of samples.
 """
 
+import math
+
 import jax
 import jax.numpy as jnp
 from flax import struct
@@ -21,16 +23,9 @@ class RunningStats:
 
 
 def init_stats(shape: tuple[int, ...] = ()) -> RunningStats:
-    """Moments before the first sample.
-
-    Args:
-        shape: shape of one sample.
-    """
-    return RunningStats(
-        count=jnp.float32(0.0),
-        mean=jnp.zeros(shape, jnp.float32),
-        var=jnp.ones(shape, jnp.float32),
-    )
+    """Moments before the first sample; `shape` is that of one."""
+    mean, var = jnp.zeros(shape, jnp.float32), jnp.ones(shape, jnp.float32)
+    return RunningStats(jnp.float32(0.0), mean, var)
 
 
 def update_stats(stats: RunningStats, samples: jax.Array) -> RunningStats:
@@ -44,9 +39,7 @@ def update_stats(stats: RunningStats, samples: jax.Array) -> RunningStats:
         The moments of all samples.
     """
     axes = tuple(range(samples.ndim - stats.mean.ndim))
-    size = 1
-    for axis in axes:
-        size *= samples.shape[axis]
+    size = math.prod(samples.shape[axis] for axis in axes)
     samples = samples.astype(jnp.float32)
     # Two passes and a correction for what rounding left of the mean: exact to float32 for any offset of the data.
     rough_mean = jnp.mean(samples, axes)

@@ -24,8 +24,8 @@ from train.settings import MOST_PER_CALL, TrainConfig
 class Programs:
     """The two programs of training, over all seeds at once."""
 
-    init: Callable[[jax.Array, Any], TrainState]  # (key, env_params)
-    run: Callable[[TrainState, Any, jax.Array], tuple[TrainState, Metrics]]  # see `run_updates`
+    init: Any  # jitted: (key, env_params) to the state
+    run: Any  # jitted: (state, env_params, num_updates) to the state and metrics, see `run_updates`
     shardings: Any  # of the state, a prefix of its tree
 
 
@@ -77,7 +77,7 @@ def make_train(env: Environment, params: Any, config: TrainConfig) -> Programs:
         InputError: `config.num_devices` is not possible.
     """
     learner = algorithm_of(config).build_learner(env, params, config)
-    init: Callable[[jax.Array, Any], TrainState] = learner.init
+    init: Callable[..., TrainState] = learner.init
     run: Callable[..., tuple[TrainState, Metrics]] = partial(run_updates, learner)
     if config.num_seeds > 1:
         # One after the other: each runs as fast as alone, its environments in the cache, its matrices plain.

@@ -2,8 +2,10 @@
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
+import distrax
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
@@ -12,13 +14,7 @@ from jax import lax
 
 from medjax.env.contract import BatchEnvironment
 from medjax.numerics.rows import for_true_rows
-from train.algorithms.networks import (
-    CategoricalLike,
-    PolicyWeights,
-    apply_policy,
-    apply_value,
-    sample_each,
-)
+from train.algorithms.networks import PolicyWeights, apply_policy, apply_value, sample_each
 
 
 @struct.dataclass
@@ -84,30 +80,23 @@ def episode_metrics(sums: EpisodeSums) -> dict[str, jax.Array]:
     *totals, count = jnp.sum(sums.total, axis=0)
     return {
         "episodes": count,
-        **{
-            f"episode_{name}": total / count for name, total in zip(sums.names, totals, strict=True)
-        },
+        **{f"episode_{name}": each / count for name, each in zip(sums.names, totals, strict=True)},
     }
 
 
-Choose = Callable[[CategoricalLike, jax.Array], jax.Array]  # (rows,) policies and keys to actions
+Choose = Callable[
+    [distrax.Categorical, jax.Array], jax.Array
+]  # (rows,) policies and keys to actions
 
 
 @dataclasses.dataclass(frozen=True)
 class Collector:
-    """Acts in a batch of environments, each on its own.
+    """Acts in a batch of environments, each on its own."""
 
-    Attributes:
-        env: batch whose steps report `info["episode"]` (`medjax.wrappers.EpisodeLog`).
-        network: of logits and values.
-        num_steps: of a rollout, per environment.
-        gamma: discount per step.
-    """
-
-    env: BatchEnvironment
-    network: nn.Module
-    num_steps: int
-    gamma: float
+    env: BatchEnvironment  # its steps report `info["episode"]` (`medjax.wrappers.EpisodeLog`)
+    network: nn.Module  # of logits and values
+    num_steps: int  # of a rollout, per environment
+    gamma: float  # discount per step
 
     def start(self, keys: jax.Array, env_params: Any) -> RolloutState:
         """Fresh episodes, one for each of the keys `(num_envs,)`."""
@@ -135,15 +124,10 @@ class Collector:
             The new state, the trajectory, the values `(num_envs,)` of the observations after it, sums over ended
             episodes.
         """
-
-        def decide(
-            carry: RolloutState, step_keys: jax.Array
-        ) -> tuple[RolloutState, tuple[Trajectory, EpisodeSums]]:
-            return self._step(weights, carry, step_keys, env_params, choose)
-
         # (num_steps, num_envs, 2)
         split = jax.vmap(lambda key: jax.random.split(key, (self.num_steps, 2)), out_axes=1)
-        state, (trajectory, sums) = lax.scan(decide, state, split(keys))
+        step = partial(self._step, weights, env_params, choose)
+        state, (trajectory, sums) = lax.scan(step, state, split(keys))
         trajectory = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), trajectory)
         last_value = apply_value(self.network, weights, state.obs)
         return state, trajectory, last_value, jax.tree.map(lambda x: jnp.sum(x, axis=0), sums)
@@ -151,10 +135,10 @@ class Collector:
     def _step(
         self,
         weights: PolicyWeights,
-        state: RolloutState,
-        keys: jax.Array,
         env_params: Any,
         choose: Choose,
+        state: RolloutState,
+        keys: jax.Array,
     ) -> tuple[RolloutState, tuple[Trajectory, EpisodeSums]]:
         """One step in every environment, by keys `(num_envs, 2)`; arrays are `(num_envs, ...)`."""
         act_keys, env_keys = keys[:, 0], keys[:, 1]

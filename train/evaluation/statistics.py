@@ -48,9 +48,9 @@ def bootstrap_ci95(
         return float("nan"), float("nan")
     rng = np.random.default_rng(seed)
     rows = max(1, BLOCK // samples.size)
-    drawn = []
-    for first in range(0, num_resamples, rows):
-        picks = rng.integers(0, size, (min(rows, num_resamples - first), size))
-        drawn.append(statistic(samples[picks]))
+    drawn = [
+        statistic(samples[rng.integers(0, size, (min(rows, num_resamples - first), size))])
+        for first in range(0, num_resamples, rows)
+    ]
     low, high = np.percentile(np.concatenate(drawn), [2.5, 97.5])
     return float(low), float(high)

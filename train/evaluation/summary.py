@@ -1,6 +1,6 @@
 """What the scores of policies say: means, their intervals, and what learned policies gain on the others."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -38,16 +38,14 @@ def summarize(
     policies: dict[str, Any] = {}
     for name, score in scores.items():
         returns = score["return"]
-        means = {
-            column: float(np.mean(values)) for column, values in score.items() if column != "return"
-        }
         policies[name] = {
             "return_mean": float(np.mean(returns)),
             "return_std": float(np.std(returns, ddof=1)) if returns.size > 1 else 0.0,
             "return_ci95": list(bootstrap_ci95(returns, seed)),
             **{
-                ("episode_length" if column == "length" else column): value
-                for column, value in means.items()
+                ("episode_length" if column == "length" else column): float(np.mean(values))
+                for column, values in score.items()
+                if column != "return"
             },
         }
     result: dict[str, Any] = {
@@ -63,8 +61,12 @@ def summarize(
         }
         result |= _compare(ours, rules, seed)
     if len(trained) > 1:
-        result["training_seeds"] = _over_seeds([score["return"] for score in trained], seed) | {
-            "paired_return_differences": [_gains(score, rules, seed) for score in trained]
+        means = np.mean([score["return"] for score in trained], axis=1)
+        result["training_seeds"] = {
+            "return_means": means.tolist(),
+            "interquartile_mean": float(interquartile_mean(means[None])[0]),
+            "ci95": list(bootstrap_ci95(means, seed, statistic=interquartile_mean)),
+            "paired_return_differences": [_gains(score, rules, seed) for score in trained],
         }
     return result
 
@@ -74,9 +76,7 @@ def _compare(ours: Scores, rules: Mapping[str, Scores], seed: int) -> dict[str, 
     result: dict[str, Any] = {"paired_return_difference": _gains(ours, rules, seed)}
     base = rules.get("none", {})
     changes = {}
-    for metric in CLAIMED:
-        if metric not in base:
-            continue
+    for metric in [name for name in CLAIMED if name in base]:
         pairs = np.stack([ours[metric], base[metric]], axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = bootstrap_ci95(pairs, seed, statistic=relative_change)
@@ -92,14 +92,4 @@ def _gains(ours: Scores, rules: Mapping[str, Scores], seed: int) -> dict[str, An
     return {
         name: {"mean": float(np.mean(gain)), "ci95": list(bootstrap_ci95(gain, seed))}
         for name, gain in gains.items()
-    }
-
-
-def _over_seeds(returns: Sequence[np.ndarray], seed: int) -> dict[str, Any]:
-    """Mean returns of all training seeds, and their interquartile mean."""
-    means = np.mean(returns, axis=1)
-    return {
-        "return_means": means.tolist(),
-        "interquartile_mean": float(interquartile_mean(means[None])[0]),
-        "ci95": list(bootstrap_ci95(means, seed, statistic=interquartile_mean)),
     }

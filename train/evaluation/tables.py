@@ -33,16 +33,13 @@ def format_table(result: Mapping[str, Any], learned: Sequence[str]) -> str:
         result: of `train.evaluation.summary.summarize`.
         learned: names of the learned policies, that of the first training seed first; so below.
     """
-    title = (
-        f"{result['episodes']} whole episodes of {result['scenario']}, the same for every policy"
-    )
-    parts = [f"{title}\n{format_rows(comparison_rows(result, learned))}"]
+    parts = [f"{headline(result)}\n{format_rows(comparison_rows(result, learned))}"]
     if seeds := result.get("training_seeds"):
         means = ", ".join(map(short, seeds["return_means"]))
         middle = f"{short(seeds['interquartile_mean'])} {interval(seeds['ci95'])}"
-        best = max(seeds["paired_return_differences"][0], key=lambda name: _mean(result, name))
-        gains = [gain[best] for gain in seeds["paired_return_differences"]]
-        each = ", ".join(f"{short(gain['mean'])} {interval(gain['ci95'])}" for gain in gains)
+        gains = seeds["paired_return_differences"]
+        best = next(name for name, _ in best_first(result) if name in gains[0])
+        each = ", ".join(_gain(gain[best]) for gain in gains)
         parts.append(
             f"training seeds: {means}; interquartile mean, 95 % CI: {middle}\n"
             f"each minus {best}, 95 % CI: {each}"
@@ -52,14 +49,16 @@ def format_table(result: Mapping[str, Any], learned: Sequence[str]) -> str:
     return "\n\n".join(parts)
 
 
+def headline(result: Mapping[str, Any]) -> str:
+    """What was played."""
+    return f"{result['episodes']} whole episodes of {result['scenario']}, the same for every policy"
+
+
 def format_rows(table: Table) -> str:
     """A table as text: the first column to the left, numbers to the right, a line under the headings."""
     widths = [max(len(row[column]) for row in table) for column in range(len(table[0]))]
     lines = [
-        "  ".join(
-            cell.ljust(width) if column == 0 else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
+        "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]).rstrip()
         for row in table
     ]
     lines.insert(1, "-" * max(map(len, lines)))
@@ -68,19 +67,18 @@ def format_rows(table: Table) -> str:
 
 def comparison_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
     """Return and metrics of every policy, best return first; metrics that one of them lacks are left out."""
-    shown = [
-        heading
-        for heading, (metric, _) in COLUMNS.items()
-        if all(metric in entry for entry in result["policies"].values())
-    ]
+    entries = result["policies"].values()
+    shown = {
+        heading: (metric, form)
+        for heading, (metric, form) in COLUMNS.items()
+        if all(metric in entry for entry in entries)
+    }
     rows = [["policy", "return", "95 % CI", *shown, f"{learned[0]} minus it, 95 % CI"]]
     differences = result.get("paired_return_difference", {})
     for name, entry in best_first(result):
         cells = [name, short(entry["return_mean"]), interval(entry["return_ci95"])]
-        cells += [format(entry[COLUMNS[heading][0]], COLUMNS[heading][1]) for heading in shown]
-        difference = differences.get(name)
-        gain = f"{short(difference['mean'])} {interval(difference['ci95'])}" if difference else ""
-        rows.append([*cells, gain])
+        cells += [format(entry[metric], form) for metric, form in shown.values()]
+        rows.append([*cells, _gain(differences[name]) if name in differences else ""])
     return rows
 
 
@@ -89,14 +87,9 @@ def paper_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
     rows = [["policy", "paper, mean (std)", "here, mean (std)", "95 % CI of the mean"]]
     for name, entry in best_first(result):
         theirs = PAPER_TABLE_2.get(name)
-        rows.append(
-            [
-                name,
-                spread(*theirs) if theirs else "-",
-                spread(entry["return_mean"], entry["return_std"]),
-                interval(entry["return_ci95"]),
-            ]
-        )
+        paper = spread(*theirs) if theirs else "-"
+        here = spread(entry["return_mean"], entry["return_std"])
+        rows.append([name, paper, here, interval(entry["return_ci95"])])
     if seeds := result.get("training_seeds"):
         what = f"{learned[0]}, interquartile mean of {len(seeds['return_means'])} seeds"
         rows.append([what, "-", short(seeds["interquartile_mean"]), interval(seeds["ci95"])])
@@ -121,9 +114,9 @@ def claim_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
     return rows
 
 
-def _mean(result: Mapping[str, Any], policy: str) -> float:
-    """Its mean return."""
-    return float(result["policies"][policy]["return_mean"])
+def _gain(difference: Mapping[str, Any]) -> str:
+    """A mean and its interval."""
+    return f"{short(difference['mean'])} {interval(difference['ci95'])}"
 
 
 def best_first(result: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:

@@ -12,7 +12,7 @@ import numpy as np
 from medjax.world.params import RoadParams
 from train.reporting.figures import new_figure, save
 from train.reporting.survey import Survey
-from train.reporting.traces import Trace
+from train.reporting.traces import Frame, Trace
 
 MED, CHARGING, SENT, RAN_OUT = "#AAAAAA", "#E69F00", "#0072B2", "#D55E00"  # see COLOURS
 TIME_BINS = 30  # of the maps
@@ -37,8 +37,7 @@ def plot_episode(
     """
     figure = new_figure(12, 7.5)
     axes = figure.add_subplot()
-    _draw_meds(axes, trace, decision_s)
-    lines = _draw_evs(axes, trace, decision_s)
+    lines = _draw_vehicles(axes, trace.frames, decision_s)
     marked = _draw_marks(axes, trace, road, decision_s)
     figure.colorbar(lines, ax=axes, label="state of charge of an EV", pad=0.01)
     ramps = axes.secondary_yaxis("right")
@@ -46,27 +45,15 @@ def plot_episode(
     ramps.set_yticks(places, [f"ramp {number}" for number in range(1, 1 + len(places))])
     for place in places:
         axes.axhline(place, color="black", lw=0.6, ls=":")
-    axes.set_xlim(0, len(trace.sent) * decision_s)
-    axes.set_ylim(0, float(road.length_m))
-    axes.set_xlabel("time (s)")
-    axes.set_ylabel("position along the road (m)")
-    axes.set_title(title)
+    axes.set(xlim=(0, len(trace.sent) * decision_s), ylim=(0, float(road.length_m)), title=title)
+    axes.set(xlabel="time (s)", ylabel="position along the road (m)")
     figure.legend(loc="outside lower center", ncols=5, frameon=False)
     save(figure, path)
     return marked
 
 
 def _segments(on_road: Any, x: Any, decision_s: float) -> tuple[Any, Any]:
-    """Ways of vehicles from decision to decision.
-
-    Args:
-        on_road: (T + 1, V) bool.
-        x: (T + 1, V) m; that of a vehicle that is gone is where it went.
-        decision_s: s.
-
-    Returns:
-        (lines (S, 2, 2): both ends as time and position; (T, V) bool: which ways they are)
-    """
+    """Ways of vehicles `(T + 1, V)`: lines `(S, 2, 2)` from time and position to those, and which ways, `(T, V)`."""
     # A slot that empties is filled again one frame later at the earliest, so who was there is the one who drove.
     there = on_road[:-1]
     time, slot = np.nonzero(there)
@@ -75,23 +62,15 @@ def _segments(on_road: Any, x: Any, decision_s: float) -> tuple[Any, Any]:
     return np.stack([starts, ends], axis=1), there
 
 
-def _draw_meds(axes: Any, trace: Trace, decision_s: float) -> None:
-    """MEDs as broad lines under the EVs that they charge."""
+def _draw_vehicles(axes: Any, frames: Frame, decision_s: float) -> Any:
+    """MEDs as broad lines; over them EVs as thin lines in the colour of their charge, which are returned."""
     from matplotlib.collections import LineCollection
 
-    frames = trace.frames
     lines, there = _segments(frames.med_on_road, frames.med_x, decision_s)
     charges = (frames.med_charges[:-1] > 0)[there]
     axes.add_collection(LineCollection(lines, colors=MED, lw=4, label="MED", zorder=1))
     style: dict[str, Any] = {"colors": CHARGING, "lw": 6, "zorder": 2}
     axes.add_collection(LineCollection(lines[charges], label="MED that charges EVs", **style))
-
-
-def _draw_evs(axes: Any, trace: Trace, decision_s: float) -> Any:
-    """EVs as thin lines in the colour of their charge, which are returned."""
-    from matplotlib.collections import LineCollection
-
-    frames = trace.frames
     lines, there = _segments(frames.ev_on_road, frames.ev_x, decision_s)
     drawn = LineCollection(lines, cmap="viridis", lw=1.2, label="EV", zorder=3)
     drawn.set_array(frames.ev_soc[:-1][there])
@@ -107,26 +86,11 @@ def _draw_marks(axes: Any, trace: Trace, road: RoadParams, decision_s: float) ->
     ran_out, slot = np.nonzero(gone & (frames.ev_soc[1:] <= 0.0))
     sent = np.nonzero(trace.sent)[0]
     style: dict[str, Any] = {"ls": "none", "zorder": 4, "clip_on": False}
-    axes.plot(
-        (ran_out + 1) * decision_s,
-        frames.ev_x[1 + ran_out, slot],
-        marker="x",
-        color=RAN_OUT,
-        ms=7,
-        mew=2,
-        label=f"EV runs out ({len(ran_out)})",
-        **style,
-    )
-    axes.plot(
-        sent * decision_s,
-        np.asarray(road.ramp_x_m)[trace.sent[sent] - 1],
-        marker="^",
-        color=SENT,
-        mec="white",
-        ms=10,
-        label=f"MED is sent ({len(sent)})",
-        **style,
-    )
+    there, ramp = frames.ev_x[1 + ran_out, slot], np.asarray(road.ramp_x_m)[trace.sent[sent] - 1]
+    cross = style | {"marker": "x", "color": RAN_OUT, "ms": 7, "mew": 2}
+    axes.plot((ran_out + 1) * decision_s, there, label=f"EV runs out ({len(ran_out)})", **cross)
+    arrow = style | {"marker": "^", "color": SENT, "ms": 10, "mec": "white"}
+    axes.plot(sent * decision_s, ramp, label=f"MED is sent ({len(sent)})", **arrow)
     return {"sent": len(sent), "depleted": len(ran_out)}
 
 
@@ -153,21 +117,18 @@ def plot_dispatch(
     edges = np.unique([*range(0, decisions, width), decisions])
     per_minute = 60.0 / decision_s / seen.episodes
     sent = {name: _in_bins(seen.sent[index] * per_minute, edges) for name, index in shown.items()}
-    need = {
-        name: _in_bins(seen.need[index] / seen.episodes, edges) for name, index in shown.items()
-    }
+    needs = seen.need / seen.episodes
+    need = {name: _in_bins(needs[index], edges) for name, index in shown.items()}
     figure = new_figure(13, 0.8 + 2.6 * len(shown))
     panels = figure.subplots(len(shown), 2, sharex=True, sharey=True, squeeze=False)
     ramps = np.arange(len(ramp_x_m) + 1) + 0.5
     most = max(1e-9, *(values.max() for values in sent.values()))
     extreme = max(1e-9, *(np.abs(values).max() for values in need.values()))
+    grid = edges * decision_s, ramps
+    limits = {"vmin": -extreme, "vmax": extreme}
     for row, name in zip(panels, shown, strict=True):
-        left = row[0].pcolormesh(
-            edges * decision_s, ramps, sent[name].T, cmap="Blues", vmin=0, vmax=most
-        )
-        right = row[1].pcolormesh(
-            edges * decision_s, ramps, need[name].T, cmap="PuOr_r", vmin=-extreme, vmax=extreme
-        )
+        left = row[0].pcolormesh(*grid, sent[name].T, cmap="Blues", vmin=0, vmax=most)
+        right = row[1].pcolormesh(*grid, need[name].T, cmap="PuOr_r", **limits)
         row[0].set_title(f"{name}: MEDs sent", fontsize="medium")
         row[1].set_title(f"{name}: need", fontsize="medium")
         labels = [f"ramp {n}\n{x:.0f} m" for n, x in enumerate(ramp_x_m, 1)]

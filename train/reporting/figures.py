@@ -100,17 +100,13 @@ def plot_curve(
 
 def _returns(row: Row) -> list[float | None]:
     """Of the learner or of each of several; None where no episode ended."""
-    returns: list[float | None] = row["per_seed"][MAIN] if "per_seed" in row else [row.get(MAIN)]
-    return returns
+    return row["per_seed"][MAIN] if "per_seed" in row else [row.get(MAIN)]
 
 
 def plot_comparison(path: Path, scores: Mapping[str, Mapping[str, np.ndarray]], seed: int) -> None:
     """Draws Figure 8: a panel a metric, a bar a policy, with the 95 % intervals of the means and the paper's claims.
 
-    Args:
-        path: file to write.
-        scores: of `medjax.episodes.scores.evaluate_policies`.
-        seed: of the bootstrap.
+    The scores are of `medjax.episodes.scores.evaluate_policies`, the seed of the bootstrap.
     """
     names = sorted(scores, key=lambda name: scores[name]["return"].mean())  # the best on top
     figure = new_figure(11, 2 + 0.45 * len(names))
@@ -136,15 +132,10 @@ def _bars(axes: Any, samples: Mapping[str, np.ndarray], form: str, seed: int) ->
     axes.barh(places, means, color=[colour(name) for name in samples], height=0.7)
     errors = np.abs(ends.T - means)
     axes.errorbar(means, places, xerr=errors, fmt="none", ecolor="black", capsize=3, lw=1)
+    box = {"fc": "white", "ec": "none", "pad": 1}
+    beside: dict[str, Any] = {"textcoords": "offset points", "va": "center", "bbox": box}
     for place, mean, (_, high) in zip(places, means, ends, strict=True):
-        axes.annotate(
-            format(mean, form),
-            (high, place),
-            (6, 0),
-            textcoords="offset points",
-            va="center",
-            bbox={"fc": "white", "ec": "none", "pad": 1},
-        )
+        axes.annotate(format(mean, form), (high, place), (6, 0), **beside)
     axes.set_yticks(places, list(samples))
     return float(ends.max())
 
@@ -177,8 +168,7 @@ def plot_soc(path: Path, names: Sequence[str], seen: Survey, decision_s: float) 
             without = quantile(seen.soc[names.index("none")], 0.5)
             axes.plot(times, 100 * without, color="black", ls=":", lw=1.2)
         axes.set_title(name, fontsize="medium")
-        axes.set_xlim(0, times[-1])
-        axes.set_ylim(0, 100)
+        axes.set(xlim=(0, times[-1]), ylim=(0, 100))
         axes.tick_params(labelbottom=index + columns >= len(names))
         axes.grid(alpha=0.3)
     keys = [
@@ -196,10 +186,7 @@ def plot_soc(path: Path, names: Sequence[str], seen: Survey, decision_s: float) 
 def plot_exit_soc(path: Path, names: Sequence[str], seen: Survey) -> None:
     """Draws the charge at the end of an EV's way: the share of EVs that end below a state of charge.
 
-    Args:
-        path: file to write.
-        names: of the policies, in the order of `seen`.
-        seen: of all episodes.
+    Arguments are those of `plot_soc`.
     """
     figure = new_figure(9, 5)
     axes = figure.add_subplot()
@@ -207,13 +194,10 @@ def plot_exit_soc(path: Path, names: Sequence[str], seen: Survey) -> None:
     for index, name in enumerate(names):
         below = seen.depleted[index] + np.concatenate([[0], np.cumsum(seen.exit_soc[index])])
         share = below / max(below[-1], 1)
-        axes.plot(
-            edges, share, color=colour(name), lw=2, ls="--" if name == "none" else "-", label=name
-        )
-    axes.set_xlim(0, 100)
-    axes.set_ylim(0, 1)
+        dashes = "--" if name == "none" else "-"
+        axes.plot(edges, share, color=colour(name), lw=2, ls=dashes, label=name)
+    axes.set(xlim=(0, 100), ylim=(0, 1), ylabel="share of EVs that end below it")
     axes.set_xlabel("state of charge at the end of the road (%); at 0: EVs that ran out")
-    axes.set_ylabel("share of EVs that end below it")
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right")
     save(figure, path)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
+from medjax.files import replacing
 from train.evaluation.tables import Table
 
 STYLE = """
@@ -39,15 +40,16 @@ def write_page(path: Path, title: str, introduction: str, sections: Sequence[Sec
         *map(_section, sections),
         "</body>\n</html>\n",
     ]
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text("\n".join(parts), encoding="utf-8")
-    partial.replace(path)
+    with replacing(path) as partial:
+        partial.write_text("\n".join(parts), encoding="utf-8")
 
 
 def _section(section: Section) -> str:
     parts = [f"<h2>{escape(section.title)}</h2>\n<p>{escape(section.text)}</p>"]
-    parts += [_table(table) for table in section.tables]
-    parts += [_picture(picture, section.title) for picture in section.pictures]
+    parts += map(_table, section.tables)
+    for path in section.pictures:
+        data = base64.b64encode(path.read_bytes()).decode("ascii")
+        parts.append(f'<img alt="{escape(section.title)}" src="data:image/png;base64,{data}">')
     if section.verbatim:
         parts.append(f"<pre>{escape(section.verbatim)}</pre>")
     return "\n".join(parts)
@@ -57,11 +59,5 @@ def _table(table: Table) -> str:
     def row(cells: Sequence[str], tag: str) -> str:
         return "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells) + "</tr>"
 
-    return "\n".join(
-        ["<table>", row(table[0], "th"), *(row(cells, "td") for cells in table[1:]), "</table>"]
-    )
-
-
-def _picture(path: Path, description: str) -> str:
-    data = base64.b64encode(path.read_bytes()).decode("ascii")
-    return f'<img alt="{escape(description)}" src="data:image/png;base64,{data}">'
+    body = [row(cells, "td") for cells in table[1:]]
+    return "\n".join(["<table>", row(table[0], "th"), *body, "</table>"])

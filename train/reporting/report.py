@@ -3,6 +3,7 @@
 import dataclasses
 import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -20,6 +21,7 @@ from train.evaluation.tables import (
     claim_rows,
     comparison_rows,
     format_rows,
+    headline,
     paper_rows,
     short,
 )
@@ -37,27 +39,16 @@ PICTURES = ("training_curve", "comparison", "time_space", "soc_over_time", "soc_
 
 @dataclasses.dataclass(frozen=True)
 class Played:
-    """What the episodes gave.
+    """What the episodes gave."""
 
-    Attributes:
-        env: a single environment.
-        params: its parameters.
-        seed: which episodes.
-        scores: of all policies.
-        result: of `train.evaluation.summary.summarize`.
-        names: policies that were recorded: of the trained ones only that of the first seed.
-        seen: their survey.
-        first: the trained policy's first episode.
-    """
-
-    env: ChargingEnv
+    env: ChargingEnv  # a single one
     params: EnvParams
-    seed: int
-    scores: Mapping[str, Scores]
-    result: dict[str, Any]
-    names: list[str]
-    seen: Survey
-    first: Trace
+    seed: int  # which episodes
+    scores: Mapping[str, Scores]  # of all policies
+    result: dict[str, Any]  # of `train.evaluation.summary.summarize`
+    names: list[str]  # that were recorded: of the trained policies only that of the first seed
+    seen: Survey  # of these
+    first: Trace  # the trained policy's first episode
 
 
 def play(
@@ -81,21 +72,13 @@ def play(
         surveys.append(survey(trace))
         done = sum(int(part.episodes) for part in surveys)
         print(f"recorded {done} of {episodes} episodes", flush=True)
-    return Played(
-        env=env,
-        params=params,
-        seed=seed,
-        scores=scores,
-        result=summarize(scores, config.scenario, learned_names(scores), seed),
-        names=list(recorded),
-        seen=total(surveys),
-        first=first,
-    )
+    result = summarize(scores, config.scenario, learned_names(scores), seed)
+    return Played(env, params, seed, scores, result, list(recorded), total(surveys), first)
 
 
 def draw(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
     """Draws all figures."""
-    path = {name: run_dir.report / f"{name}.png" for name in PICTURES}
+    path = _pictures(run_dir)
     names, seen, road = played.names, played.seen, played.params.road
     decision_s = played.env.config.decision_s
     returns = {name: entry["return_mean"] for name, entry in played.result["policies"].items()}
@@ -115,15 +98,14 @@ def draw(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
 
 def write(run_dir: RunDir, config: TrainConfig, played: Played, stochastic: bool) -> None:
     """Prints the tables, and writes them to the page with the figures; numbers go to evaluation.json."""
-    result, episodes = played.result, played.result["episodes"]
-    title = f"{episodes} whole episodes of {config.scenario}, the same for every policy"
+    title = headline(played.result)
     acting = "samples its actions" if stochastic else "takes its most probable action"
     parts = sections(run_dir, config, played)
     for part in parts:
         if part.tables:
             print("", part.title, *map(format_rows, part.tables), sep="\n")
     print(f"\n{title}; {config.algorithm} {acting}")
-    write_json(run_dir.report / "evaluation.json", result)
+    write_json(run_dir.report / "evaluation.json", played.result)
     write_page(
         run_dir.report / "report.html",
         f"Report of {run_dir.path.resolve().name}",
@@ -133,10 +115,14 @@ def write(run_dir: RunDir, config: TrainConfig, played: Played, stochastic: bool
     )
 
 
+def _pictures(run_dir: RunDir) -> dict[str, Path]:
+    return {name: run_dir.report / f"{name}.png" for name in PICTURES}
+
+
 def sections(run_dir: RunDir, config: TrainConfig, played: Played) -> list[Section]:
     """The page's parts, with the figures that `draw` drew."""
     result, learned = played.result, learned_names(played.scores)
-    path = {name: run_dir.report / f"{name}.png" for name in PICTURES}
+    path = _pictures(run_dir)
     return [
         Section(
             "Figure 7: the training curve",

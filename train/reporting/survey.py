@@ -52,24 +52,16 @@ def total(surveys: Sequence[Survey]) -> Survey:
 
 
 def dispatch_rows(names: Sequence[str], seen: Survey) -> Table:
-    """From which ramps every policy sends MEDs, and what need there is where it does.
-
-    Args:
-        names: of the policies, in the order of `seen`.
-        seen: of all episodes.
-    """
+    """From which ramps every policy, in the order of `seen`, sends MEDs, and what need there is where it does."""
     ramps = [f"ramp {number}" for number in range(1, 1 + seen.sent.shape[-1])]
-    headings = ["policy", "MEDs sent", *ramps, "from the neediest ramp", "need there", "mean need"]
-    rows = [headings]
+    rows = [["policy", "MEDs sent", *ramps, "from the neediest ramp", "need there", "mean need"]]
     for index, name in enumerate(names):
         per_ramp = seen.sent[index].sum(axis=0) / seen.episodes
         count = seen.sent[index].sum()
         cells = [name, *(format(value, ".2f") for value in (per_ramp.sum(), *per_ramp))]
         if count:
-            cells += [
-                f"{seen.to_greatest[index] / count:.0%}",
-                short(seen.need_there[index] / count),
-            ]
+            need_there = short(seen.need_there[index] / count)
+            cells += [f"{seen.to_greatest[index] / count:.0%}", need_there]
         else:
             cells += ["-", "-"]
         rows.append([*cells, short(seen.need[index].mean() / seen.episodes) if ramps else "-"])
@@ -77,13 +69,7 @@ def dispatch_rows(names: Sequence[str], seen: Survey) -> Table:
 
 
 def _histogram(bins: np.ndarray, counted: np.ndarray, kept: int) -> np.ndarray:
-    """Counts `(..., SOC_BINS)`.
-
-    Args:
-        bins: (episodes, P, T, E).
-        counted: the same shape, bool.
-        kept: axes of the result before the bins: 1 for P, 2 for P and T.
-    """
+    """Counts of bins `(episodes, P, T, E)`, `(P, SOC_BINS)` if one axis is kept, `(P, T, SOC_BINS)` if two are."""
     shape = bins.shape[1 : 1 + kept]
     cell = np.arange(np.prod(shape)).reshape(1, *shape, *(1,) * (3 - kept))
     flat = (cell * SOC_BINS + bins)[counted]

@@ -44,9 +44,7 @@ class Trace(struct.PyTreeNode):
 
     frames: Frame  # (T + 1, ...), the first is of the reset
     sent: jax.Array  # (T,) int32, the ramp that a MED was sent from, counted from 1; 0: none
-    need: (
-        jax.Array
-    )  # (T, R) EVs, `forecast_need` over the window that policies see, before the decision
+    need: jax.Array  # (T, R) EVs, `forecast_need` as policies see it, before the decision
     reward: jax.Array  # (T,)
     depleted: jax.Array  # (T,) EVs that ran out
 
@@ -91,15 +89,18 @@ def _recorder(
         """Traces of some episodes."""
         weights, params = same
         look = jax.vmap(lambda state: _frame(*env.highway(state, params), env.config))
-        need = jax.vmap(lambda state: _need(*env.highway(state, params), env.config))
+
+        def need_at(state: Any) -> jax.Array:
+            highway, numbers = env.highway(state, params)
+            return forecast_need(highway, env.config, numbers, NEED_WINDOW_S)
 
         def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
             """One decision in every row."""
             after, made = player.decide(episodes, number, weights, params)
             happened = made.info["tally"]
             sent = jnp.where(happened.meds_dispatched > 0.0, made.action, 0)
-            traced = look(after.state), sent, need(episodes.state), made.reward, happened.depleted
-            return after, traced
+            seen, need = look(after.state), jax.vmap(need_at)(episodes.state)
+            return after, (seen, sent, need, made.reward, happened.depleted)
 
         first = player.start(keys, params)
         _, (frames, *decided) = lax.scan(decide, first, jnp.arange(steps, dtype=jnp.int32))
@@ -117,11 +118,6 @@ def _recorder(
         return shared(keys, (weights, params))
 
     return jax.jit(run)
-
-
-def _need(state: EnvState, params: EnvParams, config: EnvConfig) -> jax.Array:
-    """`Trace.need` of a state, (R,)."""
-    return forecast_need(state, config, params, NEED_WINDOW_S)
 
 
 def _frame(state: EnvState, params: EnvParams, config: EnvConfig) -> Frame:

@@ -5,6 +5,7 @@ import dataclasses
 import math
 import re
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +19,10 @@ AUTO = "auto"
 
 @dataclasses.dataclass(frozen=True)
 class Processes:
-    """The processes that train together.
+    """The processes that train together; InputError for numbers that do not go together."""
 
-    Raises:
-        InputError: numbers that do not go together.
-    """
-
-    coordinator: str | None = (
-        None  # HOST:PORT of the first; AUTO: the scheduler knows; None: this one is alone
-    )
+    # HOST:PORT of the first; AUTO: the scheduler knows; None: this one is alone
+    coordinator: str | None = None
     number: int | None = None
     index: int | None = None
 
@@ -67,13 +63,9 @@ class Request:
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
     """Defaults are shown where they say something."""
 
-    def __init__(self, prog: str) -> None:
-        super().__init__(prog, max_help_position=32, width=100)
-
     def _get_help_string(self, action: argparse.Action) -> str | None:
-        if action.default is None or action.default is argparse.SUPPRESS:
-            return action.help
-        return super()._get_help_string(action)
+        says = action.default not in (None, argparse.SUPPRESS)
+        return super()._get_help_string(action) if says else action.help
 
 
 def build_parser(kind: type[TrainConfig]) -> OneLineParser:
@@ -83,7 +75,7 @@ def build_parser(kind: type[TrainConfig]) -> OneLineParser:
         prog=f"python -m {command}",
         description=f"Trains a dispatcher with {learner}, then evaluates it beside those that are not learned.",
         epilog=f"Example: python -m {command} --num-envs 1024 --set cooldown_s=30 --run-dir runs/slow",
-        formatter_class=_Help,
+        formatter_class=partial(_Help, max_help_position=32, width=100),
     )
     files = parser.add_argument_group("files")
     files.add_argument(
@@ -110,9 +102,8 @@ def build_parser(kind: type[TrainConfig]) -> OneLineParser:
     several.add_argument("--num-processes", metavar="N", help="how many there are")
     several.add_argument("--process-id", metavar="N", help="which of them this is, from 0")
     groups: dict[str, argparse._ArgumentGroup] = {}
-    for field in sorted(
-        dataclasses.fields(kind), key=lambda own: own.metadata["group"] == "network"
-    ):
+    fields = dataclasses.fields(kind)
+    for field in sorted(fields, key=lambda own: own.metadata["group"] == "network"):
         title = field.metadata["group"]
         group = groups.setdefault(title, parser.add_argument_group(title))
         _add_option(group, field)
@@ -130,60 +121,51 @@ def _add_option(group: argparse._ArgumentGroup, field: dataclasses.Field[Any]) -
     if meta["choices"]:
         text += f"; one of {', '.join(meta['choices'])}"
     if isinstance(default, bool):
-        word = "on" if default else "off"
+        text += f" (default: {'on' if default else 'off'})"
         action = argparse.BooleanOptionalAction
-        group.add_argument(
-            name, action=action, default=argparse.SUPPRESS, help=f"{text} (default: {word})"
-        )
+        group.add_argument(name, action=action, default=argparse.SUPPRESS, help=text)
         return
-    shown_default = " ".join(map(str, default)) if isinstance(default, tuple) else default
+    values = default if isinstance(default, tuple) else (default,)
+    names = {float: "X", str: "N" if meta["choices"] else "NAME"}
     low, high = meta["low"], meta["high"]
     allowed = "" if low is None else f"{low:.10g} to {high:.10g}; "
     group.add_argument(
         name,
         *meta["flags"],
         default=argparse.SUPPRESS,
-        metavar=meta["metavar"] or ("X" if isinstance(default, float) else "N"),
+        metavar=names.get(type(values[0]), "N"),
         nargs="+" if isinstance(default, tuple) else None,
-        help=f"{text} ({allowed}default: {shown_default})",
+        help=f"{text} ({allowed}default: {' '.join(map(str, values))})",
     )
 
 
 def parse_request(kind: type[TrainConfig], argv: Sequence[str] | None = None) -> Request:
-    """The request that `argv` makes, checked; bad input ends the command with exit code 2.
-
-    Args:
-        kind: of settings.
-        argv: arguments; None takes those of the process.
-    """
+    """The checked request of `argv` (None: that of the process); bad input ends the command with exit code 2."""
     parser = build_parser(kind)
     given = vars(parser.parse_args(argv))
-    run_dir, resume, file = given.pop("run_dir"), given.pop("resume"), given.pop("config")
+    files = {"--run-dir": "run_dir", "--resume": "resume", "--config": "config"}
+    texts = {option: given.pop(name) for option, name in files.items()}
     coordinator = given.pop("coordinator")
     numbers = [given.pop(name) for name in ("num_processes", "process_id")]
     try:
         processes = Processes(
             coordinator, *(text if text is None else _number(text, int) for text in numbers)
         )
-        for option, value in (("--run-dir", run_dir), ("--config", file)):
-            if value is not None and resume is not None:
-                raise InputError(
-                    f"{option} is {value} with --resume {resume}, allowed: one of the two"
-                )
-        given_paths = {"--run-dir": run_dir, "--resume": resume, "--config": file}
-        paths = {
-            name: as_path(name, text) for name, text in given_paths.items() if text is not None
-        }
-        saved = _saved(kind, paths.get("--resume"), paths.get("--config"))
-        config = _config(settings_from_text(kind, given), saved)
+        resume = texts["--resume"]
+        for option in ("--run-dir", "--config"):
+            if resume is not None and texts[option] is not None:
+                what = f"{option} is {texts[option]} with --resume {resume}"
+                raise InputError(f"{what}, allowed: one of the two")
+        run_dir, run, file = (
+            None if text is None else as_path(option, text) for option, text in texts.items()
+        )
+        before = to_json(_saved(kind, run, file))
+        changes = settings_from_text(kind, given)
+        changes["overrides"] = {**before["overrides"], **changes["overrides"]}
+        config = from_json({**before, **changes}, kind)
     except InputError as error:
         parser.error(str(error))
-    return Request(
-        config,
-        run_dir=paths.get("--run-dir"),
-        resume=paths.get("--resume"),
-        processes=processes,
-    )
+    return Request(config, run_dir, run, processes)
 
 
 def _saved(kind: type[TrainConfig], run: Path | None, file: Path | None) -> TrainConfig:
@@ -191,13 +173,6 @@ def _saved(kind: type[TrainConfig], run: Path | None, file: Path | None) -> Trai
     if run is not None:
         return RunDir(run).load_config(kind)
     return load_config(file, kind) if file is not None else kind()
-
-
-def _config(changes: dict[str, Any], saved: TrainConfig) -> TrainConfig:
-    """The settings: those saved, and what the command line changes."""
-    before = to_json(saved)
-    changes["overrides"] = {**before["overrides"], **changes["overrides"]}
-    return from_json({**before, **changes}, type(saved))
 
 
 def settings_from_text(kind: type[TrainConfig], given: dict[str, Any]) -> dict[str, Any]:

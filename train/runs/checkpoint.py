@@ -39,11 +39,7 @@ class Checkpoints:
         self.keep = keep
 
     def save(self, state: TrainState, config: TrainConfig) -> None:
-        """Writes `state` under its number of updates; one that is already there is left alone.
-
-        Args:
-            state: arrays of NumPy (`to_host`).
-            config: settings that it was trained with.
+        """Writes a state `to_host` under its number of updates; one that is already there is left alone.
 
         Raises:
             OSError: it could not be written; those before it are as they were.
@@ -64,27 +60,23 @@ class Checkpoints:
 
     def all(self) -> list[int]:
         """Updates done at each checkpoint, the newest last."""
-        return sorted(
-            int(path.stem) for path in self.directory.glob("*.npz") if path.stem.isdecimal()
-        )
+        stems = [path.stem for path in self.directory.glob("*.npz")]
+        return sorted(int(stem) for stem in stems if stem.isdecimal())
 
     def latest(self) -> int | None:
         """Updates done at the newest checkpoint; None if there is none."""
         return max(self.all(), default=None)
 
     def restore(self, expected: TrainState) -> TrainState:
-        """Reads the newest checkpoint.
+        """The newest checkpoint as arrays of NumPy, for `to_devices`.
 
         Args:
             expected: shapes and types that it must have (`train.algorithms.programs.shapes_of`).
 
-        Returns:
-            The state as arrays of NumPy, for `to_devices`.
-
         Raises:
             InputError: there is none, it is damaged or foreign, or an array differs; the message names the first.
         """
-        return self._read(None, jax.eval_shape(_without_keys, expected), "")  # type: ignore[no-any-return]
+        return self._read(None, jax.eval_shape(_without_keys, expected), "")
 
     def restore_weights(self, expected: PolicyWeights, step: int | None = None) -> PolicyWeights:
         """Reads only what acting needs, whatever number of environments it was trained with.
@@ -96,7 +88,7 @@ class Checkpoints:
         Raises:
             InputError: see `restore`.
         """
-        return jax.tree.map(jnp.asarray, self._read(step, expected, WEIGHTS))  # type: ignore[no-any-return]
+        return jax.tree.map(jnp.asarray, self._read(step, expected, WEIGHTS))
 
     def _path(self, update: int) -> Path:
         return self.directory / f"{update}.npz"
@@ -122,15 +114,12 @@ class Checkpoints:
         if version != FORMAT:
             raise InputError(f"{where} is of format {version!r}, allowed: {FORMAT}")
         wanted = _named(expected, prefix)
-        saved_layout, layout = _layout(arrays), _layout(wanted)
-        for name in sorted({*saved_layout, *layout}):
-            found, allowed = (table.get(name, "missing") for table in (saved_layout, layout))
+        for name in sorted({*arrays, *wanted}):
+            found, allowed = _layout(arrays.get(name)), _layout(wanted.get(name))
             if found != allowed:
-                raise InputError(
-                    f"{where} is of another shape: {name} is {found}, allowed: {allowed}"
-                )
-        leaves = [arrays[name] for name in wanted]
-        return jax.tree.unflatten(jax.tree.structure(expected), leaves)
+                what = f"{name} is {found}, allowed: {allowed}"
+                raise InputError(f"{where} is of another shape: {what}")
+        return jax.tree.unflatten(jax.tree.structure(expected), [arrays[name] for name in wanted])
 
 
 def updates_done(state: TrainState) -> int:
@@ -140,7 +129,7 @@ def updates_done(state: TrainState) -> int:
 
 def to_host(state: TrainState) -> TrainState:
     """Arrays of NumPy, those of other processes among them, with PRNG keys as the numbers they hold."""
-    return fetch(_without_keys(state))  # type: ignore[no-any-return]
+    return fetch(_without_keys(state))
 
 
 def to_devices(state: TrainState, expected: TrainState, shardings: Any) -> TrainState:
@@ -156,21 +145,20 @@ def to_devices(state: TrainState, expected: TrainState, shardings: Any) -> Train
         return jax.random.wrap_key_data(leaf) if _is_key(like) else leaf
 
     place = jax.jit(lambda plain: jax.tree.map(wrap, expected, plain), out_shardings=shardings)
-    return place(state)  # type: ignore[no-any-return]
+    return place(state)
 
 
 def _named(tree: Any, prefix: str = "") -> dict[str, Any]:
     """The leaves by their paths, e.g. `opt_state/0/count`."""
-    leaves = jax.tree_util.tree_flatten_with_path(tree)[0]
     return {
         prefix + jax.tree_util.keystr(path, simple=True, separator="/"): leaf
-        for path, leaf in leaves
+        for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
     }
 
 
-def _layout(arrays: dict[str, Any]) -> dict[str, str]:
-    """Shape and type of each, e.g. `(1024, 300) float32`."""
-    return {name: f"{array.shape} {array.dtype}" for name, array in arrays.items()}
+def _layout(array: Any) -> str:
+    """Shape and type, e.g. `(1024, 300) float32`."""
+    return "missing" if array is None else f"{array.shape} {array.dtype}"
 
 
 def _is_key(leaf: Any) -> bool:

@@ -1,5 +1,6 @@
 """What training reports while it runs: metrics.jsonl, TensorBoard and the progress bar."""
 
+import contextlib
 import json
 import math
 import os
@@ -33,17 +34,13 @@ def rows_from(metrics: dict[str, Any], count: int) -> list[Row]:
         metrics: arrays `(places,)` or `(num_seeds, places)`.
         count: leading places that are filled.
     """
-    columns = {
-        name: np.asarray(values, np.float64)[..., :count] for name, values in metrics.items()
-    }
+    columns = {name: np.asarray(values, np.float64) for name, values in metrics.items()}
     rows = []
     for index in range(count):
         cells = {name: column[..., index] for name, column in columns.items()}
         row: Row = {name: plain(_mean(cell)) for name, cell in cells.items()}
         if next(iter(cells.values())).ndim:
-            row["per_seed"] = {
-                name: [plain(value) for value in cell] for name, cell in cells.items()
-            }
+            row["per_seed"] = {name: [*map(plain, cell)] for name, cell in cells.items()}
         rows.append(row)
     return rows
 
@@ -90,7 +87,9 @@ class MetricsLog:
         self.rows = [row for row in read_rows(run_dir.metrics) if row["update"] <= done]
         self._path = run_dir.metrics
         write_text(self._path, "".join(map(_line, self.rows)))
-        self._board = _tensorboard(run_dir.tensorboard, self.rows)
+        self._board: _Board | None = None
+        with contextlib.suppress(ImportError):  # TensorBoard is optional
+            self._board = _Board(run_dir.tensorboard, self.rows)
 
     def write(self, rows: list[Row]) -> None:
         """Appends rows, whole lines or nothing; they are in the file when this returns.
@@ -140,32 +139,22 @@ class _Board:
         self._file = EventsWriter(str(path / "events"), f".{os.getpid()}")
         if rows:  # steps from here on hide those of a killed run
             start = SessionLog(status=SessionLog.START)
-            self._file.write_event(
-                Event(wall_time=time.time(), step=rows[-1]["env_steps"] + 1, session_log=start)
-            )
+            self._add(rows[-1]["env_steps"] + 1, session_log=start)
 
     def write(self, row: Row) -> None:
         """Adds every number of a row."""
         for name, value in row.items():
             if isinstance(value, float):
                 group = "episode" if name.startswith("episode") else "train"
-                summary = self._scalar(f"{group}/{name}", value)
-                self._file.write_event(
-                    self._event(wall_time=time.time(), step=row["env_steps"], summary=summary)
-                )
+                self._add(row["env_steps"], summary=self._scalar(f"{group}/{name}", value))
         self._file.flush()
+
+    def _add(self, step: int, **what: Any) -> None:
+        self._file.write_event(self._event(wall_time=time.time(), step=step, **what))
 
     def close(self) -> None:
         """Closes the file."""
         self._file.close()
-
-
-def _tensorboard(path: Path, rows: list[Row]) -> _Board | None:
-    """A writer of event files; None without tensorboardX."""
-    try:
-        return _Board(path, rows)
-    except ImportError:
-        return None
 
 
 class Progress:

@@ -1,7 +1,7 @@
 """The beginning of a run: everything that can be checked is checked, then its directory is claimed."""
 
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO
 
 from medjax.errors import InputError
 from medjax.numerics.devices import prepare_cpu
@@ -24,7 +24,8 @@ def open_session(request: Request) -> Session:
     config = request.config
     prepare_cpu()
     join(request.processes)
-    together(lambda: _look(request.run_dir))
+    new = request.run_dir if is_first() else None
+    together(lambda: check_unused(new) if new is not None else None)
     env, params = make_environment(config)
     programs = make_train(env, params, config)
     shapes = shapes_of(programs, params, config)
@@ -32,27 +33,14 @@ def open_session(request: Request) -> Session:
     return Session(env, params, config, programs, shapes, request.resume is not None, *taken)
 
 
-def _look(run_dir: Path | None) -> None:
-    if run_dir is not None and is_first():
-        check_unused(run_dir)
-
-
-class _Taken(NamedTuple):
-    """See `Session`."""
-
-    run_dir: RunDir
-    lock: IO[str] | None
-    saved: TrainState | None
-
-
-def _take(request: Request, shapes: TrainState) -> _Taken:
-    """The directory and the checkpoint in it to go on from; only the first process locks and writes."""
+def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None, TrainState | None]:
+    """The directory, its lock and the checkpoint in it to go on from; only the first process locks and writes."""
     config = request.config
     if request.resume is None:
         if not is_first():
-            return _Taken(RunDir(request.run_dir or Path()), None, None)
+            return RunDir(request.run_dir or Path()), None, None
         run_dir = RunDir(request.run_dir or new_run_dir(config.scenario))
-        return _Taken(run_dir, run_dir.claim(config), None)
+        return run_dir, run_dir.claim(config), None
     run_dir, checkpoints = RunDir(request.resume), Checkpoints(request.resume)
     lock = run_dir.lock() if is_first() else None
     saved = checkpoints.restore(shapes) if checkpoints.latest() is not None else None
@@ -64,4 +52,4 @@ def _take(request: Request, shapes: TrainState) -> _Taken:
         )
     if is_first():
         run_dir.update_config(config, done)
-    return _Taken(run_dir, lock, saved)
+    return run_dir, lock, saved

@@ -1,19 +1,24 @@
-"""The policies of a run: what it learned, from its checkpoints, and the rules beside it."""
+"""The policies of a run: what it learned, from its checkpoints and as a file, and the rules beside it."""
 
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import jax
+from jax import export
 
 from medjax.errors import InputError
 from medjax.numerics.devices import prepare_cpu
 from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
+from medjax.policies.saved import about_of, save_policy
 from train.algorithms.environments import make_environment
-from train.algorithms.networks import PolicyWeights
+from train.algorithms.networks import PolicyWeights, apply_policy
 from train.algorithms.registry import algorithm_of
 from train.runs.checkpoint import Checkpoints
 from train.settings import TrainConfig
+
+PLATFORMS = ("cpu", "cuda", "tpu")  # that a policy's file is for
 
 
 def weight_shapes(env: Any, params: Any, config: TrainConfig) -> PolicyWeights:
@@ -52,13 +57,9 @@ def weights_by_name(config: TrainConfig, weights: PolicyWeights) -> dict[str, Po
     """
     if config.num_seeds == 1:
         return {config.algorithm: weights}
-    names = [
-        config.algorithm + (f"_seed{index + 1}" if index else "")
-        for index in range(config.num_seeds)
-    ]
     return {
-        name: jax.tree.map(lambda leaf, i=index: leaf[i], weights)
-        for index, name in enumerate(names)
+        config.algorithm + (f"_seed{i + 1}" if i else ""): jax.tree.map(itemgetter(i), weights)
+        for i in range(config.num_seeds)
     }
 
 
@@ -74,25 +75,46 @@ def all_policies(
         stochastic: sample the trained policy's actions.
     """
     learn = algorithm_of(config)
-    learned = {
-        name: learn.policy(env, config, own, stochastic)
-        for name, own in weights_by_name(config, weights).items()
-    }
+    by_name = weights_by_name(config, weights).items()
+    learned = {name: learn.policy(env, config, own, stochastic) for name, own in by_name}
     return learned | {name: build(env) for name, build in BASELINES.items()}
 
 
 def load_policies(
     run_dir: Path, config: TrainConfig, stochastic: bool
 ) -> tuple[Any, Any, dict[str, Policy]]:
-    """A single environment, its parameters, and the trained and all other policies by name.
-
-    Args:
-        run_dir: directory of the run.
-        config: its settings, or others of the same network.
-        stochastic: sample the trained policy's actions.
-
-    Raises:
-        InputError: as `load_weights`.
-    """
+    """A single environment, its parameters, and `all_policies`; arguments and errors are those of `load_weights`."""
     env, params, weights = load_weights(run_dir, config)
     return env, params, all_policies(env, config, weights, stochastic)
+
+
+def export_policy(
+    path: Path, env: Any, params: Any, config: TrainConfig, weights: PolicyWeights
+) -> None:
+    """Writes the trained policy as one file, for `medjax.policies.saved.load_policy`.
+
+    Args:
+        path: file to write, replaced.
+        env: a single environment of the run, as `medjax.make` gave it.
+        params: its parameters.
+        config: settings of the run.
+        weights: of the run; of several seeds the first is taken.
+
+    Raises:
+        InputError: the file could not name the environment.
+        OSError: it cannot be written.
+    """
+    about = about_of(env, params, config.decide_every, config.algorithm)
+    network = algorithm_of(config).build_network(env, config)
+    own = jax.device_get(weights_by_name(config, weights)[config.algorithm])
+
+    def act(obs: jax.Array, mask: jax.Array) -> tuple[jax.Array, jax.Array]:
+        policy, value = apply_policy(network, own, obs, mask)
+        return policy.probs, value
+
+    rows = export.symbolic_shape("rows")[0]
+    shapes = (
+        jax.ShapeDtypeStruct((rows, about.num_features), "float32"),
+        jax.ShapeDtypeStruct((rows, about.num_actions), "bool"),
+    )
+    save_policy(path, about, export.export(jax.jit(act), platforms=PLATFORMS)(*shapes))

@@ -22,11 +22,7 @@ PATIENCE_S = 7 * 86400  # the others wait while the first evaluates
 
 
 def join(processes: Processes) -> None:
-    """Waits for the others, before JAX computes anything.
-
-    Raises:
-        InputError: they, or the scheduler that knows them, cannot be found.
-    """
+    """Waits for the others, before JAX computes anything; InputError if they or the scheduler cannot be found."""
     if processes.coordinator is None:
         return
     address = None if processes.coordinator == AUTO else processes.coordinator
@@ -49,11 +45,7 @@ def leave(code: int) -> int:
 
 
 def together(action: Callable[[], Result]) -> Result:
-    """What `action` gives, if it went well in every process.
-
-    Raises:
-        InputError: it was refused here, or in another process.
-    """
+    """What `action` gives, if it went well in every process; InputError if it was refused here, or in another."""
     problem = None
     try:
         result = action()

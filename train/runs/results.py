@@ -14,40 +14,25 @@ from train.evaluation.summary import learned_names, summarize
 from train.evaluation.tables import format_table
 from train.reporting.figures import plot_curve
 from train.runs.logs import Row, final_return
-from train.runs.policies import all_policies, weights_by_name
-from train.runs.policy_file import export_policy
+from train.runs.policies import all_policies, export_policy, weights_by_name
 from train.runs.run_directory import RunDir, write_json
 from train.settings import TrainConfig
 
 
 @dataclasses.dataclass(frozen=True)
 class Trained:
-    """A run whose training has ended.
+    """A run whose training has ended."""
 
-    Attributes:
-        env: a single environment.
-        params: its parameters.
-        config: settings.
-        run_dir: where results go.
-        weights: what was learned, on the host.
-        rows: all lines of metrics.jsonl.
-        updates: done, in all.
-        new_updates: done by this process.
-        wall_s: seconds to the end of training, with compilation and resumed runs, without imports.
-        compile_s: seconds, of this process.
-        train_s: seconds, of this process.
-    """
-
-    env: Any
-    params: Any
+    env: Any  # a single environment
+    params: Any  # its parameters
     config: TrainConfig
-    run_dir: RunDir
-    weights: PolicyWeights
-    rows: list[Row]
-    updates: int
-    new_updates: int
-    wall_s: float
-    compile_s: float
+    run_dir: RunDir  # where results go
+    weights: PolicyWeights  # what was learned, on the host
+    rows: list[Row]  # all lines of metrics.jsonl
+    updates: int  # done, in all
+    new_updates: int  # done by this process
+    wall_s: float  # to the end of training, with compilation and resumed runs, without imports
+    compile_s: float  # of this process, as the next
     train_s: float
 
 
@@ -60,12 +45,7 @@ def prepare_evaluation(
 
 
 def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> None:
-    """Exports the policy, evaluates it, draws the curve, and writes summary.json.
-
-    Args:
-        run: what to write about.
-        evaluation: of `prepare_evaluation`; None: there is none.
-    """
+    """Exports the policy, evaluates it if there is a `prepare_evaluation`, draws the curve, writes summary.json."""
     started = time.perf_counter()
     export_policy(run.run_dir.policy, run.env, run.params, run.config, run.weights)
     returns = _evaluate(run, evaluation) if evaluation is not None else {}
@@ -82,11 +62,9 @@ def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> None:
 
 def _evaluate(run: Trained, evaluation: Future[Evaluation]) -> dict[str, float]:
     """Plays the closing evaluation, writes and prints it. Returns the mean returns by policy."""
-    config = run.config
-    policies = all_policies(run.env, config, run.weights)
-    print(
-        f"evaluating {len(policies)} policies on {config.eval_episodes} episodes each", flush=True
-    )
+    config, policies = run.config, all_policies(run.env, run.config, run.weights)
+    episodes = config.eval_episodes
+    print(f"evaluating {len(policies)} policies on {episodes} episodes each", flush=True)
     scores = evaluation.result().play(policies, config.seed)
     learned = learned_names(scores)
     result = summarize(scores, config.scenario, learned, config.seed)

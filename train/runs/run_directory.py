@@ -1,14 +1,13 @@
 """The directory of a run: what is in it, and how it is claimed without overwriting anything."""
 
 import contextlib
-import dataclasses
 import fcntl
 import importlib.util
 import itertools
 import json
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import IO, Any
@@ -22,51 +21,19 @@ PACKAGES = ("medjax", "jax", "jaxlib", "flax", "optax", "distrax", "numpy")
 LOCK = ".lock"
 
 
-@dataclasses.dataclass(frozen=True)
 class RunDir:
-    """Paths in the directory of a run."""
+    """The directory of a run, and the paths of what is in it."""
 
-    path: Path
-
-    @property
-    def config(self) -> Path:
-        """Settings and versions."""
-        return self.path / "config.json"
-
-    @property
-    def metrics(self) -> Path:
-        """A line of JSON an update."""
-        return self.path / "metrics.jsonl"
-
-    @property
-    def summary(self) -> Path:
-        """What came out."""
-        return self.path / "summary.json"
-
-    @property
-    def evaluation(self) -> Path:
-        """The closing evaluation."""
-        return self.path / "evaluation.json"
-
-    @property
-    def policy(self) -> Path:
-        """The trained policy, for `medjax.policies.saved.load_policy`."""
-        return self.path / "policy.zip"
-
-    @property
-    def plots(self) -> Path:
-        """Pictures."""
-        return self.path / "plots"
-
-    @property
-    def report(self) -> Path:
-        """Tables and figures of `train.report`."""
-        return self.path / "report"
-
-    @property
-    def tensorboard(self) -> Path:
-        """Event files."""
-        return self.path / "tensorboard"
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.config = path / "config.json"  # settings and versions
+        self.metrics = path / "metrics.jsonl"  # a line of JSON an update
+        self.summary = path / "summary.json"  # what came out
+        self.evaluation = path / "evaluation.json"  # the closing one
+        self.policy = path / "policy.zip"  # for `medjax.policies.saved.load_policy`
+        self.plots = path / "plots"
+        self.report = path / "report"  # tables and figures of `train.report`
+        self.tensorboard = path / "tensorboard"  # event files
 
     def load_config(self, *kinds: type[TrainConfig]) -> TrainConfig:
         """Settings of the run.
@@ -84,23 +51,21 @@ class RunDir:
         return load_config(self.config, *(kinds or SETTINGS))
 
     def claim(self, config: TrainConfig) -> IO[str]:
-        """Makes the directory, locks it and writes the settings into it.
-
-        Returns:
-            The lock; see `lock`.
+        """Makes the directory, writes the settings into it and returns its `lock`.
 
         Raises:
             InputError: it is in use or cannot be written.
         """
         check_unused(self.path)
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            held = self.lock()
-            check_unused(self.path)  # another run may have come and gone
-            self._save_config(config)
-        except OSError as error:
-            self.release()
-            raise _unwritable(self.path, error) from None
+        with _writing(self.path):
+            try:
+                self.path.mkdir(parents=True, exist_ok=True)
+                held = self.lock()
+                check_unused(self.path)  # another run may have come and gone
+                self._save_config(config)
+            except OSError:
+                self.release()
+                raise
         return held
 
     def lock(self) -> IO[str]:
@@ -109,15 +74,14 @@ class RunDir:
         Raises:
             InputError: a run under way has it, or the directory cannot be written.
         """
-        try:
+        with _writing(self.path):
             file = (self.path / LOCK).open("a", encoding="utf-8")
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(
-                f"run {self.path} is under way in another process, allowed: one process at a time"
-            ) from None
-        except OSError as error:
-            raise _unwritable(self.path, error) from None
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise InputError(
+                    f"run {self.path} is under way in another process, allowed: one process at a time"
+                ) from None
         return file
 
     def release(self) -> None:
@@ -133,14 +97,12 @@ class RunDir:
         Raises:
             InputError: the directory cannot be written.
         """
-        try:
+        with _writing(self.path):
             check_writable(self.path)
             if load_config(self.config, type(config)) != config:
                 before = self.config.read_text(encoding="utf-8")
                 write_text(self.path / f"config-until-{update}.json", before)
                 self._save_config(config)
-        except OSError as error:
-            raise _unwritable(self.path, error) from None
 
     def _save_config(self, config: TrainConfig) -> None:
         """Writes the settings, and the versions of what ran them."""
@@ -156,62 +118,52 @@ def new_run_dir(scenario: str, root: Path = Path("runs")) -> Path:
     """
     for number in itertools.count(1):
         path = root / f"{scenario}-{number}"
-        try:
-            path.mkdir(parents=True)
-            return path
-        except FileExistsError:
-            if not root.is_dir():
-                raise InputError(f"{root} is not a directory, allowed: a directory") from None
-        except OSError as error:
-            raise _unwritable(path, error) from None
+        with _writing(path):
+            try:
+                path.mkdir(parents=True)
+                return path
+            except FileExistsError:
+                if not root.is_dir():
+                    raise InputError(f"{root} is not a directory, allowed: a directory") from None
     raise AssertionError
 
 
 def check_unused(path: Path) -> None:
-    """Refuses a directory that holds anything.
-
-    Raises:
-        InputError: it is in use, is not a directory, or could not be made.
-    """
-    try:
+    """Refuses (InputError) a directory that holds anything, is none, or could not be made."""
+    allowed = "allowed: a new or empty directory"
+    with _writing(path):
         if path.exists() and not path.is_dir():
-            raise InputError(
-                f"run-dir is {path}, which is not a directory, allowed: a new or empty directory"
-            )
+            raise InputError(f"run-dir is {path}, which is not a directory, {allowed}")
         if path.exists() and any(entry.name != LOCK for entry in path.iterdir()):
             raise InputError(
-                f"run-dir is {path}, which already holds files, allowed: a new or empty directory"
-                " (or --resume it)"
+                f"run-dir is {path}, which already holds files, {allowed} (or --resume it)"
             )
         check_writable(next(there for there in (path, *path.parents) if os.path.lexists(there)))
-    except OSError as error:
-        raise _unwritable(path, error) from None
 
 
 def check_matplotlib() -> None:
-    """Refuses to draw where matplotlib is missing, before the work for it is done.
-
-    Raises:
-        InputError: it is not installed.
-    """
+    """Refuses to draw (InputError) where matplotlib is not installed, before the work for it is done."""
     if importlib.util.find_spec("matplotlib") is None:
         raise InputError("matplotlib is not installed, allowed: pip install 'medjax[train]'")
 
 
-def _unwritable(path: Path, error: OSError) -> InputError:
-    return InputError(
-        f"cannot write run-dir {path}: {error.strerror}, allowed: a writable directory"
-    )
+@contextlib.contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Within it an OSError is bad input: the directory cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(
+            f"cannot write run-dir {path}: {error.strerror}, allowed: a writable directory"
+        ) from None
 
 
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that determine results."""
     found = {"python": platform.python_version()}
     for name in PACKAGES:
-        try:
+        with contextlib.suppress(metadata.PackageNotFoundError):
             found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
     return found
 
 

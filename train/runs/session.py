@@ -1,5 +1,6 @@
 """A training run as the host sees it: compile, drive chunks of updates, save, and close with an evaluation."""
 
+import contextlib
 import dataclasses
 import signal
 import sys
@@ -30,29 +31,17 @@ SECONDS_PER_CALL = 1.0  # of the compiled program: how often the bar moves and C
 
 @dataclasses.dataclass
 class Session:
-    """One run, from `train.runs.open_session` to its exit code.
+    """One run, from `train.runs.open_session` to its exit code."""
 
-    Attributes:
-        env: a single environment.
-        params: its parameters.
-        config: settings.
-        programs: see `make_train`.
-        shapes: shapes and types of the training state.
-        resumed: goes on with a run.
-        run_dir: where results go.
-        lock: keeps other runs out of there while it is open; only the first process has it.
-        saved: the checkpoint to go on from, on the host; None: from the start.
-    """
-
-    env: Any
-    params: Any
+    env: Any  # a single environment
+    params: Any  # its parameters
     config: TrainConfig
     programs: Programs
-    shapes: TrainState
-    resumed: bool
-    run_dir: RunDir
-    lock: IO[str] | None
-    saved: TrainState | None
+    shapes: TrainState  # shapes and types
+    resumed: bool  # goes on with a run
+    run_dir: RunDir  # where results go
+    lock: IO[str] | None  # keeps other runs out while it is open; only the first process has it
+    saved: TrainState | None  # checkpoint to go on from, on the host; None: from the start
 
     def __post_init__(self) -> None:
         """Starts the clock."""
@@ -70,13 +59,13 @@ class Session:
         except KeyboardInterrupt:
             return leave(_interrupted(signal.SIGINT, f"at once; {self._newest()}"))
         except OSError as error:
-            what = f"cannot write {self.run_dir.path}: {error.strerror or error}"
-            return leave(_stopped(f"{what}: stopped; {self._newest()}"))
+            reason = error.strerror or error
+            return leave(self._stopped(f"cannot write {self.run_dir.path}: {reason}"))
         except jax.errors.JaxRuntimeError as error:
             if jax.process_count() == 1:
                 raise
-            what = f"another process ended ({str(error).partition(chr(10))[0][:100]})"
-            return leave(_stopped(f"{what}: stopped; {self._newest()}"))
+            reason = str(error).partition("\n")[0][:100]
+            return leave(self._stopped(f"another process ended ({reason})"))
         finally:
             if self.lock is not None:
                 self.lock.close()
@@ -84,16 +73,14 @@ class Session:
     def _run(self) -> int:
         enable_compilation_cache()
         self._announce()
-        progress = Progress(self.config, self.done, "compiling")
         try:
-            init, run = self._compile()
+            with contextlib.closing(Progress(self.config, self.done, "compiling")):
+                init, run = self._compile()
         except KeyboardInterrupt:
             if self.resumed:
                 raise
             self.run_dir.release()
             return leave(_interrupted(signal.SIGINT, "before the first update, nothing is left"))
-        finally:
-            progress.close()
         log = MetricsLog(self.run_dir, self.done) if is_first() else None
         rows = log.rows if log else []
         self.earlier_s = rows[-1]["wall_s"] if rows else 0.0
@@ -106,7 +93,7 @@ class Session:
             if log:
                 log.close()
         if bad:
-            return _stopped(f"{bad}: stopped; {self._newest()}")
+            return self._stopped(bad)
         return self._close(state, rows, interrupt.number)
 
     def _close(self, state: TrainState, rows: list[Row], stopped_by: int | None) -> int:
@@ -131,21 +118,18 @@ class Session:
                 write_results(ended, self.evaluation if stopped_by is None else None)
             except KeyboardInterrupt:
                 write_results(ended, None)
-                again = f"python -m train.evaluate --run-dir {self.run_dir.path}"
-                return leave(
-                    _interrupted(signal.SIGINT, f"after the last update; evaluate with: {again}")
-                )
+                again = f"evaluate with: python -m train.evaluate --run-dir {self.run_dir.path}"
+                return leave(_interrupted(signal.SIGINT, f"after the last update; {again}"))
         if stopped_by is None:
             return 0
         again = f"python -m train.{self.config.algorithm} --resume {self.run_dir.path}"
-        return _interrupted(
-            stopped_by, f"after update {updates_done(plain)}, saved; go on with: {again}"
-        )
+        what = f"after update {updates_done(plain)}, saved; go on with: {again}"
+        return _interrupted(stopped_by, what)
 
     def _announce(self) -> None:
-        config, device = self.config, jax.devices()[0]
         if not is_first():
             return
+        config, device = self.config, jax.devices()[0]
         seeds = f" x {config.num_seeds} seeds" if config.num_seeds > 1 else ""
         shared = f" in {jax.process_count()} processes" if jax.process_count() > 1 else ""
         print(
@@ -162,13 +146,11 @@ class Session:
         the time that it takes for one program.
         """
         start = time.perf_counter()
-        init: Any = self.programs.init
-        run: Any = self.programs.run
         waiting = None
         if self.saved is None:
-            lowered = init.lower(jax.random.key(self.config.seed), self.params)
+            lowered = self.programs.init.lower(jax.random.key(self.config.seed), self.params)
             waiting = self.behind.submit(lowered.compile, compiler_options=ONCE)
-        lowered = run.lower(self.shapes, self.params, jnp.int32(1))
+        lowered = self.programs.run.lower(self.shapes, self.params, jnp.int32(1))
         if self.config.eval_episodes and is_first():
             self.evaluation = self.behind.submit(
                 prepare_evaluation, self.env, self.params, self.config, self.shapes.weights
@@ -181,8 +163,7 @@ class Session:
     def _begin(self, init: Any) -> TrainState:
         """The state to train from."""
         if self.saved is None:
-            state: TrainState = init(jax.random.key(self.config.seed), self.params)
-            return state
+            return init(jax.random.key(self.config.seed), self.params)
         saved, self.saved = self.saved, None
         return to_devices(saved, self.shapes, self.programs.shardings)
 
@@ -200,6 +181,7 @@ class Session:
             The state, and what in it is not finite, if something is (it is not saved then).
         """
         config, started = self.config, time.perf_counter()
+        steps = config.steps_per_update * config.num_seeds
         done, per_update_s = self.done, SECONDS_PER_CALL
         while done < config.num_updates:
             said = agree(self._chunk(done, per_update_s), interrupt.number or 0)
@@ -211,16 +193,18 @@ class Session:
             metrics = jax.device_get(metrics)
             per_update_s = (time.perf_counter() - called) / count
             healthy, bad = finite_updates(metrics.pop(BAD)[..., :count])
-            rows = rows_from(metrics, count)
-            for index, row in enumerate(rows):
-                since = called + (index + 1) * per_update_s
-                rows[index] = {
-                    "update": done + index + 1,
-                    "env_steps": (done + index + 1) * config.steps_per_update * config.num_seeds,
-                    "wall_s": round(self.earlier_s + since - self.began, 3),
-                    "env_steps_per_s": config.steps_per_update * config.num_seeds / per_update_s,
+            rows = [
+                {
+                    "update": done + number,
+                    "env_steps": (done + number) * steps,
+                    "wall_s": round(
+                        self.earlier_s + called + number * per_update_s - self.began, 3
+                    ),
+                    "env_steps_per_s": steps / per_update_s,
                     **row,
                 }
+                for number, row in enumerate(rows_from(metrics, count), 1)
+            ]
             done += count
             if bad:
                 rows = rows[: healthy + 1]
@@ -251,15 +235,13 @@ class Session:
 
     def _newest(self) -> str:
         """What is saved, in words."""
-        update = self.checkpoints.latest()
-        return (
-            f"the newest checkpoint is of update {update}" if update else "there is no checkpoint"
-        )
+        if update := self.checkpoints.latest():
+            return f"the newest checkpoint is of update {update}"
+        return "there is no checkpoint"
 
-
-def _stopped(what: str) -> int:
-    print(what, file=sys.stderr)
-    return 1
+    def _stopped(self, what: str) -> int:
+        print(f"{what}: stopped; {self._newest()}", file=sys.stderr)
+        return 1
 
 
 def _interrupted(number: int, what: str) -> int:

@@ -1,9 +1,10 @@
 """What the commands on a trained run share: their options, and the settings that they play it with."""
 
+import argparse
 import dataclasses
 from collections.abc import Mapping
 
-from medjax.commandline import OneLineParser
+from medjax.commandline import OneLineParser, whole_number
 from train.option import Override
 from train.settings import TrainConfig
 
@@ -28,10 +29,17 @@ def trained_run_parser(prog: str, description: str) -> OneLineParser:
     return parser
 
 
+def whole_numbers(given: argparse.Namespace) -> dict[str, int]:
+    """Those of `LIMITS` that a command has as options, checked."""
+    return {
+        name: whole_number(f"--{name}", getattr(given, name), *limits)
+        for name, limits in LIMITS.items()
+        if name in given
+    }
+
+
 def to_play(
-    config: TrainConfig,
-    scenario: str | None = None,
-    changes: Mapping[str, Override] | None = None,
+    config: TrainConfig, scenario: str | None = None, changes: Mapping[str, Override] | None = None
 ) -> TrainConfig:
     """Settings of a run, for playing it here, in the environment that is asked for.
 

@@ -26,11 +26,8 @@ def build_parser(study: str) -> OneLineParser:
     parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
     add_set_option(parser, "set another number of the environment, as for train.ppo; repeatable")
     add_plot(parser, "the figure")
-    parser.add_argument(
-        "--stochastic",
-        action="store_true",
-        help="sample the trained policy's actions; else the most probable",
-    )
+    shown = "sample the trained policy's actions; else the most probable"
+    parser.add_argument("--stochastic", action="store_true", help=shown)
     if study == WEIGHTS:
         weights.add_options(parser)
     else:
@@ -39,7 +36,6 @@ def build_parser(study: str) -> OneLineParser:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command."""
     top = OneLineParser(
         prog="python -m benchmarks.ablation",
         description=__doc__,

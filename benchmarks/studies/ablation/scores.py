@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from medjax.commandline import parse_overrides
 from medjax.episodes.scores import Scores
-from medjax.errors import shown
 from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
 from train.algorithms.ppo.settings import PPOConfig
@@ -35,17 +33,6 @@ class Column:
     with_interval: bool = False
 
 
-def non_negative(text: str) -> float:
-    """A type of argument: finite numbers from 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (text.isascii() and math.isfinite(value) and value >= 0.0):
-        raise argparse.ArgumentTypeError(f"{shown(text)}: allowed a number from 0")
-    return value
-
-
 def settings(options: argparse.Namespace) -> TrainConfig:
     """Those of the run that is given, else the default ones; with the environment that is asked for.
 
@@ -54,7 +41,7 @@ def settings(options: argparse.Namespace) -> TrainConfig:
     """
     run_dir = getattr(options, "run_dir", None)
     config = RunDir(run_dir).load_config() if run_dir else PPOConfig(seed=options.seed)
-    return to_play(config, options.scenario, parse_overrides(getattr(options, "overrides", [])))
+    return to_play(config, options.scenario, parse_overrides(options.overrides))
 
 
 def rules(env: Any) -> dict[str, Policy]:
@@ -69,15 +56,18 @@ def in_world(score: Scores, index: int) -> Scores:
 
 def describe(score: Scores, columns: Sequence[Column], seed: int) -> dict[str, Any]:
     """Means of all metrics over the episodes, as METRIC, and the intervals that are shown, as METRIC_ci95."""
-    means: dict[str, Any] = {metric: float(values.mean()) for metric, values in score.items()}
-    shown = [column.metric for column in columns if column.with_interval]
-    return means | {f"{metric}_ci95": list(bootstrap_ci95(score[metric], seed)) for metric in shown}
+    row: dict[str, Any] = {metric: float(values.mean()) for metric, values in score.items()}
+    for column in columns:
+        if column.with_interval:
+            row[f"{column.metric}_ci95"] = list(bootstrap_ci95(score[column.metric], seed))
+    return row
 
 
 def headings(columns: Sequence[Column]) -> list[str]:
     """Those of `cells`."""
-    each = [[column.heading, *["95 % CI"] * column.with_interval] for column in columns]
-    return [text for texts in each for text in texts]
+    return [
+        text for each in columns for text in (each.heading, "95 % CI")[: 1 + each.with_interval]
+    ]
 
 
 def cells(row: Mapping[str, Any], columns: Sequence[Column]) -> list[str]:
@@ -96,11 +86,8 @@ def finish(
     """Labels the panels, puts one legend under all of them, and writes the PNG.
 
     Args:
-      figure: of `train.reporting.figures.new_figure`.
       panels: what stands at the axes of each: x and y; they show the same policies.
-      title: heading.
       columns: of the legend, at most.
-      path: file to write.
     """
     for axes, (x, y) in panels.items():
         axes.set_xlabel(x)
@@ -118,10 +105,7 @@ def draw_rows(
     """Means of rows of one policy, with the intervals that they have along either axis.
 
     Args:
-      axes: of matplotlib.
-      rows: of the report.
-      x, y: what is drawn of them.
-      label: in the legend.
+      rows: of the report; `x` and `y` are drawn of them.
       number: of the policy, for its marker.
       ls: style of the line between the rows.
     """

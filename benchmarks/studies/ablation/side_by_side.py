@@ -31,12 +31,7 @@ EPISODES_A_CALL = 32  # of the compiled program, about: how often the bar moves 
 
 
 def with_numbers(params: EnvParams, numbers: Numbers) -> EnvParams:
-    """Params with scalars replaced; they may be traced.
-
-    Args:
-      params: of one world.
-      numbers: by the names that `medjax.make` takes, group included: `fleet.cooldown_s`.
-    """
+    """Params of one world with scalars replaced, by names such as `fleet.cooldown_s`; they may be traced."""
     for name, value in numbers.items():
         group, leaf = name.split(".")
         holder = getattr(params, group)
@@ -46,11 +41,6 @@ def with_numbers(params: EnvParams, numbers: Numbers) -> EnvParams:
             changed = holder.replace(**{leaf: jnp.asarray(value, getattr(holder, leaf).dtype)})
         params = params.replace(**{group: changed})
     return params
-
-
-def count_worlds(numbers: Numbers) -> int:
-    """Number of worlds."""
-    return len(next(iter(numbers.values())))
 
 
 def play_worlds(
@@ -69,14 +59,13 @@ def play_worlds(
       params: what the worlds have in common.
       numbers: in which they differ, `(worlds,)` each.
       policies: by name.
-      episodes: whole episodes of each policy in each world, at least 1.
-      seed: which episodes, as in `medjax.episodes.scores`.
+      episodes, seed: as in `medjax.episodes.scores`.
       own_weights: leaves of the policies' weights have an axis of worlds first: in each another policy plays.
 
     Returns:
       For each policy, arrays `(worlds, episodes)` float64 of `return`, `length` and the environment's metrics.
     """
-    worlds = count_worlds(numbers)
+    worlds = len(next(iter(numbers.values())))
     runner = make_runner(env, policies, episode_decisions(params) or MAX_DECISIONS, worlds)
 
     @jax.jit
@@ -86,7 +75,8 @@ def play_worlds(
 
         return jax.vmap(one, (0 if own_weights else None, 0))(weights, numbers)
 
-    calls, batch = _share(episodes, max(1, CACHED_ROWS // (worlds * len(policies))))
+    batch = _episodes_a_call(episodes, max(1, CACHED_ROWS // (worlds * len(policies))))
+    calls = -(-episodes // batch)
     keys = episode_keys(seed, calls * batch).reshape(calls, batch)
     weights = jax.device_get(tuple(policy.weights for policy in policies.values()))
     bar = tqdm(keys, "episodes", disable=None, leave=False)
@@ -101,17 +91,11 @@ def play_worlds(
     }
 
 
-def _share(episodes: int, block: int) -> tuple[int, int]:
-    """Calls of the program and episodes in each, so that devices work on whole blocks; none too few.
-
-    Args:
-      episodes: wanted.
-      block: episodes that fit a device's cache together.
-    """
+def _episodes_a_call(episodes: int, block: int) -> int:
+    """So many that devices work on whole blocks, which are of the episodes that fit a device's cache together."""
     devices = len(jax.local_devices())
     unit = devices * min(block, -(-episodes // devices))
-    batch = unit * max(1, EPISODES_A_CALL // unit)
-    return -(-episodes // batch), batch
+    return unit * max(1, EPISODES_A_CALL // unit)
 
 
 def train_worlds(
@@ -119,14 +103,8 @@ def train_worlds(
 ) -> PolicyWeights:
     """A dispatcher for every world, trained side by side, each as `train.ppo` would with the same seed.
 
-    Args:
-      env: a single environment.
-      params: what the worlds have in common.
-      numbers: in which they differ, `(worlds,)` each.
-      config: settings of each learner.
-
-    Returns:
-      What they learned; every leaf has an axis of worlds first.
+    Arguments are those of `play_worlds` and the settings of each learner. Every leaf of what they learned has an axis
+    of worlds first.
     """
     learner = algorithm_of(config).build_learner(env, params, config)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.command import a_path
+from benchmarks.command import a_path, non_negative
 from benchmarks.studies.ablation.scores import (
     Column,
     cells,
@@ -18,7 +18,6 @@ from benchmarks.studies.ablation.scores import (
     finish,
     headings,
     in_world,
-    non_negative,
     rules,
     settings,
 )
@@ -82,14 +81,10 @@ COLUMNS = (
 
 def add_options(parser: OneLineParser, study: str) -> None:
     """Options of these studies only."""
-    sweep = SWEEPS[study]
+    label, values = SWEEPS[study].label, SWEEPS[study].values
+    shown = f"{label} (default: {' '.join(map(str, values))})"
     parser.add_argument(
-        "--values",
-        type=non_negative,
-        nargs="+",
-        default=sweep.values,
-        metavar="X",
-        help=f"{sweep.label} (default: {' '.join(map(str, sweep.values))})".replace("%", "%%"),
+        "--values", type=non_negative, nargs="+", default=values, metavar="X", help=shown
     )
     parser.add_argument(
         "--run-dir", type=a_path, metavar="DIR", help="directory that train.ppo wrote, to play too"
@@ -97,10 +92,7 @@ def add_options(parser: OneLineParser, study: str) -> None:
 
 
 def run(study: str, options: argparse.Namespace) -> dict[str, Any]:
-    """Plays all policies at all values, and prints a table.
-
-    Returns:
-      The report: what was varied, and a row for each policy and value.
+    """Plays all policies at all values, prints a table, and returns it: what was varied, a row a policy and value.
 
     Raises:
       InputError: a value that is not allowed, or a run that cannot be read.
@@ -110,44 +102,33 @@ def run(study: str, options: argparse.Namespace) -> dict[str, Any]:
     for value in values:  # refuses those that are not allowed
         overrides = {**config.overrides, sweep.number: value}
         check_environment(dataclasses.replace(config, overrides=overrides))
-    policies: dict[str, Policy] = {}
+    found: dict[str, Policy] = {}
     if options.run_dir:
         env, params, found = load_policies(options.run_dir, config, options.stochastic)
-        policies = {name: found[name] for name in found if name not in BASELINES}
     else:
         env, params = make_environment(config)
-    policies |= rules(env)
+    policies = {name: found[name] for name in found if name not in BASELINES} | rules(env)
     numbers = {sweep.number: np.asarray(values, np.float32)}
     scores = play_worlds(env, params, numbers, policies, options.episodes, options.seed)
-    rows = [
-        row for name, score in scores.items() for row in _rows(name, score, values, options.seed)
-    ]
+    rows = []
+    for name, score in scores.items():
+        rows += _rows(name, score, values, options.seed)
     print(f"{config.scenario}, {options.episodes} episodes, seed {options.seed}: {sweep.label}")
     print(_table(rows, values[0]))
-    return {
-        "study": study,
-        "number": sweep.number,
-        "label": sweep.label,
-        "scenario": config.scenario,
-        "episodes": options.episodes,
-        "seed": options.seed,
-        "rows": rows,
-    }
+    varied = {"study": study, "number": sweep.number, "label": sweep.label}
+    played = {"episodes": options.episodes, "seed": options.seed}
+    return {**varied, "scenario": config.scenario, **played, "rows": rows}
 
 
 def _rows(policy: str, score: Scores, values: list[float], seed: int) -> list[dict[str, Any]]:
     """A row for each value; return_change is the return less that of the same episodes at the first value."""
     rows = []
     for index, value in enumerate(values):
+        row = {"policy": policy, "value": value, **describe(in_world(score, index), COLUMNS, seed)}
         change = score["return"][index] - score["return"][0]
-        rows.append(
-            {"policy": policy, "value": value}
-            | describe(in_world(score, index), COLUMNS, seed)
-            | {
-                "return_change": float(change.mean()),
-                "return_change_ci95": list(bootstrap_ci95(change, seed)),
-            }
-        )
+        row["return_change"] = float(change.mean())
+        row["return_change_ci95"] = list(bootstrap_ci95(change, seed))
+        rows.append(row)
     return rows
 
 
@@ -162,19 +143,14 @@ def _table(rows: list[dict[str, Any]], first: float) -> str:
 
 
 def plot(path: Path, report: dict[str, Any]) -> None:
-    """Draws return and depleted share over the values, a line a policy.
-
-    Args:
-      path: of the PNG.
-      report: of `run`.
-    """
+    """Draws return and depleted share of the report of `run` over the values, a line a policy, as a PNG."""
     figure = new_figure(11, 4.8)
-    names = list(dict.fromkeys(row["policy"] for row in report["rows"]))
+    of_policy: dict[str, list[dict[str, Any]]] = {}
+    for row in sorted(report["rows"], key=lambda row: row["value"]):
+        of_policy.setdefault(row["policy"], []).append(row)
     panels = {}
     for axes, column in zip(figure.subplots(1, 2), COLUMNS[:2], strict=True):
-        for number, name in enumerate(names):
-            rows = [row for row in report["rows"] if row["policy"] == name]
-            rows.sort(key=lambda row: row["value"])
+        for number, (name, rows) in enumerate(of_policy.items()):
             draw_rows(axes, rows, "value", column.metric, name, number, "-")
         panels[axes] = report["label"], f"{column.axis}, 95 % CI"
     title = f"{report['scenario']}, {report['episodes']} episodes, the same for all"

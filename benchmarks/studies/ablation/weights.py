@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.command import positive
+from benchmarks.command import non_negative, positive
 from benchmarks.studies.ablation.scores import (
     Column,
     cells,
@@ -18,7 +18,6 @@ from benchmarks.studies.ablation.scores import (
     finish,
     headings,
     in_world,
-    non_negative,
     rules,
     settings,
 )
@@ -54,22 +53,17 @@ def add_options(parser: OneLineParser) -> None:
         "--decisions", type=positive, default=1_000_000, metavar="N", help="of each learner"
     )
     for term, (values, paid_for) in COSTS.items():
-        shown = " ".join(f"{value:g}" for value in values)
+        shown = f"of {paid_for} (default: {' '.join(f'{value:g}' for value in values)})"
+        name = f"--{term.replace('_', '-')}"
         parser.add_argument(
-            f"--{term.replace('_', '-')}",
-            type=non_negative,
-            nargs="*",
-            default=values,
-            metavar="COST",
-            help=f"of {paid_for} (default: {shown})",
+            name, type=non_negative, nargs="*", default=values, metavar="COST", help=shown
         )
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
-    """Trains a dispatcher for each reward, plays them and the rules, and prints a table.
+    """Trains a dispatcher for each reward, plays them and the rules, prints a table, and returns it.
 
-    Returns:
-      The report: a row for each learner, with its costs, then one for each rule. Returns count the costs.
+    A row for each learner, with its costs, then one for each rule; returns count the costs.
 
     Raises:
       InputError: a setting that is not allowed.
@@ -80,15 +74,13 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         raise InputError("no cost in --dispatches and --gas-delay, allowed: at least one")
     config = dataclasses.replace(settings(options), total_timesteps=options.decisions)
     for own in costs:  # refuses those that are not allowed
-        paid = {f"reward_weights.{term}": -cost for term, cost in own.items()}
-        check_environment(dataclasses.replace(config, overrides={**config.overrides, **paid}))
+        overrides = {f"reward_weights.{term}": -cost for term, cost in own.items()}
+        overrides = {**config.overrides, **overrides}
+        check_environment(dataclasses.replace(config, overrides=overrides))
     env, params = make_environment(config)
-    numbers = {
-        f"reward_weights.{term}": -np.asarray([each[term] for each in costs], np.float32)
-        for term in COSTS
-    }
-    weights = train_worlds(env, params, numbers, config)
-    name = config.algorithm
+    paid = {term: -np.asarray([own[term] for own in costs], np.float32) for term in COSTS}
+    numbers = {f"reward_weights.{term}": each for term, each in paid.items()}
+    weights, name = train_worlds(env, params, numbers, config), config.algorithm
     learned = {name: algorithm_of(config).policy(env, config, weights, options.stochastic)}
     episodes, seed = options.episodes, options.seed
     scores = play_worlds(env, params, numbers, learned, episodes, seed, own_weights=True)[name]
@@ -100,16 +92,9 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         rows.append({"policy": name, **describe(score, COLUMNS, seed)})
     decisions = config.num_updates * config.steps_per_update
     each = f"{decisions} decisions of each learner, {episodes} episodes, seed {seed}"
-    print(f"{config.scenario}, {each}")
-    print(_table(rows))
-    return {
-        "study": "weights",
-        "scenario": config.scenario,
-        "decisions": decisions,
-        "episodes": episodes,
-        "seed": seed,
-        "rows": rows,
-    }
+    print(f"{config.scenario}, {each}", _table(rows), sep="\n")
+    played = {"decisions": decisions, "episodes": episodes, "seed": seed}
+    return {"study": "weights", "scenario": config.scenario, **played, "rows": rows}
 
 
 def _table(rows: list[dict[str, Any]]) -> str:
@@ -122,36 +107,29 @@ def _table(rows: list[dict[str, Any]]) -> str:
 
 
 def plot(path: Path, report: dict[str, Any]) -> None:
-    """Draws depleted EVs over MEDs and over the speed of gas vehicles: a point a learner, with its cost, or a rule.
+    """Draws the report of `run` as a PNG: depleted EVs over MEDs and over the speed of gas vehicles.
 
-    Args:
-      path: of the PNG.
-      report: of `run`.
+    A point is a learner, with its cost, or a rule.
     """
     figure = new_figure(11, 5)
     learned = [row for row in report["rows"] if "gas_delay" in row]
-    on_meds = [row for row in learned if not row["gas_delay"]]
-    on_delay = [row for row in learned if row["gas_delay"]]
+    series = [
+        ("PPO, cost of a MED", [row for row in learned if not row["gas_delay"]], "-"),
+        ("PPO, cost of a lost second", [row for row in learned if row["gas_delay"]], ":"),
+        *((row["policy"], [row], "") for row in report["rows"] if "gas_delay" not in row),
+    ]
     depleted, *prices, _ = COLUMNS
     panels = {}
     for axes, column in zip(figure.subplots(1, 2), prices, strict=True):
-        series = [
-            ("PPO, cost of a MED", on_meds, "-"),
-            ("PPO, cost of a lost second", on_delay, ":"),
-            *((row["policy"], [row], "") for row in report["rows"] if "gas_delay" not in row),
-        ]
         for number, (label, rows, line) in enumerate(series):
             if rows:
                 draw_rows(axes, rows, column.metric, depleted.metric, label, number, line)
         for row in learned:
             # Costs of either kind stand on their own side: their points lie close together.
             side: dict[str, Any] = {"xytext": (7, -13)} if row["gas_delay"] else LEFT
-            axes.annotate(
-                f"{row['gas_delay'] or row['dispatches']:g}",
-                (row[column.metric], row[depleted.metric]),
-                textcoords="offset points",
-                **side,
-            )
+            cost = row["gas_delay"] or row["dispatches"]
+            point = row[column.metric], row[depleted.metric]
+            axes.annotate(f"{cost:g}", point, textcoords="offset points", **side)
         axes.margins(0.1)
         panels[axes] = f"{column.axis}, 95 % CI", f"{depleted.axis}, 95 % CI"
     each = f"{report['decisions']} decisions of each learner, {report['episodes']} episodes"

@@ -51,12 +51,8 @@ def test_sizes_are_the_presets(written):
     per_road = {"value": config.num_vehicles, "pair": config.num_evs, "slot": config.num_vehicles}
     for row in written["rows"]:
         assert row["elements"] == 2 * per_road[row["element"]]
-    assert {key: written[key] for key in ("roads", "repeats", "jax_version", "backend")} == {
-        "roads": 2,
-        "repeats": 2,
-        "jax_version": jax.__version__,
-        "backend": jax.default_backend(),
-    }
+    machine = {"jax_version": jax.__version__, "backend": jax.default_backend()}
+    assert {"roads": 2, "repeats": 2, **machine}.items() <= written.items()
     assert written["device"]
 
 

@@ -88,15 +88,8 @@ def test_without_misalignment_every_link_is_nominal():
 def test_each_learner_is_what_it_is_alone():
     """Equal rewards teach the same; each learner is that of train.ppo, to rounding."""
     env, params = medjax.make("paper", **SMALL)
-    config = PPOConfig(
-        num_envs=4,
-        num_minibatches=2,
-        rollout_length=4,
-        decide_every=2,
-        hidden=(8,),
-        total_timesteps=64,
-        seed=5,
-    )
+    sizes = {"num_envs": 4, "num_minibatches": 2, "rollout_length": 4, "hidden": (8,)}
+    config = PPOConfig(**sizes, decide_every=2, total_timesteps=64, seed=5)
     costs = np.array([30.0, 30.0, 0.0])
     learned = train_worlds(env, params, {"reward_weights.dispatches": -costs}, config)
     programs = make_train(env, params, config)
@@ -104,9 +97,8 @@ def test_each_learner_is_what_it_is_alone():
         _, alone = medjax.make("paper", **SMALL, reward_weights={"dispatches": -cost})
         state = programs.init(jax.random.key(5), alone)
         state, _ = programs.run(state, alone, jnp.int32(config.num_updates))
-        for ours, theirs in zip(
-            jax.tree.leaves(learned), jax.tree.leaves(state.weights), strict=True
-        ):
+        leaves = map(jax.tree.leaves, (learned, state.weights))
+        for ours, theirs in zip(*leaves, strict=True):
             np.testing.assert_allclose(ours[index], theirs, rtol=1e-4, atol=1e-5)
             np.testing.assert_array_equal(ours[0], ours[1])
     first = learned.params["params"]["logits_head"]["kernel"]

@@ -26,13 +26,8 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 def sized(**changes):
     """A world with little energy spent at rest, so that standing still changes nothing."""
-    still = {
-        "num_meds": 2,
-        "num_evs": 4,
-        "num_gas": 4,
-        "ev.auxiliary_w": 1e-9,
-        "med.auxiliary_w": 1e-9,
-    }
+    still = {"num_meds": 2, "num_evs": 4, "num_gas": 4}
+    still |= {"ev.auxiliary_w": 1e-9, "med.auxiliary_w": 1e-9}
     return medjax.make("paper", **still | changes)
 
 
@@ -60,13 +55,9 @@ def still():
         is_charging=jnp.zeros((4,), bool),
     )
     meds = meds.replace(status=meds.status.at[0].set(IN_SERVICE))
-    entered = Tally.zeros().replace(
-        entered=jnp.zeros((len(KINDS),)).at[vehicles.kind[slots]].add(1.0)
-    )
-    state = state.replace(
-        vehicles=vehicles, evs=evs, meds=meds, queue=jnp.zeros_like(state.queue), tally=entered
-    )
-    return state, env.config, params
+    entered = jnp.zeros((len(KINDS),)).at[vehicles.kind[slots]].add(1.0)
+    state = state.replace(vehicles=vehicles, evs=evs, meds=meds, queue=jnp.zeros_like(state.queue))
+    return state.replace(tally=Tally.zeros().replace(entered=entered)), env.config, params
 
 
 @functools.cache
@@ -197,9 +188,8 @@ def test_charging_is_held_to_what_a_link_lets_through(still):
     # The only EV that charges draws 40 kW for 0.25 s at most.
     assert exchanged(0.4, sent=9990.0) == {}
     assert exchanged(0.4, sent=10060.0) == {"energy": 1}
-    assert exchanged(1.0, sent=10200.0) == {
-        "energy": 3
-    }  # nor does it receive more, or all that is sent
+    # Nor does it receive more, or all that is sent.
+    assert exchanged(1.0, sent=10200.0) == {"energy": 3}
 
 
 def test_arrivals_are_held_to_entries_and_queues(still):
@@ -215,12 +205,8 @@ def test_arrivals_are_held_to_entries_and_queues(still):
     assert found(waits, came) == {}
     assert found(waits, state) == {"vehicles": 1}
     assert found(waits, set_at(came, "vehicles.x", 7, 1.0)) == {"vehicles": 2}
-    twice = set_at(
-        set_at(set_at(came, "vehicles.active", 8, True), "vehicles.lane", 8, 3),
-        "vehicles.x",
-        8,
-        0.0,
-    )
+    twice = set_at(came, "vehicles.active", 8, True)
+    twice = set_at(set_at(twice, "vehicles.lane", 8, 3), "vehicles.x", 8, 0.0)
     assert found(waits, twice) == {"vehicles": 1}
     assert found(state, set_at(state, "vehicles.x", 6, 321.0)) == {"motion": 1}
     assert found(state, set_at(state, "evs.panel", 0, 2)) == {"bookings": 1}
@@ -246,9 +232,8 @@ def test_a_wrong_outcome_is_found(still):
     assert closing(still) == {}
     assert closing(still, obs=jnp.inf) == {"finite": 1}
     assert closing(still, reward=0.1) == {"reward": 1}
-    assert closing(still, reward=0.1, terms={"soc": jnp.float32(0.1)}) == {
-        "reward": 1
-    }  # its weight is 0
+    weightless = {"soc": jnp.float32(0.1)}
+    assert closing(still, reward=0.1, terms=weightless) == {"reward": 1}
     for name in ("lane_changes", "depleted", "vehicle_ticks", "collisions", "ev_distance_m"):
         found = closing(still, tally={name: jnp.float32(1.0)})
         assert found.pop("tally") == 1

@@ -26,7 +26,7 @@ from train.algorithms.normalization import (
     scale_reward,
     update_stats,
 )
-from train.algorithms.ppo.losses import Batch, LossWeights, explained_variance, ppo_loss
+from train.algorithms.ppo.losses import Batch, explained_variance, ppo_loss
 from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.rollout import (
     Collector,
@@ -60,17 +60,11 @@ class PPOLearner:
         """The state before the first update."""
         reset_key, network_key, key = jax.random.split(key, 3)
         keys = jax.random.split(reset_key, self.config.num_envs)
-        begin = on_devices(self.mesh, self.collector.start)
-        rollout = begin(keys, env_params)
+        rollout = on_devices(self.mesh, self.collector.start)(keys, env_params)
         params = self.collector.network.init(network_key, rollout.obs[:1])
-        return PPOState(
-            weights=PolicyWeights(params, init_stats(rollout.obs.shape[1:])),
-            opt_state=self.optimizer.init(params),
-            rollout=rollout,
-            return_stats=init_stats(),
-            key=key,
-            update=jnp.int32(0),
-        )
+        weights = PolicyWeights(params, init_stats(rollout.obs.shape[1:]))
+        opt_state, return_stats = self.optimizer.init(params), init_stats()
+        return PPOState(weights, rollout, key, jnp.int32(0), opt_state, return_stats)
 
     def update(self, state: PPOState, env_params: Any) -> tuple[PPOState, Metrics]:
         """A rollout, and the epochs of gradient steps on it.
@@ -113,15 +107,8 @@ class PPOLearner:
                 optimizer_state=opt_state,
             ),
         }
-        next_state = PPOState(
-            weights=PolicyWeights(params, obs_stats),
-            opt_state=opt_state,
-            rollout=rollout,
-            return_stats=return_stats,
-            key=key,
-            update=state.update + 1,
-        )
-        return next_state, metrics
+        weights, done = PolicyWeights(params, obs_stats), state.update + 1
+        return PPOState(weights, rollout, key, done, opt_state, return_stats), metrics
 
     def _collect(
         self, rows: tuple[RolloutState, jax.Array], same: tuple[PolicyWeights, Any]
@@ -163,19 +150,15 @@ class PPOLearner:
         self, key: jax.Array, samples: Batch, params: Any, opt_state: Any
     ) -> tuple[Any, Any, Metrics]:
         """Epochs of minibatches. Returns parameters, optimiser state and metrics averaged over the gradient steps."""
-        config = self.config
-        weights = LossWeights(
-            config.clip_epsilon, config.value_coef, config.entropy_coef, config.clip_value
-        )
-        minibatches = split_environments(key, samples, config.num_minibatches)
+        minibatches = split_environments(key, samples, self.config.num_minibatches)
 
         def loss_fn(candidate: Any, batch: Batch) -> tuple[jax.Array, Metrics]:
             output: Any = self.collector.network.apply(candidate, batch.obs)
             logits, value = output
-            return ppo_loss(masked_categorical(logits, batch.mask), value, batch, weights)
+            return ppo_loss(masked_categorical(logits, batch.mask), value, batch, self.config)
 
         start = params, opt_state
-        return descend(loss_fn, self.optimizer, start, minibatches, config.num_epochs)
+        return descend(loss_fn, self.optimizer, start, minibatches, self.config.num_epochs)
 
 
 def build_learner(env: Environment, params: Any, config: PPOConfig) -> PPOLearner:

@@ -1,12 +1,11 @@
 """The PPO objective."""
 
-import dataclasses
-
+import distrax
 import jax
 import jax.numpy as jnp
 from flax import struct
 
-from train.algorithms.networks import CategoricalLike
+from train.algorithms.ppo.settings import PPOConfig
 
 
 @struct.dataclass
@@ -20,16 +19,6 @@ class Batch:
     value: jax.Array  # when it was taken
     advantage: jax.Array
     target: jax.Array  # for the value
-
-
-@dataclasses.dataclass(frozen=True)
-class LossWeights:
-    """Numbers of the objective."""
-
-    clip_epsilon: float
-    value_coef: float
-    entropy_coef: float
-    clip_value: bool
 
 
 def clipped_surrogate(
@@ -82,7 +71,7 @@ def standardize(advantage: jax.Array, weight: jax.Array, eps: float = 1e-8) -> j
 
 
 def ppo_loss(
-    distribution: CategoricalLike, value: jax.Array, batch: Batch, weights: LossWeights
+    distribution: distrax.Categorical, value: jax.Array, batch: Batch, config: PPOConfig
 ) -> tuple[jax.Array, dict[str, jax.Array]]:
     """Loss of one minibatch, to be minimised.
 
@@ -95,7 +84,7 @@ def ppo_loss(
         distribution: policy being learned at `batch.obs`, masked by `batch.mask`.
         value: `(...)`, value being learned at `batch.obs`.
         batch: samples.
-        weights: coefficients.
+        config: has the clip and the weights of the terms.
 
     Returns:
         The loss `()`, and scalars that describe it.
@@ -103,15 +92,15 @@ def ppo_loss(
     log_prob = distribution.log_prob(batch.action)
     choice = leaves_choice(batch.mask).astype(jnp.float32)
     advantage = standardize(batch.advantage, choice)
-    surrogate = clipped_surrogate(log_prob, batch.log_prob, advantage, weights.clip_epsilon)
+    surrogate = clipped_surrogate(log_prob, batch.log_prob, advantage, config.clip_epsilon)
     policy_term = -weighted_mean(surrogate, choice)
-    value_clip = weights.clip_epsilon if weights.clip_value else None
+    value_clip = config.clip_epsilon if config.clip_value else None
     value_term = jnp.mean(value_loss(value, batch.value, batch.target, value_clip))
     entropy = weighted_mean(distribution.entropy(), choice)
-    loss = policy_term + weights.value_coef * value_term - weights.entropy_coef * entropy
+    loss = policy_term + config.value_coef * value_term - config.entropy_coef * entropy
     log_ratio = log_prob - batch.log_prob
     ratio = jnp.exp(log_ratio)
-    outside = jnp.abs(ratio - 1.0) > weights.clip_epsilon
+    outside = jnp.abs(ratio - 1.0) > config.clip_epsilon
     metrics = {
         "loss": loss,
         "policy_loss": policy_term,

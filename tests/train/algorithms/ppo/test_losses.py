@@ -8,13 +8,13 @@ import pytest
 from train.algorithms.networks import masked_categorical
 from train.algorithms.ppo.losses import (
     Batch,
-    LossWeights,
     clipped_surrogate,
     explained_variance,
     ppo_loss,
     standardize,
     value_loss,
 )
+from train.algorithms.ppo.settings import PPOConfig
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -86,10 +86,10 @@ def test_decisions_without_a_choice_teach_the_value_only():
         advantage=jnp.asarray(rng.normal(size=6), jnp.float32),
         target=value + 1.0,
     )
-    weights = LossWeights(EPS, value_coef=0.5, entropy_coef=0.01, clip_value=False)
+    config = PPOConfig(clip_epsilon=EPS, value_coef=0.5, entropy_coef=0.01, clip_value=False)
 
     def loss(logits, value, batch):
-        return ppo_loss(masked_categorical(logits, batch.mask), value, batch, weights)[0]
+        return ppo_loss(masked_categorical(logits, batch.mask), value, batch, config)[0]
 
     policy, critic = jax.grad(loss, (0, 1))(logits, value, batch)
     np.testing.assert_array_equal(policy[3:], 0.0)
