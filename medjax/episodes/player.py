@@ -51,9 +51,8 @@ class Player:
 
     def __init__(self, env: Environment, policies: Sequence[Policy]) -> None:
         self.env, self.policies = env, tuple(policies)
-        self._step = jax.jit(
-            self._over_rows(env.step_env)
-        )  # traced once for its shapes and its use
+        # Traced once for its shapes and its use.
+        self._step = jax.jit(self._over_rows(env.step_env))
 
     def start(self, keys: jax.Array, params: Any) -> Episodes:
         """Before the first decision, episodes `(episodes,)` by their keys; each is played by all policies in turn.
