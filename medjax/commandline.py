@@ -15,20 +15,14 @@ from medjax.errors import MOST_SHOWN, InputError, one_line, shown
 
 MOST_PATH = 1000  # characters; directories are made one within the other
 MOST_NAME = 255  # bytes, of every usual file system
-NOT_NUMBERS = (
-    "name",
-    "reward",
-    "observation",
-    "following",
-    "coupling",
-)  # arguments of medjax.make that only Python can fill
+# Arguments of medjax.make that only Python can fill.
+NOT_NUMBERS = ("name", "reward", "observation", "following", "coupling")
 
 
 class OneLineParser(argparse.ArgumentParser):
     """An argument parser whose errors are one line on stderr and exit code 2; options are not abbreviated."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
-        """As argparse's."""
         super().__init__(*args, **{"allow_abbrev": False, **options})
 
     def error(self, message: str) -> NoReturn:
@@ -67,9 +61,8 @@ def parse_overrides(assignments: Sequence[str]) -> dict[str, Any]:
     for text in assignments:
         name, equals, value = (part.strip() for part in text.partition("="))
         if not equals or not name or name in NOT_NUMBERS:
-            raise InputError(
-                f"--set {one_line(text, MOST_SHOWN)}: allowed NAME=VALUE with the name of a number of the environment"
-            )
+            allowed = "allowed NAME=VALUE with the name of a number of the environment"
+            raise InputError(f"--set {one_line(text, MOST_SHOWN)}: {allowed}")
         read = read_value(value)
         overrides[name] = tuple(read) if isinstance(read, list) else read
     return overrides
@@ -94,22 +87,12 @@ def read_value(text: str) -> Any:
 
 
 def read_json(text: str) -> Any:
-    """A JSON value.
-
-    Raises:
-      InputError: a name is given twice.
-      ValueError: it is not JSON.
-      RecursionError: it is nested deeper than Python goes.
-    """
+    """A JSON value; raises InputError where a name is given twice, else ValueError, or RecursionError for its depth."""
     return json.loads(text, object_pairs_hook=named_once)
 
 
 def named_once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    """The pairs as a dict.
-
-    Raises:
-      InputError: a name is given twice.
-    """
+    """The pairs as a dict; raises InputError where a name is given twice."""
     found: dict[str, Any] = {}
     for name, value in pairs:
         if name in found:
@@ -119,11 +102,7 @@ def named_once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def whole_number(name: str, text: str, least: int = 0, most: int = 2**32 - 1) -> int:
-    """The number that an option gives; by default one that a random seed can be.
-
-    Raises:
-      InputError: it is none.
-    """
+    """The number that an option gives, by default one that a random seed can be; raises InputError if it is none."""
     number = int(text) if re.fullmatch("[0-9]{1,18}", text) else -1
     if not least <= number <= most:
         raise InputError(f"{name} {shown(text)}: allowed a whole number from {least} to {most}")
@@ -131,17 +110,12 @@ def whole_number(name: str, text: str, least: int = 0, most: int = 2**32 - 1) ->
 
 
 def as_path(name: str, text: str) -> Path:
-    """The path that an option names.
-
-    Raises:
-      InputError: no system takes it, or it could not be printed.
-    """
+    """The path that an option names; raises InputError if no system takes it, or it could not be printed."""
+    given = f"{name} {shown(text)}: allowed"
     if not text or not text.isprintable() or len(text) > MOST_PATH:
-        raise InputError(
-            f"{name} {shown(text)}: allowed a path of 1 to {MOST_PATH} printable characters"
-        )
+        raise InputError(f"{given} a path of 1 to {MOST_PATH} printable characters")
     if any(len(os.fsencode(part)) > MOST_NAME for part in text.split("/")):
-        raise InputError(f"{name} {shown(text)}: allowed names of at most {MOST_NAME} bytes")
+        raise InputError(f"{given} names of at most {MOST_NAME} bytes")
     if text.startswith("~"):  # a shell would have replaced it
-        raise InputError(f"{name} {shown(text)}: allowed the path itself, or ./~")
+        raise InputError(f"{given} the path itself, or ./~")
     return Path(text)

@@ -11,24 +11,16 @@ from medjax.errors import InputError
 
 
 def check_writable(directory: Path) -> None:
-    """Tries to write in an existing directory.
-
-    Raises:
-      OSError: that failed.
-    """
+    """Tries to write in an existing directory; raises OSError where that fails."""
     with tempfile.TemporaryFile(dir=directory):
         pass
 
 
 def check_output(name: str, path: Path) -> None:
-    """Tries that a file can be written there, before anything is computed for it.
-
-    Args:
-      name: of the option that asks for it.
-      path: the file; its directory must be there.
+    """Tries that a file can be written to `path` for the option `name`, before anything is computed for it.
 
     Raises:
-      InputError: it cannot.
+      InputError: it cannot, or its directory is not there.
     """
     try:
         if path.exists() and not path.is_file():
@@ -36,9 +28,8 @@ def check_output(name: str, path: Path) -> None:
             raise InputError(f"{name} {path}: is {what}; allowed a file")
         check_writable(path.parent)
     except OSError as error:
-        raise InputError(
-            f"{name} {path}: {error.strerror}; allowed a file in a directory that can be written"
-        ) from None
+        allowed = "allowed a file in a directory that can be written"
+        raise InputError(f"{name} {path}: {error.strerror}; {allowed}") from None
 
 
 @contextlib.contextmanager

@@ -1,7 +1,4 @@
-"""`make`, which builds an environment from a preset of `medjax.world.presets`.
-
-It stands above the environment that it builds; presets and numbers stand below, in `medjax.world`.
-"""
+"""`make`, which builds an environment from a preset of `medjax.world.presets`."""
 
 from __future__ import annotations
 
@@ -12,6 +9,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from medjax.charging.link import Coupling, couple
 from medjax.env.charging_env import ChargingEnv
@@ -23,59 +21,15 @@ from medjax.traffic.idm import STANDARD_IDM
 from medjax.world.charging_params import CoilDesign, build_link
 from medjax.world.checks import check_numbers
 from medjax.world.numbers import as_numbers, read_number
-from medjax.world.params import COILS, SIZES, EnvConfig, EnvParams
+from medjax.world.params import COILS, SIZES, EnvParams
 from medjax.world.presets import PLACES, SCENARIOS, Recipe, change_numbers
 
 __all__ = ["SCENARIOS", "CoilDesign", "build_link", "make", "prepare"]
 
 
-@dataclasses.dataclass
-class _Overrides:
-    """What `make` was asked to change, by what it belongs to."""
-
-    sizes: dict[str, Any]
-    numbers: dict[str, Any]
-    coils: dict[str, Any]
-    weights: dict[Any, Any]
-
-
-def _plain(value: Any) -> Any:
-    """A checked number, or an array of them, as JSON has it."""
-    if isinstance(value, Mapping):
-        return {name: _plain(number) for name, number in value.items()}
-    numbers = as_numbers(value)
-    assert numbers is not None
-    return numbers.tolist()
-
-
-def _sort(overrides: Mapping[str, Any]) -> _Overrides:
-    """Overrides, each with its like; coils are checked here, the others where they are used."""
-    found = _Overrides({}, {}, {}, {})
-    for key, value in overrides.items():
-        if key in SIZES:
-            found.sizes[key] = value
-        elif key in COILS:
-            read_number(key, value, COILS[key])
-            found.coils[key] = _plain(value)
-        elif key in PLACES:
-            found.numbers[key] = value
-        elif key == "reward_weights":
-            if not isinstance(value, Mapping):
-                raise InputError(f"{key} = {shown(value)}: allowed numbers by name of the term")
-            found.weights |= value
-        elif key.startswith("reward_weights."):
-            found.weights[key.removeprefix("reward_weights.")] = value
-        else:
-            raise _unknown("option", key, [*PLACES, *SIZES, *COILS, "reward_weights"])
-    return found
-
-
-def _weights(changes: Mapping[Any, Any], weights: Mapping[str, Any]) -> dict[str, Any]:
-    """Weights of the reward's terms, some of them replaced."""
-    for term in changes:
-        if term not in weights:
-            raise _unknown("reward term", term, list(weights))
-    return {**weights, **changes}
+def _check(is_good: bool, name: str, given: Any, allowed: str) -> None:
+    if not is_good:
+        raise InputError(f"{name} = {shown(given)}: allowed {allowed}")
 
 
 def _unknown(kind: str, name: Any, allowed: list[str]) -> InputError:
@@ -86,19 +40,47 @@ def _unknown(kind: str, name: Any, allowed: list[str]) -> InputError:
     return InputError(f"unknown {kind} {shown(name)}: allowed {listed}")
 
 
+def _plain(value: Any) -> Any:
+    """A checked number, or an array of them, as JSON has it."""
+    if isinstance(value, Mapping):
+        return {name: _plain(number) for name, number in value.items()}
+    return np.asarray(as_numbers(value)).tolist()
+
+
+def _sort(overrides: Mapping[str, Any]) -> tuple[dict[Any, Any], ...]:
+    """Sizes, numbers, coils and weights; coils are checked here, the others where they are used."""
+    found: tuple[dict[Any, Any], ...] = ({}, {}, {}, {})
+    sizes, numbers, coils, weights = found
+    for key, value in overrides.items():
+        if key in SIZES:
+            sizes[key] = value
+        elif key in COILS:
+            read_number(key, value, COILS[key])
+            coils[key] = _plain(value)
+        elif key in PLACES:
+            numbers[key] = value
+        elif key == "reward_weights":
+            _check(isinstance(value, Mapping), key, value, "numbers by name of the term")
+            weights |= value
+        elif key.startswith("reward_weights."):
+            weights[key.removeprefix("reward_weights.")] = value
+        else:
+            raise _unknown("option", key, [*PLACES, *SIZES, *COILS, "reward_weights"])
+    return found
+
+
 def _terms(reward: Any) -> Mapping[str, RewardTerm]:
     """The reward's terms: a set that comes with medjax, by its name, or one's own."""
     if isinstance(reward, str):
         if reward not in REWARDS:
             raise _unknown("reward", reward, list(REWARDS))
         return REWARDS[reward]
-    if not isinstance(reward, Mapping):
-        raise InputError(
-            f"reward = {shown(reward)}: allowed {', '.join(REWARDS)}, or functions by name"
-        )
+    _check(
+        isinstance(reward, Mapping), "reward", reward, f"{', '.join(REWARDS)}, or functions by name"
+    )
     for term, function in reward.items():
-        if not isinstance(term, str) or not callable(function):
-            raise InputError(f"reward[{shown(term)}] = {shown(function)}: allowed a function")
+        is_term = isinstance(term, str) and callable(function)
+        _check(is_term, f"reward[{shown(term)}]", function, "a function")
     return reward
 
 
@@ -108,37 +90,20 @@ def _observation(given: Any) -> Any:
         if given not in OBSERVATIONS:
             raise _unknown("observation", given, list(OBSERVATIONS))
         return OBSERVATIONS[given]
-    if not callable(given) or not callable(getattr(given, "size", None)):
-        allowed = f"{', '.join(OBSERVATIONS)}, or one of your own"
-        raise InputError(f"observation = {shown(given)}: allowed {allowed}")
+    observes = callable(given) and callable(getattr(given, "size", None))
+    _check(observes, "observation", given, f"{', '.join(OBSERVATIONS)}, or one of your own")
     return given
 
 
-def _following(given: Any) -> CarFollowing:
-    """The car-following model: IDM, or one's own."""
-    if given is None:
-        return STANDARD_IDM
-    for method in ("constants", "prepare", "acceleration"):
-        if isinstance(given, type) or not callable(getattr(given, method, None)):
-            raise InputError(f"following = {shown(given)}: allowed a model, such as IDM()")
-    return given
-
-
-def _coupling(given: Any) -> Coupling:
-    """The coils' efficiency: that of the circuit, or one's own."""
-    if given is None:
-        return couple
-    if not callable(given):
-        raise InputError(f"coupling = {shown(given)}: allowed a function")
-    return given
-
-
-def _size(name: str, sizes: dict[str, Any], numbers: Mapping[str, Any]) -> EnvConfig:
-    """The preset's sizes, some of them replaced; a list of ramps says how many there are."""
-    ramp_x_m: Any = numbers.get("ramp_x_m", numbers.get("road.ramp_x_m"))
-    if isinstance(ramp_x_m, list | tuple) or getattr(ramp_x_m, "ndim", 0) == 1:
-        sizes.setdefault("num_ramps", len(ramp_x_m))
-    return dataclasses.replace(SCENARIOS[name].config, **sizes)
+def _models(following: Any, coupling: Any) -> tuple[CarFollowing, Coupling]:
+    """Car following and the coils' efficiency: IDM and that of the circuit, or one's own."""
+    following = STANDARD_IDM if following is None else following
+    coupling = couple if coupling is None else coupling
+    methods = [getattr(following, name, None) for name in ("constants", "prepare", "acceleration")]
+    is_model = not isinstance(following, type) and all(map(callable, methods))
+    _check(is_model, "following", following, "a model, such as IDM()")
+    _check(callable(coupling), "coupling", coupling, "a function")
+    return following, coupling
 
 
 def prepare(
@@ -162,23 +127,25 @@ def prepare(
         raise _unknown("scenario", name, list(SCENARIOS))
     terms = _terms(SCENARIOS[name].reward if reward is None else reward)
     seen = _observation(observation)
-    given = _sort(overrides)
-    config = _size(name, given.sizes, given.numbers)
+    sizes, numbers, coils, weights = _sort(overrides)
+    ramp_x_m: Any = numbers.get("ramp_x_m", numbers.get("road.ramp_x_m"))
+    if isinstance(ramp_x_m, list | tuple) or getattr(ramp_x_m, "ndim", 0) == 1:
+        sizes.setdefault("num_ramps", len(ramp_x_m))
+    config = dataclasses.replace(SCENARIOS[name].config, **sizes)
     params = SCENARIOS[name].params(config)
     known = {term: params.reward_weights.get(term, float(term not in TERMS)) for term in terms}
-    params = params.replace(reward_weights=_weights(given.weights, known))
-    params = check_numbers(config, change_numbers(params, given.numbers))
+    for term in weights:
+        if term not in known:
+            raise _unknown("reward term", term, list(known))
+    params = params.replace(reward_weights=known | weights)
+    params = check_numbers(config, change_numbers(params, numbers))
+    followed, coupled = _models(following, coupling)
     env = ChargingEnv(
-        config,
-        reward=terms,
-        observation=seen,
-        name=name,
-        following=_following(following),
-        coupling=_coupling(coupling),
+        config, reward=terms, observation=seen, name=name, following=followed, coupling=coupled
     )
     plain = {key: _plain(value) for key, value in overrides.items()}
     env.recipe = Recipe(name, plain, reward, observation, following, coupling)
-    return env, params, CoilDesign(**given.coils)
+    return env, params, CoilDesign(**coils)
 
 
 def make(
@@ -199,11 +166,10 @@ def make(
         preset does not know gets weight 0 if it is one of `medjax.TERMS`, and 1 if it is your own.
       observation: a name of `medjax.env.observation.OBSERVATIONS`, or one of your own (`ChargingEnv`).
       following: car-following model, IDM if None; `medjax.traffic.following.CarFollowing`.
-      coupling: the coils' circuit, the one solved if None; `medjax.charging.link.COUPLINGS` has others.
-      **overrides: sizes of `EnvConfig` (`num_evs=80`), numbers of `EnvParams` by their own name
-        (`cooldown_s=30`), by group and name where that is not unique (`{"ev.mass_kg": 2000}`), the
-        coils (`med_coil_radius_m=0.4`), or `reward_weights={"dispatches": -1.0}`. `ramp_x_m` says
-        how many ramps there are where `num_ramps` does not.
+      coupling: efficiency of the coils, that of the circuit if None; `medjax.charging.link.COUPLINGS` has others.
+      **overrides: sizes of `EnvConfig` (`num_evs=80`), numbers of `EnvParams` by their own name (`cooldown_s=30`), by
+        group and name where that is not unique (`{"ev.mass_kg": 2000}`), the coils (`med_coil_radius_m=0.4`), or
+        `reward_weights={"dispatches": -1.0}`. `ramp_x_m` says how many ramps there are where `num_ramps` does not.
 
     Returns:
       (env, params); params are float32 and int32 arrays, ready to be batched. `env.recipe` says how they were made.
@@ -211,14 +177,9 @@ def make(
     Raises:
       InputError: one line; an unknown scenario or name, or a value that is not allowed.
     """
-    env, params, coils = prepare(
-        name,
-        reward=reward,
-        observation=observation,
-        following=following,
-        coupling=coupling,
-        **overrides,
-    )
+    own: dict[str, Any] = {"reward": reward, "observation": observation}
+    own |= {"following": following, "coupling": coupling}
+    env, params, coils = prepare(name, **own, **overrides)
     link = build_link(coils, params.link)
     table = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), link.inductance)
     params = params.replace(link=link.replace(inductance=table))

@@ -16,31 +16,16 @@ from medjax.wrappers import prepare_cpu
 PROG = "python -m medjax.trajectories"
 
 
-def build_parser() -> OneLineParser:
-    """The parser of `python -m medjax.trajectories`."""
+def main(argv: Sequence[str] | None = None) -> int:
+    """Records and writes as the command line says; returns the exit code."""
     parser = OneLineParser(
         prog=PROG,
         description="Plays an episode and writes a row for each vehicle and physics tick.",
         epilog=f"Example: {PROG} --policy paced --set cooldown_s=30 --out paced.parquet",
     )
-    parser.add_argument(
-        "--out", required=True, metavar="FILE", help="ends in .parquet, .csv or .fcd.xml (SUMO)"
-    )
-    episode = parser.add_argument_group("episode")
-    add_episode_options(episode)
-    return parser
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Records and writes as the command line says.
-
-    Args:
-      argv: arguments; None takes those of the process.
-
-    Returns:
-      The exit code.
-    """
-    parser = build_parser()
+    out_text = "ends in .parquet, .csv or .fcd.xml (SUMO)"
+    parser.add_argument("--out", required=True, metavar="FILE", help=out_text)
+    add_episode_options(parser.add_argument_group("episode"))
     given = parser.parse_args(argv)
     prepare_cpu()
     try:

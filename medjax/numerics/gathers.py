@@ -1,8 +1,7 @@
 """Reads and writes by index that cost little under `jax.vmap` on a CPU.
 
-Under vmap an indexed read becomes one in a matrix, and XLA for CPUs first writes out a (row, column)
-pair for every entry, which costs as much as the read. Here the rule for vmap adds the row's offset to
-the index and reads one long vector instead.
+Under vmap an indexed read becomes one in a matrix, and XLA for CPUs first writes out a (row, column) pair for every
+entry, which costs as much as the read. The rule for vmap here adds the row's offset to the index and reads one vector.
 """
 
 from __future__ import annotations
@@ -16,6 +15,8 @@ from jax.custom_batching import custom_vmap
 
 T = TypeVar("T")
 
+_IN_BOUNDS: dict[str, Any] = {"mode": "promise_in_bounds", "wrap_negative_indices": False}
+
 
 def _flat(index: jax.Array, row_length: int) -> jax.Array:
     """Places in the rows laid end to end; index is `(rows, ...)`."""
@@ -23,17 +24,17 @@ def _flat(index: jax.Array, row_length: int) -> jax.Array:
     return index + offsets.reshape(-1, *(1,) * (index.ndim - 1))
 
 
-def _rows(size: int, tree: T, batched: Any) -> T:
-    """All leaves with a leading axis of length size."""
-    return jax.tree.map(
-        lambda leaf, has_rows: leaf if has_rows else jnp.broadcast_to(leaf, (size, *leaf.shape)),
-        tree,
-        batched,
-    )
+def with_rows(size: int, tree: T, batched: Any) -> T:
+    """All leaves with a leading axis of length size, which those that `batched` says have already."""
+
+    def give(leaf: jax.Array, has_rows: bool) -> jax.Array:
+        return leaf if has_rows else jnp.broadcast_to(leaf, (size, *leaf.shape))
+
+    return jax.tree.map(give, tree, batched)
 
 
 def _pick(values: jax.Array, index: jax.Array) -> jax.Array:
-    return jnp.asarray(values).at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
+    return jnp.asarray(values).at[index].get(**_IN_BOUNDS)
 
 
 @custom_vmap
@@ -43,12 +44,11 @@ def _read(tree: T, index: jax.Array) -> T:
 
 @_read.def_vmap
 def _read_rows(size: int, batched: Any, tree: T, index: jax.Array) -> tuple[T, Any]:
-    if not any(jax.tree.leaves(batched[0])):  # one table for all rows
-        return _read(tree, index), jax.tree.map(lambda _: True, tree)
-    tree, index = _rows(size, (tree, index), tuple(batched))
-    length = jax.tree.leaves(tree)[0].shape[1]
-    flat = jax.tree.map(lambda values: values.reshape(-1), tree)
-    return _read(flat, _flat(index, length)), jax.tree.map(lambda _: True, tree)
+    if any(jax.tree.leaves(batched[0])):  # else one table serves all rows
+        tree, index = with_rows(size, (tree, index), tuple(batched))
+        index = _flat(index, jax.tree.leaves(tree)[0].shape[1])
+        tree = jax.tree.map(lambda values: values.reshape(-1), tree)
+    return _read(tree, index), jax.tree.map(lambda _: True, tree)
 
 
 @jax.custom_jvp
@@ -84,17 +84,13 @@ def write(target: jax.Array, index: jax.Array, values: jax.Array) -> jax.Array:
     Args:
       target: (N,); index: (K,) int32 in [0, N), each once; values: (K,), of target's type.
     """
-    return (
-        jnp.asarray(target)
-        .at[index]
-        .set(values, unique_indices=True, mode="promise_in_bounds", wrap_negative_indices=False)
-    )
+    return jnp.asarray(target).at[index].set(values, unique_indices=True, **_IN_BOUNDS)
 
 
 @write.def_vmap
 def _write_rows(
     size: int, batched: list[bool], target: jax.Array, index: jax.Array, values: jax.Array
 ) -> tuple[jax.Array, bool]:
-    target, index, values = _rows(size, (target, index, values), tuple(batched))
+    target, index, values = with_rows(size, (target, index, values), tuple(batched))
     flat = _flat(index, target.shape[1]).reshape(-1)
     return write(target.reshape(-1), flat, values.reshape(-1)).reshape(target.shape), True

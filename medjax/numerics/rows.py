@@ -23,12 +23,10 @@ CACHED_ROWS = 128
 def in_blocks(
     function: Callable[[Any], Result], rows: Any, rows_at_once: int = CACHED_ROWS
 ) -> Result:
-    """function(rows), on a CPU about `rows_at_once` rows at a time; elsewhere all at once.
+    """function(rows), on a CPU about `rows_at_once` rows, which fit the cache, at a time; elsewhere all at once.
 
-    Args:
-        function: works on any number of rows, each on its own.
-        rows: every leaf has an axis of rows first, as every leaf of the result.
-        rows_at_once: rows that fit the cache together.
+    The function works on any number of rows, each on its own; every leaf of theirs and of the result has an axis of
+    rows first.
     """
     count = jax.tree.leaves(rows)[0].shape[0]
     blocks = -(-count // rows_at_once)
@@ -40,10 +38,7 @@ def in_blocks(
 
 
 def for_true_rows(
-    mask: jax.Array,
-    block: int,
-    body: Callable[[jax.Array, jax.Array, Carry], Carry],
-    carry: Carry,
+    mask: jax.Array, block: int, body: Callable[[jax.Array, jax.Array, Carry], Carry], carry: Carry
 ) -> Carry:
     """Calls `body` on blocks of the row numbers at which `mask` is True, until all have been served.
 
@@ -64,10 +59,9 @@ def for_true_rows(
     num_rows = mask.shape[0]
     padded = -(-num_rows // block) * block
     rank = jnp.cumsum(mask, dtype=jnp.int32) - 1
+    numbers = jnp.arange(num_rows, dtype=jnp.int32)
     order = jnp.full((padded,), num_rows, jnp.int32)
-    order = order.at[jnp.where(mask, rank, padded)].set(
-        jnp.arange(num_rows, dtype=jnp.int32), mode="drop"
-    )
+    order = order.at[jnp.where(mask, rank, padded)].set(numbers, mode="drop")
     num_true = rank[-1] + 1
 
     def unfinished(loop: tuple[jax.Array, Carry]) -> jax.Array:

@@ -1,7 +1,7 @@
 """What rounding must not decide: the bits of a sum, and when a clock has run down.
 
-XLA adds up an axis in an order that depends on the shapes around it: one environment alone, and the same
-one among a hundred, would differ in the last digits of their reward.
+XLA adds up an axis in an order that depends on the shapes around it: one environment alone, and the same one among a
+hundred, would differ in the last digits of their reward.
 """
 
 from __future__ import annotations

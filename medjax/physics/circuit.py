@@ -47,11 +47,10 @@ def link_efficiency(
     m, load, primary, secondary, omega = as_floats(
         mutual_inductance, load, primary_resistance, secondary_resistance, angular_frequency
     )
-    # w0 M is of the order of the resistances, M^2 alone nears the smallest float32. The fraction
-    # is turned over so that M = 0 divides nothing by zero.
+    # w0 M is of the order of the resistances, M^2 alone nears the smallest float32. The fraction is turned over so that
+    # M = 0 divides nothing by zero.
     coupling = (omega * m) ** 2
-    in_primary = primary * (secondary + load)
-    reaches_secondary = coupling / (coupling + in_primary)
+    reaches_secondary = coupling / (coupling + primary * (secondary + load))
     in_series = secondary if form == "circuit" else primary
     return load / (in_series + load) * reaches_secondary
 

@@ -10,6 +10,7 @@ bound, and no grid follows it.
 import functools
 import math
 import operator
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,8 +22,8 @@ from medjax.numerics.gathers import read
 from medjax.physics._arrays import as_floats
 from medjax.physics.coil import mutual_inductance
 
-# Points that the interpolation reads along axial, lateral and tilt. M bends hardest where the rims
-# pass each other, across lateral and tilt: cubics there need a tenth of the table that lines do.
+# Points that the interpolation reads along axial, lateral and tilt. M bends hardest where the rims pass each other,
+# across lateral and tilt: cubics there need a tenth of the table that lines do.
 _POINTS = (2, 4, 4)
 
 
@@ -67,11 +68,8 @@ def tabulate_inductance(
       primary_radius, secondary_radius: m.
       primary_turns, secondary_turns: numbers of turns.
       min_axial, max_axial: shortest and longest axial distance in the table, m, positive.
-      max_lateral: largest lateral distance to either side, m.
-      max_tilt: largest tilt to either side, rad.
-      num_axial: points along axial, at least 2.
-      num_lateral: points along lateral, at least 4.
-      num_tilt: points along tilt, at least 4.
+      max_lateral, max_tilt: largest lateral distance, m, and largest tilt, rad, to either side.
+      num_axial, num_lateral, num_tilt: points along each, at least 2, 4 and 4.
 
     Returns:
       The table. The default grid takes 252 KiB in float32.
@@ -79,37 +77,26 @@ def tabulate_inductance(
     Raises:
       InputError: a grid size is below its least.
     """
-    _check_sizes(num_axial=num_axial, num_lateral=num_lateral, num_tilt=num_tilt)
-    nearest, farthest, lateral_limit, tilt_limit = as_floats(
-        min_axial, max_axial, max_lateral, max_tilt
-    )
+    sizes = {"num_axial": num_axial, "num_lateral": num_lateral, "num_tilt": num_tilt}
+    for (name, size), least in zip(sizes.items(), _POINTS, strict=True):
+        if size < least:
+            raise InputError(f"{name} is {size}, must be at least {least}")
+    limits = as_floats(min_axial, max_axial, max_lateral, max_tilt)
+    nearest, farthest, lateral_limit, tilt_limit = limits
     log_nearest, log_farthest = jnp.log(nearest), jnp.log(farthest)
     axial = jnp.exp(jnp.linspace(log_nearest, log_farthest, num_axial))
     lateral = jnp.linspace(0.0, lateral_limit, num_lateral)
     tilt = jnp.linspace(-tilt_limit, tilt_limit, num_tilt)
-    values = mutual_inductance(
-        primary_radius,
-        secondary_radius,
-        axial[:, None, None],
-        lateral[:, None],
-        tilt,
-        primary_turns=primary_turns,
-        secondary_turns=secondary_turns,
-    )
+    pose = axial[:, None, None], lateral[:, None], tilt
+    turns: dict[str, Any] = {"primary_turns": primary_turns, "secondary_turns": secondary_turns}
     return InductanceTable(
-        values=values,
+        values=mutual_inductance(primary_radius, secondary_radius, *pose, **turns),
         log_axial_origin=log_nearest,
         log_axial_step=(log_farthest - log_nearest) / (num_axial - 1),
         lateral_step=lateral_limit / (num_lateral - 1),
         tilt_origin=-tilt_limit,
         tilt_step=2 * tilt_limit / (num_tilt - 1),
     )
-
-
-def _check_sizes(**sizes: int) -> None:
-    for (name, size), least in zip(sizes.items(), _POINTS, strict=True):
-        if size < least:
-            raise InputError(f"{name} is {size}, must be at least {least}")
 
 
 def interpolate_inductance(
@@ -129,18 +116,15 @@ def interpolate_inductance(
     Returns:
       M in henry, of the shape `(...)` that the positions broadcast to.
     """
-    axial, lateral, tilt = as_floats(axial, lateral, tilt)
-    axial, lateral, tilt = jnp.broadcast_arrays(axial, lateral, tilt)
+    axial, lateral, tilt = jnp.broadcast_arrays(*as_floats(axial, lateral, tilt))
     nearest = jnp.exp(table.log_axial_origin)
     positions = (
         (jnp.log(jnp.maximum(axial, nearest)) - table.log_axial_origin) / table.log_axial_step,
         jnp.abs(lateral) / table.lateral_step,
         (jnp.where(lateral < 0, -tilt, tilt) - table.tilt_origin) / table.tilt_step,
     )
-    axial_side, lateral_side, tilt_side = (
-        _stencil(position, size, points)
-        for position, size, points in zip(positions, table.values.shape, _POINTS, strict=True)
-    )
+    sides = map(_stencil, positions, table.values.shape, _POINTS)
+    axial_side, lateral_side, tilt_side = sides
     # One flat index a point, with the strides of the grid, is the cheapest gather on a CPU.
     _, num_lateral, num_tilt = table.values.shape
     flat = table.values.reshape(-1)
@@ -155,12 +139,9 @@ def interpolate_inductance(
 
 
 def _stencil(position: jax.Array, size: int, points: int) -> tuple[jax.Array, list[jax.Array]]:
-    """First grid point that the interpolation at `position` reads, and its points' weights.
+    """First grid point that the interpolation at `position` (in steps) reads, and the weights of as many as `points`.
 
-    Args:
-      position: in steps from the axis' first point, clamped here to [0, size - 1].
-      size: points on the axis, at least `points`.
-      points: read along the axis, an even number: as many on either side, but near an end.
+    The points, an even number, lie as many on either side, but near an end.
     """
     position = jnp.clip(position, 0, size - 1)
     first = jnp.clip(position.astype(jnp.int32) - (points // 2 - 1), 0, size - points)

@@ -44,18 +44,10 @@ def tractive_energy(
       Energy in J, negative when braking or rolling downhill takes out more than resistance does.
       It is in the widest floating type among the arguments.
     """
+    motion = speed_before, speed_after, dt
+    vehicle = mass, drag_coefficient, frontal_area, rolling_resistance, rotational_inertia_factor
     before, after, dt, mass, drag, area, rolling, inertia, slope, density, gravity = as_floats(
-        speed_before,
-        speed_after,
-        dt,
-        mass,
-        drag_coefficient,
-        frontal_area,
-        rolling_resistance,
-        rotational_inertia_factor,
-        slope,
-        air_density,
-        gravity,
+        *motion, *vehicle, slope, air_density, gravity
     )
     mean_speed = (before + after) / 2
     force = (
@@ -85,8 +77,7 @@ def battery_energy(
       tractive_energy: energy at the wheels in the step, J, negative when braking.
       dt: length of the step, s.
       drivetrain_efficiency: share of battery energy that reaches the wheels, in (0, 1].
-      regeneration_efficiency: share of braking energy that reaches the battery, in [0, 1]; 0 for
-        friction brakes only.
+      regeneration_efficiency: share of braking energy that reaches the battery, in [0, 1]; 0 for friction brakes only.
       auxiliary_power: power of what else the battery feeds (climate, electronics), W.
 
     Returns:

@@ -31,24 +31,12 @@ class Policy(struct.PyTreeNode):
     world: Callable[[Any], Any] = struct.field(pytree_node=False, default=lambda params: params)
 
     def __call__(self, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
-        """What it does.
-
-        Args:
-          key: randomness of this decision.
-          obs: observation of the state, as the environment returned it.
-          state: of the environment.
-          params: of the environment.
-        """
+        """What it does; `key` is the randomness of this decision, `obs` as the environment returned it."""
         return self.act(self.weights, key, obs, state, params)
 
 
 def rule(act: Callable[[jax.Array, Any, Any], jax.Array], num_actions: int) -> Policy:
-    """A policy without weights.
-
-    Args:
-      act: `(key, state, params)` to an action, () int32, that is allowed.
-      num_actions: of the environment.
-    """
+    """A policy without weights; `act(key, state, params)` gives an action, () int32, that is allowed."""
 
     def choose(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
         action = act(key, state, params)
@@ -65,9 +53,7 @@ def every(policy: Policy, interval: int) -> Policy:
     def choose(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
         asked = state.time % interval == 0
         choice = policy.act(weights, key, obs, state, params)
-        wait = jax.nn.one_hot(0, choice.probabilities.shape[-1])
-        return Choice(
-            jnp.where(asked, choice.action, 0), jnp.where(asked, choice.probabilities, wait)
-        )
+        wait = Choice(jnp.int32(0), jax.nn.one_hot(0, choice.probabilities.shape[-1]))
+        return jax.tree.map(lambda now, later: jnp.where(asked, now, later), choice, wait)
 
     return Policy(choose, policy.weights, policy.world)

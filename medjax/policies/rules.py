@@ -89,8 +89,7 @@ def paced(env: Environment, interval_s: float = 34.0, ramp: int = 1) -> Policy:
 
     def act(mask: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
         due = state.time * env.config.decision_s >= state.tally.meds_dispatched * interval_s
-        send = due & mask[action]
-        return jnp.where(send, action, 0)
+        return jnp.where(due & mask[action], action, 0)
 
     return _of_highway(env, act)
 
@@ -101,10 +100,9 @@ def stranded_need(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.
     Counts EVs below the request threshold without a booking, from as far behind the ramp as a MED may
     be asked to the end of its reach: those that would otherwise run out soonest.
     """
-    x = state.vehicles.x[config.ev_slots]
     low = state.evs.energy_j < params.charging.request_soc * params.ev_capacity_j
     needy = state.vehicles.active[config.ev_slots] & low & (state.evs.med == NOT_BOOKED)
-    ahead = params.road.ramp_x_m[:, None] - x[None, :]
+    ahead = params.road.ramp_x_m[:, None] - state.vehicles.x[config.ev_slots][None, :]
     meets = (ahead <= params.charging.reach_ahead_m) & (ahead >= -params.charging.reach_behind_m)
     return jnp.sum(meets & needy, axis=1)
 
@@ -119,8 +117,7 @@ def _where_needed(
     def act(mask: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
         needs = need(state, params)
         best = 1 + jnp.argmax(needs)
-        send = (needs.max() >= enough) & mask[best]
-        return jnp.where(send, best, 0)
+        return jnp.where((needs.max() >= enough) & mask[best], best, 0)
 
     return _of_highway(env, act)
 
@@ -145,11 +142,5 @@ def forecast(env: Environment, window_s: float = 60.0, enough: float = 3.5) -> P
 
 
 BASELINES: dict[str, Callable[[Environment], Policy]] = {
-    "none": none,
-    "slow": slow,
-    "random": random,
-    "periodic": periodic,
-    "paced": paced,
-    "greedy": greedy,
-    "forecast": forecast,
+    build.__name__: build for build in (none, slow, random, periodic, paced, greedy, forecast)
 }

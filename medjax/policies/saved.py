@@ -24,6 +24,7 @@ from medjax.env.charging_env import ChargingEnv
 from medjax.env.contract import Environment
 from medjax.errors import InputError
 from medjax.files import replacing
+from medjax.numerics.gathers import with_rows
 from medjax.policies.policy import Choice, Policy, every
 from medjax.scenarios import make
 from medjax.world.params import EnvParams
@@ -121,16 +122,12 @@ def _batched(network: export.Exported) -> Callable[[jax.Array, jax.Array], Any]:
     """The network on rows, for `jax.vmap` too, which JAX has no rule for: further axes are merged into the rows."""
 
     @jax.custom_batching.custom_vmap
-    def call(obs: jax.Array, mask: jax.Array) -> tuple[jax.Array, jax.Array]:
-        probabilities, values = network.call(obs, mask)
-        return probabilities, values
+    def call(obs: jax.Array, mask: jax.Array) -> tuple[jax.Array, ...]:
+        return tuple(network.call(obs, mask))
 
     @call.def_vmap
     def _call_all(size: int, batched: Sequence[bool], *leaves: jax.Array) -> Any:
-        full = [
-            leaf if own else jnp.broadcast_to(leaf, (size, *leaf.shape))
-            for leaf, own in zip(leaves, batched, strict=True)
-        ]
+        full = with_rows(size, leaves, tuple(batched))
         merged = call(*(leaf.reshape(-1, leaf.shape[-1]) for leaf in full))
         split = [leaf.reshape(size, -1, *leaf.shape[1:]) for leaf in merged]
         return tuple(split), (True, True)
@@ -140,11 +137,6 @@ def _batched(network: export.Exported) -> Callable[[jax.Array, jax.Array], Any]:
 
 def save_policy(path: Path, about: About, network: export.Exported) -> None:
     """Writes the file, in full or not at all.
-
-    Args:
-      path: of the file.
-      about: what the policy was trained for.
-      network: see `ExportedPolicy`.
 
     Raises:
       OSError: it cannot be written.
@@ -171,9 +163,8 @@ def about_of(env: Environment, params: Any, decide_every: int, name: str = LEARN
     allowed = "allowed: an environment and its numbers as medjax.make gives them"
     if recipe is None:
         raise InputError(f"no file can say what {env.name} is, {allowed}")
-    own = [
-        name for name in ("reward", "following", "coupling") if getattr(recipe, name) is not None
-    ]
+    replaceable = ("reward", "following", "coupling")
+    own = [part for part in replaceable if getattr(recipe, part) is not None]
     own += [] if isinstance(recipe.observation, str) else ["observation"]
     if own:
         raise InputError(f"no file can say what the {own[0]} of one's own is, {allowed}")

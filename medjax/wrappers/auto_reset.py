@@ -18,9 +18,8 @@ class BatchState:
     """State of `BatchAutoReset`."""
 
     env: Any  # states of the copies, every leaf (num_envs, ...)
-    cut_in: (
-        jax.Array
-    )  # (num_envs,) int32, decisions until the first episode is cut short; 0: it is not
+    # (num_envs,) int32, decisions until the first episode is cut short; 0: it is not
+    cut_in: jax.Array
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,11 +50,9 @@ class BatchAutoReset:
     stagger: int = 0
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
-        if self.reset_pool_size < 0:
-            raise InputError(f"reset_pool_size is {self.reset_pool_size}, must be at least 0")
-        if self.stagger < 0:
-            raise InputError(f"stagger is {self.stagger}, must be at least 0")
+        for name in ("reset_pool_size", "stagger"):
+            if (number := getattr(self, name)) < 0:
+                raise InputError(f"{name} is {number}, must be at least 0")
 
     @property
     def num_actions(self) -> int:
@@ -63,44 +60,28 @@ class BatchAutoReset:
         return self.env.num_actions
 
     def reset(self, keys: jax.Array, params: Params) -> tuple[Observation, BatchState]:
-        """Starts a copy for each of the keys.
-
-        Args:
-            keys: `(num_envs,)`.
-            params: parameters, the same for all copies.
-
-        Returns:
-            Observations `(num_envs, ...)` and the state.
-        """
-        reset_keys, stagger_keys = _split(keys)
+        """Starts a copy for each of the keys `(num_envs,)`, with the same params; observations `(num_envs, ...)`."""
+        reset_keys, stagger_keys = split_each(keys)
         obs, env_state = self._reset(reset_keys, params)
         cut_in = jnp.zeros(keys.shape, jnp.int32)
         if self.stagger:
             draw = partial(jax.random.randint, shape=(), minval=1, maxval=self.stagger + 1)
             cut_in = jax.vmap(partial(draw, dtype=jnp.int32))(stagger_keys)
-        return obs, BatchState(env=env_state, cut_in=cut_in)
+        return obs, BatchState(env_state, cut_in)
 
     def step(
         self, keys: jax.Array, state: BatchState, actions: jax.Array, params: Params
     ) -> StepResult:
-        """One decision in every copy.
-
-        Args:
-            keys: `(num_envs,)`.
-            state: state of the batch.
-            actions: `(num_envs,)` int32.
-            params: parameters, the same for all copies.
+        """One decision in every copy; keys `(num_envs,)`, actions `(num_envs,)` int32, params the same for all.
 
         Returns:
-            obs, state, reward, terminated, truncated, info; every leaf `(num_envs, ...)`. Besides what the
-            environment reports, info holds `final_observation` (the observation before any reset) and
-            `cut_short` (see `stagger`).
+            obs, state, reward, terminated, truncated, info; every leaf `(num_envs, ...)`. Besides what the environment
+            reports, info holds `final_observation` (the observation before any reset) and `cut_short` (see `stagger`).
         """
-        step_keys, reset_keys = _split(keys)
+        step_keys, reset_keys = split_each(keys)
         step = jax.vmap(self.env.step_env, (0, 0, 0, None))
-        obs, env_state, reward, terminated, truncated, info = step(
-            step_keys, state.env, actions, params
-        )
+        result = step(step_keys, state.env, actions, params)
+        obs, env_state, reward, terminated, truncated, info = result
         cut_short = (state.cut_in == 1) & ~(terminated | truncated)
         truncated = truncated | cut_short
         done = terminated | truncated
@@ -108,8 +89,7 @@ class BatchAutoReset:
         info = {**info, "final_observation": obs, "cut_short": cut_short}
         with jax.named_scope("auto_reset"):
             obs, env_state = self._restart(reset_keys, done, obs, env_state, params)
-        next_state = BatchState(env=env_state, cut_in=cut_in)
-        return obs, next_state, reward, terminated, truncated, info
+        return obs, BatchState(env_state, cut_in), reward, terminated, truncated, info
 
     def action_mask(self, state: BatchState, params: Params) -> jax.Array:
         """`(num_envs, num_actions)` bool, True where the action is allowed."""
@@ -131,7 +111,7 @@ class BatchAutoReset:
         return for_true_rows(done, pool_size, serve, (obs, state))
 
 
-def _split(keys: jax.Array) -> tuple[jax.Array, jax.Array]:
+def split_each(keys: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Two keys for each of `keys` `(num_envs,)`."""
     pairs = jax.vmap(jax.random.split)(keys)
     return pairs[:, 0], pairs[:, 1]

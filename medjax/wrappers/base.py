@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import operator
 from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
-from medjax.env.contract import (
-    Environment,
-    Observation,
-    Params,
-    State,
-    StepResult,
-    step_with_reset,
-)
+from medjax.env.contract import Environment, Observation, Params, State, StepResult, step_with_reset
+
+
+def _of_env(name: str) -> Any:
+    """A property that is the environment's."""
+    return property(operator.attrgetter(f"env.{name}"), doc=getattr(Environment, name).__doc__)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,30 +38,11 @@ class Wrapper:
         """State of the wrapper after `state`, once that of `env` is `inner`."""
         return inner
 
-    @property
-    def name(self) -> str:
-        """Name of the environment."""
-        return self.env.name
-
-    @property
-    def num_actions(self) -> int:
-        """Number of discrete actions."""
-        return self.env.num_actions
-
-    @property
-    def config(self) -> Any:
-        """Sizes and cadences of the highway."""
-        return self.env.config
-
-    @property
-    def observation(self) -> Any:
-        """Layout of what is observed."""
-        return self.env.observation
-
-    @property
-    def decisions_per_step(self) -> int:
-        """Decisions of the highway in a step."""
-        return self.env.decisions_per_step
+    name = _of_env("name")
+    num_actions = _of_env("num_actions")
+    config = _of_env("config")
+    observation = _of_env("observation")
+    decisions_per_step = _of_env("decisions_per_step")
 
     def reset(self, key: jax.Array, params: Params) -> tuple[Observation, State]:
         """Starts an episode."""
@@ -76,9 +56,9 @@ class Wrapper:
         self, key: jax.Array, state: State, action: jax.Array, params: Params
     ) -> StepResult:
         """One decision."""
-        own, numbers = self.inner(state, params)
-        obs, own, *rest = self.env.step_env(key, own, action, numbers)
-        return obs, self.outer(state, own), *rest
+        inner, numbers = self.inner(state, params)
+        obs, inner, *rest = self.env.step_env(key, inner, action, numbers)
+        return obs, self.outer(state, inner), *rest
 
     def action_mask(self, state: State, params: Params) -> jax.Array:
         """`(num_actions,)` bool, True where the action is allowed."""
@@ -126,7 +106,6 @@ class TimeLimitAsEnd(Wrapper):
         self, key: jax.Array, state: State, action: jax.Array, params: Params
     ) -> StepResult:
         """One decision; truncated is always False."""
-        obs, state, reward, terminated, truncated, info = self.env.step_env(
-            key, state, action, params
-        )
+        result = self.env.step_env(key, state, action, params)
+        obs, state, reward, terminated, truncated, info = result
         return obs, state, reward, terminated | truncated, jnp.zeros_like(truncated), info

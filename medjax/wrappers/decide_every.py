@@ -22,7 +22,6 @@ class DecideEvery(Wrapper):
     too, a policy that may change its mind at each of them gains next to nothing by it, and does not learn to wait.
 
     Attributes:
-        env: a single environment.
         interval: decisions from one choice to the next, at least 1.
 
     Raises:
@@ -32,7 +31,6 @@ class DecideEvery(Wrapper):
     interval: int = 1
 
     def __post_init__(self) -> None:
-        """Checks the number."""
         if self.interval < 1:
             raise InputError(f"interval is {self.interval}, must be at least 1")
 
@@ -58,7 +56,7 @@ class DecideEvery(Wrapper):
 
         def decide(
             before: StepResult, step: tuple[jax.Array, jax.Array]
-        ) -> tuple[StepResult, dict[str, Any]]:
+        ) -> tuple[StepResult, Info]:
             """One decision; what is over stays as it is."""
             _, state, total, terminated, truncated, sums = before
             obs, state, reward, *ends, info = self.env.step_env(step[0], state, step[1], params)
@@ -83,6 +81,6 @@ PROBED: dict[str, Callable[[jax.Array], jax.Array]] = {  # of info: what is made
 }
 
 
-def _split(info: Info) -> dict[str, Any]:
+def _split(info: Info) -> Info:
     """What a probe reports, taken out of `info`."""
     return {name: info.pop(name) for name in PROBED if name in info}

@@ -28,23 +28,14 @@ class RandomDemandState:
     @property
     def time(self) -> jax.Array:
         """() int32, decisions taken in the episode."""
-        time: jax.Array = self.env.time
-        return time
+        return self.env.time
 
 
 def scale_demand(params: Params, factor: Scalar) -> Params:
-    """`params` with so many times the vehicles asking to enter, at every entry alike.
-
-    Args:
-        params: of the environment, with `demand` (`medjax.world.params.DemandParams`).
-        factor: ().
-    """
-    demand = params.demand
-    return params.replace(
-        demand=demand.replace(
-            mainline_per_h=demand.mainline_per_h * factor, ramp_per_h=demand.ramp_per_h * factor
-        )
-    )
+    """`params`, with `demand` in them, with `factor` () times the vehicles asking to enter, at every entry alike."""
+    flows = ("mainline_per_h", "ramp_per_h")
+    scaled = {name: getattr(params.demand, name) * factor for name in flows}
+    return params.replace(demand=params.demand.replace(**scaled))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +48,6 @@ class RandomDemand(Wrapper):
     The road has the slots of its `EnvConfig` at any demand: who finds none free waits in the queue of an entry.
 
     Attributes:
-        env: a single environment.
         low: smallest factor, at least 0.
         high: largest factor, at least `low`.
 
@@ -69,11 +59,9 @@ class RandomDemand(Wrapper):
     high: float
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         if not 0.0 <= self.low <= self.high < math.inf:
-            raise InputError(
-                f"factors of the demand are {self.low} to {self.high}, must be at least 0 and ascending"
-            )
+            given = f"factors of the demand are {self.low} to {self.high}"
+            raise InputError(f"{given}, must be at least 0 and ascending")
 
     def inner(self, state: RandomDemandState, params: Params) -> tuple[State, Params]:
         """State of the environment, and the parameters at the demand of the episode (None stays None)."""

@@ -46,24 +46,16 @@ class EpisodeLog:
         self, keys: jax.Array, state: EpisodeLogState, actions: jax.Array, params: Params
     ) -> StepResult:
         """One decision in every copy; see `BatchAutoReset.step`."""
-        obs, env_state, reward, terminated, truncated, info = self.env.step(
-            keys, state.env, actions, params
-        )
+        result = self.env.step(keys, state.env, actions, params)
+        obs, env_state, reward, terminated, truncated, info = result
         done = terminated | truncated
         total = state.episode_return + reward.astype(jnp.float32)
         length = state.episode_length + 1
         next_state = EpisodeLogState(
-            env=env_state,
-            episode_return=jnp.where(done, 0.0, total),
-            episode_length=jnp.where(done, 0, length),
+            env_state, jnp.where(done, 0.0, total), jnp.where(done, 0, length)
         )
-        episode = {
-            "finished": done,
-            "complete": done & ~info["cut_short"],
-            "return": total,
-            "length": length,
-            "metrics": info["metrics"],
-        }
+        episode = {"finished": done, "complete": done & ~info["cut_short"]}
+        episode |= {"return": total, "length": length, "metrics": info["metrics"]}
         return obs, next_state, reward, terminated, truncated, {**info, "episode": episode}
 
     def action_mask(self, state: EpisodeLogState, params: Params) -> jax.Array:

@@ -1,7 +1,6 @@
 """The five-value step of gymnax before 1.0, for code that was written for it, as PureJaxRL was."""
 
 import dataclasses
-from typing import Any
 
 import jax
 
@@ -21,9 +20,6 @@ class LegacyStep(Wrapper):
     returned is then the first of the next episode.
 
     To be put around all other wrappers, which hand on the raw step only.
-
-    Attributes:
-        env: a single environment.
     """
 
     def step(  # type: ignore[override]
@@ -35,5 +31,5 @@ class LegacyStep(Wrapper):
             (observation (size,) float32, state, reward () float32, done () bool, info); see `step_with_reset`.
         """
         obs, state, reward, terminated, truncated, info = self.env.step(key, state, action, params)
-        ends: dict[str, Any] = {"terminated": terminated, "truncated": truncated}
-        return obs, state, reward, terminated | truncated, {**info, **ends}
+        info = {**info, "terminated": terminated, "truncated": truncated}
+        return obs, state, reward, terminated | truncated, info

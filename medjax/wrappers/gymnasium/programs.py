@@ -19,7 +19,7 @@ from medjax.env.contract import Environment
 from medjax.errors import InputError
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.scenarios import make
-from medjax.wrappers.auto_reset import BatchAutoReset, BatchState
+from medjax.wrappers.auto_reset import BatchAutoReset, BatchState, split_each
 
 FRAMES_PER_S = 10  # a frame a decision: ten times true speed where a decision is a second
 
@@ -28,7 +28,6 @@ FRAMES_PER_S = 10  # a frame a decision: ten times true speed where a decision i
 BOUND = 1e6
 
 REPORTED = ("action_mask", "metrics", "reward_terms")
-
 
 _SHARED: dict[Any, Environment] = {}
 
@@ -124,7 +123,7 @@ def reset_all(env: Environment, keys: jax.Array, params: Any) -> Any:
     batch = BatchAutoReset(env)
 
     def start(keys: jax.Array, params: Any) -> Any:
-        later, now = _split(keys)
+        later, now = split_each(keys)
         obs, state = batch.reset(now, params)
         return later, state, (obs, {"action_mask": batch.action_mask(state, params)})
 
@@ -145,16 +144,10 @@ def step_all(
 
     def decide(rows: tuple[jax.Array, BatchState, Any], params: Any) -> Any:
         keys, state, actions = rows
-        later, now = _split(keys)
+        later, now = split_each(keys)
         obs, state, *rest, info = batch.step(now, state, actions, params)
         reported = {name: info[name] for name in REPORTED}
         mask = batch.action_mask(state, params)
         return later, state, (obs, *rest, mask, reported), info["final_observation"]
 
     return on_devices(environment_mesh(len(keys)), decide)((keys, state, actions), params)
-
-
-def _split(keys: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Two keys for each of `keys` `(num_envs,)`."""
-    pairs = jax.vmap(jax.random.split)(keys)
-    return pairs[:, 0], pairs[:, 1]

@@ -1,4 +1,4 @@
-"""One highway as a Gymnasium environment."""
+"""One highway as a Gymnasium environment, and the window that shows it."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from typing import Any, ClassVar
 import gymnasium
 import jax
 import numpy as np
-from gymnasium.error import ResetNeeded
+from gymnasium.error import DependencyNotInstalled, ResetNeeded
 
 from medjax.env.contract import Environment
 from medjax.hooks import ENV_ID
 from medjax.wrappers.gymnasium import programs
-from medjax.wrappers.gymnasium.window import Window
 
 
 class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
@@ -123,3 +122,43 @@ class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
         """Gymnasium's "human" mode shows every step without being asked."""
         if self.render_mode == "human":
             self.render()
+
+
+class Window:
+    """A window of pygame, as Gymnasium's own environments have; it opens with the first frame, in its size.
+
+    It shows at most `frames_per_s`: `show` waits for as long as is left of a frame's time.
+
+    Raises:
+      gymnasium.error.DependencyNotInstalled: pygame is missing.
+    """
+
+    def __init__(self, title: str, frames_per_s: float) -> None:
+        try:
+            import pygame
+        except ImportError as error:
+            remedy = 'pip install "gymnasium[classic-control]"'
+            raise DependencyNotInstalled(f"pygame is not installed, run `{remedy}`") from error
+        self._pygame: Any = pygame
+        self._title, self._frames_per_s = title, frames_per_s
+        self._clock = pygame.time.Clock()
+        self._screen: Any = None
+
+    def show(self, frame: np.ndarray) -> None:
+        """Shows `(H, W, 3)` uint8, scaled to the size of the first frame."""
+        pygame = self._pygame
+        surface = pygame.surfarray.make_surface(frame.swapaxes(0, 1))
+        if self._screen is None:
+            pygame.display.init()
+            pygame.display.set_caption(self._title)
+            self._screen = pygame.display.set_mode(surface.get_size())
+        pygame.transform.scale(surface, self._screen.get_size(), self._screen)
+        pygame.event.pump()
+        self._clock.tick(self._frames_per_s)
+        pygame.display.flip()
+
+    def close(self) -> None:
+        """Closes it; `show` would open it again."""
+        if self._screen is not None:
+            self._pygame.display.quit()
+            self._screen = None

@@ -88,9 +88,7 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         for number, own in enumerate(seeds):
             if own is not None:
                 self._generators[number] = seeding.np_random(own)[0]
-        keys = programs.as_keys(
-            np.stack([programs.draw_words(generator) for generator in self._generators])
-        )
+        keys = programs.as_keys(np.stack([*map(programs.draw_words, self._generators)]))
         self._keys, self._state, result = programs.reset_all(self.simulator, keys, self.params)
         obs, info = programs.to_numpy(result)
         self._masks = info["action_mask"]
