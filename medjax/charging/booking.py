@@ -186,7 +186,7 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
         & (evs.med == NOT_BOOKED)
         & (evs.timer_s <= 0.0)
         & (evs.energy_j < params.charging.request_soc * params.ev_capacity_j),
-        endurance_s=evs.energy_j / power_w,
+        endurance_s=evs.energy_j / jnp.maximum(power_w, 1.0),  # downhill nothing is used up
     )
     return requests, offers
 

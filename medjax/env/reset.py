@@ -41,7 +41,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     active = _beside_meds(vehicles.active[slots] & alive, config)
     return EnvState(
         vehicles=vehicles.replace(active=active),
-        evs=unserved(jnp.maximum(energy, 0.0), complies),
+        evs=unserved(jnp.clip(energy, 0.0, params.ev_capacity_j), complies),
         meds=at_depot(config, params),
         queue=jnp.zeros((config.num_entries,), jnp.int32),
         next_is_ev=jax.random.bernoulli(next_key, demand.ev_share, (config.num_entries,)),
