@@ -1,7 +1,5 @@
 """What the benchmarks' commands share: their options, and what becomes of what they measure."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

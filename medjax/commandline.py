@@ -1,7 +1,5 @@
 """What all commands share: bad input is one line on stderr and exit code 2. Nothing here waits for JAX."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -1,7 +1,5 @@
 """How messages show what was given: on one line, printable, and not longer than a reader wants it."""
 
-from __future__ import annotations
-
 import re
 import reprlib
 

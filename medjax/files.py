@@ -1,7 +1,5 @@
 """Files that appear whole or not at all, and whether they can."""
 
-from __future__ import annotations
-
 import contextlib
 import tempfile
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """`make`, which builds an environment from a preset of `medjax.world.presets`."""
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 from collections.abc import Mapping

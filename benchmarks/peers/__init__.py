@@ -3,8 +3,6 @@
 A peer is one module with one `Peer`, and an entry in `PEERS` of `__main__`.
 """
 
-from __future__ import annotations
-
 import abc
 import dataclasses
 from pathlib import Path

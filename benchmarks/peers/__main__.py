@@ -5,8 +5,6 @@ time, all cores at work. Rounds alternate between the simulators, so that a mach
 all of them; medians over rounds are compared.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import importlib.metadata

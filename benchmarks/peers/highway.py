@@ -1,7 +1,5 @@
 """highway-env on a straight road of medjax's length, lanes and number of vehicles."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import multiprocessing

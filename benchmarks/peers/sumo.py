@@ -1,7 +1,5 @@
 """SUMO on the road of medjax: a network of netconvert, IDM, the same demand, tick and time span."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import statistics

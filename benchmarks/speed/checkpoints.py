@@ -1,7 +1,5 @@
 """When a training run beat greedy: its checkpoints, played on the episodes of its closing evaluation."""
 
-from __future__ import annotations
-
 import dataclasses
 import statistics
 from collections.abc import Mapping, Sequence

@@ -6,8 +6,6 @@ code with it. What the sort and the neighbours replace is timed as well. With fe
 program shows in its time.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import statistics

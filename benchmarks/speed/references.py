@@ -3,8 +3,6 @@
 No reference shares code with the kernel that it judges.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax

@@ -4,8 +4,6 @@ Over the number of environments, over the number of vehicles on a road (longer r
 and over devices (on a CPU, cores); and what a reset and the memory of an environment cost.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import statistics

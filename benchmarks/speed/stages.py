@@ -1,7 +1,5 @@
 """Where the time of a decision goes: XLA's own trace, sorted by the named scopes of the step."""
 
-from __future__ import annotations
-
 import collections
 import re
 import tempfile

@@ -4,8 +4,6 @@ The complete default step is timed: dispatch, entries, booking, ticks, observati
 auto-reset, under uniformly random actions. Only vehicles really on the road are counted.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 from typing import Any

@@ -21,8 +21,6 @@ after the imports (they are in "other"). Runs of one seed learn the same, so the
 and every run gives its own time.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import json

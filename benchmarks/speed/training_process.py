@@ -1,7 +1,5 @@
 """One start of `python -m train.ppo` in a process of its own, and the parts of its wall time."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os

@@ -1,7 +1,5 @@
 """The program that the benchmarks time: random decisions in a batch of environments."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import statistics

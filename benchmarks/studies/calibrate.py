@@ -5,8 +5,6 @@ two numbers, for two unknowns, the penalty w1 of a depleted EV and a common fact
 Returns are linear in the weights, so both follow from the episodes of these two policies. PPO is never looked at.
 """
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

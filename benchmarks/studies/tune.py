@@ -5,8 +5,6 @@ ramp, `medjax.policies.forecast` with every window and threshold, all on the sam
 uses by default.
 """
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

@@ -5,8 +5,6 @@ work of eqs (7)-(8) in another form: forces times the way, and the change of kin
 full or empty hides a part of what flowed, so flows are intervals, `Flow`.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import jax

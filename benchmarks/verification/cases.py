@@ -1,7 +1,5 @@
 """Cases of the soak: random worlds side by side in one compiled program that plays and checks them."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import time

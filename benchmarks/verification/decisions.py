@@ -1,7 +1,5 @@
 """One whole decision against the invariants: its entries, every tick, and what it returns."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """One decision of a violation, tick by tick: which check failed, and the numbers of the vehicles concerned."""
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Iterator
 from typing import Any

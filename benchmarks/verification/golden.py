@@ -8,8 +8,6 @@ A file holds rollouts of several worlds under random allowed actions, and with `
 train.ppo logged, scored and learned. Both must come from one machine and one version of JAX: others round differently.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import operator

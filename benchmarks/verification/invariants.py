@@ -8,8 +8,6 @@ Every check returns flags, True where something is wrong, by invariant (`INVARIA
 makes one number of each invariant, so that thousands of environments are checked under `jax.vmap` at speed.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import jax

@@ -4,8 +4,6 @@ Everything is drawn between bounds written here, ends included and met often. Th
 where it has both; else what a road could have. Bounds that safety itself sets are in `_drivers`, with their reason.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

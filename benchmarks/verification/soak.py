@@ -5,8 +5,6 @@ of its own, that play under random actions: allowed ones in one half of them, an
 counted as vehicles really on the road. A violation prints the one command that plays up to it again and shows it.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import sys

@@ -1,7 +1,5 @@
 """Whether an EV's charge lasts for its way, and what its driver does where it does not: drive slower."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 

@@ -4,8 +4,6 @@ Under vmap an indexed read becomes one in a matrix, and XLA for CPUs first write
 entry, which costs as much as the read. The rule for vmap here adds the row's offset to the index and reads one vector.
 """
 
-from __future__ import annotations
-
 from typing import Any, TypeVar
 
 import jax

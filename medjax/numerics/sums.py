@@ -4,8 +4,6 @@ XLA adds up an axis in an order that depends on the shapes around it: one enviro
 hundred, would differ in the last digits of their reward.
 """
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 

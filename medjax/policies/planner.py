@@ -1,7 +1,5 @@
 """A planner that owns a simulator: an upper reference for learned policies, and slow."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a dispatcher is: the one protocol of rules, planners, learned policies and those read from a file."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

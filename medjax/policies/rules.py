@@ -4,8 +4,6 @@ Each entry of `BASELINES` is `build(env) -> policy` (`medjax.policies.policy.Pol
 masked action is never returned. Rules read the highway under any wrappers of the environment.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -5,8 +5,6 @@ trained for, and `network.bin`, the network with its weights as StableHLO (`jax.
 TPUs, readable by later versions of JAX. Nothing is unpickled.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -1,7 +1,5 @@
 """What a wrapper of one environment leaves as it is."""
 
-from __future__ import annotations
-
 import dataclasses
 import operator
 from collections.abc import Callable

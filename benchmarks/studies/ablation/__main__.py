@@ -6,8 +6,6 @@ program and on the same episodes, so that what differs is due to the number that
 `python -m benchmarks.ablation STUDY --help`.
 """
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What the studies share: settings of the environment, rows of a report, and how they are shown."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -20,7 +18,7 @@ from train.runs.run_directory import RunDir
 from train.runs.trained_run import to_play
 from train.settings import TrainConfig
 
-RULES = ("forecast", "paced", "greedy", "none")
+RULES = ("forecast", "paced", "greedy", "slow", "none")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -4,8 +4,6 @@ A world's numbers are leaves of `EnvParams`, so `jax.vmap` runs over them: over 
 episodes, and over the worlds in which dispatchers are trained.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

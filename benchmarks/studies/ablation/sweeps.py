@@ -1,7 +1,5 @@
 """Policies in worlds that differ in one number."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 from pathlib import Path

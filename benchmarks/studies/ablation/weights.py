@@ -1,7 +1,5 @@
 """Dispatchers trained for rewards of other weights: what MEDs and traffic pay for fewer depleted EVs."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 from pathlib import Path

@@ -3,8 +3,6 @@
 Both split keys as `BatchAutoReset` does, so that one seed starts the same episode in either.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Hashable, Mapping
 from typing import Any

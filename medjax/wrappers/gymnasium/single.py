@@ -1,7 +1,5 @@
 """One highway as a Gymnasium environment, and the window that shows it."""
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 import gymnasium

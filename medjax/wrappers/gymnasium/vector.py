@@ -1,7 +1,5 @@
 """Many highways as a native vector environment of Gymnasium."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
