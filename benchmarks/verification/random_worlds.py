@@ -89,6 +89,8 @@ def _road(draw: _Draw, config: EnvConfig) -> groups.RoadParams:
         lane_width_m=draw(2.5, 5.0),
         ramp_x_m=(places + order * spaced[..., None]).astype(np.float32),
         acceleration_lane_m=merge,
+        slope=draw(-0.06, 0.06),
+        air_density=draw(0.8, 1.4),
     )
 
 
@@ -119,6 +121,10 @@ def _drivers(draw: _Draw, config: EnvConfig) -> groups.DriverParams:
         acceleration_noise=draw(0.0, 0.3, kinds),
         lateral_wander=draw(0.0, 0.4, kinds),
         vehicle_length=draw(3.0, LONGEST_M, kinds),
+        eco_compliance=draw(0.0, 1.0),
+        eco_speed=draw(5.0, 35.0),
+        eco_horizon_m=draw(0.0, 50e3),
+        eco_soc=draw(0.0, 1.0),
     )
 
 
@@ -141,6 +147,7 @@ def _charging(draw: _Draw, config: EnvConfig) -> groups.ChargingParams:
         dock_speed_tolerance=draw(0.1, 2.0),
         hold_tolerance_m=draw(0.1, 4.0),
         slot_power_w=draw(0.0, 200e3),
+        taper_soc=draw(0.0, 1.0),
     )
 
 
@@ -190,6 +197,8 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
         link=groups.LinkParams(
             inductance=table,
             panel_gap_m=draw(0.05, 0.6),
+            permeability=draw(0.5, 2.0),
+            max_current_a=draw(0.0, 300.0),
             misalignment_scale=draw(0.0, 1.0),
             load_ohm=draw(1.0, 50.0),
             med_resistance_ohm=draw(0.01, 1.0),

@@ -75,10 +75,11 @@ def _fit(params: EnvParams, config: EnvConfig) -> EnvParams:
 
 @dataclasses.dataclass(frozen=True)
 class Scenario:
-    """A preset: static sizes, and the numbers in which it differs from `paper`, by the names of `PLACES`."""
+    """A preset: static sizes, numbers in which it differs from `paper`, by the names of `PLACES`, and a reward."""
 
     config: EnvConfig = dataclasses.field(default_factory=EnvConfig)
     numbers: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    reward: str = "paper"  # of `medjax.env.reward.REWARDS`
 
     def params(self, config: EnvConfig) -> EnvParams:
         """The numbers for these sizes, all but the coils' table."""
@@ -125,7 +126,7 @@ class Recipe:
     overrides: Mapping[
         str, Any
     ]  # by name; numbers, lists of numbers and `reward_weights`, as JSON has them
-    reward: Mapping[str, Any] | None  # as given
+    reward: Any  # as given
     observation: Any  # as given: a name, or one of one's own
     following: Any = None  # as given
     coupling: Any = None  # as given

@@ -5,6 +5,8 @@ Numbers in a row are one a kind of vehicle, in the order of `medjax.world.kinds.
 
 from __future__ import annotations
 
+import math
+
 import jax
 from flax import struct
 
@@ -27,6 +29,10 @@ class RoadParams(struct.PyTreeNode):
         per="ramp",
     )
     acceleration_lane_m: Scalar = number(250.0, 10, 5000, "m", "chosen; usual for motorways")
+    slope: Scalar = number(
+        0.0, -0.2, 0.2, "rad", "positive uphill, the same all along; motorways stay below 0.06"
+    )
+    air_density: Scalar = number(1.2, 0.1, 10, "kg/m3", "reference; 20 C at sea level")
 
 
 class DemandParams(struct.PyTreeNode):
@@ -61,7 +67,7 @@ class DemandParams(struct.PyTreeNode):
 
 
 class DriverParams(struct.PyTreeNode):
-    """Car-following and body parameters, each `(num_kinds,)`."""
+    """Car-following and body parameters, each `(num_kinds,)`; and how EVs' drivers answer a low charge."""
 
     desired_speed: jax.Array = number(
         (18.0, 30.0, 30.0, 30.0),
@@ -100,6 +106,18 @@ class DriverParams(struct.PyTreeNode):
     vehicle_length: jax.Array = number(
         (12.0, 5.0, 5.0, 5.0), 2, 50, "m", "paper (highway-env's car); a rigid truck", per="kind"
     )
+    eco_compliance: Scalar = number(
+        0.0, 0, 1, "", "share of EVs' drivers who slow down to save charge; paper: none does"
+    )
+    eco_speed: Scalar = number(22.0, 1, 100, "m/s", "they do not drive slower than a lorry; chosen")
+    eco_horizon_m: Scalar = number(
+        30e3,
+        0,
+        math.inf,
+        "m",
+        "charge is to last for this, or to the road's end if that is further",
+    )
+    eco_soc: Scalar = number(1.0, 0, 1, "", "who has more charge does not think of it")
 
 
 class MotionParams(struct.PyTreeNode):
