@@ -58,7 +58,8 @@ def diagram(seen: Trajectories) -> Diagram:
     minute = (seen.tick * seen.tick_s // 60.0).astype(np.int64)
     flow, density = np.zeros((2, minutes, len(x_m), lanes))
     for place, middle in enumerate(x_m):
-        there = np.abs(seen.x - middle) < 0.5 * SECTION_M
+        offset = seen.x - middle
+        there = (offset >= -0.5 * SECTION_M) & (offset < 0.5 * SECTION_M)
         rows = np.nonzero(there & (seen.lane < lanes) & (minute < minutes))[0]
         cell, count = minute[rows] * lanes + seen.lane[rows], minutes * lanes
         ticks = np.bincount(cell, minlength=count).reshape(minutes, lanes)
@@ -75,7 +76,7 @@ class Breakdown:
     """A bottleneck before and after it breaks down; flows are of the last detector, behind the last ramp."""
 
     minute: int | None  # the first one of the breakdown; None: it never came
-    highest_before: float  # vehicles/h/lane, over 5 minutes before it (of all, if it never came)
+    highest_before: float  # vehicles/h/lane, over 5 minutes before it (of all, if it never came); 0: it came sooner
     discharge: (
         float  # vehicles/h/lane, mean from 5 minutes after it on while the queue stands; NaN: none
     )
@@ -87,7 +88,9 @@ class Breakdown:
 
 
 def _means(values: np.ndarray) -> np.ndarray:
-    """Of FLOW_MINUTES at a time, (minutes - 4,)."""
+    """Of FLOW_MINUTES at a time, (minutes - 4,); none if it was shorter."""
+    if len(values) < FLOW_MINUTES:
+        return np.zeros(0)
     return np.convolve(values, np.full(FLOW_MINUTES, 1.0 / FLOW_MINUTES), mode="valid")
 
 
@@ -102,10 +105,10 @@ def breakdown(counted: Diagram, free_speed: float) -> Breakdown:
     stays = np.array([_means(column) for column in slow.T.astype(float)]) > 1.0 - 1e-9
     begins = np.nonzero(stays.any(axis=0))[0]
     before = int(begins[0]) if len(begins) else len(discharge)
-    flows = _means(discharge[:before]) if before >= FLOW_MINUTES else np.zeros(1)
+    highest = float(_means(discharge[:before]).max(initial=0.0))
     if not len(begins):
-        return Breakdown(None, float(flows.max()), np.nan)
+        return Breakdown(None, highest, np.nan)
     late = np.arange(len(discharge)) >= before + FLOW_MINUTES
     standing = discharge[late & queue]
     mean = float(standing.mean()) if len(standing) else np.nan
-    return Breakdown(before, float(flows.max()), mean)
+    return Breakdown(before, highest, mean)
