@@ -157,8 +157,9 @@ def _kinds(params: EnvParams) -> ElementTree.Element:
 def _flows(config: EnvConfig, period: Period) -> list[ElementTree.Element]:
     """Poisson arrivals at each entry in a period; SUMO wants flows in the order of their beginnings."""
     demand = period.params.demand
-    # "max": as fast as its driver wants and the vehicle ahead allows, as medjax's enter.
-    entries = [("main0", lane, "max") for lane in range(config.num_lanes)]
+    # "last": as fast as the vehicle ahead. Of "max" SUMO lets in 1,000 an hour and lane at most, some of them at a
+    # crawl, which then hold up others.
+    entries = [("main0", lane, "last") for lane in range(config.num_lanes)]
     entries += [(f"ramp{x:g}", 0, str(float(demand.ramp_speed))) for x in _ramps(period.params)]
     rates = np.asarray(entry_rates(demand, config.num_lanes), np.float64)
     return [

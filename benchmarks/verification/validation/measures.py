@@ -10,7 +10,13 @@ import numpy as np
 
 from benchmarks.verification.validation.lanes import LaneChanges, lane_changes
 from benchmarks.verification.validation.merging import Merges, merges
-from benchmarks.verification.validation.sections import Breakdown, Diagram, breakdown, diagram
+from benchmarks.verification.validation.sections import (
+    FLOW_MINUTES,
+    Breakdown,
+    Diagram,
+    breakdown,
+    diagram,
+)
 from benchmarks.verification.validation.trajectories import (
     STANDING,
     Neighbours,
@@ -31,6 +37,7 @@ class Findings:
     entered_main: int
     entered_ramps: int
     left: int
+    vehicles_max: int  # on the road at once
     counted: Diagram
     broke_down: Breakdown
     merged: Merges
@@ -58,6 +65,7 @@ def find(seen: Trajectories, free_speed: float) -> Findings:
         entered_main=int((~seen.on_ramp[came]).sum()),
         entered_ramps=int(seen.on_ramp[came].sum()),
         left=int((seen.tick[last] < seen.num_ticks - 1).sum()),
+        vehicles_max=int(np.bincount(seen.tick, minlength=1).max()),
         counted=counted,
         broke_down=breakdown(counted, free_speed),
         merged=merges(seen, beside),
@@ -111,6 +119,7 @@ def summarise(findings: Sequence[Findings]) -> dict[str, Any]:
         "entered_main_per_h": sum(found.entered_main for found in findings) / hours,
         "entered_ramps_per_h": sum(found.entered_ramps for found in findings) / hours,
         "left_per_h": sum(found.left for found in findings) / hours,
+        "vehicles_max": max(found.vehicles_max for found in findings),
         **_of_merges([found.merged for found in findings]),
         **_of_lanes([found.changed for found in findings]),
         **_of_travel(findings, hours),
@@ -166,13 +175,15 @@ def _of_flow(findings: Sequence[Findings]) -> dict[str, Any]:
     last = np.concatenate([found.counted.flow_a_lane()[:, -1] for found in findings])
     speed = np.concatenate([found.counted.speed()[:, -1] for found in findings])
     broke = [found.broke_down for found in findings if found.broke_down.minute is not None]
+    best, density = max(_five_minutes(found.counted) for found in findings)
     mean = lambda values: _share(sum(values), len(values))  # noqa: E731
     discharges = [each.discharge for each in broke if np.isfinite(each.discharge)]
     drops = [each.capacity_drop for each in broke if np.isfinite(each.capacity_drop)]
     return {
         "flow_last_mean": mean(last),
         "speed_last_mean": float(np.nanmean(speed)) if np.isfinite(speed).any() else np.nan,
-        "flow_5min_max": max(_five_minutes(found) for found in findings),
+        "flow_max": best,
+        "density_at_flow_max": density,
         "breakdown_share": len(broke) / len(findings),
         "flow_before_breakdown": mean(
             [each.highest_before for each in broke if each.highest_before]
@@ -182,7 +193,8 @@ def _of_flow(findings: Sequence[Findings]) -> dict[str, Any]:
     }
 
 
-def _five_minutes(found: Findings) -> float:
-    """Highest flow of 5 minutes behind the last ramp, vehicles/h/lane."""
-    flows = found.counted.flow_a_lane()[:, -1]
-    return float(max(flows[at : at + 5].mean() for at in range(max(1, len(flows) - 4))))
+def _five_minutes(counted: Diagram) -> tuple[float, float]:
+    """Highest flow of 5 minutes behind the last ramp, vehicles/h/lane, and the density then, vehicles/km/lane."""
+    flow, density = counted.flow.mean(axis=-1)[:, -1], counted.density.mean(axis=-1)[:, -1]
+    spans = [slice(at, at + FLOW_MINUTES) for at in range(max(1, len(flow) - FLOW_MINUTES + 1))]
+    return max((float(flow[span].mean()), float(density[span].mean())) for span in spans)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
+import functools
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import jax
@@ -11,43 +11,33 @@ import jax.numpy as jnp
 import numpy as np
 
 import medjax
-from benchmarks.verification.validation.measures import find, summarise
+from benchmarks.verification.validation.demands import Schedule, free_speed
+from benchmarks.verification.validation.measures import Findings, find, summarise
 from benchmarks.verification.validation.trajectories import Road, Trajectories
 from medjax.env.charging_env import ChargingEnv
 from medjax.episodes.keys import episode_keys
 from medjax.episodes.player import Episodes, Player
-from medjax.world.kinds import GAS
 from medjax.world.params import EnvParams
 from medjax.world.state import EnvState
 
-WARM_UP_MINUTES = 5  # until the road has filled
 FASTEST = 80.0  # m/s; nobody drives so
 SEEN = ("x", "speed", "lane", "lateral_offset", "active", "kind")
 
-ParamsAt = Callable[[int], EnvParams]  # of a minute, from 0, the warm-up's among them
-
 
 def _probe(state: EnvState) -> dict[str, jax.Array]:
-    return {name: getattr(state.vehicles, name) for name in SEEN}
+    seen = {name: getattr(state.vehicles, name) for name in SEEN}
+    return seen | {name: seen[name].astype(jnp.int8) for name in ("lane", "kind")}
 
 
-def trajectories(
-    env: ChargingEnv, params_at: ParamsAt, episodes: int, minutes: int, seed: int, policy: str
-) -> list[Trajectories]:
-    """Plays whole minutes of episodes and keeps every tick.
-
-    Args:
-      env: the highway; its slots must suffice for the queues.
-      params_at: parameters of each minute.
-      episodes: side by side; minutes: of each; seed: whose episodes.
-      policy: a name in `medjax.BASELINES`.
-    """
+@functools.lru_cache(maxsize=2)  # demands share one
+def _program(env: ChargingEnv, policy: str) -> tuple[Player, Callable[..., Any]]:
+    """The player, and its minute: `(episodes, its number, params)` to (episodes, ticks)."""
     player = Player(env.with_probe(_probe), [medjax.BASELINES[policy](env)])
     decisions = round(60.0 / env.config.decision_s)
     weights = [player.policies[0].weights]
 
     @jax.jit
-    def minute(playing: Episodes, number: Any, params: EnvParams) -> tuple[Episodes, Any]:
+    def minute(playing: Episodes, number: jax.Array, params: EnvParams) -> tuple[Episodes, Any]:
         def decide(playing: Episodes, index: jax.Array) -> tuple[Episodes, Any]:
             playing, made = player.decide(playing, index, weights, params)
             begun, ticks = made.info["begun"], made.info["ticks"]
@@ -60,21 +50,32 @@ def trajectories(
 
         return jax.lax.scan(decide, playing, number * decisions + jnp.arange(decisions))
 
+    return player, minute
+
+
+def trajectories(
+    env: ChargingEnv, schedule: Schedule, episodes: int, seed: int, policy: str
+) -> Iterator[Trajectories]:
+    """Plays episodes side by side and keeps every tick after the warm-up.
+
+    Args:
+      env: the highway; its slots must suffice for the queues.
+      schedule: of every episode.
+      seed: whose episodes.
+      policy: a name in `medjax.BASELINES`.
+    """
+    params_at = schedule.params_at
+    player, minute = _program(env, policy)
     playing = player.start(episode_keys(seed, episodes), params_at(0))
     parts = []
-    for number in range(minutes):
+    for number in range(schedule.all_minutes):
         playing, ticks = minute(playing, jnp.int32(number), params_at(number))
-        parts.append(jax.device_get(ticks))  # each (decisions, episodes, ticks, N)
-    params = params_at(0)
-    return [
-        of_slots(
-            {name: _ticks([part[name][:, episode] for part in parts]) for name in SEEN},
-            Road.of(env.config, params),
-            env.config.tick_s,
-            np.asarray(params.drivers.vehicle_length),
-        )
-        for episode in range(episodes)
-    ]
+        if number >= schedule.warm_up_minutes:
+            parts.append(jax.device_get(ticks))  # each (decisions, episodes, ticks, N)
+    lengths = np.asarray(params_at(0).drivers.vehicle_length)
+    for episode in range(episodes):
+        slots = {name: _ticks([part[name][:, episode] for part in parts]) for name in SEEN}
+        yield of_slots(slots, Road.of(env.config, params_at(0)), env.config.tick_s, lengths)
 
 
 def _ticks(parts: list[np.ndarray]) -> np.ndarray:
@@ -121,26 +122,20 @@ def measure(
     seed: int = 0,
     policy: str = "none",
 ) -> dict[str, Any]:
-    """The figures of `measures.summarise` for one world, measured after WARM_UP_MINUTES.
+    """The figures of `measures.summarise` for one world, after the warm-up.
 
     Args:
       env, params: of `medjax.make`; its slots must suffice for the queues (`num_gas=...`).
       episodes: side by side, in memory together; minutes: of each that are measured.
       policy: a name in `medjax.BASELINES`.
     """
-    return summarise(observe(env, lambda _: params, episodes, minutes, seed, policy))
+    schedule = Schedule(env.config, lambda _: params, minutes)
+    return summarise(observe(env, schedule, episodes, seed, policy))
 
 
 def observe(
-    env: ChargingEnv,
-    params_at: ParamsAt,
-    episodes: int,
-    minutes: int,
-    seed: int,
-    policy: str = "none",
-) -> list[Any]:
-    """`measures.find` of each episode after WARM_UP_MINUTES."""
-    free_speed = float(params_at(0).drivers.desired_speed[GAS])
-    played = trajectories(env, params_at, episodes, minutes + WARM_UP_MINUTES, seed, policy)
-    measured = partial(find, free_speed=free_speed)
-    return [measured(seen.after(60.0 * WARM_UP_MINUTES)) for seen in played]
+    env: ChargingEnv, schedule: Schedule, episodes: int, seed: int, policy: str = "none"
+) -> list[Findings]:
+    """`measures.find` of each episode, as `trajectories`."""
+    speed = free_speed(schedule)
+    return [find(seen, speed) for seen in trajectories(env, schedule, episodes, seed, policy)]

@@ -177,6 +177,7 @@ def test_an_episode_of_a_few_vehicles():
     assert found.standing_s == 50.0
     assert found.idle_s == 25.0
     assert found.collisions == 10
+    assert found.vehicles_max == 6
 
 
 def test_figures_pool_episodes():

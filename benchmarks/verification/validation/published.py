@@ -1,0 +1,168 @@
+"""What traffic on real roads shows, and what this simulator is to reach; each range with its source."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+
+@dataclasses.dataclass(frozen=True)
+class Range:
+    """Where a figure under a demand should lie, both ends included."""
+
+    figure: str  # of `measures.summarise`
+    demand: str  # a name in `demands.DEMANDS`
+    low: float
+    high: float
+    text: str
+    source: str
+
+    def holds(self, value: float) -> bool | None:
+        """Whether it lies there; None where there is no figure."""
+        return None if math.isnan(value) else self.low <= value <= self.high
+
+
+ANY, GOAL = math.inf, "a goal of this project"
+# Sources marked "from memory" were not at hand when this was written.
+MERGING = (
+    ("paper", "at the preset's demand"),
+    ("merging", "4,500 and 4 x 300 vehicles/h"),
+)
+RANGES = (
+    *(
+        Range("ramp_stop_share", demand, 0.0, 0.005, f"ramp vehicles that stop, {where}", GOAL)
+        for demand, where in MERGING
+    ),
+    *(
+        Range(
+            "merge_relative_speed_median",
+            demand,
+            0.85,
+            1.1,
+            f"merging speed by the right lane's, median, {where}",
+            "a goal; AASHTO's Green Book designs acceleration lanes for merging within 8 km/h of traffic's "
+            "speed, some 0.92 (from memory)",
+        )
+        for demand, where in MERGING
+    ),
+    *(
+        Range(
+            "follower_acceleration_p5",
+            demand,
+            -3.0,
+            ANY,
+            f"new follower's strongest braking in 5 s, 5th percentile, m/s2, {where}",
+            "a goal; comfortable for most drivers is up to 3.4 (AASHTO, from memory)",
+        )
+        for demand, where in MERGING
+    ),
+    Range(
+        "merge_lane_used_median",
+        "merging",
+        0.2,
+        0.75,
+        "acceleration lane used before the merge, median",
+        "near the middle: Li, Wang, Chen, Li 2007 (Beijing, Jiangsu); the first half where it is free: Daamen, Loot, "
+        "Hoogendoorn 2010 (from memory)",
+    ),
+    *(
+        Range(
+            "lane_changes_per_km",
+            demand,
+            0.2,
+            0.6,
+            f"lane changes a vehicle and km, {where}",
+            "0.5: Knoop, Hoogendoorn, Shiomi, Buisson 2012; 0.23: Lee, Olsen, Wierwille 2004 (8,667 on 38,542 km)",
+        )
+        for demand, where in MERGING
+    ),
+    *(
+        Range("undone_share", demand, 0.0, 0.02, f"changes undone within 6 s, {where}", GOAL)
+        for demand, where in MERGING
+    ),
+    Range(
+        "lateral_acceleration_max",
+        "merging",
+        0.0,
+        2.0,
+        "largest lateral acceleration, m/s2",
+        "a goal; a lane in 6.3 s with a deviation of 2.0 (Lee, Olsen, Wierwille 2004) is 0.6 to 1.4 as a sine",
+    ),
+    *(
+        Range(
+            "idle_s_per_h", demand, 0.0, 0.0, f"standing with 60 m free ahead, s/h, {demand}", GOAL
+        )
+        for demand in ("paper", "overload")
+    ),
+    *(
+        Range("collisions", demand, 0.0, 0.0, f"collisions, vehicles' ticks, {demand}", GOAL)
+        for demand in ("paper", "merging", "overload", "rising")
+    ),
+    Range(
+        "travel_mean_s",
+        "paper",
+        133.0,
+        147.0,
+        "4 km at the preset's demand, s",
+        "free speed up to 1,000 pc/h/lane and more: HCM, basic freeway segments (from memory); 133 s at 30 m/s",
+    ),
+    Range(
+        "flow_max",
+        "rising",
+        1900.0,
+        2400.0,
+        "highest flow of 5 minutes, vehicles/h/lane",
+        "2,400 pc/h/lane at 110 km/h: HCM 7th ed. (from memory); bottlenecks have some hundreds less: Elefteriadou et "
+        "al. 2016",
+    ),
+    Range(
+        "density_at_flow_max",
+        "rising",
+        17.0,
+        30.0,
+        "density then, vehicles/km/lane",
+        "28 (45 pc/mi/lane) at capacity: HCM 7th ed. (from memory); less where capacity is less",
+    ),
+    *(
+        Range(
+            "discharge",
+            demand,
+            1900.0,
+            2225.0,
+            f"discharge of the queue, vehicles/h/lane, {demand}",
+            "2,225 on average: Texas Transportation Institute 1991; 2,024 (6,071 on three lanes): Hall, Agyemang-Duah "
+            "1991",
+        )
+        for demand in ("overload", "rising")
+    ),
+    Range(
+        "capacity_drop",
+        "rising",
+        0.05,
+        0.15,
+        "capacity drop",
+        "10 %: Cassidy, Bertini 1999; 6 %: Hall, Agyemang-Duah 1991; 5 %: Mamdoohi et al. (an Iranian freeway)",
+    ),
+)
+
+
+def checks(figures: dict[str, dict[str, dict[str, Any]]]) -> list[dict[str, Any]]:
+    """Every range beside what was measured.
+
+    Args:
+      figures: of `measures.summarise`, by demand, by simulator.
+
+    Returns:
+      One a range whose demand was measured: the range, and by simulator `value` and `holds`.
+    """
+    found = []
+    for each in RANGES:
+        if each.demand not in figures:
+            continue
+        measured = {
+            name: {"value": values[each.figure], "holds": each.holds(values[each.figure])}
+            for name, values in figures[each.demand].items()
+        }
+        found.append(dataclasses.asdict(each) | {"measured": measured})
+    return found
