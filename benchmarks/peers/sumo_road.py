@@ -83,9 +83,9 @@ def _on_ramps(params: EnvParams, y: float, common: Mapping[str, Any]) -> Network
         name, end = f"ramp{x:g}", f"x{x:g}"
         shape = f"{x - RAMP_M},{y} {x},{y}"
         nodes.append(_element("node", id=name, x=x - RAMP_M, y=y))
-        edges.append(
-            _element("edge", id=name, from_=name, to=end, numLanes=1, shape=shape, **common)
-        )
+        # Its length is given, since netconvert leads the shape on to the middle of the node.
+        of_ramp = {"numLanes": 1, "shape": shape, "length": RAMP_M}
+        edges.append(_element("edge", id=name, from_=name, to=end, **of_ramp, **common))
         connections.append(
             _element("connection", from_=name, to=f"main{x:g}", fromLane=0, toLane=0)
         )

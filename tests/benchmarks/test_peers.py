@@ -74,6 +74,7 @@ def test_ramps_join_their_acceleration_lane_which_ends(road, workload):
     edges, connections = road
     for x in workload.params.road.ramp_x_m:
         merge, ramp = f"main{x:g}", f"ramp{x:g}"
+        assert [lane.get("length") for lane in edges[ramp].findall("lane")] == ["20.00"]
         assert [c for c in connections if c[0] == ramp] == [(ramp, "0", merge, "0")]
         assert [c[0] for c in connections if c[2:] == (merge, "0")] == [ramp]
         assert {c[1] for c in connections if c[0] == merge} == {"1", "2", "3", "4"}

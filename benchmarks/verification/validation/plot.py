@@ -42,7 +42,8 @@ def draw(path: Path, result: dict[str, Any]) -> None:
         xlabel="demand", ylabel="merging speed / right lane's", title="median and 5th percentile"
     )
     for axes in (by_density, rising, merging):
-        axes.legend(frameon=False)
+        if axes.has_data():  # the rising demand may not be among them
+            axes.legend(frameon=False)
     figure.savefig(path, dpi=110)
 
 

@@ -98,7 +98,7 @@ def test_the_command_measures_both_and_writes_what_it_prints(tmp_path, capsys):
     assert ours["merges"] > 0
     assert ours["collisions"] == 0
     assert ours["discharge"] is None
-    assert f"| {ours['travel_mean_s']:.0f} |" in out
+    assert f"| {ours['entered_main_per_h']:,.0f} |" in out
     assert picture.read_bytes().startswith(b"\x89PNG")
     diagram = written["diagram"]["paper"]["medjax"]
     assert np.shape(diagram["flow"]) == np.shape(diagram["density"]) == (1, len(diagram["x_m"]), 4)
