@@ -24,7 +24,14 @@ from benchmarks.command import (
     whole_number,
 )
 from benchmarks.verification.validation import report
-from benchmarks.verification.validation.demands import DEMANDS, Demand, asked, free_speed, world
+from benchmarks.verification.validation.demands import (
+    DEMANDS,
+    SLOTS,
+    Demand,
+    asked,
+    free_speed,
+    world,
+)
 from benchmarks.verification.validation.measures import Findings, find, summarise
 from benchmarks.verification.validation.medjax_side import observe
 from benchmarks.verification.validation.plot import draw
@@ -64,7 +71,7 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
         _, schedule = world(DEMANDS[name], options.minutes)
         for values in sides.values():
             values |= asked(schedule)
-        if sides["medjax"]["vehicles_max"] >= DEMANDS[name].slots:
+        if sides["medjax"]["vehicles_max"] >= SLOTS:
             say(
                 f"{name}: all of medjax's slots were taken, so some traffic was kept out for want of them"
             )

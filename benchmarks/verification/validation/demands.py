@@ -15,6 +15,9 @@ from medjax.world.params import EnvConfig, EnvParams
 
 WARM_UP_MINUTES = 5  # until the road has filled, and what an empty one does is over
 
+# Of one program for all demands: compiling costs more than playing. A road of queues holds some 80 a km and lane.
+SLOTS = 1400
+
 
 @dataclasses.dataclass(frozen=True)
 class Demand:
@@ -23,7 +26,6 @@ class Demand:
     name: str
     mainline_per_h: float  # all lanes
     ramp_per_h: float  # each ramp
-    slots: int  # vehicles that the road must hold, queues and all
     from_share: float = 1.0
 
     def share_at(self, minute: int, minutes: int) -> float:
@@ -34,14 +36,14 @@ class Demand:
 
 # Loads of 0.45, 0.71, 0.9, 1 and 1.2 on four lanes of 2,000 vehicles/h.
 CONSTANT = (
-    Demand("paper", 2600.0, 250.0, 700),
-    Demand("merging", 4500.0, 300.0, 1400),
-    Demand("dense", 6000.0, 300.0, 1400),
-    Demand("capacity", 6800.0, 300.0, 1400),
-    Demand("overload", 7600.0, 500.0, 1400),
+    Demand("paper", 2600.0, 250.0),
+    Demand("merging", 4500.0, 300.0),
+    Demand("dense", 6000.0, 300.0),
+    Demand("capacity", 6800.0, 300.0),
+    Demand("overload", 7600.0, 500.0),
 )
 # From 0.6 to 1.2, for capacity and its drop: the road is seen before, at and after the breakdown.
-RISING = Demand("rising", 7600.0, 500.0, 1400, from_share=0.5)
+RISING = Demand("rising", 7600.0, 500.0, from_share=0.5)
 DEMANDS = {demand.name: demand for demand in (*CONSTANT, RISING)}
 
 
@@ -61,9 +63,9 @@ class Schedule:
 
 
 @functools.cache
-def _highway(slots: int) -> tuple[ChargingEnv, EnvParams]:
+def _highway() -> tuple[ChargingEnv, EnvParams]:
     """The road of `paper` with traffic alone: no EVs, so that nobody runs out, and no MEDs sent."""
-    return medjax.make("paper", num_gas=slots, num_evs=1, num_meds=1, ev_share=0.0)
+    return medjax.make("paper", num_gas=SLOTS, num_evs=1, num_meds=1, ev_share=0.0)
 
 
 def world(demand: Demand, minutes: int) -> tuple[ChargingEnv, Schedule]:
@@ -73,7 +75,7 @@ def world(demand: Demand, minutes: int) -> tuple[ChargingEnv, Schedule]:
       demand: what asks to enter; of one that rises twice as much is measured.
       minutes: that are measured.
     """
-    env, params = _highway(demand.slots)
+    env, params = _highway()
     ramps = np.full(env.config.num_ramps, demand.ramp_per_h, np.float32)
     minutes = minutes if demand.from_share == 1.0 else 2 * minutes
 

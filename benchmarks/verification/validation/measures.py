@@ -144,6 +144,7 @@ def _of_merges(merged: Sequence[Merges]) -> dict[str, Any]:
         "merge_relative_speed_p5": percentile(relative, 5),
         "merge_lane_used_median": percentile(of("share_used"), 50),
         "merge_accepted_gap_median_s": percentile(of("accepted_gap_s"), 50),
+        "merge_accepted_gap_min_s": percentile(of("accepted_gap_s"), 0),
         "follower_acceleration_p5": percentile(of("follower_acceleration"), 5),
         "follower_acceleration_min": percentile(of("follower_acceleration"), 0),
     }

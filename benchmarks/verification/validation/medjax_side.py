@@ -30,8 +30,10 @@ def _probe(state: EnvState) -> dict[str, jax.Array]:
 
 
 @functools.lru_cache(maxsize=2)  # demands share one
-def _program(env: ChargingEnv, policy: str) -> tuple[Player, Callable[..., Any]]:
-    """The player, and its minute: `(episodes, its number, params)` to (episodes, ticks)."""
+def program(env: ChargingEnv, policy: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """How episodes start, `(keys, params)`, and go on for a minute: `(episodes, its number, params)` to (episodes,
+    ticks), each `(decisions, episodes, ticks, N)` by the names of SEEN.
+    """
     player = Player(env.with_probe(_probe), [medjax.BASELINES[policy](env)])
     decisions = round(60.0 / env.config.decision_s)
     weights = [player.policies[0].weights]
@@ -50,7 +52,7 @@ def _program(env: ChargingEnv, policy: str) -> tuple[Player, Callable[..., Any]]
 
         return jax.lax.scan(decide, playing, number * decisions + jnp.arange(decisions))
 
-    return player, minute
+    return jax.jit(player.start), minute
 
 
 def trajectories(
@@ -65,13 +67,13 @@ def trajectories(
       policy: a name in `medjax.BASELINES`.
     """
     params_at = schedule.params_at
-    player, minute = _program(env, policy)
-    playing = player.start(episode_keys(seed, episodes), params_at(0))
+    start, minute = program(env, policy)
+    playing = start(episode_keys(seed, episodes), params_at(0))
     parts = []
     for number in range(schedule.all_minutes):
         playing, ticks = minute(playing, jnp.int32(number), params_at(number))
         if number >= schedule.warm_up_minutes:
-            parts.append(jax.device_get(ticks))  # each (decisions, episodes, ticks, N)
+            parts.append(jax.device_get(ticks))
     lengths = np.asarray(params_at(0).drivers.vehicle_length)
     for episode in range(episodes):
         slots = {name: _ticks([part[name][:, episode] for part in parts]) for name in SEEN}

@@ -24,7 +24,7 @@ class Range:
 
 
 ANY, GOAL = math.inf, "a goal of this project"
-# Sources marked "from memory" were not at hand when this was written.
+# Read of each source was its abstract, or a table quoted from it; nothing of those marked "from memory".
 MERGING = (
     ("paper", "at the preset's demand"),
     ("merging", "4,500 and 4 x 300 vehicles/h"),
@@ -53,18 +53,33 @@ RANGES = (
             -3.0,
             ANY,
             f"new follower's strongest braking in 5 s, 5th percentile, m/s2, {where}",
-            "a goal; comfortable for most drivers is up to 3.4 (AASHTO, from memory)",
+            "a goal; 90 % of drivers brake by 3.4 or more for what they did not expect: Fambro et al. 1997",
         )
         for demand, where in MERGING
     ),
     Range(
         "merge_lane_used_median",
+        "paper",
+        0.0,
+        0.5,
+        "acceleration lane used before the merge, median, in free traffic",
+        "most merge in its first half: Daamen, Loot, Hoogendoorn 2010 (704 merges)",
+    ),
+    Range(
+        "merge_lane_used_median",
         "merging",
-        0.2,
+        0.1,
         0.75,
-        "acceleration lane used before the merge, median",
-        "near the middle: Li, Wang, Chen, Li 2007 (Beijing, Jiangsu); the first half where it is free: Daamen, Loot, "
-        "Hoogendoorn 2010 (from memory)",
+        "the same, 4,500 and 4 x 300 vehicles/h",
+        "mainly near its middle: Li, Wang, Chen, Li 2007 (China); later in denser traffic: Daamen et al. 2010",
+    ),
+    Range(
+        "merge_accepted_gap_min_s",
+        "merging",
+        0.75,
+        ANY,
+        "smallest gap accepted, of leader and follower, s",
+        "0.75 to 1.0: Daamen, Loot, Hoogendoorn 2010",
     ),
     *(
         Range(
@@ -105,7 +120,7 @@ RANGES = (
         133.0,
         147.0,
         "4 km at the preset's demand, s",
-        "free speed up to 1,000 pc/h/lane and more: HCM, basic freeway segments (from memory); 133 s at 30 m/s",
+        "free speed up to 1,300 pc/h/lane: HCM 1997, ch. 3; 133 s at 30 m/s",
     ),
     Range(
         "flow_max",
@@ -113,8 +128,8 @@ RANGES = (
         1900.0,
         2400.0,
         "highest flow of 5 minutes, vehicles/h/lane",
-        "2,400 pc/h/lane at 110 km/h: HCM 7th ed. (from memory); bottlenecks have some hundreds less: Elefteriadou et "
-        "al. 2016",
+        "2,400 pc/h/lane at 110 km/h: HCM 1997 and since; bottlenecks some hundreds less: Defining, Measuring, and "
+        "Modeling Capacity for the HCM, 2016",
     ),
     Range(
         "density_at_flow_max",
@@ -122,7 +137,7 @@ RANGES = (
         17.0,
         30.0,
         "density then, vehicles/km/lane",
-        "28 (45 pc/mi/lane) at capacity: HCM 7th ed. (from memory); less where capacity is less",
+        "28 (45 pc/mi/lane) at capacity, 22 (35) at 2,115 pc/h/lane: HCM 2000, levels E and D",
     ),
     *(
         Range(
@@ -131,8 +146,8 @@ RANGES = (
             1900.0,
             2225.0,
             f"discharge of the queue, vehicles/h/lane, {demand}",
-            "2,225 on average: Texas Transportation Institute 1991; 2,024 (6,071 on three lanes): Hall, Agyemang-Duah "
-            "1991",
+            "2,225 on average: An evaluation of freeway capacity in Texas (TTI); 2,024 (6,071 on three lanes): Hall, "
+            "Agyemang-Duah 1991",
         )
         for demand in ("overload", "rising")
     ),
@@ -142,7 +157,7 @@ RANGES = (
         0.05,
         0.15,
         "capacity drop",
-        "10 %: Cassidy, Bertini 1999; 6 %: Hall, Agyemang-Duah 1991; 5 %: Mamdoohi et al. (an Iranian freeway)",
+        "10 %: Cassidy, Bertini 1999; 6 %: Hall, Agyemang-Duah 1991; 5 to 30 %: Treiber, Helbing 2002, a review",
     ),
 )
 

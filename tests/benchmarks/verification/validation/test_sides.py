@@ -3,13 +3,19 @@
 import dataclasses
 import json
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from benchmarks.verification.validation import compare as command
 from benchmarks.verification.validation.demands import DEMANDS, RISING, asked, world
+from benchmarks.verification.validation.measures import find
+from benchmarks.verification.validation.medjax_side import SEEN, of_slots, program
 from benchmarks.verification.validation.published import RANGES, checks
 from benchmarks.verification.validation.sumo_side import SumoRun, read
+from benchmarks.verification.validation.trajectories import Road
+from medjax.episodes.keys import episode_keys
 from tests.benchmarks.refusal import refused
 
 
@@ -84,6 +90,29 @@ def test_what_sumo_moves_agrees_with_what_it_says(tmp_path):
     assert way == pytest.approx(mean * seen.tick_s, abs=0.03)
     assert np.diff(seen.tick)[on].tolist() == [1] * on.sum()
     assert np.abs(np.diff(seen.lane)[on]).max() == 1
+
+
+def test_rows_of_medjax_agree_with_its_own_books():
+    """Vehicles, who left, lane changes and distance, against the tally; the last tick of all is not among the rows."""
+    env, schedule = world(DEMANDS["merging"], 1)
+    params = schedule.params_at(0)
+    start, minute = program(env, "none")  # the command's: compiled once for both tests
+    playing = start(episode_keys(0, 1), params)
+    begun = int(playing.state.vehicles.active.sum())
+    playing, ticks = minute(playing, jnp.int32(0), params)
+    tally = jax.tree.map(lambda leaf: np.asarray(leaf)[0], playing.state.tally)
+    lengths = np.asarray(params.drivers.vehicle_length)
+    slots = {name: np.asarray(ticks[name]).reshape(240, -1) for name in SEEN}
+    seen = of_slots(slots, Road.of(env.config, params), env.config.tick_s, lengths)
+    found = find(seen, 30.0)
+    assert len(np.unique(seen.vehicle)) == tally.entered.sum() > begun
+    assert found.collisions == tally.collisions == 0
+    assert 0 <= tally.left.sum() - found.left <= 3
+    changes = found.changed.changes + len(found.merged.speed)
+    assert 0 <= tally.lane_changes - changes <= 3
+    assert changes > 50
+    distance = np.diff(seen.x)[seen.goes_on].sum()
+    assert distance == pytest.approx(tally.gas_distance_m[0], rel=0.01)
 
 
 def test_the_command_measures_both_and_writes_what_it_prints(tmp_path, capsys):
