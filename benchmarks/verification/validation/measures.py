@@ -176,22 +176,29 @@ def _of_flow(findings: Sequence[Findings]) -> dict[str, Any]:
     last = np.concatenate([found.counted.flow_a_lane()[:, -1] for found in findings])
     speed = np.concatenate([found.counted.speed()[:, -1] for found in findings])
     broke = [found.broke_down for found in findings if found.broke_down.minute is not None]
+
+    def of_breakdowns(name: str) -> float:
+        return _mean(np.array([getattr(each, name) for each in broke]))
+
     best, density = max(_five_minutes(found.counted) for found in findings)
-    mean = lambda values: _share(sum(values), len(values))  # noqa: E731
-    discharges = [each.discharge for each in broke if np.isfinite(each.discharge)]
-    drops = [each.capacity_drop for each in broke if np.isfinite(each.capacity_drop)]
     return {
-        "flow_last_mean": mean(last),
-        "speed_last_mean": float(np.nanmean(speed)) if np.isfinite(speed).any() else np.nan,
+        "flow_last_mean": _mean(last),
+        "speed_last_mean": _mean(speed),
         "flow_max": best,
         "density_at_flow_max": density,
         "breakdown_share": len(broke) / len(findings),
-        "flow_before_breakdown": mean(
-            [each.highest_before for each in broke if each.highest_before]
-        ),
-        "discharge": mean(discharges),
-        "capacity_drop": mean(drops),
+        "breakdown_x_m": of_breakdowns("x_m"),
+        "flow_before_breakdown": of_breakdowns("highest_before"),
+        "flow_after_breakdown": of_breakdowns("after"),
+        "discharge": of_breakdowns("discharge"),
+        "capacity_drop": of_breakdowns("capacity_drop"),
     }
+
+
+def _mean(values: np.ndarray) -> float:
+    """Of those that are numbers; NaN if none is."""
+    values = values[np.isfinite(values)]
+    return float(values.mean()) if len(values) else np.nan
 
 
 def _five_minutes(counted: Diagram) -> tuple[float, float]:

@@ -141,22 +141,22 @@ RANGES = (
     ),
     *(
         Range(
-            "discharge",
+            figure,
             demand,
             1900.0,
             2225.0,
-            f"discharge of the queue, vehicles/h/lane, {demand}",
+            f"discharge behind the last ramp, vehicles/h/lane, {demand}",
             "2,225 on average: An evaluation of freeway capacity in Texas (TTI); 2,024 (6,071 on three lanes): Hall, "
             "Agyemang-Duah 1991",
         )
-        for demand in ("overload", "rising")
+        for figure, demand in (("flow_last_mean", "overload"), ("discharge", "rising"))
     ),
     Range(
         "capacity_drop",
         "rising",
         0.05,
         0.15,
-        "capacity drop",
+        "capacity drop at the bottleneck that breaks down first",
         "10 %: Cassidy, Bertini 1999; 6 %: Hall, Agyemang-Duah 1991; 5 to 30 %: Treiber, Helbing 2002, a review",
     ),
 )

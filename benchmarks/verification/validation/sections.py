@@ -9,7 +9,9 @@ import numpy as np
 from benchmarks.verification.validation.trajectories import Road, Trajectories
 
 SECTION_M = 100.0  # of road that a detector looks at
-BREAKDOWN = 0.75  # of the free speed; HCM 7th ed.: a breakdown is a drop of 25 % at least, here over 5 minutes
+# Of the free speed, over 5 minutes: 18 of 30 m/s. The HCM's 25 % less over 15 minutes is what IDM drives at capacity;
+# German practice is 70 km/h (Brilon, Geistefeldt, Regler 2005, from memory).
+BREAKDOWN = 0.6
 FLOW_MINUTES = 5  # minutes that a flow is the mean of
 
 
@@ -73,18 +75,18 @@ def diagram(seen: Trajectories) -> Diagram:
 
 @dataclasses.dataclass(frozen=True)
 class Breakdown:
-    """A bottleneck before and after it breaks down; flows are of the last detector, behind the last ramp."""
+    """The bottleneck that breaks down first, and what it costs; flows in vehicles/h/lane, NaN: none."""
 
     minute: int | None  # the first one of the breakdown; None: it never came
-    highest_before: float  # vehicles/h/lane, over 5 minutes before it (of all, if it never came); 0: it came sooner
-    discharge: (
-        float  # vehicles/h/lane, mean from 5 minutes after it on while the queue stands; NaN: none
-    )
+    x_m: float  # the detector that it was seen at; flows are of the next one
+    highest_before: float  # over 5 minutes, before the breakdown
+    after: float  # mean while it is active: a queue at the detector, none at the next, from 5 minutes after on
+    discharge: float  # mean at the last detector while a queue stands anywhere before it, from 5 minutes after on
 
     @property
     def capacity_drop(self) -> float:
-        """Share of the flow that is lost; NaN: no breakdown."""
-        return 1.0 - self.discharge / self.highest_before if self.highest_before else np.nan
+        """Share of the flow that is lost."""
+        return 1.0 - self.after / self.highest_before
 
 
 def _means(values: np.ndarray) -> np.ndarray:
@@ -95,20 +97,37 @@ def _means(values: np.ndarray) -> np.ndarray:
 
 
 def breakdown(counted: Diagram, free_speed: float) -> Breakdown:
-    """When traffic breaks down anywhere but behind the last ramp, and what the road then carries.
+    """Where and when traffic breaks down first, and what the road then carries.
 
-    Broken down is a section whose speed stays below BREAKDOWN of `free_speed` (m/s) for FLOW_MINUTES.
+    Broken down is a section whose speed stays below BREAKDOWN of `free_speed` (m/s) for FLOW_MINUTES. A bottleneck is
+    active while the queue ends between two detectors (Cassidy and Bertini 1999: no influence from downstream).
     """
-    slow = counted.speed()[:, :-1] < BREAKDOWN * free_speed
-    queue = slow.any(axis=1)
-    discharge = counted.flow_a_lane()[:, -1]
-    stays = np.array([_means(column) for column in slow.T.astype(float)]) > 1.0 - 1e-9
+    flow, slow = counted.flow_a_lane(), counted.speed() < BREAKDOWN * free_speed
+    stays = np.array([_means(column) for column in slow[:, :-1].T.astype(float)]) > 1.0 - 1e-9
     begins = np.nonzero(stays.any(axis=0))[0]
-    before = int(begins[0]) if len(begins) else len(discharge)
-    highest = float(_means(discharge[:before]).max(initial=0.0))
     if not len(begins):
-        return Breakdown(None, highest, np.nan)
-    late = np.arange(len(discharge)) >= before + FLOW_MINUTES
-    standing = discharge[late & queue]
-    mean = float(standing.mean()) if len(standing) else np.nan
-    return Breakdown(before, highest, mean)
+        return Breakdown(None, np.nan, np.nan, np.nan, np.nan)
+    minute = int(begins[0])
+    place = int(
+        np.nonzero(stays[:, minute])[0][-1]
+    )  # of several at once the last: queues grow backwards
+    late = np.arange(len(flow)) >= minute + FLOW_MINUTES
+    active = late & slow[:, place] & ~slow[:, place + 1]
+    queue = late & slow[:, :-1].any(axis=1)
+    return Breakdown(
+        minute=minute,
+        x_m=float(counted.x_m[place]),
+        highest_before=_highest(flow[:minute, place + 1]),
+        after=_mean(flow[active, place + 1]),
+        discharge=_mean(flow[queue, -1]),
+    )
+
+
+def _mean(values: np.ndarray) -> float:
+    return float(values.mean()) if len(values) else np.nan
+
+
+def _highest(flow: np.ndarray) -> float:
+    """Of FLOW_MINUTES, NaN if it was shorter."""
+    means = _means(flow)
+    return float(means.max()) if len(means) else np.nan

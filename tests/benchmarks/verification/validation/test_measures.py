@@ -67,31 +67,49 @@ def test_standing_vehicles_have_density_and_no_flow():
     assert np.isnan(counted.speed()[:, 1:]).all()
 
 
-def history(flows, speeds):
-    """A diagram of two detectors on one lane: flows behind, speeds before the bottleneck."""
-    flow = np.array([[800.0, behind] for behind in flows])[:, :, None]
-    speed = np.array([[before, 25.0] for before in speeds])[:, :, None]
-    return Diagram(np.array([2450.0, 3375.0]), flow, flow / speed / 3.6)
+def history(flows, before, behind=25.0):
+    """A diagram of three detectors on one lane, speeds of two of them given: a bottleneck between these."""
+    count = len(flows)
+    flow = np.array([[700.0, behind, behind + 100.0] for behind in flows])[:, :, None]
+    speeds = [np.broadcast_to(each, count) for each in (before, behind, 25.0)]
+    return Diagram(
+        np.array([1100.0, 1775.0, 3375.0]), flow, flow / np.stack(speeds, 1)[:, :, None] / 3.6
+    )
+
+
+# Five minutes of 2000 on average, the highest; after five more 1800 in the queue, and then it is gone.
+FLOWS = [1500] * 3 + [1900, 1950, 2000, 2050, 2100] + [1900] * 5 + [1750, 1850, 1800] + [900] * 2
 
 
 def test_a_breakdown_costs_what_it_costs():
-    """2000 before (five minutes' mean), 1800 after, in the queue: a tenth."""
-    flows = (
-        [1500] * 3 + [1900, 1950, 2000, 2050, 2100] + [1900] * 5 + [1750, 1850, 1800] + [900] * 2
-    )
-    speeds = [30] * 8 + [15] * 8 + [30] * 2
-    found = breakdown(history(flows, speeds), 30.0)
-    assert found.minute == 8
+    """From 2000 to 1800: a tenth, where it breaks down; 100 more behind the last ramp."""
+    found = breakdown(history(FLOWS, [30] * 8 + [15] * 8 + [30] * 2), 30.0)
+    assert (found.minute, found.x_m) == (8, 1100.0)
     assert found.highest_before == pytest.approx(2000.0)
-    assert found.discharge == pytest.approx(1800.0)
+    assert found.after == pytest.approx(1800.0)
     assert found.capacity_drop == pytest.approx(0.1)
+    assert found.discharge == pytest.approx(1900.0)
+
+
+def test_a_queue_from_further_on_is_no_discharge():
+    """In the first of the three minutes the next detector is in a queue, too."""
+    found = breakdown(
+        history(FLOWS, [30] * 8 + [15] * 8 + [30] * 2, [25] * 13 + [10] + [25] * 4), 30.0
+    )
+    assert found.after == pytest.approx(1825.0)
+    assert found.discharge == pytest.approx(1900.0)
+
+
+def test_of_two_queues_at_once_the_last_one_is_the_bottleneck():
+    found = breakdown(history(FLOWS, [30] * 8 + [15] * 10, [25] * 8 + [10] * 10), 30.0)
+    assert found.x_m == 1775.0
+    assert found.highest_before == pytest.approx(2100.0)
 
 
 def test_four_slow_minutes_are_no_breakdown():
     found = breakdown(history([1500] * 20, [30] * 8 + [15] * 4 + [30] * 8), 30.0)
     assert found.minute is None
-    assert found.highest_before == pytest.approx(1500.0)
-    assert np.isnan(found.discharge)
+    assert np.isnan([found.discharge, found.highest_before, found.capacity_drop]).all()
 
 
 def measured_merges(rows):

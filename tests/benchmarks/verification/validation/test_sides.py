@@ -18,6 +18,8 @@ from benchmarks.verification.validation.trajectories import Road
 from medjax.episodes.keys import episode_keys
 from tests.benchmarks.refusal import refused
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 
 def test_loads_go_from_free_to_overloaded():
     """Vehicles/h behind the last of four ramps, by four lanes of 2,000."""
