@@ -85,10 +85,10 @@ def test_within_comfort_or_not_at_all(gap, speed, ahead, urgency, yields):
 
 def test_only_the_nearest_behind_makes_room():
     """Who has somebody in its own lane before the gap does not brake for who comes into it."""
-    assert courtesy(20.0, 20.0, 20.0, comes=0.8, between=40.0) < 0.0
-    assert courtesy(20.0, 20.0, 20.0, comes=0.8, between=10.0) == np.inf
+    assert courtesy(12.0, 20.0, 20.0, comes=0.8, between=40.0) < 0.0
+    assert courtesy(12.0, 20.0, 20.0, comes=0.8, between=10.0) == np.inf
     # Who must change itself falls in behind it all the same.
-    assert courtesy(20.0, 20.0, 20.0, must=0.8, between=10.0) < 0.0
+    assert courtesy(12.0, 20.0, 20.0, must=0.8, between=10.0) < 0.0
 
 
 RAMP, RIGHT, MERGER, FIRST = (
@@ -124,7 +124,7 @@ def when_merged(road):
 def test_a_gap_is_opened_and_taken(quiet, blank, play):
     """Beside a column at equilibrium, 17 m apart at 10 m/s, where no gap can be taken: the one behind makes one by
     braking at 2 m/s^2 at most, and the merger is in it long before the lane ends, without having stopped."""
-    env, params = quiet
+    _, params = quiet
     v, steady = 10.0, CAR["min_gap"] + 10.0 * CAR["time_headway"]
     x = RAMP + 150.0 - (steady + LENGTH) * np.arange(60)
     roads = {}
@@ -134,7 +134,7 @@ def test_a_gap_is_opened_and_taken(quiet, blank, play):
         roads[braking] = beside(quiet, blank, play, v, x, (RAMP + 5.0, v), stubborn)
     road, merged = roads[COMFORT], when_merged(roads[COMFORT])
     never = when_merged(roads[0.0])
-    assert never is None or roads[0.0].speed[never, MERGER] < 1.0
+    assert roads[0.0].speed[never, MERGER] == 0.0  # it waits until the column has passed
     assert road.x[merged, MERGER] < RAMP + 200.0
     assert road.speed[: merged + 1, MERGER].min() > 0.5 * v
     _, follower = road.next_to(merged, MERGER)

@@ -141,7 +141,7 @@ def test_end_of_acceleration_lane_is_a_standing_obstacle(quiet, blank, play):
 @pytest.mark.parametrize("slots", [(0, 1), (0, 2), (1, 0)])
 @pytest.mark.parametrize("first", [0, 1, 2, 3])
 def test_two_sides_never_take_one_gap(quiet, blank, play, slots, first):
-    """Two MEDs abreast must both enter lane 2, where one has room: one goes, the other later, the second being slower."""
+    """Two MEDs abreast must both enter lane 2, where one has room: one goes, the other later; one is slower."""
     env, params = quiet
     gas = GAS_SLOT + np.arange(2)
     state = put(
