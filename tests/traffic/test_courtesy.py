@@ -2,58 +2,40 @@
 
 import functools
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from medjax.traffic.following import Platooning, following_acceleration, of_slots, roles
 from medjax.traffic.idm import IDM_PLUS
-from medjax.traffic.lane_change import Situation, Turn, Wish, decide
-from medjax.traffic.neighbours import NOBODY, Neighbours
 from medjax.world.params import LaneChangeParams
-from tests.traffic.cars import LENGTH, drivers
+from tests.traffic.cars import EGO, LENGTH, NEW_LEADER, OLD_LEADER, decided, drivers
 from tests.traffic.reference import CAR, idm_plus
 from tests.traffic.roads import Record, put
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
-EGO, AHEAD, BETWEEN = range(3)  # AHEAD in the lane on the right, BETWEEN in the ego's own
 SHORTEST, COMFORT = 0.56, 2.0
-# To compute with: what is no more urgent asks nobody; even speeds are closer than 1 m/s, above 2 m/s.
-COURTEOUS = 0.3
+COURTEOUS = 0.3  # what is no more urgent asks nobody
+PARAMS = LaneChangeParams(
+    accepted_headway=SHORTEST, courtesy_braking=COMFORT, safe_braking=4.0, politeness=0.2
+)
 
 
-@jax.jit
-def courtesy_of(x, speed, desire, leader):
-    """`Decision.courtesy` of the ego in a scene of three cars, all else far away."""
-    their, nobody = drivers([CAR] * 3), jnp.full(3, NOBODY)
-    leaders, followers = roles(their, x, speed, nobody, IDM_PLUS)
-    follow = functools.partial(
-        following_acceleration, platooning=Platooning(0.3, 2.0), model=IDM_PLUS
-    )
-    own = nobody.at[EGO].set(leader)
-    neighbours = Neighbours(own, nobody, nobody.at[EGO].set(AHEAD), nobody)
-    following = follow(followers, of_slots(leaders, own), own != NOBODY)
-    situation = Situation(leaders, followers, their.time_headway, neighbours, following, following)
-    wish = Wish(desire, jnp.zeros(3, bool))
-    turn = Turn(jnp.asarray(1), jnp.asarray(0), 1)
-    params = LaneChangeParams(
-        accepted_headway=SHORTEST, courtesy_braking=COMFORT, safe_braking=4.0, politeness=0.2
-    )
-    return decide(situation, wish, turn, follow, params).courtesy[EGO]
+@functools.cache
+def five():
+    """Five cars."""
+    return drivers([CAR] * 5)
 
 
 def courtesy(gap, speed, ahead, *, must=0.0, comes=0.0, between=None):
     """m/s^2 of the ego towards a car so far ahead on the right; `between` is the gap to one in its own lane."""
-    x = [0.0, gap + LENGTH, (1e4 if between is None else between) + LENGTH]
-    desire = jnp.array(
-        [must, -comes, 0.0]
-    )  # towards the right of the ego, towards the left of the other
-    leader = NOBODY if between is None else BETWEEN
-    return float(courtesy_of(jnp.array(x), jnp.array([speed, ahead, speed]), desire, leader))
+    desire = jnp.zeros(5).at[EGO].set(must).at[NEW_LEADER].set(-comes)  # to the right
+    x = jnp.zeros(5).at[NEW_LEADER].set(gap + LENGTH).at[OLD_LEADER].set((between or 0.0) + LENGTH)
+    speeds = jnp.full(5, jnp.float32(speed)).at[NEW_LEADER].set(ahead)
+    there = (EGO, NEW_LEADER) if between is None else (EGO, NEW_LEADER, OLD_LEADER)
+    return float(decided(five(), x, speeds, desire, False, PARAMS, there, IDM_PLUS)[1])
 
 
 @settings(max_examples=200)
