@@ -46,7 +46,6 @@ from medjax.traffic.road import merge_distance
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, EnvState, Tally, Vehicles
 
-
 # How urgent what others order is: enough to be mandatory, too little to ask anyone for room.
 ORDERED_DESIRE = 0.25
 
