@@ -102,6 +102,7 @@ def _demand(draw: _Draw, config: EnvConfig) -> groups.DemandParams:
         arrival_soc_low=soc[..., 0],
         arrival_soc_high=soc[..., 1],
         ramp_speed=draw(3.0, 25.0),
+        lorry_share=draw(0.0, 1.0),
     )
 
 
