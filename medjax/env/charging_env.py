@@ -24,6 +24,7 @@ from medjax.env.reset import initial_state
 from medjax.env.reward import TERMS, Outcome, RewardTerm, total_reward
 from medjax.env.spaces import Box, Discrete
 from medjax.env.tick import physics_tick
+from medjax.env.trips import plan_trips
 from medjax.traffic.entry import admit
 from medjax.traffic.following import CarFollowing
 from medjax.traffic.idm import IDM_PLUS
@@ -121,7 +122,9 @@ class ChargingEnv:
         state, happened = self._begin(key, state, action, params)
         begun = self.probe(state) if self.probe else None
         state, happened, ticks = self._drive(state, happened, params)
-        state = advance_clocks(state, self.config, params).replace(tally=state.tally + happened)
+        state, given = advance_clocks(state, self.config, params)
+        happened += given
+        state = state.replace(tally=state.tally + happened)
         outcome = Outcome(before, state, happened, params, self.config)
         with jax.named_scope("reward"):
             reward, terms = total_reward(outcome, self.reward)
@@ -151,6 +154,10 @@ class ChargingEnv:
         with jax.named_scope("entry"):
             state, newcomers, entered = admit(entry_key, state, config, params)
             state = state.replace(evs=welcome(state.evs, newcomers, config, params))
+        if config.num_exits:
+            with jax.named_scope("trips"):
+                state, rerouted = plan_trips(state, config, params)
+                entered += rerouted
         with jax.named_scope("booking"):
             state = state.replace(evs=book(state, config, params))
         with jax.named_scope("noise"):

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from medjax.numerics.sums import count_down
+from medjax.traffic.exits import exit_desire, prepares
 from medjax.traffic.following import (
     CarFollowing,
     Drivers,
@@ -44,7 +45,6 @@ from medjax.traffic.neighbours import NOBODY, find_neighbours, sort_by_road
 from medjax.traffic.road import merge_distance
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, EnvState, Tally, Vehicles
-
 
 # How urgent what others order is: enough to be mandatory, too little to ask anyone for room.
 ORDERED_DESIRE = 0.25
@@ -97,13 +97,16 @@ def _is_changing(vehicles: Vehicles, params: EnvParams) -> jax.Array:
 def _wishes(
     vehicles: Vehicles, orders: Orders, to_end: jax.Array, config: EnvConfig, params: EnvParams
 ) -> Wish:
-    """Mandatory changes: off a ramp, and what is ordered."""
+    """Mandatory changes: off a ramp, towards an exit, and what is ordered."""
     merging = vehicles.lane == config.num_lanes
     urgency = jnp.clip(1.0 - to_end / params.lane_change.view_m, ORDERED_DESIRE, 1.0)
-    return Wish(
-        desire=jnp.where(merging, -urgency, ORDERED_DESIRE * orders.direction),
-        stay=orders.stay | (vehicles.recovery_s > 0.0),
-    )
+    wanted = ORDERED_DESIRE * orders.direction
+    stay = orders.stay | (vehicles.recovery_s > 0.0)
+    if config.num_exits:
+        leaves = prepares(vehicles, config, params)
+        wanted = jnp.where(leaves, exit_desire(vehicles, config, params), wanted)
+        stay |= leaves
+    return Wish(desire=jnp.where(merging, -urgency, wanted), stay=stay)
 
 
 def _lane_changes(

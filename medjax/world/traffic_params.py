@@ -27,6 +27,24 @@ class RoadParams(struct.PyTreeNode):
         per="ramp",
     )
     acceleration_lane_m: Scalar = number(250.0, 10, 5000, "m", "chosen; usual for motorways")
+    exit_x_m: jax.Array = number(
+        (),
+        0,
+        200e3,
+        "m",
+        "where each deceleration lane ends, and its off-ramp begins, `(num_exits,)`; paper: none",
+        per="exit",
+    )
+    exit_lane_m: Scalar = number(
+        250.0, 10, 5000, "m", "deceleration lanes; German guidelines (RAA): 250"
+    )
+    exit_notice_m: Scalar = number(
+        1000.0,
+        0,
+        10e3,
+        "m",
+        "the first sign before an exit; usual for motorways; who enters nearer to it does not take it",
+    )
 
 
 class DemandParams(struct.PyTreeNode):
@@ -37,6 +55,9 @@ class DemandParams(struct.PyTreeNode):
     )
     ramp_per_h: jax.Array = number(
         (250.0,) * 4, 0, 100e3, "1/h", "at each ramp, `(num_ramps,)`; chosen", per="ramp"
+    )
+    exit_share: jax.Array = number(
+        (), 0, 1, "", "of those who pass an exit, who leave there, `(num_exits,)`", per="exit"
     )
     ev_share: Scalar = number(
         0.12, 0, 1, "", "EVs among arrivals; chosen: so many that fifteen MEDs can serve most"
@@ -141,7 +162,11 @@ class MotionParams(struct.PyTreeNode):
         2.0, 0.1, 20, "m/s2", "sideways, at most; comfortable steering"
     )
     lateral_speed: Scalar = number(
-        1.5, 0.1, 10, "m/s", "sideways, at most: a lane in 4 s; Toledo, Zohar 2007: 4.6 s on average"
+        1.5,
+        0.1,
+        10,
+        "m/s",
+        "sideways, at most: a lane in 4 s; Toledo, Zohar 2007: 4.6 s on average",
     )
     lateral_slope: Scalar = number(
         0.2, 0.01, 1, "", "sideways speed over the speed along, at most: nobody slides; chosen"
@@ -175,7 +200,18 @@ class LaneChangeParams(struct.PyTreeNode):
         2.0, 0, 20, "m/s2", "for one who must change, at most; Schakel et al. 2012: comfortable"
     )
     view_m: Scalar = number(
-        360.0, 1, 10e3, "m", "where a change begins to be urgent, before the place where it must be done"
+        360.0,
+        1,
+        10e3,
+        "m",
+        "where a change begins to be urgent, before the place where it must be done",
+    )
+    exit_view_m: Scalar = number(
+        295.0,
+        1,
+        10e3,
+        "m",
+        "the same before a deceleration lane, for each lane to cross; Schakel, Knoop, van Arem 2012: 295",
     )
     recovery_s: Scalar = number(
         6.0, 0, 1e3, "s", "from a change to the next one that is only an advantage; chosen"
