@@ -24,7 +24,7 @@ BODIES = ("ev", "med")
 def _shown(value: Any) -> str:
     """A number, or those of an array; one stands for all of the same."""
     texts = [f"{number:.6g}" for number in np.ravel(value)]
-    return texts[0] if len(set(texts)) == 1 else ", ".join(texts)
+    return texts[0] if len(set(texts)) == 1 else ", ".join(texts) or "none"
 
 
 def _row(name: str, value: Any, declared: Number, body: int = 0) -> str:

@@ -126,9 +126,10 @@ def prepare(
     terms = _terms(SCENARIOS[name].reward if reward is None else reward)
     seen = _observation(observation)
     sizes, numbers, coils, weights = _sort(overrides)
-    ramp_x_m: Any = numbers.get("ramp_x_m", numbers.get("road.ramp_x_m"))
-    if isinstance(ramp_x_m, list | tuple) or getattr(ramp_x_m, "ndim", 0) == 1:
-        sizes.setdefault("num_ramps", len(ramp_x_m))
+    for places, size in (("ramp_x_m", "num_ramps"), ("exit_x_m", "num_exits")):
+        given: Any = numbers.get(places, numbers.get(f"road.{places}"))
+        if isinstance(given, list | tuple) or getattr(given, "ndim", 0) == 1:
+            sizes.setdefault(size, len(given))
     config = dataclasses.replace(SCENARIOS[name].config, **sizes)
     params = SCENARIOS[name].params(config)
     known = {term: params.reward_weights.get(term, float(term not in TERMS)) for term in terms}
@@ -167,7 +168,8 @@ def make(
       coupling: efficiency of the coils, that of the circuit if None; `medjax.charging.link.COUPLINGS` has others.
       **overrides: sizes of `EnvConfig` (`num_evs=80`), numbers of `EnvParams` by their own name (`cooldown_s=30`), by
         group and name where that is not unique (`{"ev.mass_kg": 2000}`), the coils (`med_coil_radius_m=0.4`), or
-        `reward_weights={"dispatches": -1.0}`. `ramp_x_m` says how many ramps there are where `num_ramps` does not.
+        `reward_weights={"dispatches": -1.0}`. `ramp_x_m` and `exit_x_m` say how many ramps and exits there are where
+        `num_ramps` and `num_exits` do not.
 
     Returns:
       (env, params); params are float32 and int32 arrays, ready to be batched. `env.recipe` says how they were made.

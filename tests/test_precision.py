@@ -159,7 +159,7 @@ def test_a_clock_runs_down_in_time(tick_s, ticks):
         clock, count = carry
         count += clock > 0.0
         return (
-            advance_clocks(state.replace(cooldown_s=clock), env.config, params).cooldown_s,
+            advance_clocks(state.replace(cooldown_s=clock), env.config, params)[0].cooldown_s,
             count,
         ), None
 

@@ -141,7 +141,7 @@ def test_the_recipe_makes_the_same_again():
     given = {
         "num_evs": np.int64(30),
         "ramp_x_m": np.array([500, 2500], np.float32),
-        "desired_speed": jnp.full(4, 20.0),
+        "desired_speed": jnp.full(5, 20.0),
         "ramp_per_h": (100, 200.5),
         "turnaround_s": math.inf,
         "ev.mass_kg": jnp.bfloat16(2000),

@@ -21,6 +21,8 @@ GRAVITY = 9.81  # m/s^2
 OF_CAPACITY = 1e-6
 # What flows in a tick is the result of a dozen float32 operations.
 OF_FLOW = 1e-5
+# Positions are float32 of up to thousands.
+ROUNDING_M = 2e-3
 
 
 class Books(struct.PyTreeNode):
@@ -43,6 +45,8 @@ class Books(struct.PyTreeNode):
     evs_served: jax.Array
     meds_dispatched: jax.Array
     lane_changes: jax.Array
+    missed_exits: jax.Array
+    charging_stops: jax.Array
     sent_j: jax.Array  # (2,) at least, at most
     received_j: jax.Array  # (2,)
     ev_driving_j: jax.Array  # (2,)
@@ -72,8 +76,9 @@ def sums_by_kind(values: jax.Array, kind: jax.Array) -> jax.Array:
     return jnp.zeros((len(KINDS),), jnp.float32).at[kind].add(values.astype(jnp.float32))
 
 
-def entry_books(before: EnvState, begun: EnvState) -> Books:
-    """Of dispatch and entries."""
+def entry_books(before: EnvState, begun: EnvState, length_m: Any) -> Books:
+    """Of dispatch, entries, and exits driven past."""
+    past = before.vehicles.active & (before.vehicles.x > before.vehicles.destination)
     sent = (before.meds.status == AT_DEPOT) & (begun.meds.status != AT_DEPOT)
     come = begun.vehicles.active & ~before.vehicles.active
     by_gas_kind = jnp.zeros((len(GAS_KINDS),))
@@ -82,6 +87,7 @@ def entry_books(before: EnvState, begun: EnvState) -> Books:
     books |= {"left": jnp.zeros((len(KINDS),))} | dict.fromkeys(flows, jnp.zeros((2,)))
     books |= {"gas_seconds": by_gas_kind, "gas_distance_m": by_gas_kind}
     books |= {"entered": sums_by_kind(come, begun.vehicles.kind), "meds_dispatched": total(sent)}
+    books |= {"missed_exits": total(past & (before.vehicles.destination < length_m))}
     return Books(**books)
 
 
@@ -202,6 +208,16 @@ def tick_flows(
     return wrong, flows | {name: jnp.stack([*map(total, pair)]) for name, pair in bounds.items()}
 
 
+def at_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """Who is in the rightmost lane, beside the deceleration lane of an exit that is its destination, `(N,)` bool."""
+    road = params.road
+    before = road.exit_x_m[None, :] - vehicles.x[:, None]
+    beside = (before >= -ROUNDING_M) & (before <= road.exit_lane_m + ROUNDING_M)
+    own = beside & (vehicles.destination[:, None] == road.exit_x_m)
+    centred = jnp.abs(vehicles.lateral_offset) < 0.25 * road.lane_width_m
+    return own.any(axis=1) & centred & (vehicles.lane == config.num_lanes - 1)
+
+
 def tick_books(
     before: EnvState, after: EnvState, config: EnvConfig, params: EnvParams
 ) -> tuple[dict[str, jax.Array], Books]:
@@ -210,7 +226,7 @@ def tick_books(
     evs, was = after.evs, before.evs
     wrong, flows = tick_flows(before, after, config, params)
     gone = old.active & ~new.active
-    left = gone & (new.x > params.road.length_m)
+    left = gone & ((new.x > params.road.length_m) | at_exit(new, config, params))
     travelled = jnp.where(old.active, new.x - old.x, 0.0)
     soc = evs.energy_j / params.ev_capacity_j
     present, gas = sums_by_class(new.active, config), jnp.array(GAS_KINDS)
@@ -237,5 +253,7 @@ def tick_books(
         evs_served=total(evs.served & ~was.served),
         meds_dispatched=jnp.zeros(()),
         lane_changes=total(jnp.where(old.active, jnp.abs(new.lane - old.lane), 0)),
+        missed_exits=jnp.zeros(()),
+        charging_stops=total(left[config.ev_slots] & was.stops),
         **flows,
     )

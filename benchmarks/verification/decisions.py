@@ -66,6 +66,8 @@ def check_closing(
     numbers = decision.obs, decision.reward, info["tally"], info["metrics"], info["reward_terms"]
     flags = tally_mistakes(books, decision, config, params)
     flags["energy"]["refill"] = after.meds.energy_j != refilled
+    given_j = jnp.sum(jnp.where(home, refilled - last.meds.energy_j - last.meds.rest_j, 0.0))
+    flags["energy"]["depots"] = differs(given_j, info["tally"].depot_energy_j, 1.0)
     return {
         **flags,
         "motion": {"between decisions": jnp.stack([x.any() for x in jax.tree.leaves(same)])},

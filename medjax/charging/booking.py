@@ -52,6 +52,7 @@ def unserved(energy_j: jax.Array, complies: jax.Array) -> EVs:
         rest_j=jnp.zeros(energy_j.shape),
         med=not_booked,
         panel=not_booked,
+        stops=jnp.zeros(energy_j.shape, bool),
         is_charging=jnp.zeros(energy_j.shape, bool),
         timer_s=jnp.zeros(energy_j.shape),
         served=jnp.zeros(energy_j.shape, bool),

@@ -25,6 +25,7 @@ from medjax.env.reset import DRIVERS, initial_state
 from medjax.env.reward import TERMS, Outcome, RewardTerm, total_reward
 from medjax.env.spaces import Box, Discrete
 from medjax.env.tick import physics_tick
+from medjax.env.trips import plan_trips
 from medjax.traffic.entry import admit
 from medjax.traffic.following import CarFollowing
 from medjax.traffic.idm import IDM_PLUS
@@ -122,7 +123,9 @@ class ChargingEnv:
         state, happened = self._begin(key, state, action, params)
         begun = self.probe(state) if self.probe else None
         state, happened, ticks = self._drive(state, happened, params)
-        state = advance_clocks(state, self.config, params).replace(tally=state.tally + happened)
+        state, given = advance_clocks(state, self.config, params)
+        happened += given
+        state = state.replace(tally=state.tally + happened)
         outcome = Outcome(before, state, happened, params, self.config)
         with jax.named_scope("reward"):
             reward, terms = total_reward(outcome, self.reward)
@@ -154,6 +157,10 @@ class ChargingEnv:
             driver_key = jax.random.fold_in(entry_key, DRIVERS)
             evs = welcome(driver_key, state.evs, newcomers, config, params)
             state = state.replace(evs=evs)
+        if config.num_exits:
+            with jax.named_scope("trips"):
+                state, rerouted = plan_trips(state, config, params)
+                entered += rerouted
         with jax.named_scope("booking"):
             state = state.replace(evs=book(state, config, params))
         with jax.named_scope("noise"):

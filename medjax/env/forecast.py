@@ -48,7 +48,7 @@ def forecast_need(
         return road.ramp_x_m[:, None] - x[None, :]
 
     x = state.vehicles.x[config.ev_slots]
-    runs_out = state.evs.energy_j < (road.length_m - x) * per_metre
+    runs_out = state.evs.energy_j < (state.vehicles.destination[config.ev_slots] - x) * per_metre
     needy = state.vehicles.active[config.ev_slots] & runs_out & (state.evs.med == NOT_BOOKED)
     way = ahead_of(x)
     there = jnp.sum(needy & (way <= window_m) & (way >= -params.charging.reach_behind_m), axis=1)

@@ -59,6 +59,8 @@ def episode_metrics(tally: Tally) -> dict[str, jax.Array]:
         "ev_mean_speed": ratio(tally.ev_distance_m, tally.ev_seconds),
         "gas_mean_speed": ratio(tally.gas_distance_m.sum(), tally.gas_seconds.sum()),
         "queue_vehicle_s": tally.queue_seconds,
+        "missed_exits": tally.missed_exits,
+        "charging_stops": tally.charging_stops,
         "lane_changes": tally.lane_changes,
         "collisions": tally.collisions,
         "invalid_actions": tally.invalid_actions,

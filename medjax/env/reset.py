@@ -9,6 +9,8 @@ from medjax.charging.booking import unserved
 from medjax.charging.energy import cruising
 from medjax.env.dispatch import at_depot
 from medjax.traffic.demand import desired_speeds, drawn_kinds, fill_road
+from medjax.traffic.entry import DESTINATIONS
+from medjax.traffic.exits import draw_destinations
 from medjax.world.kinds import MED
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, Tally, Vehicles, count_kinds
@@ -61,6 +63,8 @@ def _filled(keys: tuple[jax.Array, ...], config: EnvConfig, params: EnvParams) -
     kind = _beside_meds(kind, config, MED)
     desired = desired_speeds(jax.random.normal(speed_key, kind.shape), kind, drivers)
     fill = fill_road(fill_key, is_ev, desired[slots], config.num_lanes, params)
+    way_draw = jax.random.uniform(jax.random.fold_in(fill_key, DESTINATIONS), fill.x.shape)
+    destination = draw_destinations(way_draw, fill.x, params.demand, params.road)
     noise = jax.random.normal(noise_key, (2, config.num_vehicles))
     wander = noise[1] * drivers.lateral_wander[kind]
     return Vehicles(
@@ -77,6 +81,7 @@ def _filled(keys: tuple[jax.Array, ...], config: EnvConfig, params: EnvParams) -
         headway=drivers.time_headway[kind],
         courtesy=jnp.full((config.num_vehicles,), jnp.inf),
         recovery_s=jnp.zeros((config.num_vehicles,)),
+        destination=_beside_meds(destination, config),
         road_order=jnp.arange(config.num_vehicles, dtype=jnp.int32),
     )
 

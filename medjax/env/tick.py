@@ -11,6 +11,7 @@ from medjax.charging.exchange import exchange
 from medjax.charging.link import Coupling, couple, links
 from medjax.env.dispatch import on_the_road
 from medjax.numerics.sums import in_units, rounded, sum_pairwise
+from medjax.traffic.exits import takes_exit
 from medjax.traffic.following import CarFollowing, Drivers
 from medjax.traffic.idm import IDM_PLUS
 from medjax.traffic.step import move
@@ -49,6 +50,8 @@ def physics_tick(
         evs, meds, exchanged = exchange(before, after, link, state, config, params)
     with jax.named_scope("exits"):
         left = before.active & (after.x > params.road.length_m)
+        if config.num_exits:
+            left |= takes_exit(after, config, params)
         ran_out = jnp.zeros_like(left).at[config.ev_slots].set(evs.energy_j <= 0.0)
         depleted = before.active & ran_out & ~left
         after = after.replace(active=before.active & ~left & ~depleted)
@@ -70,7 +73,7 @@ def _flow(
     config: EnvConfig,
     params: EnvParams,
 ) -> Tally:
-    """Who was on the road in a tick for how long and how far, and who `left` `(N,)` it at its end."""
+    """Who was on the road in a tick for how long and how far, and who `left` `(N,)` it in it."""
     ev_slots, gas_slots = config.ev_slots, config.gas_slots
     soc = rounded(in_units(evs.energy_j, params.ev_capacity_j))
     low = evs.energy_j < params.charging.request_soc * params.ev_capacity_j
@@ -91,6 +94,7 @@ def _flow(
         ev_seconds=seconds(after.active[ev_slots]),
         ev_distance_m=sum_pairwise(travelled[ev_slots]),
         soc_seconds=sum_pairwise(jnp.where(after.active[ev_slots], soc, 0.0)) * config.tick_s,
+        charging_stops=jnp.sum(left[ev_slots] & evs.stops, dtype=jnp.float32),
         exit_soc=sum_pairwise(jnp.where(left[ev_slots], soc, 0.0)),
         low_exits=jnp.sum(left[ev_slots] & low, dtype=jnp.float32),
         ev_delay_s=sum_pairwise(delay[ev_slots]),

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from medjax.traffic.exits import mean_way
 from medjax.world.kinds import EVS, FUELLED, GAS_KINDS, kinds_in
 from medjax.world.params import DemandParams, DriverParams, EnvParams, RoadParams, Scalar
 
@@ -168,9 +169,9 @@ class Fill(NamedTuple):
 
 
 def expected_vehicles(demand: DemandParams, road: RoadParams, speed: Scalar) -> jax.Array:
-    """Vehicles on the road in equilibrium: each entry's flow times its way to the end over speed."""
-    mainline = demand.mainline_per_h * road.length_m
-    ramps = jnp.sum(demand.ramp_per_h * (road.length_m - road.ramp_x_m))
+    """Vehicles on the road in equilibrium: each entry's flow times its mean way over speed."""
+    mainline = demand.mainline_per_h * mean_way(jnp.zeros(()), demand, road)
+    ramps = jnp.sum(demand.ramp_per_h * mean_way(road.ramp_x_m, demand, road))
     return (mainline + ramps) / (3600.0 * speed)
 
 

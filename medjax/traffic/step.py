@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from medjax.numerics.sums import count_down
+from medjax.traffic.exits import exit_desire, prepares
 from medjax.traffic.following import (
     CarFollowing,
     Drivers,
@@ -103,14 +104,20 @@ def _wishes(
     config: EnvConfig,
     params: EnvParams,
 ) -> Wish:
-    """Mandatory changes: off a ramp, and what is ordered; and who may change to the side looked at."""
+    """Mandatory changes: off a ramp, towards an exit, and what is ordered; and who may change to the side looked at."""
     target = vehicles.lane + direction
     merging = vehicles.lane == config.num_lanes
     urgency = jnp.clip(1.0 - to_end / params.lane_change.view_m, ORDERED_DESIRE, 1.0)
     there = vehicles.active & (target >= 0) & (target < config.num_lanes)
+    wanted = ORDERED_DESIRE * orders.direction
+    stay = orders.stay | (vehicles.recovery_s > 0.0)
+    if config.num_exits:
+        leaves = prepares(vehicles, config, params)
+        wanted = jnp.where(leaves, exit_desire(vehicles, config, params), wanted)
+        stay |= leaves
     return Wish(
-        desire=jnp.where(merging, -urgency, ORDERED_DESIRE * orders.direction),
-        stay=orders.stay | (vehicles.recovery_s > 0.0),
+        desire=jnp.where(merging, -urgency, wanted),
+        stay=stay,
         may=there & ~_is_changing(vehicles, params),
     )
 

@@ -29,7 +29,17 @@ class FleetParams(struct.PyTreeNode):
         0,
         math.inf,
         "s",
-        "from the road's end to ready and full; inf: each MED is sent once",
+        "from the road to a depot's charger, and from there to its ramp; inf: each MED is sent once",
+    )
+    depot_power_w: Scalar = number(
+        math.inf, 1.0, math.inf, "W", "at which a MED is charged at a depot; inf: at once; paper"
+    )
+    trip_m: Scalar = number(
+        math.inf,
+        0,
+        math.inf,
+        "m",
+        "a MED leaves at the first exit after so long a way; inf: at the road's end, or when it is empty",
     )
     service_speed: Scalar = number(
         18.0, 1, 100, "m/s", "chosen: EVs use half as much as at 30 m/s, and traffic can pass"
@@ -44,6 +54,13 @@ class ChargingParams(struct.PyTreeNode):
     """Requests, booking and docking."""
 
     request_soc: Scalar = number(0.4, 0, 1, "", "an EV below this asks; chosen")
+    stop_soc: Scalar = number(
+        0.1,
+        0,
+        1,
+        "",
+        "who would come to the next charger with less leaves at the exit ahead for one; chosen",
+    )
     target_soc: Scalar = number(0.8, 0, 1, "", "and leaves its slot at this; chosen")
     reach_ahead_m: Scalar = number(
         400.0, 0, 200e3, "m", "how far ahead of the EV a MED may be asked; chosen"

@@ -27,7 +27,7 @@ class Number:
     unit: str = ""
     text: Text = ""  # what it is, and where its default comes from
     whole: bool = False
-    per: str = ""  # "kind" of vehicle or "ramp": the field holds one number for each
+    per: str = ""  # "kind" of vehicle, "ramp" or "exit": the field holds one number for each
 
     def __str__(self) -> str:
         """What is allowed, in a message."""
@@ -52,8 +52,8 @@ def number(
     """A field of a dataclass that holds a number.
 
     Args:
-      default: that of the preset `paper`. A tuple is one a kind of vehicle or a ramp, and becomes an array; with a
-        tuple of texts, it is one a body (`BodyParams`), and the field has no default of its own.
+      default: that of the preset `paper`. A tuple is one a kind of vehicle, a ramp or an exit, and becomes an array;
+        with a tuple of texts, it is one a body (`BodyParams`), and the field has no default of its own.
       low, high: the allowed range, both ends included.
       unit: SI.
       text: what it is, and where its default comes from.

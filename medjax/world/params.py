@@ -67,6 +67,7 @@ class EnvConfig:
     num_gas: int = number(153, 0, 4096, text="chosen: 1.5 times the number at 30 m/s", whole=True)
     num_lanes: int = number(4, 1, 6, text="paper", whole=True)
     num_ramps: int = number(4, 0, 8, text="paper", whole=True)
+    num_exits: int = number(0, 0, 8, text="off-ramps; paper: none", whole=True)
     tick_s: float = number(
         0.25, 0.02, 0.5, "s", "chosen: half of what the ballistic update is stable up to"
     )

@@ -32,6 +32,9 @@ def _places() -> dict[str, tuple[str, str]]:
 
 PLACES = _places()
 
+# Where exits are asked for by their number or places alone: an interchange every 6 km, ways of 60 km on the road.
+EXIT_SHARE = 0.1
+
 
 def _put(params: EnvParams, place: tuple[str, str], value: Any) -> EnvParams:
     """Params with one number replaced, unchecked."""
@@ -60,15 +63,22 @@ def change_numbers(params: EnvParams, overrides: Mapping[str, Any]) -> EnvParams
 
 
 def _fit(params: EnvParams, config: EnvConfig) -> EnvParams:
-    """Params as far as the sizes allow: as many ramps, no more MEDs, a service lane with one on either side."""
+    """Params as far as the sizes allow: as many ramps and exits, no more MEDs, a service lane within the road."""
     road, demand, fleet = params.road, params.demand, params.fleet
+    exits, shares = (np.asarray(x, np.float32) for x in (road.exit_x_m, demand.exit_share))
+    if len(exits) != config.num_exits:
+        exits = np.linspace(0.0, road.length_m, config.num_exits + 2, dtype=np.float32)[1:-1]
+    if len(shares) != config.num_exits:
+        shares = np.resize(shares if len(shares) else np.float32(EXIT_SHARE), config.num_exits)
     places, ramps = np.asarray(road.ramp_x_m, np.float32), config.num_ramps
     if len(places) != ramps:
         places = np.linspace(places[0], places[-1], ramps, dtype=np.float32)
     lane = max(0, min(int(fleet.service_lane), config.num_lanes - 2))
     return params.replace(
-        road=road.replace(ramp_x_m=places),
-        demand=demand.replace(ramp_per_h=np.resize(np.float32(demand.ramp_per_h), ramps)),
+        road=road.replace(ramp_x_m=places, exit_x_m=exits),
+        demand=demand.replace(
+            ramp_per_h=np.resize(np.float32(demand.ramp_per_h), ramps), exit_share=shares
+        ),
         fleet=fleet.replace(size=min(int(fleet.size), config.num_meds), service_lane=lane),
     )
 
