@@ -10,7 +10,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.docking import Partner, panel_lane, panel_x
+from medjax.charging.docking import Partner, panel_lane, panel_x, plan_approach
 from medjax.charging.energy import cruising
 from medjax.numerics.gathers import read
 from medjax.numerics.sums import count_down
@@ -102,9 +102,13 @@ def _panel_cost(
     panel = jnp.arange(len(PANELS), dtype=jnp.int32)
     med = Partner(*(field[:, None] for field in (offer.x, offer.speed, offer.lane, offer.length)))
     x, lane, length = (field[:, None] for field in (requests.x, requests.lane, requests.length))
-    goal = panel_x(panel, med, length, params.dock_gap_m)
+    slot = panel_x(panel, med, length, params.dock_gap_m)
     wanted = panel_lane(panel, med.lane)
-    seconds = jnp.abs(goal - x) / params.approach_speed + LANE_CHANGE_S * jnp.abs(wanted - lane)
+    goal = plan_approach(x, lane, length, panel, med, params).goal_x
+    # An EV closes up at the approach speed, but falls back on the move.
+    back = jnp.maximum((1.0 - params.slowest_share) * med.speed, 1.0)
+    up, down = jnp.maximum(goal - x, 0.0) + (slot - goal), jnp.maximum(x - goal, 0.0)
+    seconds = up / params.approach_speed + down / back + LANE_CHANGE_S * jnp.abs(wanted - lane)
     # Nobody can pass the MED in its own lane.
     blocked = (lane == med.lane) & jnp.where(x < med.x, panel == FRONT, panel == REAR)
     on_road = (wanted >= 0) & (wanted < num_lanes)

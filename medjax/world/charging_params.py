@@ -62,6 +62,13 @@ class ChargingParams(struct.PyTreeNode):
     approach_speed: Scalar = number(
         8.0, 0.1, 50, "m/s", "chosen: how much faster than the MED an EV closes up, at most"
     )
+    slowest_share: Scalar = number(
+        0.75,
+        0.1,
+        1,
+        "",
+        "chosen: of the service speed, below which no EV slows down to fall back to its slot",
+    )
     approach_rate: Scalar = number(
         0.35, 0.01, 10, "1/s", "relative speed per metre to go; chosen: slightly underdamped"
     )
