@@ -145,6 +145,7 @@ def tick_flows(
     gives = slot * jnp.sum(partner, axis=0)
 
     driven = driving(old, new, config.ev_slots, params.ev, dt)
+    driven = jax.tree.map(lambda each: jnp.where(was.is_depleted, 0.0, each), driven)
     received = _received(_change(was.energy_j, evs.energy_j, driven, params.ev_capacity_j), takes)
     driven, capacity = driving(old, new, config.med_slots, params.med, dt), params.med_capacity_j
     sent = _sent(_change(before.meds.energy_j, after.meds.energy_j, driven, capacity), gives)
@@ -174,7 +175,8 @@ def tick_books(
     evs, was = after.evs, before.evs
     wrong, sent_j, received_j = tick_flows(before, after, config, params)
     gone = old.active & ~new.active
-    left = gone & (new.x > params.road.length_m)
+    on_energy = jnp.ones_like(gone).at[config.ev_slots].set(~was.is_depleted)
+    left = gone & on_energy & (new.x > params.road.length_m)
     travelled = jnp.where(old.active, new.x - old.x, 0.0)
     soc = evs.energy_j / params.ev_capacity_j
     present, gas = sums_by_class(new.active, config), jnp.array(GAS_KINDS)
@@ -182,7 +184,7 @@ def tick_books(
     return wrong, Books(
         entered=jnp.zeros((len(KINDS),)),
         left=sums_by_kind(left, old.kind),
-        depleted=total(gone & ~left),
+        depleted=total(new.active[config.ev_slots] & evs.is_depleted & ~was.is_depleted),
         ev_seconds=present[1] * dt,
         ev_distance_m=distance[1],
         soc_seconds=total(jnp.where(new.active[config.ev_slots], soc, 0.0)) * dt,

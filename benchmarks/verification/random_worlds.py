@@ -141,6 +141,9 @@ def _charging(draw: _Draw, config: EnvConfig) -> groups.ChargingParams:
         dock_speed_tolerance=draw(0.1, 2.0),
         hold_tolerance_m=draw(0.1, 4.0),
         slot_power_w=draw(0.0, 200e3),
+        slowest_share=draw(0.2, 1.0),
+        depleted_blocks=draw.whole(0, 1),
+        tow_s=draw(0.0, 120.0),
     )
 
 
@@ -168,7 +171,12 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
         demand=_demand(draw, config),
         drivers=_drivers(draw, config),
         motion=groups.MotionParams(
-            max_braking=draw(6.0, 10.0), noise_time_s=draw(0.5, 20.0), lateral_rate=draw(0.5, 4.0)
+            max_braking=draw(6.0, 10.0),
+            noise_time_s=draw(0.5, 20.0),
+            lateral_rate=draw(0.5, 4.0),
+            lateral_acceleration=draw(1.0, 4.0),
+            lateral_speed=draw(0.5, 2.0),
+            lateral_slope=draw(0.05, 0.3),
         ),
         lane_change=groups.LaneChangeParams(
             politeness=draw(0.0, 1.0),
@@ -177,6 +185,11 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
             safe_braking=draw(0.5, 5.0),
             mandatory_bias=draw(0.0, 20.0),
             urgency_bias=draw(0.0, 20.0),
+            accepted_headway=draw(max(0.3, config.tick_s), 1.0),
+            relaxation_s=draw(1.0, 30.0),
+            courtesy_braking=draw(0.0, 3.0),
+            view_m=draw(50.0, 500.0),
+            recovery_s=draw(0.0, 20.0),
         ),
         fleet=groups.FleetParams(
             size=draw.whole(0, config.num_meds),

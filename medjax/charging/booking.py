@@ -55,6 +55,7 @@ def unserved(energy_j: jax.Array) -> EVs:
         is_charging=jnp.zeros(energy_j.shape, bool),
         timer_s=jnp.zeros(energy_j.shape),
         served=jnp.zeros(energy_j.shape, bool),
+        is_depleted=jnp.zeros(energy_j.shape, bool),
     )
 
 
@@ -183,6 +184,7 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
         asks=vehicles.active[ev_slots]
         & (lane < config.num_lanes)
         & (evs.med == NOT_BOOKED)
+        & ~evs.is_depleted
         & (evs.timer_s <= 0.0)
         & (evs.energy_j < params.charging.request_soc * params.ev_capacity_j),
         endurance_s=evs.energy_j / power_w,
@@ -199,7 +201,7 @@ def book(state: EnvState, config: EnvConfig, params: EnvParams) -> EVs:
 
 
 def release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params: EnvParams) -> EVs:
-    """Ends bookings after a tick: charged, gone, out of time, or the MED is gone or empty."""
+    """Ends bookings after a tick: charged, empty, gone, out of time, or the MED is gone or empty."""
     booked = evs.med != NOT_BOOKED
     partner = jnp.maximum(evs.med, 0)
     serves = can_serve(meds, params)
@@ -210,10 +212,12 @@ def release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params:
     )
     late = booked & (timer > params.charging.patience_s)
     done = evs.energy_j >= params.charging.target_soc * params.ev_capacity_j
-    ends = booked & (late | done | ~read(serves, partner) | ~vehicles.active[config.ev_slots])
+    lost = evs.is_depleted | ~vehicles.active[config.ev_slots]
+    ends = booked & (late | done | lost | ~read(serves, partner))
+    timer = jnp.where(ends, jnp.where(late, params.charging.retry_s, 0.0), timer)
     return evs.replace(
         med=jnp.where(ends, NOT_BOOKED, evs.med),
         panel=jnp.where(ends, NOT_BOOKED, evs.panel),
         is_charging=evs.is_charging & ~ends,
-        timer_s=jnp.where(ends, jnp.where(late, params.charging.retry_s, 0.0), timer),
+        timer_s=jnp.where(evs.is_depleted, evs.timer_s, timer),  # it stands by another clock
     )

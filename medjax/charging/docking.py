@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from medjax.charging.stranded import coasting, to_the_right
 from medjax.numerics.gathers import read
 from medjax.traffic.following import Drivers, Platooning
 from medjax.traffic.neighbours import NOBODY
@@ -199,8 +200,8 @@ def _pace(
 def approach(state: EnvState, drivers: Drivers, config: EnvConfig, params: EnvParams) -> Orders:
     """What charging asks of traffic in a tick.
 
-    MEDs change to their service lane and stay there; booked EVs drive to their slots, in one platoon with
-    their MED.
+    MEDs change to their service lane and stay there while it moves; booked EVs drive to their slots, in one platoon with
+    their MED; depleted ones coast and make for the shoulder.
     """
     vehicles, evs, slots = state.vehicles, state.evs, config.ev_slots
     booked = evs.med != NOT_BOOKED
@@ -212,14 +213,19 @@ def approach(state: EnvState, drivers: Drivers, config: EnvConfig, params: EnvPa
     docking = docking_acceleration(
         vehicles.speed[slots], pace, drivers.comfortable_deceleration[slots], params.charging
     )
+    # A MED goes round who stands in its lane, and comes back.
+    keeps = vehicles.speed[config.med_slots] > 0.5 * params.fleet.service_speed
     to_service = jnp.sign(params.fleet.service_lane - vehicles.lane[config.med_slots])
-    desire = config.by_slot(ORDERED_DESIRE * to_service, jnp.where(booked, plan.desire, 0.0), 0.0)
+    ev_desire = jnp.where(evs.is_depleted, to_the_right(params), 0.0)
+    ev_desire = jnp.where(booked, plan.desire, ev_desire)
+    desire = config.by_slot(ORDERED_DESIRE * to_service, ev_desire, 0.0)
     # A write into one array, where `by_slot` would join three: XLA for CPUs is slower at that.
     free = jnp.full((config.num_vehicles,), jnp.inf)
+    most = jnp.where(evs.is_depleted, coasting(vehicles.speed[slots], params), jnp.inf)
     return Orders(
         platoon=config.by_slot(jnp.arange(config.num_meds, dtype=jnp.int32), evs.med, NOBODY),
         platooning=platooning,
-        acceleration=free.at[slots].set(jnp.where(booked, docking, jnp.inf)),
+        acceleration=free.at[slots].set(jnp.where(booked, docking, most)),
         desire=desire,
-        stay=config.by_slot(True, booked & plan.is_near, False),
+        stay=config.by_slot(keeps, booked & plan.is_near | evs.is_depleted, False),
     )

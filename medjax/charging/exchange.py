@@ -78,6 +78,7 @@ def exchange(
     evs, meds = state.evs, state.meds
     med_use = _driven(before, after, config.med_slots, params.med, config.tick_s)
     ev_use = _driven(before, after, config.ev_slots, params.ev, config.tick_s)
+    ev_use = jnp.where(evs.is_depleted, 0.0, ev_use)  # its motor is off
     flow = transfer(
         link.efficiency,
         link.is_charging,

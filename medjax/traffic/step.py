@@ -45,7 +45,6 @@ from medjax.traffic.road import merge_distance
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, EnvState, Tally, Vehicles
 
-
 # What is ordered, or still far off, is so urgent: enough to be mandatory, too little to ask anyone for room.
 ORDERED_DESIRE = 0.25
 

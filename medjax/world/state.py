@@ -44,8 +44,9 @@ class EVs(struct.PyTreeNode):
     med: jax.Array  # (E,) int32, MED it is booked on, or NOT_BOOKED
     panel: jax.Array  # (E,) int32, slot of that MED, or NOT_BOOKED
     is_charging: jax.Array  # (E,) bool
-    timer_s: jax.Array  # (E,) booked: since booking or last charge; else: until it may ask again
+    timer_s: jax.Array  # (E,) since booking or last charge; depleted: stood; else until it may ask
     served: jax.Array  # (E,) bool, has charged at least once
+    is_depleted: jax.Array  # (E,) bool, ran out, on the road or off it
 
 
 class MEDs(struct.PyTreeNode):
@@ -62,7 +63,7 @@ class Tally(struct.PyTreeNode):
     """Sums over time of what the metrics and the rewards are made of; all float32."""
 
     entered: jax.Array  # (num_kinds,) vehicles of each kind, those on the road at reset included
-    left: jax.Array  # (num_kinds,) at the end of the road
+    left: jax.Array  # (num_kinds,) at the end of the road, not those that ran out before
     depleted: jax.Array  # () EVs that ran out
     ev_seconds: jax.Array  # () integral of the number of EVs on the road
     ev_distance_m: jax.Array  # ()
