@@ -183,6 +183,7 @@ def tick_flows(
 
     road, capacity = params.road, params.med_capacity_j
     of_evs = driving(old, new, config.ev_slots, params.ev, road, dt)
+    of_evs = jax.tree.map(lambda each: jnp.where(was.is_depleted, 0.0, each), of_evs)
     received = _received(_change(was.energy_j, evs.energy_j, of_evs, params.ev_capacity_j), takes)
     of_meds = driving(old, new, config.med_slots, params.med, road, dt)
     sent = _sent(_change(before.meds.energy_j, after.meds.energy_j, of_meds, capacity), gives)
@@ -226,7 +227,9 @@ def tick_books(
     evs, was = after.evs, before.evs
     wrong, flows = tick_flows(before, after, config, params)
     gone = old.active & ~new.active
-    left = gone & ((new.x > params.road.length_m) | at_exit(new, config, params))
+    on_energy = jnp.ones_like(gone).at[config.ev_slots].set(~was.is_depleted)
+    past = (new.x > params.road.length_m) | at_exit(new, config, params)
+    left = gone & on_energy & past
     travelled = jnp.where(old.active, new.x - old.x, 0.0)
     soc = evs.energy_j / params.ev_capacity_j
     present, gas = sums_by_class(new.active, config), jnp.array(GAS_KINDS)
@@ -238,7 +241,7 @@ def tick_books(
     return wrong, Books(
         entered=jnp.zeros((len(KINDS),)),
         left=sums_by_kind(left, old.kind),
-        depleted=total(gone & ~left),
+        depleted=total(new.active[config.ev_slots] & evs.is_depleted & ~was.is_depleted),
         ev_seconds=present[1] * dt,
         ev_distance_m=distance[1],
         soc_seconds=total(jnp.where(new.active[config.ev_slots], soc, 0.0)) * dt,

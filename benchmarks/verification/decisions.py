@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from benchmarks.verification.books import OF_FLOW, Books, sums_by_class
+from benchmarks.verification.books import total as total_of
 from benchmarks.verification.invariants import (
     Counts,
     Flags,
@@ -110,7 +111,10 @@ def tally_mistakes(
     total = decision.after.tally
     sums = jax.tree.map(lambda a, b, c: differs(a + b, c), decision.before.tally, tally, total)
     lost = by_class(total.entered - total.left) - jnp.zeros((3,)).at[1].set(total.depleted)
-    lost = lost != sums_by_class(decision.after.vehicles.active, config)
+    after = decision.after
+    stranded = total_of(after.vehicles.active[config.ev_slots] & after.evs.is_depleted)
+    lost += jnp.zeros((3,)).at[1].set(stranded)  # counted, and still on the road
+    lost = lost != sums_by_class(after.vehicles.active, config)
     return {
         "tally": {
             **counted,

@@ -35,7 +35,8 @@ INVARIANTS = {
     "speed": "nobody drives backwards",
     "motion": "a vehicle moves by its speeds, one lane at most, and stays who it is",
     "road": "vehicles are on a lane, before the end of the road or of their acceleration lane",
-    "vehicles": "vehicles come by the entries and go by an exit, the end or by running out, none is lost",
+    "vehicles": "vehicles come by the entries and go by an exit, the end or without energy, none is lost",
+    "standing": "nobody but without energy stands on a main lane with open road ahead",
     "bookings": "one EV a panel, one panel an EV, both on the road, and kept until it ends",
     "soc": "states of charge are in [0, 1]",
     "energy": "what batteries give, get and spend balances",
@@ -47,6 +48,8 @@ Flags = dict[str, dict[str, jax.Array]]  # by invariant, by what was looked at; 
 Counts = dict[str, jax.Array]  # () int32 by invariant, of all of INVARIANTS
 
 # What rounding makes of positions and speeds in a tick is far below `ROUNDING_M` and this.
+# Who stands so long with so much road ahead waits for nothing.
+STANDS_M_PER_S, OPEN_M, STANDS_S = 0.5, 60.0, 5.0
 ROUNDING = 1e-5  # relative
 
 
@@ -106,6 +109,18 @@ def check_lanes(before: Vehicles, after: Vehicles, length: jax.Array) -> Flags:
     }
 
 
+def stands_open(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """Who stands on a main lane with OPEN_M of road ahead, though it has energy, (N,) bool."""
+    vehicles = state.vehicles
+    rear = vehicles.x - lengths_of(state, params)
+    ahead = vehicles.active & (vehicles.lane == vehicles.lane[:, None])
+    ahead &= vehicles.x > vehicles.x[:, None]
+    gap = jnp.min(jnp.where(ahead, rear, jnp.inf), axis=1) - vehicles.x
+    powered = jnp.ones_like(vehicles.active).at[config.ev_slots].set(~state.evs.is_depleted)
+    stands = vehicles.active & powered & (vehicles.speed < STANDS_M_PER_S)
+    return stands & (vehicles.lane < config.num_lanes) & (gap > OPEN_M)
+
+
 def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
     """What holds at every instant, but for overlaps (`check_lanes`)."""
     vehicles, evs, meds = state.vehicles, state.evs, state.meds
@@ -144,6 +159,7 @@ def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
             "MED without panel or the reverse": booked != (panel != NOT_BOOKED),
             "no such panel": booked & ~exists,
             "EV off the road": booked & ~ev_active,
+            "EV without energy": booked & evs.is_depleted,
             "MED not in service": booked & ~serves[med],
             "charges unbooked": evs.is_charging & ~booked,
         },
@@ -151,6 +167,7 @@ def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
             # As energies: a division may round to just above 1.
             "EV": (evs.energy_j < 0.0) | (evs.energy_j > params.ev_capacity_j),
             "MED": (meds.energy_j < 0.0) | (meds.energy_j > med_capacity),
+            "empty or depleted": ev_active & ((evs.energy_j <= 0.0) != evs.is_depleted),
         },
         "finite": not_finite(with_finite_waits(state)),
     }
@@ -220,7 +237,7 @@ def check_tick(
     jumps = jnp.abs(new.speed - old.speed) > limit * (1.0 + ROUNDING) + ROUNDING
     hop = new.lane - old.lane
     gone = old.active & ~new.active
-    empty = jnp.zeros_like(gone).at[config.ev_slots].set(after.evs.energy_j <= 0.0)
+    ran_out = jnp.zeros_like(gone).at[config.ev_slots].set(before.evs.is_depleted)
     past = (new.x > params.road.length_m) | at_exit(new, config, params)
     evs, was = after.evs, before.evs
     kept = (evs.med == was.med) & (evs.panel == was.panel)
@@ -238,8 +255,8 @@ def check_tick(
         },
         "vehicles": {
             "appears": new.active & ~old.active,
-            "vanishes": gone & ~(past | empty),
-            "EV without energy": (new.active & empty)[config.ev_slots],
+            "vanishes": gone & ~(past | ran_out),
+            "gets its energy back": (both & ran_out)[config.ev_slots] & ~after.evs.is_depleted,
         },
         "bookings": {"changed": (evs.med != NOT_BOOKED) & ~kept},
         "energy": energy,

@@ -158,6 +158,9 @@ def _charging(draw: _Draw, config: EnvConfig) -> groups.ChargingParams:
         hold_tolerance_m=draw(0.1, 4.0),
         slot_power_w=draw(0.0, 200e3),
         taper_soc=draw(0.0, 1.0),
+        slowest_share=draw(0.2, 1.0),
+        depleted_blocks=draw.whole(0, 1),
+        tow_s=draw(0.0, 120.0),
     )
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.docking import Partner, panel_lane, panel_x
+from medjax.charging.docking import Partner, panel_lane, panel_x, plan_approach
 from medjax.charging.energy import cruising
 from medjax.numerics.gathers import read
 from medjax.numerics.sums import count_down
@@ -57,6 +57,7 @@ def unserved(energy_j: jax.Array, complies: jax.Array) -> EVs:
         timer_s=jnp.zeros(energy_j.shape),
         served=jnp.zeros(energy_j.shape, bool),
         complies=complies,
+        is_depleted=jnp.zeros(energy_j.shape, bool),
     )
 
 
@@ -108,9 +109,13 @@ def _panel_cost(
     panel = jnp.arange(len(PANELS), dtype=jnp.int32)
     med = Partner(*(field[:, None] for field in (offer.x, offer.speed, offer.lane, offer.length)))
     x, lane, length = (field[:, None] for field in (requests.x, requests.lane, requests.length))
-    goal = panel_x(panel, med, length, params.dock_gap_m)
+    slot = panel_x(panel, med, length, params.dock_gap_m)
     wanted = panel_lane(panel, med.lane)
-    seconds = jnp.abs(goal - x) / params.approach_speed + LANE_CHANGE_S * jnp.abs(wanted - lane)
+    goal = plan_approach(x, lane, length, panel, med, params).goal_x
+    # An EV closes up at the approach speed, but falls back on the move.
+    back = jnp.maximum((1.0 - params.slowest_share) * med.speed, 1.0)
+    up, down = jnp.maximum(goal - x, 0.0) + (slot - goal), jnp.maximum(x - goal, 0.0)
+    seconds = up / params.approach_speed + down / back + LANE_CHANGE_S * jnp.abs(wanted - lane)
     # Nobody can pass the MED in its own lane.
     blocked = (lane == med.lane) & jnp.where(x < med.x, panel == FRONT, panel == REAR)
     on_road = (wanted >= 0) & (wanted < num_lanes)
@@ -185,6 +190,7 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
         asks=vehicles.active[ev_slots]
         & (lane < config.num_lanes)
         & (evs.med == NOT_BOOKED)
+        & ~evs.is_depleted
         & (evs.timer_s <= 0.0)
         & (evs.energy_j < params.charging.request_soc * params.ev_capacity_j),
         endurance_s=evs.energy_j / jnp.maximum(power_w, 1.0),  # downhill nothing is used up
@@ -201,7 +207,7 @@ def book(state: EnvState, config: EnvConfig, params: EnvParams) -> EVs:
 
 
 def release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params: EnvParams) -> EVs:
-    """Ends bookings after a tick: charged, gone, out of time, or the MED is gone or empty."""
+    """Ends bookings after a tick: charged, empty, gone, out of time, or the MED is gone or empty."""
     booked = evs.med != NOT_BOOKED
     partner = jnp.maximum(evs.med, 0)
     serves = can_serve(meds, params)
@@ -212,10 +218,12 @@ def release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params:
     )
     late = booked & (timer > params.charging.patience_s)
     done = evs.energy_j >= params.charging.target_soc * params.ev_capacity_j
-    ends = booked & (late | done | ~read(serves, partner) | ~vehicles.active[config.ev_slots])
+    lost = evs.is_depleted | ~vehicles.active[config.ev_slots]
+    ends = booked & (late | done | lost | ~read(serves, partner))
+    timer = jnp.where(ends, jnp.where(late, params.charging.retry_s, 0.0), timer)
     return evs.replace(
         med=jnp.where(ends, NOT_BOOKED, evs.med),
         panel=jnp.where(ends, NOT_BOOKED, evs.panel),
         is_charging=evs.is_charging & ~ends,
-        timer_s=jnp.where(ends, jnp.where(late, params.charging.retry_s, 0.0), timer),
+        timer_s=jnp.where(evs.is_depleted, evs.timer_s, timer),  # it stands by another clock
     )

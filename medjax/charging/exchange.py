@@ -93,6 +93,7 @@ def exchange(
     road, tick_s = params.road, config.tick_s
     med_use = _driven(before, after, config.med_slots, params.med, road, tick_s)
     ev_use = _driven(before, after, config.ev_slots, params.ev, road, tick_s)
+    ev_use = jnp.where(evs.is_depleted, 0.0, ev_use)  # its motor is off
     flow = transfer(
         link.efficiency,
         link.is_charging,

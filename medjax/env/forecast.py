@@ -49,7 +49,8 @@ def forecast_need(
 
     x = state.vehicles.x[config.ev_slots]
     runs_out = state.evs.energy_j < (state.vehicles.destination[config.ev_slots] - x) * per_metre
-    needy = state.vehicles.active[config.ev_slots] & runs_out & (state.evs.med == NOT_BOOKED)
+    waits = (state.evs.med == NOT_BOOKED) & ~state.evs.is_depleted
+    needy = state.vehicles.active[config.ev_slots] & runs_out & waits
     way = ahead_of(x)
     there = jnp.sum(needy & (way <= window_m) & (way >= -params.charging.reach_behind_m), axis=1)
 

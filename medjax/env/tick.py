@@ -9,6 +9,7 @@ from medjax.charging.booking import release
 from medjax.charging.docking import approach
 from medjax.charging.exchange import exchange
 from medjax.charging.link import Coupling, couple, links
+from medjax.charging.stranded import leaves_road, run_out, without_motor
 from medjax.env.dispatch import on_the_road
 from medjax.numerics.sums import in_units, rounded, sum_pairwise
 from medjax.traffic.exits import takes_exit
@@ -40,7 +41,7 @@ def physics_tick(
     Returns:
       (state after the tick, what happened in it). `state.tally` is left as it was.
     """
-    before = state.vehicles
+    before = without_motor(state.vehicles, state.evs, config)
     with jax.named_scope("docking"):
         orders = approach(state, drivers, config, params)
     after, moved = move(before, drivers, orders, tick, config, params, following)
@@ -52,14 +53,18 @@ def physics_tick(
         left = before.active & (after.x > params.road.length_m)
         if config.num_exits:
             left |= takes_exit(after, config, params)
-        ran_out = jnp.zeros_like(left).at[config.ev_slots].set(evs.energy_j <= 0.0)
-        depleted = before.active & ran_out & ~left
-        after = after.replace(active=before.active & ~left & ~depleted)
+        off_road = leaves_road(after, state.evs, config, params)
+        stays = before.active & ~left
+        after = after.replace(
+            active=stays.at[config.ev_slots].set(stays[config.ev_slots] & ~off_road)
+        )
+        evs, ran_out = run_out(after, evs, config)
+        left = left.at[config.ev_slots].set(left[config.ev_slots] & ~evs.is_depleted)
         meds = on_the_road(meds, after, left, config, params)
         evs = release(after, evs, meds, config, params)
     with jax.named_scope("tally"):
         flow = _flow(before, after, evs, meds, left, config, params)
-        flow = flow.replace(depleted=jnp.sum(depleted, dtype=jnp.float32))
+        flow = flow.replace(depleted=jnp.sum(ran_out, dtype=jnp.float32))
         happened = moved + exchanged + flow
     return state.replace(vehicles=after, evs=evs, meds=meds), happened
 
@@ -73,7 +78,10 @@ def _flow(
     config: EnvConfig,
     params: EnvParams,
 ) -> Tally:
-    """Who was on the road in a tick for how long and how far, and who `left` `(N,)` it in it."""
+    """Who was on the road in a tick for how long and how far, and who `left` `(N,)` it in it.
+
+    An EV without energy is still on the road, with a charge of 0, until it is on the shoulder or towed.
+    """
     ev_slots, gas_slots = config.ev_slots, config.gas_slots
     soc = rounded(in_units(evs.energy_j, params.ev_capacity_j))
     low = evs.energy_j < params.charging.request_soc * params.ev_capacity_j

@@ -99,7 +99,8 @@ def stranded_need(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.
     be asked to the end of its reach: those that would otherwise run out soonest.
     """
     low = state.evs.energy_j < params.charging.request_soc * params.ev_capacity_j
-    needy = state.vehicles.active[config.ev_slots] & low & (state.evs.med == NOT_BOOKED)
+    waits = (state.evs.med == NOT_BOOKED) & ~state.evs.is_depleted
+    needy = state.vehicles.active[config.ev_slots] & low & waits
     ahead = params.road.ramp_x_m[:, None] - state.vehicles.x[config.ev_slots][None, :]
     meets = (ahead <= params.charging.reach_ahead_m) & (ahead >= -params.charging.reach_behind_m)
     return jnp.sum(meets & needy, axis=1)

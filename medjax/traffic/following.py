@@ -35,7 +35,9 @@ class Drivers(NamedTuple):
     min_gap: jax.Array  # m
     max_acceleration: jax.Array  # m/s^2
     comfortable_deceleration: jax.Array  # m/s^2
-    closing: jax.Array  # s^2/m, 1 / (2 sqrt(a b)): headway per closing speed that comfortable braking takes
+    closing: (
+        jax.Array
+    )  # s^2/m, 1 / (2 sqrt(a b)): headway per closing speed that comfortable braking takes
     constants: Any  # of the model, `CarFollowing.constants`
 
 

@@ -31,7 +31,9 @@ EVEN_SPEED = 0.95
 class Wish(NamedTuple):
     """What each vehicle must do across the road, `(N,)` each."""
 
-    desire: jax.Array  # -1 to 1: must go left where negative, right where positive; its size says how urgent it is
+    desire: (
+        jax.Array
+    )  # -1 to 1: must go left where negative, right where positive; its size says how urgent it is
     stay: jax.Array  # bool: no change but a mandatory one
     may: jax.Array  # bool: nothing but traffic is in the way of a change to the side looked at
 

@@ -47,7 +47,7 @@ from medjax.traffic.road import merge_distance
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, EnvState, Tally, Vehicles
 
-# How urgent what others order is: enough to be mandatory, too little to ask anyone for room.
+# What is ordered, or still far off, is so urgent: enough to be mandatory, too little to ask anyone for room.
 ORDERED_DESIRE = 0.25
 
 
@@ -57,7 +57,7 @@ class Orders(NamedTuple):
     platoon: jax.Array  # int32, vehicles of one number keep together, NOBODY: of none
     platooning: Platooning  # how close
     acceleration: jax.Array  # m/s^2 at most, inf where nobody cares
-    direction: jax.Array  # int32: -1 must go left, +1 right, 0 need not change lanes
+    desire: jax.Array  # -1 to 1, as `medjax.traffic.lane_change.Wish`; 0 need not change lanes
     stay: jax.Array  # bool: no change but a mandatory one
 
 
@@ -109,7 +109,7 @@ def _wishes(
     merging = vehicles.lane == config.num_lanes
     urgency = jnp.clip(1.0 - to_end / params.lane_change.view_m, ORDERED_DESIRE, 1.0)
     there = vehicles.active & (target >= 0) & (target < config.num_lanes)
-    wanted = ORDERED_DESIRE * orders.direction
+    wanted = orders.desire
     stay = orders.stay | (vehicles.recovery_s > 0.0)
     if config.num_exits:
         leaves = prepares(vehicles, config, params)

@@ -79,6 +79,13 @@ class ChargingParams(struct.PyTreeNode):
     approach_speed: Scalar = number(
         8.0, 0.1, 50, "m/s", "chosen: how much faster than the MED an EV closes up, at most"
     )
+    slowest_share: Scalar = number(
+        0.75,
+        0.1,
+        1,
+        "",
+        "chosen: of the service speed, below which no EV slows down to fall back to its slot",
+    )
     approach_rate: Scalar = number(
         0.35, 0.01, 10, "1/s", "relative speed per metre to go; chosen: slightly underdamped"
     )
@@ -100,6 +107,21 @@ class ChargingParams(struct.PyTreeNode):
     )
     hold_tolerance_m: Scalar = number(
         0.6, 0.001, 10, "m", "beyond this it stops; chosen: the coils' null is at 0.58 m"
+    )
+    depleted_blocks: jax.Array | int = number(
+        0,
+        0,
+        1,
+        "",
+        "an EV that runs out makes for the right shoulder (0), or keeps its lane (1); chosen",
+        whole=True,
+    )
+    tow_s: Scalar = number(
+        2100.0,
+        0,
+        1e6,
+        "s",
+        "until one that stands on a lane is towed; HCM 2022, exhibit 11-22: a lane is shut for 35 min",
     )
     slot_power_w: Scalar = number(
         40e3,

@@ -33,7 +33,9 @@ class Vehicles(struct.PyTreeNode):
     acceleration_noise: jax.Array  # (N,) m/s^2
     wander: jax.Array  # (N,) m, lateral offset the driver steers to
     headway: jax.Array  # (N,) s, that a driver keeps now: a short one grows back
-    courtesy: jax.Array  # (N,) m/s^2 at most, for one that changes lanes, or to become one; else inf
+    courtesy: (
+        jax.Array
+    )  # (N,) m/s^2 at most, for one that changes lanes, or to become one; else inf
     recovery_s: jax.Array  # (N,) s, until a change that is only an advantage is thought of again
     destination: jax.Array  # (N,) m, the exit where it leaves the road, or the road's end
     road_order: jax.Array  # (N,) int32, slots lane by lane and rear to front, of the last tick
@@ -48,9 +50,10 @@ class EVs(struct.PyTreeNode):
     panel: jax.Array  # (E,) int32, slot of that MED, or NOT_BOOKED
     stops: jax.Array  # (E,) bool, makes for its exit to charge there
     is_charging: jax.Array  # (E,) bool
-    timer_s: jax.Array  # (E,) booked: since booking or last charge; else: until it may ask again
+    timer_s: jax.Array  # (E,) since booking or last charge; depleted: stood; else until it may ask
     served: jax.Array  # (E,) bool, has charged at least once
     complies: jax.Array  # (E,) bool, its driver slows down to save charge
+    is_depleted: jax.Array  # (E,) bool, ran out, on the road or off it
 
 
 class MEDs(struct.PyTreeNode):
@@ -67,7 +70,7 @@ class Tally(struct.PyTreeNode):
     """Sums over time of what the metrics and the rewards are made of; all float32."""
 
     entered: jax.Array  # (num_kinds,) vehicles of each kind, those on the road at reset included
-    left: jax.Array  # (num_kinds,) at an exit or the end of the road
+    left: jax.Array  # (num_kinds,) at an exit or the end of the road, not those that ran out before
     missed_exits: jax.Array  # () vehicles that could not get to their exit
     charging_stops: jax.Array  # () EVs that left to charge at an exit
     depleted: jax.Array  # () EVs that ran out

@@ -112,7 +112,7 @@ def closest(dt, leader_brakes_fully):
 
     def tick(state, _):
         (x, v), (gap, follower_v) = state
-        a = docking_acceleration(x, v, x - 1e3, 0.0, leader_braking, params.charging)
+        a = docking_acceleration(v, jnp.zeros_like(v), leader_braking, params.charging)
         ahead, v = ballistic_step(x, v, a, dt)
         a = jnp.maximum(idm_acceleration(follower_v, gap, state[0][1], **own), -tyres)
         way, follower_v = ballistic_step(jnp.zeros_like(gap), follower_v, a, dt)
