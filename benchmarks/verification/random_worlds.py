@@ -183,6 +183,10 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
     draw = _Draw(units)
     once = draw(0.0, 1.0) < 0.5  # half of the fleets; the others come back
     turnaround: Any = np.where(once, np.float32(math.inf), draw(0.0, 120.0))
+
+    def or_inf(values: Any) -> Any:
+        return np.where(draw(0.0, 1.0) < 0.3, np.float32(math.inf), values)
+
     return EnvParams(
         road=_road(draw, config),
         demand=_demand(draw, config),
@@ -216,8 +220,8 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
             service_speed=draw(5.0, 35.0),
             service_lane=draw.whole(0, config.num_lanes - 1),
             reserve_soc=draw(0.0, 1.0),
-            depot_power_w=np.where(draw(0.0, 1.0) < 0.3, np.float32(math.inf), draw(50e3, 5e6)),
-            trip_m=np.where(draw(0.0, 1.0) < 0.3, np.float32(math.inf), draw(0.0, 3000.0)),
+            depot_power_w=or_inf(draw(50e3, 5e6)),
+            trip_m=or_inf(draw(0.0, 3000.0)),
         ),
         charging=_charging(draw, config),
         link=groups.LinkParams(

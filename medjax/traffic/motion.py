@@ -33,7 +33,7 @@ def ballistic_step(
 
 
 def stopping_acceleration(
-    speed: jax.Array, distance: jax.Array, braking: jax.Array, dt: float
+    speed: jax.Array, distance: jax.Array, braking: jax.Array | float, dt: float
 ) -> jax.Array:
     """The most that lets a vehicle stop within a distance, m/s^2; it binds within braking distance only.
 
