@@ -20,7 +20,7 @@ B_SAFE = 4.0
 # Gas vehicles and MEDs as conftest fixes them.
 CAR = parameters(108.0, 1.5, 2.0, 1.4, 2.0) | {"length": 5.0}
 TRUCK = parameters(79.2, 2.0, 4.0, 1.0, 2.0) | {"length": 12.0}
-STOP_M = 0.25**2 * B_SAFE  # a tick's way less than meant: see test_motion
+STOP_M = 0.05  # see test_motion
 # float32 resolves x to 0.24 mm at 4 km: two such gaps move IDM's braking by less than this.
 ROUNDING = 0.01
 
