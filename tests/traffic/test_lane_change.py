@@ -75,7 +75,7 @@ def standing_gaps(kinds, distances, speed=20.0, dt=0.01):
     for _ in range(round(150 / dt)):
         gaps = np.append(1e6, x[:-1] - drivers["length"][:-1]) - x
         room = np.maximum(-x - drivers["min_gap"], 0.0)
-        stop = (np.sqrt(2 * B_SAFE * room) - v) / 0.1
+        stop = (np.sqrt(2 * B_SAFE * room) - v) / dt
         a = np.maximum(np.minimum(idm_plus(drivers, gaps, v, np.append(v[0], v[:-1])), stop), -9.0)
         after = np.maximum(v + a * dt, 0.0)
         x, v = x + 0.5 * (v + after) * dt, after
