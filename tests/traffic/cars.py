@@ -13,7 +13,7 @@ from medjax.traffic.following import (
     roles,
 )
 from medjax.traffic.idm import IDM
-from medjax.traffic.lane_change import Situation, Turn, Wish, decide
+from medjax.traffic.lane_change import Situation, Turn, decide
 from medjax.traffic.neighbours import NOBODY, Neighbours
 from medjax.world.params import DriverParams
 
@@ -38,12 +38,12 @@ def drivers(kinds):
 
 
 @functools.partial(jax.jit, static_argnames=("there", "model"))
-def decided(their, x, speed, desire, stay, params, there, model):
-    """(whether the ego changes now, the acceleration that it keeps to for the new leader), by `decide`.
+def decided(their, x, speed, wish, params, there, model):
+    """What the ego decides by `decide`: GOES, or the acceleration that it keeps to for the new leader.
 
     Args:
       their: drivers of the five; x: m, front bumpers; speed: m/s; `(5,)`.
-      desire: (5,), of changes to the right; stay: () bool, of the ego.
+      wish: of the five, for changes to the right.
       there: who of the five exists.
     """
 
@@ -63,7 +63,13 @@ def decided(their, x, speed, desire, stay, params, there, model):
     platooning = Platooning(0.3, 2.0)
     follow = functools.partial(following_acceleration, platooning=platooning, model=model)
     following = follow(followers, of_slots(leaders, leader), leader != NOBODY)
-    situation = Situation(leaders, followers, their.time_headway, neighbours, following, following)
-    turn = Turn(jnp.asarray(1), jnp.asarray(0), 1)
-    decision = decide(situation, Wish(desire, jnp.full(5, stay)), turn, follow, params)
-    return decision.changes[EGO], decision.courtesy[EGO]
+    situation = Situation(
+        leaders=leaders,
+        followers=followers,
+        usual_headway=their.time_headway,
+        neighbours=neighbours,
+        courtesy=jnp.full(5, jnp.inf),
+        following=following,
+        acceleration=following,
+    )
+    return decide(situation, wish, Turn(jnp.asarray(1), jnp.asarray(0), 1), follow, params)[EGO]

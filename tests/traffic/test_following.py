@@ -22,8 +22,16 @@ PARAMS = LaneChangeParams(accepted_headway=SHORTEST, relaxation_s=TAU_S)
 def spare(gap, speed, leader_speed):
     """`spare_headway` of one car."""
     nobody = jnp.int32(NOBODY)
-    constant = (CAR["time_headway"], CAR["min_gap"], CAR["max_acceleration"], 2.0)
-    follower = Follower(0.0, jnp.float32(speed), *constant, None, nobody)
+    follower = Follower(
+        x=jnp.float32(0.0),
+        speed=jnp.float32(speed),
+        time_headway=CAR["time_headway"],
+        min_gap=CAR["min_gap"],
+        max_acceleration=CAR["max_acceleration"],
+        closing=0.5 / np.sqrt(CAR["max_acceleration"] * CAR["comfortable_deceleration"]),
+        prepared=None,
+        platoon=nobody,
+    )
     leader = Leader(jnp.float32(gap), jnp.float32(leader_speed), nobody)
     return float(spare_headway(follower, leader, jnp.bool_(True)))
 

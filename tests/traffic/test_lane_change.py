@@ -20,7 +20,7 @@ B_SAFE = 4.0
 # Gas vehicles and MEDs as conftest fixes them.
 CAR = parameters(108.0, 1.5, 2.0, 1.4, 2.0) | {"length": 5.0}
 TRUCK = parameters(79.2, 2.0, 4.0, 1.0, 2.0) | {"length": 12.0}
-STOP_M = 0.25**2 * B_SAFE  # a tick's way less than meant: see test_motion
+STOP_M = 0.05  # see test_motion
 # float32 resolves x to 0.24 mm at 4 km: two such gaps move IDM's braking by less than this.
 ROUNDING = 0.01
 
@@ -75,7 +75,7 @@ def standing_gaps(kinds, distances, speed=20.0, dt=0.01):
     for _ in range(round(150 / dt)):
         gaps = np.append(1e6, x[:-1] - drivers["length"][:-1]) - x
         room = np.maximum(-x - drivers["min_gap"], 0.0)
-        stop = (np.sqrt(2 * B_SAFE * room) - v) / 0.1
+        stop = (np.sqrt(2 * B_SAFE * room) - v) / dt
         a = np.maximum(np.minimum(idm_plus(drivers, gaps, v, np.append(v[0], v[:-1])), stop), -9.0)
         after = np.maximum(v + a * dt, 0.0)
         x, v = x + 0.5 * (v + after) * dt, after

@@ -6,6 +6,7 @@ import pytest
 
 from medjax.traffic import idm_acceleration, mobil_incentive
 from medjax.traffic.idm import IDM
+from medjax.traffic.lane_change import GOES, Wish
 from medjax.traffic.mobil import is_safe
 from medjax.world.params import LaneChangeParams
 from tests.traffic.cars import (
@@ -99,9 +100,8 @@ def lane_change(
         accepted_headway=SHORTEST,
     )
     x, speed = jnp.asarray(x, jnp.float32), jnp.asarray(speed, jnp.float32)
-    desires = jnp.zeros(5).at[EGO].set(desire)
-    changes, _ = decided(drivers(kinds), x, speed, desires, stay, params, there, IDM())
-    return bool(changes)
+    wish = Wish(jnp.zeros(5).at[EGO].set(desire), jnp.full(5, stay), jnp.full(5, True))
+    return bool(decided(drivers(kinds), x, speed, wish, params, there, IDM()) == GOES)
 
 
 # Item 7's scene: front bumpers, the ego's at 0.

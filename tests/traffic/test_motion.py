@@ -109,9 +109,10 @@ def brake_for(distance, speed, braking, dt):
 @pytest.mark.parametrize("braking", [2.0, 4.0])
 @pytest.mark.parametrize("speed", [3.0, 12.3, 31.0])
 def test_stops_at_the_end_by_constant_braking(speed, braking, dt):
-    """At rest where it meant to be, to the way lost in a tick, b dt^2; at b throughout, but for the first and last."""
+    """At rest where it meant to be; at b throughout, but for the first tick and the last."""
     a, left = brake_for(speed**2 / (2 * braking) + speed * dt + 3.0, speed, braking, dt)
-    assert -braking * dt**2 < left < 2e-3
+    # The tick in which it stops has room for less than b: v dt / 2 instead of v^2 / 2b, at most b dt^2 / 8 more.
+    assert -braking * dt**2 / 8 - 2e-3 < left < 2e-3
     assert a.min() > -braking - 0.01
     steady = np.flatnonzero(a < -0.98 * braking)
     assert (np.diff(steady) == 1).all()
@@ -186,14 +187,14 @@ def test_without_limits_steering_is_critically_damped():
     np.testing.assert_allclose(path[:, 0], 0.2 * (1 + RATE * t) * np.exp(-RATE * t), atol=1e-3)
 
 
-@pytest.mark.parametrize("dt", [0.05, 0.125, 0.25])
+@pytest.mark.parametrize("dt", [0.05, 0.125, 0.25, 0.5])
 @pytest.mark.parametrize("along", [20.0, 25.0, 33.0])
 def test_a_lane_takes_three_to_five_seconds(along, dt):
     """To 5 % of it; the literature's mean is 4.6 s (Toledo, Zohar 2007)."""
     path = steered(4.0, 0.0, 0.0, np.full(round(10 / dt), along), dt)
     assert 3.0 <= dt * (1 + np.argmax(path[:, 0] < 0.2)) <= 5.0
     assert np.abs(path[-1]).max() < 1e-2
-    assert path[:, 0].min() > -0.02  # at most a tenth of how drivers wander
+    assert path[:, 0].min() > -1e-3
 
 
 @settings(max_examples=100, deadline=None)
@@ -202,11 +203,11 @@ def test_a_lane_takes_three_to_five_seconds(along, dt):
     st.floats(-0.3, 0.3),
     st.lists(st.sampled_from([-9.0, -4.0, -1.0, 0.0, 1.4]), min_size=5, max_size=5),
     st.floats(0.0, 35.0),
-    st.sampled_from([0.05, 0.25]),
+    st.sampled_from([0.05, 0.25, 0.5]),
 )
 def test_steering_is_comfortable_and_nobody_slides(offset, aim, pedal, along, dt):
     """However the speed along changes, by 9 m/s^2 at most: sideways 2 m/s^2 at most, min(1.5 m/s, a fifth of the
-    speed along) at most, nothing at a standstill, never beyond the aim by more than 2 cm."""
+    speed along) at most, nothing at a standstill, never beyond the aim."""
     speeds = np.maximum(along + dt * np.cumsum(np.repeat(pedal, round(2.0 / dt))), 0.0)
     path = steered(offset, 0.0, aim, speeds, dt)
     w = np.append(0.0, path[:, 1])
@@ -215,7 +216,7 @@ def test_steering_is_comfortable_and_nobody_slides(offset, aim, pedal, along, dt
     stands = (speeds[1:] == 0.0) & (speeds[:-1] == 0.0)
     np.testing.assert_array_equal(np.diff(path[:, 0])[stands], 0.0)
     beyond = np.sign(offset - aim) * (aim - path[:, 0])
-    assert beyond.max() < 0.02
+    assert beyond.max() < 1e-3
 
 
 def test_turn_is_the_difference_of_headings():
