@@ -147,7 +147,7 @@ def build_demand(workload: World) -> Path:
     # "max": as fast as its driver wants and the vehicle ahead allows, as medjax's enter.
     entries = [("main0", lane, "max") for lane in range(num_lanes)]
     entries += [(f"ramp{x:g}", 0, str(float(demand.ramp_speed))) for x in ramps]
-    rates = np.asarray(entry_rates(demand, num_lanes), np.float64)
+    rates = np.asarray(entry_rates(demand, num_lanes, 0.0), np.float64)
     flows = [
         _element(
             "flow",
