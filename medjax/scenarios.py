@@ -104,9 +104,23 @@ def _models(following: Any, coupling: Any) -> tuple[CarFollowing, Coupling]:
     return following, coupling
 
 
+def _profile(numbers: dict[Any, Any], sizes: dict[Any, Any]) -> np.ndarray | None:
+    """Takes the profile out of the numbers if it has one factor a period, for all entries; and counts its periods."""
+    name = "profile" if "profile" in numbers else "demand.profile"
+    profile = as_numbers(numbers.get(name))
+    if profile is None or not profile.ndim:
+        return None
+    sizes.setdefault("num_periods", len(profile))
+    if profile.ndim > 1:
+        return None
+    del numbers[name]
+    return profile
+
+
 def prepare(
     name: str = "paper",
     *,
+    demand: Mapping[str, Any] | None = None,
     reward: str | Mapping[str, RewardTerm] | None = None,
     observation: Any = "flat",
     following: CarFollowing | None = None,
@@ -125,12 +139,20 @@ def prepare(
         raise _unknown("scenario", name, list(SCENARIOS))
     terms = _terms(SCENARIOS[name].reward if reward is None else reward)
     seen = _observation(observation)
+    if demand is not None:
+        _check(
+            isinstance(demand, Mapping), "demand", demand, "numbers by name, as of read_detectors"
+        )
+        overrides = {**demand, **overrides}
     sizes, numbers, coils, weights = _sort(overrides)
     for places, size in (("ramp_x_m", "num_ramps"), ("exit_x_m", "num_exits")):
         given: Any = numbers.get(places, numbers.get(f"road.{places}"))
         if isinstance(given, list | tuple) or getattr(given, "ndim", 0) == 1:
             sizes.setdefault(size, len(given))
+    profile = _profile(numbers, sizes)
     config = dataclasses.replace(SCENARIOS[name].config, **sizes)
+    if profile is not None:
+        numbers["demand.profile"] = np.repeat(profile[:, None], 1 + config.num_ramps, axis=1)
     params = SCENARIOS[name].params(config)
     known = {term: params.reward_weights.get(term, float(term not in TERMS)) for term in terms}
     for term in weights:
@@ -150,6 +172,7 @@ def prepare(
 def make(
     name: str = "paper",
     *,
+    demand: Mapping[str, Any] | None = None,
     reward: str | Mapping[str, RewardTerm] | None = None,
     observation: Any = "flat",
     following: CarFollowing | None = None,
@@ -160,6 +183,7 @@ def make(
 
     Args:
       name: one of `SCENARIOS`.
+      demand: numbers by name, such as `medjax.read_detectors` returns; what is given by name itself goes before them.
       reward: a set of terms by its name (`medjax.env.reward.REWARDS`: "paper", "money"), or functions by name; that of
         the preset if None. A term that `reward_weights` of the
         preset does not know gets weight 0 if it is one of `medjax.TERMS`, and 1 if it is your own.
@@ -169,7 +193,7 @@ def make(
       **overrides: sizes of `EnvConfig` (`num_evs=80`), numbers of `EnvParams` by their own name (`cooldown_s=30`), by
         group and name where that is not unique (`{"ev.mass_kg": 2000}`), the coils (`med_coil_radius_m=0.4`), or
         `reward_weights={"dispatches": -1.0}`. `ramp_x_m` and `exit_x_m` say how many ramps and exits there are where
-        `num_ramps` and `num_exits` do not.
+        `num_ramps` and `num_exits` do not, and `profile` how many periods.
 
     Returns:
       (env, params); params are float32 and int32 arrays, ready to be batched. `env.recipe` says how they were made.
@@ -178,7 +202,7 @@ def make(
       InputError: one line; an unknown scenario or name, or a value that is not allowed.
     """
     own: dict[str, Any] = {"reward": reward, "observation": observation}
-    own |= {"following": following, "coupling": coupling}
+    own |= {"following": following, "coupling": coupling, "demand": demand}
     env, params, coils = prepare(name, **own, **overrides)
     link = build_link(coils, params.link)
     table = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), link.inductance)

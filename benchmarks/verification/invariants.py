@@ -202,7 +202,8 @@ def check_entry(
     lanes = jnp.maximum(config.num_lanes - new.lane, 1)  # to cross, and one more
     crosses = lanes * params.lane_change.exit_view_m
     bound = (new.destination < params.road.length_m) & (to_exit < crosses)
-    parts = bound[ev_slots] | evs.stops
+    departs = begun.meds.status == LEAVING
+    parts = bound[ev_slots] | evs.stops | departs[jnp.maximum(was.med, 0)]
     moved = {field: old.active & (getattr(old, field) != getattr(new, field)) for field in fields}
     flags = {
         "motion": moved,

@@ -54,6 +54,7 @@ def draw_config(seed: int, case: int) -> EnvConfig:
         num_lanes=num_lanes,
         num_ramps=int(9 * ramps),
         num_exits=int(5 * ((lanes + ramps) % 1.0)),
+        num_periods=1 + int(3 * ((evs + gas) % 1.0)),
         tick_s=round(float(0.05 + 0.45 * reach_ends(tick, 0.15)), 3),
         ticks_per_decision=1 + int(8 * ticks),
         num_meds=1 + int(40 * meds),
@@ -113,6 +114,8 @@ def _demand(draw: _Draw, config: EnvConfig) -> groups.DemandParams:
         ramp_speed=draw(3.0, 25.0),
         lorry_share=draw(0.0, 1.0),
         exit_share=draw(0.0, 1.0, config.num_exits),
+        profile=draw(0.0, 1.0, config.num_periods, 1 + config.num_ramps),
+        period_s=draw(5.0, 60.0),
     )
 
 

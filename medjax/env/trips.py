@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from medjax.charging.energy import cruising
+from medjax.numerics.gathers import read
 from medjax.traffic.exits import missed, next_exit, prepares
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, LEAVING, NOT_BOOKED, EnvState, Tally
@@ -36,7 +37,7 @@ def needs_charger(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.
 def plan_trips(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[EnvState, Tally]:
     """Who has missed its exit takes the next one; EVs leave for a charger, MEDs that are empty for a depot.
 
-    An EV that makes for its exit gives its booking up, and asks for none.
+    An EV that makes for its exit, or whose MED does, gives its booking up; on the way to an exit it asks for none.
 
     Returns:
       (state, tally of the exits missed)
@@ -57,6 +58,7 @@ def plan_trips(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[E
     near = prepares(vehicles, config, params)
     leaves = (meds.status == IN_SERVICE) & near[config.med_slots]
     parts = near[config.ev_slots] | evs.stops | stops
+    parts |= (evs.med != NOT_BOOKED) & read(leaves, jnp.maximum(evs.med, 0))
     state = state.replace(
         vehicles=vehicles,
         meds=meds.replace(status=jnp.where(leaves, LEAVING, meds.status)),

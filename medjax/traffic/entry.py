@@ -141,7 +141,8 @@ def admit(
     normal_key, uniform_key = jax.random.split(key)
     speed_draw = jax.random.normal(normal_key, (num_entries,))
     arrival_draw, class_draw, kind_draw, luck = jax.random.uniform(uniform_key, (4, num_entries))
-    expected = entry_rates(demand, config.num_lanes) * config.decision_s
+    rates = entry_rates(demand, config.num_lanes, state.time * config.decision_s)
+    expected = rates * config.decision_s
     queue = state.queue + poisson_arrivals(arrival_draw, expected)
 
     first_med, med_waits = _waiting_meds(state, config)

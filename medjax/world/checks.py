@@ -37,6 +37,7 @@ def check_numbers(config: EnvConfig, params: EnvParams) -> EnvParams:
         "kind": (len(KINDS),),
         "ramp": (config.num_ramps,),
         "exit": (config.num_exits,),
+        "period": (config.num_periods, 1 + config.num_ramps),
     }
 
     def read(name: str, value: Any, limits: Number) -> np.ndarray:

@@ -68,6 +68,7 @@ class EnvConfig:
     num_lanes: int = number(4, 1, 6, text="paper", whole=True)
     num_ramps: int = number(4, 0, 8, text="paper", whole=True)
     num_exits: int = number(0, 0, 8, text="off-ramps; paper: none", whole=True)
+    num_periods: int = number(1, 1, 1000, text="of `demand.profile`; paper: one", whole=True)
     tick_s: float = number(
         0.25, 0.02, 0.5, "s", "chosen: half of what the ballistic update is stable up to"
     )

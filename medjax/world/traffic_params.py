@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 import jax
+import jax.numpy as jnp
 from flax import struct
 
 from medjax.world.numbers import number
@@ -62,6 +63,17 @@ class DemandParams(struct.PyTreeNode):
     ramp_per_h: jax.Array = number(
         (250.0,) * 4, 0, 100e3, "1/h", "at each ramp, `(num_ramps,)`; chosen", per="ramp"
     )
+    profile: jax.Array = number(
+        ((1.0,) * 5,),
+        0,
+        100,
+        "",
+        "factor of `mainline_per_h` and of each `ramp_per_h` over the day, `(num_periods, 1 + num_ramps)`, one row a "
+        "period; the last one stays; paper: always 1",
+        per="period",
+    )
+    period_s: Scalar = number(3600.0, 1, 1e6, "s", "how long each period is")
+    start_s: Scalar = number(0.0, 0, 1e9, "s", "where in the profile an episode starts")
     exit_share: jax.Array = number(
         (), 0, 1, "", "of those who pass an exit, who leave there, `(num_exits,)`", per="exit"
     )
@@ -83,6 +95,12 @@ class DemandParams(struct.PyTreeNode):
     )
     arrival_soc_high: Scalar = number(0.7, 0, 1, "", "charge on arrival, at most; chosen")
     ramp_speed: Scalar = number(20.0, 1, 60, "m/s", "at the start of the acceleration lane; chosen")
+
+    def flows(self, time_s: Scalar) -> tuple[jax.Array, jax.Array]:
+        """Vehicles per hour on the main road `()` and at each ramp `(num_ramps,)`, so long after an episode's start."""
+        period = jnp.floor((self.start_s + time_s) / self.period_s).astype(jnp.int32)
+        factor = jnp.asarray(self.profile)[jnp.minimum(period, self.profile.shape[0] - 1)]
+        return self.mainline_per_h * factor[0], self.ramp_per_h * factor[1:]
 
     @property
     def class_shares(self) -> tuple[Scalar, ...]:

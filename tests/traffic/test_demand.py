@@ -51,7 +51,7 @@ def test_more_than_the_most_is_as_rare_as_said():
 def test_entry_rates(asked):
     """2800 an hour over four lanes, 300 at each ramp."""
     env, params = asked
-    rates = entry_rates(params.demand, env.config.num_lanes)
+    rates = entry_rates(params.demand, env.config.num_lanes, 0.0)
     np.testing.assert_allclose(3600 * rates, [700.0] * 4 + [300.0] * 4, rtol=1e-6)
 
 
