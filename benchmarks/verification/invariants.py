@@ -110,13 +110,14 @@ def check_lanes(before: Vehicles, after: Vehicles, length: jax.Array) -> Flags:
 
 
 def stands_open(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Who stands on a main lane with OPEN_M of road ahead, though it has energy, (N,) bool."""
+    """Who stands on a main lane with OPEN_M of road ahead, though it has energy and its noise lets it, (N,) bool."""
     vehicles = state.vehicles
     rear = vehicles.x - lengths_of(state, params)
     ahead = vehicles.active & (vehicles.lane == vehicles.lane[:, None])
     ahead &= vehicles.x > vehicles.x[:, None]
     gap = jnp.min(jnp.where(ahead, rear, jnp.inf), axis=1) - vehicles.x
     powered = jnp.ones_like(vehicles.active).at[config.ev_slots].set(~state.evs.is_depleted)
+    powered &= params.drivers.max_acceleration[vehicles.kind] + vehicles.acceleration_noise > 0.1
     stands = vehicles.active & powered & (vehicles.speed < STANDS_M_PER_S)
     return stands & (vehicles.lane < config.num_lanes) & (gap > OPEN_M)
 

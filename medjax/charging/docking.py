@@ -109,12 +109,14 @@ def unhurried(
 ) -> jax.Array:
     """How much faster than its leader a MED may be at this gap without slowing down, m/s: IDM's s* = gap, solved.
 
+    Three quarters of it, since the leader, an EV, takes a second to come to the speed that it wants.
+
     Args:
       gap: m, to its leader, which is of its platoon; speed: m/s, its own; one shape.
       comfort: m/s^2, root of its acceleration times its comfortable deceleration.
     """
     spare = gap - platooning.min_gap - speed * platooning.time_headway
-    return 2.0 * comfort * jnp.maximum(spare, 0.0) / jnp.maximum(speed, 1.0)
+    return 1.5 * comfort * jnp.maximum(spare, 0.0) / jnp.maximum(speed, 1.0)
 
 
 def approach_pace(
