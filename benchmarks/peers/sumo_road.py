@@ -161,7 +161,7 @@ def _flows(config: EnvConfig, period: Period) -> list[ElementTree.Element]:
     # crawl, which then hold up others.
     entries = [("main0", lane, "last") for lane in range(config.num_lanes)]
     entries += [(f"ramp{x:g}", 0, str(float(demand.ramp_speed))) for x in _ramps(period.params)]
-    rates = np.asarray(entry_rates(demand, config.num_lanes), np.float64)
+    rates = np.asarray(entry_rates(demand, config.num_lanes, 0.0), np.float64)
     return [
         _element(
             "flow",

@@ -116,11 +116,12 @@ def _courtesy(
     """
     closing = jnp.maximum(own.speed - leader.speed, 0.0)
     room = gap_between(own, leader) - 0.5 * own.min_gap
-    # Of two side by side, equally fast, the one behind falls back; but not where it stands, since nothing would open.
-    even = (closing < 1.0) & (own.speed > CRAWL_M_PER_S)
+    # Of two side by side, equally fast, the one behind falls back; who stands has done what it could.
+    drives = own.speed > CRAWL_M_PER_S
+    even = closing < 1.0
     in_comfort = (room > 0.0) & (jnp.square(closing) <= 2.0 * params.courtesy_braking * room)
     bounded = jnp.maximum(own_after, -params.courtesy_braking)
-    return jnp.where(concerned & (even | in_comfort), bounded, jnp.inf)
+    return jnp.where(concerned & drives & (even | in_comfort), bounded, jnp.inf)
 
 
 def decide(
