@@ -12,7 +12,7 @@ import numpy as np
 from medjax.env.reward import REWARDS
 from medjax.world.charging_params import CoilDesign
 from medjax.world.numbers import Number
-from medjax.world.params import COILS, GROUPS, OTHERS, SIZES, WEIGHT, WEIGHTS, EnvConfig
+from medjax.world.params import COILS, GROUPS, OTHERS, PRICES, SIZES, WEIGHT, WEIGHTS, EnvConfig
 from medjax.world.presets import SCENARIOS
 
 PAGE = Path(__file__).with_suffix(".md")
@@ -43,7 +43,7 @@ def _rows(group: str) -> Iterator[str]:
         yield from (_row(name, getattr(coils, name), COILS[name]) for name in COILS)
     elif group == "reward_weights":
         for term in (term for terms in REWARDS.values() for term in terms):
-            declared = WEIGHTS.get(term, WEIGHT)
+            declared = (WEIGHTS | PRICES).get(term, WEIGHT)
             yield _row(f"{group}.{term}", declared.default, declared)
     elif group in OTHERS:
         yield _row(group, getattr(params, group), OTHERS[group])

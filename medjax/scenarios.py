@@ -19,7 +19,7 @@ from medjax.traffic.idm import IDM_PLUS
 from medjax.world.charging_params import CoilDesign, build_link
 from medjax.world.checks import check_numbers
 from medjax.world.numbers import as_numbers, read_number
-from medjax.world.params import COILS, SIZES, EnvParams
+from medjax.world.params import COILS, PRICES, SIZES, EnvParams
 from medjax.world.presets import PLACES, SCENARIOS, Recipe, change_numbers
 
 __all__ = ["SCENARIOS", "CoilDesign", "build_link", "make", "prepare"]
@@ -154,7 +154,8 @@ def prepare(
     if profile is not None:
         numbers["demand.profile"] = np.repeat(profile[:, None], 1 + config.num_ramps, axis=1)
     params = SCENARIOS[name].params(config)
-    known = {term: params.reward_weights.get(term, float(term not in TERMS)) for term in terms}
+    given = {term: price.default for term, price in PRICES.items()} | params.reward_weights
+    known = {term: given.get(term, float(term not in TERMS)) for term in terms}
     for term in weights:
         if term not in known:
             raise _unknown("reward term", term, list(known))

@@ -95,8 +95,10 @@ def test_custom_reward_example_adds_its_term(capsys):
 
 
 def test_parameter_table_matches_the_presets(paper):
-    """docs/parameters.md states the numbers that `make("paper")` really has."""
+    """docs/parameters.md states the numbers that `make("paper")` really has, with either reward."""
     env, params = paper
+    _, money = medjax.make("paper", reward="money")
+    params = params.replace(reward_weights={**params.reward_weights, **money.reward_weights})
     rows = re.findall(
         r"^\| `([\w.]+)` \| ([^|]+) \|", (ROOT / "docs/parameters.md").read_text(), re.M
     )

@@ -255,4 +255,5 @@ def test_ten_minutes_of_charging_at_the_far_end_against_float64():
     sent = books.energy_sent_j[1:].astype(np.float64).sum()
     spent = float(narrow.meds.energy_j[0, 0]) - float(narrow.meds.energy_j[-1, 0])
     assert spent == pytest.approx(driven + sent, rel=5e-6)
-    assert sent == pytest.approx(true.energy_sent_j[1:].sum(), rel=1e-6)
+    # On the way into the slot the coil's current bounds the power, by where exactly the EV is.
+    assert sent == pytest.approx(true.energy_sent_j[1:].sum(), rel=5e-4)

@@ -40,8 +40,8 @@ def transfer(
       room_j: (E,) J until the EV's battery is full.
       offered_j: (E,) J that the slot of each may send in the tick.
     """
-    fills = jnp.maximum(room_j, 0.0) / jnp.maximum(efficiency, 1e-6)
-    asked = jnp.where(is_charging, jnp.minimum(offered_j, fills), 0.0)
+    arrives = jnp.minimum(offered_j * efficiency, jnp.maximum(room_j, 0.0))
+    asked = jnp.where(is_charging, arrives / jnp.maximum(efficiency, 1e-6), 0.0)
     is_partner = med[:, None] == jnp.arange(med_available_j.shape[0])
     wanted = jnp.sum(jnp.where(is_partner, asked[:, None], 0.0), axis=0)
     share = jnp.minimum(1.0, jnp.maximum(med_available_j, 0.0) / jnp.maximum(wanted, 1e-6))

@@ -57,6 +57,9 @@ def misalignment(
     )
 
 
+TINY = 1e-30  # H^2, nothing beside any inductance
+
+
 class Coupled(NamedTuple):
     """What a pair of coils is to the one who feeds it."""
 
@@ -68,9 +71,12 @@ def couple(
     geometry: Misalignment, link: LinkParams, form: Literal["circuit", "paper"] = "circuit"
 ) -> Coupled:
     """Each pair by the tabulated coil integral, and eq (6) in one of its forms."""
-    inductance = link.permeability * interpolate_inductance(
+    signed = link.permeability * interpolate_inductance(
         link.inductance, geometry.axial, geometry.lateral, geometry.tilt
     )
+    # Only its square counts. A root is what XLA does not work out once for each reader: without it, all would
+    # interpolate anew, which takes a quarter of the tick. The smallest number keeps it from being an absolute value.
+    inductance = jnp.sqrt(signed**2 + TINY)
     circuit = {
         "load": link.load_ohm,
         "primary_resistance": link.med_resistance_ohm,

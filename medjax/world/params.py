@@ -154,7 +154,9 @@ WEIGHTS = {
     "lane_changes": WEIGHT,
     "collisions": WEIGHT,
     "transfer_loss": weight(0.0, "1/kWh", "off"),
-    # Those of `medjax.env.reward.MONEY`: prices of 2023, a cost is negative.
+}
+# Of the terms of `medjax.env.reward.MONEY`: prices of 2023, a cost is negative.
+PRICES = {
     "delay_h": weight(
         -20.0,
         "EUR/h",
