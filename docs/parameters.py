@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from medjax.env.reward import TERMS
+from medjax.env.reward import REWARDS
 from medjax.world.charging_params import CoilDesign
 from medjax.world.numbers import Number
 from medjax.world.params import COILS, GROUPS, OTHERS, SIZES, WEIGHT, WEIGHTS, EnvConfig
@@ -42,7 +42,7 @@ def _rows(group: str) -> Iterator[str]:
     elif group == "coils":
         yield from (_row(name, getattr(coils, name), COILS[name]) for name in COILS)
     elif group == "reward_weights":
-        for term in TERMS:
+        for term in (term for terms in REWARDS.values() for term in terms):
             declared = WEIGHTS.get(term, WEIGHT)
             yield _row(f"{group}.{term}", declared.default, declared)
     elif group in OTHERS:

@@ -9,10 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from medjax.charging.link import Coupling, coupling_efficiency
+from medjax.charging.link import Coupling, couple
 from medjax.env.charging_env import ChargingEnv
 from medjax.env.observation import OBSERVATIONS
-from medjax.env.reward import TERMS, RewardTerm
+from medjax.env.reward import REWARDS, TERMS, RewardTerm
 from medjax.errors import MOST_SHOWN, InputError, shown
 from medjax.traffic.following import CarFollowing
 from medjax.traffic.idm import IDM_PLUS
@@ -68,10 +68,14 @@ def _sort(overrides: Mapping[str, Any]) -> tuple[dict[Any, Any], ...]:
 
 
 def _terms(reward: Any) -> Mapping[str, RewardTerm]:
-    """The reward's terms: those that come with medjax, or one's own."""
-    if reward is None:
-        return TERMS
-    _check(isinstance(reward, Mapping), "reward", reward, "functions by name")
+    """The reward's terms: a set that comes with medjax, by its name, or one's own."""
+    if isinstance(reward, str):
+        if reward not in REWARDS:
+            raise _unknown("reward", reward, list(REWARDS))
+        return REWARDS[reward]
+    _check(
+        isinstance(reward, Mapping), "reward", reward, f"{', '.join(REWARDS)}, or functions by name"
+    )
     for term, function in reward.items():
         is_term = isinstance(term, str) and callable(function)
         _check(is_term, f"reward[{shown(term)}]", function, "a function")
@@ -92,7 +96,7 @@ def _observation(given: Any) -> Any:
 def _models(following: Any, coupling: Any) -> tuple[CarFollowing, Coupling]:
     """Car following and the coils' efficiency: IDM and that of the circuit, or one's own."""
     following = IDM_PLUS if following is None else following
-    coupling = coupling_efficiency if coupling is None else coupling
+    coupling = couple if coupling is None else coupling
     methods = [getattr(following, name, None) for name in ("constants", "prepare", "acceleration")]
     is_model = not isinstance(following, type) and all(map(callable, methods))
     _check(is_model, "following", following, "a model, such as IDM()")
@@ -117,7 +121,7 @@ def prepare(
     name: str = "paper",
     *,
     demand: Mapping[str, Any] | None = None,
-    reward: Mapping[str, RewardTerm] | None = None,
+    reward: str | Mapping[str, RewardTerm] | None = None,
     observation: Any = "flat",
     following: CarFollowing | None = None,
     coupling: Coupling | None = None,
@@ -133,7 +137,8 @@ def prepare(
     """
     if not isinstance(name, str) or name not in SCENARIOS:
         raise _unknown("scenario", name, list(SCENARIOS))
-    terms, seen = _terms(reward), _observation(observation)
+    terms = _terms(SCENARIOS[name].reward if reward is None else reward)
+    seen = _observation(observation)
     if demand is not None:
         _check(
             isinstance(demand, Mapping), "demand", demand, "numbers by name, as of read_detectors"
@@ -168,7 +173,7 @@ def make(
     name: str = "paper",
     *,
     demand: Mapping[str, Any] | None = None,
-    reward: Mapping[str, RewardTerm] | None = None,
+    reward: str | Mapping[str, RewardTerm] | None = None,
     observation: Any = "flat",
     following: CarFollowing | None = None,
     coupling: Coupling | None = None,
@@ -179,7 +184,8 @@ def make(
     Args:
       name: one of `SCENARIOS`.
       demand: numbers by name, such as `medjax.read_detectors` returns; what is given by name itself goes before them.
-      reward: terms by name; those that come with medjax if None. A term that `reward_weights` of the
+      reward: a set of terms by its name (`medjax.env.reward.REWARDS`: "paper", "money"), or functions by name; that of
+        the preset if None. A term that `reward_weights` of the
         preset does not know gets weight 0 if it is one of `medjax.TERMS`, and 1 if it is your own.
       observation: a name of `medjax.env.observation.OBSERVATIONS`, or one of your own (`ChargingEnv`).
       following: car-following model, IDM if None; `medjax.traffic.following.CarFollowing`.

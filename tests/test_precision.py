@@ -8,7 +8,7 @@ import pytest
 import medjax
 from medjax.charging.docking import docking_acceleration
 from medjax.charging.energy import drive_energy
-from medjax.charging.link import coupling_efficiency, misalignment
+from medjax.charging.link import couple, misalignment
 from medjax.env.dispatch import advance_clocks
 from medjax.env.tick import physics_tick
 from medjax.traffic.motion import ballistic_step
@@ -100,7 +100,7 @@ def test_the_coil_hardly_sees_it(long):
     along = jnp.array([0.0, off, -off])
     for panel in (LEFT, FRONT):
         seen = misalignment(jnp.full(3, panel), along, 0.0, 0.0, params.link.panel_gap_m)
-        efficiency = np.asarray(coupling_efficiency(seen, params.link))
+        efficiency = np.asarray(couple(seen, params.link).efficiency)
         assert efficiency.min() > 0.95 * efficiency[0]
 
 
@@ -251,7 +251,7 @@ def test_ten_minutes_of_charging_at_the_far_end_against_float64():
     speed = narrow.vehicles.speed[:, 0].astype(np.float64)
     med = jax.tree.map(float, params.med)
     with jax.enable_x64(True):
-        driven = np.asarray(drive_energy(speed[:-1], speed[1:], med, TICK_S)).sum()
+        driven = np.asarray(drive_energy(speed[:-1], speed[1:], med, params.road, TICK_S)).sum()
     sent = books.energy_sent_j[1:].astype(np.float64).sum()
     spent = float(narrow.meds.energy_j[0, 0]) - float(narrow.meds.energy_j[-1, 0])
     assert spent == pytest.approx(driven + sent, rel=5e-6)

@@ -97,6 +97,8 @@ def _road(draw: _Draw, config: EnvConfig) -> groups.RoadParams:
         exit_lane_m=leave,
         exit_x_m=leave[..., None] + np.sort(exits, axis=-1) * (0.99 * (length - leave))[..., None],
         exit_notice_m=draw(0.0, 1000.0),
+        slope=draw(-0.06, 0.06),
+        air_density=draw(0.8, 1.4),
     )
 
 
@@ -114,6 +116,7 @@ def _demand(draw: _Draw, config: EnvConfig) -> groups.DemandParams:
         exit_share=draw(0.0, 1.0, config.num_exits),
         profile=draw(0.0, 1.0, config.num_periods, 1 + config.num_ramps),
         period_s=draw(5.0, 60.0),
+        start_s=draw(0.0, 60.0),
     )
 
 
@@ -131,6 +134,10 @@ def _drivers(draw: _Draw, config: EnvConfig) -> groups.DriverParams:
         acceleration_noise=draw(0.0, 0.3, kinds),
         lateral_wander=draw(0.0, 0.4, kinds),
         vehicle_length=draw(3.0, LONGEST_M, kinds),
+        eco_compliance=draw(0.0, 1.0),
+        eco_speed=draw(5.0, 35.0),
+        eco_horizon_m=draw(0.0, 50e3),
+        eco_soc=draw(0.0, 1.0),
     )
 
 
@@ -154,6 +161,7 @@ def _charging(draw: _Draw, config: EnvConfig) -> groups.ChargingParams:
         dock_speed_tolerance=draw(0.1, 2.0),
         hold_tolerance_m=draw(0.1, 4.0),
         slot_power_w=draw(0.0, 200e3),
+        taper_soc=draw(0.0, 1.0),
     )
 
 
@@ -169,6 +177,11 @@ def _body(draw: _Draw, mass: tuple[float, float], area: float, pack: float) -> g
         auxiliary_w=draw(0.0, 5000.0),
         pack_j=draw(0.05 * pack * J_PER_KWH, pack * J_PER_KWH),
     )
+
+
+def _or_inf(draw: _Draw, value: Any) -> Any:
+    """The value, or infinity in three of ten worlds."""
+    return np.where(draw(0.0, 1.0) < 0.3, np.float32(math.inf), value)
 
 
 def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvParams:
@@ -209,13 +222,15 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
             service_speed=draw(5.0, 35.0),
             service_lane=draw.whole(0, config.num_lanes - 1),
             reserve_soc=draw(0.0, 1.0),
-            depot_power_w=np.where(draw(0.0, 1.0) < 0.3, np.float32(math.inf), draw(50e3, 5e6)),
-            trip_m=np.where(draw(0.0, 1.0) < 0.3, np.float32(math.inf), draw(0.0, 3000.0)),
+            depot_power_w=_or_inf(draw, draw(50e3, 5e6)),
+            trip_m=_or_inf(draw, draw(0.0, 3000.0)),
         ),
         charging=_charging(draw, config),
         link=groups.LinkParams(
             inductance=table,
             panel_gap_m=draw(0.05, 0.6),
+            permeability=draw(0.5, 2.0),
+            max_current_a=draw(0.0, 300.0),
             misalignment_scale=draw(0.0, 1.0),
             load_ohm=draw(1.0, 50.0),
             med_resistance_ohm=draw(0.01, 1.0),

@@ -15,6 +15,8 @@ from medjax.world.kinds import MED
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, Tally, Vehicles, count_kinds
 
+DRIVERS = 0xEC0  # folded into a key: what kind of drivers EVs have
+
 
 def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvState:
     """Draws a road already filled to match the demand.
@@ -31,6 +33,8 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
         minval=demand.arrival_soc_low,
         maxval=demand.arrival_soc_high,
     )
+    luck = jax.random.uniform(jax.random.fold_in(key, DRIVERS), (config.num_evs,))
+    complies = luck < params.drivers.eco_compliance
     speed, power_w = cruising(params)
     energy = arrival * params.ev_capacity_j - vehicles.x[config.ev_slots] * (power_w / speed)
     alive = config.by_slot(True, energy > 0.0, True)[slots]
@@ -39,7 +43,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     active = _beside_meds(vehicles.active[slots] & alive, config)
     return EnvState(
         vehicles=vehicles.replace(active=active),
-        evs=unserved(jnp.maximum(energy, 0.0)),
+        evs=unserved(jnp.clip(energy, 0.0, params.ev_capacity_j), complies),
         meds=at_depot(config, params),
         queue=jnp.zeros((config.num_entries,), jnp.int32),
         next_is_ev=jax.random.bernoulli(next_key, demand.ev_share, (config.num_entries,)),

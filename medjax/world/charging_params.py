@@ -106,8 +106,15 @@ class ChargingParams(struct.PyTreeNode):
         0,
         10e6,
         "W",
-        "drawn from the MED for each charging slot; chosen between dynamic demonstrators (20 kW) and "
+        "drawn from the MED for each charging slot, at most; chosen between dynamic demonstrators (20 kW) and "
         "static heavy duty (120 kW)",
+    )
+    taper_soc: Scalar = number(
+        0.8,
+        0,
+        1,
+        "",
+        "above this an EV takes less, down to nothing when full; usual of fast charging",
     )
 
 
@@ -120,6 +127,17 @@ class LinkParams(struct.PyTreeNode):
     )
     misalignment_scale: Scalar = number(
         1.0, 0, 10, "", "share of the misalignment that coils see; 0: none, 1: as vehicles drive"
+    )
+    permeability: Scalar = number(
+        1.0, 1e-3, 1e4, "", "relative, of what the coils stand in; multiplies their inductance; air"
+    )
+    max_current_a: Scalar = number(
+        70.0,
+        0,
+        1e6,
+        "A",
+        "RMS, of a MED's coil; a 50 kW, 85 kHz inverter on 800 V feeds 69 A (50 kW over 0.9 x 800 V); 42 A send 40 kW "
+        "at nominal alignment",
     )
     load_ohm: Scalar = number(10.0, 1e-3, 1e6, "ohm", "reference")
     med_resistance_ohm: Scalar = number(0.159, 1e-6, 10e3, "ohm", "reference")

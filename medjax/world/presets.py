@@ -94,10 +94,11 @@ def _fit(params: EnvParams, config: EnvConfig) -> EnvParams:
 
 @dataclasses.dataclass(frozen=True)
 class Scenario:
-    """A preset: static sizes, and the numbers in which it differs from `paper`, by the names of `PLACES`."""
+    """A preset: static sizes, numbers in which it differs from `paper`, by the names of `PLACES`, and a reward."""
 
     config: EnvConfig = dataclasses.field(default_factory=EnvConfig)
     numbers: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    reward: str = "paper"  # of `medjax.env.reward.REWARDS`
 
     def params(self, config: EnvConfig) -> EnvParams:
         """The numbers for these sizes, all but the coils' table."""
@@ -170,6 +171,7 @@ SCENARIOS["corridor"] = Scenario(
         "start_s": 15.5 * 3600.0,
         "ev_share": 0.25,
         "lorry_share": 0.16,
+        "eco_compliance": 0.5,
         "arrival_soc_low": 0.05,
         "arrival_soc_high": 0.9,
         "desired_speed": [23.0, 32.0, 32.0, 32.0, 23.6],
@@ -202,6 +204,7 @@ SCENARIOS["corridor"] = Scenario(
         "patience_s": 120.0,
         "episode_decisions": 3600,
     },
+    reward="money",
 )
 
 
@@ -213,7 +216,7 @@ class Recipe:
     overrides: Mapping[
         str, Any
     ]  # by name; numbers, lists of numbers and `reward_weights`, as JSON has them
-    reward: Mapping[str, Any] | None  # as given
+    reward: Any  # as given
     observation: Any  # as given: a name, or one of one's own
     following: Any = None  # as given
     coupling: Any = None  # as given

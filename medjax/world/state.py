@@ -51,6 +51,7 @@ class EVs(struct.PyTreeNode):
     is_charging: jax.Array  # (E,) bool
     timer_s: jax.Array  # (E,) booked: since booking or last charge; else: until it may ask again
     served: jax.Array  # (E,) bool, has charged at least once
+    complies: jax.Array  # (E,) bool, its driver slows down to save charge
 
 
 class MEDs(struct.PyTreeNode):
@@ -75,11 +76,18 @@ class Tally(struct.PyTreeNode):
     ev_distance_m: jax.Array  # ()
     soc_seconds: jax.Array  # () integral of the sum of the EVs' state of charge
     exit_soc: jax.Array  # () sum of the state of charge of the EVs that left
+    low_exits: jax.Array  # () EVs that left for a charger, or by the end with less charge than they ask for a slot with
+    ev_delay_s: jax.Array  # () what EVs lost against their own desired speeds
     gas_seconds: jax.Array  # (num_gas_kinds,) of each of `medjax.world.kinds.GAS_KINDS`
     gas_distance_m: jax.Array  # (num_gas_kinds,)
+    gas_delay_s: jax.Array  # () what gas vehicles lost against their own desired speeds
+    med_seconds: jax.Array  # () integral of the number of MEDs sent and not back
     vehicle_ticks: jax.Array  # () vehicles on the road, summed over ticks
     energy_sent_j: jax.Array  # () out of MEDs through their slots
     energy_received_j: jax.Array  # () into EVs
+    ev_driving_j: jax.Array  # () what driving took from EVs
+    ev_cruising_j: jax.Array  # () what the same way takes at their own desired speeds
+    med_driving_j: jax.Array  # () what driving took from MEDs
     evs_served: jax.Array  # () EVs that began to charge for the first time
     meds_dispatched: jax.Array  # ()
     depot_energy_j: jax.Array  # () into MEDs at their depots

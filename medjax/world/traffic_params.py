@@ -5,6 +5,8 @@ Numbers in a row are one a kind of vehicle, in the order of `medjax.world.kinds.
 
 from __future__ import annotations
 
+import math
+
 import jax
 import jax.numpy as jnp
 from flax import struct
@@ -46,6 +48,10 @@ class RoadParams(struct.PyTreeNode):
         "m",
         "the first sign before an exit; usual for motorways; who enters nearer to it does not take it",
     )
+    slope: Scalar = number(
+        0.0, -0.2, 0.2, "rad", "positive uphill, the same all along; motorways stay below 0.06"
+    )
+    air_density: Scalar = number(1.2, 0.1, 10, "kg/m3", "reference; 20 C at sea level")
 
 
 class DemandParams(struct.PyTreeNode):
@@ -104,7 +110,7 @@ class DemandParams(struct.PyTreeNode):
 
 
 class DriverParams(struct.PyTreeNode):
-    """Car-following and body parameters, each `(num_kinds,)`."""
+    """Car-following and body parameters, each `(num_kinds,)`; and how EVs' drivers answer a low charge."""
 
     desired_speed: jax.Array = number(
         (18.0, 30.0, 30.0, 30.0, 23.6),
@@ -164,6 +170,18 @@ class DriverParams(struct.PyTreeNode):
         "paper (highway-env's car); a rigid truck; an articulated lorry (Directive 96/53/EC)",
         per="kind",
     )
+    eco_compliance: Scalar = number(
+        0.0, 0, 1, "", "share of EVs' drivers who slow down to save charge; paper: none does"
+    )
+    eco_speed: Scalar = number(22.0, 1, 100, "m/s", "they do not drive slower than a lorry; chosen")
+    eco_horizon_m: Scalar = number(
+        30e3,
+        0,
+        math.inf,
+        "m",
+        "charge is to last for this, or to the road's end if that is further",
+    )
+    eco_soc: Scalar = number(1.0, 0, 1, "", "who has more charge does not think of it")
 
 
 class MotionParams(struct.PyTreeNode):

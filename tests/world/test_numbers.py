@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from docs.parameters import PAGE, written
+from medjax.env.reward import MONEY
 from medjax.scenarios import prepare
 from medjax.world.checks import check_numbers
-from medjax.world.params import COILS, GROUPS, OTHERS, SIZES, WEIGHT, EnvConfig, EnvParams
+from medjax.world.params import COILS, GROUPS, OTHERS, SIZES, WEIGHT, WEIGHTS, EnvConfig, EnvParams
 from tests.documented import NUMBERS
 
 # What a number at the end of its range needs of others; see "What must go together".
@@ -29,6 +30,7 @@ BESIDE = {
     "fleet.size": {"num_meds": 64},
     "fleet.service_lane": {"num_lanes": 6},
     "num_evs": {"num_gas": 0},
+    **{f"reward_weights.{term}": {"reward": "money"} for term in MONEY},
 }
 
 
@@ -127,7 +129,7 @@ def test_every_field_has_a_range():
     for field in dataclasses.fields(EnvParams):
         holder = getattr(params, field.name)
         if field.name == "reward_weights":
-            stated |= {f"reward_weights.{term}": WEIGHT for term in holder}
+            stated |= {f"reward_weights.{term}": WEIGHT for term in WEIGHTS}
         elif dataclasses.is_dataclass(holder):
             leaves = {leaf.name for leaf in dataclasses.fields(holder)} - {"inductance"}
             assert set(GROUPS[field.name]) == leaves
