@@ -230,6 +230,7 @@ def tick_books(
     on_energy = jnp.ones_like(gone).at[config.ev_slots].set(~was.is_depleted)
     past = (new.x > params.road.length_m) | at_exit(new, config, params)
     left = gone & on_energy & past
+    bound = (new.destination[:, None] == params.road.exit_x_m).any(axis=1)[config.ev_slots]
     travelled = jnp.where(old.active, new.x - old.x, 0.0)
     soc = evs.energy_j / params.ev_capacity_j
     present, gas = sums_by_class(new.active, config), jnp.array(GAS_KINDS)
@@ -246,7 +247,7 @@ def tick_books(
         ev_distance_m=distance[1],
         soc_seconds=total(jnp.where(new.active[config.ev_slots], soc, 0.0)) * dt,
         exit_soc=total(jnp.where(left[config.ev_slots], soc, 0.0)),
-        low_exits=total(left[config.ev_slots] & low),
+        low_exits=total(left[config.ev_slots] & (was.stops | low & ~bound)),
         ev_delay_s=delay[1],
         gas_delay_s=delay[2],
         med_seconds=total(on_their_way) * dt,

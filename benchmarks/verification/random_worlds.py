@@ -94,11 +94,11 @@ def _road(draw: _Draw, config: EnvConfig) -> groups.RoadParams:
         lane_width_m=draw(2.5, 5.0),
         ramp_x_m=(places + order * spaced[..., None]).astype(np.float32),
         acceleration_lane_m=merge,
-        slope=draw(-0.06, 0.06),
-        air_density=draw(0.8, 1.4),
         exit_lane_m=leave,
         exit_x_m=leave[..., None] + np.sort(exits, axis=-1) * (0.99 * (length - leave))[..., None],
         exit_notice_m=draw(0.0, 1000.0),
+        slope=draw(-0.06, 0.06),
+        air_density=draw(0.8, 1.4),
     )
 
 
@@ -116,6 +116,7 @@ def _demand(draw: _Draw, config: EnvConfig) -> groups.DemandParams:
         exit_share=draw(0.0, 1.0, config.num_exits),
         profile=draw(0.0, 1.0, config.num_periods, 1 + config.num_ramps),
         period_s=draw(5.0, 60.0),
+        start_s=draw(0.0, 60.0),
     )
 
 
@@ -181,14 +182,16 @@ def _body(draw: _Draw, mass: tuple[float, float], area: float, pack: float) -> g
     )
 
 
+def _or_inf(draw: _Draw, value: Any) -> Any:
+    """The value, or infinity in three of ten worlds."""
+    return np.where(draw(0.0, 1.0) < 0.3, np.float32(math.inf), value)
+
+
 def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvParams:
     """Every number of a world, NumPy arrays with the units' batch axes first; the table is taken as it is."""
     draw = _Draw(units)
     once = draw(0.0, 1.0) < 0.5  # half of the fleets; the others come back
     turnaround: Any = np.where(once, np.float32(math.inf), draw(0.0, 120.0))
-
-    def or_inf(values: Any) -> Any:
-        return np.where(draw(0.0, 1.0) < 0.3, np.float32(math.inf), values)
 
     return EnvParams(
         road=_road(draw, config),
@@ -223,8 +226,8 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
             service_speed=draw(5.0, 35.0),
             service_lane=draw.whole(0, config.num_lanes - 1),
             reserve_soc=draw(0.0, 1.0),
-            depot_power_w=or_inf(draw(50e3, 5e6)),
-            trip_m=or_inf(draw(0.0, 3000.0)),
+            depot_power_w=_or_inf(draw, draw(50e3, 5e6)),
+            trip_m=_or_inf(draw, draw(0.0, 3000.0)),
         ),
         charging=_charging(draw, config),
         link=groups.LinkParams(

@@ -12,12 +12,14 @@ NEWTON_STEPS = 12
 
 
 def way_to_go(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Way that each EV's driver wants the charge to last for, `(E,)` m: to the destination, or `eco_horizon_m`.
+    """Way that each EV's driver wants the charge to last for, `(E,)` m: to its exit, or beyond the road's end.
 
-    The destination is the end of the road.
+    Who drives to the end of the road goes on beyond it, for `eco_horizon_m` from here.
     """
-    left = params.road.length_m - vehicles.x[config.ev_slots]
-    return jnp.maximum(left, params.drivers.eco_horizon_m)
+    destination = vehicles.destination[config.ev_slots]
+    left = destination - vehicles.x[config.ev_slots]
+    beyond = jnp.maximum(left, params.drivers.eco_horizon_m)
+    return jnp.where(destination < params.road.length_m, left, beyond)
 
 
 def lasting_speed(

@@ -126,7 +126,7 @@ def tows(outcome: Outcome) -> jax.Array:
 
 
 def charging_stops(outcome: Outcome) -> jax.Array:
-    """EVs that left with less charge than they would ask a MED with: they stop at a charger on their way."""
+    """EVs that left for a charger at an exit, or by the road's end with less charge than they would ask a MED with."""
     return outcome.happened.low_exits
 
 

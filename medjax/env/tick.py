@@ -85,6 +85,7 @@ def _flow(
     ev_slots, gas_slots = config.ev_slots, config.gas_slots
     soc = rounded(in_units(evs.energy_j, params.ev_capacity_j))
     low = evs.energy_j < params.charging.request_soc * params.ev_capacity_j
+    goes_on = after.destination[ev_slots] >= params.road.length_m
     travelled = jnp.where(before.active, after.x - before.x, 0.0)
     lost = config.tick_s - travelled / before.desired_speed
     delay = jnp.where(before.active, lost, 0.0)
@@ -104,7 +105,7 @@ def _flow(
         soc_seconds=sum_pairwise(jnp.where(after.active[ev_slots], soc, 0.0)) * config.tick_s,
         charging_stops=jnp.sum(left[ev_slots] & evs.stops, dtype=jnp.float32),
         exit_soc=sum_pairwise(jnp.where(left[ev_slots], soc, 0.0)),
-        low_exits=jnp.sum(left[ev_slots] & low, dtype=jnp.float32),
+        low_exits=jnp.sum(left[ev_slots] & (evs.stops | low & goes_on), dtype=jnp.float32),
         ev_delay_s=sum_pairwise(delay[ev_slots]),
         gas_delay_s=sum_pairwise(delay[gas_slots]),
         med_seconds=seconds(sent),

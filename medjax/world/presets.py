@@ -171,6 +171,7 @@ SCENARIOS["corridor"] = Scenario(
         "start_s": 15.5 * 3600.0,
         "ev_share": 0.25,
         "lorry_share": 0.16,
+        "eco_compliance": 0.5,
         "arrival_soc_low": 0.05,
         "arrival_soc_high": 0.9,
         "desired_speed": [23.0, 32.0, 32.0, 32.0, 23.6],
@@ -203,6 +204,7 @@ SCENARIOS["corridor"] = Scenario(
         "patience_s": 120.0,
         "episode_decisions": 3600,
     },
+    reward="money",
 )
 
 

@@ -78,7 +78,7 @@ class Tally(struct.PyTreeNode):
     ev_distance_m: jax.Array  # ()
     soc_seconds: jax.Array  # () integral of the sum of the EVs' state of charge
     exit_soc: jax.Array  # () sum of the state of charge of the EVs that left
-    low_exits: jax.Array  # () EVs that left with less charge than they ask for a slot with
+    low_exits: jax.Array  # () EVs that left for a charger, or by the end with less charge than they ask for a slot with
     ev_delay_s: jax.Array  # () what EVs lost against their own desired speeds
     gas_seconds: jax.Array  # (num_gas_kinds,) of each of `medjax.world.kinds.GAS_KINDS`
     gas_distance_m: jax.Array  # (num_gas_kinds,)

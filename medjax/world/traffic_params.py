@@ -30,10 +30,6 @@ class RoadParams(struct.PyTreeNode):
         per="ramp",
     )
     acceleration_lane_m: Scalar = number(250.0, 10, 5000, "m", "chosen; usual for motorways")
-    slope: Scalar = number(
-        0.0, -0.2, 0.2, "rad", "positive uphill, the same all along; motorways stay below 0.06"
-    )
-    air_density: Scalar = number(1.2, 0.1, 10, "kg/m3", "reference; 20 C at sea level")
     exit_x_m: jax.Array = number(
         (),
         0,
@@ -52,6 +48,10 @@ class RoadParams(struct.PyTreeNode):
         "m",
         "the first sign before an exit; usual for motorways; who enters nearer to it does not take it",
     )
+    slope: Scalar = number(
+        0.0, -0.2, 0.2, "rad", "positive uphill, the same all along; motorways stay below 0.06"
+    )
+    air_density: Scalar = number(1.2, 0.1, 10, "kg/m3", "reference; 20 C at sea level")
 
 
 class DemandParams(struct.PyTreeNode):

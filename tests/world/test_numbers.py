@@ -13,7 +13,7 @@ from docs.parameters import PAGE, written
 from medjax.env.reward import MONEY, TERMS
 from medjax.scenarios import prepare
 from medjax.world.checks import check_numbers
-from medjax.world.params import COILS, GROUPS, OTHERS, SIZES, WEIGHT, EnvConfig, EnvParams
+from medjax.world.params import COILS, GROUPS, OTHERS, SIZES, WEIGHT, WEIGHTS, EnvConfig, EnvParams
 from tests.documented import NUMBERS
 
 ALL = {**TERMS, **MONEY}  # a reward that has all weights
@@ -31,6 +31,7 @@ BESIDE = {
     "fleet.size": {"num_meds": 64},
     "fleet.service_lane": {"num_lanes": 6},
     "num_evs": {"num_gas": 0},
+    **{f"reward_weights.{term}": {"reward": "money"} for term in MONEY},
 }
 
 
@@ -129,7 +130,7 @@ def test_every_field_has_a_range():
     for field in dataclasses.fields(EnvParams):
         holder = getattr(params, field.name)
         if field.name == "reward_weights":
-            stated |= {f"reward_weights.{term}": WEIGHT for term in holder}
+            stated |= {f"reward_weights.{term}": WEIGHT for term in WEIGHTS}
         elif dataclasses.is_dataclass(holder):
             leaves = {leaf.name for leaf in dataclasses.fields(holder)} - {"inductance"}
             assert set(GROUPS[field.name]) == leaves
