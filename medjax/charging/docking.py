@@ -202,8 +202,8 @@ def _pace(
 def approach(state: EnvState, drivers: Drivers, config: EnvConfig, params: EnvParams) -> Orders:
     """What charging asks of traffic in a tick.
 
-    MEDs change to their service lane and stay there while it moves; booked EVs drive to their slots, in one platoon
-    with their MED; depleted ones coast and make for the shoulder.
+    MEDs change to their service lane and stay there while it moves; booked EVs drive to their slots, in one
+    platoon with their MED; depleted ones coast and make for the shoulder.
     """
     vehicles, evs, slots = state.vehicles, state.evs, config.ev_slots
     booked = evs.med != NOT_BOOKED
