@@ -87,7 +87,7 @@ def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
             stood_s = jnp.where(stands, played.stood_s + config.decision_s, 0.0)
             flags = {"standing": {"for too long": stood_s > STANDS_S}}
             counts = check_decision(decided, config, params), count(flags)
-            found = sum(in_order(each) for each in counts)
+            found = jnp.stack([in_order(each) for each in counts]).sum(axis=0)
             return Played(
                 state=state,
                 updates=played.updates + info["tally"].vehicle_ticks.astype(jnp.int32),

@@ -44,27 +44,33 @@ def can_serve(meds: MEDs, params: EnvParams) -> jax.Array:
     return (meds.status == IN_SERVICE) & (meds.energy_j > reserve)
 
 
-def unserved(energy_j: jax.Array) -> EVs:
-    """EVs with this energy, `(E,)` J, that no MED has served."""
+def unserved(energy_j: jax.Array, complies: jax.Array) -> EVs:
+    """EVs with this energy, `(E,)` J, and such drivers, `(E,)` bool, that no MED has served."""
     not_booked = jnp.full(energy_j.shape, NOT_BOOKED, jnp.int32)
     return EVs(
         energy_j=energy_j,
         rest_j=jnp.zeros(energy_j.shape),
         med=not_booked,
         panel=not_booked,
+        stops=jnp.zeros(energy_j.shape, bool),
         is_charging=jnp.zeros(energy_j.shape, bool),
         timer_s=jnp.zeros(energy_j.shape),
         served=jnp.zeros(energy_j.shape, bool),
+        complies=complies,
         is_depleted=jnp.zeros(energy_j.shape, bool),
     )
 
 
-def welcome(evs: EVs, newcomers: Newcomers, config: EnvConfig, params: EnvParams) -> EVs:
+def welcome(
+    key: jax.Array, evs: EVs, newcomers: Newcomers, config: EnvConfig, params: EnvParams
+) -> EVs:
     """The EVs with those that just came onto the road, of a random charge, in the slots that these took."""
     demand, entry = params.demand, newcomers.entry[config.ev_slots]
     span = demand.arrival_soc_high - demand.arrival_soc_low
     soc = demand.arrival_soc_low + newcomers.luck * span
-    fresh = unserved(soc[jnp.maximum(entry, 0)] * params.ev_capacity_j)
+    complies = jax.random.uniform(key, newcomers.luck.shape) < params.drivers.eco_compliance
+    source = jnp.maximum(entry, 0)
+    fresh = unserved(soc[source] * params.ev_capacity_j, complies[source])
     return jax.tree.map(lambda new, old: jnp.where(entry >= 0, new, old), fresh, evs)
 
 
@@ -187,7 +193,7 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
         & ~evs.is_depleted
         & (evs.timer_s <= 0.0)
         & (evs.energy_j < params.charging.request_soc * params.ev_capacity_j),
-        endurance_s=evs.energy_j / power_w,
+        endurance_s=evs.energy_j / jnp.maximum(power_w, 1.0),  # downhill nothing is used up
     )
     return requests, offers
 

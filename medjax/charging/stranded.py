@@ -20,7 +20,7 @@ SETTLED_M = 1.0
 
 
 def coasting(speed: jax.Array, params: EnvParams) -> jax.Array:
-    """Acceleration of EVs at these speeds, m/s, without a motor, m/s^2: what rolling and drag take, eq (7)."""
+    """Acceleration of EVs at these speeds, m/s, without a motor, m/s^2: what rolling, drag and slope take, eq (7)."""
     body = params.ev
     v = jnp.maximum(speed, STANDING_M_PER_S)
     work = tractive_energy(
@@ -31,6 +31,8 @@ def coasting(speed: jax.Array, params: EnvParams) -> jax.Array:
         drag_coefficient=body.drag_coefficient,
         frontal_area=body.frontal_area_m2,
         rolling_resistance=body.rolling_resistance,
+        slope=params.road.slope,
+        air_density=params.road.air_density,
     )
     return -work / (v * body.mass_kg * body.rotational_inertia_factor)
 
@@ -46,10 +48,10 @@ def without_motor(vehicles: Vehicles, evs: EVs, config: EnvConfig) -> Vehicles:
     Who cannot get faster again waits until traffic beside it has passed, or has made room.
     """
     slots = config.ev_slots
-    noise, courtesy = vehicles.acceleration_noise, vehicles.courtesy_right
+    noise, courtesy = vehicles.acceleration_noise, vehicles.courtesy
     return vehicles.replace(
         acceleration_noise=noise.at[slots].set(jnp.where(evs.is_depleted, 0.0, noise[slots])),
-        courtesy_right=courtesy.at[slots].set(jnp.where(evs.is_depleted, jnp.inf, courtesy[slots])),
+        courtesy=courtesy.at[slots].set(jnp.where(evs.is_depleted, jnp.inf, courtesy[slots])),
     )
 
 

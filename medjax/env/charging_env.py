@@ -15,15 +15,17 @@ import jax.numpy as jnp
 
 from medjax import hooks
 from medjax.charging.booking import book, welcome
-from medjax.charging.link import Coupling, coupling_efficiency
+from medjax.charging.link import Coupling, couple
+from medjax.charging.range import answering
 from medjax.env.contract import step_with_reset
 from medjax.env.dispatch import action_mask, advance_clocks, dispatch
 from medjax.env.metrics import episode_metrics
 from medjax.env.observation import FlatObservation, Observation, observe
-from medjax.env.reset import initial_state
+from medjax.env.reset import DRIVERS, initial_state
 from medjax.env.reward import TERMS, Outcome, RewardTerm, total_reward
 from medjax.env.spaces import Box, Discrete
 from medjax.env.tick import physics_tick
+from medjax.env.trips import plan_trips
 from medjax.traffic.entry import admit
 from medjax.traffic.following import CarFollowing
 from medjax.traffic.idm import IDM_PLUS
@@ -46,7 +48,7 @@ class ChargingEnv:
       observation: flat observation, `size(config)` and `__call__(state, config, params)`.
       name: shown in logs.
       following: the car-following model.
-      coupling: efficiency of the coils, one of `medjax.charging.link.COUPLINGS` or of your own.
+      coupling: the coils' circuit, one of `medjax.charging.link.COUPLINGS` or of your own.
 
     Attributes:
       recipe: how `medjax.make` was called; None where it was not.
@@ -65,7 +67,7 @@ class ChargingEnv:
         observation: Any = None,
         name: str = "charging",
         following: CarFollowing = IDM_PLUS,
-        coupling: Coupling = coupling_efficiency,
+        coupling: Coupling = couple,
     ) -> None:
         validate_config(config)
         self.config = config
@@ -121,7 +123,9 @@ class ChargingEnv:
         state, happened = self._begin(key, state, action, params)
         begun = self.probe(state) if self.probe else None
         state, happened, ticks = self._drive(state, happened, params)
-        state = advance_clocks(state, self.config, params).replace(tally=state.tally + happened)
+        state, given = advance_clocks(state, self.config, params)
+        happened += given
+        state = state.replace(tally=state.tally + happened)
         outcome = Outcome(before, state, happened, params, self.config)
         with jax.named_scope("reward"):
             reward, terms = total_reward(outcome, self.reward)
@@ -150,7 +154,13 @@ class ChargingEnv:
             state, dispatched = dispatch(state, action, config, params)
         with jax.named_scope("entry"):
             state, newcomers, entered = admit(entry_key, state, config, params)
-            state = state.replace(evs=welcome(state.evs, newcomers, config, params))
+            driver_key = jax.random.fold_in(entry_key, DRIVERS)
+            evs = welcome(driver_key, state.evs, newcomers, config, params)
+            state = state.replace(evs=evs)
+        if config.num_exits:
+            with jax.named_scope("trips"):
+                state, rerouted = plan_trips(state, config, params)
+                entered += rerouted
         with jax.named_scope("booking"):
             state = state.replace(evs=book(state, config, params))
         with jax.named_scope("noise"):
@@ -162,7 +172,7 @@ class ChargingEnv:
     ) -> tuple[EnvState, Tally, Any]:
         """The decision's ticks: the state, what happened so far and in them, and what the probe saw after each."""
         config = self.config
-        drivers = drivers_of(state, config, params, self.following)
+        drivers = drivers_of(answering(state, config, params), config, params, self.following)
 
         def tick(
             carry: tuple[EnvState, Tally], index: jax.Array

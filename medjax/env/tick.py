@@ -8,16 +8,17 @@ import jax.numpy as jnp
 from medjax.charging.booking import release
 from medjax.charging.docking import approach
 from medjax.charging.exchange import exchange
-from medjax.charging.link import Coupling, coupling_efficiency, links
+from medjax.charging.link import Coupling, couple, links
 from medjax.charging.stranded import leaves_road, run_out, without_motor
 from medjax.env.dispatch import on_the_road
 from medjax.numerics.sums import in_units, rounded, sum_pairwise
+from medjax.traffic.exits import takes_exit
 from medjax.traffic.following import CarFollowing, Drivers
 from medjax.traffic.idm import IDM_PLUS
 from medjax.traffic.step import move
 from medjax.world.kinds import GAS_KINDS
 from medjax.world.params import EnvConfig, EnvParams
-from medjax.world.state import EnvState, EVs, Tally, Vehicles, count_kinds
+from medjax.world.state import AT_DEPOT, RETIRED, EnvState, EVs, MEDs, Tally, Vehicles, count_kinds
 
 
 def physics_tick(
@@ -27,7 +28,7 @@ def physics_tick(
     config: EnvConfig,
     params: EnvParams,
     following: CarFollowing = IDM_PLUS,
-    coupling: Coupling = coupling_efficiency,
+    coupling: Coupling = couple,
 ) -> tuple[EnvState, Tally]:
     """Advances one environment by `config.tick_s`.
 
@@ -50,6 +51,8 @@ def physics_tick(
         evs, meds, exchanged = exchange(before, after, link, state, config, params)
     with jax.named_scope("exits"):
         left = before.active & (after.x > params.road.length_m)
+        if config.num_exits:
+            left |= takes_exit(after, config, params)
         off_road = leaves_road(after, state.evs, config, params)
         stays = before.active & ~left
         after = after.replace(
@@ -60,7 +63,7 @@ def physics_tick(
         meds = on_the_road(meds, after, left, config, params)
         evs = release(after, evs, meds, config, params)
     with jax.named_scope("tally"):
-        flow = _flow(before, after, evs, left, config, params)
+        flow = _flow(before, after, evs, meds, left, config, params)
         flow = flow.replace(depleted=jnp.sum(ran_out, dtype=jnp.float32))
         happened = moved + exchanged + flow
     return state.replace(vehicles=after, evs=evs, meds=meds), happened
@@ -70,17 +73,23 @@ def _flow(
     before: Vehicles,
     after: Vehicles,
     evs: EVs,
+    meds: MEDs,
     left: jax.Array,
     config: EnvConfig,
     params: EnvParams,
 ) -> Tally:
-    """Who was on the road in a tick for how long and how far, and who `left` `(N,)` it at its end.
+    """Who was on the road in a tick for how long and how far, and who `left` `(N,)` it in it.
 
     An EV without energy is still on the road, with a charge of 0, until it is on the shoulder or towed.
     """
     ev_slots, gas_slots = config.ev_slots, config.gas_slots
     soc = rounded(in_units(evs.energy_j, params.ev_capacity_j))
+    low = evs.energy_j < params.charging.request_soc * params.ev_capacity_j
+    goes_on = after.destination[ev_slots] >= params.road.length_m
     travelled = jnp.where(before.active, after.x - before.x, 0.0)
+    lost = config.tick_s - travelled / before.desired_speed
+    delay = jnp.where(before.active, lost, 0.0)
+    sent = (meds.status != AT_DEPOT) & (meds.status != RETIRED)
 
     def seconds(there: jax.Array) -> jax.Array:
         return jnp.sum(there, dtype=jnp.float32) * config.tick_s
@@ -94,7 +103,12 @@ def _flow(
         ev_seconds=seconds(after.active[ev_slots]),
         ev_distance_m=sum_pairwise(travelled[ev_slots]),
         soc_seconds=sum_pairwise(jnp.where(after.active[ev_slots], soc, 0.0)) * config.tick_s,
+        charging_stops=jnp.sum(left[ev_slots] & evs.stops, dtype=jnp.float32),
         exit_soc=sum_pairwise(jnp.where(left[ev_slots], soc, 0.0)),
+        low_exits=jnp.sum(left[ev_slots] & (evs.stops | low & goes_on), dtype=jnp.float32),
+        ev_delay_s=sum_pairwise(delay[ev_slots]),
+        gas_delay_s=sum_pairwise(delay[gas_slots]),
+        med_seconds=seconds(sent),
         gas_seconds=jnp.stack([seconds(there) for there in of_gas(after.active)]),
         gas_distance_m=jnp.stack([sum_pairwise(way) for way in of_gas(travelled)]),
         vehicle_ticks=jnp.sum(after.active, dtype=jnp.float32),

@@ -4,6 +4,7 @@ Each entry of `BASELINES` is `build(env) -> policy` (`medjax.policies.policy.Pol
 masked action is never returned. Rules read the highway under any wrappers of the environment.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -31,6 +32,24 @@ def _of_highway(env: Environment, act: Act) -> Policy:
 def none(env: Environment) -> Policy:
     """Never sends a MED: the paper's "no action"."""
     return rule(lambda key, state, params: jnp.zeros((), jnp.int32), env.num_actions)
+
+
+def slow(env: Environment) -> Policy:
+    """Never sends a MED, and EVs below the request threshold drive at the MEDs' service speed.
+
+    A control: what driving slowly behind a truck does by itself, without the truck and what it gives.
+    """
+
+    def world(params: EnvParams) -> EnvParams:
+        drivers = params.drivers.replace(
+            eco_compliance=1.0,
+            eco_speed=params.fleet.service_speed,
+            eco_horizon_m=math.inf,  # no charge is enough
+            eco_soc=params.charging.request_soc,
+        )
+        return params.replace(drivers=drivers)
+
+    return none(env).replace(world=world)
 
 
 def random(env: Environment) -> Policy:
@@ -122,5 +141,5 @@ def forecast(env: Environment, window_s: float = 60.0, enough: float = 3.5) -> P
 
 
 BASELINES: dict[str, Callable[[Environment], Policy]] = {
-    build.__name__: build for build in (none, random, periodic, paced, greedy, forecast)
+    build.__name__: build for build in (none, slow, random, periodic, paced, greedy, forecast)
 }

@@ -35,6 +35,9 @@ class Drivers(NamedTuple):
     min_gap: jax.Array  # m
     max_acceleration: jax.Array  # m/s^2
     comfortable_deceleration: jax.Array  # m/s^2
+    closing: (
+        jax.Array
+    )  # s^2/m, 1 / (2 sqrt(a b)): headway per closing speed that comfortable braking takes
     constants: Any  # of the model, `CarFollowing.constants`
 
 
@@ -46,7 +49,7 @@ class Follower(NamedTuple):
     time_headway: jax.Array  # s
     min_gap: jax.Array  # m
     max_acceleration: jax.Array  # m/s^2
-    comfortable_deceleration: jax.Array  # m/s^2
+    closing: jax.Array  # s^2/m, headway per closing speed that comfortable braking takes
     prepared: Any  # by the model, `CarFollowing.prepare`
     platoon: jax.Array  # int32, index of the MED it drives with, or NOBODY
 
@@ -101,6 +104,7 @@ def make_drivers(
     Args:
       kind: (N,) int32; desired_speed: (N,) m/s.
     """
+    hardest = by_kind(kind, params.max_acceleration * params.comfortable_deceleration)
     drivers = Drivers(
         length=by_kind(kind, params.vehicle_length),
         desired_speed=desired_speed,
@@ -108,6 +112,7 @@ def make_drivers(
         min_gap=by_kind(kind, params.min_gap),
         max_acceleration=by_kind(kind, params.max_acceleration),
         comfortable_deceleration=by_kind(kind, params.comfortable_deceleration),
+        closing=0.5 / jnp.sqrt(hardest),
         constants=None,
     )
     return drivers._replace(constants=model.constants(drivers))
@@ -124,7 +129,7 @@ def roles(
         time_headway=drivers.time_headway,
         min_gap=drivers.min_gap,
         max_acceleration=drivers.max_acceleration,
-        comfortable_deceleration=drivers.comfortable_deceleration,
+        closing=drivers.closing,
         prepared=model.prepare(drivers, speed),
         platoon=platoon,
     )
@@ -143,8 +148,7 @@ def same_platoon(follower: Follower, leader: Leader, has_leader: jax.Array) -> j
 
 def spare_headway(follower: Follower, leader: Leader, has_leader: jax.Array) -> jax.Array:
     """Headway that IDM finds kept as things are, s: the gap less s0 and what closing in takes, over the speed."""
-    comfortable = follower.max_acceleration * follower.comfortable_deceleration
-    closing = jnp.maximum(follower.speed - leader.speed, 0.0) / (2.0 * jnp.sqrt(comfortable))
+    closing = jnp.maximum(follower.speed - leader.speed, 0.0) * follower.closing
     kept = (gap_between(follower, leader) - follower.min_gap) / jnp.maximum(follower.speed, 1.0)
     return jnp.where(has_leader, kept - closing, jnp.inf)
 

@@ -31,8 +31,11 @@ EVEN_SPEED = 0.95
 class Wish(NamedTuple):
     """What each vehicle must do across the road, `(N,)` each."""
 
-    desire: jax.Array  # -1 to 1: must go left where negative, right where positive; its size says how urgent it is
+    desire: (
+        jax.Array
+    )  # -1 to 1: must go left where negative, right where positive; its size says how urgent it is
     stay: jax.Array  # bool: no change but a mandatory one
+    may: jax.Array  # bool: nothing but traffic is in the way of a change to the side looked at
 
 
 class Turn(NamedTuple):
@@ -44,7 +47,7 @@ class Turn(NamedTuple):
 
 
 def whose_turn(tick: jax.Array, groups: int) -> Turn:
-    """Even ticks look left, odd ticks right, and groups take turns.
+    """Even ticks look left, odd ticks right, and groups take turns: each looks left, and right in the next tick.
 
     So each vehicle looks both ways once in 2 * groups ticks, and a tick judges one group only.
     """
@@ -80,6 +83,7 @@ class Situation(NamedTuple):
     followers: Follower
     usual_headway: jax.Array  # s, which drivers keep in the long run
     neighbours: Neighbours  # in the own lane, and in the lane on the side looked at
+    courtesy: jax.Array  # m/s^2 at most, of the last look
     following: jax.Array  # m/s^2, by car following alone
     acceleration: jax.Array  # m/s^2, with the end of an acceleration lane counted
 
@@ -88,11 +92,8 @@ Follow = Callable[[Follower, Leader, jax.Array], jax.Array]
 """`(followers, leaders, has_leader)` of one shape to accelerations, m/s^2."""
 
 
-class Decision(NamedTuple):
-    """What those whose turn it is decide, `(C,)` each."""
-
-    changes: jax.Array  # bool, into the lane looked at, now
-    courtesy: jax.Array  # m/s^2 at most, towards the vehicle ahead in that lane; inf where nothing is at stake
+# What those decide who change lanes; the others, an acceleration that they keep to out of courtesy.
+GOES = -jnp.inf
 
 
 def _for_the_desire(usual: jax.Array, desire: jax.Array, params: LaneChangeParams) -> jax.Array:
@@ -115,26 +116,31 @@ def _courtesy(
     """
     closing = jnp.maximum(own.speed - leader.speed, 0.0)
     room = gap_between(own, leader) - 0.5 * own.min_gap
-    # Of two side by side, equally fast, the one behind falls back; but not where it stands, since nothing would open.
-    even = (closing < 1.0) & (own.speed > CRAWL_M_PER_S)
+    # Of two side by side, equally fast, the one behind falls back; who stands has done what it could.
+    drives = own.speed > CRAWL_M_PER_S
+    even = closing < 1.0
     in_comfort = (room > 0.0) & (jnp.square(closing) <= 2.0 * params.courtesy_braking * room)
     bounded = jnp.maximum(own_after, -params.courtesy_braking)
-    return jnp.where(concerned & (even | in_comfort), bounded, jnp.inf)
+    return jnp.where(concerned & drives & (even | in_comfort), bounded, jnp.inf)
 
 
 def decide(
     situation: Situation, wish: Wish, turn: Turn, follow: Follow, params: LaneChangeParams
-) -> Decision:
-    """What those whose turn it is do about the lane that they look at.
+) -> jax.Array:
+    """What those whose turn it is do about the lane that they look at, `(C,)`.
 
     Args:
       situation: of all vehicles.
       wish: mandatory changes; they add a bias, safety is never waived.
       turn: whose turn it is, and the side looked at.
       follow: car following between any two.
+
+    Returns:
+      GOES where one changes lanes now, safely. Else the acceleration, m/s^2, that it keeps to for the one ahead in
+      that lane, inf where nothing is at stake. One array, since two would be worked out one after the other.
     """
-    leaders, followers, usual, neighbours, following, acceleration = situation
-    own, own_usual = pick_group((followers, usual), turn)
+    leaders, followers, usual, neighbours, courtesy, following, acceleration = situation
+    own, own_usual, held = pick_group((followers, usual, courtesy), turn)
     seen = pick_group(leaders, turn)
     desire = wish.desire * turn.direction  # to the side looked at
     neighbours, wish = pick_group(neighbours, turn), pick_group(wish, turn)
@@ -197,4 +203,7 @@ def decide(
     gains = pick_group(acceleration, turn) > 0.25 * own.max_acceleration
     waits = early & gains & has_follower & (own.speed < EVEN_SPEED * follower.speed)
     courtesy = _courtesy(own, leader, own_after, has_leader & (stake > COURTEOUS_DESIRE), params)
-    return Decision(safe & wants & moves & ~waits & (mandatory | free), courtesy)
+    # Left is looked first, and what it asks for holds beside what the right asks for.
+    courtesy = jnp.minimum(courtesy, jnp.where(turn.direction > 0, held, jnp.inf))
+    goes = wish.may & safe & wants & moves & ~waits & (mandatory | free)
+    return jnp.where(goes, GOES, courtesy)

@@ -33,7 +33,7 @@ def ballistic_step(
 
 
 def stopping_acceleration(
-    speed: jax.Array, distance: jax.Array, braking: jax.Array, dt: float
+    speed: jax.Array, distance: jax.Array, braking: jax.Array | float, dt: float
 ) -> jax.Array:
     """The most that lets a vehicle stop within a distance, m/s^2; it binds within braking distance only.
 
@@ -43,9 +43,9 @@ def stopping_acceleration(
 
     Source: the safe speed of Gipps 1981, eq (6), before an obstacle that stands.
     """
-    lag = braking * dt
-    safe = jnp.sqrt(jnp.square(lag) + 2.0 * braking * jnp.maximum(distance, 0.0)) - lag
-    return (safe - speed) / dt
+    lag = 0.5 * braking * dt
+    beyond = jnp.square(lag) + braking * (2.0 * distance - speed * dt)  # this tick's way
+    return (jnp.sqrt(jnp.maximum(beyond, jnp.square(lag))) - lag - speed) / dt
 
 
 class Steering(NamedTuple):
@@ -71,7 +71,8 @@ def lateral_step(
     Returns:
       (offset, lateral_speed) after the tick.
     """
-    wanted = jnp.clip(0.5 * steering.rate * (aim - offset), -steering.speed, steering.speed)
+    ahead = offset + 0.5 * dt * lateral_speed  # half a tick on, or coarse ticks would overshoot
+    wanted = jnp.clip(0.5 * steering.rate * (aim - ahead), -steering.speed, steering.speed)
     most = steering.acceleration * dt
     gained = jnp.clip((wanted - lateral_speed) * -jnp.expm1(-2.0 * steering.rate * dt), -most, most)
     # The speed along may fall faster than comfort allows: who stands does not slide.

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from medjax.numerics.sums import count_down
+from medjax.traffic.exits import exit_desire, prepares
 from medjax.traffic.following import (
     CarFollowing,
     Drivers,
@@ -25,6 +26,7 @@ from medjax.traffic.following import (
 )
 from medjax.traffic.idm import IDM_PLUS
 from medjax.traffic.lane_change import (
+    GOES,
     Follow,
     Situation,
     Turn,
@@ -74,7 +76,7 @@ def drivers_of(
 
 
 def perturb(key: jax.Array, vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> Vehicles:
-    """Drivers' noise moves on once a decision; between decisions it is constant."""
+    """Drivers' noise moves on once a decision, and they recover from lane changes; between decisions both stay."""
     drivers = params.drivers
     normal = jax.random.normal(key, (2, config.num_vehicles))
     time_s, dt = params.motion.noise_time_s, config.decision_s
@@ -85,7 +87,8 @@ def perturb(key: jax.Array, vehicles: Vehicles, config: EnvConfig, params: EnvPa
             (vehicles.wander, normal[1], drivers.lateral_wander),
         )
     )
-    return vehicles.replace(acceleration_noise=noise, wander=wander)
+    recovery_s = count_down(vehicles.recovery_s, dt)
+    return vehicles.replace(acceleration_noise=noise, wander=wander, recovery_s=recovery_s)
 
 
 def _is_changing(vehicles: Vehicles, params: EnvParams) -> jax.Array:
@@ -94,14 +97,28 @@ def _is_changing(vehicles: Vehicles, params: EnvParams) -> jax.Array:
 
 
 def _wishes(
-    vehicles: Vehicles, orders: Orders, to_end: jax.Array, config: EnvConfig, params: EnvParams
+    vehicles: Vehicles,
+    orders: Orders,
+    to_end: jax.Array,
+    direction: jax.Array,
+    config: EnvConfig,
+    params: EnvParams,
 ) -> Wish:
-    """Mandatory changes: off a ramp, and what is ordered."""
+    """Mandatory changes: off a ramp, towards an exit, and what is ordered; and who may change to the side looked at."""
+    target = vehicles.lane + direction
     merging = vehicles.lane == config.num_lanes
     urgency = jnp.clip(1.0 - to_end / params.lane_change.view_m, ORDERED_DESIRE, 1.0)
+    there = vehicles.active & (target >= 0) & (target < config.num_lanes)
+    wanted = orders.desire
+    stay = orders.stay | (vehicles.recovery_s > 0.0)
+    if config.num_exits:
+        leaves = prepares(vehicles, config, params)
+        wanted = jnp.where(leaves, exit_desire(vehicles, config, params), wanted)
+        stay |= leaves
     return Wish(
-        desire=jnp.where(merging, -urgency, orders.desire),
-        stay=orders.stay | (vehicles.recovery_s > 0.0),
+        desire=jnp.where(merging, -urgency, wanted),
+        stay=stay,
+        may=there & ~_is_changing(vehicles, params),
     )
 
 
@@ -115,22 +132,12 @@ def _lane_changes(
     params: EnvParams,
 ) -> tuple[jax.Array, Vehicles]:
     """Lane steps of all vehicles in this tick, `(N,)` int32 in -1, 0, 1; the vehicles, courteous."""
-    decision = decide(situation, wish, turn, follow, params.lane_change)
-    target = vehicles.lane + turn.direction
-    may_change = vehicles.active & ~_is_changing(vehicles, params)
-    may_change &= (target >= 0) & (target < config.num_lanes)
-    changes = may_change & place_group(decision.changes, turn, jnp.zeros_like(may_change))
-    left, right = vehicles.courtesy_left, vehicles.courtesy_right
-    seen = place_group(decision.courtesy, turn, jnp.where(turn.direction < 0, left, right))
-    return turn.direction * changes, vehicles.replace(
-        courtesy_left=jnp.where(changes, jnp.inf, jnp.where(turn.direction < 0, seen, left)),
-        courtesy_right=jnp.where(changes, jnp.inf, jnp.where(turn.direction < 0, right, seen)),
-        recovery_s=jnp.where(
-            changes,
-            params.lane_change.recovery_s,
-            count_down(vehicles.recovery_s, config.tick_s),
-        ),
-    )
+    decided = decide(situation, wish, turn, follow, params.lane_change)
+    seen = place_group(decided, turn, vehicles.courtesy)
+    changes = seen == GOES
+    recovery_s = jnp.where(changes, params.lane_change.recovery_s, vehicles.recovery_s)
+    courtesy = jnp.where(changes, jnp.inf, seen)
+    return turn.direction * changes, vehicles.replace(courtesy=courtesy, recovery_s=recovery_s)
 
 
 def _step(
@@ -205,14 +212,19 @@ def move(
             config.tick_s,
         )
         stop = jnp.where(on_ramp, stop, jnp.inf)
-        courtesy = jnp.minimum(vehicles.courtesy_left, vehicles.courtesy_right)
-        acceleration = jnp.minimum(jnp.minimum(following, stop), courtesy)
+        acceleration = jnp.minimum(jnp.minimum(following, stop), vehicles.courtesy)
 
     with jax.named_scope("lane_changes"):
         situation = Situation(
-            leaders, followers, drivers.time_headway, neighbours, following, acceleration
+            leaders,
+            followers,
+            drivers.time_headway,
+            neighbours,
+            vehicles.courtesy,
+            following,
+            acceleration,
         )
-        wish = _wishes(vehicles, orders, to_end, config, params)
+        wish = _wishes(vehicles, orders, to_end, turn.direction, config, params)
         steps, vehicles = _lane_changes(vehicles, situation, wish, turn, follow, config, params)
 
     with jax.named_scope("motion"):

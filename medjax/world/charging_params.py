@@ -29,7 +29,17 @@ class FleetParams(struct.PyTreeNode):
         0,
         math.inf,
         "s",
-        "from the road's end to ready and full; inf: each MED is sent once",
+        "from the road to a depot's charger, and from there to its ramp; inf: each MED is sent once",
+    )
+    depot_power_w: Scalar = number(
+        math.inf, 1.0, math.inf, "W", "at which a MED is charged at a depot; inf: at once; paper"
+    )
+    trip_m: Scalar = number(
+        math.inf,
+        0,
+        math.inf,
+        "m",
+        "a MED leaves at the first exit after so long a way; inf: at the road's end, or when it is empty",
     )
     service_speed: Scalar = number(
         18.0, 1, 100, "m/s", "chosen: EVs use half as much as at 30 m/s, and traffic can pass"
@@ -44,6 +54,13 @@ class ChargingParams(struct.PyTreeNode):
     """Requests, booking and docking."""
 
     request_soc: Scalar = number(0.4, 0, 1, "", "an EV below this asks; chosen")
+    stop_soc: Scalar = number(
+        0.1,
+        0,
+        1,
+        "",
+        "who would come to the next charger with less leaves at the exit ahead for one; chosen",
+    )
     target_soc: Scalar = number(0.8, 0, 1, "", "and leaves its slot at this; chosen")
     reach_ahead_m: Scalar = number(
         400.0, 0, 200e3, "m", "how far ahead of the EV a MED may be asked; chosen"
@@ -111,8 +128,15 @@ class ChargingParams(struct.PyTreeNode):
         0,
         10e6,
         "W",
-        "drawn from the MED for each charging slot; chosen between dynamic demonstrators (20 kW) and "
+        "drawn from the MED for each charging slot, at most; chosen between dynamic demonstrators (20 kW) and "
         "static heavy duty (120 kW)",
+    )
+    taper_soc: Scalar = number(
+        0.8,
+        0,
+        1,
+        "",
+        "above this an EV takes less, down to nothing when full; usual of fast charging",
     )
 
 
@@ -125,6 +149,17 @@ class LinkParams(struct.PyTreeNode):
     )
     misalignment_scale: Scalar = number(
         1.0, 0, 10, "", "share of the misalignment that coils see; 0: none, 1: as vehicles drive"
+    )
+    permeability: Scalar = number(
+        1.0, 1e-3, 1e4, "", "relative, of what the coils stand in; multiplies their inductance; air"
+    )
+    max_current_a: Scalar = number(
+        70.0,
+        0,
+        1e6,
+        "A",
+        "RMS, of a MED's coil; a 50 kW, 85 kHz inverter on 800 V feeds 69 A (50 kW over 0.9 x 800 V); 42 A send 40 kW "
+        "at nominal alignment",
     )
     load_ohm: Scalar = number(10.0, 1e-3, 1e6, "ohm", "reference")
     med_resistance_ohm: Scalar = number(0.159, 1e-6, 10e3, "ohm", "reference")

@@ -9,7 +9,7 @@ import pytest
 import medjax
 from benchmarks.verification.cases import episode_program
 from benchmarks.verification.invariants import INVARIANTS
-from medjax.charging.link import COUPLINGS
+from medjax.charging.link import COUPLINGS, Coupled
 from medjax.env import ChargingEnv
 from medjax.world.state import AT_DEPOT, QUEUED, RETIRED
 
@@ -235,7 +235,10 @@ def test_the_coupling_is_a_value():
         assert float(tally.energy_sent_j) > 0.0
         return float(tally.energy_received_j / tally.energy_sent_j)
 
-    assert share(lambda geometry, link: jnp.ones_like(geometry.axial)) == pytest.approx(1.0)
+    def lossless(geometry, link):
+        return Coupled(jnp.ones_like(geometry.axial), jnp.full_like(geometry.axial, 10.0))
+
+    assert share(lossless) == pytest.approx(1.0)
     circuit, printed = share(COUPLINGS["circuit"]), share(COUPLINGS["paper"])
     # R_MED for R_EV in the first factor: 10.126 / 10.159 of the other.
     assert printed / circuit == pytest.approx(10.126 / 10.159, rel=1e-3)

@@ -234,12 +234,14 @@ def test_a_wrong_outcome_is_found(still):
     assert closing(still, reward=0.1) == {"reward": 1}
     weightless = {"soc": jnp.float32(0.1)}
     assert closing(still, reward=0.1, terms=weightless) == {"reward": 1}
-    for name in ("lane_changes", "depleted", "vehicle_ticks", "collisions", "ev_distance_m"):
+    names = ["lane_changes", "depleted", "vehicle_ticks", "collisions", "ev_distance_m"]
+    for name in [*names, "ev_delay_s", "gas_delay_s", "med_seconds", "low_exits"]:
         found = closing(still, tally={name: jnp.float32(1.0)})
         assert found.pop("tally") == 1
         assert set(found) <= {"vehicles"}  # a depleted one is then missing
-    assert closing(still, tally={"energy_sent_j": jnp.float32(20.0)}) == {"energy": 1}
-    assert closing(still, tally={"energy_received_j": jnp.float32(20.0)}) == {"energy": 1}
+    flows = ["energy_sent_j", "energy_received_j", "ev_driving_j", "ev_cruising_j", "med_driving_j"]
+    for name in flows:
+        assert closing(still, tally={name: jnp.float32(20.0)}) == {"energy": 1}
     lost = state.replace(tally=state.tally.replace(entered=state.tally.entered.at[GAS].add(1.0)))
     assert closing(still, after=lost) == {"vehicles": 1, "tally": 1}
     assert closing(still, after=set_at(state, "vehicles.speed", 0, 1.0)) == {"motion": 1}
