@@ -79,7 +79,7 @@ def _filled(keys: tuple[jax.Array, ...], config: EnvConfig, params: EnvParams) -
         acceleration_noise=noise[0] * drivers.acceleration_noise[kind],
         wander=wander,
         headway=drivers.time_headway[kind],
-        courtesy=jnp.full((config.num_vehicles,), jnp.inf),
+        courtesy=jnp.full_like(desired, jnp.inf),
         recovery_s=jnp.zeros((config.num_vehicles,)),
         destination=_beside_meds(destination, config),
         road_order=jnp.arange(config.num_vehicles, dtype=jnp.int32),
