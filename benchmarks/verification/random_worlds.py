@@ -192,7 +192,6 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
     draw = _Draw(units)
     once = draw(0.0, 1.0) < 0.5  # half of the fleets; the others come back
     turnaround: Any = np.where(once, np.float32(math.inf), draw(0.0, 120.0))
-
     return EnvParams(
         road=_road(draw, config),
         demand=_demand(draw, config),

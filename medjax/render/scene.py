@@ -30,7 +30,9 @@ class Scene:
     ev_is_charging: np.ndarray  # (E,) bool
     med_soc: np.ndarray  # (M,)
     med_status: np.ndarray  # (M,) int
-    ran_out_x: np.ndarray  # (D,) m, where EVs without energy left the road so far, as far as it is known
+    ran_out_x: (
+        np.ndarray
+    )  # (D,) m, where EVs without energy left the road so far, as far as it is known
     ran_out: int  # how many did
     sent: int  # MEDs dispatched so far
     fleet: int  # MEDs there are

@@ -124,6 +124,95 @@ def _courtesy(
     return jnp.where(concerned & drives & (even | in_comfort), bounded, jnp.inf)
 
 
+class Look(NamedTuple):
+    """Those whose turn it is and the gap that they look at, `(C,)` each."""
+
+    own: Follower  # as it would follow there
+    leader: Leader  # ahead in that lane
+    has_leader: jax.Array  # bool
+    follower: Follower  # behind in that lane, as it would follow this vehicle
+    has_follower: jax.Array  # bool
+    gap_behind: jax.Array  # m, inf where nobody is behind
+    desire: jax.Array  # to that side, -1 to 1
+    stake: (
+        jax.Array
+    )  # 0 to 1, how urgent it is to this vehicle, or to one that comes over from there
+    own_after: jax.Array  # m/s^2, in that lane
+    new_after: jax.Array  # m/s^2, of the one behind in that lane, then
+    others: tuple[
+        jax.Array, ...
+    ]  # m/s^2, of the one behind now, before and after, and of the one behind then
+
+
+def _look(
+    situation: Situation, desire: jax.Array, turn: Turn, follow: Follow, params: LaneChangeParams
+) -> Look:
+    """What those whose turn it is see beside them; desire `(N,)` is that to the side looked at."""
+    leaders, followers, usual, neighbours, _, following, _ = situation
+    own, own_usual, seen, neighbours = pick_group((followers, usual, leaders, neighbours), turn)
+    leader, leader_desire = of_slots((leaders, desire), neighbours.target_leader)
+    old_leader = of_slots(leaders, neighbours.leader)
+    behind = (followers, usual, following)
+    follower, new_usual, new_before = of_slots(behind, neighbours.target_follower)
+    old_follower, old_before = of_slots((followers, following), neighbours.follower)
+    has_leader, has_follower, has_old_leader, has_old_follower = (
+        slots != NOBODY
+        for slots in (
+            neighbours.target_leader,
+            neighbours.target_follower,
+            neighbours.leader,
+            neighbours.follower,
+        )
+    )
+    desire = pick_group(desire, turn)
+    wanted = jnp.maximum(desire, 0.0)
+    # One that comes over from the lane looked at, into the gap that is open in front of this vehicle.
+    open_to = has_leader & ~(has_old_leader & (old_leader.rear < leader.rear))
+    stake = jnp.maximum(wanted, jnp.where(open_to, -leader_desire, 0.0))
+    own = own._replace(time_headway=_for_the_desire(own_usual, stake, params))
+    follower = follower._replace(time_headway=_for_the_desire(new_usual, wanted, params))
+
+    new_after = jnp.where(has_follower, follow(follower, seen, has_follower), 0.0)
+    old_after = follow(old_follower, old_leader, has_old_leader)
+    others = (
+        jnp.where(has_old_follower, old_before, 0.0),
+        jnp.where(has_old_follower, old_after, 0.0),
+        jnp.where(has_follower, new_before, 0.0),
+        new_after,
+    )
+    return Look(
+        own=own,
+        leader=leader,
+        has_leader=has_leader,
+        follower=follower,
+        has_follower=has_follower,
+        gap_behind=jnp.where(has_follower, gap_between(follower, seen), jnp.inf),
+        desire=desire,
+        stake=stake,
+        own_after=follow(own, leader, has_leader),
+        new_after=new_after,
+        others=others,
+    )
+
+
+def _is_safe(look: Look, params: LaneChangeParams) -> jax.Array:
+    """Whether each could go, `(C,)` bool.
+
+    The more urgent, the harder a change may make others, and oneself, brake (LMRS's gap acceptance). And who stops to
+    let one in keeps its standing gap: less must do, or both would wait for each other.
+    """
+    wanted = jnp.maximum(look.desire, 0.0)
+    return is_safe(
+        look.own_after,
+        look.new_after,
+        jnp.where(look.has_leader, gap_between(look.own, look.leader), jnp.inf),
+        look.gap_behind,
+        safe_braking=params.safe_braking * jnp.where(wanted > 0.0, wanted, 1.0),
+        min_gap_ahead=look.own.min_gap * (1.0 - 0.5 * wanted),
+        min_gap_behind=look.follower.min_gap * (1.0 - 0.5 * wanted),
+    )
+
+
 def decide(
     situation: Situation, wish: Wish, turn: Turn, follow: Follow, params: LaneChangeParams
 ) -> jax.Array:
@@ -139,71 +228,28 @@ def decide(
       GOES where one changes lanes now, safely. Else the acceleration, m/s^2, that it keeps to for the one ahead in
       that lane, inf where nothing is at stake. One array, since two would be worked out one after the other.
     """
-    leaders, followers, usual, neighbours, courtesy, following, acceleration = situation
-    own, own_usual, held = pick_group((followers, usual, courtesy), turn)
-    seen = pick_group(leaders, turn)
-    desire = wish.desire * turn.direction  # to the side looked at
-    neighbours, wish = pick_group(neighbours, turn), pick_group(wish, turn)
-    leader, leader_desire = of_slots((leaders, desire), neighbours.target_leader)
-    old_leader = of_slots(leaders, neighbours.leader)
-    follower, follower_usual, new_before = of_slots(
-        (followers, usual, following), neighbours.target_follower
-    )
-    old_follower, old_before = of_slots((followers, following), neighbours.follower)
-    has_leader = neighbours.target_leader != NOBODY
-    has_follower = neighbours.target_follower != NOBODY
-    has_old_leader = neighbours.leader != NOBODY
-    has_old_follower = neighbours.follower != NOBODY
-
-    desire = pick_group(desire, turn)
-    wanted = jnp.maximum(desire, 0.0)
-    # One that comes over from the lane looked at, into the gap that is open in front of this vehicle.
-    open_to = has_leader & ~(has_old_leader & (old_leader.rear < leader.rear))
-    asked = jnp.where(open_to, jnp.maximum(-leader_desire, 0.0), 0.0)
-    stake = jnp.maximum(wanted, asked)
-    own = own._replace(time_headway=_for_the_desire(own_usual, stake, params))
-    follower = follower._replace(time_headway=_for_the_desire(follower_usual, wanted, params))
-
-    own_after = follow(own, leader, has_leader)
-    new_after = follow(follower, seen, has_follower)
-    old_after = follow(old_follower, old_leader, neighbours.leader != NOBODY)
+    look = _look(situation, wish.desire * turn.direction, turn, follow, params)
+    held, acceleration = pick_group((situation.courtesy, situation.acceleration), turn)
+    own, desire, wish = look.own, look.desire, pick_group(wish, turn)
 
     incentive = mobil_incentive(
-        pick_group(acceleration, turn),
-        own_after,
-        jnp.where(has_old_follower, old_before, 0.0),
-        jnp.where(has_old_follower, old_after, 0.0),
-        jnp.where(has_follower, new_before, 0.0),
-        jnp.where(has_follower, new_after, 0.0),
-        politeness=params.politeness,
+        acceleration, look.own_after, *look.others, politeness=params.politeness
     )
-    safe = is_safe(
-        own_after,
-        jnp.where(has_follower, new_after, 0.0),
-        jnp.where(has_leader, gap_between(own, leader), jnp.inf),
-        jnp.where(has_follower, gap_between(follower, seen), jnp.inf),
-        # The more urgent, the harder a change may make others, and oneself, brake: LMRS's gap acceptance.
-        safe_braking=params.safe_braking * jnp.where(desire > 0.0, desire, 1.0),
-        # Who stops to let one in keeps its standing gap: less must do, or both would wait for each other.
-        min_gap_ahead=own.min_gap * (1.0 - 0.5 * wanted),
-        min_gap_behind=follower.min_gap * (1.0 - 0.5 * wanted),
+    urgent = params.mandatory_bias + desire * params.urgency_bias
+    bias = jnp.where(desire > 0.0, urgent, params.right_bias * turn.direction)
+    wants = (incentive + bias > params.threshold) & jnp.where(
+        wish.stay, desire > 0.0, desire >= 0.0
     )
-    mandatory = desire > 0.0
-    bias = jnp.where(
-        mandatory,
-        params.mandatory_bias + wanted * params.urgency_bias,
-        params.right_bias * turn.direction,
-    )
-    wants = incentive + bias > params.threshold
-    free = (desire == 0.0) & ~wish.stay
     # Who stands must be able to drive into the other lane, or it would stand in both.
-    moves = (own.speed > CRAWL_M_PER_S) | (own_after > 0.5 * own.max_acceleration)
+    moves = (own.speed > CRAWL_M_PER_S) | (look.own_after > 0.5 * own.max_acceleration)
     # With half of the way left, who can still gain on the one behind does so first.
     early = (desire > COURTEOUS_DESIRE) & (desire < HASTY_DESIRE)
-    gains = pick_group(acceleration, turn) > 0.25 * own.max_acceleration
-    waits = early & gains & has_follower & (own.speed < EVEN_SPEED * follower.speed)
-    courtesy = _courtesy(own, leader, own_after, has_leader & (stake > COURTEOUS_DESIRE), params)
+    gains = acceleration > 0.25 * own.max_acceleration
+    waits = early & gains & look.has_follower & (own.speed < EVEN_SPEED * look.follower.speed)
+    goes = wish.may & _is_safe(look, params) & wants & moves & ~waits
+
+    concerned = look.has_leader & (look.stake > COURTEOUS_DESIRE)
+    courtesy = _courtesy(own, look.leader, look.own_after, concerned, params)
     # Left is looked first, and what it asks for holds beside what the right asks for.
     courtesy = jnp.minimum(courtesy, jnp.where(turn.direction > 0, held, jnp.inf))
-    goes = wish.may & safe & wants & moves & ~waits & (mandatory | free)
     return jnp.where(goes, GOES, courtesy)

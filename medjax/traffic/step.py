@@ -163,6 +163,13 @@ def _step(
     )
 
 
+def _stop(vehicles: Vehicles, room: jax.Array, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """What the end of an acceleration lane allows, `(N,)` m/s^2, with room `(N,)` m before it; inf on other lanes."""
+    braking = params.lane_change.safe_braking
+    stop = stopping_acceleration(vehicles.speed, room, braking, config.tick_s)
+    return jnp.where(vehicles.lane == config.num_lanes, stop, jnp.inf)
+
+
 def move(
     vehicles: Vehicles,
     drivers: Drivers,
@@ -191,45 +198,29 @@ def move(
         changing = _is_changing(vehicles, params)
         leader, its_changing = of_slots((leaders, changing), neighbours.leader)
         has_leader = neighbours.leader != NOBODY
+        is_new = changing | has_leader & its_changing
+        spare = spare_headway(followers, leader, has_leader)
+        kept = vehicles.headway, drivers.time_headway, spare
+        headway = relaxed_headway(*kept, is_new, config.tick_s, params.lane_change)
         together = same_platoon(followers, leader, has_leader)
-        headway = relaxed_headway(
-            vehicles.headway,
-            drivers.time_headway,
-            spare_headway(followers, leader, has_leader),
-            changing | has_leader & its_changing,
-            config.tick_s,
-            params.lane_change,
-        )
         headway = jnp.where(together, orders.platooning.time_headway, headway)
         followers = followers._replace(time_headway=headway)
         following = follow(followers, leader, has_leader)
         to_end = merge_distance(vehicles.x, params.road)
-        on_ramp = vehicles.lane == config.num_lanes
-        stop = stopping_acceleration(
-            vehicles.speed,
-            to_end - followers.min_gap,
-            params.lane_change.safe_braking,
-            config.tick_s,
-        )
-        stop = jnp.where(on_ramp, stop, jnp.inf)
+        stop = _stop(vehicles, to_end - followers.min_gap, config, params)
         acceleration = jnp.minimum(jnp.minimum(following, stop), vehicles.courtesy)
 
     with jax.named_scope("lane_changes"):
-        situation = Situation(
-            leaders,
-            followers,
-            drivers.time_headway,
-            neighbours,
-            vehicles.courtesy,
-            following,
-            acceleration,
-        )
+        usual, courtesy = drivers.time_headway, vehicles.courtesy
+        seen = leaders, followers, usual, neighbours, courtesy, following, acceleration
         wish = _wishes(vehicles, orders, to_end, turn.direction, config, params)
-        steps, vehicles = _lane_changes(vehicles, situation, wish, turn, follow, config, params)
+        steps, vehicles = _lane_changes(
+            vehicles, Situation(*seen), wish, turn, follow, config, params
+        )
 
     with jax.named_scope("motion"):
-        command = jnp.minimum(acceleration, orders.acceleration) + vehicles.acceleration_noise
-        command = jnp.minimum(command, stop)  # noise carries nobody off the end of a lane
+        command = jnp.minimum(acceleration, orders.acceleration)
+        command = jnp.minimum(command + vehicles.acceleration_noise, stop)  # noise goes no further
         command = jnp.clip(command, -params.motion.max_braking, followers.max_acceleration)
         moved = _step(vehicles, command, steps, config, params)
         moved = moved.replace(road_order=order, headway=headway)

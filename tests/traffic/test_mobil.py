@@ -86,13 +86,11 @@ def test_safety_criterion(own, follower, ahead, behind, safe):
 EVERYONE = (EGO, OLD_LEADER, NEW_LEADER, OLD_FOLLOWER, NEW_FOLLOWER)
 
 
-def lane_change(
-    x, speed, kinds, *, there=EVERYONE, politeness=0.0, threshold=0.2, desire=0.0, stay=False
-):
+def lane_change(x, speed, kinds, *, there=EVERYONE, desire=0.0, stay=False, **selfish):
     """Whether the ego changes to the right among vehicles of the given kinds, who drive by IDM."""
     params = LaneChangeParams(
-        politeness=politeness,
-        threshold=threshold,
+        politeness=selfish.get("politeness", 0.0),
+        threshold=selfish.get("threshold", 0.2),
         right_bias=0.0,
         safe_braking=4.0,
         mandatory_bias=10.0,
