@@ -143,7 +143,7 @@ def test_metrics_of_energy():
     """Two EVs, a MED: what is drawn, what comes of it, and what each EV saved and got."""
     kwh = 3.6e6
     tally = Tally.zeros().replace(
-        entered=jnp.array([1.0, 1.0, 1.0, 5.0]),
+        entered=jnp.array([1.0, 1.0, 1.0, 4.0, 1.0]),
         energy_sent_j=jnp.float32(4.0 * kwh),
         energy_received_j=jnp.float32(3.0 * kwh),
         med_driving_j=jnp.float32(6.0 * kwh),
