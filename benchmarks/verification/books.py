@@ -182,13 +182,17 @@ def tick_flows(
     gives = slot * jnp.sum(partner, axis=0)
 
     road, capacity = params.road, params.med_capacity_j
-    of_evs = driving(old, new, config.ev_slots, params.ev, road, dt)
-    of_evs = jax.tree.map(lambda each: jnp.where(was.is_depleted, 0.0, each), of_evs)
+    of_evs, at_cruise = (
+        jax.tree.map(lambda each: jnp.where(was.is_depleted, 0.0, each), energy)  # without motor
+        for energy in (
+            driving(old, new, config.ev_slots, params.ev, road, dt),
+            cruising(old, new, config.ev_slots, params.ev, road),
+        )
+    )
     received = _received(_change(was.energy_j, evs.energy_j, of_evs, params.ev_capacity_j), takes)
     of_meds = driving(old, new, config.med_slots, params.med, road, dt)
     sent = _sent(_change(before.meds.energy_j, after.meds.energy_j, of_meds, capacity), gives)
-    driven = {"ev_driving_j": of_evs, "med_driving_j": of_meds}
-    driven["ev_cruising_j"] = cruising(old, new, config.ev_slots, params.ev, road)
+    driven = {"ev_driving_j": of_evs, "ev_cruising_j": at_cruise, "med_driving_j": of_meds}
     above_reserve = before.meds.energy_j - params.fleet.reserve_soc * capacity
     arrived = jnp.sum(jnp.where(partner, received.low[:, None], 0.0), axis=0)
     too_much = partner.any(axis=0) & (arrived > best * sent.high)

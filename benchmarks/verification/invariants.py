@@ -168,7 +168,7 @@ def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
             # As energies: a division may round to just above 1.
             "EV": (evs.energy_j < 0.0) | (evs.energy_j > params.ev_capacity_j),
             "MED": (meds.energy_j < 0.0) | (meds.energy_j > med_capacity),
-            "empty or depleted": ev_active & ((evs.energy_j <= 0.0) != evs.is_depleted),
+            "depleted, with energy": ev_active & evs.is_depleted & (evs.energy_j > 0.0),
         },
         "finite": not_finite(with_finite_waits(state)),
     }
@@ -258,6 +258,8 @@ def check_tick(
         "vehicles": {
             "appears": new.active & ~old.active,
             "vanishes": gone & ~(past | ran_out),
+            "empty, not depleted": (both[config.ev_slots] & (after.evs.energy_j <= 0.0))
+            & ~after.evs.is_depleted,
             "gets its energy back": (both & ran_out)[config.ev_slots] & ~after.evs.is_depleted,
         },
         "bookings": {"changed": (evs.med != NOT_BOOKED) & ~kept},

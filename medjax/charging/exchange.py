@@ -110,12 +110,12 @@ def exchange(
     )
     travelled = after.x[config.ev_slots] - before.x[config.ev_slots]
     cruising_j = travelled * per_metre(before.desired_speed[config.ev_slots], params.ev, road)
-    on_road = before.active[config.ev_slots]
+    drives = before.active[config.ev_slots] & ~evs.is_depleted
     tally = Tally.zeros().replace(
         energy_sent_j=sum_pairwise(flow.sent_j),
         energy_received_j=sum_pairwise(flow.received_j),
         ev_driving_j=sum_pairwise(ev_use),
-        ev_cruising_j=sum_pairwise(jnp.where(on_road, cruising_j, 0.0)),
+        ev_cruising_j=sum_pairwise(jnp.where(drives, cruising_j, 0.0)),
         med_driving_j=sum_pairwise(med_use),
         evs_served=jnp.sum(link.is_charging & ~evs.served, dtype=jnp.float32),
     )

@@ -101,6 +101,8 @@ def test_tallies_of_driving_are_what_driving_takes(played):
         ("med_driving_j", config.med_slots, params.med),
     ):
         used = driving(before, after, slots, body, dt)
+        if slots == config.ev_slots:
+            used = np.where(np.asarray(before.evs.is_depleted), 0.0, used)
         scale = np.abs(used).sum(-1).max()
         np.testing.assert_allclose(getattr(tally, name), used.sum(-1), rtol=1e-4, atol=1e-4 * scale)
         assert (used.sum((0, 1)) != 0.0).any()
@@ -109,7 +111,8 @@ def test_tallies_of_driving_are_what_driving_takes(played):
     steady = before.replace(vehicles=before.vehicles.replace(speed=before.vehicles.desired_speed))
     power = driving(steady, steady, config.ev_slots, params.ev, dt) / dt
     way = np.asarray(after.vehicles.x, np.float64) - np.asarray(before.vehicles.x, np.float64)
-    expected = (power / own * way[..., config.ev_slots]).sum(-1)
+    powered = ~np.asarray(before.evs.is_depleted)
+    expected = (powered * power / own * way[..., config.ev_slots]).sum(-1)
     # A position is exact to 1e-4 of what a vehicle drives in a tick.
     np.testing.assert_allclose(tally.ev_cruising_j, expected, rtol=1e-3)
 
@@ -140,7 +143,7 @@ def test_metrics_of_energy():
     """Two EVs, a MED: what is drawn, what comes of it, and what each EV saved and got."""
     kwh = 3.6e6
     tally = Tally.zeros().replace(
-        entered=jnp.array([1.0, 1.0, 1.0, 5.0]),
+        entered=jnp.array([1.0, 1.0, 1.0, 4.0, 1.0]),
         energy_sent_j=jnp.float32(4.0 * kwh),
         energy_received_j=jnp.float32(3.0 * kwh),
         med_driving_j=jnp.float32(6.0 * kwh),
