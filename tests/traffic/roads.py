@@ -15,9 +15,8 @@ KIND_FIELDS = (
     "comfortable_deceleration",
     "vehicle_length",
 )
-ORDERED = (
-    0.25  # how urgent it is to do what is ordered: a MED's service lane, an EV's way to its slot
-)
+# How urgent it is to a MED to be in its service lane, to an EV to be in its slot.
+ORDERED, PRESSING = 0.25, 0.65
 
 
 def put(state, slots, x, lane, speed, desired):
@@ -70,7 +69,9 @@ class Record:
         kind = vehicles.kind
         self.kinds = {name: np.asarray(getattr(params.drivers, name))[kind] for name in KIND_FIELDS}
         self.length = self.kinds["vehicle_length"]
-        self.num_lanes, self.num_chargers = config.num_lanes, config.num_meds + config.num_evs
+        self.num_lanes, self.is_med = config.num_lanes, np.arange(kind.shape[1]) < config.num_meds
+        self.depleted = np.zeros(self.x.shape, bool)
+        self.depleted[:, config.ev_slots] = states.evs.is_depleted
         road, change, charging = params.road, params.lane_change, params.charging
         self.lane_ends = np.asarray(road.ramp_x_m, np.float64) + float(road.acceleration_lane_m)
         self.view_m, self.safe_braking = float(change.view_m), float(change.safe_braking)
@@ -118,11 +119,18 @@ class Record:
         return idm_plus(values, max(gap, 0.1), *speeds), gap
 
     def desires(self, tick, slot):
-        """How urgent a change may have been, 0 for a free one: a merge's is known, an EV's or MED's may be ordered."""
+        """How urgent a change may have been, 0 for a free one; what is ordered, at most.
+
+        A merge's is known; a MED goes to its service lane, a booked EV to its slot, a depleted one to the shoulder.
+        """
         if self.lane[tick, slot] == self.num_lanes:
             ends = self.lane_ends[self.lane_ends >= self.x[tick, slot] - 1.0]
             return [np.clip(1.0 - (ends.min() - self.x[tick, slot]) / self.view_m, ORDERED, 1.0)]
-        return [0.0, ORDERED] if slot < self.num_chargers else [0.0]
+        if self.depleted[tick, slot]:
+            return [1.0]
+        if self.med[tick, slot] < 0:
+            return [0.0]
+        return [0.0, ORDERED if self.is_med[slot] else PRESSING]
 
     def next_to(self, tick, slot):
         """(leader, follower) in the lane that a slot changed to, before the tick; None if nobody."""
@@ -138,16 +146,16 @@ class Record:
         """(m/s^2, m) left at least, over all changes, of the braking and the standing gap that each may ask.
 
         Of the changing vehicle and of the one then behind, each by its own parameters; the more urgent, the more
-        braking, the less headway and the less standing gap. On the main lanes a headway is shorter, too, where the
-        vehicle ahead is ordered to come: by no more than such an order's share.
+        braking, the less headway and the less standing gap. A headway is shorter, too, where the one ahead must come.
         """
         braking, room = np.inf, np.inf
         for tick, slot in self.changes():
             leader, follower = self.next_to(tick, slot)
             spare = []
             for desire in self.desires(tick, slot):
-                stake = desire or ORDERED
-                pairs = [(slot, leader, stake)] if leader is not None else []
+                pairs = []
+                if leader is not None:
+                    pairs += [(slot, leader, max(desire, *self.desires(tick, leader), 0.0))]
                 pairs += [(follower, slot, desire)] if follower is not None else []
                 left, gaps = [np.inf], [np.inf]
                 for behind, ahead, share in pairs:

@@ -18,7 +18,7 @@ from tests.traffic.roads import Record, put
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 SHORTEST, COMFORT = 0.56, 2.0
-COURTEOUS = 0.3  # what is no more urgent asks nobody
+COURTEOUS, CRAWL = 0.3, 2.0  # what is no more urgent asks nobody, and nobody that hardly moves, m/s
 PARAMS = LaneChangeParams(
     accepted_headway=SHORTEST, courtesy_braking=COMFORT, safe_braking=4.0, politeness=0.2
 )
@@ -51,15 +51,15 @@ def courtesy(gap, speed, ahead, *, must=0.0, comes=0.0, between=None):
 )
 def test_within_comfort_or_not_at_all(gap, speed, ahead, urgency, yields):
     """At most what car following at the accepted headway would do, at most 2 m/s^2; where it would take more, by
-    v^2 / 2 s, or nothing is urgent, it is nobody's concern: then the one ahead is passed."""
+    v^2 / 2 s, or nothing is urgent, or the ego stands, it is nobody's concern: then the one ahead is passed."""
     gap, speed, ahead = map(np.float32, (gap, speed, ahead))
     got = courtesy(gap, speed, ahead, **{"comes" if yields else "must": urgency})
     closing, room = max(speed - ahead, 0.0), gap - 0.5 * CAR["min_gap"]
     margin = closing**2 - 2 * COMFORT * room
     if abs(margin) < 0.01 or abs(closing - 1.0) < 0.01 or abs(urgency - COURTEOUS) < 1e-6:
         return
-    even = closing < 1.0 and speed > 2.0
-    if urgency <= COURTEOUS or not (even or (room > 0.0 and margin < 0.0)):
+    asked = urgency > COURTEOUS and speed > CRAWL
+    if not (asked and (closing < 1.0 or (room > 0.0 and margin < 0.0))):
         assert got == np.inf
         return
     headway = CAR["time_headway"] + (SHORTEST - CAR["time_headway"]) * urgency

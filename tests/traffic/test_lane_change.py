@@ -207,7 +207,8 @@ def test_play_is_worth_checking(records, random_play):
 
 
 def test_vehicles_are_conserved_in_every_tick(records, random_play, each_tick):
-    """By class: entered = on the road + left + depleted, and each agrees with the slots' own story."""
+    """By class: entered = on the road + left + depleted, and each agrees with the slots' own story; who runs out is
+    counted then, and stays on the road until it is on the shoulder."""
     config = each_tick[0].config
     for i, road in enumerate(records):
         tally = jax.tree.map(lambda a, i=i: np.asarray(a[i]), random_play.tally)
@@ -215,21 +216,23 @@ def test_vehicles_are_conserved_in_every_tick(records, random_play, each_tick):
         appeared = ~road.active[:-1] & road.active[1:]
         gone = road.active[:-1] & ~road.active[1:]
         past_end = road.x[1:] > 4000.0
+        dry = road.depleted
         entered, left = by_class(tally.entered), by_class(tally.left)
         classes = (config.med_slots, config.ev_slots, config.gas_slots)
         for k, slots in enumerate(classes):
             depleted = tally.depleted if k == 1 else 0.0
-            on_road = road.active[:, slots].sum(axis=1)
-            np.testing.assert_array_equal(entered[:, k], on_road + left[:, k] + depleted)
+            counted = (road.active & ~dry)[:, slots].sum(axis=1)
+            np.testing.assert_array_equal(entered[:, k], counted + left[:, k] + depleted)
             np.testing.assert_array_equal(np.diff(entered[:, k]), appeared[:, slots].sum(axis=1))
             np.testing.assert_array_equal(
-                np.diff(left[:, k]), (gone & past_end)[:, slots].sum(axis=1)
+                np.diff(left[:, k]), (gone & past_end & ~dry[1:])[:, slots].sum(axis=1)
             )
-        empty = (gone & ~past_end)[:, config.ev_slots]
-        np.testing.assert_array_equal(np.diff(tally.depleted), empty.sum(axis=1))
-        assert (energy[1:][empty] == 0.0).all()
-        others = np.delete(gone & ~past_end, np.r_[config.ev_slots], axis=1)
-        assert not others.any()
+        ran_out = (~dry[:-1] & dry[1:])[:, config.ev_slots]
+        np.testing.assert_array_equal(np.diff(tally.depleted), ran_out.sum(axis=1))
+        assert (energy[1:][ran_out] == 0.0).all()
+        # Off the road before its end, to the rightmost side: those that ran out, and nobody else.
+        assert dry[1:][gone & ~past_end].all()
+        assert (road.lane[1:][gone & ~past_end] >= 3).all()
 
 
 def test_no_overlap_and_no_reversing_in_any_tick(records):
