@@ -17,7 +17,7 @@ def episode_metrics(tally: Tally) -> dict[str, jax.Array]:
 
     depleted_share is of all EVs that were on the road; mean_range_m is the distance that such an EV
     drove on it; mean_soc averages over EVs and time; exit_soc averages over the EVs that ended their
-    way, a depleted one counting 0.
+    way. One without energy counts 0 in both: in mean_soc until it is off the road, in exit_soc once.
 
     What slow driving and what charging does for EVs, kWh an EV that was on the road: ev_driving_kwh took driving,
     ev_saved_kwh less than the same way takes at the EVs' own desired speeds (more where below 0: speeding up costs),

@@ -163,6 +163,13 @@ def _step(
     )
 
 
+def _stop(vehicles: Vehicles, room: jax.Array, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """What the end of an acceleration lane allows, `(N,)` m/s^2, with room `(N,)` m before it; inf on other lanes."""
+    braking = params.lane_change.safe_braking
+    stop = stopping_acceleration(vehicles.speed, room, braking, config.tick_s)
+    return jnp.where(vehicles.lane == config.num_lanes, stop, jnp.inf)
+
+
 def move(
     vehicles: Vehicles,
     drivers: Drivers,
@@ -200,9 +207,7 @@ def move(
         followers = followers._replace(time_headway=headway)
         following = follow(followers, leader, has_leader)
         to_end = merge_distance(vehicles.x, params.road)
-        braking, room = params.lane_change.safe_braking, to_end - followers.min_gap
-        stop = stopping_acceleration(vehicles.speed, room, braking, config.tick_s)
-        stop = jnp.where(vehicles.lane == config.num_lanes, stop, jnp.inf)
+        stop = _stop(vehicles, to_end - followers.min_gap, config, params)
         acceleration = jnp.minimum(jnp.minimum(following, stop), vehicles.courtesy)
 
     with jax.named_scope("lane_changes"):
@@ -215,8 +220,7 @@ def move(
 
     with jax.named_scope("motion"):
         command = jnp.minimum(acceleration, orders.acceleration)
-        # Noise carries nobody off the end of a lane.
-        command = jnp.minimum(command + vehicles.acceleration_noise, stop)
+        command = jnp.minimum(command + vehicles.acceleration_noise, stop)  # noise goes no further
         command = jnp.clip(command, -params.motion.max_braking, followers.max_acceleration)
         moved = _step(vehicles, command, steps, config, params)
         moved = moved.replace(road_order=order, headway=headway)

@@ -121,7 +121,7 @@ class ChargingParams(struct.PyTreeNode):
         0,
         1e6,
         "s",
-        "until one that stands on a lane is towed; HCM 2022, exhibit 11-22: a lane is shut for 35 min",
+        "until one that stands on a lane is towed; HCM 7, ex. 11-22, read second-hand: 34.6 min",
     )
     slot_power_w: Scalar = number(
         40e3,
