@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.charging.docking import docking_acceleration
+from medjax.charging.docking import approach_pace, docking_acceleration
 from medjax.charging.energy import drive_energy
 from medjax.charging.link import couple, misalignment
 from medjax.env.dispatch import advance_clocks
@@ -71,7 +71,8 @@ def place_in_slot(start_m, speed, params, x_type):
 
     def tick(carry, _):
         med_x, x, v = carry
-        command = docking_acceleration(x, v, med_x, speed, jnp.full_like(v, 2.0), charging)
+        pace = approach_pace(med_x - x, speed, charging.approach_speed, 0.0, charging)
+        command = docking_acceleration(v, pace, jnp.full_like(v, 2.0), charging)
         x, v = ballistic_step(x, v, command, TICK_S)
         return (ballistic_step(med_x, speed, jnp.zeros_like(v), TICK_S)[0], x, v), None
 
