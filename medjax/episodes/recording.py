@@ -143,6 +143,7 @@ def _play(
     begin, road = player.env.highway(_row(begun.state), params)
 
     def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
+        """One decision: the frames of its ticks, and what was decided."""
         episodes, rows = player.decide(episodes, number, [weights], params)
         after, _ = player.env.highway(_row(episodes.state), params)
         made = _row(rows)
