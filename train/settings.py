@@ -184,10 +184,13 @@ def load_config(path: Path, *kinds: type[Config]) -> Config:
     is_yaml = path.suffix in (".yaml", ".yml")
     try:
         data = read_yaml(content.decode()) if is_yaml else read_json(content.decode())
-        return from_json(data.get("config", data) if isinstance(data, dict) else data, *kinds)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path} is not a text file") from None
     except (ValueError, RecursionError):
         raise InputError(f"{path} is not a {'YAML' if is_yaml else 'JSON'} file") from None
+    try:
+        return from_json(data.get("config", data) if isinstance(data, dict) else data, *kinds)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None

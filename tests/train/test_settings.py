@@ -5,8 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from medjax.errors import InputError
 from train.algorithms.ppo.settings import PPOConfig
 from train.runs.arguments import parse_request
+from train.settings import load_config
 
 FIELDS = {field.name: field for field in dataclasses.fields(PPOConfig)}
 
@@ -50,6 +52,20 @@ def test_settings(name):
         if isinstance(value, int | float) and not isinstance(value, bool) and given is value:
             same = np.asarray(value)[()]
             assert PPOConfig(**{name: same}, **beside) == config
+
+
+def test_a_defect_is_not_called_a_bad_file(tmp_path, monkeypatch):
+    """A ValueError of ours, from below the file's own text, is not the user's mistake."""
+    path = tmp_path / "config.json"
+    path.write_text("{}")
+
+    def fails(*_):
+        raise ValueError("defect")
+
+    monkeypatch.setattr("train.settings.from_json", fails)
+    with pytest.raises(ValueError, match=r"^defect$") as caught:
+        load_config(path, PPOConfig)
+    assert not isinstance(caught.value, InputError)
 
 
 def test_paths_of_any_usual_name():
