@@ -86,7 +86,7 @@ def show(name, found, what):
     return f"{where}:{found.line}: {name} imports {found.target}: {what}"
 
 
-def check(violations):
+def assert_none(violations):
     """Fails with each of them on a line."""
     lines = list(dict.fromkeys(violations))
     assert not lines, f"{len(lines)} against the rules\n" + "\n".join(lines)
@@ -109,7 +109,7 @@ def test_imports_are_read_as_they_are_meant():
 
 def test_arrows_go_down():
     """A room knows the rooms under it."""
-    check(
+    assert_none(
         show(name, found, f"{room_of(found.target)} is above {room_of(name)}")
         for name, found in arrows()
         if RANKS[room_of(found.target)] > RANKS[room_of(name)]
@@ -127,7 +127,7 @@ def test_no_circle():
         if circle:
             circles.append(" imports ".join(circle))
             shown.update(circle)
-    check(circles)
+    assert_none(circles)
 
 
 @pytest.mark.parametrize("room", APART)
@@ -136,12 +136,12 @@ def test_rooms_that_know_nothing_of_each_other(room):
     graph = graph_of(arrows())
     is_apart = lambda target: any(is_in(target, other) for other in APART[room])  # noqa: E731
     inside = [name for name in modules() if is_in(name, room)]
-    check(" imports ".join(found) for name in inside if (found := way(graph, name, is_apart)))
+    assert_none(" imports ".join(found) for name in inside if (found := way(graph, name, is_apart)))
 
 
 def test_nothing_imports_a_command():
     """But the short module that stands for it."""
-    check(
+    assert_none(
         show(name, found, "a command")
         for name, found in arrows()
         if modules()[found.target].is_command and not modules()[name].stands_for_another
@@ -151,7 +151,7 @@ def test_nothing_imports_a_command():
 def test_late_imports_are_for_what_may_be_missing():
     """Or in commands, which answer --help and bad input without waiting for JAX, as `import medjax` does."""
     always = {"jax", "flax", "numpy", *HOUSES, *sys.stdlib_module_names}
-    check(
+    assert_none(
         show(name, found, "within a function")
         for name, module in modules().items()
         for found in imports_of(name)
@@ -162,10 +162,21 @@ def test_late_imports_are_for_what_may_be_missing():
     )
 
 
+def test_distrax_stays_behind_one_module():
+    """It needs nightly builds of another library: to do without it, one file must change."""
+    knows = "train.algorithms.networks"
+    assert_none(
+        show(name, found, f"only {knows} knows distrax")
+        for name in modules()
+        for found in imports_of(name)
+        if found.target.partition(".")[0] == "distrax" and name != knows
+    )
+
+
 def test_every_folder_is_a_package():
     """Else neither mypy nor a wheel knows it as one."""
     folders = {path.parent for path in source_files(*HOUSES, "tests", "docs")}
-    check(
+    assert_none(
         f"{folder.relative_to(ROOT)} has no __init__.py"
         for folder in sorted(folders)
         if not (folder / "__init__.py").exists()
@@ -178,7 +189,7 @@ def length(path):
 
 def test_files_are_short():
     """At most 300 lines, in all languages."""
-    check(
+    assert_none(
         f"{path.relative_to(ROOT)}: {length(path)} lines, allowed {MOST_LINES}"
         for path in source_files(*HOUSES, "tests", "docs", endings=SOURCES)
         if length(path) > MOST_LINES
@@ -195,7 +206,7 @@ def functions():
 
 def test_functions_are_short():
     """At most 60 lines, documentation and all."""
-    check(
+    assert_none(
         f"{where}: {lines} lines, allowed {MOST_OF_A_FUNCTION}"
         for where, node in functions()
         if (lines := node.end_lineno - node.lineno + 1) > MOST_OF_A_FUNCTION
@@ -205,7 +216,7 @@ def test_functions_are_short():
 def test_functions_take_few_arguments():
     """At most 7; what a method belongs to is none of them."""
     many = {where: node for where, node in functions() if count_arguments(node) > MOST_ARGUMENTS}
-    check(
+    assert_none(
         f"{where}: {count_arguments(node)} arguments, allowed {MOST_ARGUMENTS}"
         for where, node in many.items()
         if node.name not in FORMULAS

@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-import distrax
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
+from distrax import Categorical  # the one place that knows distrax; others take it from here
 from flax import struct
 
 from medjax.env.contract import Environment
@@ -156,7 +156,7 @@ def build_network(env: Environment, config: TrainConfig) -> nn.Module:
     return ActorCritic(env.num_actions, make_torso, config.initial_wait)
 
 
-def masked_categorical(logits: jax.Array, mask: jax.Array) -> distrax.Categorical:
+def masked_categorical(logits: jax.Array, mask: jax.Array) -> Categorical:
     """Distribution over the allowed actions.
 
     Args:
@@ -166,17 +166,17 @@ def masked_categorical(logits: jax.Array, mask: jax.Array) -> distrax.Categorica
     Returns:
         A categorical distribution in which other actions have probability exactly 0 and add nothing to the entropy.
     """
-    return distrax.Categorical(logits=jnp.where(mask, logits, MASKED_LOGIT), dtype=jnp.int32)
+    return Categorical(logits=jnp.where(mask, logits, MASKED_LOGIT), dtype=jnp.int32)
 
 
-def sample_each(policy: distrax.Categorical, keys: jax.Array) -> jax.Array:
+def sample_each(policy: Categorical, keys: jax.Array) -> jax.Array:
     """A sample of each of the distributions `(rows,)`, by a key of its own `(rows,)`."""
     return jax.vmap(lambda own, key: own.sample(seed=key))(policy, keys)
 
 
 def apply_policy(
     network: nn.Module, weights: PolicyWeights, obs: jax.Array, mask: jax.Array
-) -> tuple[distrax.Categorical, jax.Array]:
+) -> tuple[Categorical, jax.Array]:
     """Policy and value at raw observations.
 
     Args:

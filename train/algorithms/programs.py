@@ -24,8 +24,10 @@ from train.settings import MOST_PER_CALL, TrainConfig
 class Programs:
     """The two programs of training, over all seeds at once."""
 
-    init: Any  # jitted: (key, env_params) to the state
-    run: Any  # jitted: (state, env_params, num_updates) to the state and metrics, see `run_updates`
+    init: jax.stages.Wrapped  # (key, env_params) to the state
+    run: (
+        jax.stages.Wrapped
+    )  # (state, env_params, num_updates) to the state and metrics: `run_updates`
     shardings: Any  # of the state, a prefix of its tree
 
 

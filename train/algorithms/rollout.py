@@ -5,7 +5,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import distrax
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
@@ -14,7 +13,13 @@ from jax import lax
 
 from medjax.env.contract import BatchEnvironment
 from medjax.numerics.rows import for_true_rows
-from train.algorithms.networks import PolicyWeights, apply_policy, apply_value, sample_each
+from train.algorithms.networks import (
+    Categorical,
+    PolicyWeights,
+    apply_policy,
+    apply_value,
+    sample_each,
+)
 
 
 @struct.dataclass
@@ -84,9 +89,7 @@ def episode_metrics(sums: EpisodeSums) -> dict[str, jax.Array]:
     }
 
 
-Choose = Callable[
-    [distrax.Categorical, jax.Array], jax.Array
-]  # (rows,) policies and keys to actions
+Choose = Callable[[Categorical, jax.Array], jax.Array]  # (rows,) policies and keys to actions
 
 
 @dataclasses.dataclass(frozen=True)

@@ -25,7 +25,7 @@ from train.runs.run_directory import RunDir
 from train.settings import TrainConfig
 
 # A program that runs once had better compile fast than run fast.
-ONCE = {"xla_backend_optimization_level": 0}
+ONCE: Any = {"xla_backend_optimization_level": 0}
 SECONDS_PER_CALL = 1.0  # of the compiled program: how often the bar moves and Ctrl-C is heard
 
 

@@ -1,10 +1,10 @@
 """The PPO objective."""
 
-import distrax
 import jax
 import jax.numpy as jnp
 from flax import struct
 
+from train.algorithms.networks import Categorical
 from train.algorithms.ppo.settings import PPOConfig
 
 
@@ -71,7 +71,7 @@ def standardize(advantage: jax.Array, weight: jax.Array, eps: float = 1e-8) -> j
 
 
 def ppo_loss(
-    distribution: distrax.Categorical, value: jax.Array, batch: Batch, config: PPOConfig
+    distribution: Categorical, value: jax.Array, batch: Batch, config: PPOConfig
 ) -> tuple[jax.Array, dict[str, jax.Array]]:
     """Loss of one minibatch, to be minimised.
 
