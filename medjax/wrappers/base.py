@@ -1,7 +1,6 @@
 """What a wrapper of one environment leaves as it is."""
 
 import dataclasses
-import operator
 from collections.abc import Callable
 from typing import Any
 
@@ -9,11 +8,6 @@ import jax
 import jax.numpy as jnp
 
 from medjax.env.contract import Environment, Observation, Params, State, StepResult, step_with_reset
-
-
-def _of_env(name: str) -> Any:
-    """A property that is the environment's."""
-    return property(operator.attrgetter(f"env.{name}"), doc=getattr(Environment, name).__doc__)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,11 +30,30 @@ class Wrapper:
         """State of the wrapper after `state`, once that of `env` is `inner`."""
         return inner
 
-    name = _of_env("name")
-    num_actions = _of_env("num_actions")
-    config = _of_env("config")
-    observation = _of_env("observation")
-    decisions_per_step = _of_env("decisions_per_step")
+    @property
+    def name(self) -> str:
+        """Name of the environment."""
+        return self.env.name
+
+    @property
+    def num_actions(self) -> int:
+        """Number of discrete actions."""
+        return self.env.num_actions
+
+    @property
+    def config(self) -> Any:
+        """Sizes and cadences of the highway."""
+        return self.env.config
+
+    @property
+    def observation(self) -> Any:
+        """Layout of what is observed."""
+        return self.env.observation
+
+    @property
+    def decisions_per_step(self) -> int:
+        """Decisions of the highway in a step."""
+        return self.env.decisions_per_step
 
     def reset(self, key: jax.Array, params: Params) -> tuple[Observation, State]:
         """Starts an episode."""
