@@ -11,9 +11,23 @@ from benchmarks.speed.workload import Workload
 
 # Named scopes of a step; the innermost one counts.
 STAGES = (
-    *("dispatch", "entry", "booking", "noise", "neighbours", "car_following", "docking"),
-    *("lane_changes", "motion", "misalignment", "energy", "exits", "tally"),
-    *("reward", "metrics", "observation", "auto_reset"),
+    "dispatch",
+    "entry",
+    "booking",
+    "noise",
+    "neighbours",
+    "car_following",
+    "docking",
+    "lane_changes",
+    "motion",
+    "misalignment",
+    "energy",
+    "exits",
+    "tally",
+    "reward",
+    "metrics",
+    "observation",
+    "auto_reset",
 )
 _INSTRUCTION = re.compile(r"^\s*(?:ROOT )?%?([\w.\-]+) = .*? ([\w\-]+)\(", re.MULTILINE)
 # These run other instructions, which are counted themselves.

@@ -15,8 +15,12 @@ from train.runs.run_directory import RunDir
 from train.settings import TrainConfig
 
 PASSED_ON = (  # settings that the command is given
-    *("scenario", "num_envs", "total_timesteps", "seed"),
-    *("checkpoint_interval", "keep_checkpoints"),
+    "scenario",
+    "num_envs",
+    "total_timesteps",
+    "seed",
+    "checkpoint_interval",
+    "keep_checkpoints",
 )
 ROOT = Path(__file__).resolve().parents[2]  # where `-m train.ppo` is found, wherever this is called
 

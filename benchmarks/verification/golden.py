@@ -46,8 +46,12 @@ STATE = (
     *("meds.energy_j", "meds.status", "queue"),
 )
 TRAINING = {
-    **{"--num-envs": 64, "--num-minibatches": 8, "--total-timesteps": 65536},
-    **{"--eval-episodes": 6, "--seed": 3, "--set": "episode_decisions=240"},
+    "--num-envs": 64,
+    "--num-minibatches": 8,
+    "--total-timesteps": 65536,
+    "--eval-episodes": 6,
+    "--seed": 3,
+    "--set": "episode_decisions=240",
 }
 CLOCKS = ("wall_s", "env_steps_per_s")  # of a row of metrics.jsonl
 QUIET = {"num_meds": 2, "num_evs": 6, "num_gas": 4, "mainline_per_h": 300, "ramp_per_h": 0}

@@ -177,6 +177,7 @@ class ChargingEnv:
         def tick(
             carry: tuple[EnvState, Tally], index: jax.Array
         ) -> tuple[tuple[EnvState, Tally], Any]:
+            """One physics tick, and what the probe sees after it."""
             state, happened = carry
             state, more = physics_tick(
                 state, drivers, index, config, params, self.following, self.coupling

@@ -144,6 +144,7 @@ def _play(
     begin, road = player.env.highway(_row(begun.state), numbers)
 
     def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
+        """One decision: the frames of its ticks, and what was decided."""
         episodes, rows = player.decide(episodes, number, [weights], params)
         after, _ = player.env.highway(_row(episodes.state), numbers)
         made = _row(rows)

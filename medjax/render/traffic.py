@@ -57,9 +57,8 @@ def draw_close(canvas: Canvas, view: View, scene: Scene, road: Roadway, font: in
     left, _, right, _ = view.box
     bodies = {int(slot): _body(view, scene, road, slot) for slot in _back_to_front(scene)}
     _draw_slots(canvas, view, scene, road)
-    for ev in sorted(
-        np.nonzero(scene.is_booked)[0], key=lambda ev: scene.ev_is_charging[ev]
-    ):  # solid over dashed
+    booked = np.nonzero(scene.is_booked)[0]
+    for ev in sorted(booked, key=lambda ev: scene.ev_is_charging[ev]):  # solid over dashed
         med = int(scene.ev_med[ev])
         if med in bodies:
             ends = _middle(bodies[med]), _middle(bodies[scene.num_meds + int(ev)])
