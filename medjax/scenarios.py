@@ -97,7 +97,7 @@ def _models(following: Any, coupling: Any) -> tuple[CarFollowing, Coupling]:
     """Car following and the coils' efficiency: IDM and that of the circuit, or one's own."""
     following = IDM_PLUS if following is None else following
     coupling = couple if coupling is None else coupling
-    methods = [getattr(following, name, None) for name in ("constants", "prepare", "acceleration")]
+    methods = [getattr(following, name, None) for name in ("prepare", "acceleration")]
     is_model = not isinstance(following, type) and all(map(callable, methods))
     _check(is_model, "following", following, "a model, such as IDM()")
     _check(callable(coupling), "coupling", coupling, "a function")

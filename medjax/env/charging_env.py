@@ -172,7 +172,7 @@ class ChargingEnv:
     ) -> tuple[EnvState, Tally, Any]:
         """The decision's ticks: the state, what happened so far and in them, and what the probe saw after each."""
         config = self.config
-        drivers = drivers_of(answering(state, config, params), config, params, self.following)
+        drivers = drivers_of(answering(state, config, params), config, params)
 
         def tick(
             carry: tuple[EnvState, Tally], index: jax.Array

@@ -36,7 +36,7 @@ def physics_tick(
       state: of one environment.
       drivers: of its vehicles; they stay the same between two rounds of entries.
       tick: () int32, ticks since reset; its parity says which way drivers look.
-      following, coupling: as `ChargingEnv`; drivers are made with the same `following`.
+      following, coupling: as `ChargingEnv`.
 
     Returns:
       (state after the tick, what happened in it). `state.tally` is left as it was.

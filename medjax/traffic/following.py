@@ -37,8 +37,7 @@ class Drivers(NamedTuple):
     comfortable_deceleration: jax.Array  # m/s^2
     closing: (
         jax.Array
-    )  # s^2/m, 1 / (2 sqrt(a b)): headway per closing speed that comfortable braking takes
-    constants: Any  # of the model, `CarFollowing.constants`
+    )  # s^2/m, 1 / (2 sqrt(a b)): headway that comfortable braking takes per closing speed
 
 
 class Follower(NamedTuple):
@@ -60,9 +59,6 @@ class CarFollowing(Protocol):
     What depends on the follower alone is worked out once for all vehicles, not for each leader that it might
     have: a lane change looks at four pairs.
     """
-
-    def constants(self, drivers: Drivers) -> Any:
-        """A tree of `(N,)`, what the model makes of drivers (without `constants`) once a decision."""
 
     def prepare(self, drivers: Drivers, speed: jax.Array) -> Any:
         """A tree of `(N,)`, what the model makes of all vehicles at their speeds `(N,)` m/s, once a tick."""
@@ -96,16 +92,14 @@ def of_slots(vehicles: T, slots: jax.Array) -> T:
     return read(vehicles, jnp.maximum(slots, 0))
 
 
-def make_drivers(
-    kind: jax.Array, desired_speed: jax.Array, params: DriverParams, model: CarFollowing
-) -> Drivers:
+def make_drivers(kind: jax.Array, desired_speed: jax.Array, params: DriverParams) -> Drivers:
     """Drivers of all slots by their kinds' parameters.
 
     Args:
       kind: (N,) int32; desired_speed: (N,) m/s.
     """
     hardest = by_kind(kind, params.max_acceleration * params.comfortable_deceleration)
-    drivers = Drivers(
+    return Drivers(
         length=by_kind(kind, params.vehicle_length),
         desired_speed=desired_speed,
         time_headway=by_kind(kind, params.time_headway),
@@ -113,9 +107,7 @@ def make_drivers(
         max_acceleration=by_kind(kind, params.max_acceleration),
         comfortable_deceleration=by_kind(kind, params.comfortable_deceleration),
         closing=0.5 / jnp.sqrt(hardest),
-        constants=None,
     )
-    return drivers._replace(constants=model.constants(drivers))
 
 
 def roles(

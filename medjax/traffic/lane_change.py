@@ -39,10 +39,10 @@ class Wish(NamedTuple):
 
 
 class Turn(NamedTuple):
-    """Who looks where in a tick: slots group, group + groups, ... look to one side."""
+    """Who looks where in a tick: one of `groups` parts of the slots, equally long, looks to one side."""
 
     direction: jax.Array  # () int32, -1 left or +1 right
-    group: jax.Array  # () int32
+    group: jax.Array  # () int32, the part
     groups: int
 
 
@@ -58,8 +58,8 @@ def pick_group(tree: T, turn: Turn) -> T:
     """Entries of those whose turn it is: leaves (N,) to (ceil(N / groups),), padded with zeros."""
 
     def pick(values: jax.Array) -> jax.Array:
-        rows = jnp.pad(values, (0, -values.shape[0] % turn.groups)).reshape(-1, turn.groups)
-        return jax.lax.dynamic_index_in_dim(rows, turn.group, axis=1, keepdims=False)
+        parts = jnp.pad(values, (0, -values.shape[0] % turn.groups)).reshape(turn.groups, -1)
+        return jax.lax.dynamic_index_in_dim(parts, turn.group, keepdims=False)
 
     return jax.tree.map(pick, tree)
 
@@ -71,9 +71,9 @@ def place_group(values: jax.Array, turn: Turn, others: jax.Array) -> jax.Array:
     merged into each of its readers, and the whole decision computed again for each.
     """
     num_vehicles = others.shape[0]
-    rows = jnp.pad(others, (0, -num_vehicles % turn.groups)).reshape(-1, turn.groups)
-    rows = jax.lax.dynamic_update_index_in_dim(rows, values, turn.group, axis=1)
-    return rows.reshape(-1)[:num_vehicles]
+    parts = jnp.pad(others, (0, -num_vehicles % turn.groups)).reshape(turn.groups, -1)
+    parts = jax.lax.dynamic_update_index_in_dim(parts, values, turn.group, axis=0)
+    return parts.reshape(-1)[:num_vehicles]
 
 
 class Situation(NamedTuple):

@@ -24,7 +24,6 @@ from medjax.traffic.following import (
     same_platoon,
     spare_headway,
 )
-from medjax.traffic.idm import IDM_PLUS
 from medjax.traffic.lane_change import (
     GOES,
     Follow,
@@ -61,9 +60,7 @@ class Orders(NamedTuple):
     stay: jax.Array  # bool: no change but a mandatory one
 
 
-def drivers_of(
-    state: EnvState, config: EnvConfig, params: EnvParams, following: CarFollowing = IDM_PLUS
-) -> Drivers:
+def drivers_of(state: EnvState, config: EnvConfig, params: EnvParams) -> Drivers:
     """Drivers of all slots, `(N,)` each; they stay the same between two rounds of entries.
 
     A MED drives with its own desired speed until it is in service, then at the fleet's service speed.
@@ -72,7 +69,7 @@ def drivers_of(
     own = vehicles.desired_speed
     in_service = state.meds.status == IN_SERVICE
     med_speed = jnp.where(in_service, params.fleet.service_speed, own[slots])
-    return make_drivers(vehicles.kind, own.at[slots].set(med_speed), params.drivers, following)
+    return make_drivers(vehicles.kind, own.at[slots].set(med_speed), params.drivers)
 
 
 def perturb(key: jax.Array, vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> Vehicles:
@@ -182,7 +179,7 @@ def move(
     """Moves all vehicles by one tick; who leaves the road is not yet taken off it.
 
     Args:
-      vehicles: of one environment; drivers: theirs, with the constants of the model.
+      vehicles: of one environment; drivers: theirs.
       orders: what others want of them; car following and safety come first.
       tick: () int32; its parity says which way drivers look.
     """

@@ -12,7 +12,6 @@ from medjax.traffic.following import (
     of_slots,
     roles,
 )
-from medjax.traffic.idm import IDM
 from medjax.traffic.lane_change import Situation, Turn, decide
 from medjax.traffic.neighbours import NOBODY, Neighbours
 from medjax.world.params import DriverParams
@@ -34,7 +33,7 @@ def drivers(kinds):
         lateral_wander=zeros,
         vehicle_length=jnp.full(count, LENGTH),
     )
-    return make_drivers(jnp.arange(count), params.desired_speed, params, IDM())
+    return make_drivers(jnp.arange(count), params.desired_speed, params)
 
 
 @functools.partial(jax.jit, static_argnames=("there", "model"))

@@ -40,9 +40,6 @@ class Coasting:
 
     deceleration: float
 
-    def constants(self, drivers: Any) -> None:
-        """It has none."""
-
     def prepare(self, drivers: Any, speed: Any) -> None:
         """It prepares nothing."""
 
