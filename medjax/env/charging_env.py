@@ -24,7 +24,7 @@ from medjax.env.observation import FlatObservation, Observation, observe
 from medjax.env.reset import DRIVERS, initial_state
 from medjax.env.reward import TERMS, Outcome, RewardTerm, total_reward
 from medjax.env.spaces import Box, Discrete
-from medjax.env.tick import physics_tick
+from medjax.env.tick import physics_tick, ways
 from medjax.env.trips import plan_trips
 from medjax.traffic.entry import admit
 from medjax.traffic.following import CarFollowing
@@ -186,7 +186,10 @@ class ChargingEnv:
 
         indices = jnp.arange(config.ticks_per_decision, dtype=jnp.int32)
         carry = state, happened
+        begun = state.vehicles
         (state, happened), probed = jax.lax.scan(tick, carry, self._first_tick(state) + indices)
+        with jax.named_scope("tally"):
+            happened += ways(begun, state.vehicles, config)
         return state, happened, probed
 
     def action_mask(self, state: EnvState, params: EnvParams) -> jax.Array:

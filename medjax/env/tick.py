@@ -86,30 +86,45 @@ def _flow(
     soc = rounded(in_units(evs.energy_j, params.ev_capacity_j))
     low = evs.energy_j < params.charging.request_soc * params.ev_capacity_j
     goes_on = after.destination[ev_slots] >= params.road.length_m
-    travelled = jnp.where(before.active, after.x - before.x, 0.0)
-    lost = config.tick_s - travelled / before.desired_speed
-    delay = jnp.where(before.active, lost, 0.0)
     sent = (meds.status != AT_DEPOT) & (meds.status != RETIRED)
 
     def seconds(there: jax.Array) -> jax.Array:
         return jnp.sum(there, dtype=jnp.float32) * config.tick_s
 
-    def of_gas(values: jax.Array) -> list[jax.Array]:
-        """The values of each kind in the gas slots, 0 elsewhere."""
-        return [jnp.where(before.kind[gas_slots] == k, values[gas_slots], 0) for k in GAS_KINDS]
-
     return Tally.zeros().replace(
         left=count_kinds(left, before.kind, config),
         ev_seconds=seconds(after.active[ev_slots]),
-        ev_distance_m=sum_pairwise(travelled[ev_slots]),
         soc_seconds=sum_pairwise(jnp.where(after.active[ev_slots], soc, 0.0)) * config.tick_s,
         charging_stops=jnp.sum(left[ev_slots] & evs.stops, dtype=jnp.float32),
         exit_soc=sum_pairwise(jnp.where(left[ev_slots], soc, 0.0)),
         low_exits=jnp.sum(left[ev_slots] & (evs.stops | low & goes_on), dtype=jnp.float32),
-        ev_delay_s=sum_pairwise(delay[ev_slots]),
-        gas_delay_s=sum_pairwise(delay[gas_slots]),
+        ev_delay_s=seconds(
+            before.active[ev_slots]
+        ),  # all of the time: `ways` takes off what need not be
+        gas_delay_s=seconds(before.active[gas_slots]),
         med_seconds=seconds(sent),
-        gas_seconds=jnp.stack([seconds(there) for there in of_gas(after.active)]),
-        gas_distance_m=jnp.stack([sum_pairwise(way) for way in of_gas(travelled)]),
+        gas_seconds=jnp.stack([seconds(there) for there in _of_gas(after.active, before, config)]),
         vehicle_ticks=jnp.sum(after.active, dtype=jnp.float32),
     )
+
+
+def ways(before: Vehicles, after: Vehicles, config: EnvConfig) -> Tally:
+    """How far vehicles came in a decision, and, taken off their delays, how long that takes at their desired speeds.
+
+    Args:
+      before, after: the ticks of the decision; a vehicle that left between them is where it left.
+    """
+    travelled = after.x - before.x
+    free_s = travelled / before.desired_speed
+    return Tally.zeros().replace(
+        ev_distance_m=sum_pairwise(travelled[config.ev_slots]),
+        gas_distance_m=jnp.stack([sum_pairwise(x) for x in _of_gas(travelled, before, config)]),
+        ev_delay_s=-sum_pairwise(free_s[config.ev_slots]),
+        gas_delay_s=-sum_pairwise(free_s[config.gas_slots]),
+    )
+
+
+def _of_gas(values: jax.Array, vehicles: Vehicles, config: EnvConfig) -> list[jax.Array]:
+    """The values `(N,)` of each kind of vehicle with fuel, `(gas slots,)`, 0 elsewhere."""
+    kind, values = vehicles.kind[config.gas_slots], values[config.gas_slots]
+    return [jnp.where(kind == each, values, 0) for each in GAS_KINDS]
