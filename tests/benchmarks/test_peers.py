@@ -107,15 +107,14 @@ def test_demand_and_drivers_are_those_of_medjax(workload):
     ramps = [rate for name, rate in rates.items() if name.startswith("ramp")]
     assert main == pytest.approx([650.0] * 4, rel=1e-4)
     assert ramps == pytest.approx([250.0] * 4, rel=1e-4)
-    human, autonomous, gas = root.iter("vType")
-    shares = [float(kind.get("probability")) for kind in (human, autonomous, gas)]
-    assert shares == pytest.approx([0.06, 0.06, 0.88])
-    assert [float(kind.get("tau")) for kind in (human, autonomous, gas)] == pytest.approx(
-        [1.4, 1.2, 1.4]
-    )
+    kinds = _, _, gas, lorry = list(root.iter("vType"))
+    shares = [float(kind.get("probability")) for kind in kinds]
+    assert shares == pytest.approx([0.06, 0.06, 0.88, 0.0])
+    assert [float(kind.get("tau")) for kind in kinds] == pytest.approx([1.4, 1.2, 1.4, 2.0])
     names = ("minGap", "accel", "decel", "emergencyDecel", "length")
     assert [float(gas.get(name)) for name in names] == pytest.approx([2.0, 1.4, 2.0, 9.0, 5.0])
-    assert {kind.get("carFollowModel") for kind in (human, autonomous, gas)} == {"IDM"}
+    assert float(lorry.get("length")) == 16.5
+    assert {kind.get("carFollowModel") for kind in kinds} == {"IDM"}
 
 
 @pytest.fixture(scope="module")

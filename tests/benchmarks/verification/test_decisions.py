@@ -16,6 +16,7 @@ from benchmarks.verification.invariants import (
     check_state,
     check_tick,
     count,
+    stands_open,
 )
 from medjax.world.kinds import GAS, KINDS
 from medjax.world.params import EnvConfig
@@ -46,6 +47,7 @@ def still():
         x=vehicles.x.at[slots].set(jnp.array([500.0, 498.0, 499.0, 300.0, 320.0])),
         lane=vehicles.lane.at[slots].set(jnp.array([2, 1, 3, 0, 0])),
         speed=jnp.zeros_like(vehicles.speed),
+        destination=jnp.full_like(vehicles.x, params.road.length_m),
     )
     free = jnp.full((4,), NOT_BOOKED)
     evs = evs.replace(
@@ -217,7 +219,7 @@ def closing(still, after=None, obs=0.0, reward=0.0, terms=None, tally=None, last
     """What is violated in a decision in which nothing happens, but for what is given."""
     state, config, params = still
     params = params.replace(reward_weights=dict.fromkeys(params.reward_weights, 0.0))
-    books = entry_books(state, state)
+    books = entry_books(state, state, params.road.length_m)
     tally = Tally.zeros().replace(**tally or {})
     after = after or state.replace(tally=state.tally + tally)
     terms = dict.fromkeys(params.reward_weights, jnp.zeros(())) | (terms or {})
@@ -248,10 +250,25 @@ def test_a_wrong_outcome_is_found(still):
     assert closing(still, after=set_at(state, "meds.energy_j", 1, 1.0)) == {"energy": 1}
 
 
+def test_who_stands_on_an_open_road_is_seen(still):
+    """Gas vehicle 0 and those beside the MED, with nobody ahead; EV 2 stands 15 m behind, and one without energy may."""
+    state, config, params = still
+
+    def standing(state):
+        return set(jnp.flatnonzero(stands_open(state, config, params)).tolist())
+
+    assert standing(state) == {0, 2, 3, 6}
+    assert standing(set_at(state, "vehicles.speed", 6, 0.6)) == {0, 2, 3}
+    assert standing(set_at(state, "evs.is_depleted", 0, True)) == {0, 3, 6}
+    assert standing(set_at(state, "vehicles.x", 6, 380.0)) == {0, 2, 3, 4, 6}
+    assert standing(set_at(state, "vehicles.lane", 6, config.num_lanes)) == {0, 2, 3, 4}
+
+
 def test_every_invariant_is_shown_to_fail():
     """No invariant without a fault above that violates it."""
     shown = set()
     for test in (test_a_wrong_state_is_found, test_a_wrong_tick_is_found):
         (mark,) = [mark for mark in test.pytestmark if mark.name == "parametrize"]
         shown |= {fault[-1] for fault in mark.args[1]}
-    assert shown | {"overlap", "passed", "reward", "tally"} == set(INVARIANTS)
+    others = {"overlap", "passed", "reward", "tally", "standing"}
+    assert shown | others == set(INVARIANTS)
