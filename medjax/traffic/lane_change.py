@@ -246,7 +246,9 @@ def decide(
     early = (desire > COURTEOUS_DESIRE) & (desire < HASTY_DESIRE)
     gains = acceleration > 0.25 * own.max_acceleration
     waits = early & gains & look.has_follower & (own.speed < EVEN_SPEED * look.follower.speed)
-    goes = wish.may & _is_safe(look, params) & wants & moves & ~waits
+    # One that comes over from there is let in; nobody who need not changes places with it.
+    crosses = (look.stake > 0.0) & (desire <= 0.0)
+    goes = wish.may & _is_safe(look, params) & wants & moves & ~waits & ~crosses
 
     concerned = look.has_leader & (look.stake > COURTEOUS_DESIRE)
     courtesy = _courtesy(own, look.leader, look.own_after, concerned, params)

@@ -25,6 +25,7 @@ from medjax.traffic.following import (
     spare_headway,
 )
 from medjax.traffic.lane_change import (
+    COURTEOUS_DESIRE,
     GOES,
     Follow,
     Situation,
@@ -46,8 +47,9 @@ from medjax.traffic.road import merge_distance
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, EnvState, Tally, Vehicles
 
-# What is ordered, or still far off, is so urgent: enough to be mandatory, too little to ask anyone for room.
-ORDERED_DESIRE = 0.25
+# What is ordered, or still far off, is so urgent: just enough that others make room, or two MEDs side by side would
+# stay so for good.
+ORDERED_DESIRE = 1.01 * COURTEOUS_DESIRE
 
 
 class Orders(NamedTuple):
