@@ -9,7 +9,7 @@ import pytest
 
 import medjax
 from medjax.world.charging_params import CoilDesign
-from medjax.world.params import WEIGHTS
+from medjax.world.params import PRICES, WEIGHTS
 from tests.train.probe_envs import Probe, ProbeParams
 
 ROOT = Path(__file__).parent.parent
@@ -113,7 +113,7 @@ def test_parameter_table_matches_the_presets(paper):
             (other for other in (env.config, CoilDesign()) if hasattr(other, name)), holder
         )
         if isinstance(holder, dict):  # weights; those of another reward are not among this preset's
-            holder = SimpleNamespace(**{leaf: holder.get(leaf, WEIGHTS[leaf].default)})
+            holder = SimpleNamespace(**{leaf: holder.get(leaf, (WEIGHTS | PRICES)[leaf].default)})
         value = np.atleast_1d(getattr(holder, leaf))
         stated = [float(number) for number in text.split(",") if number.strip() != "none"]
         np.testing.assert_allclose(*np.broadcast_arrays(stated, value), rtol=1e-3)

@@ -95,7 +95,9 @@ def _road(draw: _Draw, config: EnvConfig) -> groups.RoadParams:
         ramp_x_m=(places + order * spaced[..., None]).astype(np.float32),
         acceleration_lane_m=merge,
         exit_lane_m=leave,
-        exit_x_m=leave[..., None] + np.sort(exits, axis=-1) * (0.99 * (length - leave))[..., None],
+        exit_x_m=(
+            leave[..., None] + np.sort(exits, axis=-1) * (0.99 * (length - leave))[..., None]
+        ).astype(np.float32),
         exit_notice_m=draw(0.0, 1000.0),
         slope=draw(-0.06, 0.06),
         air_density=draw(0.8, 1.4),

@@ -74,7 +74,7 @@ def periodic(env: Environment) -> Policy:
     return _of_highway(env, act)
 
 
-def paced(env: Environment, interval_s: float = 34.0, ramp: int = 1) -> Policy:
+def paced(env: Environment, interval_s: float = 32.0, ramp: int = 1) -> Policy:
     """One MED every interval_s, always from the same ramp.
 
     The defaults are those that do best on `paper`: `python -m benchmarks.tune` compares them.
@@ -126,7 +126,7 @@ def greedy(env: Environment) -> Policy:
     return _where_needed(env, lambda state, params: stranded_need(state, env.config, params), 2.0)
 
 
-def forecast(env: Environment, window_s: float = 60.0, enough: float = 3.5) -> Policy:
+def forecast(env: Environment, window_s: float = 60.0, enough: float = 5.0) -> Policy:
     """Sends a MED where most EVs will be in need of it (`forecast_need`), once `enough` are.
 
     The defaults are those that do best on `paper`: `python -m benchmarks.tune` compares them.

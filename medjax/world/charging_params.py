@@ -22,7 +22,7 @@ class FleetParams(struct.PyTreeNode):
         15, 0, 64, "", "MEDs in the depot at first, at most `num_meds`; paper", whole=True
     )
     cooldown_s: Scalar = number(
-        5.0, 0, 1e6, "s", "between two dispatches; chosen; the paper leaves its length to the user"
+        20.0, 0, 1e6, "s", "between two dispatches; chosen; the paper leaves its length to the user"
     )
     turnaround_s: Scalar = number(
         math.inf,
@@ -42,7 +42,11 @@ class FleetParams(struct.PyTreeNode):
         "a MED leaves at the first exit after so long a way; inf: at the road's end, or when it is empty",
     )
     service_speed: Scalar = number(
-        18.0, 1, 100, "m/s", "chosen: EVs use half as much as at 30 m/s, and traffic can pass"
+        22.0,
+        1,
+        100,
+        "m/s",
+        "a lorry's; with it the best rule does what the paper claims (docs/paper.md)",
     )
     service_lane: jax.Array | int = number(
         2, 0, 5, "", "a lane with one on either side", whole=True

@@ -132,11 +132,9 @@ def as_numbers(value: Any) -> np.ndarray | None:
     """Real numbers as an array of them, None for anything else; text and booleans are no numbers."""
     if isinstance(value, list | tuple):
         shape = _shape_of_list(value)
-        if len(shape) == 2:
-            flat = as_numbers([item for row in value for item in row])
-            return None if flat is None else flat.reshape(shape)
-        numbers = [_as_number(item) for item in value]
-        return None if None in numbers else np.array(numbers, np.float64)
+        items = value if len(shape) == 1 else [item for row in value for item in row]
+        numbers = [_as_number(item) for item in items]
+        return None if None in numbers else np.array(numbers, np.float64).reshape(shape)
     number = _as_number(value)
     if number is not None:
         return np.asarray(number)

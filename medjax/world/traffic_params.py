@@ -113,7 +113,7 @@ class DriverParams(struct.PyTreeNode):
     """Car-following and body parameters, each `(num_kinds,)`; and how EVs' drivers answer a low charge."""
 
     desired_speed: jax.Array = number(
-        (18.0, 30.0, 30.0, 30.0, 23.6),
+        (22.0, 30.0, 30.0, 30.0, 23.6),
         1,
         100,
         "m/s",

@@ -80,10 +80,10 @@ def test_periodic_spreads_the_fleet(episodes):
 
 
 def test_paced_sends_from_the_first_ramp(episodes):
-    """One every 34 decisions until all 15 are sent."""
+    """One every 32 decisions until all 15 are sent."""
     action, _, _ = episodes["paced"]
     expected = np.zeros(600)
-    expected[np.arange(15) * 34] = 1
+    expected[np.arange(15) * 32] = 1
     np.testing.assert_array_equal(action, np.broadcast_to(expected, action.shape))
 
 
@@ -130,7 +130,7 @@ def test_forecast_counts_who_will_run_out(paper):
     capacity = float(params.ev_capacity_j)
     active, x = np.asarray(state.vehicles.active), np.asarray(state.vehicles.x)
     status, place = np.asarray(state.meds.status), np.array([100.0, 1200.0, 2100.0, 3200.0])
-    closing = 30.0 - 18.0
+    closing = 30.0 - 22.0
     expected = np.zeros(4)
     for ramp, at in enumerate(place):
         for ev in range(40):
@@ -162,7 +162,7 @@ def test_slow_is_a_control_without_meds_on_the_same_seeds():
         "paper",
         episode_decisions=60,
         eco_compliance=1.0,
-        eco_speed=18.0,
+        eco_speed=22.0,
         eco_soc=0.4,
         eco_horizon_m=float("inf"),
     )

@@ -16,7 +16,7 @@ KIND_FIELDS = (
     "vehicle_length",
 )
 # How urgent it is to a MED to be in its service lane, to an EV to be in its slot.
-ORDERED, PRESSING = 0.25, 0.65
+ORDERED, PRESSING = 0.303, 0.65
 
 
 def put(state, slots, x, lane, speed, desired):

@@ -294,4 +294,4 @@ def test_all_change_to_the_side_of_the_tick(continued):
             number = first + tick
             side = road.lane[tick + 1, slot] - road.lane[tick, slot]
             assert side == (-1 if number % 2 == 0 else 1)
-            assert slot % 2 == number // 2 % 2
+            assert slot // -(-road.lane.shape[1] // 2) == number // 2 % 2

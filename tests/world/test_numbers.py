@@ -13,7 +13,17 @@ from docs.parameters import PAGE, written
 from medjax.env.reward import MONEY, TERMS
 from medjax.scenarios import prepare
 from medjax.world.checks import check_numbers
-from medjax.world.params import COILS, GROUPS, OTHERS, SIZES, WEIGHT, WEIGHTS, EnvConfig, EnvParams
+from medjax.world.params import (
+    COILS,
+    GROUPS,
+    OTHERS,
+    PRICES,
+    SIZES,
+    WEIGHT,
+    WEIGHTS,
+    EnvConfig,
+    EnvParams,
+)
 from tests.documented import NUMBERS
 
 ALL = {**TERMS, **MONEY}  # a reward that has all weights
@@ -53,7 +63,7 @@ def forms(value):
 
 
 def accepted(name, value):
-    env, params, coils = prepare(reward=ALL, **{name: value}, **BESIDE.get(name, {}))
+    env, params, coils = prepare(**{"reward": ALL, name: value, **BESIDE.get(name, {})})
     group, _, leaf = name.rpartition(".")
     holder = getattr(params, group) if group else params
     for owner in (env.config, coils, holder):
@@ -130,7 +140,7 @@ def test_every_field_has_a_range():
     for field in dataclasses.fields(EnvParams):
         holder = getattr(params, field.name)
         if field.name == "reward_weights":
-            stated |= {f"reward_weights.{term}": WEIGHT for term in WEIGHTS}
+            stated |= {f"reward_weights.{term}": WEIGHT for term in WEIGHTS | PRICES}
         elif dataclasses.is_dataclass(holder):
             leaves = {leaf.name for leaf in dataclasses.fields(holder)} - {"inductance"}
             assert set(GROUPS[field.name]) == leaves
