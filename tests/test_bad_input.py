@@ -33,7 +33,7 @@ def overrides_of(name):
 def test_bad_overrides(name):
     """As an argument of make: number, size, coil or weight."""
     short = name.rpartition(".")[2]
-    # A list of places says how many ramps or exits there are, one of factors how many periods; it may be refused for that.
+    # A list says how many ramps, exits or periods there are, and may be refused for that.
     counted = {"ramp_x_m": "ramp", "exit_x_m": "exit", "profile": "period"}
     assert not not_refused(overrides_of(name), counted.get(short, short))
 

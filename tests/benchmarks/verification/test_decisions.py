@@ -251,7 +251,7 @@ def test_a_wrong_outcome_is_found(still):
 
 
 def test_who_stands_on_an_open_road_is_seen(still):
-    """Gas vehicle 0 and those beside the MED, with nobody ahead; EV 2 stands 15 m behind, and one without energy may."""
+    """Gas vehicle 0 and those beside the MED, with nobody ahead; EV 2 stands 15 m behind; without energy one may."""
     state, config, params = still
 
     def standing(state):
