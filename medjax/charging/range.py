@@ -76,5 +76,8 @@ def answering(state: EnvState, config: EnvConfig, params: EnvParams) -> EnvState
     )
     is_low = evs.energy_j < drivers.eco_soc * params.ev_capacity_j
     slows = evs.complies & is_low & (evs.med == NOT_BOOKED)
-    desired = vehicles.desired_speed.at[slots].set(jnp.where(slows, speed, own))
+    everyone = vehicles.desired_speed
+    desired = config.by_slot(
+        everyone[config.med_slots], jnp.where(slows, speed, own), everyone[config.gas_slots]
+    )
     return state.replace(vehicles=vehicles.replace(desired_speed=desired))
