@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from medjax.env.reward import TERMS
+from medjax.env.reward import REWARDS
 from medjax.world.charging_params import CoilDesign
 from medjax.world.numbers import Number
-from medjax.world.params import COILS, GROUPS, OTHERS, SIZES, WEIGHT, WEIGHTS, EnvConfig
+from medjax.world.params import COILS, GROUPS, OTHERS, PRICES, SIZES, WEIGHT, WEIGHTS, EnvConfig
 from medjax.world.presets import SCENARIOS
 
 PAGE = Path(__file__).with_suffix(".md")
@@ -24,7 +24,7 @@ BODIES = ("ev", "med")
 def _shown(value: Any) -> str:
     """A number, or those of an array; one stands for all of the same."""
     texts = [f"{number:.6g}" for number in np.ravel(value)]
-    return texts[0] if len(set(texts)) == 1 else ", ".join(texts)
+    return texts[0] if len(set(texts)) == 1 else ", ".join(texts) or "none"
 
 
 def _row(name: str, value: Any, declared: Number, body: int = 0) -> str:
@@ -42,8 +42,8 @@ def _rows(group: str) -> Iterator[str]:
     elif group == "coils":
         yield from (_row(name, getattr(coils, name), COILS[name]) for name in COILS)
     elif group == "reward_weights":
-        for term in TERMS:
-            declared = WEIGHTS.get(term, WEIGHT)
+        for term in (term for terms in REWARDS.values() for term in terms):
+            declared = (WEIGHTS | PRICES).get(term, WEIGHT)
             yield _row(f"{group}.{term}", declared.default, declared)
     elif group in OTHERS:
         yield _row(group, getattr(params, group), OTHERS[group])

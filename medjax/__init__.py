@@ -15,9 +15,19 @@ if TYPE_CHECKING:
     from medjax.env.reward import TERMS
     from medjax.policies.rules import BASELINES
     from medjax.scenarios import SCENARIOS, make
+    from medjax.world.detectors import read_detectors
     from medjax.world.params import EnvConfig, EnvParams
 
-__all__ = ["BASELINES", "SCENARIOS", "TERMS", "ChargingEnv", "EnvConfig", "EnvParams", "make"]
+__all__ = [
+    "BASELINES",
+    "SCENARIOS",
+    "TERMS",
+    "ChargingEnv",
+    "EnvConfig",
+    "EnvParams",
+    "make",
+    "read_detectors",
+]
 __version__ = "0.1.0"
 
 _HOMES = {
@@ -28,6 +38,7 @@ _HOMES = {
     "EnvConfig": "world.params",
     "EnvParams": "world.params",
     "make": "scenarios",
+    "read_detectors": "world.detectors",
 }
 
 

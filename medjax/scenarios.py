@@ -9,17 +9,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from medjax.charging.link import Coupling, coupling_efficiency
+from medjax.charging.link import Coupling, couple
 from medjax.env.charging_env import ChargingEnv
 from medjax.env.observation import OBSERVATIONS
-from medjax.env.reward import TERMS, RewardTerm
+from medjax.env.reward import REWARDS, TERMS, RewardTerm
 from medjax.errors import MOST_SHOWN, InputError, shown
 from medjax.traffic.following import CarFollowing
-from medjax.traffic.idm import STANDARD_IDM
+from medjax.traffic.idm import IDM_PLUS
 from medjax.world.charging_params import CoilDesign, build_link
 from medjax.world.checks import check_numbers
 from medjax.world.numbers import as_numbers, read_number
-from medjax.world.params import COILS, SIZES, EnvParams
+from medjax.world.params import COILS, PRICES, SIZES, EnvParams
 from medjax.world.presets import PLACES, SCENARIOS, Recipe, change_numbers
 
 __all__ = ["SCENARIOS", "CoilDesign", "build_link", "make", "prepare"]
@@ -68,10 +68,14 @@ def _sort(overrides: Mapping[str, Any]) -> tuple[dict[Any, Any], ...]:
 
 
 def _terms(reward: Any) -> Mapping[str, RewardTerm]:
-    """The reward's terms: those that come with medjax, or one's own."""
-    if reward is None:
-        return TERMS
-    _check(isinstance(reward, Mapping), "reward", reward, "functions by name")
+    """The reward's terms: a set that comes with medjax, by its name, or one's own."""
+    if isinstance(reward, str):
+        if reward not in REWARDS:
+            raise _unknown("reward", reward, list(REWARDS))
+        return REWARDS[reward]
+    _check(
+        isinstance(reward, Mapping), "reward", reward, f"{', '.join(REWARDS)}, or functions by name"
+    )
     for term, function in reward.items():
         is_term = isinstance(term, str) and callable(function)
         _check(is_term, f"reward[{shown(term)}]", function, "a function")
@@ -91,19 +95,33 @@ def _observation(given: Any) -> Any:
 
 def _models(following: Any, coupling: Any) -> tuple[CarFollowing, Coupling]:
     """Car following and the coils' efficiency: IDM and that of the circuit, or one's own."""
-    following = STANDARD_IDM if following is None else following
-    coupling = coupling_efficiency if coupling is None else coupling
-    methods = [getattr(following, name, None) for name in ("constants", "prepare", "acceleration")]
+    following = IDM_PLUS if following is None else following
+    coupling = couple if coupling is None else coupling
+    methods = [getattr(following, name, None) for name in ("prepare", "acceleration")]
     is_model = not isinstance(following, type) and all(map(callable, methods))
     _check(is_model, "following", following, "a model, such as IDM()")
     _check(callable(coupling), "coupling", coupling, "a function")
     return following, coupling
 
 
+def _profile(numbers: dict[Any, Any], sizes: dict[Any, Any]) -> np.ndarray | None:
+    """Takes the profile out of the numbers if it has one factor a period, for all entries; and counts its periods."""
+    name = "profile" if "profile" in numbers else "demand.profile"
+    profile = as_numbers(numbers.get(name))
+    if profile is None or not profile.ndim:
+        return None
+    sizes.setdefault("num_periods", len(profile))
+    if profile.ndim > 1:
+        return None
+    del numbers[name]
+    return profile
+
+
 def prepare(
     name: str = "paper",
     *,
-    reward: Mapping[str, RewardTerm] | None = None,
+    demand: Mapping[str, Any] | None = None,
+    reward: str | Mapping[str, RewardTerm] | None = None,
     observation: Any = "flat",
     following: CarFollowing | None = None,
     coupling: Coupling | None = None,
@@ -119,14 +137,25 @@ def prepare(
     """
     if not isinstance(name, str) or name not in SCENARIOS:
         raise _unknown("scenario", name, list(SCENARIOS))
-    terms, seen = _terms(reward), _observation(observation)
+    terms = _terms(SCENARIOS[name].reward if reward is None else reward)
+    seen = _observation(observation)
+    if demand is not None:
+        _check(
+            isinstance(demand, Mapping), "demand", demand, "numbers by name, as of read_detectors"
+        )
+        overrides = {**demand, **overrides}
     sizes, numbers, coils, weights = _sort(overrides)
-    ramp_x_m: Any = numbers.get("ramp_x_m", numbers.get("road.ramp_x_m"))
-    if isinstance(ramp_x_m, list | tuple) or getattr(ramp_x_m, "ndim", 0) == 1:
-        sizes.setdefault("num_ramps", len(ramp_x_m))
+    for places, size in (("ramp_x_m", "num_ramps"), ("exit_x_m", "num_exits")):
+        given: Any = numbers.get(places, numbers.get(f"road.{places}"))
+        if isinstance(given, list | tuple) or getattr(given, "ndim", 0) == 1:
+            sizes.setdefault(size, len(given))
+    profile = _profile(numbers, sizes)
     config = dataclasses.replace(SCENARIOS[name].config, **sizes)
+    if profile is not None:
+        numbers["demand.profile"] = np.repeat(profile[:, None], 1 + config.num_ramps, axis=1)
     params = SCENARIOS[name].params(config)
-    known = {term: params.reward_weights.get(term, float(term not in TERMS)) for term in terms}
+    given = {term: price.default for term, price in PRICES.items()} | params.reward_weights
+    known = {term: given.get(term, float(term not in TERMS)) for term in terms}
     for term in weights:
         if term not in known:
             raise _unknown("reward term", term, list(known))
@@ -144,7 +173,8 @@ def prepare(
 def make(
     name: str = "paper",
     *,
-    reward: Mapping[str, RewardTerm] | None = None,
+    demand: Mapping[str, Any] | None = None,
+    reward: str | Mapping[str, RewardTerm] | None = None,
     observation: Any = "flat",
     following: CarFollowing | None = None,
     coupling: Coupling | None = None,
@@ -154,14 +184,17 @@ def make(
 
     Args:
       name: one of `SCENARIOS`.
-      reward: terms by name; those that come with medjax if None. A term that `reward_weights` of the
+      demand: numbers by name, such as `medjax.read_detectors` returns; what is given by name itself goes before them.
+      reward: a set of terms by its name (`medjax.env.reward.REWARDS`: "paper", "money"), or functions by name; that of
+        the preset if None. A term that `reward_weights` of the
         preset does not know gets weight 0 if it is one of `medjax.TERMS`, and 1 if it is your own.
       observation: a name of `medjax.env.observation.OBSERVATIONS`, or one of your own (`ChargingEnv`).
       following: car-following model, IDM if None; `medjax.traffic.following.CarFollowing`.
       coupling: efficiency of the coils, that of the circuit if None; `medjax.charging.link.COUPLINGS` has others.
       **overrides: sizes of `EnvConfig` (`num_evs=80`), numbers of `EnvParams` by their own name (`cooldown_s=30`), by
         group and name where that is not unique (`{"ev.mass_kg": 2000}`), the coils (`med_coil_radius_m=0.4`), or
-        `reward_weights={"dispatches": -1.0}`. `ramp_x_m` says how many ramps there are where `num_ramps` does not.
+        `reward_weights={"dispatches": -1.0}`. `ramp_x_m` and `exit_x_m` say how many ramps and exits there are where
+        `num_ramps` and `num_exits` do not, and `profile` how many periods.
 
     Returns:
       (env, params); params are float32 and int32 arrays, ready to be batched. `env.recipe` says how they were made.
@@ -170,7 +203,7 @@ def make(
       InputError: one line; an unknown scenario or name, or a value that is not allowed.
     """
     own: dict[str, Any] = {"reward": reward, "observation": observation}
-    own |= {"following": following, "coupling": coupling}
+    own |= {"following": following, "coupling": coupling, "demand": demand}
     env, params, coils = prepare(name, **own, **overrides)
     link = build_link(coils, params.link)
     table = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), link.inductance)

@@ -33,8 +33,9 @@ def overrides_of(name):
 def test_bad_overrides(name):
     """As an argument of make: number, size, coil or weight."""
     short = name.rpartition(".")[2]
-    # A list of places says how many ramps there are, and may be refused for that.
-    assert not not_refused(overrides_of(name), "ramp" if short == "ramp_x_m" else short)
+    # A list says how many ramps, exits or periods there are, and may be refused for that.
+    counted = {"ramp_x_m": "ramp", "exit_x_m": "exit", "profile": "period"}
+    assert not not_refused(overrides_of(name), counted.get(short, short))
 
 
 def sizes_of(name):

@@ -19,7 +19,10 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 )
 def test_a_ramp_begins_beyond_those_who_stand_at_the_end_of_the_one_before(apart, longest, valid):
     """Lanes of 250 m: a newcomer reaches back by its length, at most that of the longest."""
-    overrides = {"ramp_x_m": [100.0, 100.0 + apart], "vehicle_length": [longest, 5.0, 5.0, 5.0]}
+    overrides = {
+        "ramp_x_m": [100.0, 100.0 + apart],
+        "vehicle_length": [longest, 5.0, 5.0, 5.0, 5.0],
+    }
     if valid:
         medjax.make("paper", **overrides)
         return

@@ -31,6 +31,7 @@ NUM_ENVS = 128
 MOST = EnvConfig(
     num_lanes=6,
     num_ramps=8,
+    num_exits=4,
     num_meds=40,
     num_evs=40,
     num_gas=160,
@@ -99,6 +100,7 @@ def test_cases_reach_all_sizes():
     configs = [draw_config(0, number) for number in range(soak.CASES)]
     assert {c.num_lanes for c in configs} == set(range(1, 7))
     assert {0, 8} <= {c.num_ramps for c in configs}
+    assert {0, 4} <= {c.num_exits for c in configs}
     assert min(c.tick_s for c in configs) == 0.05
     assert max(c.tick_s for c in configs) == 0.5
     assert max(c.num_meds for c in configs) > 35

@@ -65,8 +65,10 @@ def play(env, params, policy, decisions):
         pairs = v.active[order][1:] & v.active[order][:-1] & (lane[1:] == lane[:-1])
         soc = state.evs.energy_j / params.ev_capacity_j
         med_soc = state.meds.energy_j / params.med_capacity_j
+        # Who runs out is counted at once, and is on the road until it is on the shoulder.
+        rolling = jnp.sum(v.active[config.ev_slots] & state.evs.is_depleted)
         lost = by_class(tally.entered - tally.left) - on_road
-        lost -= jnp.array([0.0, 1.0, 0.0]) * tally.depleted
+        lost -= jnp.array([0.0, 1.0, 0.0]) * (tally.depleted - rolling)
         floats = [leaf for leaf in jax.tree.leaves((obs, state, reward)) if leaf.dtype == x.dtype]
         seats = panel_flags(state.evs.med, state.evs.panel, state.evs.med >= 0, config.num_meds)
         wrong = {

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.charging.docking import docking_acceleration
+from medjax.charging.docking import approach_pace, docking_acceleration
 from medjax.charging.energy import drive_energy
-from medjax.charging.link import coupling_efficiency, misalignment
+from medjax.charging.link import couple, misalignment
 from medjax.env.dispatch import advance_clocks
 from medjax.env.tick import physics_tick
 from medjax.traffic.motion import ballistic_step
@@ -71,7 +71,8 @@ def place_in_slot(start_m, speed, params, x_type):
 
     def tick(carry, _):
         med_x, x, v = carry
-        command = docking_acceleration(x, v, med_x, speed, jnp.full_like(v, 2.0), charging)
+        pace = approach_pace(med_x - x, speed, charging.approach_speed, 0.0, charging)
+        command = docking_acceleration(v, pace, jnp.full_like(v, 2.0), charging)
         x, v = ballistic_step(x, v, command, TICK_S)
         return (ballistic_step(med_x, speed, jnp.zeros_like(v), TICK_S)[0], x, v), None
 
@@ -100,7 +101,7 @@ def test_the_coil_hardly_sees_it(long):
     along = jnp.array([0.0, off, -off])
     for panel in (LEFT, FRONT):
         seen = misalignment(jnp.full(3, panel), along, 0.0, 0.0, params.link.panel_gap_m)
-        efficiency = np.asarray(coupling_efficiency(seen, params.link))
+        efficiency = np.asarray(couple(seen, params.link).efficiency)
         assert efficiency.min() > 0.95 * efficiency[0]
 
 
@@ -159,7 +160,7 @@ def test_a_clock_runs_down_in_time(tick_s, ticks):
         clock, count = carry
         count += clock > 0.0
         return (
-            advance_clocks(state.replace(cooldown_s=clock), env.config, params).cooldown_s,
+            advance_clocks(state.replace(cooldown_s=clock), env.config, params)[0].cooldown_s,
             count,
         ), None
 
@@ -251,8 +252,9 @@ def test_ten_minutes_of_charging_at_the_far_end_against_float64():
     speed = narrow.vehicles.speed[:, 0].astype(np.float64)
     med = jax.tree.map(float, params.med)
     with jax.enable_x64(True):
-        driven = np.asarray(drive_energy(speed[:-1], speed[1:], med, TICK_S)).sum()
+        driven = np.asarray(drive_energy(speed[:-1], speed[1:], med, params.road, TICK_S)).sum()
     sent = books.energy_sent_j[1:].astype(np.float64).sum()
     spent = float(narrow.meds.energy_j[0, 0]) - float(narrow.meds.energy_j[-1, 0])
     assert spent == pytest.approx(driven + sent, rel=5e-6)
-    assert sent == pytest.approx(true.energy_sent_j[1:].sum(), rel=1e-6)
+    # On the way into the slot the coil's current bounds the power, by where exactly the EV is.
+    assert sent == pytest.approx(true.energy_sent_j[1:].sum(), rel=5e-4)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.charging.link import COUPLINGS, coupling_efficiency
+from medjax.charging.link import COUPLINGS, couple
 from medjax.physics import mutual_inductance
-from medjax.traffic.idm import IDM, STANDARD_IDM
+from medjax.traffic.idm import IDM, IDM_PLUS
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -132,7 +132,7 @@ def test_car_following_and_coupling_are_values():
     assert (env.following, env.coupling) == (model, printed)
     assert (env.recipe.following, env.recipe.coupling) == (model, printed)
     env, _ = medjax.make("paper")
-    assert (env.following, env.coupling) == (STANDARD_IDM, coupling_efficiency)
+    assert (env.following, env.coupling) == (IDM_PLUS, couple)
     assert env.recipe.following is env.recipe.coupling is None
 
 
@@ -141,7 +141,7 @@ def test_the_recipe_makes_the_same_again():
     given = {
         "num_evs": np.int64(30),
         "ramp_x_m": np.array([500, 2500], np.float32),
-        "desired_speed": jnp.full(4, 20.0),
+        "desired_speed": jnp.full(5, 20.0),
         "ramp_per_h": (100, 200.5),
         "turnaround_s": math.inf,
         "ev.mass_kg": jnp.bfloat16(2000),

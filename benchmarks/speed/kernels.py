@@ -29,7 +29,7 @@ from benchmarks.speed.references import (
     neumann,
     road_order,
 )
-from medjax.charging.link import Misalignment, coupling_efficiency
+from medjax.charging.link import Misalignment, couple
 from medjax.errors import InputError
 from medjax.physics import ellipe, ellipk, interpolate_inductance, mutual_inductance
 from medjax.traffic import find_neighbours, sort_by_road
@@ -123,7 +123,7 @@ def coil_rows(link: LinkParams, count: int, repeats: int) -> list[Row]:
     coaxial = np.array([neumann(float(axial), 0.0, 0.0)[0] for axial in position[0, :checked]])
     error = np.abs(np.asarray(value, np.float64)[:checked] - exact) / coaxial
     _, reading = time_calls(interpolate_inductance, link.inductance, *arguments, **calls)
-    efficiency = jax.jit(coupling_efficiency)(Misalignment(*arguments), link)
+    efficiency = jax.jit(couple)(Misalignment(*arguments), link).efficiency
     off = np.abs(np.asarray(efficiency, np.float64)[:checked] - exact_efficiency(exact, link))
     by_neumann = "by coaxial M, Neumann's integral in float64"
     return [

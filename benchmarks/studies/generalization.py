@@ -33,7 +33,7 @@ from train.runs.run_directory import RunDir
 MAIN, OTHER = "paper", "realistic"
 FACTORS = (0.5, 0.75, 1.0, 1.25, 1.5)  # of MAIN's demand
 AT_FACTORS = tuple(f"{MAIN} x {factor:g}" for factor in FACTORS)
-RULES = ("forecast", "paced", "greedy", "none")
+RULES = ("forecast", "paced", "greedy", "slow", "none")
 REFERENCE, NO_ACTION = "forecast", "none"
 # For trained runs; of Okabe and Ito (2008) those that train.reporting.figures gives to few rules; markers differ too.
 RUN_COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#000000")

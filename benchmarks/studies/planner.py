@@ -111,7 +111,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     hold, episodes, seed = options.hold, options.episodes, options.seed
     plan = look_ahead(env, policies[base], options.samples, hold)
     scores = {"planner": play_plans(env, params, plan, policies[base], hold, episodes, seed)}
-    others = {name: policies[name] for name in dict.fromkeys([base, "none"])}
+    others = {name: policies[name] for name in dict.fromkeys([base, "slow", "none"])}
     scores |= evaluate_policies(env, params, others, episodes, seed)
     rows = {}
     print(f"{episodes} episodes of {scenario}, seed {seed}")
@@ -134,7 +134,11 @@ def main(arguments: list[str] | None = None) -> None:
     parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
     add = parser.add_argument
     add("--run-dir", type=a_path, metavar="DIR", help="run whose first learner is improved on")
-    add("--base", choices=list(BASELINES), help="rule that is improved on (default: forecast)")
+    add(
+        "--base",
+        choices=sorted({*BASELINES} - {"slow"}),
+        help="rule that is improved on (default: forecast)",
+    )
     add("--samples", type=whole_number(least=2), default=16, help="futures of each action")
     add("--hold", type=positive, default=16, metavar="N", help="decisions from plan to plan")
     run_command(parser, measure, arguments)

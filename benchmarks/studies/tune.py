@@ -24,7 +24,7 @@ GRID: dict[str, list[dict[str, Any]]] = {
     "forecast": [
         {"window_s": window, "enough": enough}
         for window in (45, 60, 75)
-        for enough in (3.0, 3.5, 4.0, 4.5, 5.0)
+        for enough in (4.0, 4.5, 5.0, 5.5, 6.0, 6.5)
     ],
 }
 

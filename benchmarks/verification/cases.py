@@ -13,7 +13,14 @@ from flax import struct
 
 import medjax
 from benchmarks.verification.decisions import Decision, check_decision
-from benchmarks.verification.invariants import INVARIANTS, Counts, check_standing, count
+from benchmarks.verification.invariants import (
+    INVARIANTS,
+    STANDS_S,
+    Counts,
+    check_standing,
+    count,
+    stands_open,
+)
 from benchmarks.verification.random_worlds import draw_config, draw_params, random_units, validated
 from medjax.env.charging_env import ChargingEnv
 from medjax.world.params import EnvConfig, EnvParams
@@ -32,6 +39,7 @@ class Played(struct.PyTreeNode):
     updates: jax.Array  # (B,) int32, vehicles on the road, summed over ticks
     violations: jax.Array  # (B, len(INVARIANTS)) int32
     first: jax.Array  # (B,) int32, decision of the first violation; -1: at reset; NEVER: none
+    stood_s: jax.Array  # (B, N) s, for how long each vehicle has stood on an open road
 
 
 def in_order(counts: Counts) -> jax.Array:
@@ -75,15 +83,21 @@ def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
             action = random_action(act_key, env.action_mask(before, params), index % 2 == 0)
             obs, state, reward, _, _, info = env.step_env(step_key, before, action, params)
             decided = Decision(before, state, obs, reward, info)
-            found = in_order(check_decision(decided, config, params))
+            stands = stands_open(before, config, params) & stands_open(state, config, params)
+            stood_s = jnp.where(stands, played.stood_s + config.decision_s, 0.0)
+            flags = {"standing": {"for too long": stood_s > STANDS_S}}
+            counts = check_decision(decided, config, params), count(flags)
+            found = jnp.stack([in_order(each) for each in counts]).sum(axis=0)
             return Played(
                 state=state,
                 updates=played.updates + info["tally"].vehicle_ticks.astype(jnp.int32),
                 violations=played.violations + found,
                 first=jnp.minimum(played.first, jnp.where(found.any(), decision, NEVER)),
+                stood_s=stood_s,
             )
 
-        start = Played(state, jnp.zeros((), jnp.int32), found, first)
+        still = jnp.zeros((config.num_vehicles,))
+        start = Played(state, jnp.zeros((), jnp.int32), found, first, still)
         return jax.lax.fori_loop(0, decisions, decide, start)
 
     def play_rows(rows: tuple[jax.Array, EnvParams], same: tuple[Any, ...]) -> Played:

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from benchmarks.verification.books import OF_FLOW, Books, sums_by_class
+from benchmarks.verification.books import total as total_of
 from benchmarks.verification.invariants import (
     Counts,
     Flags,
@@ -23,6 +24,7 @@ from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import AT_DEPOT, RETIRED, EnvState
 
 ROUNDING = 2e-5  # relative, of sums of a decision
+DRIVING = ("ev_driving_j", "ev_cruising_j", "med_driving_j")
 
 
 class Decision(NamedTuple):
@@ -65,6 +67,8 @@ def check_closing(
     numbers = decision.obs, decision.reward, info["tally"], info["metrics"], info["reward_terms"]
     flags = tally_mistakes(books, decision, config, params)
     flags["energy"]["refill"] = after.meds.energy_j != refilled
+    given_j = jnp.sum(jnp.where(home, refilled - last.meds.energy_j - last.meds.rest_j, 0.0))
+    flags["energy"]["depots"] = differs(given_j, info["tally"].depot_energy_j, 1.0)
     return {
         **flags,
         "motion": {"between decisions": jnp.stack([x.any() for x in jax.tree.leaves(same)])},
@@ -95,6 +99,10 @@ def tally_mistakes(
     """Flags where tally, reward and conservation of vehicles differ from the books, by invariant and name."""
     tally, way = decision.info["tally"], resolved_way(books, params)
     scales = {name: way if name.endswith("_m") else 1e-3 for name in Books.__dataclass_fields__}
+    # What differs from the time on the road by little is as exact as that is; nobody means to drive below 1 m/s.
+    scales |= dict.fromkeys(
+        ("ev_delay_s", "gas_delay_s"), books.vehicle_ticks * config.tick_s + way
+    )
     counted = {
         name: differs(getattr(books, name), getattr(tally, name), scale)
         for name, scale in scales.items()
@@ -103,7 +111,10 @@ def tally_mistakes(
     total = decision.after.tally
     sums = jax.tree.map(lambda a, b, c: differs(a + b, c), decision.before.tally, tally, total)
     lost = by_class(total.entered - total.left) - jnp.zeros((3,)).at[1].set(total.depleted)
-    lost = lost != sums_by_class(decision.after.vehicles.active, config)
+    after = decision.after
+    stranded = total_of(after.vehicles.active[config.ev_slots] & after.evs.is_depleted)
+    lost += jnp.zeros((3,)).at[1].set(stranded)  # counted, and still on the road
+    lost = lost != sums_by_class(after.vehicles.active, config)
     return {
         "tally": {
             **counted,
@@ -113,6 +124,7 @@ def tally_mistakes(
         "energy": {
             "sent": outside(books.sent_j, tally.energy_sent_j),
             "received": outside(books.received_j, tally.energy_received_j),
+            **{name: outside(getattr(books, name), getattr(tally, name)) for name in DRIVING},
         },
         "vehicles": {"entered less left and depleted": lost},
         "reward": reward_mistakes(books, decision, config, params),

@@ -13,13 +13,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from benchmarks.verification.books import Books, entry_books, tick_books
+from benchmarks.verification.books import ROUNDING_M, Books, at_exit, entry_books, tick_books
 from medjax.numerics.gathers import read
 from medjax.traffic.demand import entries
 from medjax.world.params import PANELS, EnvConfig, EnvParams
 from medjax.world.state import (
     AT_DEPOT,
     IN_SERVICE,
+    LEAVING,
     MERGING,
     NOT_BOOKED,
     QUEUED,
@@ -34,7 +35,8 @@ INVARIANTS = {
     "speed": "nobody drives backwards",
     "motion": "a vehicle moves by its speeds, one lane at most, and stays who it is",
     "road": "vehicles are on a lane, before the end of the road or of their acceleration lane",
-    "vehicles": "vehicles come by the entries and go by the end or by running out, none is lost",
+    "vehicles": "vehicles come by the entries and go by an exit, the end or without energy, none is lost",
+    "standing": "nobody but without energy stands on a main lane with open road ahead",
     "bookings": "one EV a panel, one panel an EV, both on the road, and kept until it ends",
     "soc": "states of charge are in [0, 1]",
     "energy": "what batteries give, get and spend balances",
@@ -45,8 +47,9 @@ INVARIANTS = {
 Flags = dict[str, dict[str, jax.Array]]  # by invariant, by what was looked at; True: violated
 Counts = dict[str, jax.Array]  # () int32 by invariant, of all of INVARIANTS
 
-# Positions and speeds are float32 of up to thousands: what rounding makes of a tick is far below this.
-ROUNDING_M = 2e-3
+# What rounding makes of positions and speeds in a tick is far below `ROUNDING_M` and this.
+# Who stands so long with so much road ahead waits for nothing.
+STANDS_M_PER_S, OPEN_M, STANDS_S = 0.5, 60.0, 5.0
 ROUNDING = 1e-5  # relative
 
 
@@ -70,9 +73,11 @@ def not_finite(tree: Any) -> dict[str, jax.Array]:
 
 
 def with_finite_waits(state: EnvState) -> EnvState:
-    """The state but for the time to go of a MED that is never ready again: infinite, on purpose."""
-    ready = jnp.where(state.meds.ready_in_s == jnp.inf, 0.0, state.meds.ready_in_s)
-    return state.replace(meds=state.meds.replace(ready_in_s=ready))
+    """The state but for what is infinite on purpose: waits of MEDs that never return, courtesy where none is asked."""
+    waits, courtesy = state.meds.ready_in_s, state.vehicles.courtesy
+    ready, polite = (jnp.where(values == jnp.inf, 0.0, values) for values in (waits, courtesy))
+    vehicles = state.vehicles.replace(courtesy=polite)
+    return state.replace(meds=state.meds.replace(ready_in_s=ready), vehicles=vehicles)
 
 
 def lengths_of(state: EnvState, params: EnvParams) -> jax.Array:
@@ -104,6 +109,19 @@ def check_lanes(before: Vehicles, after: Vehicles, length: jax.Array) -> Flags:
     }
 
 
+def stands_open(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """Who stands on a main lane with OPEN_M of road ahead, though it has energy and its noise lets it, (N,) bool."""
+    vehicles = state.vehicles
+    rear = vehicles.x - lengths_of(state, params)
+    ahead = vehicles.active & (vehicles.lane == vehicles.lane[:, None])
+    ahead &= vehicles.x > vehicles.x[:, None]
+    gap = jnp.min(jnp.where(ahead, rear, jnp.inf), axis=1) - vehicles.x
+    powered = jnp.ones_like(vehicles.active).at[config.ev_slots].set(~state.evs.is_depleted)
+    powered &= params.drivers.max_acceleration[vehicles.kind] + vehicles.acceleration_noise > 0.1
+    stands = vehicles.active & powered & (vehicles.speed < STANDS_M_PER_S)
+    return stands & (vehicles.lane < config.num_lanes) & (gap > OPEN_M)
+
+
 def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
     """What holds at every instant, but for overlaps (`check_lanes`)."""
     vehicles, evs, meds = state.vehicles, state.evs, state.meds
@@ -116,8 +134,8 @@ def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
     on_lane = (lane >= 0) & ((lane < config.num_lanes) | merges)
     inside = (x >= 0.0) & (x <= road.length_m)
 
-    drives = (meds.status == MERGING) | (meds.status == IN_SERVICE)
-    unknown = (meds.status < AT_DEPOT) | (meds.status > RETIRED)
+    drives = (meds.status == MERGING) | (meds.status == IN_SERVICE) | (meds.status == LEAVING)
+    unknown = (meds.status < AT_DEPOT) | (meds.status > LEAVING)
     surplus = (jnp.arange(config.num_meds) >= params.fleet.size) & (meds.status != RETIRED)
 
     booked = evs.med != NOT_BOOKED
@@ -142,6 +160,7 @@ def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
             "MED without panel or the reverse": booked != (panel != NOT_BOOKED),
             "no such panel": booked & ~exists,
             "EV off the road": booked & ~ev_active,
+            "EV without energy": booked & evs.is_depleted,
             "MED not in service": booked & ~serves[med],
             "charges unbooked": evs.is_charging & ~booked,
         },
@@ -149,6 +168,7 @@ def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
             # As energies: a division may round to just above 1.
             "EV": (evs.energy_j < 0.0) | (evs.energy_j > params.ev_capacity_j),
             "MED": (meds.energy_j < 0.0) | (meds.energy_j > med_capacity),
+            "depleted, with energy": ev_active & evs.is_depleted & (evs.energy_j > 0.0),
         },
         "finite": not_finite(with_finite_waits(state)),
     }
@@ -179,6 +199,12 @@ def check_entry(
     slack = ROUNDING * demand.arrival_soc_high
     low, high = demand.arrival_soc_low - slack, demand.arrival_soc_high + slack
     waited = (before.meds.status == QUEUED) | (before.meds.status == AT_DEPOT)
+    to_exit = new.destination - new.x - params.road.exit_lane_m
+    lanes = jnp.maximum(config.num_lanes - new.lane, 1)  # to cross, and one more
+    crosses = lanes * params.lane_change.exit_view_m
+    bound = (new.destination < params.road.length_m) & (to_exit < crosses)
+    departs = begun.meds.status == LEAVING
+    parts = bound[ev_slots] | evs.stops | departs[jnp.maximum(was.med, 0)]
     moved = {field: old.active & (getattr(old, field) != getattr(new, field)) for field in fields}
     flags = {
         "motion": moved,
@@ -188,14 +214,17 @@ def check_entry(
             "queue loses vehicles": begun.queue < before.queue - ordinary,
             "MED out of nowhere": enters[config.med_slots] & ~waited,
         },
-        "bookings": {"changed": ~newcomer & (was.med != NOT_BOOKED) & ~kept},
+        "bookings": {
+            "changed": ~newcomer & (was.med != NOT_BOOKED) & ~kept & (evs.med != NOT_BOOKED),
+            "given up": ~newcomer & (was.med != NOT_BOOKED) & (evs.med == NOT_BOOKED) & ~parts,
+        },
         "energy": {
             "arrival": newcomer & ((arrival < low) | (arrival > high)),
             "EV at rest": ~newcomer & (evs.energy_j != was.energy_j),
             "MED at rest": begun.meds.energy_j != before.meds.energy_j,
         },
     }
-    return flags, entry_books(before, begun)
+    return flags, entry_books(before, begun, params.road.length_m)
 
 
 def check_tick(
@@ -210,8 +239,8 @@ def check_tick(
     jumps = jnp.abs(new.speed - old.speed) > limit * (1.0 + ROUNDING) + ROUNDING
     hop = new.lane - old.lane
     gone = old.active & ~new.active
-    empty = jnp.zeros_like(gone).at[config.ev_slots].set(after.evs.energy_j <= 0.0)
-    past = new.x > params.road.length_m
+    ran_out = jnp.zeros_like(gone).at[config.ev_slots].set(before.evs.is_depleted)
+    past = (new.x > params.road.length_m) | at_exit(new, config, params)
     evs, was = after.evs, before.evs
     kept = (evs.med == was.med) & (evs.panel == was.panel)
     energy, books = tick_books(before, after, config, params)
@@ -228,8 +257,10 @@ def check_tick(
         },
         "vehicles": {
             "appears": new.active & ~old.active,
-            "vanishes": gone & ~(past | empty),
-            "EV without energy": (new.active & empty)[config.ev_slots],
+            "vanishes": gone & ~(past | ran_out),
+            "empty, not depleted": (both[config.ev_slots] & (after.evs.energy_j <= 0.0))
+            & ~after.evs.is_depleted,
+            "gets its energy back": (both & ran_out)[config.ev_slots] & ~after.evs.is_depleted,
         },
         "bookings": {"changed": (evs.med != NOT_BOOKED) & ~kept},
         "energy": energy,

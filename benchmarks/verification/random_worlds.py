@@ -46,13 +46,15 @@ def random_units(rng: np.random.Generator, batch: int) -> Units:
 
 
 def draw_config(seed: int, case: int) -> EnvConfig:
-    """Sizes of case 0, 1, ... of a seed: 1-6 lanes, 0-8 ramps, 0.05-0.5 s, 1-40 MEDs, as evenly as few cases can."""
+    """Sizes of case 0, 1, ... of a seed: 1-6 lanes, 0-8 ramps, 0-4 exits, 0.05-0.5 s, 1-40 MEDs, evenly."""
     start = np.random.default_rng(seed).random(len(STEPS))
     lanes, ramps, tick, ticks, meds, evs, gas = (start + case * STEPS) % 1.0
     num_lanes = 1 + int(6 * lanes)
     return EnvConfig(
         num_lanes=num_lanes,
         num_ramps=int(9 * ramps),
+        num_exits=int(5 * ((lanes + ramps) % 1.0)),
+        num_periods=1 + int(3 * ((evs + gas) % 1.0)),
         tick_s=round(float(0.05 + 0.45 * reach_ends(tick, 0.15)), 3),
         ticks_per_decision=1 + int(8 * ticks),
         num_meds=1 + int(40 * meds),
@@ -83,12 +85,22 @@ def _road(draw: _Draw, config: EnvConfig) -> groups.RoadParams:
     length = draw(shortest, np.maximum(4000.0, shortest))
     spare = (0.999 * (length - spaced * config.num_ramps))[..., None]
     order = np.arange(config.num_ramps)
+    leave = draw(20.0, 0.5 * length)
+    # One in each part of the road, so that no two are at one place.
+    exits = (np.arange(config.num_exits) + draw(0.0, 0.9, config.num_exits)) / config.num_exits
     places = np.sort(draw(0.0, 1.0, config.num_ramps), axis=-1) * np.maximum(spare, 0.0)
     return groups.RoadParams(
         length_m=length,
         lane_width_m=draw(2.5, 5.0),
         ramp_x_m=(places + order * spaced[..., None]).astype(np.float32),
         acceleration_lane_m=merge,
+        exit_lane_m=leave,
+        exit_x_m=(
+            leave[..., None] + np.sort(exits, axis=-1) * (0.99 * (length - leave))[..., None]
+        ).astype(np.float32),
+        exit_notice_m=draw(0.0, 1000.0),
+        slope=draw(-0.06, 0.06),
+        air_density=draw(0.8, 1.4),
     )
 
 
@@ -102,6 +114,11 @@ def _demand(draw: _Draw, config: EnvConfig) -> groups.DemandParams:
         arrival_soc_low=soc[..., 0],
         arrival_soc_high=soc[..., 1],
         ramp_speed=draw(3.0, 25.0),
+        lorry_share=draw(0.0, 1.0),
+        exit_share=draw(0.0, 1.0, config.num_exits),
+        profile=draw(0.0, 1.0, config.num_periods, 1 + config.num_ramps),
+        period_s=draw(5.0, 60.0),
+        start_s=draw(0.0, 60.0),
     )
 
 
@@ -119,6 +136,10 @@ def _drivers(draw: _Draw, config: EnvConfig) -> groups.DriverParams:
         acceleration_noise=draw(0.0, 0.3, kinds),
         lateral_wander=draw(0.0, 0.4, kinds),
         vehicle_length=draw(3.0, LONGEST_M, kinds),
+        eco_compliance=draw(0.0, 1.0),
+        eco_speed=draw(5.0, 35.0),
+        eco_horizon_m=draw(0.0, 50e3),
+        eco_soc=draw(0.0, 1.0),
     )
 
 
@@ -126,6 +147,7 @@ def _charging(draw: _Draw, config: EnvConfig) -> groups.ChargingParams:
     soc: Any = np.sort(draw(0.0, 1.0, 2), axis=-1)
     return groups.ChargingParams(
         request_soc=soc[..., 0],
+        stop_soc=draw(0.0, 0.5),
         target_soc=soc[..., 1],
         reach_ahead_m=draw(0.0, 2000.0),
         reach_behind_m=draw(0.0, 1000.0),
@@ -141,6 +163,10 @@ def _charging(draw: _Draw, config: EnvConfig) -> groups.ChargingParams:
         dock_speed_tolerance=draw(0.1, 2.0),
         hold_tolerance_m=draw(0.1, 4.0),
         slot_power_w=draw(0.0, 200e3),
+        taper_soc=draw(0.0, 1.0),
+        slowest_share=draw(0.2, 1.0),
+        depleted_blocks=draw.whole(0, 1),
+        tow_s=draw(0.0, 120.0),
     )
 
 
@@ -158,6 +184,11 @@ def _body(draw: _Draw, mass: tuple[float, float], area: float, pack: float) -> g
     )
 
 
+def _or_inf(draw: _Draw, value: Any) -> Any:
+    """The value, or infinity in three of ten worlds."""
+    return np.where(draw(0.0, 1.0) < 0.3, np.float32(math.inf), value)
+
+
 def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvParams:
     """Every number of a world, NumPy arrays with the units' batch axes first; the table is taken as it is."""
     draw = _Draw(units)
@@ -168,7 +199,12 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
         demand=_demand(draw, config),
         drivers=_drivers(draw, config),
         motion=groups.MotionParams(
-            max_braking=draw(6.0, 10.0), noise_time_s=draw(0.5, 20.0), lateral_rate=draw(0.5, 4.0)
+            max_braking=draw(6.0, 10.0),
+            noise_time_s=draw(0.5, 20.0),
+            lateral_rate=draw(0.5, 4.0),
+            lateral_acceleration=draw(1.0, 4.0),
+            lateral_speed=draw(0.5, 2.0),
+            lateral_slope=draw(0.05, 0.3),
         ),
         lane_change=groups.LaneChangeParams(
             politeness=draw(0.0, 1.0),
@@ -177,6 +213,12 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
             safe_braking=draw(0.5, 5.0),
             mandatory_bias=draw(0.0, 20.0),
             urgency_bias=draw(0.0, 20.0),
+            accepted_headway=draw(max(0.3, config.tick_s), 1.0),
+            relaxation_s=draw(1.0, 30.0),
+            courtesy_braking=draw(0.0, 3.0),
+            view_m=draw(50.0, 500.0),
+            exit_view_m=draw(20.0, 500.0),
+            recovery_s=draw(0.0, 20.0),
         ),
         fleet=groups.FleetParams(
             size=draw.whole(0, config.num_meds),
@@ -185,11 +227,15 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
             service_speed=draw(5.0, 35.0),
             service_lane=draw.whole(0, config.num_lanes - 1),
             reserve_soc=draw(0.0, 1.0),
+            depot_power_w=_or_inf(draw, draw(50e3, 5e6)),
+            trip_m=_or_inf(draw, draw(0.0, 3000.0)),
         ),
         charging=_charging(draw, config),
         link=groups.LinkParams(
             inductance=table,
             panel_gap_m=draw(0.05, 0.6),
+            permeability=draw(0.5, 2.0),
+            max_current_a=draw(0.0, 300.0),
             misalignment_scale=draw(0.0, 1.0),
             load_ohm=draw(1.0, 50.0),
             med_resistance_ohm=draw(0.01, 1.0),

@@ -11,7 +11,7 @@ import numpy as np
 
 import medjax
 from docs.figures.look import CURVES
-from medjax.charging.link import Misalignment, coupling_efficiency, misalignment
+from medjax.charging.link import Misalignment, couple, misalignment
 from medjax.physics import mutual_inductance
 from medjax.world.params import RIGHT, EnvParams
 from train.reporting.figures import new_figure, save
@@ -67,7 +67,7 @@ def draw_efficiency(path: Path, params: EnvParams) -> None:
     """Efficiency of the link over misalignment: curves for some gaps, and a side slot from above."""
     figure = new_figure(8.5, 3.8)
     curves, plane = figure.subplots(1, 2)
-    efficiency_at = jax.jit(coupling_efficiency)
+    efficiency_at = jax.jit(lambda seen, link: couple(seen, link).efficiency)
     lateral = np.linspace(0, 0.9, 181)
     for (color, style), gap in zip(CURVES, GAPS_M, strict=True):
         seen = Misalignment(jnp.full(lateral.shape, gap), jnp.asarray(lateral), jnp.zeros(()))

@@ -9,7 +9,7 @@ import numpy as np
 
 from docs.figures.look import BLUE, CURVES
 from medjax.traffic import idm_acceleration
-from medjax.traffic.motion import lateral_step
+from medjax.traffic.motion import Steering, lateral_step
 from medjax.world.kinds import HUMAN_EV
 from medjax.world.params import EnvParams
 from train.reporting.figures import new_figure, save
@@ -54,12 +54,13 @@ def draw_idm(path: Path, params: EnvParams) -> None:
 
 def draw_lane_change(path: Path, params: EnvParams) -> None:
     """A lane change: distance to the new lane's centre and heading over time."""
-    step, rate = 0.05, params.motion.lateral_rate
+    step, motion = 0.05, params.motion
+    steering = Steering(motion.lateral_rate, motion.lateral_acceleration, motion.lateral_speed)
     offset, drift = jnp.asarray(params.road.lane_width_m), jnp.zeros(())
     track = []
     for _ in range(81):
         track.append((float(offset), float(drift)))
-        offset, drift = lateral_step(offset, drift, jnp.zeros(()), rate, step)
+        offset, drift = lateral_step(offset, drift, jnp.zeros(()), steering, step)
     times, (offsets, drifts) = np.arange(len(track)) * step, np.transpose(track)
     figure = new_figure(8.5, 3.2)
     left, right = figure.subplots(1, 2, sharex=True)

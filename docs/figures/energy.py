@@ -22,7 +22,10 @@ def draw_energy(path: Path, params: EnvParams) -> None:
     speed = np.linspace(0.5, 40, 159)
 
     def kilowatt(body: BodyParams) -> np.ndarray:
-        return np.asarray(drive_energy(jnp.asarray(speed), jnp.asarray(speed), body, 1.0)) / 1e3
+        return (
+            np.asarray(drive_energy(jnp.asarray(speed), jnp.asarray(speed), body, params.road, 1.0))
+            / 1e3
+        )
 
     figure = new_figure(8.5, 3.8)
     power, distance = figure.subplots(1, 2)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.docking import Partner, panel_lane, panel_x
+from medjax.charging.docking import Partner, panel_lane, panel_x, plan_approach
 from medjax.charging.energy import cruising
 from medjax.numerics.gathers import read
 from medjax.numerics.sums import count_down
@@ -44,26 +44,33 @@ def can_serve(meds: MEDs, params: EnvParams) -> jax.Array:
     return (meds.status == IN_SERVICE) & (meds.energy_j > reserve)
 
 
-def unserved(energy_j: jax.Array) -> EVs:
-    """EVs with this energy, `(E,)` J, that no MED has served."""
+def unserved(energy_j: jax.Array, complies: jax.Array) -> EVs:
+    """EVs with this energy, `(E,)` J, and such drivers, `(E,)` bool, that no MED has served."""
     not_booked = jnp.full(energy_j.shape, NOT_BOOKED, jnp.int32)
     return EVs(
         energy_j=energy_j,
         rest_j=jnp.zeros(energy_j.shape),
         med=not_booked,
         panel=not_booked,
+        stops=jnp.zeros(energy_j.shape, bool),
         is_charging=jnp.zeros(energy_j.shape, bool),
         timer_s=jnp.zeros(energy_j.shape),
         served=jnp.zeros(energy_j.shape, bool),
+        complies=complies,
+        is_depleted=jnp.zeros(energy_j.shape, bool),
     )
 
 
-def welcome(evs: EVs, newcomers: Newcomers, config: EnvConfig, params: EnvParams) -> EVs:
+def welcome(
+    key: jax.Array, evs: EVs, newcomers: Newcomers, config: EnvConfig, params: EnvParams
+) -> EVs:
     """The EVs with those that just came onto the road, of a random charge, in the slots that these took."""
     demand, entry = params.demand, newcomers.entry[config.ev_slots]
     span = demand.arrival_soc_high - demand.arrival_soc_low
     soc = demand.arrival_soc_low + newcomers.luck * span
-    fresh = unserved(soc[jnp.maximum(entry, 0)] * params.ev_capacity_j)
+    complies = jax.random.uniform(key, newcomers.luck.shape) < params.drivers.eco_compliance
+    source = jnp.maximum(entry, 0)
+    fresh = unserved(soc[source] * params.ev_capacity_j, complies[source])
     return jax.tree.map(lambda new, old: jnp.where(entry >= 0, new, old), fresh, evs)
 
 
@@ -102,9 +109,13 @@ def _panel_cost(
     panel = jnp.arange(len(PANELS), dtype=jnp.int32)
     med = Partner(*(field[:, None] for field in (offer.x, offer.speed, offer.lane, offer.length)))
     x, lane, length = (field[:, None] for field in (requests.x, requests.lane, requests.length))
-    goal = panel_x(panel, med, length, params.dock_gap_m)
+    slot = panel_x(panel, med, length, params.dock_gap_m)
     wanted = panel_lane(panel, med.lane)
-    seconds = jnp.abs(goal - x) / params.approach_speed + LANE_CHANGE_S * jnp.abs(wanted - lane)
+    goal = plan_approach(x, lane, length, panel, med, params).goal_x
+    # An EV closes up at the approach speed, but falls back on the move.
+    back = jnp.maximum((1.0 - params.slowest_share) * med.speed, 1.0)
+    up, down = jnp.maximum(goal - x, 0.0) + (slot - goal), jnp.maximum(x - goal, 0.0)
+    seconds = up / params.approach_speed + down / back + LANE_CHANGE_S * jnp.abs(wanted - lane)
     # Nobody can pass the MED in its own lane.
     blocked = (lane == med.lane) & jnp.where(x < med.x, panel == FRONT, panel == REAR)
     on_road = (wanted >= 0) & (wanted < num_lanes)
@@ -179,9 +190,10 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
         asks=vehicles.active[ev_slots]
         & (lane < config.num_lanes)
         & (evs.med == NOT_BOOKED)
+        & ~evs.is_depleted
         & (evs.timer_s <= 0.0)
         & (evs.energy_j < params.charging.request_soc * params.ev_capacity_j),
-        endurance_s=evs.energy_j / power_w,
+        endurance_s=evs.energy_j / jnp.maximum(power_w, 1.0),  # downhill nothing is used up
     )
     return requests, offers
 
@@ -195,7 +207,7 @@ def book(state: EnvState, config: EnvConfig, params: EnvParams) -> EVs:
 
 
 def release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params: EnvParams) -> EVs:
-    """Ends bookings after a tick: charged, gone, out of time, or the MED is gone or empty."""
+    """Ends bookings after a tick: charged, empty, gone, out of time, or the MED is gone or empty."""
     booked = evs.med != NOT_BOOKED
     partner = jnp.maximum(evs.med, 0)
     serves = can_serve(meds, params)
@@ -206,10 +218,12 @@ def release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params:
     )
     late = booked & (timer > params.charging.patience_s)
     done = evs.energy_j >= params.charging.target_soc * params.ev_capacity_j
-    ends = booked & (late | done | ~read(serves, partner) | ~vehicles.active[config.ev_slots])
+    lost = evs.is_depleted | ~vehicles.active[config.ev_slots]
+    ends = booked & (late | done | lost | ~read(serves, partner))
+    timer = jnp.where(ends, jnp.where(late, params.charging.retry_s, 0.0), timer)
     return evs.replace(
         med=jnp.where(ends, NOT_BOOKED, evs.med),
         panel=jnp.where(ends, NOT_BOOKED, evs.panel),
         is_charging=evs.is_charging & ~ends,
-        timer_s=jnp.where(ends, jnp.where(late, params.charging.retry_s, 0.0), timer),
+        timer_s=jnp.where(evs.is_depleted, evs.timer_s, timer),  # it stands by another clock
     )

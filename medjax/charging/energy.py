@@ -8,17 +8,17 @@ from jax.typing import ArrayLike
 
 from medjax.physics import battery_energy, tractive_energy
 from medjax.world.kinds import AUTONOMOUS_EV
-from medjax.world.params import BodyParams, EnvParams
+from medjax.world.params import BodyParams, EnvParams, RoadParams
 
 
 def drive_energy(
-    before: ArrayLike, after: ArrayLike, body: BodyParams, dt: float | jax.Array
+    before: ArrayLike, after: ArrayLike, body: BodyParams, road: RoadParams, dt: float | jax.Array
 ) -> jax.Array:
     """Energy that driving for dt takes from the battery, J; eqs (7)-(8) and the drivetrain.
 
     Args:
       before, after: speeds, m/s, one shape.
-      body: of the vehicles; dt: s.
+      body: of the vehicles; road: under and around them; dt: s.
     """
     wheels = tractive_energy(
         before,
@@ -29,6 +29,8 @@ def drive_energy(
         frontal_area=body.frontal_area_m2,
         rolling_resistance=body.rolling_resistance,
         rotational_inertia_factor=body.rotational_inertia_factor,
+        slope=road.slope,
+        air_density=road.air_density,
     )
     return battery_energy(
         wheels,
@@ -39,7 +41,12 @@ def drive_energy(
     )
 
 
+def per_metre(speed: jax.Array, body: BodyParams, road: RoadParams) -> jax.Array:
+    """Energy that a metre at a constant speed takes from the battery, J; speeds in m/s, above 0."""
+    return drive_energy(speed, speed, body, road, 1.0) / speed
+
+
 def cruising(params: EnvParams) -> tuple[jax.Array, jax.Array]:
     """Speed at which EVs mean to drive, that of autonomous ones, m/s, and the battery power that it takes, W."""
     speed = jnp.asarray(params.drivers.desired_speed[AUTONOMOUS_EV])
-    return speed, drive_energy(speed, speed, params.ev, 1.0)
+    return speed, drive_energy(speed, speed, params.ev, params.road, 1.0)

@@ -7,12 +7,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.energy import drive_energy
+from medjax.charging.energy import drive_energy, per_metre
 from medjax.charging.link import Link
 from medjax.numerics.gathers import read
 from medjax.numerics.sums import sum_pairwise
 from medjax.physics import change_battery
-from medjax.world.params import BodyParams, EnvConfig, EnvParams, Scalar
+from medjax.world.params import BodyParams, EnvConfig, EnvParams, RoadParams
 from medjax.world.state import EnvState, EVs, MEDs, Tally, Vehicles
 
 
@@ -30,18 +30,18 @@ def transfer(
     med: jax.Array,
     med_available_j: jax.Array,
     room_j: jax.Array,
-    slot_energy_j: Scalar,
+    offered_j: jax.Array,
 ) -> Transfer:
-    """What flows in one tick: slot power, less when the MED runs short or the EV is nearly full.
+    """What flows in one tick: what the slots may send, less when the MED runs short or the EV is nearly full.
 
     Args:
       efficiency: (E,); is_charging: (E,) bool; med: (E,) int32, NOT_BOOKED where free.
       med_available_j: (M,) J above the MED's reserve.
       room_j: (E,) J until the EV's battery is full.
-      slot_energy_j: J that a slot draws in a tick at full power.
+      offered_j: (E,) J that the slot of each may send in the tick.
     """
-    fills = jnp.maximum(room_j, 0.0) / jnp.maximum(efficiency, 1e-6)
-    asked = jnp.where(is_charging, jnp.minimum(slot_energy_j, fills), 0.0)
+    arrives = jnp.minimum(offered_j * efficiency, jnp.maximum(room_j, 0.0))
+    asked = jnp.where(is_charging, arrives / jnp.maximum(efficiency, 1e-6), 0.0)
     is_partner = med[:, None] == jnp.arange(med_available_j.shape[0])
     wanted = jnp.sum(jnp.where(is_partner, asked[:, None], 0.0), axis=0)
     share = jnp.minimum(1.0, jnp.maximum(med_available_j, 0.0) / jnp.maximum(wanted, 1e-6))
@@ -49,11 +49,25 @@ def transfer(
     return Transfer(sent, sent * efficiency, wanted * share)
 
 
+def taper(energy_j: jax.Array, params: EnvParams) -> jax.Array:
+    """Share of the power that batteries with so much energy `(E,)` J take: 1, and from `taper_soc` down to 0 at full.
+
+    Source: constant current, then constant voltage; see docs/models.md.
+    """
+    falls_over_j = params.ev_capacity_j * jnp.maximum(1.0 - params.charging.taper_soc, 1e-6)
+    return jnp.clip((params.ev_capacity_j - energy_j) / falls_over_j, 0.0, 1.0)
+
+
 def _driven(
-    before: Vehicles, after: Vehicles, slots: slice, body: BodyParams, tick_s: float
+    before: Vehicles,
+    after: Vehicles,
+    slots: slice,
+    body: BodyParams,
+    road: RoadParams,
+    tick_s: float,
 ) -> jax.Array:
     """Energy that driving takes from each battery in a tick, J; 0 off the road."""
-    energy = drive_energy(before.speed[slots], after.speed[slots], body, tick_s)
+    energy = drive_energy(before.speed[slots], after.speed[slots], body, road, tick_s)
     return jnp.where(before.active[slots], energy, 0.0)
 
 
@@ -76,15 +90,17 @@ def exchange(
       (EVs, MEDs, what flowed)
     """
     evs, meds = state.evs, state.meds
-    med_use = _driven(before, after, config.med_slots, params.med, config.tick_s)
-    ev_use = _driven(before, after, config.ev_slots, params.ev, config.tick_s)
+    road, tick_s = params.road, config.tick_s
+    med_use = _driven(before, after, config.med_slots, params.med, road, tick_s)
+    ev_use = _driven(before, after, config.ev_slots, params.ev, road, tick_s)
+    ev_use = jnp.where(evs.is_depleted, 0.0, ev_use)  # its motor is off
     flow = transfer(
         link.efficiency,
         link.is_charging,
         evs.med,
         meds.energy_j - params.fleet.reserve_soc * params.med_capacity_j,
         params.ev_capacity_j - (evs.energy_j - ev_use),
-        params.charging.slot_power_w * config.tick_s,
+        link.power_w * taper(evs.energy_j, params) * tick_s,
     )
     ev_energy, ev_rest = change_battery(
         evs.energy_j, evs.rest_j, flow.received_j - ev_use, params.ev_capacity_j
@@ -92,9 +108,15 @@ def exchange(
     med_energy, med_rest = change_battery(
         meds.energy_j, meds.rest_j, -med_use - flow.drawn_j, params.med_capacity_j
     )
+    travelled = after.x[config.ev_slots] - before.x[config.ev_slots]
+    cruising_j = travelled * per_metre(before.desired_speed[config.ev_slots], params.ev, road)
+    drives = before.active[config.ev_slots] & ~evs.is_depleted
     tally = Tally.zeros().replace(
         energy_sent_j=sum_pairwise(flow.sent_j),
         energy_received_j=sum_pairwise(flow.received_j),
+        ev_driving_j=sum_pairwise(ev_use),
+        ev_cruising_j=sum_pairwise(jnp.where(drives, cruising_j, 0.0)),
+        med_driving_j=sum_pairwise(med_use),
         evs_served=jnp.sum(link.is_charging & ~evs.served, dtype=jnp.float32),
     )
     evs = evs.replace(

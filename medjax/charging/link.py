@@ -1,4 +1,4 @@
-"""How the coils of a docked pair stand to each other, and how much of the energy passes."""
+"""How the coils of a docked pair stand to each other, how much they can send, and how much of it passes."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import jax.numpy as jnp
 
 from medjax.charging.docking import is_docked, panel_lane, panel_x, partners
 from medjax.numerics.gathers import read
-from medjax.physics import interpolate_inductance, link_efficiency
+from medjax.physics import input_resistance, interpolate_inductance, link_efficiency
 from medjax.traffic.motion import turn_between
-from medjax.world.params import FRONT, LEFT, RIGHT, EnvConfig, EnvParams, LinkParams
+from medjax.world.params import FRONT, LEFT, RIGHT, EnvConfig, EnvParams, LinkParams, Scalar
 from medjax.world.state import NOT_BOOKED, EVs, Vehicles
 
 
@@ -57,30 +57,49 @@ def misalignment(
     )
 
 
-def coupling_efficiency(
+TINY = 1e-30  # H^2, nothing beside any inductance
+
+
+class Coupled(NamedTuple):
+    """What a pair of coils is to the one who feeds it."""
+
+    efficiency: jax.Array  # in [0, 1]
+    input_ohm: jax.Array  # RMS current squared times this is the power sent
+
+
+def couple(
     geometry: Misalignment, link: LinkParams, form: Literal["circuit", "paper"] = "circuit"
-) -> jax.Array:
-    """Link efficiency of each pair, in [0, 1], by the tabulated coil integral and eq (6) in one of its forms."""
-    inductance = interpolate_inductance(
+) -> Coupled:
+    """Each pair by the tabulated coil integral, and eq (6) in one of its forms."""
+    signed = link.permeability * interpolate_inductance(
         link.inductance, geometry.axial, geometry.lateral, geometry.tilt
     )
-    return link_efficiency(
-        inductance,
-        load=link.load_ohm,
-        primary_resistance=link.med_resistance_ohm,
-        secondary_resistance=link.ev_resistance_ohm,
-        angular_frequency=link.angular_frequency,
-        form=form,
+    # Only its square counts. A root is what XLA does not work out once for each reader: without it, all would
+    # interpolate anew, which takes a quarter of the tick. The smallest number keeps it from being an absolute value.
+    inductance = jnp.sqrt(signed**2 + TINY)
+    circuit = {
+        "load": link.load_ohm,
+        "primary_resistance": link.med_resistance_ohm,
+        "secondary_resistance": link.ev_resistance_ohm,
+        "angular_frequency": link.angular_frequency,
+    }
+    return Coupled(
+        link_efficiency(inductance, form=form, **circuit), input_resistance(inductance, **circuit)
     )
 
 
-Coupling = Callable[[Misalignment, LinkParams], jax.Array]
-"""Efficiency in [0, 1] of pairs of coils that stand so, of the shape of the geometry's fields."""
+Coupling = Callable[[Misalignment, LinkParams], Coupled]
+"""Pairs of coils that stand so; of the shape of the geometry's fields."""
 
 COUPLINGS: Mapping[str, Coupling] = {
-    "circuit": coupling_efficiency,
-    "paper": functools.partial(coupling_efficiency, form="paper"),  # eq (6) as it is printed
+    "circuit": couple,
+    "paper": functools.partial(couple, form="paper"),  # eq (6) as it is printed
 }
+
+
+def most_power(coupled: Coupled, slot_power_w: Scalar, max_current_a: Scalar) -> jax.Array:
+    """Power that a slot may send, W: its own, less where the MED's coil would need more than its current."""
+    return jnp.minimum(slot_power_w, max_current_a**2 * coupled.input_ohm)
 
 
 class Link(NamedTuple):
@@ -88,6 +107,7 @@ class Link(NamedTuple):
 
     is_charging: jax.Array  # bool
     efficiency: jax.Array  # in [0, 1], wherever they stand
+    power_w: jax.Array  # that the MED may send
 
 
 def links(
@@ -98,7 +118,7 @@ def links(
     params: EnvParams,
     coupling: Coupling,
 ) -> Link:
-    """Whether each EV charges, and how efficient its coils are where they stand.
+    """Whether each EV charges, and how well its coils do where they stand.
 
     Args:
       length: (N,) m, of the vehicles.
@@ -127,4 +147,6 @@ def links(
     geometry = misalignment(
         evs.panel, seen * error, seen * across, seen * turn, params.link.panel_gap_m
     )
-    return Link(is_charging, coupling(geometry, params.link))
+    coupled = coupling(geometry, params.link)
+    power_w = most_power(coupled, params.charging.slot_power_w, params.link.max_current_a)
+    return Link(is_charging, coupled.efficiency, power_w)

@@ -15,18 +15,20 @@ import jax.numpy as jnp
 
 from medjax import hooks
 from medjax.charging.booking import book, welcome
-from medjax.charging.link import Coupling, coupling_efficiency
+from medjax.charging.link import Coupling, couple
+from medjax.charging.range import answering
 from medjax.env.contract import step_with_reset
 from medjax.env.dispatch import action_mask, advance_clocks, dispatch
 from medjax.env.metrics import episode_metrics
 from medjax.env.observation import FlatObservation, Observation, observe
-from medjax.env.reset import initial_state
+from medjax.env.reset import DRIVERS, initial_state
 from medjax.env.reward import TERMS, Outcome, RewardTerm, total_reward
 from medjax.env.spaces import Box, Discrete
-from medjax.env.tick import physics_tick
+from medjax.env.tick import physics_tick, ways
+from medjax.env.trips import plan_trips
 from medjax.traffic.entry import admit
 from medjax.traffic.following import CarFollowing
-from medjax.traffic.idm import STANDARD_IDM
+from medjax.traffic.idm import IDM_PLUS
 from medjax.traffic.step import drivers_of, perturb
 from medjax.world.params import EnvConfig, EnvParams, validate_config
 from medjax.world.presets import Recipe
@@ -46,7 +48,7 @@ class ChargingEnv:
       observation: flat observation, `size(config)` and `__call__(state, config, params)`.
       name: shown in logs.
       following: the car-following model.
-      coupling: efficiency of the coils, one of `medjax.charging.link.COUPLINGS` or of your own.
+      coupling: the coils' circuit, one of `medjax.charging.link.COUPLINGS` or of your own.
 
     Attributes:
       recipe: how `medjax.make` was called; None where it was not.
@@ -64,8 +66,8 @@ class ChargingEnv:
         reward: Mapping[str, RewardTerm] = TERMS,
         observation: Any = None,
         name: str = "charging",
-        following: CarFollowing = STANDARD_IDM,
-        coupling: Coupling = coupling_efficiency,
+        following: CarFollowing = IDM_PLUS,
+        coupling: Coupling = couple,
     ) -> None:
         validate_config(config)
         self.config = config
@@ -121,7 +123,9 @@ class ChargingEnv:
         state, happened = self._begin(key, state, action, params)
         begun = self.probe(state) if self.probe else None
         state, happened, ticks = self._drive(state, happened, params)
-        state = advance_clocks(state, self.config, params).replace(tally=state.tally + happened)
+        state, given = advance_clocks(state, self.config, params)
+        happened += given
+        state = state.replace(tally=state.tally + happened)
         outcome = Outcome(before, state, happened, params, self.config)
         with jax.named_scope("reward"):
             reward, terms = total_reward(outcome, self.reward)
@@ -150,7 +154,13 @@ class ChargingEnv:
             state, dispatched = dispatch(state, action, config, params)
         with jax.named_scope("entry"):
             state, newcomers, entered = admit(entry_key, state, config, params)
-            state = state.replace(evs=welcome(state.evs, newcomers, config, params))
+            driver_key = jax.random.fold_in(entry_key, DRIVERS)
+            evs = welcome(driver_key, state.evs, newcomers, config, params)
+            state = state.replace(evs=evs)
+        if config.num_exits:
+            with jax.named_scope("trips"):
+                state, rerouted = plan_trips(state, config, params)
+                entered += rerouted
         with jax.named_scope("booking"):
             state = state.replace(evs=book(state, config, params))
         with jax.named_scope("noise"):
@@ -162,7 +172,7 @@ class ChargingEnv:
     ) -> tuple[EnvState, Tally, Any]:
         """The decision's ticks: the state, what happened so far and in them, and what the probe saw after each."""
         config = self.config
-        drivers = drivers_of(state, config, params, self.following)
+        drivers = drivers_of(answering(state, config, params), config, params)
 
         def tick(
             carry: tuple[EnvState, Tally], index: jax.Array
@@ -176,7 +186,10 @@ class ChargingEnv:
 
         indices = jnp.arange(config.ticks_per_decision, dtype=jnp.int32)
         carry = state, happened
+        begun = state.vehicles
         (state, happened), probed = jax.lax.scan(tick, carry, self._first_tick(state) + indices)
+        with jax.named_scope("tally"):
+            happened += ways(begun, state.vehicles, config)
         return state, happened, probed
 
     def action_mask(self, state: EnvState, params: EnvParams) -> jax.Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from medjax.numerics.sums import count_down
+from medjax.numerics.sums import count_down, sum_pairwise
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import (
     AT_DEPOT,
@@ -76,15 +76,16 @@ def on_the_road(
 
     Args:
       vehicles: of all slots, after the tick.
-      left: (N,) bool, at the end of the road in it.
+      left: (N,) bool, at an exit or the end of the road in it.
     """
-    slots = config.med_slots
-    in_lane = vehicles.lane[slots] == params.fleet.service_lane
+    slots, fleet = config.med_slots, params.fleet
+    in_lane = vehicles.lane[slots] == fleet.service_lane
     settled = jnp.abs(vehicles.lateral_offset[slots]) < 1.0
     status = jnp.where((meds.status == MERGING) & in_lane & settled, IN_SERVICE, meds.status)
+    charging_s = (params.med_capacity_j - meds.energy_j) / fleet.depot_power_w
     return meds.replace(
         status=jnp.where(left[slots], RETIRED, status),
-        ready_in_s=jnp.where(left[slots], params.fleet.turnaround_s, meds.ready_in_s),
+        ready_in_s=jnp.where(left[slots], fleet.turnaround_s + charging_s, meds.ready_in_s),
     )
 
 
@@ -100,11 +101,16 @@ def at_depot(config: EnvConfig, params: EnvParams) -> MEDs:
     )
 
 
-def advance_clocks(state: EnvState, config: EnvConfig, params: EnvParams) -> EnvState:
-    """Counts the decision, lets the cooldown run, and brings MEDs back to the depot, full."""
+def advance_clocks(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[EnvState, Tally]:
+    """Counts the decision, lets the cooldown run, and brings MEDs back to the depot, full.
+
+    Returns:
+      (state, tally of what the depots gave)
+    """
     meds, dt = state.meds, config.decision_s
     ready_in = jnp.where(meds.status == RETIRED, count_down(meds.ready_in_s, dt), meds.ready_in_s)
     returns = (meds.status == RETIRED) & (ready_in <= 0.0)
+    given_j = jnp.where(returns, params.med_capacity_j - meds.energy_j - meds.rest_j, 0.0)
     meds = meds.replace(
         status=jnp.where(returns, AT_DEPOT, meds.status),
         energy_j=jnp.where(returns, params.med_capacity_j, meds.energy_j),
@@ -112,4 +118,5 @@ def advance_clocks(state: EnvState, config: EnvConfig, params: EnvParams) -> Env
         ready_in_s=ready_in,
     )
     cooldown_s = count_down(state.cooldown_s, dt)
-    return state.replace(meds=meds, cooldown_s=cooldown_s, time=state.time + 1)
+    state = state.replace(meds=meds, cooldown_s=cooldown_s, time=state.time + 1)
+    return state, Tally.zeros().replace(depot_energy_j=sum_pairwise(given_j))

@@ -48,8 +48,9 @@ def forecast_need(
         return road.ramp_x_m[:, None] - x[None, :]
 
     x = state.vehicles.x[config.ev_slots]
-    runs_out = state.evs.energy_j < (road.length_m - x) * per_metre
-    needy = state.vehicles.active[config.ev_slots] & runs_out & (state.evs.med == NOT_BOOKED)
+    runs_out = state.evs.energy_j < (state.vehicles.destination[config.ev_slots] - x) * per_metre
+    waits = (state.evs.med == NOT_BOOKED) & ~state.evs.is_depleted
+    needy = state.vehicles.active[config.ev_slots] & runs_out & waits
     way = ahead_of(x)
     there = jnp.sum(needy & (way <= window_m) & (way >= -params.charging.reach_behind_m), axis=1)
 
@@ -57,7 +58,11 @@ def forecast_need(
     charge = (road.length_m - where.x) * per_metre / params.ev_capacity_j  # that the rest takes
     range_of_charge = jnp.maximum(demand.arrival_soc_high - demand.arrival_soc_low, 1e-6)
     share = jnp.clip((charge - demand.arrival_soc_low) / range_of_charge, 0.0, 1.0)
-    rate = entry_rates(demand, config.num_lanes) * demand.ev_share * share
+    rate = (
+        entry_rates(demand, config.num_lanes, state.time * config.decision_s)
+        * demand.ev_share
+        * share
+    )
     way = ahead_of(where.x)
     # Who enters behind the ramp must do so early enough to catch up.
     time = jnp.where(way >= 0.0, jnp.maximum(window_s - way / closing, 0.0), 0.0)

@@ -9,6 +9,7 @@ from medjax.world.kinds import CLASSES, EVS, by_class
 from medjax.world.state import Tally
 
 JOULES_PER_KWH = 3.6e6
+SECONDS_PER_HOUR = 3600.0
 
 
 def episode_metrics(tally: Tally) -> dict[str, jax.Array]:
@@ -16,12 +17,22 @@ def episode_metrics(tally: Tally) -> dict[str, jax.Array]:
 
     depleted_share is of all EVs that were on the road; mean_range_m is the distance that such an EV
     drove on it; mean_soc averages over EVs and time; exit_soc averages over the EVs that ended their
-    way, a depleted one counting 0.
+    way. One without energy counts 0 in both: in mean_soc until it is off the road, in exit_soc once.
+
+    What slow driving and what charging does for EVs, kWh an EV that was on the road: ev_driving_kwh took driving,
+    ev_saved_kwh less than the same way takes at the EVs' own desired speeds (more where below 0: speeding up costs),
+    and ev_received_kwh came from MEDs. Delays, vehicle-hours, are against everyone's own desired speed;
+    those who wait to come onto the road are in queue_vehicle_s. The fleet draws from its depots what MEDs drive on
+    and what they send; system_efficiency is the share of it that comes into EVs' batteries.
     """
 
     def ratio(numerator: jax.Array, denominator: jax.Array) -> jax.Array:
         return numerator / jnp.maximum(denominator, 1.0)
 
+    def per_ev(energy_j: jax.Array) -> jax.Array:
+        return ratio(energy_j / JOULES_PER_KWH, evs)
+
+    drawn_j = tally.med_driving_j + tally.energy_sent_j
     evs, evs_left = (by_class(counts)[CLASSES.index(EVS)] for counts in (tally.entered, tally.left))
     return {
         "depleted_share": ratio(tally.depleted, evs),
@@ -31,12 +42,25 @@ def episode_metrics(tally: Tally) -> dict[str, jax.Array]:
         "meds_dispatched": tally.meds_dispatched,
         "energy_delivered_kwh": tally.energy_received_j / JOULES_PER_KWH,
         "energy_lost_kwh": (tally.energy_sent_j - tally.energy_received_j) / JOULES_PER_KWH,
+        "energy_sent_kwh": tally.energy_sent_j / JOULES_PER_KWH,
+        "med_driving_kwh": tally.med_driving_j / JOULES_PER_KWH,
+        "energy_drawn_kwh": drawn_j / JOULES_PER_KWH,
+        "system_efficiency": ratio(tally.energy_received_j, drawn_j),
+        "ev_driving_kwh": per_ev(tally.ev_driving_j),
+        "ev_saved_kwh": per_ev(tally.ev_cruising_j - tally.ev_driving_j),
+        "ev_received_kwh": per_ev(tally.energy_received_j),
+        "ev_delay_h": tally.ev_delay_s / SECONDS_PER_HOUR,
+        "gas_delay_h": tally.gas_delay_s / SECONDS_PER_HOUR,
+        "med_hours": tally.med_seconds / SECONDS_PER_HOUR,
         "evs_entered": evs,
+        "low_exits": tally.low_exits,
         "evs_depleted": tally.depleted,
         "evs_served": tally.evs_served,
         "ev_mean_speed": ratio(tally.ev_distance_m, tally.ev_seconds),
         "gas_mean_speed": ratio(tally.gas_distance_m.sum(), tally.gas_seconds.sum()),
         "queue_vehicle_s": tally.queue_seconds,
+        "missed_exits": tally.missed_exits,
+        "charging_stops": tally.charging_stops,
         "lane_changes": tally.lane_changes,
         "collisions": tally.collisions,
         "invalid_actions": tally.invalid_actions,

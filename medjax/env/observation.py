@@ -181,7 +181,7 @@ class RoadProfile:
         """`(size,)` float32."""
         vehicles, evs, meds = state.vehicles, state.evs, state.meds
         on_road = vehicles.active[config.ev_slots]
-        free = (on_road & (evs.med == NOT_BOOKED))[:, None]
+        free = (on_road & (evs.med == NOT_BOOKED) & ~evs.is_depleted)[:, None]
         charge = hat_weights(in_units(evs.energy_j, params.ev_capacity_j), self.soc_nodes)
         booked = on_road & (evs.med != NOT_BOOKED)
         ev_columns = jnp.concatenate(

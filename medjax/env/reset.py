@@ -9,9 +9,13 @@ from medjax.charging.booking import unserved
 from medjax.charging.energy import cruising
 from medjax.env.dispatch import at_depot
 from medjax.traffic.demand import desired_speeds, drawn_kinds, fill_road
+from medjax.traffic.entry import DESTINATIONS
+from medjax.traffic.exits import draw_destinations
 from medjax.world.kinds import MED
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, Tally, Vehicles, count_kinds
+
+DRIVERS = 0xEC0  # folded into a key: what kind of drivers EVs have
 
 
 def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvState:
@@ -29,6 +33,8 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
         minval=demand.arrival_soc_low,
         maxval=demand.arrival_soc_high,
     )
+    luck = jax.random.uniform(jax.random.fold_in(key, DRIVERS), (config.num_evs,))
+    complies = luck < params.drivers.eco_compliance
     speed, power_w = cruising(params)
     energy = arrival * params.ev_capacity_j - vehicles.x[config.ev_slots] * (power_w / speed)
     alive = config.by_slot(True, energy > 0.0, True)[slots]
@@ -37,7 +43,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     active = _beside_meds(vehicles.active[slots] & alive, config)
     return EnvState(
         vehicles=vehicles.replace(active=active),
-        evs=unserved(jnp.maximum(energy, 0.0)),
+        evs=unserved(jnp.clip(energy, 0.0, params.ev_capacity_j), complies),
         meds=at_depot(config, params),
         queue=jnp.zeros((config.num_entries,), jnp.int32),
         next_is_ev=jax.random.bernoulli(next_key, demand.ev_share, (config.num_entries,)),
@@ -57,6 +63,8 @@ def _filled(keys: tuple[jax.Array, ...], config: EnvConfig, params: EnvParams) -
     kind = _beside_meds(kind, config, MED)
     desired = desired_speeds(jax.random.normal(speed_key, kind.shape), kind, drivers)
     fill = fill_road(fill_key, is_ev, desired[slots], config.num_lanes, params)
+    way_draw = jax.random.uniform(jax.random.fold_in(fill_key, DESTINATIONS), fill.x.shape)
+    destination = draw_destinations(way_draw, fill.x, params.demand, params.road)
     noise = jax.random.normal(noise_key, (2, config.num_vehicles))
     wander = noise[1] * drivers.lateral_wander[kind]
     return Vehicles(
@@ -70,6 +78,10 @@ def _filled(keys: tuple[jax.Array, ...], config: EnvConfig, params: EnvParams) -
         desired_speed=desired,
         acceleration_noise=noise[0] * drivers.acceleration_noise[kind],
         wander=wander,
+        headway=drivers.time_headway[kind],
+        courtesy=jnp.full_like(desired, jnp.inf),
+        recovery_s=jnp.zeros((config.num_vehicles,)),
+        destination=_beside_meds(destination, config),
         road_order=jnp.arange(config.num_vehicles, dtype=jnp.int32),
     )
 

@@ -1,8 +1,8 @@
-"""The reward, eq (10): a weighted sum of named terms.
+"""The reward: a weighted sum of named terms, eq (10) of the paper or what a decision costs in money.
 
-A term is a function of `Outcome` that returns a float32 scalar. `TERMS` holds those that come with
-medjax; pass `ChargingEnv(reward={**TERMS, "mine": my_term})` or `medjax.make(..., reward=...)` with
-your own. Weights are leaves of `EnvParams.reward_weights`, by the same names.
+A term is a function of `Outcome` that returns a float32 scalar. `REWARDS` holds the sets that come with medjax: `TERMS`
+of eq (10), and `MONEY`. Pass `ChargingEnv(reward={**TERMS, "mine": my_term})` or `medjax.make(..., reward=...)` with
+your own. Weights are leaves of `EnvParams.reward_weights`, by the same names; those of `MONEY` are prices.
 """
 
 from __future__ import annotations
@@ -97,6 +97,45 @@ TERMS: Mapping[str, RewardTerm] = {
         transfer_loss,
     )
 }
+
+
+def delay_h(outcome: Outcome) -> jax.Array:
+    """Hours that vehicles lost against their own desired speeds, or waited to come onto the road; MEDs not counted."""
+    happened = outcome.happened
+    return (happened.ev_delay_s + happened.gas_delay_s + happened.queue_seconds) / 3600.0
+
+
+def depot_kwh(outcome: Outcome) -> jax.Array:
+    """Energy that MEDs used up, for driving and for what they sent: depots put it back, kWh."""
+    return (outcome.happened.med_driving_j + outcome.happened.energy_sent_j) / 3.6e6
+
+
+def ev_kwh(outcome: Outcome) -> jax.Array:
+    """Energy that EVs used up beyond what they got from MEDs, kWh: bought where they stop for long."""
+    return (outcome.happened.ev_driving_j - outcome.happened.energy_received_j) / 3.6e6
+
+
+def med_h(outcome: Outcome) -> jax.Array:
+    """Hours of MEDs and their drivers, from the order to the end of the road."""
+    return outcome.happened.med_seconds / 3600.0
+
+
+def tows(outcome: Outcome) -> jax.Array:
+    """EVs that ran out."""
+    return outcome.happened.depleted
+
+
+def charging_stops(outcome: Outcome) -> jax.Array:
+    """EVs that left for a charger at an exit, or by the road's end with less charge than they would ask a MED with."""
+    return outcome.happened.low_exits
+
+
+MONEY: Mapping[str, RewardTerm] = {
+    term.__name__: term for term in (delay_h, depot_kwh, ev_kwh, med_h, tows, charging_stops)
+}
+
+REWARDS: Mapping[str, Mapping[str, RewardTerm]] = {"paper": TERMS, "money": MONEY}
+"""The sets that `medjax.make` knows by name."""
 
 
 def total_reward(

@@ -8,15 +8,17 @@ import jax.numpy as jnp
 from medjax.charging.booking import release
 from medjax.charging.docking import approach
 from medjax.charging.exchange import exchange
-from medjax.charging.link import Coupling, coupling_efficiency, links
+from medjax.charging.link import Coupling, couple, links
+from medjax.charging.stranded import leaves_road, run_out, without_motor
 from medjax.env.dispatch import on_the_road
 from medjax.numerics.sums import in_units, rounded, sum_pairwise
+from medjax.traffic.exits import takes_exit
 from medjax.traffic.following import CarFollowing, Drivers
-from medjax.traffic.idm import STANDARD_IDM
+from medjax.traffic.idm import IDM_PLUS
 from medjax.traffic.step import move
 from medjax.world.kinds import GAS_KINDS
 from medjax.world.params import EnvConfig, EnvParams
-from medjax.world.state import EnvState, EVs, Tally, Vehicles, count_kinds
+from medjax.world.state import AT_DEPOT, RETIRED, EnvState, EVs, MEDs, Tally, Vehicles, count_kinds
 
 
 def physics_tick(
@@ -25,8 +27,8 @@ def physics_tick(
     tick: jax.Array,
     config: EnvConfig,
     params: EnvParams,
-    following: CarFollowing = STANDARD_IDM,
-    coupling: Coupling = coupling_efficiency,
+    following: CarFollowing = IDM_PLUS,
+    coupling: Coupling = couple,
 ) -> tuple[EnvState, Tally]:
     """Advances one environment by `config.tick_s`.
 
@@ -34,12 +36,12 @@ def physics_tick(
       state: of one environment.
       drivers: of its vehicles; they stay the same between two rounds of entries.
       tick: () int32, ticks since reset; its parity says which way drivers look.
-      following, coupling: as `ChargingEnv`; drivers are made with the same `following`.
+      following, coupling: as `ChargingEnv`.
 
     Returns:
       (state after the tick, what happened in it). `state.tally` is left as it was.
     """
-    before = state.vehicles
+    before = without_motor(state.vehicles, state.evs, config)
     with jax.named_scope("docking"):
         orders = approach(state, drivers, config, params)
     after, moved = move(before, drivers, orders, tick, config, params, following)
@@ -49,14 +51,20 @@ def physics_tick(
         evs, meds, exchanged = exchange(before, after, link, state, config, params)
     with jax.named_scope("exits"):
         left = before.active & (after.x > params.road.length_m)
-        ran_out = jnp.zeros_like(left).at[config.ev_slots].set(evs.energy_j <= 0.0)
-        depleted = before.active & ran_out & ~left
-        after = after.replace(active=before.active & ~left & ~depleted)
+        if config.num_exits:
+            left |= takes_exit(after, config, params)
+        off_road = leaves_road(after, state.evs, config, params)
+        stays = before.active & ~left
+        after = after.replace(
+            active=stays.at[config.ev_slots].set(stays[config.ev_slots] & ~off_road)
+        )
+        evs, ran_out = run_out(after, evs, config)
+        left = left.at[config.ev_slots].set(left[config.ev_slots] & ~evs.is_depleted)
         meds = on_the_road(meds, after, left, config, params)
         evs = release(after, evs, meds, config, params)
     with jax.named_scope("tally"):
-        flow = _flow(before, after, evs, left, config, params)
-        flow = flow.replace(depleted=jnp.sum(depleted, dtype=jnp.float32))
+        flow = _flow(before, after, evs, meds, left, config, params)
+        flow = flow.replace(depleted=jnp.sum(ran_out, dtype=jnp.float32))
         happened = moved + exchanged + flow
     return state.replace(vehicles=after, evs=evs, meds=meds), happened
 
@@ -65,29 +73,58 @@ def _flow(
     before: Vehicles,
     after: Vehicles,
     evs: EVs,
+    meds: MEDs,
     left: jax.Array,
     config: EnvConfig,
     params: EnvParams,
 ) -> Tally:
-    """Who was on the road in a tick for how long and how far, and who `left` `(N,)` it at its end."""
+    """Who was on the road in a tick for how long and how far, and who `left` `(N,)` it in it.
+
+    An EV without energy is still on the road, with a charge of 0, until it is on the shoulder or towed.
+    """
     ev_slots, gas_slots = config.ev_slots, config.gas_slots
     soc = rounded(in_units(evs.energy_j, params.ev_capacity_j))
-    travelled = jnp.where(before.active, after.x - before.x, 0.0)
+    low = evs.energy_j < params.charging.request_soc * params.ev_capacity_j
+    goes_on = after.destination[ev_slots] >= params.road.length_m
+    sent = (meds.status != AT_DEPOT) & (meds.status != RETIRED)
 
     def seconds(there: jax.Array) -> jax.Array:
         return jnp.sum(there, dtype=jnp.float32) * config.tick_s
 
-    def of_gas(values: jax.Array) -> list[jax.Array]:
-        """The values of each kind in the gas slots, 0 elsewhere."""
-        return [jnp.where(before.kind[gas_slots] == k, values[gas_slots], 0) for k in GAS_KINDS]
-
     return Tally.zeros().replace(
         left=count_kinds(left, before.kind, config),
         ev_seconds=seconds(after.active[ev_slots]),
-        ev_distance_m=sum_pairwise(travelled[ev_slots]),
         soc_seconds=sum_pairwise(jnp.where(after.active[ev_slots], soc, 0.0)) * config.tick_s,
+        charging_stops=jnp.sum(left[ev_slots] & evs.stops, dtype=jnp.float32),
         exit_soc=sum_pairwise(jnp.where(left[ev_slots], soc, 0.0)),
-        gas_seconds=jnp.stack([seconds(there) for there in of_gas(after.active)]),
-        gas_distance_m=jnp.stack([sum_pairwise(way) for way in of_gas(travelled)]),
+        low_exits=jnp.sum(left[ev_slots] & (evs.stops | low & goes_on), dtype=jnp.float32),
+        ev_delay_s=seconds(
+            before.active[ev_slots]
+        ),  # all of the time: `ways` takes off what need not be
+        gas_delay_s=seconds(before.active[gas_slots]),
+        med_seconds=seconds(sent),
+        gas_seconds=jnp.stack([seconds(there) for there in _of_gas(after.active, before, config)]),
         vehicle_ticks=jnp.sum(after.active, dtype=jnp.float32),
     )
+
+
+def ways(before: Vehicles, after: Vehicles, config: EnvConfig) -> Tally:
+    """How far vehicles came in a decision, and, taken off their delays, how long that takes at their desired speeds.
+
+    Args:
+      before, after: the ticks of the decision; a vehicle that left between them is where it left.
+    """
+    travelled = after.x - before.x
+    free_s = travelled / before.desired_speed
+    return Tally.zeros().replace(
+        ev_distance_m=sum_pairwise(travelled[config.ev_slots]),
+        gas_distance_m=jnp.stack([sum_pairwise(x) for x in _of_gas(travelled, before, config)]),
+        ev_delay_s=-sum_pairwise(free_s[config.ev_slots]),
+        gas_delay_s=-sum_pairwise(free_s[config.gas_slots]),
+    )
+
+
+def _of_gas(values: jax.Array, vehicles: Vehicles, config: EnvConfig) -> list[jax.Array]:
+    """The values `(N,)` of each kind of vehicle with fuel, `(gas slots,)`, 0 elsewhere."""
+    kind, values = vehicles.kind[config.gas_slots], values[config.gas_slots]
+    return [jnp.where(kind == each, values, 0) for each in GAS_KINDS]

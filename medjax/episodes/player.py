@@ -46,12 +46,13 @@ class Player:
 
     Args:
         env: a single environment.
-        policies: at least one; their own weights are not read.
+        policies: at least one; their own weights are not read. Each plays in its own `Policy.world`.
     """
 
     def __init__(self, env: Environment, policies: Sequence[Policy]) -> None:
         self.env, self.policies = env, tuple(policies)
-        self._step = jax.jit(_over_rows(env.step_env))  # traced once for its shapes and its use
+        # Traced once for its shapes and its use.
+        self._step = jax.jit(self._over_rows(env.step_env))
 
     def start(self, keys: jax.Array, params: Any) -> Episodes:
         """Before the first decision, episodes `(episodes,)` by their keys; each is played by all policies in turn.
@@ -61,7 +62,7 @@ class Player:
         """
         streams = jax.vmap(jax.random.split, (0, None))(keys, 3)
         streams = jnp.repeat(streams, len(self.policies), axis=0)
-        obs, state = _over_rows(self.env.reset)(streams[:, RESET], params)
+        obs, state = self._over_rows(self.env.reset)(streams[:, RESET], params)
         actions = jnp.zeros(streams.shape[:1], jnp.int32)
         *_, info = jax.eval_shape(self._step, streams[:, STEP], state, actions, params)
         names = ("return", "length", *info["metrics"])
@@ -89,7 +90,7 @@ class Player:
         choices = []
         for index, (policy, own) in enumerate(zip(self.policies, weights, strict=True)):
             mine = jax.tree.map(lambda leaf, index=index: leaf[index::count], rows)
-            choices.append(_over_rows(partial(policy.act, own))(*mine, params))
+            choices.append(_over_rows(partial(policy.act, own))(*mine, policy.world(params)))
 
         def take_turns(*leaves: jax.Array) -> jax.Array:
             return jnp.stack(leaves, axis=1).reshape(-1, *leaves[0].shape[1:])
@@ -107,7 +108,7 @@ class Player:
             choice: leaves `(rows, ...)`.
             params: of the environment.
         """
-        mask = _over_rows(self.env.action_mask)(episodes.state, params)
+        mask = self._over_rows(self.env.action_mask)(episodes.state, params)
         action = choice.action.astype(jnp.int32)
         allowed = jnp.take_along_axis(mask, action[:, None], axis=1, mode="clip")[:, 0]
         taken = jnp.where(allowed, action, 0)  # action 0 is always allowed
@@ -136,14 +137,46 @@ class Player:
         """Decision `number` of every row, as its policy chooses: `choose`, then `go_on`."""
         return self.go_on(episodes, number, self.choose(episodes, number, weights, params), params)
 
+    def _over_rows(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """`function(*row, params)` for rows that policies take in turn, each in its policy's world."""
 
-def _over_rows(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`function(*row, params)` for rows; a row alone is not batched, for that compiles faster."""
+        def mapped(*given: Any) -> Any:
+            *rows, params = given
+            first, *others = (policy.world(params) for policy in self.policies)
+            turns = jax.tree.leaves(rows)[0].shape[0] // len(self.policies)
+            # Only what worlds differ in is batched: the others share the coils' table.
+            numbers = jax.tree.map(lambda *leaves: _in_turn(leaves, turns), first, *others)
+            axes = jax.tree.map(lambda *leaves: 0 if _differ(leaves) else None, first, *others)
+            return _over_rows(function, axes)(*rows, numbers)
+
+        return mapped
+
+
+def _differ(leaves: Sequence[Any]) -> bool:
+    """Whether some policy replaced a number."""
+    return any(leaf is not leaves[0] for leaf in leaves)
+
+
+def _in_turn(leaves: Sequence[Any], turns: int) -> Any:
+    """A number of several policies' worlds, one a row where they differ."""
+    if not _differ(leaves):
+        return leaves[0]
+    stacked = jnp.stack([jnp.asarray(leaf, jnp.result_type(leaves[0])) for leaf in leaves])
+    return jnp.tile(stacked, (turns, *[1] * (stacked.ndim - 1)))
+
+
+def _over_rows(function: Callable[..., Any], axes: Any = None) -> Callable[..., Any]:
+    """`function(*row, params)` for rows; a row alone is not batched, for that compiles faster.
+
+    Args:
+        function: of one row.
+        axes: of params, as `jax.vmap` takes them; a row alone has the same params without.
+    """
 
     def mapped(*given: Any) -> Any:
         *rows, params = given
         if jax.tree.leaves(rows)[0].shape[0] != 1:
-            return jax.vmap(function, (*[0] * len(rows), None))(*rows, params)
+            return jax.vmap(function, (*[0] * len(rows), axes))(*rows, params)
         row = jax.tree.map(lambda leaf: leaf[0], rows)
         return jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], function(*row, params))
 

@@ -140,12 +140,13 @@ def _play(
 ) -> tuple[Frames, Frames, Decisions, EnvParams]:
     """The first frame, the others `(T, ticks, ...)`, decisions and the highway's numbers; one row."""
     begun = player.start(key, params)
-    begin, road = player.env.highway(_row(begun.state), params)
+    numbers = player.policies[0].world(params)
+    begin, road = player.env.highway(_row(begun.state), numbers)
 
     def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
         """One decision: the frames of its ticks, and what was decided."""
         episodes, rows = player.decide(episodes, number, [weights], params)
-        after, _ = player.env.highway(_row(episodes.state), params)
+        after, _ = player.env.highway(_row(episodes.state), numbers)
         made = _row(rows)
         tally = made.info["tally"]
         decision = Decisions(

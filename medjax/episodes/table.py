@@ -17,7 +17,7 @@ def vehicle_table(recording: Recording) -> Table:
       By name, each `(rows,)`, masked where there is no such thing:
         time_s: float64, since the reset.
         vehicle_id: int64, one number a vehicle (`Recording.vehicle_ids`).
-        kind: "med", "human_ev", "autonomous_ev" or "gas".
+        kind: "med", "human_ev", "autonomous_ev", "gas" or "lorry".
         x_m: float32, front bumper, from the left end of the road.
         lane: int32, 0 leftmost; num_lanes is an acceleration lane.
         lateral_m: float32, right of the leftmost lane's centre.

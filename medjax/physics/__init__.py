@@ -1,11 +1,11 @@
 """Formulas for the wireless link and the battery: arrays in, arrays out, and no vehicle in sight.
 
 Coils (`mutual_inductance`, tabulated by `tabulate_inductance`), the link between them
-(`link_efficiency`), what driving takes (`tractive_energy`, `battery_energy`, `change_battery`), and the
-elliptic integrals (`ellipk`, `ellipe`). SI units throughout; float64 in gives float64 out.
+(`link_efficiency`, `input_resistance`), what driving takes (`tractive_energy`, `battery_energy`,
+`change_battery`), and the elliptic integrals (`ellipk`, `ellipe`). SI units throughout; float64 in gives float64 out.
 """
 
-from medjax.physics.circuit import link_efficiency
+from medjax.physics.circuit import input_resistance, link_efficiency
 from medjax.physics.coil import VACUUM_PERMEABILITY, mutual_inductance
 from medjax.physics.coil_table import InductanceTable, interpolate_inductance, tabulate_inductance
 from medjax.physics.driving_energy import battery_energy, change_battery, tractive_energy
@@ -18,6 +18,7 @@ __all__ = [
     "change_battery",
     "ellipe",
     "ellipk",
+    "input_resistance",
     "interpolate_inductance",
     "link_efficiency",
     "mutual_inductance",

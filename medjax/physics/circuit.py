@@ -1,4 +1,4 @@
-"""Efficiency of the inductive link between two coils."""
+"""The inductive link between two coils: its efficiency, and what its source sees of it."""
 
 from typing import Literal
 
@@ -53,3 +53,27 @@ def link_efficiency(
     reaches_secondary = coupling / (coupling + primary * (secondary + load))
     in_series = secondary if form == "circuit" else primary
     return load / (in_series + load) * reaches_secondary
+
+
+def input_resistance(
+    mutual_inductance: ArrayLike,
+    *,
+    load: ArrayLike,
+    primary_resistance: ArrayLike,
+    secondary_resistance: ArrayLike,
+    angular_frequency: ArrayLike,
+) -> jax.Array:
+    """What the source of two series-resonant coils sees at their resonance, R_MED + (w0 M)^2 / (R_EV + Z_L).
+
+    A primary current I (RMS) takes I^2 times this from the source: the current that a coil bears bounds the power of a
+    link, and the more so the smaller M is. All arguments broadcast, `(...)`; they are those of `link_efficiency`.
+
+    Returns:
+      Resistance in ohm, in the widest floating type among the arguments.
+
+    Source: Kirchhoff's laws for the circuit of the paper's eq (6); Sallan et al. 2009, IEEE TIE 56(6).
+    """
+    m, load, primary, secondary, omega = as_floats(
+        mutual_inductance, load, primary_resistance, secondary_resistance, angular_frequency
+    )
+    return primary + (omega * m) ** 2 / (secondary + load)

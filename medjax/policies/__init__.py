@@ -2,7 +2,7 @@
 
 from medjax.policies.planner import look_ahead
 from medjax.policies.policy import Choice, Policy, every, rule
-from medjax.policies.rules import BASELINES, forecast, greedy, none, paced, periodic, random
+from medjax.policies.rules import BASELINES, forecast, greedy, none, paced, periodic, random, slow
 
 __all__ = [
     "BASELINES",
@@ -17,4 +17,5 @@ __all__ = [
     "periodic",
     "random",
     "rule",
+    "slow",
 ]

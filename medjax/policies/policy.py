@@ -25,6 +25,8 @@ class Policy(struct.PyTreeNode):
 
     act: Callable[[Any, jax.Array, Any, Any, Any], Choice] = struct.field(pytree_node=False)
     weights: Any = ()  # arrays, the first argument of `act`; a rule has none
+    # From the environment's numbers to those that it plays in: a control may have drivers do what others do by MEDs.
+    world: Callable[[Any], Any] = struct.field(pytree_node=False, default=lambda params: params)
 
     def __call__(self, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
         """What it does; `key` is the randomness of this decision, `obs` as the environment returned it."""
@@ -52,4 +54,4 @@ def every(policy: Policy, interval: int) -> Policy:
         wait = Choice(jnp.int32(0), jax.nn.one_hot(0, choice.probabilities.shape[-1]))
         return jax.tree.map(lambda now, later: jnp.where(asked, now, later), choice, wait)
 
-    return Policy(choose, policy.weights)
+    return Policy(choose, policy.weights, policy.world)

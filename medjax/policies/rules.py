@@ -4,6 +4,7 @@ Each entry of `BASELINES` is `build(env) -> policy` (`medjax.policies.policy.Pol
 masked action is never returned. Rules read the highway under any wrappers of the environment.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -33,6 +34,24 @@ def none(env: Environment) -> Policy:
     return rule(lambda key, state, params: jnp.zeros((), jnp.int32), env.num_actions)
 
 
+def slow(env: Environment) -> Policy:
+    """Never sends a MED, and EVs below the request threshold drive at the MEDs' service speed.
+
+    A control: what driving slowly behind a truck does by itself, without the truck and what it gives.
+    """
+
+    def world(params: EnvParams) -> EnvParams:
+        drivers = params.drivers.replace(
+            eco_compliance=1.0,
+            eco_speed=params.fleet.service_speed,
+            eco_horizon_m=math.inf,  # no charge is enough
+            eco_soc=params.charging.request_soc,
+        )
+        return params.replace(drivers=drivers)
+
+    return none(env).replace(world=world)
+
+
 def random(env: Environment) -> Policy:
     """Uniform over the allowed actions: the paper's "random choice"."""
 
@@ -55,7 +74,7 @@ def periodic(env: Environment) -> Policy:
     return _of_highway(env, act)
 
 
-def paced(env: Environment, interval_s: float = 34.0, ramp: int = 1) -> Policy:
+def paced(env: Environment, interval_s: float = 32.0, ramp: int = 1) -> Policy:
     """One MED every interval_s, always from the same ramp.
 
     The defaults are those that do best on `paper`: `python -m benchmarks.tune` compares them.
@@ -80,7 +99,8 @@ def stranded_need(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.
     be asked to the end of its reach: those that would otherwise run out soonest.
     """
     low = state.evs.energy_j < params.charging.request_soc * params.ev_capacity_j
-    needy = state.vehicles.active[config.ev_slots] & low & (state.evs.med == NOT_BOOKED)
+    waits = (state.evs.med == NOT_BOOKED) & ~state.evs.is_depleted
+    needy = state.vehicles.active[config.ev_slots] & low & waits
     ahead = params.road.ramp_x_m[:, None] - state.vehicles.x[config.ev_slots][None, :]
     meets = (ahead <= params.charging.reach_ahead_m) & (ahead >= -params.charging.reach_behind_m)
     return jnp.sum(meets & needy, axis=1)
@@ -106,7 +126,7 @@ def greedy(env: Environment) -> Policy:
     return _where_needed(env, lambda state, params: stranded_need(state, env.config, params), 2.0)
 
 
-def forecast(env: Environment, window_s: float = 60.0, enough: float = 3.5) -> Policy:
+def forecast(env: Environment, window_s: float = 60.0, enough: float = 5.0) -> Policy:
     """Sends a MED where most EVs will be in need of it (`forecast_need`), once `enough` are.
 
     The defaults are those that do best on `paper`: `python -m benchmarks.tune` compares them.
@@ -121,5 +141,5 @@ def forecast(env: Environment, window_s: float = 60.0, enough: float = 3.5) -> P
 
 
 BASELINES: dict[str, Callable[[Environment], Policy]] = {
-    build.__name__: build for build in (none, random, periodic, paced, greedy, forecast)
+    build.__name__: build for build in (none, slow, random, periodic, paced, greedy, forecast)
 }

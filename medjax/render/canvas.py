@@ -50,18 +50,40 @@ class Canvas:
         corners = (round(left), round(top), round(right) - 1, round(bottom) - 1)
         self._draw.rectangle(corners, fill, outline, max(1, round(line * FINE)))
 
-    def body(self, box: Box, fill: Color, outline: Color) -> None:
-        """A vehicle that drives to the right, seen from above; its window is of the outline's colour."""
+    def body(self, box: Box, slope: tuple[float, float], fill: Color, outline: Color) -> None:
+        """A vehicle that drives to the right, seen from above; its window is of the outline's colour.
+
+        Args:
+          box: its outline, were it to drive straight on.
+          slope: px down for each px along its length, and px along for each px down its width, as it is turned.
+        """
         left, top, right, bottom = (round(value * FINE) for value in box)
-        height = bottom - top
-        if right - left < 2 or height < 2:
+        width, height = right - left - 1, bottom - top - 1
+        if width < 1 or height < 1:
             return
-        corners = (left, top, right - 1, bottom - 1)
-        self._draw.rounded_rectangle(corners, 0.22 * height, fill, outline, FINE)
+
+        def place(x: float, y: float) -> tuple[float, float]:
+            """A point of the body, from its middle, on the canvas."""
+            middle = left + 0.5 * width, top + 0.5 * height
+            return middle[0] + x + slope[1] * y, middle[1] + slope[0] * x + y
+
+        radius = 0.22 * height
+        turns = np.linspace(0.0, 0.5 * np.pi, 5)
+        outside = [
+            place(
+                side * (0.5 * width - radius) + radius * np.cos(start + turn),
+                end * (0.5 * height - radius) + radius * np.sin(start + turn),
+            )
+            for side, end, start in ((1, 1, 0.0), (-1, 1, 0.5), (-1, -1, 1.0), (1, -1, 1.5))
+            for start in (start * np.pi,)
+            for turn in turns
+        ]
+        self._draw.polygon(outside, fill, outline, FINE)
         if height > 8 * FINE:
-            front = right - round(0.28 * height)
-            shade = (front, top + 0.16 * height, front + 0.14 * height, bottom - 0.16 * height)
-            self._draw.rectangle(shade, outline)
+            back, front = (0.5 * width - share * height for share in (0.28, 0.14))
+            half = 0.34 * height
+            corners = ((back, -half), (front, -half), (front, half), (back, half))
+            self._draw.polygon([place(*corner) for corner in corners], outline)
 
     def line(self, points: Points, color: Color, width: float) -> None:
         """A line through points."""

@@ -67,7 +67,9 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
             [t.slot, t.first, t.last, t.number, int(kinds[t.first, t.slot])]
             for t in timeline.tracks
         ],
-        "ranOut": [[stop.slot, stop.frame, round(stop.x_m, 2)] for stop in timeline.ran_out],
+        "ranOut": [
+            [stop.slot, stop.frame, stop.gone, round(stop.x_m, 2)] for stop in timeline.ran_out
+        ],
         "charts": [
             {"title": c.title, "unit": c.unit, "digits": c.digits, "labels": c.labels}
             for c in charts

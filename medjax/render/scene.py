@@ -20,6 +20,7 @@ class Scene:
     x: np.ndarray  # (V,) m, front bumper
     y: np.ndarray  # (V,) m right of the leftmost lane's centre
     speed: np.ndarray  # (V,) m/s
+    heading: np.ndarray  # (V,) rad, positive to the right
     lane: np.ndarray  # (V,) int
     active: np.ndarray  # (V,) bool, on the road
     kind: np.ndarray  # (V,) int, `medjax.world.kinds.KINDS`
@@ -29,7 +30,9 @@ class Scene:
     ev_is_charging: np.ndarray  # (E,) bool
     med_soc: np.ndarray  # (M,)
     med_status: np.ndarray  # (M,) int
-    ran_out_x: np.ndarray  # (D,) m, where EVs ran out so far, as far as it is known
+    ran_out_x: (
+        np.ndarray
+    )  # (D,) m, where EVs without energy left the road so far, as far as it is known
     ran_out: int  # how many did
     sent: int  # MEDs dispatched so far
     fleet: int  # MEDs there are
@@ -61,7 +64,9 @@ def _scene_of(frame: Frames, params: EnvParams, **told: object) -> Scene:
         for name, values in vars(frame).items()
         if name not in ("lateral_offset", "lateral_speed")
     }
-    known |= {"x": np.asarray(frame.x, np.float64), "y": np.asarray(y)}
+    # A crawl does not turn a vehicle, as for its coils (`medjax.traffic.motion.turn_between`).
+    heading = np.arctan2(np.asarray(frame.lateral_speed), np.maximum(frame.speed, 1.0))
+    known |= {"x": np.asarray(frame.x, np.float64), "y": np.asarray(y), "heading": heading}
     return Scene(**known | told, fleet=int(params.fleet.size))  # type: ignore[arg-type]
 
 
@@ -109,12 +114,12 @@ class Timeline:
         share = time_s / recording.config.tick_s - now
         here = self._track_at[now]
         decision = -(-now // recording.ticks_per_decision)
-        ran_out_x = np.array([stop.x_m for stop in self.ran_out if stop.frame <= now])
+        ran_out_x = np.array([stop.x_m for stop in self.ran_out if stop.gone <= now])
         scene = _scene_of(
             jax.tree.map(lambda leaf: leaf[now], frames),
             recording.params,
             ran_out_x=ran_out_x,
-            ran_out=len(ran_out_x),
+            ran_out=sum(stop.frame <= now for stop in self.ran_out),
             sent=int(np.sum(np.asarray(recording.decisions.sent)[:decision] > 0)),
             time_s=time_s,
             title=f"{recording.scenario} · {recording.policy}",

@@ -27,11 +27,12 @@ class Track:
 
 @dataclasses.dataclass(frozen=True)
 class RanOut:
-    """An EV that came to a stop without energy."""
+    """An EV that ran out of energy."""
 
     slot: int
     frame: int  # the first without it
-    x_m: float
+    gone: int  # frame that it is no longer on the road in; that after the last one, if it still is
+    x_m: float  # where it was last
 
 
 def class_of(slot: int, config: EnvConfig) -> str:
@@ -58,10 +59,13 @@ def tracks_of(recording: Recording) -> list[Track]:
 def ran_out(recording: Recording) -> list[RanOut]:
     """EVs that ran out, in the order of time."""
     frames, slots = recording.frames, recording.config.ev_slots
-    on_road, x = np.asarray(frames.active)[:, slots], np.asarray(frames.x)[:, slots]
-    gone = on_road[:-1] & ~on_road[1:] & (np.asarray(frames.ev_soc)[1:] <= 0.0)
-    before, ev = np.nonzero(gone & (x[1:] <= float(recording.params.road.length_m)))
-    return [
-        RanOut(slots.start + int(e), int(f) + 1, float(x[f + 1, e]))
-        for f, e in zip(before, ev, strict=True)
+    empty = np.asarray(frames.active)[:, slots] & (np.asarray(frames.ev_soc) <= 0.0)
+    change = np.diff(empty, axis=0, prepend=False, append=False)
+    # By slot and time every second change is one back: a vehicle without energy stays so.
+    ev, frame = np.nonzero(change.T)
+    stops = zip(ev[::2].tolist(), frame[::2].tolist(), frame[1::2].tolist(), strict=True)
+    found = [
+        RanOut(slots.start + e, first, gone, float(frames.x[gone - 1, slots.start + e]))
+        for e, first, gone in stops
     ]
+    return sorted(found, key=lambda stop: stop.frame)

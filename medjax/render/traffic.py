@@ -65,7 +65,9 @@ def draw_close(canvas: Canvas, view: View, scene: Scene, road: Roadway, font: in
             link(canvas, ends, font, charges=bool(scene.ev_is_charging[ev]))
     for slot, box in bodies.items():
         if box[2] > left and box[0] < right:
-            _draw_body(canvas, box, scene, slot, font)
+            tilt = np.tan(scene.heading[slot])
+            slope = float(tilt * view.per_m / view.along), float(-tilt * view.along / view.per_m)
+            _draw_body(canvas, box, slope, scene, slot, font)
     for x in scene.ran_out_x:
         if left <= view.px(x) <= right:
             place = view.px(x), view.py(road.shoulder_m)
@@ -87,12 +89,14 @@ def _draw_slots(canvas: Canvas, view: View, scene: Scene, road: Roadway) -> None
                 mark_free(canvas, box)
 
 
-def _draw_body(canvas: Canvas, box: Box, scene: Scene, slot: int, font: int) -> None:
+def _draw_body(
+    canvas: Canvas, box: Box, slope: tuple[float, float], scene: Scene, slot: int, font: int
+) -> None:
     """A vehicle; the charge is written on EVs and MEDs that are long enough."""
     kind = int(scene.kind[slot])
     fill = colors.vehicle_color(kind, _soc(scene, slot))
     has_charge = KINDS[kind].slots != FUELLED
-    canvas.body(box, fill, colors.INK if has_charge else colors.EDGE)
+    canvas.body(box, slope, fill, colors.INK if has_charge else colors.EDGE)
     if not has_charge:
         return
     soc = float(scene.med_soc[slot]) if kind == MED else _soc(scene, slot)

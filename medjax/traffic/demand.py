@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from medjax.traffic.exits import mean_way
 from medjax.world.kinds import EVS, FUELLED, GAS_KINDS, kinds_in
 from medjax.world.params import DemandParams, DriverParams, EnvParams, RoadParams, Scalar
 
@@ -19,10 +20,10 @@ CATCH_UP_S = 4.0
 SPEED_SPREAD = 2.5
 
 
-def entry_rates(demand: DemandParams, num_lanes: int) -> jax.Array:
-    """Vehicles per second asking at each entry, `(num_lanes + num_ramps,)`."""
-    lanes = jnp.full((num_lanes,), demand.mainline_per_h / num_lanes)
-    return jnp.concatenate([lanes, demand.ramp_per_h]) / 3600.0
+def entry_rates(demand: DemandParams, num_lanes: int, time_s: Scalar) -> jax.Array:
+    """Vehicles per second asking at each entry so long after an episode's start, `(num_lanes + num_ramps,)`."""
+    mainline, ramps = demand.flows(time_s)
+    return jnp.concatenate([jnp.full((num_lanes,), mainline / num_lanes), ramps]) / 3600.0
 
 
 def poisson_arrivals(uniform: jax.Array, expected: jax.Array) -> jax.Array:
@@ -168,10 +169,11 @@ class Fill(NamedTuple):
 
 
 def expected_vehicles(demand: DemandParams, road: RoadParams, speed: Scalar) -> jax.Array:
-    """Vehicles on the road in equilibrium: each entry's flow times its way to the end over speed."""
-    mainline = demand.mainline_per_h * road.length_m
-    ramps = jnp.sum(demand.ramp_per_h * (road.length_m - road.ramp_x_m))
-    return (mainline + ramps) / (3600.0 * speed)
+    """Vehicles on the road in equilibrium: each entry's flow times its mean way over speed."""
+    mainline, ramps = demand.flows(jnp.zeros(()))
+    metres = mainline * mean_way(jnp.zeros(()), demand, road)
+    metres += jnp.sum(ramps * mean_way(road.ramp_x_m, demand, road))
+    return metres / (3600.0 * speed)
 
 
 def fill_road(

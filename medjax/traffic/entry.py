@@ -18,10 +18,14 @@ from medjax.traffic.demand import (
     place,
     poisson_arrivals,
 )
+from medjax.traffic.exits import draw_destinations, next_exit
 from medjax.traffic.following import by_kind
 from medjax.world.kinds import MED
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import MERGING, QUEUED, EnvState, Tally, Vehicles, count_kinds
+
+# Folded into the key of a round, which else draws what it drew before there were exits.
+DESTINATIONS = 0xE817
 
 
 def _waiting_meds(state: EnvState, config: EnvConfig) -> tuple[jax.Array, jax.Array]:
@@ -45,19 +49,34 @@ class _NextUp(NamedTuple):
 
     kind: jax.Array  # int32
     desired_speed: jax.Array  # m/s
+    time_headway: jax.Array  # s
+    destination: jax.Array  # m
+
+
+class _Draws(NamedTuple):
+    """What is random about the one who would enter at each entry, `(K,)` each."""
+
+    speed: jax.Array  # normal
+    kind: jax.Array  # uniform
+    destination: jax.Array  # uniform
 
 
 def _next_up(
-    speed_draw: jax.Array,
-    kind_draw: jax.Array,
+    draws: _Draws,
+    where: Entries,
     state: EnvState,
     med_waits: jax.Array,
     params: EnvParams,
 ) -> _NextUp:
-    """A MED where one waits, else the first of the queue, by draws `(K,)`: normal, uniform."""
-    kind = drawn_kinds(kind_draw, state.next_is_ev, params.demand)
+    """A MED where one waits, else the first of the queue, by draws."""
+    kind = drawn_kinds(draws.kind, state.next_is_ev, params.demand)
     kind = jnp.where(med_waits, MED, kind)
-    return _NextUp(kind, desired_speeds(speed_draw, kind, params.drivers))
+    drivers, road = params.drivers, params.road
+    desired = desired_speeds(draws.speed, kind, drivers)
+    own = draw_destinations(draws.destination, where.x, params.demand, road)
+    far = where.x + jnp.maximum(params.fleet.trip_m, road.exit_notice_m)
+    destination = jnp.where(med_waits, next_exit(far, road), own)
+    return _NextUp(kind, desired, by_kind(kind, drivers.time_headway), destination)
 
 
 def _safe_speed(
@@ -70,9 +89,7 @@ def _safe_speed(
     desired, kind = next_up.desired_speed, next_up.kind
     on_ramp = where.lane == config.num_lanes
     wanted = jnp.where(on_ramp, jnp.minimum(desired, params.demand.ramp_speed), desired)
-    return entry_speed(
-        wanted, ahead, by_kind(kind, drivers.time_headway), by_kind(kind, drivers.min_gap)
-    )
+    return entry_speed(wanted, ahead, next_up.time_headway, by_kind(kind, drivers.min_gap))
 
 
 def _put_on_road(
@@ -90,6 +107,7 @@ def _put_on_road(
         return jnp.where(new, values[source], old)
 
     still = jnp.zeros(where.x.shape)
+    nobody = jnp.full(where.x.shape, jnp.inf)
     return vehicles.replace(
         x=fresh(where.x, vehicles.x),
         speed=fresh(speed, vehicles.speed),
@@ -101,6 +119,10 @@ def _put_on_road(
         desired_speed=fresh(next_up.desired_speed, vehicles.desired_speed),
         acceleration_noise=fresh(still, vehicles.acceleration_noise),
         wander=fresh(still, vehicles.wander),
+        headway=fresh(next_up.time_headway, vehicles.headway),
+        courtesy=fresh(nobody, vehicles.courtesy),
+        recovery_s=fresh(still, vehicles.recovery_s),
+        destination=fresh(next_up.destination, vehicles.destination),
     )
 
 
@@ -119,12 +141,15 @@ def admit(
     normal_key, uniform_key = jax.random.split(key)
     speed_draw = jax.random.normal(normal_key, (num_entries,))
     arrival_draw, class_draw, kind_draw, luck = jax.random.uniform(uniform_key, (4, num_entries))
-    expected = entry_rates(demand, config.num_lanes) * config.decision_s
+    rates = entry_rates(demand, config.num_lanes, state.time * config.decision_s)
+    expected = rates * config.decision_s
     queue = state.queue + poisson_arrivals(arrival_draw, expected)
 
     first_med, med_waits = _waiting_meds(state, config)
-    next_up = _next_up(speed_draw, kind_draw, state, med_waits, params)
     where = entries(params.road, config.num_lanes)
+    way_draw = jax.random.uniform(jax.random.fold_in(key, DESTINATIONS), (num_entries,))
+    draws = _Draws(speed_draw, kind_draw, way_draw)
+    next_up = _next_up(draws, where, state, med_waits, params)
     speed, safe = _safe_speed(next_up, where, state, config, params)
 
     ordinary = safe & ~med_waits & (queue > 0)

@@ -10,7 +10,7 @@ from jax.typing import ArrayLike
 
 from medjax.numerics.gathers import read
 from medjax.traffic.neighbours import NOBODY
-from medjax.world.params import DriverParams, Scalar
+from medjax.world.params import DriverParams, LaneChangeParams, Scalar
 
 T = TypeVar("T")
 
@@ -35,7 +35,9 @@ class Drivers(NamedTuple):
     min_gap: jax.Array  # m
     max_acceleration: jax.Array  # m/s^2
     comfortable_deceleration: jax.Array  # m/s^2
-    constants: Any  # of the model, `CarFollowing.constants`
+    closing: (
+        jax.Array
+    )  # s^2/m, 1 / (2 sqrt(a b)): headway that comfortable braking takes per closing speed
 
 
 class Follower(NamedTuple):
@@ -46,6 +48,7 @@ class Follower(NamedTuple):
     time_headway: jax.Array  # s
     min_gap: jax.Array  # m
     max_acceleration: jax.Array  # m/s^2
+    closing: jax.Array  # s^2/m, headway per closing speed that comfortable braking takes
     prepared: Any  # by the model, `CarFollowing.prepare`
     platoon: jax.Array  # int32, index of the MED it drives with, or NOBODY
 
@@ -56,9 +59,6 @@ class CarFollowing(Protocol):
     What depends on the follower alone is worked out once for all vehicles, not for each leader that it might
     have: a lane change looks at four pairs.
     """
-
-    def constants(self, drivers: Drivers) -> Any:
-        """A tree of `(N,)`, what the model makes of drivers (without `constants`) once a decision."""
 
     def prepare(self, drivers: Drivers, speed: jax.Array) -> Any:
         """A tree of `(N,)`, what the model makes of all vehicles at their speeds `(N,)` m/s, once a tick."""
@@ -92,24 +92,22 @@ def of_slots(vehicles: T, slots: jax.Array) -> T:
     return read(vehicles, jnp.maximum(slots, 0))
 
 
-def make_drivers(
-    kind: jax.Array, desired_speed: jax.Array, params: DriverParams, model: CarFollowing
-) -> Drivers:
+def make_drivers(kind: jax.Array, desired_speed: jax.Array, params: DriverParams) -> Drivers:
     """Drivers of all slots by their kinds' parameters.
 
     Args:
       kind: (N,) int32; desired_speed: (N,) m/s.
     """
-    drivers = Drivers(
+    hardest = by_kind(kind, params.max_acceleration * params.comfortable_deceleration)
+    return Drivers(
         length=by_kind(kind, params.vehicle_length),
         desired_speed=desired_speed,
         time_headway=by_kind(kind, params.time_headway),
         min_gap=by_kind(kind, params.min_gap),
         max_acceleration=by_kind(kind, params.max_acceleration),
         comfortable_deceleration=by_kind(kind, params.comfortable_deceleration),
-        constants=None,
+        closing=0.5 / jnp.sqrt(hardest),
     )
-    return drivers._replace(constants=model.constants(drivers))
 
 
 def roles(
@@ -123,6 +121,7 @@ def roles(
         time_headway=drivers.time_headway,
         min_gap=drivers.min_gap,
         max_acceleration=drivers.max_acceleration,
+        closing=drivers.closing,
         prepared=model.prepare(drivers, speed),
         platoon=platoon,
     )
@@ -132,6 +131,44 @@ def roles(
 def gap_between(follower: Follower, leader: Leader) -> jax.Array:
     """Bumper gap, m; negative where they overlap."""
     return leader.rear - follower.x
+
+
+def same_platoon(follower: Follower, leader: Leader, has_leader: jax.Array) -> jax.Array:
+    """Whether each drives with the one ahead of it, bool."""
+    return has_leader & (follower.platoon == leader.platoon) & (follower.platoon != NOBODY)
+
+
+def spare_headway(follower: Follower, leader: Leader, has_leader: jax.Array) -> jax.Array:
+    """Headway that IDM finds kept as things are, s: the gap less s0 and what closing in takes, over the speed."""
+    closing = jnp.maximum(follower.speed - leader.speed, 0.0) * follower.closing
+    kept = (gap_between(follower, leader) - follower.min_gap) / jnp.maximum(follower.speed, 1.0)
+    return jnp.where(has_leader, kept - closing, jnp.inf)
+
+
+def relaxed_headway(
+    headway: jax.Array,
+    usual: jax.Array,
+    spare: jax.Array,
+    is_new: jax.Array,
+    dt: float,
+    params: LaneChangeParams,
+) -> jax.Array:
+    """Headways that drivers keep in this tick, s: a short one is accepted for a while and grows back.
+
+    After a change of lanes, one's own or that of the vehicle ahead, a driver takes the headway that there is, down
+    to the shortest accepted one. From then it relaxes to the usual one, and it is never shorter than what there is.
+
+    Args:
+      headway: (N,) s, so far; usual: (N,) s, each driver's own.
+      spare: (N,) s, what there is (`spare_headway`).
+      is_new: (N,) bool, this vehicle or the one ahead is changing lanes.
+
+    Source: Laval and Leclercq 2008; Schakel, Knoop, van Arem 2012, eq (13).
+    """
+    there = jnp.minimum(spare, usual)
+    grown = headway + (usual - headway) * (dt / params.relaxation_s)
+    taken = jnp.maximum(there, jnp.minimum(params.accepted_headway, usual))
+    return jnp.where(is_new, taken, jnp.maximum(grown, there))
 
 
 def following_acceleration(
@@ -150,7 +187,7 @@ def following_acceleration(
       follower, leader: equal shapes.
       has_leader: bool, that shape; False is a free road.
     """
-    together = has_leader & (follower.platoon == leader.platoon) & (follower.platoon != NOBODY)
+    together = same_platoon(follower, leader, has_leader)
     keeps = follower._replace(
         time_headway=jnp.where(together, platooning.time_headway, follower.time_headway),
         min_gap=jnp.where(together, platooning.min_gap, follower.min_gap),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -96,32 +95,20 @@ def interaction(wanted: jax.Array, gap: ArrayLike, max_acceleration: ArrayLike) 
     return jnp.multiply(max_acceleration, jnp.square(ratio))
 
 
-class Prepared(NamedTuple):
-    """What IDM takes from a follower alone; every field of one shape."""
-
-    free_acceleration: jax.Array  # m/s^2, with nobody ahead
-    braking_weight: jax.Array  # s^2/m
-
-
 @dataclasses.dataclass(frozen=True)
 class IDM:
     """IDM as a `CarFollowing`."""
 
     exponent: float = 4.0
 
-    def constants(self, drivers: Drivers) -> jax.Array:
-        """The braking weight, s^2/m."""
-        return braking_weight(drivers.max_acceleration, drivers.comfortable_deceleration)
-
-    def prepare(self, drivers: Drivers, speed: jax.Array) -> Prepared:
-        """The acceleration on a free road, and the braking weight."""
-        free = free_acceleration(
+    def prepare(self, drivers: Drivers, speed: jax.Array) -> jax.Array:
+        """The acceleration on a free road, m/s^2."""
+        return free_acceleration(
             speed,
             desired_speed=drivers.desired_speed,
             max_acceleration=drivers.max_acceleration,
             exponent=self.exponent,
         )
-        return Prepared(free, drivers.constants)
 
     def acceleration(
         self, follower: Follower, gap: jax.Array, leader_speed: ArrayLike
@@ -132,10 +119,42 @@ class IDM:
             leader_speed,
             time_headway=follower.time_headway,
             min_gap=follower.min_gap,
-            braking_weight=follower.prepared.braking_weight,
+            braking_weight=follower.closing,
         )
-        free = follower.prepared.free_acceleration
-        return free - interaction(wanted, gap, follower.max_acceleration)
+        return follower.prepared - interaction(wanted, gap, follower.max_acceleration)
 
 
 STANDARD_IDM = IDM()  # with the usual exponent
+
+
+@dataclasses.dataclass(frozen=True)
+class IDMPlus(IDM):
+    """IDM+, min(free, A [1 - (s*/s)^2]): a steady follower keeps s0 + v T, a constant time headway, at any speed.
+
+    IDM adds both instead and never holds its own headway near the desired speed, so that a road of it carries a
+    tenth less than roads do. Who is too fast brakes comfortably at most.
+
+    Source: Schakel, van Arem, Netten 2010, eq (3); Schakel, Knoop, van Arem 2012.
+    """
+
+    def prepare(self, drivers: Drivers, speed: jax.Array) -> jax.Array:
+        """The acceleration on a free road, m/s^2."""
+        free = super().prepare(drivers, speed)
+        return jnp.maximum(free, -drivers.comfortable_deceleration)
+
+    def acceleration(
+        self, follower: Follower, gap: jax.Array, leader_speed: ArrayLike
+    ) -> jax.Array:
+        """The smaller of what the road and the leader allow, m/s^2."""
+        wanted = wanted_gap(
+            follower.speed,
+            leader_speed,
+            time_headway=follower.time_headway,
+            min_gap=follower.min_gap,
+            braking_weight=follower.closing,
+        )
+        most = follower.max_acceleration
+        return jnp.minimum(follower.prepared, most - interaction(wanted, gap, most))
+
+
+IDM_PLUS = IDMPlus()  # what everyone drives by, where nothing else is said

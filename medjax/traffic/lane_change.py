@@ -19,25 +19,35 @@ from medjax.world.params import LaneChangeParams
 
 T = TypeVar("T")
 
+# Below this a vehicle hardly moves sideways when it changes lanes.
+CRAWL_M_PER_S = 2.0
+# What is no more urgent is nobody's concern but one's own.
+COURTEOUS_DESIRE = 0.3
+# From here on a change is made at any speed; before, at this share of the speed of the one that is then behind.
+HASTY_DESIRE = 0.6
+EVEN_SPEED = 0.95
+
 
 class Wish(NamedTuple):
     """What each vehicle must do across the road, `(N,)` each."""
 
-    direction: jax.Array  # int32: -1 must go left, +1 right, 0 need not change
-    urgency: jax.Array  # 0 to 1, adds bias to a mandatory change
+    desire: (
+        jax.Array
+    )  # -1 to 1: must go left where negative, right where positive; its size says how urgent it is
     stay: jax.Array  # bool: no change but a mandatory one
+    may: jax.Array  # bool: nothing but traffic is in the way of a change to the side looked at
 
 
 class Turn(NamedTuple):
-    """Who looks where in a tick: slots group, group + groups, ... look to one side."""
+    """Who looks where in a tick: one of `groups` parts of the slots, equally long, looks to one side."""
 
     direction: jax.Array  # () int32, -1 left or +1 right
-    group: jax.Array  # () int32
+    group: jax.Array  # () int32, the part
     groups: int
 
 
 def whose_turn(tick: jax.Array, groups: int) -> Turn:
-    """Even ticks look left, odd ticks right, and groups take turns.
+    """Even ticks look left, odd ticks right, and groups take turns: each looks left, and right in the next tick.
 
     So each vehicle looks both ways once in 2 * groups ticks, and a tick judges one group only.
     """
@@ -48,21 +58,22 @@ def pick_group(tree: T, turn: Turn) -> T:
     """Entries of those whose turn it is: leaves (N,) to (ceil(N / groups),), padded with zeros."""
 
     def pick(values: jax.Array) -> jax.Array:
-        rows = jnp.pad(values, (0, -values.shape[0] % turn.groups)).reshape(-1, turn.groups)
-        return jax.lax.dynamic_index_in_dim(rows, turn.group, axis=1, keepdims=False)
+        parts = jnp.pad(values, (0, -values.shape[0] % turn.groups)).reshape(turn.groups, -1)
+        return jax.lax.dynamic_index_in_dim(parts, turn.group, keepdims=False)
 
     return jax.tree.map(pick, tree)
 
 
-def place_group(flags: jax.Array, turn: Turn, num_vehicles: int) -> jax.Array:
-    """Flags of those whose turn it is back by slot, `(num_vehicles,)` bool, False for the others.
+def place_group(values: jax.Array, turn: Turn, others: jax.Array) -> jax.Array:
+    """Values of those whose turn it is back by slot, `(N,)`, with those of the others, `(N,)`.
 
     A write into an array rather than a select, because XLA does not fuse through it: a select would be
     merged into each of its readers, and the whole decision computed again for each.
     """
-    rows = jnp.zeros((flags.shape[0], turn.groups), bool)
-    rows = jax.lax.dynamic_update_index_in_dim(rows, flags, turn.group, axis=1)
-    return rows.reshape(-1)[:num_vehicles]
+    num_vehicles = others.shape[0]
+    parts = jnp.pad(others, (0, -num_vehicles % turn.groups)).reshape(turn.groups, -1)
+    parts = jax.lax.dynamic_update_index_in_dim(parts, values, turn.group, axis=0)
+    return parts.reshape(-1)[:num_vehicles]
 
 
 class Situation(NamedTuple):
@@ -70,7 +81,9 @@ class Situation(NamedTuple):
 
     leaders: Leader
     followers: Follower
+    usual_headway: jax.Array  # s, which drivers keep in the long run
     neighbours: Neighbours  # in the own lane, and in the lane on the side looked at
+    courtesy: jax.Array  # m/s^2 at most, of the last look
     following: jax.Array  # m/s^2, by car following alone
     acceleration: jax.Array  # m/s^2, with the end of an acceleration lane counted
 
@@ -79,57 +92,166 @@ Follow = Callable[[Follower, Leader, jax.Array], jax.Array]
 """`(followers, leaders, has_leader)` of one shape to accelerations, m/s^2."""
 
 
+# What those decide who change lanes; the others, an acceleration that they keep to out of courtesy.
+GOES = -jnp.inf
+
+
+def _for_the_desire(usual: jax.Array, desire: jax.Array, params: LaneChangeParams) -> jax.Array:
+    """Headways that are accepted for a change so urgent, s: LMRS, eq (10)."""
+    shortest = jnp.minimum(params.accepted_headway, usual)
+    return usual + (shortest - usual) * desire
+
+
+def _courtesy(
+    own: Follower,
+    leader: Leader,
+    own_after: jax.Array,
+    concerned: jax.Array,
+    params: LaneChangeParams,
+) -> jax.Array:
+    """Acceleration at most, m/s^2, towards the vehicle ahead in the other lane, of those whom it `concerned`.
+
+    Who must change falls in behind it, and who is behind one that must come makes room, both within comfort: who
+    would have to brake harder passes instead.
+    """
+    closing = jnp.maximum(own.speed - leader.speed, 0.0)
+    room = gap_between(own, leader) - 0.5 * own.min_gap
+    # Of two side by side, equally fast, the one behind falls back; who stands has done what it could.
+    drives = own.speed > CRAWL_M_PER_S
+    even = closing < 1.0
+    in_comfort = (room > 0.0) & (jnp.square(closing) <= 2.0 * params.courtesy_braking * room)
+    bounded = jnp.maximum(own_after, -params.courtesy_braking)
+    return jnp.where(concerned & drives & (even | in_comfort), bounded, jnp.inf)
+
+
+class Look(NamedTuple):
+    """Those whose turn it is and the gap that they look at, `(C,)` each."""
+
+    own: Follower  # as it would follow there
+    leader: Leader  # ahead in that lane
+    has_leader: jax.Array  # bool
+    follower: Follower  # behind in that lane, as it would follow this vehicle
+    has_follower: jax.Array  # bool
+    gap_behind: jax.Array  # m, inf where nobody is behind
+    desire: jax.Array  # to that side, -1 to 1
+    stake: (
+        jax.Array
+    )  # 0 to 1, how urgent it is to this vehicle, or to one that comes over from there
+    own_after: jax.Array  # m/s^2, in that lane
+    new_after: jax.Array  # m/s^2, of the one behind in that lane, then
+    others: tuple[
+        jax.Array, ...
+    ]  # m/s^2, of the one behind now, before and after, and of the one behind then
+
+
+def _look(
+    situation: Situation, desire: jax.Array, turn: Turn, follow: Follow, params: LaneChangeParams
+) -> Look:
+    """What those whose turn it is see beside them; desire `(N,)` is that to the side looked at."""
+    leaders, followers, usual, neighbours, _, following, _ = situation
+    own, own_usual, seen, neighbours = pick_group((followers, usual, leaders, neighbours), turn)
+    leader, leader_desire = of_slots((leaders, desire), neighbours.target_leader)
+    old_leader = of_slots(leaders, neighbours.leader)
+    behind = (followers, usual, following)
+    follower, new_usual, new_before = of_slots(behind, neighbours.target_follower)
+    old_follower, old_before = of_slots((followers, following), neighbours.follower)
+    has_leader, has_follower, has_old_leader, has_old_follower = (
+        slots != NOBODY
+        for slots in (
+            neighbours.target_leader,
+            neighbours.target_follower,
+            neighbours.leader,
+            neighbours.follower,
+        )
+    )
+    desire = pick_group(desire, turn)
+    wanted = jnp.maximum(desire, 0.0)
+    # One that comes over from the lane looked at, into the gap that is open in front of this vehicle.
+    open_to = has_leader & ~(has_old_leader & (old_leader.rear < leader.rear))
+    stake = jnp.maximum(wanted, jnp.where(open_to, -leader_desire, 0.0))
+    own = own._replace(time_headway=_for_the_desire(own_usual, stake, params))
+    follower = follower._replace(time_headway=_for_the_desire(new_usual, wanted, params))
+
+    new_after = jnp.where(has_follower, follow(follower, seen, has_follower), 0.0)
+    old_after = follow(old_follower, old_leader, has_old_leader)
+    others = (
+        jnp.where(has_old_follower, old_before, 0.0),
+        jnp.where(has_old_follower, old_after, 0.0),
+        jnp.where(has_follower, new_before, 0.0),
+        new_after,
+    )
+    return Look(
+        own=own,
+        leader=leader,
+        has_leader=has_leader,
+        follower=follower,
+        has_follower=has_follower,
+        gap_behind=jnp.where(has_follower, gap_between(follower, seen), jnp.inf),
+        desire=desire,
+        stake=stake,
+        own_after=follow(own, leader, has_leader),
+        new_after=new_after,
+        others=others,
+    )
+
+
+def _is_safe(look: Look, params: LaneChangeParams) -> jax.Array:
+    """Whether each could go, `(C,)` bool.
+
+    The more urgent, the harder a change may make others, and oneself, brake (LMRS's gap acceptance). And who stops to
+    let one in keeps its standing gap: less must do, or both would wait for each other.
+    """
+    wanted = jnp.maximum(look.desire, 0.0)
+    return is_safe(
+        look.own_after,
+        look.new_after,
+        jnp.where(look.has_leader, gap_between(look.own, look.leader), jnp.inf),
+        look.gap_behind,
+        safe_braking=params.safe_braking * jnp.where(wanted > 0.0, wanted, 1.0),
+        min_gap_ahead=look.own.min_gap * (1.0 - 0.5 * wanted),
+        min_gap_behind=look.follower.min_gap * (1.0 - 0.5 * wanted),
+    )
+
+
 def decide(
     situation: Situation, wish: Wish, turn: Turn, follow: Follow, params: LaneChangeParams
 ) -> jax.Array:
-    """Which of those whose turn it is want to change lanes now and can safely, `(C,)` bool.
+    """What those whose turn it is do about the lane that they look at, `(C,)`.
 
     Args:
       situation: of all vehicles.
       wish: mandatory changes; they add a bias, safety is never waived.
       turn: whose turn it is, and the side looked at.
       follow: car following between any two.
-    """
-    leaders, followers, neighbours, following, acceleration = situation
-    own = pick_group(followers, turn)
-    seen = pick_group(leaders, turn)
-    neighbours, wish = pick_group(neighbours, turn), pick_group(wish, turn)
-    leader = of_slots(leaders, neighbours.target_leader)
-    old_leader = of_slots(leaders, neighbours.leader)
-    follower, new_before = of_slots((followers, following), neighbours.target_follower)
-    old_follower, old_before = of_slots((followers, following), neighbours.follower)
-    has_leader = neighbours.target_leader != NOBODY
-    has_follower = neighbours.target_follower != NOBODY
-    has_old_follower = neighbours.follower != NOBODY
 
-    own_after = follow(own, leader, has_leader)
-    new_after = follow(follower, seen, has_follower)
-    old_after = follow(old_follower, old_leader, neighbours.leader != NOBODY)
+    Returns:
+      GOES where one changes lanes now, safely. Else the acceleration, m/s^2, that it keeps to for the one ahead in
+      that lane, inf where nothing is at stake. One array, since two would be worked out one after the other.
+    """
+    look = _look(situation, wish.desire * turn.direction, turn, follow, params)
+    held, acceleration = pick_group((situation.courtesy, situation.acceleration), turn)
+    own, desire, wish = look.own, look.desire, pick_group(wish, turn)
 
     incentive = mobil_incentive(
-        pick_group(acceleration, turn),
-        own_after,
-        jnp.where(has_old_follower, old_before, 0.0),
-        jnp.where(has_old_follower, old_after, 0.0),
-        jnp.where(has_follower, new_before, 0.0),
-        jnp.where(has_follower, new_after, 0.0),
-        politeness=params.politeness,
+        acceleration, look.own_after, *look.others, politeness=params.politeness
     )
-    safe = is_safe(
-        own_after,
-        jnp.where(has_follower, new_after, 0.0),
-        jnp.where(has_leader, gap_between(own, leader), jnp.inf),
-        jnp.where(has_follower, gap_between(follower, seen), jnp.inf),
-        safe_braking=params.safe_braking,
-        min_gap_ahead=own.min_gap,
-        min_gap_behind=follower.min_gap,
+    urgent = params.mandatory_bias + desire * params.urgency_bias
+    bias = jnp.where(desire > 0.0, urgent, params.right_bias * turn.direction)
+    wants = (incentive + bias > params.threshold) & jnp.where(
+        wish.stay, desire > 0.0, desire >= 0.0
     )
-    mandatory = wish.direction == turn.direction
-    bias = jnp.where(
-        mandatory,
-        params.mandatory_bias + wish.urgency * params.urgency_bias,
-        params.right_bias * turn.direction,
-    )
-    wants = incentive + bias > params.threshold
-    free = (wish.direction == 0) & ~wish.stay
-    return safe & wants & (mandatory | free)
+    # Who stands must be able to drive into the other lane, or it would stand in both.
+    moves = (own.speed > CRAWL_M_PER_S) | (look.own_after > 0.5 * own.max_acceleration)
+    # With half of the way left, who can still gain on the one behind does so first.
+    early = (desire > COURTEOUS_DESIRE) & (desire < HASTY_DESIRE)
+    gains = acceleration > 0.25 * own.max_acceleration
+    waits = early & gains & look.has_follower & (own.speed < EVEN_SPEED * look.follower.speed)
+    # One that comes over from there is let in; nobody who need not changes places with it.
+    crosses = (look.stake > 0.0) & (desire <= 0.0)
+    goes = wish.may & _is_safe(look, params) & wants & moves & ~waits & ~crosses
+
+    concerned = look.has_leader & (look.stake > COURTEOUS_DESIRE)
+    courtesy = _courtesy(own, look.leader, look.own_after, concerned, params)
+    # Left is looked first, and what it asks for holds beside what the right asks for.
+    courtesy = jnp.minimum(courtesy, jnp.where(turn.direction > 0, held, jnp.inf))
+    return jnp.where(goes, GOES, courtesy)

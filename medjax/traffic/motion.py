@@ -1,6 +1,8 @@
-"""How vehicles move in one tick: ballistic along the road, critically damped across it."""
+"""How vehicles move in one tick: ballistic along the road, steered within comfort across it."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -30,26 +32,52 @@ def ballistic_step(
     return x + travel, jnp.maximum(faster, 0.0)
 
 
+def stopping_acceleration(
+    speed: jax.Array, distance: jax.Array, braking: jax.Array | float, dt: float
+) -> jax.Array:
+    """The most that lets a vehicle stop within a distance, m/s^2; it binds within braking distance only.
+
+    Args:
+      speed: m/s; distance: m; braking: m/s^2, positive, at which it means to stop; equal shapes.
+      dt: s, in which it cannot change its mind.
+
+    Source: the safe speed of Gipps 1981, eq (6), before an obstacle that stands.
+    """
+    lag = 0.5 * braking * dt
+    beyond = jnp.square(lag) + braking * (2.0 * distance - speed * dt)  # this tick's way
+    return (jnp.sqrt(jnp.maximum(beyond, jnp.square(lag))) - lag - speed) / dt
+
+
+class Steering(NamedTuple):
+    """How vehicles move across the road; scalars, or one a vehicle."""
+
+    rate: jax.Array | float  # 1/s
+    acceleration: jax.Array | float  # m/s^2, sideways, at most
+    speed: jax.Array | float  # m/s, sideways, at most
+
+
 def lateral_step(
-    offset: jax.Array, lateral_speed: jax.Array, aim: jax.Array, rate: jax.Array | float, dt: float
+    offset: jax.Array, lateral_speed: jax.Array, aim: jax.Array, steering: Steering, dt: float
 ) -> tuple[jax.Array, jax.Array]:
-    """Exact step of the critically damped relaxation y'' = -rate^2 (y - aim) - 2 rate y'.
+    """A tick of steering to an aim, within what comfort and the speed along allow.
+
+    Half of the rate times the way to go is the speed wanted, and twice the rate the speed's own rate: the
+    critically damped relaxation y'' = -rate^2 (y - aim) - 2 rate y' where no limit holds.
 
     Args:
       offset, aim: m; lateral_speed: m/s; equal shapes.
-      rate: 1/s; a change of one lane is 95 % done after 4.7 / rate.
       dt: s.
 
     Returns:
       (offset, lateral_speed) after the tick.
     """
-    decay = jnp.exp(-rate * dt)
-    error = offset - aim
-    drive = lateral_speed + rate * error
-    return (
-        aim + (error + drive * dt) * decay,
-        (lateral_speed - rate * drive * dt) * decay,
-    )
+    ahead = offset + 0.5 * dt * lateral_speed  # half a tick on, or coarse ticks would overshoot
+    wanted = jnp.clip(0.5 * steering.rate * (aim - ahead), -steering.speed, steering.speed)
+    most = steering.acceleration * dt
+    gained = jnp.clip((wanted - lateral_speed) * -jnp.expm1(-2.0 * steering.rate * dt), -most, most)
+    # The speed along may fall faster than comfort allows: who stands does not slide.
+    after = jnp.clip(lateral_speed + gained, -steering.speed, steering.speed)
+    return offset + 0.5 * (lateral_speed + after) * dt, after
 
 
 def turn_between(

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from medjax.numerics.sums import count_down, in_units
+from medjax.traffic.exits import exit_desire, prepares
 from medjax.traffic.following import (
     CarFollowing,
     Drivers,
@@ -17,10 +19,14 @@ from medjax.traffic.following import (
     gap_between,
     make_drivers,
     of_slots,
+    relaxed_headway,
     roles,
+    same_platoon,
+    spare_headway,
 )
-from medjax.traffic.idm import STANDARD_IDM
 from medjax.traffic.lane_change import (
+    COURTEOUS_DESIRE,
+    GOES,
     Follow,
     Situation,
     Turn,
@@ -29,11 +35,21 @@ from medjax.traffic.lane_change import (
     place_group,
     whose_turn,
 )
-from medjax.traffic.motion import ballistic_step, lateral_step, ornstein_uhlenbeck
+from medjax.traffic.motion import (
+    Steering,
+    ballistic_step,
+    lateral_step,
+    ornstein_uhlenbeck,
+    stopping_acceleration,
+)
 from medjax.traffic.neighbours import NOBODY, find_neighbours, sort_by_road
 from medjax.traffic.road import merge_distance
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, EnvState, Tally, Vehicles
+
+# What is ordered, or still far off, is so urgent: just enough that others make room, or two MEDs side by side would
+# stay so for good.
+ORDERED_DESIRE = 1.01 * COURTEOUS_DESIRE
 
 
 class Orders(NamedTuple):
@@ -42,13 +58,11 @@ class Orders(NamedTuple):
     platoon: jax.Array  # int32, vehicles of one number keep together, NOBODY: of none
     platooning: Platooning  # how close
     acceleration: jax.Array  # m/s^2 at most, inf where nobody cares
-    direction: jax.Array  # int32: -1 must go left, +1 right, 0 need not change lanes
+    desire: jax.Array  # -1 to 1, as `medjax.traffic.lane_change.Wish`; 0 need not change lanes
     stay: jax.Array  # bool: no change but a mandatory one
 
 
-def drivers_of(
-    state: EnvState, config: EnvConfig, params: EnvParams, following: CarFollowing = STANDARD_IDM
-) -> Drivers:
+def drivers_of(state: EnvState, config: EnvConfig, params: EnvParams) -> Drivers:
     """Drivers of all slots, `(N,)` each; they stay the same between two rounds of entries.
 
     A MED drives with its own desired speed until it is in service, then at the fleet's service speed.
@@ -57,11 +71,11 @@ def drivers_of(
     own = vehicles.desired_speed
     in_service = state.meds.status == IN_SERVICE
     med_speed = jnp.where(in_service, params.fleet.service_speed, own[slots])
-    return make_drivers(vehicles.kind, own.at[slots].set(med_speed), params.drivers, following)
+    return make_drivers(vehicles.kind, own.at[slots].set(med_speed), params.drivers)
 
 
 def perturb(key: jax.Array, vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> Vehicles:
-    """Drivers' noise moves on once a decision; between decisions it is constant."""
+    """Drivers' noise moves on once a decision, and they recover from lane changes; between decisions both stay."""
     drivers = params.drivers
     normal = jax.random.normal(key, (2, config.num_vehicles))
     time_s, dt = params.motion.noise_time_s, config.decision_s
@@ -72,19 +86,38 @@ def perturb(key: jax.Array, vehicles: Vehicles, config: EnvConfig, params: EnvPa
             (vehicles.wander, normal[1], drivers.lateral_wander),
         )
     )
-    return vehicles.replace(acceleration_noise=noise, wander=wander)
+    recovery_s = count_down(vehicles.recovery_s, dt)
+    return vehicles.replace(acceleration_noise=noise, wander=wander, recovery_s=recovery_s)
+
+
+def _is_changing(vehicles: Vehicles, params: EnvParams) -> jax.Array:
+    """Whether each is nearer to the lane that it comes from, `(N,)` bool."""
+    return jnp.abs(vehicles.lateral_offset) >= 0.5 * params.road.lane_width_m
 
 
 def _wishes(
-    vehicles: Vehicles, orders: Orders, to_end: jax.Array, config: EnvConfig, params: EnvParams
+    vehicles: Vehicles,
+    orders: Orders,
+    to_end: jax.Array,
+    direction: jax.Array,
+    config: EnvConfig,
+    params: EnvParams,
 ) -> Wish:
-    """Mandatory changes: off a ramp, and what is ordered."""
+    """Mandatory changes: off a ramp, towards an exit, and what is ordered; and who may change to the side looked at."""
+    target = vehicles.lane + direction
     merging = vehicles.lane == config.num_lanes
-    urgency = jnp.clip(1.0 - to_end / params.road.acceleration_lane_m, 0.0, 1.0)
+    urgency = jnp.clip(1.0 - in_units(to_end, params.lane_change.view_m), ORDERED_DESIRE, 1.0)
+    there = vehicles.active & (target >= 0) & (target < config.num_lanes)
+    wanted = orders.desire
+    stay = orders.stay | (vehicles.recovery_s > 0.0)
+    if config.num_exits:
+        leaves = prepares(vehicles, config, params)
+        wanted = jnp.where(leaves, exit_desire(vehicles, config, params), wanted)
+        stay |= leaves
     return Wish(
-        direction=jnp.where(merging, -1, orders.direction),
-        urgency=jnp.where(merging, urgency, 0.0),
-        stay=orders.stay,
+        desire=jnp.where(merging, -urgency, wanted),
+        stay=stay,
+        may=there & ~_is_changing(vehicles, params),
     )
 
 
@@ -96,13 +129,14 @@ def _lane_changes(
     follow: Follow,
     config: EnvConfig,
     params: EnvParams,
-) -> jax.Array:
-    """Lane steps of all vehicles in this tick, `(N,)` int32 in -1, 0, 1."""
-    changes = decide(situation, wish, turn, follow, params.lane_change)
-    target = vehicles.lane + turn.direction
-    settled = jnp.abs(vehicles.lateral_offset) < 0.5 * params.road.lane_width_m
-    may_change = vehicles.active & settled & (target >= 0) & (target < config.num_lanes)
-    return turn.direction * (may_change & place_group(changes, turn, config.num_vehicles))
+) -> tuple[jax.Array, Vehicles]:
+    """Lane steps of all vehicles in this tick, `(N,)` int32 in -1, 0, 1; the vehicles, courteous."""
+    decided = decide(situation, wish, turn, follow, params.lane_change)
+    seen = place_group(decided, turn, vehicles.courtesy)
+    changes = seen == GOES
+    recovery_s = jnp.where(changes, params.lane_change.recovery_s, vehicles.recovery_s)
+    courtesy = jnp.where(changes, jnp.inf, seen)
+    return turn.direction * changes, vehicles.replace(courtesy=courtesy, recovery_s=recovery_s)
 
 
 def _step(
@@ -110,11 +144,13 @@ def _step(
 ) -> Vehicles:
     """Motion of one tick under accelerations `(N,)` m/s2 and lane changes `(N,)` of -1, 0 or 1."""
     x, speed = ballistic_step(vehicles.x, vehicles.speed, command, config.tick_s)
+    motion = params.motion
+    sideways = jnp.minimum(motion.lateral_speed, motion.lateral_slope * speed)
     offset, lateral_speed = lateral_step(
         vehicles.lateral_offset - steps * params.road.lane_width_m,
         vehicles.lateral_speed,
         vehicles.wander,
-        params.motion.lateral_rate,
+        Steering(motion.lateral_rate, motion.lateral_acceleration, sideways),
         config.tick_s,
     )
     return vehicles.replace(
@@ -124,6 +160,13 @@ def _step(
         lateral_offset=offset,
         lateral_speed=lateral_speed,
     )
+
+
+def _stop(vehicles: Vehicles, room: jax.Array, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """What the end of an acceleration lane allows, `(N,)` m/s^2, with room `(N,)` m before it; inf on other lanes."""
+    braking = params.lane_change.safe_braking
+    stop = stopping_acceleration(vehicles.speed, room, braking, config.tick_s)
+    return jnp.where(vehicles.lane == config.num_lanes, stop, jnp.inf)
 
 
 def move(
@@ -138,7 +181,7 @@ def move(
     """Moves all vehicles by one tick; who leaves the road is not yet taken off it.
 
     Args:
-      vehicles: of one environment; drivers: theirs, with the constants of the model.
+      vehicles: of one environment; drivers: theirs.
       orders: what others want of them; car following and safety come first.
       tick: () int32; its parity says which way drivers look.
     """
@@ -151,23 +194,35 @@ def move(
 
     follow = functools.partial(following_acceleration, platooning=orders.platooning, model=model)
     with jax.named_scope("car_following"):
-        leader, has_leader = of_slots(leaders, neighbours.leader), neighbours.leader != NOBODY
+        changing = _is_changing(vehicles, params)
+        leader, its_changing = of_slots((leaders, changing), neighbours.leader)
+        has_leader = neighbours.leader != NOBODY
+        is_new = changing | has_leader & its_changing
+        spare = spare_headway(followers, leader, has_leader)
+        kept = vehicles.headway, drivers.time_headway, spare
+        headway = relaxed_headway(*kept, is_new, config.tick_s, params.lane_change)
+        together = same_platoon(followers, leader, has_leader)
+        headway = jnp.where(together, orders.platooning.time_headway, headway)
+        followers = followers._replace(time_headway=headway)
         following = follow(followers, leader, has_leader)
         to_end = merge_distance(vehicles.x, params.road)
-        on_ramp = vehicles.lane == config.num_lanes
-        # The end of an acceleration lane stands.
-        wall = jnp.where(on_ramp, model.acceleration(followers, to_end, 0.0), jnp.inf)
-        acceleration = jnp.minimum(following, wall)
+        stop = _stop(vehicles, to_end - followers.min_gap, config, params)
+        acceleration = jnp.minimum(jnp.minimum(following, stop), vehicles.courtesy)
 
     with jax.named_scope("lane_changes"):
-        situation = Situation(leaders, followers, neighbours, following, acceleration)
-        wish = _wishes(vehicles, orders, to_end, config, params)
-        steps = _lane_changes(vehicles, situation, wish, turn, follow, config, params)
+        usual, courtesy = drivers.time_headway, vehicles.courtesy
+        seen = leaders, followers, usual, neighbours, courtesy, following, acceleration
+        wish = _wishes(vehicles, orders, to_end, turn.direction, config, params)
+        steps, vehicles = _lane_changes(
+            vehicles, Situation(*seen), wish, turn, follow, config, params
+        )
 
     with jax.named_scope("motion"):
-        command = jnp.minimum(acceleration, orders.acceleration) + vehicles.acceleration_noise
+        command = jnp.minimum(acceleration, orders.acceleration)
+        command = jnp.minimum(command + vehicles.acceleration_noise, stop)  # noise goes no further
         command = jnp.clip(command, -params.motion.max_braking, followers.max_acceleration)
-        moved = _step(vehicles, command, steps, config, params).replace(road_order=order)
+        moved = _step(vehicles, command, steps, config, params)
+        moved = moved.replace(road_order=order, headway=headway)
     overlapping = has_leader & (gap_between(followers, leader) < 0.0)
     tally = Tally.zeros().replace(
         lane_changes=jnp.sum(jnp.abs(steps), dtype=jnp.float32),

@@ -22,17 +22,31 @@ class FleetParams(struct.PyTreeNode):
         15, 0, 64, "", "MEDs in the depot at first, at most `num_meds`; paper", whole=True
     )
     cooldown_s: Scalar = number(
-        5.0, 0, 1e6, "s", "between two dispatches; chosen; the paper leaves its length to the user"
+        20.0, 0, 1e6, "s", "between two dispatches; chosen; the paper leaves its length to the user"
     )
     turnaround_s: Scalar = number(
         math.inf,
         0,
         math.inf,
         "s",
-        "from the road's end to ready and full; inf: each MED is sent once",
+        "from the road to a depot's charger, and from there to its ramp; inf: each MED is sent once",
+    )
+    depot_power_w: Scalar = number(
+        math.inf, 1.0, math.inf, "W", "at which a MED is charged at a depot; inf: at once; paper"
+    )
+    trip_m: Scalar = number(
+        math.inf,
+        0,
+        math.inf,
+        "m",
+        "a MED leaves at the first exit after so long a way; inf: at the road's end, or when it is empty",
     )
     service_speed: Scalar = number(
-        18.0, 1, 100, "m/s", "chosen: EVs use half as much as at 30 m/s, and traffic can pass"
+        22.0,
+        1,
+        100,
+        "m/s",
+        "a lorry's; with it the best rule does what the paper claims (docs/paper.md)",
     )
     service_lane: jax.Array | int = number(
         2, 0, 5, "", "a lane with one on either side", whole=True
@@ -44,6 +58,13 @@ class ChargingParams(struct.PyTreeNode):
     """Requests, booking and docking."""
 
     request_soc: Scalar = number(0.4, 0, 1, "", "an EV below this asks; chosen")
+    stop_soc: Scalar = number(
+        0.1,
+        0,
+        1,
+        "",
+        "who would come to the next charger with less leaves at the exit ahead for one; chosen",
+    )
     target_soc: Scalar = number(0.8, 0, 1, "", "and leaves its slot at this; chosen")
     reach_ahead_m: Scalar = number(
         400.0, 0, 200e3, "m", "how far ahead of the EV a MED may be asked; chosen"
@@ -61,6 +82,13 @@ class ChargingParams(struct.PyTreeNode):
     )
     approach_speed: Scalar = number(
         8.0, 0.1, 50, "m/s", "chosen: how much faster than the MED an EV closes up, at most"
+    )
+    slowest_share: Scalar = number(
+        0.75,
+        0.1,
+        1,
+        "",
+        "chosen: of the service speed, below which no EV slows down to fall back to its slot",
     )
     approach_rate: Scalar = number(
         0.35, 0.01, 10, "1/s", "relative speed per metre to go; chosen: slightly underdamped"
@@ -84,13 +112,35 @@ class ChargingParams(struct.PyTreeNode):
     hold_tolerance_m: Scalar = number(
         0.6, 0.001, 10, "m", "beyond this it stops; chosen: the coils' null is at 0.58 m"
     )
+    depleted_blocks: jax.Array | int = number(
+        0,
+        0,
+        1,
+        "",
+        "an EV that runs out makes for the right shoulder (0), or keeps its lane (1); chosen",
+        whole=True,
+    )
+    tow_s: Scalar = number(
+        2100.0,
+        0,
+        1e6,
+        "s",
+        "until one that stands on a lane is towed; HCM 7, ex. 11-22, read second-hand: 34.6 min",
+    )
     slot_power_w: Scalar = number(
         40e3,
         0,
         10e6,
         "W",
-        "drawn from the MED for each charging slot; chosen between dynamic demonstrators (20 kW) and "
+        "drawn from the MED for each charging slot, at most; chosen between dynamic demonstrators (20 kW) and "
         "static heavy duty (120 kW)",
+    )
+    taper_soc: Scalar = number(
+        0.8,
+        0,
+        1,
+        "",
+        "above this an EV takes less, down to nothing when full; usual of fast charging",
     )
 
 
@@ -103,6 +153,17 @@ class LinkParams(struct.PyTreeNode):
     )
     misalignment_scale: Scalar = number(
         1.0, 0, 10, "", "share of the misalignment that coils see; 0: none, 1: as vehicles drive"
+    )
+    permeability: Scalar = number(
+        1.0, 1e-3, 1e4, "", "relative, of what the coils stand in; multiplies their inductance; air"
+    )
+    max_current_a: Scalar = number(
+        70.0,
+        0,
+        1e6,
+        "A",
+        "RMS, of a MED's coil; a 50 kW, 85 kHz inverter on 800 V feeds 69 A (50 kW over 0.9 x 800 V); 42 A send 40 kW "
+        "at nominal alignment",
     )
     load_ohm: Scalar = number(10.0, 1e-3, 1e6, "ohm", "reference")
     med_resistance_ohm: Scalar = number(0.159, 1e-6, 10e3, "ohm", "reference")

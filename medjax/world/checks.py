@@ -32,7 +32,13 @@ def check_numbers(config: EnvConfig, params: EnvParams) -> EnvParams:
     """
     validate_config(config)
     _check_type("params", params, EnvParams)
-    shapes = {"": (), "kind": (len(KINDS),), "ramp": (config.num_ramps,)}
+    shapes = {
+        "": (),
+        "kind": (len(KINDS),),
+        "ramp": (config.num_ramps,),
+        "exit": (config.num_exits,),
+        "period": (config.num_periods, 1 + config.num_ramps),
+    }
 
     def read(name: str, value: Any, limits: Number) -> np.ndarray:
         return read_number(name, value, limits, shapes[limits.per])
@@ -87,6 +93,14 @@ def _check_road(params: EnvParams) -> None:
         raise InputError(
             f"ramp_x_m = {shown(road.ramp_x_m.tolist())}: allowed ascending, more than acceleration_lane_m and the "
             f"longest vehicle_length = {apart_m:g} m apart"
+        )
+    exits, first = road.exit_x_m, float(road.exit_lane_m)
+    if exits.size and (
+        exits[0] < first or exits[-1] >= road.length_m or (np.diff(exits) <= 0).any()
+    ):
+        raise InputError(
+            f"exit_x_m = {shown(exits.tolist())}: allowed ascending, from exit_lane_m = {first:g} m to below "
+            f"length_m = {float(road.length_m):g} m"
         )
 
 

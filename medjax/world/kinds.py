@@ -32,8 +32,9 @@ KINDS = (
     Kind("human EV", EVS, 1.8),
     Kind("autonomous EV", EVS, 1.8),
     Kind("gas", FUELLED, 1.8),
+    Kind("lorry", FUELLED, 2.55),
 )
-MED, HUMAN_EV, AUTONOMOUS_EV, GAS = range(len(KINDS))
+MED, HUMAN_EV, AUTONOMOUS_EV, GAS, LORRY = range(len(KINDS))
 
 
 def kinds_in(*classes: str) -> tuple[int, ...]:

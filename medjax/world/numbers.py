@@ -27,7 +27,9 @@ class Number:
     unit: str = ""
     text: Text = ""  # what it is, and where its default comes from
     whole: bool = False
-    per: str = ""  # "kind" of vehicle or "ramp": the field holds one number for each
+    per: str = (
+        ""  # "kind" of vehicle, "ramp", "exit" or "period": the field holds one number for each
+    )
 
     def __str__(self) -> str:
         """What is allowed, in a message."""
@@ -52,8 +54,8 @@ def number(
     """A field of a dataclass that holds a number.
 
     Args:
-      default: that of the preset `paper`. A tuple is one a kind of vehicle or a ramp, and becomes an array; with a
-        tuple of texts, it is one a body (`BodyParams`), and the field has no default of its own.
+      default: that of the preset `paper`. A tuple is one a kind of vehicle, a ramp or an exit, and becomes an array;
+        with a tuple of texts, it is one a body (`BodyParams`), and the field has no default of its own.
       low, high: the allowed range, both ends included.
       unit: SI.
       text: what it is, and where its default comes from.
@@ -105,7 +107,7 @@ def read_number(
       InputError: one line that names the field, the value and what is allowed.
     """
     is_list = isinstance(value, list | tuple)
-    given_shape = (len(value),) if is_list else getattr(value, "shape", ())
+    given_shape = _shape_of_list(value) if is_list else getattr(value, "shape", ())
     if given_shape != shape and not (fill and given_shape == ()):
         raise InputError(f"{name} has shape {shown(given_shape)}: allowed {shape}")
     given = as_numbers(value)
@@ -129,8 +131,10 @@ def read_number(
 def as_numbers(value: Any) -> np.ndarray | None:
     """Real numbers as an array of them, None for anything else; text and booleans are no numbers."""
     if isinstance(value, list | tuple):
-        numbers = [_as_number(item) for item in value]
-        return None if None in numbers else np.array(numbers, np.float64)
+        shape = _shape_of_list(value)
+        items = value if len(shape) == 1 else [item for row in value for item in row]
+        numbers = [_as_number(item) for item in items]
+        return None if None in numbers else np.array(numbers, np.float64).reshape(shape)
     number = _as_number(value)
     if number is not None:
         return np.asarray(number)
@@ -141,6 +145,13 @@ def as_numbers(value: Any) -> np.ndarray | None:
     except Exception:  # traced, deleted, or on another machine: nothing that can be looked at
         return None
     return array if array.dtype.kind in "iuf" else array.astype(np.float32)  # bfloat16
+
+
+def _shape_of_list(value: Any) -> tuple[int, ...]:
+    """Of a list, or of a list of rows that are equally long."""
+    widths = {len(row) if isinstance(row, list | tuple) else None for row in value}
+    width = widths.pop() if len(widths) == 1 else None
+    return (len(value),) if width is None else (len(value), width)
 
 
 def _as_number(value: Any) -> int | float | None:

@@ -67,6 +67,8 @@ class EnvConfig:
     num_gas: int = number(153, 0, 4096, text="chosen: 1.5 times the number at 30 m/s", whole=True)
     num_lanes: int = number(4, 1, 6, text="paper", whole=True)
     num_ramps: int = number(4, 0, 8, text="paper", whole=True)
+    num_exits: int = number(0, 0, 8, text="off-ramps; paper: none", whole=True)
+    num_periods: int = number(1, 1, 1000, text="of `demand.profile`; paper: one", whole=True)
     tick_s: float = number(
         0.25, 0.02, 0.5, "s", "chosen: half of what the ballistic update is stable up to"
     )
@@ -143,15 +145,48 @@ def weight(default: float, unit: str, text: str) -> Number:
 
 WEIGHT = weight(0.0, "", "off")  # of a term that the preset does not weigh
 WEIGHTS = {
-    "depleted": weight(-11.9, "1/EV", "w1 of eq (10), calibrated to Table 2 (docs/paper.md)"),
-    "soc": weight(0.87, "1/decision", "w2, calibrated but for its proportion to w3 and w4"),
-    "distance": weight(0.087, "1/km", "w3, the same"),
-    "speed": weight(0.087, "1/decision", "w4, of speed in 30 m/s, the same"),
+    "depleted": weight(-11.6, "1/EV", "w1 of eq (10), calibrated to Table 2 (docs/paper.md)"),
+    "soc": weight(1.02, "1/decision", "w2, calibrated but for its proportion to w3 and w4"),
+    "distance": weight(0.102, "1/km", "w3, the same"),
+    "speed": weight(0.102, "1/decision", "w4, of speed in 30 m/s, the same"),
     "dispatches": weight(0.0, "1/MED", "off"),
     "gas_delay": weight(0.0, "1/s", "off"),
     "lane_changes": WEIGHT,
     "collisions": WEIGHT,
     "transfer_loss": weight(0.0, "1/kWh", "off"),
+}
+# Of the terms of `medjax.env.reward.MONEY`: prices of 2023, a cost is negative.
+PRICES = {
+    "delay_h": weight(
+        -20.0,
+        "EUR/h",
+        "a car's time; UK TAG 2022, 16.83 GBP a vehicle-hour; 12-30 in other guidance",
+    ),
+    "depot_kwh": weight(
+        -0.22,
+        "EUR/kWh",
+        "0.20 for firms in the EU (Eurostat 2023), over the charger's efficiency, 0.92",
+    ),
+    "ev_kwh": weight(
+        -0.285,
+        "EUR/kWh",
+        "at home, EU (Eurostat 2023); what fast chargers cost more is in `charging_stops`",
+    ),
+    "med_h": weight(
+        -70.0,
+        "EUR/h",
+        "truck and driver without energy, 66 (ATRI 2025), and 5 for the pack; coils not",
+    ),
+    "tows": weight(
+        -250.0,
+        "EUR",
+        "200 for the tow (120-270 in Germany), two hours of the driver; others' delay is in `delay_h`",
+    ),
+    "charging_stops": weight(
+        -18.0,
+        "EUR",
+        "30 min of the driver (EnBW 2024: 27 min), and 25.7 kWh at 0.60, not 0.285 (Fastned 2023)",
+    ),
 }
 
 

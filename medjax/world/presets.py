@@ -32,6 +32,9 @@ def _places() -> dict[str, tuple[str, str]]:
 
 PLACES = _places()
 
+# Where exits are asked for by their number or places alone: an interchange every 6 km, ways of 60 km on the road.
+EXIT_SHARE = 0.1
+
 
 def _put(params: EnvParams, place: tuple[str, str], value: Any) -> EnvParams:
     """Params with one number replaced, unchecked."""
@@ -59,26 +62,43 @@ def change_numbers(params: EnvParams, overrides: Mapping[str, Any]) -> EnvParams
     return params
 
 
+def _profile(given: Any, config: EnvConfig) -> np.ndarray:
+    """The profile for these sizes: its first column, that of the main road, for more ramps than it knows."""
+    rows = np.resize(np.float32(given), (config.num_periods, np.shape(given)[1]))
+    columns = np.minimum(np.arange(1 + config.num_ramps), rows.shape[1] - 1)
+    return rows[:, columns]
+
+
 def _fit(params: EnvParams, config: EnvConfig) -> EnvParams:
-    """Params as far as the sizes allow: as many ramps, no more MEDs, a service lane with one on either side."""
+    """Params as far as the sizes allow: as many ramps and exits, no more MEDs, a service lane within the road."""
     road, demand, fleet = params.road, params.demand, params.fleet
+    exits, shares = (np.asarray(x, np.float32) for x in (road.exit_x_m, demand.exit_share))
+    if len(exits) != config.num_exits:
+        exits = np.linspace(0.0, road.length_m, config.num_exits + 2, dtype=np.float32)[1:-1]
+    if len(shares) != config.num_exits:
+        shares = np.resize(shares if len(shares) else np.float32(EXIT_SHARE), config.num_exits)
     places, ramps = np.asarray(road.ramp_x_m, np.float32), config.num_ramps
     if len(places) != ramps:
         places = np.linspace(places[0], places[-1], ramps, dtype=np.float32)
     lane = max(0, min(int(fleet.service_lane), config.num_lanes - 2))
     return params.replace(
-        road=road.replace(ramp_x_m=places),
-        demand=demand.replace(ramp_per_h=np.resize(np.float32(demand.ramp_per_h), ramps)),
+        road=road.replace(ramp_x_m=places, exit_x_m=exits),
+        demand=demand.replace(
+            ramp_per_h=np.resize(np.float32(demand.ramp_per_h), ramps),
+            exit_share=shares,
+            profile=_profile(demand.profile, config),
+        ),
         fleet=fleet.replace(size=min(int(fleet.size), config.num_meds), service_lane=lane),
     )
 
 
 @dataclasses.dataclass(frozen=True)
 class Scenario:
-    """A preset: static sizes, and the numbers in which it differs from `paper`, by the names of `PLACES`."""
+    """A preset: static sizes, numbers in which it differs from `paper`, by the names of `PLACES`, and a reward."""
 
     config: EnvConfig = dataclasses.field(default_factory=EnvConfig)
     numbers: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    reward: str = "paper"  # of `medjax.env.reward.REWARDS`
 
     def params(self, config: EnvConfig) -> EnvParams:
         """The numbers for these sizes, all but the coils' table."""
@@ -116,6 +136,77 @@ SCENARIOS: dict[str, Scenario] = {
     ),
 }
 
+# Of a day's vehicles, those of each hour: Interstate 94 at Minneapolis, westbound, 653 days from Monday to Thursday
+# (Metro Interstate Traffic Volume, UCI); as factors of the busiest hour.
+HOURS = np.array(
+    [
+        *(0.0072, 0.0044, 0.0034, 0.0042, 0.0100, 0.0328, 0.0647, 0.0722),
+        *(0.0660, 0.0582, 0.0513, 0.0538, 0.0560, 0.0561, 0.0596, 0.0655),
+        *(0.0741, 0.0692, 0.0518, 0.0379, 0.0330, 0.0307, 0.0234, 0.0146),
+    ]
+)
+INTERCHANGES_M = 3_000.0 + 6_000.0 * np.arange(5)
+
+# Thirty kilometres of motorway in the afternoon: true packs, powers, lorries and speeds, chargers at every exit.
+# docs/parameters.md has the reasons.
+SCENARIOS["corridor"] = Scenario(
+    EnvConfig(
+        num_meds=40,
+        num_evs=400,
+        num_gas=1200,
+        num_lanes=3,
+        num_ramps=5,
+        num_exits=5,
+        num_periods=24,
+    ),
+    {
+        "length_m": 30_000.0,
+        "lane_width_m": 3.75,
+        "exit_x_m": INTERCHANGES_M - 300.0,
+        "ramp_x_m": INTERCHANGES_M + 300.0,
+        "exit_share": np.full(5, 0.1),
+        "mainline_per_h": 3600.0,
+        "ramp_per_h": np.full(5, 360.0),
+        "profile": np.repeat(HOURS[:, None] / HOURS.max(), 6, axis=1),
+        "start_s": 15.5 * 3600.0,
+        "ev_share": 0.25,
+        "lorry_share": 0.16,
+        "eco_compliance": 0.5,
+        "arrival_soc_low": 0.05,
+        "arrival_soc_high": 0.9,
+        "desired_speed": [23.0, 32.0, 32.0, 32.0, 23.6],
+        "desired_speed_std": [0.0, 3.0, 1.0, 3.0, 0.7],
+        "max_acceleration": [0.5, 1.4, 1.4, 1.4, 0.5],
+        "vehicle_length": [16.5, 4.7, 4.7, 4.7, 16.5],
+        "right_bias": 0.2,
+        "ev.pack_j": 58.0 * 3.6e6,
+        "ev.mass_kg": 1_900.0,
+        "ev.drag_coefficient": 0.28,
+        "ev.frontal_area_m2": 2.4,
+        "med.mass_kg": 25_000.0,
+        "med.drag_coefficient": 0.55,
+        "med.rolling_resistance": 0.0055,
+        "med.auxiliary_w": 3_000.0,
+        "med.pack_j": 500.0 * 3.6e6,
+        "battery_scale": 1.0,
+        "size": 20,
+        "cooldown_s": 10.0,
+        "service_speed": 23.0,
+        "service_lane": 1,
+        "turnaround_s": 300.0,
+        "depot_power_w": 350e3,
+        "trip_m": 20_000.0,
+        "slot_power_w": 20e3,
+        "request_soc": 0.25,
+        "target_soc": 0.5,
+        "stop_soc": 0.1,
+        "reach_ahead_m": 1_500.0,
+        "patience_s": 120.0,
+        "episode_decisions": 3600,
+    },
+    reward="money",
+)
+
 
 @dataclasses.dataclass(frozen=True)
 class Recipe:
@@ -125,7 +216,7 @@ class Recipe:
     overrides: Mapping[
         str, Any
     ]  # by name; numbers, lists of numbers and `reward_weights`, as JSON has them
-    reward: Mapping[str, Any] | None  # as given
+    reward: Any  # as given
     observation: Any  # as given: a name, or one of one's own
     following: Any = None  # as given
     coupling: Any = None  # as given

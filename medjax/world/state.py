@@ -10,8 +10,11 @@ from medjax.world.kinds import GAS_KINDS, KINDS
 from medjax.world.params import EnvConfig
 
 # Where a MED is in its day.
-STATUS_NAMES = ("at the depot", "waiting at its ramp", "merging", "in service", "gone")
-AT_DEPOT, QUEUED, MERGING, IN_SERVICE, RETIRED = range(len(STATUS_NAMES))
+STATUS_NAMES = (
+    *("at the depot", "waiting at its ramp", "merging", "in service", "gone"),
+    "making for its exit",
+)
+AT_DEPOT, QUEUED, MERGING, IN_SERVICE, RETIRED, LEAVING = range(len(STATUS_NAMES))
 
 NOT_BOOKED = -1
 
@@ -29,6 +32,12 @@ class Vehicles(struct.PyTreeNode):
     desired_speed: jax.Array  # (N,) m/s
     acceleration_noise: jax.Array  # (N,) m/s^2
     wander: jax.Array  # (N,) m, lateral offset the driver steers to
+    headway: jax.Array  # (N,) s, that a driver keeps now: a short one grows back
+    courtesy: (
+        jax.Array
+    )  # (N,) m/s^2 at most, for one that changes lanes, or to become one; else inf
+    recovery_s: jax.Array  # (N,) s, until a change that is only an advantage is thought of again
+    destination: jax.Array  # (N,) m, the exit where it leaves the road, or the road's end
     road_order: jax.Array  # (N,) int32, slots lane by lane and rear to front, of the last tick
 
 
@@ -39,9 +48,12 @@ class EVs(struct.PyTreeNode):
     rest_j: jax.Array  # (E,) what rounding left out of energy_j
     med: jax.Array  # (E,) int32, MED it is booked on, or NOT_BOOKED
     panel: jax.Array  # (E,) int32, slot of that MED, or NOT_BOOKED
+    stops: jax.Array  # (E,) bool, makes for its exit to charge there
     is_charging: jax.Array  # (E,) bool
-    timer_s: jax.Array  # (E,) booked: since booking or last charge; else: until it may ask again
+    timer_s: jax.Array  # (E,) since booking or last charge; depleted: stood; else until it may ask
     served: jax.Array  # (E,) bool, has charged at least once
+    complies: jax.Array  # (E,) bool, its driver slows down to save charge
+    is_depleted: jax.Array  # (E,) bool, ran out, on the road or off it
 
 
 class MEDs(struct.PyTreeNode):
@@ -49,7 +61,7 @@ class MEDs(struct.PyTreeNode):
 
     energy_j: jax.Array  # (M,)
     rest_j: jax.Array  # (M,) what rounding left out of energy_j
-    status: jax.Array  # (M,) int32, AT_DEPOT .. RETIRED
+    status: jax.Array  # (M,) int32, a place in STATUS_NAMES
     ramp: jax.Array  # (M,) int32, where it was sent
     ready_in_s: jax.Array  # (M,) until a retired MED is at the depot again
 
@@ -58,19 +70,29 @@ class Tally(struct.PyTreeNode):
     """Sums over time of what the metrics and the rewards are made of; all float32."""
 
     entered: jax.Array  # (num_kinds,) vehicles of each kind, those on the road at reset included
-    left: jax.Array  # (num_kinds,) at the end of the road
+    left: jax.Array  # (num_kinds,) at an exit or the end of the road, not those that ran out before
+    missed_exits: jax.Array  # () vehicles that could not get to their exit
+    charging_stops: jax.Array  # () EVs that left to charge at an exit
     depleted: jax.Array  # () EVs that ran out
     ev_seconds: jax.Array  # () integral of the number of EVs on the road
     ev_distance_m: jax.Array  # ()
     soc_seconds: jax.Array  # () integral of the sum of the EVs' state of charge
     exit_soc: jax.Array  # () sum of the state of charge of the EVs that left
+    low_exits: jax.Array  # () EVs that left for a charger, or by the end with less charge than they ask for a slot with
+    ev_delay_s: jax.Array  # () what EVs lost against their own desired speeds
     gas_seconds: jax.Array  # (num_gas_kinds,) of each of `medjax.world.kinds.GAS_KINDS`
     gas_distance_m: jax.Array  # (num_gas_kinds,)
+    gas_delay_s: jax.Array  # () what gas vehicles lost against their own desired speeds
+    med_seconds: jax.Array  # () integral of the number of MEDs sent and not back
     vehicle_ticks: jax.Array  # () vehicles on the road, summed over ticks
     energy_sent_j: jax.Array  # () out of MEDs through their slots
     energy_received_j: jax.Array  # () into EVs
+    ev_driving_j: jax.Array  # () what driving took from EVs
+    ev_cruising_j: jax.Array  # () what the same way takes at their own desired speeds
+    med_driving_j: jax.Array  # () what driving took from MEDs
     evs_served: jax.Array  # () EVs that began to charge for the first time
     meds_dispatched: jax.Array  # ()
+    depot_energy_j: jax.Array  # () into MEDs at their depots
     queue_seconds: jax.Array  # () integral of vehicles waiting to enter
     lane_changes: jax.Array  # ()
     collisions: jax.Array  # () vehicles found overlapping their leader, summed over ticks

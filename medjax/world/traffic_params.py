@@ -5,7 +5,10 @@ Numbers in a row are one a kind of vehicle, in the order of `medjax.world.kinds.
 
 from __future__ import annotations
 
+import math
+
 import jax
+import jax.numpy as jnp
 from flax import struct
 
 from medjax.world.numbers import number
@@ -27,6 +30,28 @@ class RoadParams(struct.PyTreeNode):
         per="ramp",
     )
     acceleration_lane_m: Scalar = number(250.0, 10, 5000, "m", "chosen; usual for motorways")
+    exit_x_m: jax.Array = number(
+        (),
+        0,
+        200e3,
+        "m",
+        "where each deceleration lane ends, and its off-ramp begins, `(num_exits,)`; paper: none",
+        per="exit",
+    )
+    exit_lane_m: Scalar = number(
+        250.0, 10, 5000, "m", "deceleration lanes; German guidelines (RAA): 250"
+    )
+    exit_notice_m: Scalar = number(
+        1000.0,
+        0,
+        10e3,
+        "m",
+        "the first sign before an exit; usual for motorways; who enters nearer to it does not take it",
+    )
+    slope: Scalar = number(
+        0.0, -0.2, 0.2, "rad", "positive uphill, the same all along; motorways stay below 0.06"
+    )
+    air_density: Scalar = number(1.2, 0.1, 10, "kg/m3", "reference; 20 C at sea level")
 
 
 class DemandParams(struct.PyTreeNode):
@@ -38,11 +63,28 @@ class DemandParams(struct.PyTreeNode):
     ramp_per_h: jax.Array = number(
         (250.0,) * 4, 0, 100e3, "1/h", "at each ramp, `(num_ramps,)`; chosen", per="ramp"
     )
+    profile: jax.Array = number(
+        ((1.0,) * 5,),
+        0,
+        100,
+        "",
+        "factor of `mainline_per_h` and of each `ramp_per_h` over the day, `(num_periods, 1 + num_ramps)`, one row a "
+        "period; the last one stays; paper: always 1",
+        per="period",
+    )
+    period_s: Scalar = number(3600.0, 1, 1e6, "s", "how long each period is")
+    start_s: Scalar = number(0.0, 0, 1e9, "s", "where in the profile an episode starts")
+    exit_share: jax.Array = number(
+        (), 0, 1, "", "of those who pass an exit, who leave there, `(num_exits,)`", per="exit"
+    )
     ev_share: Scalar = number(
         0.12, 0, 1, "", "EVs among arrivals; chosen: so many that fifteen MEDs can serve most"
     )
     human_share: Scalar = number(
         0.5, 0, 1, "", "share of EVs driven by a human; chosen, the paper has both kinds of drivers"
+    )
+    lorry_share: Scalar = number(
+        0.0, 0, 1, "", "lorries among the vehicles with fuel; paper: none; German motorways: 0.15"
     )
     arrival_soc_low: Scalar = number(
         0.2,
@@ -54,43 +96,66 @@ class DemandParams(struct.PyTreeNode):
     arrival_soc_high: Scalar = number(0.7, 0, 1, "", "charge on arrival, at most; chosen")
     ramp_speed: Scalar = number(20.0, 1, 60, "m/s", "at the start of the acceleration lane; chosen")
 
+    def flows(self, time_s: Scalar) -> tuple[jax.Array, jax.Array]:
+        """Vehicles per hour on the main road `()` and at each ramp `(num_ramps,)`, so long after an episode's start."""
+        period = jnp.floor((self.start_s + time_s) / self.period_s).astype(jnp.int32)
+        factor = jnp.asarray(self.profile)[jnp.minimum(period, self.profile.shape[0] - 1)]
+        return self.mainline_per_h * factor[0], self.ramp_per_h * factor[1:]
+
     @property
     def class_shares(self) -> tuple[Scalar, ...]:
         """Share of each kind among the vehicles of its class, in the order of `medjax.world.kinds.KINDS`."""
-        return 1.0, self.human_share, 1.0 - self.human_share, 1.0
+        human, lorries = self.human_share, self.lorry_share
+        return 1.0, human, 1.0 - human, 1.0 - lorries, lorries
 
 
 class DriverParams(struct.PyTreeNode):
-    """Car-following and body parameters, each `(num_kinds,)`."""
+    """Car-following and body parameters, each `(num_kinds,)`; and how EVs' drivers answer a low charge."""
 
     desired_speed: jax.Array = number(
-        (18.0, 30.0, 30.0, 30.0),
+        (22.0, 30.0, 30.0, 30.0, 23.6),
         1,
         100,
         "m/s",
-        "mean of the kind; paper: about 110 km/h; a MED drives `fleet.service_speed` once it is in service",
+        "mean of the kind; paper: about 110 km/h; a MED drives `fleet.service_speed` once it is in service; a lorry: "
+        "85 km/h, std 2.5 (Schakel, Knoop, van Arem 2012)",
         per="kind",
     )
     desired_speed_std: jax.Array = number(
-        (0.0, 2.0, 1.0, 2.0), 0, 20, "m/s", "standard deviation among drivers; chosen", per="kind"
+        (0.0, 2.0, 1.0, 2.0, 0.7),
+        0,
+        20,
+        "m/s",
+        "standard deviation among drivers; chosen",
+        per="kind",
     )
     time_headway: jax.Array = number(
-        (1.5, 1.4, 1.2, 1.4), 0.1, 10, "s", "Kesting, Treiber, Helbing 2007: 1.0-1.6", per="kind"
+        (1.5, 1.4, 1.2, 1.4, 2.0),
+        0.1,
+        10,
+        "s",
+        "Kesting, Treiber, Helbing 2007: 1.0-1.6; lorries: Treiber, Kesting 2013",
+        per="kind",
     )
     min_gap: jax.Array = number(
-        (3, 2, 2, 2), 0.1, 20, "m", "bumper to bumper; Treiber et al. 2000: 2", per="kind"
+        (3, 2, 2, 2, 4), 0.1, 20, "m", "bumper to bumper; Treiber et al. 2000: 2", per="kind"
     )
     max_acceleration: jax.Array = number(
-        (1, 1.4, 1.4, 1.4), 0.1, 20, "m/s2", "Treiber, Kesting 2013, tab. 11.2: 1.0-1.5", per="kind"
+        (1, 1.4, 1.4, 1.4, 0.5),
+        0.1,
+        20,
+        "m/s2",
+        "Treiber, Kesting 2013, tab. 11.2: 1.0-1.5; lorries 0.4-0.7 (Schakel et al. 2012: 0.4)",
+        per="kind",
     )
     comfortable_deceleration: jax.Array = number(
-        (2.0, 2.0, 2.0, 2.0), 0.1, 20, "m/s2", "the same", per="kind"
+        (2.0, 2.0, 2.0, 2.0, 2.0), 0.1, 20, "m/s2", "the same", per="kind"
     )
     acceleration_noise: jax.Array = number(
-        (0.02, 0.10, 0.01, 0.10), 0, 5, "m/s2", "standard deviation; chosen", per="kind"
+        (0.02, 0.10, 0.01, 0.10, 0.05), 0, 5, "m/s2", "standard deviation; chosen", per="kind"
     )
     lateral_wander: jax.Array = number(
-        (0.02, 0.15, 0.02, 0.15),
+        (0.02, 0.15, 0.02, 0.15, 0.1),
         0,
         2,
         "m",
@@ -98,8 +163,25 @@ class DriverParams(struct.PyTreeNode):
         per="kind",
     )
     vehicle_length: jax.Array = number(
-        (12.0, 5.0, 5.0, 5.0), 2, 50, "m", "paper (highway-env's car); a rigid truck", per="kind"
+        (12.0, 5.0, 5.0, 5.0, 16.5),
+        2,
+        50,
+        "m",
+        "paper (highway-env's car); a rigid truck; an articulated lorry (Directive 96/53/EC)",
+        per="kind",
     )
+    eco_compliance: Scalar = number(
+        0.0, 0, 1, "", "share of EVs' drivers who slow down to save charge; paper: none does"
+    )
+    eco_speed: Scalar = number(22.0, 1, 100, "m/s", "they do not drive slower than a lorry; chosen")
+    eco_horizon_m: Scalar = number(
+        30e3,
+        0,
+        math.inf,
+        "m",
+        "charge is to last for this, or to the road's end if that is further",
+    )
+    eco_soc: Scalar = number(1.0, 0, 1, "", "who has more charge does not think of it")
 
 
 class MotionParams(struct.PyTreeNode):
@@ -110,7 +192,20 @@ class MotionParams(struct.PyTreeNode):
         5.0, 0.1, 10e3, "s", "correlation time of acceleration noise and lateral wander; chosen"
     )
     lateral_rate: Scalar = number(
-        2.0, 0.1, 20, "1/s", "frequency of the lateral relaxation; 95 % of a lane change in 2.4 s"
+        2.0, 0.1, 20, "1/s", "of steering; half of it is what is left of an offset once it is small"
+    )
+    lateral_acceleration: Scalar = number(
+        2.0, 0.1, 20, "m/s2", "sideways, at most; comfortable steering"
+    )
+    lateral_speed: Scalar = number(
+        1.5,
+        0.1,
+        10,
+        "m/s",
+        "sideways, at most: a lane in 4 s; Toledo, Zohar 2007: 4.6 s on average",
+    )
+    lateral_slope: Scalar = number(
+        0.2, 0.01, 1, "", "sideways speed over the speed along, at most: nobody slides; chosen"
     )
 
 
@@ -130,4 +225,30 @@ class LaneChangeParams(struct.PyTreeNode):
     )
     urgency_bias: Scalar = number(
         10.0, 0, 1000, "m/s2", "more at the end of an acceleration lane; chosen"
+    )
+    accepted_headway: Scalar = number(
+        0.56, 0.1, 10, "s", "where a change is most urgent; Schakel, Knoop, van Arem 2012"
+    )
+    relaxation_s: Scalar = number(
+        15.0, 0.1, 1e3, "s", "in which a short headway grows back; Laval, Leclercq 2008: 10-20"
+    )
+    courtesy_braking: Scalar = number(
+        2.0, 0, 20, "m/s2", "for one who must change, at most; Schakel et al. 2012: comfortable"
+    )
+    view_m: Scalar = number(
+        360.0,
+        1,
+        10e3,
+        "m",
+        "where a change begins to be urgent, before the place where it must be done",
+    )
+    exit_view_m: Scalar = number(
+        295.0,
+        1,
+        10e3,
+        "m",
+        "the same before a deceleration lane, for each lane to cross; Schakel, Knoop, van Arem 2012: 295",
+    )
+    recovery_s: Scalar = number(
+        6.0, 0, 1e3, "s", "from a change to the next one that is only an advantage; chosen"
     )

@@ -12,7 +12,8 @@ import medjax
 from benchmarks.peers import Peer, Rate, World
 from benchmarks.peers import __main__ as command
 from benchmarks.peers.highway import SPAN_S, HighwayEnv, Traffic, build_road, move
-from benchmarks.peers.sumo import Sumo, build_demand, build_network
+from benchmarks.peers.sumo import Sumo
+from benchmarks.peers.sumo_road import Period, build_demand, build_network, lanes_of_network
 from tests.benchmarks.refusal import refused
 
 SPAN = 150  # s; vehicles cross the road in about as long
@@ -30,7 +31,8 @@ def workload(tmp_path_factory):
 def road(workload):
     """The network that SUMO loads: edges and connections by name."""
     pytest.importorskip("sumo")
-    root = ElementTree.parse(build_network(workload)).getroot()
+    network = build_network(workload.config, workload.params, workload.folder)
+    root = ElementTree.parse(network).getroot()
     edges = {edge.get("id"): edge for edge in root.iter("edge")}
     connections = [
         tuple(connection.get(key) for key in ("from", "fromLane", "to", "toLane"))
@@ -72,6 +74,7 @@ def test_ramps_join_their_acceleration_lane_which_ends(road, workload):
     edges, connections = road
     for x in workload.params.road.ramp_x_m:
         merge, ramp = f"main{x:g}", f"ramp{x:g}"
+        assert [lane.get("length") for lane in edges[ramp].findall("lane")] == ["20.00"]
         assert [c for c in connections if c[0] == ramp] == [(ramp, "0", merge, "0")]
         assert [c[0] for c in connections if c[2:] == (merge, "0")] == [ramp]
         assert {c[1] for c in connections if c[0] == merge} == {"1", "2", "3", "4"}
@@ -80,23 +83,38 @@ def test_ramps_join_their_acceleration_lane_which_ends(road, workload):
         assert len([c for c in connections if c[0] == left and c[2] == right]) == 4
 
 
+def test_lanes_are_told_by_their_names(road, workload):
+    """Each lane of the network, where it starts, and 0 for the leftmost; 4 beside a ramp and on it."""
+    edges, _ = road
+    named = lanes_of_network(workload.config, workload.params)
+    starts = {name: x for name, x, *_ in follow(edges, "main0")}
+    starts |= {f"ramp{x:g}": x - 20.0 for x in workload.params.road.ramp_x_m}
+    expected = {}
+    for name, x in starts.items():
+        lanes = [lane.get("id") for lane in edges[name].findall("lane")]  # from the right
+        rightmost = 4 if len(lanes) != 4 else 3
+        expected |= {lane: (x, rightmost - index) for index, lane in enumerate(lanes)}
+    assert named == expected
+
+
 def test_demand_and_drivers_are_those_of_medjax(workload):
     """Flows add up to the demand, kinds to its shares; drivers have the numbers of docs/parameters.md."""
-    root = ElementTree.parse(build_demand(workload)).getroot()
+    whole = Period(0.0, 2.0 * SPAN + 1.0, workload.params)
+    demand = build_demand(workload.config, [whole], workload.folder)
+    root = ElementTree.parse(demand).getroot()
     rates = {flow.get("id"): float(flow.get("period")[4:-1]) * 3600 for flow in root.iter("flow")}
     main = [rate for name, rate in rates.items() if name.startswith("main")]
     ramps = [rate for name, rate in rates.items() if name.startswith("ramp")]
     assert main == pytest.approx([650.0] * 4, rel=1e-4)
     assert ramps == pytest.approx([250.0] * 4, rel=1e-4)
-    human, autonomous, gas = root.iter("vType")
-    shares = [float(kind.get("probability")) for kind in (human, autonomous, gas)]
-    assert shares == pytest.approx([0.06, 0.06, 0.88])
-    assert [float(kind.get("tau")) for kind in (human, autonomous, gas)] == pytest.approx(
-        [1.4, 1.2, 1.4]
-    )
+    kinds = _, _, gas, lorry = list(root.iter("vType"))
+    shares = [float(kind.get("probability")) for kind in kinds]
+    assert shares == pytest.approx([0.06, 0.06, 0.88, 0.0])
+    assert [float(kind.get("tau")) for kind in kinds] == pytest.approx([1.4, 1.2, 1.4, 2.0])
     names = ("minGap", "accel", "decel", "emergencyDecel", "length")
     assert [float(gas.get(name)) for name in names] == pytest.approx([2.0, 1.4, 2.0, 9.0, 5.0])
-    assert {kind.get("carFollowModel") for kind in (human, autonomous, gas)} == {"IDM"}
+    assert float(lorry.get("length")) == 16.5
+    assert {kind.get("carFollowModel") for kind in kinds} == {"IDM"}
 
 
 @pytest.fixture(scope="module")

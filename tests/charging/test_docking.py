@@ -11,8 +11,8 @@ from medjax.env.tick import physics_tick
 from medjax.traffic import ballistic_step, idm_acceleration
 from medjax.traffic.step import drivers_of
 from medjax.world.params import FRONT, LEFT, REAR, RIGHT
-from medjax.world.state import NOT_BOOKED
-from tests.charging.scene import MED_SPEED, scene
+from medjax.world.state import MERGING, NOT_BOOKED
+from tests.charging.scene import MED_SPEED, MED_X, scene
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -91,6 +91,61 @@ def test_never_overlaps_while_docking(quiet, play, panel):
     assert float(tally.collisions.sum()) == 0.0
 
 
+def platoon(env, params, ahead_m=0.0):
+    """MED 0 with an EV in each of its slots, all at the service speed, alone; the front one so much too far ahead."""
+    state = scene(env, params, panel=LEFT, ev_x=MED_X, ev_lane=1)
+    first, lane = env.config.num_meds, int(params.fleet.service_lane)
+    members = jnp.arange(first, first + 4)
+    x = MED_X + jnp.array([-3.5, -3.5, -24.0, 17.0 + ahead_m])
+    vehicles, evs = state.vehicles, state.evs
+    return state.replace(
+        vehicles=vehicles.replace(
+            active=vehicles.active.at[members].set(True),
+            x=vehicles.x.at[members].set(x),
+            lane=vehicles.lane.at[members].set(lane + jnp.array([-1, 1, 0, 0])),
+            speed=vehicles.speed.at[members].set(params.fleet.service_speed),
+            desired_speed=vehicles.desired_speed.at[members].set(30.0),
+        ),
+        evs=evs.replace(
+            med=evs.med.at[:4].set(0),
+            panel=evs.panel.at[:4].set(jnp.arange(4)),
+            energy_j=evs.energy_j.at[:4].set(0.2 * params.ev_capacity_j),
+            is_charging=evs.is_charging.at[:4].set(ahead_m == 0.0),
+        ),
+    )
+
+
+@pytest.mark.parametrize("ahead_m", [0.0, 40.0])
+def test_a_full_platoon_drives_at_the_service_speed(quiet, play, ahead_m):
+    """Docked or still falling back in the MED's lane, EVs do not slow their MED by a tenth of a metre a second."""
+    env, params = quiet
+    states, _ = play(platoon(env, params, ahead_m))
+    speed = np.asarray(states.vehicles.speed)[:120]
+    assert np.all(np.abs(speed[:, 0] - float(params.fleet.service_speed)) < 0.1)
+    assert np.asarray(states.evs.is_charging)[119, :4].all()
+
+
+def test_nobody_waits_for_a_med_that_stands(quiet, play):
+    """EVs around a MED that cannot move drive on, as fast as its service lets them; in its lane they leave it."""
+    env, params = quiet
+    state = platoon(env, params, 10.0)
+    vehicles, first = state.vehicles, env.config.num_meds
+    panel = state.evs.panel.at[3].set(LEFT).at[0].set(FRONT)  # in the way of its MED
+    state = state.replace(
+        vehicles=vehicles.replace(
+            desired_speed=vehicles.desired_speed.at[0].set(0.1), speed=vehicles.speed.at[0].set(0.0)
+        ),
+        evs=state.evs.replace(panel=panel),
+        meds=state.meds.replace(status=state.meds.status.at[0].set(MERGING)),
+    )
+    states, _ = play(state)
+    slowest = float(params.charging.slowest_share) * float(params.fleet.service_speed)
+    others = np.asarray(states.vehicles.speed)[:, [first, first + 1, first + 3]]
+    assert others[:80].min() > slowest - 3.0  # one lets another one in
+    assert np.all(others[40:] > slowest - 0.1)
+    assert states.vehicles.lane[40, first + 3] != states.vehicles.lane[40, 0]
+
+
 def closest(dt, leader_brakes_fully):
     """Smallest bumper gap of followers, drawn over all that drivers may be, to an EV that falls back to its slot."""
     rng = np.random.default_rng(1)
@@ -112,7 +167,7 @@ def closest(dt, leader_brakes_fully):
 
     def tick(state, _):
         (x, v), (gap, follower_v) = state
-        a = docking_acceleration(x, v, x - 1e3, 0.0, leader_braking, params.charging)
+        a = docking_acceleration(v, jnp.zeros_like(v), leader_braking, params.charging)
         ahead, v = ballistic_step(x, v, a, dt)
         a = jnp.maximum(idm_acceleration(follower_v, gap, state[0][1], **own), -tyres)
         way, follower_v = ballistic_step(jnp.zeros_like(gap), follower_v, a, dt)

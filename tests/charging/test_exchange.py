@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.charging.exchange import transfer
+from medjax.charging.exchange import taper, transfer
+from medjax.env.metrics import episode_metrics
 from medjax.env.tick import physics_tick
 from medjax.traffic.step import drivers_of
+from medjax.world.state import IN_SERVICE, MERGING, QUEUED, Tally
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -90,13 +92,98 @@ def test_books_balance_in_every_tick(played):
     )
 
 
+def test_tallies_of_driving_are_what_driving_takes(played):
+    """Of EVs, of MEDs, and of the same way at the EVs' own desired speeds, in float64, every tick."""
+    env, params, before, after, tally = played
+    config, dt = env.config, env.config.tick_s
+    for name, slots, body in (
+        ("ev_driving_j", config.ev_slots, params.ev),
+        ("med_driving_j", config.med_slots, params.med),
+    ):
+        used = driving(before, after, slots, body, dt)
+        if slots == config.ev_slots:
+            used = np.where(np.asarray(before.evs.is_depleted), 0.0, used)
+        scale = np.abs(used).sum(-1).max()
+        np.testing.assert_allclose(getattr(tally, name), used.sum(-1), rtol=1e-4, atol=1e-4 * scale)
+        assert (used.sum((0, 1)) != 0.0).any()
+
+    own = np.asarray(before.vehicles.desired_speed, np.float64)[..., config.ev_slots]
+    steady = before.replace(vehicles=before.vehicles.replace(speed=before.vehicles.desired_speed))
+    power = driving(steady, steady, config.ev_slots, params.ev, dt) / dt
+    way = np.asarray(after.vehicles.x, np.float64) - np.asarray(before.vehicles.x, np.float64)
+    powered = ~np.asarray(before.evs.is_depleted)
+    expected = (powered * power / own * way[..., config.ev_slots]).sum(-1)
+    # A position is exact to 1e-4 of what a vehicle drives in a tick.
+    np.testing.assert_allclose(tally.ev_cruising_j, expected, rtol=1e-3)
+
+
+def test_tallies_of_time(played):
+    """Delays against everyone's own desired speed, MEDs on their way, and EVs that leave with little charge."""
+    env, params, before, after, tally = played
+    config, dt = env.config, env.config.tick_s
+    was, now = before.vehicles, after.vehicles
+    there = np.asarray(was.active)
+    way = np.asarray(now.x, np.float64) - np.asarray(was.x, np.float64)
+    delay = np.where(there, dt - way / np.asarray(was.desired_speed, np.float64), 0.0)
+    for name, slots in (("ev_delay_s", config.ev_slots), ("gas_delay_s", config.gas_slots)):
+        np.testing.assert_allclose(getattr(tally, name), delay[..., slots].sum(-1), atol=1e-3)
+        assert delay[..., slots].sum() > 0.0
+
+    status = np.asarray(after.meds.status)
+    on_the_way = ((status == QUEUED) | (status == MERGING) | (status == IN_SERVICE)).sum(-1)
+    np.testing.assert_allclose(tally.med_seconds, on_the_way * dt)
+    assert on_the_way.max() > 1
+    left = there & ~np.asarray(now.active) & (np.asarray(now.x) > float(params.road.length_m))
+    low = np.asarray(after.evs.energy_j) < 0.6 * float(params.ev_capacity_j)
+    np.testing.assert_array_equal(tally.low_exits, (left[..., config.ev_slots] & low).sum(-1))
+    assert np.asarray(tally.low_exits).sum() > 0
+
+
+def test_metrics_of_energy():
+    """Two EVs, a MED: what is drawn, what comes of it, and what each EV saved and got."""
+    kwh = 3.6e6
+    tally = Tally.zeros().replace(
+        entered=jnp.array([1.0, 1.0, 1.0, 4.0, 1.0]),
+        energy_sent_j=jnp.float32(4.0 * kwh),
+        energy_received_j=jnp.float32(3.0 * kwh),
+        med_driving_j=jnp.float32(6.0 * kwh),
+        ev_driving_j=jnp.float32(5.0 * kwh),
+        ev_cruising_j=jnp.float32(8.0 * kwh),
+        ev_delay_s=jnp.float32(1800.0),
+        gas_delay_s=jnp.float32(900.0),
+        med_seconds=jnp.float32(7200.0),
+    )
+    expected = {
+        "energy_sent_kwh": 4.0,
+        "energy_delivered_kwh": 3.0,
+        "energy_lost_kwh": 1.0,
+        "med_driving_kwh": 6.0,
+        "energy_drawn_kwh": 10.0,
+        "system_efficiency": 0.3,
+        "ev_driving_kwh": 2.5,
+        "ev_saved_kwh": 1.5,
+        "ev_received_kwh": 1.5,
+        "ev_delay_h": 0.5,
+        "gas_delay_h": 0.25,
+        "med_hours": 2.0,
+    }
+    metrics = episode_metrics(tally)
+    for name, value in expected.items():
+        assert float(metrics[name]) == pytest.approx(value, rel=1e-6), name
+
+
 def test_short_med_shares_and_full_ev_takes_no_more():
     """A MED with too little serves its slots in proportion; an EV fills to the brim and no further."""
     efficiency = jnp.array([0.9, 0.8, 0.9])
     charging = jnp.array([True, True, True])
     med = jnp.array([0, 0, 1], jnp.int32)
     flow = transfer(
-        efficiency, charging, med, jnp.array([100.0, 1e6]), jnp.array([1e6, 1e6, 45.0]), 200.0
+        efficiency,
+        charging,
+        med,
+        jnp.array([100.0, 1e6]),
+        jnp.array([1e6, 1e6, 45.0]),
+        jnp.full(3, 200.0),
     )
     np.testing.assert_allclose(flow.sent_j, [50.0, 50.0, 50.0], rtol=1e-6)
     np.testing.assert_allclose(flow.received_j, [45.0, 40.0, 45.0], rtol=1e-6)
@@ -110,6 +197,45 @@ def test_empty_med_and_idle_ev_move_nothing():
         jnp.array([0, 1], jnp.int32),
         jnp.array([-5.0, 1e6]),
         jnp.array([1e6, 1e6]),
-        200.0,
+        jnp.full(2, 200.0),
     )
     assert np.all(np.asarray(flow.sent_j) == 0.0)
+
+
+def test_a_slot_sends_what_it_may():
+    """Each EV's own slot, where the coils of one stand badly."""
+    flow = transfer(
+        jnp.array([0.9, 0.5]),
+        jnp.array([True, True]),
+        jnp.array([0, 0], jnp.int32),
+        jnp.array([1e6]),
+        jnp.array([1e6, 1e6]),
+        jnp.array([200.0, 30.0]),
+    )
+    np.testing.assert_allclose(flow.sent_j, [200.0, 30.0])
+    np.testing.assert_allclose(flow.received_j, [180.0, 15.0])
+    np.testing.assert_allclose(flow.drawn_j, [230.0])
+
+
+@pytest.mark.parametrize("taper_soc", [0.8, 0.5, 1.0])
+def test_charging_slows_down_towards_a_full_battery(taper_soc):
+    """Power falls linearly from `taper_soc` on, so that what is missing decays exponentially: with full power P in a
+    battery of capacity C, over tau = (1 - taper_soc) C / P."""
+    _, params = medjax.make("paper", taper_soc=taper_soc)
+    capacity = float(params.ev_capacity_j)
+    share = np.asarray(taper(jnp.linspace(0.0, 1.0, 101) * capacity, params), np.float64)
+    soc = np.linspace(0.0, 1.0, 101)
+    below = soc < taper_soc - 1e-6
+    np.testing.assert_array_equal(share[below], 1.0)
+    if taper_soc < 1.0:
+        expected = np.minimum(1.0, (1.0 - soc) / (1.0 - taper_soc))
+        np.testing.assert_allclose(share, expected, atol=1e-5)
+    assert share[-1] == 0.0
+
+    power, dt, ticks = 40e3, 0.25, 400
+    energy = jnp.float32(taper_soc * capacity)
+    for _ in range(ticks):
+        energy = energy + power * dt * taper(energy, params)
+    decay = power * dt * ticks / (max(1.0 - taper_soc, 1e-9) * capacity)
+    missing = (1.0 - taper_soc) * capacity * np.exp(-decay)
+    assert capacity - float(energy) == pytest.approx(missing, rel=0.02, abs=1e-4 * capacity)

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from medjax.charging.link import COUPLINGS, Misalignment, misalignment
+from medjax.charging.link import COUPLINGS, Misalignment, misalignment, most_power
 from medjax.physics import link_efficiency, mutual_inductance
 from medjax.world.params import FRONT, LEFT, REAR, RIGHT
 
@@ -28,7 +28,45 @@ def test_efficiency_is_that_of_the_coil_integral(paper, lateral, form):
         angular_frequency=2 * np.pi * 85e3,
         form=form,
     )
-    assert float(seen) == pytest.approx(float(exact), abs=1e-3)
+    assert float(seen.efficiency) == pytest.approx(float(exact), abs=1e-3)
+
+
+@pytest.mark.parametrize("form", ["circuit", "paper"])
+def test_power_falls_with_the_inductance_once_the_coil_s_current_is_reached(paper, form):
+    """At nominal alignment a slot sends its 40 kW, and beyond what 70 A can: |current| of the solved circuit's primary,
+    squared, times what the source gives at one ampere; next to nothing at the null."""
+    _, params = paper
+    link, slot = params.link, float(params.charging.slot_power_w)
+    lateral = np.array([0.0, 0.2, 0.3, 0.4, 0.5, 0.58], np.float32)
+    seen = COUPLINGS[form](Misalignment(jnp.float32(0.2), jnp.asarray(lateral), 0.0), link)
+    power = np.asarray(most_power(seen, slot, link.max_current_a), np.float64)
+    inductance = mutual_inductance(
+        0.35, 0.30, 0.2, lateral, 0.0, primary_turns=10, secondary_turns=10
+    )
+    exact = np.array([sent_at(70.0, m) for m in np.asarray(inductance, np.float64)])
+    np.testing.assert_allclose(power, np.minimum(slot, exact), rtol=0.01, atol=20.0)
+    assert power[0] == power[1] == slot
+    assert (np.diff(power[1:]) < 0).all()
+    assert 20e3 < power[2] < 30e3
+    assert power[-1] < 1e3
+
+
+def sent_at(current, m, omega=2 * np.pi * 85e3):
+    """Power from the source of two resonant loops, W, at this RMS current in the primary: Kirchhoff, complex."""
+    secondary = 1j * omega * m * current / (0.126 + 10.0)
+    voltage = 0.159 * current - 1j * omega * m * secondary
+    return (voltage * np.conj(current)).real
+
+
+def test_permeability_scales_the_inductance(paper):
+    """Twice mu is twice M: the resistance that the inverter sees is the coil's own and four times the rest."""
+    _, params = paper
+    where = Misalignment(jnp.float32(0.25), jnp.array([0.0, 0.2]), 0.0)
+    air = COUPLINGS["circuit"](where, params.link)
+    twice = COUPLINGS["circuit"](where, params.link.replace(permeability=jnp.float32(2.0)))
+    own = float(params.link.med_resistance_ohm)
+    np.testing.assert_allclose(twice.input_ohm - own, 4.0 * (air.input_ohm - own), rtol=1e-5)
+    assert (twice.efficiency > air.efficiency).all()
 
 
 def corner_distance(panel, along, across, turn, gap):

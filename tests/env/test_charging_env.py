@@ -9,7 +9,7 @@ import pytest
 import medjax
 from benchmarks.verification.cases import episode_program
 from benchmarks.verification.invariants import INVARIANTS
-from medjax.charging.link import COUPLINGS
+from medjax.charging.link import COUPLINGS, Coupled
 from medjax.env import ChargingEnv
 from medjax.world.state import AT_DEPOT, QUEUED, RETIRED
 
@@ -104,7 +104,8 @@ def test_truncates_at_the_time_limit_and_resets_in_the_same_step():
         obs, state, _, terminated, truncated, info = step(key, state, 1, params)
         assert not bool(terminated)
         assert bool(truncated) == (count == 3)
-        np.testing.assert_array_equal(info["final_observation"], last_obs)
+        # Another program, which rounds differently.
+        np.testing.assert_allclose(info["final_observation"], last_obs, rtol=2e-6, atol=1e-7)
         np.testing.assert_array_equal(info["action_mask"], env.action_mask(state, params))
     assert int(last_state.time) == 3
     assert int(state.time) == 0
@@ -215,7 +216,8 @@ def test_arrivals_at_a_full_road_wait():
     assert waiting[-1] > 80
     assert float(info["metrics"]["queue_vehicle_s"]) == pytest.approx(sum(waiting))
     tally = state.tally
-    on_road = tally.entered.sum() - tally.left.sum() - tally.depleted
+    rolling = (state.vehicles.active[env.config.ev_slots] & state.evs.is_depleted).sum()
+    on_road = tally.entered.sum() - tally.left.sum() - tally.depleted + rolling
     assert float(on_road) == int(state.vehicles.active.sum())
 
 
@@ -235,7 +237,10 @@ def test_the_coupling_is_a_value():
         assert float(tally.energy_sent_j) > 0.0
         return float(tally.energy_received_j / tally.energy_sent_j)
 
-    assert share(lambda geometry, link: jnp.ones_like(geometry.axial)) == pytest.approx(1.0)
+    def lossless(geometry, link):
+        return Coupled(jnp.ones_like(geometry.axial), jnp.full_like(geometry.axial, 10.0))
+
+    assert share(lossless) == pytest.approx(1.0)
     circuit, printed = share(COUPLINGS["circuit"]), share(COUPLINGS["paper"])
     # R_MED for R_EV in the first factor: 10.126 / 10.159 of the other.
     assert printed / circuit == pytest.approx(10.126 / 10.159, rel=1e-3)

@@ -24,7 +24,7 @@ def test_the_command_plays_the_episode_that_it_is_asked_for(played):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (["--policy", "best"], "unknown policy 'best': allowed none, random"),
+        (["--policy", "best"], "unknown policy 'best': allowed none, slow, random"),
         (["--scenario", "papr"], "unknown scenario 'papr': allowed paper, realistic"),
         (["--out", "run.txt"], "run.txt: allowed endings .parquet, .csv, .fcd.xml"),
         (["--out", "nowhere/run.csv"], "no directory nowhere"),

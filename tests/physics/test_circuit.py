@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from medjax.physics import link_efficiency, mutual_inductance
+from medjax.physics import input_resistance, link_efficiency, mutual_inductance
 
 OMEGA = 2 * np.pi * 85e3
 DEFAULTS = {
@@ -148,3 +148,21 @@ def test_broadcasts_and_maps_over_loads():
 def test_unknown_form_is_refused():
     with pytest.raises(ValueError, match="form is 'printed', must be 'circuit' or 'paper'"):
         link_efficiency(1e-6, form="printed", **DEFAULTS)
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    m=st.floats(1e-8, 1e-3),
+    load=st.floats(0.1, 1e3),
+    r_med=st.floats(1e-3, 10.0),
+    r_ev=st.floats(0.0, 10.0),
+)
+def test_input_resistance_is_that_of_the_circuit(m, load, r_med, r_ev):
+    """At one ampere: what load, secondary and primary take at the currents that Kirchhoff gives."""
+    secondary = OMEGA * m / (r_ev + load)  # A for 1 A in the primary
+    args = {"load": load, "primary_resistance": r_med, "secondary_resistance": r_ev}
+    with jax.enable_x64(True):
+        ohm = float(input_resistance(np.float64(m), angular_frequency=OMEGA, **args))
+        efficiency = float(link_efficiency(np.float64(m), angular_frequency=OMEGA, **args))
+    assert ohm == pytest.approx(r_med + (r_ev + load) * secondary**2, rel=1e-12)
+    assert efficiency * ohm == pytest.approx(load * secondary**2, rel=1e-12)

@@ -8,6 +8,7 @@ import pytest
 import medjax
 from medjax.charging.energy import drive_energy
 from medjax.env.forecast import forecast_need
+from medjax.episodes.scores import evaluate_policies
 from medjax.world.state import QUEUED
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -79,10 +80,10 @@ def test_periodic_spreads_the_fleet(episodes):
 
 
 def test_paced_sends_from_the_first_ramp(episodes):
-    """One every 34 decisions until all 15 are sent."""
+    """One every 32 decisions until all 15 are sent."""
     action, _, _ = episodes["paced"]
     expected = np.zeros(600)
-    expected[np.arange(15) * 34] = 1
+    expected[np.arange(15) * 32] = 1
     np.testing.assert_array_equal(action, np.broadcast_to(expected, action.shape))
 
 
@@ -122,11 +123,14 @@ def test_forecast_counts_who_will_run_out(paper):
             action = ramp if number == 0 else 0
             _, state, *_ = step(jax.random.key(number), state, action, params)
     window = 60.0
-    per_metre = float(drive_energy(jnp.float32(30.0), jnp.float32(30.0), params.ev, 1.0)) / 30.0
+    per_metre = (
+        float(drive_energy(jnp.float32(30.0), jnp.float32(30.0), params.ev, params.road, 1.0))
+        / 30.0
+    )
     capacity = float(params.ev_capacity_j)
     active, x = np.asarray(state.vehicles.active), np.asarray(state.vehicles.x)
     status, place = np.asarray(state.meds.status), np.array([100.0, 1200.0, 2100.0, 3200.0])
-    closing = 30.0 - 18.0
+    closing = 30.0 - 22.0
     expected = np.zeros(4)
     for ramp, at in enumerate(place):
         for ev in range(40):
@@ -146,3 +150,27 @@ def test_forecast_counts_who_will_run_out(paper):
     got = forecast_need(state, env.config, params, window)
     np.testing.assert_allclose(got, expected, atol=1e-3)
     assert active[:15].any()
+
+
+def test_slow_is_a_control_without_meds_on_the_same_seeds():
+    """Played beside another rule, it is `none` in the world that it says: low EVs, whatever their way, drive at the
+    MEDs' service speed. The world of the rule beside it is left alone."""
+    env, params = medjax.make("paper", episode_decisions=60)
+    rules = {name: medjax.BASELINES[name](env) for name in ("none", "slow")}
+    both = evaluate_policies(env, params, rules, episodes=3)
+    _, slower = medjax.make(
+        "paper",
+        episode_decisions=60,
+        eco_compliance=1.0,
+        eco_speed=22.0,
+        eco_soc=0.4,
+        eco_horizon_m=float("inf"),
+    )
+    for world, name in ((params, "none"), (slower, "slow")):
+        alone = evaluate_policies(env, world, {"none": rules["none"]}, episodes=3)["none"]
+        for metric, values in alone.items():
+            np.testing.assert_allclose(both[name][metric], values, rtol=1e-4, atol=1e-4)
+    assert (both["slow"]["meds_dispatched"] == 0.0).all()
+    assert both["slow"]["ev_saved_kwh"].mean() > both["none"]["ev_saved_kwh"].mean() + 0.01
+    again = rules["slow"].world(rules["slow"].world(params))
+    np.testing.assert_array_equal(again.drivers.eco_speed, params.fleet.service_speed)

@@ -18,8 +18,11 @@ BAD = [
     (["--out", "a.mp3"], "allowed a file that ends in .mp4, .gif, .png, .html"),
     (["--out", "a"], "allowed a file that ends in"),
     ([], "--out"),
-    (["--policy", "best", "--out", "a.html"], "unknown policy 'best': allowed none, random"),
-    (["--compare", "best", "--out", "a.html"], "unknown compare 'best': allowed none, random"),
+    (["--policy", "best", "--out", "a.html"], "unknown policy 'best': allowed none, slow, random"),
+    (
+        ["--compare", "best", "--out", "a.html"],
+        "unknown compare 'best': allowed none, slow, random",
+    ),
     (["--compare", "forecast", "--out", "a.html"], "allowed another one"),
     (["--compare", "none", "--out", "a.mp4"], "ends in .html"),
     (["--scenario", "mars", "--out", "a.html"], "unknown scenario 'mars': allowed paper"),

@@ -10,6 +10,7 @@ import pytest
 import medjax
 from medjax.render import colors
 from medjax.render.scene import Timeline
+from medjax.world.state import MERGING
 from tests.render.made import TICKS, blank, put
 
 pytest.importorskip("PIL", reason="pictures need Pillow")
@@ -80,6 +81,32 @@ def test_who_ran_out_is_marked_and_counted():
     columns = columns_of(picture(recording, 0.75), colors.RAN_OUT, rows)
     assert abs(columns.mean() - px(1010.0)) < 3
     assert Timeline(recording).at(0.75).ran_out == 1
+
+
+@pytest.mark.parametrize("sideways", [-3.0, 0.0, 2.0])
+def test_a_body_heads_where_it_drives(sideways):
+    """Along a body its side falls by the lateral speed over the speed, in metres of either scale."""
+    recording = blank(1 + TICKS)
+    put(recording, 0, 1000.0, 2, speed=15.0)
+    recording.frames.lateral_speed[:, 0] = sideways
+    recording.frames.med_status[:, 0] = MERGING  # no slots around it
+    green = (picture(recording)[NEAR] == colors.MED_COLOR).all(axis=-1)
+    columns = np.arange(int(px(990.0)), int(px(996.0)))
+    top, bottom = green.argmax(axis=0)[columns], green[::-1].argmax(axis=0)[columns]
+    per_m = (len(green) - bottom - top).mean() / 2.5  # across
+    slope = np.polyfit(columns, top, 1)[0] * (WIDTH / SPAN) / per_m
+    assert slope == pytest.approx(sideways / 15.0, abs=0.04)
+
+
+def test_who_runs_out_is_counted_at_once_and_marked_where_it_leaves():
+    recording = blank(1 + 2 * TICKS)
+    ev = recording.config.ev_slots.start
+    put(recording, ev, 1000.0, 0, speed=10.0, frames=slice(0, 6))
+    recording.frames.ev_soc[:2, 0] = 0.1
+    timeline = Timeline(recording)
+    assert [timeline.at(frame * 0.25).ran_out for frame in range(8)] == [0, 0, 1, 1, 1, 1, 1, 1]
+    assert [len(timeline.at(frame * 0.25).ran_out_x) for frame in (5, 6)] == [0, 1]
+    assert timeline.at(1.5).ran_out_x[0] == pytest.approx(1012.5)
 
 
 def test_the_scale_of_charge_is_even_and_readable():

@@ -1,12 +1,24 @@
-"""Drivers of named parameter sets, made by the package."""
+"""Drivers of named parameter sets, made by the package, and what one of them decides among four others."""
 
+import functools
+
+import jax
 import jax.numpy as jnp
 
-from medjax.traffic.following import make_drivers
-from medjax.traffic.idm import IDM
+from medjax.traffic.following import (
+    Platooning,
+    following_acceleration,
+    make_drivers,
+    of_slots,
+    roles,
+)
+from medjax.traffic.lane_change import Situation, Turn, decide
+from medjax.traffic.neighbours import NOBODY, Neighbours
 from medjax.world.params import DriverParams
 
 LENGTH = 5.0
+# The one that decides, to the right, in its lane those before and behind it, and those then before and behind it.
+EGO, OLD_LEADER, NEW_LEADER, OLD_FOLLOWER, NEW_FOLLOWER = range(5)
 
 
 def drivers(kinds):
@@ -21,4 +33,42 @@ def drivers(kinds):
         lateral_wander=zeros,
         vehicle_length=jnp.full(count, LENGTH),
     )
-    return make_drivers(jnp.arange(count), params.desired_speed, params, IDM())
+    return make_drivers(jnp.arange(count), params.desired_speed, params)
+
+
+@functools.partial(jax.jit, static_argnames=("there", "model"))
+def decided(their, x, speed, wish, params, there, model):
+    """What the ego decides by `decide`: GOES, or the acceleration that it keeps to for the new leader.
+
+    Args:
+      their: drivers of the five; x: m, front bumpers; speed: m/s; `(5,)`.
+      wish: of the five, for changes to the right.
+      there: who of the five exists.
+    """
+
+    def of(*slots):
+        return jnp.asarray([slot if slot in there else NOBODY for slot in slots])
+
+    nobody = of(NOBODY, NOBODY, NOBODY, NOBODY, NOBODY)
+    # Only the ego asks; what the others see of each other is needed for their accelerations.
+    leader = of(OLD_LEADER, NOBODY, NOBODY, EGO, NEW_LEADER)
+    neighbours = Neighbours(
+        leader=leader,
+        follower=of(OLD_FOLLOWER, NOBODY, NOBODY, NOBODY, NOBODY),
+        target_leader=of(NEW_LEADER, NOBODY, NOBODY, NOBODY, NOBODY),
+        target_follower=of(NEW_FOLLOWER, NOBODY, NOBODY, NOBODY, NOBODY),
+    )
+    leaders, followers = roles(their, x, speed, nobody, model)
+    platooning = Platooning(0.3, 2.0)
+    follow = functools.partial(following_acceleration, platooning=platooning, model=model)
+    following = follow(followers, of_slots(leaders, leader), leader != NOBODY)
+    situation = Situation(
+        leaders=leaders,
+        followers=followers,
+        usual_headway=their.time_headway,
+        neighbours=neighbours,
+        courtesy=jnp.full(5, jnp.inf),
+        following=following,
+        acceleration=following,
+    )
+    return decide(situation, wish, Turn(jnp.asarray(1), jnp.asarray(0), 1), follow, params)[EGO]

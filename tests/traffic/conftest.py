@@ -9,18 +9,18 @@ import medjax
 from tests.traffic.roads import run
 
 # Whatever the preset is tuned to: the numbers that tests here compute with. Kinds are MED, human EV,
-# autonomous EV, gas vehicle.
+# autonomous EV, gas vehicle, lorry (none come).
 FIXED = {
     "length_m": 4000.0,
     "ramp_x_m": [100.0, 1200.0, 2100.0, 3200.0],
     "acceleration_lane_m": 250.0,
-    "desired_speed": [25.0, 30.0, 30.0, 30.0],
-    "desired_speed_std": [0.0, 2.0, 1.0, 2.0],
-    "time_headway": [2.0, 1.5, 1.5, 1.5],
-    "min_gap": [4.0, 2.0, 2.0, 2.0],
-    "max_acceleration": [1.0, 1.4, 1.4, 1.4],
+    "desired_speed": [25.0, 30.0, 30.0, 30.0, 24.0],
+    "desired_speed_std": [0.0, 2.0, 1.0, 2.0, 1.0],
+    "time_headway": [2.0, 1.5, 1.5, 1.5, 2.0],
+    "min_gap": [4.0, 2.0, 2.0, 2.0, 4.0],
+    "max_acceleration": [1.0, 1.4, 1.4, 1.4, 0.5],
     "comfortable_deceleration": 2.0,
-    "vehicle_length": [12.0, 5.0, 5.0, 5.0],
+    "vehicle_length": [12.0, 5.0, 5.0, 5.0, 16.5],
     "safe_braking": 4.0,
     "max_braking": 9.0,
     "politeness": 0.2,

@@ -1,4 +1,4 @@
-"""IDM in float64 NumPy, and the parameter sets of reference/traffic.md (m, s, m/s)."""
+"""IDM and IDM+ in float64 NumPy, and the parameter sets of reference/traffic.md (m, s, m/s)."""
 
 import numpy as np
 
@@ -28,6 +28,13 @@ def idm(p, s, v, vl):
     """The printed formula; gaps are taken as they are."""
     interaction = (wanted_gap(p, v, vl) / s) ** 2
     return p["max_acceleration"] * (1 - (v / p["desired_speed"]) ** 4 - interaction)
+
+
+def idm_plus(p, s, v, vl):
+    """Schakel, van Arem, Netten 2010, eq (3); the free branch brakes at b at most."""
+    a = p["max_acceleration"]
+    free = np.maximum(a * (1 - (v / p["desired_speed"]) ** 4), -p["comfortable_deceleration"])
+    return np.minimum(free, a * (1 - (wanted_gap(p, v, vl) / s) ** 2))
 
 
 def equilibrium_gap(p, v):

@@ -6,7 +6,7 @@ import numpy as np
 
 from medjax.env.tick import physics_tick
 from medjax.traffic.step import drivers_of
-from tests.traffic.reference import idm
+from tests.traffic.reference import idm_plus
 
 KIND_FIELDS = (
     "time_headway",
@@ -15,6 +15,8 @@ KIND_FIELDS = (
     "comfortable_deceleration",
     "vehicle_length",
 )
+# How urgent it is to a MED to be in its service lane, to an EV to be in its slot.
+ORDERED, PRESSING = 0.303, 0.65
 
 
 def put(state, slots, x, lane, speed, desired):
@@ -67,7 +69,13 @@ class Record:
         kind = vehicles.kind
         self.kinds = {name: np.asarray(getattr(params.drivers, name))[kind] for name in KIND_FIELDS}
         self.length = self.kinds["vehicle_length"]
-        charging = params.charging
+        self.num_lanes, self.is_med = config.num_lanes, np.arange(kind.shape[1]) < config.num_meds
+        self.depleted = np.zeros(self.x.shape, bool)
+        self.depleted[:, config.ev_slots] = states.evs.is_depleted
+        road, change, charging = params.road, params.lane_change, params.charging
+        self.lane_ends = np.asarray(road.ramp_x_m, np.float64) + float(road.acceleration_lane_m)
+        self.view_m, self.safe_braking = float(change.view_m), float(change.safe_braking)
+        self.accepted_headway = float(change.accepted_headway)
         self.platoon = {
             "time_headway": float(charging.platoon_headway),
             "min_gap": float(charging.platoon_min_gap),
@@ -95,15 +103,34 @@ class Record:
         moved = self.active[:-1] & self.active[1:] & (self.lane[1:] != self.lane[:-1])
         return np.argwhere(moved)
 
-    def braking(self, tick, follower, leader):
-        """IDM acceleration of one slot behind another, and the gap."""
+    def braking(self, tick, follower, leader, share):
+        """IDM+ acceleration of one slot behind another, and the gap.
+
+        The headway is its own less this share of the way to the shortest accepted one; a platoon's within one.
+        """
         together = self.med[tick, follower] == self.med[tick, leader] != -1
         values = {name: column[tick, follower] for name, column in self.kinds.items()}
         values["desired_speed"] = self.desired_speed[tick, follower]
+        usual = values["time_headway"]
+        values["time_headway"] = usual + (min(self.accepted_headway, usual) - usual) * share
         values |= self.platoon if together else {}
         gap = self.x[tick, leader] - self.length[tick, leader] - self.x[tick, follower]
         speeds = self.speed[tick, follower], self.speed[tick, leader]
-        return idm(values, max(gap, 0.1), *speeds), gap
+        return idm_plus(values, max(gap, 0.1), *speeds), gap
+
+    def desires(self, tick, slot):
+        """How urgent a change may have been, 0 for a free one; what is ordered, at most.
+
+        A merge's is known; a MED goes to its service lane, a booked EV to its slot, a depleted one to the shoulder.
+        """
+        if self.lane[tick, slot] == self.num_lanes:
+            ends = self.lane_ends[self.lane_ends >= self.x[tick, slot] - 1.0]
+            return [np.clip(1.0 - (ends.min() - self.x[tick, slot]) / self.view_m, ORDERED, 1.0)]
+        if self.depleted[tick, slot]:
+            return [1.0]
+        if self.med[tick, slot] < 0:
+            return [0.0]
+        return [0.0, ORDERED if self.is_med[slot] else PRESSING]
 
     def next_to(self, tick, slot):
         """(leader, follower) in the lane that a slot changed to, before the tick; None if nobody."""
@@ -115,18 +142,27 @@ class Record:
             max(behind, key=lambda s: self.x[tick, s], default=None),
         )
 
-    def hardest_forced(self):
-        """Over all changes: the hardest braking asked of ego or new follower, the least spare gap.
+    def least_to_spare(self):
+        """(m/s^2, m) left at least, over all changes, of the braking and the standing gap that each may ask.
 
-        A gap is spare beyond the standing gap that whoever follows keeps.
+        Of the changing vehicle and of the one then behind, each by its own parameters; the more urgent, the more
+        braking, the less headway and the less standing gap. A headway is shorter, too, where the one ahead must come.
         """
-        hardest, spare = 0.0, np.inf
+        braking, room = np.inf, np.inf
         for tick, slot in self.changes():
             leader, follower = self.next_to(tick, slot)
-            pairs = [(slot, leader)] if leader is not None else []
-            pairs += [(follower, slot)] if follower is not None else []
-            for behind, ahead in pairs:
-                acceleration, gap = self.braking(tick, behind, ahead)
-                hardest = min(hardest, acceleration)
-                spare = min(spare, gap - self.kinds["min_gap"][tick, behind])
-        return hardest, spare
+            spare = []
+            for desire in self.desires(tick, slot):
+                pairs = []
+                if leader is not None:
+                    pairs += [(slot, leader, max(desire, *self.desires(tick, leader), 0.0))]
+                pairs += [(follower, slot, desire)] if follower is not None else []
+                left, gaps = [np.inf], [np.inf]
+                for behind, ahead, share in pairs:
+                    acceleration, gap = self.braking(tick, behind, ahead, share)
+                    left.append(acceleration + self.safe_braking * (desire or 1.0))
+                    gaps.append(gap - self.kinds["min_gap"][tick, behind] * (1.0 - 0.5 * desire))
+                spare.append((min(left), min(gaps)))
+            best = max(spare, key=min)
+            braking, room = min(braking, best[0]), min(room, best[1])
+        return braking, room

@@ -8,12 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import poisson
 
+import medjax
 from medjax.traffic import ballistic_step, idm_acceleration
 from medjax.traffic.demand import (
     MOST_ARRIVALS,
     Ahead,
     Entries,
     desired_speeds,
+    drawn_kinds,
     entries,
     entry_rates,
     entry_speed,
@@ -23,6 +25,7 @@ from medjax.traffic.demand import (
     place,
     poisson_arrivals,
 )
+from medjax.world.kinds import GAS, LORRY
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -48,7 +51,7 @@ def test_more_than_the_most_is_as_rare_as_said():
 def test_entry_rates(asked):
     """2800 an hour over four lanes, 300 at each ramp."""
     env, params = asked
-    rates = entry_rates(params.demand, env.config.num_lanes)
+    rates = entry_rates(params.demand, env.config.num_lanes, 0.0)
     np.testing.assert_allclose(3600 * rates, [700.0] * 4 + [300.0] * 4, rtol=1e-6)
 
 
@@ -252,3 +255,26 @@ def test_filled_road_matches_the_demand(fill, asked):
         assert share == pytest.approx(0.25, abs=0.01)
     ev_x = filled.x[filled.active & (kind == 1)]
     assert ev_x.mean() == pytest.approx(2000.0, abs=4 * 4000 / np.sqrt(12 * ev_x.size) + 35.0)
+
+
+def test_lorries_are_a_share_of_the_vehicles_with_fuel():
+    """None unless asked for; else so many, slower and longer than cars, and more of them are on the road at once."""
+    uniform = jnp.linspace(0.0, 1.0, 10_001)[:-1]
+    is_ev = jnp.arange(10_000) % 4 == 0
+    for share in (0.0, 0.16, 1.0):
+        _, params = medjax.make("paper", lorry_share=share)
+        kind = np.asarray(drawn_kinds(uniform, is_ev, params.demand))
+        assert (kind[~is_ev] == LORRY).mean() == pytest.approx(share, abs=1e-3)
+        assert set(kind[~is_ev]) <= {GAS, LORRY}
+        assert not (kind[is_ev] == LORRY).any()
+    drivers = params.drivers
+    assert float(drivers.desired_speed[LORRY]) == pytest.approx(85 / 3.6, abs=0.1)  # the limiter
+    assert float(drivers.vehicle_length[LORRY]) == 16.5  # Directive 96/53/EC
+    env, params = medjax.make("paper", lorry_share=0.5, num_gas=400, ev_share=0.0)
+    flow_m = 2600.0 * 4000.0 + 250.0 * (3900.0 + 2800.0 + 1900.0 + 800.0)
+    expected = flow_m / 3600.0 * 0.5 * (1.0 / 30.0 + 1.0 / 23.6)
+    keys = jax.random.split(jax.random.key(2), 256)
+    state = jax.jit(jax.vmap(lambda key: env.reset(key, params)[1]))(keys)
+    assert float(state.vehicles.active.sum(axis=1).mean()) == pytest.approx(expected, rel=0.02)
+    kinds = np.asarray(state.vehicles.kind)[np.asarray(state.vehicles.active)]
+    assert (kinds == LORRY).mean() == pytest.approx(0.5, abs=0.01)

@@ -1,4 +1,4 @@
-"""IDM against the numbers of reference/traffic.md, its closed forms, and what limits demand."""
+"""IDM and IDM+ against the numbers of reference/traffic.md, its closed forms, and what limits demand."""
 
 import jax
 import jax.numpy as jnp
@@ -9,9 +9,11 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize_scalar
 
 from medjax.traffic import idm_acceleration
-from medjax.traffic.following import FREE_GAP_M
-from medjax.traffic.idm import SMALLEST_GAP_M
-from tests.traffic.reference import CAR, HIGHWAY, TRUCK, equilibrium_gap, idm, slopes
+from medjax.traffic.following import FREE_GAP_M, roles
+from medjax.traffic.idm import IDM, IDM_PLUS, SMALLEST_GAP_M
+from medjax.traffic.neighbours import NOBODY
+from tests.traffic.cars import drivers
+from tests.traffic.reference import CAR, HIGHWAY, TRUCK, equilibrium_gap, idm, idm_plus, slopes
 
 NAMED = {"car": CAR, "highway": HIGHWAY, "truck": TRUCK}
 STEADY = [(10.0, 17.0693), (20.0, 34.2997), (25.0, 47.7747), (30.0, 80.1460)]
@@ -157,3 +159,46 @@ def test_broadcasts():
     table = idm_acceleration(v[:, None], s, v[:, None] - 1.0, **TRUCK)
     assert table.shape == (3, 2)
     np.testing.assert_allclose(table, idm(TRUCK, s, v[:, None], v[:, None] - 1.0), rtol=1e-5)
+
+
+def behind(model, kind, speed, gap, leader_speed):
+    """Acceleration of drivers of one kind by a model, as the simulator asks it; `(N,)` each."""
+    speed, gap, leader_speed = (
+        jnp.asarray(v, jnp.float32) for v in np.broadcast_arrays(speed, gap, leader_speed)
+    )
+    column = drivers([kind] * len(speed))
+    _, followers = roles(column, gap, speed, jnp.full(len(speed), NOBODY), model)
+    return np.asarray(model.acceleration(followers, gap, leader_speed), np.float64)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.sampled_from(sorted(NAMED)), st.integers(0, 2**32 - 1))
+def test_the_models_of_the_simulator_are_as_printed(name, seed):
+    """IDM and IDM+ in float64, for every car, gap and speed, free roads and those too fast included."""
+    kind, rng = NAMED[name], np.random.default_rng(seed)
+    speed, leader = rng.uniform(0.0, 50.0, (2, 64))
+    gap = np.append(rng.uniform(0.2, 300.0, 56), np.full(8, FREE_GAP_M))
+    for model, printed in ((IDM(), idm), (IDM_PLUS, idm_plus)):
+        expected = printed(kind, gap, speed, leader)
+        got = behind(model, kind, speed, gap, leader)
+        np.testing.assert_allclose(got, expected, rtol=2e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", sorted(NAMED))
+def test_idm_plus_keeps_a_constant_time_headway(name):
+    """s0 + v T is its equilibrium at any speed below the desired one; IDM asks for more, without bound towards v0."""
+    kind = NAMED[name]
+    speed = np.linspace(0.1, 0.999, 200) * kind["desired_speed"]
+    gap = kind["min_gap"] + speed * kind["time_headway"]
+    np.testing.assert_allclose(behind(IDM_PLUS, kind, speed, gap, speed), 0.0, atol=1e-5)
+    assert (behind(IDM_PLUS, kind, speed, 1.01 * gap, speed) > 0.0).all()
+    assert (behind(IDM_PLUS, kind, speed, 0.99 * gap, speed) < 0.0).all()
+    assert (behind(IDM(), kind, speed[1:], gap[1:], speed[1:]) < 0.0).all()
+
+
+def test_idm_plus_slows_down_comfortably_on_a_free_road():
+    """Who is too fast, by a new limit of speed say, brakes by IDM's term, at b at most."""
+    u = np.linspace(1.0, 1.5, 30)
+    got = behind(IDM_PLUS, CAR, u * CAR["desired_speed"], FREE_GAP_M, 0.0)
+    np.testing.assert_allclose(got, np.maximum(1.4 * (1 - u**4), -2.0), atol=2e-5)
+    assert got.min() == -2.0

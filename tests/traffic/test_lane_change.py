@@ -9,7 +9,7 @@ from medjax.traffic.lane_change import whose_turn
 from medjax.world.kinds import MED, by_class
 from medjax.world.params import EnvConfig
 from medjax.world.state import MERGING
-from tests.traffic.reference import equilibrium_gap, idm, parameters
+from tests.traffic.reference import idm_plus, parameters
 from tests.traffic.roads import Record, put, run
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -20,20 +20,21 @@ B_SAFE = 4.0
 # Gas vehicles and MEDs as conftest fixes them.
 CAR = parameters(108.0, 1.5, 2.0, 1.4, 2.0) | {"length": 5.0}
 TRUCK = parameters(79.2, 2.0, 4.0, 1.0, 2.0) | {"length": 12.0}
+STOP_M = 0.05  # see test_motion
 # float32 resolves x to 0.24 mm at 4 km: two such gaps move IDM's braking by less than this.
 ROUNDING = 0.01
 
 
-def assert_safe(road, b_safe=B_SAFE):
-    """No change in the record asked more braking or less room than is safe."""
-    hardest, spare = road.hardest_forced()
-    assert hardest >= -b_safe - ROUNDING
-    assert spare >= -ROUNDING
+def assert_safe(road):
+    """No change in the record asked more braking or less room than its urgency allows."""
+    braking, room = road.least_to_spare()
+    assert braking >= -ROUNDING
+    assert room >= -ROUNDING
 
 
 def dense_lane(speed, sizes, hole, foremost):
     """x and desired speeds of gas vehicles at `speed` in equilibrium, in groups `hole` metres apart."""
-    spacing = CAR["length"] + equilibrium_gap(CAR, speed)
+    spacing = CAR["length"] + CAR["min_gap"] + CAR["time_headway"] * speed
     x, desired = [], []
     for size in sizes:
         x += [foremost - spacing * i for i in range(size)]
@@ -44,8 +45,11 @@ def dense_lane(speed, sizes, hole, foremost):
 
 
 def merging_scene(quiet, blank, slot, sizes, hole, foremost):
-    """A vehicle comes down the third ramp at 20 m/s beside a dense lane at 10 m/s."""
+    """A vehicle comes down the third ramp at 20 m/s beside a dense lane at 10 m/s, where nobody yields or accepts
+    less than the usual headway."""
     _, params = quiet
+    stubborn = params.lane_change.replace(courtesy_braking=0.0, accepted_headway=10.0)
+    params = params.replace(lane_change=stubborn)
     x, desired = dense_lane(10.0, sizes, hole, foremost)
     gas = GAS_SLOT + np.arange(len(x))
     state = put(
@@ -60,19 +64,22 @@ def merging_scene(quiet, blank, slot, sizes, hole, foremost):
 
 
 def standing_gaps(kinds, distances, speed=20.0, dt=0.01):
-    """Gaps at which a column comes to rest before a wall, by short float64 steps.
+    """Gaps at which a column comes to rest before a lane's end, by short float64 steps.
 
-    IDM is underdamped near s0 where a T^2 < 2 s0: a truck rolls on to well below its 4 m.
+    All brake for the end at B_SAFE to their standing gap from it, and follow the next by IDM+, which is underdamped
+    near s0 where a T^2 < 2 s0.
     """
     v = np.full(len(kinds), speed)
     x = -np.asarray(distances)
     drivers = {name: np.array([kind[name] for kind in kinds]) for name in CAR}
     for _ in range(round(150 / dt)):
-        gaps = np.append(0.0, x[:-1] - drivers["length"][:-1]) - x
-        a = idm(drivers, gaps, v, np.append(0.0, v[:-1]))
+        gaps = np.append(1e6, x[:-1] - drivers["length"][:-1]) - x
+        room = np.maximum(-x - drivers["min_gap"], 0.0)
+        stop = (np.sqrt(2 * B_SAFE * room) - v) / dt
+        a = np.maximum(np.minimum(idm_plus(drivers, gaps, v, np.append(v[0], v[:-1])), stop), -9.0)
         after = np.maximum(v + a * dt, 0.0)
         x, v = x + 0.5 * (v + after) * dt, after
-    return gaps
+    return np.append(0.0, x[:-1] - drivers["length"][:-1]) - x
 
 
 @pytest.mark.parametrize("slot", [MED_SLOT, EV_SLOT])
@@ -84,7 +91,7 @@ def test_waits_at_the_end_while_no_gap_is_safe(quiet, blank, play, slot):
     here = slice(0, 520)  # 130 s: the column passes the ramp's end for all of them
     assert (road.lane[here, slot] == 4).all()
     rest = standing_gaps([TRUCK if slot == MED_SLOT else CAR], [END - RAMP])
-    assert END - road.x[here, slot].max() == pytest.approx(rest[0], abs=0.1)
+    assert END - road.x[here, slot].max() == pytest.approx(rest[0], abs=STOP_M)
     assert road.speed[519, slot] < 1e-4
     assert road.gaps().min() > 0.0
 
@@ -125,8 +132,8 @@ def test_end_of_acceleration_lane_is_a_standing_obstacle(quiet, blank, play):
     first, truck, last = (road.x[-1, slot] for slot in slots[:3])
     expected = standing_gaps([CAR, TRUCK, CAR], [150.0, 190.0, 250.0])
     rest = [END - first, first - 5.0 - truck, truck - 12.0 - last]
-    np.testing.assert_allclose(rest, expected, atol=0.1)
-    assert rest[0] == pytest.approx(2.0, abs=0.01)  # item 5
+    np.testing.assert_allclose(rest, expected, atol=STOP_M)
+    assert rest[0] == pytest.approx(2.0, abs=STOP_M)
     assert road.gaps().min() > 0.0
     assert road.speed.min() >= 0.0
 
@@ -134,7 +141,7 @@ def test_end_of_acceleration_lane_is_a_standing_obstacle(quiet, blank, play):
 @pytest.mark.parametrize("slots", [(0, 1), (0, 2), (1, 0)])
 @pytest.mark.parametrize("first", [0, 1, 2, 3])
 def test_two_sides_never_take_one_gap(quiet, blank, play, slots, first):
-    """Two MEDs abreast must both enter lane 2, where one has room: one goes, the other follows later."""
+    """Two MEDs abreast must both enter lane 2, where one has room: one goes, the other later; one is slower."""
     env, params = quiet
     gas = GAS_SLOT + np.arange(2)
     state = put(
@@ -143,7 +150,7 @@ def test_two_sides_never_take_one_gap(quiet, blank, play, slots, first):
         [500.0, 500.0, 570.0, 430.0],
         [1, 3, 2, 2],
         [22.0] * 4,
-        [22.0] * 4,
+        [22.0, 20.0, 22.0, 22.0],
     )
     status = state.meds.status.at[jnp.array(slots)].set(MERGING)
     state = state.replace(meds=state.meds.replace(status=status))
@@ -200,7 +207,8 @@ def test_play_is_worth_checking(records, random_play):
 
 
 def test_vehicles_are_conserved_in_every_tick(records, random_play, each_tick):
-    """By class: entered = on the road + left + depleted, and each agrees with the slots' own story."""
+    """By class: entered = on the road + left + depleted, and each agrees with the slots' own story; who runs out is
+    counted then, and stays on the road until it is on the shoulder."""
     config = each_tick[0].config
     for i, road in enumerate(records):
         tally = jax.tree.map(lambda a, i=i: np.asarray(a[i]), random_play.tally)
@@ -208,21 +216,23 @@ def test_vehicles_are_conserved_in_every_tick(records, random_play, each_tick):
         appeared = ~road.active[:-1] & road.active[1:]
         gone = road.active[:-1] & ~road.active[1:]
         past_end = road.x[1:] > 4000.0
+        dry = road.depleted
         entered, left = by_class(tally.entered), by_class(tally.left)
         classes = (config.med_slots, config.ev_slots, config.gas_slots)
         for k, slots in enumerate(classes):
             depleted = tally.depleted if k == 1 else 0.0
-            on_road = road.active[:, slots].sum(axis=1)
-            np.testing.assert_array_equal(entered[:, k], on_road + left[:, k] + depleted)
+            counted = (road.active & ~dry)[:, slots].sum(axis=1)
+            np.testing.assert_array_equal(entered[:, k], counted + left[:, k] + depleted)
             np.testing.assert_array_equal(np.diff(entered[:, k]), appeared[:, slots].sum(axis=1))
             np.testing.assert_array_equal(
-                np.diff(left[:, k]), (gone & past_end)[:, slots].sum(axis=1)
+                np.diff(left[:, k]), (gone & past_end & ~dry[1:])[:, slots].sum(axis=1)
             )
-        empty = (gone & ~past_end)[:, config.ev_slots]
-        np.testing.assert_array_equal(np.diff(tally.depleted), empty.sum(axis=1))
-        assert (energy[1:][empty] == 0.0).all()
-        others = np.delete(gone & ~past_end, np.r_[config.ev_slots], axis=1)
-        assert not others.any()
+        ran_out = (~dry[:-1] & dry[1:])[:, config.ev_slots]
+        np.testing.assert_array_equal(np.diff(tally.depleted), ran_out.sum(axis=1))
+        assert (energy[1:][ran_out] == 0.0).all()
+        # Off the road before its end, to the rightmost side: those that ran out, and nobody else.
+        assert dry[1:][gone & ~past_end].all()
+        assert (road.lane[1:][gone & ~past_end] >= 3).all()
 
 
 def test_no_overlap_and_no_reversing_in_any_tick(records):
@@ -267,15 +277,14 @@ def continued(random_play, each_tick):
     ]
 
 
-def test_no_change_is_forced_through_an_unsafe_gap(continued, each_tick):
-    """Every change of random play, merges included: nobody has to brake harder than b_safe."""
-    b_safe = float(each_tick[1].lane_change.safe_braking)
+def test_no_change_is_forced_through_an_unsafe_gap(continued):
+    """Every change of random play, merges included: nobody has to brake harder than it may ask."""
     changes = sum(len(road.changes()) for road, _ in continued)
     merges = sum((road.lane[t, s] == 4) for road, _ in continued for t, s in road.changes())
     assert changes > 500
-    assert merges > 50
+    assert merges > 30
     for road, _ in continued:
-        assert_safe(road, b_safe)
+        assert_safe(road)
 
 
 def test_all_change_to_the_side_of_the_tick(continued):
@@ -285,4 +294,4 @@ def test_all_change_to_the_side_of_the_tick(continued):
             number = first + tick
             side = road.lane[tick + 1, slot] - road.lane[tick, slot]
             assert side == (-1 if number % 2 == 0 else 1)
-            assert slot % 2 == number // 2 % 2
+            assert slot // -(-road.lane.shape[1] // 2) == number // 2 % 2

@@ -1,22 +1,27 @@
 """MOBIL: item 7 of reference/traffic.md, safety, and followers judged as the cars that they are."""
 
-import functools
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from medjax.traffic import idm_acceleration, mobil_incentive
-from medjax.traffic.following import Platooning, following_acceleration, of_slots, roles
 from medjax.traffic.idm import IDM
-from medjax.traffic.lane_change import Situation, Turn, Wish, decide
+from medjax.traffic.lane_change import GOES, Wish
 from medjax.traffic.mobil import is_safe
-from medjax.traffic.neighbours import NOBODY, Neighbours
 from medjax.world.params import LaneChangeParams
-from tests.traffic.cars import LENGTH, drivers
+from tests.traffic.cars import (
+    EGO,
+    LENGTH,
+    NEW_FOLLOWER,
+    NEW_LEADER,
+    OLD_FOLLOWER,
+    OLD_LEADER,
+    decided,
+    drivers,
+)
 from tests.traffic.reference import CAR, TRUCK, idm
 
-EGO, OLD_LEADER, NEW_LEADER, OLD_FOLLOWER, NEW_FOLLOWER = range(5)
+SHORTEST = 0.56  # s, headway accepted where a change is most urgent
 
 
 def item_7():
@@ -78,45 +83,23 @@ def test_safety_criterion(own, follower, ahead, behind, safe):
     assert bool(got) is safe
 
 
-def wish(direction=0, stay=False):
-    """What everyone must do."""
-    return Wish(jnp.full(5, direction), jnp.zeros(5), jnp.full(5, stay))
+EVERYONE = (EGO, OLD_LEADER, NEW_LEADER, OLD_FOLLOWER, NEW_FOLLOWER)
 
 
-NOTHING = wish()
-
-
-def lane_change(
-    x, speed, kinds, *, neighbours=(1, 3, 2, 4), politeness=0.0, threshold=0.2, wish=NOTHING
-):
-    """Whether the ego, slot 0, changes to the right among five vehicles of the given kinds."""
-    leaders, followers = roles(
-        drivers(kinds),
-        jnp.asarray(x, jnp.float32),
-        jnp.asarray(speed, jnp.float32),
-        jnp.full(5, NOBODY),
-        IDM(),
+def lane_change(x, speed, kinds, *, there=EVERYONE, desire=0.0, stay=False, **selfish):
+    """Whether the ego changes to the right among vehicles of the given kinds, who drive by IDM."""
+    params = LaneChangeParams(
+        politeness=selfish.get("politeness", 0.0),
+        threshold=selfish.get("threshold", 0.2),
+        right_bias=0.0,
+        safe_braking=4.0,
+        mandatory_bias=10.0,
+        urgency_bias=10.0,
+        accepted_headway=SHORTEST,
     )
-    # Only the ego asks; what the others see of each other is needed for their accelerations.
-    old_leader, old_follower, new_leader, new_follower = neighbours
-    leader = jnp.asarray([old_leader, NOBODY, NOBODY, EGO, new_leader])
-    nobody = jnp.full(5, NOBODY)
-    seen = Neighbours(
-        leader=leader,
-        follower=nobody.at[EGO].set(old_follower),
-        target_leader=nobody.at[EGO].set(new_leader),
-        target_follower=nobody.at[EGO].set(new_follower),
-    )
-    follow = functools.partial(following_acceleration, platooning=Platooning(0.3, 2.0), model=IDM())
-    following = follow(followers, of_slots(leaders, leader), leader != NOBODY)
-    changes = decide(
-        Situation(leaders, followers, seen, following, following),
-        wish,
-        Turn(jnp.asarray(1), jnp.asarray(0), 1),
-        follow,
-        LaneChangeParams(politeness, threshold, 0.0, 4.0, 10.0, 10.0),
-    )
-    return bool(changes[EGO])
+    x, speed = jnp.asarray(x, jnp.float32), jnp.asarray(speed, jnp.float32)
+    wish = Wish(jnp.zeros(5).at[EGO].set(desire), jnp.full(5, stay), jnp.full(5, True))
+    return bool(decided(drivers(kinds), x, speed, wish, params, there, IDM()) == GOES)
 
 
 # Item 7's scene: front bumpers, the ego's at 0.
@@ -141,11 +124,28 @@ def test_threshold_decides_politely(threshold, changes):
 def test_new_follower_is_judged_by_its_own_parameters(ego, follower):
     """The smallest gap behind that is taken is the one where that follower brakes at 4 m/s^2."""
     gaps = np.arange(4.5, 40.0, 0.25)
+    braking = idm(follower, gaps, 20.0, 20.0)
+    taken = smallest_taken(gaps, [ego, CAR, CAR, CAR, follower], 0.0)
+    assert taken == gaps[np.argmax(braking >= -4.0)]
+
+
+@pytest.mark.parametrize("desire", [0.1, 0.25, 0.5, 0.75, 1.0])
+def test_the_more_urgent_the_shorter_the_gap_that_is_taken(desire):
+    """LMRS, eqs (8)-(10): the headway accepted behind falls from 1.5 s to 0.56, the braking asked grows to 4 m/s^2."""
+    gaps = np.arange(1.0, 60.0, 0.125)
+    headway = 1.5 + (SHORTEST - 1.5) * desire
+    braking = idm(CAR | {"time_headway": headway}, gaps, 20.0, 20.0)
+    assert braking[0] < -4.0  # it is not the standing gap that decides
+    taken = smallest_taken(gaps, [CAR] * 5, desire)
+    assert taken == gaps[np.argmax(braking >= -4.0 * desire)]
+
+
+def smallest_taken(gaps, kinds, desire):
+    """The first of ascending gaps behind that the ego takes, all but its slow leader at 20 m/s."""
     speed = [20.0, 15.0, 20.0, 20.0, 20.0]
-    kinds = [ego, CAR, CAR, CAR, follower]
 
     def taken(gap):
-        return lane_change([0.0, 25.0, 185.0, -60.0, -LENGTH - gap], speed, kinds)
+        return lane_change([0.0, 25.0, 185.0, -60.0, -LENGTH - gap], speed, kinds, desire=desire)
 
     # Bisected: the accelerations grow with the gap.
     low, high = 0, len(gaps) - 1
@@ -154,8 +154,7 @@ def test_new_follower_is_judged_by_its_own_parameters(ego, follower):
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if taken(gaps[middle]) else (middle, high)
-    braking = idm(follower, gaps, 20.0, 20.0)
-    assert gaps[high] == gaps[np.argmax(braking >= -4.0)]
+    return gaps[high]
 
 
 def test_judged_parameters_differ():
@@ -165,11 +164,12 @@ def test_judged_parameters_differ():
 
 
 @pytest.mark.parametrize(
-    ("direction", "stay", "changes"), [(1, False, True), (-1, False, False), (0, True, False)]
+    ("desire", "stay", "changes"),
+    [(1.0, False, True), (1.0, True, True), (-1.0, False, False), (0.0, True, False)],
 )
-def test_mandatory_changes_go_first(direction, stay, changes):
-    """One that must go left, or must stay, does not go right for its own gain."""
-    assert lane_change(X, SPEED, [CAR] * 5, wish=wish(direction, stay)) is changes
+def test_mandatory_changes_go_first(desire, stay, changes):
+    """One that must go left, or must stay, does not go right for its own gain; who must go does not stay."""
+    assert lane_change(X, SPEED, [CAR] * 5, desire=desire, stay=stay) is changes
 
 
 def test_a_mandatory_change_waives_no_safety():
@@ -177,14 +177,15 @@ def test_a_mandatory_change_waives_no_safety():
     worse = [0.0, 500.0, 40.0, -60.0, -60.0]  # a short gap ahead in the target lane
     speed = [20.0, 20.0, 20.0, 20.0, 20.0]
     assert not lane_change(worse, speed, [CAR] * 5)
-    assert lane_change(worse, speed, [CAR] * 5, wish=wish(1))
-    unsafe = [0.0, 500.0, 40.0, -60.0, -LENGTH - 8.0]
-    assert idm(CAR, 8.0, 20.0, 20.0) < -4.0
-    assert not lane_change(unsafe, speed, [CAR] * 5, wish=wish(1))
+    assert lane_change(worse, speed, [CAR] * 5, desire=1.0)
+    hurried = CAR | {"time_headway": SHORTEST}
+    for gap, safe in ((6.0, False), (7.0, True)):
+        assert (idm(hurried, gap, 20.0, 20.0) >= -4.0) == safe
+        close = [0.0, 500.0, 40.0, -60.0, -LENGTH - gap]
+        assert lane_change(close, speed, [CAR] * 5, desire=1.0) is safe
 
 
 def test_empty_lane_needs_nobody():
     """Without anyone in the target lane a slow leader is enough to leave."""
-    alone = (OLD_LEADER, NOBODY, NOBODY, NOBODY)
-    assert lane_change(X, SPEED, [CAR] * 5, neighbours=alone)
-    assert not lane_change(X, SPEED, [CAR] * 5, neighbours=(NOBODY,) * 4)
+    assert lane_change(X, SPEED, [CAR] * 5, there=(EGO, OLD_LEADER))
+    assert not lane_change(X, SPEED, [CAR] * 5, there=(EGO,))

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from medjax.traffic import ballistic_step, idm_acceleration
 from medjax.traffic.following import Drivers, Platooning, following_acceleration, roles
-from medjax.traffic.idm import IDM
+from medjax.traffic.idm import IDM_PLUS, STANDARD_IDM
 from medjax.traffic.neighbours import NOBODY
 from tests.traffic.cars import LENGTH, drivers
 from tests.traffic.reference import CAR, HIGHWAY, equilibrium_gap, gain, idm, sampled_gain
@@ -38,15 +38,15 @@ def column(x, speed, params, platoon=NOBODY, leader_speed=None):
     )
 
 
-@functools.partial(jax.jit, static_argnames=("steps", "dt"))
-def drive(cars, dt, steps):
+@functools.partial(jax.jit, static_argnames=("steps", "dt", "model"))
+def drive(cars, dt, steps, model=STANDARD_IDM):
     """(x, speed), (steps, N) each, after every tick; nobody ahead of the first car."""
     first = jnp.arange(cars.x.shape[0]) == 0
 
     def tick(state, _):
-        leaders, followers = roles(cars.drivers, *state, cars.platoon, IDM())
+        leaders, followers = roles(cars.drivers, *state, cars.platoon, model)
         ahead = jax.tree.map(lambda field: jnp.roll(field, 1), leaders)
-        a = following_acceleration(followers, ahead, ~first, Platooning(0.3, 2.0), IDM())
+        a = following_acceleration(followers, ahead, ~first, Platooning(0.3, 2.0), model)
         state = ballistic_step(*state, a, dt)
         return state, state
 
@@ -234,3 +234,31 @@ def test_platoon_members_drive_closer():
         x, _ = drive(cars, 0.25, 2400)
         gap = float(x[-1, 0] - LENGTH - x[-1, 1])
         assert gap == pytest.approx(equilibrium_gap(params, v), rel=5e-3)
+
+
+@pytest.mark.parametrize("v", [3.0, 12.0, 22.0, 32.0])
+def test_idm_plus_flows_at_its_headway(v):
+    """Behind a leader at any speed below its own a column settles at s0 + v T: v / (s0 + v T + l) vehicles a second,
+    which grows up to the desired speed; IDM's falls from 18.77 m/s on."""
+    count, steady = 8, CAR["min_gap"] + v * CAR["time_headway"]
+    for start, seconds, tolerance in ((steady, 200, 1e-3), (1.3 * steady, 1000, 1e-2)):
+        cars = column(-(LENGTH + start) * np.arange(count), v, CAR, leader_speed=v)
+        x, speed = map(np.asarray, drive(cars, 0.25, 4 * seconds, IDM_PLUS))
+        np.testing.assert_allclose(speed[-1], v, rtol=tolerance)
+        gaps = x[-1, :-1] - LENGTH - x[-1, 1:]
+        np.testing.assert_allclose(gaps, steady, rtol=tolerance)
+    # Counted where they pass.
+    times, line = 0.25 * np.arange(1, len(x) + 1), 0.8 * x[-1, -1]
+    passing = np.array([np.interp(line, x[:, car], times) for car in range(count)])
+    assert 1 / np.diff(passing).mean() == pytest.approx(v / (steady + LENGTH), rel=0.01)
+
+
+def test_a_platoon_drives_at_its_leaders_desired_speed():
+    """With IDM+ an EV ahead that wants just the MED's speed leaves the MED at it; IDM's MED falls back for ever."""
+    v, count = 25.0, 3
+    gap = 2.0 + 0.3 * v
+    for model, keeps in ((IDM_PLUS, True), (STANDARD_IDM, False)):
+        same = CAR | {"desired_speed": v}
+        cars = column(-(LENGTH + gap) * np.arange(count), v, same, platoon=0)
+        x, _ = map(np.asarray, drive(cars, 0.25, 1200, model))
+        assert (np.abs(x[-1, :-1] - LENGTH - x[-1, 1:] - gap) < 0.05).all() == keeps

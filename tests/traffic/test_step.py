@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 def test_a_med_drives_as_its_kind_until_it_is_in_service():
     """Then at the fleet's service speed; what the state holds stays what it was."""
-    desired_speed = [24.0, 30.0, 30.0, 30.0]
+    desired_speed = [24.0, 30.0, 30.0, 30.0, 24.0]
     env, params = medjax.make("paper", desired_speed=desired_speed, service_speed=19.0)
     _, state = env.reset(jax.random.key(0), params)
     status = state.meds.status.at[0].set(IN_SERVICE).at[1].set(MERGING)
@@ -39,9 +39,6 @@ class Coasting:
     """A car-following model: everyone slows down alike, whoever is ahead."""
 
     deceleration: float
-
-    def constants(self, drivers: Any) -> None:
-        """It has none."""
 
     def prepare(self, drivers: Any, speed: Any) -> None:
         """It prepares nothing."""

@@ -43,6 +43,7 @@ def test_train_and_evaluate(tmp_path, capsys):
     assert set(result["policies"]) == {
         "ppo",
         "none",
+        "slow",
         "random",
         "periodic",
         "paced",

@@ -10,11 +10,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from docs.parameters import PAGE, written
+from medjax.env.reward import MONEY, TERMS
 from medjax.scenarios import prepare
 from medjax.world.checks import check_numbers
-from medjax.world.params import COILS, GROUPS, OTHERS, SIZES, WEIGHT, EnvConfig, EnvParams
+from medjax.world.params import (
+    COILS,
+    GROUPS,
+    OTHERS,
+    PRICES,
+    SIZES,
+    WEIGHT,
+    WEIGHTS,
+    EnvConfig,
+    EnvParams,
+)
 from tests.documented import NUMBERS
 
+ALL = {**TERMS, **MONEY}  # a reward that has all weights
 # What a number at the end of its range needs of others; see "What must go together".
 LONG = {"length_m": 200e3}
 BESIDE = {
@@ -29,6 +41,7 @@ BESIDE = {
     "fleet.size": {"num_meds": 64},
     "fleet.service_lane": {"num_lanes": 6},
     "num_evs": {"num_gas": 0},
+    **{f"reward_weights.{term}": {"reward": "money"} for term in MONEY},
 }
 
 
@@ -50,7 +63,7 @@ def forms(value):
 
 
 def accepted(name, value):
-    env, params, coils = prepare(**{name: value}, **BESIDE.get(name, {}))
+    env, params, coils = prepare(**{"reward": ALL, name: value, **BESIDE.get(name, {})})
     group, _, leaf = name.rpartition(".")
     holder = getattr(params, group) if group else params
     for owner in (env.config, coils, holder):
@@ -113,21 +126,21 @@ INDEPENDENT = sorted(
 @settings(max_examples=25)
 def test_all_numbers_at_once(numbers):
     """And what comes out is accepted as it is."""
-    env, params, _ = prepare(**numbers)
+    env, params, _ = prepare(reward=ALL, **numbers)
     again = check_numbers(env.config, params)
     assert again.episode_decisions == numbers["episode_decisions"]
 
 
 def test_every_field_has_a_range():
     """In the code and in the documentation: of every number that there is, and the same."""
-    _, params, coils = prepare()
+    _, params, coils = prepare(reward=ALL)
     assert set(SIZES) == {field.name for field in dataclasses.fields(EnvConfig)}
     assert set(COILS) == {field.name for field in dataclasses.fields(coils)}
     stated = {**SIZES, **OTHERS, **COILS}
     for field in dataclasses.fields(EnvParams):
         holder = getattr(params, field.name)
         if field.name == "reward_weights":
-            stated |= {f"reward_weights.{term}": WEIGHT for term in holder}
+            stated |= {f"reward_weights.{term}": WEIGHT for term in WEIGHTS | PRICES}
         elif dataclasses.is_dataclass(holder):
             leaves = {leaf.name for leaf in dataclasses.fields(holder)} - {"inductance"}
             assert set(GROUPS[field.name]) == leaves

@@ -149,7 +149,7 @@ def test_vehicles_that_enter_follow_the_factor():
 
     factor, count = jax.device_get(entered(jax.random.split(jax.random.key(1), episodes)))
     start = expected_vehicles(params.demand, params.road, params.drivers.desired_speed[GAS])
-    comes = jnp.sum(entry_rates(params.demand, env.config.num_lanes))
+    comes = jnp.sum(entry_rates(params.demand, env.config.num_lanes, 0.0))
     expected = float(start + comes * decisions * env.config.decision_s)
     slope, offset = np.polyfit(factor, count, 1)
     error = 3.0 * np.sqrt(expected / episodes) / factor.std()  # of the slope, counts being Poisson

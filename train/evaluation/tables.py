@@ -13,6 +13,16 @@ COLUMNS = {  # of the table: heading, metric, format
     "mean SoC": ("mean_soc", ".3f"),
     "MEDs sent": ("meds_dispatched", ".2f"),
 }
+BALANCE = {  # what slow driving does, what charging does, and what they cost; per EV, or of an episode
+    "saved kWh/EV": ("ev_saved_kwh", ".3f"),
+    "received kWh/EV": ("ev_received_kwh", ".3f"),
+    "EV delay h": ("ev_delay_h", ".2f"),
+    "other delay h": ("gas_delay_h", ".2f"),
+    "MEDs drove kWh": ("med_driving_kwh", ".1f"),
+    "sent kWh": ("energy_sent_kwh", ".1f"),
+    "lost kWh": ("energy_lost_kwh", ".1f"),
+    "system efficiency": ("system_efficiency", ".3f"),
+}
 PAPER_TABLE_2 = {  # mean and standard deviation of the episode's reward, by policy
     "random": (-332.4056918, 53.94543289),
     "none": (-521.874184, 16.52914886),
@@ -34,6 +44,8 @@ def format_table(result: Mapping[str, Any], learned: Sequence[str]) -> str:
         learned: names of the learned policies, that of the first training seed first; so below.
     """
     parts = [f"{headline(result)}\n{format_rows(comparison_rows(result, learned))}"]
+    balance = balance_rows(result)
+    parts += [format_rows(balance)] if len(balance[0]) > 1 else []
     if seeds := result.get("training_seeds"):
         means = ", ".join(map(short, seeds["return_means"]))
         middle = f"{short(seeds['interquartile_mean'])} {interval(seeds['ci95'])}"
@@ -67,12 +79,7 @@ def format_rows(table: Table) -> str:
 
 def comparison_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
     """Return and metrics of every policy, best return first; metrics that one of them lacks are left out."""
-    entries = result["policies"].values()
-    shown = {
-        heading: (metric, form)
-        for heading, (metric, form) in COLUMNS.items()
-        if all(metric in entry for entry in entries)
-    }
+    shown = _in_all(COLUMNS, result)
     rows = [["policy", "return", "95 % CI", *shown, f"{learned[0]} minus it, 95 % CI"]]
     differences = result.get("paired_return_difference", {})
     for name, entry in best_first(result):
@@ -80,6 +87,26 @@ def comparison_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
         cells += [format(entry[metric], form) for metric, form in shown.values()]
         rows.append([*cells, _gain(differences[name]) if name in differences else ""])
     return rows
+
+
+def balance_rows(result: Mapping[str, Any]) -> Table:
+    """What each policy saves, gives and costs, best return first."""
+    shown = _in_all(BALANCE, result)
+    rows = [
+        [name, *(format(entry[metric], form) for metric, form in shown.values())]
+        for name, entry in best_first(result)
+    ]
+    return [["policy", *shown], *rows]
+
+
+def _in_all(columns: Mapping[str, tuple[str, str]], result: Mapping[str, Any]) -> dict[str, Any]:
+    """The columns whose metric every policy has."""
+    entries = result["policies"].values()
+    return {
+        heading: (metric, form)
+        for heading, (metric, form) in columns.items()
+        if all(metric in entry for entry in entries)
+    }
 
 
 def paper_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:

@@ -82,8 +82,8 @@ def _draw_vehicles(axes: Any, frames: Frame, decision_s: float) -> Any:
 def _draw_marks(axes: Any, trace: Trace, road: RoadParams, decision_s: float) -> dict[str, int]:
     """Marks where MEDs are sent and where EVs run out; returns how many there are of each."""
     frames = trace.frames
-    gone = frames.ev_on_road[:-1] & ~frames.ev_on_road[1:]
-    ran_out, slot = np.nonzero(gone & (frames.ev_soc[1:] <= 0.0))
+    empty, there = frames.ev_soc <= 0.0, frames.ev_on_road
+    ran_out, slot = np.nonzero((there[:-1] | there[1:]) & empty[1:] & ~(there & empty)[:-1])
     sent = np.nonzero(trace.sent)[0]
     style: dict[str, Any] = {"ls": "none", "zorder": 4, "clip_on": False}
     there, ramp = frames.ev_x[1 + ran_out, slot], np.asarray(road.ramp_x_m)[trace.sent[sent] - 1]

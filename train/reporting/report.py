@@ -17,6 +17,7 @@ from medjax.policies.rules import BASELINES
 from medjax.world.params import EnvParams
 from train.evaluation.summary import learned_names, summarize
 from train.evaluation.tables import (
+    balance_rows,
     best_first,
     claim_rows,
     comparison_rows,
@@ -142,6 +143,13 @@ def sections(run_dir: RunDir, config: TrainConfig, played: Played) -> list[Secti
             "MEDs sent. Bars: means; whiskers: 95 % intervals.",
             tables=[claim_rows(result, learned), comparison_rows(result, learned)],
             pictures=[path["comparison"]],
+        ),
+        Section(
+            "Driving slowly, and charging",
+            "EVs behind a MED drive slowly, and what that saves comes without any charge: energy saved against the "
+            "EVs' own desired speeds beside energy received, what both cost in time, and what the fleet takes from "
+            "its depots. Of the rules, slow sends no MED: low EVs drive as slowly as MEDs do.",
+            tables=[balance_rows(result)],
         ),
         Section(
             "One episode of the trained policy",

@@ -1,6 +1,6 @@
 """`python -m benchmarks.ablation STUDY`: what a number of the world, or a weight of the reward, does.
 
-misalignment, humans, cooldown and fleet play rules, and a trained run, in worlds that differ in this one number;
+misalignment, humans, cooldown, fleet and power play rules, and a trained run, in worlds that differ in this one number;
 weights trains a dispatcher for each of several rewards. All worlds of a study run side by side in one compiled
 program and on the same episodes, so that what differs is due to the number that was changed. The options of a study:
 `python -m benchmarks.ablation STUDY --help`.

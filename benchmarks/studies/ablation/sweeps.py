@@ -66,6 +66,12 @@ SWEEPS = {
         "MEDs in the fleet",
         "How many MEDs there are; where the preset has no places for more: --set num_meds=30 --values 15 20 30.",
     ),
+    "power": Sweep(
+        "charging.slot_power_w",
+        (5e3, 10e3, 20e3, 40e3),
+        "power of each of a MED's slots (W)",
+        "From a quarter to twice the power that `corridor` has: --scenario corridor.",
+    ),
 }
 COLUMNS = (
     Column("return", "return", "return of an episode", True),

@@ -33,13 +33,12 @@ function drawCross(context, x, y, radius, theme) {
   }
 }
 
-/** Those that ran out so far, on the shoulder. */
+/** Those that ran out and are gone, on the shoulder. */
 function drawRanOut(context, view, episode, theme, radius) {
   const y = view.py(episode.meta.road.shoulder);
-  for (const { frame, x } of episode.ranOut) {
+  for (const { gone, x } of episode.ranOut) {
     const px = view.px(x);
-    if (frame > episode.frame) break;
-    if (px >= view.left && px <= view.right) drawCross(context, px, y, radius, theme);
+    if (gone <= episode.frame && px >= view.left && px <= view.right) drawCross(context, px, y, radius, theme);
   }
 }
 
@@ -83,7 +82,13 @@ function drawClose(context, view, episode, theme, selected) {
     const body = bodyOf(view, episode, slot);
     if (body.left > view.right || body.left + body.width < view.left) continue;
     const isSelected = selected !== null && episode.present[slot] === selected.index;
+    const tilt = episode.tilt[slot] * (view.perY / view.perX);
+    const back = -episode.tilt[slot] * (view.perX / view.perY);
+    const [x, y] = [body.left + body.width / 2, body.top + body.height / 2];
+    context.save();
+    context.transform(1, tilt, back, 1, -back * y, -tilt * x);
     drawBody(context, body, episode, theme, slot, isSelected);
+    context.restore();
   }
   drawRanOut(context, view, episode, theme, 7);
 }

@@ -26,10 +26,11 @@ class Episode {
     for (const { slot, first, last, index } of this.tracks) {
       this.trackAt.fill(index, slot * this.frames + first, slot * this.frames + last + 1);
     }
-    this.ranOut = meta.ranOut.map(([slot, frame, x]) => ({ slot, frame, x }));
+    this.ranOut = meta.ranOut.map(([slot, frame, gone, x]) => ({ slot, frame, gone, x }));
     // What `look` finds, by slot.
     this.x = new Float64Array(meta.numVehicles);
     this.y = new Float64Array(meta.numVehicles);
+    this.tilt = new Float64Array(meta.numVehicles); // m to the right for each m along, of its heading
     this.present = new Int32Array(meta.numVehicles);
     this.frame = 0;
     this.look(0);
@@ -63,11 +64,12 @@ class Episode {
       if (track < 0) continue;
       const x = tables.x.steps[here] * tables.x.step;
       const y = tables.y.steps[here] * tables.y.step;
-      const stays = share > 0 && trackAt[here + 1] === track;
+      const stays = frame + 1 < frames && trackAt[here + 1] === track;
       const ahead = stays
         ? tables.x.steps[here + 1] * tables.x.step - x
         : tables.speed.steps[here] * tables.speed.step * meta.tickSeconds;
       const aside = stays ? tables.y.steps[here + 1] * tables.y.step - y : 0;
+      this.tilt[slot] = aside / Math.max(ahead, meta.tickSeconds); // a crawl does not turn a vehicle
       this.x[slot] = x + share * ahead;
       this.y[slot] = y + share * aside;
     }
@@ -133,6 +135,6 @@ class Episode {
 
   /** Whether a track ends without energy. */
   stranded(track) {
-    return this.ranOut.some(({ slot, frame }) => slot === track.slot && frame === track.last + 1);
+    return this.ranOut.some(({ slot, gone }) => slot === track.slot && gone === track.last + 1);
   }
 }

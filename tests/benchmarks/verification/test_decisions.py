@@ -16,6 +16,7 @@ from benchmarks.verification.invariants import (
     check_state,
     check_tick,
     count,
+    stands_open,
 )
 from medjax.world.kinds import GAS, KINDS
 from medjax.world.params import EnvConfig
@@ -46,6 +47,7 @@ def still():
         x=vehicles.x.at[slots].set(jnp.array([500.0, 498.0, 499.0, 300.0, 320.0])),
         lane=vehicles.lane.at[slots].set(jnp.array([2, 1, 3, 0, 0])),
         speed=jnp.zeros_like(vehicles.speed),
+        destination=jnp.full_like(vehicles.x, params.road.length_m),
     )
     free = jnp.full((4,), NOT_BOOKED)
     evs = evs.replace(
@@ -217,7 +219,7 @@ def closing(still, after=None, obs=0.0, reward=0.0, terms=None, tally=None, last
     """What is violated in a decision in which nothing happens, but for what is given."""
     state, config, params = still
     params = params.replace(reward_weights=dict.fromkeys(params.reward_weights, 0.0))
-    books = entry_books(state, state)
+    books = entry_books(state, state, params.road.length_m)
     tally = Tally.zeros().replace(**tally or {})
     after = after or state.replace(tally=state.tally + tally)
     terms = dict.fromkeys(params.reward_weights, jnp.zeros(())) | (terms or {})
@@ -234,16 +236,32 @@ def test_a_wrong_outcome_is_found(still):
     assert closing(still, reward=0.1) == {"reward": 1}
     weightless = {"soc": jnp.float32(0.1)}
     assert closing(still, reward=0.1, terms=weightless) == {"reward": 1}
-    for name in ("lane_changes", "depleted", "vehicle_ticks", "collisions", "ev_distance_m"):
+    names = ["lane_changes", "depleted", "vehicle_ticks", "collisions", "ev_distance_m"]
+    for name in [*names, "ev_delay_s", "gas_delay_s", "med_seconds", "low_exits"]:
         found = closing(still, tally={name: jnp.float32(1.0)})
         assert found.pop("tally") == 1
         assert set(found) <= {"vehicles"}  # a depleted one is then missing
-    assert closing(still, tally={"energy_sent_j": jnp.float32(20.0)}) == {"energy": 1}
-    assert closing(still, tally={"energy_received_j": jnp.float32(20.0)}) == {"energy": 1}
+    flows = ["energy_sent_j", "energy_received_j", "ev_driving_j", "ev_cruising_j", "med_driving_j"]
+    for name in flows:
+        assert closing(still, tally={name: jnp.float32(20.0)}) == {"energy": 1}
     lost = state.replace(tally=state.tally.replace(entered=state.tally.entered.at[GAS].add(1.0)))
     assert closing(still, after=lost) == {"vehicles": 1, "tally": 1}
     assert closing(still, after=set_at(state, "vehicles.speed", 0, 1.0)) == {"motion": 1}
     assert closing(still, after=set_at(state, "meds.energy_j", 1, 1.0)) == {"energy": 1}
+
+
+def test_who_stands_on_an_open_road_is_seen(still):
+    """Gas vehicle 0 and those beside the MED, with nobody ahead; EV 2 stands 15 m behind; without energy one may."""
+    state, config, params = still
+
+    def standing(state):
+        return set(jnp.flatnonzero(stands_open(state, config, params)).tolist())
+
+    assert standing(state) == {0, 2, 3, 6}
+    assert standing(set_at(state, "vehicles.speed", 6, 0.6)) == {0, 2, 3}
+    assert standing(set_at(state, "evs.is_depleted", 0, True)) == {0, 3, 6}
+    assert standing(set_at(state, "vehicles.x", 6, 380.0)) == {0, 2, 3, 4, 6}
+    assert standing(set_at(state, "vehicles.lane", 6, config.num_lanes)) == {0, 2, 3, 4}
 
 
 def test_every_invariant_is_shown_to_fail():
@@ -252,4 +270,5 @@ def test_every_invariant_is_shown_to_fail():
     for test in (test_a_wrong_state_is_found, test_a_wrong_tick_is_found):
         (mark,) = [mark for mark in test.pytestmark if mark.name == "parametrize"]
         shown |= {fault[-1] for fault in mark.args[1]}
-    assert shown | {"overlap", "passed", "reward", "tally"} == set(INVARIANTS)
+    others = {"overlap", "passed", "reward", "tally", "standing"}
+    assert shown | others == set(INVARIANTS)

@@ -31,7 +31,7 @@ def test_stopping_prints_the_counts_so_far(monkeypatch, capsys):
             if self.number == 1:
                 raise KeyboardInterrupt
             quiet = np.zeros((1, len(INVARIANTS)), np.int32)
-            return cases.Played(None, np.array([100]), quiet, np.array([cases.NEVER]))
+            return cases.Played(None, np.array([100]), quiet, np.array([cases.NEVER]), None)
 
     monkeypatch.setattr(soak, "Case", Stopped)
     code, out = run(["--updates=200", "--cases=2"], capsys)

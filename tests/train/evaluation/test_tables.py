@@ -17,6 +17,13 @@ def test_table_lists_the_best_first():
     assert lines[3].startswith("ppo")
     assert "123.5" in lines[3]
     assert "122.5 [100.0, 140.0]" in lines[4]
+    assert len(lines) == 5
+    slowness = {"ev_saved_kwh": 0.1234, "ev_delay_h": 1.5}
+    result["policies"] = {name: each | slowness for name, each in result["policies"].items()}
+    *_, headings, _, best, _ = format_table(result, ["ppo"]).splitlines()
+    assert headings.split("  ")[0] == "policy"
+    assert "saved kWh/EV  EV delay h" in headings
+    assert best.split() == ["ppo", "0.123", "1.50"]
 
 
 def test_tables_of_several_training_seeds():

@@ -1,0 +1,217 @@
+"""The road of medjax as SUMO loads it, and the traffic that asks to enter."""
+
+from __future__ import annotations
+
+import itertools
+import subprocess
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from medjax.traffic.demand import SPEED_SPREAD, entry_rates
+from medjax.world.kinds import EVS, GAS, GAS_KINDS, kinds_in
+from medjax.world.params import EnvConfig, EnvParams
+
+# medjax's vehicles start on the acceleration lane; SUMO's start this much before it, on a ramp.
+RAMP_M = 20.0
+
+
+def _write(path: Path, root: str, elements: Iterable[ElementTree.Element]) -> Path:
+    tree = ElementTree.Element(root)
+    tree.extend(elements)
+    ElementTree.ElementTree(tree).write(path)
+    return path
+
+
+def _element(tag: str, **attributes: Any) -> ElementTree.Element:
+    return ElementTree.Element(
+        tag, {name.rstrip("_"): str(value) for name, value in attributes.items()}
+    )
+
+
+def _ramps(params: EnvParams) -> list[float]:
+    return [float(x) for x in np.asarray(params.road.ramp_x_m)]
+
+
+def _cuts(params: EnvParams) -> list[float]:
+    """Positions where the number of lanes changes, and both ends of the road, m."""
+    ramps, merge = _ramps(params), float(params.road.acceleration_lane_m)
+    ends = {0.0, float(params.road.length_m)}
+    return sorted(ends | set(ramps) | {x + merge for x in ramps})
+
+
+class Period(NamedTuple):
+    """A demand for a time."""
+
+    begin_s: float
+    end_s: float
+    params: EnvParams
+
+
+Elements = list[ElementTree.Element]
+Network = tuple[Elements, Elements, Elements]  # nodes, edges and connections
+
+
+def _main_road(params: EnvParams, num_lanes: int, common: Mapping[str, Any]) -> Network:
+    """Edges from cut to cut, named by the position of their left end, with an acceleration lane behind each ramp."""
+    ramps, cuts = _ramps(params), _cuts(params)
+    nodes = [_element("node", id=f"x{x:g}", x=x, y=0) for x in cuts]
+    edges, connections = [], []
+    for left, right in itertools.pairwise(cuts):
+        merging = left in ramps
+        ends = {"from_": f"x{left:g}", "to": f"x{right:g}"}
+        lanes = num_lanes + merging
+        edges.append(_element("edge", id=f"main{left:g}", **ends, numLanes=lanes, **common))
+        if right != cuts[-1]:
+            joined = {"from_": f"main{left:g}", "to": f"main{right:g}"}
+            connections += [
+                _element(
+                    "connection", **joined, fromLane=lane + merging, toLane=lane + (right in ramps)
+                )
+                for lane in range(num_lanes)
+            ]
+    return nodes, edges, connections
+
+
+def _on_ramps(params: EnvParams, y: float, common: Mapping[str, Any]) -> Network:
+    """A short edge to each ramp's acceleration lane, at `y` beside the road so that no two connections cross."""
+    nodes, edges, connections = [], [], []
+    for x in _ramps(params):
+        name, end = f"ramp{x:g}", f"x{x:g}"
+        shape = f"{x - RAMP_M},{y} {x},{y}"
+        nodes.append(_element("node", id=name, x=x - RAMP_M, y=y))
+        # Its length is given, since netconvert leads the shape on to the middle of the node.
+        of_ramp = {"numLanes": 1, "shape": shape, "length": RAMP_M}
+        edges.append(_element("edge", id=name, from_=name, to=end, **of_ramp, **common))
+        connections.append(
+            _element("connection", from_=name, to=f"main{x:g}", fromLane=0, toLane=0)
+        )
+    return nodes, edges, connections
+
+
+def build_network(config: EnvConfig, params: EnvParams, folder: Path) -> Path:
+    """The road as netconvert makes it.
+
+    SUMO counts lanes from the right, so the acceleration lane is lane 0 of its edge.
+    """
+    num_lanes = config.num_lanes
+    width = float(params.road.lane_width_m)
+    speed = float(params.drivers.desired_speed[GAS])
+    common = {"width": width, "speed": speed, "spreadType": "right"}
+    road = _main_road(params, num_lanes, common), _on_ramps(params, -width * num_lanes, common)
+    network = folder / "road.net.xml"
+    command = ["netconvert", "--no-turnarounds", "true"]
+    for kind, parts in zip(("node", "edge", "connection"), zip(*road, strict=True), strict=True):
+        file = _write(folder / f"road.{kind}.xml", f"{kind}s", itertools.chain(*parts))
+        command += [f"--{kind}-files", str(file)]
+    # Edges then meet without lanes of a junction between them: lengths are exact, and SUMO is faster.
+    command += ["--no-internal-links", "true", "--output-file", str(network)]
+    finish(start(command))
+    return network
+
+
+def lanes_of_network(config: EnvConfig, params: EnvParams) -> dict[str, tuple[float, int]]:
+    """Where each lane of `build_network` starts, m, and which of medjax's it is, by SUMO's name."""
+    ramps, num_lanes = _ramps(params), config.num_lanes
+    found = {f"ramp{x:g}_0": (x - RAMP_M, num_lanes) for x in ramps}
+    for left in _cuts(params)[:-1]:
+        rightmost = num_lanes if left in ramps else num_lanes - 1
+        found |= {f"main{left:g}_{rightmost - lane}": (left, lane) for lane in range(rightmost + 1)}
+    return found
+
+
+def _kinds(params: EnvParams) -> ElementTree.Element:
+    """Drivers of medjax's kinds, as likely as they are there."""
+    demand, drivers = params.demand, params.drivers
+    limit = float(drivers.desired_speed[GAS])  # desired speeds are factors of the road's limit
+    of_class, ev = demand.class_shares, float(demand.ev_share)
+    shares = {kind: ev * float(of_class[kind]) for kind in kinds_in(EVS)}
+    shares |= {kind: (1.0 - ev) * float(of_class[kind]) for kind in GAS_KINDS}
+    kinds = _element("vTypeDistribution", id="traffic")
+    for kind, share in shares.items():
+        mean = float(drivers.desired_speed[kind]) / limit
+        spread = float(drivers.desired_speed_std[kind]) / limit
+        low, high = mean - SPEED_SPREAD * spread, mean + SPEED_SPREAD * spread
+        kinds.append(
+            _element(
+                "vType",
+                id=f"kind{kind}",
+                probability=share,
+                carFollowModel="IDM",
+                tau=float(drivers.time_headway[kind]),
+                minGap=float(drivers.min_gap[kind]),
+                accel=float(drivers.max_acceleration[kind]),
+                decel=float(drivers.comfortable_deceleration[kind]),
+                emergencyDecel=float(params.motion.max_braking),
+                length=float(drivers.vehicle_length[kind]),
+                speedFactor=f"normc({mean:.6f},{spread:.6f},{low:.6f},{high:.6f})",
+                lcKeepRight=0,  # medjax's traffic has no duty to keep right either
+            )
+        )
+    return kinds
+
+
+def _flows(config: EnvConfig, period: Period) -> list[ElementTree.Element]:
+    """Poisson arrivals at each entry in a period; SUMO wants flows in the order of their beginnings."""
+    demand = period.params.demand
+    # "last": as fast as the vehicle ahead. Of "max" SUMO lets in 1,000 an hour and lane at most, some of them at a
+    # crawl, which then hold up others.
+    entries = [("main0", lane, "last") for lane in range(config.num_lanes)]
+    entries += [(f"ramp{x:g}", 0, str(float(demand.ramp_speed))) for x in _ramps(period.params)]
+    rates = np.asarray(entry_rates(demand, config.num_lanes, 0.0), np.float64)
+    return [
+        _element(
+            "flow",
+            id=f"{route}lane{lane}from{period.begin_s:g}",
+            type="traffic",
+            route=route,
+            begin=period.begin_s,
+            end=period.end_s,
+            period=f"exp({rate:.8f})",  # 1/s
+            departLane=lane,
+            departSpeed=speed,
+        )
+        for (route, lane, speed), rate in zip(entries, rates, strict=True)
+        if rate > 0.0
+    ]
+
+
+def build_demand(config: EnvConfig, periods: Sequence[Period], folder: Path) -> Path:
+    """Drivers of medjax's kinds, and Poisson flows into each lane at x = 0 and onto each ramp.
+
+    Args:
+      periods: one after the other, of one road and its drivers; their demands may differ.
+      folder: for the file.
+    """
+    params = periods[0].params
+    ramps, mains = _ramps(params), _cuts(params)[:-1]
+    paths = {"main0": [f"main{x:g}" for x in mains]}
+    for begin in ramps:
+        onward = [f"main{x:g}" for x in mains if x >= begin]
+        paths[f"ramp{begin:g}"] = [f"ramp{begin:g}", *onward]
+    routes = [_element("route", id=name, edges=" ".join(path)) for name, path in paths.items()]
+    flows = itertools.chain.from_iterable(_flows(config, period) for period in periods)
+    return _write(folder / "road.rou.xml", "routes", [_kinds(params), *routes, *flows])
+
+
+def start(command: list[str]) -> subprocess.Popen[str]:
+    """Starts a program of SUMO, its messages kept from the screen."""
+    import sumo  # the package of PyPI; sets SUMO_HOME, where its programs look for their schemas
+
+    program = Path(sumo.SUMO_HOME) / "bin" / command[0]
+    return subprocess.Popen(
+        [str(program), *command[1:]],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def finish(process: subprocess.Popen[str]) -> None:
+    """Waits for it; a failure is a RuntimeError with its words."""
+    _, errors = process.communicate()
+    if process.returncode:
+        raise RuntimeError(f"SUMO failed with exit code {process.returncode}: {errors.strip()}")

@@ -1,0 +1,123 @@
+"""`python -m benchmarks.validation`: traffic against published ranges, medjax beside SUMO on the same road.
+
+The road of `paper` under demands from free to overloaded, and one that rises until it breaks down. Trajectories of both
+are measured by the same functions; each figure stands beside the range that it should lie in, and its source.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import importlib.util
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.command import (
+    a_seed,
+    add_plot,
+    benchmark_parser,
+    machine,
+    run_command,
+    say,
+    whole_number,
+)
+from benchmarks.verification.validation import report
+from benchmarks.verification.validation.demands import (
+    DEMANDS,
+    SLOTS,
+    Demand,
+    asked,
+    free_speed,
+    world,
+)
+from benchmarks.verification.validation.measures import Findings, find, summarise
+from benchmarks.verification.validation.medjax_side import observe
+from benchmarks.verification.validation.plot import draw
+from benchmarks.verification.validation.published import checks
+from benchmarks.verification.validation.sumo_side import SumoRun
+from medjax.commandline import OneLineParser
+
+PACKAGES = {"medjax": "medjax", "SUMO": "eclipse-sumo"}
+
+
+def both_sides(demand: Demand, options: argparse.Namespace) -> dict[str, list[Findings]]:
+    """What each simulator's episodes show under a demand; SUMO runs in processes of its own meanwhile."""
+    env, schedule = world(demand, options.minutes)
+    if importlib.util.find_spec("sumo") is None:
+        return {"medjax": observe(env, schedule, options.episodes, options.seed)}
+    with tempfile.TemporaryDirectory() as folder:
+        run = SumoRun(schedule, options.episodes, options.seed, Path(folder))
+        try:
+            ours = observe(env, schedule, options.episodes, options.seed)
+            speed = free_speed(schedule)
+            return {"medjax": ours, "SUMO": [find(seen, speed) for seen in run.trajectories()]}
+        finally:
+            run.stop()
+
+
+def compare(options: argparse.Namespace) -> dict[str, Any]:
+    """The whole run; prints its tables."""
+    found: dict[str, dict[str, list[Findings]]] = {}
+    for name in options.demands:
+        say(f"{name}: {options.episodes} episodes")
+        found[name] = both_sides(DEMANDS[name], options)
+    simulators = list(next(iter(found.values())))
+    if "SUMO" not in simulators:
+        say('SUMO: not installed, skipped (pip install "medjax[peers]")')
+    figures = _each(found, summarise)
+    for name, sides in figures.items():
+        _, schedule = world(DEMANDS[name], options.minutes)
+        for values in sides.values():
+            values |= asked(schedule)
+        if sides["medjax"]["vehicles_max"] >= SLOTS:
+            say(
+                f"{name}: all of medjax's slots were taken, so some traffic was kept out for want of them"
+            )
+    against = checks(figures)
+    for lines in (report.table_of_ranges(against, simulators), report.table_by_demand(figures)):
+        print("\n".join([*lines, ""]))
+    result = {
+        "episodes": options.episodes,
+        "minutes": options.minutes,
+        "seed": options.seed,
+        "simulators": {name: importlib.metadata.version(PACKAGES[name]) for name in simulators},
+        **machine(),
+        "figures": figures,
+        "checks": against,
+        "diagram": _each(found, report.diagram_points),
+        "history": _each(found, report.history),
+    }
+    return dict(report.for_json(result))
+
+
+def _each(found: dict[str, dict[str, list[Findings]]], of: Any) -> dict[str, dict[str, Any]]:
+    """`of(findings)` by demand and simulator."""
+    return {
+        demand: {name: of(findings) for name, findings in sides.items()}
+        for demand, sides in found.items()
+    }
+
+
+def build_parser() -> OneLineParser:
+    """The command line."""
+    parser = benchmark_parser("validation", __doc__)
+    parser.add_argument("--episodes", type=whole_number(most=100), default=2, help="of each demand")
+    parser.add_argument(
+        "--minutes",
+        type=whole_number(most=10_000),
+        default=20,
+        help="of each, after five to fill the road; twice as many of the rising demand",
+    )
+    parser.add_argument("--seed", type=a_seed, default=0, help="which episodes")
+    parser.add_argument(
+        "--demands", nargs="+", choices=list(DEMANDS), default=list(DEMANDS), metavar="NAME"
+    )
+    add_plot(parser, "the fundamental diagram and merging")
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The command."""
+    run_command(build_parser(), compare, None if arguments is None else list(arguments), draw)

@@ -1,0 +1,208 @@
+"""All that is measured of trajectories, and the figures that many episodes come to."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from benchmarks.verification.validation.lanes import LaneChanges, lane_changes
+from benchmarks.verification.validation.merging import Merges, merges
+from benchmarks.verification.validation.sections import (
+    FLOW_MINUTES,
+    Breakdown,
+    Diagram,
+    breakdown,
+    diagram,
+)
+from benchmarks.verification.validation.trajectories import (
+    STANDING,
+    Neighbours,
+    Trajectories,
+    neighbours,
+)
+
+FREE_AHEAD_M = 60.0  # who stands with as much room ahead has no reason to
+OVERLAP_M = 0.02  # less is rounding
+ENDS_M = 40.0  # who is first and last seen this near the ends drove all the way
+
+
+@dataclasses.dataclass(frozen=True)
+class Findings:
+    """What one episode shows."""
+
+    span_s: float
+    entered_main: int
+    entered_ramps: int
+    left: int
+    vehicles_max: int  # on the road at once
+    counted: Diagram
+    broke_down: Breakdown
+    merged: Merges
+    changed: LaneChanges
+    travel_s: np.ndarray  # (V,) s, of those who drove the whole main road
+    idle_s: float  # standing on the main road with FREE_AHEAD_M free ahead, vehicles' seconds
+    standing_s: float  # on the main road, vehicles' seconds
+    collisions: int  # vehicles that overlap the one ahead, summed over ticks
+
+
+def find(seen: Trajectories, free_speed: float) -> Findings:
+    """Measures one episode.
+
+    Args:
+      seen: from when the road had filled.
+      free_speed: m/s, of free traffic.
+    """
+    beside = neighbours(seen)
+    counted = diagram(seen)
+    first, last = _ends(seen)
+    came = first[seen.tick[first] > 0]
+    stands = ~seen.on_ramp & (seen.speed < STANDING)
+    return Findings(
+        span_s=seen.span_s,
+        entered_main=int((~seen.on_ramp[came]).sum()),
+        entered_ramps=int(seen.on_ramp[came].sum()),
+        left=int((seen.tick[last] < seen.num_ticks - 1).sum()),
+        vehicles_max=int(np.bincount(seen.tick, minlength=1).max()),
+        counted=counted,
+        broke_down=breakdown(counted, free_speed),
+        merged=merges(seen, beside),
+        changed=lane_changes(seen),
+        travel_s=_travel_times(seen, first, last),
+        idle_s=float((stands & (beside.gap >= FREE_AHEAD_M)).sum() * seen.tick_s),
+        standing_s=float(stands.sum() * seen.tick_s),
+        collisions=_overlapping(beside),
+    )
+
+
+def _ends(seen: Trajectories) -> tuple[np.ndarray, np.ndarray]:
+    """Each vehicle's first and last row, (V,) each."""
+    ends = np.nonzero(~seen.goes_on)[0]
+    some = len(seen.x) > 0
+    return np.r_[0, ends + 1][: len(ends) + some], np.r_[ends, len(seen.x) - 1][: len(ends) + some]
+
+
+def _travel_times(seen: Trajectories, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Of the vehicles that drove the whole main road while it was watched, s, for its length."""
+    whole = (seen.tick[first] > 0) & (seen.x[first] <= ENDS_M) & ~seen.on_ramp[first]
+    whole &= seen.x[last] >= seen.road.length_m - ENDS_M
+    first, last = first[whole], last[whole]
+    pace = (seen.tick[last] - seen.tick[first]) * seen.tick_s / (seen.x[last] - seen.x[first])
+    return pace * seen.road.length_m
+
+
+def _overlapping(beside: Neighbours) -> int:
+    return int((beside.gap < -OVERLAP_M).sum())
+
+
+def percentile(values: np.ndarray, percent: float) -> float:
+    """Of those that are numbers; NaN if none is."""
+    values = values[np.isfinite(values)]
+    return float(np.percentile(values, percent)) if len(values) else np.nan
+
+
+def _share(part: float, whole: float) -> float:
+    return float(part / whole) if whole else np.nan
+
+
+def summarise(findings: Sequence[Findings]) -> dict[str, Any]:
+    """The figures of some episodes together, floats by name, each with its unit; NaN: nothing to measure.
+
+    Means and percentiles are over all vehicles, merges, minutes of all episodes alike.
+    """
+    hours = sum(found.span_s for found in findings) / 3600.0
+    return {
+        "episodes": len(findings),
+        "minutes": hours * 60.0 / len(findings),
+        "entered_main_per_h": sum(found.entered_main for found in findings) / hours,
+        "entered_ramps_per_h": sum(found.entered_ramps for found in findings) / hours,
+        "left_per_h": sum(found.left for found in findings) / hours,
+        "vehicles_max": max(found.vehicles_max for found in findings),
+        **_of_merges([found.merged for found in findings]),
+        **_of_lanes([found.changed for found in findings]),
+        **_of_travel(findings, hours),
+        **_of_flow(findings),
+    }
+
+
+def _of_merges(merged: Sequence[Merges]) -> dict[str, Any]:
+    def of(name: str) -> np.ndarray:
+        return np.concatenate([getattr(each, name) for each in merged])
+
+    speed, relative, standing = of("speed"), of("relative_speed"), of("standing_s")
+    return {
+        "merges": len(speed),
+        "ramp_vehicles": len(standing),
+        "ramp_stop_share": _share((standing > 0.0).sum(), len(standing)),
+        "ramp_standing_mean_s": _share(standing.sum(), len(standing)),
+        "ramp_standing_max_s": float(standing.max(initial=0.0)),
+        "merge_speed_median": percentile(speed, 50),
+        "merge_speed_p5": percentile(speed, 5),
+        "merge_relative_speed_median": percentile(relative, 50),
+        "merge_relative_speed_p5": percentile(relative, 5),
+        "merge_lane_used_median": percentile(of("share_used"), 50),
+        "merge_accepted_gap_median_s": percentile(of("accepted_gap_s"), 50),
+        "merge_accepted_gap_min_s": percentile(of("accepted_gap_s"), 0),
+        "follower_acceleration_p5": percentile(of("follower_acceleration"), 5),
+        "follower_acceleration_min": percentile(of("follower_acceleration"), 0),
+    }
+
+
+def _of_lanes(changed: Sequence[LaneChanges]) -> dict[str, Any]:
+    changes = sum(each.changes for each in changed)
+    lateral = np.concatenate([each.lateral_acceleration for each in changed])
+    return {
+        "lane_changes_per_km": _share(changes, sum(each.vehicle_km for each in changed)),
+        "undone_share": _share(sum(each.undone for each in changed), changes),
+        "lateral_acceleration_p99": percentile(lateral, 99),
+        "lateral_acceleration_max": percentile(lateral, 100),
+    }
+
+
+def _of_travel(findings: Sequence[Findings], hours: float) -> dict[str, Any]:
+    travel = np.concatenate([found.travel_s for found in findings])
+    return {
+        "travel_mean_s": _share(travel.sum(), len(travel)),
+        "travel_p95_s": percentile(travel, 95),
+        "standing_s_per_h": sum(found.standing_s for found in findings) / hours,
+        "idle_s_per_h": sum(found.idle_s for found in findings) / hours,
+        "collisions": sum(found.collisions for found in findings),
+    }
+
+
+def _of_flow(findings: Sequence[Findings]) -> dict[str, Any]:
+    last = np.concatenate([found.counted.flow_a_lane()[:, -1] for found in findings])
+    speed = np.concatenate([found.counted.speed()[:, -1] for found in findings])
+    broke = [found.broke_down for found in findings if found.broke_down.minute is not None]
+
+    def of_breakdowns(name: str) -> float:
+        return _mean(np.array([getattr(each, name) for each in broke]))
+
+    best, density = max(_five_minutes(found.counted) for found in findings)
+    return {
+        "flow_last_mean": _mean(last),
+        "speed_last_mean": _mean(speed),
+        "flow_max": best,
+        "density_at_flow_max": density,
+        "breakdown_share": len(broke) / len(findings),
+        "breakdown_x_m": of_breakdowns("x_m"),
+        "flow_before_breakdown": of_breakdowns("highest_before"),
+        "flow_after_breakdown": of_breakdowns("after"),
+        "discharge": of_breakdowns("discharge"),
+        "capacity_drop": of_breakdowns("capacity_drop"),
+    }
+
+
+def _mean(values: np.ndarray) -> float:
+    """Of those that are numbers; NaN if none is."""
+    values = values[np.isfinite(values)]
+    return float(values.mean()) if len(values) else np.nan
+
+
+def _five_minutes(counted: Diagram) -> tuple[float, float]:
+    """Highest flow of 5 minutes behind the last ramp, vehicles/h/lane, and the density then, vehicles/km/lane."""
+    flow, density = counted.flow.mean(axis=-1)[:, -1], counted.density.mean(axis=-1)[:, -1]
+    spans = [slice(at, at + FLOW_MINUTES) for at in range(max(1, len(flow) - FLOW_MINUTES + 1))]
+    return max((float(flow[span].mean()), float(density[span].mean())) for span in spans)

@@ -1,0 +1,143 @@
+"""medjax's trajectories: episodes side by side, every tick of them."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import medjax
+from benchmarks.verification.validation.demands import Schedule, free_speed
+from benchmarks.verification.validation.measures import Findings, find, summarise
+from benchmarks.verification.validation.trajectories import Road, Trajectories
+from medjax.env.charging_env import ChargingEnv
+from medjax.episodes.keys import episode_keys
+from medjax.episodes.player import Episodes, Player
+from medjax.world.params import EnvParams
+from medjax.world.state import EnvState
+
+FASTEST = 80.0  # m/s; nobody drives so
+SEEN = ("x", "speed", "lane", "lateral_offset", "active", "kind")
+
+
+def _probe(state: EnvState) -> dict[str, jax.Array]:
+    seen = {name: getattr(state.vehicles, name) for name in SEEN}
+    return seen | {name: seen[name].astype(jnp.int8) for name in ("lane", "kind")}
+
+
+@functools.lru_cache(maxsize=2)  # demands share one
+def program(env: ChargingEnv, policy: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """How episodes start, `(keys, params)`, and go on for a minute: `(episodes, its number, params)` to (episodes,
+    ticks), each `(decisions, episodes, ticks, N)` by the names of SEEN.
+    """
+    player = Player(env.with_probe(_probe), [medjax.BASELINES[policy](env)])
+    decisions = round(60.0 / env.config.decision_s)
+    weights = [player.policies[0].weights]
+
+    @jax.jit
+    def minute(playing: Episodes, number: jax.Array, params: EnvParams) -> tuple[Episodes, Any]:
+        def decide(playing: Episodes, index: jax.Array) -> tuple[Episodes, Any]:
+            playing, made = player.decide(playing, index, weights, params)
+            begun, ticks = made.info["begun"], made.info["ticks"]
+            # Who has just entered is first seen where it entered, not after its first tick, which may end in
+            # another lane; what the last tick leads to, the next decision begins with.
+            frames = jax.tree.map(
+                lambda first, rest: jnp.concatenate([first[:, None], rest[:, :-1]], 1), begun, ticks
+            )
+            return playing, frames
+
+        return jax.lax.scan(decide, playing, number * decisions + jnp.arange(decisions))
+
+    return jax.jit(player.start), minute
+
+
+def trajectories(
+    env: ChargingEnv, schedule: Schedule, episodes: int, seed: int, policy: str
+) -> Iterator[Trajectories]:
+    """Plays episodes side by side and keeps every tick after the warm-up.
+
+    Args:
+      env: the highway; its slots must suffice for the queues.
+      schedule: of every episode.
+      seed: whose episodes.
+      policy: a name in `medjax.BASELINES`.
+    """
+    params_at = schedule.params_at
+    start, minute = program(env, policy)
+    playing = start(episode_keys(seed, episodes), params_at(0))
+    parts = []
+    for number in range(schedule.all_minutes):
+        playing, ticks = minute(playing, jnp.int32(number), params_at(number))
+        if number >= schedule.warm_up_minutes:
+            parts.append(jax.device_get(ticks))
+    lengths = np.asarray(params_at(0).drivers.vehicle_length)
+    for episode in range(episodes):
+        slots = {name: _ticks([part[name][:, episode] for part in parts]) for name in SEEN}
+        yield of_slots(slots, Road.of(env.config, params_at(0)), env.config.tick_s, lengths)
+
+
+def _ticks(parts: list[np.ndarray]) -> np.ndarray:
+    """(ticks, N) of parts (decisions, ticks, N)."""
+    return np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts])
+
+
+def of_slots(
+    slots: dict[str, np.ndarray], road: Road, tick_s: float, lengths: np.ndarray
+) -> Trajectories:
+    """Rows of vehicles from slots that hold one vehicle after the other.
+
+    Args:
+      slots: (ticks, N) by the names of SEEN.
+      lengths: (num_kinds,) m.
+    """
+    by_slot = {name: values.T for name, values in slots.items()}  # rows by slot, then by tick
+    rows = np.nonzero(by_slot["active"])
+    slot, tick = (each.astype(np.int32) for each in rows)
+    x, lane = by_slot["x"][rows].astype(float), by_slot["lane"][rows].astype(np.int32)
+    # A slot that is filled anew at once is told by its place: no vehicle goes back, or as far in a tick.
+    new = (np.diff(slot) != 0) | (np.diff(tick) != 1)
+    new |= (np.diff(x) < -1.0) | (np.diff(x) > FASTEST * tick_s)
+    vehicle = np.r_[0, np.cumsum(new)].astype(np.int32)[: len(x)]
+    return Trajectories(
+        road=road,
+        tick_s=tick_s,
+        num_ticks=slots["x"].shape[0],
+        tick=tick,
+        vehicle=vehicle,
+        lane=lane,
+        x=x,
+        speed=by_slot["speed"][rows].astype(float),
+        length=lengths[by_slot["kind"][rows]].astype(float),
+        lateral=lane * road.lane_width_m + by_slot["lateral_offset"][rows],
+    )
+
+
+def measure(
+    env: ChargingEnv,
+    params: EnvParams,
+    episodes: int = 4,
+    minutes: int = 15,
+    seed: int = 0,
+    policy: str = "none",
+) -> dict[str, Any]:
+    """The figures of `measures.summarise` for one world, after the warm-up.
+
+    Args:
+      env, params: of `medjax.make`; its slots must suffice for the queues (`num_gas=...`).
+      episodes: side by side, in memory together; minutes: of each that are measured.
+      policy: a name in `medjax.BASELINES`.
+    """
+    schedule = Schedule(env.config, lambda _: params, minutes)
+    return summarise(observe(env, schedule, episodes, seed, policy))
+
+
+def observe(
+    env: ChargingEnv, schedule: Schedule, episodes: int, seed: int, policy: str = "none"
+) -> list[Findings]:
+    """`measures.find` of each episode, as `trajectories`."""
+    speed = free_speed(schedule)
+    return [find(seen, speed) for seen in trajectories(env, schedule, episodes, seed, policy)]

@@ -1,0 +1,73 @@
+"""Where vehicles drive to, thought over once a decision: a missed exit, a charger, a depot."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from medjax.charging.energy import cruising
+from medjax.numerics.gathers import read
+from medjax.traffic.exits import missed, next_exit, prepares
+from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.state import IN_SERVICE, LEAVING, NOT_BOOKED, EnvState, Tally
+
+
+def needs_charger(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """EVs that leave at the exit ahead for a charger, `(E,)` bool.
+
+    From the first sign of an exit on: who has no MED and would come to the next one, or to its own destination, with
+    less than `charging.stop_soc` at cruising speed. Each exit has a charger; beyond the last one the next is as far as
+    exits are apart on average.
+    """
+    vehicles, evs, road, slots = state.vehicles, state.evs, params.road, config.ev_slots
+    x, destination = vehicles.x[slots], vehicles.destination[slots]
+    ahead = next_exit(x, road)
+    beyond = next_exit(ahead, road)
+    beyond = jnp.where(beyond < road.length_m, beyond, ahead + road.length_m / config.num_exits)
+    # Who drives to the road's end goes on beyond it.
+    goal = jnp.where(destination < road.length_m, jnp.minimum(destination, beyond), beyond)
+    speed, power_w = cruising(params)
+    spare = evs.energy_j - params.charging.stop_soc * params.ev_capacity_j
+    signed = (ahead < road.length_m) & (ahead - x <= road.exit_notice_m)
+    passes = signed & (ahead - x >= road.exit_lane_m) & (destination > ahead)
+    unserved = vehicles.active[slots] & (evs.med == NOT_BOOKED)
+    return unserved & passes & (spare < (goal - x) * (power_w / speed))
+
+
+def plan_trips(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[EnvState, Tally]:
+    """Who has missed its exit takes the next one; EVs leave for a charger, MEDs that are empty for a depot.
+
+    An EV that makes for its exit, or whose MED does, gives its booking up; on the way to an exit it asks for none.
+
+    Returns:
+      (state, tally of the exits missed)
+    """
+    vehicles, meds, evs, road = state.vehicles, state.meds, state.evs, params.road
+    past = missed(vehicles, road)
+    ahead = next_exit(vehicles.x, road)
+    stops = needs_charger(state, config, params)
+    # A MED leaves at an exit that it has been told of in time.
+    in_time = next_exit(vehicles.x[config.med_slots] + road.exit_notice_m, road)
+    empty = meds.energy_j <= params.fleet.reserve_soc * params.med_capacity_j
+    destination = jnp.where(past, ahead, vehicles.destination)
+    of_meds = destination[config.med_slots]
+    early = jnp.where(empty & (meds.status == IN_SERVICE), jnp.minimum(in_time, of_meds), of_meds)
+    destination = destination.at[config.med_slots].set(early)
+    of_evs = jnp.where(stops, ahead[config.ev_slots], destination[config.ev_slots])
+    vehicles = vehicles.replace(destination=destination.at[config.ev_slots].set(of_evs))
+    near = prepares(vehicles, config, params)
+    leaves = (meds.status == IN_SERVICE) & near[config.med_slots]
+    parts = near[config.ev_slots] | evs.stops | stops
+    parts |= (evs.med != NOT_BOOKED) & read(leaves, jnp.maximum(evs.med, 0))
+    state = state.replace(
+        vehicles=vehicles,
+        meds=meds.replace(status=jnp.where(leaves, LEAVING, meds.status)),
+        evs=evs.replace(
+            med=jnp.where(parts, NOT_BOOKED, evs.med),
+            panel=jnp.where(parts, NOT_BOOKED, evs.panel),
+            is_charging=evs.is_charging & ~parts,
+            timer_s=jnp.where(parts, config.decision_s, evs.timer_s),
+            stops=evs.stops | stops,
+        ),
+    )
+    return state, Tally.zeros().replace(missed_exits=jnp.sum(past, dtype=jnp.float32))

@@ -1,0 +1,98 @@
+"""Where vehicles leave the road: their destinations, and the lane changes that these take.
+
+A vehicle bound for an exit leaves the main road from its rightmost lane, anywhere along the deceleration lane before
+the exit; what it does beyond is not simulated. A road without exits (`EnvConfig.num_exits`) computes none of this.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from medjax.world.params import DemandParams, EnvConfig, EnvParams, RoadParams
+from medjax.world.state import Vehicles
+
+
+def next_exit(x: jax.Array, road: RoadParams) -> jax.Array:
+    """The first exit after each place, or the road's end, m; of the shape of x, m."""
+    nearest = jnp.full_like(x, road.length_m)
+    # One exit after the other, from the last one: as `medjax.traffic.road.merge_distance`.
+    for index in reversed(range(road.exit_x_m.shape[0])):
+        nearest = jnp.where(x < road.exit_x_m[index], road.exit_x_m[index], nearest)
+    return nearest
+
+
+def _leave_at(index: int, x: jax.Array, demand: DemandParams, road: RoadParams) -> jax.Array:
+    """Share of those who come to an exit from these places and leave there: none whose way to it is too short."""
+    far_enough = road.exit_x_m[index] - x >= road.exit_notice_m
+    return jnp.where(far_enough, demand.exit_share[index], 0.0)
+
+
+def draw_destinations(
+    uniform: jax.Array, x: jax.Array, demand: DemandParams, road: RoadParams
+) -> jax.Array:
+    """Where vehicles that enter at these places leave the road, m.
+
+    Args:
+      uniform: in [0, 1), one draw a vehicle; x: m, that shape.
+    """
+    destination = jnp.full_like(uniform, road.length_m)
+    stays = jnp.ones_like(uniform)  # share of those who go on, so far
+    for index in range(road.exit_x_m.shape[0]):
+        goes_on = stays * (1.0 - _leave_at(index, x, demand, road))
+        leaves = (uniform >= goes_on) & (uniform < stays)
+        destination = jnp.where(leaves, road.exit_x_m[index], destination)
+        stays = goes_on
+    return destination
+
+
+def mean_way(x: jax.Array, demand: DemandParams, road: RoadParams) -> jax.Array:
+    """Way on the road of those who enter at these places on average, m; of the shape of x, m."""
+    way, stays = road.length_m - x, jnp.ones_like(x)
+    for index in range(road.exit_x_m.shape[0]):
+        leaves = stays * _leave_at(index, x, demand, road)
+        way = way - leaves * (road.length_m - road.exit_x_m[index])
+        stays = stays - leaves
+    return way
+
+
+def _lanes_to_go(vehicles: Vehicles, config: EnvConfig) -> jax.Array:
+    """Lanes to the rightmost one, `(N,)` int32."""
+    return jnp.maximum(config.num_lanes - 1 - vehicles.lane, 0)
+
+
+def _to_lane(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """Way to the deceleration lane of each one's exit, `(N,)` m; inf for those who drive to the road's end."""
+    bound = vehicles.destination < params.road.length_m
+    return jnp.where(bound, vehicles.destination - params.road.exit_lane_m - vehicles.x, jnp.inf)
+
+
+def exit_desire(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """How urgently each must go right for its exit, `(N,)` from 0 to 1.
+
+    Source: the route's incentive of LMRS (Schakel, Knoop, van Arem 2012) in space, 1 - x / (n x0), n lanes to go.
+    """
+    lanes = _lanes_to_go(vehicles, config)
+    view = jnp.maximum(lanes, 1) * params.lane_change.exit_view_m
+    desire = jnp.clip(1.0 - _to_lane(vehicles, config, params) / view, 0.0, 1.0)
+    return jnp.where((lanes > 0) & (vehicles.lane < config.num_lanes), desire, 0.0)
+
+
+def prepares(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """Who is so near to its exit that one more lane to go would be too many, `(N,)` bool."""
+    view = (_lanes_to_go(vehicles, config) + 1) * params.lane_change.exit_view_m
+    return _to_lane(vehicles, config, params) < view
+
+
+def takes_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """Who leaves the main road now, `(N,)` bool: settled in the rightmost lane, along the deceleration lane."""
+    way = _to_lane(vehicles, config, params)
+    along = (way <= 0.0) & (way >= -params.road.exit_lane_m)
+    settled = jnp.abs(vehicles.lateral_offset) < 0.25 * params.road.lane_width_m
+    return vehicles.active & along & settled & (vehicles.lane == config.num_lanes - 1)
+
+
+def missed(vehicles: Vehicles, road: RoadParams) -> jax.Array:
+    """Who has driven past its exit, `(N,)` bool."""
+    past = (vehicles.destination < road.length_m) & (vehicles.x > vehicles.destination)
+    return vehicles.active & past

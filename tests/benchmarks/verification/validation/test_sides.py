@@ -1,0 +1,148 @@
+"""Both simulators on one road under one demand: what they are given, and what is read of them."""
+
+import dataclasses
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from benchmarks.verification.validation import compare as command
+from benchmarks.verification.validation.demands import DEMANDS, RISING, asked, world
+from benchmarks.verification.validation.measures import find
+from benchmarks.verification.validation.medjax_side import SEEN, of_slots, program
+from benchmarks.verification.validation.published import RANGES, checks
+from benchmarks.verification.validation.sumo_side import SumoRun, read
+from benchmarks.verification.validation.trajectories import Road
+from medjax.episodes.keys import episode_keys
+from tests.benchmarks.refusal import refused
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+
+def test_loads_go_from_free_to_overloaded():
+    """Vehicles/h behind the last of four ramps, by four lanes of 2,000."""
+    loads = [(each.mainline_per_h + 4 * each.ramp_per_h) / 8000.0 for each in DEMANDS.values()]
+    assert loads == pytest.approx([0.45, 0.7125, 0.9, 1.0, 1.2, 1.2])
+
+
+def test_a_rising_demand_rises_for_half_of_its_time():
+    """From half of it, in the warm-up and at first, to all of it; 20 measured minutes are 40."""
+    _, schedule = world(RISING, 20)
+    demands = [schedule.params_at(minute).demand for minute in range(schedule.all_minutes)]
+    main = np.array([float(demand.mainline_per_h) for demand in demands])
+    ramps = np.array([np.asarray(demand.ramp_per_h) for demand in demands])
+    assert len(main) == 45
+    assert main[:6] == pytest.approx(3800.0)
+    assert np.diff(main[5:26]) == pytest.approx(190.0, rel=1e-4)
+    assert main[25:] == pytest.approx(7600.0)
+    assert ramps == pytest.approx(np.repeat(main[:, None] * 500.0 / 7600.0, 4, axis=1))
+    assert asked(schedule)["asked_main_per_h"] == pytest.approx(main[5:].mean())
+
+
+def test_every_range_is_of_a_demand_and_a_figure_and_has_a_source():
+    """And ranges are told from misses; what has no figure is neither."""
+    figures = {
+        name: {"SUMO": dict.fromkeys({each.figure for each in RANGES}, 0.5)} for name in DEMANDS
+    }
+    assert len(checks(figures)) == len(RANGES)
+    assert all(each.source and each.low <= each.high for each in RANGES)
+    (drop,) = (each for each in RANGES if each.figure == "capacity_drop")
+    assert [drop.holds(value) for value in (0.1, 0.2, np.nan)] == [True, False, None]
+
+
+FCD = """timestep_time;vehicle_id;vehicle_type;vehicle_speed;vehicle_pos;vehicle_lane
+60.00;;;;;
+60.25;main0lane0.0;kind3;30.00;5.00;main0_1
+60.25;ramp100lane0.0;kind1;20.00;15.00;ramp100_0
+60.50;main0lane0.0;kind3;30.00;12.50;main0_1
+60.50;ramp100lane0.0;kind1;20.00;0.00;main100_0
+60.75;ramp100lane0.0;kind1;20.00;5.00;main100_1
+"""
+
+
+def test_a_table_of_sumo_becomes_rows(tmp_path):
+    """Lanes counted from the left, places on one axis, ticks from the end of the warm-up."""
+    file = tmp_path / "fcd.csv"
+    file.write_text(FCD)
+    _, schedule = world(DEMANDS["paper"], 1)
+    schedule = dataclasses.replace(schedule, warm_up_minutes=1)
+    seen = read(file, schedule)
+    assert seen.vehicle.tolist() == [0, 0, 1, 1, 1]
+    assert seen.tick.tolist() == [1, 2, 1, 2, 3]
+    assert seen.lane.tolist() == [2, 2, 4, 4, 3]
+    assert seen.x.tolist() == [5.0, 12.5, 95.0, 100.0, 105.0]
+    assert seen.speed.tolist() == [30.0, 30.0, 20.0, 20.0, 20.0]
+    assert set(seen.length) == {5.0}
+    assert seen.num_ticks == 240
+
+
+def test_what_sumo_moves_agrees_with_what_it_says(tmp_path):
+    """Its vehicles' places change as their speeds say (ballistic: the mean of two), over all edges and lanes."""
+    pytest.importorskip("sumo")
+    _, schedule = world(DEMANDS["merging"], 1)
+    (seen,) = SumoRun(
+        dataclasses.replace(schedule, warm_up_minutes=2), 1, 0, tmp_path
+    ).trajectories()
+    on = seen.goes_on
+    assert on.sum() > 10_000
+    way = np.diff(seen.x)[on]
+    mean = 0.5 * (seen.speed[1:] + seen.speed[:-1])[on]
+    assert way == pytest.approx(mean * seen.tick_s, abs=0.03)
+    assert np.diff(seen.tick)[on].tolist() == [1] * on.sum()
+    assert np.abs(np.diff(seen.lane)[on]).max() == 1
+
+
+def test_rows_of_medjax_agree_with_its_own_books():
+    """Vehicles, who left, lane changes and distance, against the tally; the last tick of all is not among the rows."""
+    env, schedule = world(DEMANDS["merging"], 1)
+    params = schedule.params_at(0)
+    start, minute = program(env, "none")  # the command's: compiled once for both tests
+    playing = start(episode_keys(0, 1), params)
+    begun = int(playing.state.vehicles.active.sum())
+    playing, ticks = minute(playing, jnp.int32(0), params)
+    tally = jax.tree.map(lambda leaf: np.asarray(leaf)[0], playing.state.tally)
+    lengths = np.asarray(params.drivers.vehicle_length)
+    slots = {name: np.asarray(ticks[name]).reshape(240, -1) for name in SEEN}
+    seen = of_slots(slots, Road.of(env.config, params), env.config.tick_s, lengths)
+    found = find(seen, 30.0)
+    assert len(np.unique(seen.vehicle)) == tally.entered.sum() > begun
+    assert found.collisions == tally.collisions == 0
+    assert 0 <= tally.left.sum() - found.left <= 3
+    changes = found.changed.changes + len(found.merged.speed)
+    assert 0 <= tally.lane_changes - changes <= 3
+    assert changes > 50
+    distance = np.diff(seen.x)[seen.goes_on].sum()
+    assert distance == pytest.approx(tally.gas_distance_m[0], rel=0.01)
+
+
+def test_the_command_measures_both_and_writes_what_it_prints(tmp_path, capsys):
+    file, picture = tmp_path / "validation.json", tmp_path / "validation.png"
+    argv = ["--demands", "paper", "--episodes", "1", "--minutes", "2"]
+    command.main([*argv, "--json", str(file), "--plot", str(picture)])
+    out = capsys.readouterr().out
+    written = json.loads(file.read_text())
+    ours = written["figures"]["paper"]["medjax"]
+    # Five standard deviations of Poisson arrivals in two minutes.
+    assert ours["entered_main_per_h"] == pytest.approx(2600.0, abs=5 * (2600.0 * 30) ** 0.5)
+    assert ours["merges"] > 0
+    assert ours["collisions"] == 0
+    assert ours["discharge"] is None
+    assert f"| {ours['entered_main_per_h']:,.0f} |" in out
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    diagram = written["diagram"]["paper"]["medjax"]
+    assert np.shape(diagram["flow"]) == np.shape(diagram["density"]) == (1, len(diagram["x_m"]), 4)
+    assert {check["demand"] for check in written["checks"]} == {"paper"}
+
+
+@pytest.mark.parametrize(
+    ("argv", "word"),
+    [
+        (["--minutes=0"], "'0': allowed"),
+        (["--demands", "rush"], "rush"),
+        (["--plot=figure.pdf"], ".png"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(argv, word, capsys):
+    assert word in refused(command.main, argv, capsys)

@@ -1,0 +1,137 @@
+"""An EV that runs out coasts by physics alone, leaves by the right shoulder or blocks its lane, and is counted once."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from medjax.charging.stranded import SETTLED_M, coasting
+from medjax.env.tick import physics_tick
+from medjax.traffic.step import drivers_of
+from medjax.world.params import LEFT
+from medjax.world.state import NOT_BOOKED, Tally
+from tests.charging.scene import scene
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+
+def quiet(**overrides):
+    """A road that nobody else enters."""
+    return medjax.make("paper", mainline_per_h=0.0, ramp_per_h=0.0, **overrides)
+
+
+def play(env, params, state, ticks):
+    """States `(ticks, ...)` after each tick, and the sum of the tallies."""
+
+    def tick(carry, index):
+        state, tally = carry
+        drivers = drivers_of(state, env.config, params)
+        state, more = physics_tick(state, drivers, index, env.config, params)
+        return (state, tally + more), state
+
+    start = state, Tally.zeros()
+    (_, tally), states = jax.jit(
+        lambda: jax.lax.scan(tick, start, jnp.arange(ticks, dtype=jnp.int32))
+    )()
+    return jax.device_get(states), jax.device_get(tally)
+
+
+def alone(env, params, lane, speed, energy_j=1.0, x=500.0):
+    """EV 0 with hardly any energy, no booking, and nobody else on the road; noise pushes it on."""
+    state = scene(env, params, panel=LEFT, ev_x=x, ev_lane=lane)
+    ev, evs, vehicles = env.config.num_meds, state.evs, state.vehicles
+    return state.replace(
+        evs=evs.replace(
+            energy_j=evs.energy_j.at[0].set(energy_j),
+            med=evs.med.at[0].set(NOT_BOOKED),
+            panel=evs.panel.at[0].set(NOT_BOOKED),
+        ),
+        vehicles=vehicles.replace(
+            active=vehicles.active.at[0].set(False),
+            speed=vehicles.speed.at[ev].set(speed),
+            acceleration_noise=vehicles.acceleration_noise.at[ev].set(0.5),
+        ),
+    )
+
+
+def test_coasting_is_the_decay_of_rolling_and_drag():
+    """Speed under m dv/dt = -(c0 + c2 v^2) is v0 and a tangent in closed form; 60 s of it, within 0.05 m/s."""
+    _, params = quiet()
+    body = params.ev
+    c0 = float(body.mass_kg * 9.81 * body.rolling_resistance)
+    c2 = float(0.6 * body.drag_coefficient * body.frontal_area_m2)
+    inertia = float(body.mass_kg * body.rotational_inertia_factor)
+    root = np.sqrt(c2 / c0)
+    exact = np.tan(np.arctan(30.0 * root) - 60.0 * np.sqrt(c0 * c2) / inertia) / root
+
+    def step(v, _):
+        return v + 0.25 * coasting(v, params), None
+
+    assert float(jax.lax.scan(step, jnp.float32(30.0), length=240)[0]) == pytest.approx(
+        exact, abs=0.05
+    )
+    assert float(coasting(jnp.float32(0.0), params)) == pytest.approx(-c0 / inertia, rel=1e-4)
+
+
+@pytest.mark.parametrize("lane", [0, 3])
+def test_makes_for_the_shoulder_and_is_counted_once(lane):
+    """From any lane it is off the road within seconds, never faster than before, without regaining energy."""
+    env, params = quiet()
+    states, tally = play(env, params, alone(env, params, lane, 28.0), 160)
+    ev, vehicles, evs = env.config.num_meds, states.vehicles, states.evs
+    on_road = vehicles.active[:, ev]
+    assert on_road[0]
+    assert evs.is_depleted[on_road, 0].all()
+    gone = int(np.argmin(on_road))
+    assert not on_road[gone:].any()
+    assert gone * env.config.tick_s <= 1.0 + 6.0 * (3 - lane)
+    assert vehicles.lane[gone, ev] == env.config.num_lanes - 1
+    assert abs(vehicles.lateral_offset[gone, ev]) < SETTLED_M
+    assert np.all(np.diff(vehicles.speed[:gone, ev]) < 0.0)
+    assert np.all(evs.energy_j[:, 0] == 0.0)
+    assert float(tally.depleted) == 1.0
+    assert float(tally.left.sum()) == 0.0
+    assert float(tally.ev_seconds) == pytest.approx(gone * env.config.tick_s)
+    assert float(tally.soc_seconds) == 0.0
+
+
+def test_blocks_its_lane_until_it_is_towed():
+    """It keeps its lane, coasts as far as rolling resistance alone lets it from a walk, stands, and is towed."""
+    env, params = quiet(depleted_blocks=1, tow_s=20.0)
+    states, tally = play(env, params, alone(env, params, 1, 2.0), 400)
+    ev, dt = env.config.num_meds, env.config.tick_s
+    x, speed, on_road = (getattr(states.vehicles, name)[:, ev] for name in ("x", "speed", "active"))
+    assert np.all(states.vehicles.lane[on_road, ev] == 1)
+    rolling = float(9.81 * params.ev.rolling_resistance / params.ev.rotational_inertia_factor)
+    assert x[-1] - x[0] == pytest.approx(speed[0] ** 2 / (2.0 * rolling), rel=0.02)
+    stood = on_road & (speed < 0.1)
+    assert stood.sum() * dt == pytest.approx(20.0, abs=2 * dt)
+    assert not on_road[-1]
+    assert float(tally.depleted) == 1.0
+
+
+def test_a_booked_ev_that_runs_out_gives_its_slot_back():
+    """It is neither booked nor charged from that tick on, does not ask again, and passes no end twice."""
+    env, params = quiet(depleted_blocks=1)
+    state = scene(env, params, panel=LEFT, ev_x=440.0, ev_lane=1)
+    state = state.replace(evs=state.evs.replace(energy_j=state.evs.energy_j.at[0].set(1.0)))
+    states, tally = play(env, params, state, 40)
+    assert states.evs.is_depleted[:, 0].all()
+    assert np.all(states.evs.med[:, 0] == NOT_BOOKED)
+    assert float(tally.evs_served) == 0.0
+    last = jax.tree.map(lambda leaf: jnp.asarray(leaf[-1]), states)
+    _, after, *_ = env.step_env(jax.random.key(0), last, 0, params)
+    assert int(after.evs.med[0]) == NOT_BOOKED
+
+
+def test_who_ran_out_before_the_end_of_the_road_does_not_arrive():
+    """Coasting past the end it is off the road, counted as depleted and not as one that left."""
+    env, params = quiet(depleted_blocks=1)
+    states, tally = play(env, params, alone(env, params, 1, 28.0, x=3900.0), 40)
+    assert not states.vehicles.active[-1, env.config.num_meds]
+    assert (float(tally.depleted), float(tally.left.sum()), float(tally.exit_soc)) == (
+        1.0,
+        0.0,
+        0.0,
+    )

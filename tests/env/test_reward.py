@@ -1,0 +1,80 @@
+"""The reward in money, against prices times what the metrics of the episode say."""
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+import medjax
+from medjax.env.reward import MONEY, Outcome, total_reward
+from medjax.world.state import Tally
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+
+def test_each_term_is_what_it_says():
+    """In hours, kWh and numbers, from a tally in seconds and joules."""
+    happened = Tally.zeros().replace(
+        ev_delay_s=jnp.float32(1800.0),
+        gas_delay_s=jnp.float32(3600.0),
+        queue_seconds=jnp.float32(900.0),
+        med_driving_j=jnp.float32(7.2e6),
+        energy_sent_j=jnp.float32(3.6e6),
+        energy_received_j=jnp.float32(1.8e6),
+        ev_driving_j=jnp.float32(9.0e6),
+        med_seconds=jnp.float32(5400.0),
+        depleted=jnp.float32(2.0),
+        low_exits=jnp.float32(3.0),
+    )
+    env, params = medjax.make("paper", reward="money")
+    outcome = Outcome(None, None, happened, params, env.config)
+    expected = {
+        "delay_h": 1.75 * -20.0,
+        "depot_kwh": 3.0 * -0.22,
+        "ev_kwh": 2.0 * -0.285,
+        "med_h": 1.5 * -70.0,
+        "tows": 2.0 * -250.0,
+        "charging_stops": 3.0 * -18.0,
+    }
+    total, parts = total_reward(outcome, MONEY)
+    assert set(parts) == set(expected) == set(env.reward) == set(params.reward_weights)
+    for name, value in expected.items():
+        assert float(parts[name]) == pytest.approx(value, rel=1e-6), name
+    assert float(total) == pytest.approx(sum(expected.values()), rel=1e-6)
+
+
+def test_an_episode_costs_what_its_metrics_say():
+    """Rewards added up over an episode with MEDs: the metrics at its end at their prices, one of them changed."""
+    env, params = medjax.make("paper", reward="money", reward_weights={"med_h": -50.0})
+    policy = medjax.BASELINES["greedy"](env)
+    _, state = env.reset(jax.random.key(0), params)
+
+    def step(state, key):
+        action = policy(key, None, state, params).action
+        _, state, reward, _, _, info = env.step_env(key, state, action, params)
+        return state, (reward, info["metrics"])
+
+    _, (rewards, metrics) = jax.jit(lambda s, keys: jax.lax.scan(step, s, keys))(
+        state, jax.random.split(jax.random.key(1), 240)
+    )
+    end = {name: float(values[-1]) for name, values in metrics.items()}
+    evs = end["evs_entered"]
+    cost = (
+        20.0 * (end["ev_delay_h"] + end["gas_delay_h"] + end["queue_vehicle_s"] / 3600.0)
+        + 0.22 * end["energy_drawn_kwh"]
+        + 0.285 * (end["ev_driving_kwh"] - end["ev_received_kwh"]) * evs
+        + 50.0 * end["med_hours"]
+        + 250.0 * end["evs_depleted"]
+        + 18.0 * end["low_exits"]
+    )
+    assert end["meds_dispatched"] > 2
+    assert min(end["evs_depleted"], end["low_exits"], end["energy_delivered_kwh"]) > 0.0
+    assert float(rewards.sum()) == pytest.approx(-cost, rel=1e-3)
+
+
+def test_eq_10_stays_the_default():
+    """And a set that does not exist is refused."""
+    env, params = medjax.make()
+    assert set(env.reward) == set(medjax.TERMS) == set(params.reward_weights)
+    assert not set(medjax.TERMS) & set(MONEY)
+    with pytest.raises(ValueError, match="unknown reward 'gold': allowed money, paper"):
+        medjax.make(reward="gold")

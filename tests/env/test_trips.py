@@ -1,0 +1,155 @@
+"""Trips: EVs that leave for a charger, MEDs that leave at an exit, and depots that give back what was spent."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from medjax.env.trips import needs_charger, plan_trips
+from medjax.world.state import AT_DEPOT, IN_SERVICE, LEAVING, NOT_BOOKED, RETIRED
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+KWH = 3.6e6
+POWER_W, DEPOT_W = 20e3, 400e3
+
+
+@pytest.fixture(scope="module")
+def road():
+    """Twenty kilometres, exits at 5, 10 and 15 km, true packs; nobody comes by himself but is put there."""
+    env, params = medjax.make(
+        "paper",
+        length_m=20_000,
+        exit_x_m=[5000, 10_000, 15_000],
+        exit_share=0.0,
+        battery_scale=1.0,
+        mainline_per_h=0,
+        ramp_per_h=0,
+        turnaround_s=60.0,
+        depot_power_w=DEPOT_W,
+        trip_m=4000.0,
+        arrival_soc_low=0.5,
+        num_evs=8,
+        num_gas=2,
+    )
+    return env, params, jax.jit(env.reset)(jax.random.key(0), params)[1]
+
+
+def with_evs(state, config, x, energy_kwh, destination=20_000.0, med=NOT_BOOKED):
+    """The state with EVs at these places, in the rightmost lane."""
+    slots, vehicles = config.ev_slots, state.vehicles
+    fill = jnp.full((config.num_evs,), 0.0)
+    put = {"x": x, "destination": destination, "speed": 30.0, "lateral_offset": 0.0}
+    changed = {
+        name: getattr(vehicles, name).at[slots].set(fill + value) for name, value in put.items()
+    }
+    return state.replace(
+        vehicles=vehicles.replace(
+            **changed,
+            lane=vehicles.lane.at[slots].set(config.num_lanes - 1),
+            active=vehicles.active.at[slots].set(True),
+        ),
+        evs=state.evs.replace(
+            energy_j=fill + jnp.asarray(energy_kwh) * KWH,
+            med=jnp.full((config.num_evs,), med),
+            panel=jnp.full((config.num_evs,), med),
+        ),
+    )
+
+
+def test_who_would_not_come_to_the_next_charger_leaves_for_one(road):
+    """671 J/m at 30 m/s: from 4500 m to the second exit 1.03 kWh, and a tenth of 30 kWh as a reserve."""
+    env, params, state = road
+    config = env.config
+    from medjax.charging.energy import cruising
+
+    speed, power_w = cruising(params)
+    limit = float(5500.0 * power_w / speed / KWH + 3.0)
+    assert limit == pytest.approx(4.03, abs=0.05)
+    energy = limit + np.array([-1.0, -0.01, 0.01, 1.0, -1.0, -1.0, -1.0, -1.0])
+    x = np.array([4500.0, 4500.0, 4500.0, 4500.0, 3900.0, 4900.0, 5100.0, 16_000.0])
+    stops = needs_charger(with_evs(state, config, x, energy), config, params)
+    # The last ones: before the first sign, beside the deceleration lane, past it, past the last exit.
+    assert stops.tolist() == [True, True, False, False, False, False, False, False]
+    own = with_evs(state, config, 4500.0, limit - 0.5, destination=10_000.0)
+    assert needs_charger(own, config, params).all()
+    own = with_evs(state, config, 4500.0, limit - 0.5, destination=5000.0)
+    assert not needs_charger(own, config, params).any()
+    assert not needs_charger(with_evs(state, config, 4500.0, 1.0, med=0), config, params).any()
+
+
+def test_a_stop_is_made_and_counted(road):
+    """Eight EVs that are low leave at the exit ahead, as charging stops, none of them depleted."""
+    env, params, state = road
+    x = 4200.0 - 60.0 * np.arange(8.0)
+    state = with_evs(state, env.config, x, 2.0)
+    step = jax.jit(env.step_env)
+    for number in range(60):
+        state = step(jax.random.key(number), state, 0, params)[1]
+    assert float(state.tally.charging_stops) == 8.0
+    assert float(state.tally.left.sum()) == 8.0
+    assert float(state.tally.depleted) == 0.0
+
+
+def test_a_missed_exit_is_counted_once_and_the_next_one_taken(road):
+    """Also the last one: then the road's end."""
+    env, params, state = road
+    for x, at, then in ((5001.0, 5000.0, 10_000.0), (15_001.0, 15_000.0, 20_000.0)):
+        before = with_evs(state, env.config, x, 20.0, destination=at)
+        after, tally = plan_trips(before, env.config, params)
+        assert float(tally.missed_exits) == 8.0
+        assert (after.vehicles.destination[env.config.ev_slots] == then).all()
+        assert float(plan_trips(after, env.config, params)[1].missed_exits) == 0.0
+
+
+def test_an_empty_med_leaves_at_the_next_exit_and_lets_its_evs_go(road):
+    """One that it has been told of in time: from 4500 m the second."""
+    env, params, state = road
+    config = env.config
+    state = with_evs(state, config, 8000.0, 20.0, med=0)
+    reserve = params.fleet.reserve_soc * params.med_capacity_j
+    put = {"active": True, "lane": 2, "destination": 20_000.0}
+    vehicles = state.vehicles.replace(
+        **{name: getattr(state.vehicles, name).at[0].set(value) for name, value in put.items()}
+    )
+    meds = state.meds.replace(status=state.meds.status.at[0].set(IN_SERVICE))
+    for x, energy, bound, status in (
+        (4500.0, reserve + 1e3, 20_000.0, IN_SERVICE),
+        (4500.0, reserve, 10_000.0, IN_SERVICE),
+        (9500.0, reserve, 15_000.0, IN_SERVICE),
+    ):
+        now = state.replace(
+            vehicles=vehicles.replace(x=vehicles.x.at[0].set(x)),
+            meds=meds.replace(energy_j=meds.energy_j.at[0].set(energy)),
+        )
+        after, _ = plan_trips(now, config, params)
+        assert float(after.vehicles.destination[0]) == bound
+        assert int(after.meds.status[0]) == status
+    near = vehicles.replace(x=vehicles.x.at[0].set(9400.0))
+    near = near.replace(destination=near.destination.at[0].set(10_000.0))
+    after, _ = plan_trips(state.replace(vehicles=near, meds=meds), config, params)
+    assert int(after.meds.status[0]) == LEAVING
+    assert (after.evs.med == NOT_BOOKED).all()
+    assert not after.evs.is_charging.any()
+
+
+def test_depots_give_back_what_meds_spent(road):
+    """A MED leaves after its trip, is charged at the depot's power, and is there again, full; the books balance."""
+    env, params, state = road
+    step = jax.jit(env.step_env)
+    full = float(params.med_capacity_j)
+    left_at, back_at, spent = None, None, None
+    for number in range(900):
+        state = step(jax.random.key(number), state, int(number == 0), params)[1]
+        status = int(state.meds.status[0])
+        if left_at is None and status == RETIRED:
+            left_at, spent = number, full - float(state.meds.energy_j[0])
+            x = float(state.vehicles.x[0])
+            assert 4750.0 <= x <= 5000.0  # the first exit after 100 m and 4 km
+        if left_at is not None and status == AT_DEPOT:
+            back_at = number
+            break
+    assert back_at - left_at == pytest.approx(60.0 + spent / DEPOT_W, abs=2.0)
+    assert float(state.meds.energy_j[0]) == full
+    assert float(state.tally.depot_energy_j) == pytest.approx(spent, rel=1e-5)

@@ -1,0 +1,130 @@
+"""Exits: who leaves where, against brute force; nobody is lost, and hardly anybody misses an exit."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from medjax.traffic.exits import draw_destinations, exit_desire, mean_way, next_exit, prepares
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+EXITS, SHARES = [1000.0, 2900.0], [0.3, 0.2]
+
+
+@pytest.fixture(scope="module")
+def road():
+    """Two exits on the paper's road, lorries, no MED."""
+    return medjax.make(
+        "paper", exit_x_m=EXITS, exit_share=SHARES, lorry_share=0.15, size=0, num_gas=220
+    )
+
+
+def test_next_exit(road):
+    """The first one beyond, else the end."""
+    x = jnp.array([0.0, 999.0, 1000.0, 2899.0, 2900.0, 3999.0])
+    expected = [1000.0, 1000.0, 2900.0, 2900.0, 4000.0, 4000.0]
+    np.testing.assert_array_equal(next_exit(x, road[1].road), expected)
+
+
+def test_destinations_are_shares_of_those_who_pass(road):
+    """30 % of those who pass the first exit leave there, 20 % of the rest at the second; none that enters too near."""
+    _, params = road
+    uniform = (np.arange(100_000) + 0.5) / 100_000
+    for x, expected in ((0.0, (0.3, 0.14)), (500.0, (0.0, 0.2)), (2000.0, (0.0, 0.0))):
+        places = jnp.full(100_000, x)
+        drawn = np.asarray(
+            draw_destinations(jnp.asarray(uniform), places, params.demand, params.road)
+        )
+        shares = [(drawn == place).mean() for place in EXITS]
+        np.testing.assert_allclose(shares, expected, atol=2e-5)
+        assert set(drawn) <= {*EXITS, 4000.0}
+        way = float(mean_way(jnp.float32(x), params.demand, params.road))
+        assert way == pytest.approx((drawn - x).mean(), rel=1e-4)
+
+
+def test_desire_grows_as_lmrs_says(road):
+    """1 - x / (n 295 m), n lanes to go and x to the deceleration lane; nobody else must go right."""
+    env, params = road
+    state = jax.jit(env.reset)(jax.random.key(0), params)[1]
+    rng = np.random.default_rng(0)
+    size = env.config.num_vehicles
+    x, lane = rng.uniform(0.0, 4000.0, size), rng.integers(0, 5, size)
+    destination = rng.choice([*EXITS, 4000.0], size)
+    vehicles = state.vehicles.replace(
+        x=jnp.asarray(x, jnp.float32),
+        lane=jnp.asarray(lane, jnp.int32),
+        destination=jnp.asarray(destination, jnp.float32),
+    )
+    desire = np.asarray(exit_desire(vehicles, env.config, params))
+    near = np.asarray(prepares(vehicles, env.config, params))
+    lanes, to_go = 3 - lane, destination - 250.0 - x
+    goes = (destination < 4000.0) & (lanes > 0)
+    expected = np.where(goes, np.clip(1.0 - to_go / (295.0 * np.maximum(lanes, 1)), 0, 1), 0)
+    np.testing.assert_allclose(desire, expected, atol=1e-4)
+    crosses = 295.0 * (np.maximum(lanes, 0) + 1)
+    np.testing.assert_array_equal(near, (destination < 4000.0) & (to_go < crosses))
+
+
+@pytest.fixture(scope="module")
+def played(road):
+    """Six episodes of 200 s: vehicles after every tick, and the tallies."""
+    env, params = road
+    probed = env.with_probe(lambda state: state.vehicles)
+
+    @jax.jit
+    @jax.vmap
+    def play(key):
+        start = env.reset(key, params)[1]
+
+        def decide(state, key):
+            _, state, *_, info = probed.step_env(key, state, 0, params)
+            return state, (info["begun"], info["ticks"])
+
+        state, seen = jax.lax.scan(decide, start, jax.random.split(key, 200))
+        return state.tally, seen
+
+    return jax.device_get(play(jax.random.split(jax.random.key(1), 6)))
+
+
+def test_vehicles_leave_where_they_are_bound_for(road, played):
+    """Who is gone was in the rightmost lane beside its own deceleration lane, past the end, or out of charge."""
+    _, (begun, ticks) = played
+    active = np.concatenate([begun.active[:, :, None], ticks.active], axis=2)
+    gone = active[:, :, :-1] & ~active[:, :, 1:]
+    x, lane, to = ticks.x[gone], ticks.lane[gone], ticks.destination[gone]
+    is_ev = np.zeros(gone.shape, bool)
+    is_ev[..., road[0].config.ev_slots] = True
+    at_exit = (to < 4000.0) & (lane == 3) & (x <= to) & (x >= to - 250.0)
+    assert (at_exit | (x > 4000.0) | is_ev[gone]).all()
+    assert at_exit.sum() > 300
+    assert np.abs(ticks.lateral_offset[gone][at_exit]).max() < 1.0
+    assert (at_exit & (to == 1000.0)).any()
+    assert (at_exit & (to == 2900.0)).any()
+
+
+def test_exits_are_not_missed_and_nobody_collides(played):
+    """Under 1 % at 650 vehicles an hour and lane; whoever entered is on the road, has left, or ran out."""
+    tally, (_, ticks) = played
+    exits = (tally.left.sum(), tally.missed_exits.sum())
+    assert exits[1] < 0.01 * exits[0]
+    assert tally.collisions.sum() == 0
+    there = ticks.active[:, -1, -1].sum(axis=1)
+    np.testing.assert_array_equal(tally.entered.sum(1) - tally.left.sum(1) - tally.depleted, there)
+
+
+def test_those_who_enter_are_bound_as_the_demand_says(road, played):
+    """30 % of cars and lorries that enter at x = 0 for the first exit, 14 % for the second; none nearer to them."""
+    _, (begun, ticks) = played
+    others = slice(road[0].config.ev_slots.stop, None)  # EVs may think of a charger at once
+    new = begun.active[:, 1:] & ~ticks.active[:, :-1, -1]
+    x, to = (values[:, 1:, others][new[..., others]] for values in (begun.x, begun.destination))
+    for place, expected in ((0.0, [0.3, 0.14]), (100.0, [0.0, 0.2]), (2100.0, [0.0, 0.0])):
+        here = to[x == place]
+        assert len(here) > 30
+        error = np.sqrt(0.25 / len(here))
+        shares = [(here == exit_x).mean() for exit_x in EXITS]
+        np.testing.assert_allclose(shares, expected, atol=3.5 * error)
+    assert not np.isin(to[x == 2100.0], EXITS).any()
+    assert not (to[x == 100.0] == 1000.0).any()

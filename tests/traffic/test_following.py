@@ -1,0 +1,100 @@
+"""Short headways after a change of lanes: accepted at once, grown back as exp(-t / tau)."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from medjax.traffic.following import Follower, Leader, relaxed_headway, spare_headway
+from medjax.traffic.neighbours import NOBODY
+from medjax.world.params import LaneChangeParams
+from tests.traffic.reference import CAR, idm_plus
+from tests.traffic.roads import Record, put
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+USUAL, SHORTEST, TAU_S, TICK_S = 1.5, 0.56, 15.0, 0.25
+PARAMS = LaneChangeParams(accepted_headway=SHORTEST, relaxation_s=TAU_S)
+
+
+def spare(gap, speed, leader_speed):
+    """`spare_headway` of one car."""
+    nobody = jnp.int32(NOBODY)
+    follower = Follower(
+        x=jnp.float32(0.0),
+        speed=jnp.float32(speed),
+        time_headway=CAR["time_headway"],
+        min_gap=CAR["min_gap"],
+        max_acceleration=CAR["max_acceleration"],
+        closing=0.5 / np.sqrt(CAR["max_acceleration"] * CAR["comfortable_deceleration"]),
+        prepared=None,
+        platoon=nobody,
+    )
+    leader = Leader(jnp.float32(gap), jnp.float32(leader_speed), nobody)
+    return float(spare_headway(follower, leader, jnp.bool_(True)))
+
+
+def relax(headway, there, is_new):
+    """`relaxed_headway` of one car in a tick."""
+    return float(relaxed_headway(headway, USUAL, there, jnp.bool_(is_new), TICK_S, PARAMS))
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.floats(2.0, 120.0), st.floats(1.0, 33.0), st.floats(-10.0, 10.0))
+def test_a_new_leader_is_taken_as_it_comes(gap, speed, faster):
+    """Between the shortest accepted headway and one's own the driver neither brakes nor accelerates: IDM+ in float64
+    at the headway that it takes is 0. Closer, it brakes as at the shortest; further away it drives as usual."""
+    leader = max(speed + faster, 0.0)
+    there = spare(gap, speed, leader)
+    taken = relax(USUAL, there, is_new=True)
+    kept = CAR | {"time_headway": taken, "desired_speed": 1e9}
+    if SHORTEST < there < USUAL:
+        assert idm_plus(kept, gap, speed, min(leader, speed)) == pytest.approx(0.0, abs=1e-4)
+    else:
+        assert taken == pytest.approx(SHORTEST if there <= SHORTEST else USUAL)
+
+
+@pytest.mark.parametrize("start", [0.3, SHORTEST, 1.0])
+def test_a_short_headway_grows_back_exponentially(start):
+    """T - (T - h) exp(-t / tau), to the half of a tick that explicit steps are off."""
+    headway, path = start, []
+    for _ in range(240):
+        headway = relax(headway, 0.2, is_new=False)
+        path.append(headway)
+    t = TICK_S * np.arange(1, 241)
+    np.testing.assert_allclose(path, USUAL - (USUAL - start) * np.exp(-t / TAU_S), atol=5e-3)
+
+
+@given(st.floats(0.1, USUAL), st.floats(-5.0, 5.0))
+def test_a_headway_is_never_shorter_than_what_there_is(headway, there):
+    """Who has fallen back, or been left behind, does not drive up again."""
+    assert relax(headway, there, is_new=False) >= min(there, USUAL) - 1e-6
+
+
+def test_after_a_cut_in_the_gap_relaxes(quiet, blank, play):
+    """A car moves in 20 m ahead at equal speed: the one behind hardly brakes, where IDM+ at its own headway would at
+    2.2 m/s^2, and the gap grows to s0 + v T as exp(-t / 15 s)."""
+    env, params = quiet
+    v, gap = 20.0, 20.0
+    state = put(blank, [55, 56], [500.0 + gap + 5.0, 500.0], [1, 1], [v, v], [v, 30.0])
+    vehicles = state.vehicles
+    state = state.replace(
+        vehicles=vehicles.replace(lateral_offset=vehicles.lateral_offset.at[55].set(4.0))
+    )
+    road = Record(play(state, params), env.config, params)
+    on = road.active[:, 55]
+    braking = np.diff(road.speed[on, 56]) / TICK_S
+    assert idm_plus(CAR, gap, v, v) < -2.0
+    assert braking.min() > -0.5
+    last = CAR["min_gap"] + v * USUAL
+    missing = (last - (road.x[:, 55] - 5.0 - road.x[:, 56]))[on]
+    t = TICK_S * np.arange(len(missing))
+    late = (t > 15.0) & (t < 60.0)
+    slope = np.polyfit(t[late], np.log(missing[late]), 1)[0]
+    assert -1 / slope == pytest.approx(TAU_S, rel=0.1)
+    # One step of traffic before the offset is below half a lane's width, the headway is what there is.
+    headway = jax.device_get(play(state, params).vehicles.headway)[:, 56]
+    assert headway[1] == pytest.approx((gap - 2.0) / v, abs=1e-3)
+    assert (np.diff(headway[1:]) > -1e-3).all()

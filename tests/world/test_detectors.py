@@ -1,0 +1,88 @@
+"""Detector counts as a demand, and one line for what is no file of counts."""
+
+import numpy as np
+import pytest
+
+import medjax
+from medjax.errors import InputError
+from medjax.traffic.demand import entry_rates
+
+COUNTS = """time_s,entry,vehicles_per_h,speed_m_per_s
+0,main,1200,31
+0,main,1400,29
+0,1,100,18
+0,2,0,
+900,1,300,18
+900,main,3000,30
+900,2,0,
+"""
+
+
+def test_counts_are_the_demand(tmp_path):
+    """What each entry asks for in each interval is what was counted; lanes are added, the last interval stays."""
+    file = tmp_path / "counts.csv"
+    file.write_text(COUNTS)
+    env, params = medjax.make(
+        "paper", ramp_x_m=[500, 2000], demand=medjax.read_detectors(file), num_gas=10
+    )
+    assert env.config.num_periods == 2
+    for time_s, main, first in (
+        (0, 2600, 100),
+        (899, 2600, 100),
+        (901, 3000, 300),
+        (9e4, 3000, 300),
+    ):
+        rates = 3600 * np.asarray(entry_rates(params.demand, 4, float(time_s)))
+        np.testing.assert_allclose(rates, [*[main / 4] * 4, first, 0.0], rtol=1e-5)
+
+
+def test_a_number_by_name_goes_before(tmp_path):
+    """And a recipe holds what the file said."""
+    file = tmp_path / "counts.csv"
+    file.write_text(COUNTS)
+    demand = medjax.read_detectors(file)
+    env, params = medjax.make("paper", num_ramps=2, demand=demand, mainline_per_h=100)
+    assert float(params.demand.mainline_per_h) == 100
+    assert env.recipe.overrides["ramp_per_h"] == [200.0, 0.0]
+    _, again = medjax.make("paper", **env.recipe.overrides)
+    np.testing.assert_array_equal(again.demand.profile, params.demand.profile)
+
+
+BAD = {
+    "time_s,entry\n0,main\n": "vehicles_per_h",
+    "": "columns",
+    "time_s,entry,vehicles_per_h\n": "columns",
+    COUNTS.replace("1400", "many"): "line 3.*vehicles_per_h = 'many'",
+    COUNTS.replace("1400", "-1"): "line 3.*vehicles_per_h = '-1'",
+    COUNTS.replace("1400", "nan"): "line 3.*vehicles_per_h = 'nan'",
+    COUNTS.replace("0,1,100", "0,ramp,100"): "entry = 'ramp'",
+    COUNTS.replace("900,2,0", "900,3,0"): "no row of ramp",
+    COUNTS + "1000,main,1,1\n1000,1,1,1\n1000,2,1,1\n": "evenly",
+    COUNTS + "1800\n": "line 9",
+}
+
+
+@pytest.mark.parametrize("text", BAD, ids=list(BAD.values()))
+def test_bad_files_are_refused_in_one_line(tmp_path, text):
+    """Which line and column, the value, and what is allowed."""
+    file = tmp_path / "counts.csv"
+    file.write_text(text)
+    with pytest.raises(InputError, match=BAD[text]) as error:
+        medjax.read_detectors(file)
+    assert "\n" not in str(error.value)
+
+
+def test_no_such_file_is_one_line():
+    """As any other bad input."""
+    with pytest.raises(InputError, match="cannot be read"):
+        medjax.read_detectors("/nonexistent/counts.csv")
+
+
+def test_ramps_must_be_as_many_as_counted(tmp_path):
+    """The paper's road has four."""
+    file = tmp_path / "counts.csv"
+    file.write_text(COUNTS)
+    with pytest.raises(InputError, match="has shape"):
+        medjax.make("paper", demand=medjax.read_detectors(file))
+    with pytest.raises(InputError, match="demand"):
+        medjax.make("paper", demand=[1, 2])
