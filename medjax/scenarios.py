@@ -110,6 +110,9 @@ def _profile(numbers: dict[Any, Any], sizes: dict[Any, Any]) -> np.ndarray | Non
     profile = as_numbers(numbers.get(name))
     if profile is None or not profile.ndim:
         return None
+    allowed = SIZES["num_periods"]
+    if not allowed.low <= len(profile) <= allowed.high:
+        raise InputError(f"{name} has {len(profile)} periods: allowed {allowed}")
     sizes.setdefault("num_periods", len(profile))
     if profile.ndim > 1:
         return None

@@ -1,5 +1,6 @@
 """What a refusal of bad input has to look like."""
 
+import reprlib
 import time
 import warnings
 
@@ -50,6 +51,6 @@ def not_refused(calls, *words):
 def ascii_of(value):
     """A value for a message, whatever it is."""
     try:
-        return ascii(value)[:60]
+        return ascii(reprlib.repr(value))[:60]  # a value may hold more than memory does
     except Exception:
         return "?"

@@ -109,6 +109,7 @@ COMMANDS = {
     "benchmarks.speed.scaling": [],
     "benchmarks.speed.throughput": [],
     "benchmarks.speed.training": [],
+    "benchmarks.studies.ticks": [],
     "benchmarks.studies.tune": [],
     "benchmarks.studies.ablation.__main__": ["cooldown"],
     "benchmarks.verification.golden": ["--out=new.npz"],

@@ -37,6 +37,7 @@ def moved_to_the_end(state, config, params, x):
         lane=put(vehicles.lane, [2, 1, 3, 2, 2]),
         speed=put(vehicles.speed, 18.0),
         desired_speed=put(vehicles.desired_speed, [18.0, 30.0, 30.0, 30.0, 30.0]),
+        destination=put(vehicles.destination, float(params.road.length_m)),
     )
     low = state.evs.energy_j.at[:4].set(0.2 * params.ev_capacity_j)
     status = state.meds.status.at[0].set(IN_SERVICE)

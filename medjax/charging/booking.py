@@ -82,6 +82,7 @@ class Offers(NamedTuple):
     lane: jax.Array  # int32
     length: jax.Array  # m
     free: jax.Array  # bool, in service, with energy, and the slot not booked
+    leaves_x: jax.Array  # m, where it leaves the road
 
 
 class Requests(NamedTuple):
@@ -127,7 +128,6 @@ def grant(
     panel: jax.Array,
     requests: Requests,
     offers: Offers,
-    road_length_m: jax.Array | float,
     num_lanes: int,
     params: ChargingParams,
 ) -> tuple[jax.Array, jax.Array]:
@@ -153,7 +153,7 @@ def grant(
 
     cost = _panel_cost(requests, offer, num_lanes, params)
     seconds, choice = _first_minimum(cost)
-    time_left = (road_length_m - offer.x) / jnp.maximum(offer.speed, 1.0)
+    time_left = (offer.leaves_x - offer.x) / jnp.maximum(offer.speed, 1.0)
     in_time = (seconds + WORTHWHILE_S <= time_left) & (seconds < requests.endurance_s)
     asks = requests.asks & (distance < FAR) & in_time
 
@@ -180,6 +180,7 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
         lane=vehicles.lane[med_slots],
         length=length[med_slots],
         free=can_serve(meds, params)[:, None] & ~booked,
+        leaves_x=vehicles.destination[med_slots],
     )
     lane = vehicles.lane[ev_slots]
     _, power_w = cruising(params)
@@ -201,8 +202,7 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
 def book(state: EnvState, config: EnvConfig, params: EnvParams) -> EVs:
     """The EVs after one round of asking and granting."""
     evs, (requests, offers) = state.evs, ask(state, config, params)
-    length_m, num_lanes = params.road.length_m, config.num_lanes
-    med, panel = grant(evs.med, evs.panel, requests, offers, length_m, num_lanes, params.charging)
+    med, panel = grant(evs.med, evs.panel, requests, offers, config.num_lanes, params.charging)
     return evs.replace(med=med, panel=panel)
 
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 
 from medjax.numerics.gathers import read
+from medjax.numerics.sums import rounded
 from medjax.traffic.neighbours import NOBODY
 from medjax.world.params import DriverParams, LaneChangeParams, Scalar
 
@@ -166,7 +167,8 @@ def relaxed_headway(
     Source: Laval and Leclercq 2008; Schakel, Knoop, van Arem 2012, eq (13).
     """
     there = jnp.minimum(spare, usual)
-    grown = headway + (usual - headway) * (dt / params.relaxation_s)
+    short = jnp.minimum(headway, usual)
+    grown = short + rounded((usual - short) * (dt / params.relaxation_s))
     taken = jnp.maximum(there, jnp.minimum(params.accepted_headway, usual))
     return jnp.where(is_new, taken, jnp.maximum(grown, there))
 

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 
+from medjax.numerics.sums import rounded
 from medjax.traffic.following import Drivers, Follower
 
 # Bumper gaps are not let below this in s*/s, so that an overlap brakes hard instead of dividing by 0.
@@ -86,13 +87,13 @@ def wanted_gap(
 ) -> jax.Array:
     """IDM's s*, m, with `braking_weight` from the function of that name."""
     braking = jnp.multiply(braking_weight, speed * (speed - leader_speed))
-    return jnp.add(min_gap, jnp.maximum(0.0, speed * time_headway + braking))
+    return jnp.add(min_gap, jnp.maximum(0.0, rounded(speed * time_headway) + braking))
 
 
 def interaction(wanted: jax.Array, gap: ArrayLike, max_acceleration: ArrayLike) -> jax.Array:
     """A (s*/s)^2, m/s^2, what the leader takes from the free acceleration."""
     ratio = wanted / jnp.maximum(gap, SMALLEST_GAP_M)
-    return jnp.multiply(max_acceleration, jnp.square(ratio))
+    return rounded(jnp.multiply(max_acceleration, jnp.square(ratio)))
 
 
 @dataclasses.dataclass(frozen=True)

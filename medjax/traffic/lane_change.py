@@ -12,6 +12,7 @@ from typing import NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 
+from medjax.numerics.sums import rounded
 from medjax.traffic.following import Follower, Leader, gap_between, of_slots
 from medjax.traffic.mobil import is_safe, mobil_incentive
 from medjax.traffic.neighbours import NOBODY, Neighbours
@@ -99,7 +100,7 @@ GOES = -jnp.inf
 def _for_the_desire(usual: jax.Array, desire: jax.Array, params: LaneChangeParams) -> jax.Array:
     """Headways that are accepted for a change so urgent, s: LMRS, eq (10)."""
     shortest = jnp.minimum(params.accepted_headway, usual)
-    return usual + (shortest - usual) * desire
+    return usual - rounded((usual - shortest) * desire)
 
 
 def _courtesy(

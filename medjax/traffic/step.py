@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.numerics.sums import count_down, in_units
+from medjax.numerics.sums import count_down, in_units, rounded
 from medjax.traffic.exits import exit_desire, prepares
 from medjax.traffic.following import (
     CarFollowing,
@@ -106,7 +106,8 @@ def _wishes(
     """Mandatory changes: off a ramp, towards an exit, and what is ordered; and who may change to the side looked at."""
     target = vehicles.lane + direction
     merging = vehicles.lane == config.num_lanes
-    urgency = jnp.clip(1.0 - in_units(to_end, params.lane_change.view_m), ORDERED_DESIRE, 1.0)
+    far = rounded(in_units(to_end, params.lane_change.view_m))
+    urgency = jnp.clip(1.0 - far, ORDERED_DESIRE, 1.0)
     there = vehicles.active & (target >= 0) & (target < config.num_lanes)
     wanted = orders.desire
     stay = orders.stay | (vehicles.recovery_s > 0.0)

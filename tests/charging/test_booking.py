@@ -21,9 +21,7 @@ def booking(paper):
     """`grant` of the paper's numbers, compiled."""
     _, params = paper
     return jax.jit(
-        lambda med, panel, requests, offers: grant(
-            med, panel, requests, offers, 4000.0, 4, params.charging
-        )
+        lambda med, panel, requests, offers: grant(med, panel, requests, offers, 4, params.charging)
     )
 
 
@@ -45,6 +43,7 @@ def draw(seed):
         lane=jnp.full(NUM_MEDS, 2, jnp.int32),
         length=jnp.full(NUM_MEDS, 12.0),
         free=jnp.asarray(free),
+        leaves_x=jnp.full(NUM_MEDS, 4000.0),
     )
     requests = Requests(
         x=jnp.asarray(x, jnp.float32),
@@ -122,10 +121,9 @@ def test_too_far_or_too_late_is_refused(booking, paper):
     med = panel = jnp.full((1,), NOT_BOOKED, jnp.int32)
     free = jnp.ones((1, 4), bool)
 
-    def accepted(ev_x, med_x, endurance=500.0):
-        offers = Offers(
-            jnp.array([med_x]), jnp.array([22.0]), jnp.array([2]), jnp.array([12.0]), free
-        )
+    def accepted(ev_x, med_x, endurance=500.0, leaves_x=4000.0):
+        med_there = (jnp.array([value]) for value in (med_x, 22.0, 2, 12.0))
+        offers = Offers(*med_there, free, jnp.array([leaves_x]))
         requests = Requests(
             jnp.array([ev_x]),
             jnp.array([1]),
@@ -133,13 +131,14 @@ def test_too_far_or_too_late_is_refused(booking, paper):
             jnp.array([True]),
             jnp.array([endurance]),
         )
-        got, _ = grant(med, panel, requests, offers, 4000.0, 4, params.charging)
+        got, _ = grant(med, panel, requests, offers, 4, params.charging)
         return int(got[0]) == 0
 
     assert accepted(900.0, 1000.0)
     assert not accepted(900.0, 901.0 + float(params.charging.reach_ahead_m))
     assert not accepted(900.0, 899.0 - float(params.charging.reach_behind_m))
     assert not accepted(3800.0, 3950.0)  # the MED leaves in 2.3 s
+    assert not accepted(900.0, 1000.0, leaves_x=1050.0)  # by an exit
     assert not accepted(900.0, 1000.0, endurance=3.0)
 
 

@@ -1,0 +1,84 @@
+"""`python -m benchmarks.ticks`: whether the length of a tick decides anything.
+
+Rules play the same episodes at several ticks. Arrivals, drivers' noise and actions are drawn once a decision, so that
+episodes are paired; traffic that is dense forgets them within a minute, and what is compared are means.
+"""
+
+import argparse
+from typing import Any
+
+import medjax
+from benchmarks.command import a_number, episodes_parser, run_command
+from benchmarks.studies.ablation.scores import Column, cells, describe, headings
+from medjax.episodes.scores import Scores, evaluate_policies
+from medjax.errors import InputError
+from medjax.policies.rules import BASELINES
+from train.evaluation.statistics import bootstrap_ci95
+from train.evaluation.tables import format_rows, interval, short
+
+RULES = ("forecast", "paced", "none")
+TICKS_S = (0.5, 0.25, 0.125)
+COLUMNS = (
+    Column("return", "return", ""),
+    Column("depleted_share", "depleted share", ""),
+    Column("energy_delivered_kwh", "kWh delivered", ""),
+    Column("gas_mean_speed", "others' speed, m/s", ""),
+    Column("lane_changes", "lane changes", ""),
+    Column("collisions", "collisions", ""),
+)
+
+
+def play(scenario: str, tick_s: float, episodes: int, seed: int) -> dict[str, Scores]:
+    """Scores of the rules at this tick, with decisions as long as the preset's.
+
+    Raises:
+      InputError: decisions are no whole number of such ticks.
+    """
+    config = medjax.SCENARIOS[scenario].config
+    ticks = round(config.decision_s / tick_s)
+    if abs(ticks * tick_s - config.decision_s) > 1e-6:
+        raise InputError(
+            f"--ticks {tick_s:g}: allowed parts of a decision of {config.decision_s:g} s"
+        )
+    env, params = medjax.make(scenario, tick_s=tick_s, ticks_per_decision=ticks)
+    policies = {name: BASELINES[name](env) for name in RULES}
+    return evaluate_policies(env, params, policies, episodes, seed)
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Prints a row a rule and tick; what differs from the last tick given, with its interval."""
+    scores = {
+        tick: play(options.scenario, tick, options.episodes, options.seed) for tick in options.ticks
+    }
+    reference = options.ticks[-1]
+    rows, table = (
+        [],
+        [["policy", "tick, s", *headings(COLUMNS), f"return minus at {reference:g}, 95 % CI"]],
+    )
+    for name in RULES:
+        for tick in options.ticks:
+            score = scores[tick][name]
+            change = score["return"] - scores[reference][name]["return"]
+            row = {"policy": name, "tick_s": tick, **describe(score, COLUMNS, options.seed)}
+            row["return_change"] = float(change.mean())
+            row["return_change_ci95"] = list(bootstrap_ci95(change, options.seed))
+            shown = f"{short(row['return_change'])} {interval(row['return_change_ci95'])}"
+            shown = "" if tick == reference else shown
+            table.append([name, f"{tick:g}", *cells(row, COLUMNS), shown])
+            rows.append(row)
+    print(f"{options.scenario}, {options.episodes} episodes, seed {options.seed}")
+    print(format_rows(table))
+    return {"scenario": options.scenario, "episodes": options.episodes, "rows": rows}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = episodes_parser("ticks", __doc__, episodes=128, seed=0)
+    parser.add_argument(
+        "--ticks",
+        type=a_number("a tick from 0.01 to 1 s", lambda value: 0.01 <= value <= 1.0),
+        nargs="+",
+        default=list(TICKS_S),
+        metavar="S",
+        help=f"lengths of a tick, s (default: {' '.join(map(str, TICKS_S))})",
+    )
+    run_command(parser, measure, arguments)
