@@ -7,17 +7,19 @@ episodes are paired; traffic that is dense forgets them within a minute, and wha
 import argparse
 from typing import Any
 
+import jax
+import numpy as np
+
 import medjax
 from benchmarks.command import a_number, episodes_parser, run_command
-from benchmarks.studies.ablation.scores import Column, cells, describe, headings
+from benchmarks.studies.ablation.scores import Column
+from benchmarks.studies.ablation.sweeps import rows_of, table_of
 from medjax.episodes.scores import Scores, evaluate_policies
 from medjax.errors import InputError
 from medjax.policies.rules import BASELINES
-from train.evaluation.statistics import bootstrap_ci95
-from train.evaluation.tables import format_rows, interval, short
 
 RULES = ("forecast", "paced", "none")
-TICKS_S = (0.5, 0.25, 0.125)
+TICKS_S = (0.125, 0.25, 0.5)
 COLUMNS = (
     Column("return", "return", ""),
     Column("depleted_share", "depleted share", ""),
@@ -46,28 +48,15 @@ def play(scenario: str, tick_s: float, episodes: int, seed: int) -> dict[str, Sc
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Prints a row a rule and tick; what differs from the last tick given, with its interval."""
-    scores = {
-        tick: play(options.scenario, tick, options.episodes, options.seed) for tick in options.ticks
-    }
-    reference = options.ticks[-1]
-    rows, table = (
-        [],
-        [["policy", "tick, s", *headings(COLUMNS), f"return minus at {reference:g}, 95 % CI"]],
-    )
+    """Prints a row a rule and tick; what differs from the first tick given, with its interval."""
+    ticks, seed = options.ticks, options.seed
+    played = [play(options.scenario, tick, options.episodes, seed) for tick in ticks]
+    rows = []
     for name in RULES:
-        for tick in options.ticks:
-            score = scores[tick][name]
-            change = score["return"] - scores[reference][name]["return"]
-            row = {"policy": name, "tick_s": tick, **describe(score, COLUMNS, options.seed)}
-            row["return_change"] = float(change.mean())
-            row["return_change_ci95"] = list(bootstrap_ci95(change, options.seed))
-            shown = f"{short(row['return_change'])} {interval(row['return_change_ci95'])}"
-            shown = "" if tick == reference else shown
-            table.append([name, f"{tick:g}", *cells(row, COLUMNS), shown])
-            rows.append(row)
-    print(f"{options.scenario}, {options.episodes} episodes, seed {options.seed}")
-    print(format_rows(table))
+        score = jax.tree.map(lambda *each: np.stack(each), *(scores[name] for scores in played))
+        rows += rows_of(name, score, ticks, seed, COLUMNS)
+    print(f"{options.scenario}, {options.episodes} episodes, seed {seed}: length of a tick (s)")
+    print(table_of(rows, ticks[0], COLUMNS))
     return {"scenario": options.scenario, "episodes": options.episodes, "rows": rows}
 
 

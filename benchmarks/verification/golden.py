@@ -56,33 +56,31 @@ TRAINING = {
 CLOCKS = ("wall_s", "env_steps_per_s")  # of a row of metrics.jsonl
 QUIET = {"num_meds": 2, "num_evs": 6, "num_gas": 4, "mainline_per_h": 300, "ramp_per_h": 0}
 BUSY = {"ev_share": 0.8, "arrival_soc_high": 0.4, "ramp_x_m": [300.0], "ramp_per_h": [0.0]}
-# The worlds of the golden test: full traffic for a few decisions, and a MED that charges EVs on a quiet road. There few
-# vehicles decide anything, so that rounding stays rounding for long.
 # A piece of `corridor` so small and full that everything in it happens within a minute or two.
 TRIPS = {
-    **{"num_meds": 4, "num_evs": 24, "num_gas": 24, "length_m": 2500.0, "ramp_x_m": [50.0, 1300.0]},
-    **{
-        "exit_x_m": [900.0, 1900.0],
-        "exit_notice_m": 500.0,
-        "ramp_per_h": 300.0,
-        "mainline_per_h": 2400.0,
-    },
-    **{
-        "ev_share": 0.7,
-        "arrival_soc_low": 0.01,
-        "arrival_soc_high": 0.3,
-        "stop_soc": 0.05,
-        "battery_scale": 20.0,
-    },
-    **{
-        "trip_m": 700.0,
-        "turnaround_s": 10.0,
-        "period_s": 40.0,
-        "size": 4,
-        "slope": 0.01,
-        "cooldown_s": 5.0,
-    },
+    "num_meds": 4,
+    "num_evs": 24,
+    "num_gas": 24,
+    "length_m": 2500.0,
+    "ramp_x_m": [50.0, 1300.0],
+    "exit_x_m": [900.0, 1900.0],
+    "exit_notice_m": 500.0,
+    "slope": 0.01,
+    "mainline_per_h": 2400.0,
+    "ramp_per_h": 300.0,
+    "period_s": 40.0,
+    "ev_share": 0.7,
+    "arrival_soc_low": 0.01,
+    "arrival_soc_high": 0.3,
+    "stop_soc": 0.05,
+    "battery_scale": 20.0,
+    "size": 4,
+    "cooldown_s": 5.0,
+    "trip_m": 700.0,
+    "turnaround_s": 10.0,
 }
+# The worlds of the golden test: full traffic for a few decisions, a MED that charges EVs on a quiet road, and exits. In
+# the quiet one few vehicles decide anything, so that rounding stays rounding for long.
 SHORT: dict[str, tuple[str, int, dict[str, Any]]] = {
     "paper": ("paper", 20, {}),
     "quiet": ("paper", 80, {**QUIET, **BUSY}),

@@ -98,9 +98,8 @@ def _flow(
         charging_stops=jnp.sum(left[ev_slots] & evs.stops, dtype=jnp.float32),
         exit_soc=sum_pairwise(jnp.where(left[ev_slots], soc, 0.0)),
         low_exits=jnp.sum(left[ev_slots] & (evs.stops | low & goes_on), dtype=jnp.float32),
-        ev_delay_s=seconds(
-            before.active[ev_slots]
-        ),  # all of the time: `ways` takes off what need not be
+        # All of the time on the road: `ways` takes off what need not be.
+        ev_delay_s=seconds(before.active[ev_slots]),
         gas_delay_s=seconds(before.active[gas_slots]),
         med_seconds=seconds(sent),
         gas_seconds=jnp.stack([seconds(there) for there in _of_gas(after.active, before, config)]),

@@ -141,6 +141,7 @@ class Player:
         """`function(*row, params)` for rows that policies take in turn, each in its policy's world."""
 
         def mapped(*given: Any) -> Any:
+            """What the function makes of rows, an axis of them first in every leaf, and params of one world."""
             *rows, params = given
             first, *others = (policy.world(params) for policy in self.policies)
             turns = jax.tree.leaves(rows)[0].shape[0] // len(self.policies)

@@ -41,6 +41,7 @@ def slow(env: Environment) -> Policy:
     """
 
     def world(params: EnvParams) -> EnvParams:
+        """The world in which every driver of a low EV complies, as `medjax.charging.range.answering` has it."""
         drivers = params.drivers.replace(
             eco_compliance=1.0,
             eco_speed=params.fleet.service_speed,

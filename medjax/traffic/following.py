@@ -36,9 +36,7 @@ class Drivers(NamedTuple):
     min_gap: jax.Array  # m
     max_acceleration: jax.Array  # m/s^2
     comfortable_deceleration: jax.Array  # m/s^2
-    closing: (
-        jax.Array
-    )  # s^2/m, 1 / (2 sqrt(a b)): headway that comfortable braking takes per closing speed
+    closing: jax.Array  # s^2/m, `braking_weight`
 
 
 class Follower(NamedTuple):
@@ -93,13 +91,18 @@ def of_slots(vehicles: T, slots: jax.Array) -> T:
     return read(vehicles, jnp.maximum(slots, 0))
 
 
+def braking_weight(max_acceleration: ArrayLike, comfortable_deceleration: ArrayLike) -> jax.Array:
+    """1 / (2 sqrt(a b)), s^2/m: times speed and closing speed, the distance that comfortable braking asks for."""
+    return 0.5 / jnp.sqrt(jnp.multiply(max_acceleration, comfortable_deceleration))
+
+
 def make_drivers(kind: jax.Array, desired_speed: jax.Array, params: DriverParams) -> Drivers:
     """Drivers of all slots by their kinds' parameters.
 
     Args:
       kind: (N,) int32; desired_speed: (N,) m/s.
     """
-    hardest = by_kind(kind, params.max_acceleration * params.comfortable_deceleration)
+    closing = braking_weight(params.max_acceleration, params.comfortable_deceleration)
     return Drivers(
         length=by_kind(kind, params.vehicle_length),
         desired_speed=desired_speed,
@@ -107,7 +110,7 @@ def make_drivers(kind: jax.Array, desired_speed: jax.Array, params: DriverParams
         min_gap=by_kind(kind, params.min_gap),
         max_acceleration=by_kind(kind, params.max_acceleration),
         comfortable_deceleration=by_kind(kind, params.comfortable_deceleration),
-        closing=0.5 / jnp.sqrt(hardest),
+        closing=by_kind(kind, closing),
     )
 
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 
 from medjax.numerics.sums import rounded
-from medjax.traffic.following import Drivers, Follower
+from medjax.traffic.following import Drivers, Follower, braking_weight
 
 # Bumper gaps are not let below this in s*/s, so that an overlap brakes hard instead of dividing by 0.
 SMALLEST_GAP_M = 0.1
@@ -72,11 +72,6 @@ def free_acceleration(
     return jnp.multiply(max_acceleration, 1.0 - power)
 
 
-def braking_weight(max_acceleration: ArrayLike, comfortable_deceleration: ArrayLike) -> jax.Array:
-    """1 / (2 sqrt(a b)), s^2/m: times speed and closing speed, the distance that braking asks for."""
-    return 0.5 / jnp.sqrt(jnp.multiply(max_acceleration, comfortable_deceleration))
-
-
 def wanted_gap(
     speed: jax.Array,
     leader_speed: ArrayLike,
@@ -85,7 +80,7 @@ def wanted_gap(
     min_gap: ArrayLike,
     braking_weight: ArrayLike,
 ) -> jax.Array:
-    """IDM's s*, m, with `braking_weight` from the function of that name."""
+    """IDM's s*, m, with `following.braking_weight`."""
     braking = jnp.multiply(braking_weight, speed * (speed - leader_speed))
     return jnp.add(min_gap, jnp.maximum(0.0, rounded(speed * time_headway) + braking))
 

@@ -76,14 +76,14 @@ def merges(records):
 
 
 def test_hardly_anyone_stops(records, merges):
-    """Goal 0.5 %; 1.5 % of 400 are six, which so rare an event reaches once in 60 samples. Nobody stands for long."""
+    """Goal 0.5 %; 1.5 % of 400 are six, which so rare an event reaches once in 60 samples. Nobody is left standing."""
     assert len(merges) > 350
     assert sum(merge.slowest < 0.5 for merge in merges) < 0.015 * len(merges)
     standing = sum(
         ((road.lane == RAMP) & road.active & (road.speed < 0.5)).sum() for road in records
     )
     present = sum(((road.lane == RAMP) & road.active).sum() for road in records)
-    assert standing < 0.03 * present
+    assert standing < 0.01 * present
 
 
 def test_they_merge_at_the_speed_of_the_main_road(records, merges):

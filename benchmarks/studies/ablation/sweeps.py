@@ -2,6 +2,7 @@
 
 import argparse
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -116,19 +117,26 @@ def run(study: str, options: argparse.Namespace) -> dict[str, Any]:
     scores = play_worlds(env, params, numbers, policies, options.episodes, options.seed)
     rows = []
     for name, score in scores.items():
-        rows += _rows(name, score, values, options.seed)
+        rows += rows_of(name, score, values, options.seed, COLUMNS)
     print(f"{config.scenario}, {options.episodes} episodes, seed {options.seed}: {sweep.label}")
-    print(_table(rows, values[0]))
+    print(table_of(rows, values[0], COLUMNS))
     varied = {"study": study, "number": sweep.number, "label": sweep.label}
     played = {"episodes": options.episodes, "seed": options.seed}
     return {**varied, "scenario": config.scenario, **played, "rows": rows}
 
 
-def _rows(policy: str, score: Scores, values: list[float], seed: int) -> list[dict[str, Any]]:
-    """A row for each value; return_change is the return less that of the same episodes at the first value."""
+def rows_of(
+    policy: str, score: Scores, values: Sequence[float], seed: int, columns: Sequence[Column]
+) -> list[dict[str, Any]]:
+    """A row for each value; return_change is the return less that of the same episodes at the first value.
+
+    Args:
+      score: arrays `(values, episodes)`.
+      seed: of the intervals' bootstrap.
+    """
     rows = []
     for index, value in enumerate(values):
-        row = {"policy": policy, "value": value, **describe(in_world(score, index), COLUMNS, seed)}
+        row = {"policy": policy, "value": value, **describe(in_world(score, index), columns, seed)}
         change = score["return"][index] - score["return"][0]
         row["return_change"] = float(change.mean())
         row["return_change_ci95"] = list(bootstrap_ci95(change, seed))
@@ -136,13 +144,13 @@ def _rows(policy: str, score: Scores, values: list[float], seed: int) -> list[di
     return rows
 
 
-def _table(rows: list[dict[str, Any]], first: float) -> str:
-    """The rows as text."""
-    table = [["policy", "value", *headings(COLUMNS), f"return minus at {first}, 95 % CI"]]
+def table_of(rows: Sequence[dict[str, Any]], first: float, columns: Sequence[Column]) -> str:
+    """The rows as text; `first` is the value that the others are compared with."""
+    table = [["policy", "value", *headings(columns), f"return minus at {first}, 95 % CI"]]
     for row in rows:
         change = f"{short(row['return_change'])} {interval(row['return_change_ci95'])}"
         shown = change if row["value"] != first else ""
-        table.append([row["policy"], str(row["value"]), *cells(row, COLUMNS), shown])
+        table.append([row["policy"], str(row["value"]), *cells(row, columns), shown])
     return format_rows(table)
 
 

@@ -19,8 +19,8 @@ class Range:
     source: str
 
     def holds(self, value: float) -> bool | None:
-        """Whether it lies there, to the five digits that float32 leaves it; None where there is no figure."""
-        return None if math.isnan(value) else self.low <= float(f"{value:.5g}") <= self.high
+        """Whether it lies there; None where there is no figure."""
+        return None if math.isnan(value) else self.low <= value <= self.high
 
 
 ANY, GOAL = math.inf, "a goal of this project"

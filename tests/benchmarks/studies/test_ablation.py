@@ -67,12 +67,10 @@ def test_without_misalignment_every_link_is_nominal():
     """Then the share that arrives is that of coils face to face, and over the episodes more than with misalignment."""
     env, params = medjax.make("paper", num_gas=20, episode_decisions=240)
     numbers = {"link.misalignment_scale": np.array([0.0, 1.0, 2.0])}
-    score = play_worlds(env, params, numbers, rules(env, "paced"), episodes=4, seed=1)["paced"]
+    score = play_worlds(env, params, numbers, rules(env, "paced"), episodes=4, seed=2)["paced"]
     sent = score["energy_delivered_kwh"] + score["energy_lost_kwh"]
-    total_sent = sent.sum(axis=1)
-    assert (total_sent > 1.0).all()
-    used = sent[0] > 0.1
-    arrives = score["energy_delivered_kwh"][0][used] / sent[0][used]
+    assert (sent > 0.1).all()
+    arrives = score["energy_delivered_kwh"] / sent
     nominal = link_efficiency(
         mutual_inductance(0.35, 0.30, 0.2, 0.0, 0.0, primary_turns=10, secondary_turns=10),
         load=10.0,
@@ -80,9 +78,9 @@ def test_without_misalignment_every_link_is_nominal():
         secondary_resistance=0.126,
         angular_frequency=2 * np.pi * 85e3,
     )
-    np.testing.assert_allclose(arrives, float(nominal), atol=1e-4)
+    np.testing.assert_allclose(arrives[0], float(nominal), atol=1e-4)
     # Not in every episode: panels that wander towards each other couple better than nominal ones.
-    total = score["energy_delivered_kwh"].sum(axis=1) / total_sent
+    total = score["energy_delivered_kwh"].sum(axis=1) / sent.sum(axis=1)
     assert total[0] > total[1] > total[2]
 
 
