@@ -15,6 +15,7 @@ import medjax
 from benchmarks.verification.decisions import Decision, check_decision
 from benchmarks.verification.invariants import (
     INVARIANTS,
+    STANDS_M_PER_S,
     STANDS_S,
     Counts,
     check_standing,
@@ -84,6 +85,9 @@ def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
             obs, state, reward, _, _, info = env.step_env(step_key, before, action, params)
             decided = Decision(before, state, obs, reward, info)
             stands = stands_open(before, config, params) & stands_open(state, config, params)
+            # Who stops and goes, as to let somebody in, does not stand.
+            way = jnp.abs(state.vehicles.x - before.vehicles.x)
+            stands &= way <= STANDS_M_PER_S * config.decision_s
             stood_s = jnp.where(stands, played.stood_s + config.decision_s, 0.0)
             flags = {"standing": {"for too long": stood_s > STANDS_S}}
             counts = check_decision(decided, config, params), count(flags)
@@ -154,7 +158,8 @@ class Case:
     def __str__(self) -> str:
         c = self.config
         return (
-            f"{c.num_lanes} lanes, {c.num_ramps} ramps, {c.tick_s:g} s x {c.ticks_per_decision}, "
+            f"{c.num_lanes} lanes, {c.num_ramps} ramps, {c.tick_s:g} s x "
+            f"{c.ticks_per_round} x {c.rounds_per_decision}, "
             f"{c.num_meds} MEDs, {c.num_evs} EVs, {c.num_gas} gas"
         )
 

@@ -39,9 +39,6 @@ class Decision(NamedTuple):
 
 def check_decision(decision: Decision, config: EnvConfig, params: EnvParams) -> Counts:
     """Violations in one whole decision by invariant, `()` int32 each."""
-    begun = decision.info["begun"]
-    entered, books = check_entry(decision.before, begun, config, params)
-    counts = count(entered, check_standing(begun, config, params))
 
     def look(carry: tuple[EnvState, Counts, Books], state: EnvState) -> tuple[Any, None]:
         last, counts, books = carry
@@ -49,10 +46,28 @@ def check_decision(decision: Decision, config: EnvConfig, params: EnvParams) -> 
         found = count(flags, check_state(state, config, params))
         return (state, *jax.tree.map(jnp.add, (counts, books), (found, more))), None
 
-    start = begun, counts, books
-    (last, counts, books), _ = jax.lax.scan(look, start, decision.info["ticks"])
+    def play(
+        last: EnvState, seen: tuple[EnvState, EnvState]
+    ) -> tuple[EnvState, tuple[Counts, Books]]:
+        """A round of entries and its ticks."""
+        begun, ticks = seen
+        entered, books = check_entry(last, begun, config, params)
+        counts = count(entered, check_standing(begun, config, params))
+        (last, counts, books), _ = jax.lax.scan(look, (begun, counts, books), ticks)
+        return last, (counts, books)
+
+    seen = decision.info["begun"], by_round(decision.info["ticks"], config)
+    last, found = jax.lax.scan(play, decision.before, seen)
+    counts, books = jax.tree.map(lambda each: each.sum(axis=0), found)
     closing = check_closing(last, decision, books, config, params)
     return jax.tree.map(jnp.add, counts, count(closing))
+
+
+def by_round(ticks: Any, config: EnvConfig) -> Any:
+    """What a probe saw of a decision's ticks, (ticks, ...), by rounds of entries: (rounds, ticks in each, ...)."""
+    return jax.tree.map(
+        lambda each: each.reshape(-1, config.ticks_per_round, *each.shape[1:]), ticks
+    )
 
 
 def check_closing(

@@ -31,24 +31,28 @@ def explain(
     """Lines that say what goes wrong in a decision of one environment, whose probe reports the whole state."""
     config = env.config
     obs, after, reward, _, _, info = jax.jit(env.step_env)(key, before, action, params)
-    begun = info["begun"]
-    flags, books = check_entry(before, begun, config, params)
-    standing = check_lanes(begun.vehicles, begun.vehicles, lengths_of(begun, params))
-    yield from _lines("at the first tick's start", before, begun, config, params, flags, standing)
-    yield from _lines("there", before, begun, config, params, check_state(begun, config, params))
-    last = begun
+    last, books = before, []
     for tick in range(config.ticks_per_decision):
+        if tick % config.ticks_per_round == 0:
+            begun = jax.tree.map(operator.itemgetter(tick // config.ticks_per_round), info["begun"])
+            flags, more = check_entry(last, begun, config, params)
+            books.append(more)
+            standing = check_lanes(begun.vehicles, begun.vehicles, lengths_of(begun, params))
+            begins = flags, standing, check_state(begun, config, params)
+            yield from _lines(f"before tick {tick}", last, begun, config, params, *begins)
+            last = begun
         state = jax.tree.map(operator.itemgetter(tick), info["ticks"])
         flags, more = check_tick(last, state, config, params)
-        books = jax.tree.map(operator.add, books, more)
+        books.append(more)
         checks = flags, check_state(state, config, params)
         yield from _lines(f"tick {tick}", last, state, config, params, *checks)
         last = state
     decision = Decision(before, after, obs, reward, info)
-    closing = check_closing(last, decision, books, config, params)
+    total = jax.tree.map(lambda *each: sum(each), *books)
+    closing = check_closing(last, decision, total, config, params)
     for line in _lines("whole decision", last, after, config, params, closing):
         yield line
-        yield from _sums(books, info)
+        yield from _sums(total, info)
 
 
 def _lines(

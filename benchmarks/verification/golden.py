@@ -78,13 +78,15 @@ TRIPS = {
     "cooldown_s": 5.0,
     "trip_m": 700.0,
     "turnaround_s": 10.0,
+    "ticks_per_decision": 8,
+    "rounds_per_decision": 2,
 }
 # The worlds of the golden test: full traffic for a few decisions, a MED that charges EVs on a quiet road, and exits. In
 # the quiet one few vehicles decide anything, so that rounding stays rounding for long.
 SHORT: dict[str, tuple[str, int, dict[str, Any]]] = {
     "paper": ("paper", 20, {}),
     "quiet": ("paper", 80, {**QUIET, **BUSY}),
-    "trips": ("corridor", 60, TRIPS),
+    "trips": ("corridor", 30, TRIPS),
 }
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
@@ -35,6 +35,13 @@ from medjax.world.presets import Recipe
 from medjax.world.state import EnvState, Tally
 
 Step = tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, dict[str, Any]]
+
+
+class Probed(NamedTuple):
+    """What the probe reports of a decision; None without one."""
+
+    begun: Any  # (rounds, ...)
+    ticks: Any  # (ticks, ...)
 
 
 class ChargingEnv:
@@ -120,9 +127,9 @@ class ChargingEnv:
           weighted "reward_terms", "action_mask", "tally" of this decision, "begun" and "ticks" of the probe)
         """
         before = state
-        state, happened = self._begin(key, state, action, params)
-        begun = self.probe(state) if self.probe else None
-        state, happened, ticks = self._drive(state, happened, params)
+        with jax.named_scope("dispatch"):
+            state, dispatched = dispatch(state, action, self.config, params)
+        state, happened, probed = self._rounds(key, state, dispatched, params)
         state, given = advance_clocks(state, self.config, params)
         happened += given
         state = state.replace(tally=state.tally + happened)
@@ -139,21 +146,45 @@ class ChargingEnv:
             "reward_terms": terms,
             "action_mask": self.action_mask(state, params),
             "tally": happened,
-            "begun": begun,
-            "ticks": ticks,
+            "begun": probed.begun,
+            "ticks": probed.ticks,
         }
         return obs, state, reward, jnp.zeros((), bool), truncated, info
 
+    def _rounds(
+        self, key: jax.Array, state: EnvState, happened: Tally, params: EnvParams
+    ) -> tuple[EnvState, Tally, Probed]:
+        """The decision's rounds of entries and ticks, and what the probe saw: of each round's start, of each tick."""
+        config = self.config
+        rounds, ticks = config.rounds_per_decision, config.ticks_per_decision
+        keys = jax.random.split(key, rounds) if rounds > 1 else key[None]
+        indices = jnp.arange(ticks, dtype=jnp.int32).reshape(rounds, -1)
+        started = state.time
+
+        def play(
+            carry: tuple[EnvState, Tally], given: tuple[jax.Array, jax.Array, jax.Array]
+        ) -> tuple[tuple[EnvState, Tally], Probed]:
+            """One of them."""
+            (state, happened), (number, key, ticks) = carry, given
+            time_s = started * config.decision_s + number * config.round_s
+            state, entered = self._begin(key, state, time_s, params)
+            begun = self.probe(state) if self.probe else None
+            state, happened, seen = self._drive(state, happened + entered, ticks, params)
+            return (state, happened), Probed(begun, seen)
+
+        given = jnp.arange(rounds), keys, self._first_tick(state) + indices
+        (state, happened), probed = jax.lax.scan(play, (state, happened), given)
+        seen = jax.tree.map(lambda each: each.reshape(ticks, *each.shape[2:]), probed.ticks)
+        return state, happened, probed._replace(ticks=seen)
+
     def _begin(
-        self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
+        self, key: jax.Array, state: EnvState, time_s: jax.Array, params: EnvParams
     ) -> tuple[EnvState, Tally]:
-        """What a decision begins with: the action, entries, bookings, and drivers' noise."""
+        """What a round begins with: entries, plans, bookings, and drivers' noise."""
         config = self.config
         entry_key, noise_key = jax.random.split(key)
-        with jax.named_scope("dispatch"):
-            state, dispatched = dispatch(state, action, config, params)
         with jax.named_scope("entry"):
-            state, newcomers, entered = admit(entry_key, state, config, params)
+            state, newcomers, entered = admit(entry_key, state, time_s, config, params)
             driver_key = jax.random.fold_in(entry_key, DRIVERS)
             evs = welcome(driver_key, state.evs, newcomers, config, params)
             state = state.replace(evs=evs)
@@ -165,12 +196,12 @@ class ChargingEnv:
             state = state.replace(evs=book(state, config, params))
         with jax.named_scope("noise"):
             state = state.replace(vehicles=perturb(noise_key, state.vehicles, config, params))
-        return state, dispatched + entered
+        return state, entered
 
     def _drive(
-        self, state: EnvState, happened: Tally, params: EnvParams
+        self, state: EnvState, happened: Tally, ticks: jax.Array, params: EnvParams
     ) -> tuple[EnvState, Tally, Any]:
-        """The decision's ticks: the state, what happened so far and in them, and what the probe saw after each."""
+        """A round's ticks: the state, what happened so far and in them, and what the probe saw after each."""
         config = self.config
         drivers = drivers_of(answering(state, config, params), config, params)
 
@@ -184,13 +215,11 @@ class ChargingEnv:
             )
             return (state, happened + more), self.probe(state) if self.probe else None
 
-        indices = jnp.arange(config.ticks_per_decision, dtype=jnp.int32)
-        carry = state, happened
         begun = state.vehicles
-        (state, happened), probed = jax.lax.scan(tick, carry, self._first_tick(state) + indices)
+        (state, happened), seen = jax.lax.scan(tick, (state, happened), ticks)
         with jax.named_scope("tally"):
             happened += ways(begun, state.vehicles, config)
-        return state, happened, probed
+        return state, happened, seen
 
     def action_mask(self, state: EnvState, params: EnvParams) -> jax.Array:
         """Allowed actions, `(num_actions,)` bool; action 0 always is."""
@@ -210,8 +239,8 @@ class ChargingEnv:
 
     def with_probe(self, probe: Callable[[EnvState], Any] | None) -> Self:
         """This environment with a probe: what to report of the state after every physics tick, `probe(state)`, in
-        `info["ticks"]`, and of the one that the first tick starts from, with those who just entered or booked, in
-        `info["begun"]`; None: nothing.
+        `info["ticks"]`, `(ticks, ...)`, and of the one that each round's first tick starts from, with those who just
+        entered or booked, in `info["begun"]`, `(rounds, ...)`; None: nothing.
         """
         probed = copy.copy(self)
         probed.probe = probe

@@ -1,4 +1,4 @@
-"""Where vehicles drive to, thought over once a decision: a missed exit, a charger, a depot."""
+"""Where vehicles drive to, thought over once a round of entries: a missed exit, a charger, a depot."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def plan_trips(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[E
             med=jnp.where(parts, NOT_BOOKED, evs.med),
             panel=jnp.where(parts, NOT_BOOKED, evs.panel),
             is_charging=evs.is_charging & ~parts,
-            timer_s=jnp.where(parts, config.decision_s, evs.timer_s),
+            timer_s=jnp.where(parts, config.round_s, evs.timer_s),
             stops=evs.stops | stops,
         ),
     )

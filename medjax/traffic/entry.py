@@ -21,7 +21,7 @@ from medjax.traffic.demand import (
 from medjax.traffic.exits import draw_destinations, next_exit
 from medjax.traffic.following import by_kind
 from medjax.world.kinds import MED
-from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.params import EnvConfig, EnvParams, Scalar
 from medjax.world.state import MERGING, QUEUED, EnvState, Tally, Vehicles, count_kinds
 
 # Folded into the key of a round, which else draws what it drew before there were exits.
@@ -127,12 +127,15 @@ def _put_on_road(
 
 
 def admit(
-    key: jax.Array, state: EnvState, config: EnvConfig, params: EnvParams
+    key: jax.Array, state: EnvState, time_s: Scalar, config: EnvConfig, params: EnvParams
 ) -> tuple[EnvState, Newcomers, Tally]:
     """One round of entries: at most one vehicle at each entry, MEDs first.
 
     An arrival that finds no safe gap, or no free slot of its class, waits in the queue. What EVs bring with
     them is left to the caller.
+
+    Args:
+      time_s: () s since the episode's start.
 
     Returns:
       (state, who came, tally of who entered)
@@ -141,8 +144,7 @@ def admit(
     normal_key, uniform_key = jax.random.split(key)
     speed_draw = jax.random.normal(normal_key, (num_entries,))
     arrival_draw, class_draw, kind_draw, luck = jax.random.uniform(uniform_key, (4, num_entries))
-    rates = entry_rates(demand, config.num_lanes, state.time * config.decision_s)
-    expected = rates * config.decision_s
+    expected = entry_rates(demand, config.num_lanes, time_s) * config.round_s
     queue = state.queue + poisson_arrivals(arrival_draw, expected)
 
     first_med, med_waits = _waiting_meds(state, config)
@@ -170,7 +172,7 @@ def admit(
     queued_meds = jnp.sum(status == QUEUED)
     tally = Tally.zeros().replace(
         entered=count_kinds(entry >= 0, vehicles.kind, config),
-        queue_seconds=(jnp.sum(queue) + queued_meds).astype(jnp.float32) * config.decision_s,
+        queue_seconds=(jnp.sum(queue) + queued_meds).astype(jnp.float32) * config.round_s,
     )
     state = state.replace(
         vehicles=vehicles,

@@ -78,7 +78,7 @@ def perturb(key: jax.Array, vehicles: Vehicles, config: EnvConfig, params: EnvPa
     """Drivers' noise moves on once a decision, and they recover from lane changes; between decisions both stay."""
     drivers = params.drivers
     normal = jax.random.normal(key, (2, config.num_vehicles))
-    time_s, dt = params.motion.noise_time_s, config.decision_s
+    time_s, dt = params.motion.noise_time_s, config.round_s
     noise, wander = (
         ornstein_uhlenbeck(value, draw, by_kind(vehicles.kind, std), time_s, dt)
         for value, draw, std in (

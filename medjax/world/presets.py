@@ -158,6 +158,8 @@ SCENARIOS["corridor"] = Scenario(
         num_ramps=5,
         num_exits=5,
         num_periods=24,
+        ticks_per_decision=40,
+        rounds_per_decision=10,
     ),
     {
         "length_m": 30_000.0,
@@ -178,7 +180,7 @@ SCENARIOS["corridor"] = Scenario(
         "desired_speed_std": [0.0, 3.0, 1.0, 3.0, 0.7],
         "max_acceleration": [0.5, 1.4, 1.4, 1.4, 0.5],
         "vehicle_length": [16.5, 4.7, 4.7, 4.7, 16.5],
-        "right_bias": 0.2,
+        "right_bias": 0.3,
         "ev.pack_j": 58.0 * 3.6e6,
         "ev.mass_kg": 1_900.0,
         "ev.drag_coefficient": 0.28,
@@ -202,7 +204,7 @@ SCENARIOS["corridor"] = Scenario(
         "stop_soc": 0.1,
         "reach_ahead_m": 1_500.0,
         "patience_s": 120.0,
-        "episode_decisions": 3600,
+        "episode_decisions": 360,
     },
     reward="money",
 )

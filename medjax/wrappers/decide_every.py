@@ -1,7 +1,6 @@
 """Choices that stand for several decisions."""
 
 import dataclasses
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -46,7 +45,7 @@ class DecideEvery(Wrapper):
 
         Returns:
             obs, state, reward, terminated, truncated, info of the last decision; but the reward and what of info adds
-            up are sums over all, and `info["ticks"]` is of all, which after the end of an episode means nothing.
+            up are sums over all, and what a probe reports is of all, which after the end of an episode means nothing.
         """
         actions = jnp.zeros((self.interval,), jnp.int32).at[0].set(action)
         steps = (jax.random.split(key, self.interval), actions)
@@ -69,16 +68,12 @@ class DecideEvery(Wrapper):
 
         first: Any = (obs, state, *rest, info)
         (*last, info), probed = lax.scan(decide, first, steps)
-        for name, leaves in probed.items():
-            info[name] = jax.tree.map(PROBED[name], leaves)
-        return *last, info
+        joined = jax.tree.map(lambda each: each.reshape(-1, *each.shape[2:]), probed)
+        return *last, info | joined
 
 
 ADDED = ("reward_terms", "tally")  # of info: sums over decisions
-PROBED: dict[str, Callable[[jax.Array], jax.Array]] = {  # of info: what is made of those of all
-    "begun": lambda each: each[0],
-    "ticks": lambda each: each.reshape(-1, *each.shape[2:]),
-}
+PROBED = ("begun", "ticks")  # of info: those of all, one after the other
 
 
 def _split(info: Info) -> Info:

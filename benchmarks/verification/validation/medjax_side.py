@@ -38,6 +38,11 @@ def program(env: ChargingEnv, policy: str) -> tuple[Callable[..., Any], Callable
     decisions = round(60.0 / env.config.decision_s)
     weights = [player.policies[0].weights]
 
+    def joined(begun: jax.Array, ticks: jax.Array) -> jax.Array:
+        """(episodes, rounds, N) and (episodes, ticks, N) to (episodes, ticks, N)."""
+        rounds = ticks.reshape(*begun.shape[:2], -1, begun.shape[2])
+        return jnp.concatenate([begun[:, :, None], rounds[:, :, :-1]], 2).reshape(ticks.shape)
+
     @jax.jit
     def minute(playing: Episodes, number: jax.Array, params: EnvParams) -> tuple[Episodes, Any]:
         def decide(playing: Episodes, index: jax.Array) -> tuple[Episodes, Any]:
@@ -45,10 +50,7 @@ def program(env: ChargingEnv, policy: str) -> tuple[Callable[..., Any], Callable
             begun, ticks = made.info["begun"], made.info["ticks"]
             # Who has just entered is first seen where it entered, not after its first tick, which may end in
             # another lane; what the last tick leads to, the next decision begins with.
-            frames = jax.tree.map(
-                lambda first, rest: jnp.concatenate([first[:, None], rest[:, :-1]], 1), begun, ticks
-            )
-            return playing, frames
+            return playing, jax.tree.map(joined, begun, ticks)
 
         return jax.lax.scan(decide, playing, number * decisions + jnp.arange(decisions))
 

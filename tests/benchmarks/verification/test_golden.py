@@ -49,7 +49,7 @@ THRESHOLDS = {
     ),
     "motion": ("lateral_slope", "max_braking"),
     "road": ("exit_notice_m",),
-    "reward_weights": ("delay_h",),  # few are late in a minute
+    "reward_weights": ("tows",),  # nobody is towed in a minute
 }
 
 
