@@ -49,7 +49,7 @@ class FleetParams(struct.PyTreeNode):
         "a lorry's; with it the best rule does what the paper claims (docs/paper.md)",
     )
     service_lane: jax.Array | int = number(
-        2, 0, 5, "", "a lane with one on either side", whole=True
+        2, 0, 5, "", "one with a lane on either side has four slots", whole=True
     )
     reserve_soc: Scalar = number(0.1, 0, 1, "", "a MED keeps this for its way home; chosen")
 

@@ -69,8 +69,10 @@ def _profile(given: Any, config: EnvConfig) -> np.ndarray:
     return rows[:, columns]
 
 
-def _fit(params: EnvParams, config: EnvConfig) -> EnvParams:
-    """Params as far as the sizes allow: as many ramps and exits, no more MEDs, a service lane within the road."""
+def _fit(params: EnvParams, config: EnvConfig, own: EnvConfig) -> EnvParams:
+    """Params, of a preset with its `own` sizes, as far as these allow: as many ramps and exits, no more MEDs, a service
+    lane as far from the right one.
+    """
     road, demand, fleet = params.road, params.demand, params.fleet
     exits, shares = (np.asarray(x, np.float32) for x in (road.exit_x_m, demand.exit_share))
     if len(exits) != config.num_exits:
@@ -80,7 +82,8 @@ def _fit(params: EnvParams, config: EnvConfig) -> EnvParams:
     places, ramps = np.asarray(road.ramp_x_m, np.float32), config.num_ramps
     if len(places) != ramps:
         places = np.linspace(places[0], places[-1], ramps, dtype=np.float32)
-    lane = max(0, min(int(fleet.service_lane), config.num_lanes - 2))
+    lane = int(fleet.service_lane)
+    lane = max(0, min(lane, config.num_lanes - (own.num_lanes - lane)))
     return params.replace(
         road=road.replace(ramp_x_m=places, exit_x_m=exits),
         demand=demand.replace(
@@ -105,7 +108,7 @@ class Scenario:
         params = EnvParams()
         for name, value in self.numbers.items():
             params = _put(params, PLACES[name], value)
-        return _fit(params, config)
+        return _fit(params, config, self.config)
 
 
 SCENARIOS: dict[str, Scenario] = {
@@ -194,7 +197,7 @@ SCENARIOS["corridor"] = Scenario(
         "size": 20,
         "cooldown_s": 10.0,
         "service_speed": 23.0,
-        "service_lane": 1,
+        "service_lane": 2,
         "turnaround_s": 300.0,
         "depot_power_w": 350e3,
         "trip_m": 20_000.0,
