@@ -69,9 +69,9 @@ SWEEPS = {
     ),
     "power": Sweep(
         "charging.slot_power_w",
-        (5e3, 10e3, 20e3, 40e3),
+        (5e3, 10e3, 20e3, 40e3, 80e3, 160e3),
         "power of each of a MED's slots (W)",
-        "From a quarter to twice the power that `corridor` has: --scenario corridor.",
+        "From a quarter to eight times the power that `corridor` has: --scenario corridor.",
     ),
 }
 COLUMNS = (
