@@ -58,6 +58,7 @@ class Request:
     run_dir: Path | None  # None: an unused one under runs/
     resume: Path | None  # run to go on with
     processes: Processes
+    quiet: bool  # nothing is said on the way
 
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
@@ -93,6 +94,7 @@ def build_parser(kind: type[TrainConfig]) -> OneLineParser:
         metavar="FILE",
         help="settings of a file, .json or .yaml, such as the config.json of a run, where none are given here",
     )
+    parser.add_argument("--quiet", action="store_true", help="say nothing on the way")
     several = parser.add_argument_group("several machines")
     several.add_argument(
         "--coordinator",
@@ -145,7 +147,7 @@ def parse_request(kind: type[TrainConfig], argv: Sequence[str] | None = None) ->
     given = vars(parser.parse_args(argv))
     files = {"--run-dir": "run_dir", "--resume": "resume", "--config": "config"}
     texts = {option: given.pop(name) for option, name in files.items()}
-    coordinator = given.pop("coordinator")
+    coordinator, quiet = given.pop("coordinator"), given.pop("quiet")
     numbers = [given.pop(name) for name in ("num_processes", "process_id")]
     try:
         processes = Processes(
@@ -165,7 +167,7 @@ def parse_request(kind: type[TrainConfig], argv: Sequence[str] | None = None) ->
         config = from_json({**before, **changes}, kind)
     except InputError as error:
         parser.error(str(error))
-    return Request(config, run_dir, run, processes)
+    return Request(config, run_dir, run, processes, quiet)
 
 
 def _saved(kind: type[TrainConfig], run: Path | None, file: Path | None) -> TrainConfig:

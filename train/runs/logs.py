@@ -157,35 +157,56 @@ class _Board:
         self._file.close()
 
 
-class Progress:
-    """A progress bar on stderr, silent where that is no terminal."""
+SECONDS_PER_LINE = 10.0
 
-    def __init__(self, config: TrainConfig, done: int, what: str) -> None:
-        self._steps = config.steps_per_update * config.num_seeds
+
+class Progress:
+    """How far training is: a bar on stderr; where that is no terminal, a line on stdout every ten seconds or so.
+
+    The first line comes with the first update. `quiet` shows nothing.
+    """
+
+    def __init__(self, config: TrainConfig, done: int, what: str, quiet: bool = False) -> None:
+        self._updates, self._steps = config.num_updates, config.steps_per_update * config.num_seeds
         self._bar = tqdm(
-            total=config.num_updates * self._steps,
+            total=self._updates * self._steps,
             initial=done * self._steps,
             unit="step",
             unit_scale=True,
             dynamic_ncols=True,
-            disable=not sys.stderr.isatty(),
+            disable=quiet or not sys.stderr.isatty(),
             desc=what,
             leave=what != "compiling",
         )
+        self._lines = not quiet and not sys.stderr.isatty()
+        self._next_line = 0.0
         self._done = done
-        self._returned = False
+        self._score = ""
 
     def show(self, rows: list[Row]) -> None:
         """Moves on by the updates in `rows`, and shows the newest return there is."""
         returns = [row[MAIN] for row in rows if row.get(MAIN) is not None]
         if returns:
-            self._bar.set_postfix_str(f"return {returns[-1]:.4g}", refresh=False)
-        elif not self._returned:  # the first whole episodes end late
-            self._bar.set_postfix_str(f"reward {rows[-1]['reward_mean'] or 0.0:.3g}", refresh=False)
-        self._returned |= bool(returns)
+            self._score = f"return {returns[-1]:.4g}"
+        elif not self._score.startswith("return"):  # the first whole episodes end late
+            self._score = f"reward {rows[-1]['reward_mean'] or 0.0:.3g}"
+        self._bar.set_postfix_str(self._score, refresh=False)
         self._bar.update((rows[-1]["update"] - self._done) * self._steps)
         self._done = rows[-1]["update"]
+        now = time.perf_counter()
+        if self._lines and now >= self._next_line:
+            self._next_line = now + SECONDS_PER_LINE
+            print(_line_of(rows[-1], self._updates, self._score), flush=True)
 
     def close(self) -> None:
         """Leaves the bar as it is."""
         self._bar.close()
+
+
+def _line_of(row: Row, updates: int, score: str) -> str:
+    """Where a run stands after an update, and how long the rest takes at this pace."""
+    rate = row["env_steps_per_s"]
+    left_s = (updates - row["update"]) * row["env_steps"] / row["update"] / rate
+    left = f"{left_s:.0f} s" if left_s < 100.0 else f"{left_s / 60.0:.0f} min"
+    decisions = f"{row['env_steps']:,} decisions, {rate:,.0f} a second"
+    return f"update {row['update']} of {updates}: {decisions}, {score}, {left} left"

@@ -30,7 +30,8 @@ def open_session(request: Request) -> Session:
     programs = make_train(env, params, config)
     shapes = shapes_of(programs, params, config)
     taken = together(lambda: _take(request, shapes))
-    return Session(env, params, config, programs, shapes, request.resume is not None, *taken)
+    quiet = request.quiet or not is_first()
+    return Session(env, params, config, programs, shapes, request.resume is not None, *taken, quiet)
 
 
 def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None, TrainState | None]:

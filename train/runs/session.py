@@ -42,6 +42,7 @@ class Session:
     run_dir: RunDir  # where results go
     lock: IO[str] | None  # keeps other runs out while it is open; only the first process has it
     saved: TrainState | None  # checkpoint to go on from, on the host; None: from the start
+    quiet: bool = False  # says nothing on the way
 
     def __post_init__(self) -> None:
         """Starts the clock."""
@@ -74,7 +75,7 @@ class Session:
         enable_compilation_cache()
         self._announce()
         try:
-            with contextlib.closing(Progress(self.config, self.done, "compiling")):
+            with contextlib.closing(Progress(self.config, self.done, "compiling", self.quiet)):
                 init, run = self._compile()
         except KeyboardInterrupt:
             if self.resumed:
@@ -84,7 +85,7 @@ class Session:
         log = MetricsLog(self.run_dir, self.done) if is_first() else None
         rows = log.rows if log else []
         self.earlier_s = rows[-1]["wall_s"] if rows else 0.0
-        progress = Progress(self.config, self.done, "training")
+        progress = Progress(self.config, self.done, "training", self.quiet)
         try:
             with deferred_interrupts() as interrupt:
                 state, bad = self._drive(run, self._begin(init), log, progress, interrupt)

@@ -1,7 +1,10 @@
 """What is said of updates."""
 
 import numpy as np
+import pytest
 
+from train.algorithms.ppo.settings import PPOConfig
+from train.runs import logs
 from train.runs.logs import final_return, rows_from
 
 
@@ -22,3 +25,44 @@ def test_final_return_weighs_episodes():
         {"episode_return": 5.0, "episodes": 1.0},
     ]
     assert final_return(rows) == 2.0
+
+
+@pytest.fixture
+def lines(monkeypatch, capsys):
+    """What a run of 100 updates of 64 decisions says after each of some updates, shown so many seconds apart."""
+
+    def play(updates, seconds, quiet=False):
+        clock = iter(np.arange(len(updates)) * seconds)
+        monkeypatch.setattr(logs.time, "perf_counter", lambda: next(clock))
+        config = PPOConfig(
+            num_envs=64, rollout_length=1, num_minibatches=4, decide_every=1, total_timesteps=6400
+        )
+        progress = logs.Progress(config, 0, "training", quiet)
+        for update in updates:
+            row = {"update": update, "env_steps": 64 * update, "env_steps_per_s": 32.0}
+            ended = {"episode_return": -12.345} if update > 2 else {"episode_return": None}
+            progress.show([row | ended | {"reward_mean": 0.5}])
+        progress.close()
+        out, err = capsys.readouterr()
+        assert err == ""
+        return out.splitlines()
+
+    return play
+
+
+def test_a_line_at_the_first_update_and_every_ten_seconds(lines):
+    assert lines(range(1, 101), 1.0) == [
+        "update 1 of 100: 64 decisions, 32 a second, reward 0.5, 3 min left",
+        *(
+            f"update {n} of 100: {64 * n:,} decisions, 32 a second, return -12.35, {left} left"
+            for n, left in zip(
+                range(11, 101, 10),
+                ["3 min", "3 min", "2 min", "2 min", "98 s", "78 s", "58 s", "38 s", "18 s"],
+                strict=True,
+            )
+        ),
+    ]
+
+
+def test_nothing_is_said_quietly(lines):
+    assert lines(range(1, 101), 60.0, quiet=True) == []
