@@ -116,8 +116,13 @@ def stands_open(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Ar
     ahead = vehicles.active & (vehicles.lane == vehicles.lane[:, None])
     ahead &= vehicles.x > vehicles.x[:, None]
     gap = jnp.min(jnp.where(ahead, rear, jnp.inf), axis=1) - vehicles.x
-    powered = jnp.ones_like(vehicles.active).at[config.ev_slots].set(~state.evs.is_depleted)
-    powered &= params.drivers.max_acceleration[vehicles.kind] + vehicles.acceleration_noise > 0.1
+    evs, charging, slots = state.evs, params.charging, config.ev_slots
+    powered = jnp.ones_like(vehicles.active).at[slots].set(~evs.is_depleted)
+    # What starts who stands: its drive, or the control to a slot that falls back on the move, at the slowest.
+    start = params.drivers.max_acceleration[vehicles.kind]
+    docking = charging.speed_rate * charging.slowest_share * params.fleet.service_speed
+    booked = jnp.where(evs.med != NOT_BOOKED, jnp.minimum(start[slots], docking), start[slots])
+    powered &= start.at[slots].set(booked) + vehicles.acceleration_noise > 0.1
     stands = vehicles.active & powered & (vehicles.speed < STANDS_M_PER_S)
     return stands & (vehicles.lane < config.num_lanes) & (gap > OPEN_M)
 
