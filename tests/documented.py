@@ -24,7 +24,14 @@ class Documented:
         return leaf.startswith("num_") or leaf in WHOLE
 
 
-WHOLE = ("ticks_per_decision", "size", "service_lane", "depleted_blocks", "episode_decisions")
+WHOLE = (
+    "ticks_per_round",
+    "rounds_per_decision",
+    "size",
+    "service_lane",
+    "depleted_blocks",
+    "episode_decisions",
+)
 NUMBERS = {
     name: Documented(name, value, *(float(end) for end in allowed.split(" to ")))
     for name, value, allowed in re.findall(

@@ -36,10 +36,10 @@ MOST = EnvConfig(
     num_evs=40,
     num_gas=160,
     tick_s=0.05,
-    ticks_per_decision=20,
+    ticks_per_round=20,
 )
 LEAST = EnvConfig(
-    num_lanes=1, num_ramps=0, num_meds=1, num_evs=12, num_gas=12, tick_s=0.5, ticks_per_decision=2
+    num_lanes=1, num_ramps=0, num_meds=1, num_evs=12, num_gas=12, tick_s=0.5, ticks_per_round=2
 )
 
 

@@ -145,7 +145,7 @@ def test_a_clock_runs_down_in_time(tick_s, ticks):
     """A clock of n decisions is off by n^2 rounding errors of a decision, and a hundredth is let go: it ends with
     the decision that it should up to 400 of them, up to 4000 with that or the next one; always where a decision
     is a number of seconds that float32 holds."""
-    env, params = medjax.make("paper", tick_s=tick_s, ticks_per_decision=ticks)
+    env, params = medjax.make("paper", tick_s=tick_s, ticks_per_round=ticks)
     state = jax.tree.map(
         lambda leaf: jnp.zeros(leaf.shape, leaf.dtype),
         jax.eval_shape(env.reset, jax.random.key(0), params)[1],

@@ -31,18 +31,18 @@ COLUMNS = (
 
 
 def play(scenario: str, tick_s: float, episodes: int, seed: int) -> dict[str, Scores]:
-    """Scores of the rules at this tick, with decisions as long as the preset's.
+    """Scores of the rules at this tick, with rounds of entries as long as the preset's.
 
     Raises:
-      InputError: decisions are no whole number of such ticks.
+      InputError: they are no whole number of such ticks.
     """
     config = medjax.SCENARIOS[scenario].config
-    ticks = round(config.decision_s / tick_s)
-    if abs(ticks * tick_s - config.decision_s) > 1e-6:
+    ticks = round(config.round_s / tick_s)
+    if abs(ticks * tick_s - config.round_s) > 1e-6:
         raise InputError(
-            f"--ticks {tick_s:g}: allowed parts of a decision of {config.decision_s:g} s"
+            f"--ticks {tick_s:g}: allowed parts of a round of entries of {config.round_s:g} s"
         )
-    env, params = medjax.make(scenario, tick_s=tick_s, ticks_per_decision=ticks)
+    env, params = medjax.make(scenario, tick_s=tick_s, ticks_per_round=ticks)
     policies = {name: BASELINES[name](env) for name in RULES}
     return evaluate_policies(env, params, policies, episodes, seed)
 

@@ -38,7 +38,7 @@ WORLDS: dict[str, tuple[str, int, dict[str, Any]]] = {
     "paper": ("paper", 90, {}),
     "profile": ("paper", 90, PROFILE),
     "realistic": ("realistic", 60, {}),
-    "odd": ("paper", 60, {**ODD, "ticks_per_decision": 3, "tick_s": 0.3}),
+    "odd": ("paper", 60, {**ODD, "ticks_per_round": 3, "tick_s": 0.3}),
 }
 STATE = (
     *("vehicles.x", "vehicles.speed", "vehicles.lane", "vehicles.active"),
@@ -78,7 +78,6 @@ TRIPS = {
     "cooldown_s": 5.0,
     "trip_m": 700.0,
     "turnaround_s": 10.0,
-    "ticks_per_decision": 8,
     "rounds_per_decision": 2,
 }
 # The worlds of the golden test: full traffic for a few decisions, a MED that charges EVs on a quiet road, and exits. In

@@ -50,15 +50,14 @@ def draw_config(seed: int, case: int) -> EnvConfig:
     start = np.random.default_rng(seed).random(len(STEPS))
     lanes, ramps, tick, ticks, meds, evs, gas = (start + case * STEPS) % 1.0
     num_lanes = 1 + int(6 * lanes)
-    rounds = 1 + int(3 * ((ticks + meds) % 1.0))
     return EnvConfig(
         num_lanes=num_lanes,
         num_ramps=int(9 * ramps),
         num_exits=int(5 * ((lanes + ramps) % 1.0)),
         num_periods=1 + int(3 * ((evs + gas) % 1.0)),
         tick_s=round(float(0.05 + 0.45 * reach_ends(tick, 0.15)), 3),
-        ticks_per_decision=rounds * (1 + int(8 * ticks)),
-        rounds_per_decision=rounds,
+        ticks_per_round=1 + int(8 * ticks),
+        rounds_per_decision=1 + int(3 * ((ticks + meds) % 1.0)),
         num_meds=1 + int(40 * meds),
         num_evs=1 + int(60 * evs),
         num_gas=int(40 * num_lanes * reach_ends(gas)),

@@ -72,9 +72,9 @@ class EnvConfig:
     tick_s: float = number(
         0.25, 0.02, 0.5, "s", "chosen: half of what the ballistic update is stable up to"
     )
-    ticks_per_decision: int = number(4, 1, 400, text="chosen: a decision a second", whole=True)
+    ticks_per_round: int = number(4, 1, 100, text="chosen: a round of entries a second", whole=True)
     rounds_per_decision: int = number(
-        1, 1, 100, text="of entries, bookings and plans, after equally many ticks each", whole=True
+        1, 1, 100, text="of entries, bookings, plans and their ticks", whole=True
     )
 
     def __post_init__(self) -> None:
@@ -84,7 +84,6 @@ class EnvConfig:
             read = read_number(name, value, declared)
             object.__setattr__(self, name, read.item() if declared.whole else float(value))
         _check_places(self)
-        _check_rounds(self)
 
     @property
     def num_vehicles(self) -> int:
@@ -107,9 +106,9 @@ class EnvConfig:
         return self.tick_s * self.ticks_per_decision
 
     @property
-    def ticks_per_round(self) -> int:
-        """Ticks between two rounds of entries."""
-        return self.ticks_per_decision // self.rounds_per_decision
+    def ticks_per_decision(self) -> int:
+        """Ticks between two decisions."""
+        return self.ticks_per_round * self.rounds_per_decision
 
     @property
     def round_s(self) -> float:
@@ -263,14 +262,6 @@ def _check_places(config: EnvConfig) -> None:
         raise InputError(
             f"num_meds + num_evs + num_gas = {config.num_vehicles}: allowed at most {most} with "
             f"num_lanes = {config.num_lanes}"
-        )
-
-
-def _check_rounds(config: EnvConfig) -> None:
-    ticks, rounds = config.ticks_per_decision, config.rounds_per_decision
-    if ticks % rounds:
-        raise InputError(
-            f"ticks_per_decision = {ticks}: allowed multiples of rounds_per_decision = {rounds}"
         )
 
 

@@ -161,7 +161,6 @@ SCENARIOS["corridor"] = Scenario(
         num_ramps=5,
         num_exits=5,
         num_periods=24,
-        ticks_per_decision=40,
         rounds_per_decision=10,
     ),
     {

@@ -11,7 +11,6 @@ from benchmarks.verification.cases import episode_program
 from benchmarks.verification.invariants import INVARIANTS
 from medjax.charging.link import COUPLINGS, Coupled
 from medjax.env import ChargingEnv
-from medjax.errors import InputError
 from medjax.world.state import AT_DEPOT, QUEUED, RETIRED
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -245,45 +244,6 @@ def test_the_coupling_is_a_value():
     circuit, printed = share(COUPLINGS["circuit"]), share(COUPLINGS["paper"])
     # R_MED for R_EV in the first factor: 10.126 / 10.159 of the other.
     assert printed / circuit == pytest.approx(10.126 / 10.159, rel=1e-3)
-
-
-def test_a_decision_of_rounds_is_that_many_decisions_without_an_action():
-    """Entries, bookings and traffic, with the same draws; what is counted adds up, and a probe sees it in order."""
-    size = {"num_meds": 2, "num_gas": 240, "ramp_per_h": 600.0, "mainline_per_h": 5000.0}
-    one, params = medjax.make("paper", **size)
-    three, _ = medjax.make("paper", **size, ticks_per_decision=12, rounds_per_decision=3)
-    one, three = (env.with_probe(lambda state: state.vehicles.x) for env in (one, three))
-    key, (_, state) = jax.random.key(1), jax.jit(one.reset)(jax.random.key(0), params)
-
-    def apart(state):
-        """Round by round."""
-        tallies, seen = [], []
-        for number, round_key in enumerate(jax.random.split(key, 3)):
-            _, state, *_, info = one.step_env(round_key, state, 1 if number == 0 else 0, params)
-            tallies.append(info["tally"])
-            seen.append((info["begun"], info["ticks"]))
-        return (
-            state,
-            jax.tree.map(lambda *each: sum(each), *tallies),
-            jax.tree.map(lambda *each: jnp.concatenate(each), *seen),
-        )
-
-    expected, tally, (begun, ticks) = jax.jit(apart)(state)
-    _, after, *_, info = jax.jit(three.step_env)(key, state, 1, params)
-    assert int(after.time) == 1
-    both = ((each.vehicles, each.evs.replace(rest_j=0.0), each.queue) for each in (after, expected))
-    chex.assert_trees_all_close(*both, rtol=1e-6, atol=1e-4)
-    assert float(jnp.sum(tally.entered)) > 3
-    chex.assert_trees_all_close(info["tally"], tally, rtol=1e-5, atol=1e-3)
-    assert info["begun"].shape == (3, one.config.num_vehicles)
-    chex.assert_trees_all_close((info["begun"], info["ticks"]), (begun, ticks), rtol=1e-6)
-
-
-def test_rounds_have_equally_many_ticks():
-    with pytest.raises(
-        InputError, match="ticks_per_decision = 10: allowed multiples of rounds_per_decision = 4"
-    ):
-        medjax.make("paper", ticks_per_decision=10, rounds_per_decision=4)
 
 
 def test_a_probe_leaves_the_environment_and_its_class_as_they_are(paper, started):

@@ -63,7 +63,7 @@ def play(quiet):
 @pytest.fixture(scope="package")
 def each_tick():
     """The preset with one tick a decision, so that `step_env` shows every tick, and merging all the time."""
-    return medjax.make("paper", ticks_per_decision=1, ramp_per_h=600.0, cooldown_s=20.0)
+    return medjax.make("paper", ticks_per_round=1, ramp_per_h=600.0, cooldown_s=20.0)
 
 
 @pytest.fixture(scope="package")

@@ -24,7 +24,7 @@ def test_queues_take_what_arrives(asked, blank):
     @jax.jit
     @jax.vmap
     def one(key):
-        after, _, tally = admit(key, waiting, env.config, params)
+        after, _, tally = admit(key, waiting, 0.0, env.config, params)
         new = after.vehicles.active & ~waiting.vehicles.active
         where = entries(params.road, env.config.num_lanes)
         here = (after.vehicles.x == where.x[:, None]) & (after.vehicles.lane == where.lane[:, None])

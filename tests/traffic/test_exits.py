@@ -80,7 +80,7 @@ def played(road):
 
         def decide(state, key):
             _, state, *_, info = probed.step_env(key, state, 0, params)
-            return state, (info["begun"], info["ticks"])
+            return state, (jax.tree.map(jnp.ravel, info["begun"]), info["ticks"])  # of one round
 
         state, seen = jax.lax.scan(decide, start, jax.random.split(key, 200))
         return state.tally, seen

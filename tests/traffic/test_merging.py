@@ -18,7 +18,7 @@ RIGHT, RAMP = 3, 4  # lanes
 @pytest.fixture(scope="module")
 def states():
     """Six roads at the preset's demand, MEDs sent at random: (roads, ticks, ...) of 250 s."""
-    env, params = medjax.make("paper", ticks_per_decision=1)
+    env, params = medjax.make("paper", ticks_per_round=1)
 
     @jax.jit
     @jax.vmap
@@ -40,7 +40,7 @@ def states():
 @pytest.fixture(scope="module")
 def records(states):
     """One Record a road."""
-    env, params = medjax.make("paper", ticks_per_decision=1)
+    env, params = medjax.make("paper", ticks_per_round=1)
     return [
         Record(jax.tree.map(lambda a, i=i: a[i], states), env.config, params) for i in range(ROADS)
     ]

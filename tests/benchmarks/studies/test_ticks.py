@@ -22,7 +22,7 @@ def test_rows_are_the_episodes_at_each_tick(tmp_path, monkeypatch, capsys):
     fine, coarse = json.loads(out.read_text())["rows"]
     returns = {}
     for row, number in ((coarse, 2), (fine, 4)):
-        env, params = medjax.make("paper", tick_s=1.0 / number, ticks_per_decision=number)
+        env, params = medjax.make("paper", tick_s=1.0 / number, ticks_per_round=number)
         policies = {"none": medjax.BASELINES["none"](env)}
         returns[number] = evaluate_policies(env, params, policies, 2, 0)["none"]["return"]
         assert row["return"] == pytest.approx(returns[number].mean())
