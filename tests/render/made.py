@@ -54,7 +54,7 @@ def blank(frames, **overrides):
         params=jax.device_get(params),
         frames=Frames(**arrays),
         decisions=decided,
-        ticks_per_round=TICKS,
+        ticks_per_decision=TICKS,
     )
 
 
