@@ -135,7 +135,7 @@ def grant(
 
     An EV asks only for a slot that it can reach before the MED leaves the road and before its own
     energy ends. A MED that several ask takes the nearest (the lower slot on a tie); the others ask
-    again at the next decision. One EV a MED and round keeps the map one-to-one by construction.
+    again in the next round. One EV a MED and round keeps the map one-to-one by construction.
 
     Args:
       med, panel: (E,) int32, the map so far.

@@ -157,6 +157,7 @@ class ChargingEnv:
         """The decision's rounds of entries and ticks, and what the probe saw: of each round's start, of each tick."""
         config = self.config
         rounds, ticks = config.rounds_per_decision, config.ticks_per_decision
+        # A single round draws from the decision's own key, as it did before there were several.
         keys = jax.random.split(key, rounds) if rounds > 1 else key[None]
         indices = jnp.arange(ticks, dtype=jnp.int32).reshape(rounds, -1)
         started = state.time

@@ -11,8 +11,8 @@ from medjax.traffic.exits import mean_way
 from medjax.world.kinds import EVS, FUELLED, GAS_KINDS, kinds_in
 from medjax.world.params import DemandParams, DriverParams, EnvParams, RoadParams, Scalar
 
-# Arrivals at one entry in one decision are counted up to here; with 2 expected, more come once in
-# 20,000 decisions.
+# Arrivals at one entry in one round are counted up to here; with 2 expected, more come once in
+# 20,000 rounds.
 MOST_ARRIVALS = 8
 # A vehicle that enters behind a slower one may be faster by its spare room divided by this.
 CATCH_UP_S = 4.0

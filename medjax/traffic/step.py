@@ -75,7 +75,7 @@ def drivers_of(state: EnvState, config: EnvConfig, params: EnvParams) -> Drivers
 
 
 def perturb(key: jax.Array, vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> Vehicles:
-    """Drivers' noise moves on once a decision, and they recover from lane changes; between decisions both stay."""
+    """Drivers' noise moves on once a round of entries, and they recover from lane changes; between rounds both stay."""
     drivers = params.drivers
     normal = jax.random.normal(key, (2, config.num_vehicles))
     time_s, dt = params.motion.noise_time_s, config.round_s
