@@ -61,14 +61,12 @@ def unserved(energy_j: jax.Array, complies: jax.Array) -> EVs:
     )
 
 
-def welcome(
-    key: jax.Array, evs: EVs, newcomers: Newcomers, config: EnvConfig, params: EnvParams
-) -> EVs:
-    """The EVs with those that just came onto the road, of a random charge, in the slots that these took."""
+def welcome(evs: EVs, newcomers: Newcomers, config: EnvConfig, params: EnvParams) -> EVs:
+    """The EVs with those that just came onto the road in the slots that these took."""
     demand, entry = params.demand, newcomers.entry[config.ev_slots]
     span = demand.arrival_soc_high - demand.arrival_soc_low
-    soc = demand.arrival_soc_low + newcomers.luck * span
-    complies = jax.random.uniform(key, newcomers.luck.shape) < params.drivers.eco_compliance
+    soc = demand.arrival_soc_low + newcomers.traits.charge * span
+    complies = newcomers.traits.complies < params.drivers.eco_compliance
     source = jnp.maximum(entry, 0)
     fresh = unserved(soc[source] * params.ev_capacity_j, complies[source])
     return jax.tree.map(lambda new, old: jnp.where(entry >= 0, new, old), fresh, evs)

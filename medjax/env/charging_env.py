@@ -21,7 +21,7 @@ from medjax.env.contract import step_with_reset
 from medjax.env.dispatch import action_mask, advance_clocks, dispatch
 from medjax.env.metrics import episode_metrics
 from medjax.env.observation import FlatObservation, Observation, observe
-from medjax.env.reset import DRIVERS, initial_state
+from medjax.env.reset import initial_state
 from medjax.env.reward import TERMS, Outcome, RewardTerm, total_reward
 from medjax.env.spaces import Box, Discrete
 from medjax.env.tick import physics_tick, ways
@@ -117,7 +117,7 @@ class ChargingEnv:
         """One decision without a reset.
 
         Args:
-          key: random key of this decision.
+          key: random key of this decision: what drivers do, not who arrives, which `reset` drew.
           state: of one environment.
           action: () integer; out of range or masked counts as 0 and is counted in the metrics.
 
@@ -157,18 +157,17 @@ class ChargingEnv:
         """The decision's rounds of entries and ticks, and what the probe saw: of each round's start, of each tick."""
         config = self.config
         rounds, ticks = config.rounds_per_decision, config.ticks_per_decision
-        # A single round draws from the decision's own key, as it did before there were several.
+        # So rounds in one decision are decisions of one round, of the keys that this one splits into.
         keys = jax.random.split(key, rounds) if rounds > 1 else key[None]
         indices = jnp.arange(ticks, dtype=jnp.int32).reshape(rounds, -1)
-        started = state.time
+        first = state.time * rounds
 
         def play(
             carry: tuple[EnvState, Tally], given: tuple[jax.Array, jax.Array, jax.Array]
         ) -> tuple[tuple[EnvState, Tally], Probed]:
             """One of them."""
             (state, happened), (number, key, ticks) = carry, given
-            time_s = started * config.decision_s + number * config.round_s
-            state, entered = self._begin(key, state, time_s, params)
+            state, entered = self._begin(key, state, first + number, params)
             begun = self.probe(state) if self.probe else None
             state, happened, seen = self._drive(state, happened + entered, ticks, params)
             return (state, happened), Probed(begun, seen)
@@ -179,15 +178,13 @@ class ChargingEnv:
         return state, happened, probed._replace(ticks=seen)
 
     def _begin(
-        self, key: jax.Array, state: EnvState, time_s: jax.Array, params: EnvParams
+        self, key: jax.Array, state: EnvState, number: jax.Array, params: EnvParams
     ) -> tuple[EnvState, Tally]:
-        """What a round begins with: entries, plans, bookings, and drivers' noise."""
+        """What a round begins with: entries, plans, bookings, and drivers' noise; its number counts from reset."""
         config = self.config
-        entry_key, noise_key = jax.random.split(key)
         with jax.named_scope("entry"):
-            state, newcomers, entered = admit(entry_key, state, time_s, config, params)
-            driver_key = jax.random.fold_in(entry_key, DRIVERS)
-            evs = welcome(driver_key, state.evs, newcomers, config, params)
+            state, newcomers, entered = admit(state, number, config, params)
+            evs = welcome(state.evs, newcomers, config, params)
             state = state.replace(evs=evs)
         if config.num_exits:
             with jax.named_scope("trips"):
@@ -196,7 +193,7 @@ class ChargingEnv:
         with jax.named_scope("booking"):
             state = state.replace(evs=book(state, config, params))
         with jax.named_scope("noise"):
-            state = state.replace(vehicles=perturb(noise_key, state.vehicles, config, params))
+            state = state.replace(vehicles=perturb(key, state.vehicles, config, params))
         return state, entered
 
     def _drive(

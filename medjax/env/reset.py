@@ -8,14 +8,12 @@ import jax.numpy as jnp
 from medjax.charging.booking import unserved
 from medjax.charging.energy import cruising
 from medjax.env.dispatch import at_depot
+from medjax.traffic.arrivals import new_seed
 from medjax.traffic.demand import desired_speeds, drawn_kinds, fill_road
-from medjax.traffic.entry import DESTINATIONS
 from medjax.traffic.exits import draw_destinations
 from medjax.world.kinds import MED
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, Tally, Vehicles, count_kinds
-
-DRIVERS = 0xEC0  # folded into a key: what kind of drivers EVs have
 
 
 def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvState:
@@ -25,15 +23,15 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     energy would not have lasted are not there, just as in the flow without MEDs.
     """
     demand, slots = params.demand, config.traffic_slots
-    speed_key, kind_key, soc_key, fill_key, noise_key, next_key = jax.random.split(key, 6)
-    vehicles = _filled((speed_key, kind_key, fill_key, noise_key), config, params)
+    road_key, soc_key, driver_key, arrivals_key = jax.random.split(key, 4)
+    vehicles = _filled(road_key, config, params)
     arrival = jax.random.uniform(
         soc_key,
         (config.num_evs,),
         minval=demand.arrival_soc_low,
         maxval=demand.arrival_soc_high,
     )
-    luck = jax.random.uniform(jax.random.fold_in(key, DRIVERS), (config.num_evs,))
+    luck = jax.random.uniform(driver_key, (config.num_evs,))
     complies = luck < params.drivers.eco_compliance
     speed, power_w = cruising(params)
     energy = arrival * params.ev_capacity_j - vehicles.x[config.ev_slots] * (power_w / speed)
@@ -46,16 +44,17 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
         evs=unserved(jnp.clip(energy, 0.0, params.ev_capacity_j), complies),
         meds=at_depot(config, params),
         queue=jnp.zeros((config.num_entries,), jnp.int32),
-        next_is_ev=jax.random.bernoulli(next_key, demand.ev_share, (config.num_entries,)),
+        entered_here=jnp.zeros((config.num_entries,), jnp.int32),
+        arrivals=new_seed(arrivals_key),
         cooldown_s=jnp.zeros(()),
         time=jnp.zeros((), jnp.int32),
         tally=Tally.zeros().replace(entered=count_kinds(active, vehicles.kind, config)),
     )
 
 
-def _filled(keys: tuple[jax.Array, ...], config: EnvConfig, params: EnvParams) -> Vehicles:
-    """A road in mid-traffic, by keys of desired speeds, kinds, places and noise; no MED is on it."""
-    speed_key, kind_key, fill_key, noise_key = keys
+def _filled(key: jax.Array, config: EnvConfig, params: EnvParams) -> Vehicles:
+    """A road in mid-traffic; no MED is on it."""
+    speed_key, kind_key, fill_key, way_key, noise_key = jax.random.split(key, 5)
     drivers, slots = params.drivers, config.traffic_slots
 
     is_ev = config.by_slot(False, True, False)[slots]
@@ -63,7 +62,7 @@ def _filled(keys: tuple[jax.Array, ...], config: EnvConfig, params: EnvParams) -
     kind = _beside_meds(kind, config, MED)
     desired = desired_speeds(jax.random.normal(speed_key, kind.shape), kind, drivers)
     fill = fill_road(fill_key, is_ev, desired[slots], config.num_lanes, params)
-    way_draw = jax.random.uniform(jax.random.fold_in(fill_key, DESTINATIONS), fill.x.shape)
+    way_draw = jax.random.uniform(way_key, fill.x.shape)
     destination = draw_destinations(way_draw, fill.x, params.demand, params.road)
     noise = jax.random.normal(noise_key, (2, config.num_vehicles))
     wander = noise[1] * drivers.lateral_wander[kind]

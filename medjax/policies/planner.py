@@ -8,10 +8,12 @@ import jax.numpy as jnp
 
 from medjax.env.contract import Environment
 from medjax.policies.policy import Policy
+from medjax.traffic.arrivals import redraw
 
 Plan = Callable[[jax.Array, Any, Any], jax.Array]
 """`(key, state, params)` to what stands for the next decisions, () int32: see `look_ahead`."""
 
+ARRIVALS = 2**31 - 1  # folded into a future's key, beside the numbers of its decisions
 AS_BASE = -1  # what a plan says where the base rule goes on
 
 
@@ -48,6 +50,7 @@ def look_ahead(env: Environment, base: Policy, samples: int = 16, hold: int = 16
             _, state, reward, *_ = env.step_env(step_key, state, action, params)
             return state, total + reward
 
+        state = redraw(jax.random.fold_in(key, ARRIVALS), state)
         left = jnp.asarray(params.episode_decisions - state.time, jnp.int32)
         steps = -(-left // env.decisions_per_step)
         return jax.lax.fori_loop(0, steps, decide, (state, jnp.zeros(())))[1]

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from medjax.traffic.arrivals import Traits, draw_round, draw_traits
 from medjax.traffic.demand import (
     Entries,
     desired_speeds,
@@ -21,11 +22,8 @@ from medjax.traffic.demand import (
 from medjax.traffic.exits import draw_destinations, next_exit
 from medjax.traffic.following import by_kind
 from medjax.world.kinds import MED
-from medjax.world.params import EnvConfig, EnvParams, Scalar
+from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import MERGING, QUEUED, EnvState, Tally, Vehicles, count_kinds
-
-# Folded into the key of a round, which else draws what it drew before there were exits.
-DESTINATIONS = 0xE817
 
 
 def _waiting_meds(state: EnvState, config: EnvConfig) -> tuple[jax.Array, jax.Array]:
@@ -41,42 +39,32 @@ class Newcomers(NamedTuple):
     """Who came onto the road in a round of entries."""
 
     entry: jax.Array  # (N,) int32, the entry that a slot received a vehicle from, -1 for none
-    luck: jax.Array  # (K,) uniform draws, one an entry, for what else is random about a newcomer
+    traits: Traits  # (K,) each, of the one that came at each entry, if one did
 
 
 class _NextUp(NamedTuple):
     """Who would enter at each entry, `(K,)` each."""
 
     kind: jax.Array  # int32
+    is_ev: jax.Array  # bool
     desired_speed: jax.Array  # m/s
     time_headway: jax.Array  # s
     destination: jax.Array  # m
 
 
-class _Draws(NamedTuple):
-    """What is random about the one who would enter at each entry, `(K,)` each."""
-
-    speed: jax.Array  # normal
-    kind: jax.Array  # uniform
-    destination: jax.Array  # uniform
-
-
-def _next_up(
-    draws: _Draws,
-    where: Entries,
-    state: EnvState,
-    med_waits: jax.Array,
-    params: EnvParams,
-) -> _NextUp:
-    """A MED where one waits, else the first of the queue, by draws."""
-    kind = drawn_kinds(draws.kind, state.next_is_ev, params.demand)
+def _next_up(traits: Traits, where: Entries, med_waits: jax.Array, params: EnvParams) -> _NextUp:
+    """A MED where one waits, else the first of the queue."""
+    is_ev = traits.is_ev < params.demand.ev_share
+    kind = drawn_kinds(traits.kind, is_ev, params.demand)
     kind = jnp.where(med_waits, MED, kind)
     drivers, road = params.drivers, params.road
-    desired = desired_speeds(draws.speed, kind, drivers)
-    own = draw_destinations(draws.destination, where.x, params.demand, road)
+    desired = desired_speeds(traits.speed, kind, drivers)
+    own = draw_destinations(traits.destination, where.x, params.demand, road)
     far = where.x + jnp.maximum(params.fleet.trip_m, road.exit_notice_m)
     destination = jnp.where(med_waits, next_exit(far, road), own)
-    return _NextUp(kind, desired, by_kind(kind, drivers.time_headway), destination)
+    return _NextUp(
+        kind, is_ev & ~med_waits, desired, by_kind(kind, drivers.time_headway), destination
+    )
 
 
 def _safe_speed(
@@ -127,7 +115,7 @@ def _put_on_road(
 
 
 def admit(
-    key: jax.Array, state: EnvState, time_s: Scalar, config: EnvConfig, params: EnvParams
+    state: EnvState, number: jax.Array, config: EnvConfig, params: EnvParams
 ) -> tuple[EnvState, Newcomers, Tally]:
     """One round of entries: at most one vehicle at each entry, MEDs first.
 
@@ -135,29 +123,29 @@ def admit(
     them is left to the caller.
 
     Args:
-      time_s: () s since the episode's start.
+      number: () int32, rounds since the episode's start.
 
     Returns:
       (state, who came, tally of who entered)
     """
     demand, active, num_entries = params.demand, state.vehicles.active, config.num_entries
-    normal_key, uniform_key = jax.random.split(key)
-    speed_draw = jax.random.normal(normal_key, (num_entries,))
-    arrival_draw, class_draw, kind_draw, luck = jax.random.uniform(uniform_key, (4, num_entries))
-    expected = entry_rates(demand, config.num_lanes, time_s) * config.round_s
-    queue = state.queue + poisson_arrivals(arrival_draw, expected)
+    expected = entry_rates(demand, config.num_lanes, number * config.round_s) * config.round_s
+    arrived = poisson_arrivals(draw_round(state.arrivals, num_entries, number), expected)
+    queue = state.queue + arrived
 
     first_med, med_waits = _waiting_meds(state, config)
     where = entries(params.road, config.num_lanes)
-    way_draw = jax.random.uniform(jax.random.fold_in(key, DESTINATIONS), (num_entries,))
-    draws = _Draws(speed_draw, kind_draw, way_draw)
-    next_up = _next_up(draws, where, state, med_waits, params)
+    # A MED is who it is, at whatever ramp.
+    stream = jnp.where(med_waits, num_entries, jnp.arange(num_entries, dtype=jnp.int32))
+    traits = draw_traits(
+        state.arrivals, stream, jnp.where(med_waits, first_med, state.entered_here)
+    )
+    next_up = _next_up(traits, where, med_waits, params)
     speed, safe = _safe_speed(next_up, where, state, config, params)
 
     ordinary = safe & ~med_waits & (queue > 0)
-    is_ev = state.next_is_ev
-    ev_entry, ev_placed = place(ordinary & is_ev, ~active[config.ev_slots])
-    gas_entry, gas_placed = place(ordinary & ~is_ev, ~active[config.gas_slots])
+    ev_entry, ev_placed = place(ordinary & next_up.is_ev, ~active[config.ev_slots])
+    gas_entry, gas_placed = place(ordinary & ~next_up.is_ev, ~active[config.gas_slots])
     enters = jnp.where(med_waits & safe, first_med, config.num_meds)
     med_entry = jnp.full((config.num_meds,), -1, jnp.int32)
     med_entry = med_entry.at[enters].set(jnp.arange(num_entries, dtype=jnp.int32), mode="drop")
@@ -167,8 +155,6 @@ def admit(
 
     placed = ev_placed | gas_placed
     queue = queue - placed
-    # A class is drawn once a vehicle: drawn at every try, a class short of slots would be let in too seldom.
-    next_is_ev = jnp.where(placed, class_draw < demand.ev_share, is_ev)
     queued_meds = jnp.sum(status == QUEUED)
     tally = Tally.zeros().replace(
         entered=count_kinds(entry >= 0, vehicles.kind, config),
@@ -178,6 +164,6 @@ def admit(
         vehicles=vehicles,
         meds=state.meds.replace(status=status),
         queue=queue,
-        next_is_ev=next_is_ev,
+        entered_here=state.entered_here + placed,
     )
-    return state, Newcomers(entry, luck), tally
+    return state, Newcomers(entry, traits), tally

@@ -127,7 +127,8 @@ class EnvState(struct.PyTreeNode):
     evs: EVs
     meds: MEDs
     queue: jax.Array  # (num_entries,) int32, vehicles waiting at each entry
-    next_is_ev: jax.Array  # (num_entries,) bool, class of the one that enters next
+    entered_here: jax.Array  # (num_entries,) int32, vehicles that came by themselves at each entry
+    arrivals: jax.Array  # (2,) uint32, seed of who arrives, and when (`medjax.traffic.arrivals`)
     cooldown_s: jax.Array  # () until the next dispatch is allowed
     time: jax.Array  # () int32, decisions taken
     tally: Tally  # since reset

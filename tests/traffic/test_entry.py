@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import medjax
+from medjax.traffic.arrivals import draw_traits, redraw
 from medjax.traffic.demand import entries
 from medjax.traffic.entry import admit
 from medjax.world.kinds import by_class
@@ -24,14 +25,14 @@ def test_queues_take_what_arrives(asked, blank):
     @jax.jit
     @jax.vmap
     def one(key):
-        after, _, tally = admit(key, waiting, 0.0, env.config, params)
+        after, _, tally = admit(redraw(key, waiting), jnp.int32(0), env.config, params)
         new = after.vehicles.active & ~waiting.vehicles.active
         where = entries(params.road, env.config.num_lanes)
         here = (after.vehicles.x == where.x[:, None]) & (after.vehicles.lane == where.lane[:, None])
         came = jnp.sum(new & here, axis=1)
-        return after.queue, came, tally.entered, new.sum(), after.next_is_ev
+        return after.queue, came, tally.entered, new.sum(), after.entered_here
 
-    queue, came, tally, new, next_is_ev = jax.tree.map(
+    queue, came, tally, new, counted = jax.tree.map(
         np.asarray, one(jax.random.split(jax.random.key(2), rounds))
     )
     arrived = queue + came - np.asarray(waiting.queue)
@@ -42,12 +43,9 @@ def test_queues_take_what_arrives(asked, blank):
     np.testing.assert_array_equal(tally.sum(axis=1), new)
     rate = np.array([700.0] * 4 + [300.0] * 4) / 3600
     assert (np.abs(arrived.mean(axis=0) - rate) < 4 * np.sqrt(rate / rounds)).all()
-    # Who enters is of the class that was drawn; the next one's is drawn then, and only then.
-    was_ev = np.asarray(waiting.next_is_ev)
-    np.testing.assert_array_equal(by_class(tally)[:, 1], came[:, was_ev].sum(axis=1))
-    drawn = next_is_ev[came == 1]
-    assert drawn.mean() == pytest.approx(0.3, abs=4 * np.sqrt(0.21 / drawn.size))
-    assert (next_is_ev == was_ev)[came == 0].all()
+    np.testing.assert_array_equal(counted, came)
+    evs = by_class(tally)[:, 1].sum() / came.sum()
+    assert evs == pytest.approx(0.3, abs=4 * np.sqrt(0.21 / came.sum()))
 
 
 @pytest.mark.parametrize("scarce", [{"num_evs": 6}, {"num_gas": 20}])
@@ -65,7 +63,9 @@ def test_the_share_of_evs_is_the_demand_also_where_slots_are_short(scarce):
             return env.step_env(step_key, state, 0, params)[1], None
 
         state, _ = jax.lax.scan(decide, state, jax.random.split(key, 600))
-        at_front = jnp.stack([state.next_is_ev, ~state.next_is_ev]) & (state.queue > 0)
+        entry = jnp.arange(env.config.num_entries)
+        is_ev = draw_traits(state.arrivals, entry, state.entered_here).is_ev < 0.3
+        at_front = jnp.stack([is_ev, ~is_ev]) & (state.queue > 0)
         came = by_class(state.tally.entered - begun)[1:] + at_front.sum(axis=1)
         return came, state.queue.sum()
 

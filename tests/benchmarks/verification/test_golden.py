@@ -26,6 +26,8 @@ RELATIVE, ABSOLUTE = 2e-6, 1e-4
 THRESHOLDS = {
     "charging": (
         "dock_speed_tolerance",
+        "dock_tolerance_m",
+        "hold_tolerance_m",
         "patience_s",
         "reach_ahead_m",
         "reach_behind_m",
@@ -36,20 +38,27 @@ THRESHOLDS = {
         "target_soc",
         "tow_s",
     ),
-    "demand": ("exit_share", "human_share", "lorry_share", "period_s", "ramp_per_h", "start_s"),
+    "demand": (
+        "ev_share",
+        "exit_share",
+        "human_share",
+        "lorry_share",
+        "period_s",
+        "ramp_per_h",
+        "start_s",
+    ),
     "drivers": ("eco_compliance", "eco_horizon_m", "eco_soc"),
     "fleet": ("depot_power_w", "reserve_soc", "trip_m", "turnaround_s"),
     "lane_change": (
         "exit_view_m",
         "mandatory_bias",
         "politeness",
+        "right_bias",
         "safe_braking",
         "threshold",
         "urgency_bias",
     ),
     "motion": ("lateral_slope", "max_braking"),
-    "road": ("exit_notice_m",),
-    "reward_weights": ("tows",),  # nobody is towed in a minute
 }
 
 

@@ -1,0 +1,93 @@
+"""The n-th vehicle at an entry is the same one, whatever dispatchers and drivers do."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from medjax.policies.rules import BASELINES
+from medjax.traffic.arrivals import draw_round, draw_traits, new_seed, redraw
+from medjax.traffic.demand import entries
+from medjax.world.kinds import MED
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+
+def _played(scenario, rule, noise, decisions):
+    """Who came to each entry in turn, a list of rows for each, and desired speeds of MEDs that were sent."""
+    env, params = medjax.make(scenario)
+    config, where = env.config, entries(params.road, env.config.num_lanes)
+    policy = BASELINES[rule](env)
+
+    def seen(state):
+        energy = config.by_slot(jnp.zeros(config.num_meds), state.evs.energy_j, 0.0)
+        complies = config.by_slot(False, state.evs.complies, False)
+        vehicles = state.vehicles
+        here = (vehicles.x == where.x[:, None]) & (vehicles.lane == where.lane[:, None])
+        here &= vehicles.active & (vehicles.kind != MED)
+        row = jnp.stack(
+            [vehicles.kind, vehicles.desired_speed, vehicles.destination, energy, complies]
+        )
+        return here.any(axis=1), row[:, jnp.argmax(here, axis=1)].T, state.entered_here
+
+    probed = env.with_probe(seen)
+
+    @jax.jit
+    def play(key):
+        _, state = env.reset(jax.random.key(4), params)
+
+        def decide(state, key):
+            choice = policy(key, None, state, params)
+            _, state, *_, info = probed.step_env(key, state, choice.action, params)
+            return state, info["begun"]
+
+        state, begun = jax.lax.scan(decide, state, jax.random.split(key, decisions))
+        sent = state.vehicles.desired_speed[config.med_slots]
+        return begun, jnp.where(state.vehicles.active[config.med_slots], sent, 0.0)
+
+    (_, rows, count), sent = jax.tree.map(np.asarray, play(jax.random.key(noise)))
+    rows, count = rows.reshape(-1, *rows.shape[2:]), count.reshape(-1, count.shape[2])
+    new = np.diff(count, axis=0, prepend=0) == 1
+    return [rows[new[:, entry], entry] for entry in range(config.num_entries)], sent
+
+
+@pytest.mark.parametrize(("scenario", "decisions"), [("paper", 200), ("corridor", 30)])
+def test_whoever_dispatches_meets_the_same_traffic(scenario, decisions):
+    """Kind, desired speed, destination, charge and compliance, by entry and number."""
+    calm, _ = _played(scenario, "none", 1, decisions)
+    busy, sent = _played(scenario, "greedy", 2, decisions)
+    assert sent.any()
+    assert sum(map(len, calm)) > 100
+    for first, second in zip(calm, busy, strict=True):
+        both = min(len(first), len(second))
+        np.testing.assert_array_equal(first[:both], second[:both])
+
+
+def test_a_med_has_one_driver():
+    """At whatever ramp and time it is sent."""
+    sent, again = (_played("paper", rule, 1, 120)[1] for rule in ("paced", "random"))
+    both = (sent > 0.0) & (again > 0.0)
+    assert both.any()
+    np.testing.assert_array_equal(sent[both], again[both])
+
+
+def test_streams_do_not_meet():
+    """Vehicles of an entry, of another, MEDs and rounds draw from streams of their own."""
+    seed = new_seed(jax.random.key(0))
+    numbers = jnp.arange(500)
+    charges = [draw_traits(seed, jnp.full((500,), entry), numbers).charge for entry in range(4)]
+    rounds = jax.vmap(lambda number: draw_round(seed, 3, number))(numbers).ravel()
+    drawn = np.concatenate([*charges, rounds])
+    assert len(np.unique(drawn)) > 0.999 * drawn.size
+    assert drawn.mean() == pytest.approx(0.5, abs=4 * (drawn.size * 12) ** -0.5)
+
+
+def test_another_future_leaves_the_road_as_it_is():
+    """Also under a wrapper."""
+    env, params = medjax.make("paper")
+    state = env.reset(jax.random.key(0), params)[1]
+    other = redraw(jax.random.key(1), {"inner": state, "of a wrapper": jnp.ones(3)})
+    assert (other["inner"].arrivals != state.arrivals).any()
+    back = other["inner"].replace(arrivals=state.arrivals)
+    jax.tree.map(np.testing.assert_array_equal, back, state)
