@@ -109,8 +109,12 @@ def _vehicle(
     return f"slot {slot}, {KINDS[kind].name}, {length:.2f} m: {texts[0]} -> {texts[1]}"
 
 
+# What the tally calls otherwise than the books do.
+TALLY_NAMES = {"sent_j": "energy_sent_j", "received_j": "energy_received_j"}
+
+
 def _sums(books: Books, info: Any) -> Iterator[str]:
     """The books beside the tally."""
     for name in Books.__dataclass_fields__:
-        theirs = getattr(info["tally"], f"energy_{name}" if name.endswith("_j") else name)
+        theirs = getattr(info["tally"], TALLY_NAMES.get(name, name))
         yield f"    {name}: {np.asarray(getattr(books, name))}, tally {np.asarray(theirs)}"

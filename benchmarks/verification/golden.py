@@ -83,7 +83,7 @@ TRIPS = {
 # The worlds of the golden test: full traffic for a few decisions, a MED that charges EVs on a quiet road, and exits. In
 # the quiet one few vehicles decide anything, so that rounding stays rounding for long.
 SHORT: dict[str, tuple[str, int, dict[str, Any]]] = {
-    "paper": ("paper", 20, {}),
+    "paper": ("paper", 24, {}),
     "quiet": ("paper", 80, {**QUIET, **BUSY}),
     "trips": ("corridor", 30, TRIPS),
 }
