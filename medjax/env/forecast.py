@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 
 from medjax.charging.booking import panel_flags
 from medjax.charging.energy import cruising
-from medjax.numerics.sums import rounded, sum_pairwise
+from medjax.numerics.sums import in_units, rounded, sum_pairwise
 from medjax.traffic.demand import entries, entry_rates
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import NOT_BOOKED, QUEUED, EnvState
@@ -28,14 +30,23 @@ def free_slots(state: EnvState, config: EnvConfig) -> jax.Array:
     return jnp.sum(~taken, axis=1)
 
 
-def forecast_need(
-    state: EnvState, config: EnvConfig, params: EnvParams, window_s: float
-) -> jax.Array:
-    """EVs in need of a MED from each ramp within the window, less free slots, `(num_ramps,)` float32.
+class Need(NamedTuple):
+    """What a MED from each ramp would find within a window, `(num_ramps,)` float32 each."""
 
-    In need are EVs that do not come to the end of the road on what they have at cruising speed: those without
-    a booking on the way to the ramp that could catch up with the MED within the window, and those that the known
-    demand brings in time, on average. Free slots are those of the MEDs that are as near.
+    there: jax.Array  # EVs in need on the road
+    shortfall: jax.Array  # what these lack to come to their destinations, packs
+    coming: jax.Array  # EVs in need that the known demand brings, on average
+    free: jax.Array  # free slots of MEDs that are as near
+
+
+def expected_need(
+    state: EnvState, config: EnvConfig, params: EnvParams, window_s: float | jax.Array
+) -> Need:
+    """Who will need a MED from each ramp within the window, and who else has slots.
+
+    In need are EVs that do not come to their destination on what they have at cruising speed: those without a booking
+    on the way to the ramp that could catch up with the MED within the window, and those that the known demand brings
+    in time, by the way to the end of the road.
     """
     road, demand = params.road, params.demand
     cruise, power_w = cruising(params)
@@ -48,11 +59,12 @@ def forecast_need(
         return road.ramp_x_m[:, None] - x[None, :]
 
     x = state.vehicles.x[config.ev_slots]
-    runs_out = state.evs.energy_j < (state.vehicles.destination[config.ev_slots] - x) * per_metre
+    lacks_j = (state.vehicles.destination[config.ev_slots] - x) * per_metre - state.evs.energy_j
     waits = (state.evs.med == NOT_BOOKED) & ~state.evs.is_depleted
-    needy = state.vehicles.active[config.ev_slots] & runs_out & waits
+    needy = state.vehicles.active[config.ev_slots] & (lacks_j > 0.0) & waits
     way = ahead_of(x)
-    there = jnp.sum(needy & (way <= window_m) & (way >= -params.charging.reach_behind_m), axis=1)
+    meets = needy & (way <= window_m) & (way >= -params.charging.reach_behind_m)
+    lacks = jnp.where(meets, rounded(in_units(lacks_j, params.ev_capacity_j)), 0.0)
 
     where = entries(road, config.num_lanes)
     charge = (road.length_m - where.x) * per_metre / params.ev_capacity_j  # that the rest takes
@@ -66,8 +78,19 @@ def forecast_need(
     way = ahead_of(where.x)
     # Who enters behind the ramp must do so early enough to catch up.
     time = jnp.where(way >= 0.0, jnp.maximum(window_s - way / closing, 0.0), 0.0)
-    coming = sum_pairwise(rounded(rate * time))
 
     near = jnp.abs(ahead_of(med_places(state, config, params))) <= window_m
-    free = jnp.sum(jnp.where(near, free_slots(state, config), 0), axis=1)
-    return there + coming - free
+    return Need(
+        there=jnp.sum(meets, axis=1).astype(jnp.float32),
+        shortfall=sum_pairwise(lacks),
+        coming=sum_pairwise(rounded(rate * time)),
+        free=jnp.sum(jnp.where(near, free_slots(state, config), 0), axis=1).astype(jnp.float32),
+    )
+
+
+def forecast_need(
+    state: EnvState, config: EnvConfig, params: EnvParams, window_s: float
+) -> jax.Array:
+    """EVs in need of a MED from each ramp within the window, less free slots, `(num_ramps,)` float32."""
+    need = expected_need(state, config, params, window_s)
+    return need.there + need.coming - need.free

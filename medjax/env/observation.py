@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.charging.booking import panel_flags
-from medjax.env.forecast import forecast_need, free_slots, med_places
+from medjax.env.forecast import Need, expected_need, free_slots, med_places
 from medjax.numerics.sums import in_units, rounded, sum_pairwise
 from medjax.traffic.road import lateral_position
 from medjax.world.kinds import GAS, HUMAN_EV
@@ -25,7 +25,7 @@ EV_FEATURES = 8
 CLOCK_FEATURES = 4
 # A cooldown may be 0, so it is scaled by a fixed time.
 COOLDOWN_UNIT_S = 20.0
-NEED_WINDOW_S = 60.0  # of the forecast that the road profile shows
+NEED_WINDOW_S = 60.0  # of what the road profile shows that MEDs would find
 FAR_KM = 2.0  # beyond that a MED matters little to a ramp
 
 
@@ -36,16 +36,19 @@ class Observation(struct.PyTreeNode):
     evs: jax.Array  # (E, 8): x, y, vx, vy, SoC, is human, is charging, target MED
     med_mask: jax.Array  # (M,) bool, on the road
     ev_mask: jax.Array  # (E,) bool, on the road
-    clock: jax.Array  # (4,): time left, cooldown left, share at the depot, share waiting at a ramp
+    clock: jax.Array  # (4,): time left, cooldown left, shares of the fleet at the depot, at a ramp
 
 
 def clock_features(state: EnvState, params: EnvParams) -> jax.Array:
     """`Observation.clock`, (4,) float32."""
+    # Slots beyond the fleet's size are nobody, and for ever at the depot.
+    exists = jnp.arange(state.meds.status.shape[0]) < params.fleet.size
+    fleet = jnp.maximum(params.fleet.size, 1)
     clock = [
         in_units(params.episode_decisions - state.time, params.episode_decisions),
         state.cooldown_s / COOLDOWN_UNIT_S,
-        jnp.mean(state.meds.status == AT_DEPOT),
-        jnp.mean(state.meds.status == QUEUED),
+        in_units(jnp.sum((state.meds.status == AT_DEPOT) & exists), fleet),
+        in_units(jnp.sum(state.meds.status == QUEUED), fleet),
     ]
     return jnp.stack(clock).astype(jnp.float32)
 
@@ -153,6 +156,11 @@ def hat_weights(values: jax.Array, num_nodes: int) -> jax.Array:
     return jnp.maximum(1.0 - jnp.abs(place - jnp.arange(num_nodes)), 0.0)
 
 
+def _scaled(need: Need, factor: float) -> Need:
+    """EVs and slots times a factor; packs as they are."""
+    return Need(need.there * factor, need.shortfall, need.coming * factor, need.free * factor)
+
+
 @dataclasses.dataclass(frozen=True)
 class RoadProfile:
     """What is where along the road: numbers of EVs by charge, and of MEDs, at evenly spaced nodes.
@@ -163,9 +171,8 @@ class RoadProfile:
     At each node: EVs without a booking by state of charge (`soc_nodes`), EVs booked, EVs charging;
     MEDs waiting or merging (a waiting one at its ramp), MEDs in service, their state of charge, their
     free slots. Then, for each ramp, the way in km to the next MED ahead of it, and to the next one
-    behind it, at most FAR_KM, and the EVs that will need a MED from there (`forecast_need`), a MED's
-    slots being 1. Then time left and the share at the depot, each by nodes
-    (`clock_nodes`), and the clock of `Observation`.
+    behind it, at most FAR_KM, and what it would find (`Need`; EVs and slots in those of a MED). Then time left and the
+    share at the depot, each by nodes (`clock_nodes`), and the clock of `Observation`.
     """
 
     road_nodes: int = 17
@@ -175,7 +182,7 @@ class RoadProfile:
     def size(self, config: EnvConfig) -> int:
         """Length of the vector."""
         nodes = self.road_nodes * (self.soc_nodes + 2 + 4) + 2 * self.clock_nodes
-        return nodes + 3 * config.num_ramps + CLOCK_FEATURES
+        return nodes + (2 + len(Need._fields)) * config.num_ramps + CLOCK_FEATURES
 
     def __call__(self, state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
         """`(size,)` float32."""
@@ -209,12 +216,20 @@ class RoadProfile:
             self._at_nodes(med_place, med_columns),
             jnp.min(jnp.where(ahead_km >= 0.0, ahead_km, FAR_KM), axis=0, initial=FAR_KM),
             jnp.min(jnp.where(ahead_km < 0.0, -ahead_km, FAR_KM), axis=0, initial=FAR_KM),
-            forecast_need(state, config, params, NEED_WINDOW_S) / len(PANELS),
+            *_scaled(expected_need(state, config, params, NEED_WINDOW_S), 1.0 / len(PANELS)),
             hat_weights(time_left, self.clock_nodes),
             hat_weights(at_depot, self.clock_nodes),
             clock,
         ]
         return jnp.concatenate(parts).astype(jnp.float32)
+
+    def outlook(self, vector: jax.Array, config: EnvConfig) -> tuple[Need, jax.Array, jax.Array]:
+        """Of `(..., size)`: what a MED from each ramp would find, the share at the depot, and that of time left."""
+        time_left, _, at_depot, _ = jnp.moveaxis(vector[..., -CLOCK_FEATURES:], -1, 0)
+        last = vector.shape[-1] - 2 * self.clock_nodes - CLOCK_FEATURES
+        first = last - len(Need._fields) * config.num_ramps
+        rows = jnp.split(vector[..., first:last], len(Need._fields), axis=-1)
+        return _scaled(Need(*rows), float(len(PANELS))), at_depot, time_left
 
     def _at_nodes(self, place: jax.Array, columns: jax.Array) -> jax.Array:
         """Columns `(n, c)` of vehicles at places `(n,)`, summed up at the road's nodes, `(road_nodes * c,)`."""

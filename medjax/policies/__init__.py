@@ -2,12 +2,25 @@
 
 from medjax.policies.planner import look_ahead
 from medjax.policies.policy import Choice, Policy, every, rule
-from medjax.policies.rules import BASELINES, forecast, greedy, none, paced, periodic, random, slow
+from medjax.policies.rules import (
+    BASELINES,
+    Budget,
+    budgeted,
+    forecast,
+    greedy,
+    none,
+    paced,
+    periodic,
+    random,
+    slow,
+)
 
 __all__ = [
     "BASELINES",
+    "Budget",
     "Choice",
     "Policy",
+    "budgeted",
     "every",
     "forecast",
     "greedy",

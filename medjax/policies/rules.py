@@ -10,10 +10,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from flax import struct
 
 from medjax.env.contract import Environment
-from medjax.env.forecast import forecast_need
-from medjax.policies.policy import Policy, rule
+from medjax.env.forecast import Need, expected_need, forecast_need
+from medjax.env.observation import NEED_WINDOW_S, clock_features
+from medjax.policies.policy import Choice, Policy, rule
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import NOT_BOOKED, EnvState
 
@@ -141,6 +143,69 @@ def forecast(env: Environment, window_s: float = 60.0, enough: float = 5.0) -> P
     )
 
 
+class Budget(struct.PyTreeNode):
+    """What `budgeted` goes by: how many EVs each of these is worth.
+
+    The defaults are those that do best on `paper`: `python -m benchmarks.tune --rules budgeted` finds them.
+    """
+
+    pack: float = 5.3  # a pack that EVs in need lack
+    coming: float = 1.34  # an EV that the demand will bring
+    free: float = -0.96  # a free slot near the ramp
+    ahead: float = 25.1  # the whole fleet ahead of an even pace
+    time_left: float = -3.14  # a whole episode left to go
+    # A ramp, less what is enough; of further ones the last.
+    ramp: tuple[float, ...] = (-4.14, -6.71, -5.59, -6.1)
+
+    def margin(self, need: Need, at_depot: jax.Array, time_left: jax.Array) -> jax.Array:
+        """By how many EVs sending from each ramp is better than waiting, `(..., num_ramps)`.
+
+        Args:
+          need: within `NEED_WINDOW_S`, `(..., num_ramps)`.
+          at_depot: `(...)`, share of the fleet that can still be sent.
+          time_left: `(...)`, share of the episode.
+        """
+        ramps = need.there.shape[-1]
+        ramp = jnp.stack([jnp.asarray(self.ramp[min(i, len(self.ramp) - 1)]) for i in range(ramps)])
+        left = self.ahead * (at_depot - time_left) + self.time_left * time_left
+        return (
+            need.there
+            + self.pack * need.shortfall
+            + self.coming * need.coming
+            + self.free * need.free
+            + left[..., None]
+            + ramp
+        )
+
+
+BUDGET = Budget()
+
+
+def budgeted(env: Environment, budget: Budget = BUDGET) -> Policy:
+    """Sends a MED where it is worth most, on a lesser need the further the fleet is ahead of an even pace.
+
+    Args:
+      env: a single environment.
+      budget: the numbers it goes by; they are the policy's weights.
+    """
+    if not env.config.num_ramps:
+        return none(env)
+
+    def act(weights: Budget, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
+        """The ramp of the greatest margin (`Budget.margin`, EVs) where that is not negative and it may send, else 0."""
+        mask = env.action_mask(state, params)
+        highway, numbers = env.highway(state, params)
+        need = expected_need(highway, env.config, numbers, NEED_WINDOW_S)
+        time_left, _, at_depot, _ = clock_features(highway, numbers)
+        margin = weights.margin(need, at_depot, time_left)
+        best = 1 + jnp.argmax(margin)
+        action = jnp.where((margin.max() >= 0.0) & mask[best], best, 0).astype(jnp.int32)
+        return Choice(action, jax.nn.one_hot(action, env.num_actions))
+
+    return Policy(act, budget)
+
+
 BASELINES: dict[str, Callable[[Environment], Policy]] = {
-    build.__name__: build for build in (none, slow, random, periodic, paced, greedy, forecast)
+    build.__name__: build
+    for build in (none, slow, random, periodic, paced, greedy, forecast, budgeted)
 }

@@ -46,7 +46,7 @@ class _NextUp(NamedTuple):
     """Who would enter at each entry, `(K,)` each."""
 
     kind: jax.Array  # int32
-    is_ev: jax.Array  # bool
+    is_ev: jax.Array  # bool, of the first of the queue
     desired_speed: jax.Array  # m/s
     time_headway: jax.Array  # s
     destination: jax.Array  # m
@@ -62,9 +62,7 @@ def _next_up(traits: Traits, where: Entries, med_waits: jax.Array, params: EnvPa
     own = draw_destinations(traits.destination, where.x, params.demand, road)
     far = where.x + jnp.maximum(params.fleet.trip_m, road.exit_notice_m)
     destination = jnp.where(med_waits, next_exit(far, road), own)
-    return _NextUp(
-        kind, is_ev & ~med_waits, desired, by_kind(kind, drivers.time_headway), destination
-    )
+    return _NextUp(kind, is_ev, desired, by_kind(kind, drivers.time_headway), destination)
 
 
 def _safe_speed(

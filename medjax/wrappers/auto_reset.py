@@ -40,6 +40,8 @@ class BatchAutoReset:
         stagger: cuts each copy's first episode after a random number of decisions in 1..stagger, so that copies with
             episodes of one length do not all end together; 0 does not. A cut is an ordinary truncation, marked in
             `info["cut_short"]` because such an episode says nothing about a whole one's return.
+        group: this many copies side by side begin the same episodes, as long as these end together: the same vehicles
+            come, and drivers' noise is each copy's own. The number of copies must be a multiple of it.
 
     Raises:
         InputError: a number out of its range.
@@ -48,11 +50,12 @@ class BatchAutoReset:
     env: Environment
     reset_pool_size: int = 0
     stagger: int = 0
+    group: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("reset_pool_size", "stagger"):
-            if (number := getattr(self, name)) < 0:
-                raise InputError(f"{name} is {number}, must be at least 0")
+        for name, least in (("reset_pool_size", 0), ("stagger", 0), ("group", 1)):
+            if (number := getattr(self, name)) < least:
+                raise InputError(f"{name} is {number}, must be at least {least}")
 
     @property
     def num_actions(self) -> int:
@@ -61,7 +64,7 @@ class BatchAutoReset:
 
     def reset(self, keys: jax.Array, params: Params) -> tuple[Observation, BatchState]:
         """Starts a copy for each of the keys `(num_envs,)`, with the same params; observations `(num_envs, ...)`."""
-        reset_keys, stagger_keys = split_each(keys)
+        reset_keys, stagger_keys = split_each(self._shared(keys))
         obs, env_state = self._reset(reset_keys, params)
         cut_in = jnp.zeros(keys.shape, jnp.int32)
         if self.stagger:
@@ -88,12 +91,21 @@ class BatchAutoReset:
         cut_in = jnp.where(done, 0, jnp.maximum(state.cut_in - 1, 0))
         info = {**info, "final_observation": obs, "cut_short": cut_short}
         with jax.named_scope("auto_reset"):
-            obs, env_state = self._restart(reset_keys, done, obs, env_state, params)
+            obs, env_state = self._restart(self._shared(reset_keys), done, obs, env_state, params)
         return obs, BatchState(env_state, cut_in), reward, terminated, truncated, info
 
     def action_mask(self, state: BatchState, params: Params) -> jax.Array:
         """`(num_envs, num_actions)` bool, True where the action is allowed."""
         return jax.vmap(self.env.action_mask, (0, None))(state.env, params)
+
+    def _shared(self, keys: jax.Array) -> jax.Array:
+        """For each of `keys` `(num_envs,)`, that of the first copy of its group."""
+        if keys.shape[0] % self.group:
+            raise InputError(
+                f"num_envs is {keys.shape[0]}, must be a multiple of group = {self.group}"
+            )
+        groups = keys.reshape(-1, self.group)
+        return jnp.broadcast_to(groups[:, :1], groups.shape).reshape(keys.shape)
 
     def _reset(self, keys: jax.Array, params: Params) -> tuple[Observation, State]:
         return jax.vmap(self.env.reset, (0, None))(keys, params)

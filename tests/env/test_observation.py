@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.env.forecast import forecast_need
+from medjax.env.forecast import expected_need
 from medjax.env.observation import FlatObservation, RoadProfile
 from medjax.world.kinds import HUMAN_EV
 from medjax.world.state import IN_SERVICE, MERGING, QUEUED
@@ -135,13 +135,17 @@ def test_profile_by_hand(busy):
     assert got.shape == (profile.size(config),)
     np.testing.assert_allclose(got[: 17 * 8].reshape(17, 8), expected_evs, atol=1e-3)
     np.testing.assert_allclose(got[17 * 8 : 17 * 12].reshape(17, 4), expected_meds, atol=1e-3)
-    np.testing.assert_allclose(got[17 * 12 : -20], np.concatenate([ahead, behind]), atol=1e-5)
-    need = forecast_need(state, config, params, 60.0)  # itself by hand in test_policies.py
-    np.testing.assert_allclose(got[-20:-16], need / 4, atol=1e-5)
+    np.testing.assert_allclose(got[17 * 12 : -32], np.concatenate([ahead, behind]), atol=1e-5)
+    need = expected_need(state, config, params, 60.0)  # by hand in tests/policies/test_rules.py
+    rows = [need.there / 4, need.shortfall, need.coming / 4, need.free / 4]
+    np.testing.assert_allclose(got[-32:-16], np.concatenate(rows), atol=1e-5)
     clock = np.asarray(env.observe(state, params).clock)
     nodes = [[share(clock[index], node, 6) for node in range(6)] for index in (0, 2)]
     np.testing.assert_allclose(got[-16:-4].reshape(2, 6), nodes, atol=1e-6)
     np.testing.assert_array_equal(got[-4:], clock)
+    seen, at_depot, time_left = profile.outlook(np.stack([got, got]), config)
+    np.testing.assert_allclose(np.stack(seen)[:, 0], np.stack(need), atol=1e-5)
+    assert (at_depot[1], time_left[1]) == (clock[2], clock[0])
     assert ahead.min() < 2.0
     assert behind.min() < 2.0
     assert expected_evs.sum() > 1.0
@@ -170,3 +174,15 @@ def test_profile_of_a_road_without_ramps():
     obs, _ = env.reset(jax.random.key(0), params)
     assert obs.shape == (env.observation.size(env.config),) == (17 * 12 + 2 * 6 + 4,)
     assert np.isfinite(obs).all()
+
+
+def test_shares_are_of_the_fleet_and_not_of_its_slots():
+    """Five MEDs in fifteen slots, one of them sent: four of five are at the depot, and the rule sees as much."""
+    env, params = medjax.make("paper", observation="profile", size=5)
+    _, state = env.reset(jax.random.key(0), params)
+    obs, state, *_ = env.step_env(jax.random.key(1), state, 1, params)
+    shares = np.asarray(env.observe(state, params).clock)[2:]
+    queued = int((state.meds.status == QUEUED).sum())
+    np.testing.assert_allclose(shares, [0.8, queued / 5], atol=1e-6)
+    _, at_depot, _ = RoadProfile().outlook(obs, env.config)
+    np.testing.assert_allclose(at_depot, 0.8, atol=1e-6)

@@ -7,9 +7,10 @@ import pytest
 
 import medjax
 from medjax.charging.energy import drive_energy
-from medjax.env.forecast import forecast_need
+from medjax.env.forecast import expected_need, forecast_need
 from medjax.episodes.scores import evaluate_policies
-from medjax.world.state import QUEUED
+from medjax.policies.rules import Budget, budgeted, forecast
+from medjax.world.state import AT_DEPOT, QUEUED
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -150,6 +151,63 @@ def test_forecast_counts_who_will_run_out(paper):
     got = forecast_need(state, env.config, params, window)
     np.testing.assert_allclose(got, expected, atol=1e-3)
     assert active[:15].any()
+
+
+def test_budgeted_counts_packs_and_its_own_pace(episodes, paper):
+    """Margins by loops over vehicles, in float64, from what the rule's numbers say; actions follow from them."""
+    env, params = paper
+    action, mask, state = episodes["budgeted"]
+    budget, capacity = Budget(), float(params.ev_capacity_j)
+    need = jax.jit(jax.vmap(lambda state: expected_need(state, env.config, params, 60.0)))
+    per_metre = (
+        float(drive_energy(jnp.float32(30.0), jnp.float32(30.0), params.ev, params.road, 1.0))
+        / 30.0
+    )
+    sent = 0
+    for episode in range(4):
+        whole = jax.tree.map(lambda leaf, e=episode: leaf[e], state)
+        known = need(whole)
+        for at in range(0, 600, 7):
+            now = jax.tree.map(lambda leaf, at=at: leaf[at], whole)
+            lacks = np.zeros((4, 2))
+            for ramp, place in enumerate((100.0, 1200.0, 2100.0, 3200.0)):
+                for ev in range(40):
+                    here = float(now.vehicles.x[15 + ev])
+                    short = (4000.0 - here) * per_metre - float(now.evs.energy_j[ev])
+                    near = -100.0 <= place - here <= 8.0 * 60.0
+                    waits = now.vehicles.active[15 + ev] and int(now.evs.med[ev]) < 0
+                    if near and waits and short > 0.0 and not now.evs.is_depleted[ev]:
+                        lacks[ramp] += 1.0, short / capacity
+            np.testing.assert_allclose(known.there[at], lacks[:, 0])
+            np.testing.assert_allclose(known.shortfall[at], lacks[:, 1], atol=1e-4)
+            left = float((now.meds.status == AT_DEPOT).mean())
+            time_left = 1.0 - at / 600.0
+            margin = (
+                lacks[:, 0]
+                + budget.pack * lacks[:, 1]
+                + budget.coming * np.asarray(known.coming[at])
+                + budget.free * np.asarray(known.free[at])
+                + budget.ahead * (left - time_left)
+                + budget.time_left * time_left
+                + np.asarray(budget.ramp)
+            )
+            best = 1 + int(margin.argmax())
+            if abs(margin.max()) > 1e-3:
+                expected = best if margin.max() > 0.0 and mask[episode, at, best] else 0
+                assert action[episode, at] == expected
+                sent += expected > 0
+    assert sent > 3
+
+
+def test_forecast_is_a_budget_that_knows_neither_packs_nor_pace(paper):
+    """The same action wherever the two are asked."""
+    env, params = paper
+    as_forecast = Budget(0.0, 1.0, -1.0, 0.0, 0.0, (-5.0,))
+    rules = {"forecast": forecast(env), "budgeted": budgeted(env, as_forecast)}
+    scores = evaluate_policies(env, params, rules, episodes=4, seed=5)
+    for name, values in scores["forecast"].items():
+        np.testing.assert_allclose(scores["budgeted"][name], values, rtol=1e-5, err_msg=name)
+    assert (scores["forecast"]["meds_dispatched"] > 10).all()
 
 
 def test_slow_is_a_control_without_meds_on_the_same_seeds():

@@ -87,7 +87,29 @@ def test_no_stagger_ends_all_at_the_time_limit():
     assert truncated.sum(axis=1).tolist() == [0, 0, 0, NUM, 0, 0, 0, NUM, 0]
 
 
-@pytest.mark.parametrize("change", [{"reset_pool_size": -1}, {"stagger": -1}])
+def test_groups_begin_the_same_episodes_and_go_their_own_ways():
+    """At the start and at every restart, which staggering puts at other times for each group."""
+    history = play(BatchAutoReset(ENV, stagger=4, group=3), 9, num_envs=6)
+    first = np.asarray(history[0][0]).reshape(2, 3, -1)
+    assert (first == first[:, :1]).all()
+    assert not np.array_equal(first[0], first[1])
+    starts = 0
+    for *_, obs, _, _, _, truncated, info in history:
+        obs, final = (np.asarray(x).reshape(2, 3, -1) for x in (obs, info["final_observation"]))
+        for group, done in enumerate(np.asarray(truncated).reshape(2, 3)):
+            assert done.all() == done.any()
+            assert len(np.unique(final[group], axis=0)) == 3  # noise is each copy's own
+            assert len(np.unique(obs[group], axis=0)) == (1 if done.all() else 3)
+            starts += done.all()
+    assert starts >= 4
+
+
+def test_copies_that_are_no_whole_groups():
+    with pytest.raises(ValueError, match="num_envs is 7, must be a multiple of group = 3"):
+        play(BatchAutoReset(ENV, group=3), 1)
+
+
+@pytest.mark.parametrize("change", [{"reset_pool_size": -1}, {"stagger": -1}, {"group": 0}])
 def test_numbers_out_of_range(change):
     with pytest.raises(
         ValueError, match=f"{next(iter(change))} is {next(iter(change.values()))}, must be"
