@@ -41,13 +41,13 @@ class TrainConfig(abc.ABC):
     )
     num_envs: int = option(256, "environment", "environments run side by side", limits=(1, 2**20))
     decide_every: int = option(
-        8, "environment", "decisions from one choice of the policy to the next", limits=(1, 10**6)
+        1, "environment", "decisions from one choice of the policy to the next", limits=(1, 10**6)
     )
     stagger: bool = option(
-        True, "environment", "spread the ends of the first episodes, so that not all end together"
+        False, "environment", "spread the ends of the first episodes, so that not all end together"
     )
     total_timesteps: int = option(
-        6_000_000,
+        1_500_000,
         "run",
         "decisions per seed over all environments, rounded up to updates",
         limits=(1, 10**15),
@@ -72,7 +72,7 @@ class TrainConfig(abc.ABC):
         "mlp", "network", "architecture: mlp, or sets (of MEDs and EVs) with --observation flat"
     )
     hidden: tuple[int, ...] = option(
-        (128, 128), "network", "widths of the hidden layers of actor and critic", limits=(1, 2**16)
+        (64, 64), "network", "widths of the hidden layers of actor and critic", limits=(1, 2**16)
     )
     encoder: tuple[int, ...] = option(
         (64, 64),
@@ -81,8 +81,17 @@ class TrainConfig(abc.ABC):
         limits=(1, 2**16),
     )
     activation: str = option("silu", "network", "between layers", choices=("tanh", "relu", "silu"))
+    start: str = option(
+        "rule",
+        "network",
+        "policy before training: the rule budgeted, which takes --observation profile; or wait",
+        choices=("rule", "wait"),
+    )
     initial_wait: float = option(
-        0.8, "network", "probability of action 0 before training", limits=(0.001, 0.999)
+        0.8,
+        "network",
+        "probability of action 0 before training where it does not start from a rule",
+        limits=(0.001, 0.999),
     )
     compute_dtype: str = option(
         "float32",
@@ -116,8 +125,13 @@ class TrainConfig(abc.ABC):
 
     @property
     def device_groups(self) -> int:
-        """Groups of environments; a device holds whole ones. By default each environment is one."""
-        return self.num_envs
+        """Groups of environments; a device holds whole ones."""
+        return self.num_envs // self.same_demand
+
+    @property
+    def same_demand(self) -> int:
+        """Neighbours in a group: environments that meet the same episodes. By default each is alone."""
+        return 1
 
     @property
     def steps_per_update(self) -> int:

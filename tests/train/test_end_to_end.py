@@ -49,6 +49,7 @@ def test_train_and_evaluate(tmp_path, capsys):
         "paced",
         "greedy",
         "forecast",
+        "budgeted",
     }
     assert result["policies"]["none"]["meds_dispatched"] == 0.0
     assert result["policies"]["random"]["invalid_actions"] == 0.0

@@ -16,7 +16,7 @@ BESIDE_SETTING = {
     "num_minibatches": {"num_envs": 2**20},
     "total_timesteps": {"num_envs": 2**20},
     "num_envs": {"num_minibatches": 1},
-    "num_seeds": {},
+    "normalize_observations": {"start": "wait"},
 }
 
 

@@ -51,3 +51,21 @@ def generalized_advantages(
 
     _, advantage = lax.scan(back, jnp.zeros_like(last_value), (delta, decay), reverse=True)
     return advantage, advantage + value
+
+
+def less_others(advantage: jax.Array, group: int) -> jax.Array:
+    """Advantages less the mean of those of the group's others at the same step.
+
+    What the others met, too, is no merit of an action: where a group meets the same demand, this takes out its luck,
+    and leaves the expected gradient as it is, since no action of one's own is in it (leave-one-out baseline, Kool, van
+    Hoof and Welling 2019; input-driven baseline, Mao et al. 2018, arXiv:1807.02264).
+
+    Args:
+        advantage: `(num_envs, num_steps)`, neighbours in groups.
+        group: environments in each; 1 leaves all as it is.
+    """
+    if group == 1:
+        return advantage
+    own = advantage.reshape(-1, group, advantage.shape[-1])
+    others = (jnp.sum(own, axis=1, keepdims=True) - own) / (group - 1)
+    return (own - others).reshape(advantage.shape)

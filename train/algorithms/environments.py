@@ -54,4 +54,5 @@ def training_batch(
         env = TimeLimitAsEnd(env)
     episode_choices = -(-episode_decisions(params) // config.decide_every)
     stagger = episode_choices if config.stagger else 0
-    return EpisodeLog(BatchAutoReset(DecideEvery(env, config.decide_every), stagger=stagger))
+    choices = DecideEvery(env, config.decide_every)
+    return EpisodeLog(BatchAutoReset(choices, stagger=stagger, group=config.same_demand))

@@ -16,13 +16,15 @@ from distrax import Categorical  # the one place that knows distrax; others take
 from flax import struct
 
 from medjax.env.contract import Environment
-from medjax.env.observation import FlatObservation
+from medjax.env.observation import FlatObservation, RoadProfile
 from medjax.errors import InputError, shown
 from medjax.policies.policy import Choice, Policy, every
+from medjax.policies.rules import BUDGET
 from medjax.world.params import EnvConfig
 from train.algorithms.normalization import RunningStats, normalize
 from train.settings import TrainConfig
 
+SHARPNESS = 4.0  # of the first policy: what an EV more or less is to its logits
 TYPICAL_NUMBER = 8.0  # of vehicles of a set
 MASKED_LOGIT = -1e9  # finite, so that log-probabilities and gradients are; exp() of it is exactly 0
 
@@ -84,36 +86,44 @@ class SetTorso(nn.Module):
 class ActorCritic(nn.Module):
     """Two separate networks, so that the value's gradients do not disturb the policy.
 
-    Orthogonal initialisation; the last layer of the actor is near zero (0.01), which starts it near the same policy
-    everywhere (Andrychowicz et al. 2021, arXiv:2006.05990, section 3.2): action 0 with probability `initial_wait`, the
-    others alike.
+    Orthogonal initialisation; the last layer of the actor is near zero (0.01), so that the policy begins near that of
+    `start` (Andrychowicz et al. 2021, arXiv:2006.05990, section 3.2; residual policy learning, Silver et al. 2018,
+    arXiv:1812.06298).
     """
 
     num_actions: int
     make_torso: Callable[[], nn.Module]  # all layers but the last
-    initial_wait: float
+    start: Callable[[jax.Array], jax.Array]  # observations to the logits that learning adds to
 
     def setup(self) -> None:
         """Makes the layers."""
         self.actor = self.make_torso()
         self.critic = self.make_torso()
         small, unit = nn.initializers.orthogonal(0.01), nn.initializers.orthogonal(1.0)
-        self.logits_head = nn.Dense(
-            self.num_actions, kernel_init=small, bias_init=self._initial_logits, dtype=jnp.float32
-        )
+        self.logits_head = nn.Dense(self.num_actions, kernel_init=small, dtype=jnp.float32)
         self.value_head = nn.Dense(1, kernel_init=unit, dtype=jnp.float32)
 
     def __call__(self, obs: jax.Array) -> tuple[jax.Array, jax.Array]:
         """`(..., num_features)` to logits `(..., num_actions)` and values `(...)`."""
-        logits = self.logits_head(self.actor(obs).astype(jnp.float32))
+        logits = self.start(obs) + self.logits_head(self.actor(obs).astype(jnp.float32))
         value = self.value_head(self.critic(obs).astype(jnp.float32))
         return logits, value[..., 0]
 
-    def _initial_logits(self, key: jax.Array, shape: Sequence[int], dtype: Any) -> jax.Array:
-        """Logits `(num_actions,)` of the first policy."""
-        others = max(self.num_actions - 1, 1)
-        wait = math.log(self.initial_wait / (1.0 - self.initial_wait) * others)
-        return jnp.zeros(shape, dtype).at[0].set(wait)
+
+def first_logits(env: Environment, config: TrainConfig) -> Callable[[jax.Array], jax.Array]:
+    """The policy before training, observations `(..., num_features)` to logits: see `TrainConfig.start`."""
+    ramps = env.num_actions - 1
+    if config.start == "rule" and isinstance(env.observation, RoadProfile) and ramps:
+        layout, env_config = env.observation, env.config
+
+        def like_rule(obs: jax.Array) -> jax.Array:
+            margin = BUDGET.margin(*layout.outlook(obs, env_config))
+            return jnp.pad(SHARPNESS * margin, [(0, 0)] * (obs.ndim - 1) + [(1, 0)])
+
+        return like_rule
+    wait = math.log(config.initial_wait / (1.0 - config.initial_wait) * max(ramps, 1))
+    logits = jnp.zeros((env.num_actions,), jnp.float32).at[0].set(wait)
+    return lambda obs: logits
 
 
 def mlp(env: Environment, config: TrainConfig) -> Callable[[], nn.Module]:
@@ -153,7 +163,7 @@ def build_network(env: Environment, config: TrainConfig) -> nn.Module:
     """
     check_network(config, env.observation)
     make_torso = NETWORKS[config.network](env, config)
-    return ActorCritic(env.num_actions, make_torso, config.initial_wait)
+    return ActorCritic(env.num_actions, make_torso, first_logits(env, config))
 
 
 def masked_categorical(logits: jax.Array, mask: jax.Array) -> Categorical:

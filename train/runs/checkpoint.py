@@ -21,7 +21,8 @@ from train.algorithms.networks import PolicyWeights
 from train.runs.processes import fetch
 from train.settings import TrainConfig, to_json
 
-FORMAT = 1  # of what this version writes and reads
+# Of what this version writes and reads; in 1 the first policy was a bias of the last layer.
+FORMAT = 2
 ABOUT = "about"
 WEIGHTS = "weights/"  # begins the names of what acting needs
 

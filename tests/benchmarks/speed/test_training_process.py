@@ -40,7 +40,7 @@ def test_the_command_is_started_as_asked(monkeypatch, tmp_path):
         "--num-envs=128",
         "--total-timesteps=400000",
         "--seed=7",
-        "--checkpoint-interval=4",  # 25 updates: 4, 8, ..., 24, and the last
-        "--keep-checkpoints=25",
+        "--checkpoint-interval=1",  # of 6 updates of 128 whole episodes
+        "--keep-checkpoints=6",
     }
     assert seen["env"]["JAX_COMPILATION_CACHE_DIR"] == str(tmp_path / "cache")

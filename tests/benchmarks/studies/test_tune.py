@@ -19,7 +19,7 @@ def test_best_is_the_highest_return(tmp_path, monkeypatch, capsys):
     }
     monkeypatch.setattr(tune, "GRID", grid)
     out = tmp_path / "out.json"
-    tune.main(["--episodes=4", f"--json={out}"])
+    tune.main(["--episodes=4", "--rules", "paced", "forecast", f"--json={out}"])
     report = json.loads(out.read_text())
     printed = capsys.readouterr().out
     assert report["paced"]["best"] == report["paced"]["rows"][0]
@@ -31,7 +31,31 @@ def test_best_is_the_highest_return(tmp_path, monkeypatch, capsys):
         assert row["return_ci95"][0] <= row["return_mean"] <= row["return_ci95"][1]
 
 
-@pytest.mark.parametrize("argv", [["--episodes=1"], ["--rules=best"], ["--scenario=nowhere"]])
+@pytest.mark.slow
+def test_climbs_to_a_surely_better_rule(tmp_path, capsys):
+    """From the numbers of `forecast`, on episodes of its own, in a few rounds."""
+    out = tmp_path / "out.json"
+    tune.main(["--rules=budgeted", "--rounds=6", "--episodes=256", f"--json={out}"])
+    found = json.loads(out.read_text())["budgeted"]
+    assert len(found["rounds"]) == 6
+    assert 0.0 < found["gain_ci95"][0] < found["gain_mean"] < found["gain_ci95"][1]
+    printed = capsys.readouterr().out
+    assert "budgeted: round  6" in printed
+    assert "ramp 4 " in printed
+    assert f"over forecast {found['gain_mean']:.1f}" in printed
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["--episodes=1"],
+        ["--rounds=0"],
+        ["--groups=no"],
+        ["--groups=7"],
+        ["--rules=best"],
+        ["--scenario=nowhere"],
+    ],
+)
 def test_bad_input_is_one_line(argv, capsys):
     """Exit code 2, and the value is named."""
     assert argv[0].split("=")[1] in refused(tune.main, argv, capsys)

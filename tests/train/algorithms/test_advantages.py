@@ -5,7 +5,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from train.algorithms.advantages import Steps, generalized_advantages
+from train.algorithms.advantages import Steps, generalized_advantages, less_others
 
 STEPS = 24
 
@@ -80,3 +80,17 @@ def test_lambda_one_gives_discounted_returns_bootstrapped_at_a_truncation():
     rollout = Steps(reward, zeros, never, cut, zeros + 10.0)
     _, target = generalized_advantages(rollout, zeros[0] + 7.0, gamma=0.5, gae_lambda=1.0)
     np.testing.assert_allclose(target[:, 0], [1.75 + 1.25, 1.5 + 2.5, 1.0 + 5.0])
+
+
+def test_less_others_takes_out_what_a_group_has_in_common():
+    """By loops; and whatever is added to a whole group at a step changes nothing."""
+    rng = np.random.default_rng(0)
+    advantage = rng.normal(size=(6, 4)).astype(np.float32)
+    got = np.asarray(less_others(jnp.asarray(advantage), 3))
+    for env in range(6):
+        first = env // 3 * 3
+        others = [advantage[other] for other in range(first, first + 3) if other != env]
+        np.testing.assert_allclose(got[env], advantage[env] - np.mean(others, axis=0), atol=1e-6)
+    luck = np.repeat(10.0 * rng.normal(size=(2, 4)), 3, axis=0)
+    np.testing.assert_allclose(less_others(jnp.asarray(advantage + luck), 3), got, atol=1e-5)
+    np.testing.assert_array_equal(less_others(jnp.asarray(advantage), 1), advantage)

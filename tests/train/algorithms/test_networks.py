@@ -9,6 +9,7 @@ import pytest
 
 import medjax
 from medjax.env.observation import FlatObservation
+from medjax.policies.rules import BASELINES
 from train.algorithms.networks import build_network, masked_categorical
 from train.algorithms.ppo.settings import PPOConfig
 
@@ -89,6 +90,9 @@ def test_only_the_flat_observation_has_rows():
     env, _ = medjax.make("paper", **SMALL)
     with pytest.raises(ValueError, match="normalize_observations is True, allowed: False"):
         build_network(env, dataclasses.replace(CONFIG, normalize_observations=True))
+    with pytest.raises(ValueError, match="start is 'rule' and normalize_observations is True"):
+        PPOConfig(observation="profile", normalize_observations=True)
+    assert PPOConfig(start="wait", normalize_observations=True).normalize_observations
 
 
 def test_masked_distribution_is_the_softmax_of_the_allowed():
@@ -114,3 +118,42 @@ def test_masked_distribution_is_the_softmax_of_the_allowed():
     )(logits)
     assert np.isfinite(gradient).all()
     np.testing.assert_array_equal(gradient[~mask], 0.0)
+
+
+def test_starts_as_the_rule_it_begins_from():
+    """Before training the most probable action is that of `budgeted`, in all but ties that the last layer decides."""
+    env, params = medjax.make("paper", observation="profile")
+    network = build_network(env, PPOConfig(hidden=(16,)))
+    policy, rule = BASELINES["budgeted"](env), BASELINES["random"](env)
+
+    def play(state, key):
+        obs, mask = env.get_obs(state, params), env.action_mask(state, params)
+        act_key, step_key = jax.random.split(key)
+        choice = policy(act_key, obs, state, params).action
+        taken = rule(act_key, obs, state, params).action
+        goes = jnp.where(jax.random.bernoulli(step_key, 0.1), taken, choice)
+        return env.step_env(step_key, state, goes, params)[1], (obs, mask, choice)
+
+    _, state = env.reset(jax.random.key(3), params)
+    keys = jax.random.split(jax.random.key(4), 400)
+    obs, mask, expected = jax.jit(lambda state: jax.lax.scan(play, state, keys)[1])(state)
+    weights = network.init(jax.random.key(0), obs)
+    logits, _ = network.apply(weights, obs)
+    mode = np.asarray(masked_categorical(logits, mask).mode())
+    near = np.sort(np.asarray(jnp.where(mask, logits, -1e9)), axis=1)
+    clear = near[:, -1] - near[:, -2] > 0.2
+    np.testing.assert_array_equal(mode[clear], np.asarray(expected)[clear])
+    assert (mode[clear] > 0).sum() >= 3
+    assert clear.mean() > 0.8
+
+
+@pytest.mark.parametrize("observation", ["profile", "flat"])
+def test_or_waits_with_the_probability_that_is_asked_for(observation):
+    """On a flat observation whatever `start` says: it does not tell what the rule goes by."""
+    env, params = medjax.make("paper", observation=observation)
+    start = {"profile": "wait", "flat": "rule"}[observation]
+    network = build_network(env, PPOConfig(hidden=(16,), start=start, initial_wait=0.9))
+    obs, state = env.reset(jax.random.key(0), params)
+    logits, _ = network.apply(network.init(jax.random.key(1), obs[None]), obs)
+    probs = masked_categorical(logits, env.action_mask(state, params)).probs
+    np.testing.assert_allclose(probs, [0.9, *[0.025] * 4], atol=0.01)

@@ -13,7 +13,7 @@ from jax.sharding import Mesh
 
 from medjax.env.contract import Environment
 from medjax.numerics.devices import environment_mesh, on_devices
-from train.algorithms.advantages import Steps, generalized_advantages
+from train.algorithms.advantages import Steps, generalized_advantages, less_others
 from train.algorithms.algorithm import Algorithm, Metrics, TrainState
 from train.algorithms.environments import training_batch
 from train.algorithms.finite import BAD, first_bad
@@ -142,7 +142,7 @@ class PPOLearner:
             action=trajectory.action,
             log_prob=trajectory.log_prob,
             value=trajectory.value,
-            advantage=advantage,
+            advantage=less_others(advantage, self.config.same_demand),
             target=target,
         )
 

@@ -18,19 +18,22 @@ class PPOConfig(TrainConfig):
 
     algorithm: ClassVar[str] = "ppo"
 
-    rollout_length: int = option(16, "PPO", "choices per environment and update", limits=(1, 2**16))
-    num_minibatches: int = option(
-        32, "PPO", "minibatches per epoch; must divide num_envs", limits=(1, 2**20)
+    rollout_length: int = option(
+        600, "PPO", "choices per environment and update", limits=(1, 2**16)
     )
-    num_epochs: int = option(8, "PPO", "passes over each rollout", limits=(1, 1000))
+    num_minibatches: int = option(
+        16,
+        "PPO",
+        "minibatches per epoch; as many environments meet the same episodes, one for each; must divide num_envs",
+        limits=(1, 2**20),
+    )
+    num_epochs: int = option(4, "PPO", "passes over each rollout", limits=(1, 1000))
     learning_rate: float = option(
         1e-3, "PPO", "of Adam, at the start", flags=("--lr",), limits=(1e-12, 10)
     )
     anneal: bool = option(True, "PPO", "let the learning rate fall linearly to 0")
-    gamma: float = option(0.996, "PPO", "discount per choice", limits=(0, 1))
-    gae_lambda: float = option(
-        0.95, "PPO", "decay of the advantage trace per choice", limits=(0, 1)
-    )
+    gamma: float = option(1.0, "PPO", "discount per choice", limits=(0, 1))
+    gae_lambda: float = option(1.0, "PPO", "decay of the advantage trace per choice", limits=(0, 1))
     bootstrap_timeouts: bool = option(
         False,
         "PPO",
@@ -66,6 +69,9 @@ class PPOConfig(TrainConfig):
         if self.network == "sets" and self.normalize_observations:
             # A row of zeros is nobody there, and would no longer be one.
             raise InputError("network is 'sets' and normalize_observations is True, allowed: False")
+        if self.normalize_observations and self.start == "rule" and self.observation == "profile":
+            # It reads EVs and packs off the profile, not deviations from their means.
+            raise InputError("start is 'rule' and normalize_observations is True, allowed: wait")
 
     @property
     def choices_per_update(self) -> int:
@@ -73,6 +79,6 @@ class PPOConfig(TrainConfig):
         return self.rollout_length
 
     @property
-    def device_groups(self) -> int:
-        """Groups of neighbours among which minibatches are dealt."""
-        return self.num_envs // self.num_minibatches
+    def same_demand(self) -> int:
+        """Neighbours that meet the same episodes: each minibatch gets one of them, and so every demand."""
+        return self.num_minibatches

@@ -1,0 +1,104 @@
+"""How a rule's numbers are tuned: by the returns of many rules like it, each played on one episode.
+
+Every episode is played by a group of rules, in pairs that differ from the middle by opposite steps (antithetic
+sampling, as evolution strategies use it: Salimans et al. 2017, arXiv:1703.03864). Returns less their group's mean are
+free of what the episode's demand does to all, which is most of their variance; a quadratic of all numbers is fitted
+to them by least squares (response surface method, Box and Wilson 1951), and the middle moves to its top.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+
+from medjax.env.contract import Environment
+from medjax.episodes.keys import episode_keys
+from medjax.episodes.player import Player, episode_steps
+from medjax.numerics.devices import environment_mesh, on_devices
+from medjax.policies.policy import Policy
+
+GROUP = 16  # rules that play one episode
+LEAST_CURVATURE = 4.0  # of the return, a step squared: steps are short where no top shows
+
+
+class Responses:
+    """Returns of rules with numbers of their own, compiled when built.
+
+    Args:
+        env: a single environment.
+        params: its parameters.
+        policy: of any numbers; its weights are a pytree of floats.
+        plays: rules played at once, a multiple of GROUP.
+    """
+
+    def __init__(self, env: Environment, params: Any, policy: Policy, plays: int) -> None:
+        self.plays, self.params = plays, params
+        self._weights_of = ravel_pytree(policy.weights)[1]
+        player, steps = Player(env, [policy]), episode_steps(env, params)
+
+        def play(row: tuple[jax.Array, jax.Array], params: Any) -> jax.Array:
+            numbers, key = row
+            weights = [self._weights_of(numbers)]
+
+            def decide(number: jax.Array, episodes: Any) -> Any:
+                return player.decide(episodes, number, weights, params)[0]
+
+            start = player.start(key[None], params)
+            return jax.lax.fori_loop(0, steps, decide, start).scores["return"][0]
+
+        def all_rows(rows: Any, params: Any) -> jax.Array:
+            return jax.vmap(play, (0, None))(rows, params)
+
+        self._play = jax.jit(on_devices(environment_mesh(plays), all_rows))
+
+    def of(self, numbers: np.ndarray, seed: int) -> np.ndarray:
+        """Returns `(groups, GROUP)` of rules of numbers `(groups, GROUP, n)`, an episode of the seed for each group."""
+        keys = jnp.repeat(episode_keys(seed, numbers.shape[0]), GROUP)
+        rows = jnp.asarray(numbers, jnp.float32).reshape(self.plays, -1), keys
+        return np.asarray(self._play(rows, self.params), np.float64).reshape(numbers.shape[:2])
+
+    @staticmethod
+    def numbers_of(weights: Any) -> np.ndarray:
+        """Numbers `(n,)` float64 of a pytree of weights."""
+        return np.asarray(ravel_pytree(weights)[0], np.float64)
+
+    def policy_weights(self, numbers: np.ndarray) -> Any:
+        """The pytree of weights of numbers `(n,)`."""
+        return self._weights_of(jnp.asarray(numbers, jnp.float32))
+
+
+def directions(rng: np.random.Generator, groups: int, size: int) -> np.ndarray:
+    """Standard normal steps `(groups, GROUP, size)`, the second half of a group the first one's opposites."""
+    half = rng.standard_normal((groups, GROUP // 2, size))
+    return np.concatenate([half, -half], axis=1)
+
+
+def fit(steps: np.ndarray, returns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Slopes `(n,)` and curvatures `(n, n)` of the returns, and the slopes' standard errors `(n,)`.
+
+    Args:
+        steps: `(groups, GROUP, n)`.
+        returns: `(groups, GROUP)`.
+    """
+    groups, _, size = steps.shape
+    one, other = np.triu_indices(size)
+    terms = np.concatenate([steps, steps[..., one] * steps[..., other]], axis=2)
+    terms = (terms - terms.mean(1, keepdims=True)).reshape(groups * GROUP, -1)
+    own = (returns - returns.mean(1, keepdims=True)).ravel()
+    found, *_ = np.linalg.lstsq(terms, own, rcond=None)
+    rest = own - terms @ found
+    variance = (rest @ rest) / (groups * (GROUP - 1) - terms.shape[1])
+    errors = np.sqrt(variance * np.diag(np.linalg.inv(terms.T @ terms)))
+    curvature = np.zeros((size, size))
+    curvature[one, other] = found[size:]
+    return found[:size], curvature + curvature.T, errors[:size]
+
+
+def step_to_top(slope: np.ndarray, curvature: np.ndarray) -> np.ndarray:
+    """The step `(n,)` to the top of the fitted surface, at most 1 in each number."""
+    bend, axes = np.linalg.eigh(curvature)
+    along = (axes.T @ slope) / np.maximum(-bend, LEAST_CURVATURE)
+    step = axes @ along
+    return step / max(1.0, float(np.abs(step).max()))
