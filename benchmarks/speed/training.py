@@ -1,8 +1,9 @@
-"""`python -m benchmarks.training`: how long the training command takes, and when it beats the greedy dispatcher.
+"""`python -m benchmarks.training`: how long the training command takes, and what it keeps of the simulator's speed.
 
 The real command, `python -m train.ppo`, runs in a process of its own as a user would start it, one process at a
 time: first cold, with an empty persistent cache of compiled programs, then warm, from the cache that the cold start
-left. `--repeats` does both again, each time with a new cache; figures are medians, column by column.
+left. Then `python -m benchmarks.throughput` with as many environments. `--repeats` does all three again, each time with
+a new cache; figures are medians, column by column.
 
 Seconds of wall time:
 - total: from starting the process to its end, so imports, compilation, training, evaluation and report.
@@ -10,21 +11,13 @@ Seconds of wall time:
   programs; the evaluation's is a part of evaluation. Training includes writing the checkpoints.
 - evaluation: the closing evaluation of the learned and the other policies, and the picture (evaluation_s).
 - other: the rest: starting Python, imports, building the environment, ending.
-
-Greedy is beaten at the first checkpoint whose weights (most probable actions) return more than greedy on the episodes
-of the closing evaluation: the lower end of the 95 % bootstrap interval of the mean paired difference is above 0.
-Checkpoints are played after all runs, outside of what is timed. They are what is compared because the learning curve
-in metrics.jsonl is that of a policy that still tries things, over whole episodes, which begin after 600 decisions a
-road. The command is therefore told to keep about 8 checkpoints spread evenly; the time is known to that distance. It
-is the wall_s of that update in metrics.jsonl: seconds on the clock of the run, compilation included, which starts
-after the imports (they are in "other"). Runs of one seed learn the same, so the checkpoints of the first are played
-and every run gives its own time.
 """
 
 import argparse
 import dataclasses
 import json
 import signal
+import statistics
 import sys
 import tempfile
 from collections.abc import Mapping
@@ -36,14 +29,12 @@ import jax
 
 import medjax
 from benchmarks.command import benchmark_parser, positive, run_command, say
-from benchmarks.speed.training_process import CommandError, Wall, median, start
+from benchmarks.speed.training_process import CommandError, Wall, median, start, throughput
 from train.algorithms.ppo.settings import PPOConfig
 from train.runs.arguments import settings_from_text
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig, from_json
 
-# About so many in a run: a finer curve costs training time, each takes tenths of a second.
-CHECKPOINTS = 8
 OWN = ("repeats", "json")  # options that are no settings
 HEADINGS = ("total", "compile", "training", "evaluation", "other")
 
@@ -54,9 +45,7 @@ def settings(given: Mapping[str, str]) -> TrainConfig:
     Raises:
         InputError: a value out of its range.
     """
-    config = from_json(settings_from_text(PPOConfig, dict(given)), PPOConfig)
-    updates, apart = config.num_updates, -(-config.num_updates // CHECKPOINTS)
-    return dataclasses.replace(config, checkpoint_interval=apart, keep_checkpoints=updates)
+    return from_json(settings_from_text(PPOConfig, dict(given)), PPOConfig)
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -69,23 +58,18 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     given = {name: value for name, value in vars(options).items() if name not in OWN}
     config, repeats = settings(given), options.repeats
     walls: dict[str, list[Wall]] = {"cold": [], "warm": []}
-    runs: dict[str, list[RunDir]] = {"cold": [], "warm": []}
+    speeds: list[float] = []
     # Nothing here may start JAX before the last run has ended: on a GPU it would take the memory from them.
     with tempfile.TemporaryDirectory() as folder:
         for number in range(1, repeats + 1):
             place = Path(folder) / str(number)
             for name in walls:
-                runs[name].append(RunDir(place / name))
-                walls[name].append(start(config, runs[name][-1], place / "cache"))
+                run_dir = RunDir(place / name)
+                walls[name].append(start(config, run_dir, place / "cache"))
                 say(f"repeat {number}/{repeats}: {name} {walls[name][-1].total_s:.1f} s")
-        first = runs["cold"][0]
-        summary = json.loads(first.summary.read_text(encoding="utf-8"))
-        say("playing the checkpoints")
-        # The learner takes seconds to import; bad options need not wait for it.
-        from benchmarks.speed import checkpoints
-
-        greedy, curve = checkpoints.play_checkpoints(first)
-        beaten = checkpoints.when_beaten(curve, runs)
+            speeds.append(throughput(config, place / "throughput.json"))
+        summary = json.loads(run_dir.summary.read_text(encoding="utf-8"))
+    warm, alone = [wall.decisions_per_s for wall in walls["warm"]], statistics.median(speeds)
     result = {
         "scenario": config.scenario,
         "num_envs": config.num_envs,
@@ -96,16 +80,15 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         "jax_version": jax.__version__,
         **{name: dataclasses.asdict(median(each)) for name, each in walls.items()},
         "runs": {name: list(map(dataclasses.asdict, each)) for name, each in walls.items()},
-        "greedy_return_mean": greedy,
-        "greedy_beaten": beaten,
-        "checkpoints": [dataclasses.asdict(each) for each in curve],
+        "throughput_per_s": alone,
+        "by_throughput": statistics.median(w / s for w, s in zip(warm, speeds, strict=True)),
     }
     print(report(result))
     return result
 
 
 def report(result: Mapping[str, Any]) -> str:
-    """The table of what `measure` returned, and when greedy was beaten."""
+    """The table of what `measure` returned, and training beside the simulator alone."""
     lines = [
         f"{result['env_steps']:,} decisions of {result['scenario']}, {result['num_envs']} environments, "
         f"{result['backend']} ({result['device']}); seconds, medians of {result['repeats']}",
@@ -115,13 +98,11 @@ def report(result: Mapping[str, Any]) -> str:
     for name in ("cold", "warm"):
         *seconds, speed = result[name].values()
         lines.append(f"{name:6}" + "".join(f"{part:12.1f}" for part in seconds) + f"{speed:14,.0f}")
-    beaten = result["greedy_beaten"]
-    shown = beaten or result["checkpoints"][-1]
-    verdict = "greedy not beaten (last "
-    if beaten:
-        verdict = f"greedy beaten after {beaten['cold_s']:.1f} s, warm {beaten['warm_s']:.1f} s ("
-    verdict += f"update {shown['update']}, return {shown['return_mean']:.1f}"
-    return "\n".join([*lines, "", f"{verdict} against {result['greedy_return_mean']:.1f})"])
+    alone = (
+        f"without learning {result['throughput_per_s']:,.0f} decisions/s; "
+        f"training has {result['by_throughput']:.2f} of them"
+    )
+    return "\n".join([*lines, "", alone])
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""One start of `python -m train.ppo` in a process of its own, and the parts of its wall time."""
+"""One start of `python -m train.ppo`, or of the simulator alone, in a process of its own, and its wall time."""
 
 import dataclasses
 import json
@@ -14,19 +14,13 @@ from typing import Any
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig
 
-PASSED_ON = (  # settings that the command is given
-    "scenario",
-    "num_envs",
-    "total_timesteps",
-    "seed",
-    "checkpoint_interval",
-    "keep_checkpoints",
-)
+# Settings that the command is given.
+PASSED_ON = ("scenario", "num_envs", "total_timesteps", "seed")
 ROOT = Path(__file__).resolve().parents[2]  # where `-m train.ppo` is found, wherever this is called
 
 
 class CommandError(RuntimeError):
-    """The training command failed; the message is its last line."""
+    """A command failed; the message is its last line."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,23 +41,42 @@ def start(config: TrainConfig, run_dir: RunDir, cache: Path) -> Wall:
     Raises:
         CommandError: it failed.
     """
-    command = [sys.executable, "-m", "train.ppo", f"--run-dir={run_dir.path}"]
-    command += [f"--{name.replace('_', '-')}={getattr(config, name)}" for name in PASSED_ON]
+    given = [f"--{name.replace('_', '-')}={getattr(config, name)}" for name in PASSED_ON]
     began = time.perf_counter()
+    _run(["train.ppo", f"--run-dir={run_dir.path}", *given], JAX_COMPILATION_CACHE_DIR=str(cache))
+    total_s = time.perf_counter() - began
+    return split(json.loads(run_dir.summary.read_text(encoding="utf-8")), total_s)
+
+
+def throughput(config: TrainConfig, file: Path) -> float:
+    """Decisions/s of `python -m benchmarks.throughput` with as many environments; its JSON goes to `file`.
+
+    Raises:
+        CommandError: it failed.
+    """
+    given = [f"--num-envs={config.num_envs}", f"--scenario={config.scenario}", f"--json={file}"]
+    _run(["benchmarks.throughput", *given])
+    return float(json.loads(file.read_text(encoding="utf-8"))["env_steps_per_s"])
+
+
+def _run(command: Sequence[str], **environment: str) -> None:
+    """`python -m` a command, to its end.
+
+    Raises:
+        CommandError: it failed.
+    """
     ended = subprocess.run(
-        command,
+        [sys.executable, "-m", *command],
         cwd=ROOT,
-        env=os.environ | {"JAX_COMPILATION_CACHE_DIR": str(cache)},
+        env=os.environ | environment,
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
     )
-    total_s = time.perf_counter() - began
     if ended.returncode:
         lines = (ended.stdout + "\n" + ended.stderr).split("\n")
         said = [line for line in lines if line.strip()] or ["it said nothing"]
-        raise CommandError(f"train.ppo ended with code {ended.returncode}: {said[-1]}")
-    return split(json.loads(run_dir.summary.read_text(encoding="utf-8")), total_s)
+        raise CommandError(f"{command[0]} ended with code {ended.returncode}: {said[-1]}")
 
 
 def split(summary: Mapping[str, Any], total_s: float) -> Wall:

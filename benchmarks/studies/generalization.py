@@ -33,8 +33,8 @@ from train.runs.run_directory import RunDir
 MAIN, OTHER = "paper", "realistic"
 FACTORS = (0.5, 0.75, 1.0, 1.25, 1.5)  # of MAIN's demand
 AT_FACTORS = tuple(f"{MAIN} x {factor:g}" for factor in FACTORS)
-RULES = ("forecast", "paced", "greedy", "slow", "none")
-REFERENCE, NO_ACTION = "forecast", "none"
+RULES = ("budgeted", "forecast", "paced", "greedy", "slow", "none")
+REFERENCE, NO_ACTION = "budgeted", "none"
 # For trained runs; of Okabe and Ito (2008) those that train.reporting.figures gives to few rules; markers differ too.
 RUN_COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#000000")
 # At 1.5 times its demand the preset's slots are taken, and who comes would wait outside.
@@ -91,7 +91,7 @@ def summary(scores: Mapping[str, Scores], world: str, seed: int) -> dict[str, An
     """What `--json` writes of a world.
 
     Returns:
-        `policies` as `train.evaluation.summary.summarize` has them, and for each policy `minus_forecast` and
+        `policies` as `train.evaluation.summary.summarize` has them, and for each policy `minus_budgeted` and
         `minus_none`, the paired differences of the returns (`mean`, `ci95`).
     """
 
@@ -103,7 +103,7 @@ def summary(scores: Mapping[str, Scores], world: str, seed: int) -> dict[str, An
         return found
 
     policies = summarize(scores, world, (), seed)["policies"]
-    gained = {"minus_forecast": gains(REFERENCE), "minus_none": gains(NO_ACTION)}
+    gained = {f"minus_{REFERENCE}": gains(REFERENCE), "minus_none": gains(NO_ACTION)}
     return {"policies": policies, **gained}
 
 
@@ -130,7 +130,7 @@ def tables(worlds: Mapping[str, Any], runs: Sequence[str]) -> str:
     names = [*runs, *RULES]
     returns = table("return, 95 % CI", "policies", names, mean_return)
     shares = table("depleted share", "policies", names, share)
-    gains = table(f"minus {REFERENCE}, 95 % CI", "minus_forecast", runs, gain)
+    gains = table(f"minus {REFERENCE}, 95 % CI", f"minus_{REFERENCE}", runs, gain)
     return "\n\n".join([returns, shares, gains])
 
 

@@ -93,7 +93,7 @@ def load(options: argparse.Namespace) -> tuple[str, Any, Any, str, dict[str, Pol
         config = to_play(PPOConfig(), options.scenario)
         env, params = make_environment(config)
         rules = {name: build(env) for name, build in BASELINES.items()}
-        return config.scenario, env, params, options.base or "forecast", rules
+        return config.scenario, env, params, options.base or "budgeted", rules
     if options.base:
         raise InputError(f"--base is {options.base} with --run-dir, allowed: one of the two")
     config = to_play(RunDir(options.run_dir).load_config(), options.scenario)
@@ -137,7 +137,7 @@ def main(arguments: list[str] | None = None) -> None:
     add(
         "--base",
         choices=sorted({*BASELINES} - {"slow"}),
-        help="rule that is improved on (default: forecast)",
+        help="rule that is improved on (default: budgeted)",
     )
     add("--samples", type=whole_number(least=2), default=16, help="futures of each action")
     add("--hold", type=positive, default=16, metavar="N", help="decisions from plan to plan")

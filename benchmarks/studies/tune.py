@@ -16,6 +16,7 @@ import numpy as np
 import medjax
 from benchmarks.command import episodes_parser, positive, run_command, whole_number
 from benchmarks.studies.response import GROUP, Responses, directions, fit, step_to_top
+from medjax.commandline import add_set_option, parse_overrides
 from medjax.env.contract import Environment
 from medjax.episodes.scores import evaluate_policies
 from medjax.policies.policy import Policy
@@ -84,8 +85,15 @@ def climb(env: Environment, params: Any, options: argparse.Namespace) -> Any:
     scores = evaluate_policies(env, params, rules, options.episodes, options.seed)
     gain = scores["budgeted"]["return"] - scores["forecast"]["return"]
     mean, (low, high) = float(gain.mean()), bootstrap_ci95(gain, options.seed)
-    print(f"best budgeted: {_shown(numbers)}; over forecast {mean:.1f} [{low:.1f}, {high:.1f}]")
-    return {"rounds": rounds, "gain_mean": mean, "gain_ci95": [low, high]}
+    print(f"best budgeted: {_shown(numbers)}")
+    means = {
+        name: float(np.mean(scores["budgeted"][name])) for name in ("return", "meds_dispatched")
+    }
+    print(
+        f"it returns {means['return']:.1f}, sends {means['meds_dispatched']:.2f} MEDs, "
+        f"gains on forecast {mean:.1f} [{low:.1f}, {high:.1f}]"
+    )
+    return {"rounds": rounds, "gain_mean": mean, "gain_ci95": [low, high], "means": means}
 
 
 def _shown(numbers: np.ndarray) -> str:
@@ -97,7 +105,7 @@ def _shown(numbers: np.ndarray) -> str:
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Prints what is found of each rule."""
-    env, params = medjax.make(options.scenario)
+    env, params = medjax.make(options.scenario, **parse_overrides(options.overrides))
     return {
         rule: play_grid(env, params, rule, options) if rule in GRID else climb(env, params, options)
         for rule in options.rules
@@ -107,6 +115,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 def main(arguments: list[str] | None = None) -> None:
     parser = episodes_parser("tune", __doc__, episodes=256, seed=31)
     parser.add_argument("--rules", nargs="+", default=list(RULES), choices=list(RULES))
+    add_set_option(parser, "set a number of the environment; repeatable")
     rounds = "of climbing (default %(default)s)"
     parser.add_argument("--rounds", type=positive, default=10, help=rounds)
     groups = f"episodes a round of climbing, each for {GROUP} rules (default %(default)s)"

@@ -18,7 +18,7 @@ from train.runs.run_directory import RunDir
 from train.runs.trained_run import to_play
 from train.settings import TrainConfig
 
-RULES = ("forecast", "paced", "greedy", "slow", "none")
+RULES = ("budgeted", "forecast", "paced", "greedy", "slow", "none")
 
 
 @dataclasses.dataclass(frozen=True)

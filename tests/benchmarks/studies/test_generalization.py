@@ -80,10 +80,10 @@ def test_demands_and_policies_side_by_side(runs, tmp_path, capsys):
         assert played["minus_none"].get(name, {"mean": 0.0})["mean"] == pytest.approx(
             (score["return"] - scores["none"]["return"]).mean(), rel=1e-3, abs=digit
         )
-    gain = played["minus_forecast"]["profile"]
-    difference = scores["profile"]["return"] - scores["forecast"]["return"]
+    gain = played["minus_budgeted"]["profile"]
+    difference = scores["profile"]["return"] - scores["budgeted"]["return"]
     assert gain["mean"] == pytest.approx(difference.mean(), rel=1e-3, abs=digit)
-    assert f"{short(gain['mean'])} {interval(gain['ci95'])}" in printed.split("minus forecast")[1]
+    assert f"{short(gain['mean'])} {interval(gain['ci95'])}" in printed.split("minus budgeted")[1]
 
     vehicles = [worlds[name]["policies"]["none"]["vehicle_ticks"] for name in demands]
     assert (np.diff(vehicles) > 0).all()

@@ -42,7 +42,7 @@ def test_climbs_to_a_surely_better_rule(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "budgeted: round  6" in printed
     assert "ramp 4 " in printed
-    assert f"over forecast {found['gain_mean']:.1f}" in printed
+    assert f"gains on forecast {found['gain_mean']:.1f}" in printed
 
 
 @pytest.mark.parametrize(
@@ -54,6 +54,7 @@ def test_climbs_to_a_surely_better_rule(tmp_path, capsys):
         ["--groups=7"],
         ["--rules=best"],
         ["--scenario=nowhere"],
+        ["--set=size=99"],
     ],
 )
 def test_bad_input_is_one_line(argv, capsys):
