@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from medjax.scenarios import SCENARIOS, make
     from medjax.world.detectors import read_detectors
     from medjax.world.params import EnvConfig, EnvParams
+    from medjax.wrappers.agents import make_agents
 
 __all__ = [
     "BASELINES",
@@ -26,6 +27,7 @@ __all__ = [
     "EnvConfig",
     "EnvParams",
     "make",
+    "make_agents",
     "read_detectors",
 ]
 __version__ = "0.1.0"
@@ -38,6 +40,7 @@ _HOMES = {
     "EnvConfig": "world.params",
     "EnvParams": "world.params",
     "make": "scenarios",
+    "make_agents": "wrappers.agents",
     "read_detectors": "world.detectors",
 }
 

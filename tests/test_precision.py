@@ -197,7 +197,10 @@ def platoon(env, params, x):
             energy_j=np.full(4, 3e7), panel=np.arange(len(PANELS), dtype=np.int32)
         ),
         meds=state.meds.replace(
-            energy_j=np.full(1, 1.3e9), status=np.full(1, IN_SERVICE, np.int32)
+            energy_j=np.full(1, 1.3e9),
+            status=np.full(1, IN_SERVICE, np.int32),
+            service_speed=np.full(1, 17.987),
+            service_lane=np.full(1, 2, np.int32),
         ),
     )
 

@@ -79,7 +79,7 @@ class Offers(NamedTuple):
     speed: jax.Array  # m/s
     lane: jax.Array  # int32
     length: jax.Array  # m
-    free: jax.Array  # bool, in service, with energy, and the slot not booked
+    free: jax.Array  # bool, in service, with energy, takes EVs, and the slot not booked
     leaves_x: jax.Array  # m, where it leaves the road
 
 
@@ -177,7 +177,7 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
         speed=vehicles.speed[med_slots],
         lane=vehicles.lane[med_slots],
         length=length[med_slots],
-        free=can_serve(meds, params)[:, None] & ~booked,
+        free=(can_serve(meds, params) & meds.accepts)[:, None] & ~booked,
         leaves_x=vehicles.destination[med_slots],
     )
     lane = vehicles.lane[ev_slots]

@@ -104,6 +104,11 @@ def plan_approach(
     return Approach(goal, PRESSING_DESIRE * urgency * direction, is_near, leads)
 
 
+def platooning_of(params: ChargingParams) -> Platooning:
+    """How close a MED and the EVs booked on it drive."""
+    return Platooning(params.platoon_headway, params.platoon_min_gap)
+
+
 def unhurried(
     gap: jax.Array, speed: jax.Array, platooning: Platooning, comfort: jax.Array | float
 ) -> jax.Array:
@@ -181,21 +186,21 @@ def _pace(
     ev_length: jax.Array,
     panel: jax.Array,
     med: Partner,
+    service_speed: jax.Array,
     plan: Approach,
-    platooning: Platooning,
     params: EnvParams,
 ) -> jax.Array:
-    """Speed of each booked EV on its way to its slot, `(E,)` m/s.
+    """Speed of each booked EV on its way to its slot, `(E,)` m/s, `service_speed` being that of its MED.
 
     Ahead of its MED in the MED's lane it falls back no faster than lets the MED keep its speed; and if it has no
     business there, it drives as fast as the MED means to until it has left that lane.
     """
     charging, drivers = params.charging, params.drivers
     comfort = jnp.sqrt(drivers.max_acceleration[MED] * drivers.comfortable_deceleration[MED])
-    gently = unhurried(x - ev_length - med.x, med.speed, platooning, comfort)
+    gently = unhurried(x - ev_length - med.x, med.speed, platooning_of(charging), comfort)
     most_back = jnp.where(plan.leads, gently, charging.approach_speed)
     share = jnp.where(plan.leads & (panel != FRONT), 1.0, charging.slowest_share)
-    slowest = share * params.fleet.service_speed
+    slowest = share * service_speed
     return approach_pace(plan.goal_x - x, med.speed, most_back, slowest, charging)
 
 
@@ -210,14 +215,14 @@ def approach(state: EnvState, drivers: Drivers, config: EnvConfig, params: EnvPa
     med = partners(vehicles, evs, drivers.length, config)
     x, lane = vehicles.x[slots], vehicles.lane[slots]
     plan = plan_approach(x, lane, drivers.length[slots], evs.panel, med, params.charging)
-    platooning = Platooning(params.charging.platoon_headway, params.charging.platoon_min_gap)
-    pace = _pace(x, drivers.length[slots], evs.panel, med, plan, platooning, params)
+    service_speed = read(state.meds.service_speed, jnp.maximum(evs.med, 0))
+    pace = _pace(x, drivers.length[slots], evs.panel, med, service_speed, plan, params)
     docking = docking_acceleration(
         vehicles.speed[slots], pace, drivers.comfortable_deceleration[slots], params.charging
     )
     # A MED goes round who stands in its lane, and comes back.
-    keeps = vehicles.speed[config.med_slots] > 0.5 * params.fleet.service_speed
-    to_service = jnp.sign(params.fleet.service_lane - vehicles.lane[config.med_slots])
+    keeps = vehicles.speed[config.med_slots] > 0.5 * state.meds.service_speed
+    to_service = jnp.sign(state.meds.service_lane - vehicles.lane[config.med_slots])
     ev_desire = jnp.where(evs.is_depleted, to_the_right(params), 0.0)
     ev_desire = jnp.where(booked, plan.desire, ev_desire)
     desire = config.by_slot(ORDERED_DESIRE * to_service, ev_desire, 0.0)
@@ -226,7 +231,7 @@ def approach(state: EnvState, drivers: Drivers, config: EnvConfig, params: EnvPa
     most = jnp.where(evs.is_depleted, coasting(vehicles.speed[slots], params), jnp.inf)
     return Orders(
         platoon=config.by_slot(jnp.arange(config.num_meds, dtype=jnp.int32), evs.med, NOBODY),
-        platooning=platooning,
+        platooning=platooning_of(params.charging),
         acceleration=free.at[slots].set(jnp.where(booked, docking, most)),
         desire=desire,
         stay=config.by_slot(keeps, booked & plan.is_near | evs.is_depleted, False),

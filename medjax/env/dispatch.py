@@ -79,7 +79,7 @@ def on_the_road(
       left: (N,) bool, at an exit or the end of the road in it.
     """
     slots, fleet = config.med_slots, params.fleet
-    in_lane = vehicles.lane[slots] == fleet.service_lane
+    in_lane = vehicles.lane[slots] == meds.service_lane
     settled = jnp.abs(vehicles.lateral_offset[slots]) < 1.0
     status = jnp.where((meds.status == MERGING) & in_lane & settled, IN_SERVICE, meds.status)
     charging_s = (params.med_capacity_j - meds.energy_j) / fleet.depot_power_w
@@ -90,14 +90,18 @@ def on_the_road(
 
 
 def at_depot(config: EnvConfig, params: EnvParams) -> MEDs:
-    """The fleet, full and at the depot; slots beyond its size hold MEDs that never come."""
-    exists = jnp.arange(config.num_meds) < params.fleet.size
+    """The fleet, full and at the depot, to serve as it is used to; slots beyond its size hold MEDs that never come."""
+    fleet = params.fleet
+    exists = jnp.arange(config.num_meds) < fleet.size
     return MEDs(
         energy_j=jnp.full((config.num_meds,), params.med_capacity_j, jnp.float32),
         rest_j=jnp.zeros((config.num_meds,)),
         status=jnp.where(exists, AT_DEPOT, RETIRED).astype(jnp.int32),
         ramp=jnp.zeros((config.num_meds,), jnp.int32),
         ready_in_s=jnp.full((config.num_meds,), jnp.inf, jnp.float32),
+        service_speed=jnp.full((config.num_meds,), fleet.service_speed, jnp.float32),
+        service_lane=jnp.full((config.num_meds,), fleet.service_lane, jnp.int32),
+        accepts=jnp.ones((config.num_meds,), bool),
     )
 
 
@@ -111,11 +115,15 @@ def advance_clocks(state: EnvState, config: EnvConfig, params: EnvParams) -> tup
     ready_in = jnp.where(meds.status == RETIRED, count_down(meds.ready_in_s, dt), meds.ready_in_s)
     returns = (meds.status == RETIRED) & (ready_in <= 0.0)
     given_j = jnp.where(returns, params.med_capacity_j - meds.energy_j - meds.rest_j, 0.0)
+    new = at_depot(config, params)
     meds = meds.replace(
         status=jnp.where(returns, AT_DEPOT, meds.status),
-        energy_j=jnp.where(returns, params.med_capacity_j, meds.energy_j),
-        rest_j=jnp.where(returns, 0.0, meds.rest_j),
+        energy_j=jnp.where(returns, new.energy_j, meds.energy_j),
+        rest_j=jnp.where(returns, new.rest_j, meds.rest_j),
         ready_in_s=ready_in,
+        service_speed=jnp.where(returns, new.service_speed, meds.service_speed),
+        service_lane=jnp.where(returns, new.service_lane, meds.service_lane),
+        accepts=meds.accepts | returns,
     )
     cooldown_s = count_down(state.cooldown_s, dt)
     state = state.replace(meds=meds, cooldown_s=cooldown_s, time=state.time + 1)

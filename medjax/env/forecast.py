@@ -30,6 +30,14 @@ def free_slots(state: EnvState, config: EnvConfig) -> jax.Array:
     return jnp.sum(~taken, axis=1)
 
 
+def lacking_j(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """What each EV lacks to come to its destination at cruising speed, `(E,)` J; negative where something is left."""
+    cruise, power_w = cruising(params)
+    x = state.vehicles.x[config.ev_slots]
+    way = state.vehicles.destination[config.ev_slots] - x
+    return way * (power_w / cruise) - state.evs.energy_j
+
+
 class Need(NamedTuple):
     """What a MED from each ramp would find within a window, `(num_ramps,)` float32 each."""
 
@@ -59,7 +67,7 @@ def expected_need(
         return road.ramp_x_m[:, None] - x[None, :]
 
     x = state.vehicles.x[config.ev_slots]
-    lacks_j = (state.vehicles.destination[config.ev_slots] - x) * per_metre - state.evs.energy_j
+    lacks_j = lacking_j(state, config, params)
     waits = (state.evs.med == NOT_BOOKED) & ~state.evs.is_depleted
     needy = state.vehicles.active[config.ev_slots] & (lacks_j > 0.0) & waits
     way = ahead_of(x)

@@ -9,7 +9,7 @@ from medjax.charging.energy import cruising
 from medjax.numerics.gathers import read
 from medjax.traffic.exits import missed, next_exit, prepares
 from medjax.world.params import EnvConfig, EnvParams
-from medjax.world.state import IN_SERVICE, LEAVING, NOT_BOOKED, EnvState, Tally
+from medjax.world.state import IN_SERVICE, LEAVING, NOT_BOOKED, EnvState, Tally, Vehicles
 
 
 def needs_charger(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
@@ -34,6 +34,20 @@ def needs_charger(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.
     return unserved & passes & (spare < (goal - x) * (power_w / speed))
 
 
+def leaving_early(
+    vehicles: Vehicles, leaves: jax.Array, config: EnvConfig, params: EnvParams
+) -> jax.Array:
+    """Destinations, `(N,)` m, where MEDs that are to leave, `(M,)` bool, do so at the first exit that they can take.
+
+    That is one of which they are told in time.
+    """
+    road, slots = params.road, config.med_slots
+    in_time = next_exit(vehicles.x[slots] + road.exit_notice_m, road)
+    of_meds = vehicles.destination[slots]
+    early = jnp.where(leaves, jnp.minimum(in_time, of_meds), of_meds)
+    return vehicles.destination.at[slots].set(early)
+
+
 def plan_trips(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[EnvState, Tally]:
     """Who has missed its exit takes the next one; EVs leave for a charger, MEDs that are empty for a depot.
 
@@ -46,13 +60,9 @@ def plan_trips(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[E
     past = missed(vehicles, road)
     ahead = next_exit(vehicles.x, road)
     stops = needs_charger(state, config, params)
-    # A MED leaves at an exit that it has been told of in time.
-    in_time = next_exit(vehicles.x[config.med_slots] + road.exit_notice_m, road)
     empty = meds.energy_j <= params.fleet.reserve_soc * params.med_capacity_j
-    destination = jnp.where(past, ahead, vehicles.destination)
-    of_meds = destination[config.med_slots]
-    early = jnp.where(empty & (meds.status == IN_SERVICE), jnp.minimum(in_time, of_meds), of_meds)
-    destination = destination.at[config.med_slots].set(early)
+    vehicles = vehicles.replace(destination=jnp.where(past, ahead, vehicles.destination))
+    destination = leaving_early(vehicles, empty & (meds.status == IN_SERVICE), config, params)
     of_evs = jnp.where(stops, ahead[config.ev_slots], destination[config.ev_slots])
     vehicles = vehicles.replace(destination=destination.at[config.ev_slots].set(of_evs))
     near = prepares(vehicles, config, params)

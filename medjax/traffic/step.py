@@ -65,12 +65,12 @@ class Orders(NamedTuple):
 def drivers_of(state: EnvState, config: EnvConfig, params: EnvParams) -> Drivers:
     """Drivers of all slots, `(N,)` each; they stay the same between two rounds of entries.
 
-    A MED drives with its own desired speed until it is in service, then at the fleet's service speed.
+    A MED drives with its own desired speed until it is in service, then at its service speed.
     """
     vehicles, slots = state.vehicles, config.med_slots
     own = vehicles.desired_speed
     in_service = state.meds.status == IN_SERVICE
-    med_speed = jnp.where(in_service, params.fleet.service_speed, own[slots])
+    med_speed = jnp.where(in_service, state.meds.service_speed, own[slots])
     return make_drivers(vehicles.kind, own.at[slots].set(med_speed), params.drivers)
 
 

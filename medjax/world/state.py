@@ -64,6 +64,9 @@ class MEDs(struct.PyTreeNode):
     status: jax.Array  # (M,) int32, a place in STATUS_NAMES
     ramp: jax.Array  # (M,) int32, where it was sent
     ready_in_s: jax.Array  # (M,) until a retired MED is at the depot again
+    service_speed: jax.Array  # (M,) m/s, that it drives in service
+    service_lane: jax.Array  # (M,) int32, that it serves in, or makes for
+    accepts: jax.Array  # (M,) bool, takes EVs that ask
 
 
 class Tally(struct.PyTreeNode):

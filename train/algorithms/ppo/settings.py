@@ -27,7 +27,7 @@ class PPOConfig(TrainConfig):
         "minibatches per epoch; as many environments meet the same episodes, one for each; must divide num_envs",
         limits=(1, 2**20),
     )
-    num_epochs: int = option(4, "PPO", "passes over each rollout", limits=(1, 1000))
+    num_epochs: int = option(2, "PPO", "passes over each rollout", limits=(1, 1000))
     learning_rate: float = option(
         1e-3, "PPO", "of Adam, at the start", flags=("--lr",), limits=(1e-12, 10)
     )

@@ -1,0 +1,129 @@
+"""What an agent may do: parts, each a space of its own, and the one discrete action that all of them fold into."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Generic, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+
+from medjax.env.dispatch import action_mask
+from medjax.env.spaces import Discrete
+from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.state import AT_DEPOT, IN_SERVICE, EnvState
+
+Each = TypeVar("Each")
+
+
+class Parts(NamedTuple, Generic[Each]):
+    """Something for each part of an agent's action: spaces, choices `(A,)` int32, or masks `(A, n)` bool."""
+
+    enter: Each  # 0 waits at the depot, r enters from ramp r
+    speed: Each  # of `AgentActions.speeds`
+    lane: Each  # of `AgentActions.lanes`
+    accept: Each  # 0 takes no EV that asks, 1 takes them
+    leave: Each  # 1 makes for the next exit; a road without exits has only 0
+
+
+@dataclasses.dataclass(frozen=True)
+class AgentActions:
+    """The spaces of an agent's action.
+
+    Folded, action 0 does as the rule does: waits at the depot, or serves at the fleet's speed, in the fleet's lane,
+    and takes who asks. Actions 1 .. num_ramps enter from that ramp. Those beyond are what a MED in service may do, the
+    last part, `leave`, counting fastest.
+
+    Attributes:
+      speeds: m/s, that a MED in service may be told to drive.
+      lanes: that it may be told to serve in.
+      num_ramps: on-ramps of the road.
+      exits: whether the road has any, by which it may leave early.
+    """
+
+    speeds: tuple[float, ...]
+    lanes: tuple[int, ...]
+    num_ramps: int
+    exits: bool
+
+    @property
+    def parts(self) -> Parts[Discrete]:
+        """A `Discrete` each."""
+        sizes = (1 + self.num_ramps, len(self.speeds), len(self.lanes), 2, 2 if self.exits else 1)
+        return Parts(*map(Discrete, sizes))
+
+    @property
+    def num_actions(self) -> int:
+        """Of the folded action."""
+        enter, *others = self.parts
+        return enter.n + math.prod(part.n for part in others)
+
+    def fold(self, parts: Parts[jax.Array], serves: jax.Array) -> jax.Array:
+        """The folded action, `(A,)` int32, of choices; `serves` `(A,)` bool: one in service, whose `enter` is 0."""
+        enter, *spaces = self.parts
+        place = jnp.zeros_like(parts.speed)
+        for space, choice in zip(spaces, parts[1:], strict=True):
+            place = place * space.n + choice
+        return jnp.where(serves, enter.n + place, parts.enter).astype(jnp.int32)
+
+    def unfold(self, action: jax.Array, rule: Parts[jax.Array]) -> Parts[jax.Array]:
+        """The choices `(A,)` of folded actions `(A,)`; where these say nothing of a part, those of `rule`."""
+        enter, *spaces = self.parts
+        serves = action >= enter.n
+        place = jnp.maximum(action - enter.n, 0)
+        choices = []
+        for space, usual in zip(reversed(spaces), reversed(rule[1:]), strict=True):
+            choices.append(jnp.where(serves, place % space.n, usual))
+            place = place // space.n
+        return Parts(jnp.where(serves, 0, action), *reversed(choices))
+
+    def by_rule(self, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
+        """What the rule would choose, `(A,)` each: of the speeds and lanes those that come nearest to the fleet's."""
+        usual = params.fleet
+        wait = jnp.zeros(state.meds.status.shape, jnp.int32)
+        lane = jnp.where(_is_alone(state), usual.service_lane, state.meds.service_lane)
+        return Parts(
+            enter=wait,
+            speed=_nearest(self.speeds, wait + usual.service_speed),
+            lane=_nearest(self.lanes, lane),
+            accept=wait + 1,
+            leave=wait,
+        )
+
+    def masks(self, state: EnvState, config: EnvConfig) -> Parts[jax.Array]:
+        """Which choices an agent has in each part, `(A, n)` bool.
+
+        Only the first at the depot may enter, once the cooldown is over. A MED in service keeps its lane while an EV is
+        booked on it: those beside it would be in its way.
+        """
+        status = state.meds.status
+        at_depot, serves = status == AT_DEPOT, (status == IN_SERVICE)[:, None]
+        head = at_depot & (jnp.arange(status.shape[0]) == jnp.argmax(at_depot))
+        here = _nearest(self.lanes, state.meds.service_lane)[:, None] == jnp.arange(len(self.lanes))
+        of_part = [jnp.ones((status.shape[0], part.n), bool) for part in self.parts]
+        return Parts(
+            enter=(head[:, None] & action_mask(state, config)).at[:, 0].set(True),
+            speed=serves & of_part[1],
+            lane=serves & (_is_alone(state)[:, None] | here),
+            accept=serves & of_part[3],
+            leave=serves & of_part[4],
+        )
+
+    def folded_mask(self, masks: Parts[jax.Array]) -> jax.Array:
+        """Which folded actions are allowed, `(A, num_actions)` bool, by the masks of the parts; action 0 always is."""
+        combined = masks.speed
+        for part in masks[2:]:
+            combined = (combined[:, :, None] & part[:, None, :]).reshape(combined.shape[0], -1)
+        return jnp.concatenate([masks.enter, combined], axis=1)
+
+
+def _is_alone(state: EnvState) -> jax.Array:
+    """MEDs on which nobody is booked, `(A,)` bool."""
+    return ~jnp.any(state.evs.med[:, None] == jnp.arange(state.meds.status.shape[0]), axis=0)
+
+
+def _nearest(choices: tuple[float, ...], value: jax.Array) -> jax.Array:
+    """The place of the choice that comes nearest to each value, int32 of its shape."""
+    apart = jnp.abs(jnp.asarray(choices, jnp.float32) - value[:, None])
+    return jnp.argmin(apart, axis=1).astype(jnp.int32)

@@ -1,0 +1,150 @@
+"""The highway with every MED an agent: `ChargingEnv`, whose dispatcher and MEDs in service are told what to do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from medjax.env.agents.actions import AgentActions, Parts
+from medjax.env.agents.orders import allowed_parts, give_orders
+from medjax.env.agents.view import AgentView
+from medjax.env.charging_env import ChargingEnv
+from medjax.env.observation import RoadProfile
+from medjax.env.spaces import Box, Discrete
+from medjax.numerics.sums import in_units
+from medjax.world.params import EnvParams
+from medjax.world.state import NOT_BOOKED, EnvState
+
+AgentsStep = tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, dict[str, Any]]
+
+CREDITS = ("team", "own")
+
+
+class AgentsEnv:
+    """Every MED of a `ChargingEnv` is an agent, at the depot and in service. A = `config.num_meds`.
+
+    One step is one decision of `env`. An agent that does as the rule does (action 0) leaves the highway as it is: with
+    all others at 0, the agent at the head of the depot's line is the dispatcher of `env`, bit for bit. Methods are pure
+    and jit; batch with `jax.vmap`. `medjax.make_agents` puts names and dicts around it.
+
+    Args:
+      env: of one highway, not wrapped.
+      actions: what an agent may do.
+      credit: "team", everyone gets the reward of `env`; or "own", the packs by which the charge of the EVs that are
+        booked on it changed in the decision, those that began booked and those that end so.
+      view: what an agent sees, `size(config)` and `__call__(state, config, params)` to `(A, size)`.
+    """
+
+    def __init__(
+        self,
+        env: ChargingEnv,
+        actions: AgentActions,
+        credit: str = "team",
+        view: AgentView | None = None,
+    ) -> None:
+        self.env, self.actions, self.credit = env, actions, credit
+        self.view = AgentView() if view is None else view
+        self.profile = RoadProfile()
+
+    @property
+    def num_agents(self) -> int:
+        """One each slot of a MED."""
+        return self.env.config.num_meds
+
+    @property
+    def num_actions(self) -> int:
+        """Of an agent's folded action."""
+        return self.actions.num_actions
+
+    def action_space(self) -> Discrete:
+        """Of an agent's folded action; its parts are `actions.parts`."""
+        return Discrete(self.num_actions)
+
+    def observation_space(self) -> Box:
+        """Of an agent: a float32 vector, scaled to about [-1, 1], not bounded by it."""
+        return Box(-jnp.inf, jnp.inf, (self.view.size(self.env.config),))
+
+    def reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
+        """Starts an episode: what the agents see, `(A, size)` float32, and the state."""
+        _, state = self.env.reset(key, params)
+        return self.get_obs(state, params), state
+
+    def step_env(
+        self, key: jax.Array, state: EnvState, actions: jax.Array, params: EnvParams
+    ) -> AgentsStep:
+        """One decision without a reset.
+
+        Args:
+          key: as of `ChargingEnv.step_env`.
+          state: of one highway.
+          actions: (A,) int32, folded; one that the mask forbids counts as 0, and in `metrics["invalid_actions"]`.
+          params: of the highway.
+
+        Returns:
+          (observations (A, size) float32, state, rewards (A,) float32, terminated () bool, truncated () bool, info of
+          `ChargingEnv.step_env`)
+        """
+        rule = self.actions.by_rule(state, params)
+        mask = self.action_mask(state, params)
+        inside = (actions >= 0) & (actions < self.num_actions)
+        place = jnp.clip(actions, 0, self.num_actions - 1)
+        fine = inside & jnp.take_along_axis(mask, place[:, None], axis=1)[:, 0]
+        parts = self.actions.unfold(jnp.where(fine, actions, 0), rule)
+        return self._step(key, state, parts, jnp.sum(~fine), params)
+
+    def step_parts(
+        self, key: jax.Array, state: EnvState, parts: Parts[jax.Array], params: EnvParams
+    ) -> AgentsStep:
+        """`step_env` by parts `(A,)` int32 each; one that its mask forbids counts as the rule's, and is counted."""
+        masks = self.actions.masks(state, self.env.config)
+        rule = self.actions.by_rule(state, params)
+        allowed, wrong = allowed_parts(parts, masks, rule)
+        return self._step(key, state, allowed, jnp.sum(wrong), params)
+
+    def _step(
+        self,
+        key: jax.Array,
+        state: EnvState,
+        parts: Parts[jax.Array],
+        wrong: jax.Array,
+        params: EnvParams,
+    ) -> AgentsStep:
+        """The decision of allowed parts, so many others having been `wrong` ()."""
+        ordered, action = give_orders(state, parts, self.actions, self.env.config, params)
+        tally = ordered.tally
+        counted = tally.replace(invalid_actions=tally.invalid_actions + wrong.astype(jnp.float32))
+        ordered = ordered.replace(tally=counted)
+        _, after, reward, terminated, truncated, info = self.env.step_env(
+            key, ordered, action, params
+        )
+        rewards = jnp.broadcast_to(reward, (self.num_agents,))
+        if self.credit == "own":
+            rewards = self._own(state, after, params)
+        return self.get_obs(after, params), after, rewards, terminated, truncated, info
+
+    def _own(self, before: EnvState, after: EnvState, params: EnvParams) -> jax.Array:
+        """Packs by which the charge of each MED's EVs changed, `(A,)`; of EVs that are on the road at both ends."""
+        slots = self.env.config.ev_slots
+        agents = jnp.arange(self.num_agents)[:, None]
+        stayed = before.vehicles.active[slots] & after.vehicles.active[slots]
+        ours = [(each.evs.med == agents) & (each.evs.med != NOT_BOOKED) for each in (before, after)]
+        change = in_units(after.evs.energy_j - before.evs.energy_j, params.ev_capacity_j)
+        return jnp.sum(jnp.where((ours[0] | ours[1]) & stayed, change, 0.0), axis=1)
+
+    def action_mask(self, state: EnvState, params: EnvParams) -> jax.Array:
+        """Allowed folded actions, `(A, num_actions)` bool; action 0 always is."""
+        return self.actions.folded_mask(self.actions.masks(state, self.env.config))
+
+    def present(self, state: EnvState, params: EnvParams) -> jax.Array:
+        """Agents that have a choice now, `(A,)` bool."""
+        return jnp.sum(self.action_mask(state, params), axis=1) > 1
+
+    def get_obs(self, state: EnvState, params: EnvParams) -> jax.Array:
+        """What the agents see, `(A, size)` float32."""
+        return self.view(state, self.env.config, params)
+
+    def global_state(self, state: EnvState, params: EnvParams) -> jax.Array:
+        """The whole road for a central critic, `(G,)` float32: `medjax.env.observation.RoadProfile`."""
+        return self.profile(state, self.env.config, params)

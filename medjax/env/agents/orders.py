@@ -1,0 +1,59 @@
+"""What agents decide, put into the state of the highway: one of them enters, those in service get their orders."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from medjax.env.agents.actions import AgentActions, Parts
+from medjax.env.trips import leaving_early
+from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.state import IN_SERVICE, EnvState
+
+
+def allowed_parts(
+    choices: Parts[jax.Array], masks: Parts[jax.Array], rule: Parts[jax.Array]
+) -> tuple[Parts[jax.Array], jax.Array]:
+    """The choices `(A,)`, with the rule's where a mask forbids one, and how many of each agent's that were, `(A,)`."""
+
+    def check(choice: jax.Array, mask: jax.Array, usual: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """A part's choices, and which of them count as the rule's though they are others."""
+        inside = (choice >= 0) & (choice < mask.shape[1])
+        place = jnp.clip(choice, 0, mask.shape[1] - 1)
+        fine = inside & jnp.take_along_axis(mask, place[:, None], axis=1)[:, 0]
+        return jnp.where(fine, choice, usual), ~fine & (choice != usual)
+
+    checked = [check(*each) for each in zip(choices, masks, rule, strict=True)]
+    wrong = [jnp.asarray(refused, jnp.int32) for _, refused in checked]
+    return Parts(*(choice for choice, _ in checked)), sum(wrong, jnp.zeros_like(wrong[0]))
+
+
+def give_orders(
+    state: EnvState,
+    parts: Parts[jax.Array],
+    actions: AgentActions,
+    config: EnvConfig,
+    params: EnvParams,
+) -> tuple[EnvState, jax.Array]:
+    """The state with the orders of agents in service, and what the dispatcher does.
+
+    Args:
+      parts: allowed choices `(A,)`.
+      actions: their spaces.
+
+    Returns:
+      (state, 0 or the ramp that an agent enters from, counted from 1, () int32)
+    """
+    vehicles, meds = state.vehicles, state.meds
+    serves = meds.status == IN_SERVICE
+    speed = jnp.asarray(actions.speeds, jnp.float32)[parts.speed]
+    lane = jnp.asarray(actions.lanes, jnp.int32)[parts.lane]
+    if actions.exits:
+        leaves = serves & (parts.leave > 0)
+        vehicles = vehicles.replace(destination=leaving_early(vehicles, leaves, config, params))
+    meds = meds.replace(
+        service_speed=jnp.where(serves, speed, meds.service_speed),
+        service_lane=jnp.where(serves, lane, meds.service_lane),
+        accepts=jnp.where(serves, parts.accept > 0, meds.accepts),
+    )
+    return state.replace(vehicles=vehicles, meds=meds), jnp.max(parts.enter, initial=0)

@@ -1,0 +1,217 @@
+"""What an agent sees: itself, those around it in its own frame, what asks for it, and what is to come."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+
+from medjax.charging.booking import ask, grant
+from medjax.env.forecast import expected_need, free_slots, lacking_j, med_places
+from medjax.env.observation import NEED_WINDOW_S, clock_features
+from medjax.numerics.sums import in_units
+from medjax.traffic.exits import next_exit
+from medjax.world.params import PANELS, EnvConfig, EnvParams
+from medjax.world.state import (
+    AT_DEPOT,
+    IN_SERVICE,
+    MERGING,
+    NOT_BOOKED,
+    QUEUED,
+    STATUS_NAMES,
+    EnvState,
+)
+
+VIEW_M = 500.0  # a way of 1
+SPEED_UNIT = 30.0  # m/s, a speed of 1
+NOWHERE = 1.0e9
+OF_ITSELF = len(STATUS_NAMES) + 11
+OF_AN_EV = 10
+OF_A_REQUEST = 6
+OF_A_MED = 5
+
+
+@dataclasses.dataclass(frozen=True)
+class AgentView:
+    """An agent's observation, a float32 vector for each; nothing in it depends on the order of slots.
+
+    - Itself: its status one-hot; its share of the road, speed, charge, lane, lanes to the one that it serves in, speed
+      that it serves at; whether it takes EVs; free slots; the way to the exit ahead and to its own; whether it is the
+      first at the depot.
+    - The `num_evs` nearest EVs: there, way and speed relative to its own, lanes to it, charge, packs that it lacks to
+      its destination, whether it asks now, is booked on this MED, on another, charges.
+    - The EV that would be granted it now: there, way, relative speed, lanes, charge, packs that it lacks.
+    - The next MED ahead of it and behind it: there, way, relative speed, whether in service, free slots.
+    - Of each ramp what a MED from there would find (`medjax.env.forecast.Need`), and the clock of
+      `medjax.env.observation.Observation`.
+
+    Ways are in 500 m, at most 1; speeds in 30 m/s; slots and EVs in those of a MED. Who is not on the road sees nobody.
+    """
+
+    num_evs: int = 8
+
+    def size(self, config: EnvConfig) -> int:
+        """Length of an agent's vector."""
+        nearest = min(self.num_evs, config.num_evs) * OF_AN_EV
+        return OF_ITSELF + nearest + OF_A_REQUEST + 2 * OF_A_MED + 4 * config.num_ramps + 4
+
+    def __call__(self, state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+        """`(num_meds, size)` float32."""
+        evs = _evs(state, config, params)
+        way = jnp.where(
+            _on_road(state, config)[:, None], _ways(state, config, params, evs[:, 0]), NOWHERE
+        )
+        way = jnp.where(_there(state, config), way, NOWHERE)
+        _, nearest = jax.lax.top_k(-jnp.abs(way), min(self.num_evs, config.num_evs))
+        request = _requests(state, config, params)
+        everyone = jax.vmap(_seen, (0, 0, 0, 0, None))
+        own = jnp.arange(config.num_meds)
+        frame = jnp.stack([_speeds(state, config), _lanes(state, config), own], axis=1)
+        around = everyone(frame, way, nearest, jnp.ones_like(nearest, bool), evs)
+        asked = jnp.maximum(request, 0)[:, None]
+        wanted = everyone(frame, way, asked, request[:, None] >= 0, evs)
+        need = expected_need(state, config, params, NEED_WINDOW_S)
+        slots = len(PANELS)
+        ramps = [need.there / slots, need.shortfall, need.coming / slots, need.free / slots]
+        of_all = jnp.concatenate([*ramps, clock_features(state, params)])
+        parts = [
+            _itself(state, config, params),
+            around.reshape(config.num_meds, -1),
+            wanted[:, 0, :OF_A_REQUEST],
+            _other_meds(state, config, params),
+            jnp.broadcast_to(of_all, (config.num_meds, of_all.shape[0])),
+        ]
+        return jnp.concatenate(parts, axis=1).astype(jnp.float32)
+
+
+def _on_road(state: EnvState, config: EnvConfig) -> jax.Array:
+    """MEDs that see others, `(A,)` bool: on the road, or waiting at its edge."""
+    return state.vehicles.active[config.med_slots] | (state.meds.status == QUEUED)
+
+
+def _there(state: EnvState, config: EnvConfig) -> jax.Array:
+    """EVs that drive, `(E,)` bool."""
+    return state.vehicles.active[config.ev_slots] & ~state.evs.is_depleted
+
+
+def _speeds(state: EnvState, config: EnvConfig) -> jax.Array:
+    return state.vehicles.speed[config.med_slots]
+
+
+def _lanes(state: EnvState, config: EnvConfig) -> jax.Array:
+    return state.vehicles.lane[config.med_slots].astype(jnp.float32)
+
+
+def _ways(state: EnvState, config: EnvConfig, params: EnvParams, x: jax.Array) -> jax.Array:
+    """From each MED ahead to each of the places `(n,)` m, `(A, n)` m."""
+    return x[None, :] - med_places(state, config, params)[:, None]
+
+
+def _evs(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """EVs by themselves, `(E, 8)`: x, speed, lane, charge, packs lacked, asks, MED, charges."""
+    vehicles, evs, slots = state.vehicles, state.evs, config.ev_slots
+    requests, _ = ask(state, config, params)
+    lacks_j = jnp.maximum(lacking_j(state, config, params), 0.0)
+    columns = [
+        vehicles.x[slots],
+        vehicles.speed[slots],
+        vehicles.lane[slots],
+        in_units(evs.energy_j, params.ev_capacity_j),
+        in_units(lacks_j, params.ev_capacity_j),
+        requests.asks,
+        evs.med,
+        evs.is_charging,
+    ]
+    return jnp.stack([jnp.asarray(column, jnp.float32) for column in columns], axis=1)
+
+
+def _seen(
+    frame: jax.Array, way: jax.Array, which: jax.Array, there: jax.Array, evs: jax.Array
+) -> jax.Array:
+    """Some EVs as a MED sees them, `(k, OF_AN_EV)`; zeros where there is none.
+
+    Args:
+      frame: (3,) its speed, lane and index; way: (E,) m to each EV, NOWHERE if it does not see it.
+      which, there: (k,) of the EVs, and whether there is one.
+      evs: of `_evs`.
+    """
+    speed, lane, own = frame
+    rows, way = evs[which], way[which]
+    there &= jnp.abs(way) < NOWHERE
+    booked = rows[:, 6] != NOT_BOOKED
+    mine = rows[:, 6] == own
+    columns = [
+        jnp.ones_like(way),
+        jnp.clip(way / VIEW_M, -1.0, 1.0),
+        (rows[:, 1] - speed) / SPEED_UNIT,
+        rows[:, 2] - lane,
+        rows[:, 3],
+        rows[:, 4],
+        rows[:, 5],
+        mine,
+        booked & ~mine,
+        rows[:, 7],
+    ]
+    return jnp.where(there[:, None], jnp.stack(columns, axis=1), 0.0)
+
+
+def _requests(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """The EV that each MED would be granted now if it took any, `(A,)` int32, -1 for none."""
+    willing = state.replace(meds=state.meds.replace(accepts=jnp.ones_like(state.meds.accepts)))
+    requests, offers = ask(willing, config, params)
+    med = state.evs.med
+    granted, _ = grant(med, state.evs.panel, requests, offers, config.num_lanes, params.charging)
+    new = (granted != med)[:, None] & (granted[:, None] == jnp.arange(config.num_meds))
+    return jnp.where(new.any(axis=0), jnp.argmax(new, axis=0), -1)
+
+
+def _itself(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """`(A, OF_ITSELF)`."""
+    vehicles, meds, road, slots = state.vehicles, state.meds, params.road, config.med_slots
+    status, drives = meds.status, vehicles.active[slots]
+    x = med_places(state, config, params)
+    at_depot = status == AT_DEPOT
+    head = at_depot & (jnp.arange(config.num_meds) == jnp.argmax(at_depot))
+    lane = _lanes(state, config)
+    columns = [
+        *(status == number for number in range(len(STATUS_NAMES))),
+        jnp.where(_on_road(state, config), in_units(x, road.length_m), 0.0),
+        jnp.where(drives, _speeds(state, config) / SPEED_UNIT, 0.0),
+        in_units(meds.energy_j, params.med_capacity_j),
+        jnp.where(drives, lane / config.num_lanes, 0.0),
+        jnp.where(drives, meds.service_lane - lane, 0.0),
+        meds.service_speed / SPEED_UNIT,
+        meds.accepts,
+        free_slots(state, config) / len(PANELS),
+        jnp.where(drives, jnp.minimum((next_exit(x, road) - x) / road.length_m, 1.0), 0.0),
+        jnp.where(drives, (vehicles.destination[slots] - x) / road.length_m, 0.0),
+        head,
+    ]
+    return jnp.stack([jnp.asarray(column, jnp.float32) for column in columns], axis=1)
+
+
+def _other_meds(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """The next MED ahead of each and the next behind it, `(A, 2 * OF_A_MED)`."""
+    status, speed = state.meds.status, _speeds(state, config)
+    serves = status == IN_SERVICE
+    there = serves | (status == MERGING) | (status == QUEUED)
+    way = _ways(state, config, params, med_places(state, config, params))
+    apart = ~jnp.eye(config.num_meds, dtype=bool)
+    sees = there[None, :] & apart & _on_road(state, config)[:, None]
+    free = free_slots(state, config) / len(PANELS)
+    found = []
+    for side in (sees & (way >= 0.0), sees & (way < 0.0)):
+        distance = jnp.where(side, jnp.abs(way), NOWHERE)
+        which = jnp.argmin(distance, axis=1)
+        nearest = jnp.min(distance, axis=1)
+        columns = [
+            jnp.ones_like(nearest),
+            jnp.minimum(nearest / VIEW_M, 1.0),
+            (speed[which] - speed) / SPEED_UNIT,
+            serves[which],
+            free[which],
+        ]
+        columns = [jnp.asarray(column, jnp.float32) for column in columns]
+        found.append(jnp.where(side.any(axis=1)[:, None], jnp.stack(columns, axis=1), 0.0))
+    return jnp.concatenate(found, axis=1)

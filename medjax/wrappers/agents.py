@@ -1,0 +1,253 @@
+"""`make_agents`: every MED an agent, in JaxMARL's interface, which JaxMARL's wrappers and learners take as it is.
+
+Agents have names, and what belongs to them is in dicts by name; the contract is that of `MultiAgentEnv` of JaxMARL 0.2
+(Rutherford et al. 2024, arXiv:2311.10090), which this module does not import.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from medjax.env.agents.actions import AgentActions
+from medjax.env.agents.environment import CREDITS, AgentsEnv
+from medjax.env.spaces import Box, Discrete
+from medjax.errors import InputError, shown
+from medjax.scenarios import SCENARIOS, make
+from medjax.world.numbers import numbers_of, read_number
+from medjax.world.params import EnvConfig, EnvParams, FleetParams
+from medjax.world.state import EnvState
+
+SPEEDS = (14.0, 18.0, 22.0, 25.0)  # m/s; the fleet's own joins them
+CHOICE_S = 4.0  # agents decide so seldom at least, where a preset decides more often
+
+Named = dict[str, Any]
+
+
+def make_agents(
+    name: str = "corridor",
+    *,
+    speeds: Sequence[float] = SPEEDS,
+    credit: str = "team",
+    **overrides: Any,
+) -> NamedAgents:
+    """Builds a preset in which every MED is an agent.
+
+    A step is a decision of the preset: 10 s on `corridor`; where a preset decides more often than every 4 s, as `paper`
+    does, decisions here are of several rounds, 4 s together, unless `rounds_per_decision` and `episode_decisions` say
+    otherwise. There are as many agents as MEDs in the fleet.
+
+    Args:
+      name: one of `medjax.SCENARIOS`.
+      speeds: m/s, that an agent may choose from in service; the fleet's own service speed joins them.
+      credit: "team", all get the reward of the preset; or "own", see `AgentsEnv`.
+      **overrides: as of `medjax.make`.
+
+    Raises:
+      InputError: one line; as `medjax.make`, or a speed or credit that is not allowed.
+    """
+    if credit not in CREDITS:
+        raise InputError(f"credit = {shown(credit)}: allowed {', '.join(CREDITS)}")
+    if not isinstance(name, str) or name not in SCENARIOS:
+        make(name)  # which says so
+    preset = SCENARIOS[name]
+    params = preset.params(preset.config)
+    rounds = max(1, math.ceil(CHOICE_S / preset.config.decision_s))
+    if rounds > 1 and "rounds_per_decision" not in overrides:
+        decisions = math.ceil(int(params.episode_decisions) / rounds)
+        overrides = {"rounds_per_decision": rounds, "episode_decisions": decisions, **overrides}
+    fleet = overrides.get("size", overrides.get("fleet.size", int(params.fleet.size)))
+    env, params = make(name, **{"num_meds": fleet, **overrides})
+    allowed = numbers_of(FleetParams)["service_speed"]
+    chosen = {float(params.fleet.service_speed)}
+    for index, speed in enumerate(speeds):
+        chosen.add(float(read_number(f"speeds[{index}]", speed, allowed)))
+    lanes = _serving_lanes(env.config, int(params.fleet.service_lane))
+    actions = AgentActions(
+        tuple(sorted(chosen)), lanes, env.config.num_ramps, env.config.num_exits > 0
+    )
+    return NamedAgents(AgentsEnv(env, actions, credit), params)
+
+
+def _serving_lanes(config: EnvConfig, usual: int) -> tuple[int, ...]:
+    """Lanes with one on either side, which allow four slots, and the fleet's own."""
+    return tuple(sorted({*range(1, config.num_lanes - 1), usual}))
+
+
+class NamedAgents:
+    """`AgentsEnv` with its parameters, its agents by name; methods jit, and batch with `jax.vmap`.
+
+    Args:
+      env: of one highway.
+      params: its numbers.
+
+    Attributes:
+      agents: names, `med_0` and so on, of the MEDs by slot.
+    """
+
+    def __init__(self, env: AgentsEnv, params: EnvParams) -> None:
+        self.env, self.params = env, params
+        self.num_agents = env.num_agents
+        self.agents = [f"med_{number}" for number in range(env.num_agents)]
+        self._reset, self._step_env = jax.jit(env.reset), jax.jit(env.step_env)
+
+    def __repr__(self) -> str:
+        return f"<{self.num_agents} agents of {self.name}, {self.env.num_actions} actions each>"
+
+    @property
+    def name(self) -> str:
+        """That of the preset."""
+        return self.env.env.name
+
+    @property
+    def agent_classes(self) -> dict[str, list[str]]:
+        """All are alike."""
+        return {"med": list(self.agents)}
+
+    @property
+    def observation_spaces(self) -> Named:
+        """Boxes by agent."""
+        return dict.fromkeys(self.agents, _as_theirs(self.env.observation_space()))
+
+    @property
+    def action_spaces(self) -> Named:
+        """Discrete, by agent."""
+        return dict.fromkeys(self.agents, _as_theirs(self.env.action_space()))
+
+    def reset(self, key: jax.Array) -> tuple[Named, EnvState]:
+        """Starts an episode: observations `(size,)` float32 by agent, and the state."""
+        obs, state = self._reset(key, self.params)
+        return self._by_name(obs), state
+
+    def step(
+        self, key: jax.Array, state: EnvState, actions: Named, reset_state: EnvState | None = None
+    ) -> tuple[Named, EnvState, Named, Named, Named]:
+        """One decision, and a reset in the same step when the episode ends, to `reset_state` if there is one.
+
+        Returns:
+          as `step_env`; observations and state are those of the next episode where this one ended.
+
+        Raises:
+          InputError: as `step_env`.
+        """
+        key, reset_key = jax.random.split(key)
+        obs, after, rewards, dones, infos = self.step_env(key, state, actions)
+        if reset_state is None:
+            first_obs, first = self.reset(reset_key)
+        else:
+            first_obs, first = self.get_obs(reset_state), reset_state
+        over = dones["__all__"]
+
+        def either(new: jax.Array, old: jax.Array) -> jax.Array:
+            return jax.lax.select(over, new, old)
+
+        obs, after = jax.tree.map(either, (first_obs, first), (obs, after))
+        return obs, after, rewards, dones, infos
+
+    def step_env(
+        self, key: jax.Array, state: EnvState, actions: Named
+    ) -> tuple[Named, EnvState, Named, Named, Named]:
+        """One decision without a reset.
+
+        Args:
+          key: of what drivers do.
+          state: of one highway.
+          actions: () integer for each agent; one that its mask forbids counts as 0, and is counted.
+
+        Returns:
+          (observations, state, rewards () float32, dones () bool, infos); dones have `__all__`, infos the metrics of
+          the episode so far, `(num_agents,)` float32 each, all entries alike, as JaxMARL's learners want them.
+
+        Raises:
+          InputError: one line: agents that are not there, missing or surplus, or an action that is none of the space's.
+        """
+        folded = jnp.stack([self._checked(actions)[agent] for agent in self.agents])
+        obs, after, rewards, terminated, truncated, info = self._step_env(
+            key, state, folded.astype(jnp.int32), self.params
+        )
+        done = terminated | truncated
+        dones = dict.fromkeys([*self.agents, "__all__"], done)
+        spread = (self.num_agents,)
+        infos = {name: jnp.broadcast_to(x, spread) for name, x in info["metrics"].items()}
+        return self._by_name(obs), after, self._by_name(rewards), dones, infos
+
+    def get_obs(self, state: EnvState) -> Named:
+        """Observations `(size,)` float32 by agent."""
+        return self._by_name(self.env.get_obs(state, self.params))
+
+    def get_avail_actions(self, state: EnvState) -> Named:
+        """Allowed actions `(num_actions,)` bool by agent; action 0 always is."""
+        return self._by_name(self.env.action_mask(state, self.params))
+
+    def world_state(self, state: EnvState) -> jax.Array:
+        """The whole road for a central critic, `(G,)` float32."""
+        return self.env.global_state(state, self.params)
+
+    def observation_space(self, agent: str) -> Any:
+        """A box of float32.
+
+        Raises:
+          InputError: no such agent.
+        """
+        return self.observation_spaces[self._known(agent)]
+
+    def action_space(self, agent: str) -> Any:
+        """Discrete.
+
+        Raises:
+          InputError: no such agent.
+        """
+        return self.action_spaces[self._known(agent)]
+
+    def _by_name(self, values: jax.Array) -> Named:
+        """Rows by agent."""
+        return {agent: values[index] for index, agent in enumerate(self.agents)}
+
+    def _known(self, agent: Any) -> str:
+        if agent not in self.agents:
+            raise InputError(f"agent {shown(agent)}: allowed {self._names()}")
+        return str(agent)
+
+    def _names(self) -> str:
+        return f"{self.agents[0]} to {self.agents[-1]}" if self.agents else "none"
+
+    def _checked(self, actions: Any) -> Named:
+        """The actions as arrays.
+
+        Raises:
+          InputError: see `step_env`; values are looked at outside of jit only.
+        """
+        if not isinstance(actions, Mapping):
+            raise InputError(f"actions = {shown(actions)}: allowed an integer by agent")
+        for agent in actions:
+            self._known(agent)
+        if missing := [agent for agent in self.agents if agent not in actions]:
+            raise InputError(f"no action of {missing[0]}: allowed one of each of {self._names()}")
+        checked = {agent: jnp.asarray(actions[agent]) for agent in self.agents}
+        for agent, value in checked.items():
+            allowed = f"an integer from 0 to {self.env.num_actions - 1}"
+            whole = value.shape == () and jnp.issubdtype(value.dtype, jnp.integer)
+            outside = whole and _is_known(value) and not 0 <= int(value) < self.env.num_actions
+            if not whole or outside:
+                raise InputError(f"action of {agent} = {shown(actions[agent])}: allowed {allowed}")
+        return checked
+
+
+def _is_known(value: jax.Array) -> bool:
+    """Whether it is a number already, and not one of a program that is being traced."""
+    return not isinstance(value, jax.core.Tracer)
+
+
+def _as_theirs(space: Box | Discrete) -> Any:
+    """The space, as JaxMARL's own where JaxMARL has been imported: its wrappers ask for their classes."""
+    theirs = sys.modules.get("jaxmarl.environments.spaces")
+    if theirs is None:
+        return space
+    if isinstance(space, Discrete):
+        return theirs.Discrete(space.n)
+    return theirs.Box(space.low, space.high, space.shape)

@@ -1,0 +1,82 @@
+"""PettingZoo's parallel API of `medjax.make_agents`, for what does not know JAX."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import numpy as np
+from gymnasium.spaces import Box, Discrete
+from pettingzoo import ParallelEnv
+
+from medjax.wrappers.agents import NamedAgents
+
+# Its checkers take infinite bounds for a mistake; observations are scaled to about [-1, 1].
+BOUND = 1e6
+
+
+class ParallelAgents(ParallelEnv):  # type: ignore[misc]
+    """Named agents, with NumPy at the border; `infos` have an agent's `action_mask` and the episode's metrics so far.
+
+    An episode ends for all agents at once, by its time limit: a truncation.
+
+    Args:
+      env: of `medjax.make_agents`.
+    """
+
+    def __init__(self, env: NamedAgents) -> None:
+        self.env, self.possible_agents = env, list(env.agents)
+        self.metadata = {"name": f"medjax_{env.name}", "is_parallelizable": True}
+        self.agents: list[str] = []
+        size = env.env.observation_space().shape
+        self._box = Box(-BOUND, BOUND, size, np.float32)
+        self._discrete: dict[str, Discrete] = {
+            agent: Discrete(env.env.num_actions) for agent in env.agents
+        }
+        self._key = jax.random.key(0)
+        self._state: Any = None
+        self._masks = jax.jit(env.get_avail_actions)
+
+    def observation_space(self, agent: str) -> Box:
+        """That of every agent."""
+        return self._box
+
+    def action_space(self, agent: str) -> Discrete:
+        """An agent's own, so that each samples for itself."""
+        return self._discrete[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Starts an episode, the one of the seed if there is one; observations and infos by agent."""
+        if seed is not None:
+            self._key = jax.random.key(seed)
+        self._key, key = jax.random.split(self._key)
+        obs, self._state = self.env.reset(key)
+        self.agents = list(self.possible_agents)
+        return jax.device_get(obs), self._infos({})
+
+    def step(self, actions: dict[str, Any]) -> tuple[dict[str, Any], ...]:
+        """One decision.
+
+        Returns:
+          observations, rewards, terminations, truncations, infos, by agent
+
+        Raises:
+          InputError: as `NamedAgents.step_env`.
+        """
+        self._key, key = jax.random.split(self._key)
+        obs, self._state, rewards, dones, metrics = self.env.step_env(key, self._state, actions)
+        over = bool(dones["__all__"])
+        ended, cut = dict.fromkeys(self.agents, False), dict.fromkeys(self.agents, over)
+        infos = self._infos({name: float(values[0]) for name, values in metrics.items()})
+        paid = {agent: float(rewards[agent]) for agent in self.agents}
+        self.agents = [] if over else self.agents
+        return jax.device_get(obs), paid, ended, cut, infos
+
+    def _infos(self, metrics: dict[str, float]) -> dict[str, Any]:
+        masks = jax.device_get(self._masks(self._state))
+        return {
+            agent: {"action_mask": mask.astype(np.int8), "metrics": metrics}
+            for agent, mask in masks.items()
+        }

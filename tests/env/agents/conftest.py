@@ -1,0 +1,62 @@
+"""One highway of agents, compiled once."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from medjax.world.state import IN_SERVICE
+
+TRIPS = {
+    "num_evs": 24,
+    "num_gas": 24,
+    "size": 4,
+    "length_m": 3000.0,
+    "ramp_x_m": [50.0, 1300.0],
+    "exit_x_m": [1000.0, 2300.0],
+    "exit_notice_m": 400.0,
+    "mainline_per_h": 2000.0,
+    "ev_share": 0.6,
+    "arrival_soc_high": 0.3,
+    "cooldown_s": 5.0,
+    "trip_m": 2000.0,
+    "turnaround_s": 20.0,
+    "rounds_per_decision": 4,
+    "episode_decisions": 60,
+}
+
+
+class World:
+    """An environment of agents with its parameters and its compiled step."""
+
+    def __init__(self, named):
+        self.named, self.env, self.params = named, named.env, named.params
+        self.actions, self.config = named.env.actions, named.env.env.config
+        self.step = jax.jit(self.env.step_env)
+        self.mask = jax.jit(self.env.action_mask)
+        self.view = jax.jit(self.env.get_obs)
+
+    def reset(self, seed=0):
+        return self.env.reset(jax.random.key(seed), self.params)
+
+
+@pytest.fixture(scope="package")
+def trips():
+    """A short piece of `corridor`: exits, three lanes, four MEDs that come back."""
+    return World(medjax.make_agents("corridor", **TRIPS))
+
+
+@pytest.fixture(scope="package")
+def busy(trips):
+    """Its state after a minute in which MEDs enter as often as they may and serve as the rule does."""
+    _, state = trips.reset(3)
+    for number in range(15):
+        mask = np.asarray(trips.mask(state, trips.params))
+        enter = mask[:, 1 + number % 2]
+        actions = np.where(enter, 1 + number % 2, 0)
+        key = jax.random.key(100 + number)
+        _, state, *_ = trips.step(key, state, jnp.asarray(actions), trips.params)
+    assert (state.meds.status == IN_SERVICE).sum() >= 2
+    assert (state.evs.med >= 0).any()
+    return state

@@ -1,0 +1,73 @@
+"""Parts of an agent's action, the discrete action that they fold into, and what is allowed when."""
+
+import itertools
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from medjax.env.agents.actions import AgentActions, Parts
+from medjax.world.state import AT_DEPOT, IN_SERVICE
+
+SPACES = [
+    AgentActions((14.0, 18.0, 22.0), (1, 2), num_ramps=4, exits=True),
+    AgentActions((22.0,), (0,), num_ramps=1, exits=False),
+    AgentActions((10.0, 20.0), (1, 2, 3), num_ramps=0, exits=False),
+]
+
+
+@pytest.mark.parametrize("actions", SPACES)
+def test_every_combination_is_one_action(actions):
+    """Folding is one to one, and unfolding undoes it."""
+    enter, *others = (range(space.n) for space in actions.parts)
+    waits = [(ramp, 0, 0, 1, 0) for ramp in enter]
+    serves = [(0, *each) for each in itertools.product(*others)]
+    rows = np.array([*waits, *serves], np.int32)
+    flags = np.arange(len(rows)) >= len(waits)
+    folded = np.asarray(actions.fold(Parts(*map(jnp.asarray, rows.T)), jnp.asarray(flags)))
+    np.testing.assert_array_equal(folded, np.arange(actions.num_actions))
+    rule = Parts(*(jnp.full(len(rows), usual) for usual in (0, 0, 0, 1, 0)))
+    back = actions.unfold(jnp.asarray(folded), rule)
+    np.testing.assert_array_equal(np.stack(back, axis=1), rows)
+
+
+def test_action_0_is_the_rule(trips, busy):
+    """The fleet's speed, its lane, who asks is taken, nobody leaves."""
+    rule = trips.actions.by_rule(busy, trips.params)
+    fleet = trips.params.fleet
+    assert trips.actions.speeds[int(rule.speed[0])] == float(fleet.service_speed)
+    parts = trips.actions.unfold(jnp.zeros(4, jnp.int32), rule)
+    np.testing.assert_array_equal(np.stack(parts), np.stack(rule))
+    assert parts.accept.all()
+    assert not parts.leave.any()
+
+
+def test_masks_by_hand(trips, busy):
+    """Who may what, agent by agent."""
+    masks = trips.actions.masks(busy, trips.config)
+    folded = np.asarray(trips.mask(busy, trips.params))
+    status = np.asarray(busy.meds.status)
+    depot = [med for med in range(4) if status[med] == AT_DEPOT]
+    for med in range(4):
+        may_enter = depot[:1] == [med] and float(busy.cooldown_s) <= 0.0
+        assert list(masks.enter[med]) == [True, may_enter, may_enter]
+        serves = status[med] == IN_SERVICE
+        booked = med in np.asarray(busy.evs.med)
+        lanes = [
+            serves and (not booked or lane == int(busy.meds.service_lane[med]))
+            for lane in trips.actions.lanes
+        ]
+        assert list(masks.lane[med]) == lanes
+        for part in (masks.speed, masks.accept, masks.leave):
+            assert (np.asarray(part[med]) == serves).all()
+        sizes = len(trips.actions.speeds) * sum(lanes) * 2 * 2
+        assert folded[med].sum() == 1 + 2 * may_enter + serves * sizes
+    assert folded[:, 0].all()
+    assert folded.shape[1] == trips.env.num_actions
+
+
+def test_a_fresh_road_has_one_agent_with_a_choice(trips):
+    """The first at the depot."""
+    _, state = trips.reset()
+    present = np.asarray(trips.env.present(state, trips.params))
+    assert list(present) == [True, False, False, False]

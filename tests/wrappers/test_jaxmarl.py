@@ -1,0 +1,106 @@
+"""JaxMARL's own wrappers on `medjax.make_agents`, unchanged, and a learner in the manner of its IPPO baseline."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+
+pytest.importorskip("jaxmarl", reason='pip install "jaxmarl>=0.2"')
+
+from jaxmarl.wrappers.baselines import CTRolloutManager, LogWrapper
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+DECISIONS, ENVS = 4, 2
+SMALL = {"size": 3, "num_evs": 8, "num_gas": 12, "mainline_per_h": 600.0}
+
+
+@pytest.fixture(scope="module")
+def named():
+    own = {"episode_decisions": DECISIONS, "rounds_per_decision": 2}
+    return medjax.make_agents("paper", **SMALL, **own)
+
+
+def test_log_wrapper_counts_episodes(named):
+    """Each agent's return is the sum of what it was paid."""
+    env = LogWrapper(named)
+    _, state = env.reset(jax.random.key(0))
+    paid = np.zeros(3)
+    for number in range(DECISIONS):
+        actions = dict.fromkeys(env.agents, jnp.int32(0))
+        _, state, rewards, _, info = env.step(jax.random.key(number), state, actions)
+        paid += [float(rewards[agent]) for agent in env.agents]
+    assert info["returned_episode"].all()
+    np.testing.assert_allclose(info["returned_episode_returns"], paid, rtol=1e-5)
+    assert (np.asarray(info["returned_episode_lengths"]) == DECISIONS).all()
+
+
+def test_rollout_manager_batches_and_samples(named):
+    """As JaxMARL's value-based baselines use it."""
+    manager = CTRolloutManager(named, batch_size=ENVS)
+    obs, state = manager.batch_reset(jax.random.key(0))
+    actions = {agent: manager.batch_sample(jax.random.key(1), agent) for agent in manager.agents}
+    obs, state, rewards, dones, _ = manager.batch_step(jax.random.key(2), state, actions)
+    size = named.observation_space("med_0").shape[0]
+    assert obs["med_0"].shape == (ENVS, size + 3)
+    assert obs["__all__"].shape == (ENVS, 3 * size)
+    np.testing.assert_allclose(rewards["__all__"], 3 * rewards["med_0"], rtol=1e-5)
+    assert dones["__all__"].shape == (ENVS,)
+
+
+def test_a_learner_in_the_manner_of_ippo(named):
+    """Shared weights, agents of all environments as one batch, masked logits, as `ippo_ff` of JaxMARL collects and
+    learns: the wheel has no baselines. Its loss falls on its own rollout.
+    """
+    env = LogWrapper(named)
+    actors, actions = ENVS * env.num_agents, named.env.num_actions
+
+    def batchify(by_agent):
+        return jnp.stack([by_agent[agent] for agent in env.agents]).reshape((actors, -1))
+
+    def unbatchify(rows):
+        return dict(zip(env.agents, rows.reshape((env.num_agents, ENVS)), strict=True))
+
+    def logits_of(weights, obs, mask):
+        return jnp.where(mask > 0, obs @ weights, -1e9)
+
+    def collect(weights, obs, state, key):
+        def step(carry, key):
+            obs, state = carry
+            mask = batchify(jax.vmap(env.get_avail_actions)(state.env_state))
+            rows = batchify(obs)
+            act_key, *env_keys = jax.random.split(key, 1 + ENVS)
+            chosen = jax.random.categorical(act_key, logits_of(weights, rows, mask))
+            obs, state, rewards, _, info = jax.vmap(env.step)(
+                jnp.stack(env_keys), state, unbatchify(chosen)
+            )
+            # As the baseline: every entry of info is one of each actor.
+            jax.tree.map(lambda x: x.reshape(actors), info)
+            return (obs, state), (rows, mask, chosen, batchify(rewards)[:, 0])
+
+        return jax.lax.scan(step, (obs, state), jax.random.split(key, DECISIONS))[1]
+
+    @jax.jit
+    def losses(weights, key):
+        obs, state = jax.vmap(env.reset)(jax.random.split(key, ENVS))
+        obs, mask, chosen, rewards = collect(weights, obs, state, key)
+        advantage = jnp.cumsum(rewards[::-1], axis=0)[::-1]
+        advantage -= advantage.mean()
+
+        def loss(weights):
+            log_probs = jax.nn.log_softmax(logits_of(weights, obs, mask))
+            taken = jnp.take_along_axis(log_probs, chosen[..., None], axis=-1)[..., 0]
+            return -jnp.mean(taken * advantage)
+
+        before, slope = jax.value_and_grad(loss)(weights)
+        change = 1e-4 * slope / (1e-9 + jnp.linalg.norm(slope))
+        return before, loss(weights - change), jnp.linalg.norm(slope)
+
+    size = named.observation_space("med_0").shape[0]
+    weights = 0.01 * jax.random.normal(jax.random.key(0), (size, actions))
+    before, after, slope = losses(weights, jax.random.key(1))
+    assert np.isfinite([before, after]).all()
+    assert float(slope) > 0.0
+    assert float(after) < float(before)

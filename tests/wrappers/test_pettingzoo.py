@@ -1,0 +1,48 @@
+"""PettingZoo's own test of the parallel API."""
+
+import pytest
+
+import medjax
+from medjax.errors import InputError
+
+pytest.importorskip("pettingzoo", reason='pip install "pettingzoo>=1.25"')
+
+from pettingzoo.test import parallel_api_test, parallel_seed_test
+
+from medjax.wrappers.pettingzoo import ParallelAgents
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+SMALL = {"size": 3, "num_evs": 8, "num_gas": 12, "mainline_per_h": 600.0}
+
+
+@pytest.fixture(scope="module")
+def named():
+    return medjax.make_agents("paper", **SMALL, episode_decisions=3, rounds_per_decision=2)
+
+
+def test_parallel_api(named):
+    parallel_api_test(ParallelAgents(named), num_cycles=10)
+
+
+def test_seeds_repeat_episodes(named):
+    parallel_seed_test(lambda: ParallelAgents(named), num_cycles=4)
+
+
+def test_an_episode_is_truncated_for_all(named):
+    env = ParallelAgents(named)
+    _, infos = env.reset(seed=1)
+    assert infos["med_0"]["action_mask"].shape == (named.env.num_actions,)
+    for number in range(3):
+        _, _, ended, cut, infos = env.step(dict.fromkeys(env.agents, 0))
+        assert not any(ended.values())
+        assert set(cut.values()) == {number == 2}
+    assert env.agents == []
+    assert infos["med_1"]["metrics"]["collisions"] == 0.0
+
+
+def test_bad_actions_are_refused(named):
+    env = ParallelAgents(named)
+    env.reset(seed=0)
+    with pytest.raises(InputError, match="med_1 = 99"):
+        env.step(dict.fromkeys(env.agents, 0) | {"med_1": 99})
