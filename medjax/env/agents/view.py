@@ -64,7 +64,7 @@ class AgentView:
         )
         way = jnp.where(_there(state, config), way, NOWHERE)
         _, nearest = jax.lax.top_k(-jnp.abs(way), min(self.num_evs, config.num_evs))
-        request = _requests(state, config, params)
+        request = requests(state, config, params)
         everyone = jax.vmap(_seen, (0, 0, 0, 0, None))
         own = jnp.arange(config.num_meds)
         frame = jnp.stack([_speeds(state, config), _lanes(state, config), own], axis=1)
@@ -156,7 +156,7 @@ def _seen(
     return jnp.where(there[:, None], jnp.stack(columns, axis=1), 0.0)
 
 
-def _requests(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+def requests(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
     """The EV that each MED would be granted now if it took any, `(A,)` int32, -1 for none."""
     willing = state.replace(meds=state.meds.replace(accepts=jnp.ones_like(state.meds.accepts)))
     requests, offers = ask(willing, config, params)

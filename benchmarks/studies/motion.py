@@ -1,0 +1,178 @@
+"""`python -m benchmarks.motion`: what MEDs could win by moving otherwise, before anyone learns to.
+
+A rule dispatches; in service every MED moves by a rule of motion, on the same episodes as with the default one: the
+fleet's speed, its lane, taking whoever asks, to the end of its trip. Decisions are those of `medjax.make_agents`.
+"""
+
+import argparse
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import medjax
+from benchmarks.command import episodes_parser, run_command
+from medjax.charging.booking import ask
+from medjax.env.agents.actions import Parts
+from medjax.env.agents.environment import AgentsEnv
+from medjax.env.agents.view import requests
+from medjax.env.contract import StepResult
+from medjax.env.forecast import lacking_j
+from medjax.episodes.scores import Scores, evaluate_policies
+from medjax.policies.rules import BASELINES
+from medjax.world.params import EnvParams
+from medjax.world.state import AT_DEPOT, NOT_BOOKED, EnvState
+from medjax.wrappers.base import Wrapper
+from train.evaluation.statistics import bootstrap_ci95
+from train.evaluation.tables import format_rows, interval, short
+
+Motion = Callable[[AgentsEnv, EnvState, EnvParams], Parts[jax.Array]]
+
+SPEEDS = tuple(map(float, range(14, 26)))  # m/s
+VIEW_M = 400.0  # of unserved EVs
+DISPATCHERS = {"paper": "budgeted", "corridor": "greedy"}  # the best rule, one that sends at all
+COLUMNS = ("return", "depleted_share", "ev_received_kwh", "ev_delay_h", "gas_delay_h")
+
+
+def _usual(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
+    """As the fleet is used to."""
+    return agents.actions.by_rule(state, params)
+
+
+def _at(speed: float) -> Motion:
+    """Everyone at this speed, m/s."""
+
+    def move(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
+        usual = _usual(agents, state, params)
+        return usual._replace(speed=jnp.full_like(usual.speed, agents.actions.speeds.index(speed)))
+
+    return move
+
+
+def _towards(per_s: float) -> Motion:
+    """The fleet's speed, and so much of the way to the nearest EV that asks, 1/s; slower for one behind."""
+
+    def move(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
+        config, usual = agents.env.config, _usual(agents, state, params)
+        asks = ask(state, config, params)[0].asks
+        way = state.vehicles.x[config.ev_slots] - state.vehicles.x[config.med_slots, None]
+        distance = jnp.where(asks & (jnp.abs(way) < VIEW_M), jnp.abs(way), jnp.inf)
+        nearest = jnp.argmin(distance, axis=1)[:, None]
+        gap = jnp.take_along_axis(jnp.where(jnp.isfinite(distance), way, 0.0), nearest, axis=1)
+        wanted = params.fleet.service_speed + per_s * gap
+        choice = jnp.argmin(jnp.abs(jnp.asarray(agents.actions.speeds) - wanted), axis=1)
+        return usual._replace(speed=choice.astype(jnp.int32))
+
+    return move
+
+
+def _slow_until(evs: int, speed: float) -> Motion:
+    """At this speed, m/s, until so many EVs are booked on it."""
+
+    def move(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
+        usual = _usual(agents, state, params)
+        booked = state.evs.med[:, None] == jnp.arange(agents.num_agents)
+        waits = jnp.sum(booked, axis=0) < evs
+        slow = agents.actions.speeds.index(speed)
+        return usual._replace(speed=jnp.where(waits, slow, usual.speed).astype(jnp.int32))
+
+    return move
+
+
+def _only_who_needs_it(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
+    """Refuses an EV that comes to its destination anyway."""
+    config, usual = agents.env.config, _usual(agents, state, params)
+    request = requests(state, config, params)
+    lacks = lacking_j(state, config, params)[jnp.maximum(request, 0)] > 0.0
+    return usual._replace(accept=((request < 0) | lacks).astype(jnp.int32))
+
+
+def _home_when_idle(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
+    """Leaves at the next exit when nobody is booked on it or asks nearby."""
+    config, usual = agents.env.config, _usual(agents, state, params)
+    asks = ask(state, config, params)[0].asks
+    way = state.vehicles.x[config.ev_slots] - state.vehicles.x[config.med_slots, None]
+    near = jnp.any(asks & (jnp.abs(way) < params.charging.reach_ahead_m), axis=1)
+    booked = state.evs.med[:, None] == jnp.arange(agents.num_agents)
+    idle = ~near & ~jnp.any(booked & (state.evs.med != NOT_BOOKED)[:, None], axis=0)
+    return usual._replace(leave=idle.astype(jnp.int32))
+
+
+def _other_lane(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
+    """In the leftmost lane that allows four slots."""
+    usual = _usual(agents, state, params)
+    return usual._replace(lane=jnp.zeros_like(usual.lane))
+
+
+MOTIONS: dict[str, Motion] = {
+    "default": _usual,
+    **{f"{speed:g} m/s": _at(speed) for speed in (14.0, 16.0, 18.0, 20.0, 22.0, 24.0, 25.0)},
+    "0.02/s x gap": _towards(0.02),
+    "0.05/s x gap": _towards(0.05),
+    "18 m/s until 1 EV": _slow_until(1, 18.0),
+    "18 m/s until 2 EVs": _slow_until(2, 18.0),
+    "only who needs it": _only_who_needs_it,
+    "home when idle": _home_when_idle,
+    "lane to the left": _other_lane,
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Moved(Wrapper):
+    """`env`, whose MEDs in service move by a rule; its action is the dispatcher's."""
+
+    agents: AgentsEnv
+    motion: Motion
+
+    def step_env(
+        self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
+    ) -> StepResult:
+        """One decision."""
+        at_depot = state.meds.status == AT_DEPOT
+        head = at_depot & (jnp.arange(self.agents.num_agents) == jnp.argmax(at_depot))
+        parts = self.motion(self.agents, state, params)
+        parts = parts._replace(enter=jnp.where(head, action, 0).astype(jnp.int32))
+        _, state, rewards, *rest = self.agents.step_parts(key, state, parts, params)
+        return self.env.get_obs(state, params), state, rewards[0], *rest
+
+
+def play(options: argparse.Namespace) -> dict[str, Scores]:
+    """Scores of each rule of motion on the same episodes."""
+    named = medjax.make_agents(options.scenario, speeds=SPEEDS)
+    agents = named.env
+    played: dict[str, Scores] = {}
+    dispatcher = BASELINES[DISPATCHERS.get(options.scenario, "greedy")]
+    for name, motion in MOTIONS.items():
+        if name == "home when idle" and not agents.actions.exits:
+            continue
+        env = Moved(agents.env, agents, motion)
+        policy = {name: dispatcher(env)}
+        played |= evaluate_policies(env, named.params, policy, options.episodes, options.seed)
+    return played
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Prints a row a rule of motion: means, and its return less that of the default."""
+    played = play(options)
+    rows: list[dict[str, Any]] = []
+    for name, score in played.items():
+        gain = score["return"] - played["default"]["return"]
+        low, high = bootstrap_ci95(gain, options.seed)
+        means = {column: float(np.mean(score[column])) for column in COLUMNS}
+        paid = {"gain": float(np.mean(gain)), "gain_ci95": [low, high]}
+        rows.append({"motion": name, **means, **paid})
+    print(f"{options.scenario}, {options.episodes} episodes, seed {options.seed}")
+    table = [["motion", *(name.replace("_", " ") for name in COLUMNS), "return minus default"]]
+    for row in rows:
+        cells = [short(row[column]) for column in COLUMNS]
+        table.append([row["motion"], *cells, f"{short(row['gain'])} {interval(row['gain_ci95'])}"])
+    print(format_rows(table))
+    return {"scenario": options.scenario, "episodes": options.episodes, "rows": rows}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = episodes_parser("motion", __doc__, episodes=256, seed=0)
+    run_command(parser, measure, arguments)

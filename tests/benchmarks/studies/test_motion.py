@@ -1,0 +1,59 @@
+"""Rules of motion: the default is the dispatcher alone, and others move MEDs otherwise."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+
+import medjax
+from benchmarks.studies import motion
+from medjax.episodes.scores import evaluate_policies
+from medjax.policies.rules import BASELINES
+from tests.benchmarks.refusal import refused
+
+SMALL = {"size": 3, "num_evs": 8, "num_gas": 12, "mainline_per_h": 600.0, "episode_decisions": 40}
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Presets as small as they can be, and three rules of motion."""
+    make = medjax.make_agents
+    monkeypatch.setattr(medjax, "make_agents", lambda name, **how: make(name, **SMALL, **how))
+    names = ("default", "14 m/s", "only who needs it")
+    monkeypatch.setattr(motion, "MOTIONS", {name: motion.MOTIONS[name] for name in names})
+    return names
+
+
+def test_table_and_file(small, tmp_path, capsys):
+    """The default gains nothing on itself and is the dispatcher's own score; a slow MED is another world."""
+    out = tmp_path / "out.json"
+    motion.main(["--episodes=2", "--seed=3", f"--json={out}"])
+    rows = {row["motion"]: row for row in json.loads(out.read_text())["rows"]}
+    assert tuple(rows) == small
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in small)
+    assert rows["default"]["gain"] == 0.0
+    named = medjax.make_agents("paper", speeds=motion.SPEEDS)
+    single = named.env.env
+    alone = {"budgeted": BASELINES["budgeted"](single)}
+    scores = evaluate_policies(single, named.params, alone, 2, 3)["budgeted"]
+    assert rows["default"]["return"] == pytest.approx(np.mean(scores["return"]), rel=1e-5)
+    assert rows["14 m/s"]["gain"] != 0.0
+    assert scores["invalid_actions"].max() == 0.0
+
+
+@pytest.mark.parametrize("name", [name for name in motion.MOTIONS if name != "default"])
+def test_every_rule_says_what_is_allowed(name):
+    """On a road with exits, of parts that are in their spaces, one for each agent."""
+    named = medjax.make_agents("corridor", **SMALL, speeds=motion.SPEEDS)
+    agents = named.env
+    _, state = agents.reset(jax.random.key(0), named.params)
+    parts = motion.MOTIONS[name](agents, state, named.params)
+    for part, space in zip(parts, agents.actions.parts, strict=True):
+        assert part.shape == (3,)
+        assert ((part >= 0) & (part < space.n)).all()
+
+
+def test_bad_input_is_one_line(capsys):
+    assert "nowhere" in refused(motion.main, ["--scenario=nowhere"], capsys)
