@@ -17,6 +17,7 @@ BASE = {
     "num_envs": 16,
     "num_minibatches": 2,
     "rollout_length": 8,
+    "num_epochs": 4,
     "hidden": (16,),
     "activation": "tanh",
     "decide_every": 1,
