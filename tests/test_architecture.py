@@ -32,6 +32,7 @@ medjax.traffic
 medjax.charging
 medjax.env
 medjax.scenarios
+medjax.agents
 medjax.policies
 medjax.wrappers
 medjax.episodes

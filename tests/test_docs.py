@@ -59,7 +59,7 @@ def test_training_example_trains(monkeypatch, capsys):
         return Probe("noisy"), ProbeParams()
 
     monkeypatch.setattr("medjax.make", make)
-    monkeypatch.setattr("train.runs.policies.BASELINES", {})
+    monkeypatch.setattr("medjax.policies.team.BASELINES", {})
     whole = "total_timesteps=1_000_000"
     tiny = "total_timesteps=96, num_envs=4, num_minibatches=2, decide_every=1, rollout_length=4"
     assert whole in EXAMPLES[TRAINING]

@@ -33,6 +33,22 @@ class TrainConfig(abc.ABC):
         None, "environment", "set a number of the environment, e.g. --set cooldown_s=30; repeatable"
     )
     observation: str = option("profile", "environment", "what the policy sees: profile or flat")
+    agents: str = option(
+        "none",
+        "environment",
+        "who decides: none, a dispatcher; or every MED for itself (docs/agents.md), all by one policy: ippo, whose "
+        "critic sees what a MED sees; mappo, whose critic sees the whole road as well",
+        choices=("none", "ippo", "mappo"),
+    )
+    credit: str = option(
+        "team",
+        "environment",
+        "what each of the agents is paid: the team's reward, or what its own EVs gain",
+        choices=("team", "own"),
+    )
+    dispatcher: str = option(
+        "agents", "environment", "who sends MEDs in: the agents, or a rule, by its name"
+    )
     demand_range: tuple[float, ...] = option(
         (1.0, 1.0),
         "environment",

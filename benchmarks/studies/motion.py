@@ -21,11 +21,11 @@ from medjax.env.agents.environment import AgentsEnv
 from medjax.env.agents.view import requests
 from medjax.env.contract import StepResult
 from medjax.env.forecast import lacking_j
+from medjax.env.wrapper import Wrapper
 from medjax.episodes.scores import Scores, evaluate_policies
 from medjax.policies.rules import BASELINES
 from medjax.world.params import EnvParams
-from medjax.world.state import AT_DEPOT, NOT_BOOKED, EnvState
-from medjax.wrappers.base import Wrapper
+from medjax.world.state import AT_DEPOT, IN_SERVICE, NOT_BOOKED, EnvState
 from train.evaluation.statistics import bootstrap_ci95
 from train.evaluation.tables import format_rows, interval, short
 
@@ -42,12 +42,15 @@ def _usual(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.A
     return agents.actions.by_rule(state, params)
 
 
-def _at(speed: float) -> Motion:
-    """Everyone at this speed, m/s."""
+def _at(speed: float, accept: int = 1) -> Motion:
+    """Everyone in service at this speed, m/s, and taking EVs or, with accept 0, none."""
 
     def move(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
-        usual = _usual(agents, state, params)
-        return usual._replace(speed=jnp.full_like(usual.speed, agents.actions.speeds.index(speed)))
+        usual, serves = _usual(agents, state, params), state.meds.status == IN_SERVICE
+        choice = jnp.where(serves, agents.actions.speeds.index(speed), usual.speed)
+        return usual._replace(
+            speed=choice.astype(jnp.int32), accept=jnp.full_like(usual.accept, accept)
+        )
 
     return move
 
@@ -64,7 +67,8 @@ def _towards(per_s: float) -> Motion:
         gap = jnp.take_along_axis(jnp.where(jnp.isfinite(distance), way, 0.0), nearest, axis=1)
         wanted = params.fleet.service_speed + per_s * gap
         choice = jnp.argmin(jnp.abs(jnp.asarray(agents.actions.speeds) - wanted), axis=1)
-        return usual._replace(speed=choice.astype(jnp.int32))
+        serves = state.meds.status == IN_SERVICE
+        return usual._replace(speed=jnp.where(serves, choice, usual.speed).astype(jnp.int32))
 
     return move
 
@@ -75,7 +79,7 @@ def _slow_until(evs: int, speed: float) -> Motion:
     def move(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
         usual = _usual(agents, state, params)
         booked = state.evs.med[:, None] == jnp.arange(agents.num_agents)
-        waits = jnp.sum(booked, axis=0) < evs
+        waits = (jnp.sum(booked, axis=0) < evs) & (state.meds.status == IN_SERVICE)
         slow = agents.actions.speeds.index(speed)
         return usual._replace(speed=jnp.where(waits, slow, usual.speed).astype(jnp.int32))
 
@@ -98,18 +102,21 @@ def _home_when_idle(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Pa
     near = jnp.any(asks & (jnp.abs(way) < params.charging.reach_ahead_m), axis=1)
     booked = state.evs.med[:, None] == jnp.arange(agents.num_agents)
     idle = ~near & ~jnp.any(booked & (state.evs.med != NOT_BOOKED)[:, None], axis=0)
+    idle &= state.meds.status == IN_SERVICE
     return usual._replace(leave=idle.astype(jnp.int32))
 
 
 def _other_lane(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
     """In the leftmost lane that allows four slots."""
     usual = _usual(agents, state, params)
-    return usual._replace(lane=jnp.zeros_like(usual.lane))
+    return usual._replace(lane=jnp.where(state.meds.status == IN_SERVICE, 0, usual.lane))
 
 
 MOTIONS: dict[str, Motion] = {
     "default": _usual,
     **{f"{speed:g} m/s": _at(speed) for speed in (14.0, 16.0, 18.0, 20.0, 22.0, 24.0, 25.0)},
+    # What slow lorries do by themselves, since the drivers behind them save energy.
+    **{f"{speed:g} m/s, refuses all": _at(speed, accept=0) for speed in (14.0, 18.0, 22.0)},
     "0.02/s x gap": _towards(0.02),
     "0.05/s x gap": _towards(0.05),
     "18 m/s until 1 EV": _slow_until(1, 18.0),
@@ -135,8 +142,8 @@ class Moved(Wrapper):
         head = at_depot & (jnp.arange(self.agents.num_agents) == jnp.argmax(at_depot))
         parts = self.motion(self.agents, state, params)
         parts = parts._replace(enter=jnp.where(head, action, 0).astype(jnp.int32))
-        _, state, rewards, *rest = self.agents.step_parts(key, state, parts, params)
-        return self.env.get_obs(state, params), state, rewards[0], *rest
+        _, state, *rest = self.agents.step_parts(key, state, parts, params)
+        return self.env.get_obs(state, params), state, *rest
 
 
 def play(options: argparse.Namespace) -> dict[str, Scores]:

@@ -1,6 +1,6 @@
 """What an environment is, to whoever wraps it, acts in it, plays or shows its episodes, or learns from it.
 
-`medjax.env.charging_env.ChargingEnv` is one, and so is each wrapper of one (`medjax.wrappers.base.Wrapper`): what takes
+`medjax.env.charging_env.ChargingEnv` is one, and so is each wrapper of one (`medjax.env.wrapper.Wrapper`): what takes
 the one takes the other. Learners ask for less: `tests/train/probe_envs.py` has environments with the members that they
 need.
 """

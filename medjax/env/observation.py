@@ -157,9 +157,20 @@ def hat_weights(values: jax.Array, num_nodes: int) -> jax.Array:
     return jnp.maximum(1.0 - jnp.abs(place - jnp.arange(num_nodes)), 0.0)
 
 
-def _scaled(need: Need, factor: float) -> Need:
-    """EVs and slots times a factor; packs as they are."""
-    return Need(need.there * factor, need.shortfall, need.coming * factor, need.free * factor)
+def show_need(need: Need) -> jax.Array:
+    """`(4 * num_ramps,)` for a vector: EVs and slots in those of a MED, packs as they are."""
+    slots = len(PANELS)
+    return jnp.concatenate(
+        [need.there / slots, need.shortfall, need.coming / slots, need.free / slots]
+    )
+
+
+def outlook_in(needs: jax.Array, clock: jax.Array) -> tuple[Need, jax.Array, jax.Array]:
+    """What `show_need` `(..., 4 * num_ramps)` and the clock `(..., 4)` tell: see `RoadProfile.outlook`."""
+    there, shortfall, coming, free = jnp.split(needs, len(Need._fields), axis=-1)
+    slots = len(PANELS)
+    time_left, _, at_depot, _ = jnp.moveaxis(clock, -1, 0)
+    return Need(there * slots, shortfall, coming * slots, free * slots), at_depot, time_left
 
 
 @dataclasses.dataclass(frozen=True)
@@ -217,7 +228,7 @@ class RoadProfile:
             self._at_nodes(med_place, med_columns),
             jnp.min(jnp.where(ahead_km >= 0.0, ahead_km, FAR_KM), axis=0, initial=FAR_KM),
             jnp.min(jnp.where(ahead_km < 0.0, -ahead_km, FAR_KM), axis=0, initial=FAR_KM),
-            *_scaled(expected_need(state, config, params, NEED_WINDOW_S), 1.0 / len(PANELS)),
+            show_need(expected_need(state, config, params, NEED_WINDOW_S)),
             hat_weights(time_left, self.clock_nodes),
             hat_weights(at_depot, self.clock_nodes),
             clock,
@@ -226,11 +237,9 @@ class RoadProfile:
 
     def outlook(self, vector: jax.Array, config: EnvConfig) -> tuple[Need, jax.Array, jax.Array]:
         """Of `(..., size)`: what a MED from each ramp would find, the share at the depot, and that of time left."""
-        time_left, _, at_depot, _ = jnp.moveaxis(vector[..., -CLOCK_FEATURES:], -1, 0)
         last = vector.shape[-1] - 2 * self.clock_nodes - CLOCK_FEATURES
         first = last - len(Need._fields) * config.num_ramps
-        rows = jnp.split(vector[..., first:last], len(Need._fields), axis=-1)
-        return _scaled(Need(*rows), float(len(PANELS))), at_depot, time_left
+        return outlook_in(vector[..., first:last], vector[..., -CLOCK_FEATURES:])
 
     def _at_nodes(self, place: jax.Array, columns: jax.Array) -> jax.Array:
         """Columns `(n, c)` of vehicles at places `(n,)`, summed up at the road's nodes, `(road_nodes * c,)`."""

@@ -31,7 +31,8 @@ class Episodes(struct.PyTreeNode):
 class Decision(struct.PyTreeNode):
     """What was decided in every row, and what came of it."""
 
-    action: jax.Array  # (rows,) int32, as the policy chose; one that the mask forbids counts as 0
+    # (rows,) int32, as the policy chose; one that the mask forbids counts as 0. Of agents (rows, A), and so below.
+    action: jax.Array
     probabilities: jax.Array  # (rows, num_actions) of the policy
     mask: jax.Array  # (rows, num_actions) bool, allowed actions
     reward: jax.Array  # (rows,)
@@ -63,15 +64,16 @@ class Player:
         streams = jax.vmap(jax.random.split, (0, None))(keys, 3)
         streams = jnp.repeat(streams, len(self.policies), axis=0)
         obs, state = self._over_rows(self.env.reset)(streams[:, RESET], params)
-        actions = jnp.zeros(streams.shape[:1], jnp.int32)
+        mask = jax.eval_shape(self._over_rows(self.env.action_mask), state, params)
+        actions = jnp.zeros(mask.shape[:-1], jnp.int32)
         *_, info = jax.eval_shape(self._step, streams[:, STEP], state, actions, params)
         names = ("return", "length", *info["metrics"])
         return Episodes(
             streams=streams,
             obs=obs,
             state=state,
-            done=jnp.zeros(actions.shape, bool),
-            scores=dict.fromkeys(names, jnp.zeros(actions.shape, jnp.float32)),
+            done=jnp.zeros(streams.shape[:1], bool),
+            scores=dict.fromkeys(names, jnp.zeros(streams.shape[:1], jnp.float32)),
         )
 
     def choose(
@@ -110,7 +112,7 @@ class Player:
         """
         mask = self._over_rows(self.env.action_mask)(episodes.state, params)
         action = choice.action.astype(jnp.int32)
-        allowed = jnp.take_along_axis(mask, action[:, None], axis=1, mode="clip")[:, 0]
+        allowed = jnp.take_along_axis(mask, action[..., None], axis=-1, mode="clip")[..., 0]
         taken = jnp.where(allowed, action, 0)  # action 0 is always allowed
         keys = _at(episodes.streams[:, STEP], number)
         obs, state, reward, terminated, truncated, info = self._step(

@@ -11,8 +11,8 @@ from flax import struct
 class Choice(NamedTuple):
     """What a policy does at a decision."""
 
-    action: jax.Array  # () int32
-    probabilities: jax.Array  # (num_actions,) that it was drawn with; of a rule 0 and 1
+    action: jax.Array  # () int32; of agents (A,), one each
+    probabilities: jax.Array  # (..., num_actions) that it was drawn with; of a rule 0 and 1
 
 
 class Policy(struct.PyTreeNode):
@@ -51,7 +51,8 @@ def every(policy: Policy, interval: int) -> Policy:
     def choose(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
         asked = state.time % interval == 0
         choice = policy.act(weights, key, obs, state, params)
-        wait = Choice(jnp.int32(0), jax.nn.one_hot(0, choice.probabilities.shape[-1]))
+        nothing = jnp.zeros_like(choice.action)
+        wait = Choice(nothing, jax.nn.one_hot(nothing, choice.probabilities.shape[-1]))
         return jax.tree.map(lambda now, later: jnp.where(asked, now, later), choice, wait)
 
     return Policy(choose, policy.weights, policy.world)

@@ -18,12 +18,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax import export
 
-from medjax.env.charging_env import ChargingEnv
+from medjax.agents import agents_of
+from medjax.env.agents.environment import AgentsEnv
 from medjax.env.contract import Environment
 from medjax.errors import InputError
 from medjax.files import replacing
 from medjax.numerics.gathers import with_rows
 from medjax.policies.policy import Choice, Policy, every
+from medjax.policies.rules import BASELINES
+from medjax.policies.team import Dispatched
 from medjax.scenarios import make
 from medjax.world.params import EnvParams
 
@@ -43,6 +46,9 @@ class About:
     num_features: int
     num_actions: int
     name: str = LEARNED  # of the policy
+    # How `medjax.agents.agents_of` was called, where every MED is an agent; else empty.
+    agents: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    dispatcher: str = ""  # the rule that sends agents in where they do not
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,9 +64,11 @@ class ExportedPolicy:
     about: About
     network: export.Exported
 
-    def make(self) -> tuple[ChargingEnv, EnvParams]:
+    def make(self) -> tuple[Any, EnvParams]:
         """The environment that it was trained in, and its parameters."""
         about = self.about
+        if about.agents:
+            return agents_of(about.scenario, **about.agents, **about.overrides)
         return make(about.scenario, observation=about.observation, **about.overrides)
 
     def probabilities(self, obs: Any, mask: Any) -> np.ndarray:
@@ -94,7 +102,7 @@ class ExportedPolicy:
         """
         return np.argmax(self.probabilities(obs, mask), axis=-1)
 
-    def policy(self, env: Environment) -> Policy:
+    def policy(self, env: Any) -> Policy:
         """Itself among the policies of an environment with its observation: its most probable action.
 
         Raises:
@@ -106,14 +114,19 @@ class ExportedPolicy:
                 f"the environment has {size} features and {env.num_actions} actions: allowed "
                 f"{self.about.num_features} and {self.about.num_actions}, as the policy was trained"
             )
-        call = _batched(self.network)
+        call, dispatcher = _batched(self.network), self.about.dispatcher
+        by_rule = Dispatched(env, BASELINES[dispatcher](env.env)) if dispatcher else None
+        acted_in = by_rule or env
 
         def act(weights: Any, key: jax.Array, obs: jax.Array, state: Any, params: Any) -> Choice:
             """See `Policy.act`; the weights are in the network."""
-            (probabilities,), _ = call(obs[None], env.action_mask(state, params)[None])
-            return Choice(jnp.argmax(probabilities).astype(jnp.int32), probabilities)
+            mask = acted_in.action_mask(state, params)
+            rows, _ = call(obs.reshape(-1, obs.shape[-1]), mask.reshape(-1, mask.shape[-1]))
+            probabilities = rows.reshape(mask.shape)
+            return Choice(jnp.argmax(probabilities, axis=-1).astype(jnp.int32), probabilities)
 
-        return every(Policy(act), self.about.decide_every)
+        policy = every(Policy(act), self.about.decide_every)
+        return by_rule.whole(policy) if by_rule else policy
 
 
 def _batched(network: export.Exported) -> Callable[[jax.Array, jax.Array], Any]:
@@ -145,7 +158,9 @@ def save_policy(path: Path, about: About, network: export.Exported) -> None:
         file.writestr(NETWORK, network.serialize())
 
 
-def about_of(env: Environment, params: Any, decide_every: int, name: str = LEARNED) -> About:
+def about_of(
+    env: Environment, params: Any, decide_every: int, name: str = LEARNED, dispatcher: str = ""
+) -> About:
     """What a policy of an environment must know to play in it again.
 
     Args:
@@ -153,11 +168,18 @@ def about_of(env: Environment, params: Any, decide_every: int, name: str = LEARN
       params: those that `medjax.make` gave with it.
       decide_every: decisions from one choice to the next.
       name: of the policy.
+      dispatcher: the rule that sends agents in, if one does.
 
     Raises:
       InputError: an environment that its file could not name.
     """
-    recipe = getattr(env, "recipe", None)  # an environment of one's own need not have any
+    agents: dict[str, Any] = {}
+    highway: Any = env
+    if isinstance(env, AgentsEnv):
+        central = env.view.road is not None
+        agents = {"speeds": env.actions.speeds, "credit": env.credit, "central": central}
+        highway = env.env
+    recipe = getattr(highway, "recipe", None)  # an environment of one's own need not have any
     allowed = "allowed: an environment and its numbers as medjax.make gives them"
     if recipe is None:
         raise InputError(f"no file can say what {env.name} is, {allowed}")
@@ -178,6 +200,8 @@ def about_of(env: Environment, params: Any, decide_every: int, name: str = LEARN
         num_features=math.prod(env.observation_space(params).shape),
         num_actions=env.num_actions,
         name=name,
+        agents=agents,
+        dispatcher=dispatcher,
     )
 
 

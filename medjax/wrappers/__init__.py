@@ -4,14 +4,15 @@
 """
 
 from medjax.env.contract import BatchEnvironment, Environment
+from medjax.env.wrapper import Wrapper
 from medjax.numerics.devices import environment_mesh, on_devices, prepare_cpu
 from medjax.numerics.rows import for_true_rows, in_blocks
 from medjax.wrappers.auto_reset import BatchAutoReset, BatchState
-from medjax.wrappers.base import TimeLimitAsEnd, Wrapper
 from medjax.wrappers.decide_every import DecideEvery
 from medjax.wrappers.demand import RandomDemand, RandomDemandState, scale_demand
 from medjax.wrappers.episode_log import EpisodeLog, EpisodeLogState
 from medjax.wrappers.legacy import LegacyStep
+from medjax.wrappers.time_limit import TimeLimitAsEnd
 
 __all__ = [
     "BatchAutoReset",

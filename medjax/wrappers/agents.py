@@ -6,7 +6,6 @@ Agents have names, and what belongs to them is in dicts by name; the contract is
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -14,17 +13,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from medjax.env.agents.actions import AgentActions
-from medjax.env.agents.environment import CREDITS, AgentsEnv
+from medjax.agents import SPEEDS, agents_of
+from medjax.env.agents.environment import AgentsEnv
 from medjax.env.spaces import Box, Discrete
 from medjax.errors import InputError, shown
-from medjax.scenarios import SCENARIOS, make
-from medjax.world.numbers import numbers_of, read_number
-from medjax.world.params import EnvConfig, EnvParams, FleetParams
+from medjax.world.params import EnvParams
 from medjax.world.state import EnvState
-
-SPEEDS = (14.0, 18.0, 22.0, 25.0)  # m/s; the fleet's own joins them
-CHOICE_S = 4.0  # agents decide so seldom at least, where a preset decides more often
 
 Named = dict[str, Any]
 
@@ -51,32 +45,7 @@ def make_agents(
     Raises:
       InputError: one line; as `medjax.make`, or a speed or credit that is not allowed.
     """
-    if credit not in CREDITS:
-        raise InputError(f"credit = {shown(credit)}: allowed {', '.join(CREDITS)}")
-    if not isinstance(name, str) or name not in SCENARIOS:
-        make(name)  # which says so
-    preset = SCENARIOS[name]
-    params = preset.params(preset.config)
-    rounds = max(1, math.ceil(CHOICE_S / preset.config.decision_s))
-    if rounds > 1 and "rounds_per_decision" not in overrides:
-        decisions = math.ceil(int(params.episode_decisions) / rounds)
-        overrides = {"rounds_per_decision": rounds, "episode_decisions": decisions, **overrides}
-    fleet = overrides.get("size", overrides.get("fleet.size", int(params.fleet.size)))
-    env, params = make(name, **{"num_meds": fleet, **overrides})
-    allowed = numbers_of(FleetParams)["service_speed"]
-    chosen = {float(params.fleet.service_speed)}
-    for index, speed in enumerate(speeds):
-        chosen.add(float(read_number(f"speeds[{index}]", speed, allowed)))
-    lanes = _serving_lanes(env.config, int(params.fleet.service_lane))
-    actions = AgentActions(
-        tuple(sorted(chosen)), lanes, env.config.num_ramps, env.config.num_exits > 0
-    )
-    return NamedAgents(AgentsEnv(env, actions, credit), params)
-
-
-def _serving_lanes(config: EnvConfig, usual: int) -> tuple[int, ...]:
-    """Lanes with one on either side, which allow four slots, and the fleet's own."""
-    return tuple(sorted({*range(1, config.num_lanes - 1), usual}))
+    return NamedAgents(*agents_of(name, speeds=speeds, credit=credit, **overrides))
 
 
 class NamedAgents:
@@ -167,14 +136,14 @@ class NamedAgents:
           InputError: one line: agents that are not there, missing or surplus, or an action that is none of the space's.
         """
         folded = jnp.stack([self._checked(actions)[agent] for agent in self.agents])
-        obs, after, rewards, terminated, truncated, info = self._step_env(
+        obs, after, _, terminated, truncated, info = self._step_env(
             key, state, folded.astype(jnp.int32), self.params
         )
         done = terminated | truncated
         dones = dict.fromkeys([*self.agents, "__all__"], done)
         spread = (self.num_agents,)
         infos = {name: jnp.broadcast_to(x, spread) for name, x in info["metrics"].items()}
-        return self._by_name(obs), after, self._by_name(rewards), dones, infos
+        return self._by_name(obs), after, self._by_name(info["rewards"]), dones, infos
 
     def get_obs(self, state: EnvState) -> Named:
         """Observations `(size,)` float32 by agent."""

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jax import lax
 
 from medjax.env.contract import Info, Params, State, StepResult
+from medjax.env.wrapper import Wrapper
 from medjax.errors import InputError
-from medjax.wrappers.base import Wrapper
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,7 +47,8 @@ class DecideEvery(Wrapper):
             obs, state, reward, terminated, truncated, info of the last decision; but the reward and what of info adds
             up are sums over all, and what a probe reports is of all, which after the end of an episode means nothing.
         """
-        actions = jnp.zeros((self.interval,), jnp.int32).at[0].set(action)
+        action = jnp.asarray(action, jnp.int32)
+        actions = jnp.zeros((self.interval, *action.shape), jnp.int32).at[0].set(action)
         steps = (jax.random.split(key, self.interval), actions)
         shapes = jax.eval_shape(self.env.step_env, key, state, actions[0], params)
         obs, _, *rest, info = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
@@ -72,7 +73,7 @@ class DecideEvery(Wrapper):
         return *last, info | joined
 
 
-ADDED = ("reward_terms", "tally")  # of info: sums over decisions
+ADDED = ("reward_terms", "tally", "rewards")  # of info: sums over decisions
 PROBED = ("begun", "ticks")  # of info: those of all, one after the other
 
 

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.env.contract import Observation, Params, State
+from medjax.env.wrapper import Wrapper
 from medjax.errors import InputError
 from medjax.world.params import Scalar
-from medjax.wrappers.base import Wrapper
 
 # Folded into the key of a reset, which goes on to the environment as it is: with a factor of 1 an episode
 # is the one that would have been without the wrapper.

@@ -5,7 +5,7 @@ import dataclasses
 import jax
 
 from medjax.env.contract import Info, Observation, Params, State
-from medjax.wrappers.base import Wrapper
+from medjax.env.wrapper import Wrapper
 
 
 @dataclasses.dataclass(frozen=True)

@@ -50,7 +50,7 @@ def coin(env):
 STAND_INS = {
     "medjax.make": make_probe,
     "medjax.policies.saved.make": make_probe,
-    "train.runs.policies.BASELINES": {"none": never, "random": coin},
+    "medjax.policies.team.BASELINES": {"none": never, "random": coin},
 }
 
 

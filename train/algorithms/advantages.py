@@ -8,7 +8,7 @@ from jax import lax
 
 @struct.dataclass
 class Steps:
-    """What advantages are made of; every array is `(num_steps, ...)`."""
+    """What advantages are made of; every array is `(num_steps, ...)`, or can be broadcast to it."""
 
     reward: jax.Array
     value: jax.Array  # of the observation acted on
@@ -61,11 +61,11 @@ def less_others(advantage: jax.Array, group: int) -> jax.Array:
     Hoof and Welling 2019; input-driven baseline, Mao et al. 2018, arXiv:1807.02264).
 
     Args:
-        advantage: `(num_envs, num_steps)`, neighbours in groups.
+        advantage: `(num_envs, num_steps, ...)`, neighbours in groups.
         group: environments in each; 1 leaves all as it is.
     """
     if group == 1:
         return advantage
-    own = advantage.reshape(-1, group, advantage.shape[-1])
+    own = advantage.reshape(-1, group, *advantage.shape[1:])
     others = (jnp.sum(own, axis=1, keepdims=True) - own) / (group - 1)
     return (own - others).reshape(advantage.shape)

@@ -15,6 +15,7 @@ from jax.sharding import Mesh
 
 from medjax.env.contract import Environment
 from medjax.policies.policy import Policy
+from train.algorithms.environments import dispatched
 from train.algorithms.networks import PolicyWeights, learned_policy
 from train.algorithms.normalization import init_stats
 from train.algorithms.rollout import RolloutState
@@ -84,7 +85,9 @@ class Algorithm:
     ) -> Policy:
         """What was learned, with the weights of one seed, in a single environment; see `learned_policy`."""
         network = self.build_network(env, config)
-        return learned_policy(env, network, weights, config.decide_every, stochastic)
+        with_rule = dispatched(env, config)
+        policy = learned_policy(with_rule or env, network, weights, config.decide_every, stochastic)
+        return with_rule.whole(policy) if with_rule else policy
 
     def weight_shapes(self, env: Environment, params: Any, config: TrainConfig) -> PolicyWeights:
         """Shapes and types of the weights of one seed, found without computing or compiling anything."""

@@ -6,12 +6,22 @@ from typing import Any
 import jax
 
 import medjax
+from medjax.agents import agents_of
 from medjax.env.contract import Environment
 from medjax.env.observation import OBSERVATIONS
 from medjax.episodes.player import episode_decisions
+from medjax.errors import InputError, shown
 from medjax.numerics.devices import environment_mesh
+from medjax.policies.rules import BASELINES
+from medjax.policies.team import Dispatched
 from medjax.scenarios import prepare
-from medjax.wrappers import BatchAutoReset, DecideEvery, EpisodeLog, RandomDemand, TimeLimitAsEnd
+from medjax.wrappers import (
+    BatchAutoReset,
+    DecideEvery,
+    EpisodeLog,
+    RandomDemand,
+    TimeLimitAsEnd,
+)
 from train.algorithms.networks import check_network
 from train.settings import TrainConfig
 
@@ -32,9 +42,24 @@ def check_environment(config: TrainConfig) -> None:
 
 def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
     # An environment is compiled in part; what can be refused without it is refused before.
-    check_network(config, OBSERVATIONS.get(config.observation))
     environment_mesh(config.device_groups, config.num_devices, jax.devices())
-    return build(config.scenario, observation=config.observation, **config.overrides)
+    if config.agents == "none":
+        check_network(config, OBSERVATIONS.get(config.observation))
+        return build(config.scenario, observation=config.observation, **config.overrides)
+    how: dict[str, Any] = {"credit": config.credit, "central": config.agents == "mappo"}
+    env, params = agents_of(config.scenario, build=build, **how | dict(config.overrides))
+    check_network(config, env.observation)
+    if config.dispatcher not in ("agents", *BASELINES):
+        allowed = ", ".join(["agents", *BASELINES])
+        raise InputError(f"dispatcher is {shown(config.dispatcher)}, allowed: {allowed}")
+    return env, params
+
+
+def dispatched(env: Any, config: TrainConfig) -> Dispatched | None:
+    """`env` of agents with the dispatcher that the settings name; None where agents, or none, decide that."""
+    if config.agents == "none" or config.dispatcher == "agents":
+        return None
+    return Dispatched(env, BASELINES[config.dispatcher](env.env))
 
 
 def training_batch(
@@ -48,6 +73,7 @@ def training_batch(
         config: settings.
         bootstrap_timeouts: the time limit stays a truncation; else it is an end.
     """
+    env = dispatched(env, config) or env
     if config.demand_range != (1.0, 1.0):
         env = RandomDemand(env, *config.demand_range)
     if not bootstrap_timeouts:

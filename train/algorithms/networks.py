@@ -15,16 +15,19 @@ import jax.numpy as jnp
 from distrax import Categorical  # the one place that knows distrax; others take it from here
 from flax import struct
 
+from medjax.env.agents.view import AgentView
 from medjax.env.contract import Environment
 from medjax.env.observation import FlatObservation, RoadProfile
 from medjax.errors import InputError, shown
 from medjax.policies.policy import Choice, Policy, every
 from medjax.policies.rules import BUDGET
 from medjax.world.params import EnvConfig
+from medjax.world.state import IN_SERVICE, MERGING, QUEUED
 from train.algorithms.normalization import RunningStats, normalize
 from train.settings import TrainConfig
 
 SHARPNESS = 4.0  # of the first policy: what an EV more or less is to its logits
+GOES_ON = 0.99  # how likely an agent goes on at first, rather than leave the road for good
 TYPICAL_NUMBER = 8.0  # of vehicles of a set
 MASKED_LOGIT = -1e9  # finite, so that log-probabilities and gradients are; exp() of it is exactly 0
 
@@ -91,39 +94,73 @@ class ActorCritic(nn.Module):
     arXiv:1812.06298).
     """
 
-    num_actions: int
+    num_logits: int
     make_torso: Callable[[], nn.Module]  # all layers but the last
     start: Callable[[jax.Array], jax.Array]  # observations to the logits that learning adds to
+    fold: Callable[[jax.Array], jax.Array]  # `(..., num_logits)` to those of the actions
+    acts_on: int  # first features, that the actor sees; the critic sees all
 
     def setup(self) -> None:
         """Makes the layers."""
         self.actor = self.make_torso()
         self.critic = self.make_torso()
         small, unit = nn.initializers.orthogonal(0.01), nn.initializers.orthogonal(1.0)
-        self.logits_head = nn.Dense(self.num_actions, kernel_init=small, dtype=jnp.float32)
+        self.logits_head = nn.Dense(self.num_logits, kernel_init=small, dtype=jnp.float32)
         self.value_head = nn.Dense(1, kernel_init=unit, dtype=jnp.float32)
 
     def __call__(self, obs: jax.Array) -> tuple[jax.Array, jax.Array]:
         """`(..., num_features)` to logits `(..., num_actions)` and values `(...)`."""
-        logits = self.start(obs) + self.logits_head(self.actor(obs).astype(jnp.float32))
+        acted_on = obs[..., : self.acts_on]
+        logits = self.start(obs) + self.logits_head(self.actor(acted_on).astype(jnp.float32))
         value = self.value_head(self.critic(obs).astype(jnp.float32))
-        return logits, value[..., 0]
+        return self.fold(logits), value[..., 0]
 
 
 def first_logits(env: Environment, config: TrainConfig) -> Callable[[jax.Array], jax.Array]:
-    """The policy before training, observations `(..., num_features)` to logits: see `TrainConfig.start`."""
-    ramps = env.num_actions - 1
-    if config.start == "rule" and isinstance(env.observation, RoadProfile) and ramps:
-        layout, env_config = env.observation, env.config
+    """The dispatcher before training, observations `(..., num_features)` to logits: see `TrainConfig.start`."""
+    layout = env.observation
+    ramps = env.config.num_ramps if isinstance(layout, AgentView) else env.num_actions - 1
+    if config.start == "rule" and isinstance(layout, RoadProfile | AgentView) and ramps:
+        env_config = env.config
 
         def like_rule(obs: jax.Array) -> jax.Array:
             margin = BUDGET.margin(*layout.outlook(obs, env_config))
             return jnp.pad(SHARPNESS * margin, [(0, 0)] * (obs.ndim - 1) + [(1, 0)])
 
         return like_rule
-    wait = math.log(config.initial_wait / (1.0 - config.initial_wait) * max(ramps, 1))
-    logits = jnp.zeros((env.num_actions,), jnp.float32).at[0].set(wait)
-    return lambda obs: logits
+    logits = _mostly(0, 1 + ramps, config.initial_wait)
+    return lambda obs: jnp.broadcast_to(logits, (*obs.shape[:-1], 1 + ramps))
+
+
+def _mostly(usual: int, choices: int, probability: float) -> jax.Array:
+    """Logits `(choices,)` of one that has this probability, and of others that are all alike."""
+    odds = math.log(probability / (1.0 - probability) * max(choices - 1, 1))
+    return jnp.zeros((choices,), jnp.float32).at[usual].set(odds)
+
+
+def first_logits_of_agents(env: Any, config: TrainConfig) -> Callable[[jax.Array], jax.Array]:
+    """The agents before training, observations `(..., num_features)` to logits of all parts of an action.
+
+    At the depot as a dispatcher is (`first_logits`). In service each part is most likely what the rule does.
+    """
+    enter, likely = first_logits(env, config), config.initial_wait
+    _, speed, lane, accept, leave = env.actions.parts
+    parts = [
+        _mostly(env.actions.usual[0], speed.n, likely),
+        _mostly(env.actions.usual[1], lane.n, likely),
+        _mostly(1, accept.n, likely),
+        _mostly(0, leave.n, GOES_ON),
+    ]
+    motion = jnp.concatenate(parts)
+
+    def start(obs: jax.Array) -> jax.Array:
+        # Who was sent says what it does, rather than that it does as the rule does.
+        sent = obs[..., QUEUED, None] + obs[..., MERGING, None] + obs[..., IN_SERVICE, None]
+        at_depot = jnp.where(sent > 0.5, MASKED_LOGIT, enter(obs))
+        of_parts = jnp.broadcast_to(motion, (*obs.shape[:-1], motion.shape[0]))
+        return jnp.concatenate([at_depot, of_parts], axis=-1)
+
+    return start
 
 
 def mlp(env: Environment, config: TrainConfig) -> Callable[[], nn.Module]:
@@ -163,7 +200,15 @@ def build_network(env: Environment, config: TrainConfig) -> nn.Module:
     """
     check_network(config, env.observation)
     make_torso = NETWORKS[config.network](env, config)
-    return ActorCritic(env.num_actions, make_torso, first_logits(env, config))
+    if isinstance(env.observation, AgentView):
+        agents: Any = env
+        actions, seen = agents.actions, env.observation.own_size(env.config)
+        start = first_logits_of_agents(env, config)
+        return ActorCritic(actions.num_logits, make_torso, start, actions.fold_logits, seen)
+    (size,) = env.observation_space(None).shape
+    return ActorCritic(
+        env.num_actions, make_torso, first_logits(env, config), lambda logits: logits, size
+    )
 
 
 def masked_categorical(logits: jax.Array, mask: jax.Array) -> Categorical:

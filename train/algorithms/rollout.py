@@ -27,13 +27,16 @@ class RolloutState:
     """Where the environments stand between two rollouts."""
 
     env: Any  # state of the wrapped batch
-    obs: jax.Array  # (num_envs, num_features), to act on next
-    discounted_sum: jax.Array  # (num_envs,) discounted rewards of the running episode
+    obs: jax.Array  # (num_envs, ..., num_features), to act on next
+    discounted_sum: jax.Array  # (num_envs, ...) discounted rewards of the running episode
 
 
 @struct.dataclass
 class Trajectory:
-    """A rollout; every array is `(num_envs, num_steps, ...)`."""
+    """A rollout; every array is `(num_envs, num_steps, ...)`.
+
+    Where every MED is an agent an axis of agents follows, in all but `terminated` and `truncated`.
+    """
 
     obs: jax.Array  # (..., num_features) as the environment returned them
     mask: jax.Array  # (..., num_actions) bool, allowed actions
@@ -59,13 +62,18 @@ class EpisodeSums:
 def values_where(
     network: nn.Module, weights: PolicyWeights, obs: jax.Array, mask: jax.Array, block: int
 ) -> jax.Array:
-    """Values of the rows of `obs` `(num_rows, num_features)` where `mask`, computed for these only; else 0."""
+    """Values of the rows of `obs` `(rows, ..., num_features)` where `mask` `(rows,)`, only computed there; else 0."""
 
     def fill(_: jax.Array, rows: jax.Array, out: jax.Array) -> jax.Array:
         picked = jnp.take(obs, rows, axis=0, mode="clip")
         return out.at[rows].set(apply_value(network, weights, picked), mode="drop")
 
-    return for_true_rows(mask, block, fill, jnp.zeros(mask.shape, jnp.float32))
+    return for_true_rows(mask, block, fill, jnp.zeros(obs.shape[:-1], jnp.float32))
+
+
+def spread(values: jax.Array, like: jax.Array) -> jax.Array:
+    """`values` with axes of length 1 behind its own, as many as `like` has axes."""
+    return values.reshape(*values.shape, *[1] * (like.ndim - values.ndim))
 
 
 def sum_episodes(episode: dict[str, Any]) -> EpisodeSums:
@@ -104,7 +112,7 @@ class Collector:
     def start(self, keys: jax.Array, env_params: Any) -> RolloutState:
         """Fresh episodes, one for each of the keys `(num_envs,)`."""
         obs, state = self.env.reset(keys, env_params)
-        return RolloutState(state, obs, jnp.zeros(keys.shape, jnp.float32))
+        return RolloutState(state, obs, jnp.zeros(obs.shape[:-1], jnp.float32))
 
     def collect(
         self,
@@ -157,7 +165,9 @@ class Collector:
         with jax.named_scope("bootstrap"):
             cut, few = truncated & ~terminated, max(1, keys.shape[0] // 64)
             final_value = values_where(self.network, weights, info["final_observation"], cut, few)
-        reward = reward.astype(jnp.float32)
+        # Agents may get a part each.
+        reward = spread(info.get("rewards", reward), value).astype(jnp.float32)
+        reward = jnp.broadcast_to(reward, value.shape)
         discounted = self.gamma * state.discounted_sum + reward
         step = Trajectory(
             obs=state.obs,
@@ -171,5 +181,6 @@ class Collector:
             final_value=final_value,
             discounted_sum=discounted,
         )
-        discounted = jnp.where(terminated | truncated, 0.0, discounted)
+        ended = spread(terminated | truncated, discounted)
+        discounted = jnp.where(ended, 0.0, discounted)
         return RolloutState(env_state, obs, discounted), (step, sum_episodes(info["episode"]))

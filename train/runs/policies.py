@@ -10,8 +10,8 @@ from jax import export
 from medjax.errors import InputError
 from medjax.numerics.devices import prepare_cpu
 from medjax.policies.policy import Policy
-from medjax.policies.rules import BASELINES
 from medjax.policies.saved import about_of, save_policy
+from medjax.policies.team import rules_of
 from train.algorithms.environments import make_environment
 from train.algorithms.networks import PolicyWeights, apply_policy
 from train.algorithms.registry import algorithm_of
@@ -77,7 +77,7 @@ def all_policies(
     learn = algorithm_of(config)
     by_name = weights_by_name(config, weights).items()
     learned = {name: learn.policy(env, config, own, stochastic) for name, own in by_name}
-    return learned | {name: build(env) for name, build in BASELINES.items()}
+    return learned | rules_of(env)
 
 
 def load_policies(
@@ -104,7 +104,9 @@ def export_policy(
         InputError: the file could not name the environment.
         OSError: it cannot be written.
     """
-    about = about_of(env, params, config.decide_every, config.algorithm)
+    by_rule = config.agents != "none" and config.dispatcher != "agents"
+    dispatcher = config.dispatcher if by_rule else ""
+    about = about_of(env, params, config.decide_every, config.algorithm, dispatcher)
     network = algorithm_of(config).build_network(env, config)
     own = jax.device_get(weights_by_name(config, weights)[config.algorithm])
 

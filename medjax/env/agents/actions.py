@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from typing import Generic, NamedTuple, TypeVar
 
@@ -12,7 +13,7 @@ import jax.numpy as jnp
 from medjax.env.dispatch import action_mask
 from medjax.env.spaces import Discrete
 from medjax.world.params import EnvConfig, EnvParams
-from medjax.world.state import AT_DEPOT, IN_SERVICE, EnvState
+from medjax.world.state import AT_DEPOT, IN_SERVICE, MERGING, QUEUED, EnvState
 
 Each = TypeVar("Each")
 
@@ -32,20 +33,22 @@ class AgentActions:
     """The spaces of an agent's action.
 
     Folded, action 0 does as the rule does: waits at the depot, or serves at the fleet's speed, in the fleet's lane,
-    and takes who asks. Actions 1 .. num_ramps enter from that ramp. Those beyond are what a MED in service may do, the
-    last part, `leave`, counting fastest.
+    and takes who asks. Actions 1 .. num_ramps enter from that ramp. Those beyond are what a MED that was sent may do,
+    the last part, `leave`, counting fastest.
 
     Attributes:
       speeds: m/s, that a MED in service may be told to drive.
       lanes: that it may be told to serve in.
       num_ramps: on-ramps of the road.
       exits: whether the road has any, by which it may leave early.
+      usual: places in `speeds` and `lanes` of the preset's own.
     """
 
     speeds: tuple[float, ...]
     lanes: tuple[int, ...]
     num_ramps: int
     exits: bool
+    usual: tuple[int, int] = (0, 0)
 
     @property
     def parts(self) -> Parts[Discrete]:
@@ -59,8 +62,24 @@ class AgentActions:
         enter, *others = self.parts
         return enter.n + math.prod(part.n for part in others)
 
+    @property
+    def num_logits(self) -> int:
+        """Choices of all parts together."""
+        return sum(part.n for part in self.parts)
+
+    def fold_logits(self, logits: jax.Array) -> jax.Array:
+        """Of the folded action, `(..., num_actions)`, from those of its parts one after the other `(..., num_logits)`.
+
+        By their softmax the parts of one in service are drawn each by itself.
+        """
+        sizes = itertools.accumulate(part.n for part in self.parts[:-1])
+        enter, joint, *others = jnp.split(logits, list(sizes), axis=-1)
+        for part in others:
+            joint = (joint[..., :, None] + part[..., None, :]).reshape(*joint.shape[:-1], -1)
+        return jnp.concatenate([enter, joint], axis=-1)
+
     def fold(self, parts: Parts[jax.Array], serves: jax.Array) -> jax.Array:
-        """The folded action, `(A,)` int32, of choices; `serves` `(A,)` bool: one in service, whose `enter` is 0."""
+        """The folded action, `(A,)` int32, of choices; `serves` `(A,)` bool: one that was sent, whose `enter` is 0."""
         enter, *spaces = self.parts
         place = jnp.zeros_like(parts.speed)
         for space, choice in zip(spaces, parts[1:], strict=True):
@@ -94,20 +113,25 @@ class AgentActions:
     def masks(self, state: EnvState, config: EnvConfig) -> Parts[jax.Array]:
         """Which choices an agent has in each part, `(A, n)` bool.
 
-        Only the first at the depot may enter, once the cooldown is over. A MED in service keeps its lane while an EV is
-        booked on it: those beside it would be in its way.
+        Only the first at the depot may enter, once the cooldown is over. One that waits at a ramp or merges may
+        refuse EVs. A MED in service keeps its lane while an EV is booked on it: those beside it would be
+        in its way.
         """
         status = state.meds.status
         at_depot, serves = status == AT_DEPOT, (status == IN_SERVICE)[:, None]
+        comes = ((status == QUEUED) | (status == MERGING))[:, None]
         head = at_depot & (jnp.arange(status.shape[0]) == jnp.argmax(at_depot))
         here = _nearest(self.lanes, state.meds.service_lane)[:, None] == jnp.arange(len(self.lanes))
-        of_part = [jnp.ones((status.shape[0], part.n), bool) for part in self.parts]
+        usual_speed = jnp.arange(len(self.speeds)) == self.usual[0]
+        everywhere = jnp.ones((status.shape[0], 2), bool)
         return Parts(
             enter=(head[:, None] & action_mask(state, config)).at[:, 0].set(True),
-            speed=serves & of_part[1],
-            lane=serves & (_is_alone(state)[:, None] | here),
-            accept=serves & of_part[3],
-            leave=serves & of_part[4],
+            speed=serves | (comes & usual_speed),
+            lane=(serves & (_is_alone(state)[:, None] | here)) | (comes & here),
+            accept=(serves | comes) & everywhere,
+            leave=((serves | comes) & everywhere)
+            .at[:, 1]
+            .set(serves[:, 0])[:, : self.parts.leave.n],
         )
 
     def folded_mask(self, masks: Parts[jax.Array]) -> jax.Array:

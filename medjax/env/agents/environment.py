@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
 
 import jax
 import jax.numpy as jnp
@@ -10,59 +10,60 @@ import jax.numpy as jnp
 from medjax.env.agents.actions import AgentActions, Parts
 from medjax.env.agents.orders import allowed_parts, give_orders
 from medjax.env.agents.view import AgentView
-from medjax.env.charging_env import ChargingEnv
+from medjax.env.contract import StepResult
 from medjax.env.observation import RoadProfile
 from medjax.env.spaces import Box, Discrete
+from medjax.env.wrapper import Wrapper
 from medjax.numerics.sums import in_units
 from medjax.world.params import EnvParams
 from medjax.world.state import NOT_BOOKED, EnvState
 
-AgentsStep = tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, dict[str, Any]]
-
 CREDITS = ("team", "own")
+ROAD = RoadProfile()
+VIEW = AgentView()
 
 
-class AgentsEnv:
+@dataclasses.dataclass(frozen=True)
+class AgentsEnv(Wrapper):
     """Every MED of a `ChargingEnv` is an agent, at the depot and in service. A = `config.num_meds`.
 
     One step is one decision of `env`. An agent that does as the rule does (action 0) leaves the highway as it is: with
-    all others at 0, the agent at the head of the depot's line is the dispatcher of `env`, bit for bit. Methods are pure
-    and jit; batch with `jax.vmap`. `medjax.make_agents` puts names and dicts around it.
+    all others at 0, the agent at the head of the depot's line is the dispatcher of `env`, bit for bit. To whatever
+    wraps, plays or learns in environments this is one more, whose observations, masks and actions have an axis of
+    agents first. `medjax.make_agents` puts names and dicts around it.
 
-    Args:
+    Attributes:
       env: of one highway, not wrapped.
       actions: what an agent may do.
-      credit: "team", everyone gets the reward of `env`; or "own", the packs by which the charge of the EVs that are
-        booked on it changed in the decision, those that began booked and those that end so.
-      view: what an agent sees, `size(config)` and `__call__(state, config, params)` to `(A, size)`.
+      credit: what `info["rewards"]` is: "team", the reward of `env` for everyone; or "own", the packs by which the
+        charge of the EVs that are booked on it changed in the decision, those that began booked and those that end so.
+      view: what an agent sees.
     """
 
-    def __init__(
-        self,
-        env: ChargingEnv,
-        actions: AgentActions,
-        credit: str = "team",
-        view: AgentView | None = None,
-    ) -> None:
-        self.env, self.actions, self.credit = env, actions, credit
-        self.view = AgentView() if view is None else view
-        self.profile = RoadProfile()
+    actions: AgentActions
+    credit: str = "team"
+    view: AgentView = VIEW
 
     @property
     def num_agents(self) -> int:
         """One each slot of a MED."""
-        return self.env.config.num_meds
+        return int(self.env.config.num_meds)
 
     @property
     def num_actions(self) -> int:
         """Of an agent's folded action."""
         return self.actions.num_actions
 
-    def action_space(self) -> Discrete:
+    @property
+    def observation(self) -> AgentView:
+        """What makes an agent's vector."""
+        return self.view
+
+    def action_space(self, params: EnvParams | None = None) -> Discrete:
         """Of an agent's folded action; its parts are `actions.parts`."""
         return Discrete(self.num_actions)
 
-    def observation_space(self) -> Box:
+    def observation_space(self, params: EnvParams | None = None) -> Box:
         """Of an agent: a float32 vector, scaled to about [-1, 1], not bounded by it."""
         return Box(-jnp.inf, jnp.inf, (self.view.size(self.env.config),))
 
@@ -72,31 +73,31 @@ class AgentsEnv:
         return self.get_obs(state, params), state
 
     def step_env(
-        self, key: jax.Array, state: EnvState, actions: jax.Array, params: EnvParams
-    ) -> AgentsStep:
+        self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
+    ) -> StepResult:
         """One decision without a reset.
 
         Args:
           key: as of `ChargingEnv.step_env`.
           state: of one highway.
-          actions: (A,) int32, folded; one that the mask forbids counts as 0, and in `metrics["invalid_actions"]`.
+          action: (A,) int32, folded; one that the mask forbids counts as 0, and in `metrics["invalid_actions"]`.
           params: of the highway.
 
         Returns:
-          (observations (A, size) float32, state, rewards (A,) float32, terminated () bool, truncated () bool, info of
-          `ChargingEnv.step_env`)
+          (observations (A, size) float32, state, reward of `env` () float32, terminated () bool, truncated () bool,
+          info of `ChargingEnv.step_env`, with "action_mask" (A, num_actions), and "rewards" (A,) float32 of the agents)
         """
         rule = self.actions.by_rule(state, params)
         mask = self.action_mask(state, params)
-        inside = (actions >= 0) & (actions < self.num_actions)
-        place = jnp.clip(actions, 0, self.num_actions - 1)
+        inside = (action >= 0) & (action < self.num_actions)
+        place = jnp.clip(action, 0, self.num_actions - 1)
         fine = inside & jnp.take_along_axis(mask, place[:, None], axis=1)[:, 0]
-        parts = self.actions.unfold(jnp.where(fine, actions, 0), rule)
+        parts = self.actions.unfold(jnp.where(fine, action, 0), rule)
         return self._step(key, state, parts, jnp.sum(~fine), params)
 
     def step_parts(
         self, key: jax.Array, state: EnvState, parts: Parts[jax.Array], params: EnvParams
-    ) -> AgentsStep:
+    ) -> StepResult:
         """`step_env` by parts `(A,)` int32 each; one that its mask forbids counts as the rule's, and is counted."""
         masks = self.actions.masks(state, self.env.config)
         rule = self.actions.by_rule(state, params)
@@ -110,7 +111,7 @@ class AgentsEnv:
         parts: Parts[jax.Array],
         wrong: jax.Array,
         params: EnvParams,
-    ) -> AgentsStep:
+    ) -> StepResult:
         """The decision of allowed parts, so many others having been `wrong` ()."""
         ordered, action = give_orders(state, parts, self.actions, self.env.config, params)
         tally = ordered.tally
@@ -122,7 +123,8 @@ class AgentsEnv:
         rewards = jnp.broadcast_to(reward, (self.num_agents,))
         if self.credit == "own":
             rewards = self._own(state, after, params)
-        return self.get_obs(after, params), after, rewards, terminated, truncated, info
+        info |= {"rewards": rewards, "action_mask": self.action_mask(after, params)}
+        return self.get_obs(after, params), after, reward, terminated, truncated, info
 
     def _own(self, before: EnvState, after: EnvState, params: EnvParams) -> jax.Array:
         """Packs by which the charge of each MED's EVs changed, `(A,)`; of EVs that are on the road at both ends."""
@@ -147,4 +149,4 @@ class AgentsEnv:
 
     def global_state(self, state: EnvState, params: EnvParams) -> jax.Array:
         """The whole road for a central critic, `(G,)` float32: `medjax.env.observation.RoadProfile`."""
-        return self.profile(state, self.env.config, params)
+        return ROAD(state, self.env.config, params)

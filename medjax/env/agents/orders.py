@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from medjax.env.agents.actions import AgentActions, Parts
 from medjax.env.trips import leaving_early
 from medjax.world.params import EnvConfig, EnvParams
-from medjax.world.state import IN_SERVICE, EnvState
+from medjax.world.state import IN_SERVICE, MERGING, QUEUED, EnvState
 
 
 def allowed_parts(
@@ -46,6 +46,7 @@ def give_orders(
     """
     vehicles, meds = state.vehicles, state.meds
     serves = meds.status == IN_SERVICE
+    answers = serves | (meds.status == QUEUED) | (meds.status == MERGING)
     speed = jnp.asarray(actions.speeds, jnp.float32)[parts.speed]
     lane = jnp.asarray(actions.lanes, jnp.int32)[parts.lane]
     if actions.exits:
@@ -54,6 +55,6 @@ def give_orders(
     meds = meds.replace(
         service_speed=jnp.where(serves, speed, meds.service_speed),
         service_lane=jnp.where(serves, lane, meds.service_lane),
-        accepts=jnp.where(serves, parts.accept > 0, meds.accepts),
+        accepts=jnp.where(answers, parts.accept > 0, meds.accepts),
     )
     return state.replace(vehicles=vehicles, meds=meds), jnp.max(parts.enter, initial=0)

@@ -8,8 +8,15 @@ import jax
 import jax.numpy as jnp
 
 from medjax.charging.booking import ask, grant
-from medjax.env.forecast import expected_need, free_slots, lacking_j, med_places
-from medjax.env.observation import NEED_WINDOW_S, clock_features
+from medjax.env.forecast import Need, expected_need, free_slots, lacking_j, med_places
+from medjax.env.observation import (
+    CLOCK_FEATURES,
+    NEED_WINDOW_S,
+    RoadProfile,
+    clock_features,
+    outlook_in,
+    show_need,
+)
 from medjax.numerics.sums import in_units
 from medjax.traffic.exits import next_exit
 from medjax.world.params import PANELS, EnvConfig, EnvParams
@@ -30,6 +37,7 @@ OF_ITSELF = len(STATUS_NAMES) + 11
 OF_AN_EV = 10
 OF_A_REQUEST = 6
 OF_A_MED = 5
+OF_A_RAMP = len(Need._fields)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,14 +55,38 @@ class AgentView:
       `medjax.env.observation.Observation`.
 
     Ways are in 500 m, at most 1; speeds in 30 m/s; slots and EVs in those of a MED. Who is not on the road sees nobody.
+
+    Attributes:
+      num_evs: that it sees, at most.
+      road: the whole road, after all that; for a critic, which may see what nobody acts on.
     """
 
     num_evs: int = 8
+    road: RoadProfile | None = None
 
     def size(self, config: EnvConfig) -> int:
         """Length of an agent's vector."""
+        return self.own_size(config) + (self.road.size(config) if self.road else 0)
+
+    def own_size(self, config: EnvConfig) -> int:
+        """Of that the entries that it may act on, which come first."""
         nearest = min(self.num_evs, config.num_evs) * OF_AN_EV
-        return OF_ITSELF + nearest + OF_A_REQUEST + 2 * OF_A_MED + 4 * config.num_ramps + 4
+        return (
+            OF_ITSELF
+            + nearest
+            + OF_A_REQUEST
+            + 2 * OF_A_MED
+            + OF_A_RAMP * config.num_ramps
+            + CLOCK_FEATURES
+        )
+
+    def outlook(self, vector: jax.Array, config: EnvConfig) -> tuple[Need, jax.Array, jax.Array]:
+        """Of `(..., size)`: what a MED from each ramp would find, the share at the depot, and that of time left."""
+        last = self.own_size(config)
+        clock = last - CLOCK_FEATURES
+        return outlook_in(
+            vector[..., clock - OF_A_RAMP * config.num_ramps : clock], vector[..., clock:last]
+        )
 
     def __call__(self, state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
         """`(num_meds, size)` float32."""
@@ -72,9 +104,9 @@ class AgentView:
         asked = jnp.maximum(request, 0)[:, None]
         wanted = everyone(frame, way, asked, request[:, None] >= 0, evs)
         need = expected_need(state, config, params, NEED_WINDOW_S)
-        slots = len(PANELS)
-        ramps = [need.there / slots, need.shortfall, need.coming / slots, need.free / slots]
-        of_all = jnp.concatenate([*ramps, clock_features(state, params)])
+        of_all = jnp.concatenate([show_need(need), clock_features(state, params)])
+        if self.road:
+            of_all = jnp.concatenate([of_all, self.road(state, config, params)])
         parts = [
             _itself(state, config, params),
             around.reshape(config.num_meds, -1),

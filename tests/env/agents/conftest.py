@@ -33,9 +33,14 @@ class World:
     def __init__(self, named):
         self.named, self.env, self.params = named, named.env, named.params
         self.actions, self.config = named.env.actions, named.env.env.config
-        self.step = jax.jit(self.env.step_env)
+        self.step = jax.jit(self._step)
         self.mask = jax.jit(self.env.action_mask)
         self.view = jax.jit(self.env.get_obs)
+
+    def _step(self, *given):
+        """The agents' rewards in place of the team's."""
+        obs, state, _, *ends, info = self.env.step_env(*given)
+        return obs, state, info["rewards"], *ends, info
 
     def reset(self, seed=0):
         return self.env.reset(jax.random.key(seed), self.params)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from medjax.env.agents.actions import AgentActions, Parts
-from medjax.world.state import AT_DEPOT, IN_SERVICE
+from medjax.world.state import AT_DEPOT, IN_SERVICE, MERGING, QUEUED
 
 SPACES = [
     AgentActions((14.0, 18.0, 22.0), (1, 2), num_ramps=4, exits=True),
@@ -51,17 +51,20 @@ def test_masks_by_hand(trips, busy):
     for med in range(4):
         may_enter = depot[:1] == [med] and float(busy.cooldown_s) <= 0.0
         assert list(masks.enter[med]) == [True, may_enter, may_enter]
-        serves = status[med] == IN_SERVICE
+        serves, comes = status[med] == IN_SERVICE, status[med] in (QUEUED, MERGING)
         booked = med in np.asarray(busy.evs.med)
         lanes = [
-            serves and (not booked or lane == int(busy.meds.service_lane[med]))
+            (serves and not booked)
+            or ((serves or comes) and lane == int(busy.meds.service_lane[med]))
             for lane in trips.actions.lanes
         ]
         assert list(masks.lane[med]) == lanes
-        for part in (masks.speed, masks.accept, masks.leave):
-            assert (np.asarray(part[med]) == serves).all()
-        sizes = len(trips.actions.speeds) * sum(lanes) * 2 * 2
-        assert folded[med].sum() == 1 + 2 * may_enter + serves * sizes
+        usual = [speed == float(trips.params.fleet.service_speed) for speed in trips.actions.speeds]
+        assert list(masks.speed[med]) == [serves or (comes and each) for each in usual]
+        assert list(masks.accept[med]) == [serves or comes] * 2
+        assert list(masks.leave[med]) == [serves or comes, serves]
+        sizes = len(trips.actions.speeds) * sum(lanes) * 2 * 2 if serves else 2 * comes
+        assert folded[med].sum() == 1 + 2 * may_enter + sizes
     assert folded[:, 0].all()
     assert folded.shape[1] == trips.env.num_actions
 
@@ -71,3 +74,20 @@ def test_a_fresh_road_has_one_agent_with_a_choice(trips):
     _, state = trips.reset()
     present = np.asarray(trips.env.present(state, trips.params))
     assert list(present) == [True, False, False, False]
+
+
+@pytest.mark.parametrize("actions", SPACES)
+def test_folded_logits_draw_every_part_by_itself(actions):
+    """Of the folded action's probabilities the marginals are the parts' softmaxes, and parts are independent."""
+    rng = np.random.default_rng(0)
+    sizes = [part.n for part in actions.parts]
+    logits = [rng.normal(size=size) for size in sizes]
+    assert actions.num_logits == sum(sizes)
+    folded = np.asarray(actions.fold_logits(jnp.asarray(np.concatenate(logits))[None]))[0]
+    np.testing.assert_allclose(folded[: sizes[0]], logits[0], rtol=1e-6)
+    joint = np.exp(folded[sizes[0] :])
+    expected = np.ones(())
+    for part in logits[1:]:
+        share = np.exp(part) / np.exp(part).sum()
+        expected = np.multiply.outer(expected, share)
+    np.testing.assert_allclose((joint / joint.sum()).reshape(expected.shape), expected, rtol=1e-5)

@@ -154,7 +154,7 @@ def test_own_reward_by_hand(trips, busy):
     """Packs that a MED's EVs gained in the decision, by a loop over EVs."""
     env = AgentsEnv(trips.env.env, trips.actions, credit="own")
     key, params = jax.random.key(2), trips.params
-    _, after, rewards, *_ = jax.jit(env.step_env)(key, busy, jnp.zeros(4, jnp.int32), params)
+    _, after, *_, info = jax.jit(env.step_env)(key, busy, jnp.zeros(4, jnp.int32), params)
     expected = np.zeros(4)
     for ev in range(trips.config.num_evs):
         slot = trips.config.num_meds + ev
@@ -163,7 +163,7 @@ def test_own_reward_by_hand(trips, busy):
         change = float(after.evs.energy_j[ev]) - float(busy.evs.energy_j[ev])
         for med in {int(busy.evs.med[ev]), int(after.evs.med[ev])} - {-1}:
             expected[med] += change / float(params.ev_capacity_j)
-    np.testing.assert_allclose(rewards, expected, atol=1e-6)
+    np.testing.assert_allclose(info["rewards"], expected, atol=1e-6)
     assert np.abs(expected).max() > 1e-5
 
 
@@ -195,7 +195,8 @@ def test_one_alone_is_one_of_many(trips, busy):
     states = jax.tree.map(lambda leaf: jnp.stack([leaf] * 3), busy)
     actions = jnp.stack([in_service(trips, busy, speed=n) for n in range(3)])
     batch = jax.jit(jax.vmap(trips.env.step_env, (0, 0, 0, None)))
-    obs, many, rewards, *_ = batch(keys, states, actions, trips.params)
+    obs, many, *_, info = batch(keys, states, actions, trips.params)
+    rewards = info["rewards"]
     for n in range(3):
         own_obs, one, own, *_ = trips.step(keys[n], busy, actions[n], trips.params)
         np.testing.assert_array_equal(many.vehicles.x[n], one.vehicles.x)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from medjax.charging.booking import book
+from medjax.env.agents.environment import ROAD
 from medjax.env.agents.view import OF_AN_EV, OF_ITSELF, AgentView
 from medjax.world.state import IN_SERVICE
 
@@ -110,5 +111,5 @@ def test_who_is_not_on_the_road_sees_nobody(trips):
 def test_the_global_state_is_the_road_profile(trips, busy):
     """One vector for a central critic."""
     state = np.asarray(trips.env.global_state(busy, trips.params))
-    assert state.shape == (trips.env.profile.size(trips.config),)
+    assert state.shape == (ROAD.size(trips.config),)
     assert np.isfinite(state).all()

@@ -34,6 +34,7 @@ from train.algorithms.rollout import (
     RolloutState,
     Trajectory,
     episode_metrics,
+    spread,
 )
 
 
@@ -62,7 +63,7 @@ class PPOLearner:
         keys = jax.random.split(reset_key, self.config.num_envs)
         rollout = on_devices(self.mesh, self.collector.start)(keys, env_params)
         params = self.collector.network.init(network_key, rollout.obs[:1])
-        weights = PolicyWeights(params, init_stats(rollout.obs.shape[1:]))
+        weights = PolicyWeights(params, init_stats(rollout.obs.shape[-1:]))
         opt_state, return_stats = self.optimizer.init(params), init_stats()
         return PPOState(weights, rollout, key, jnp.int32(0), opt_state, return_stats)
 
@@ -131,8 +132,8 @@ class PPOLearner:
         steps = Steps(
             reward=scale_reward(return_stats, trajectory.reward),
             value=trajectory.value,
-            terminated=trajectory.terminated,
-            truncated=trajectory.truncated,
+            terminated=spread(trajectory.terminated, trajectory.value),
+            truncated=spread(trajectory.truncated, trajectory.value),
             final_value=trajectory.final_value,
         )
         advantage, target = jax.vmap(estimate)(steps, last_value)

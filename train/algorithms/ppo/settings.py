@@ -69,6 +69,10 @@ class PPOConfig(TrainConfig):
         if self.network == "sets" and self.normalize_observations:
             # A row of zeros is nobody there, and would no longer be one.
             raise InputError("network is 'sets' and normalize_observations is True, allowed: False")
+        if self.agents != "none" and self.normalize_observations:
+            # Agents tell by their status what they may do.
+            given = f"agents is {self.agents!r} and normalize_observations is True"
+            raise InputError(f"{given}, allowed: False")
         if self.normalize_observations and self.start == "rule" and self.observation == "profile":
             # It reads EVs and packs off the profile, not deviations from their means.
             raise InputError("start is 'rule' and normalize_observations is True, allowed: wait")

@@ -1,0 +1,70 @@
+"""Presets in which every MED is an agent."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from medjax.env.agents.actions import AgentActions
+from medjax.env.agents.environment import CREDITS, ROAD, VIEW, AgentsEnv
+from medjax.env.agents.view import AgentView
+from medjax.errors import InputError, shown
+from medjax.scenarios import SCENARIOS, make
+from medjax.world.numbers import numbers_of, read_number
+from medjax.world.params import EnvConfig, EnvParams, FleetParams
+
+SPEEDS = (14.0, 18.0, 22.0, 25.0)  # m/s; the fleet's own joins them
+CHOICE_S = 4.0  # agents decide so seldom at least, where a preset decides more often
+
+
+def agents_of(
+    name: str = "corridor",
+    *,
+    speeds: Sequence[float] = SPEEDS,
+    credit: str = "team",
+    central: bool = False,
+    build: Callable[..., Any] = make,
+    **overrides: Any,
+) -> tuple[AgentsEnv, EnvParams]:
+    """Builds a preset in which every MED is an agent, with arrays in place of names: see `medjax.make_agents`.
+
+    Args:
+      name, speeds, credit, **overrides: as of `medjax.make_agents`.
+      central: the whole road follows what an agent sees, for a critic (`AgentView.road`).
+      build: what builds the preset, called as `medjax.make`; `medjax.scenarios.prepare` computes nothing.
+
+    Raises:
+      InputError: one line; as `medjax.make`, or a speed or credit that is not allowed.
+    """
+    if credit not in CREDITS:
+        raise InputError(f"credit = {shown(credit)}: allowed {', '.join(CREDITS)}")
+    if not isinstance(name, str) or name not in SCENARIOS:
+        build(name)  # which says so
+    preset = SCENARIOS[name]
+    usual = preset.params(preset.config)
+    rounds = max(1, math.ceil(CHOICE_S / preset.config.decision_s))
+    if rounds > 1 and "rounds_per_decision" not in overrides:
+        decisions = math.ceil(int(usual.episode_decisions) / rounds)
+        overrides = {"rounds_per_decision": rounds, "episode_decisions": decisions, **overrides}
+    fleet = overrides.get("size", overrides.get("fleet.size", int(usual.fleet.size)))
+    env, params, *_ = build(name, **{"num_meds": fleet, **overrides})
+    allowed = numbers_of(FleetParams)["service_speed"]
+    usual_speed, usual_lane = float(params.fleet.service_speed), int(params.fleet.service_lane)
+    chosen = {usual_speed}
+    for index, speed in enumerate(speeds):
+        chosen.add(float(read_number(f"speeds[{index}]", speed, allowed)))
+    ordered, lanes = tuple(sorted(chosen)), _serving_lanes(env.config, usual_lane)
+    actions = AgentActions(
+        speeds=ordered,
+        lanes=lanes,
+        num_ramps=env.config.num_ramps,
+        exits=env.config.num_exits > 0,
+        usual=(ordered.index(usual_speed), lanes.index(usual_lane)),
+    )
+    return AgentsEnv(env, actions, credit, AgentView(road=ROAD) if central else VIEW), params
+
+
+def _serving_lanes(config: EnvConfig, usual: int) -> tuple[int, ...]:
+    """Lanes with one on either side, which allow four slots, and the fleet's own."""
+    return tuple(sorted({*range(1, config.num_lanes - 1), usual}))

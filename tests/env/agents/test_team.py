@@ -1,0 +1,94 @@
+"""Dispatchers among agents: what they did alone they do here, and learned agents may leave that to them."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from medjax.agents import agents_of
+from medjax.env.agents.environment import ROAD
+from medjax.episodes.scores import evaluate_policies
+from medjax.policies.policy import Choice, Policy
+from medjax.policies.rules import BASELINES, greedy
+from medjax.policies.team import Dispatched, as_team, rules_of
+from medjax.world.state import AT_DEPOT, IN_SERVICE, MERGING, QUEUED
+from tests.env.agents.conftest import TRIPS
+
+
+def refusing(env):
+    """Nobody takes EVs; whoever serves drives at the lowest speed; whoever may enters from the first ramp."""
+
+    def act(weights, key, obs, state, params):
+        actions, status = env.env.actions, state.meds.status
+        usual = actions.by_rule(state, params)
+        serves = status == IN_SERVICE
+        sent = serves | (status == QUEUED) | (status == MERGING)
+        parts = usual._replace(
+            speed=jnp.where(serves, 0, usual.speed), accept=jnp.zeros_like(usual.accept)
+        )
+        enters = env.action_mask(state, params)[:, 1].astype(jnp.int32)
+        action = jnp.where(sent, actions.fold(parts, sent), enters)
+        return Choice(action, jax.nn.one_hot(action, env.num_actions))
+
+    return Policy(act)
+
+
+def test_a_dispatcher_alone_and_among_agents_is_the_same(trips):
+    """Every rule's episodes, number for number."""
+    env, params = medjax.make("corridor", **TRIPS | {"num_meds": TRIPS["size"]})
+    names = ("none", "random", "greedy", "budgeted")
+    alone = evaluate_policies(env, params, {name: BASELINES[name](env) for name in names}, 3, 1)
+    team = {name: policy for name, policy in rules_of(trips.env).items() if name in names}
+    together = evaluate_policies(trips.env, trips.params, team, 3, 1)
+    for name in names:
+        for metric, values in alone[name].items():
+            np.testing.assert_array_equal(together[name][metric], values, err_msg=metric)
+    assert together["greedy"]["meds_dispatched"].sum() > 0
+
+
+def test_with_a_dispatcher_agents_only_move(trips, busy):
+    """At the depot they have no choice, in service all; as a wrapper and as a policy it plays the same episodes."""
+    env = Dispatched(trips.env, greedy(trips.env.env))
+    mask, free = np.asarray(env.action_mask(busy, trips.params)), trips.mask(busy, trips.params)
+    at_depot = np.asarray(busy.meds.status == AT_DEPOT)
+    serves = np.asarray(busy.meds.status == IN_SERVICE)
+    np.testing.assert_array_equal(mask[at_depot].sum(axis=1), 1)
+    np.testing.assert_array_equal(mask[serves], np.asarray(free)[serves])
+    policies = {
+        "by rule": as_team(trips.env, greedy(trips.env.env)),
+        "refuses": env.whole(refusing(env)),
+    }
+    scores = evaluate_policies(trips.env, trips.params, policies, 3, 1)
+    assert (scores["refuses"]["meds_dispatched"] > 0).all()
+    # For a decision a MED that was sent takes who asks, since nobody has told it otherwise.
+    received = {name: score["ev_received_kwh"].mean() for name, score in scores.items()}
+    assert received["refuses"] < 0.2 * received["by rule"]
+    wrapped = evaluate_policies(env, trips.params, {"refuses": refusing(env)}, 3, 1)
+    for metric, values in scores["refuses"].items():
+        np.testing.assert_array_equal(wrapped["refuses"][metric], values, err_msg=metric)
+
+
+@pytest.mark.parametrize("central", [False, True])
+def test_a_central_critic_sees_the_road_after_what_the_agent_sees(trips, busy, central):
+    """The agent's own vector first, as without."""
+    env, params = agents_of("corridor", central=central, **TRIPS)
+    own = trips.env.view.size(trips.config)
+    seen = np.asarray(env.get_obs(busy, params))
+    np.testing.assert_allclose(seen[:, :own], trips.view(busy, trips.params), atol=1e-6)
+    assert env.view.own_size(trips.config) == own
+    road = np.asarray(trips.env.global_state(busy, trips.params))
+    for row in seen:
+        np.testing.assert_allclose(row[own:], road if central else [], atol=1e-6)
+
+
+def test_the_outlook_is_what_rules_go_by(trips, busy):
+    """An agent's vector tells the need by ramps, the fleet and the time left, as the dispatcher's does."""
+    profile = trips.env.global_state(busy, trips.params)
+    view, config = trips.env.view, trips.config
+    need, at_depot, time_left = view.outlook(trips.view(busy, trips.params), config)
+    wanted, here, left = ROAD.outlook(profile, config)
+    for mine, theirs in zip(need, wanted, strict=True):
+        np.testing.assert_allclose(mine, np.broadcast_to(theirs, mine.shape), rtol=1e-6)
+    np.testing.assert_allclose(at_depot, here)
+    np.testing.assert_allclose(time_left, left)

@@ -1,0 +1,69 @@
+"""Agents trained by the command: settings, evaluation, and the policy's file."""
+
+import json
+
+import numpy as np
+import pytest
+
+from medjax.episodes.scores import evaluate_policies
+from medjax.policies.saved import load_policy
+from tests.train.conftest import refused
+from train import evaluate, ppo
+from train.runs.policies import load_policies
+from train.runs.run_directory import RunDir
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+SMALL = {"size": 2, "num_evs": 6, "num_gas": 12, "mainline_per_h": 900.0, "episode_decisions": 12}
+TINY = ["--num-envs=4", "--num-minibatches=4", "--rollout-length=12", "--total-timesteps=96"]
+
+
+@pytest.mark.parametrize(
+    "argv", [["--agents=ippo", "--credit=own"], ["--agents=mappo", "--dispatcher=budgeted"]]
+)
+def test_train_evaluate_and_export(tmp_path, argv):
+    """Rules play as dispatchers of the same world; the file's policy is the run's, dispatcher included."""
+    run = tmp_path / "run"
+    given = [*TINY, *argv, "--hidden", "8", f"--run-dir={run}", "--eval-episodes=2"]
+    for name, value in SMALL.items():
+        given += ["--set", f"{name}={value}"]
+    assert ppo.main(given) == 0
+    rows = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    assert [row["update"] for row in rows] == [1, 2]
+    assert rows[-1]["episode_length"] == 12.0
+    out = tmp_path / "out.json"
+    assert evaluate.main([f"--run-dir={run}", "--episodes=2", f"--json={out}"]) == 0
+    result = json.loads(out.read_text())
+    assert result == json.loads((run / "evaluation.json").read_text())
+    by_rule = result["policies"]["budgeted"]
+    assert result["policies"]["ppo"]["invalid_actions"] == 0.0
+    if argv[-1] == "--dispatcher=budgeted":
+        assert result["policies"]["ppo"]["meds_dispatched"] == pytest.approx(
+            by_rule["meds_dispatched"], abs=1
+        )
+
+    env, _, policies = load_policies(run, RunDir(run).load_config(), False)
+    saved = load_policy(run / "policy.zip")
+    again, numbers = saved.make()
+    assert (again.num_agents, again.actions) == (env.num_agents, env.actions)
+    play = {"run": policies["ppo"], "file": saved.policy(env)}
+    scores = evaluate_policies(again, numbers, play, 2, seed=7)
+    for name, values in scores["run"].items():
+        np.testing.assert_allclose(scores["file"][name], values, rtol=1e-5, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        (["--agents=both"], ["agents", "both", "none, ippo, mappo"]),
+        (["--agents=ippo", "--credit=mine"], ["credit", "mine", "team, own"]),
+        (["--agents=ippo", "--dispatcher=nobody"], ["dispatcher", "nobody", "agents, none"]),
+        (["--agents=ippo", "--network=sets", "--observation=flat"], ["network", "sets"]),
+        (["--agents=mappo", "--normalize-observations"], ["agents", "normalize_observations"]),
+        (["--agents=ippo", "--set=size=0"], ["num_meds"]),
+    ],
+)
+def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys, argv, words):
+    monkeypatch.chdir(tmp_path)
+    refused(capsys, argv, *words)
+    assert not any(tmp_path.iterdir())
