@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from medjax.agents import agents_of
 from medjax.commandline import add_set_option, as_path, parse_overrides, whole_number
 from medjax.env.charging_env import ChargingEnv
 from medjax.episodes.recording import Recording, record_episode
@@ -14,6 +15,7 @@ from medjax.errors import InputError, shown
 from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
 from medjax.policies.saved import load_policy
+from medjax.policies.team import rules_of
 from medjax.scenarios import SCENARIOS, make, prepare
 from medjax.world.params import EnvParams
 
@@ -57,6 +59,11 @@ class EpisodeRequest:
         if self.run_dir is None:
             return prepare(self.scenario, **self.overrides)[:2]
         about = load_policy(self.run_dir / POLICY).about
+        if about.agents:
+            how: dict[str, Any] = {**about.agents, **about.overrides}
+            agents, params = agents_of(about.scenario, build=prepare, **how)
+            highway: Any = agents.env
+            return highway, params
         return prepare(about.scenario, observation=about.observation, **about.overrides)[:2]
 
     def policies(self) -> tuple[ChargingEnv, EnvParams, dict[str, Policy]]:
@@ -73,7 +80,7 @@ class EpisodeRequest:
             env, params = trained.make()
             chosen = {trained.about.name: trained.policy(env)}
         if self.compare:
-            chosen[self.compare] = BASELINES[self.compare](env)
+            chosen[self.compare] = rules_of(env)[self.compare]
         return env, params, chosen
 
     def record(

@@ -38,6 +38,24 @@ class Decision(struct.PyTreeNode):
     reward: jax.Array  # (rows,)
     info: dict[str, Any]  # of the environment's step
 
+    def of_dispatcher(self, num_actions: int) -> "Decision":
+        """The same as a dispatcher of `num_actions` would have made it: of agents, what the first at the depot did."""
+        if self.action.ndim == 1:
+            return self
+        enters = self.mask[..., 1:num_actions].any(axis=-1)  # one agent at most
+        first = jnp.argmax(enters, axis=-1)[:, None]
+        action = jnp.take_along_axis(self.action, first, axis=1)[:, 0]
+        rows = [
+            jnp.take_along_axis(each, first[..., None], axis=1)[:, 0, :num_actions]
+            for each in (self.probabilities, self.mask)
+        ]
+        free = enters.any(axis=-1)
+        action = jnp.where(free & (action < num_actions), action, 0)
+        waits = jax.nn.one_hot(jnp.zeros_like(action), num_actions)
+        probabilities = jnp.where(free[:, None], rows[0], waits)
+        mask = jnp.where(free[:, None], rows[1], waits > 0.0)
+        return self.replace(action=action, probabilities=probabilities, mask=mask)
+
 
 class Player:
     """Policies side by side: row r is played by policy `r % len(policies)`, so that all are one batch.

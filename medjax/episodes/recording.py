@@ -37,10 +37,16 @@ class Frames(struct.PyTreeNode):
     ev_is_charging: Any  # (F, E) bool
     med_soc: Any  # (F, M) state of charge, 0 to 1
     med_status: Any  # (F, M) int32, `medjax.world.state.AT_DEPOT` to `RETIRED`
+    med_service_speed: Any  # (F, M) m/s that it has been told to serve at
+    med_service_lane: Any  # (F, M) int32 that it has been told to serve in
+    med_accepts: Any  # (F, M) bool, takes EVs that ask
 
 
 class Decisions(struct.PyTreeNode):
-    """What was decided, and what came of it; T decisions, A actions."""
+    """What was decided, and what came of it; T decisions, A actions.
+
+    Where every MED is an agent, what the one decided that might enter; what those in service do is in `Frames`.
+    """
 
     action: Any  # (T,) int32, as the policy chose; one that the mask forbids counts as 0
     sent: Any  # (T,) int32, the ramp that a MED was sent from, counted from 1; 0: none
@@ -147,7 +153,7 @@ def _play(
         """One decision: the frames of its ticks, and what was decided."""
         episodes, rows = player.decide(episodes, number, [weights], params)
         after, _ = player.env.highway(_row(episodes.state), numbers)
-        made = _row(rows)
+        made = _row(rows.of_dispatcher(player.env.config.num_actions))
         tally = made.info["tally"]
         decision = Decisions(
             action=made.action,
@@ -188,4 +194,7 @@ def frame_of(state: EnvState, params: EnvParams) -> Frames:
         ev_is_charging=evs.is_charging,
         med_soc=meds.energy_j / params.med_capacity_j,
         med_status=meds.status,
+        med_service_speed=meds.service_speed,
+        med_service_lane=meds.service_lane,
+        med_accepts=meds.accepts,
     )

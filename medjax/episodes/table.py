@@ -6,6 +6,7 @@ from medjax.episodes.recording import Recording
 from medjax.traffic.road import lateral_position
 from medjax.world.kinds import KINDS
 from medjax.world.params import PANELS
+from medjax.world.state import IN_SERVICE
 
 Table = dict[str, np.ma.MaskedArray]
 
@@ -28,10 +29,12 @@ def vehicle_table(recording: Recording) -> Table:
         booked_med_id: int64, vehicle_id of the MED that an EV is booked on.
         panel: of that MED, "left", "right", "rear" or "front".
         is_charging: bool.
+        told_speed_m_per_s, told_lane, accepts: float32, int32 and bool, of a MED in service; that it has been told to
+          serve at and in, and whether it takes EVs that ask.
     """
     config, frames, ids = recording.config, recording.frames, recording.vehicle_ids()
     time, slot = rows = np.nonzero(ids >= 0)
-    soc, med, panel, charging = (each[rows] for each in _of_evs_and_meds(recording))
+    soc, booked, panel, charging = (each[rows] for each in _of_evs_and_meds(recording))
     change = np.diff(frames.speed, axis=0, prepend=frames.speed[:1]) / np.float32(config.tick_s)
     is_new = np.diff(ids, axis=0, prepend=-2) != 0  # before the first frame there was nobody
     lane, offset = frames.lane[rows], frames.lateral_offset[rows]
@@ -48,15 +51,23 @@ def vehicle_table(recording: Recording) -> Table:
         "lateral_speed_m_per_s": frames.lateral_speed[rows],
         "acceleration_m_per_s2": change[rows],
         "soc": soc,
-        "booked_med_id": ids[time, np.maximum(med, 0)],
+        "booked_med_id": ids[time, np.maximum(booked, 0)],
         "panel": np.asarray(PANELS)[np.maximum(panel, 0)],
         "is_charging": charging,
     }
+    med = np.where(slot < config.num_meds, slot, 0)
+    told = {
+        "told_speed_m_per_s": frames.med_service_speed[time, med],
+        "told_lane": frames.med_service_lane[time, med],
+        "accepts": frames.med_accepts[time, med],
+    }
     missing = {"acceleration_m_per_s2": is_new[rows], "soc": slot >= config.ev_slots.stop}
-    missing |= dict.fromkeys(("booked_med_id", "panel"), med < 0)
+    missing |= dict.fromkeys(("booked_med_id", "panel"), booked < 0)
+    serves = (slot < config.num_meds) & (frames.med_status[time, med] == IN_SERVICE)
+    missing |= dict.fromkeys(told, ~serves)
     return {
         name: np.ma.masked_array(values, missing.get(name, np.ma.nomask))
-        for name, values in columns.items()
+        for name, values in (columns | told).items()
     }
 
 

@@ -16,7 +16,7 @@ from medjax.render.scene import Timeline
 from medjax.traffic.road import lateral_position
 from medjax.world.kinds import HUMAN_EV, KINDS
 from medjax.world.params import PANELS
-from medjax.world.state import STATUS_NAMES
+from medjax.world.state import IN_SERVICE, STATUS_NAMES
 
 
 def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
@@ -59,6 +59,7 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
         "kinds": bodies,
         "slotBody": bodies[HUMAN_EV],
         "statuses": STATUS_NAMES,
+        "inService": IN_SERVICE,
         "actions": action_names(config, params),
         "panels": PANELS,
         "slots": road.slots_m,
@@ -94,6 +95,9 @@ def _add_frames(packer: Packer, timeline: Timeline) -> None:
     packer.add("evCharging", frames.ev_is_charging.T)
     packer.add("medSoc", frames.med_soc.T, 1e-4)
     packer.add("medStatus", frames.med_status.T)
+    packer.add("medSpeedTold", frames.med_service_speed.T, 0.1)
+    packer.add("medLaneTold", frames.med_service_lane.T)
+    packer.add("medAccepts", frames.med_accepts.T)
     packer.add("camera", camera_path(timeline, AUTO)[None], 0.1, 2)
 
 

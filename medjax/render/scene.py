@@ -59,10 +59,9 @@ class Scene:
 def _scene_of(frame: Frames, params: EnvParams, **told: object) -> Scene:
     """What a frame without its axis of time shows; `told` fills the fields that it does not know."""
     y = lateral_position(frame.lane, frame.lateral_offset, params.road.lane_width_m)
+    shown = {field.name for field in dataclasses.fields(Scene)}
     known: dict[str, object] = {
-        name: np.asarray(values)
-        for name, values in vars(frame).items()
-        if name not in ("lateral_offset", "lateral_speed")
+        name: np.asarray(values) for name, values in vars(frame).items() if name in shown
     }
     # A crawl does not turn a vehicle, as for its coils (`medjax.traffic.motion.turn_between`).
     heading = np.arctan2(np.asarray(frame.lateral_speed), np.maximum(frame.speed, 1.0))

@@ -23,7 +23,8 @@ def blank(frames, **overrides):
         "lateral_offset": (v, np.float32), "lateral_speed": (v, np.float32), "active": (v, bool),
         "ev_soc": (e, np.float32), "kind": (v, np.int32), "ev_med": (e, np.int32),
         "ev_panel": (e, np.int32), "ev_is_charging": (e, bool), "med_soc": (m, np.float32),
-        "med_status": (m, np.int32),
+        "med_status": (m, np.int32), "med_service_speed": (m, np.float32),
+        "med_service_lane": (m, np.int32), "med_accepts": (m, bool),
     }  # fmt: skip
     arrays = {name: np.zeros((frames, size), kind) for name, (size, kind) in shapes.items()}
     arrays["kind"][:] = config.by_slot(MED, AUTONOMOUS_EV, GAS)

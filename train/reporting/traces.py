@@ -97,6 +97,7 @@ def _recorder(
         def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
             """One decision in every row."""
             after, made = player.decide(episodes, number, weights, params)
+            made = made.of_dispatcher(env.config.num_actions)
             happened = made.info["tally"]
             sent = jnp.where(happened.meds_dispatched > 0.0, made.action, 0)
             seen, need = look(after.state), jax.vmap(need_at)(episodes.state)

@@ -115,6 +115,14 @@ class Episode {
     return this.tables.medStatus.at(slot, frame);
   }
 
+  /** What a MED's slot has been told to do in service. */
+  told(slot, frame) {
+    const { medSpeedTold, medLaneTold, medAccepts } = this.tables;
+    const speed = medSpeedTold.at(slot, frame).toFixed(0);
+    const takes = medAccepts.at(slot, frame) ? "takes EVs" : "refuses EVs";
+    return `${speed} m/s in lane ${medLaneTold.at(slot, frame) + 1}, ${takes}`;
+  }
+
   /** Name of who is in a slot. */
   nameAt(slot, frame) {
     const index = this.trackAt[slot * this.frames + frame];

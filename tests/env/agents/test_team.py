@@ -8,7 +8,9 @@ import pytest
 import medjax
 from medjax.agents import agents_of
 from medjax.env.agents.environment import ROAD
+from medjax.episodes.recording import record_episode
 from medjax.episodes.scores import evaluate_policies
+from medjax.episodes.table import vehicle_table
 from medjax.policies.policy import Choice, Policy
 from medjax.policies.rules import BASELINES, greedy
 from medjax.policies.team import Dispatched, as_team, rules_of
@@ -92,3 +94,28 @@ def test_the_outlook_is_what_rules_go_by(trips, busy):
         np.testing.assert_allclose(mine, np.broadcast_to(theirs, mine.shape), rtol=1e-6)
     np.testing.assert_allclose(at_depot, here)
     np.testing.assert_allclose(time_left, left)
+
+
+def test_a_recording_shows_what_agents_do(trips):
+    """What each was told, tick by tick, and as decisions those of the one that might enter."""
+    env = Dispatched(trips.env, greedy(trips.env.env))
+    policies = {"refuses": env.whole(refusing(env))}
+    recording = record_episode(trips.env, trips.params, policies["refuses"], name="refuses", seed=1)
+    frames, made = recording.frames, recording.decisions
+    slowest = trips.actions.speeds[0]
+    at = recording.decision_frames
+    # Orders are given at a decision, and seen from its first tick on.
+    serves = (frames.med_status[at[:-1]] == IN_SERVICE) & (frames.med_status[at[1:]] == IN_SERVICE)
+    assert serves.any()
+    np.testing.assert_array_equal(frames.med_service_speed[at[1:]][serves], np.float32(slowest))
+    assert not frames.med_accepts[at[1:]][serves].any()
+    np.testing.assert_array_equal(made.sent > 0, made.tally.meds_dispatched > 0)
+    np.testing.assert_array_equal(made.sent, np.where(made.sent > 0, made.action, 0))
+    assert made.mask.shape == made.probabilities.shape == (60, 3)
+    np.testing.assert_allclose(made.probabilities.sum(axis=1), 1.0)
+    assert made.sent.any()
+    table = vehicle_table(recording)
+    of_meds = ~np.ma.getmaskarray(table["told_speed_m_per_s"])
+    assert set(table["kind"][of_meds]) == {"med"}
+    assert set(np.unique(table["told_speed_m_per_s"].compressed())) >= {np.float32(slowest)}
+    assert not table["accepts"].compressed().all()
