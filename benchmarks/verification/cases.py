@@ -22,6 +22,7 @@ from benchmarks.verification.invariants import (
     count,
     stands_open,
 )
+from benchmarks.verification.random_agents import told_at_random
 from benchmarks.verification.random_worlds import draw_config, draw_params, random_units, validated
 from medjax.env.charging_env import ChargingEnv
 from medjax.world.params import EnvConfig, EnvParams
@@ -56,6 +57,15 @@ def random_action(key: jax.Array, mask: jax.Array, wild: jax.Array) -> jax.Array
     return jnp.where(wild, anything, jnp.where(mask[allowed], allowed, 0))
 
 
+def told(
+    key: jax.Array, index: Any, state: EnvState, config: EnvConfig, params: EnvParams
+) -> EnvState:
+    """The state that a decision begins with: in every other pair of environments MEDs are agents."""
+    ordered = told_at_random(jax.random.fold_in(key, 1), state, config, params)
+    agents = index % 4 >= 2
+    return jax.tree.map(lambda new, old: jnp.where(agents, new, old), ordered, state)
+
+
 def environment_keys(key: jax.Array, index: Any) -> jax.Array:
     """Keys of an environment's reset and of its decisions, in an episode with this key."""
     return jax.random.split(jax.random.fold_in(key, index))
@@ -80,7 +90,7 @@ def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
 
         def decide(decision: jax.Array, played: Played) -> Played:
             act_key, step_key = jax.random.split(jax.random.fold_in(key, decision))
-            before = played.state
+            before = told(act_key, index, played.state, config, params)
             action = random_action(act_key, env.action_mask(before, params), index % 2 == 0)
             obs, state, reward, _, _, info = env.step_env(step_key, before, action, params)
             decided = Decision(before, state, obs, reward, info)

@@ -1,8 +1,10 @@
 """`python -m benchmarks.soak`: random play in random worlds, where every invariant is checked after every tick.
 
 Each case is one compiled program: sizes drawn by `random_worlds`, and environments side by side, each with numbers
-of its own, that play under random actions: allowed ones in one half of them, any in the other. Vehicle updates are
-counted as vehicles really on the road. A violation prints the one command that plays up to it again and shows it.
+of its own, that play under random actions: allowed ones in one half of them, any in the other; in one half of either
+MEDs are told at random how to move, whom to take and when to leave, as agents are (`medjax.make_agents`). Vehicle
+updates are counted as vehicles really on the road. A violation prints the one command that plays up to it again and
+shows it.
 """
 
 import argparse
@@ -23,6 +25,7 @@ from benchmarks.verification.cases import (
     environment_keys,
     random_action,
     run_case,
+    told,
     violations_of,
 )
 from benchmarks.verification.evidence import explain
@@ -48,6 +51,7 @@ def show(case: Case, environment: int, episode: int) -> Iterator[str]:
         env = ChargingEnv(case.config).with_probe(lambda state: state)
         _, key = environment_keys(case.key(episode), environment)
         act_key, step_key = jax.random.split(jax.random.fold_in(key, decision))
+        state = jax.jit(told, static_argnums=3)(act_key, environment, state, case.config, world)
         mask = env.action_mask(state, world)
         action = random_action(act_key, mask, jnp.asarray(environment % 2 == 0))
         yield f"action {int(action)} of 0 to {case.config.num_ramps}"

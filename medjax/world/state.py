@@ -100,6 +100,11 @@ class Tally(struct.PyTreeNode):
     lane_changes: jax.Array  # ()
     collisions: jax.Array  # () vehicles found overlapping their leader, summed over ticks
     invalid_actions: jax.Array  # () actions out of range, or masked
+    # What agents were told, if MEDs are any (`medjax.env.agents`): integrals over MEDs in service at a decision.
+    told_seconds: jax.Array  # ()
+    told_speed_m: jax.Array  # () of the speed
+    refusing_seconds: jax.Array  # () in which they take nobody
+    left_early: jax.Array  # () that made for an exit on their own
 
     @classmethod
     def zeros(cls) -> Tally:

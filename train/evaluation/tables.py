@@ -22,6 +22,10 @@ BALANCE = {  # what slow driving does, what charging does, and what they cost; p
     "sent kWh": ("energy_sent_kwh", ".1f"),
     "lost kWh": ("energy_lost_kwh", ".1f"),
     "system efficiency": ("system_efficiency", ".3f"),
+    # where MEDs are agents
+    "told m/s": ("told_speed", ".1f"),
+    "refusing": ("refusing_share", ".3f"),
+    "left early": ("left_early", ".2f"),
 }
 PAPER_TABLE_2 = {  # mean and standard deviation of the episode's reward, by policy
     "random": (-332.4056918, 53.94543289),

@@ -16,7 +16,7 @@ from medjax.env.spaces import Box, Discrete
 from medjax.env.wrapper import Wrapper
 from medjax.numerics.sums import in_units
 from medjax.world.params import EnvParams
-from medjax.world.state import NOT_BOOKED, EnvState
+from medjax.world.state import IN_SERVICE, NOT_BOOKED, EnvState, Tally
 
 CREDITS = ("team", "own")
 ROAD = RoadProfile()
@@ -114,9 +114,9 @@ class AgentsEnv(Wrapper):
     ) -> StepResult:
         """The decision of allowed parts, so many others having been `wrong` ()."""
         ordered, action = give_orders(state, parts, self.actions, self.env.config, params)
-        tally = ordered.tally
-        counted = tally.replace(invalid_actions=tally.invalid_actions + wrong.astype(jnp.float32))
-        ordered = ordered.replace(tally=counted)
+        told = _told(state, ordered, self.env.config.decision_s)
+        told = told.replace(invalid_actions=wrong.astype(jnp.float32))
+        ordered = ordered.replace(tally=ordered.tally + told)
         _, after, reward, terminated, truncated, info = self.env.step_env(
             key, ordered, action, params
         )
@@ -124,6 +124,7 @@ class AgentsEnv(Wrapper):
         if self.credit == "own":
             rewards = self._own(state, after, params)
         info |= {"rewards": rewards, "action_mask": self.action_mask(after, params)}
+        info["metrics"] = info["metrics"] | agents_metrics(after.tally)
         return self.get_obs(after, params), after, reward, terminated, truncated, info
 
     def _own(self, before: EnvState, after: EnvState, params: EnvParams) -> jax.Array:
@@ -150,3 +151,31 @@ class AgentsEnv(Wrapper):
     def global_state(self, state: EnvState, params: EnvParams) -> jax.Array:
         """The whole road for a central critic, `(G,)` float32: `medjax.env.observation.RoadProfile`."""
         return ROAD(state, self.env.config, params)
+
+
+def agents_metrics(tally: Tally) -> dict[str, jax.Array]:
+    """What agents decided since reset, float32 scalars by name.
+
+    Of the time that MEDs were in service: told_speed, the mean of the speeds they were told, m/s, and refusing_share,
+    the share in which they took nobody. left_early counts those that made for an exit on their own.
+    """
+    seconds = jnp.maximum(tally.told_seconds, 1.0)
+    return {
+        "told_speed": tally.told_speed_m / seconds,
+        "refusing_share": tally.refusing_seconds / seconds,
+        "left_early": tally.left_early,
+    }
+
+
+def _told(before: EnvState, ordered: EnvState, decision_s: float) -> Tally:
+    """What the orders of a decision add to the tally."""
+    meds = ordered.meds
+    serves = jnp.where(meds.status == IN_SERVICE, decision_s, 0.0)
+    slots = slice(meds.status.shape[0])
+    leaves = ordered.vehicles.destination[slots] != before.vehicles.destination[slots]
+    return Tally.zeros().replace(
+        told_seconds=jnp.sum(serves),
+        told_speed_m=jnp.sum(serves * meds.service_speed),
+        refusing_seconds=jnp.sum(jnp.where(meds.accepts, 0.0, serves)),
+        left_early=jnp.sum(leaves, dtype=jnp.float32),
+    )

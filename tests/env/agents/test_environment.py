@@ -8,8 +8,10 @@ import pytest
 from medjax.env.agents.actions import Parts
 from medjax.env.agents.environment import AgentsEnv
 from medjax.traffic.exits import next_exit
-from medjax.world.state import AT_DEPOT, IN_SERVICE, RETIRED
+from medjax.world.state import AT_DEPOT, IN_SERVICE, RETIRED, Tally
 from tests.env.agents.conftest import World
+
+TOLD = ("told_seconds", "told_speed_m", "refusing_seconds", "left_early")  # counts of agents alone
 
 
 def in_service(trips, state, **parts):
@@ -41,7 +43,9 @@ def test_the_dispatcher_is_a_special_case(trips):
         key = jax.random.key(number)
         _, ours, rewards, *_ = trips.step(key, ours, actions, trips.params)
         _, theirs, reward, *_ = alone(key, theirs, jnp.int32(ramp), trips.params)
-        jax.tree.map(np.testing.assert_array_equal, ours, theirs)
+        none = {name: jnp.zeros(()) for name in TOLD}
+        road = ours.replace(tally=ours.tally.replace(**none))
+        jax.tree.map(np.testing.assert_array_equal, road, theirs)
         np.testing.assert_array_equal(rewards, np.full(4, reward))
     assert (ours.meds.status != AT_DEPOT).any()
 
@@ -165,6 +169,32 @@ def test_own_reward_by_hand(trips, busy):
             expected[med] += change / float(params.ev_capacity_j)
     np.testing.assert_allclose(info["rewards"], expected, atol=1e-6)
     assert np.abs(expected).max() > 1e-5
+
+
+def test_metrics_of_what_agents_were_told_by_hand(trips, busy):
+    """Two decisions at other speeds, refusing in the second: means over MEDs in service, as a loop counts them."""
+    seconds = metres = refusing = 0.0
+    state = busy.replace(tally=Tally.zeros())
+    speeds = np.asarray(trips.actions.speeds)
+    for number, (speed, accept) in enumerate([(0, 1), (2, 0)]):
+        serves = int((state.meds.status == IN_SERVICE).sum())
+        seconds += 4.0 * serves
+        metres += 4.0 * serves * speeds[speed]
+        refusing += 4.0 * serves * (1 - accept)
+        actions = in_service(trips, state, speed=speed, accept=accept)
+        *_, info = trips.step(jax.random.key(number), state, actions, trips.params)
+        _, state, *_ = trips.step(jax.random.key(number), state, actions, trips.params)
+    metrics = {name: float(value) for name, value in info["metrics"].items()}
+    assert metrics["told_speed"] == pytest.approx(metres / seconds, rel=1e-6)
+    assert metrics["refusing_share"] == pytest.approx(refusing / seconds, rel=1e-6)
+    assert metrics["left_early"] == 0.0
+    # Who is bound for the end makes for an exit before it, once.
+    bound = busy.vehicles.destination.at[:4].set(trips.params.road.length_m)
+    bound = busy.replace(tally=Tally.zeros(), vehicles=busy.vehicles.replace(destination=bound))
+    leaving = play(trips, bound, 2, leave=1)
+    changed = np.asarray(leaving.vehicles.destination != bound.vehicles.destination)[:4]
+    stays = np.asarray(leaving.meds.status == IN_SERVICE)
+    assert float(leaving.tally.left_early) == (changed & stays).sum() > 0
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -1,0 +1,39 @@
+"""Agents of the soak: MEDs that are told anything that one may be told, at random moments."""
+
+import jax
+import jax.numpy as jnp
+
+from medjax.env.agents.actions import AgentActions, Parts
+from medjax.env.agents.orders import allowed_parts, give_orders
+from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.state import EnvState
+
+SPEEDS = (5.0, 14.0, 22.0, 30.0)  # m/s
+TOLD = 0.1  # chance that a MED is told something new at a decision
+LEAVES = 0.05  # and of these that it is to leave
+
+
+def told_at_random(
+    key: jax.Array, state: EnvState, config: EnvConfig, params: EnvParams
+) -> EnvState:
+    """The state with new orders for some MEDs, wherever they are; what a mask forbids they are not told."""
+    exits = config.num_exits > 0
+    actions = AgentActions(SPEEDS, tuple(range(config.num_lanes)), config.num_ramps, exits)
+    meds = (config.num_meds,)
+    new_key, speed_key, lane_key, accept_key, leave_key = jax.random.split(key, 5)
+    rule = actions.by_rule(state, params)
+    told = jax.random.uniform(new_key, meds) < TOLD
+    wishes = Parts(
+        enter=rule.enter,
+        speed=jax.random.randint(speed_key, meds, 0, len(SPEEDS)),
+        lane=jax.random.randint(lane_key, meds, 0, config.num_lanes),
+        accept=jax.random.randint(accept_key, meds, 0, 2),
+        leave=(told & (jax.random.uniform(leave_key, meds) < LEAVES)).astype(jnp.int32),
+    )
+    parts, _ = allowed_parts(wishes, actions.masks(state, config), rule)
+    after, _ = give_orders(state, parts, actions, config, params)
+    pick = {
+        name: jnp.where(told, getattr(after.meds, name), getattr(state.meds, name))
+        for name in ("service_speed", "service_lane", "accepts")
+    }
+    return after.replace(meds=state.meds.replace(**pick))
