@@ -26,6 +26,7 @@ from medjax.env.reward import TERMS, Outcome, RewardTerm, total_reward
 from medjax.env.spaces import Box, Discrete
 from medjax.env.tick import physics_tick, ways
 from medjax.env.trips import plan_trips
+from medjax.errors import InputError, shown
 from medjax.traffic.entry import admit
 from medjax.traffic.following import CarFollowing
 from medjax.traffic.idm import IDM_PLUS
@@ -239,7 +240,12 @@ class ChargingEnv:
         """This environment with a probe: what to report of the state after every physics tick, `probe(state)`, in
         `info["ticks"]`, `(ticks, ...)`, and of the one that each round's first tick starts from, with those who just
         entered or booked, in `info["begun"]`, `(rounds, ...)`; None: nothing.
+
+        Raises:
+          InputError: it is no function.
         """
+        if probe is not None and not callable(probe):
+            raise InputError(f"probe is {shown(probe)}: allowed a function of the state, or None")
         probed = copy.copy(self)
         probed.probe = probe
         return probed

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
+from medjax.errors import InputError, shown
 from medjax.numerics.sums import in_units, rounded, sum_pairwise
 from medjax.world.kinds import GAS_KINDS
 from medjax.world.params import EnvConfig, EnvParams
@@ -145,8 +146,20 @@ def total_reward(
     weights = outcome.params.reward_weights
     # The barrier keeps XLA from multiplying a weight with a term's own constants first, as it does where both are
     # scalars: one environment alone would round otherwise than the same one in a batch.
-    values = jax.lax.optimization_barrier({name: term(outcome) for name, term in terms.items()})
+    given = {name: _scalar(name, term(outcome)) for name, term in terms.items()}
+    values = jax.lax.optimization_barrier(given)
     parts = {
         name: jnp.asarray(weights[name] * value, jnp.float32) for name, value in values.items()
     }
     return sum(parts.values(), jnp.zeros((), jnp.float32)), parts
+
+
+def _scalar(name: str, value: jax.Array) -> jax.Array:
+    """What a term returned.
+
+    Raises:
+      InputError: it is no scalar; while the environment is traced.
+    """
+    if shape := jnp.shape(value):
+        raise InputError(f"reward term {shown(name)} returns shape {shape}: allowed (), a scalar")
+    return value

@@ -5,8 +5,23 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import numpy as np
 
 from medjax.env.contract import Environment, Observation, Params, State, StepResult, step_with_reset
+from medjax.errors import InputError, shown
+
+
+def check_environment(env: Any) -> None:
+    """Refuses (InputError) what is no environment."""
+    if not callable(getattr(env, "step_env", None)):
+        raise InputError(f"env is {shown(env)}: allowed an environment, as medjax.make gives it")
+
+
+def whole_number_of(name: str, value: Any, least: int) -> None:
+    """Refuses (InputError) a value that is no whole number, or too small."""
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or value < least:
+        raise InputError(f"{name} is {shown(value)}, must be a whole number, at least {least}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,6 +35,9 @@ class Wrapper:
     """
 
     env: Environment
+
+    def __post_init__(self) -> None:
+        check_environment(self.env)
 
     def inner(self, state: State, params: Params) -> tuple[State, Params]:
         """State and parameters of `env` in those of the wrapper."""

@@ -55,6 +55,8 @@ def environment_mesh(
     Raises:
         InputError: more devices than there are, or a number that does not divide num_envs.
     """
+    if num_envs < 1:
+        raise InputError(f"num_envs is {num_envs}, allowed: at least 1")
     by_process: dict[int, list[jax.Device]] = {}
     for device in jax.local_devices() if devices is None else devices:
         by_process.setdefault(device.process_index, []).append(device)

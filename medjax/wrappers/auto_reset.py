@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.env.contract import Environment, Observation, Params, State, StepResult
+from medjax.env.wrapper import check_environment, whole_number_of
 from medjax.errors import InputError
 from medjax.numerics.rows import for_true_rows
 
@@ -53,9 +54,9 @@ class BatchAutoReset:
     group: int = 1
 
     def __post_init__(self) -> None:
+        check_environment(self.env)
         for name, least in (("reset_pool_size", 0), ("stagger", 0), ("group", 1)):
-            if (number := getattr(self, name)) < least:
-                raise InputError(f"{name} is {number}, must be at least {least}")
+            whole_number_of(name, getattr(self, name), least)
 
     @property
     def num_actions(self) -> int:

@@ -8,8 +8,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from medjax.env.contract import Info, Params, State, StepResult
-from medjax.env.wrapper import Wrapper
-from medjax.errors import InputError
+from medjax.env.wrapper import Wrapper, whole_number_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,8 +29,8 @@ class DecideEvery(Wrapper):
     interval: int = 1
 
     def __post_init__(self) -> None:
-        if self.interval < 1:
-            raise InputError(f"interval is {self.interval}, must be at least 1")
+        super().__post_init__()
+        whole_number_of("interval", self.interval, 1)
 
     @property
     def decisions_per_step(self) -> int:

@@ -59,6 +59,7 @@ class RandomDemand(Wrapper):
     high: float
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not 0.0 <= self.low <= self.high < math.inf:
             given = f"factors of the demand are {self.low} to {self.high}"
             raise InputError(f"{given}, must be at least 0 and ascending")

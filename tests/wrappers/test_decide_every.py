@@ -54,5 +54,5 @@ def test_a_step_is_the_decisions_until_the_next_choice_or_the_end(kind, interval
 
 
 def test_bad_interval_is_refused():
-    with pytest.raises(ValueError, match="interval is 0, must be at least 1"):
+    with pytest.raises(ValueError, match="interval is 0, must be a whole number, at least 1"):
         DecideEvery(Probe("follow"), 0)

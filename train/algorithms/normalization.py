@@ -10,6 +10,8 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
+from medjax.errors import InputError
+
 MIN_STD = 1e-2  # entries of an observation that hardly ever move must not be blown up when they do
 
 
@@ -37,7 +39,12 @@ def update_stats(stats: RunningStats, samples: jax.Array) -> RunningStats:
 
     Returns:
         The moments of all samples.
+
+    Raises:
+        InputError: there are none; their mean is no number.
     """
+    if samples.size == 0:
+        raise InputError(f"samples have shape {samples.shape}, allowed: at least one")
     axes = tuple(range(samples.ndim - stats.mean.ndim))
     size = math.prod(samples.shape[axis] for axis in axes)
     samples = samples.astype(jnp.float32)

@@ -1,0 +1,54 @@
+"""What cannot be is refused where it is made, in a line, not where it would be found out."""
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+import medjax
+from medjax.env.reward import TERMS
+from medjax.errors import InputError
+from medjax.wrappers import (
+    BatchAutoReset,
+    DecideEvery,
+    RandomDemand,
+    TimeLimitAsEnd,
+    environment_mesh,
+)
+from train.algorithms.normalization import init_stats, update_stats
+
+NONE = "env is None: allowed an environment"
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda env: DecideEvery(None, 2), NONE),
+        (lambda env: BatchAutoReset(None), NONE),
+        (lambda env: TimeLimitAsEnd(None), NONE),
+        (lambda env: RandomDemand(None, 0.5, 1.0), NONE),
+        (lambda env: DecideEvery(env, 1.5), "interval is 1.5, must be a whole number, at least 1"),
+        (lambda env: DecideEvery(env, True), "interval is True, must be a whole number"),
+        (
+            lambda env: BatchAutoReset(env, reset_pool_size=float("nan")),
+            "reset_pool_size is nan, must be a whole number, at least 0",
+        ),
+        (lambda env: BatchAutoReset(env, group=0), "group is 0, must be a whole number"),
+        (lambda env: env.with_probe(3), "probe is 3: allowed a function"),
+        (lambda env: environment_mesh(0), "num_envs is 0, allowed: at least 1"),
+        (lambda env: update_stats(init_stats(), jnp.zeros((0,))), "samples have shape (0,)"),
+    ],
+)
+def test_refused_when_made(paper, make, says):
+    with pytest.raises(InputError) as refusal:
+        make(paper[0])
+    assert says in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_reward_of_another_shape_is_refused_when_traced():
+    """By the term's name; nothing is compiled."""
+    reward = {**TERMS, "many": lambda outcome: jnp.zeros(3)}
+    env, params = medjax.make("paper", reward=reward, num_evs=8, num_gas=12)
+    _, state = jax.eval_shape(env.reset, jax.random.key(0), params)
+    with pytest.raises(InputError, match=r"reward term 'many' returns shape \(3,\): allowed \(\)"):
+        jax.eval_shape(env.step_env, jax.random.key(0), state, jnp.int32(0), params)
