@@ -9,6 +9,7 @@ import dataclasses
 import json
 import math
 import zipfile
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from medjax.world.params import EnvParams
 
 FORMAT = 1
 ABOUT, NETWORK = "policy.json", "network.bin"
+MOST_BYTES = {ABOUT: 2**20, NETWORK: 2**29}  # unpacked
 LEARNED = "ppo"  # name of a policy whose file does not say it
 
 
@@ -211,17 +213,47 @@ def load_policy(path: Path | str) -> ExportedPolicy:
     Raises:
       InputError: no such file, or not one that `save_policy` wrote.
     """
-    allowed = "allowed: a policy that train.ppo or train.export wrote"
+    path, allowed = Path(path), "allowed: a policy that train.ppo or train.export wrote"
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        raise InputError(f"policy {path} is no file, {allowed}")
     try:
         with zipfile.ZipFile(path) as file:
-            given = json.loads(file.read(ABOUT))
+            given = json.loads(_member(path, file, ABOUT))
             found = given.pop("format")
             if found != FORMAT:
                 raise InputError(f"policy {path} has format {found!r}, allowed: {FORMAT}")
-            return ExportedPolicy(About(**given), export.deserialize(bytearray(file.read(NETWORK))))
+            about, content = About(**given), bytearray(_member(path, file, NETWORK))
     except OSError as error:
         raise InputError(f"policy {path}: {error.strerror or error}, {allowed}") from None
     except InputError:
         raise
-    except (zipfile.BadZipFile, KeyError, TypeError, AttributeError, ValueError):
+    # Among them what zlib, zipfile and JSON say of what somebody changed.
+    except (zipfile.BadZipFile, zlib.error, NotImplementedError, KeyError, EOFError):
         raise InputError(f"policy {path} cannot be read, {allowed}") from None
+    except (TypeError, AttributeError, ValueError, RuntimeError, RecursionError):
+        raise InputError(f"policy {path} cannot be read, {allowed}") from None
+    try:
+        network = export.deserialize(content)
+        network.mlir_module()  # reads what a call would compile
+        fits = _fits(about, network)
+    except Exception:  # whatever FlatBuffers and MLIR say of bytes that were changed
+        fits = False
+    if not fits:
+        raise InputError(f"policy {path} holds a network that cannot be read, {allowed}")
+    return ExportedPolicy(about, network)
+
+
+def _member(path: Path, file: zipfile.ZipFile, name: str) -> bytes:
+    """A part of the file, if it is not too large to be one."""
+    size, most = file.getinfo(name).file_size, MOST_BYTES[name]
+    if size > most:
+        raise InputError(f"policy {path} holds a {name} of {size} bytes: at most {most}")
+    return file.read(name)
+
+
+def _fits(about: About, network: export.Exported) -> bool:
+    """Whether a network takes and gives arrays of the shapes that the policy says."""
+    obs, mask = (aval.shape[-1] for aval in network.in_avals)
+    probabilities, _ = (aval.shape for aval in network.out_avals)
+    features, actions = about.num_features, about.num_actions
+    return (obs, mask, probabilities[-1]) == (features, actions, actions)

@@ -1,5 +1,7 @@
 """The exported policy against the network it came from, and against the evaluation of it."""
 
+import json
+import os
 import zipfile
 
 import chex
@@ -170,6 +172,44 @@ def test_a_foreign_file_is_refused(exported, tmp_path):
         load_policy(tmp_path / "broken.zip")
     with pytest.raises(ValueError, match=r"absent.*allowed: a policy"):
         load_policy(tmp_path / "absent.zip")
+
+
+def test_a_file_that_was_changed_is_refused(exported, tmp_path):
+    """Bytes of the network under a right checksum, what unpacks to too much, and a pipe: one line each, at once."""
+    with zipfile.ZipFile(exported[-1]) as file:
+        parts = {name: file.read(name) for name in file.namelist()}
+    rng = np.random.default_rng(0)
+    path = tmp_path / "changed.zip"
+
+    def write(**changed):
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+            for name, data in parts.items():
+                file.writestr(name, changed.get(name.partition(".")[0], data))
+
+    refusals = 0
+    for _ in range(40):
+        network = bytearray(parts["network.bin"])
+        start = rng.integers(len(network))
+        network[start : start + 16] = rng.bytes(16)
+        write(network=bytes(network))
+        said = ""
+        try:  # a weight that was changed is a weight
+            load_policy(path)
+        except InputError as refusal:
+            said = str(refusal)
+        refusals += bool(said)
+        assert "\n" not in said
+    assert refusals > 0
+    about = json.loads(parts["policy.json"])
+    write(policy=json.dumps(about | {"num_actions": about["num_actions"] + 1}))
+    with pytest.raises(InputError, match="network that cannot be read"):
+        load_policy(path)
+    write(policy=b" " * (2**20 + 1))
+    with pytest.raises(InputError, match=r"policy.json of 1048577 bytes: at most 1048576"):
+        load_policy(path)
+    os.mkfifo(tmp_path / "pipe.zip")
+    with pytest.raises(InputError, match="is no file"):
+        load_policy(tmp_path / "pipe.zip")
 
 
 @pytest.mark.parametrize(
