@@ -152,10 +152,13 @@ def play(options: argparse.Namespace) -> dict[str, Scores]:
     agents = named.env
     played: dict[str, Scores] = {}
     dispatcher = BASELINES[DISPATCHERS.get(options.scenario, "greedy")]
-    for name, motion in MOTIONS.items():
-        if name == "home when idle" and not agents.actions.exits:
+    wanted = {"default", *(options.motions or MOTIONS)}
+    if not agents.actions.exits:
+        wanted.discard("home when idle")
+    for name in MOTIONS:
+        if name not in wanted:
             continue
-        env = Moved(agents.env, agents, motion)
+        env = Moved(agents.env, agents, MOTIONS[name])
         policy = {name: dispatcher(env)}
         played |= evaluate_policies(env, named.params, policy, options.episodes, options.seed)
     return played
@@ -182,4 +185,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 def main(arguments: list[str] | None = None) -> None:
     parser = episodes_parser("motion", __doc__, episodes=256, seed=0)
+    parser.add_argument(
+        "--motions", nargs="+", choices=list(MOTIONS), metavar="NAME", help="those alone"
+    )
     run_command(parser, measure, arguments)

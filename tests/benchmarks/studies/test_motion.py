@@ -28,7 +28,7 @@ def small(monkeypatch):
 def test_table_and_file(small, tmp_path, capsys):
     """The default gains nothing on itself and is the dispatcher's own score; a slow MED is another world."""
     out = tmp_path / "out.json"
-    motion.main(["--episodes=2", "--seed=3", f"--json={out}"])
+    motion.main(["--episodes=2", "--seed=3", f"--json={out}", "--motions", *small[1:]])
     rows = {row["motion"]: row for row in json.loads(out.read_text())["rows"]}
     assert tuple(rows) == small
     printed = capsys.readouterr().out
@@ -57,3 +57,4 @@ def test_every_rule_says_what_is_allowed(name):
 
 def test_bad_input_is_one_line(capsys):
     assert "nowhere" in refused(motion.main, ["--scenario=nowhere"], capsys)
+    assert "sideways" in refused(motion.main, ["--motions", "sideways"], capsys)
