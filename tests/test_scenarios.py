@@ -158,3 +158,12 @@ def test_the_recipe_makes_the_same_again():
     assert again.config == env.config
     jax.tree.map(np.testing.assert_array_equal, same, params)
     assert medjax.ChargingEnv(medjax.EnvConfig()).recipe is None
+
+
+def test_presets_and_environments_say_what_they_are():
+    """A line each, for people."""
+    lines = str(medjax.SCENARIOS).splitlines()
+    assert [line.split()[0] for line in lines] == list(medjax.SCENARIOS)
+    assert all(len(line) < 120 for line in lines)
+    env, _ = medjax.make("corridor")
+    assert repr(env).startswith("<corridor: 3 lanes, 5 ramps, room for 40 MEDs")

@@ -86,6 +86,11 @@ class ChargingEnv:
         self.coupling = coupling
         self.probe: Callable[[EnvState], Any] | None = None
 
+    def __repr__(self) -> str:
+        c = self.config
+        slots = f"room for {c.num_meds} MEDs, {c.num_evs} EVs, {c.num_gas} others"
+        return f"<{self.name}: {c.num_lanes} lanes, {c.num_ramps} ramps, {slots}; {c.decision_s:g} s a decision>"
+
     @property
     def num_actions(self) -> int:
         """0 sends no MED, r in 1 .. num_ramps sends one from ramp r."""

@@ -99,6 +99,7 @@ def _fit(params: EnvParams, config: EnvConfig, own: EnvConfig) -> EnvParams:
 class Scenario:
     """A preset: static sizes, numbers in which it differs from `paper`, by the names of `PLACES`, and a reward."""
 
+    about: str  # in a line
     config: EnvConfig = dataclasses.field(default_factory=EnvConfig)
     numbers: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     reward: str = "paper"  # of `medjax.env.reward.REWARDS`
@@ -111,21 +112,28 @@ class Scenario:
         return _fit(params, config, self.config)
 
 
-SCENARIOS: dict[str, Scenario] = {
-    # The paper's corridor: batteries scaled so that charge matters within 4 km.
-    "paper": Scenario(),
-    # True packs: EVs arrive with little energy left above empty, so some cannot cross 4 km.
-    "realistic": Scenario(
+class Presets(dict[str, Scenario]):
+    """Presets by name; as text, a line each."""
+
+    def __repr__(self) -> str:
+        width = max(map(len, self), default=0)
+        return "\n".join(f"{name:<{width}}  {preset.about}" for name, preset in self.items())
+
+
+SCENARIOS = Presets(
+    paper=Scenario("the paper's corridor: batteries scaled so that charge matters within 4 km"),
+    realistic=Scenario(
+        "true packs: EVs arrive with little energy left above empty, so some cannot cross 4 km",
         numbers={
             "battery_scale": 1.0,
             "arrival_soc_low": 0.005,
             "arrival_soc_high": 0.05,
             "request_soc": 0.02,
             "target_soc": 0.06,
-        }
+        },
     ),
-    # A motorway of 100 km with true packs: the way takes a Leaf 18 kWh, and charging it 40 km.
-    "long": Scenario(
+    long=Scenario(
+        "a motorway of 100 km with true packs: the way takes a Leaf 18 kWh, and charging it 40 km",
         EnvConfig(num_meds=64, num_evs=400, num_gas=2048, num_ramps=8),
         {
             "length_m": 100_000.0,
@@ -137,7 +145,7 @@ SCENARIOS: dict[str, Scenario] = {
             "episode_decisions": 3600,
         },
     ),
-}
+)
 
 # Of a day's vehicles, those of each hour: Interstate 94 at Minneapolis, westbound, 653 days from Monday to Thursday
 # (Metro Interstate Traffic Volume, UCI); as factors of the busiest hour.
@@ -150,9 +158,8 @@ HOURS = np.array(
 )
 INTERCHANGES_M = 3_000.0 + 6_000.0 * np.arange(5)
 
-# Thirty kilometres of motorway in the afternoon: true packs, powers, lorries and speeds, chargers at every exit.
-# docs/parameters.md has the reasons.
-SCENARIOS["corridor"] = Scenario(
+SCENARIOS["corridor"] = Scenario(  # docs/parameters.md has the reasons
+    "30 km in the afternoon: true packs, powers, lorries and speeds, chargers at every exit; in money",
     EnvConfig(
         num_meds=40,
         num_evs=400,
