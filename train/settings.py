@@ -14,6 +14,8 @@ from train.yaml_file import read_yaml
 MOST_COUNTED = 2**31 - 1  # indices and counters are int32
 MOST_PER_CALL = 1024  # updates in one call of the compiled program
 MOST_BYTES = 2**16  # of a file of settings
+# Rules of medjax.BASELINES that draw nothing and leave drivers alone.
+DISPATCHERS = ("periodic", "paced", "greedy", "forecast", "budgeted")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,7 +49,10 @@ class TrainConfig(abc.ABC):
         choices=("team", "own"),
     )
     dispatcher: str = option(
-        "agents", "environment", "who sends MEDs in: the agents, or a rule, by its name"
+        "agents",
+        "environment",
+        "who sends agents in: themselves, or a rule",
+        choices=("agents", *DISPATCHERS),
     )
     demand_range: tuple[float, ...] = option(
         (1.0, 1.0),
@@ -126,6 +131,9 @@ class TrainConfig(abc.ABC):
         for name in ("hidden", "encoder"):
             if not getattr(self, name):
                 raise InputError(f"{name} is empty, allowed: at least one width")
+        for name, usual in (("credit", "team"), ("dispatcher", "agents")):
+            if self.agents == "none" and (given := getattr(self, name)) != usual:
+                raise InputError(f"agents is 'none' and {name} is {given!r}, allowed: {usual}")
         if self.eval_episodes == 1:
             raise InputError("eval_episodes is 1, allowed: 0, or at least 2")
         if self.num_updates > MOST_COUNTED:

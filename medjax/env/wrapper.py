@@ -13,7 +13,7 @@ from medjax.errors import InputError, shown
 
 def check_environment(env: Any) -> None:
     """Refuses (InputError) what is no environment."""
-    if not callable(getattr(env, "step_env", None)):
+    if not callable(getattr(env, "step_env", getattr(env, "step", None))):
         raise InputError(f"env is {shown(env)}: allowed an environment, as medjax.make gives it")
 
 

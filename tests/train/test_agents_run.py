@@ -2,15 +2,18 @@
 
 import json
 
+import jax
 import numpy as np
 import pytest
 
+import medjax
 from medjax.episodes.scores import evaluate_policies
 from medjax.policies.saved import load_policy
 from tests.train.conftest import refused
 from train import evaluate, ppo
 from train.runs.policies import load_policies
 from train.runs.run_directory import RunDir
+from train.settings import DISPATCHERS
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -57,7 +60,9 @@ def test_train_evaluate_and_export(tmp_path, argv):
     [
         (["--agents=both"], ["agents", "both", "none, ippo, mappo"]),
         (["--agents=ippo", "--credit=mine"], ["credit", "mine", "team, own"]),
-        (["--agents=ippo", "--dispatcher=nobody"], ["dispatcher", "nobody", "agents, none"]),
+        (["--agents=ippo", "--dispatcher=nobody"], ["dispatcher", "nobody", "agents, periodic"]),
+        (["--dispatcher=budgeted"], ["agents is 'none'", "dispatcher is 'budgeted'"]),
+        (["--credit=own"], ["agents is 'none'", "credit is 'own'"]),
         (["--agents=ippo", "--network=sets", "--observation=flat"], ["network", "sets"]),
         (["--agents=mappo", "--normalize-observations"], ["agents", "normalize_observations"]),
         (["--agents=ippo", "--set=size=0"], ["num_meds"]),
@@ -67,3 +72,14 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys, argv, words):
     monkeypatch.chdir(tmp_path)
     refused(capsys, argv, *words)
     assert not any(tmp_path.iterdir())
+
+
+def test_dispatchers_are_rules_without_a_draw():
+    """Each of them is one of `medjax.BASELINES`, does the same by any key, and leaves the world as it is."""
+    env, params = medjax.make("paper", **SMALL)
+    obs, state = env.reset(jax.random.key(0), params)
+    for name in DISPATCHERS:
+        policy = medjax.BASELINES[name](env)
+        assert policy.world(params) is params
+        one, other = (policy(jax.random.key(n), obs, state, params) for n in (1, 2))
+        assert int(one.action) == int(other.action)

@@ -17,6 +17,8 @@ BESIDE_SETTING = {
     "total_timesteps": {"num_envs": 2**20},
     "num_envs": {"num_minibatches": 1},
     "normalize_observations": {"start": "wait"},
+    "credit": {"agents": "ippo"},
+    "dispatcher": {"agents": "ippo"},
 }
 
 

@@ -10,7 +10,6 @@ from medjax.agents import agents_of
 from medjax.env.contract import Environment
 from medjax.env.observation import OBSERVATIONS
 from medjax.episodes.player import episode_decisions
-from medjax.errors import InputError, shown
 from medjax.numerics.devices import environment_mesh
 from medjax.policies.rules import BASELINES
 from medjax.policies.team import Dispatched
@@ -49,9 +48,6 @@ def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
     how: dict[str, Any] = {"credit": config.credit, "central": config.agents == "mappo"}
     env, params = agents_of(config.scenario, build=build, **how | dict(config.overrides))
     check_network(config, env.observation)
-    if config.dispatcher not in ("agents", *BASELINES):
-        allowed = ", ".join(["agents", *BASELINES])
-        raise InputError(f"dispatcher is {shown(config.dispatcher)}, allowed: {allowed}")
     return env, params
 
 

@@ -161,16 +161,20 @@ def test_sigterm_saves(probe, capsys, after_update):
     assert len(state_of(probe / "run")) > 0
 
 
-def test_a_second_ctrl_c_ends_at_once(probe, capsys, after_update):
+@pytest.fixture
+def at_a_terminal():
+    """SIGINT is heeded, which whoever starts the tests in the background leaves ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_a_second_ctrl_c_ends_at_once(probe, capsys, after_update, at_a_terminal):
     """Without a traceback; what was saved before can be gone on from."""
 
     def twice():
         for _ in range(2):  # to this thread: two that are sent to the process may count as one
             signal.raise_signal(signal.SIGINT)
-            heed()
-
-    def heed():
-        """Python 3.11 looks for signals when a function begins: here, not in a destructor, which would lose it."""
 
     after_update(3, twice)
     stopped(capsys, [*QUIET, "--run-dir=run"], "at once", "checkpoint is of update 2", code=130)
