@@ -34,7 +34,7 @@ class TrainConfig(abc.ABC):
     overrides: Mapping[str, Override] = option(
         None, "environment", "set a number of the environment, e.g. --set cooldown_s=30; repeatable"
     )
-    observation: str = option("profile", "environment", "what the policy sees: profile or flat")
+    observation: str = option("profile", "environment", "what a dispatcher sees: profile or flat")
     agents: str = option(
         "none",
         "environment",

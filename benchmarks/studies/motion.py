@@ -20,12 +20,13 @@ from medjax.env.agents.actions import Parts
 from medjax.env.agents.environment import AgentsEnv
 from medjax.env.agents.view import requests
 from medjax.env.contract import StepResult
+from medjax.env.dispatch import first_at_depot
 from medjax.env.forecast import lacking_j
 from medjax.env.wrapper import Wrapper
 from medjax.episodes.scores import Scores, evaluate_policies
 from medjax.policies.rules import BASELINES
 from medjax.world.params import EnvParams
-from medjax.world.state import AT_DEPOT, IN_SERVICE, NOT_BOOKED, EnvState
+from medjax.world.state import IN_SERVICE, NOT_BOOKED, EnvState
 from train.evaluation.statistics import bootstrap_ci95
 from train.evaluation.tables import format_rows, interval, short
 
@@ -138,8 +139,7 @@ class Moved(Wrapper):
         self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
     ) -> StepResult:
         """One decision."""
-        at_depot = state.meds.status == AT_DEPOT
-        head = at_depot & (jnp.arange(self.agents.num_agents) == jnp.argmax(at_depot))
+        head = first_at_depot(state.meds.status)
         parts = self.motion(self.agents, state, params)
         parts = parts._replace(enter=jnp.where(head, action, 0).astype(jnp.int32))
         _, state, *rest = self.agents.step_parts(key, state, parts, params)

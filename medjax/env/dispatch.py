@@ -37,6 +37,20 @@ def action_mask(state: EnvState, config: EnvConfig) -> jax.Array:
     return jnp.concatenate([jnp.ones((1,), bool), jnp.full((config.num_ramps,), can_send)])
 
 
+def first_at_depot(status: jax.Array) -> jax.Array:
+    """The next MED to be sent, if there is one, `(num_meds,)` bool, of the `status` of all, `(num_meds,)`."""
+    waits = status == AT_DEPOT
+    return waits & (jnp.arange(status.shape[0]) == jnp.argmax(waits))
+
+
+def is_allowed(choice: jax.Array, mask: jax.Array) -> jax.Array:
+    """Whether choices `(...)` int32 are in range, and allowed by their masks `(..., n)` bool."""
+    num_choices = mask.shape[-1]
+    place = jnp.clip(choice, 0, num_choices - 1)[..., None]
+    allowed = jnp.take_along_axis(mask, place, axis=-1)[..., 0]
+    return (choice >= 0) & (choice < num_choices) & allowed
+
+
 def dispatch(
     state: EnvState, action: jax.Array, config: EnvConfig, params: EnvParams
 ) -> tuple[EnvState, Tally]:
@@ -51,13 +65,10 @@ def dispatch(
       (state, tally of what was sent, or invalid)
     """
     action = jnp.asarray(action).astype(jnp.int32)
-    in_range = (action >= 0) & (action < config.num_actions)
-    mask = action_mask(state, config)
-    allowed = in_range & mask[jnp.clip(action, 0, config.num_actions - 1)]
+    allowed = is_allowed(action, action_mask(state, config))
     sent = allowed & (action > 0)
     meds = state.meds
-    # argmax finds the first MED at the depot.
-    chosen = sent & (jnp.arange(config.num_meds) == jnp.argmax(meds.status == AT_DEPOT))
+    chosen = sent & first_at_depot(meds.status)
     meds = meds.replace(
         status=jnp.where(chosen, QUEUED, meds.status),
         ramp=jnp.where(chosen, action - 1, meds.ramp),

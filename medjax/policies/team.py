@@ -8,10 +8,10 @@ import jax.numpy as jnp
 
 from medjax.env.agents.environment import AgentsEnv
 from medjax.env.contract import Params, State, StepResult
+from medjax.env.dispatch import first_at_depot
 from medjax.env.wrapper import Wrapper
 from medjax.policies.policy import Choice, Policy
 from medjax.policies.rules import BASELINES
-from medjax.world.state import AT_DEPOT
 
 
 def of_head(
@@ -19,9 +19,7 @@ def of_head(
 ) -> jax.Array:
     """The actions of all agents, `(A,)` int32, when `dispatcher`, of the highway `env.env`, sends them in."""
     choice = dispatcher(key, env.env.get_obs(state, params), state, params)
-    at_depot = state.meds.status == AT_DEPOT
-    head = at_depot & (jnp.arange(env.num_agents) == jnp.argmax(at_depot))
-    return jnp.where(head, choice.action, 0).astype(jnp.int32)
+    return jnp.where(first_at_depot(state.meds.status), choice.action, 0).astype(jnp.int32)
 
 
 def as_team(env: AgentsEnv, dispatcher: Policy) -> Policy:

@@ -1,5 +1,8 @@
 """PettingZoo's own test of the parallel API."""
 
+import warnings
+
+import numpy as np
 import pytest
 
 import medjax
@@ -22,11 +25,19 @@ def named():
 
 
 def test_parallel_api(named):
-    parallel_api_test(ParallelAgents(named), num_cycles=10)
+    with warnings.catch_warnings(record=True) as said:  # it only warns of much that is wrong
+        warnings.simplefilter("always")
+        parallel_api_test(ParallelAgents(named), num_cycles=10)
+    assert [str(warning.message) for warning in said] == []
 
 
 def test_seeds_repeat_episodes(named):
     parallel_seed_test(lambda: ParallelAgents(named), num_cycles=4)
+    first, again, other = (
+        np.stack(list(ParallelAgents(named).reset(seed=seed)[0].values())) for seed in (3, 3, 4)
+    )
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
 
 
 def test_an_episode_is_truncated_for_all(named):

@@ -10,10 +10,10 @@ from typing import Generic, NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 
-from medjax.env.dispatch import action_mask
+from medjax.env.dispatch import action_mask, first_at_depot
 from medjax.env.spaces import Discrete
 from medjax.world.params import EnvConfig, EnvParams
-from medjax.world.state import AT_DEPOT, IN_SERVICE, MERGING, QUEUED, EnvState
+from medjax.world.state import IN_SERVICE, MERGING, QUEUED, EnvState
 
 Each = TypeVar("Each")
 
@@ -118,14 +118,13 @@ class AgentActions:
         in its way.
         """
         status = state.meds.status
-        at_depot, serves = status == AT_DEPOT, (status == IN_SERVICE)[:, None]
+        serves = (status == IN_SERVICE)[:, None]
         comes = ((status == QUEUED) | (status == MERGING))[:, None]
-        head = at_depot & (jnp.arange(status.shape[0]) == jnp.argmax(at_depot))
         here = _nearest(self.lanes, state.meds.service_lane)[:, None] == jnp.arange(len(self.lanes))
         usual_speed = jnp.arange(len(self.speeds)) == self.usual[0]
         everywhere = jnp.ones((status.shape[0], 2), bool)
         return Parts(
-            enter=(head[:, None] & action_mask(state, config)).at[:, 0].set(True),
+            enter=(first_at_depot(status)[:, None] & action_mask(state, config)).at[:, 0].set(True),
             speed=serves | (comes & usual_speed),
             lane=(serves & (_is_alone(state)[:, None] | here)) | (comes & here),
             accept=(serves | comes) & everywhere,

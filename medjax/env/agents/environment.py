@@ -11,6 +11,7 @@ from medjax.env.agents.actions import AgentActions, Parts
 from medjax.env.agents.orders import allowed_parts, give_orders
 from medjax.env.agents.view import AgentView
 from medjax.env.contract import StepResult
+from medjax.env.dispatch import is_allowed
 from medjax.env.observation import RoadProfile
 from medjax.env.spaces import Box, Discrete
 from medjax.env.wrapper import Wrapper
@@ -89,9 +90,7 @@ class AgentsEnv(Wrapper):
         """
         rule = self.actions.by_rule(state, params)
         mask = self.action_mask(state, params)
-        inside = (action >= 0) & (action < self.num_actions)
-        place = jnp.clip(action, 0, self.num_actions - 1)
-        fine = inside & jnp.take_along_axis(mask, place[:, None], axis=1)[:, 0]
+        fine = is_allowed(action, mask)
         parts = self.actions.unfold(jnp.where(fine, action, 0), rule)
         return self._step(key, state, parts, jnp.sum(~fine), params)
 

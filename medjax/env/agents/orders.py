@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from medjax.env.agents.actions import AgentActions, Parts
+from medjax.env.dispatch import is_allowed
 from medjax.env.trips import leaving_early
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, MERGING, QUEUED, EnvState
@@ -18,9 +19,7 @@ def allowed_parts(
 
     def check(choice: jax.Array, mask: jax.Array, usual: jax.Array) -> tuple[jax.Array, jax.Array]:
         """A part's choices, and which of them count as the rule's though they are others."""
-        inside = (choice >= 0) & (choice < mask.shape[1])
-        place = jnp.clip(choice, 0, mask.shape[1] - 1)
-        fine = inside & jnp.take_along_axis(mask, place[:, None], axis=1)[:, 0]
+        fine = is_allowed(choice, mask)
         return jnp.where(fine, choice, usual), ~fine & (choice != usual)
 
     checked = [check(*each) for each in zip(choices, masks, rule, strict=True)]

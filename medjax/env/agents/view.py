@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from medjax.charging.booking import ask, grant
+from medjax.env.dispatch import first_at_depot
 from medjax.env.forecast import Need, expected_need, free_slots, lacking_j, med_places
 from medjax.env.observation import (
     CLOCK_FEATURES,
@@ -21,7 +22,6 @@ from medjax.numerics.sums import in_units
 from medjax.traffic.exits import next_exit
 from medjax.world.params import PANELS, EnvConfig, EnvParams
 from medjax.world.state import (
-    AT_DEPOT,
     IN_SERVICE,
     MERGING,
     NOT_BOOKED,
@@ -203,8 +203,6 @@ def _itself(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
     vehicles, meds, road, slots = state.vehicles, state.meds, params.road, config.med_slots
     status, drives = meds.status, vehicles.active[slots]
     x = med_places(state, config, params)
-    at_depot = status == AT_DEPOT
-    head = at_depot & (jnp.arange(config.num_meds) == jnp.argmax(at_depot))
     lane = _lanes(state, config)
     columns = [
         *(status == number for number in range(len(STATUS_NAMES))),
@@ -218,7 +216,7 @@ def _itself(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
         free_slots(state, config) / len(PANELS),
         jnp.where(drives, jnp.minimum((next_exit(x, road) - x) / road.length_m, 1.0), 0.0),
         jnp.where(drives, (vehicles.destination[slots] - x) / road.length_m, 0.0),
-        head,
+        first_at_depot(status),
     ]
     return jnp.stack([jnp.asarray(column, jnp.float32) for column in columns], axis=1)
 
