@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from medjax.traffic.exits import mean_way
+from medjax.traffic.safety import safe_speed
 from medjax.world.kinds import EVS, FUELLED, GAS_KINDS, kinds_in
 from medjax.world.params import DemandParams, DriverParams, EnvParams, RoadParams, Scalar
 
@@ -118,12 +119,22 @@ def next_ahead(
 
 
 def entry_speed(
-    wanted: jax.Array, ahead: Ahead, time_headway: jax.Array, min_gap: jax.Array
+    wanted: jax.Array,
+    ahead: Ahead,
+    time_headway: jax.Array,
+    min_gap: jax.Array,
+    braking: Scalar,
 ) -> tuple[jax.Array, jax.Array]:
     """The speed at which a vehicle can enter, and whether it may.
 
     It enters no faster than its headway allows and a little faster than the one ahead at most, with
-    at least its own safe gap.
+    at least its own safe gap, and can stop behind it.
+
+    Args:
+      wanted: (K,) m/s.
+      ahead: of each.
+      time_headway: (K,) s; min_gap: (K,) m.
+      braking: m/s^2, what tyres allow.
 
     Returns:
       (speed m/s, safe bool), each (K,).
@@ -132,6 +143,7 @@ def entry_speed(
     speed = jnp.where(
         jnp.isfinite(ahead.gap), jnp.minimum(wanted, ahead.speed + spare / CATCH_UP_S), wanted
     )
+    speed = jnp.minimum(speed, safe_speed(ahead.gap, ahead.speed, braking))
     return speed, ahead.gap >= min_gap + time_headway * speed
 
 

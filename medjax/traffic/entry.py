@@ -75,7 +75,8 @@ def _safe_speed(
     desired, kind = next_up.desired_speed, next_up.kind
     on_ramp = where.lane == config.num_lanes
     wanted = jnp.where(on_ramp, jnp.minimum(desired, params.demand.ramp_speed), desired)
-    return entry_speed(wanted, ahead, next_up.time_headway, by_kind(kind, drivers.min_gap))
+    min_gap, braking = by_kind(kind, drivers.min_gap), params.motion.max_braking
+    return entry_speed(wanted, ahead, next_up.time_headway, min_gap, braking)
 
 
 def _put_on_road(

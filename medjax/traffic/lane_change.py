@@ -16,6 +16,7 @@ from medjax.numerics.sums import rounded
 from medjax.traffic.following import Follower, Leader, gap_between, of_slots
 from medjax.traffic.mobil import is_safe, mobil_incentive
 from medjax.traffic.neighbours import NOBODY, Neighbours
+from medjax.traffic.safety import Tyres, keeps_clear
 from medjax.world.params import LaneChangeParams
 
 T = TypeVar("T")
@@ -196,26 +197,37 @@ def _look(
     )
 
 
-def _is_safe(look: Look, params: LaneChangeParams) -> jax.Array:
+def _is_safe(look: Look, params: LaneChangeParams, tyres: Tyres) -> jax.Array:
     """Whether each could go, `(C,)` bool.
 
     The more urgent, the harder a change may make others, and oneself, brake (LMRS's gap acceptance). And who stops to
-    let one in keeps its standing gap: less must do, or both would wait for each other.
+    let one in keeps its standing gap: less must do, or both would wait for each other. Whatever is urgent, everyone can
+    still stop behind the one that is then ahead.
     """
     wanted = jnp.maximum(look.desire, 0.0)
-    return is_safe(
+    own, follower = look.own, look.follower
+    ahead = jnp.where(look.has_leader, gap_between(own, look.leader), jnp.inf)
+    clear = keeps_clear(own.speed, own.max_acceleration, ahead, look.leader.speed, tyres)
+    behind = look.gap_behind
+    clear &= keeps_clear(follower.speed, follower.max_acceleration, behind, own.speed, tyres)
+    return clear & is_safe(
         look.own_after,
         look.new_after,
-        jnp.where(look.has_leader, gap_between(look.own, look.leader), jnp.inf),
-        look.gap_behind,
+        ahead,
+        behind,
         safe_braking=params.safe_braking * jnp.where(wanted > 0.0, wanted, 1.0),
-        min_gap_ahead=look.own.min_gap * (1.0 - 0.5 * wanted),
-        min_gap_behind=look.follower.min_gap * (1.0 - 0.5 * wanted),
+        min_gap_ahead=own.min_gap * (1.0 - 0.5 * wanted),
+        min_gap_behind=follower.min_gap * (1.0 - 0.5 * wanted),
     )
 
 
 def decide(
-    situation: Situation, wish: Wish, turn: Turn, follow: Follow, params: LaneChangeParams
+    situation: Situation,
+    wish: Wish,
+    turn: Turn,
+    follow: Follow,
+    params: LaneChangeParams,
+    tyres: Tyres,
 ) -> jax.Array:
     """What those whose turn it is do about the lane that they look at, `(C,)`.
 
@@ -224,6 +236,7 @@ def decide(
       wish: mandatory changes; they add a bias, safety is never waived.
       turn: whose turn it is, and the side looked at.
       follow: car following between any two.
+      params: of lane changes; tyres: what bounds everyone's braking.
 
     Returns:
       GOES where one changes lanes now, safely. Else the acceleration, m/s^2, that it keeps to for the one ahead in
@@ -249,7 +262,7 @@ def decide(
     waits = early & gains & look.has_follower & (own.speed < EVEN_SPEED * look.follower.speed)
     # One that comes over from there is let in; nobody who need not changes places with it.
     crosses = (look.stake > 0.0) & (desire <= 0.0)
-    goes = wish.may & _is_safe(look, params) & wants & moves & ~waits & ~crosses
+    goes = wish.may & _is_safe(look, params, tyres) & wants & moves & ~waits & ~crosses
 
     concerned = look.has_leader & (look.stake > COURTEOUS_DESIRE)
     courtesy = _courtesy(own, look.leader, look.own_after, concerned, params)

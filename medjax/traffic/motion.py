@@ -44,8 +44,10 @@ def stopping_acceleration(
     Source: the safe speed of Gipps 1981, eq (6), before an obstacle that stands.
     """
     lag = 0.5 * braking * dt
-    beyond = jnp.square(lag) + braking * (2.0 * distance - speed * dt)  # this tick's way
-    return (jnp.sqrt(jnp.maximum(beyond, jnp.square(lag))) - lag - speed) / dt
+    spare = 2.0 * distance - speed * dt
+    within = jnp.sqrt(jnp.square(lag) + braking * jnp.maximum(spare, 0.0)) - lag - speed
+    at_once = -0.5 * jnp.square(speed) / jnp.maximum(distance, 1e-6)  # before the tick ends
+    return jnp.where(spare > 0.0, within / dt, at_once)
 
 
 class Steering(NamedTuple):

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from medjax.numerics.sums import count_down, in_units, rounded
 from medjax.traffic.exits import exit_desire, prepares
 from medjax.traffic.following import (
+    FREE_GAP_M,
     CarFollowing,
     Drivers,
     Platooning,
@@ -44,6 +45,7 @@ from medjax.traffic.motion import (
 )
 from medjax.traffic.neighbours import NOBODY, find_neighbours, sort_by_road
 from medjax.traffic.road import merge_distance
+from medjax.traffic.safety import Tyres, safe_acceleration
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, EnvState, Tally, Vehicles
 
@@ -132,7 +134,8 @@ def _lane_changes(
     params: EnvParams,
 ) -> tuple[jax.Array, Vehicles]:
     """Lane steps of all vehicles in this tick, `(N,)` int32 in -1, 0, 1; the vehicles, courteous."""
-    decided = decide(situation, wish, turn, follow, params.lane_change)
+    tyres = _tyres(config, params)
+    decided = decide(situation, wish, turn, follow, params.lane_change, tyres)
     seen = place_group(decided, turn, vehicles.courtesy)
     changes = seen == GOES
     recovery_s = jnp.where(changes, params.lane_change.recovery_s, vehicles.recovery_s)
@@ -163,11 +166,24 @@ def _step(
     )
 
 
-def _stop(vehicles: Vehicles, room: jax.Array, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """What the end of an acceleration lane allows, `(N,)` m/s^2, with room `(N,)` m before it; inf on other lanes."""
-    braking = params.lane_change.safe_braking
+def _tyres(config: EnvConfig, params: EnvParams) -> Tyres:
+    return Tyres(params.motion.max_braking, config.tick_s)
+
+
+def _most(
+    vehicles: Vehicles,
+    gap: jax.Array,
+    leader_speed: jax.Array,
+    room: jax.Array,
+    config: EnvConfig,
+    params: EnvParams,
+) -> jax.Array:
+    """What the one ahead, at a gap `(N,)` m, allows, and the end of an acceleration lane, with room `(N,)` m, m/s^2."""
+    tyres = _tyres(config, params)
+    safe = safe_acceleration(vehicles.speed, gap, leader_speed, tyres)
+    braking = jnp.minimum(params.lane_change.safe_braking, tyres.braking)
     stop = stopping_acceleration(vehicles.speed, room, braking, config.tick_s)
-    return jnp.where(vehicles.lane == config.num_lanes, stop, jnp.inf)
+    return jnp.where(vehicles.lane == config.num_lanes, jnp.minimum(safe, stop), safe)
 
 
 def move(
@@ -207,8 +223,9 @@ def move(
         followers = followers._replace(time_headway=headway)
         following = follow(followers, leader, has_leader)
         to_end = merge_distance(vehicles.x, params.road)
-        stop = _stop(vehicles, to_end - followers.min_gap, config, params)
-        acceleration = jnp.minimum(jnp.minimum(following, stop), vehicles.courtesy)
+        gap = jnp.where(has_leader, gap_between(followers, leader), FREE_GAP_M)
+        most = _most(vehicles, gap, leader.speed, to_end - followers.min_gap, config, params)
+        acceleration = jnp.minimum(jnp.minimum(following, most), vehicles.courtesy)
 
     with jax.named_scope("lane_changes"):
         usual, courtesy = drivers.time_headway, vehicles.courtesy
@@ -220,13 +237,12 @@ def move(
 
     with jax.named_scope("motion"):
         command = jnp.minimum(acceleration, orders.acceleration)
-        command = jnp.minimum(command + vehicles.acceleration_noise, stop)  # noise goes no further
+        command = jnp.minimum(command + vehicles.acceleration_noise, most)  # noise goes no further
         command = jnp.clip(command, -params.motion.max_braking, followers.max_acceleration)
         moved = _step(vehicles, command, steps, config, params)
         moved = moved.replace(road_order=order, headway=headway)
-    overlapping = has_leader & (gap_between(followers, leader) < 0.0)
     tally = Tally.zeros().replace(
         lane_changes=jnp.sum(jnp.abs(steps), dtype=jnp.float32),
-        collisions=jnp.sum(overlapping, dtype=jnp.float32),
+        collisions=jnp.sum(gap < 0.0, dtype=jnp.float32),
     )
     return moved, tally

@@ -14,6 +14,7 @@ from medjax.traffic.following import (
 )
 from medjax.traffic.lane_change import Situation, Turn, decide
 from medjax.traffic.neighbours import NOBODY, Neighbours
+from medjax.traffic.safety import Tyres
 from medjax.world.params import DriverParams
 
 LENGTH = 5.0
@@ -71,4 +72,5 @@ def decided(their, x, speed, wish, params, there, model):
         following=following,
         acceleration=following,
     )
-    return decide(situation, wish, Turn(jnp.asarray(1), jnp.asarray(0), 1), follow, params)[EGO]
+    turn, tyres = Turn(jnp.asarray(1), jnp.asarray(0), 1), Tyres(9.0, 0.25)
+    return decide(situation, wish, turn, follow, params, tyres)[EGO]

@@ -124,7 +124,7 @@ def test_entry_speed_is_never_unsafe(case):
     """Who may enter never touches the vehicle ahead, even if that one brakes at 4 m/s^2 to a stop."""
     gap, ahead_speed, wanted, (headway, min_gap, acceleration), brakes = case
     gap, ahead_speed = jnp.float32(gap), jnp.float32(ahead_speed)
-    speed, safe = entry_speed(jnp.float32(wanted), Ahead(gap, ahead_speed), headway, min_gap)
+    speed, safe = entry_speed(jnp.float32(wanted), Ahead(gap, ahead_speed), headway, min_gap, 9.0)
     assert speed <= wanted
     if safe:
         assert gap >= min_gap + headway * speed
@@ -137,7 +137,7 @@ def test_entry_speed_is_never_unsafe(case):
 def test_entry_on_an_empty_road():
     """Nobody ahead: at the wanted speed."""
     speed, safe = entry_speed(
-        jnp.float32(28.0), Ahead(jnp.float32(jnp.inf), jnp.float32(0.0)), 1.5, 2.0
+        jnp.float32(28.0), Ahead(jnp.float32(jnp.inf), jnp.float32(0.0)), 1.5, 2.0, 9.0
     )
     assert (float(speed), bool(safe)) == (28.0, True)
 
@@ -145,7 +145,7 @@ def test_entry_on_an_empty_road():
 def test_entry_behind_a_vehicle_too_close():
     """Refused below the safe gap, at any speed of the one ahead."""
     ahead = Ahead(jnp.array([-1.0, 1.9, 31.0]), jnp.array([0.0, 0.0, 20.0]))
-    _, safe = entry_speed(jnp.full(3, 25.0), ahead, 1.5, 2.0)
+    _, safe = entry_speed(jnp.full(3, 25.0), ahead, 1.5, 2.0, 9.0)
     assert not safe.any()
 
 

@@ -1,0 +1,102 @@
+"""Nobody touches the vehicle ahead, whatever either is told to do, as long as both keep to the bound."""
+
+import jax.numpy as jnp
+import numpy as np
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from medjax.traffic.motion import ballistic_step
+from medjax.traffic.safety import (
+    CLEARANCE_M,
+    Tyres,
+    keeps_clear,
+    safe_acceleration,
+    safe_speed,
+)
+
+BRAKING = st.floats(1.0, 50.0)
+TICK = st.floats(0.05, 0.5)
+SPEED = st.floats(0.0, 60.0)
+SEEDS = st.integers(0, 2**32 - 1)
+PAIRS = 64
+
+
+def drive(rng, gap, speed, leader_speed, tyres, most, ticks=200):
+    """Smallest gaps of pairs whose drivers are told anything: in NumPy, float64, by the bound as it is computed."""
+    x, ahead = np.zeros_like(gap), gap.copy()
+    smallest = gap.copy()
+    brakes_at = rng.integers(0, ticks, gap.shape)  # a leader that brakes for good from some tick on
+    for tick in range(ticks):
+        bound = safe_acceleration(speed, ahead - x, leader_speed, tyres)
+        told = np.minimum(rng.uniform(-5.0, most, gap.shape), np.asarray(bound, np.float64))
+        told = np.clip(told, -tyres.braking, most)
+        leads = rng.uniform(-tyres.braking, most, gap.shape)
+        leads = np.where(tick >= brakes_at, -tyres.braking, leads)
+        x, speed = _exact(x, speed, told, tyres.tick_s)
+        ahead, leader_speed = _exact(ahead, leader_speed, leads, tyres.tick_s)
+        smallest = np.minimum(smallest, ahead - x)
+    return smallest
+
+
+def _exact(x, speed, acceleration, dt):
+    """A tick of constant acceleration that ends at a standstill."""
+    stops = speed + acceleration * dt < 0.0
+    lasts = np.where(stops, speed / np.where(stops, -acceleration, 1.0), dt)
+    after = np.where(stops, 0.0, speed + acceleration * lasts)
+    return x + speed * lasts + 0.5 * acceleration * lasts**2, after
+
+
+@settings(max_examples=60, deadline=None)
+@given(SEEDS, BRAKING, TICK, st.floats(0.1, 20.0))
+def test_nobody_touches_the_one_ahead(seed, braking, tick, most):
+    """From the fastest start that the gap allows."""
+    rng, tyres = np.random.default_rng(seed), Tyres(braking, tick)
+    gap, leader_speed = rng.uniform(0.1, 60.0, PAIRS), rng.uniform(0.0, 60.0, PAIRS)
+    speed = np.asarray(safe_speed(jnp.asarray(gap), jnp.asarray(leader_speed), braking))
+    smallest = drive(rng, gap, speed.astype(np.float64), leader_speed, tyres, most)
+    assert smallest.min() > 0.0
+    # Without the margin it would be touched: the bound is not just far off.
+    assert smallest.min() < 30.0
+
+
+@settings(max_examples=60, deadline=None)
+@given(SEEDS, BRAKING, TICK, st.floats(0.1, 20.0))
+def test_who_keeps_clear_can_fall_in(seed, braking, tick, most):
+    """A tick of the own lane's acceleration, the new leader braking as hard as it can, and still no touch."""
+    rng, tyres = np.random.default_rng(seed), Tyres(braking, tick)
+    gap, leader_speed = rng.uniform(0.1, 80.0, PAIRS), rng.uniform(0.0, 60.0, PAIRS)
+    speed = rng.uniform(0.0, 60.0, PAIRS)
+    clear = np.asarray(keeps_clear(speed, most, gap, leader_speed, tyres))
+    assume(clear.any())
+    x, speed = _exact(np.zeros(PAIRS), speed, np.full(PAIRS, most), tick)
+    ahead, leader_speed = _exact(gap, leader_speed, np.full(PAIRS, -braking), tick)
+    smallest = drive(rng, ahead - x, speed, leader_speed, tyres, most)
+    assert smallest[clear].min() > 0.0
+
+
+def test_the_bound_is_tight():
+    """A leader that stands: full braking stops CLEARANCE_M before it, and half a metre less would not."""
+    tyres, speed = Tyres(8.0, 0.25), 20.0
+    way = speed**2 / (2.0 * 8.0)
+    last = float(safe_acceleration(speed, way + CLEARANCE_M, 0.0, tyres))
+    np.testing.assert_allclose(last, -8.0, rtol=1e-5)
+    assert float(safe_acceleration(speed, way - 0.5, 0.0, tyres)) < -8.0
+    assert not bool(keeps_clear(speed, 1.0, way + CLEARANCE_M, 0.0, tyres))
+
+
+def test_it_does_not_bind_in_ordinary_traffic():
+    """At 110 km/h and an accepted headway of 0.56 s, the shortest of LMRS, a leader may brake at 4 m/s^2 for a tick."""
+    speed = 30.0
+    gap = 2.0 + 0.56 * speed
+    assert float(safe_acceleration(speed, gap, speed - 1.0, Tyres(9.0, 0.25))) > 0.0
+
+
+def test_a_stop_within_the_tick():
+    """Slow and near: the ballistic step ends where the gap does."""
+    tyres = Tyres(9.0, 0.5)
+    bound = safe_acceleration(
+        jnp.float32(1.0), jnp.float32(0.10 + CLEARANCE_M), jnp.float32(0.0), tyres
+    )
+    x, speed = ballistic_step(jnp.float32(0.0), jnp.float32(1.0), bound, tyres.tick_s)
+    np.testing.assert_allclose(float(x), 0.10, rtol=1e-5)
+    assert float(speed) == 0.0
