@@ -110,7 +110,7 @@ def check_lanes(before: Vehicles, after: Vehicles, length: jax.Array) -> Flags:
 
 
 def stands_open(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Who stands on a main lane with OPEN_M of road ahead, though it has energy and its noise lets it, (N,) bool."""
+    """Who stands on a main lane with OPEN_M of road ahead, (N,) bool, though it has energy and means to drive."""
     vehicles = state.vehicles
     rear = vehicles.x - lengths_of(state, params)
     ahead = vehicles.active & (vehicles.lane == vehicles.lane[:, None])
@@ -119,10 +119,18 @@ def stands_open(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Ar
     evs, charging, slots = state.evs, params.charging, config.ev_slots
     powered = jnp.ones_like(vehicles.active).at[slots].set(~evs.is_depleted)
     # What starts who stands: its drive, or the control to a slot that falls back on the move, at the slowest.
-    start = params.drivers.max_acceleration[vehicles.kind]
-    docking = charging.speed_rate * charging.slowest_share * params.fleet.service_speed
-    booked = jnp.where(evs.med != NOT_BOOKED, jnp.minimum(start[slots], docking), start[slots])
-    powered &= start.at[slots].set(booked) + vehicles.acceleration_noise > 0.1
+    starts = params.drivers.max_acceleration[vehicles.kind]
+    slowest = charging.slowest_share * params.fleet.service_speed
+    booked = evs.med != NOT_BOOKED
+
+    def at_most(values: jax.Array, bound: jax.Array | float) -> jax.Array:
+        bounded = jnp.where(booked, jnp.minimum(values[slots], bound), values[slots])
+        return values.at[slots].set(bounded)
+
+    starts = at_most(starts, charging.speed_rate * slowest)
+    wanted = at_most(vehicles.desired_speed, slowest)
+    noise = params.drivers.acceleration_noise[vehicles.kind]
+    powered &= (starts > 3.0 * noise + 0.1) & (wanted > 4.0 * STANDS_M_PER_S)
     stands = vehicles.active & powered & (vehicles.speed < STANDS_M_PER_S)
     return stands & (vehicles.lane < config.num_lanes) & (gap > OPEN_M)
 

@@ -1,7 +1,7 @@
 """Random valid worlds: sizes and numbers drawn over all that medjax is meant to bear, by seed.
 
-Everything is drawn between bounds written here, ends included and met often. They are those of `medjax.world.params`
-where it has both; else what a road could have. Bounds that safety itself sets are in `_drivers`, with their reason.
+Half of the worlds are such as a road could have: everything between bounds written here, ends included and met often.
+In the others, how everyone drives is drawn from all that `medjax.world.params` allows.
 """
 
 import dataclasses
@@ -79,6 +79,60 @@ class _Draw:
         return np.floor(low + self.units(()) * (high + 1 - low)).clip(low, high).astype(np.int32)
 
 
+# How everyone drives; not how long vehicles are, for which the road must have room.
+DRIVING = {
+    "drivers": (
+        "time_headway",
+        "min_gap",
+        "max_acceleration",
+        "comfortable_deceleration",
+        "acceleration_noise",
+        "lateral_wander",
+        "desired_speed",
+        "desired_speed_std",
+    ),
+    "motion": tuple(groups.GROUPS["motion"]),
+    "lane_change": tuple(groups.GROUPS["lane_change"]),
+    "charging": (
+        "approach_speed",
+        "slowest_share",
+        "approach_rate",
+        "speed_rate",
+        "platoon_headway",
+        "platoon_min_gap",
+        "dock_gap_m",
+        "dock_tolerance_m",
+        "dock_speed_tolerance",
+        "hold_tolerance_m",
+    ),
+    "fleet": ("service_speed",),
+}
+
+
+def _driven_anyhow(draw: _Draw, params: EnvParams) -> EnvParams:
+    """The worlds, in half of which people drive in any way that is allowed: orders of magnitude are equally likely."""
+    anyhow = draw(0.0, 1.0) < 0.5
+    changed = {}
+    for group, names in DRIVING.items():
+        member = getattr(params, group)
+        drawn = {}
+        for name in names:
+            usual, limits = getattr(member, name), groups.GROUPS[group][name]
+            size = usual.shape[anyhow.ndim :]
+            if limits.low > 0.0:
+                any_value = np.exp(draw(math.log(limits.low), math.log(limits.high), *size))
+                any_value = np.clip(any_value, np.float32(limits.low), np.float32(limits.high))
+            else:
+                any_value = draw(limits.low, limits.high, *size)
+            which = anyhow.reshape(anyhow.shape + (1,) * len(size))
+            drawn[name] = np.where(which, any_value, usual)
+        changed[group] = member.replace(**drawn)
+    # Who comes down a ramp can stop at the end of its lane.
+    most = 0.999 * np.sqrt(2.0 * changed["motion"].max_braking * params.road.acceleration_lane_m)
+    demand = params.demand.replace(ramp_speed=np.minimum(params.demand.ramp_speed, most))
+    return params.replace(demand=demand, **changed)
+
+
 def _road(draw: _Draw, config: EnvConfig) -> groups.RoadParams:
     merge = draw(100.0, 350.0)
     spaced = merge + LONGEST_M + 1.0
@@ -128,9 +182,7 @@ def _drivers(draw: _Draw, config: EnvConfig) -> groups.DriverParams:
     return groups.DriverParams(
         desired_speed=draw(8.0, 45.0, kinds),
         desired_speed_std=draw(0.0, 4.0, kinds),
-        # The tick is the reaction time: who follows at less than it cannot answer a leader that brakes as hard as
-        # itself (Treiber and Kesting, Traffic Flow Dynamics, 12.2).
-        time_headway=draw(max(0.6, config.tick_s), 3.0, kinds),
+        time_headway=draw(0.6, 3.0, kinds),
         min_gap=draw(1.0, 5.0, kinds),
         max_acceleration=draw(0.5, 3.0, kinds),
         comfortable_deceleration=draw(1.0, 4.0, kinds),
@@ -157,7 +209,7 @@ def _charging(draw: _Draw, config: EnvConfig) -> groups.ChargingParams:
         approach_speed=draw(1.0, 15.0),
         approach_rate=draw(0.05, 1.0),
         speed_rate=draw(0.2, 2.0),
-        platoon_headway=draw(max(0.25, config.tick_s), 1.5),  # as time_headway
+        platoon_headway=draw(0.25, 1.5),
         platoon_min_gap=draw(1.0, 5.0),
         dock_gap_m=draw(2.0, 20.0),
         dock_tolerance_m=draw(0.1, 2.0),
@@ -195,7 +247,7 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
     draw = _Draw(units)
     once = draw(0.0, 1.0) < 0.5  # half of the fleets; the others come back
     turnaround: Any = np.where(once, np.float32(math.inf), draw(0.0, 120.0))
-    return EnvParams(
+    params = EnvParams(
         road=_road(draw, config),
         demand=_demand(draw, config),
         drivers=_drivers(draw, config),
@@ -214,7 +266,7 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
             safe_braking=draw(0.5, 5.0),
             mandatory_bias=draw(0.0, 20.0),
             urgency_bias=draw(0.0, 20.0),
-            accepted_headway=draw(max(0.3, config.tick_s), 1.0),
+            accepted_headway=draw(0.3, 1.0),
             relaxation_s=draw(1.0, 30.0),
             courtesy_braking=draw(0.0, 3.0),
             view_m=draw(50.0, 500.0),
@@ -250,6 +302,7 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
         # Longer than anyone plays: an episode ends where its player stops.
         episode_decisions=draw.whole(10**6, 10**6),
     )
+    return _driven_anyhow(draw, params)
 
 
 def _with_table(params: EnvParams, table: InductanceTable | None) -> EnvParams:
