@@ -115,9 +115,8 @@ def tally_mistakes(
     tally, way = decision.info["tally"], resolved_way(books, params)
     scales = {name: way if name.endswith("_m") else 1e-3 for name in Books.__dataclass_fields__}
     # What differs from the time on the road by little is as exact as that is; nobody means to drive below 1 m/s.
-    scales |= dict.fromkeys(
-        ("ev_delay_s", "gas_delay_s"), books.vehicle_ticks * config.tick_s + way
-    )
+    ticks = books.vehicle_ticks + jnp.sum(books.left)  # who leaves in a tick was there for it, too
+    scales |= dict.fromkeys(("ev_delay_s", "gas_delay_s"), ticks * config.tick_s + way)
     counted = {
         name: differs(getattr(books, name), getattr(tally, name), scale)
         for name, scale in scales.items()

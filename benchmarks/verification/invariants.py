@@ -130,7 +130,8 @@ def stands_open(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Ar
     starts = at_most(starts, charging.speed_rate * slowest)
     wanted = at_most(vehicles.desired_speed, slowest)
     noise = params.drivers.acceleration_noise[vehicles.kind]
-    powered &= (starts > 3.0 * noise + 0.1) & (wanted > 4.0 * STANDS_M_PER_S)
+    powered &= starts + jnp.minimum(vehicles.acceleration_noise, -3.0 * noise) > 0.1
+    powered &= wanted > 4.0 * STANDS_M_PER_S
     stands = vehicles.active & powered & (vehicles.speed < STANDS_M_PER_S)
     return stands & (vehicles.lane < config.num_lanes) & (gap > OPEN_M)
 
