@@ -88,3 +88,70 @@ def test_masked_ppo_never_takes_a_forbidden_action():
     assert forbidden > 0
     assert info["metrics"]["invalid_actions"] == 0.0
     assert info["metrics"]["meds_dispatched"] >= 1.0
+
+
+@pytest.fixture
+def many():
+    pytest.importorskip("sb3_contrib", reason=NEEDED)
+    from medjax.wrappers.sb3 import ChargingVecEnv
+
+    env = ChargingVecEnv(8, **DEAR_TRUCKS)
+    yield env
+    env.close()
+
+
+def test_many_highways_play_as_single_ones(many):
+    """Copy i of seed s is the single environment of seed s + i; at an episode's end the next one begins."""
+    many.seed(3)
+    rows = many.reset()
+    singles = [gymnasium.make(ENV_ID, **DEAR_TRUCKS) for _ in range(many.num_envs)]
+    for number, single in enumerate(singles):
+        np.testing.assert_allclose(rows[number], single.reset(seed=3 + number)[0], atol=1e-5)
+    actions = np.random.default_rng(0).integers(0, many.action_space.n, (DECISIONS, many.num_envs))
+    for decision in range(DECISIONS):
+        rows, rewards, ended, infos = many.step(actions[decision])
+        assert set(ended) == {decision == DECISIONS - 1}
+        for number, single in enumerate(singles):
+            seen, reward, *_ = single.step(actions[decision, number])
+            shown = infos[number].get("terminal_observation", rows[number])
+            np.testing.assert_allclose(shown, seen, atol=1e-4)
+            np.testing.assert_allclose(rewards[number], reward, atol=1e-4)
+    assert all(info["TimeLimit.truncated"] for info in infos)
+    assert infos[0]["metrics"]["meds_dispatched"] > 0.0
+
+
+def test_masked_ppo_learns_in_many_highways(many):
+    """It takes the copies' own masks, and what it learns is counted by SB3's own monitor."""
+    from sb3_contrib import MaskablePPO
+    from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_supported
+    from stable_baselines3.common.vec_env import VecMonitor
+
+    env = VecMonitor(many)
+    assert is_masking_supported(env)
+    model = MaskablePPO(
+        "MlpPolicy", env, n_steps=64, batch_size=64, gamma=0.9, device="cpu", seed=0
+    )
+    model.learn(2048)
+    first = model.ep_info_buffer
+    assert {episode["l"] for episode in first} == {DECISIONS}
+    returns = np.array([episode["r"] for episode in first])
+    assert len(returns) > 2 * EPISODES
+    rise = returns[-EPISODES:].mean() - returns[:EPISODES].mean()
+    assert rise > 4.0 * returns.std() * np.sqrt(2.0 / EPISODES)
+    np.testing.assert_array_equal(get_action_masks(env), many.action_masks())
+
+
+def test_one_action_for_several_decisions():
+    """`decide_every`: the action, then none; rewards add up."""
+    world = {**DEAR_TRUCKS, "reward_weights": {"dispatches": -1.0, "depleted": 0.0, "soc": 0.0,
+                                                "distance": 0.0, "speed": 0.0}}  # fmt: skip
+    env = gymnasium.make(ENV_ID, **world, decide_every=5)
+    env.reset(seed=0)
+    steps, over = 0, False
+    while not over:
+        _, reward, terminated, truncated, info = env.step(1)
+        assert reward == -1.0
+        over = terminated or truncated
+        steps += 1
+    assert steps == DECISIONS // 5
+    assert info["metrics"]["meds_dispatched"] == steps

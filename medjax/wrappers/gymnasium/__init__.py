@@ -9,8 +9,8 @@ Importing this registers both as `medjax/Charging-v0`, as `import medjax` does a
     envs = gymnasium.make_vec("medjax/Charging-v0", num_envs=256)
 
 `gymnasium.make("medjax.wrappers.gymnasium:medjax/Charging-v0")` needs no import, and no order. Arguments are those of
-`medjax.make`. Episodes are truncated after `episode_decisions`: no `max_episode_steps` is needed. NumPy arrays come
-out, and are the caller's to keep or to change.
+`medjax.make`, or `env` and `params`, an environment of one's own; and `decide_every`. Episodes are truncated after
+`episode_decisions`: no `max_episode_steps` is needed. NumPy arrays come out, and are the caller's to keep or to change.
 """
 
 from medjax.hooks import ENV_ID, register

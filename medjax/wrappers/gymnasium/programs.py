@@ -18,6 +18,7 @@ from medjax.errors import InputError
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.scenarios import make
 from medjax.wrappers.auto_reset import BatchAutoReset, BatchState, split_each
+from medjax.wrappers.decide_every import DecideEvery
 
 FRAMES_PER_S = 10  # a frame a decision: ten times true speed where a decision is a second
 
@@ -31,15 +32,26 @@ _SHARED: dict[Any, Environment] = {}
 
 
 def chosen(
-    scenario: str | None, env: Environment | None, params: Any, overrides: Mapping[str, Any]
+    scenario: str | None,
+    env: Environment | None,
+    params: Any,
+    decide_every: int,
+    overrides: Mapping[str, Any],
 ) -> tuple[Environment, Any]:
     """The environment that is given, or else the one that is to be made, and its parameters.
 
     Of environments that are made alike there is one: they share their compiled programs.
 
     Raises:
-      InputError: both, or an environment without parameters; or as `medjax.make`.
+      InputError: both, or an environment without parameters; or as `medjax.make` and `DecideEvery`.
     """
+    env, params = _named(scenario, env, params, overrides)
+    return (env if decide_every == 1 else DecideEvery(env, decide_every)), params
+
+
+def _named(
+    scenario: str | None, env: Environment | None, params: Any, overrides: Mapping[str, Any]
+) -> tuple[Environment, Any]:
     if env is not None:
         if scenario is not None or overrides or params is None:
             raise InputError("env: allowed with params, and without a scenario or its options")

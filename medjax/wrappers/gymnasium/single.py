@@ -23,6 +23,7 @@ class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
       scenario: a name of `medjax.SCENARIOS`; None: "paper".
       render_mode: None, "rgb_array" or "human".
       env, params: instead, an environment, wrapped or of one's own, and its parameters.
+      decide_every: decisions in a step: the action, then 0 (`DecideEvery`).
       **overrides: of `medjax.make`.
 
     Raises:
@@ -41,10 +42,13 @@ class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
         *,
         env: Environment | None = None,
         params: Any = None,
+        decide_every: int = 1,
         **overrides: Any,
     ) -> None:
         programs.check_render_mode(render_mode, self.metadata)
-        self.simulator, self.params = programs.chosen(scenario, env, params, overrides)
+        self.simulator, self.params = programs.chosen(
+            scenario, env, params, decide_every, overrides
+        )
         self.observation_space, self.action_space = programs.spaces_of(self.simulator, self.params)
         self.render_mode = render_mode
         self._key: jax.Array | None = None

@@ -26,7 +26,8 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     Args:
       num_envs: copies, at least 1.
-      scenario, render_mode, env, params, **overrides: as of `ChargingGymEnv`; render modes are None and "rgb_array".
+      scenario, render_mode, env, params, decide_every, **overrides: as of `ChargingGymEnv`; render modes are None and
+        "rgb_array".
 
     Raises:
       InputError: a number, scenario, option, value or render mode that is not allowed.
@@ -46,13 +47,16 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         *,
         env: Environment | None = None,
         params: Any = None,
+        decide_every: int = 1,
         **overrides: Any,
     ) -> None:
         if num_envs < 1:
             raise InputError(f"num_envs = {num_envs}: allowed at least 1")
         programs.check_render_mode(render_mode, self.metadata)
         self.num_envs = num_envs
-        self.simulator, self.params = programs.chosen(scenario, env, params, overrides)
+        self.simulator, self.params = programs.chosen(
+            scenario, env, params, decide_every, overrides
+        )
         spaces = programs.spaces_of(self.simulator, self.params)
         self.single_observation_space, self.single_action_space = spaces
         self.observation_space, self.action_space = (batch_space(s, num_envs) for s in spaces)

@@ -1,0 +1,100 @@
+"""Many highways for Stable-Baselines3, in one compiled program; `make_vec_env` would step them one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.vec_env import VecEnv
+
+from medjax.wrappers.gymnasium.vector import ChargingVectorEnv
+
+Copies = int | Iterable[int] | None
+
+
+class ChargingVecEnv(VecEnv):  # type: ignore[misc]
+    """`ChargingVectorEnv` as a `VecEnv`, action masks for sb3-contrib included.
+
+    Where an episode ended, the observation is the first of the next one, and the copy's info has its
+    "terminal_observation", "TimeLimit.truncated" and the episode's "metrics"; elsewhere infos are empty, since a dict
+    for each copy and step costs more than the step. `VecMonitor` counts returns and lengths.
+
+    Args:
+      num_envs: copies, at least 1.
+      **options: of `ChargingVectorEnv`.
+
+    Raises:
+      InputError: as `ChargingVectorEnv`.
+    """
+
+    def __init__(self, num_envs: int, **options: Any) -> None:
+        self.envs = ChargingVectorEnv(num_envs, **options)
+        self.actions = np.zeros(num_envs, np.int64)
+        spaces = self.envs.single_observation_space, self.envs.single_action_space
+        super().__init__(num_envs, *spaces)
+
+    def reset(self) -> np.ndarray:
+        """Starts an episode in every copy, those of the seeds if `seed` was called since the last one."""
+        obs, _ = self.envs.reset(seed=self._seeds)
+        self._reset_seeds()
+        self._reset_options()
+        return obs
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """What `step_wait` does."""
+        self.actions = actions
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """One step in every copy: observations, rewards, whether the episode ended, and infos."""
+        obs, rewards, terminated, truncated, seen = self.envs.step(self.actions)
+        done = terminated | truncated
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for copy in np.flatnonzero(done):
+            metrics = seen["final_info"]["metrics"]
+            infos[copy] = {
+                "terminal_observation": seen["final_obs"][copy],
+                "TimeLimit.truncated": bool(truncated[copy] and not terminated[copy]),
+                "metrics": {
+                    name: float(values[copy])
+                    for name, values in metrics.items()
+                    if not name.startswith("_")
+                },
+            }
+        return obs, rewards.astype(np.float32), done, infos
+
+    def action_masks(self) -> np.ndarray:
+        """Allowed actions, `(num_envs, num_actions)` bool."""
+        return self.envs.action_masks()
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def get_attr(self, attr_name: str, indices: Copies = None) -> list[Any]:
+        """An attribute of the copies, which have theirs in common."""
+        value = getattr(self if attr_name == "action_masks" else self.envs, attr_name)
+        return [value for _ in self._copies(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Copies = None) -> None:
+        """Sets it for all; copies have none of their own.
+
+        Raises:
+          NotImplementedError: for some of them.
+        """
+        if len(self._copies(indices)) < self.num_envs:
+            raise NotImplementedError(f"{attr_name}: copies share it, set it for all of them")
+        setattr(self.envs, attr_name, value)
+
+    def env_method(
+        self, method_name: str, *args: Any, indices: Copies = None, **options: Any
+    ) -> list[Any]:
+        """What a method of `ChargingVectorEnv` gives each copy, one entry a copy."""
+        given = getattr(self.envs, method_name)(*args, **options)
+        return [given[copy] for copy in self._copies(indices)]
+
+    def env_is_wrapped(self, wrapper_class: type, indices: Copies = None) -> list[bool]:
+        """None is wrapped by Gymnasium."""
+        return [False for _ in self._copies(indices)]
+
+    def _copies(self, indices: Copies) -> Sequence[int]:
+        return list(self._get_indices(indices))
