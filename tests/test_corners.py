@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import medjax
-from benchmarks.verification.random_worlds import draw_params, random_units
+from benchmarks.verification.draws import random_units
+from benchmarks.verification.random_worlds import draw_params
 from medjax.world.kinds import by_class
 from medjax.world.params import EnvConfig
 from medjax.wrappers import in_blocks

@@ -13,6 +13,7 @@ from flax import struct
 
 import medjax
 from benchmarks.verification.decisions import Decision, check_decision
+from benchmarks.verification.draws import random_units
 from benchmarks.verification.invariants import (
     INVARIANTS,
     STANDS_M_PER_S,
@@ -23,7 +24,7 @@ from benchmarks.verification.invariants import (
     stands_open,
 )
 from benchmarks.verification.random_agents import told_at_random
-from benchmarks.verification.random_worlds import draw_config, draw_params, random_units, validated
+from benchmarks.verification.random_worlds import draw_config, draw_params, validated
 from medjax.env.charging_env import ChargingEnv
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState

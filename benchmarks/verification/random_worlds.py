@@ -8,21 +8,19 @@ import dataclasses
 import json
 import math
 import operator
-from collections.abc import Callable
 from typing import Any
 
 import jax
 import numpy as np
 
+from benchmarks.verification.draws import Draw, Units, reach_ends
+from benchmarks.verification.random_driving import driven_anyhow
 from medjax.env.reward import TERMS
 from medjax.physics import InductanceTable
 from medjax.world import params as groups
 from medjax.world.checks import validate
 from medjax.world.kinds import KINDS
 from medjax.world.params import EnvConfig, EnvParams
-
-Units = Callable[[tuple[int, ...]], np.ndarray]
-"""Numbers in [0, 1] of the shape asked for, with axes of a batch before it."""
 
 # Vehicles that ask to enter, at most, per hour and lane or ramp: no lane takes more.
 SATURATED_PER_H = 3000.0
@@ -33,16 +31,6 @@ _PHI = 1.0923077
 for _ in range(60):
     _PHI = (1.0 + _PHI) ** (1.0 / 8.0)
 STEPS = _PHI ** -np.arange(1.0, 8.0)
-
-
-def reach_ends(units: Any, share: float = 0.1) -> Any:
-    """Uniform numbers in [0, 1] to such of which that share is 0, and as many are 1."""
-    return np.clip((units - share) / (1.0 - 2.0 * share), 0.0, 1.0)
-
-
-def random_units(rng: np.random.Generator, batch: int) -> Units:
-    """Of `batch` worlds side by side."""
-    return lambda shape: reach_ends(rng.random((batch, *shape)))
 
 
 def draw_config(seed: int, case: int) -> EnvConfig:
@@ -64,76 +52,7 @@ def draw_config(seed: int, case: int) -> EnvConfig:
     )
 
 
-class _Draw:
-    """Uniform draws between bounds, as float32 within them."""
-
-    def __init__(self, units: Units) -> None:
-        self.units = units
-
-    def __call__(self, low: Any, high: Any, *shape: int) -> Any:
-        low, high = (np.asarray(bound, np.float32) for bound in (low, high))
-        drawn = low + self.units(shape) * (high - low)
-        return np.clip(drawn.astype(np.float32), low, high)
-
-    def whole(self, low: int, high: int) -> Any:
-        return np.floor(low + self.units(()) * (high + 1 - low)).clip(low, high).astype(np.int32)
-
-
-# How everyone drives; not how long vehicles are, for which the road must have room.
-DRIVING = {
-    "drivers": (
-        "time_headway",
-        "min_gap",
-        "max_acceleration",
-        "comfortable_deceleration",
-        "acceleration_noise",
-        "lateral_wander",
-        "desired_speed",
-        "desired_speed_std",
-    ),
-    "motion": tuple(groups.GROUPS["motion"]),
-    "lane_change": tuple(groups.GROUPS["lane_change"]),
-    "charging": (
-        "approach_speed",
-        "slowest_share",
-        "approach_rate",
-        "speed_rate",
-        "platoon_headway",
-        "platoon_min_gap",
-        "dock_gap_m",
-        "dock_tolerance_m",
-        "dock_speed_tolerance",
-        "hold_tolerance_m",
-    ),
-    "fleet": ("service_speed",),
-}
-
-
-def _driven_anyhow(draw: _Draw, params: EnvParams) -> EnvParams:
-    """The worlds, in half of which people drive in any way that is allowed: orders of magnitude are equally likely."""
-    anyhow = draw(0.0, 1.0) < 0.5
-    changed = {}
-    for group, names in DRIVING.items():
-        member = getattr(params, group)
-        drawn = {}
-        for name in names:
-            usual, limits = getattr(member, name), groups.GROUPS[group][name]
-            size = usual.shape[anyhow.ndim :]
-            if limits.low > 0.0:
-                any_value = np.exp(draw(math.log(limits.low), math.log(limits.high), *size))
-                any_value = np.clip(any_value, np.float32(limits.low), np.float32(limits.high))
-            else:
-                any_value = draw(limits.low, limits.high, *size)
-            which = anyhow.reshape(anyhow.shape + (1,) * len(size))
-            drawn[name] = np.where(which, any_value, usual)
-        changed[group] = member.replace(**drawn)
-    # Who comes down a ramp can stop at the end of its lane.
-    most = 0.999 * np.sqrt(2.0 * changed["motion"].max_braking * params.road.acceleration_lane_m)
-    demand = params.demand.replace(ramp_speed=np.minimum(params.demand.ramp_speed, most))
-    return params.replace(demand=demand, **changed)
-
-
-def _road(draw: _Draw, config: EnvConfig) -> groups.RoadParams:
+def _road(draw: Draw, config: EnvConfig) -> groups.RoadParams:
     merge = draw(100.0, 350.0)
     spaced = merge + LONGEST_M + 1.0
     shortest = np.maximum(150.0, (config.num_ramps + 0.1) * spaced)
@@ -159,7 +78,7 @@ def _road(draw: _Draw, config: EnvConfig) -> groups.RoadParams:
     )
 
 
-def _demand(draw: _Draw, config: EnvConfig) -> groups.DemandParams:
+def _demand(draw: Draw, config: EnvConfig) -> groups.DemandParams:
     soc: Any = np.sort(draw(0.0, 1.0, 2), axis=-1)
     return groups.DemandParams(
         mainline_per_h=draw(0.0, SATURATED_PER_H * config.num_lanes),
@@ -177,7 +96,7 @@ def _demand(draw: _Draw, config: EnvConfig) -> groups.DemandParams:
     )
 
 
-def _drivers(draw: _Draw, config: EnvConfig) -> groups.DriverParams:
+def _drivers(draw: Draw, config: EnvConfig) -> groups.DriverParams:
     kinds = len(KINDS)
     return groups.DriverParams(
         desired_speed=draw(8.0, 45.0, kinds),
@@ -196,7 +115,7 @@ def _drivers(draw: _Draw, config: EnvConfig) -> groups.DriverParams:
     )
 
 
-def _charging(draw: _Draw, config: EnvConfig) -> groups.ChargingParams:
+def _charging(draw: Draw, config: EnvConfig) -> groups.ChargingParams:
     soc: Any = np.sort(draw(0.0, 1.0, 2), axis=-1)
     return groups.ChargingParams(
         request_soc=soc[..., 0],
@@ -223,7 +142,7 @@ def _charging(draw: _Draw, config: EnvConfig) -> groups.ChargingParams:
     )
 
 
-def _body(draw: _Draw, mass: tuple[float, float], area: float, pack: float) -> groups.BodyParams:
+def _body(draw: Draw, mass: tuple[float, float], area: float, pack: float) -> groups.BodyParams:
     return groups.BodyParams(
         mass_kg=draw(*mass),
         drag_coefficient=draw(0.1, 1.0),
@@ -237,42 +156,50 @@ def _body(draw: _Draw, mass: tuple[float, float], area: float, pack: float) -> g
     )
 
 
-def _or_inf(draw: _Draw, value: Any) -> Any:
+def _or_inf(draw: Draw, value: Any) -> Any:
     """The value, or infinity in three of ten worlds."""
     return np.where(draw(0.0, 1.0) < 0.3, np.float32(math.inf), value)
 
 
+def _motion(draw: Draw) -> groups.MotionParams:
+    return groups.MotionParams(
+        max_braking=draw(6.0, 10.0),
+        noise_time_s=draw(0.5, 20.0),
+        lateral_rate=draw(0.5, 4.0),
+        lateral_acceleration=draw(1.0, 4.0),
+        lateral_speed=draw(0.5, 2.0),
+        lateral_slope=draw(0.05, 0.3),
+    )
+
+
+def _lane_change(draw: Draw) -> groups.LaneChangeParams:
+    return groups.LaneChangeParams(
+        politeness=draw(0.0, 1.0),
+        threshold=draw(0.0, 1.0),
+        right_bias=draw(-1.0, 1.0),
+        safe_braking=draw(0.5, 5.0),
+        mandatory_bias=draw(0.0, 20.0),
+        urgency_bias=draw(0.0, 20.0),
+        accepted_headway=draw(0.3, 1.0),
+        relaxation_s=draw(1.0, 30.0),
+        courtesy_braking=draw(0.0, 3.0),
+        view_m=draw(50.0, 500.0),
+        exit_view_m=draw(20.0, 500.0),
+        recovery_s=draw(0.0, 20.0),
+    )
+
+
 def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvParams:
     """Every number of a world, NumPy arrays with the units' batch axes first; the table is taken as it is."""
-    draw = _Draw(units)
+    draw = Draw(units)
     once = draw(0.0, 1.0) < 0.5  # half of the fleets; the others come back
     turnaround: Any = np.where(once, np.float32(math.inf), draw(0.0, 120.0))
     params = EnvParams(
         road=_road(draw, config),
         demand=_demand(draw, config),
         drivers=_drivers(draw, config),
-        motion=groups.MotionParams(
-            max_braking=draw(6.0, 10.0),
-            noise_time_s=draw(0.5, 20.0),
-            lateral_rate=draw(0.5, 4.0),
-            lateral_acceleration=draw(1.0, 4.0),
-            lateral_speed=draw(0.5, 2.0),
-            lateral_slope=draw(0.05, 0.3),
-        ),
-        lane_change=groups.LaneChangeParams(
-            politeness=draw(0.0, 1.0),
-            threshold=draw(0.0, 1.0),
-            right_bias=draw(-1.0, 1.0),
-            safe_braking=draw(0.5, 5.0),
-            mandatory_bias=draw(0.0, 20.0),
-            urgency_bias=draw(0.0, 20.0),
-            accepted_headway=draw(0.3, 1.0),
-            relaxation_s=draw(1.0, 30.0),
-            courtesy_braking=draw(0.0, 3.0),
-            view_m=draw(50.0, 500.0),
-            exit_view_m=draw(20.0, 500.0),
-            recovery_s=draw(0.0, 20.0),
-        ),
+        motion=_motion(draw),
+        lane_change=_lane_change(draw),
         fleet=groups.FleetParams(
             size=draw.whole(0, config.num_meds),
             cooldown_s=draw(0.0, 30.0),
@@ -302,7 +229,7 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
         # Longer than anyone plays: an episode ends where its player stops.
         episode_decisions=draw.whole(10**6, 10**6),
     )
-    return _driven_anyhow(draw, params)
+    return driven_anyhow(draw, params)
 
 
 def _with_table(params: EnvParams, table: InductanceTable | None) -> EnvParams:
