@@ -143,6 +143,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         "episodes": options.episodes,
         "seed": options.seed,
         "return_mean": mean,
+        "speeds": list(env.actions.speeds),
         "gap_m": middles.tolist(),
         "decisions": seen.decisions.tolist(),
         "told_m_per_s": told.tolist(),
@@ -162,6 +163,8 @@ def draw(path: Path, result: dict[str, Any]) -> None:
     gaps, told = np.array(result["gap_m"]), np.array(result["told_m_per_s"])
     speed.plot(gaps[there], told[:-1][there], "o-", color="#00796b", label="an EV asks")
     speed.axhline(told[-1], color="#e65100", linestyle="--", label="nobody asks")
+    # All that they could be told, or a tenth of a metre a second would look like much.
+    speed.set(ylim=(min(result["speeds"]) - 1.0, max(result["speeds"]) + 1.0))
     speed.set(xlabel="way to the nearest EV that asks, m", ylabel="told speed, m/s")
     speed.legend(frameon=False)
     taken.bar(result["lacks_packs"], result["taken_share"], color="#00796b")
