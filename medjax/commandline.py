@@ -1,6 +1,7 @@
 """What all commands share: bad input is one line on stderr and exit code 2. Nothing here waits for JAX."""
 
 import argparse
+import importlib
 import json
 import os
 import re
@@ -96,6 +97,34 @@ def named_once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
         if name in found:
             raise InputError(f"{shown(name)} is there twice, allowed: once")
         found[name] = value
+    return found
+
+
+def read_object(what: str, text: str) -> Any:
+    """What `module:name` names, imported, from the current directory too.
+
+    Args:
+      what: it is for, in messages.
+      text: `module:name`; the name may have dots.
+
+    Raises:
+      InputError: it is not of that form, there is no such module or name, it cannot be called, or its module fails.
+    """
+    module, colon, name = text.partition(":")
+    words = [*module.split("."), *name.split(".")]
+    if not colon or not all(word.isidentifier() for word in words):
+        raise InputError(f"{what} {shown(text)}: allowed module:name")
+    if "" not in sys.path and os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
+    try:
+        found: Any = importlib.import_module(module)
+    except Exception as error:  # whatever somebody's module raises
+        reason = f"{type(error).__name__}: {error}"
+        raise InputError(f"{what} {shown(text)}: {one_line(reason, MOST_SHOWN)}") from error
+    for word in name.split("."):
+        found = getattr(found, word, None)
+    if not callable(found):
+        raise InputError(f"{what} {shown(text)}: {module} has no function of that name")
     return found
 
 

@@ -10,6 +10,8 @@ import pytest
 import medjax
 from medjax.world.charging_params import CoilDesign
 from medjax.world.params import PRICES, WEIGHTS
+from medjax.world.presets import Recipe
+from tests.train.conftest import never
 from tests.train.probe_envs import Probe, ProbeParams
 
 ROOT = Path(__file__).parent.parent
@@ -21,7 +23,7 @@ NAMES = {  # by code: what two pages share runs once
 }
 EXAMPLES = {name: code for code, name in NAMES.items()}
 OWN_REWARD = next(name for name, code in EXAMPLES.items() if "def low_charge" in code)
-TRAINING = next(name for name, code in EXAMPLES.items() if "make_train" in code)
+TRAINING = [name for name, code in EXAMPLES.items() if "train.api" in code]
 
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -40,7 +42,7 @@ def test_example_is_short(name):
     assert sum(bool(line.strip()) for line in EXAMPLES[name].splitlines()) <= 25
 
 
-@pytest.mark.parametrize("name", sorted(EXAMPLES.keys() - {OWN_REWARD, TRAINING}))
+@pytest.mark.parametrize("name", sorted(EXAMPLES.keys() - {OWN_REWARD, *TRAINING}))
 def test_example_runs(name, tmp_path, monkeypatch, capsys):
     """As printed, in a directory of its own, and what it prints are numbers; those left out run below."""
     monkeypatch.chdir(tmp_path)
@@ -50,22 +52,30 @@ def test_example_runs(name, tmp_path, monkeypatch, capsys):
     assert "nan" not in printed.lower()
 
 
-def test_training_example_trains(monkeypatch, capsys):
+@pytest.mark.parametrize("name", TRAINING)
+def test_training_example_trains(name, tmp_path, monkeypatch, capsys):
     """In a world of two numbers, with settings of its size: the whole of it would take minutes."""
     asked = {}
 
-    def make(name, *, reward, observation):
-        asked.update(name=name, terms=[*reward], observation=observation)
-        return Probe("noisy"), ProbeParams()
+    def make(name, *, observation, reward=None):
+        asked.update(name=name, terms=[*(reward or ())], observation=observation)
+        return Probe("noisy", recipe=Recipe(name, {}, reward, observation)), ProbeParams()
 
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("medjax.make", make)
-    monkeypatch.setattr("medjax.policies.team.BASELINES", {})
+    monkeypatch.setattr("medjax.policies.saved.make", make)
+    rules = dict.fromkeys(("none", "paced", "forecast"), never)
+    monkeypatch.setattr("medjax.policies.team.BASELINES", rules)
     whole = "total_timesteps=1_000_000"
     tiny = "total_timesteps=96, num_envs=4, num_minibatches=2, decide_every=1, rollout_length=4"
-    assert whole in EXAMPLES[TRAINING]
-    run(EXAMPLES[TRAINING].replace(whole, f"{tiny}, updates_per_call=4"))
-    assert asked == {"name": "paper", "terms": [*medjax.TERMS, "served"], "observation": "profile"}
-    assert "64 whole episodes of paper" in capsys.readouterr().out
+    assert whole in EXAMPLES[name]
+    run(EXAMPLES[name].replace(whole, tiny))
+    terms = [*medjax.TERMS, "served"] if "served" in EXAMPLES[name] else []
+    assert asked == {"name": "paper", "terms": terms, "observation": "profile"}
+    out = capsys.readouterr().out
+    assert out.count("64 whole episodes of ") == 2
+    assert "minus forecast, 95 % CI" in out
+    assert len(list((tmp_path / "runs").glob("*/policy.zip"))) == 1
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

@@ -1,17 +1,19 @@
 """The command that evaluates: `python -m train.evaluate --run-dir DIR --episodes 1000 --json FILE`.
 
 The trained policy, under the name of its algorithm ("ppo"), and every policy of medjax.policies play the same episodes.
-Exit code 2 on bad input.
+Exit code 2 on bad input. From Python: `train.api.evaluate`.
 """
 
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from medjax.commandline import OneLineParser, add_set_option, as_path, fail, parse_overrides
 from medjax.errors import InputError
 from medjax.files import check_output
-from train.evaluation.tables import format_table
+from train.evaluation.comparison import check_known
+from train.evaluation.tables import is_papers
 from train.runs.run_directory import RunDir, check_matplotlib, write_json
 from train.runs.trained_run import to_play, trained_run_parser, whole_numbers
 
@@ -28,6 +30,12 @@ def build_parser() -> OneLineParser:
     )
     parser.add_argument(
         "--batch", default="128", metavar="N", help="episodes played together (default: 128)"
+    )
+    parser.add_argument(
+        "--policies", metavar="A,B", help="these alone, by name (default: all of them)"
+    )
+    parser.add_argument(
+        "--baseline", metavar="NAME", help="the policy that all others are compared with"
     )
     parser.add_argument("--scenario", metavar="NAME", help="preset (default: the one trained on)")
     add_set_option(
@@ -49,9 +57,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         from train.runs.policies import load_policies
 
         env, params, policies = load_policies(run_dir.path, config, given.stochastic)
+        policies = _chosen(policies, given.policies, given.baseline)
     except InputError as error:
         return fail("python -m train.evaluate", error)
     from medjax.episodes.scores import evaluate_policies
+    from train.evaluation.comparison import Comparison
     from train.evaluation.summary import learned_names, summarize
     from train.runs.compilation import enable_compilation_cache
 
@@ -62,15 +72,26 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("interrupted", file=sys.stderr)
         return 130
     learned = learned_names(scores)
-    result = summarize(scores, config.scenario, learned, numbers["seed"])
+    world = config.scenario, learned, numbers["seed"], config.overrides
+    played = Comparison(summarize(scores, *world, given.baseline), scores, learned)
     if target is not None:
-        write_json(target, result)
+        write_json(target, played.result)
     if picture is not None:
         from train.reporting.figures import plot_comparison
 
-        plot_comparison(picture, scores, numbers["seed"])
-    print(format_table(result, learned))
+        plot_comparison(picture, scores, numbers["seed"], is_papers(played.result))
+    print(played)
     return 0
+
+
+def _chosen(policies: dict[str, Any], names: str | None, baseline: str | None) -> dict[str, Any]:
+    """Those that are asked for; the baseline is always one of them."""
+    wanted = list(policies) if names is None else names.split(",")
+    check_known("--policies", wanted, list(policies))
+    if baseline is not None:
+        check_known("--baseline", [baseline], list(policies))
+        wanted = list(dict.fromkeys([*wanted, baseline]))
+    return {name: policies[name] for name in wanted}
 
 
 def _target(option: str, text: str | None) -> Path | None:

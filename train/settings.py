@@ -14,6 +14,7 @@ from train.yaml_file import read_yaml
 MOST_COUNTED = 2**31 - 1  # indices and counters are int32
 MOST_PER_CALL = 1024  # updates in one call of the compiled program
 MOST_BYTES = 2**16  # of a file of settings
+GIVEN = "given from Python"  # what the file of a run says where its settings do not rebuild the environment
 # Rules of medjax.BASELINES that draw nothing and leave drivers alone.
 DISPATCHERS = ("periodic", "paced", "greedy", "forecast", "budgeted")
 
@@ -199,16 +200,33 @@ def from_json(data: Any, *kinds: type[Config]) -> Config:
     return by_name[given](**values)
 
 
-def load_config(path: Path, *kinds: type[Config]) -> Config:
+def load_config(path: Path, *kinds: type[Config], given: bool = False) -> Config:
     """Reads the config.json of a run, or settings alone; JSON, or YAML by the name's ending.
 
     Args:
         path: of the file.
         kinds: of settings that are allowed, see `from_json`.
+        given: the environment is given by `train.api`, so that the settings need not say what it is.
 
     Raises:
-        InputError: the file is missing, cannot be read, or holds something out of range.
+        InputError: the file is missing, cannot be read, holds something out of range, or does not say what the
+            environment was.
     """
+    data = _read(path)
+    is_file_of_run = isinstance(data, dict) and "config" in data
+    if is_file_of_run and data.get("environment") == GIVEN and not given:
+        raise InputError(
+            f"{path} is of an environment that was given from Python, which settings alone do not rebuild; "
+            "allowed: train.api.train and evaluate, with that environment"
+        )
+    try:
+        return from_json(data["config"] if is_file_of_run else data, *kinds)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _read(path: Path) -> Any:
+    """What a file of settings holds; raises as `load_config`."""
     try:
         # Nothing that gives no end of bytes, or none until somebody writes them.
         if path.exists() and not path.is_file():
@@ -221,14 +239,10 @@ def load_config(path: Path, *kinds: type[Config]) -> Config:
         raise InputError(f"{path} is too long, allowed: at most {MOST_BYTES} bytes")
     is_yaml = path.suffix in (".yaml", ".yml")
     try:
-        data = read_yaml(content.decode()) if is_yaml else read_json(content.decode())
+        return read_yaml(content.decode()) if is_yaml else read_json(content.decode())
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path} is not a text file") from None
     except (ValueError, RecursionError):
         raise InputError(f"{path} is not a {'YAML' if is_yaml else 'JSON'} file") from None
-    try:
-        return from_json(data.get("config", data) if isinstance(data, dict) else data, *kinds)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None

@@ -40,7 +40,7 @@ LEARNED = "ppo"  # name of a policy whose file does not say it
 class About:
     """What a policy was trained for."""
 
-    scenario: str
+    scenario: str  # empty where the environment was somebody's own, which no file can say
     overrides: Mapping[str, Any]  # of `medjax.make`
     observation: str  # name of it
     decide_every: int  # decisions from one choice to the next
@@ -66,8 +66,17 @@ class ExportedPolicy:
     network: export.Exported
 
     def make(self) -> tuple[Any, EnvParams]:
-        """The environment that it was trained in, and its parameters."""
+        """The environment that it was trained in, and its parameters.
+
+        Raises:
+          InputError: it was somebody's own.
+        """
         about = self.about
+        if not about.scenario:
+            raise InputError(
+                "the policy was trained in an environment of somebody's own, allowed: that one, given from Python "
+                "to ExportedPolicy.policy"
+            )
         if about.agents:
             return agents_of(about.scenario, **about.agents, **about.overrides)
         return make(about.scenario, observation=about.observation, **about.overrides)
@@ -202,6 +211,22 @@ def about_of(
         num_actions=env.num_actions,
         name=name,
         agents=agents,
+        dispatcher=dispatcher,
+    )
+
+
+def about_of_own(
+    env: Environment, decide_every: int, name: str = LEARNED, dispatcher: str = ""
+) -> About:
+    """What `about_of` says, but for what the environment is: only who has it can play the policy."""
+    return About(
+        scenario="",
+        overrides={},
+        observation="",
+        decide_every=decide_every,
+        num_features=math.prod(env.observation_space(None).shape),
+        num_actions=env.num_actions,
+        name=name,
         dispatcher=dispatcher,
     )
 

@@ -75,7 +75,12 @@ class Dispatched(Wrapper):
 
 
 def rules_of(env: Any) -> dict[str, Policy]:
-    """Every rule of `medjax.policies.rules` by name, for an environment of a dispatcher or of agents."""
+    """Every rule of `medjax.policies.rules` by name, for an environment of a dispatcher or of agents.
+
+    Rules play the highway: where there is none, there are none of them.
+    """
+    if not hasattr(env, "highway"):
+        return {}
     if not isinstance(env, AgentsEnv):
         return {name: build(env) for name, build in BASELINES.items()}
     return {name: as_team(env, build(env.env)) for name, build in BASELINES.items()}

@@ -59,6 +59,9 @@ class Probe:
         mask = jnp.ones((self.num_actions,), bool)
         return mask.at[2:].set(False) if self.kind == "masked" else mask
 
+    def highway(self, state: ProbeState, params: ProbeParams) -> Any:
+        return state, params
+
     def _observe(self, state: ProbeState) -> jax.Array:
         obs = jnp.zeros((self.num_features,), jnp.float32)
         if self.kind in ("timed", "constant_terminated", "two_step"):

@@ -1,5 +1,6 @@
 """What a learner acts in: the environment that the settings name, alone and as the batch it learns from."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -9,9 +10,12 @@ import medjax
 from medjax.agents import agents_of
 from medjax.env.contract import Environment
 from medjax.env.observation import OBSERVATIONS
+from medjax.env.wrapper import check_environment as check_is_environment
 from medjax.episodes.player import episode_decisions
+from medjax.errors import InputError
 from medjax.numerics.devices import environment_mesh
 from medjax.policies.rules import BASELINES
+from medjax.policies.saved import about_of
 from medjax.policies.team import Dispatched
 from medjax.scenarios import prepare
 from medjax.wrappers import (
@@ -32,6 +36,40 @@ def make_environment(config: TrainConfig) -> tuple[Any, Any]:
         InputError: an unknown scenario, option or network, a value out of range, or devices that are not there.
     """
     return _build(medjax.make, config)
+
+
+def check_given(env: Any, config: TrainConfig) -> None:
+    """Refuses (InputError) an environment of one's own that the settings do not fit."""
+    environment_mesh(config.device_groups, config.num_devices, jax.devices())
+    check_network(config, env.observation)
+
+
+def described(env: Any, params: Any, config: TrainConfig) -> tuple[TrainConfig, bool]:
+    """The settings with what they can say of an environment that is given, and whether that rebuilds it.
+
+    One that they cannot rebuild is called NAME-own.
+
+    Args:
+        env: a single environment.
+        params: its parameters.
+        config: settings, but for the environment.
+
+    Raises:
+        InputError: it is no environment.
+    """
+    check_is_environment(env)
+    try:
+        about = about_of(env, params, config.decide_every)
+    except InputError:
+        return dataclasses.replace(config, scenario=f"{env.name}-own", overrides={}), False
+    how: dict[str, Any] = {"scenario": about.scenario, "overrides": dict(about.overrides)}
+    if not about.agents:
+        how |= {"agents": "none", "observation": about.observation}
+        return dataclasses.replace(config, **how), True
+    how["overrides"]["speeds"] = about.agents["speeds"]
+    how["agents"] = "mappo" if about.agents["central"] else "ippo"
+    how["credit"] = about.agents["credit"]
+    return dataclasses.replace(config, **how), True
 
 
 def check_environment(config: TrainConfig) -> None:

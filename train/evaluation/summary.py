@@ -18,7 +18,12 @@ def learned_names(names: Iterable[str]) -> list[str]:
 
 
 def summarize(
-    scores: Mapping[str, Scores], scenario: str, learned: Collection[str], seed: int = 0
+    scores: Mapping[str, Scores],
+    scenario: str,
+    learned: Collection[str],
+    seed: int = 0,
+    overrides: Mapping[str, Any] | None = None,
+    baseline: str | None = None,
 ) -> dict[str, Any]:
     """The JSON of `train.evaluate`.
 
@@ -26,33 +31,30 @@ def summarize(
         scores: of `medjax.episodes.scores.evaluate_policies`.
         scenario: name of the preset.
         learned: which of them are learned policies, all by one algorithm, a training seed each.
-        seed: of the bootstrap.
+        seed: of the episodes, and of the bootstrap.
+        overrides: numbers of the environment that are not the preset's.
+        baseline: one of the policies, that the others are compared with.
 
     Returns:
-        `policies` (by name: `return_mean`, `return_std`, `return_ci95`, and the mean of every metric), `episodes` and
-        `scenario`. If there are learned policies also, each of an episode's mean over the training seeds:
-        `paired_return_difference` (to every rule: `mean`, `ci95`) and `change_against_none` (of metrics, as a share:
-        `mean`, `ci95`). With several training seeds `training_seeds` (`return_means`, `interquartile_mean`, `ci95`, and
-        `paired_return_differences`, each learner's own).
+        `policies` (by name: `return_mean`, `return_std`, `return_ci95`, and the mean of every metric), `episodes`,
+        `scenario`, `overrides` and `seed`. With a baseline also `baseline` and `difference_from_baseline` (of each
+        other policy's return in the same episode: `mean`, `ci95`). If there are learned policies also, each of an
+        episode's mean over the training seeds: `paired_return_difference` (to every rule: `mean`, `ci95`) and
+        `change_against_none` (of metrics, as a share: `mean`, `ci95`). With several training seeds `training_seeds`
+        (`return_means`, `interquartile_mean`, `ci95`, and `paired_return_differences`, each learner's own).
     """
-    policies: dict[str, Any] = {}
-    for name, score in scores.items():
-        returns = score["return"]
-        policies[name] = {
-            "return_mean": float(np.mean(returns)),
-            "return_std": float(np.std(returns, ddof=1)) if returns.size > 1 else 0.0,
-            "return_ci95": list(bootstrap_ci95(returns, seed)),
-            **{
-                ("episode_length" if column == "length" else column): float(np.mean(values))
-                for column, values in score.items()
-                if column != "return"
-            },
-        }
     result: dict[str, Any] = {
-        "policies": policies,
+        "policies": {name: _entry(score, seed) for name, score in scores.items()},
         "episodes": int(next(iter(scores.values()))["return"].size),
         "scenario": scenario,
+        "overrides": dict(overrides or {}),
+        "seed": seed,
     }
+    if baseline is not None:
+        base = {baseline: scores[baseline]}
+        others = {name: score for name, score in scores.items() if name != baseline}
+        gains = {name: _gains(score, base, seed)[baseline] for name, score in others.items()}
+        result |= {"baseline": baseline, "difference_from_baseline": gains}
     trained = [score for name, score in scores.items() if name in learned]
     rules = {name: score for name, score in scores.items() if name not in learned}
     if trained:
@@ -69,6 +71,21 @@ def summarize(
             "paired_return_differences": [_gains(score, rules, seed) for score in trained],
         }
     return result
+
+
+def _entry(score: Scores, seed: int) -> dict[str, Any]:
+    """What the scores of one policy say."""
+    returns = score["return"]
+    return {
+        "return_mean": float(np.mean(returns)),
+        "return_std": float(np.std(returns, ddof=1)) if returns.size > 1 else 0.0,
+        "return_ci95": list(bootstrap_ci95(returns, seed)),
+        **{
+            ("episode_length" if column == "length" else column): float(np.mean(values))
+            for column, values in score.items()
+            if column != "return"
+        },
+    }
 
 
 def _compare(ours: Scores, rules: Mapping[str, Scores], seed: int) -> dict[str, Any]:

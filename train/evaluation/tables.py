@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from statistics import fmean
 from typing import Any
 
+from medjax.errors import shown
+
 Table = list[list[str]]  # the first row holds the headings, the first column what a row is of
 
 COLUMNS = {  # of the table: heading, metric, format
@@ -41,13 +43,14 @@ PAPER_MEDS = 15.0
 
 
 def format_table(result: Mapping[str, Any], learned: Sequence[str]) -> str:
-    """The tables of an evaluation: policies, best return first, and what the trained one does against no action.
+    """The tables of an evaluation: policies, best return first, and what a trained one does against no action.
 
     Args:
         result: of `train.evaluation.summary.summarize`.
-        learned: names of the learned policies, that of the first training seed first; so below.
+        learned: names of the learned policies, that of the first training seed first, if there are any; so below.
     """
     parts = [f"{headline(result)}\n{format_rows(comparison_rows(result, learned))}"]
+    parts += [said] if (said := unseen(result, learned)) else []
     balance = balance_rows(result)
     parts += [format_rows(balance)] if len(balance[0]) > 1 else []
     if seeds := result.get("training_seeds"):
@@ -67,7 +70,38 @@ def format_table(result: Mapping[str, Any], learned: Sequence[str]) -> str:
 
 def headline(result: Mapping[str, Any]) -> str:
     """What was played."""
-    return f"{result['episodes']} whole episodes of {result['scenario']}, the same for every policy"
+    changed = [f"{name} = {shown(value)}" for name, value in result.get("overrides", {}).items()]
+    world = result["scenario"] + (f" ({', '.join(changed)})" if changed else "")
+    seed = f" of seed {result['seed']}" if "seed" in result else ""
+    return f"{result['episodes']} whole episodes of {world}{seed}, the same for every policy"
+
+
+def is_papers(result: Mapping[str, Any]) -> bool:
+    """Whether the paper's figures are of this world: its preset, as it is."""
+    return result["scenario"] == "paper" and not result.get("overrides")
+
+
+def unseen(result: Mapping[str, Any], learned: Sequence[str]) -> str:
+    """What the episodes are too few to tell, in words; empty where each difference has a sign.
+
+    It is of the differences from the baseline; where there is none, of the trained policy's from the best rule.
+    """
+    other, differences = result.get("baseline"), result.get("difference_from_baseline", {})
+    if other is None and (ours := result.get("paired_return_difference")):
+        other = next(name for name, _ in best_first(result) if name in ours)
+        differences = {learned[0]: ours[other]}
+    lines = []
+    for name, difference in differences.items():
+        low, high = difference["ci95"]
+        if low == high == 0.0:
+            each = f"each of the {result['episodes']} episodes"
+            lines.append(f"{name} returned what {other} did in {each}.")
+        elif low <= 0.0 <= high:
+            lines.append(
+                f"No difference between {name} and {other} can be seen with {result['episodes']} episodes: "
+                f"{_gain(difference)}; one of {short((high - low) / 2)} could be."
+            )
+    return "\n".join(lines)
 
 
 def format_rows(table: Table) -> str:
@@ -83,24 +117,32 @@ def format_rows(table: Table) -> str:
 
 def comparison_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
     """Return and metrics of every policy, best return first; metrics that one of them lacks are left out."""
-    shown = _in_all(COLUMNS, result)
-    rows = [["policy", "return", "95 % CI", *shown, f"{learned[0]} minus it, 95 % CI"]]
-    differences = result.get("paired_return_difference", {})
+    columns = _in_all(COLUMNS, result)
+    rows = [["policy", "return", "95 % CI", *columns]]
+    differences: Mapping[str, Any] | None = None
+    if "baseline" in result:
+        rows[0].append(f"minus {result['baseline']}, 95 % CI")
+        differences = result["difference_from_baseline"]
+    elif learned:
+        rows[0].append(f"{learned[0]} minus it, 95 % CI")
+        differences = result.get("paired_return_difference", {})
     for name, entry in best_first(result):
         cells = [name, short(entry["return_mean"]), interval(entry["return_ci95"])]
-        cells += [format(entry[metric], form) for metric, form in shown.values()]
-        rows.append([*cells, _gain(differences[name]) if name in differences else ""])
+        cells += [format(entry[metric], form) for metric, form in columns.values()]
+        if differences is not None:
+            cells.append(_gain(differences[name]) if name in differences else "")
+        rows.append(cells)
     return rows
 
 
 def balance_rows(result: Mapping[str, Any]) -> Table:
     """What each policy saves, gives and costs, best return first."""
-    shown = _in_all(BALANCE, result)
+    columns = _in_all(BALANCE, result)
     rows = [
-        [name, *(format(entry[metric], form) for metric, form in shown.values())]
+        [name, *(format(entry[metric], form) for metric, form in columns.values())]
         for name, entry in best_first(result)
     ]
-    return [["policy", *shown], *rows]
+    return [["policy", *columns], *rows]
 
 
 def _in_all(columns: Mapping[str, tuple[str, str]], result: Mapping[str, Any]) -> dict[str, Any]:
@@ -114,7 +156,7 @@ def _in_all(columns: Mapping[str, tuple[str, str]], result: Mapping[str, Any]) -
 
 
 def paper_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
-    """Table 2 of the paper, and the same numbers of every policy here; best return first."""
+    """Table 2 of the paper, in its own world, and the same numbers of every policy here; best return first."""
     rows = [["policy", "paper, mean (std)", "here, mean (std)", "95 % CI of the mean"]]
     for name, entry in best_first(result):
         theirs = PAPER_TABLE_2.get(name)
@@ -124,11 +166,11 @@ def paper_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
     if seeds := result.get("training_seeds"):
         what = f"{learned[0]}, interquartile mean of {len(seeds['return_means'])} seeds"
         rows.append([what, "-", short(seeds["interquartile_mean"]), interval(seeds["ci95"])])
-    return rows
+    return rows if is_papers(result) else [[row[0], *row[2:]] for row in rows]
 
 
 def claim_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
-    """What the paper claims of its policy against no action, and what the trained one does here."""
+    """What the trained policy does against no action, and in the paper's world what the paper claims of its own."""
     rows = [["against no action", "paper", f"{learned[0]} here, 95 % CI"]]
     ours = [result["policies"][name] for name in learned]
     for heading, (metric, form) in COLUMNS.items():
@@ -142,7 +184,7 @@ def claim_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
         elif all(metric in entry for entry in ours):
             mean = fmean(entry[metric] for entry in ours)
             rows.append([heading, format(PAPER_MEDS, ".0f"), format(mean, form)])
-    return rows
+    return rows if is_papers(result) else [[row[0], row[2]] for row in rows]
 
 
 def _gain(difference: Mapping[str, Any]) -> str:

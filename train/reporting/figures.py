@@ -103,23 +103,31 @@ def _returns(row: Row) -> list[float | None]:
     return row["per_seed"][MAIN] if "per_seed" in row else [row.get(MAIN)]
 
 
-def plot_comparison(path: Path, scores: Mapping[str, Mapping[str, np.ndarray]], seed: int) -> None:
+def plot_comparison(
+    path: Path, scores: Mapping[str, Mapping[str, np.ndarray]], seed: int, papers: bool
+) -> None:
     """Draws Figure 8: a panel a metric, a bar a policy, with the 95 % intervals of the means and the paper's claims.
 
-    The scores are of `medjax.episodes.scores.evaluate_policies`, the seed of the bootstrap.
+    Args:
+        path: file to write.
+        scores: of `medjax.episodes.scores.evaluate_policies`.
+        seed: of the bootstrap.
+        papers: they are of the world that the claims are of; only then these are drawn.
     """
     names = sorted(scores, key=lambda name: scores[name]["return"].mean())  # the best on top
     figure = new_figure(11, 2 + 0.45 * len(names))
     panels, forms = figure.subplots(2, 2, sharey=True), dict(COLUMNS.values())
     for axes, (metric, title) in zip(panels.flat, PANELS.items(), strict=True):
-        claim, wording = PAPER_MEDS, f"{PAPER_MEDS:.0f}"
-        if metric in PAPER_CLAIMS:
-            claim = PAPER_CLAIMS[metric] * scores["none"][metric].mean()
-            wording = f"none {PAPER_CLAIMS[metric] - 1:+.0%}"
-        axes.axvline(claim, color="black", ls="--", lw=1.2)
         highest = _bars(axes, {name: scores[name][metric] for name in names}, forms[metric], seed)
-        axes.set_xlim(0, 1.18 * max(highest, claim))
-        axes.set_title(f"{title}; dashed: the paper's claim, {wording}", fontsize="medium")
+        if papers and (metric not in PAPER_CLAIMS or "none" in scores):
+            claim, wording = PAPER_MEDS, f"{PAPER_MEDS:.0f}"
+            if metric in PAPER_CLAIMS:
+                claim = PAPER_CLAIMS[metric] * scores["none"][metric].mean()
+                wording = f"none {PAPER_CLAIMS[metric] - 1:+.0%}"
+            axes.axvline(claim, color="black", ls="--", lw=1.2)
+            title, highest = f"{title}; dashed: the paper's claim, {wording}", max(highest, claim)
+        axes.set_xlim(0, 1.18 * highest if highest > 0.0 else 1.0)
+        axes.set_title(title, fontsize="medium")
         axes.grid(axis="x", alpha=0.3)
     save(figure, path)
 

@@ -23,8 +23,10 @@ from train.evaluation.tables import (
     comparison_rows,
     format_rows,
     headline,
+    is_papers,
     paper_rows,
     short,
+    unseen,
 )
 from train.reporting.diagrams import plot_dispatch, plot_episode
 from train.reporting.figures import plot_comparison, plot_curve, plot_exit_soc, plot_soc
@@ -73,7 +75,7 @@ def play(
         surveys.append(survey(trace))
         done = sum(int(part.episodes) for part in surveys)
         print(f"recorded {done} of {episodes} episodes", flush=True)
-    result = summarize(scores, config.scenario, learned_names(scores), seed)
+    result = summarize(scores, config.scenario, learned_names(scores), seed, config.overrides)
     return Played(env, params, seed, scores, result, list(recorded), total(surveys), first)
 
 
@@ -85,7 +87,7 @@ def draw(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
     returns = {name: entry["return_mean"] for name, entry in played.result["policies"].items()}
     rules = {name: value for name, value in returns.items() if name in BASELINES}
     plot_curve(path["training_curve"], read_rows(run_dir.metrics), config, rules)
-    plot_comparison(path["comparison"], played.scores, played.seed)
+    plot_comparison(path["comparison"], played.scores, played.seed, is_papers(played.result))
     ours = config.algorithm
     title = f"{ours}, first episode of seed {played.seed}, return {short(float(played.first.reward.sum()))}"
     plot_episode(path["time_space"], played.first, road, decision_s, title)
@@ -110,7 +112,7 @@ def write(run_dir: RunDir, config: TrainConfig, played: Played, stochastic: bool
     write_page(
         run_dir.report / "report.html",
         f"Report of {run_dir.path.resolve().name}",
-        f"{title}, of seed {played.seed}. The trained policy, {config.algorithm}, {acting}. Intervals are of means, "
+        f"{title}. The trained policy, {config.algorithm}, {acting}. Intervals are of means, "
         "by the bootstrap over episodes.",
         parts,
     )
@@ -124,6 +126,7 @@ def sections(run_dir: RunDir, config: TrainConfig, played: Played) -> list[Secti
     """The page's parts, with the figures that `draw` drew."""
     result, learned = played.result, learned_names(played.scores)
     path = _pictures(run_dir)
+    theirs = "; the paper's are of ten" if is_papers(result) else ""
     return [
         Section(
             "Figure 7: the training curve",
@@ -134,13 +137,13 @@ def sections(run_dir: RunDir, config: TrainConfig, played: Played) -> list[Secti
         ),
         Section(
             "Table 2: reward of an episode",
-            "Mean and standard deviation over episodes; the paper's are of ten.",
+            f"Mean and standard deviation over episodes{theirs}.",
             tables=[paper_rows(result, learned)],
         ),
         Section(
             "Figure 8: comparison of the policies",
             "EVs that run out, the distance that an EV covers on the road, the mean charge of the EVs on it, and the "
-            "MEDs sent. Bars: means; whiskers: 95 % intervals.",
+            f"MEDs sent. Bars: means; whiskers: 95 % intervals. {unseen(result, learned)}",
             tables=[claim_rows(result, learned), comparison_rows(result, learned)],
             pictures=[path["comparison"]],
         ),

@@ -4,7 +4,7 @@ import argparse
 import dataclasses
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -52,13 +52,15 @@ class Processes:
 
 @dataclasses.dataclass(frozen=True)
 class Request:
-    """What the command line asks for."""
+    """What the command line, or `train.api.train`, asks for."""
 
     config: TrainConfig
     run_dir: Path | None  # None: an unused one under runs/
     resume: Path | None  # run to go on with
-    processes: Processes
-    quiet: bool  # nothing is said on the way
+    processes: Processes = Processes()
+    quiet: bool = False  # nothing is said on the way
+    given: tuple[Any, Any] | None = None  # environment and numbers; None: those of the settings
+    callback: Callable[[dict[str, Any]], object] | None = None  # gets each update's row
 
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):

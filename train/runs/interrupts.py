@@ -1,10 +1,24 @@
-"""Signals that ask a run to end."""
+"""Signals that ask a run to end, and how one ends before it is done."""
 
 import contextlib
 import dataclasses
 import signal
+import threading
 from collections.abc import Iterator
 from typing import Any
+
+
+class StoppedError(RuntimeError):
+    """A run that ended before it was done; the message says why, and what is left.
+
+    Attributes:
+        code: exit code of the command: 1, or 128 + signal.
+        alone: other processes of the run do not know.
+    """
+
+    def __init__(self, code: int, why: str, alone: bool = True) -> None:
+        super().__init__(why)
+        self.code, self.alone = code, alone
 
 
 @dataclasses.dataclass
@@ -16,8 +30,14 @@ class Interrupt:
 
 @contextlib.contextmanager
 def deferred_interrupts() -> Iterator[Interrupt]:
-    """Within it SIGINT and SIGTERM only leave a note; a second one ends the process as usual."""
+    """Within it SIGINT and SIGTERM only leave a note; a second one ends the process as usual.
+
+    Python hears signals in its main thread alone: in another, nothing changes.
+    """
     noted = Interrupt()
+    if threading.current_thread() is not threading.main_thread():
+        yield noted
+        return
     previous: dict[int, Any] = {}
 
     def note(number: int, frame: Any) -> None:

@@ -26,23 +26,25 @@ def open_session(request: Request) -> Session:
     join(request.processes)
     new = request.run_dir if is_first() else None
     together(lambda: check_unused(new) if new is not None else None)
-    env, params = make_environment(config)
+    env, params = request.given or make_environment(config)
     programs = make_train(env, params, config)
     shapes = shapes_of(programs, params, config)
     taken = together(lambda: _take(request, shapes))
     quiet = request.quiet or not is_first()
-    return Session(env, params, config, programs, shapes, request.resume is not None, *taken, quiet)
+    resumed = request.resume is not None
+    begun = env, params, config, programs, shapes, resumed, *taken
+    return Session(*begun, quiet, request.callback)
 
 
 def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None, TrainState | None]:
     """The directory, its lock and the checkpoint in it to go on from; only the first process locks and writes."""
-    config = request.config
+    config, own = request.config, request.given is not None
     if request.resume is None:
         if not is_first():
-            return RunDir(request.run_dir or Path()), None, None
-        run_dir = RunDir(request.run_dir or new_run_dir(config.scenario))
+            return RunDir(request.run_dir or Path(), own), None, None
+        run_dir = RunDir(request.run_dir or new_run_dir(config.scenario), own)
         return run_dir, run_dir.claim(config), None
-    run_dir, checkpoints = RunDir(request.resume), Checkpoints(request.resume)
+    run_dir, checkpoints = RunDir(request.resume, own), Checkpoints(request.resume)
     lock = run_dir.lock() if is_first() else None
     saved = checkpoints.restore(shapes) if checkpoints.latest() is not None else None
     done = updates_done(saved) if saved is not None else 0

@@ -10,7 +10,7 @@ from jax import export
 from medjax.errors import InputError
 from medjax.numerics.devices import prepare_cpu
 from medjax.policies.policy import Policy
-from medjax.policies.saved import about_of, save_policy
+from medjax.policies.saved import about_of, about_of_own, save_policy
 from medjax.policies.team import rules_of
 from train.algorithms.environments import make_environment
 from train.algorithms.networks import PolicyWeights, apply_policy
@@ -89,24 +89,31 @@ def load_policies(
 
 
 def export_policy(
-    path: Path, env: Any, params: Any, config: TrainConfig, weights: PolicyWeights
+    path: Path,
+    env: Any,
+    params: Any,
+    config: TrainConfig,
+    weights: PolicyWeights,
+    given: bool = False,
 ) -> None:
     """Writes the trained policy as one file, for `medjax.policies.saved.load_policy`.
 
     Args:
         path: file to write, replaced.
-        env: a single environment of the run, as `medjax.make` gave it.
+        env: a single environment of the run.
         params: its parameters.
         config: settings of the run.
         weights: of the run; of several seeds the first is taken.
+        given: the environment is one of somebody's own, and the file does not say what it is.
 
     Raises:
-        InputError: the file could not name the environment.
+        InputError: the file could not name the environment, and was to.
         OSError: it cannot be written.
     """
     by_rule = config.agents != "none" and config.dispatcher != "agents"
     dispatcher = config.dispatcher if by_rule else ""
-    about = about_of(env, params, config.decide_every, config.algorithm, dispatcher)
+    how = config.decide_every, config.algorithm, dispatcher
+    about = about_of_own(env, *how) if given else about_of(env, params, *how)
     network = algorithm_of(config).build_network(env, config)
     own = jax.device_get(weights_by_name(config, weights)[config.algorithm])
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from medjax.episodes.scores import Evaluation
 from train.algorithms.networks import PolicyWeights
+from train.evaluation.comparison import Comparison
 from train.evaluation.summary import learned_names, summarize
-from train.evaluation.tables import format_table
 from train.reporting.figures import plot_curve
 from train.runs.logs import Row, final_return
 from train.runs.policies import all_policies, export_policy, weights_by_name
@@ -34,6 +34,7 @@ class Trained:
     wall_s: float  # to the end of training, with compilation and resumed runs, without imports
     compile_s: float  # of this process, as the next
     train_s: float
+    played: Comparison | None = None  # the closing evaluation
 
 
 def prepare_evaluation(
@@ -44,11 +45,18 @@ def prepare_evaluation(
     return Evaluation(env, params, all_policies(env, config, weights), config.eval_episodes)
 
 
-def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> None:
-    """Exports the policy, evaluates it if there is a `prepare_evaluation`, draws the curve, writes summary.json."""
+def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> Comparison | None:
+    """Exports the policy, evaluates it if there is a `prepare_evaluation`, draws the curve, writes summary.json.
+
+    Returns:
+        The evaluation.
+    """
     started = time.perf_counter()
-    export_policy(run.run_dir.policy, run.env, run.params, run.config, run.weights)
-    returns = _evaluate(run, evaluation) if evaluation is not None else {}
+    learned = run.env, run.params, run.config, run.weights
+    export_policy(run.run_dir.policy, *learned, given=run.run_dir.given)
+    played = _evaluate(run, evaluation) if evaluation is not None else None
+    entries = played.result["policies"] if played is not None else {}
+    returns = {name: entry["return_mean"] for name, entry in entries.items()}
     _draw_curve(run, returns)
     summary = _summary(run, returns) | {"evaluation_s": round(time.perf_counter() - started, 3)}
     write_json(run.run_dir.summary, summary)
@@ -58,19 +66,21 @@ def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> None:
         f" {speed:.0f} decisions/s while training. Results: {run.run_dir.path}",
         flush=True,
     )
+    return played
 
 
-def _evaluate(run: Trained, evaluation: Future[Evaluation]) -> dict[str, float]:
-    """Plays the closing evaluation, writes and prints it. Returns the mean returns by policy."""
+def _evaluate(run: Trained, evaluation: Future[Evaluation]) -> Comparison:
+    """Plays the closing evaluation, writes and prints it."""
     config, policies = run.config, all_policies(run.env, run.config, run.weights)
     episodes = config.eval_episodes
     print(f"evaluating {len(policies)} policies on {episodes} episodes each", flush=True)
     scores = evaluation.result().play(policies, config.seed)
     learned = learned_names(scores)
-    result = summarize(scores, config.scenario, learned, config.seed)
+    result = summarize(scores, config.scenario, learned, config.seed, config.overrides)
     write_json(run.run_dir.evaluation, result)
-    print(format_table(result, learned), flush=True)
-    return {name: entry["return_mean"] for name, entry in result["policies"].items()}
+    played = Comparison(result, scores, learned)
+    print(played, flush=True)
+    return played
 
 
 def _draw_curve(run: Trained, returns: dict[str, float]) -> None:

@@ -15,17 +15,22 @@ from typing import IO, Any
 from medjax.errors import InputError
 from medjax.files import check_writable, replacing
 from train.algorithms.settings import SETTINGS
-from train.settings import TrainConfig, load_config, to_json
+from train.settings import GIVEN, TrainConfig, load_config, to_json
 
 PACKAGES = ("medjax", "jax", "jaxlib", "flax", "optax", "distrax", "numpy")
 LOCK = ".lock"
 
 
 class RunDir:
-    """The directory of a run, and the paths of what is in it."""
+    """The directory of a run, and the paths of what is in it.
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    Args:
+        path: of the directory.
+        given: its environment is given by `train.api`, and is not what the settings name.
+    """
+
+    def __init__(self, path: Path, given: bool = False) -> None:
+        self.path, self.given = path, given
         self.config = path / "config.json"  # settings and versions
         self.metrics = path / "metrics.jsonl"  # a line of JSON an update
         self.summary = path / "summary.json"  # what came out
@@ -42,13 +47,14 @@ class RunDir:
             kinds: of settings that are allowed; those of every algorithm if none is given.
 
         Raises:
-            InputError: this is no directory of a run, or its settings cannot be read.
+            InputError: this is no directory of a run, its settings cannot be read, or they do not say what its
+                environment was.
         """
         if not self.path.is_dir():
             raise InputError(
                 f"run {self.path} is not a directory, allowed: one that train.ppo wrote"
             )
-        return load_config(self.config, *(kinds or SETTINGS))
+        return load_config(self.config, *(kinds or SETTINGS), given=self.given)
 
     def claim(self, config: TrainConfig) -> IO[str]:
         """Makes the directory, writes the settings into it and returns its `lock`.
@@ -99,14 +105,15 @@ class RunDir:
         """
         with _writing(self.path):
             check_writable(self.path)
-            if load_config(self.config, type(config)) != config:
+            if self.load_config(type(config)) != config:
                 before = self.config.read_text(encoding="utf-8")
                 write_text(self.path / f"config-until-{update}.json", before)
                 self._save_config(config)
 
     def _save_config(self, config: TrainConfig) -> None:
         """Writes the settings, and the versions of what ran them."""
-        data = {"config": to_json(config), "versions": versions()}
+        environment = {"environment": GIVEN} if self.given else {}
+        data = {"config": to_json(config), **environment, "versions": versions()}
         write_text(self.config, json.dumps(data, indent=2) + "\n")
 
 

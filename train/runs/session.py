@@ -5,6 +5,7 @@ import dataclasses
 import signal
 import sys
 import time
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import IO, Any
 
@@ -12,12 +13,13 @@ import jax
 import jax.numpy as jnp
 
 from medjax.episodes.scores import Evaluation
+from medjax.errors import one_line
 from train.algorithms.algorithm import TrainState
 from train.algorithms.finite import BAD, finite_updates
 from train.algorithms.programs import Programs
 from train.runs.checkpoint import Checkpoints, to_devices, to_host, updates_done
 from train.runs.compilation import enable_compilation_cache
-from train.runs.interrupts import Interrupt, deferred_interrupts
+from train.runs.interrupts import Interrupt, StoppedError, deferred_interrupts
 from train.runs.logs import MetricsLog, Progress, Row, rows_from
 from train.runs.processes import agree, is_first, leave
 from train.runs.results import Trained, prepare_evaluation, write_results
@@ -31,7 +33,7 @@ SECONDS_PER_CALL = 1.0  # of the compiled program: how often the bar moves and C
 
 @dataclasses.dataclass
 class Session:
-    """One run, from `train.runs.open_session` to its exit code."""
+    """One run, from `train.runs.open_session` to its end."""
 
     env: Any  # a single environment
     params: Any  # its parameters
@@ -43,6 +45,7 @@ class Session:
     lock: IO[str] | None  # keeps other runs out while it is open; only the first process has it
     saved: TrainState | None  # checkpoint to go on from, on the host; None: from the start
     quiet: bool = False  # says nothing on the way
+    callback: Callable[[Row], object] | None = None  # gets each update's row once it is written
 
     def __post_init__(self) -> None:
         """Starts the clock."""
@@ -54,24 +57,38 @@ class Session:
         self.evaluation: Future[Evaluation] | None = None
 
     def run(self) -> int:
-        """Trains, saves and evaluates. Returns the exit code."""
+        """`train` as a command: says on stderr what ended it early. Returns the exit code."""
         try:
-            return self._run()
+            self.train()
+        except StoppedError as stopped:
+            if stopped.code == 1 or is_first():
+                print(stopped, file=sys.stderr)
+            return leave(stopped.code) if stopped.alone else stopped.code
+        return 0
+
+    def train(self) -> Trained:
+        """Trains, saves and evaluates.
+
+        Raises:
+            StoppedError: it ended early, by a signal, a number that is not finite, or a disk.
+        """
+        try:
+            return self._train()
         except KeyboardInterrupt:
-            return leave(_interrupted(signal.SIGINT, f"at once; {self._newest()}"))
+            raise _interrupted(signal.SIGINT, f"at once; {self._newest()}") from None
         except OSError as error:
             reason = error.strerror or error
-            return leave(self._stopped(f"cannot write {self.run_dir.path}: {reason}"))
+            raise self._stopped(f"cannot write {self.run_dir.path}: {reason}") from error
         except jax.errors.JaxRuntimeError as error:
             if jax.process_count() == 1:
                 raise
             reason = str(error).partition("\n")[0][:100]
-            return leave(self._stopped(f"another process ended ({reason})"))
+            raise self._stopped(f"another process ended ({reason})") from error
         finally:
             if self.lock is not None:
                 self.lock.close()
 
-    def _run(self) -> int:
+    def _train(self) -> Trained:
         enable_compilation_cache()
         self._announce()
         try:
@@ -81,7 +98,8 @@ class Session:
             if self.resumed:
                 raise
             self.run_dir.release()
-            return leave(_interrupted(signal.SIGINT, "before the first update, nothing is left"))
+            what = "before the first update, nothing is left"
+            raise _interrupted(signal.SIGINT, what) from None
         log = MetricsLog(self.run_dir, self.done) if is_first() else None
         rows = log.rows if log else []
         self.earlier_s = rows[-1]["wall_s"] if rows else 0.0
@@ -94,38 +112,46 @@ class Session:
             if log:
                 log.close()
         if bad:
-            return self._stopped(bad)
+            raise self._stopped(bad, alone=False)
         return self._close(state, rows, interrupt.number)
 
-    def _close(self, state: TrainState, rows: list[Row], stopped_by: int | None) -> int:
-        """Evaluates and reports; a run that was stopped is only reported. Returns the exit code."""
+    def _close(self, state: TrainState, rows: list[Row], stopped_by: int | None) -> Trained:
+        """Evaluates and reports; a run that was stopped is only reported."""
         wall_s = self.earlier_s + time.perf_counter() - self.began
         plain = to_host(state)
+        ended = Trained(
+            env=self.env,
+            params=self.params,
+            config=self.config,
+            run_dir=self.run_dir,
+            weights=plain.weights,
+            rows=rows,
+            updates=updates_done(plain),
+            new_updates=updates_done(plain) - self.done,
+            wall_s=wall_s,
+            compile_s=self.compile_s,
+            train_s=self.train_s,
+        )
         if is_first():
-            ended = Trained(
-                env=self.env,
-                params=self.params,
-                config=self.config,
-                run_dir=self.run_dir,
-                weights=plain.weights,
-                rows=rows,
-                updates=updates_done(plain),
-                new_updates=updates_done(plain) - self.done,
-                wall_s=wall_s,
-                compile_s=self.compile_s,
-                train_s=self.train_s,
-            )
             try:
-                write_results(ended, self.evaluation if stopped_by is None else None)
+                played = write_results(ended, self.evaluation if stopped_by is None else None)
+                ended = dataclasses.replace(ended, played=played)
             except KeyboardInterrupt:
                 write_results(ended, None)
-                again = f"evaluate with: python -m train.evaluate --run-dir {self.run_dir.path}"
-                return leave(_interrupted(signal.SIGINT, f"after the last update; {again}"))
-        if stopped_by is None:
-            return 0
-        again = f"python -m train.{self.config.algorithm} --resume {self.run_dir.path}"
-        what = f"after update {updates_done(plain)}, saved; go on with: {again}"
-        return _interrupted(stopped_by, what)
+                what = f"after the last update; evaluate with: {self._again('evaluate --run-dir')}"
+                raise _interrupted(signal.SIGINT, what) from None
+        if stopped_by is not None:
+            go_on = self._again(f"{self.config.algorithm} --resume")
+            what = f"after update {updates_done(plain)}, saved; go on with: {go_on}"
+            raise _interrupted(stopped_by, what, alone=False)
+        return ended
+
+    def _again(self, command: str) -> str:
+        """What to type, or to call, to do more with this run."""
+        path = self.run_dir.path
+        if self.run_dir.given:
+            return f'train.api, with the same environment and "{path}"'
+        return f"python -m train.{command} {path}"
 
     def _announce(self) -> None:
         if not is_first():
@@ -213,6 +239,7 @@ class Session:
             if log:
                 log.write(rows)
             progress.show(rows)
+            self._tell(rows)
             if bad:
                 return state, bad
             if config.checkpoint_interval and done % config.checkpoint_interval == 0:
@@ -240,12 +267,19 @@ class Session:
             return f"the newest checkpoint is of update {update}"
         return "there is no checkpoint"
 
-    def _stopped(self, what: str) -> int:
-        print(f"{what}: stopped; {self._newest()}", file=sys.stderr)
-        return 1
+    def _tell(self, rows: list[Row]) -> None:
+        """Hands rows to the callback; an OSError of it, such as a network's, is not that of a disk."""
+        if self.callback is None or not is_first():
+            return
+        for row in rows:
+            try:
+                self.callback(dict(row))
+            except OSError as error:
+                raise RuntimeError(f"the callback failed: {one_line(str(error))}") from error
+
+    def _stopped(self, what: str, alone: bool = True) -> StoppedError:
+        return StoppedError(1, f"{what}: stopped; {self._newest()}", alone)
 
 
-def _interrupted(number: int, what: str) -> int:
-    if is_first():
-        print(f"interrupted {what}", file=sys.stderr)
-    return 128 + number
+def _interrupted(number: int, what: str, alone: bool = True) -> StoppedError:
+    return StoppedError(128 + number, f"interrupted {what}", alone)

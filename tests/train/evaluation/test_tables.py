@@ -31,6 +31,7 @@ def test_tables_of_several_training_seeds():
     seeds = {"return_means": [1.0, 3.0], "interquartile_mean": 2.0, "ci95": [1.0, 3.0]}
     change = {"mean": -0.5, "ci95": [-0.625, -0.375]}
     result = {
+        "scenario": "paper",
         "policies": {
             "ppo": entry | {"meds_dispatched": 2.0},
             "none": entry | {"return_mean": -7.0},
@@ -47,3 +48,41 @@ def test_tables_of_several_training_seeds():
     assert claims["depleted share"] == ["-50%", "-50.0% [-62.5%, -37.5%]"]
     assert claims["mean SoC"] == ["+20%", "-"]
     assert claims["MEDs sent"] == ["15", "3.00"]
+    for other in (
+        {"scenario": "long"},
+        {"overrides": {"num_evs": 4}},
+    ):  # worlds that it says nothing of
+        claims = {row[0]: row[1:] for row in claim_rows(result | other, learned)}
+        assert claims["depleted share"] == ["-50.0% [-62.5%, -37.5%]"]
+
+
+def test_what_the_episodes_are_too_few_to_tell():
+    """Of the baseline, or of the learned policy and the best rule; nothing where each difference has a sign."""
+    entry = {"return_mean": 1.0, "return_ci95": [0.5, 1.5]}
+    policies = {
+        "ppo": entry,
+        "slow": entry | {"return_mean": -1.0},
+        "none": entry | {"return_mean": -7.0},
+    }
+    result = {"episodes": 64, "scenario": "paper", "policies": policies, "seed": 3}
+    result["overrides"] = {"num_evs": 4}
+    gains = {
+        "slow": {"mean": 1.8, "ci95": [-15.0, 19.0]},
+        "none": {"mean": 8.0, "ci95": [7.0, 9.0]},
+    }
+    trained = format_table(result | {"paired_return_difference": gains}, ["ppo"])
+    assert trained.startswith("64 whole episodes of paper (num_evs = 4) of seed 3, the same for")
+    said = "between ppo and slow can be seen with 64 episodes: 1.800 [-15.00, 19.00]; one of 17.00 could be"
+    assert said in trained
+    compared = {
+        "baseline": "none",
+        "difference_from_baseline": {"ppo": gains["none"], "slow": gains["slow"]},
+    }
+    table = format_table(result | compared, [])
+    assert "between slow and none" in table
+    assert "ppo and" not in table
+    same = {"mean": 0.0, "ci95": [0.0, 0.0]}
+    compared["difference_from_baseline"] = {"slow": same}
+    assert "slow returned what none did in each of the 64 episodes" in format_table(
+        result | compared, []
+    )

@@ -114,7 +114,7 @@ def test_help_lists_every_setting(capsys):
         (["--run-dir=.", "--plot=absent/x.png"], ["absent/x.png", "can be written"]),
         (["--run-dir=.", "--json=."], ["is a directory", "allowed a file"]),
         (["--run-dir=."], ["config.json", "cannot read"]),
-        (["--run-dir=.", "--policies=all"], ["--policies"]),
+        (["--run-dir=.", "--only=all"], ["--only"]),
     ],
 )
 def test_bad_options_of_evaluate(probe, capsys, argv, words):

@@ -216,9 +216,21 @@ def test_evaluate_command(probe, capsys):
     assert entry["decisions"] == 5.0
     assert set(result["paired_return_difference"]) == {"none", "random"}
     assert len(result["training_seeds"]["return_means"]) == 2
-    capsys.readouterr()
+    assert (result["overrides"], result["seed"]) == ({}, 0)
+    some = ["--policies=ppo,random", "--baseline=none", "--set", "episode_decisions=3"]
+    assert evaluate.main([*argv, *some]) == 0
+    some = json.loads((probe / "out.json").read_text())
+    assert set(some["policies"]) == {"ppo", "random", "none"}
+    assert set(some["difference_from_baseline"]) == {"ppo", "random"}
+    means = {name: entry["return_mean"] for name, entry in some["policies"].items()}
+    gain = some["difference_from_baseline"]["random"]["mean"]
+    assert gain == pytest.approx(means["random"] - means["none"])
+    assert some["overrides"] == {"episode_decisions": 3}
     assert evaluate.main([*argv, "--stochastic", "--set", "episode_decisions=3", "--seed=4"]) == 0
     assert json.loads((probe / "out.json").read_text())["policies"]["none"]["decisions"] == 3.0
     assert "5 whole episodes of noisy" in capsys.readouterr().out
     refused(capsys, [*argv, "--scenario=nowhere"], "nowhere", command=evaluate)
     refused(capsys, [*argv, "--set", "x=1"], "'x'", command=evaluate)
+    for option in ("policies", "baseline"):
+        said = f"--{option} 'all': allowed ppo, ppo_seed2, none, random"
+        refused(capsys, [*argv, f"--{option}=all"], said, command=evaluate)

@@ -1,0 +1,64 @@
+"""Whatever somebody has to act with, as a policy of an environment."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from medjax.commandline import read_object
+from medjax.errors import InputError, shown
+from medjax.policies.policy import Choice, Policy
+from medjax.policies.saved import ExportedPolicy, load_policy
+from medjax.policies.team import rules_of
+
+
+def as_policy(env: Any, given: Any) -> Policy:
+    """A policy of an environment.
+
+    Args:
+      env: a single environment.
+      given: a `Policy`; one that was read from a file (`load_policy`), or the file's path; the name of a rule;
+        `"module:name"` of what builds a policy of an environment, as those of `medjax.BASELINES` do; or a function
+        `act(key, obs, state, params)` that gives an action, () int32, or a `Choice`.
+
+    Raises:
+      InputError: it is none of them, or does not fit the environment.
+    """
+    if isinstance(given, Policy):
+        return given
+    if isinstance(given, ExportedPolicy):
+        return given.policy(env)
+    if isinstance(given, str | Path):
+        return _named(env, str(given))
+    if callable(given):
+        return _of_function(given, env.num_actions)
+    raise InputError(f"policy is {shown(given)}, allowed: a policy, a rule's name, or a function")
+
+
+def _named(env: Any, text: str) -> Policy:
+    """A rule, what builds one, or a file."""
+    rules = rules_of(env)
+    if text in rules:
+        return rules[text]
+    if text.endswith(".zip"):
+        return load_policy(text).policy(env)
+    if ":" in text:
+        return as_policy(env, read_object("policy", text)(env))
+    allowed = f"{', '.join(rules) or 'no rule here'}; module:function; or a file that ends in .zip"
+    raise InputError(f"unknown policy {shown(text)}: allowed {allowed}")
+
+
+def _of_function(act: Callable[..., Any], num_actions: int) -> Policy:
+    """A function that gives actions, as a policy; it has no weights."""
+
+    def choose(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
+        """Its choice, or its action as one."""
+        chosen = act(key, obs, state, params)
+        if isinstance(chosen, Choice):
+            return chosen
+        action = jnp.asarray(chosen, jnp.int32)
+        return Choice(action, jax.nn.one_hot(action, num_actions))
+
+    return Policy(choose)

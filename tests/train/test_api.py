@@ -1,0 +1,158 @@
+"""Training and evaluation from Python: what the commands do, in environments that they cannot name too."""
+
+import dataclasses
+import json
+import math
+import signal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from medjax.errors import InputError
+from medjax.policies.saved import load_policy
+from tests.train.conftest import TINY, refused
+from tests.train.probe_envs import Probe, ProbeParams
+from tests.train.runs.test_session import assert_same_run, rows_of
+from train import evaluate as evaluate_command
+from train import export, ppo
+from train.algorithms.ppo.settings import PPOConfig
+from train.api import StoppedError, evaluate, train
+from train.runs.arguments import parse_request
+from train.runs.logs import read_rows
+
+
+@pytest.fixture
+def config():
+    """The settings of `TINY`, as Python gives them."""
+    return parse_request(PPOConfig, TINY).config
+
+
+@dataclasses.dataclass(frozen=True)
+class Generous(Probe):
+    """A noisy probe of somebody's own, which no settings can name: every step pays 10 more."""
+
+    def step_env(self, key, state, action, params):
+        obs, state, reward, *rest = super().step_env(key, state, action, params)
+        return obs, state, reward + 10.0 * params.reward, *rest
+
+
+OWN = Generous("noisy")
+
+
+def test_five_lines_are_the_command(probe, config):
+    """Bit for bit, with all its files; the callback and the result have the rows, without padding or NaN."""
+    heard = []
+    ours = train("noisy", config=config, run_dir="ours", callback=heard.append)
+    assert ppo.main([*TINY, "--run-dir=theirs"]) == 0
+    assert_same_run(probe / "ours", probe / "theirs")
+    names = [{path.name for path in (probe / name).iterdir()} for name in ("ours", "theirs")]
+    assert names[0] == names[1] >= {"config.json", "policy.zip", "evaluation.json", "plots"}
+    assert heard == ours.rows == read_rows(probe / "ours" / "metrics.jsonl")
+    assert [row["update"] for row in ours.rows] == [1, 2, 3, 4, 5, 6]
+    numbers = [value for row in heard for value in row.values() if value is not None]
+    assert all(map(math.isfinite, numbers))
+    assert ours.run_dir == (probe / "ours").relative_to(probe)
+    assert ours.evaluation.result == json.loads((probe / "theirs/evaluation.json").read_text())
+    obs, state = ours.env.reset(jax.random.key(0), ours.params)
+    assert ours.policy(jax.random.key(1), obs, state, ours.params).action in (0, 1)
+
+
+def test_an_environment_of_ones_own(probe, config, capsys):
+    """Its run says what it is: the commands refuse it in a line, Python goes on with it, its policy plays in it."""
+    ours = train(OWN, ProbeParams(), config, run_dir="mine")
+    assert "3 whole episodes of noisy-own of seed 0" in capsys.readouterr().out
+    assert ours.evaluation.result["policies"]["none"]["return_mean"] > 50.0
+    whose = ("given from Python", "train.api")
+    refused(capsys, ["--resume=mine", "--total-timesteps=128"], *whose)
+    refused(capsys, ["--config=mine/config.json"], *whose)
+    refused(capsys, ["--run-dir=mine", "--episodes=3"], *whose, command=evaluate_command)
+    refused(capsys, ["--run-dir=mine"], *whose, command=export)
+    saved = load_policy("mine/policy.zip")
+    with pytest.raises(InputError, match="somebody's own"):
+        saved.make()
+    played = evaluate(OWN, ProbeParams(), {"saved": saved, "ours": ours.policy}, episodes=3)
+    np.testing.assert_array_equal(*(scores["return"] for scores in played.scores.values()))
+    more = dataclasses.replace(config, total_timesteps=128, eval_episodes=0)
+    again = train(OWN, ProbeParams(), more, resume="mine", quiet=True)
+    assert len(again.rows) == len(rows_of(probe / "mine")) == 8
+    assert again.evaluation is None
+
+
+def test_what_settings_can_name_is_named(probe, config):
+    """An environment as `make` gives it leaves a run that the commands take."""
+    from tests.train.conftest import make_probe
+
+    env, params = make_probe("noisy", observation="profile", episode_decisions=7)
+    train(env, params, dataclasses.replace(config, eval_episodes=0), run_dir="named", quiet=True)
+    saved = json.loads((probe / "named/config.json").read_text())
+    assert saved["config"]["overrides"] == {"episode_decisions": 7}
+    assert "environment" not in saved
+    assert evaluate_command.main(["--run-dir=named", "--episodes=3"]) == 0
+
+
+def test_paired_differences_from_any_policy(probe):
+    """Of a function and of rules, from one that is named; as rows, as episodes and as the command's table."""
+
+    def mine(key, obs, state, params):
+        return jnp.int32(1)
+
+    played = evaluate(
+        "noisy", None, {"mine": mine, "random": "random"}, baseline="none", episodes=5
+    )
+    gains = {
+        name: score["return"] - played.scores["none"]["return"]
+        for name, score in played.scores.items()
+    }
+    np.testing.assert_allclose(gains["mine"], 5.0, rtol=1e-5)  # one more in each of five decisions
+    rows = {row["policy"]: row for row in played.rows()}
+    assert rows["mine"]["minus_none"] == pytest.approx(5.0, rel=1e-5)
+    assert rows["random"]["minus_none"] == pytest.approx(gains["random"].mean())
+    low, high = (rows["random"][f"minus_none_ci95_{end}"] for end in ("low", "high"))
+    assert low <= rows["random"]["minus_none"] <= high
+    assert "minus_none" not in rows["none"]
+    assert all(np.isscalar(value) for row in played.rows() for value in row.values())
+    each = [row for row in played.episodes() if row["policy"] == "random"]
+    assert [row["return"] for row in each] == pytest.approx(played.scores["random"]["return"])
+    said = str(played)
+    assert said.startswith("5 whole episodes of noisy of seed 0, the same for every policy")
+    assert "minus none, 95 % CI" in said
+
+
+def test_what_is_wrong_is_said_at_once(probe, config):
+    for call, words in (
+        (lambda: train(OWN, None, config), "env without params"),
+        (lambda: train("noisy", ProbeParams(), config), "params without an environment"),
+        (lambda: train(3, ProbeParams(), config), "env is 3"),
+        (lambda: evaluate("noisy", None, ["none"], episodes=0), "episodes is 0"),
+        (lambda: train("noisy", None, config, run_dir="a", resume="b"), "allowed: one"),
+        (lambda: evaluate("noisy", None, {"mine": 3}), "policy is 3"),
+        (lambda: evaluate("noisy", None, ["all"]), "unknown policy 'all'"),
+        (lambda: evaluate("noisy", None, {}), "at least one"),
+        (lambda: evaluate("noisy", None, ["none"], baseline="x"), "baseline 'x'"),
+    ):
+        with pytest.raises(InputError, match=words) as refusal:
+            call()
+        assert "\n" not in str(refusal.value)
+    assert list(probe.iterdir()) == []
+
+
+def test_what_ends_a_run_early_is_raised(probe, config):
+    """A number that is not finite as StoppedError, Ctrl-C with the state saved, the callback's own as it is."""
+
+    def breaks(row):
+        raise KeyError("mine")
+
+    with pytest.raises(KeyError, match="mine"):
+        train("noisy", None, config, run_dir="one", callback=breaks, quiet=True)
+
+    def asks(row):
+        signal.raise_signal(signal.SIGINT)
+
+    one = dataclasses.replace(config, updates_per_call=1)
+    with pytest.raises(KeyboardInterrupt, match="after update 1, saved"):
+        train("noisy", None, one, run_dir="three", callback=asks, quiet=True)
+    assert len(rows_of(probe / "three")) == 1
+    with pytest.raises(StoppedError, match="rewards no longer finite in update 1: stopped"):
+        train(OWN, ProbeParams(reward=math.nan), config, run_dir="two", quiet=True)

@@ -1,0 +1,194 @@
+"""Training and evaluation from Python, as the commands do them: `from train.api import PPOConfig, evaluate, train`.
+
+They are here and not in `train` itself, where `train.evaluate` is the module of a command.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import medjax
+from medjax.env.wrapper import whole_number_of
+from medjax.episodes.scores import evaluate_policies
+from medjax.errors import InputError, shown
+from medjax.policies.given import as_policy
+from medjax.policies.policy import Policy
+from medjax.policies.team import rules_of
+from train.algorithms.environments import check_given, described
+from train.algorithms.ppo.settings import PPOConfig
+from train.algorithms.registry import algorithm_of
+from train.evaluation.comparison import Comparison, check_known
+from train.evaluation.summary import summarize
+from train.runs.arguments import Request
+from train.runs.compilation import enable_compilation_cache
+from train.runs.interrupts import StoppedError
+from train.runs.logs import Row
+from train.runs.open_session import open_session
+from train.runs.policies import weights_by_name
+from train.runs.run_directory import RunDir
+from train.settings import TrainConfig
+
+__all__ = ["Comparison", "PPOConfig", "StoppedError", "TrainedRun", "evaluate", "train"]
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainedRun:
+    """What came of training.
+
+    Attributes:
+        policies: what each training seed learned; that of the first has the algorithm's name, "ppo".
+        rows: of metrics.jsonl, a dict an update; None where there was no number.
+        run_dir: directory of the run, as the command leaves it.
+        evaluation: the closing one, on the environment's own episodes; None without `eval_episodes`.
+        env: a single environment.
+        params: its parameters.
+        config: settings.
+    """
+
+    policies: dict[str, Policy]
+    rows: list[Row]
+    run_dir: Path
+    evaluation: Comparison | None
+    env: Any
+    params: Any
+    config: TrainConfig
+
+    @property
+    def policy(self) -> Policy:
+        """What the first seed learned: `policy(key, obs, state, params).action` is the most probable action."""
+        return self.policies[self.config.algorithm]
+
+
+def train(
+    env: Any = None,
+    params: Any = None,
+    config: TrainConfig | None = None,
+    *,
+    run_dir: str | Path | None = None,
+    resume: str | Path | None = None,
+    callback: Callable[[Row], object] | None = None,
+    quiet: bool = False,
+) -> TrainedRun:
+    """Trains and evaluates a dispatcher, as `python -m train.ppo` does.
+
+    Args:
+        env: a preset's name; a single environment, with reward terms of one's own or wrapped as it may be; None: that
+            of the settings.
+        params: parameters of an environment that is given.
+        config: settings; None: the defaults, or those of the run that is resumed. They say nothing of an environment
+            that is given.
+        run_dir: new or empty directory for the results; None: an unused one under `runs/`. Where settings cannot
+            rebuild the environment, its config.json says so, and the commands on runs refuse it.
+        resume: directory of a run to go on with, in place of run_dir.
+        callback: gets each update's row of metrics.jsonl once it is written. What it raises ends the run.
+        quiet: nothing is said on the way.
+
+    Raises:
+        InputError: bad input; nothing was written.
+        StoppedError: a number was no longer finite, or the directory could not be written; the newest checkpoint stays.
+        KeyboardInterrupt: after Ctrl-C; the state is saved.
+        SystemExit: after SIGTERM, with code 143; the state is saved.
+    """
+    if run_dir is not None and resume is not None:
+        raise InputError(f"run_dir is {shown(run_dir)} and resume {shown(resume)}, allowed: one")
+    settings = _settings(config, resume, given=env is not None and not isinstance(env, str))
+    settings, given = _environment(env, params, settings)
+    session = open_session(
+        Request(
+            settings,
+            run_dir=None if run_dir is None else Path(run_dir),
+            resume=None if resume is None else Path(resume),
+            quiet=quiet,
+            given=given,
+            callback=callback,
+        )
+    )
+    try:
+        ended = session.train()
+    except StoppedError as stopped:
+        if stopped.code == 130:
+            raise KeyboardInterrupt(str(stopped)) from None
+        if stopped.code > 128:
+            raise SystemExit(stopped.code) from None
+        raise
+    learn, by_name = algorithm_of(settings), weights_by_name(settings, ended.weights)
+    policies = {name: learn.policy(ended.env, settings, own) for name, own in by_name.items()}
+    where = ended.rows, ended.run_dir.path, ended.played
+    return TrainedRun(policies, *where, ended.env, ended.params, settings)
+
+
+def _settings(config: TrainConfig | None, resume: str | Path | None, given: bool) -> TrainConfig:
+    """Settings that are given, those of a run, or the defaults."""
+    if config is not None or resume is None:
+        return PPOConfig() if config is None else config
+    return RunDir(Path(resume), given).load_config()
+
+
+def _environment(
+    env: Any, params: Any, config: TrainConfig
+) -> tuple[TrainConfig, tuple[Any, Any] | None]:
+    """The settings with what they can say of the environment; and itself, where they do not rebuild it."""
+    if env is None or isinstance(env, str):
+        if params is not None:
+            raise InputError("params without an environment, allowed: both, or a preset's name")
+        scenario = config.scenario if env is None else env
+        return dataclasses.replace(config, scenario=scenario), None
+    if params is None:
+        raise InputError("env without params, allowed: both, as medjax.make gives them")
+    settings, rebuilt = described(env, params, config)
+    check_given(env, settings)
+    return settings, None if rebuilt else (env, params)
+
+
+def evaluate(
+    env: Any = "paper",
+    params: Any = None,
+    policies: Mapping[str, Any] | Sequence[str] | None = None,
+    *,
+    baseline: str | None = None,
+    episodes: int = 200,
+    seed: int = 0,
+    batch: int = 128,
+) -> Comparison:
+    """Plays the same episodes with every policy, as `python -m train.evaluate` does.
+
+    Args:
+        env: a single environment, or a preset's name.
+        params: its parameters.
+        policies: by name, whatever `medjax.policies.given.as_policy` takes: a policy, a function
+            `act(key, obs, state, params)`, a rule's name, a file; or names of rules; None: every rule.
+        baseline: one of them, or a rule, that the others are compared with, episode by episode.
+        episodes: whole episodes of each policy.
+        seed: which episodes; those of `train.evaluate` for the same seed.
+        batch: episodes of each policy played together.
+
+    Returns:
+        Printed, the command's table; `rows()` are for pandas.
+
+    Raises:
+        InputError: an unknown policy, or an environment that it does not fit.
+    """
+    whole_number_of("episodes", episodes, 1)
+    whole_number_of("batch", batch, 1)
+    world: TrainConfig = PPOConfig()
+    if isinstance(env, str):
+        if params is not None:
+            raise InputError("params with a preset's name, allowed: an environment and its own")
+        world = dataclasses.replace(world, scenario=env)
+        env, params = medjax.make(env)
+    else:
+        world, _ = described(env, params, world)
+    if policies is None:
+        policies = list(rules_of(env))
+    given = dict(policies) if isinstance(policies, Mapping) else {name: name for name in policies}
+    if baseline is not None and baseline not in given:
+        check_known("baseline", [baseline], [*given, *rules_of(env)])
+        given[baseline] = baseline
+    if not given:
+        raise InputError("policies are empty, allowed: at least one")
+    playing = {name: as_policy(env, policy) for name, policy in given.items()}
+    enable_compilation_cache()
+    scores = evaluate_policies(env, params, playing, episodes, seed, batch)
+    result = summarize(scores, world.scenario, (), seed, world.overrides, baseline)
+    return Comparison(result, scores)

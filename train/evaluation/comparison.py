@@ -1,0 +1,72 @@
+"""Policies side by side as one object: its numbers, its rows for pandas, and the table that commands print."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from medjax.episodes.scores import Scores
+from medjax.errors import InputError, shown
+from train.evaluation.tables import format_table
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """Policies on the same episodes; printed, it is the table of `train.evaluate`.
+
+    Attributes:
+        result: of `train.evaluation.summary.summarize`, as `--json` writes it.
+        scores: of every policy, arrays `(episodes,)` of `return`, `length` and the environment's metrics.
+        learned: names of learned policies, a training seed of one algorithm each.
+    """
+
+    result: dict[str, Any]
+    scores: Mapping[str, Scores]
+    learned: Sequence[str] = ()
+
+    def rows(self) -> list[dict[str, Any]]:
+        """A row a policy, flat: `pandas.DataFrame(comparison.rows())`. An interval is two columns, `_low` and `_high`.
+
+        With a baseline `minus_NAME` is the mean difference of returns in the same episode.
+        """
+        differences = self.result.get("difference_from_baseline", {})
+        rows = []
+        for name, entry in self.result["policies"].items():
+            row = {"policy": name, **entry}
+            if name in differences:
+                minus = f"minus_{self.result['baseline']}"
+                row |= {
+                    minus: differences[name]["mean"],
+                    f"{minus}_ci95": differences[name]["ci95"],
+                }
+            rows.append(_flat(row))
+        return rows
+
+    def episodes(self) -> list[dict[str, Any]]:
+        """A row a policy and episode."""
+        return [
+            {"policy": name, "episode": episode}
+            | {column: float(values[episode]) for column, values in score.items()}
+            for name, score in self.scores.items()
+            for episode in range(self.result["episodes"])
+        ]
+
+    def __str__(self) -> str:
+        return format_table(self.result, self.learned)
+
+
+def check_known(what: str, names: Sequence[str], known: Sequence[str]) -> None:
+    """Refuses (InputError) the first name that is not known."""
+    for name in names:
+        if name not in known:
+            raise InputError(f"{what} {shown(name)}: allowed {', '.join(known)}")
+
+
+def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
+    """The row with the two ends of each interval in columns of their own."""
+    flat: dict[str, Any] = {}
+    for name, value in row.items():
+        if isinstance(value, list):
+            flat[f"{name}_low"], flat[f"{name}_high"] = value
+        else:
+            flat[name] = value
+    return flat
