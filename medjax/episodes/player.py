@@ -25,7 +25,8 @@ class Episodes(struct.PyTreeNode):
     obs: Any
     state: Any
     done: jax.Array  # (rows,) bool
-    scores: dict[str, jax.Array]  # (rows,) float32: "return", "length", the environment's metrics
+    # (rows,) float32: "return", "length", "reward_" and the name of each of its terms, the environment's metrics
+    scores: dict[str, jax.Array]
 
 
 class Decision(struct.PyTreeNode):
@@ -85,7 +86,7 @@ class Player:
         mask = jax.eval_shape(self._over_rows(self.env.action_mask), state, params)
         actions = jnp.zeros(mask.shape[:-1], jnp.int32)
         *_, info = jax.eval_shape(self._step, streams[:, STEP], state, actions, params)
-        names = ("return", "length", *info["metrics"])
+        names = ("return", "length", *reward_parts(info), *info["metrics"])
         return Episodes(
             streams=streams,
             obs=obs,
@@ -140,6 +141,7 @@ class Player:
         now = {
             "return": scores["return"] + reward.astype(jnp.float32),
             "length": scores["length"] + 1.0,
+            **{name: scores[name] + part for name, part in reward_parts(info).items()},
             **{name: value.astype(jnp.float32) for name, value in info["metrics"].items()},
         }
         after = Episodes(
@@ -171,6 +173,11 @@ class Player:
             return _over_rows(function, axes)(*rows, numbers)
 
         return mapped
+
+
+def reward_parts(info: dict[str, Any]) -> dict[str, jax.Array]:
+    """The weighted terms of a step's reward as scores, by `reward_` and their names; none where a step has none."""
+    return {f"reward_{name}": part for name, part in info.get("reward_terms", {}).items()}
 
 
 def _differ(leaves: Sequence[Any]) -> bool:

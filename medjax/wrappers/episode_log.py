@@ -18,6 +18,9 @@ class EpisodeLogState:
     env: Any  # state of the wrapped batch
     episode_return: jax.Array  # float32, undiscounted sum of rewards of the running episode
     episode_length: jax.Array  # int32, decisions of the running episode
+    episode_parts: dict[
+        str, jax.Array
+    ]  # float32, what each weighted term of the reward adds to the return
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,7 +29,9 @@ class EpisodeLog:
 
     `info["episode"]` holds, each `(num_envs,)`: `finished` (bool, an episode ended in this step), `complete` (bool, and
     it was not cut short by staggering), and `return`, `length` and `metrics` (a dict) of the episode that the step
-    belongs to, up to and with this step: those of the whole episode where it `finished`.
+    belongs to, up to and with this step: those of the whole episode where it `finished`. Among the metrics are
+    `reward_NAME`, what each weighted term of the reward adds to the return, for the terms that `params.reward_weights`
+    has.
     """
 
     env: BatchAutoReset
@@ -40,7 +45,8 @@ class EpisodeLog:
         """Starts all copies; see `BatchAutoReset.reset`."""
         obs, state = self.env.reset(keys, params)
         zeros = jnp.zeros(keys.shape, jnp.float32)
-        return obs, EpisodeLogState(state, zeros, jnp.zeros(keys.shape, jnp.int32))
+        parts = dict.fromkeys(getattr(params, "reward_weights", {}), zeros)
+        return obs, EpisodeLogState(state, zeros, jnp.zeros(keys.shape, jnp.int32), parts)
 
     def step(
         self, keys: jax.Array, state: EpisodeLogState, actions: jax.Array, params: Params
@@ -51,11 +57,19 @@ class EpisodeLog:
         done = terminated | truncated
         total = state.episode_return + reward.astype(jnp.float32)
         length = state.episode_length + 1
+        terms = info.get("reward_terms", {})
+        parts = {
+            name: so_far + terms.get(name, 0.0) for name, so_far in state.episode_parts.items()
+        }
         next_state = EpisodeLogState(
-            env_state, jnp.where(done, 0.0, total), jnp.where(done, 0, length)
+            env_state,
+            jnp.where(done, 0.0, total),
+            jnp.where(done, 0, length),
+            {name: jnp.where(done, 0.0, part) for name, part in parts.items()},
         )
+        named = {f"reward_{name}": part for name, part in parts.items()}
         episode = {"finished": done, "complete": done & ~info["cut_short"]}
-        episode |= {"return": total, "length": length, "metrics": info["metrics"]}
+        episode |= {"return": total, "length": length, "metrics": {**info["metrics"], **named}}
         return obs, next_state, reward, terminated, truncated, {**info, "episode": episode}
 
     def action_mask(self, state: EpisodeLogState, params: Params) -> jax.Array:

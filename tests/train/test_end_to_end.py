@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+import medjax
 from tests.train.runs.test_session import assert_same_run, rows_of
 from train import evaluate, ppo
 
@@ -33,6 +34,10 @@ def test_train_and_evaluate(tmp_path, capsys):
     assert all(row["loss"] is not None for row in rows)
     assert rows[-1]["episode_length"] == 6.0  # choices
     assert rows[-1]["episode_collisions"] == 0.0
+    for row in rows:  # terms of the reward, which add up to the return
+        parts = [value for name, value in row.items() if name.startswith("episode_reward_")]
+        assert len(parts) == len(medjax.TERMS)
+        assert sum(parts) == pytest.approx(row["episode_return"], rel=1e-4)
     # The same episodes again, with the seed of the closing evaluation.
     out = tmp_path / "out.json"
     picture = tmp_path / "out.png"
@@ -51,12 +56,19 @@ def test_train_and_evaluate(tmp_path, capsys):
         "forecast",
         "budgeted",
     }
+    for entry in result["policies"].values():
+        parts = [entry[f"reward_{term}"] for term in medjax.TERMS]
+        assert sum(parts) == pytest.approx(entry["return_mean"], rel=1e-4)
     assert result["policies"]["none"]["meds_dispatched"] == 0.0
     assert result["policies"]["random"]["invalid_actions"] == 0.0
     for name in ("depleted_share", "mean_range_m", "mean_soc", "meds_dispatched"):
         assert name in result["policies"]["ppo"]
     assert result == json.loads((run / "evaluation.json").read_text())
-    assert "MEDs sent" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "MEDs sent" in out
+    heading = next(line for line in out.splitlines() if line.startswith("return from"))
+    assert {"soc", "distance", "speed"} <= {*heading.split()}
+    assert "gas_delay" not in heading  # weighs nothing here
 
 
 @pytest.mark.slow

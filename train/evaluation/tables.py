@@ -29,6 +29,7 @@ BALANCE = {  # what slow driving does, what charging does, and what they cost; p
     "refusing": ("refusing_share", ".3f"),
     "left early": ("left_early", ".2f"),
 }
+TERM = "reward_"  # begins the metrics that are terms of the reward
 PAPER_TABLE_2 = {  # mean and standard deviation of the episode's reward, by policy
     "random": (-332.4056918, 53.94543289),
     "none": (-521.874184, 16.52914886),
@@ -51,6 +52,7 @@ def format_table(result: Mapping[str, Any], learned: Sequence[str]) -> str:
     """
     parts = [f"{headline(result)}\n{format_rows(comparison_rows(result, learned))}"]
     parts += [said] if (said := unseen(result, learned)) else []
+    parts += [format_rows(terms)] if len((terms := reward_rows(result))[0]) > 1 else []
     balance = balance_rows(result)
     parts += [format_rows(balance)] if len(balance[0]) > 1 else []
     if seeds := result.get("training_seeds"):
@@ -143,6 +145,15 @@ def balance_rows(result: Mapping[str, Any]) -> Table:
         for name, entry in best_first(result)
     ]
     return [["policy", *columns], *rows]
+
+
+def reward_rows(result: Mapping[str, Any]) -> Table:
+    """What each weighted term of the reward adds to the return, best return first; without those that are always 0."""
+    entries = best_first(result)
+    names = dict.fromkeys(name for _, entry in entries for name in entry if name.startswith(TERM))
+    there = [name for name in names if any(entry.get(name) for _, entry in entries)]
+    rows = [[policy, *(short(entry.get(name, 0.0)) for name in there)] for policy, entry in entries]
+    return [["return from", *(name.removeprefix(TERM) for name in there)], *rows]
 
 
 def _in_all(columns: Mapping[str, tuple[str, str]], result: Mapping[str, Any]) -> dict[str, Any]:

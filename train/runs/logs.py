@@ -145,8 +145,9 @@ class _Board:
         """Adds every number of a row."""
         for name, value in row.items():
             if isinstance(value, float):
-                group = "episode" if name.startswith("episode") else "train"
-                self._add(row["env_steps"], summary=self._scalar(f"{group}/{name}", value))
+                _, of_episode, figure = name.partition("episode_")
+                tag = f"episode/{figure}" if of_episode else f"train/{name}"
+                self._add(row["env_steps"], summary=self._scalar(tag, value))
         self._file.flush()
 
     def _add(self, step: int, **what: Any) -> None:

@@ -83,7 +83,10 @@ def test_a_run_leaves_what_is_promised(probe, capsys):
         "6.npz",
     ]
     assert load_policy(run / "policy.zip").about.scenario == "noisy"
-    assert any((run / "tensorboard").iterdir())
+    events = b"".join(path.read_bytes() for path in (run / "tensorboard").iterdir())
+    for tag in (b"episode/return", b"episode/total", b"train/loss", b"train/episodes"):
+        assert tag in events
+    assert b"episode_" not in events  # once is enough
     for name in ("ppo", "none", "random"):
         assert name in out
     assert "compiling" not in err  # no bar where stderr is no terminal
