@@ -13,9 +13,9 @@ import jax
 
 import medjax
 from medjax import commandline
-from medjax.commandline import OneLineParser, as_path
+from medjax.commandline import OneLineParser, as_path, cannot_write
 from medjax.errors import InputError, shown
-from medjax.files import check_output
+from medjax.files import check_output, write_text
 from medjax.numerics.devices import prepare_cpu
 
 T = TypeVar("T")
@@ -54,13 +54,25 @@ def run_command(
     except InputError as error:
         parser.error(str(error))
     if options.json:
-        try:
-            options.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-        except OSError as error:
-            parser.error(f"--json {options.json}: {error.strerror}")
+        _write(parser, options.json, _write_json, result)
     if plot and options.plot:
-        plot(options.plot, result)
+        _write(parser, options.plot, plot, result)
     return result
+
+
+def _write_json(path: Path, result: Any) -> None:
+    """Writes what was measured, numbers that are none included."""
+    write_text(path, json.dumps(result, indent=2) + "\n")
+
+
+def _write(
+    parser: OneLineParser, path: Path, write: Callable[[Path, Any], None], result: Any
+) -> None:
+    """Writes a file; where that fails, the command ends in a line and exit code 1."""
+    try:
+        write(path, result)
+    except OSError as error:
+        sys.exit(cannot_write(parser.prog, path, error))
 
 
 def machine() -> dict[str, str]:

@@ -43,6 +43,12 @@ def fail(prog: str, message: object) -> int:
     return 2
 
 
+def cannot_write(prog: str, path: Path, error: OSError) -> int:
+    """Says in one line why a file was not written; it is as it was before. Returns the exit code 1."""
+    fail(prog, f"cannot write {path}: {error.strerror or error}")
+    return 1
+
+
 def add_set_option(group: Any, text: str) -> None:
     """The option `--set NAME=VALUE`, which fills `overrides` with text."""
     group.add_argument(

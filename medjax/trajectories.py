@@ -7,7 +7,7 @@ Plays one episode and writes a row for each vehicle and physics tick, as Parquet
 import sys
 from collections.abc import Sequence
 
-from medjax.commandline import OneLineParser, as_path
+from medjax.commandline import OneLineParser, as_path, cannot_write
 from medjax.episodes.files import check_target, write_trajectories
 from medjax.episodes.options import add_episode_options, requested_episode
 from medjax.errors import InputError
@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         rows = write_trajectories(recording, target)
     except OSError as error:
-        parser.error(f"cannot write {target}: {error.strerror}")
+        return cannot_write(PROG, target, error)
     print(f"{rows} rows, {recording.vehicle_ids().max() + 1} vehicles: {target}")
     return 0
 

@@ -9,12 +9,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from medjax.commandline import OneLineParser, add_set_option, as_path, fail, parse_overrides
+from medjax.commandline import (
+    OneLineParser,
+    add_set_option,
+    as_path,
+    cannot_write,
+    fail,
+    parse_overrides,
+)
 from medjax.errors import InputError
-from medjax.files import check_output
+from medjax.files import check_output, write_json
 from train.evaluation.comparison import check_known
 from train.evaluation.tables import is_papers
-from train.runs.run_directory import RunDir, check_matplotlib, write_json
+from train.runs.run_directory import RunDir, check_matplotlib
 from train.runs.trained_run import to_play, trained_run_parser, whole_numbers
 
 
@@ -74,13 +81,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     learned = learned_names(scores)
     world = config.scenario, learned, numbers["seed"], config.overrides
     played = Comparison(summarize(scores, *world, given.baseline), scores, learned)
-    if target is not None:
-        write_json(target, played.result)
-    if picture is not None:
-        from train.reporting.figures import plot_comparison
-
-        plot_comparison(picture, scores, numbers["seed"], is_papers(played.result))
     print(played)
+    try:
+        if target is not None:
+            write_json(target, played.result)
+        if picture is not None:
+            from train.reporting.figures import plot_comparison
+
+            plot_comparison(picture, scores, numbers["seed"], is_papers(played.result))
+    except OSError as error:
+        return cannot_write("python -m train.evaluate", target or picture or Path(), error)
     return 0
 
 

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Sequence
 
-from medjax.commandline import OneLineParser, as_path, fail
+from medjax.commandline import OneLineParser, as_path, cannot_write, fail
 from medjax.errors import InputError
 from medjax.files import check_output
 from train.runs.run_directory import RunDir
@@ -33,7 +33,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         env, params, weights = load_weights(run_dir.path, config)
     except InputError as error:
         return fail("python -m train.export", error)
-    export_policy(target, env, params, config, weights)
+    try:
+        export_policy(target, env, params, config, weights)
+    except OSError as error:
+        return cannot_write("python -m train.export", target, error)
     print(target)
     return 0
 

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from medjax.commandline import as_path, fail
+from medjax.commandline import as_path, cannot_write, fail
 from medjax.errors import InputError
 from medjax.files import check_writable
 from train.runs.run_directory import RunDir, check_matplotlib
@@ -44,10 +44,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         played = play(env, params, config, policies, **numbers)
         print("drawing", flush=True)
         draw(run_dir, config, played)
+        write(run_dir, config, played, given.stochastic)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
-    write(run_dir, config, played, given.stochastic)
+    except OSError as error:
+        return cannot_write("python -m train.report", run_dir.report, error)
     print(f"Report: {run_dir.report / 'report.html'}")
     return 0
 

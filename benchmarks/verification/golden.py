@@ -28,6 +28,7 @@ import medjax
 from benchmarks.command import argument, benchmark_parser, output_file, run_command, say
 from medjax.commandline import as_path
 from medjax.errors import InputError
+from medjax.files import replacing, write_text
 
 ROOT = Path(__file__).resolve().parents[2]  # where `-m train.ppo` is found, wherever this is called
 SEED, ENVS = 7, 4
@@ -210,7 +211,7 @@ def write_numbers(path: Path) -> None:
         for world, own in numbers().items()
     }
     text = ",\n".join(f"{json.dumps(world)}: {{\n{lines}\n}}" for world, lines in worlds.items())
-    path.write_text(f"{{\n{text}\n}}\n", encoding="utf-8")
+    write_text(path, f"{{\n{text}\n}}\n")
 
 
 def archive(name: str, text: str) -> dict[str, np.ndarray]:
@@ -238,7 +239,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         write_numbers(options.numbers)
     else:
         found: Any = rollouts() | (train() if options.training else {})
-        with options.out.open("wb") as file:
+        with replacing(options.out) as unfinished, unfinished.open("wb") as file:
             np.savez_compressed(file, **found)
     return {"differ": []}
 

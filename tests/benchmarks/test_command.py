@@ -53,6 +53,8 @@ def test_a_file_that_cannot_be_written_in_the_end_is_one_line(tmp_path, capsys):
         return {}
 
     argv = [f"--json={folder / 'out.json'}"]
-    error = refused(lambda argv: run_command(parser(), measure, argv), argv, capsys)
-    assert error.startswith(f"python -m benchmarks.example: --json {folder}")
-    assert "No such file or directory" in error
+    with pytest.raises(SystemExit) as end:
+        run_command(parser(), measure, argv)
+    assert end.value.code == 1
+    line = f"cannot write {folder / 'out.json'}: No such file or directory"
+    assert capsys.readouterr().err == f"python -m benchmarks.example: {line}\n"

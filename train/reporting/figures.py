@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from medjax.files import replacing
 from train.algorithms.settings import SETTINGS
 from train.evaluation.statistics import bootstrap_ci95, interquartile_mean
 from train.evaluation.tables import COLUMNS, PAPER_CLAIMS, PAPER_MEDS, short
@@ -47,9 +48,10 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def save(figure: Any, path: Path) -> None:
-    """Writes a PNG; its directory is made."""
+    """Writes a PNG in full or not at all; its directory is made."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=130)
+    with replacing(path) as partial:
+        figure.savefig(partial, dpi=130)
 
 
 def colour(policy: str) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from medjax.files import replacing
+from medjax.files import write_text
 from train.evaluation.tables import Table
 
 STYLE = """
@@ -40,8 +40,7 @@ def write_page(path: Path, title: str, introduction: str, sections: Sequence[Sec
         *map(_section, sections),
         "</body>\n</html>\n",
     ]
-    with replacing(path) as partial:
-        partial.write_text("\n".join(parts), encoding="utf-8")
+    write_text(path, "\n".join(parts))
 
 
 def _section(section: Section) -> str:

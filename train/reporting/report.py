@@ -12,6 +12,7 @@ import numpy as np
 from medjax.env.charging_env import ChargingEnv
 from medjax.env.observation import NEED_WINDOW_S
 from medjax.episodes.scores import Scores, evaluate_policies
+from medjax.files import write_json
 from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
 from medjax.world.params import EnvParams
@@ -34,7 +35,7 @@ from train.reporting.page import Section, write_page
 from train.reporting.survey import Survey, dispatch_rows, survey, total
 from train.reporting.traces import Trace, record
 from train.runs.logs import read_rows
-from train.runs.run_directory import RunDir, write_json
+from train.runs.run_directory import RunDir
 from train.settings import TrainConfig, to_json
 
 PICTURES = ("training_curve", "comparison", "time_space", "soc_over_time", "soc_at_end", "dispatch")

@@ -9,7 +9,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from medjax.commandline import OneLineParser, add_set_option, as_path, parse_overrides
+from medjax.commandline import (
+    OneLineParser,
+    add_set_option,
+    as_path,
+    parse_overrides,
+    whole_number,
+)
 from medjax.errors import InputError, shown
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig, from_json, load_config, to_json
@@ -61,6 +67,7 @@ class Request:
     quiet: bool = False  # nothing is said on the way
     given: tuple[Any, Any] | None = None  # environment and numbers; None: those of the settings
     callback: Callable[[dict[str, Any]], object] | None = None  # gets each update's row
+    from_update: int | None = None  # whose checkpoint to go on from; None: the newest
 
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
@@ -95,6 +102,11 @@ def build_parser(kind: type[TrainConfig]) -> OneLineParser:
         "--config",
         metavar="FILE",
         help="settings of a file, .json or .yaml, such as the config.json of a run, where none are given here",
+    )
+    files.add_argument(
+        "--from-update",
+        metavar="N",
+        help="with --resume: from the checkpoint of this update, in place of the newest; later ones are removed",
     )
     parser.add_argument("--quiet", action="store_true", help="say nothing on the way")
     several = parser.add_argument_group("several machines")
@@ -150,6 +162,7 @@ def parse_request(kind: type[TrainConfig], argv: Sequence[str] | None = None) ->
     files = {"--run-dir": "run_dir", "--resume": "resume", "--config": "config"}
     texts = {option: given.pop(name) for option, name in files.items()}
     coordinator, quiet = given.pop("coordinator"), given.pop("quiet")
+    from_update = given.pop("from_update")
     numbers = [given.pop(name) for name in ("num_processes", "process_id")]
     try:
         processes = Processes(
@@ -163,13 +176,17 @@ def parse_request(kind: type[TrainConfig], argv: Sequence[str] | None = None) ->
         run_dir, run, file = (
             None if text is None else as_path(option, text) for option, text in texts.items()
         )
+        if from_update is not None:
+            if resume is None:
+                raise InputError("--from-update without --resume, allowed: with it")
+            from_update = whole_number("--from-update", from_update)
         before = to_json(_saved(kind, run, file))
         changes = settings_from_text(kind, given)
         changes["overrides"] = {**before["overrides"], **changes["overrides"]}
         config = from_json({**before, **changes}, kind)
     except InputError as error:
         parser.error(str(error))
-    return Request(config, run_dir, run, processes, quiet)
+    return Request(config, run_dir, run, processes, quiet, from_update=from_update)
 
 
 def _saved(kind: type[TrainConfig], run: Path | None, file: Path | None) -> TrainConfig:

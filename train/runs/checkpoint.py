@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from medjax.errors import InputError
-from medjax.files import replacing
+from medjax.files import remove_unfinished, replacing
 from train.algorithms.algorithm import TrainState
 from train.algorithms.networks import PolicyWeights
 from train.runs.processes import fetch
@@ -49,8 +49,7 @@ class Checkpoints:
         about = json.dumps({"format": FORMAT, "config": to_json(config)})
         arrays: dict[str, Any] = {ABOUT: np.asarray(about), **_named(state)}
         self.directory.mkdir(exist_ok=True)
-        for leftover in self.directory.glob("*.partial.npz"):  # of a run that was killed
-            leftover.unlink()
+        remove_unfinished(self.directory)
         if not path.exists():
             with replacing(path) as partial, partial.open("wb") as file:
                 np.savez(file, **arrays)
@@ -68,16 +67,29 @@ class Checkpoints:
         """Updates done at the newest checkpoint; None if there is none."""
         return max(self.all(), default=None)
 
-    def restore(self, expected: TrainState) -> TrainState:
-        """The newest checkpoint as arrays of NumPy, for `to_devices`.
+    def check(self, update: int) -> None:
+        """Refuses (InputError) an update that there is no checkpoint of."""
+        if update not in self.all():
+            there = ", ".join(map(str, self.all())) or "none is there"
+            raise InputError(f"from_update is {update}, allowed: {there}")
+
+    def remove_after(self, update: int) -> None:
+        """Removes those of later updates, which will be done again."""
+        for later in self.all():
+            if later > update:
+                self._path(later).unlink()
+
+    def restore(self, expected: TrainState, step: int | None = None) -> TrainState:
+        """A checkpoint as arrays of NumPy, for `to_devices`.
 
         Args:
             expected: shapes and types that it must have (`train.algorithms.programs.shapes_of`).
+            step: one of `all`; None is the newest.
 
         Raises:
             InputError: there is none, it is damaged or foreign, or an array differs; the message names the first.
         """
-        return self._read(None, jax.eval_shape(_without_keys, expected), "")
+        return self._read(step, jax.eval_shape(_without_keys, expected), "")
 
     def restore_weights(self, expected: PolicyWeights, step: int | None = None) -> PolicyWeights:
         """Reads only what acting needs, whatever number of environments it was trained with.
@@ -108,9 +120,15 @@ class Checkpoints:
                 names = [name for name in file.files if name != ABOUT and name.startswith(prefix)]
                 arrays = {name: file[name] for name in names} if version == FORMAT else {}
         except Exception as error:  # whatever NumPy and zipfile make of a damaged file
+            before = max((update for update in self.all() if update < step), default=None)
+            go_on = f"--resume {self.directory.parent} --from-update {before}"
             raise InputError(
-                f"{where} is damaged, or none of train.ppo ({type(error).__name__}), allowed: a whole one;"
-                " where it is taken away, the one before it is read"
+                f"{where} is damaged, or none of train.ppo ({type(error).__name__}), allowed: a whole one; "
+                + (
+                    "there is none before it"
+                    if before is None
+                    else f"from the one before it: {go_on}"
+                )
             ) from error
         if version != FORMAT:
             raise InputError(f"{where} is of format {version!r}, allowed: {FORMAT}")

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from train.runs.run_directory import RunDir, write_text
+from medjax.files import write_text
+from train.runs.run_directory import RunDir
 from train.settings import TrainConfig
 
 Row = dict[str, Any]

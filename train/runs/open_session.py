@@ -46,7 +46,11 @@ def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None,
         return run_dir, run_dir.claim(config), None
     run_dir, checkpoints = RunDir(request.resume, own), Checkpoints(request.resume)
     lock = run_dir.lock() if is_first() else None
-    saved = checkpoints.restore(shapes) if checkpoints.latest() is not None else None
+    saved, update = None, request.from_update
+    if update is not None:
+        checkpoints.check(update)
+    if checkpoints.latest() is not None:
+        saved = checkpoints.restore(shapes, update)
     done = updates_done(saved) if saved is not None else 0
     if done >= config.num_updates:
         steps = done * config.steps_per_update
@@ -55,4 +59,5 @@ def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None,
         )
     if is_first():
         run_dir.update_config(config, done)
+        checkpoints.remove_after(done)
     return run_dir, lock, saved

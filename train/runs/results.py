@@ -9,13 +9,14 @@ import jax
 import numpy as np
 
 from medjax.episodes.scores import Evaluation
+from medjax.files import write_json
 from train.algorithms.networks import PolicyWeights
 from train.evaluation.comparison import Comparison
 from train.evaluation.summary import learned_names, summarize
 from train.reporting.figures import plot_curve
 from train.runs.logs import Row, final_return
 from train.runs.policies import all_policies, export_policy, weights_by_name
-from train.runs.run_directory import RunDir, write_json
+from train.runs.run_directory import RunDir
 from train.settings import TrainConfig
 
 

@@ -7,13 +7,13 @@ import itertools
 import json
 import os
 import platform
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from medjax.errors import InputError
-from medjax.files import check_writable, replacing
+from medjax.files import check_writable, remove_unfinished, write_text
 from train.algorithms.settings import SETTINGS
 from train.settings import GIVEN, TrainConfig, load_config, to_json
 
@@ -88,6 +88,7 @@ class RunDir:
                 raise InputError(
                     f"run {self.path} is under way in another process, allowed: one process at a time"
                 ) from None
+            remove_unfinished(self.path)
         return file
 
     def release(self) -> None:
@@ -172,15 +173,3 @@ def versions() -> dict[str, str]:
         with contextlib.suppress(metadata.PackageNotFoundError):
             found[name] = metadata.version(name)
     return found
-
-
-def write_json(path: Path, data: Mapping[str, Any]) -> None:
-    """Writes JSON in full or not at all; the parent directory is made."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_text(path, json.dumps(data, indent=2, allow_nan=False) + "\n")
-
-
-def write_text(path: Path, text: str) -> None:
-    """Writes text in full or not at all."""
-    with replacing(path) as partial:
-        partial.write_text(text, encoding="utf-8")

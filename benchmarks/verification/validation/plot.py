@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from medjax.files import replacing
+
 COLORS = {"medjax": "#00796b", "SUMO": "#e65100"}
 
 
@@ -44,7 +46,8 @@ def draw(path: Path, result: dict[str, Any]) -> None:
     for axes in (by_density, rising, merging):
         if axes.has_data():  # the rising demand may not be among them
             axes.legend(frameon=False)
-    figure.savefig(path, dpi=110)
+    with replacing(path) as partial:
+        figure.savefig(partial, dpi=110)
 
 
 def _points(result: dict[str, Any], name: str) -> tuple[np.ndarray, np.ndarray]:

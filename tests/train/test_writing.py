@@ -1,0 +1,59 @@
+"""What commands say where they cannot write, and go on from what can still be read."""
+
+import contextlib
+import os
+
+import pytest
+
+from tests.train.conftest import TINY, refused
+from tests.train.runs.test_faults import small_disk
+from tests.train.runs.test_session import assert_same_run
+from train import evaluate, export, ppo
+from train.reporting.figures import new_figure, save
+
+QUIET = [*TINY, "--eval-episodes=0", "--updates-per-call=1"]
+
+
+def fill(disk):
+    """Leaves no room."""
+    with contextlib.suppress(OSError), (disk / "full").open("wb", 0) as file:
+        while True:
+            file.write(bytes(4096))
+
+
+def test_a_full_disk_ends_a_command_in_a_line(probe, capsys):
+    """With exit code 1; what was there stays, and nothing half lies beside it."""
+    assert ppo.main([*QUIET, "--run-dir=run"]) == 0
+    with small_disk(probe / "disk"):
+        fill(probe / "disk")
+        for command, argv in (
+            (evaluate, ["--run-dir=run", "--episodes=3", "--json=disk/out.json"]),
+            (export, ["--run-dir=run", "--out=disk/out.zip"]),
+        ):
+            capsys.readouterr()
+            assert command.main(argv) == 1
+            err = capsys.readouterr().err
+            assert err.count("\n") == 1, err
+            assert "cannot write disk/out" in err
+            assert "No space left" in err
+            assert os.listdir(probe / "disk") == ["full"]
+        figure = new_figure(3, 2)
+        with pytest.raises(OSError, match="No space left"):
+            save(figure, probe / "disk/out.png")
+        assert os.listdir(probe / "disk") == ["full"]
+
+
+def test_the_checkpoint_before_a_damaged_one_is_gone_on_from(probe, capsys):
+    """As the refusal says; the run ends as if it had never come further."""
+    assert ppo.main([*QUIET, "--run-dir=run", "--total-timesteps=80", "--no-anneal"]) == 0
+    assert ppo.main([*QUIET, "--run-dir=same", "--no-anneal"]) == 0
+    newest = probe / "run/checkpoints/5.npz"
+    newest.write_bytes(newest.read_bytes()[:100])
+    capsys.readouterr()
+    more = ["--resume=run", "--total-timesteps=96"]
+    assert "--resume run --from-update 4" in refused(capsys, more, "5.npz is damaged")
+    refused(capsys, [*more, "--from-update=3"], "from_update is 3, allowed: 2, 4, 5")
+    refused(capsys, [*QUIET, "--from-update=4"], "--from-update without --resume")
+    assert newest.exists()
+    assert ppo.main([*more, "--from-update=4"]) == 0
+    assert_same_run(probe / "same", probe / "run")
