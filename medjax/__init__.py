@@ -13,6 +13,7 @@ from medjax import hooks
 if TYPE_CHECKING:
     from medjax.env.charging_env import ChargingEnv
     from medjax.env.reward import TERMS
+    from medjax.numerics.compilation import prepare_jax
     from medjax.policies.rules import BASELINES
     from medjax.scenarios import SCENARIOS, make
     from medjax.world.detectors import read_detectors
@@ -28,6 +29,7 @@ __all__ = [
     "EnvParams",
     "make",
     "make_agents",
+    "prepare_jax",
     "read_detectors",
 ]
 __version__ = "0.1.0"
@@ -41,6 +43,7 @@ _HOMES = {
     "EnvParams": "world.params",
     "make": "scenarios",
     "make_agents": "wrappers.agents",
+    "prepare_jax": "numerics.compilation",
     "read_detectors": "world.detectors",
 }
 

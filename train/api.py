@@ -12,6 +12,7 @@ import medjax
 from medjax.env.wrapper import whole_number_of
 from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError, shown
+from medjax.numerics.compilation import enable_compilation_cache
 from medjax.policies.given import as_policy
 from medjax.policies.policy import Policy
 from medjax.policies.team import rules_of
@@ -21,7 +22,6 @@ from train.algorithms.registry import algorithm_of
 from train.evaluation.comparison import Comparison, check_known
 from train.evaluation.summary import summarize
 from train.runs.arguments import Request
-from train.runs.compilation import enable_compilation_cache
 from train.runs.interrupts import StoppedError
 from train.runs.logs import Row
 from train.runs.open_session import open_session

@@ -68,11 +68,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except InputError as error:
         return fail("python -m train.evaluate", error)
     from medjax.episodes.scores import evaluate_policies
+    from medjax.numerics.compilation import enable_compilation_cache
     from train.evaluation.comparison import Comparison
     from train.evaluation.summary import learned_names, summarize
-    from train.runs.compilation import enable_compilation_cache
 
     enable_compilation_cache()
+    print(f"evaluating {len(policies)} policies on {numbers['episodes']} episodes each", flush=True)
     try:
         scores = evaluate_policies(env, params, policies, **numbers)
     except KeyboardInterrupt:

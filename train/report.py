@@ -36,8 +36,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise InputError("num_ramps is 0, allowed: a run with ramps to send MEDs from")
     except InputError as error:
         return fail("python -m train.report", error)
+    from medjax.numerics.compilation import enable_compilation_cache
     from train.reporting.report import draw, play, write
-    from train.runs.compilation import enable_compilation_cache
 
     enable_compilation_cache()
     try:

@@ -19,6 +19,7 @@ import medjax
 from benchmarks.command import a_path, a_seed, add_plot, benchmark_parser, run_command, whole_number
 from medjax.episodes.scores import Evaluation, Scores
 from medjax.errors import InputError
+from medjax.numerics.compilation import enable_compilation_cache
 from medjax.policies.policy import Choice, Policy
 from medjax.policies.rules import BASELINES
 from medjax.wrappers import scale_demand
@@ -26,7 +27,6 @@ from train.evaluation.statistics import bootstrap_ci95
 from train.evaluation.summary import summarize
 from train.evaluation.tables import format_rows, interval, short
 from train.reporting.figures import MARKERS, colour, new_figure, save
-from train.runs.compilation import enable_compilation_cache
 from train.runs.policies import load_policies
 from train.runs.run_directory import RunDir
 

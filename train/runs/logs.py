@@ -184,6 +184,8 @@ class Progress:
         self._next_line = 0.0
         self._done = done
         self._score = ""
+        if self._lines and what == "compiling":
+            print("compiling, a minute or two where it was not before", flush=True)
 
     def show(self, rows: list[Row]) -> None:
         """Moves on by the updates in `rows`, and shows the newest return there is."""

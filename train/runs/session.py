@@ -14,11 +14,11 @@ import jax.numpy as jnp
 
 from medjax.episodes.scores import Evaluation
 from medjax.errors import one_line
+from medjax.numerics.compilation import enable_compilation_cache
 from train.algorithms.algorithm import TrainState
 from train.algorithms.finite import BAD, finite_updates
 from train.algorithms.programs import Programs
 from train.runs.checkpoint import Checkpoints, to_devices, to_host, updates_done
-from train.runs.compilation import enable_compilation_cache
 from train.runs.interrupts import Interrupt, StoppedError, deferred_interrupts
 from train.runs.logs import MetricsLog, Progress, Row, rows_from
 from train.runs.processes import agree, is_first, leave

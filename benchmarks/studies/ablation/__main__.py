@@ -12,7 +12,7 @@ from typing import Any
 from benchmarks.command import add_plot, episodes_parser, run_command
 from benchmarks.studies.ablation import sweeps, weights
 from medjax.commandline import OneLineParser, add_set_option
-from train.runs.compilation import enable_compilation_cache
+from medjax.numerics.compilation import enable_compilation_cache
 
 WEIGHTS = "weights"
 

@@ -1,0 +1,67 @@
+"""What is said of compiling, and where programs are kept."""
+
+import os
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+import medjax
+from medjax.numerics import compilation
+
+
+@pytest.fixture
+def prepared(monkeypatch):
+    """As a program of one's own is, for the length of a test."""
+    listeners = []
+    for name in ("register_event_listener", "register_event_duration_secs_listener"):
+        monkeypatch.setattr(jax.monitoring, name, listeners.append)
+    monkeypatch.setattr(compilation._Messages, "heard", False)
+    medjax.prepare_jax()
+    medjax.prepare_jax()
+    assert len(listeners) == 2  # once each
+    monkeypatch.undo()
+    begins, ends = listeners
+    jax.monitoring.register_event_listener(begins)
+    jax.monitoring.register_event_duration_secs_listener(ends)
+    yield
+    jax.monitoring.unregister_event_listener(begins)
+    jax.monitoring.unregister_event_duration_listener(ends)
+
+
+def test_what_takes_long_is_spoken_of(prepared, monkeypatch, capsys):
+    def slow(x):
+        for number in range(4):
+            x = jnp.sort(x + number) @ x
+        return x
+
+    ones = jnp.ones((3, 3))
+    jax.jit(lambda x: slow(x) + 1.0)(ones)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(compilation, "SILENT_S", 0.0)
+    jax.jit(slow)(ones)
+    said = capsys.readouterr().err.splitlines()
+    assert said[-1].startswith("compiled ")
+    assert said[-1].endswith(" s")
+    assert not compilation._Messages.timers
+
+
+def test_programs_are_kept_where_the_user_keeps_such_things(tmp_path):
+    """Unless another place was chosen; a device a core."""
+    code = "import medjax, jax; medjax.prepare_jax(); print(jax.config.jax_compilation_cache_dir, jax.device_count())"
+    environment = {name: text for name, text in os.environ.items() if not name.startswith("JAX_")}
+    cores = len(os.sched_getaffinity(0))
+    for chosen, place in (
+        ({}, f"{tmp_path}/medjax/xla"),
+        ({"JAX_COMPILATION_CACHE_DIR": "x"}, "x"),
+    ):
+        said = subprocess.run(
+            [sys.executable, "-c", code],
+            env=environment | {"XDG_CACHE_HOME": str(tmp_path), "JAX_PLATFORMS": "cpu"} | chosen,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert said.stdout.split() == [place, str(cores)]
