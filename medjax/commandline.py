@@ -1,12 +1,15 @@
 """What all commands share: bad input is one line on stderr and exit code 2. Nothing here waits for JAX."""
 
 import argparse
+import functools
 import importlib
 import json
 import os
 import re
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -35,6 +38,49 @@ class OneLineParser(argparse.ArgumentParser):
             if word.startswith("--") and word.partition("=")[2] == "--":
                 self.error(f"argument {word.partition('=')[0]}: expected one argument")
         return super().parse_known_args(given, namespace)
+
+
+class TerminatedError(KeyboardInterrupt):
+    """SIGTERM, which ends a command as Ctrl-C does."""
+
+
+def signal_of(error: KeyboardInterrupt) -> int:
+    """The number of the signal."""
+    return int(signal.SIGTERM if isinstance(error, TerminatedError) else signal.SIGINT)
+
+
+def command(main: Callable[[Sequence[str] | None], int]) -> Callable[..., int]:
+    """`main` of a command, which Ctrl-C or SIGTERM end in one line and with exit code 128 + signal."""
+
+    def terminated(number: int, frame: Any) -> NoReturn:
+        raise TerminatedError
+
+    @functools.wraps(main)
+    def heeding(argv: Sequence[str] | None = None) -> int:
+        """As `main`."""
+        # Said before JAX is imported: XLA's C++ says of slow programs that one should file a bug. Errors are raised.
+        os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+        heard = threading.current_thread() is threading.main_thread()
+        before = signal.signal(signal.SIGTERM, terminated) if heard else None
+        try:
+            return main(argv)
+        except KeyboardInterrupt as error:
+            print("interrupted", file=sys.stderr)
+            return 128 + signal_of(error)
+        finally:
+            if heard:
+                signal.signal(signal.SIGTERM, before)
+
+    return heeding
+
+
+def leave(code: int) -> NoReturn:
+    """Ends the process; at once after a signal, whatever its threads are compiling."""
+    if code > 128:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 def fail(prog: str, message: object) -> int:

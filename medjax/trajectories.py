@@ -4,10 +4,9 @@ Plays one episode and writes a row for each vehicle and physics tick, as Parquet
 (`medjax.episodes.table.vehicle_table` says what is in a row), or as SUMO's floating-car data. Exit code 2 on bad input.
 """
 
-import sys
 from collections.abc import Sequence
 
-from medjax.commandline import OneLineParser, as_path, cannot_write
+from medjax.commandline import OneLineParser, as_path, cannot_write, command, leave
 from medjax.episodes.files import check_target, write_trajectories
 from medjax.episodes.options import add_episode_options, requested_episode
 from medjax.errors import InputError
@@ -16,6 +15,7 @@ from medjax.wrappers import prepare_cpu
 PROG = "python -m medjax.trajectories"
 
 
+@command
 def main(argv: Sequence[str] | None = None) -> int:
     """Records and writes as the command line says; returns the exit code."""
     parser = OneLineParser(
@@ -45,4 +45,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

@@ -4,7 +4,6 @@ The trained policy, under the name of its algorithm ("ppo"), and every policy of
 Exit code 2 on bad input. From Python: `train.api.evaluate`.
 """
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,9 @@ from medjax.commandline import (
     add_set_option,
     as_path,
     cannot_write,
+    command,
     fail,
+    leave,
     parse_overrides,
 )
 from medjax.errors import InputError
@@ -51,6 +52,7 @@ def build_parser() -> OneLineParser:
     return parser
 
 
+@command
 def main(argv: Sequence[str] | None = None) -> int:
     """Evaluates as the command line says (None: that of the process). Returns the exit code."""
     given = build_parser().parse_args(argv)
@@ -74,11 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     enable_compilation_cache()
     print(f"evaluating {len(policies)} policies on {numbers['episodes']} episodes each", flush=True)
-    try:
-        scores = evaluate_policies(env, params, policies, **numbers)
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
+    scores = evaluate_policies(env, params, policies, **numbers)
     learned = learned_names(scores)
     world = config.scenario, learned, numbers["seed"], config.overrides
     played = Comparison(summarize(scores, *world, given.baseline), scores, learned)
@@ -119,4 +117,4 @@ def _target(option: str, text: str | None) -> Path | None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

@@ -1,14 +1,14 @@
 """`python -m train.export --run-dir DIR`: the trained policy as one file, for `medjax.policies.saved.load_policy`."""
 
-import sys
 from collections.abc import Sequence
 
-from medjax.commandline import OneLineParser, as_path, cannot_write, fail
+from medjax.commandline import OneLineParser, as_path, cannot_write, command, fail, leave
 from medjax.errors import InputError
 from medjax.files import check_output
 from train.runs.run_directory import RunDir
 
 
+@command
 def main(argv: Sequence[str] | None = None) -> int:
     """Exports as the command line says (None: that of the process). Returns the exit code."""
     parser = OneLineParser(
@@ -42,4 +42,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

@@ -4,15 +4,15 @@ Exit codes: 0 done; 1 a number was no longer finite, or the run directory could 
 the newest checkpoint; 2 bad input, nothing was touched; 128 + signal: interrupted (130 for Ctrl-C), the state saved.
 """
 
-import sys
 from collections.abc import Sequence
 
-from medjax.commandline import fail
+from medjax.commandline import command, fail, leave
 from medjax.errors import InputError
 from train.algorithms.ppo.settings import PPOConfig
 from train.runs.arguments import parse_request
 
 
+@command
 def main(argv: Sequence[str] | None = None) -> int:
     """Trains and evaluates as the command line says (None: that of the process). Returns the exit code."""
     request = parse_request(PPOConfig, argv)
@@ -27,4 +27,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

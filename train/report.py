@@ -5,17 +5,17 @@ those of `train.evaluate`. PNGs and one HTML page that needs nothing else go to 
 report. Exit code 2 on bad input.
 """
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from medjax.commandline import as_path, cannot_write, fail
+from medjax.commandline import as_path, cannot_write, command, fail, leave
 from medjax.errors import InputError
 from medjax.files import check_writable
 from train.runs.run_directory import RunDir, check_matplotlib
 from train.runs.trained_run import to_play, trained_run_parser, whole_numbers
 
 
+@command
 def main(argv: Sequence[str] | None = None) -> int:
     """Makes the report that the command line (None: that of the process) asks for. Returns the exit code."""
     parser = trained_run_parser(
@@ -45,9 +45,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("drawing", flush=True)
         draw(run_dir, config, played)
         write(run_dir, config, played, given.stochastic)
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
     except OSError as error:
         return cannot_write("python -m train.report", run_dir.report, error)
     print(f"Report: {run_dir.report / 'report.html'}")
@@ -68,4 +65,4 @@ def _check_target(path: Path) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

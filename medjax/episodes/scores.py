@@ -12,6 +12,7 @@ from jax import lax
 from medjax.env.contract import Environment
 from medjax.episodes.keys import episode_keys
 from medjax.episodes.player import Episodes, Player, episode_decisions
+from medjax.numerics.compilation import compiled, computed
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.numerics.rows import CACHED_ROWS
 from medjax.policies.policy import Policy
@@ -80,7 +81,7 @@ class Evaluation:
         self.names, self.params, self.episodes = list(policies), params, episodes
         self.batch = min(batch, episodes)
         runner = make_runner(env, policies, episode_decisions(params) or MAX_DECISIONS)
-        self._run = runner.lower(_host_weights(policies), self._keys(0)[0], params).compile()
+        self._run = compiled(runner.lower(_host_weights(policies), self._keys(0)[0], params))
 
     def play(
         self, policies: Mapping[str, Policy], seed: int, params: Any = None
@@ -98,7 +99,7 @@ class Evaluation:
         weights = _host_weights(policies)
         params = self.params if params is None else params
         blocks = _progress(self._keys(seed), desc="episodes")
-        parts = [jax.device_get(self._run(weights, keys, params)) for keys in blocks]
+        parts = [jax.device_get(computed(self._run(weights, keys, params))) for keys in blocks]
         columns = jax.tree.map(lambda *each: np.concatenate(each, axis=1, dtype=np.float64), *parts)
         return {
             policy: {name: values[index, : self.episodes] for name, values in columns.items()}

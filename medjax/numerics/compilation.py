@@ -3,12 +3,18 @@
 import os
 import sys
 import threading
+import time
+from concurrent.futures import Future
 from pathlib import Path
+from typing import Any, TypeVar
 
 import jax
 
 from medjax.numerics.devices import prepare_cpu
 
+Result = TypeVar("Result")
+
+POLL_S = 0.002  # between two looks at whether arrays are there
 SILENT_S = 2.0  # compiling is spoken of if it takes longer
 BEGINS = "/jax/compilation_cache/compile_requests_use_cache"
 ENDS = "/jax/core/compile/backend_compile_duration"
@@ -35,6 +41,29 @@ def enable_compilation_cache() -> None:
         return
     root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     jax.config.update("jax_compilation_cache_dir", str(Path(root) / "medjax" / "xla"))
+
+
+def compiled(lowered: Any, **options: Any) -> Any:
+    """What `lowered.compile(**options)` gives, from a thread of its own: Python hears signals meanwhile."""
+    future: Future[Any] = Future()
+
+    def work() -> None:
+        """Compiles."""
+        try:
+            future.set_result(lowered.compile(**options))
+        except BaseException as error:
+            future.set_exception(error)
+
+    threading.Thread(target=work, daemon=True).start()
+    return future.result()
+
+
+def computed(tree: Result) -> Result:
+    """The same arrays, once they are there; Python hears signals meanwhile, as it does not in `device_get`."""
+    for leaf in jax.tree.leaves(tree):
+        while not leaf.is_ready():
+            time.sleep(POLL_S)
+    return tree
 
 
 class _Messages:

@@ -1,8 +1,10 @@
 """What is said of compiling, and where programs are kept."""
 
 import os
+import signal
 import subprocess
 import sys
+import time
 
 import jax
 import jax.numpy as jnp
@@ -65,3 +67,34 @@ def test_programs_are_kept_where_the_user_keeps_such_things(tmp_path):
             check=True,
         )
         assert said.stdout.split() == [place, str(cores)]
+
+
+class Slow:
+    """Compiles for longer than anybody waits."""
+
+    def compile(self):
+        time.sleep(20.0)
+
+
+def test_a_signal_is_heard_while_something_is_compiled():
+    """As at a terminal, where Python has its own handler."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.setitimer(signal.ITIMER_REAL, 0.2)
+    alarm = signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+    start = time.monotonic()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            compilation.compiled(Slow())
+    finally:
+        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGALRM, alarm)
+    assert time.monotonic() - start < 10.0
+
+
+def test_what_compiling_refuses_is_raised():
+    class Fails:
+        def compile(self):
+            raise KeyError("mine")
+
+    with pytest.raises(KeyError, match="mine"):
+        compilation.compiled(Fails())

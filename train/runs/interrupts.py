@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import os
 import signal
 import threading
 from collections.abc import Iterator
@@ -21,11 +22,15 @@ class StoppedError(RuntimeError):
         self.code, self.alone = code, alone
 
 
+PATIENCE_S = 3.0  # of whoever wants to stop, without a word
+
+
 @dataclasses.dataclass
 class Interrupt:
     """The signal that asked to end; None while there is none."""
 
     number: int | None = None
+    busy_s: float = 0.0  # how long what is under way takes
 
 
 @contextlib.contextmanager
@@ -42,6 +47,9 @@ def deferred_interrupts() -> Iterator[Interrupt]:
 
     def note(number: int, frame: Any) -> None:
         noted.number = number
+        if noted.busy_s > PATIENCE_S:
+            soon = f"stopping after this update, of about {noted.busy_s:.0f} s; again to stop at once\n"
+            os.write(2, soon.encode())  # not print, which may be what was interrupted
         for each, handler in previous.items():
             signal.signal(each, handler)
 

@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import signal
 import sys
 import time
 from collections.abc import Callable
@@ -12,9 +11,10 @@ from typing import IO, Any
 import jax
 import jax.numpy as jnp
 
+from medjax.commandline import signal_of
 from medjax.episodes.scores import Evaluation
 from medjax.errors import one_line
-from medjax.numerics.compilation import enable_compilation_cache
+from medjax.numerics.compilation import compiled, computed, enable_compilation_cache
 from train.algorithms.algorithm import TrainState
 from train.algorithms.finite import BAD, finite_updates
 from train.algorithms.programs import Programs
@@ -74,8 +74,8 @@ class Session:
         """
         try:
             return self._train()
-        except KeyboardInterrupt:
-            raise _interrupted(signal.SIGINT, f"at once; {self._newest()}") from None
+        except KeyboardInterrupt as error:
+            raise _interrupted(signal_of(error), f"at once; {self._newest()}") from None
         except OSError as error:
             reason = error.strerror or error
             raise self._stopped(f"cannot write {self.run_dir.path}: {reason}") from error
@@ -94,12 +94,12 @@ class Session:
         try:
             with contextlib.closing(Progress(self.config, self.done, "compiling", self.quiet)):
                 init, run = self._compile()
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as error:
             if self.resumed:
                 raise
             self.run_dir.release()
             what = "before the first update, nothing is left"
-            raise _interrupted(signal.SIGINT, what) from None
+            raise _interrupted(signal_of(error), what) from None
         log = MetricsLog(self.run_dir, self.done) if is_first() else None
         rows = log.rows if log else []
         self.earlier_s = rows[-1]["wall_s"] if rows else 0.0
@@ -136,10 +136,10 @@ class Session:
             try:
                 played = write_results(ended, self.evaluation if stopped_by is None else None)
                 ended = dataclasses.replace(ended, played=played)
-            except KeyboardInterrupt:
+            except KeyboardInterrupt as error:
                 write_results(ended, None)
                 what = f"after the last update; evaluate with: {self._again('evaluate --run-dir')}"
-                raise _interrupted(signal.SIGINT, what) from None
+                raise _interrupted(signal_of(error), what) from None
         if stopped_by is not None:
             go_on = self._again(f"{self.config.algorithm} --resume")
             what = f"after update {updates_done(plain)}, saved; go on with: {go_on}"
@@ -182,10 +182,10 @@ class Session:
             self.evaluation = self.behind.submit(
                 prepare_evaluation, self.env, self.params, self.config, self.shapes.weights
             )
-        compiled = lowered.compile()
+        program = compiled(lowered)
         ready = waiting.result() if waiting is not None else None
         self.compile_s = time.perf_counter() - start
-        return ready, compiled
+        return ready, program
 
     def _begin(self, init: Any) -> TrainState:
         """The state to train from."""
@@ -215,9 +215,9 @@ class Session:
             count, interrupt.number = int(said[0, 0]), int(said[:, 1].max()) or None
             if interrupt.number:
                 break
-            called = time.perf_counter()
+            called, interrupt.busy_s = time.perf_counter(), count * per_update_s
             state, metrics = run(state, self.params, jnp.int32(count))
-            metrics = jax.device_get(metrics)
+            metrics = jax.device_get(computed(metrics))
             per_update_s = (time.perf_counter() - called) / count
             healthy, bad = finite_updates(metrics.pop(BAD)[..., :count])
             rows = [

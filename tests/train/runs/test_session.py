@@ -194,12 +194,30 @@ def test_resume_refuses_what_does_not_fit(probe, capsys):
     assert (probe / "run" / "config-until-6.json").exists()
 
 
-def test_interrupted_while_compiling_leaves_nothing(probe, capsys, monkeypatch):
-    def interrupted(self):
-        raise KeyboardInterrupt
+@pytest.mark.parametrize(
+    "place", ["runs.session.Session._compile", "runs.open_session.make_train", "evaluate"]
+)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_before_the_first_update(probe, capsys, monkeypatch, place, number):
+    """While something is imported, traced, compiled or evaluated: one line, and nothing is left."""
 
-    monkeypatch.setattr("train.runs.session.Session._compile", interrupted)
-    assert ppo.main([*TINY, "--run-dir=run"]) == 130
+    def interrupted(*_, **__):
+        signal.raise_signal(number)
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        if place == "evaluate":
+            monkeypatch.setattr(evaluate, "whole_numbers", interrupted)
+            code = evaluate.main(["--run-dir=run"])
+        else:
+            monkeypatch.setattr(f"train.{place}", interrupted)
+            code = ppo.main([*TINY, "--run-dir=run"])
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert code == 128 + number
+    err = capsys.readouterr().err
+    assert err.startswith("interrupted")
+    assert err.count("\n") == 1
     assert not (probe / "run").exists()
 
 
