@@ -20,7 +20,6 @@ from medjax.commandline import (
 )
 from medjax.errors import InputError
 from medjax.files import check_output, write_json
-from train.evaluation.comparison import check_known
 from train.evaluation.tables import is_papers
 from train.runs.run_directory import RunDir, check_matplotlib
 from train.runs.trained_run import to_play, trained_run_parser, whole_numbers
@@ -31,6 +30,7 @@ def build_parser() -> OneLineParser:
     parser = trained_run_parser(
         "train.evaluate",
         "Plays the same episodes with a trained policy and with every one that is not learned.",
+        required=False,
     )
     parser.add_argument("--json", metavar="FILE", help="write the result there, over what it holds")
     parser.add_argument(
@@ -39,8 +39,11 @@ def build_parser() -> OneLineParser:
     parser.add_argument(
         "--batch", default="128", metavar="N", help="episodes played together (default: 128)"
     )
+    names = "of the run, rules, module:function that builds one, files that end in .zip"
     parser.add_argument(
-        "--policies", metavar="A,B", help="these alone, by name (default: all of them)"
+        "--policies",
+        metavar="A,B",
+        help=f"these alone, with or without a run: {names} (default: those of the run and every rule)",
     )
     parser.add_argument(
         "--baseline", metavar="NAME", help="the policy that all others are compared with"
@@ -60,13 +63,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         numbers = whole_numbers(given)
         target, picture = _target("--json", given.json), _target("--plot", given.plot)
         changes = parse_overrides(given.overrides)
-        run_dir = RunDir(as_path("--run-dir", given.run_dir))
-        config = to_play(run_dir.load_config(), given.scenario, changes)
+        if given.run_dir is None and given.policies is None:
+            raise InputError("neither --run-dir nor --policies, allowed: at least one of them")
+        config = None
+        if given.run_dir is not None:
+            run_dir = RunDir(as_path("--run-dir", given.run_dir))
+            config = to_play(run_dir.load_config(), given.scenario, changes)
         # JAX takes seconds to import; bad options need not wait for it.
-        from train.runs.policies import load_policies
+        from train.runs.policies import chosen, load_policies, make_world
 
-        env, params, policies = load_policies(run_dir.path, config, given.stochastic)
-        policies = _chosen(policies, given.policies, given.baseline)
+        found: dict[str, Any] = {}
+        names = None if given.policies is None else given.policies.split(",")
+        if config is None:
+            env, params, config = make_world(names or (), given.scenario, changes)
+        else:
+            env, params, found = load_policies(run_dir.path, config, given.stochastic)
+        policies = chosen(env, found, names, given.baseline)
     except InputError as error:
         return fail("python -m train.evaluate", error)
     from medjax.episodes.scores import evaluate_policies
@@ -77,7 +89,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     enable_compilation_cache()
     print(f"evaluating {len(policies)} policies on {numbers['episodes']} episodes each", flush=True)
     scores = evaluate_policies(env, params, policies, **numbers)
-    learned = learned_names(scores)
+    learned = learned_names(name for name in found if name in policies)
     world = config.scenario, learned, numbers["seed"], config.overrides
     played = Comparison(summarize(scores, *world, given.baseline), scores, learned)
     print(played)
@@ -91,16 +103,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         return cannot_write("python -m train.evaluate", target or picture or Path(), error)
     return 0
-
-
-def _chosen(policies: dict[str, Any], names: str | None, baseline: str | None) -> dict[str, Any]:
-    """Those that are asked for; the baseline is always one of them."""
-    wanted = list(policies) if names is None else names.split(",")
-    check_known("--policies", wanted, list(policies))
-    if baseline is not None:
-        check_known("--baseline", [baseline], list(policies))
-        wanted = list(dict.fromkeys([*wanted, baseline]))
-    return {name: policies[name] for name in wanted}
 
 
 def _target(option: str, text: str | None) -> Path | None:

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from medjax.agents import agents_of
 from medjax.commandline import add_set_option, as_path, parse_overrides, whole_number
 from medjax.env.charging_env import ChargingEnv
 from medjax.episodes.recording import Recording, record_episode
 from medjax.errors import InputError, shown
+from medjax.policies.given import FILE, as_policy, check_policy
 from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
 from medjax.policies.saved import load_policy
@@ -25,14 +25,17 @@ POLICY = "policy.zip"  # file of a trained policy in the directory of a run
 
 def add_episode_options(group: Any) -> None:
     """Adds the options to a group of a parser; values stay text, so that all errors are worded in one place."""
-    group.add_argument(
-        "--policy", metavar="NAME", help=f"a rule of medjax.policies (default: {RULE})"
+    whose = (
+        "a rule of medjax.policies, module:function that builds one, or a file that ends in .zip"
     )
+    group.add_argument("--policy", metavar="NAME", help=f"{whose} (default: {RULE})")
     group.add_argument(
         "--run-dir", metavar="DIR", help="instead: the policy that train.ppo left in DIR"
     )
-    group.add_argument("--scenario", metavar="NAME", help="preset (default: paper)")
-    add_set_option(group, "set a number of the environment; repeatable")
+    scenario = "preset (default: that of the trained policy, or paper)"
+    group.add_argument("--scenario", metavar="NAME", help=scenario)
+    numbers = "set a number of the environment, over those of the training; repeatable"
+    add_set_option(group, numbers)
     group.add_argument("--seed", metavar="N", default="0", help="whose episodes (default: 0)")
     which = "which of them, as in train.evaluate (default: 0)"
     group.add_argument("--episode", metavar="N", default="0", help=which)
@@ -42,10 +45,10 @@ def add_episode_options(group: Any) -> None:
 class EpisodeRequest:
     """What to play; checked as far as that needs no environment."""
 
-    run_dir: Path | None  # a trained policy; None: `policy` is a rule
+    file: Path | None  # of a trained policy; None: `policy` is none
     policy: str
     compare: str | None  # a rule beside it
-    scenario: str  # of a rule; a trained policy has its own
+    scenario: str | None  # None: that of the trained policy's training, or paper
     overrides: Mapping[str, Any]
     seed: int
     episode: int
@@ -56,15 +59,12 @@ class EpisodeRequest:
         Raises:
           InputError: as `policies`.
         """
-        if self.run_dir is None:
-            return prepare(self.scenario, **self.overrides)[:2]
-        about = load_policy(self.run_dir / POLICY).about
-        if about.agents:
-            how: dict[str, Any] = {**about.agents, **about.overrides}
-            agents, params = agents_of(about.scenario, build=prepare, **how)
-            highway: Any = agents.env
-            return highway, params
-        return prepare(about.scenario, observation=about.observation, **about.overrides)[:2]
+        env: Any = None
+        if self.file is None:
+            env, params, _ = prepare(self.scenario or "paper", **self.overrides)
+            return env, params
+        env, params = load_policy(self.file).make(self.scenario, self.overrides, prepare)
+        return getattr(env, "env", env), params
 
     def policies(self) -> tuple[ChargingEnv, EnvParams, dict[str, Policy]]:
         """The environment, its parameters, and what is played in it, by name.
@@ -72,12 +72,12 @@ class EpisodeRequest:
         Raises:
           InputError: one line; numbers that the environment does not take, or a policy that cannot be read.
         """
-        if self.run_dir is None:
-            env, params = make(self.scenario, **self.overrides)
-            chosen = {self.policy: BASELINES[self.policy](env)}
+        if self.file is None:
+            env, params = make(self.scenario or "paper", **self.overrides)
+            chosen = {self.policy: as_policy(env, self.policy)}
         else:
-            trained = load_policy(self.run_dir / POLICY)
-            env, params = trained.make()
+            trained = load_policy(self.file)
+            env, params = trained.make(self.scenario, self.overrides)
             chosen = {trained.about.name: trained.policy(env)}
         if self.compare:
             chosen[self.compare] = rules_of(env)[self.compare]
@@ -104,29 +104,38 @@ def requested_episode(given: argparse.Namespace) -> EpisodeRequest:
       InputError: an unknown name, a run that is not there, or options that do not go together.
     """
     compare = getattr(given, "compare", None)
-    if given.run_dir is not None and (given.policy or given.scenario or given.overrides):
-        raise InputError("--run-dir with --policy, --scenario or --set: allowed one or the other")
+    if given.run_dir is not None and given.policy:
+        raise InputError("--run-dir with --policy: allowed one or the other")
     for option, name, known in (
-        ("policy", given.policy, BASELINES),
         ("compare", compare, BASELINES),
         ("scenario", given.scenario, SCENARIOS),
     ):
         if name is not None and name not in known:
             raise InputError(f"unknown {option} {shown(name)}: allowed {', '.join(known)}")
-    if given.run_dir is None and compare == (given.policy or RULE):
-        raise InputError(f"--compare {compare}: allowed another one than --policy")
-    run_dir = None if given.run_dir is None else as_path("--run-dir", given.run_dir)
-    if run_dir and not run_dir.is_dir():
-        raise InputError(f"--run-dir {run_dir}: is no directory; allowed one that train.ppo wrote")
-    if run_dir and not (run_dir / POLICY).is_file():
-        remedy = f"python -m train.export --run-dir {run_dir} writes it"
-        raise InputError(f"--run-dir {run_dir}: holds no {POLICY}; {remedy}")
+    policy = RULE if given.policy is None else given.policy
+    if given.run_dir is None:
+        check_policy(policy)
+        if compare == policy:
+            raise InputError(f"--compare {compare}: allowed another one than --policy")
     return EpisodeRequest(
-        run_dir=run_dir,
-        policy=given.policy or RULE,
+        file=_file(given.run_dir, policy),
+        policy=policy,
         compare=compare,
-        scenario=given.scenario or "paper",
+        scenario=given.scenario,
         overrides=parse_overrides(given.overrides),
         seed=whole_number("--seed", given.seed),
         episode=whole_number("--episode", given.episode),
     )
+
+
+def _file(run: str | None, policy: str) -> Path | None:
+    """The file of the trained policy that is asked for, which is there; None if it is none that is."""
+    if run is None:
+        return Path(policy) if policy.endswith(FILE) else None
+    run_dir = as_path("--run-dir", run)
+    if not run_dir.is_dir():
+        raise InputError(f"--run-dir {run_dir}: is no directory; allowed one that train.ppo wrote")
+    if not (run_dir / POLICY).is_file():
+        remedy = f"python -m train.export --run-dir {run_dir} writes it"
+        raise InputError(f"--run-dir {run_dir}: holds no {POLICY}; {remedy}")
+    return run_dir / POLICY

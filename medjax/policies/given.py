@@ -1,17 +1,38 @@
 """Whatever somebody has to act with, as a policy of an environment."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
-from medjax.commandline import read_object
+from medjax.commandline import as_path, read_object
 from medjax.errors import InputError, shown
 from medjax.policies.policy import Choice, Policy
+from medjax.policies.rules import BASELINES
 from medjax.policies.saved import ExportedPolicy, load_policy
 from medjax.policies.team import rules_of
+
+FILE = ".zip"  # ends the name of a policy's file
+
+
+def check_policy(text: str, known: Iterable[str] = BASELINES) -> None:
+    """Refuses (InputError) a name of `as_policy` that nothing has, before there is an environment; rules are known."""
+    if text.endswith(FILE):
+        path = as_path("policy", text)
+        if not path.is_file():
+            raise InputError(f"policy {shown(text)}: is no file; allowed one that train.ppo wrote")
+    elif ":" in text:
+        read_object("policy", text)
+    elif text not in known:
+        raise _unknown(text, known)
+
+
+def _unknown(text: str, rules: Iterable[str]) -> InputError:
+    """Of a policy that there is not."""
+    others = f"module:function, or a file that ends in {FILE}"
+    return InputError(f"unknown policy {shown(text)}: allowed {', '.join([*rules, others])}")
 
 
 def as_policy(env: Any, given: Any) -> Policy:
@@ -42,12 +63,11 @@ def _named(env: Any, text: str) -> Policy:
     rules = rules_of(env)
     if text in rules:
         return rules[text]
-    if text.endswith(".zip"):
+    if text.endswith(FILE):
         return load_policy(text).policy(env)
     if ":" in text:
         return as_policy(env, read_object("policy", text)(env))
-    allowed = f"{', '.join(rules) or 'no rule here'}; module:function; or a file that ends in .zip"
-    raise InputError(f"unknown policy {shown(text)}: allowed {allowed}")
+    raise _unknown(text, rules)
 
 
 def _of_function(act: Callable[..., Any], num_actions: int) -> Policy:

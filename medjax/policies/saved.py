@@ -65,21 +65,36 @@ class ExportedPolicy:
     about: About
     network: export.Exported
 
-    def make(self) -> tuple[Any, EnvParams]:
-        """The environment that it was trained in, and its parameters.
+    def make(
+        self,
+        scenario: str | None = None,
+        overrides: Mapping[str, Any] | None = None,
+        build: Callable[..., Any] | None = None,
+    ) -> tuple[Any, EnvParams]:
+        """The environment that it was trained in, or one that it sees alike, and its parameters.
+
+        Args:
+          scenario: preset; None: that of its training.
+          overrides: numbers, over those of its training where the preset is the same.
+          build: called as `medjax.make`, which is the default; `medjax.scenarios.prepare` computes nothing.
 
         Raises:
           InputError: it was somebody's own.
         """
         about = self.about
+        build = make if build is None else build
         if not about.scenario:
             raise InputError(
                 "the policy was trained in an environment of somebody's own, allowed: that one, given from Python "
                 "to ExportedPolicy.policy"
             )
+        scenario = about.scenario if scenario is None else scenario
+        kept = about.overrides if scenario == about.scenario else {}
+        numbers: dict[str, Any] = {**kept, **(overrides or {})}
         if about.agents:
-            return agents_of(about.scenario, **about.agents, **about.overrides)
-        return make(about.scenario, observation=about.observation, **about.overrides)
+            return agents_of(scenario, build=build, **about.agents, **numbers)
+        env, params, *_ = build(scenario, observation=about.observation, **numbers)
+        return env, params
 
     def probabilities(self, obs: Any, mask: Any) -> np.ndarray:
         """Probabilities of the actions.

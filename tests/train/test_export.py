@@ -1,5 +1,6 @@
 """The exported policy against the network it came from, and against the evaluation of it."""
 
+import dataclasses
 import json
 import os
 import zipfile
@@ -12,8 +13,10 @@ import pytest
 
 import medjax
 from medjax.charging.link import COUPLINGS
+from medjax.commandline import OneLineParser
 from medjax.env.charging_env import ChargingEnv
 from medjax.env.observation import FlatObservation
+from medjax.episodes.options import add_episode_options, requested_episode
 from medjax.episodes.recording import record_episode
 from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError
@@ -82,6 +85,21 @@ def test_plays_what_the_evaluation_of_the_run_plays(exported):
     sent = np.nonzero(recording.decisions.sent)[0]
     assert (sent % 4 == 0).all()
     np.testing.assert_allclose(recording.decisions.probabilities.sum(axis=1), 1.0, atol=1e-5)
+
+
+def test_is_recorded_in_another_world(exported, tmp_path):
+    """With numbers over those of its training, as every command on episodes asks for it."""
+    env, *_, path = exported
+    parser = OneLineParser()
+    add_episode_options(parser)
+    given = [f"--policy={path}", "--set", "num_gas=9", "--set", "cooldown_s=7"]
+    asked = requested_episode(parser.parse_args(given))
+    for there, numbers in (asked.prepared(), asked.policies()[:2]):
+        assert there.config == dataclasses.replace(env.config, num_gas=9)
+        assert numbers.fleet.cooldown_s == 7.0
+    assert [*asked.policies()[2]] == ["ppo"]
+    with pytest.raises(InputError, match="actions: allowed"):
+        requested_episode(parser.parse_args([f"--policy={path}", "--set=num_ramps=2"])).policies()
 
 
 def test_a_file_that_would_rebuild_another_world_is_refused(exported):

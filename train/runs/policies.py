@@ -1,5 +1,6 @@
 """The policies of a run: what it learned, from its checkpoints and as a file, and the rules beside it."""
 
+from collections.abc import Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -7,13 +8,16 @@ from typing import Any
 import jax
 from jax import export
 
+import medjax
 from medjax.errors import InputError
 from medjax.numerics.devices import prepare_cpu
+from medjax.policies.given import FILE, as_policy, check_policy
 from medjax.policies.policy import Policy
-from medjax.policies.saved import about_of, about_of_own, save_policy
+from medjax.policies.saved import about_of, about_of_own, load_policy, save_policy
 from medjax.policies.team import rules_of
-from train.algorithms.environments import make_environment
+from train.algorithms.environments import described, make_environment
 from train.algorithms.networks import PolicyWeights, apply_policy
+from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.registry import algorithm_of
 from train.runs.checkpoint import Checkpoints
 from train.settings import TrainConfig
@@ -86,6 +90,57 @@ def load_policies(
     """A single environment, its parameters, and `all_policies`; arguments and errors are those of `load_weights`."""
     env, params, weights = load_weights(run_dir, config)
     return env, params, all_policies(env, config, weights, stochastic)
+
+
+def make_world(
+    names: Sequence[str], scenario: str | None, overrides: Mapping[str, Any]
+) -> tuple[Any, Any, TrainConfig]:
+    """An environment for policies of no run: that of the first one from a file, or a preset.
+
+    Args:
+        names: of `chosen`.
+        scenario: preset; None: that of the file's training, or paper.
+        overrides: numbers of the environment.
+
+    Returns:
+        The environment, its parameters, and settings that name it.
+
+    Raises:
+        InputError: a name that nothing has, or a number that the environment does not take.
+    """
+    prepare_cpu()
+    for name in names:
+        check_policy(name)
+    file = next((name for name in names if name.endswith(FILE)), None)
+    if file is not None:
+        env, params = load_policy(file).make(scenario, overrides)
+    else:
+        env, params = medjax.make(scenario or "paper", **overrides)
+    settings, _ = described(env, params, PPOConfig())
+    return env, params, settings
+
+
+def chosen(
+    env: Any, found: Mapping[str, Policy], names: Sequence[str] | None, baseline: str | None
+) -> dict[str, Policy]:
+    """What is to be played, by name.
+
+    Args:
+        env: a single environment.
+        found: policies of a run, and rules.
+        names: of them, or whatever `medjax.policies.given.as_policy` takes; None: all that are found.
+        baseline: one more, if it is not among them.
+
+    Raises:
+        InputError: a name that nothing has.
+    """
+    wanted = list(found) if names is None else list(names)
+    wanted += [baseline] if baseline is not None and baseline not in wanted else []
+    known = dict.fromkeys([*found, *rules_of(env)])
+    for name in wanted:
+        if name not in found:
+            check_policy(name, known)
+    return {name: found[name] if name in found else as_policy(env, name) for name in wanted}
 
 
 def export_policy(

@@ -11,11 +11,11 @@ from train.settings import TrainConfig
 LIMITS = {"episodes": (2, 10**7), "batch": (1, 10**6), "seed": (0, 2**32 - 1)}
 
 
-def trained_run_parser(prog: str, description: str) -> OneLineParser:
-    """The parser of a command that plays whole episodes with the policy in `--run-dir DIR`."""
+def trained_run_parser(prog: str, description: str, required: bool = True) -> OneLineParser:
+    """The parser of a command that plays whole episodes with the policy in `--run-dir DIR`, if it is required."""
     parser = OneLineParser(prog=f"python -m {prog}", description=description)
     parser.add_argument(
-        "--run-dir", required=True, metavar="DIR", help="directory that train.ppo wrote"
+        "--run-dir", required=required, metavar="DIR", help="directory that train.ppo wrote"
     )
     parser.add_argument(
         "--episodes", default="200", metavar="N", help="whole episodes per policy (default: 200)"

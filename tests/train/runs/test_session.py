@@ -250,8 +250,24 @@ def test_evaluate_command(probe, capsys):
     assert evaluate.main([*argv, "--stochastic", "--set", "episode_decisions=3", "--seed=4"]) == 0
     assert json.loads((probe / "out.json").read_text())["policies"]["none"]["decisions"] == 3.0
     assert "5 whole episodes of noisy" in capsys.readouterr().out
+    # Without a run: a file, a rule, and what builds a policy, in the world of the file.
+    several = "--policies=run/policy.zip,random,tests.train.conftest:coin"
+    several = [several, "--set", "episode_decisions=3", "--episodes=5", "--json=out.json"]
+    assert evaluate.main([*several, "--baseline=none"]) == 0
+    without = json.loads((probe / "out.json").read_text())
+    alike = without["policies"]["random"], without["policies"]["tests.train.conftest:coin"]
+    assert alike[0] == alike[1]
+    for name in ("none", "random"):
+        assert without["policies"][name] == some["policies"][name]
+    same = without["policies"]["run/policy.zip"]["return_mean"]
+    assert same == pytest.approx(some["policies"]["ppo"]["return_mean"], rel=1e-6)
+    assert (without["scenario"], without["overrides"]) == ("noisy", {"episode_decisions": 3})
+    capsys.readouterr()
+    refused(capsys, ["--episodes=3"], "neither --run-dir nor --policies", command=evaluate)
+    for name in ("gone.zip", "tests.train.conftest:gone", "nowhere:act", "a:b:c", "best"):
+        refused(capsys, [f"--policies=none,{name}"], f"policy '{name}'", command=evaluate)
     refused(capsys, [*argv, "--scenario=nowhere"], "nowhere", command=evaluate)
     refused(capsys, [*argv, "--set", "x=1"], "'x'", command=evaluate)
     for option in ("policies", "baseline"):
-        said = f"--{option} 'all': allowed ppo, ppo_seed2, none, random"
+        said = "unknown policy 'all': allowed ppo, ppo_seed2, none, random, module:function"
         refused(capsys, [*argv, f"--{option}=all"], said, command=evaluate)
