@@ -160,7 +160,7 @@ def read_object(what: str, text: str) -> Any:
       text: `module:name`; the name may have dots.
 
     Raises:
-      InputError: it is not of that form, there is no such module or name, it cannot be called, or its module fails.
+      InputError: it is not of that form, there is no such module or name, or its module fails.
     """
     module, colon, name = text.partition(":")
     words = [*module.split("."), *name.split(".")]

@@ -35,6 +35,15 @@ class TrainConfig(abc.ABC):
     overrides: Mapping[str, Override] = option(
         None, "environment", "set a number of the environment, e.g. --set cooldown_s=30; repeatable"
     )
+    reward: str = option(
+        "preset",
+        "environment",
+        "what is paid: as the preset pays, paper, money, or module:function of a term of your own, or several with "
+        "commas, beside those of the preset",
+    )
+    wrapper: str = option(
+        "none", "environment", "module:function that wraps the environment in one of your own"
+    )
     observation: str = option("profile", "environment", "what a dispatcher sees: profile or flat")
     agents: str = option(
         "none",
@@ -135,6 +144,9 @@ class TrainConfig(abc.ABC):
         for name, usual in (("credit", "team"), ("dispatcher", "agents")):
             if self.agents == "none" and (given := getattr(self, name)) != usual:
                 raise InputError(f"agents is 'none' and {name} is {given!r}, allowed: {usual}")
+        if self.wrapper != "none" and self.agents != "none":
+            given = f"agents is {self.agents!r} and wrapper {shown(self.wrapper)}"
+            raise InputError(f"{given}, allowed: agents none")
         if self.eval_episodes == 1:
             raise InputError("eval_episodes is 1, allowed: 0, or at least 2")
         if self.num_updates > MOST_COUNTED:

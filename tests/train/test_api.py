@@ -13,7 +13,8 @@ import pytest
 from medjax.errors import InputError
 from medjax.policies.saved import load_policy
 from tests.train.conftest import TINY, refused
-from tests.train.probe_envs import Probe, ProbeParams
+from tests.train.own_parts import Generous
+from tests.train.probe_envs import ProbeParams
 from tests.train.runs.test_session import assert_same_run, rows_of
 from train import evaluate as evaluate_command
 from train import export, ppo
@@ -27,15 +28,6 @@ from train.runs.logs import read_rows
 def config():
     """The settings of `TINY`, as Python gives them."""
     return parse_request(PPOConfig, TINY).config
-
-
-@dataclasses.dataclass(frozen=True)
-class Generous(Probe):
-    """A noisy probe of somebody's own, which no settings can name: every step pays 10 more."""
-
-    def step_env(self, key, state, action, params):
-        obs, state, reward, *rest = super().step_env(key, state, action, params)
-        return obs, state, reward + 10.0 * params.reward, *rest
 
 
 OWN = Generous("noisy")
@@ -156,3 +148,19 @@ def test_what_ends_a_run_early_is_raised(probe, config):
     assert len(rows_of(probe / "three")) == 1
     with pytest.raises(StoppedError, match="rewards no longer finite in update 1: stopped"):
         train(OWN, ProbeParams(reward=math.nan), config, run_dir="two", quiet=True)
+
+
+def test_a_wrapper_by_its_name(probe, capsys):
+    """In settings, which rebuild it; no file of a policy can say what it is."""
+    argv = [*TINY, "--wrapper=tests.train.own_parts:generous", "--run-dir=run"]
+    assert ppo.main(argv) == 0
+    assert evaluate_command.main(["--run-dir=run", "--episodes=3", "--json=out.json"]) == 0
+    played = json.loads((probe / "out.json").read_text())
+    assert played["policies"]["none"]["return_mean"] > 50.0
+    assert load_policy("run/policy.zip").about.scenario == ""
+    capsys.readouterr()
+    for option in ("wrapper", "reward"):
+        for text in ("nowhere:wrap", "tests.train.own_parts:gone", "tests.train.own_parts:1x"):
+            refused(capsys, [*TINY, f"--{option}={text}"], f"{option} '{text}'")
+    refused(capsys, [*TINY, "--wrapper=builtins:repr"], "env is")
+    refused(capsys, [*TINY, "--wrapper=x:y", "--agents=ippo"], "allowed: agents none")

@@ -5,12 +5,19 @@ import json
 import pytest
 
 import medjax
+from medjax.policies.saved import load_policy
 from tests.train.runs.test_session import assert_same_run, rows_of
 from train import evaluate, ppo
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
+TERMS = [*medjax.TERMS, "served"]
 SMALL = {"num_meds": 2, "num_evs": 6, "num_gas": 12, "episode_decisions": 12}
+
+
+def changes():
+    """The options that make the world small."""
+    return [word for name, value in SMALL.items() for word in ("--set", f"{name}={value}")]
 
 
 def test_train_and_evaluate(tmp_path, capsys):
@@ -26,8 +33,8 @@ def test_train_and_evaluate(tmp_path, capsys):
     ]
     # Evaluations play the preset, whatever demands were trained on.
     argv += [f"--run-dir={run}", "--eval-episodes=4", "--demand-range", "0.5", "1.5"]
-    for name, value in SMALL.items():
-        argv += ["--set", f"{name}={value}"]
+    argv += ["--reward=tests.train.own_parts:served", "--set", "reward_weights.served=0.25"]
+    argv += changes()
     assert ppo.main(argv) == 0
     rows = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
     assert [row["update"] for row in rows] == [1, 2]
@@ -36,7 +43,7 @@ def test_train_and_evaluate(tmp_path, capsys):
     assert rows[-1]["episode_collisions"] == 0.0
     for row in rows:  # terms of the reward, which add up to the return
         parts = [value for name, value in row.items() if name.startswith("episode_reward_")]
-        assert len(parts) == len(medjax.TERMS)
+        assert len(parts) == len(TERMS)
         assert sum(parts) == pytest.approx(row["episode_return"], rel=1e-4)
     # The same episodes again, with the seed of the closing evaluation.
     out = tmp_path / "out.json"
@@ -57,13 +64,17 @@ def test_train_and_evaluate(tmp_path, capsys):
         "budgeted",
     }
     for entry in result["policies"].values():
-        parts = [entry[f"reward_{term}"] for term in medjax.TERMS]
+        parts = [entry[f"reward_{term}"] for term in TERMS]
+        served = entry["evs_served"]  # in all, four times what they pay
+        assert entry["reward_served"] == pytest.approx(0.25 * served, rel=1e-4)
         assert sum(parts) == pytest.approx(entry["return_mean"], rel=1e-4)
     assert result["policies"]["none"]["meds_dispatched"] == 0.0
     assert result["policies"]["random"]["invalid_actions"] == 0.0
     for name in ("depleted_share", "mean_range_m", "mean_soc", "meds_dispatched"):
         assert name in result["policies"]["ppo"]
     assert result == json.loads((run / "evaluation.json").read_text())
+    about = load_policy(run / "policy.zip").about
+    assert (about.scenario, dict(about.overrides)) == ("paper", SMALL)  # whatever was paid
     out = capsys.readouterr().out
     assert "MEDs sent" in out
     heading = next(line for line in out.splitlines() if line.startswith("return from"))
@@ -75,9 +86,7 @@ def test_train_and_evaluate(tmp_path, capsys):
 def test_the_highway_trains_the_same_however_it_is_driven(tmp_path, monkeypatch):
     """In chunks of one update and of as many as may be, with other checkpoints, evaluated or not."""
     argv = ["--num-envs=8", "--num-minibatches=8", "--total-timesteps=2048", "--decide-every=2"]
-    argv += ["--rollout-length=8", "--hidden", "8"]
-    for name, value in SMALL.items():
-        argv += ["--set", f"{name}={value}"]
+    argv += ["--rollout-length=8", "--hidden", "8", *changes()]
     one = ["--updates-per-call=1", "--eval-episodes=0", "--checkpoint-interval=3"]
     assert ppo.main([*argv, *one, f"--run-dir={tmp_path / 'one'}"]) == 0
     monkeypatch.setattr("train.runs.session.SECONDS_PER_CALL", 1e9)

@@ -8,8 +8,10 @@ import jax
 
 import medjax
 from medjax.agents import agents_of
+from medjax.commandline import read_object
 from medjax.env.contract import Environment
 from medjax.env.observation import OBSERVATIONS
+from medjax.env.reward import REWARDS
 from medjax.env.wrapper import check_environment as check_is_environment
 from medjax.episodes.player import episode_decisions
 from medjax.errors import InputError
@@ -17,7 +19,7 @@ from medjax.numerics.devices import environment_mesh
 from medjax.policies.rules import BASELINES
 from medjax.policies.saved import about_of
 from medjax.policies.team import Dispatched
-from medjax.scenarios import prepare
+from medjax.scenarios import SCENARIOS, prepare
 from medjax.wrappers import (
     BatchAutoReset,
     DecideEvery,
@@ -80,13 +82,35 @@ def check_environment(config: TrainConfig) -> None:
 def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
     # An environment is compiled in part; what can be refused without it is refused before.
     environment_mesh(config.device_groups, config.num_devices, jax.devices())
+    how: dict[str, Any] = dict(config.overrides)
+    if config.reward != "preset":
+        how["reward"] = _reward(config)
     if config.agents == "none":
         check_network(config, OBSERVATIONS.get(config.observation))
-        return build(config.scenario, observation=config.observation, **config.overrides)
-    how: dict[str, Any] = {"credit": config.credit, "central": config.agents == "mappo"}
-    env, params = agents_of(config.scenario, build=build, **how | dict(config.overrides))
+        wrap = None if config.wrapper == "none" else read_object("wrapper", config.wrapper)
+        env, params, *_ = build(config.scenario, observation=config.observation, **how)
+        return (_wrapped(env, wrap, config) if wrap else env), params
+    how |= {"credit": config.credit, "central": config.agents == "mappo"}
+    env, params = agents_of(config.scenario, build=build, **how)
     check_network(config, env.observation)
     return env, params
+
+
+def _reward(config: TrainConfig) -> Any:
+    """The reward that the settings name, as `medjax.make` takes it."""
+    if ":" not in config.reward:
+        return config.reward
+    own = [read_object("reward", text) for text in config.reward.split(",")]
+    usual = SCENARIOS[config.scenario].reward if config.scenario in SCENARIOS else "paper"
+    return {**REWARDS[usual], **{getattr(term, "__name__", "own"): term for term in own}}
+
+
+def _wrapped(env: Any, wrap: Callable[[Any], Any], config: TrainConfig) -> Any:
+    """`env` in what the settings name."""
+    wrapped = wrap(env)
+    check_is_environment(wrapped)
+    check_network(config, wrapped.observation)
+    return wrapped
 
 
 def dispatched(env: Any, config: TrainConfig) -> Dispatched | None:

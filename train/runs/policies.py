@@ -1,5 +1,6 @@
 """The policies of a run: what it learned, from its checkpoints and as a file, and the rules beside it."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
@@ -153,6 +154,8 @@ def export_policy(
 ) -> None:
     """Writes the trained policy as one file, for `medjax.policies.saved.load_policy`.
 
+    The file plays in the preset's own reward, whatever the policy was paid.
+
     Args:
         path: file to write, replaced.
         env: a single environment of the run.
@@ -168,7 +171,18 @@ def export_policy(
     by_rule = config.agents != "none" and config.dispatcher != "agents"
     dispatcher = config.dispatcher if by_rule else ""
     how = config.decide_every, config.algorithm, dispatcher
-    about = about_of_own(env, *how) if given else about_of(env, params, *how)
+    if given or config.wrapper != "none":
+        about = about_of_own(env, *how)
+    elif config.reward != "preset":
+        weights_of = "reward_weights"
+        kept = {
+            key: each for key, each in config.overrides.items() if not key.startswith(weights_of)
+        }
+        unpaid = dataclasses.replace(config, reward="preset", overrides=kept)
+        env, params = make_environment(unpaid)
+        about = about_of(env, params, *how)
+    else:
+        about = about_of(env, params, *how)
     network = algorithm_of(config).build_network(env, config)
     own = jax.device_get(weights_by_name(config, weights)[config.algorithm])
 
