@@ -99,6 +99,8 @@ class TrainConfig(abc.ABC):
         64, "run", "episodes of the closing evaluation; 0: none", limits=(0, 10**7)
     )
 
+    force: bool = option(False, "run", "begin although the memory that it takes is not there")
+
     network: str = option(
         "mlp", "network", "architecture: mlp, or sets (of MEDs and EVs) with --observation flat"
     )

@@ -9,8 +9,10 @@ from typing import Any
 
 from medjax.commandline import add_set_option, as_path, parse_overrides, whole_number
 from medjax.env.charging_env import ChargingEnv
+from medjax.episodes.player import episode_decisions
 from medjax.episodes.recording import Recording, record_episode
 from medjax.errors import InputError, shown
+from medjax.numerics.memory import check_memory
 from medjax.policies.given import FILE, as_policy, check_policy
 from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
@@ -19,6 +21,7 @@ from medjax.policies.team import rules_of
 from medjax.scenarios import SCENARIOS, make, prepare
 from medjax.world.params import EnvParams
 
+BYTES_OF_A_SLOT = 150  # of a frame: on the device, on the host, in the order of time, and as rows
 RULE = "forecast"  # unless another policy is asked for
 POLICY = "policy.zip"  # file of a trained policy in the directory of a run
 
@@ -39,6 +42,7 @@ def add_episode_options(group: Any) -> None:
     group.add_argument("--seed", metavar="N", default="0", help="whose episodes (default: 0)")
     which = "which of them, as in train.evaluate (default: 0)"
     group.add_argument("--episode", metavar="N", default="0", help=which)
+    group.add_argument("--force", action="store_true", help="begin although memory is not there")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,6 +56,7 @@ class EpisodeRequest:
     overrides: Mapping[str, Any]
     seed: int
     episode: int
+    force: bool = False  # whatever memory it takes
 
     def prepared(self) -> tuple[ChargingEnv, EnvParams]:
         """The environment and its numbers as `policies` makes them, but for the coils; nothing is compiled.
@@ -81,6 +86,10 @@ class EpisodeRequest:
             chosen = {trained.about.name: trained.policy(env)}
         if self.compare:
             chosen[self.compare] = rules_of(env)[self.compare]
+        config, decisions = env.config, episode_decisions(params)
+        slots = decisions * config.ticks_per_decision * config.num_vehicles * len(chosen)
+        what = f"an episode of {decisions} decisions with {config.num_vehicles} vehicles"
+        check_memory(what, slots * BYTES_OF_A_SLOT, self.force)
         return env, params, chosen
 
     def record(
@@ -125,6 +134,7 @@ def requested_episode(given: argparse.Namespace) -> EpisodeRequest:
         overrides=parse_overrides(given.overrides),
         seed=whole_number("--seed", given.seed),
         episode=whole_number("--episode", given.episode),
+        force=given.force,
     )
 
 

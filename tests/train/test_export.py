@@ -87,7 +87,7 @@ def test_plays_what_the_evaluation_of_the_run_plays(exported):
     np.testing.assert_allclose(recording.decisions.probabilities.sum(axis=1), 1.0, atol=1e-5)
 
 
-def test_is_recorded_in_another_world(exported, tmp_path):
+def test_is_recorded_in_another_world(exported, monkeypatch):
     """With numbers over those of its training, as every command on episodes asks for it."""
     env, *_, path = exported
     parser = OneLineParser()
@@ -100,6 +100,10 @@ def test_is_recorded_in_another_world(exported, tmp_path):
     assert [*asked.policies()[2]] == ["ppo"]
     with pytest.raises(InputError, match="actions: allowed"):
         requested_episode(parser.parse_args([f"--policy={path}", "--set=num_ramps=2"])).policies()
+    monkeypatch.setattr("medjax.numerics.memory.memory_bytes", lambda: 10_000)
+    with pytest.raises(InputError, match="an episode of 24 decisions with 20 vehicles: about"):
+        asked.policies()
+    requested_episode(parser.parse_args([*given, "--force"])).policies()
 
 
 def test_a_file_that_would_rebuild_another_world_is_refused(exported):

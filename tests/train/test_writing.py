@@ -43,6 +43,24 @@ def test_a_full_disk_ends_a_command_in_a_line(probe, capsys):
         assert os.listdir(probe / "disk") == ["full"]
 
 
+def test_what_is_too_large_is_refused_before_it_is_compiled(probe, capsys, monkeypatch):
+    """By what a run and an evaluation take of this machine; --force begins all the same."""
+    small = lambda: 20_000  # noqa: E731
+    monkeypatch.setattr("medjax.numerics.memory.memory_bytes", small)
+    compiled = []
+    with monkeypatch.context() as patch:
+        patch.setattr("train.runs.session.compiled", compiled.append)
+        words = ("num_envs 4096 x 4 choices", "of memory, allowed: 2e-05 GB", "--force")
+        refused(capsys, [*QUIET, "--num-envs=4096", "--run-dir=run"], *words)
+    assert not compiled
+    assert not (probe / "run").exists()
+    assert ppo.main([*QUIET, "--run-dir=run", "--num-envs=4096", "--force"]) == 0
+    capsys.readouterr()
+    argv = ["--run-dir=run", "--episodes=1000"]
+    refused(capsys, argv, "--episodes 1000: about 0.0015 GB", "--force", command=evaluate)
+    assert evaluate.main([*argv, "--force"]) == 0
+
+
 def test_the_checkpoint_before_a_damaged_one_is_gone_on_from(probe, capsys):
     """As the refusal says; the run ends as if it had never come further."""
     assert ppo.main([*QUIET, "--run-dir=run", "--total-timesteps=80", "--no-anneal"]) == 0

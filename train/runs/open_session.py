@@ -1,10 +1,14 @@
 """The beginning of a run: everything that can be checked is checked, then its directory is claimed."""
 
+import math
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
+
+import jax
 
 from medjax.errors import InputError
 from medjax.numerics.devices import prepare_cpu
+from medjax.numerics.memory import check_memory, tree_bytes
 from train.algorithms.algorithm import TrainState
 from train.algorithms.environments import make_environment
 from train.algorithms.programs import make_train, shapes_of
@@ -13,6 +17,10 @@ from train.runs.checkpoint import Checkpoints, updates_done
 from train.runs.processes import is_first, join, together
 from train.runs.run_directory import RunDir, check_unused, new_run_dir
 from train.runs.session import Session
+from train.settings import TrainConfig
+
+FLOAT = 4  # bytes
+NUMBERS_OF_A_CHOICE = 8  # beside what was seen and allowed, `train.algorithms.rollout.Trajectory`
 
 
 def open_session(request: Request) -> Session:
@@ -29,11 +37,27 @@ def open_session(request: Request) -> Session:
     env, params = request.given or make_environment(config)
     programs = make_train(env, params, config)
     shapes = shapes_of(programs, params, config)
+    _check_memory(env, params, config, shapes)
     taken = together(lambda: _take(request, shapes))
     quiet = request.quiet or not is_first()
     resumed = request.resume is not None
     begun = env, params, config, programs, shapes, resumed, *taken
     return Session(*begun, quiet, request.callback)
+
+
+def _check_memory(env: Any, params: Any, config: TrainConfig, shapes: TrainState) -> None:
+    """Refuses (InputError) a run that this machine cannot hold; what it takes is reckoned low rather than high.
+
+    The state is there once on the devices and once on the host, gradients and their moments are as large as the
+    weights. Of a rollout what every choice saw, drew and got is kept in the order of time, and by environments.
+    """
+    views = getattr(env, "num_agents", 1) * config.num_envs * config.choices_per_update
+    seen = math.prod(env.observation_space(params).shape)
+    rollout = views * (FLOAT * (seen + NUMBERS_OF_A_CHOICE) + env.num_actions)
+    needed = 2 * (tree_bytes(shapes) + rollout) + 2 * tree_bytes(shapes.weights)
+    if jax.process_count() == 1:
+        what = f"num_envs {config.num_envs} x {config.choices_per_update} choices, num_seeds {config.num_seeds}"
+        check_memory(f"{what}, hidden {' '.join(map(str, config.hidden))}", needed, config.force)
 
 
 def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None, TrainState | None]:
