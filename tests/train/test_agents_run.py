@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 
 import medjax
+from medjax.agents import agents_of
 from medjax.episodes.scores import evaluate_policies
 from medjax.policies.saved import load_policy
 from tests.train.conftest import refused
 from train import evaluate, ppo
+from train.algorithms.environments import described, make_environment
+from train.algorithms.ppo.settings import PPOConfig
 from train.runs.policies import load_policies
 from train.runs.run_directory import RunDir
 from train.settings import DISPATCHERS
@@ -83,3 +86,16 @@ def test_dispatchers_are_rules_without_a_draw():
         assert policy.world(params) is params
         one, other = (policy(jax.random.key(n), obs, state, params) for n in (1, 2))
         assert int(one.action) == int(other.action)
+
+
+@pytest.mark.parametrize("central", [False, True])
+def test_agents_that_are_given_are_named_by_settings(central):
+    """As `agents_of` makes them: `train.api` leaves a run that the commands take."""
+    env, params = agents_of("paper", central=central, credit="own", speeds=[17.0], **SMALL)
+    config, rebuilt = described(env, params, PPOConfig())
+    assert rebuilt
+    assert config.agents == ("mappo" if central else "ippo")
+    again, numbers = make_environment(config)
+    assert (again.actions, again.view, again.credit) == (env.actions, env.view, "own")
+    assert again.config == env.config
+    jax.tree.map(np.testing.assert_array_equal, numbers, params)
