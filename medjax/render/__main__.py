@@ -55,7 +55,7 @@ def build_parser() -> OneLineParser:
     show.add_argument("--out", metavar="FILE", required=True, help=f"FILE ends in {SUFFIXES}")
     follow = f"camera: {FORMS} (default: {AUTO}, the busiest MED)"
     show.add_argument("--follow", metavar="WHAT", default=AUTO, help=follow)
-    start = "first second shown (default: 0 for .html and a whole .mp4, else where most EVs charge)"
+    start = "first second shown (default: the first charge for .html, 0 for a whole .mp4, else where most EVs charge)"
     show.add_argument("--start", metavar="S", help=start)
     duration = "seconds of .mp4 (default: to the end) or .gif (default: 20)"
     show.add_argument("--duration", metavar="S", help=duration)
@@ -158,7 +158,7 @@ def _check(request: Request, env: ChargingEnv, params: EnvParams) -> None:
 def _write(request: Request, recordings: Sequence[Recording]) -> None:
     out, shot = request.out, request.shot
     if out.suffix == ".html":
-        write_player(out, recordings, follow=shot.follow, start_s=shot.start_s or 0.0)
+        write_player(out, recordings, follow=shot.follow, start_s=shot.start_s)
         return
     from medjax.render.video import write_png, write_video
 

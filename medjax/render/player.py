@@ -17,13 +17,14 @@ from medjax.render import colors
 from medjax.render.camera import AUTO, camera_path, find_track, vehicle_named
 from medjax.render.episode_data import pack_episode
 from medjax.render.scene import Timeline
+from medjax.render.story import first_charge_s, verdict, words_for
 
 # In the order in which they build on each other.
-SCRIPTS = "packing theme episode road bodies charts vehicle dispatch clock player input"
+SCRIPTS = "packing theme episode road bodies charts vehicle dispatch clock story player input"
 
 
 def write_player(
-    path: Path, recordings: Sequence[Recording], *, follow: str = AUTO, start_s: float = 0.0
+    path: Path, recordings: Sequence[Recording], *, follow: str = AUTO, start_s: float | None = None
 ) -> None:
     """Writes the player.
 
@@ -31,7 +32,7 @@ def write_player(
       path: file to write, in full or not at all.
       recordings: one, or two policies' of the same episode, which then share one clock.
       follow: a vehicle of the first recording that is selected at the start, as in `camera_path`.
-      start_s: where the clock stands at the start.
+      start_s: where the clock stands at the start; None: just before an EV is first charged.
 
     Raises:
       InputError: one line; recordings of different episodes, a vehicle or time that there is not.
@@ -43,19 +44,22 @@ def write_player(
 
 
 def player_page(
-    recordings: Sequence[Recording], *, follow: str = AUTO, start_s: float = 0.0
+    recordings: Sequence[Recording], *, follow: str = AUTO, start_s: float | None = None
 ) -> str:
     """The text of the page; see `write_player`."""
     check_comparable(recordings)
     timelines = [Timeline(recording) for recording in recordings]
+    start_s = first_charge_s(recordings) if start_s is None else start_s
     if not 0.0 <= start_s <= timelines[0].duration_s:
         raise InputError(f"start = {start_s:g} s: allowed 0 to {timelines[0].duration_s:g} s")
     packed = [pack_episode(timeline) for timeline in timelines]
     head = recordings[0]
     data = {
         "episodes": [meta for meta, _ in packed],
+        "words": [words_for(recording.policy) for recording in recordings],
         "socScale": list(map(colors.css, colors.SOC_SCALE)),
         "start": start_s,
+        "verdict": verdict(recordings),
         "follow": _follow(timelines[0], follow),
     }
     policies = " and ".join(recording.policy for recording in recordings)

@@ -103,6 +103,7 @@ def test_follows_a_vehicle_from_the_list(browser, one, recording):
     track = next(t for t in tracks_of(recording) if t.kind == "EV" and t.first > 20)
     index = tracks_of(recording).index(track)
     with opened(browser, one) as page:
+        page.evaluate("medjaxPlayer.seek(0)")
         page.select_option("#vehicle", f"0:{index}")
         settle(page)
         assert seconds(page) == pytest.approx(track.first * 0.25)

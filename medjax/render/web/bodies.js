@@ -162,14 +162,17 @@ function drawBody(context, { left, top, width, height }, episode, theme, slot, i
   const name = episode.nameAt(slot, episode.frame);
   const size = Math.min(13, Math.round(0.8 * height));
   if (size < 8) return;
-  context.font = `${size}px system-ui, sans-serif`;
   context.fillStyle = colors.text;
   context.textAlign = "center";
   context.textBaseline = "middle";
   const room = width - 3 * pane - 2;
-  for (const text of [`${name}: ${charge} %`, `${charge} %`, `${charge}`]) {
+  context.font = `${size}px system-ui, sans-serif`;
+  for (const text of [`${name}: ${charge} %`, `${charge} %`]) {
     if (context.measureText(text).width > room) continue;
     context.fillText(text, left + (width - 2 * pane) / 2, top + height / 2 + 0.5);
     return;
   }
+  context.font = "11px system-ui, sans-serif";
+  context.fillStyle = theme.ink;
+  context.fillText(`${charge} %`, left + width / 2, top - 0.55 * size);
 }

@@ -29,6 +29,9 @@ class Player {
     if (data.follow.track !== undefined) this.select(0, episodes[0].tracks[data.follow.track]);
     this.setCamera(data.follow.mode, data.follow.x);
     this.seek(data.start);
+    fillStory(data, episodes);
+    this.address = new Address(this);
+    this.address.read();
   }
 
   play() {
@@ -117,8 +120,10 @@ class Player {
     $("scrub").value = String(seconds);
     $("scrub").setAttribute("aria-valuetext", clockText(seconds));
     $("time").value = `${clockText(seconds, 2)} / ${clockText(this.clock.end)}`;
+    if (!this.clock.playing) this.address?.keep(seconds);
     const label = this.clock.playing ? "Pause" : "Play";
     if ($("play").textContent !== label) $("play").textContent = label;
+    $("play").classList.toggle("playing", this.clock.playing);
   }
 
   /** Points the cameras: with a selected vehicle all show its stretch, else each its own. */
@@ -185,6 +190,8 @@ class Player {
       for (const { seconds } of panel.sent) {
         const mark = element("i", { className: LINE_COLORS[which] });
         mark.style.left = `${(100 * seconds) / this.clock.end}%`;
+        mark.title = `MED sent at ${clockText(seconds)}: go there`;
+        mark.addEventListener("click", () => this.seek(seconds));
         $("marks").append(mark);
       }
     });

@@ -2,6 +2,7 @@ const LANE_PX = { strip: 9, narrow: 20, wide: 34, low: 26 };
 const TEXT_PX = 12;
 const DASH_M = 6;
 const PERIOD_M = 18;
+const ARROWS_M = 54;
 const RULER_STEPS_M = [10, 20, 50, 100, 200, 500, 1000];
 
 /** Metres to pixels: a rectangle of the canvas onto a stretch of road. */
@@ -80,6 +81,7 @@ function drawMarkings(context, view, theme, start, end) {
       context.fillRect(view.px(x), y - 1, DASH_M * view.perX, 2);
     }
   }
+  for (let lane = 0; lane < road.lanes; lane += 1) drawArrows(context, view, lane * road.laneWidth);
   context.fillStyle = theme.edge;
   line(-half);
   line(road.lanes * road.laneWidth - half);
@@ -89,6 +91,22 @@ function drawMarkings(context, view, theme, start, end) {
     for (let x = ramp; x < ramp + road.mergeLength; x += 9) {
       context.fillRect(view.px(x), y - 1, DASH_M * view.perX, 2);
     }
+  }
+}
+
+/** Which way one drives, painted on a lane. */
+function drawArrows(context, view, y) {
+  const { road } = view;
+  const [long, wide] = [3 * view.perX, 0.16 * road.laneWidth * view.perY];
+  const middle = view.py(y);
+  const first = Math.max(0, Math.floor(view.start / ARROWS_M) * ARROWS_M);
+  for (let x = first; x < Math.min(view.start + view.span, road.length); x += ARROWS_M) {
+    const tip = view.px(x) + long;
+    context.beginPath();
+    context.moveTo(tip - long, middle - wide);
+    context.lineTo(tip, middle);
+    context.lineTo(tip - long, middle + wide);
+    context.fill();
   }
 }
 

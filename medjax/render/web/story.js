@@ -1,0 +1,61 @@
+/** Words on the page: who the policies are, and how the episode ends. */
+function fillStory(data, episodes) {
+  data.words.forEach((words, which) => {
+    if (!words) return;
+    const key = element("span", { className: `key ${LINE_COLORS[which]}` });
+    const name = element("dt", { textContent: episodes[which].meta.policy });
+    if (episodes.length > 1) name.prepend(key);
+    $("policies").append(name, element("dd", { textContent: words }));
+  });
+  const wins = ({ better, digits, values }) => {
+    const shown = values.map((value) => Number(value.toFixed(digits)));
+    const best = Math[better < 0 ? "min" : "max"](...shown);
+    return shown.map((value) => better !== 0 && new Set(shown).size > 1 && value === best);
+  };
+  const head = data.verdict.map(({ title }) => element("th", { textContent: title, scope: "col" }));
+  const rows = episodes.map(({ meta }, which) => {
+    const cells = data.verdict.map((row) => {
+      const [text, best] = [row.values[which].toFixed(row.digits), wins(row)[which]];
+      return element("td", { textContent: best ? `${text} \u2713` : text, className: best ? "better" : "" });
+    });
+    return element("tr", {}, [element("th", { textContent: meta.policy, scope: "row" }), ...cells]);
+  });
+  $("verdict").append(element("thead", {}, [element("tr", {}, [element("td"), ...head])]), element("tbody", {}, rows));
+  $("outcome").open = window.matchMedia("(min-width: 1100px)").matches; // beside the words, where it takes no room
+}
+
+const HASH_MS = 300;
+
+/** `#t=123&follow=MED3`: time and followed vehicle in the address, to be kept and passed on. */
+class Address {
+  constructor(player) {
+    this.player = player;
+    this.waits = null;
+    window.addEventListener("hashchange", () => this.read());
+  }
+
+  /** Goes where the address says, as far as it says something. */
+  read() {
+    const { player } = this;
+    const given = new URLSearchParams(window.location.hash.slice(1));
+    const wanted = given.get("follow")?.toLowerCase();
+    const track = wanted && player.episodes[0].tracks.find(({ name }) => name.replace(" ", "").toLowerCase() === wanted);
+    if (track) {
+      player.select(0, track);
+      player.setCamera("selected");
+    }
+    const seconds = Number.parseFloat(given.get("t"));
+    if (Number.isFinite(seconds)) player.seek(seconds);
+  }
+
+  /** Writes where the player stands, once it has stood there for a moment; a browser refuses to be told all the time. */
+  keep(seconds) {
+    clearTimeout(this.waits);
+    if (window.location.protocol === "about:") return; // in a frame of another page
+    const { selected, camera } = this.player;
+    const follow = selected?.which === 0 && camera.mode === "selected" ? `&follow=${selected.track.name.replace(" ", "")}` : "";
+    const hash = `#t=${Number(seconds.toFixed(2))}${follow}`;
+    if (hash === window.location.hash) return;
+    this.waits = setTimeout(() => window.history.replaceState(null, "", hash), HASH_MS);
+  }
+}
