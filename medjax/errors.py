@@ -11,7 +11,7 @@ class MissingLibrary(ImportError):
     """An optional library is not installed; the message says which, and the command that installs it."""
 
     def __init__(self, library: str) -> None:
-        super().__init__(f'{library} is not installed: pip install "medjax[render]"')
+        super().__init__(f'{library} is not installed: pip install -e ".[render]"')
 
 
 class InputError(ValueError):

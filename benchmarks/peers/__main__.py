@@ -111,7 +111,7 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
     for peer in PEERS:
         if installed_version(peer.package) is None:
             skipped.append(peer.name)
-            say(f'{peer.name}: not installed, skipped (pip install "medjax[peers]")')
+            say(f'{peer.name}: not installed, skipped (pip install -e ".[peers]")')
         else:
             present.append(peer)
     env, params = medjax.make(SCENARIO)

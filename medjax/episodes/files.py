@@ -73,7 +73,7 @@ def check_target(path: Path) -> str:
     if not os.access(path.parent, os.W_OK):
         raise InputError(f"cannot write {path}: {path.parent} is not writable")
     if ending == ".parquet" and importlib.util.find_spec("pyarrow") is None:
-        raise ImportError('Parquet needs pyarrow: pip install "medjax[trajectories]"')
+        raise ImportError('Parquet needs pyarrow: pip install -e ".[trajectories]"')
     return ending
 
 

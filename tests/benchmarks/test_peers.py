@@ -215,7 +215,7 @@ def test_missing_peer_is_named_and_skipped(monkeypatch, capsys, tmp_path):
     file = tmp_path / "peers.json"
     command.main(["--rounds", "2", "--json", str(file)])
     out, err = capsys.readouterr()
-    assert 'absent: not installed, skipped (pip install "medjax[peers]")\n' in err
+    assert 'absent: not installed, skipped (pip install -e ".[peers]")\n' in err
     assert "present is scripted." in out
     assert log.count("present") == 2
     written = json.loads(file.read_text())

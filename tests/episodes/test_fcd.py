@@ -25,7 +25,7 @@ def fcd(recording, tmp_path_factory):
 
 @pytest.fixture
 def sumo_home():
-    return Path(pytest.importorskip("sumo", reason='pip install "medjax[peers]"').SUMO_HOME)
+    return Path(pytest.importorskip("sumo", reason='pip install -e ".[peers]"').SUMO_HOME)
 
 
 def run_tool(sumo_home, *command):

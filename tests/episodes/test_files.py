@@ -10,7 +10,7 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
 def test_parquet_reads_back_as_the_table(recording, table, tmp_path):
-    parquet = pytest.importorskip("pyarrow.parquet", reason='pip install "medjax[trajectories]"')
+    parquet = pytest.importorskip("pyarrow.parquet", reason='pip install -e ".[trajectories]"')
     path = tmp_path / "run.parquet"
     assert write_trajectories(recording, path) == len(table["time_s"])
     back = parquet.read_table(path)

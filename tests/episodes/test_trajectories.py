@@ -51,4 +51,4 @@ def test_parquet_without_pyarrow_names_the_remedy(tmp_path, monkeypatch, capsys)
     with pytest.raises(SystemExit) as end:
         main(["--out", str(tmp_path / "run.parquet")])
     assert end.value.code == 2
-    assert 'pip install "medjax[trajectories]"' in capsys.readouterr().err
+    assert 'pip install -e ".[trajectories]"' in capsys.readouterr().err

@@ -107,7 +107,7 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it(
         lambda name, *rest: None if name == module else find(name, *rest),
     )
     line = refused(main, ["--out", f"a{suffix}"], capsys)
-    assert line.endswith(f'{library} is not installed: pip install "medjax[render]"\n')
+    assert line.endswith(f'{library} is not installed: pip install -e ".[render]"\n')
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 
-gymnasium = pytest.importorskip("gymnasium", reason='pip install "medjax[gymnasium]"')
+gymnasium = pytest.importorskip("gymnasium", reason='pip install -e ".[gymnasium]"')
 
 from gymnasium.error import DependencyNotInstalled, ResetNeeded  # noqa: E402
 from gymnasium.utils.env_checker import check_env, data_equivalence  # noqa: E402
@@ -227,7 +227,7 @@ def test_pictures(painted):
 
 
 def test_the_road_is_drawn():
-    pytest.importorskip("PIL", reason='pip install "medjax[render]"')
+    pytest.importorskip("PIL", reason='pip install -e ".[render]"')
     env = gymnasium.make(ENV_ID, **SMALL, render_mode="rgb_array")
     env.reset(seed=1)
     first = env.render()
@@ -267,7 +267,7 @@ def test_missing_libraries_are_named_with_their_remedy(painted, monkeypatch):
     monkeypatch.setattr(ChargingEnv, "render", missing)
     env = gymnasium.make(ENV_ID, **SMALL, render_mode="rgb_array")
     env.reset()
-    with pytest.raises(DependencyNotInstalled, match=r'pip install "medjax\[render\]"'):
+    with pytest.raises(DependencyNotInstalled, match=r'pip install -e "\.\[render\]"'):
         env.render()
 
 

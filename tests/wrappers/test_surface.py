@@ -131,7 +131,7 @@ def check_recording(recording, score, steps):
 
 def check_gymnasium(env, params, steps):
     """One episode of a single one, and of two side by side."""
-    gym = pytest.importorskip("medjax.wrappers.gymnasium", reason='pip install "medjax[gymnasium]"')
+    gym = pytest.importorskip("medjax.wrappers.gymnasium", reason='pip install -e ".[gymnasium]"')
     single = gym.ChargingGymEnv(env=env, params=params)
     several = gym.ChargingVectorEnv(2, env=env, params=params)
     assert single.simulator is env

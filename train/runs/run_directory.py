@@ -152,7 +152,7 @@ def check_unused(path: Path) -> None:
 def check_matplotlib() -> None:
     """Refuses to draw (InputError) where matplotlib is not installed, before the work for it is done."""
     if importlib.util.find_spec("matplotlib") is None:
-        raise InputError("matplotlib is not installed, allowed: pip install 'medjax[train]'")
+        raise InputError("matplotlib is not installed, allowed: pip install -e .[train]")
 
 
 @contextlib.contextmanager

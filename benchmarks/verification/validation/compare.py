@@ -65,7 +65,7 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
         found[name] = both_sides(DEMANDS[name], options)
     simulators = list(next(iter(found.values())))
     if "SUMO" not in simulators:
-        say('SUMO: not installed, skipped (pip install "medjax[peers]")')
+        say('SUMO: not installed, skipped (pip install -e ".[peers]")')
     figures = _each(found, summarise)
     for name, sides in figures.items():
         _, schedule = world(DEMANDS[name], options.minutes)
