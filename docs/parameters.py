@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from medjax.commandline import OneLineParser
 from medjax.env.reward import REWARDS
 from medjax.world.charging_params import CoilDesign
 from medjax.world.numbers import Number
@@ -63,5 +64,11 @@ def written(page: str) -> str:
     return TABLE.sub(_table, page)
 
 
-if __name__ == "__main__":
+def main(argv: Sequence[str] | None = None) -> None:
+    """The command."""
+    OneLineParser(prog="python -m docs.parameters", description=__doc__).parse_args(argv)
     PAGE.write_text(written(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -7,8 +7,7 @@ from the repository's root; it needs the extra `train` for matplotlib.
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import medjax
@@ -16,6 +15,7 @@ from docs.figures.coils import draw_efficiency, draw_inductance
 from docs.figures.driving import draw_idm, draw_lane_change
 from docs.figures.energy import draw_energy
 from docs.figures.road import draw_road
+from medjax.commandline import OneLineParser
 from medjax.world.params import EnvParams
 
 IMAGES = Path(__file__).parents[1] / "images"
@@ -46,6 +46,13 @@ def draw(directory: Path) -> list[Path]:
     return paths
 
 
-if __name__ == "__main__":
-    for written in draw(Path(sys.argv[1]) if len(sys.argv) > 1 else IMAGES):
+def main(argv: Sequence[str] | None = None) -> None:
+    """The command."""
+    parser = OneLineParser(prog="python -m docs.figures", description=__doc__)
+    parser.add_argument("directory", nargs="?", type=Path, default=IMAGES, metavar="DIRECTORY")
+    for written in draw(parser.parse_args(argv).directory):
         print(written)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,71 @@
+"""Which files what a command prints depends on: the modules that it imports, those that these import, and so on."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+
+from docs.reproduce.pages import OURS, ROOT
+
+BESIDE = (".js", ".css", ".html")  # what a package reads of its own folders
+
+
+def _path(module: str) -> Path | None:
+    """The file of a module of ours, or None."""
+    path = ROOT / module.replace(".", "/")
+    found = (path.with_suffix(".py"), path / "__init__.py")
+    return next((path for path in found if path.is_file()), None)
+
+
+@functools.cache
+def _imported(module: str) -> frozenset[str]:
+    """What a module of ours imports of ours, at any place, and the packages that it is in."""
+    path = _path(module)
+    if path is None:
+        return frozenset()
+    parts = module.split(".")
+    names = {".".join(parts[:count]) for count in range(1, len(parts))}
+    if path.name == "__init__.py" and _path(f"{module}.__main__"):
+        names.add(f"{module}.__main__")
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return frozenset(
+        name for name in names if name.partition(".")[0] in OURS and _path(name) is not None
+    )
+
+
+def files_of(modules: Iterable[str]) -> list[Path]:
+    """The files that commands depend on, sorted."""
+    todo, seen = list(modules), set()
+    while todo:
+        module = todo.pop()
+        if module not in seen:
+            seen.add(module)
+            todo += _imported(module)
+    files = {path for module in seen if (path := _path(module))}
+    beside = {
+        path
+        for folder in {path.parent for path in files if path.name != "__init__.py"}
+        for path in folder.rglob("*")
+        if path.suffix in BESIDE and "docs" not in path.relative_to(ROOT).parts[:1]
+    }
+    return sorted(files | beside)
+
+
+@functools.cache
+def _content(path: Path) -> bytes:
+    return hashlib.sha256(path.read_bytes()).digest()
+
+
+def digest(words: Iterable[str], modules: Iterable[str]) -> str:
+    """What changes when a command or a file that it depends on does."""
+    whole = hashlib.sha256("\0".join(words).encode())
+    for path in files_of(modules):
+        whole.update(str(path.relative_to(ROOT)).encode() + _content(path))
+    return whole.hexdigest()[:16]
