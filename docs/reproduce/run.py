@@ -70,17 +70,17 @@ class Book:
         return todo
 
     def run(self, block: Block) -> bool:
-        """Runs a block and writes its page and its stamp. Returns whether what the page shows has changed.
+        """Runs a block and writes its page and its stamp. Returns whether the text that the page shows has changed.
 
         Raises:
           RuntimeError: a command failed; the page is as it was.
         """
-        began = time.monotonic()
+        began, sources, commit = time.monotonic(), self.digest(block), _commit()
         printed = _printed(block)
         stamp = {
             "page": str(block.page.relative_to(ROOT)),
             "command": [" ".join(words) for words in block.commands],
-            "commit": _commit(),
+            "commit": commit,
             "date": date.today().isoformat(),
             "seconds": round(time.monotonic() - began),
             "machine": f"{os.cpu_count()} cores, {platform.machine()}",
@@ -88,7 +88,7 @@ class Book:
                 "python": platform.python_version(),
                 **{name: importlib.metadata.version(name) for name in ("jax", "numpy")},
             },
-            "sources": self.digest(block),
+            "sources": sources,
         }
         before = block.page.read_text(encoding="utf-8")
         after = with_output(before, block.name, printed, lambda file, to: _take(block, file, to))
