@@ -61,4 +61,11 @@ def test_cells_run(tmp_path, monkeypatch, capsys):
     assert "nan" not in printed
     assert shown.width > shown.height > 100
     assert np.asarray(shown).std() > 10  # there is something on it
+    docs = NOTEBOOK.parent.parent / "docs"
+    pages = "".join(
+        (docs / name).read_text(encoding="utf-8") for name in ("training.md", "files.md")
+    )
+    columns = {name.removeprefix("episode_") for name in names["trained"].rows[-1]}
+    columns -= {"return", "length", *(f"reward_{name}" for name in names["env"].reward)}
+    assert not {column for column in columns if f"`{column}`" not in pages}
     assert (tmp_path / "run/episode.html").stat().st_size > 50_000
