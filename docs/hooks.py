@@ -1,4 +1,4 @@
-"""What mkdocs does with a page besides rendering it: equations become MathML, which needs no script."""
+"""What mkdocs does with a page besides rendering it: equations become MathML, printed tables tables."""
 
 import html
 import re
@@ -11,6 +11,58 @@ EQUATION = re.compile(
     r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>',
     re.DOTALL,
 )
+
+# A fenced block, and in one a heading over a line of dashes.
+FENCE = re.compile(r"^```(\w*)\n((?:(?!```).*\n)*)```\n", re.MULTILINE)
+TABLE = re.compile(r"^(?P<head>\S.*)\n-{10,}\n(?P<rows>(?:\S.*\n(?!-{10,}\n))+)", re.MULTILINE)
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """The page with tables where commands printed some."""
+    return FENCE.sub(_with_tables, markdown)
+
+
+def _with_tables(block: re.Match[str]) -> str:
+    """A block of nothing but lines and tables as Markdown; any other as it is."""
+    language, printed = block.groups()
+    if language or not TABLE.search(printed):
+        return block[0]
+    parts, end = [], 0
+    for table in TABLE.finditer(printed):
+        rows = _cells(table["head"], table["rows"].splitlines())
+        if rows is None:
+            return block[0]
+        parts += [_lines(printed[end : table.start()]), _markdown(rows)]
+        end = table.end()
+    return "\n".join([*parts, _lines(printed[end:]), ""])
+
+
+def _lines(text: str) -> str:
+    """Lines between tables, each on its own."""
+    kept = [html.escape(line, quote=False) for line in text.splitlines() if line.strip()]
+    return "\n" + "  \n".join(kept) + "\n" if kept else ""
+
+
+def _cells(head: str, rows: list[str]) -> list[list[str]] | None:
+    """Cells of a heading and its rows, whose columns end where those of the heading do; None where they do not."""
+    ends = [found.end() for found in re.finditer(r"\S+(?: \S+)*", head)]
+    lines = [line.ljust(ends[-1]) for line in [head, *rows]]
+    # A first column is aligned to the left: what comes next begins two spaces after the longest name.
+    ends[0] = max(len(line.partition("  ")[0]) for line in lines)
+    if any(
+        len(line.rstrip()) > ends[-1] or line[end : end + 1].strip()
+        for line in lines
+        for end in ends
+    ):
+        return None
+    places = list(zip([0, *ends], ends, strict=False))
+    return [[line[begin:end].strip() for begin, end in places] for line in lines]
+
+
+def _markdown(rows: list[list[str]]) -> str:
+    """A table whose columns but the first are aligned to the right."""
+    lines = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
+    return "\n".join(["", lines[0], "|---" + "|---:" * (len(rows[0]) - 1) + "|", *lines[1:], ""])
 
 
 def on_page_content(content: str, **_: Any) -> str:

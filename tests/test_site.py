@@ -1,6 +1,7 @@
 """The documentation site: no warning, no link that leads nowhere, nothing from the network."""
 
 import importlib.util
+import re
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -8,6 +9,8 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
+
+from tests.render.browser import chromium_program
 
 ROOT = Path(__file__).parent.parent
 NEEDED = ("mkdocs", "material", "mkdocstrings_handlers.python", "latex2mathml")
@@ -90,6 +93,56 @@ def test_site(pages):
     models = next(path for path in pages if path.name == "models.html")
     assert pages[models].equations > 30
     assert not [path.name for path in pages if "arithmatex" in path.read_text(encoding="utf-8")]
+
+
+@needs_mkdocs
+def test_printed_tables_are_tables(pages):
+    """Whatever command printed them: each number under its heading, and no line of dashes is left."""
+    for path in pages:
+        text = path.read_text(encoding="utf-8")
+        assert "----------" not in re.sub(
+            r"<style.*?</style>|<!--.*?-->", "", text, flags=re.DOTALL
+        ), path
+    results = next(path for path in pages if path.name == "results.html").read_text(
+        encoding="utf-8"
+    )
+    row = re.search(r"<tr>\s*<td>budgeted</td>(.*?)</tr>", results, re.DOTALL)
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", row[1])
+    assert re.fullmatch(r"-?[\d.]+", cells[0])
+    assert re.fullmatch(r"\[\S+, \S+\]", cells[1])
+    assert len(cells) == 7
+
+
+@needs_mkdocs
+def test_search_works_from_a_file(pages):
+    """Typed into the box of a page that was opened from a file, in a folder of the site, too; nothing is loaded."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="drives the browser")
+    if chromium_program() is None:
+        pytest.skip("no Chromium here (Debian: apt-get install chromium)")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium_program(), args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        wrong = []
+        page.on("console", lambda message: wrong.append(message.text))
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        for name in ("index.html", "physics.html"):
+            page.goto(next(path for path in pages if path.name == name).as_uri())
+            page.focus("input.md-search__input")
+            page.keyboard.type("cooldown_s")
+            page.wait_for_selector(".md-search-result__item")
+            assert "Parameters" in page.inner_text(".md-search-result__list")
+        for name in (
+            "index.html",
+            "results.html",
+            "parameters.html",
+            "validation.html",
+            "api/index.html",
+        ):
+            page.set_viewport_size({"width": 390, "height": 844})
+            page.goto(next(path for path in pages if str(path).endswith(name)).as_uri())
+            assert page.evaluate("document.documentElement.scrollWidth") <= 390, name
+        browser.close()
+    assert not wrong
 
 
 @needs_mkdocs
