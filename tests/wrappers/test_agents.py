@@ -39,7 +39,8 @@ def test_everything_is_by_name(named):
     assert set(rewards) == set(named.agents)
     assert set(dones) == {*named.agents, "__all__"}
     assert all(value.shape == (3,) for value in infos.values())
-    np.testing.assert_array_equal(obs["med_1"], named.get_obs(state)["med_1"])
+    # Two programs: what they divide may differ in the last bit.
+    np.testing.assert_allclose(obs["med_1"], named.get_obs(state)["med_1"], rtol=1e-6, atol=1e-7)
     assert named.world_state(state).ndim == 1
 
 
