@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from medjax.env.charging_env import ChargingEnv
     from medjax.env.reward import TERMS
     from medjax.numerics.compilation import prepare_jax
+    from medjax.policies.pretrained import load_pretrained
     from medjax.policies.rules import BASELINES
+    from medjax.policies.saved import load_policy
     from medjax.scenarios import SCENARIOS, make
     from medjax.world.detectors import read_detectors
     from medjax.world.params import EnvConfig, EnvParams
@@ -27,6 +29,8 @@ __all__ = [
     "ChargingEnv",
     "EnvConfig",
     "EnvParams",
+    "load_policy",
+    "load_pretrained",
     "make",
     "make_agents",
     "prepare_jax",
@@ -41,6 +45,8 @@ _HOMES = {
     "ChargingEnv": "env.charging_env",
     "EnvConfig": "world.params",
     "EnvParams": "world.params",
+    "load_policy": "policies.saved",
+    "load_pretrained": "policies.pretrained",
     "make": "scenarios",
     "make_agents": "wrappers.agents",
     "prepare_jax": "numerics.compilation",

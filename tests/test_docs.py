@@ -63,7 +63,8 @@ def test_training_example_trains(name, tmp_path, monkeypatch, capsys):
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("medjax.make", make)
-    monkeypatch.setattr("medjax.policies.saved.make", make)
+    for module in ("about", "saved"):
+        monkeypatch.setattr(f"medjax.policies.{module}.make", make)
     rules = dict.fromkeys(("none", "paced", "forecast"), never)
     monkeypatch.setattr("medjax.policies.team.BASELINES", rules)
     whole = "total_timesteps=1_000_000"

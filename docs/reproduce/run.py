@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import os
 import platform
@@ -16,6 +15,7 @@ from typing import Any
 
 from docs.reproduce.pages import ROOT, RUN_NOTE, Block, with_note, with_output
 from docs.reproduce.sources import digest
+from train.runs.versions import versions
 
 STAMPS = ROOT / "docs/reproduced.json"
 WORK = ROOT / "build/reproduce"  # where commands run: their runs and files stay there
@@ -75,19 +75,16 @@ class Book:
         Raises:
           RuntimeError: a command failed; the page is as it was.
         """
-        began, sources, commit = time.monotonic(), self.digest(block), _commit()
+        began, sources, ran = time.monotonic(), self.digest(block), versions()
         printed = _printed(block)
         stamp = {
             "page": str(block.page.relative_to(ROOT)),
             "command": [" ".join(words) for words in block.commands],
-            "commit": commit,
+            "commit": ran["commit"],
             "date": date.today().isoformat(),
             "seconds": round(time.monotonic() - began),
             "machine": f"{os.cpu_count()} cores, {platform.machine()}",
-            "versions": {
-                "python": platform.python_version(),
-                **{name: importlib.metadata.version(name) for name in ("jax", "numpy")},
-            },
+            "versions": {name: ran[name] for name in ("python", "jax", "numpy")},
             "sources": sources,
         }
         before = block.page.read_text(encoding="utf-8")
@@ -141,14 +138,3 @@ def _printed(block: Block) -> str:
 def _take(block: Block, file: str, picture: str) -> None:
     """A picture that a command wrote becomes that of the page."""
     shutil.copyfile(WORK / file, block.page.parent / picture)
-
-
-def _commit() -> str:
-    """The commit of the sources, and whether they have changed since."""
-
-    def git(*words: str) -> str:
-        return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True).stdout
-
-    commit = git("rev-parse", "--short", "HEAD").strip() or "no commit"
-    folders = ("medjax", "train", "benchmarks")
-    return commit + (" with changes" if git("status", "--porcelain", "--", *folders) else "")

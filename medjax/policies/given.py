@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from medjax.commandline import as_path, read_object
 from medjax.errors import InputError, shown
 from medjax.policies.policy import Choice, Policy
+from medjax.policies.pretrained import PRETRAINED, pretrained
 from medjax.policies.rules import BASELINES
 from medjax.policies.saved import ExportedPolicy, load_policy
 from medjax.policies.team import rules_of
@@ -19,6 +20,7 @@ FILE = ".zip"  # ends the name of a policy's file
 
 def check_policy(text: str, known: Iterable[str] = BASELINES) -> None:
     """Refuses (InputError) a name of `as_policy` that nothing has, before there is an environment; rules are known."""
+    known = [*known, PRETRAINED]
     if text.endswith(FILE):
         path = as_path("policy", text)
         if not path.is_file():
@@ -41,8 +43,9 @@ def as_policy(env: Any, given: Any) -> Policy:
     Args:
       env: a single environment.
       given: a `Policy`; one that was read from a file (`load_policy`), or the file's path; the name of a rule;
-        `"module:name"` of what builds a policy of an environment, as those of `medjax.BASELINES` do; or a function
-        `act(key, obs, state, params)` that gives an action, () int32, or a `Choice`.
+        "pretrained", which is `load_pretrained` of the environment's preset; `"module:name"` of what builds a policy
+        of an environment, as those of `medjax.BASELINES` do; or a function `act(key, obs, state, params)` that gives
+        an action, () int32, or a `Choice`.
 
     Raises:
       InputError: it is none of them, or does not fit the environment.
@@ -63,11 +66,13 @@ def _named(env: Any, text: str) -> Policy:
     rules = rules_of(env)
     if text in rules:
         return rules[text]
+    if text == PRETRAINED:
+        return pretrained(env)
     if text.endswith(FILE):
         return load_policy(text).policy(env)
     if ":" in text:
         return as_policy(env, read_object("policy", text)(env))
-    raise _unknown(text, rules)
+    raise _unknown(text, [*rules, PRETRAINED])
 
 
 def _of_function(act: Callable[..., Any], num_actions: int) -> Policy:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.policies.saved import About, save_policy
+from medjax.policies.about import About
+from medjax.policies.saved import save_policy
 from medjax.render.__main__ import main
 from tests.benchmarks.refusal import refused
 from tests.render.test_player import contents

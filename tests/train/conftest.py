@@ -49,6 +49,7 @@ def coin(env):
 
 STAND_INS = {
     "medjax.make": make_probe,
+    "medjax.policies.about.make": make_probe,
     "medjax.policies.saved.make": make_probe,
     "medjax.policies.team.BASELINES": {"none": never, "random": coin},
 }

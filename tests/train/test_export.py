@@ -20,7 +20,8 @@ from medjax.episodes.options import add_episode_options, requested_episode
 from medjax.episodes.recording import record_episode
 from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError
-from medjax.policies.saved import about_of, load_policy
+from medjax.policies.about import about_of
+from medjax.policies.saved import load_policy
 from medjax.traffic.idm import IDM
 from medjax.wrappers import RandomDemand
 from tests.train.conftest import refused

@@ -9,7 +9,8 @@ import medjax
 from medjax.episodes.recording import record_episode
 from medjax.episodes.scores import evaluate_policies
 from medjax.episodes.table import vehicle_table
-from medjax.policies.saved import About, load_policy, save_policy
+from medjax.policies.about import About
+from medjax.policies.saved import load_policy, save_policy
 from medjax.wrappers import DecideEvery, LegacyStep, RandomDemand, TimeLimitAsEnd
 from train.algorithms.networks import PolicyWeights, build_network, learned_policy
 from train.algorithms.normalization import init_stats

@@ -16,8 +16,8 @@ from medjax.env.wrapper import check_environment as check_is_environment
 from medjax.episodes.player import episode_decisions
 from medjax.errors import InputError
 from medjax.numerics.devices import environment_mesh
+from medjax.policies.about import about_of
 from medjax.policies.rules import BASELINES
-from medjax.policies.saved import about_of
 from medjax.policies.team import Dispatched
 from medjax.scenarios import SCENARIOS, prepare
 from medjax.wrappers import (

@@ -12,16 +12,18 @@ from jax import export
 import medjax
 from medjax.errors import InputError
 from medjax.numerics.devices import prepare_cpu
+from medjax.policies.about import about_of, about_of_own
 from medjax.policies.given import FILE, as_policy, check_policy
 from medjax.policies.policy import Policy
-from medjax.policies.saved import about_of, about_of_own, load_policy, save_policy
+from medjax.policies.saved import load_policy, save_policy
 from medjax.policies.team import rules_of
 from train.algorithms.environments import described, make_environment
 from train.algorithms.networks import PolicyWeights, apply_policy
 from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.registry import algorithm_of
 from train.runs.checkpoint import Checkpoints
-from train.settings import TrainConfig
+from train.runs.versions import versions
+from train.settings import TrainConfig, to_json
 
 PLATFORMS = ("cpu", "cuda", "tpu")  # that a policy's file is for
 
@@ -194,5 +196,8 @@ def export_policy(
     shapes = (
         jax.ShapeDtypeStruct((rows, about.num_features), "float32"),
         jax.ShapeDtypeStruct((rows, about.num_actions), "bool"),
+    )
+    about = dataclasses.replace(
+        about, training={"settings": to_json(config), "versions": versions()}
     )
     save_policy(path, about, export.export(jax.jit(act), platforms=PLATFORMS)(*shapes))

@@ -6,18 +6,16 @@ import importlib.util
 import itertools
 import json
 import os
-import platform
 from collections.abc import Iterator
-from importlib import metadata
 from pathlib import Path
 from typing import IO
 
 from medjax.errors import InputError
 from medjax.files import check_writable, remove_unfinished, write_text
 from train.algorithms.settings import SETTINGS
+from train.runs.versions import versions
 from train.settings import GIVEN, TrainConfig, load_config, to_json
 
-PACKAGES = ("medjax", "jax", "jaxlib", "flax", "optax", "distrax", "numpy")
 LOCK = ".lock"
 
 
@@ -164,12 +162,3 @@ def _writing(path: Path) -> Iterator[None]:
         raise InputError(
             f"cannot write run-dir {path}: {error.strerror}, allowed: a writable directory"
         ) from None
-
-
-def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that determine results."""
-    found = {"python": platform.python_version()}
-    for name in PACKAGES:
-        with contextlib.suppress(metadata.PackageNotFoundError):
-            found[name] = metadata.version(name)
-    return found

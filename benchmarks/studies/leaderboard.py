@@ -1,0 +1,152 @@
+"""Policies on the fixed episodes of a board; a row is added by playing them.
+
+Prints the board. `--add NAME --policy P` plays all of its episodes with a policy, prints the board with the new row and
+writes it into the file: the return of every episode, so that a later policy is compared with it in the same ones.
+Whatever is trained must not see the board's episodes; their seed is in its file.
+
+    python -m benchmarks.leaderboard
+    python -m benchmarks.leaderboard --add mine --policy runs/mine/policy.zip --about "PPO, 1.5 M decisions"
+    python -m benchmarks.leaderboard --again
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.command import a_path, benchmark_parser, run_command, say
+from medjax.errors import InputError, shown
+from medjax.files import check_output, write_text
+from medjax.policies.given import check_policy
+from train.api import evaluate
+from train.evaluation.statistics import bootstrap_ci95
+from train.evaluation.tables import format_rows, interval, short
+from train.runs.versions import versions
+
+BOARD = Path(__file__).parents[2] / "docs" / "leaderboard.json"
+SHOWN = {"depleted": "depleted_share", "mean SoC": "mean_soc", "MEDs sent": "meds_dispatched"}
+DIGITS = 3  # of what is kept of a return
+
+
+def read_board(path: Path) -> dict[str, Any]:
+    """A board: preset, seed and number of its episodes, and rows.
+
+    Raises:
+      InputError: no such file, or not a board.
+    """
+    try:
+        board: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        lengths = {len(row["returns"]) for row in board["rows"]}
+        sound = isinstance(board["scenario"], str) and lengths <= {board["episodes"]}
+    except (OSError, ValueError, KeyError, TypeError):
+        sound = False
+    if not sound:
+        raise InputError(f"--file {path}: allowed a board, such as docs/leaderboard.json")
+    return board
+
+
+def play(board: Mapping[str, Any], name: str, policy: str, about: str) -> dict[str, Any]:
+    """A row: a policy on the board's episodes.
+
+    Args:
+      board: which episodes.
+      name: of the row; policy: as `medjax.policies.given.as_policy` takes it by name; about: for people.
+    """
+    scenario, episodes, seed = (board[key] for key in ("scenario", "episodes", "seed"))
+    say(f"{name}: {episodes} episodes of {scenario} ...")
+    scores = evaluate(scenario, None, {name: policy}, episodes=episodes, seed=seed).scores[name]
+    return {
+        "name": name,
+        "policy": policy,
+        "about": about,
+        "date": date.today().isoformat(),
+        "commit": versions()["commit"],
+        **{metric: float(np.mean(scores[metric])) for metric in SHOWN.values()},
+        "returns": [round(float(value), DIGITS) for value in scores["return"]],
+    }
+
+
+def rows_of(board: Mapping[str, Any]) -> list[list[str]]:
+    """The board as a table, best mean return first; each beside the first one, in the same episodes."""
+    rows = sorted(board["rows"], key=lambda row: -np.mean(row["returns"]))
+    table = [["policy", "return", "95 % CI", *SHOWN, "below the first by, 95 % CI", "what"]]
+    for row in rows:
+        returns, best = np.asarray(row["returns"]), np.asarray(rows[0]["returns"])
+        below = best - returns
+        cells = [row["name"], short(returns.mean()), interval(bootstrap_ci95(returns))]
+        cells += [format(row[metric], ".3f") for metric in SHOWN.values()]
+        first = row is rows[0]
+        cells.append("" if first else f"{short(below.mean())} {interval(bootstrap_ci95(below))}")
+        table.append([*cells, row["about"]])
+    return table
+
+
+def with_row(board: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, Any]:
+    """The board with a row, in place of one of the same name."""
+    others = [other for other in board["rows"] if other["name"] != row["name"]]
+    return {**board, "rows": [*others, row]}
+
+
+def write_board(path: Path, board: Mapping[str, Any]) -> None:
+    """Writes a board, a row a line, so that a new one is a line of a difference."""
+    head = {key: value for key, value in board.items() if key != "rows"}
+    rows = ",\n".join("  " + json.dumps(row) for row in board["rows"])
+    text = json.dumps(head, indent=1).removesuffix("\n}")
+    write_text(path, f'{text},\n "rows": [\n{rows}\n ]\n}}\n')
+
+
+def build_parser() -> Any:
+    """The command line."""
+    parser = benchmark_parser("leaderboard", __doc__)
+    parser.add_argument("--file", type=a_path, default=BOARD, metavar="FILE", help="the board")
+    parser.add_argument("--add", metavar="NAME", help="play a policy, and add a row of this name")
+    which = "a rule, pretrained, a file that ends in .zip, or module:function (default: NAME)"
+    parser.add_argument("--policy", metavar="P", help=which)
+    parser.add_argument("--about", default="", metavar="TEXT", help="what it is, for people")
+    again = "play every row anew, as after a change of the world"
+    parser.add_argument("--again", action="store_true", help=again)
+    return parser
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Plays what is asked for, writes it, prints the board and returns it.
+
+    Raises:
+      InputError: bad input.
+    """
+    board = read_board(options.file)
+    if options.again and options.add is not None:
+        raise InputError("--again with --add: allowed one or the other")
+    if options.policy is not None and options.add is None:
+        raise InputError("--policy without --add: allowed --add NAME --policy P")
+    todo = []
+    if options.again:
+        todo = [(row["name"], row["policy"], row["about"]) for row in board["rows"]]
+    elif options.add is not None:
+        name = options.add
+        if not name.isprintable() or not name.strip():
+            raise InputError(f"--add {shown(name)}: allowed a name")
+        todo = [(name, options.policy or name, options.about)]
+    if todo:
+        check_output("--file", options.file)
+    for _, policy, _ in todo:
+        check_policy(policy)
+    for name, policy, about in todo:
+        board = with_row(board, play(board, name, policy, about))
+        write_board(options.file, board)
+    print(
+        f"{board['scenario']}, {board['episodes']} episodes of seed {board['seed']}, the same for all"
+    )
+    print(format_rows(rows_of(board)))
+    return board
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The command."""
+    run_command(build_parser(), measure, arguments)

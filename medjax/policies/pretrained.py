@@ -1,0 +1,38 @@
+"""Trained policies that come with medjax, one for a preset; docs/pretrained.md says what each is worth."""
+
+from pathlib import Path
+from typing import Any
+
+from medjax.errors import InputError, shown
+from medjax.policies.policy import Policy
+from medjax.policies.saved import ExportedPolicy, load_policy
+
+PRETRAINED = "pretrained"  # among the names of policies
+FILES = Path(__file__).parent / "trained"
+
+
+def load_pretrained(scenario: str = "paper") -> ExportedPolicy:
+    """The policy that was trained for a preset.
+
+    Args:
+      scenario: name of the preset.
+
+    Raises:
+      InputError: none comes with medjax.
+    """
+    there = {path.stem: path for path in sorted(FILES.glob("*.zip"))}
+    if scenario not in there:
+        raise InputError(
+            f"no policy was trained for {shown(scenario)}: allowed {', '.join(there)}, or a file of one's own"
+        )
+    return load_policy(there[scenario])
+
+
+def pretrained(env: Any) -> Policy:
+    """The policy that was trained for an environment's preset.
+
+    Raises:
+      InputError: there is none, or it does not fit what was changed of the preset.
+    """
+    recipe = getattr(env, "recipe", None)
+    return load_pretrained(recipe.scenario if recipe else "").policy(env)

@@ -1,0 +1,94 @@
+"""The leaderboard: what it says of returns that are known, what it keeps, and what it refuses."""
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks.studies import leaderboard
+from benchmarks.studies.leaderboard import main, read_board, rows_of, with_row, write_board
+from tests.benchmarks.refusal import refused
+
+METRICS = {"depleted_share": 0.25, "mean_soc": 0.5, "meds_dispatched": 15.0}
+
+
+def row(name, returns):
+    return {"name": name, "policy": name, "about": "made", **METRICS, "returns": list(returns)}
+
+
+def board(*rows):
+    return {"scenario": "paper", "seed": 3, "episodes": 64, "rows": list(rows)}
+
+
+NOISE = np.random.default_rng(0).normal(0.0, 50.0, 64)
+
+
+def test_the_best_is_first_and_differences_are_of_the_same_episodes():
+    """Noise of 50 that two policies share is no doubt about their difference."""
+    head, first, second = rows_of(board(row("worse", NOISE - 7.0), row("better", NOISE)))
+    below = head.index("below the first by, 95 % CI")
+    assert (first[0], first[below]) == ("better", "")
+    assert second[0] == "worse"
+    assert second[below].replace(".000", "") == "7 [7, 7]"
+
+
+def test_a_row_takes_the_place_of_one_of_its_name(tmp_path):
+    path = tmp_path / "board.json"
+    write_board(path, with_row(board(row("a", NOISE), row("b", NOISE)), row("a", NOISE + 1.0)))
+    again = read_board(path)
+    assert [each["name"] for each in again["rows"]] == ["b", "a"]
+    np.testing.assert_array_equal(again["rows"][1]["returns"], NOISE + 1.0)
+    assert len(path.read_text().splitlines()) == 9  # a row a line
+    write_board(path, board())
+    assert read_board(path) == board()
+
+
+def test_adding_plays_the_boards_episodes(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "board.json"
+    write_board(path, board(row("none", NOISE)))
+    asked = {}
+
+    class Played:
+        scores = {"mine": {"return": NOISE + 2.0, **dict.fromkeys(METRICS, np.zeros(64))}}
+
+    def evaluate(*given, **named):
+        asked.update(given=given, **named)
+        return Played()
+
+    monkeypatch.setattr(leaderboard, "evaluate", evaluate)
+    main(["--file", str(path), "--add", "mine", "--policy", "forecast", "--about", "a rule"])
+    assert asked == {
+        "given": ("paper", None, {"mine": "forecast"}),
+        "episodes": 64,
+        "seed": 3,
+    }
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "paper, 64 episodes of seed 3, the same for all"
+    assert [line.split()[0] for line in lines[3:]] == ["mine", "none"]
+    assert [each["about"] for each in read_board(path)["rows"]] == ["made", "a rule"]
+
+
+@pytest.mark.parametrize(
+    ("given", "word"),
+    [
+        (["--add", "mine"], "policy"),
+        (["--add", "\n", "--policy", "none"], "--add"),
+        (["--policy", "none"], "--policy"),
+        (["--again", "--add", "none"], "--again"),
+    ],
+)
+def test_bad_input_is_refused_and_the_board_kept(tmp_path, capsys, given, word):
+    path = tmp_path / "board.json"
+    write_board(path, board(row("none", NOISE)))
+    before = path.read_bytes()
+    assert word in refused(main, ["--file", str(path), *given], capsys)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[]", json.dumps({**board(row("a", [1.0])), "episodes": 2})]
+)
+def test_what_is_no_board_is_refused(tmp_path, capsys, text):
+    path = tmp_path / "board.json"
+    path.write_text(text)
+    assert "board.json" in refused(main, ["--file", str(path)], capsys)
