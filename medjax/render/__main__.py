@@ -7,11 +7,11 @@ import argparse
 import dataclasses
 import importlib.util
 import re
-import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from medjax.commandline import OneLineParser, as_path, fail
+from medjax.commandline import OneLineParser, as_path, command, fail, leave
 from medjax.env.charging_env import ChargingEnv
 from medjax.episodes.options import EpisodeRequest, add_episode_options, requested_episode
 from medjax.episodes.recording import Recording
@@ -20,6 +20,7 @@ from medjax.files import check_output
 from medjax.render.camera import AUTO, FORMS, Shot, as_number, check_follow
 from medjax.render.layout import check_size
 from medjax.render.player import write_player
+from medjax.render.story import read_evaluation
 from medjax.world.params import EnvParams
 
 PROG = "python -m medjax.render"
@@ -37,6 +38,7 @@ class Request:
     out: Path
     played: EpisodeRequest
     shot: Shot
+    evaluation: dict[str, Any] | None = None
 
 
 def build_parser() -> OneLineParser:
@@ -51,6 +53,10 @@ def build_parser() -> OneLineParser:
     add_episode_options(play)
     compare = "a rule on the same episode beside it; .html"
     play.add_argument("--compare", metavar="NAME", help=compare)
+    evaluation = (
+        "what train.evaluate --json wrote: its means stand beside the episode's numbers; .html"
+    )
+    play.add_argument("--evaluation", metavar="FILE.json", help=evaluation)
     show = parser.add_argument_group("what is written")
     show.add_argument("--out", metavar="FILE", required=True, help=f"FILE ends in {SUFFIXES}")
     follow = f"camera: {FORMS} (default: {AUTO}, the busiest MED)"
@@ -66,6 +72,7 @@ def build_parser() -> OneLineParser:
     return parser
 
 
+@command
 def main(argv: Sequence[str] | None = None) -> int:
     """Does what the command line says.
 
@@ -85,15 +92,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         env, params, chosen = request.played.policies()
     except (InputError, OSError) as error:
         return fail(PROG, error)
+    recordings = request.played.record(env, params, chosen)
     try:
-        recordings = request.played.record(env, params, chosen)
-        try:
-            _write(request, recordings)
-        except (InputError, OSError) as error:  # a vehicle that never came, a disk that is full
-            return fail(PROG, error)
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
+        _write(request, recordings)
+    except (InputError, OSError) as error:  # a vehicle that never came, a disk that is full
+        return fail(PROG, error)
     print(f"{request.out}: {request.out.stat().st_size / 1e6:.1f} MB")
     return 0
 
@@ -106,6 +109,8 @@ def _request(given: argparse.Namespace) -> Request:
         raise InputError(f"--compare with {out.name}: allowed with a file that ends in .html")
     if out.suffix == ".html" and given.duration is not None:
         raise InputError(f"--duration with {out.name}: the player holds the whole episode")
+    if out.suffix != ".html" and given.evaluation is not None:
+        raise InputError(f"--evaluation with {out.name}: allowed with a file that ends in .html")
     check_follow(given.follow)
     width, height = _size(given.size)
     played = requested_episode(given)
@@ -121,7 +126,8 @@ def _request(given: argparse.Namespace) -> Request:
         if importlib.util.find_spec(module) is None:
             raise InputError(str(MissingLibrary(library)))
     check_output("--out", out)
-    return Request(out, played, shot)
+    evaluation = given.evaluation and read_evaluation(as_path("--evaluation", given.evaluation))
+    return Request(out, played, shot, evaluation)
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -158,7 +164,13 @@ def _check(request: Request, env: ChargingEnv, params: EnvParams) -> None:
 def _write(request: Request, recordings: Sequence[Recording]) -> None:
     out, shot = request.out, request.shot
     if out.suffix == ".html":
-        write_player(out, recordings, follow=shot.follow, start_s=shot.start_s)
+        write_player(
+            out,
+            recordings,
+            follow=shot.follow,
+            start_s=shot.start_s,
+            evaluation=request.evaluation,
+        )
         return
     from medjax.render.video import write_png, write_video
 
@@ -167,4 +179,4 @@ def _write(request: Request, recordings: Sequence[Recording]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

@@ -13,11 +13,11 @@ INK: Color = (31, 35, 40)
 FAINT_INK: Color = (96, 103, 112)
 GRASS: Color = (243, 245, 242)
 ASPHALT: Color = (224, 227, 231)
-MARKING: Color = (255, 255, 255)
+MARKING: Color = (122, 128, 137)
 EDGE: Color = (120, 127, 136)
 
 MED_COLOR: Color = (22, 138, 58)
-GAS_COLOR: Color = (150, 156, 164)
+GAS_COLOR: Color = (112, 119, 128)
 LINK: Color = MED_COLOR  # solid: energy flows
 BOOKED: Color = INK  # dashed
 RAN_OUT: Color = (213, 94, 0)

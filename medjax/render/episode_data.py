@@ -71,10 +71,7 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
         "ranOut": [
             [stop.slot, stop.frame, stop.gone, round(stop.x_m, 2)] for stop in timeline.ran_out
         ],
-        "charts": [
-            {"title": c.title, "unit": c.unit, "digits": c.digits, "labels": c.labels}
-            for c in charts
-        ],
+        "charts": [chart.about() for chart in charts],
         "arrays": packer.index,
     }
     return meta, packer.text()
@@ -124,6 +121,12 @@ class Chart:
     digits: int  # after the point
     labels: tuple[str, ...]
     values: np.ndarray  # (lines, T + 1), NaN where there is nothing to average
+    least: float  # range of the axis, so that what hardly changes looks it
+
+    def about(self) -> dict[str, Any]:
+        """All but the values, for JSON."""
+        fields = dataclasses.fields(self)
+        return {field.name: getattr(self, field.name) for field in fields if field.name != "values"}
 
 
 def charts_of(recording: Recording) -> list[Chart]:
@@ -140,12 +143,12 @@ def charts_of(recording: Recording) -> list[Chart]:
     charge = 100.0 * _mean(np.asarray(frames.ev_soc)[now], active[:, evs])
     speeds = [_mean(speed[:, slots], active[:, slots]) for slots in (evs, gas)]
     return [
-        Chart("Mean charge of EVs", "%", 1, ("",), charge[None]),
-        Chart("EVs that ran out", "", 0, ("",), _so_far(tally.depleted)[None]),
-        Chart("Mean speed", "m/s", 1, ("EVs", "gas"), np.stack(speeds)),
-        Chart("Energy through the coils", "kWh", 2, ("delivered", "lost"), energy),
-        Chart("Vehicles waiting to enter", "", 0, ("",), queue[None]),
-        Chart("Return so far", "", 1, ("",), _so_far(decisions.reward)[None]),
+        Chart("Mean charge of EVs", "%", 1, ("",), charge[None], 20.0),
+        Chart("EVs that ran out", "", 0, ("",), _so_far(tally.depleted)[None], 5.0),
+        Chart("Mean speed", "m/s", 1, ("EVs", "gas"), np.stack(speeds), 5.0),
+        Chart("Energy through the coils", "kWh", 2, ("delivered", "lost"), energy, 1.0),
+        Chart("Vehicles waiting to enter", "", 0, ("",), queue[None], 5.0),
+        Chart("Return so far", "", 1, ("",), _so_far(decisions.reward)[None], 10.0),
     ]
 
 

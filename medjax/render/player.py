@@ -4,7 +4,7 @@ The page is written in plain JavaScript under `web/`; this module puts the recor
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -17,14 +17,43 @@ from medjax.render import colors
 from medjax.render.camera import AUTO, camera_path, find_track, vehicle_named
 from medjax.render.episode_data import pack_episode
 from medjax.render.scene import Timeline
-from medjax.render.story import first_charge_s, verdict, words_for
+from medjax.render.story import first_charge_s, means, verdict, words_for
 
 # In the order in which they build on each other.
-SCRIPTS = "packing theme episode road bodies charts vehicle dispatch clock story player input"
+SCRIPTS = (
+    "packing theme episode colours road bodies charts vehicle dispatch events ways clock story "
+    "player pointer input"
+)
+
+
+class Shown:
+    """The player in a notebook: a cell whose last line it is shows it."""
+
+    def __init__(self, page: str, height: int) -> None:
+        self.page, self.height = page, height
+
+    def _repr_html_(self) -> str:
+        """The page in a frame of its own; nothing is written, nothing is fetched."""
+        frame = 'style="width: 100%; border: 1px solid #d4d8dd"'
+        return f'<iframe srcdoc="{escape(self.page)}" height="{self.height}" {frame}></iframe>'
+
+
+def show(*recordings: Recording, height: int = 860, **how: Any) -> Shown:
+    """The player of one recording, or of two of the same episode, for a notebook.
+
+    Args:
+      recordings: as `write_player`; height: px; how: `follow`, `start_s` and `evaluation` of `write_player`.
+    """
+    return Shown(player_page(recordings, **how), height)
 
 
 def write_player(
-    path: Path, recordings: Sequence[Recording], *, follow: str = AUTO, start_s: float | None = None
+    path: Path,
+    recordings: Sequence[Recording],
+    *,
+    follow: str = AUTO,
+    start_s: float | None = None,
+    evaluation: Mapping[str, Any] | None = None,
 ) -> None:
     """Writes the player.
 
@@ -33,18 +62,23 @@ def write_player(
       recordings: one, or two policies' of the same episode, which then share one clock.
       follow: a vehicle of the first recording that is selected at the start, as in `camera_path`.
       start_s: where the clock stands at the start; None: just before an EV is first charged.
+      evaluation: of many episodes, whose means stand beside this one's numbers (`medjax.render.story.read_evaluation`).
 
     Raises:
       InputError: one line; recordings of different episodes, a vehicle or time that there is not.
       OSError: path cannot be written.
     """
-    page = player_page(recordings, follow=follow, start_s=start_s)
+    page = player_page(recordings, follow=follow, start_s=start_s, evaluation=evaluation)
     with replacing(path) as partial:
         partial.write_text(page, encoding="utf-8")
 
 
 def player_page(
-    recordings: Sequence[Recording], *, follow: str = AUTO, start_s: float | None = None
+    recordings: Sequence[Recording],
+    *,
+    follow: str = AUTO,
+    start_s: float | None = None,
+    evaluation: Mapping[str, Any] | None = None,
 ) -> str:
     """The text of the page; see `write_player`."""
     check_comparable(recordings)
@@ -60,6 +94,8 @@ def player_page(
         "socScale": list(map(colors.css, colors.SOC_SCALE)),
         "start": start_s,
         "verdict": verdict(recordings),
+        "means": means(evaluation, recordings) if evaluation else [],
+        "evaluated": evaluation["episodes"] if evaluation else 0,
         "follow": _follow(timelines[0], follow),
     }
     policies = " and ".join(recording.policy for recording in recordings)

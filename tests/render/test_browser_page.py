@@ -61,7 +61,7 @@ def test_a_full_highway_takes_a_few_strokes_a_vehicle(browser, full, tmp_path):
         )
     assert there > 150
     assert far < 12 * there
-    assert near < 0.6 * far
+    assert near < far - there  # who is out of sight takes none
 
 
 @pytest.mark.parametrize("road", [{"num_ramps": 0, "num_gas": 0}, {"num_lanes": 1, "num_ramps": 1}])

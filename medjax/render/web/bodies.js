@@ -1,3 +1,4 @@
+const TRAIL_S = 10;
 const FAR = [
   { least: 9, share: 1.0 },
   { least: 5, share: 0.8 },
@@ -11,13 +12,6 @@ function bodyOf(view, episode, slot) {
   const height = body.width * view.perY;
   const left = view.px(episode.x[slot]) - width;
   return { left, top: view.py(episode.y[slot]) - height / 2, width, height };
-}
-
-function paint(episode, theme, slot) {
-  const kind = episode.kindOf(slot);
-  if (kind === KIND.MED) return { fill: theme.med, text: "#ffffff" };
-  if (kind === KIND.GAS) return { fill: theme.gas, text: theme.ink };
-  return theme.soc(episode.soc(slot, episode.frame));
 }
 
 function drawCross(context, x, y, radius, theme) {
@@ -72,6 +66,7 @@ function drawFar(context, view, episode, theme, selected) {
 /** Free slots, links, and vehicles with their charge. */
 function drawClose(context, view, episode, theme, selected) {
   const booked = episode.booked(episode.frame);
+  if (selected) drawTrail(context, view, episode, theme, selected);
   drawFreeSlots(context, view, episode, theme, booked);
   booked.sort((a, b) => a.charging - b.charging); // solid over dashed
   for (const { slot, med, charging } of booked) {
@@ -88,9 +83,32 @@ function drawClose(context, view, episode, theme, selected) {
     context.save();
     context.transform(1, tilt, back, 1, -back * y, -tilt * x);
     drawBody(context, body, episode, theme, slot, isSelected);
+    drawLamps(context, body, episode, slot);
     context.restore();
   }
   drawRanOut(context, view, episode, theme, 7);
+}
+
+/** The way of the selected vehicle in the last seconds, and the slot that it has booked. */
+function drawTrail(context, view, episode, theme, track) {
+  const { tables, frame, meta } = episode;
+  const first = Math.max(track.first, frame - TRAIL_S / meta.tickSeconds);
+  context.strokeStyle = theme.accent;
+  context.lineWidth = 2;
+  context.setLineDash([2, 4]);
+  context.beginPath();
+  for (let then = first; then <= Math.min(frame, track.last); then += 1) {
+    context.lineTo(view.px(tables.x.at(track.slot, then)), view.py(tables.y.at(track.slot, then)));
+  }
+  context.stroke();
+  context.setLineDash([]);
+  if (track.kind !== KIND.EV || episode.present[track.slot] !== track.index) return;
+  const booking = episode.booking(track.slot, frame);
+  if (!booking || episode.present[booking.med] < 0) return;
+  const [ahead, aside] = meta.slots[booking.panel];
+  const [width, height] = [meta.slotBody.length * view.perX, meta.slotBody.width * view.perY];
+  const left = view.px(episode.x[booking.med] + ahead) - width;
+  context.strokeRect(left, view.py(episode.y[booking.med] + aside) - height / 2, width, height);
 }
 
 function drawFreeSlots(context, view, episode, theme, booked) {
@@ -141,8 +159,10 @@ function drawBody(context, { left, top, width, height }, episode, theme, slot, i
   const kind = episode.kindOf(slot);
   const colors = paint(episode, theme, slot);
   context.fillStyle = colors.fill;
+  const isMed = kind === KIND.MED; // whatever colours stand for, MEDs are told by their outline
   context.strokeStyle = kind === KIND.GAS ? theme.edge : theme.ink;
-  context.lineWidth = 1;
+  if (isMed && colors.fill !== theme.med) context.strokeStyle = theme.med;
+  context.lineWidth = isMed && colors.fill !== theme.med ? 3 : 1;
   context.beginPath();
   context.roundRect(left, top, width, height, 0.22 * height);
   context.fill();

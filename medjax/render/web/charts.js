@@ -8,11 +8,43 @@ function roundStep(range, count) {
   return [1, 2, 5, 10].map((factor) => factor * power).find((step) => step >= rough);
 }
 
+/** Lines across at round numbers, named at the left. */
+function drawAxes(context, theme, { low, high, tick, toY, unit = "" }, width) {
+  context.font = "11px system-ui, sans-serif";
+  context.fillStyle = theme.faint;
+  context.strokeStyle = theme.line;
+  context.lineWidth = 1;
+  context.textAlign = "right";
+  context.textBaseline = "middle";
+  const digits = Math.max(0, -Math.floor(Math.log10(tick) + 1e-9));
+  for (let v = low; v <= high + tick / 2; v += tick) {
+    context.beginPath();
+    context.moveTo(LEFT_PX, Math.round(toY(v)) + 0.5);
+    context.lineTo(width - 4, Math.round(toY(v)) + 0.5);
+    context.stroke();
+    context.fillText((Math.abs(v) < 1e-9 ? 0 : v).toFixed(digits) + unit, LEFT_PX - 4, Math.max(toY(v), 6));
+  }
+}
+
+/** Times under a plot. */
+function drawTimes(context, theme, { start, end, toX }, width, height) {
+  const seconds = [10, 20, 30, 60, 120, 300, 600, 1200, 3600];
+  const wide = (60 * (end - start)) / width;
+  const step = seconds.find((s) => s >= wide) ?? seconds.at(-1);
+  const labels = [];
+  for (let t = Math.ceil(start / step) * step; t <= end; t += step) labels.push([toX(t), clockText(t)]);
+  context.fillStyle = theme.faint;
+  drawLabels(context, labels, height - AXIS_PX / 2 + 2, LEFT_PX - 14, width);
+}
+
 /** Lines over time, drawn once; only a cursor moves. */
 class Plot {
-  /** `lines`: {values(i), count, step (s), color (a name of the theme), dashed}; `onSeek` gets seconds. */
-  constructor({ lines, start = 0, end, theme, label, onSeek }) {
-    Object.assign(this, { lines, start, end, theme });
+  /**
+   * `lines`: {values(i), count, step (s), color (a name of the theme), dashed}; `least` is the least range of the axis,
+   * so that what hardly changes looks it; `onSeek` gets seconds.
+   */
+  constructor({ lines, start = 0, end, least = 1, theme, label, onSeek }) {
+    Object.assign(this, { lines, start, end, least, theme });
     this.canvas = element("canvas");
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", label);
@@ -32,7 +64,8 @@ class Plot {
     this.toX = (t) => LEFT_PX + ((t - this.start) / (this.end - this.start || 1)) * (width - LEFT_PX - 4);
     const toY = (v) => 5 + (1 - (v - this.low) / (this.high - this.low)) * (bottom - 8);
     context.clearRect(0, 0, width, height);
-    this._axes(context, toY, width, height, bottom);
+    drawAxes(context, this.theme, { low: this.low, high: this.high, tick: this.tick, toY }, width);
+    drawTimes(context, this.theme, this, width, height);
     for (const line of this.lines) this._line(context, line, toY);
   }
 
@@ -54,37 +87,14 @@ class Plot {
     }
     if (low > high) [low, high] = [0, 1];
     if (low > 0 && low < 0.6 * high) low = 0;
-    if (high - low < 1e-9) high = low + 1;
+    const lacking = this.least - (high - low);
+    if (lacking > 0) {
+      const below = low >= 0 ? Math.min(lacking / 2, low) : lacking / 2; // no axis begins below 0 for it
+      [low, high] = [low - below, high + lacking - below];
+    }
     this.tick = roundStep(high - low, 3);
     this.low = Math.floor(low / this.tick + 1e-9) * this.tick;
     this.high = Math.ceil(high / this.tick - 1e-9) * this.tick;
-  }
-
-  _axes(context, toY, width, height, bottom) {
-    const { theme } = this;
-    context.font = "11px system-ui, sans-serif";
-    context.fillStyle = theme.faint;
-    context.strokeStyle = theme.line;
-    context.lineWidth = 1;
-    context.textAlign = "right";
-    context.textBaseline = "middle";
-    const digits = Math.max(0, -Math.floor(Math.log10(this.tick) + 1e-9));
-    for (let v = this.low; v <= this.high + this.tick / 2; v += this.tick) {
-      context.beginPath();
-      context.moveTo(LEFT_PX, Math.round(toY(v)) + 0.5);
-      context.lineTo(width - 4, Math.round(toY(v)) + 0.5);
-      context.stroke();
-      const y = Math.max(toY(v), 6);
-      context.fillText((Math.abs(v) < 1e-9 ? 0 : v).toFixed(digits), LEFT_PX - 4, y);
-    }
-    const seconds = [10, 20, 30, 60, 120, 300, 600, 1200, 3600];
-    const wide = (60 * (this.end - this.start)) / width;
-    const step = seconds.find((s) => s >= wide) ?? seconds.at(-1);
-    const labels = [];
-    for (let t = Math.ceil(this.start / step) * step; t <= this.end; t += step) {
-      labels.push([this.toX(t), clockText(t)]);
-    }
-    drawLabels(context, labels, height - AXIS_PX / 2 + 2, LEFT_PX - 14, width);
   }
 
   _line(context, { values, count, step, start = 0, color, dashed }, toY) {
@@ -131,13 +141,15 @@ class Chart {
         lines.push({ values: (i) => table.at(row, i), count: table.times, step: episode.decisionSeconds, ...look });
         const key = element("span", { className: `key ${LINE_COLORS[which]}${row ? " dashed" : ""}` });
         const output = element("output");
+        output.setAttribute("aria-live", "off"); // the announcer speaks, at its pace
         const parts = [key, label ? `${label} ` : "", output];
         values.append(element("span", { className: "value" }, parts), " ");
         this.outputs.push({ output, table, row });
       });
     });
     caption.append(values);
-    this.plot = new Plot({ lines, end: episodes[0].seconds, theme, label: `${title} over time`, onSeek });
+    const { least } = this.about;
+    this.plot = new Plot({ lines, end: episodes[0].seconds, least, theme, label: `${title} over time`, onSeek });
     this.root = element("figure", {}, [caption, this.plot.root]);
   }
 

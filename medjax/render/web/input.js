@@ -7,6 +7,7 @@ Object.assign(Player.prototype, {
     $("back").addEventListener("click", () => this.seek(this.clock.seconds - 1));
     $("forward").addEventListener("click", () => this.seek(this.clock.seconds + 1));
     $("speed").addEventListener("change", (event) => this.setSpeed(Number(event.target.value)));
+    $("colour").addEventListener("change", (event) => this.setColouring(event.target.value));
     $("zoom").addEventListener("input", (event) => this.setZoom(Number(event.target.value)));
     $("camera").addEventListener("change", (event) => this.setCamera(event.target.value));
     $("vehicle").addEventListener("change", (event) => this._choose(event.target.value));
@@ -32,41 +33,6 @@ Object.assign(Player.prototype, {
     this.setCamera("selected");
     const frame = episode.frameAt(this.clock.seconds);
     if (frame < track.first || frame > track.last) this.seek(track.first * episode.meta.tickSeconds);
-  },
-
-  /** Clicks select or move the camera, drags move it. */
-  _wirePointer(canvas, road, which) {
-    let from = null;
-    const place = (event) => {
-      const box = canvas.getBoundingClientRect();
-      return [event.clientX - box.left, event.clientY - box.top];
-    };
-    canvas.addEventListener("pointerdown", (event) => {
-      const [x, y] = place(event);
-      from = { x, center: road.center, part: road.partAt(y), moved: false };
-      canvas.setPointerCapture(event.pointerId);
-    });
-    canvas.addEventListener("pointermove", (event) => {
-      if (!from) return;
-      const [x] = place(event);
-      from.moved ||= Math.abs(x - from.x) > DRAG_PX;
-      if (!from.moved) return;
-      if (from.part === "strip") this.setCamera("free", road.strip.metres(x));
-      else if (from.part) this.setCamera("free", from.center - (x - from.x) / road.camera.perX);
-    });
-    canvas.addEventListener("pointercancel", () => {
-      from = null;
-    });
-    canvas.addEventListener("pointerup", (event) => {
-      const [x, y] = place(event);
-      const click = from && !from.moved;
-      from = null;
-      if (!click) return;
-      const track = road.vehicleAt(x, y);
-      if (track) this.select(which, track);
-      else if (road.partAt(y) === "strip") this.setCamera("free", road.strip.metres(x));
-      else this.select(which, null);
-    });
   },
 
   _key(event) {
@@ -111,6 +77,7 @@ Object.assign(Player.prototype, {
       ".": () => toTick(1),
       Home: () => this.seek(0),
       End: () => this.seek(clock.end),
+      n: () => this.events.step(clock.seconds, back),
       d: () => this._toDispatch(back),
       m: () => this.selectNext(KIND.MED, back),
       e: () => this.selectNext(KIND.EV, back),

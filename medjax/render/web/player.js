@@ -2,6 +2,10 @@ const $ = (id) => document.getElementById(id);
 const SPEEDS = [0.25, 0.5, 1, 2, 4, 8, 16];
 const DRAG_PX = 4;
 const TELL_MS = 80;
+const SAY_MS = 5000;
+const GLIDE_MS = 300;
+const JUMP_M = 20; // between two pictures; no vehicle is as fast
+const STILL = matchMedia("(prefers-reduced-motion: reduce)");
 
 /** The page: views, charts and panels on one clock. */
 class Player {
@@ -13,6 +17,7 @@ class Player {
     this.camera = { mode: "auto", x: 0 };
     this.zoom = 0;
     this._told = -Infinity;
+    this._said = -Infinity;
     this.selected = null; // {which, track}
     this.views = episodes.map((episode, which) => this._makeView(episode, which));
     const seek = (seconds) => this.seek(seconds);
@@ -21,6 +26,12 @@ class Player {
     this.dispatch = episodes.map((episode, which) => new DispatchPanel(episode, which, this));
     $("dispatch-panel").append(...this.dispatch.map((panel) => panel.root));
     this.vehicle = new VehiclePanel($("vehicle-panel"), this.theme, this);
+    this.ways = episodes.map((episode) => new Ways(episode, this.theme, this));
+    this.ways.forEach(({ root }, which) => {
+      if (episodes.length > 1) $("ways").append(element("h3", { textContent: episodes[which].meta.policy }));
+      $("ways").append(root);
+    });
+    this.events = new EventLine(episodes, this);
     this._fillVehicles();
     this._fillMarks();
     this._wire();
@@ -55,6 +66,15 @@ class Player {
   setZoom(zoom) {
     this.zoom = Math.min(Math.max(zoom, -2), 2);
     $("zoom").value = String(this.zoom);
+    this.clock.wake();
+  }
+
+  /** What colours stand for: a name of `COLOURINGS`. */
+  setColouring(name) {
+    this.theme.colouring = name;
+    $("colour").value = name;
+    $("scale").textContent = COLOURINGS[name].words;
+    $("legend").classList.toggle("scaled", name !== "charge"); // then gas vehicles are not gray
     this.clock.wake();
   }
 
@@ -96,6 +116,7 @@ class Player {
     for (const { road } of this.views) road.resize();
     for (const chart of this.charts) chart.resize();
     for (const panel of this.dispatch) panel.resize();
+    for (const way of this.ways) way.resize();
     this.vehicle.resize();
     this.clock.wake();
   }
@@ -116,6 +137,9 @@ class Player {
   _tell(seconds) {
     for (const chart of this.charts) chart.show(seconds);
     for (const panel of this.dispatch) panel.update(seconds);
+    for (const way of this.ways) way.show(seconds);
+    this.events.update(seconds);
+    this._announce();
     this.vehicle.update(seconds);
     $("scrub").value = String(seconds);
     $("scrub").setAttribute("aria-valuetext", clockText(seconds));
@@ -126,15 +150,41 @@ class Player {
     $("play").classList.toggle("playing", this.clock.playing);
   }
 
+  /** Says to those who cannot see it how it stands, while the clock runs at most once in 5 s. */
+  _announce() {
+    const now = performance.now();
+    if (!this.clock.playing || now - this._said < SAY_MS) return;
+    this._said = now;
+    $("announcer").textContent = `${clockText(this.clock.seconds)}: ${this.views[0].line.text.textContent}`;
+  }
+
   /** Points the cameras: with a selected vehicle all show its stretch, else each its own. */
   _aim(seconds) {
     const { mode } = this.camera;
     let x = mode === "free" ? this.camera.x : null;
+    const { lanes, laneWidth } = this.episodes[0].meta.road;
+    let y = 0.5 * (lanes - 1) * laneWidth;
     if (mode === "selected" && this.selected) {
       const { which, track } = this.selected;
       x = this.episodes[which].place(track, seconds);
+      y = this.episodes[which].y[track.slot];
     }
-    for (const { road } of this.views) road.aim(x ?? road.episode.busiest(seconds), this.zoom);
+    this.views.forEach((view) => {
+      const { road } = view;
+      const wanted = x ?? road.episode.busiest(seconds);
+      road.aim(this._eased(view, wanted), this.zoom, y);
+    });
+  }
+
+  /** Where a camera points on its way to another vehicle: while the clock runs it glides there. */
+  _eased(view, wanted) {
+    const now = performance.now();
+    const glides = this.clock.playing && view.aimed !== undefined && !STILL.matches;
+    if (!glides) view.behind = 0;
+    else if (Math.abs(wanted - view.aimed) > JUMP_M) view.behind += view.aimed - wanted;
+    view.behind *= Math.exp(-(now - (view.drawn ?? now)) / GLIDE_MS);
+    Object.assign(view, { aimed: wanted, drawn: now });
+    return wanted + view.behind;
   }
 
   /** The counters over a view, once a physics tick. */
@@ -165,7 +215,7 @@ class Player {
     const line = element("div", { className: "view-line" }, [name, text]);
     $("views").append(element("div", { className: "view" }, [line, canvas]));
     const road = new RoadView(canvas, episode, this.theme, this.episodes.length > 1);
-    this._wirePointer(canvas, road, which);
+    new Pointer(canvas, road, which, this);
     return { road, line: { text, frame: -1 } };
   }
 

@@ -3,16 +3,29 @@ const TEXT_PX = 12;
 const DASH_M = 6;
 const PERIOD_M = 18;
 const ARROWS_M = 54;
+const SPEEDS_PX = 5; // height of the band of speeds over the strip
+const CELL_M = 100;
 const RULER_STEPS_M = [10, 20, 50, 100, 200, 500, 1000];
 
 /** Metres to pixels: a rectangle of the canvas onto a stretch of road. */
 class Window {
   constructor(left, top, width, lanePx, road) {
     Object.assign(this, { left, top, width, road });
-    this.perY = lanePx / road.laneWidth;
-    this.topY = -0.75 * road.laneWidth;
-    this.height = this.perY * (road.shoulder + 0.4 * road.laneWidth - this.topY);
+    this.wholePerY = lanePx / road.laneWidth;
+    this.wholeTop = -0.75 * road.laneWidth;
+    this.wholeDepth = road.shoulder + 0.4 * road.laneWidth - this.wholeTop; // m
+    this.height = this.wholePerY * this.wholeDepth;
+    this.stretch(1, 0);
     this.show(0, road.length);
+  }
+
+  /** Scales what lies across the road, around `y` m as far as there is something to see. */
+  stretch(scale, y) {
+    this.perY = this.wholePerY * scale;
+    const depth = this.height / this.perY;
+    const last = this.wholeTop + this.wholeDepth - depth;
+    const middle = y - depth / 2;
+    this.topY = scale > 1 ? Math.min(Math.max(middle, this.wholeTop), last) : this.wholeTop + (this.wholeDepth - depth) / 2;
   }
 
   show(start, span) {
@@ -81,7 +94,9 @@ function drawMarkings(context, view, theme, start, end) {
       context.fillRect(view.px(x), y - 1, DASH_M * view.perX, 2);
     }
   }
+  context.globalAlpha = 0.4;
   for (let lane = 0; lane < road.lanes; lane += 1) drawArrows(context, view, lane * road.laneWidth);
+  context.globalAlpha = 1;
   context.fillStyle = theme.edge;
   line(-half);
   line(road.lanes * road.laneWidth - half);
@@ -137,19 +152,20 @@ class RoadView {
     const guess = this.canvas.clientWidth;
     const lanePx = guess < 700 ? LANE_PX.narrow : this.low ? LANE_PX.low : LANE_PX.wide;
     const pad = 4;
-    this.strip = new Window(pad, 2, guess - 2 * pad, LANE_PX.strip, road);
+    this.strip = new Window(pad, SPEEDS_PX + 2, guess - 2 * pad, LANE_PX.strip, road);
     const top = this.strip.bottom + TEXT_PX + 12;
     this.camera = new Window(0, top, guess, lanePx, road);
     const height = Math.ceil(this.camera.bottom + TEXT_PX + 8);
     const fitted = fitCanvas(this.canvas, height, { alpha: false }); // nothing lies under it
     Object.assign(this, { context: fitted.context, width: fitted.width, height: fitted.height });
-    this.span = guess / (this.camera.perY / road.exaggeration);
+    this.span = guess / (this.camera.wholePerY / road.exaggeration);
   }
 
-  /** Points the camera at a place, as far as there is road; `zoom` doubles the scale with every 1. */
-  aim(center, zoom) {
+  /** Points the camera at a place, as far as there is road; `zoom` doubles the scale with every 1, around `y` m across. */
+  aim(center, zoom, y = 0) {
     const { length } = this.episode.meta.road;
     const span = Math.min(this.span * 2 ** -zoom, length);
+    this.camera.stretch(this.span / span, y);
     const start = Math.min(Math.max(center - span / 2, 0), length - span);
     this.camera.show(start, span);
     this.center = start + span / 2;
@@ -160,9 +176,15 @@ class RoadView {
     episode.look(seconds);
     context.fillStyle = theme.paper;
     context.fillRect(0, 0, this.width, this.height);
+    context.save();
+    context.beginPath();
+    context.rect(camera.left, camera.top, camera.width, camera.height);
+    context.clip();
     drawAsphalt(context, camera, theme, true);
     drawClose(context, camera, episode, theme, selected);
+    context.restore();
     this._ruler();
+    drawSpeeds(context, strip, episode, theme);
     drawAsphalt(context, strip, theme, false);
     drawFar(context, strip, episode, theme, selected);
     context.strokeStyle = theme.accent;

@@ -20,6 +20,12 @@ function fillStory(data, episodes) {
     });
     return element("tr", {}, [element("th", { textContent: meta.policy, scope: "row" }), ...cells]);
   });
+  data.means.forEach((texts, which) => {
+    if (!texts) return;
+    const cells = texts.map((textContent) => element("td", { textContent }));
+    const title = `${episodes[which].meta.policy}, mean of ${data.evaluated} episodes`;
+    rows.push(element("tr", { className: "mean" }, [element("th", { textContent: title, scope: "row" }), ...cells]));
+  });
   $("verdict").append(element("thead", {}, [element("tr", {}, [element("td"), ...head])]), element("tbody", {}, rows));
   $("outcome").open = window.matchMedia("(min-width: 1100px)").matches; // beside the words, where it takes no room
 }

@@ -2,6 +2,7 @@
 class Theme {
   constructor(socScale) {
     this.changed = () => {};
+    this.colouring = "charge"; // of `COLOURINGS`
     const scale = socScale.map((hex) => [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16)));
     this._soc = Array.from({ length: 101 }, (_, percent) => {
       const place = (percent / 100) * (scale.length - 1);

@@ -95,11 +95,11 @@ class VehiclePanel {
     const title = `${track.name}${several ? ` (${episode.meta.policy})` : ""}`;
     this.facts = element("dl", { className: "facts" });
     this.root.replaceChildren(element("h2", { textContent: title }), this.facts);
-    this._addPlot("Speed (m/s)", episode.tables.speed, track.slot, 1);
+    this._addPlot("Speed (m/s)", episode.tables.speed, track.slot, 1, 5);
     if (track.kind === KIND.EV) {
-      this._addPlot("Charge (%)", episode.tables.evSoc, track.slot - episode.meta.numMeds, 100);
+      this._addPlot("Charge (%)", episode.tables.evSoc, track.slot - episode.meta.numMeds, 100, 10);
     } else if (track.kind === KIND.MED) {
-      this._addPlot("Charge (%)", episode.tables.medSoc, track.slot, 100);
+      this._addPlot("Charge (%)", episode.tables.medSoc, track.slot, 100, 10);
     }
     this.root.append(element("h3", { textContent: "History" }), this._events());
     this.resize();
@@ -135,7 +135,7 @@ class VehiclePanel {
     return clockText(frame * this.episode.meta.tickSeconds, 2);
   }
 
-  _addPlot(title, table, row, scale) {
+  _addPlot(title, table, row, scale, least) {
     const { track, episode } = this;
     const step = episode.meta.tickSeconds;
     const plot = new Plot({
@@ -148,6 +148,7 @@ class VehiclePanel {
       }],
       start: track.first * step,
       end: Math.max(track.last, track.first + 1) * step,
+      least,
       theme: this.theme,
       label: `${title} of ${track.name} over its way`,
       onSeek: (seconds) => this.player.seek(seconds),

@@ -1,6 +1,7 @@
 """The leaderboard: what it says of returns that are known, what it keeps, and what it refuses."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -48,12 +49,11 @@ def test_adding_plays_the_boards_episodes(tmp_path, monkeypatch, capsys):
     write_board(path, board(row("none", NOISE)))
     asked = {}
 
-    class Played:
-        scores = {"mine": {"return": NOISE + 2.0, **dict.fromkeys(METRICS, np.zeros(64))}}
+    scores = {"mine": {"return": NOISE + 2.0, **dict.fromkeys(METRICS, np.zeros(64))}}
 
     def evaluate(*given, **named):
         asked.update(given=given, **named)
-        return Played()
+        return SimpleNamespace(scores=scores)
 
     monkeypatch.setattr(leaderboard, "evaluate", evaluate)
     main(["--file", str(path), "--add", "mine", "--policy", "forecast", "--about", "a rule"])

@@ -1,0 +1,84 @@
+const FAST_M_PER_S = 36;
+const HARD_M_PER_S2 = 4;
+const LONG_S = 30;
+const CRAWL_M_PER_S = 0.5;
+const AMBER = "#ff9f1c";
+const BRAKES = "#e5383b";
+const BRAKING_M_PER_S2 = -1;
+const SIDEWAYS = 0.008; // of a heading, from where a vehicle is seen to change lanes
+
+/** What colours may stand for: a share of the scale from 0 to 1 of a vehicle, and what the legend says. */
+const COLOURINGS = {
+  charge: { words: "EV, charge 0 to 100 %" },
+  speed: { words: `speed, 0 to ${FAST_M_PER_S} m/s`, share: (episode, slot) => speedOf(episode, slot) / FAST_M_PER_S },
+  acceleration: {
+    words: `braking by ${HARD_M_PER_S2} m/s² to accelerating by ${HARD_M_PER_S2}`,
+    share: (episode, slot) => 0.5 + accelerationOf(episode, slot) / (2 * HARD_M_PER_S2),
+  },
+  waiting: { words: `stood for 0 to ${LONG_S} s`, share: (episode, slot) => stoodFor(episode, slot) / LONG_S },
+};
+
+/** Fill and text of a vehicle, as the page's colouring has it. */
+function paint(episode, theme, slot) {
+  const kind = episode.kindOf(slot);
+  const { share } = COLOURINGS[theme.colouring];
+  if (share) return theme.soc(share(episode, slot));
+  if (kind === KIND.MED) return { fill: theme.med, text: "#ffffff" };
+  if (kind === KIND.GAS) return { fill: theme.gas, text: theme.ink };
+  return theme.soc(episode.soc(slot, episode.frame));
+}
+
+function speedOf(episode, slot, frame = episode.frame) {
+  return episode.tables.speed.at(slot, frame);
+}
+
+/** Of the tick that led here, m/s²; 0 of one that has just come. */
+function accelerationOf(episode, slot) {
+  const { frame, frames, trackAt } = episode;
+  if (frame < 1 || trackAt[slot * frames + frame - 1] !== episode.present[slot]) return 0;
+  return (speedOf(episode, slot) - speedOf(episode, slot, frame - 1)) / episode.meta.tickSeconds;
+}
+
+/** For how long a vehicle has stood, as far as it counts, s. */
+function stoodFor(episode, slot) {
+  const { frame, tracks, present } = episode;
+  const earliest = Math.max(tracks[present[slot]].first, frame - LONG_S / episode.meta.tickSeconds);
+  let since = frame;
+  while (since >= earliest && speedOf(episode, slot, since) < CRAWL_M_PER_S) since -= 1;
+  return (frame - since) * episode.meta.tickSeconds;
+}
+
+/** Lamps of a vehicle: brakes at its rear, and the side that it changes lanes to. */
+function drawLamps(context, { left, top, width, height }, episode, slot) {
+  const size = Math.max(2, 0.16 * height);
+  if (accelerationOf(episode, slot) < BRAKING_M_PER_S2) {
+    context.fillStyle = BRAKES;
+    context.fillRect(left - 1, top, size, height);
+  }
+  const aside = episode.tilt[slot];
+  if (Math.abs(aside) > SIDEWAYS && Math.floor(episode.frame * episode.meta.tickSeconds * 2) % 2 === 0) {
+    context.fillStyle = AMBER;
+    const y = aside > 0 ? top + height - size : top;
+    context.fillRect(left, y, size, size);
+    context.fillRect(left + width - size, y, size, size);
+  }
+}
+
+/** Mean speeds along the road, over its strip: where traffic is slow it is dark. */
+function drawSpeeds(context, view, episode, theme) {
+  const cells = Math.ceil(episode.meta.road.length / CELL_M);
+  const sums = new Float64Array(cells);
+  const counts = new Int32Array(cells);
+  for (let slot = 0; slot < episode.meta.numVehicles; slot += 1) {
+    if (episode.present[slot] < 0) continue;
+    const cell = Math.min(Math.max(Math.floor(episode.x[slot] / CELL_M), 0), cells - 1);
+    sums[cell] += speedOf(episode, slot);
+    counts[cell] += 1;
+  }
+  for (let cell = 0; cell < cells; cell += 1) {
+    if (!counts[cell]) continue;
+    context.fillStyle = theme.soc(sums[cell] / counts[cell] / FAST_M_PER_S).fill;
+    const left = view.px(cell * CELL_M);
+    context.fillRect(left, 0, Math.min(view.px((cell + 1) * CELL_M), view.right) - left, SPEEDS_PX);
+  }
+}

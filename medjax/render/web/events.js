@@ -1,0 +1,104 @@
+const STANDS_S = 5;
+
+/** What happens in an episode: `[{seconds, text, track, x, kind}]`, of a vehicle or at a place. */
+function happenings(episode) {
+  const { meta, frames, tables, tracks } = episode;
+  const found = [];
+  const note = (frame, kind, text, track, x) => found.push({ seconds: frame * meta.tickSeconds, kind, text, track, x });
+  for (let i = 0; i < tables.sent.times; i += 1) {
+    const ramp = tables.sent.at(0, i);
+    const frame = Math.min(i * meta.ticksPerDecision, frames - 1);
+    if (ramp > 0) note(frame, "sent", `MED sent from ramp ${ramp}`, undefined, meta.road.ramps[ramp - 1]);
+  }
+  for (const track of tracks) {
+    if (track.kind === KIND.EV) noteFirstCharge(episode, track, note);
+    if (track.kind === KIND.MED) noteOrders(episode, track, note);
+    noteStanding(episode, track, note);
+  }
+  for (const { slot, gone, x } of episode.ranOut) {
+    const track = tracks[episode.trackAt[slot * frames + gone - 1]];
+    note(gone, "out", `${track ? track.name : "EV"} ran out`, track, x);
+  }
+  return found;
+}
+
+function noteFirstCharge(episode, track, note) {
+  for (let frame = track.first; frame <= track.last; frame += 1) {
+    const booking = episode.booking(track.slot, frame);
+    if (!booking?.charging) continue;
+    note(frame, "charge", `${track.name} is charged by ${episode.nameAt(booking.med, frame)}`, track);
+    return;
+  }
+}
+
+/** What a MED in service is told anew. */
+function noteOrders(episode, track, note) {
+  let before = "";
+  for (let frame = track.first; frame <= track.last; frame += 1) {
+    if (episode.status(track.slot, frame) !== IN_SERVICE) continue;
+    const told = episode.told(track.slot, frame);
+    if (before && told !== before) note(frame, "told", `${track.name} told: ${told}`, track);
+    before = told;
+  }
+}
+
+/** Who stands on the main road for a while. */
+function noteStanding(episode, track, note) {
+  const { tables, meta } = episode;
+  const least = Math.round(STANDS_S / meta.tickSeconds);
+  let since = 0;
+  for (let frame = track.first; frame <= track.last; frame += 1) {
+    const stands = tables.lane.at(track.slot, frame) < meta.road.lanes && tables.speed.at(track.slot, frame) < CRAWL_M_PER_S;
+    since = stands ? since + 1 : 0;
+    if (since === least) note(frame, "stands", `${track.name} stands`, track);
+  }
+}
+
+/** All that happens, of all episodes, as a list on the page's clock. */
+class EventLine {
+  constructor(episodes, player) {
+    Object.assign(this, { player, now: -1 });
+    this.root = $("event-list");
+    this.events = episodes
+      .flatMap((episode, which) => happenings(episode).map((event) => ({ ...event, which })))
+      .sort((a, b) => a.seconds - b.seconds);
+    this.items = this.events.map((event) => {
+      const button = element("button", { type: "button", textContent: `${clockText(event.seconds)} ${event.text}` });
+      if (episodes.length > 1) button.prepend(element("span", { className: `key ${LINE_COLORS[event.which]}` }));
+      button.addEventListener("click", () => this.go(event));
+      return element("li", { className: event.kind }, [button]);
+    });
+    if (!this.items.length) this.items.push(element("li", { textContent: "Nobody is sent, is charged, stands or runs out." }));
+    this.root.append(...this.items);
+  }
+
+  /** Moves clock and camera to an event. */
+  go({ seconds, which, track, x }) {
+    this.player.seek(seconds);
+    if (track && x === undefined) {
+      this.player.select(which, track);
+      this.player.setCamera("selected");
+    } else this.player.setCamera("free", x);
+  }
+
+  /** The next event after the clock, or with -1 the one before. */
+  step(seconds, direction) {
+    const found = direction > 0
+      ? this.events.find((event) => event.seconds > seconds + 1e-6)
+      : this.events.findLast((event) => event.seconds < seconds - 1e-6);
+    if (found) this.go(found);
+  }
+
+  update(seconds) {
+    const after = this.events.findIndex((event) => event.seconds > seconds + 1e-6);
+    const now = (after < 0 ? this.events.length : after) - 1;
+    if (now === this.now) return;
+    this.items[this.now]?.removeAttribute("aria-current");
+    this.now = now;
+    const item = this.items[Math.max(now, 0)];
+    if (now >= 0) item.setAttribute("aria-current", "true");
+    if (!this.root.matches(":hover, :focus-within")) { // whoever reads it is not disturbed
+      this.root.scrollTop = item.offsetTop - this.root.clientHeight + item.offsetHeight;
+    }
+  }
+}
