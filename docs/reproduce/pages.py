@@ -6,7 +6,8 @@ A comment stands before a command, another before each thing that comes from it:
     <!-- from NAME -->                  before a fenced block, or tables: all that the command prints
     <!-- from NAME: /REGEX/ -->         only the lines that the expression is found in
     <!-- from NAME: /REGEX/,/REGEX/ --> from the first line with the one to the line before the other
-    <!-- from NAME: FILE -->            before a picture of the page, which is the file that the command wrote
+    <!-- from NAME: FILE -->            before a picture or an <iframe> of the page, which shows the file that the
+                                        command wrote
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ RUN = re.compile(
 RUN_NOTE = "*Run {date} in {time}: {commit}, {versions}, {machine}.*"
 FROM = re.compile(
     r"^(?P<head><!-- from (?P<name>[\w-]+)(?:: (?P<part>.+))? -->\n)"
-    r"(?P<body>```\n(?:(?!```).*\n)*```\n|!\[[^]]*\]\((?P<picture>[^)]+)\)\n|(?:\|.*\n)+)",
+    r"(?P<body>```\n(?:(?!```).*\n)*```\n|(?:!\[[^]]*\]\(|<iframe src=\x22)"
+    r"(?P<picture>[^)\x22]+)[)\x22].*\n|(?:\|.*\n)+)",
     re.MULTILINE,
 )
 

@@ -34,5 +34,4 @@ def pretrained(env: Any) -> Policy:
     Raises:
       InputError: there is none, or it does not fit what was changed of the preset.
     """
-    recipe = getattr(env, "recipe", None)
-    return load_pretrained(recipe.scenario if recipe else "").policy(env)
+    return load_pretrained(env.name).policy(env)

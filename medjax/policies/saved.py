@@ -19,6 +19,7 @@ import numpy as np
 from jax import export
 
 from medjax.agents import agents_of
+from medjax.env.observation import OBSERVATIONS
 from medjax.errors import InputError
 from medjax.files import replacing
 from medjax.numerics.gathers import with_rows
@@ -110,12 +111,18 @@ class ExportedPolicy:
         return np.argmax(self.probabilities(obs, mask), axis=-1)
 
     def policy(self, env: Any) -> Policy:
-        """Itself among the policies of an environment with its observation: its most probable action.
+        """Itself among the policies of an environment: its most probable action.
+
+        It sees what the environment observes where that has its size, else the highway as it was trained to.
 
         Raises:
           InputError: an environment that it does not fit.
         """
         size = math.prod(env.observation_space(None).shape)
+        own: Any = None if self.about.agents else OBSERVATIONS.get(self.about.observation)
+        looks = own is not None and size != self.about.num_features and hasattr(env, "config")
+        if looks:
+            size = own.size(env.config)
         if (size, env.num_actions) != (self.about.num_features, self.about.num_actions):
             raise InputError(
                 f"the environment has {size} features and {env.num_actions} actions: allowed "
@@ -128,6 +135,9 @@ class ExportedPolicy:
         def act(weights: Any, key: jax.Array, obs: jax.Array, state: Any, params: Any) -> Choice:
             """See `Policy.act`; the weights are in the network."""
             mask = acted_in.action_mask(state, params)
+            if looks:
+                road, numbers = env.highway(state, params)
+                obs = own(road, env.config, numbers)
             rows, _ = call(obs.reshape(-1, obs.shape[-1]), mask.reshape(-1, mask.shape[-1]))
             probabilities = rows.reshape(mask.shape)
             return Choice(jnp.argmax(probabilities, axis=-1).astype(jnp.int32), probabilities)
