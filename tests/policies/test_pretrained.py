@@ -1,0 +1,58 @@
+"""The policies that come with medjax load, say how they were trained, and play in the worlds that they fit."""
+
+import json
+import zipfile
+
+import jax
+import numpy as np
+import pytest
+
+import medjax
+from medjax.errors import InputError
+from medjax.policies.given import as_policy
+from medjax.policies.pretrained import FILES
+from medjax.scenarios import prepare
+from tests.refusals import refused
+
+SCENARIOS = sorted(path.stem for path in FILES.glob("*.zip"))
+
+
+def test_there_is_one_for_the_paper_and_one_for_the_corridor():
+    assert SCENARIOS == ["corridor", "paper"]
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_card_says_how_it_was_trained(scenario):
+    """Settings, seed and commit; and the file is small."""
+    about = medjax.load_pretrained(scenario).about
+    settings = about.training["settings"]
+    assert (about.scenario, settings["scenario"]) == (scenario, scenario)
+    assert not about.overrides
+    assert settings["total_timesteps"] > 0
+    assert settings["seed"] >= 0
+    commit = about.training["versions"]["commit"]
+    assert len(commit) >= 7
+    assert "changes" not in commit
+    path = FILES / f"{scenario}.zip"
+    assert path.stat().st_size < 300_000
+    with zipfile.ZipFile(path) as file:
+        assert json.loads(file.read("policy.json"))["training"] == about.training
+
+
+def test_acts_by_name_in_its_world_and_no_other():
+    """Whatever the environment observes, it sees what it was trained to see."""
+    env, params = medjax.make("paper")
+    act = jax.jit(as_policy(env, "pretrained"))
+    obs, state = jax.jit(env.reset)(jax.random.key(0), params)
+    choice = act(jax.random.key(1), obs, state, params)
+    assert choice.probabilities.shape == (env.num_actions,)
+    assert float(choice.probabilities.sum()) == pytest.approx(1.0, abs=1e-5)
+    seen, numbers = medjax.make("paper", observation="profile")
+    same = jax.jit(as_policy(seen, "pretrained"))
+    obs, state = jax.jit(seen.reset)(jax.random.key(0), numbers)
+    again = same(jax.random.key(1), obs, state, numbers)
+    np.testing.assert_allclose(choice.probabilities, again.probabilities, atol=1e-6)
+    three, *_ = prepare("paper", num_ramps=3)
+    with pytest.raises(InputError, match="features"):
+        as_policy(three, "pretrained")
+    refused(lambda: medjax.load_pretrained("moon"), "moon", "paper")
