@@ -4,7 +4,7 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -39,7 +39,9 @@ def run_command(
     arguments: list[str] | None = None,
     plot: Callable[[Path, Any], None] | None = None,
 ) -> Any:
-    """A command from its arguments to the files that are asked for; bad input ends it in one line and exit code 2.
+    """A command from its arguments to the files that are asked for.
+
+    Bad input ends it in one line and exit code 2, a signal in one line and 128 + signal.
 
     Args:
       parser: of `benchmark_parser`.
@@ -47,17 +49,26 @@ def run_command(
       arguments: None: those of the process.
       plot: draws what `measure` returned, which is returned here too, to the PNG of `--plot`.
     """
-    options = parser.parse_args(arguments)
-    prepare_cpu()
-    try:
-        result = measure(options)
-    except InputError as error:
-        parser.error(str(error))
-    if options.json:
-        _write(parser, options.json, _write_json, result)
-    if plot and options.plot:
-        _write(parser, options.plot, plot, result)
-    return result
+    results = []
+
+    @commandline.command
+    def run(argv: Sequence[str] | None) -> int:
+        """All of it; what was measured is in `results`."""
+        options = parser.parse_args(argv)
+        prepare_cpu()
+        try:
+            results.append(measure(options))
+        except InputError as error:
+            parser.error(str(error))
+        if options.json:
+            _write(parser, options.json, _write_json, results[0])
+        if plot and options.plot:
+            _write(parser, options.plot, plot, results[0])
+        return 0
+
+    if code := run(arguments):
+        commandline.leave(code)
+    return results[0]
 
 
 def _write_json(path: Path, result: Any) -> None:

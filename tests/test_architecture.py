@@ -189,11 +189,11 @@ def length(path):
 
 
 def test_files_are_short():
-    """At most 300 lines, in all languages."""
+    """At most 300 lines, in all languages; players that a command wrote are nobody's source."""
     assert_none(
         f"{path.relative_to(ROOT)}: {length(path)} lines, allowed {MOST_LINES}"
         for path in source_files(*HOUSES, "tests", "docs", endings=SOURCES)
-        if length(path) > MOST_LINES
+        if length(path) > MOST_LINES and path.parent != ROOT / "docs" / "live"
     )
 
 

@@ -60,10 +60,10 @@ def pages(tmp_path_factory):
 
 
 def _broken(path, link, pages):
-    """Whether an internal link leads nowhere, or an external one is no https address."""
+    """Whether an internal link leads nowhere, or an external one is no https address or is in the page itself."""
     parts = urlsplit(link)
     if parts.scheme or parts.netloc:
-        return parts.scheme not in ("https", "mailto") or (
+        return parts.scheme not in ("https", "mailto", "data") or (
             parts.scheme == "https" and "." not in parts.netloc
         )
     target = (path.parent / unquote(parts.path)).resolve() if parts.path else path

@@ -1,12 +1,18 @@
 """What becomes of what a benchmark measures, whichever it is."""
 
 import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
 from benchmarks.command import add_plot, benchmark_parser, run_command
 from medjax.errors import InputError
 from tests.benchmarks.refusal import refused
+
+ROOT = Path(__file__).parents[2]
 
 
 def parser():
@@ -58,3 +64,17 @@ def test_a_file_that_cannot_be_written_in_the_end_is_one_line(tmp_path, capsys):
     assert end.value.code == 1
     line = f"cannot write {folder / 'out.json'}: No such file or directory"
     assert capsys.readouterr().err == f"python -m benchmarks.example: {line}\n"
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_signal_ends_it_in_a_line(name):
+    code = (
+        "import signal\n"
+        "from benchmarks.command import benchmark_parser, run_command\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "parser = benchmark_parser('example', 'An example.')\n"
+        f"run_command(parser, lambda options: signal.raise_signal(signal.{name}), [])\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert ended.returncode == 128 + getattr(signal, name)
+    assert (ended.stdout, ended.stderr) == ("", "interrupted\n")
