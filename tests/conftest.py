@@ -17,6 +17,7 @@ from jax._src import compiler
 
 import medjax
 from tests.refusals import AcceptedError
+from tests.render.browser import chromium_program
 
 # Two devices, whatever the machine: training shares its environments among them.
 jax.config.update("jax_num_cpu_devices", 2)
@@ -82,3 +83,15 @@ def nothing_starts(monkeypatch):
     yield
     jax.monitoring.unregister_event_duration_listener(listen)
     assert not compiled
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Headless Chromium."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="drives the browser")
+    if chromium_program() is None:
+        pytest.skip("no Chromium here (Debian: apt-get install chromium)")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium_program(), args=["--no-sandbox"])
+        yield browser
+        browser.close()

@@ -10,7 +10,6 @@ import medjax
 from medjax.episodes.recording import record_episode
 from medjax.policies.rules import BASELINES
 from medjax.render.player import write_player
-from tests.render.browser import chromium_program
 from tests.render.made import busy, parked
 
 SMALL = {
@@ -59,18 +58,6 @@ def still():
 def full():
     """600 decisions of a full highway."""
     return busy()
-
-
-@pytest.fixture(scope="module")
-def browser():
-    """Headless Chromium."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="drives the browser")
-    if chromium_program() is None:
-        pytest.skip("no Chromium here (Debian: apt-get install chromium)")
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=chromium_program(), args=["--no-sandbox"])
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="module")

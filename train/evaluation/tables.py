@@ -41,6 +41,9 @@ PAPER_CLAIMS = {  # of its policy: metric, what no action gives times this (Figu
     "mean_soc": 1.2,
 }
 PAPER_MEDS = 15.0
+DEPLETED_SHARE = (
+    "Share of EVs that run out, or depleted share: of all EVs that were on the road in the episode."
+)
 
 
 def format_table(result: Mapping[str, Any], learned: Sequence[str]) -> str:

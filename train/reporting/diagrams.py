@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from medjax.render.colors import SOC_SCALE, css
 from medjax.world.params import RoadParams
 from train.reporting.figures import new_figure, save
 from train.reporting.survey import Survey
@@ -65,6 +66,7 @@ def _segments(on_road: Any, x: Any, decision_s: float) -> tuple[Any, Any]:
 def _draw_vehicles(axes: Any, frames: Frame, decision_s: float) -> Any:
     """MEDs as broad lines; over them EVs as thin lines in the colour of their charge, which are returned."""
     from matplotlib.collections import LineCollection
+    from matplotlib.colors import LinearSegmentedColormap
 
     lines, there = _segments(frames.med_on_road, frames.med_x, decision_s)
     charges = (frames.med_charges[:-1] > 0)[there]
@@ -72,7 +74,8 @@ def _draw_vehicles(axes: Any, frames: Frame, decision_s: float) -> Any:
     style: dict[str, Any] = {"colors": CHARGING, "lw": 6, "zorder": 2}
     axes.add_collection(LineCollection(lines[charges], label="MED that charges EVs", **style))
     lines, there = _segments(frames.ev_on_road, frames.ev_x, decision_s)
-    drawn = LineCollection(lines, cmap="viridis", lw=1.2, label="EV", zorder=3)
+    charge = LinearSegmentedColormap.from_list("charge", list(map(css, SOC_SCALE)))
+    drawn = LineCollection(lines, cmap=charge, lw=1.2, label="EV", zorder=3)
     drawn.set_array(frames.ev_soc[:-1][there])
     drawn.set_clim(0.0, 1.0)
     axes.add_collection(drawn)

@@ -28,6 +28,16 @@ COLOURS = {
 }
 OTHER = "#555555"
 MARKERS = "osD^vPX*<>"  # of policies in their order: colours are not all that tells them apart
+DASHES = {  # of the rules: two of them are the same colour to some eyes, and three to all
+    "budgeted": (0, (8, 2)),
+    "forecast": "--",
+    "paced": "-.",
+    "slow": (0, (2, 2)),
+    "greedy": (0, (3, 1, 1, 1)),
+    "random": ":",
+    "periodic": (0, (6, 2, 1, 2, 1, 2)),
+    "none": (0, (1, 3)),
+}
 PANELS = {  # of the comparison: metric, title with its unit
     "depleted_share": "share of EVs that run out",
     "mean_range_m": "mean range of an EV (m)",
@@ -59,6 +69,11 @@ def colour(policy: str) -> str:
     return COLOURS.get(policy.split("_seed")[0], OTHER)
 
 
+def look(policy: str) -> dict[str, Any]:
+    """Colour and dashes of a policy's line; learners are solid."""
+    return {"color": colour(policy), "ls": DASHES.get(policy, "-")}
+
+
 def plot_curve(
     path: Path, rows: Sequence[Row], config: TrainConfig, baselines: Mapping[str, float]
 ) -> None:
@@ -74,10 +89,8 @@ def plot_curve(
 
     figure = new_figure(9, 5)
     axes = figure.add_subplot()
-    num_seeds = len(rows[-1]["per_seed"][MAIN]) if rows and "per_seed" in rows[-1] else 1
-    there = [row for row in rows if None not in _returns(row)]
-    steps = np.array([row["env_steps"] / num_seeds for row in there])
-    seeds = np.array([_returns(row) for row in there], np.float64).reshape(-1, num_seeds)
+    steps, seeds = curve_of(rows)
+    num_seeds = seeds.shape[1]
     learner, own = config.algorithm.upper(), colour(config.algorithm)
     label = f"{learner} learning" + (f", {num_seeds} seeds" if num_seeds > 1 else "")
     axes.plot(steps, interquartile_mean(seeds), color=own, lw=2, label=label)
@@ -87,7 +100,7 @@ def plot_curve(
         band: dict[str, Any] = {"color": own, "alpha": 0.25, "lw": 0}
         axes.fill_between(steps, low, high, label="95 % band", **band)
     for name, value in sorted(baselines.items(), key=lambda item: -item[1]):
-        axes.axhline(value, color=colour(name), ls="--", lw=1.3, label=f"{name}, {short(value)}")
+        axes.axhline(value, label=f"{name}, {short(value)}", lw=1.6, **look(name))
     axes.set_xlim(0, max((row["env_steps"] / num_seeds for row in rows), default=1))
     axes.xaxis.set_major_formatter(EngFormatter())
     axes.set_xlabel("decisions in all environments" + (" of a seed" if num_seeds > 1 else ""))
@@ -95,9 +108,18 @@ def plot_curve(
     axes.set_title(f"{learner} on {config.scenario}, {config.num_envs} environments")
     axes.grid(alpha=0.3)
     figure.legend(loc="outside right upper", fontsize="small", frameon=False)
-    if not there:
+    if not len(steps):
         axes.text(0.5, 0.5, "no whole episode ended", ha="center", transform=axes.transAxes)
     save(figure, path)
+
+
+def curve_of(rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray]:
+    """Decisions of a seed `(updates,)` and returns `(updates, seeds)`, where an episode of each seed has ended."""
+    num_seeds = len(rows[-1]["per_seed"][MAIN]) if rows and "per_seed" in rows[-1] else 1
+    there = [row for row in rows if None not in _returns(row)]
+    steps = np.array([row["env_steps"] / num_seeds for row in there])
+    returns = np.array([_returns(row) for row in there], np.float64)
+    return steps, returns.reshape(-1, num_seeds)
 
 
 def _returns(row: Row) -> list[float | None]:
@@ -204,8 +226,7 @@ def plot_exit_soc(path: Path, names: Sequence[str], seen: Survey) -> None:
     for index, name in enumerate(names):
         below = seen.depleted[index] + np.concatenate([[0], np.cumsum(seen.exit_soc[index])])
         share = below / max(below[-1], 1)
-        dashes = "--" if name == "none" else "-"
-        axes.plot(edges, share, color=colour(name), lw=2, ls=dashes, label=name)
+        axes.plot(edges, share, lw=2, label=name, **look(name))
     axes.set(xlim=(0, 100), ylim=(0, 1), ylabel="share of EVs that end below it")
     axes.set_xlabel("state of charge at the end of the road (%); at 0: EVs that ran out")
     axes.grid(alpha=0.3)

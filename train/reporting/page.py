@@ -9,15 +9,36 @@ from pathlib import Path
 from medjax.files import write_text
 from train.evaluation.tables import Table
 
+# Figures are black on white; where the page is dark they stand on white cards.
 STYLE = """
-body { font: 16px/1.5 sans-serif; color: #222; max-width: 1100px; margin: 2em auto; padding: 0 1em; }
-img { max-width: 100%; height: auto; }
+:root { color-scheme: light dark; --paper: #fff; --ink: #222; --line: #ddd; --strong: #888; --panel: #f6f6f6; }
+@media (prefers-color-scheme: dark) {
+  :root { --paper: #16191d; --ink: #e8eaed; --line: #3a4048; --strong: #8d959e; --panel: #1e2227; }
+}
+body { font: 16px/1.5 sans-serif; color: var(--ink); background: var(--paper); max-width: 1100px; margin: 2em auto;
+  padding: 0 1em; }
+figure { margin: 1em 0; }
+figcaption { font-weight: 600; margin-top: 0.4em; }
+.wide { overflow-x: auto; }
+img { display: block; max-width: 100%; height: auto; background: #fff; border-radius: 4px; }
 table { border-collapse: collapse; margin: 1em 0; }
-th, td { padding: 0.25em 0.9em; text-align: right; border-bottom: 1px solid #ddd; }
+th, td { padding: 0.25em 0.9em; text-align: right; border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child { text-align: left; }
-th { border-bottom: 2px solid #888; }
-pre { overflow-x: auto; background: #f6f6f6; padding: 1em; }
+th { border-bottom: 2px solid var(--strong); }
+pre { overflow-x: auto; background: var(--panel); padding: 1em; }
+@media (max-width: 700px) {
+  img { max-width: none; width: 700px; }
+  th, td { padding: 0.2em 0.5em; font-size: 14px; }
+}
 """
+
+
+@dataclasses.dataclass(frozen=True)
+class Picture:
+    """A PNG, and the sentence that says what it shows."""
+
+    path: Path
+    conclusion: str
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,14 +48,15 @@ class Section:
     title: str
     text: str
     tables: Sequence[Table] = ()
-    pictures: Sequence[Path] = ()  # PNGs
+    pictures: Sequence[Picture] = ()
     verbatim: str = ""
 
 
 def write_page(path: Path, title: str, introduction: str, sections: Sequence[Section]) -> None:
     """Writes the page in full or not at all."""
     parts = [
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>",
         f"<h1>{escape(title)}</h1>\n<p>{escape(introduction)}</p>",
         *map(_section, sections),
@@ -46,9 +68,14 @@ def write_page(path: Path, title: str, introduction: str, sections: Sequence[Sec
 def _section(section: Section) -> str:
     parts = [f"<h2>{escape(section.title)}</h2>\n<p>{escape(section.text)}</p>"]
     parts += map(_table, section.tables)
-    for path in section.pictures:
-        data = base64.b64encode(path.read_bytes()).decode("ascii")
-        parts.append(f'<img alt="{escape(section.title)}" src="data:image/png;base64,{data}">')
+    for picture in section.pictures:
+        data = base64.b64encode(picture.path.read_bytes()).decode("ascii")
+        said = escape(picture.conclusion)
+        image = f'<img alt="{said}" src="data:image/png;base64,{data}">'
+        parts.append(
+            f'<figure><div class="wide" tabindex="0">{image}</div>\n'
+            f"<figcaption>{said}</figcaption></figure>"
+        )
     if section.verbatim:
         parts.append(f"<pre>{escape(section.verbatim)}</pre>")
     return "\n".join(parts)
@@ -59,4 +86,5 @@ def _table(table: Table) -> str:
         return "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells) + "</tr>"
 
     body = [row(cells, "td") for cells in table[1:]]
-    return "\n".join(["<table>", row(table[0], "th"), *body, "</table>"])
+    lines = ['<div class="wide" tabindex="0"><table>', row(table[0], "th"), *body, "</table></div>"]
+    return "\n".join(lines)

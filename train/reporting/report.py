@@ -16,8 +16,10 @@ from medjax.files import write_json
 from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
 from medjax.world.params import EnvParams
+from train.evaluation.statistics import interquartile_mean
 from train.evaluation.summary import learned_names, summarize
 from train.evaluation.tables import (
+    DEPLETED_SHARE,
     balance_rows,
     best_first,
     claim_rows,
@@ -27,11 +29,17 @@ from train.evaluation.tables import (
     is_papers,
     paper_rows,
     short,
-    unseen,
 )
+from train.reporting.conclusions import counts, difference, learning
 from train.reporting.diagrams import plot_dispatch, plot_episode
-from train.reporting.figures import plot_comparison, plot_curve, plot_exit_soc, plot_soc
-from train.reporting.page import Section, write_page
+from train.reporting.figures import (
+    curve_of,
+    plot_comparison,
+    plot_curve,
+    plot_exit_soc,
+    plot_soc,
+)
+from train.reporting.page import Picture, Section, write_page
 from train.reporting.survey import Survey, dispatch_rows, survey, total
 from train.reporting.traces import Trace, record
 from train.runs.logs import read_rows
@@ -94,8 +102,7 @@ def draw(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
     plot_episode(path["time_space"], played.first, road, decision_s, title)
     plot_soc(path["soc_over_time"], names, seen, decision_s)
     plot_exit_soc(path["soc_at_end"], names, seen)
-    best = next((name for name, _ in best_first(played.result) if name in rules), ours)
-    shown = {name: names.index(name) for name in (ours, best)}
+    shown = {name: names.index(name) for name in (ours, best_rule(played))}
     ramps = np.asarray(road.ramp_x_m)
     plot_dispatch(path["dispatch"], shown, seen, ramps, decision_s, config.decide_every)
 
@@ -123,10 +130,48 @@ def _pictures(run_dir: RunDir) -> dict[str, Path]:
     return {name: run_dir.report / f"{name}.png" for name in PICTURES}
 
 
+def best_rule(played: Played) -> str:
+    """The rule of the highest mean return."""
+    return next(name for name, _ in best_first(played.result) if name in BASELINES)
+
+
+def concluded(run_dir: RunDir, config: TrainConfig, played: Played) -> dict[str, str]:
+    """What each figure shows, by its name; of several learners the first, as in the figures of single vehicles."""
+    scores, ours, best = played.scores, config.algorithm, best_rule(played)
+
+    def against(other: str, what: str, metric: str) -> str:
+        """The trained policy's metric against another's."""
+        gains = scores[ours][metric] - scores[other][metric]
+        return difference(what, (ours, other), gains, played.seed)
+
+    def beside(what: str, metric: str) -> str:
+        """The metric of the trained policy's first episode beside the mean of all."""
+        samples = scores[ours][metric]
+        return counts(what, samples[0], samples, played.seed)
+
+    _, returns = curve_of(read_rows(run_dir.metrics))
+    return {
+        "training_curve": learning(interquartile_mean(returns), played.seed),
+        "comparison": " ".join(
+            [
+                against(best, "Return", "return"),
+                against(best, "Share of EVs that run out", "depleted_share"),
+            ]
+        ),
+        "time_space": " ".join(
+            [beside("EVs that run out", "evs_depleted"), beside("MEDs sent", "meds_dispatched")]
+        ),
+        "soc_over_time": against("none", "Mean charge of the EVs on the road, 0 to 1", "mean_soc"),
+        "soc_at_end": against("none", "Mean charge where an EV's way ends, 0 to 1", "exit_soc"),
+        "dispatch": against(best, "MEDs sent in an episode", "meds_dispatched"),
+    }
+
+
 def sections(run_dir: RunDir, config: TrainConfig, played: Played) -> list[Section]:
     """The page's parts, with the figures that `draw` drew."""
     result, learned = played.result, learned_names(played.scores)
-    path = _pictures(run_dir)
+    said = concluded(run_dir, config, played)
+    path = {name: Picture(path, said[name]) for name, path in _pictures(run_dir).items()}
     theirs = "; the paper's are of ten" if is_papers(result) else ""
     return [
         Section(
@@ -144,7 +189,7 @@ def sections(run_dir: RunDir, config: TrainConfig, played: Played) -> list[Secti
         Section(
             "Figure 8: comparison of the policies",
             "EVs that run out, the distance that an EV covers on the road, the mean charge of the EVs on it, and the "
-            f"MEDs sent. Bars: means; whiskers: 95 % intervals. {unseen(result, learned)}",
+            f"MEDs sent. Bars: means; whiskers: 95 % intervals. {DEPLETED_SHARE}",
             tables=[claim_rows(result, learned), comparison_rows(result, learned)],
             pictures=[path["comparison"]],
         ),

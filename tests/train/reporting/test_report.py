@@ -13,10 +13,12 @@ import pytest
 from matplotlib.image import imread
 
 import train.reporting.report
+from medjax.policies.rules import BASELINES
 from tests.train.conftest import refused
 from train import evaluate, report
 from train.algorithms.ppo.settings import PPOConfig
 from train.evaluation.tables import paper_rows
+from train.reporting.figures import look
 from train.reporting.survey import dispatch_rows, survey, total
 from train.runs.arguments import parse_request
 from train.runs.checkpoint import to_host
@@ -121,6 +123,9 @@ def test_pictures_and_page_are_complete(made):
     for heading in ("Figure 7", "Table 2", "Figure 8", "One episode", "State of charge", "Where"):
         assert any(heading in found for found in page.headings), heading
     assert len(page.pictures) == len(names)
+    assert text.count("<figcaption>") == len(names)
+    assert f"{EPISODES} episodes are too few to tell ppo from" in text
+    assert "of all EVs that were on the road" in text
     for name, source in zip(names, page.pictures, strict=True):
         data = (there / name).read_bytes()
         assert base64.b64decode(source.removeprefix("data:image/png;base64,")) == data
@@ -213,3 +218,53 @@ def test_bad_options_are_refused(made, tmp_path, capsys, monkeypatch):
     (tmp_path / "report").write_text("precious")
     refused(capsys, ["--run-dir=."], "report", "not a directory", command=report)
     assert (tmp_path / "report").read_text() == "precious"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(("width", "height"), [(1600, 900), (1024, 768), (390, 844)])
+def test_the_page_is_readable_at_any_size(made, browser, scheme, width, height):
+    """Nothing but figures and tables in their own scrollers is wider; text has a contrast of 7:1 on its ground."""
+    context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
+    page = context.new_page()
+    page.goto((made.run / "report" / "report.html").as_uri())
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    least = min(700, width - 40)
+    assert min(page.evaluate("[...document.images].map((each) => each.clientWidth)")) >= least
+    ink, paper = page.evaluate(
+        "(({color, backgroundColor}) => [color, backgroundColor])(getComputedStyle(document.body))"
+    )
+
+    def luminance(text):
+        parts = [int(part) / 255 for part in text[4:-1].split(",")]
+        linear = [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    high, low = sorted((luminance(ink), luminance(paper)), reverse=True)
+    assert (high + 0.05) / (low + 0.05) >= 7.0
+    assert (luminance(paper) > 0.5) == (scheme == "light")
+    context.close()
+
+
+DEUTERANOPIA = np.array(  # Machado, Oliveira, Fernandes 2009, severity 1
+    [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.011820, 0.042940, 0.968881],
+    ]
+)
+
+
+def test_lines_differ_to_those_who_see_no_green():
+    """Any two policies by their dashes, or by 0.2 of a channel as they are seen."""
+    looks = {name: look(name) for name in ("ppo", *BASELINES)}
+
+    def seen(name):
+        text = looks[name]["color"]
+        rgb = np.array([int(text[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+        linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+        return np.clip(DEUTERANOPIA @ linear, 0, 1) ** (1 / 2.2)
+
+    for one in looks:
+        for other in looks:
+            if one != other and looks[one]["ls"] == looks[other]["ls"]:
+                assert np.abs(seen(one) - seen(other)).max() > 0.2, (one, other)

@@ -1,0 +1,50 @@
+"""Sentences on made numbers, where the right one is known."""
+
+import numpy as np
+import pytest
+
+from train.reporting.conclusions import FEWEST, counts, difference, learning
+
+PAIR = ("ppo", "forecast")
+SPREAD = np.linspace(-1.0, 1.0, 16)  # mean 0
+
+
+@pytest.mark.parametrize(
+    ("shift", "words"),
+    [
+        (5.0, "higher with ppo than with forecast in the same 16 episodes, +5.000 ["),
+        (-5.0, "lower with ppo than with forecast in the same 16 episodes, -5.000 ["),
+        (0.1, "no difference between ppo and forecast can be seen with 16 episodes, +0.100 [-"),
+    ],
+)
+def test_a_difference_is_one_where_its_interval_is_without_zero(shift, words):
+    assert difference("Return", PAIR, SPREAD + shift, 0).startswith(f"Return: {words}")
+
+
+def test_few_episodes_tell_nothing_and_equal_ones_are_said_to_be_equal():
+    few = difference("Return", PAIR, np.full(FEWEST - 1, 5.0), 0)
+    assert few == f"Return: {FEWEST - 1} episodes are too few to tell ppo from forecast."
+    assert "the same in each of the 3 episodes" in difference("Return", PAIR, np.zeros(3), 0)
+
+
+def test_a_curve_rises_falls_stays_or_has_settled():
+    noise = np.tile([-1.0, 1.0], 50)
+    rise = np.linspace(0.0, 100.0, 100)
+    settled = np.minimum(4.0 * rise, 100.0)
+    for curve, whole, late in (
+        (rise, "return rises", "still rises"),
+        (-rise, "return falls", "and falls"),
+        (0.0 * rise, "return does not change visibly", "and does not change visibly"),
+        (settled, "return rises", "and does not change visibly"),
+    ):
+        said = learning(curve + noise, 0)
+        assert whole in said
+        assert late in said
+    assert "too few" in learning(rise[: 4 * FEWEST - 1], 0)
+    assert "too few" in learning(rise[:0], 0)
+
+
+def test_an_episode_stands_beside_the_mean_of_all():
+    said = counts("EVs that run out", 3.0, SPREAD + 5.0, 0)
+    assert said.startswith("EVs that run out: 3 in this episode, 5.000 [4.")
+    assert said.endswith("in the mean of 16.")

@@ -1,0 +1,88 @@
+"""What a figure shows, in a sentence: numbers in, words out, with the 95 % interval that they rest on."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from train.evaluation.statistics import bootstrap_ci95
+from train.evaluation.tables import interval, short
+
+FEWEST = 8  # samples; the bootstrap's interval of fewer is much too narrow to conclude from
+
+
+def difference(what: str, names: tuple[str, str], gains: np.ndarray, seed: int) -> str:
+    """Whether two policies differ in the same episodes.
+
+    Args:
+        what: differs, with its unit.
+        names: of the policy, and of the one that it is compared with.
+        gains: (episodes,) the first policy's number less the second's.
+        seed: of the bootstrap.
+
+    Returns:
+        The sentence.
+    """
+    ours, theirs = names
+    episodes = f"{len(gains)} episodes"
+    if not np.any(gains):
+        return f"{what}: {ours} and {theirs} are the same in each of the {episodes}."
+    if len(gains) < FEWEST:
+        return f"{what}: {episodes} are too few to tell {ours} from {theirs}."
+    low, high = bootstrap_ci95(gains, seed)
+    given = f"{_signed(float(np.mean(gains)))} {interval((low, high))}"
+    if low <= 0.0 <= high:
+        return f"{what}: no difference between {ours} and {theirs} can be seen with {episodes}, {given}."
+    side = "higher" if low > 0.0 else "lower"
+    return f"{what}: {side} with {ours} than with {theirs} in the same {episodes}, {given}."
+
+
+def learning(returns: np.ndarray, seed: int) -> str:
+    """Whether a learning curve rises: its last quarter against its first, and against the quarter before the last.
+
+    Args:
+        returns: (updates,) mean returns in their order.
+        seed: of the bootstrap.
+
+    Returns:
+        The sentence. A change counts where the interval of the difference of means is without 0.
+    """
+    size = len(returns) // 4
+    if size < FEWEST:
+        return f"{len(returns)} updates in which an episode ended are too few to tell a trend, {4 * FEWEST} are needed."
+    last = returns[-size:]
+    whole = _trend(last - returns[:size], seed, ("rises", "falls", "does not change visibly"))
+    late = _trend(
+        last - returns[-2 * size : -size], seed, ("still rises", "falls", "does not change visibly")
+    )
+    return (
+        f"The return {whole} from the first to the last quarter of the updates, "
+        f"and {late} from the third to the last."
+    )
+
+
+def counts(what: str, here: float, samples: np.ndarray, seed: int) -> str:
+    """An episode's number beside the mean of all.
+
+    Args:
+        what: was counted.
+        here: in the episode shown.
+        samples: (episodes,) in each.
+        seed: of the bootstrap.
+
+    Returns:
+        The sentence.
+    """
+    mean = f"{short(float(np.mean(samples)))} {interval(bootstrap_ci95(samples, seed))}"
+    return f"{what}: {here:.0f} in this episode, {mean} in the mean of {len(samples)}."
+
+
+def _trend(gains: np.ndarray, seed: int, words: Sequence[str]) -> str:
+    """The word for up, down or neither, and the mean with its interval."""
+    low, high = bootstrap_ci95(gains, seed)
+    word = words[0] if low > 0.0 else words[1] if high < 0.0 else words[2]
+    return f"{word} ({_signed(float(np.mean(gains)))} {interval((low, high))})"
+
+
+def _signed(value: float) -> str:
+    """A number that shows which way it points."""
+    return ("+" if value > 0.0 else "") + short(value)
