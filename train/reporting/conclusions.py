@@ -48,7 +48,10 @@ def learning(returns: np.ndarray, seed: int) -> str:
     """
     size = len(returns) // 4
     if size < FEWEST:
-        return f"{len(returns)} updates in which an episode ended are too few to tell a trend, {4 * FEWEST} are needed."
+        return (
+            f"{len(returns)} updates in which an episode ended are too few to tell a trend, {4 * FEWEST} are needed: "
+            "the comparison below says what was learned."
+        )
     last = returns[-size:]
     whole = _trend(last - returns[:size], seed, ("rises", "falls", "does not change visibly"))
     late = _trend(
