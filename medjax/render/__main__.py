@@ -7,17 +7,22 @@ import argparse
 import dataclasses
 import importlib.util
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from medjax.commandline import OneLineParser, as_path, command, fail, leave
+import numpy as np
+
+from medjax.commandline import OneLineParser, as_path, command, fail, leave, whole_number
 from medjax.env.charging_env import ChargingEnv
 from medjax.episodes.options import EpisodeRequest, add_episode_options, requested_episode
 from medjax.episodes.recording import Recording
+from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError, MissingLibrary, shown
 from medjax.files import check_output
+from medjax.policies.policy import Policy
 from medjax.render.camera import AUTO, FORMS, Shot, as_number, check_follow
+from medjax.render.grid import pick, write_grid
 from medjax.render.layout import check_size
 from medjax.render.player import write_player
 from medjax.render.story import read_evaluation
@@ -39,6 +44,7 @@ class Request:
     played: EpisodeRequest
     shot: Shot
     evaluation: dict[str, Any] | None = None
+    grid: int = 0  # episodes to choose three from; 0: the one that is asked for is shown
 
 
 def build_parser() -> OneLineParser:
@@ -69,6 +75,8 @@ def build_parser() -> OneLineParser:
     show.add_argument("--size", metavar="WxH", default="1280x480", help=size)
     span = "metres of road that the camera shows (default: as fits)"
     show.add_argument("--span", metavar="M", help=span)
+    grid = "instead of one episode the best, the median and the worst of N; .html"
+    show.add_argument("--grid", metavar="N", help=grid)
     return parser
 
 
@@ -92,9 +100,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         env, params, chosen = request.played.policies()
     except (InputError, OSError) as error:
         return fail(PROG, error)
-    recordings = request.played.record(env, params, chosen)
     try:
-        _write(request, recordings)
+        if request.grid:
+            _write_grid(request, env, params, chosen)
+        else:
+            _write(request, request.played.record(env, params, chosen))
     except (InputError, OSError) as error:  # a vehicle that never came, a disk that is full
         return fail(PROG, error)
     print(f"{request.out}: {request.out.stat().st_size / 1e6:.1f} MB")
@@ -111,6 +121,9 @@ def _request(given: argparse.Namespace) -> Request:
         raise InputError(f"--duration with {out.name}: the player holds the whole episode")
     if out.suffix != ".html" and given.evaluation is not None:
         raise InputError(f"--evaluation with {out.name}: allowed with a file that ends in .html")
+    if given.grid is not None and (out.suffix != ".html" or given.episode != "0"):
+        raise InputError("--grid: allowed with a file that ends in .html, and without --episode")
+    grid = 0 if given.grid is None else whole_number("--grid", given.grid, least=3, most=100_000)
     check_follow(given.follow)
     width, height = _size(given.size)
     played = requested_episode(given)
@@ -127,7 +140,7 @@ def _request(given: argparse.Namespace) -> Request:
             raise InputError(str(MissingLibrary(library)))
     check_output("--out", out)
     evaluation = given.evaluation and read_evaluation(as_path("--evaluation", given.evaluation))
-    return Request(out, played, shot, evaluation)
+    return Request(out, played, shot, evaluation, grid)
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -159,6 +172,22 @@ def _check(request: Request, env: ChargingEnv, params: EnvParams) -> None:
         raise InputError(f"--follow {follow}: allowed 0 to {length_m:g} m")
     if start_s is not None and start_s > seconds:
         raise InputError(f"--start {start_s:g}: allowed 0 to {seconds:g} s")
+
+
+def _write_grid(
+    request: Request, env: ChargingEnv, params: EnvParams, chosen: Mapping[str, Policy]
+) -> None:
+    """Plays all episodes with the first policy, then three of them again with all, and writes these."""
+    first = next(iter(chosen))
+    played = {first: chosen[first]}
+    scores = evaluate_policies(env, params, played, request.grid, request.played.seed)
+    returns = np.asarray(scores[first]["return"])
+    shown = {
+        name: dataclasses.replace(request.played, episode=episode).record(env, params, chosen)
+        for name, episode in pick(returns).items()
+    }
+    how = {"start_s": request.shot.start_s, "evaluation": request.evaluation}
+    write_grid(request.out, shown, returns, follow=request.shot.follow, **how)
 
 
 def _write(request: Request, recordings: Sequence[Recording]) -> None:

@@ -1,5 +1,6 @@
 """python -m medjax.render: bad input is one line and exit code 2; good input is a file."""
 
+import dataclasses
 import importlib.util
 from pathlib import Path
 
@@ -40,6 +41,11 @@ BAD = [
     (["--duration", "5", "--out", "a.html"], "the player holds the whole episode"),
     (["--size", "big", "--out", "a.png"], "allowed WIDTHxHEIGHT"),
     (["--size", "10x10", "--out", "a.png"], "allowed 160 to 8192 px"),
+    (["--grid", "2", "--out", "a.html"], "allowed a whole number from 3"),
+    (["--grid", "8", "--out", "a.png"], "--grid: allowed with a file that ends in .html"),
+    (["--grid", "8", "--episode", "3", "--out", "a.html"], "without --episode"),
+    (["--evaluation", "nowhere.json", "--out", "a.html"], "train.evaluate --json wrote"),
+    (["--evaluation", "a.json", "--out", "a.png"], "--evaluation with a.png"),
     (["--set", "cooldown_s", "--out", "a.html"], "allowed NAME=VALUE"),
     (["--set", "name=1", "--out", "a.html"], "allowed NAME=VALUE"),
 ]
@@ -131,6 +137,36 @@ def test_writes_the_file_and_says_so(argv, capsys, played):
     assert out == f"{argv[1]}: {size:.1f} MB\n"
     assert err == ""  # no bar: this is no terminal
     assert [path.name for path in Path().iterdir()] == [argv[1]]
+
+
+def test_a_grid_shows_the_best_the_median_and_the_worst(monkeypatch, recording, browser):
+    """Of returns that are known; three players in one page."""
+    returns = np.array([3.0, -7.0, 12.0, 5.0, 4.0])
+    asked = []
+
+    def record(*args, name, episode, **kwargs):
+        return dataclasses.replace(recording, policy=name, episode=episode)
+
+    def evaluate(env, params, policies, episodes, seed):
+        asked.append((list(policies), episodes, seed))
+        return {"periodic": {"return": returns}}
+
+    monkeypatch.setattr("medjax.episodes.options.record_episode", record)
+    monkeypatch.setattr("medjax.render.__main__.evaluate_policies", evaluate)
+    argv = ["--policy", "periodic", "--grid", "5", "--seed", "9", "--out", "a.html"]
+    assert main(argv) == 0
+    assert asked == [(["periodic"], 5, 9)]
+    page = browser.new_page()
+    page.goto(Path("a.html").absolute().as_uri())
+    titles = page.locator("h2").all_inner_texts()
+    assert titles == [
+        "Best of 5: episode 2, return 12.0",
+        "Median of 5: episode 4, return 4.0",
+        "Worst of 5: episode 1, return -7.0",
+    ]
+    page.frames[1].wait_for_selector("#verdict tbody tr")
+    assert "episode 2" in page.frames[1].title()
+    page.close()
 
 
 def test_a_vehicle_that_never_came_is_one_line(capsys, played):

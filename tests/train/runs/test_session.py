@@ -269,5 +269,5 @@ def test_evaluate_command(probe, capsys):
     refused(capsys, [*argv, "--scenario=nowhere"], "nowhere", command=evaluate)
     refused(capsys, [*argv, "--set", "x=1"], "'x'", command=evaluate)
     for option in ("policies", "baseline"):
-        said = "unknown policy 'all': allowed ppo, ppo_seed2, none, random, module:function"
+        said = "unknown policy 'all': allowed ppo, ppo_seed2, none, random, pretrained, module:"
         refused(capsys, [*argv, f"--{option}=all"], said, command=evaluate)

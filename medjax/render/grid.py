@@ -1,0 +1,56 @@
+"""Best, median and worst of many episodes of one policy, as players one above the other in one page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from medjax.episodes.recording import Recording
+from medjax.files import replacing
+from medjax.render.player import player_page
+
+STYLE = (
+    "body { margin: 0; font: 15px/1.4 system-ui, sans-serif; } h1, h2 { margin: 8px 12px; } "
+    "h1 { font-size: 18px; } h2 { font-size: 16px; } iframe { width: 100%; height: 900px; border: 0; }"
+    " @media (prefers-color-scheme: dark) { body { background: #16191d; color: #e8eaed; } }"
+)
+
+
+def pick(returns: np.ndarray) -> dict[str, int]:
+    """Which episodes to show of those with these returns `(N,)`; of an even number the upper median."""
+    order = np.argsort(returns, kind="stable")
+    places = {"best": order[-1], "median": order[len(order) // 2], "worst": order[0]}
+    return {name: int(episode) for name, episode in places.items()}
+
+
+def write_grid(
+    path: Path, shown: Mapping[str, Sequence[Recording]], returns: np.ndarray, **how: object
+) -> None:
+    """Writes the page.
+
+    Args:
+      path: file to write, in full or not at all.
+      shown: recordings of each episode of `pick`, by its name; one, or two policies side by side.
+      returns: (N,) of the first policy in all of the episodes.
+      how: as `medjax.render.player.write_player`.
+
+    Raises:
+      InputError, OSError: as `write_player`.
+    """
+    count, policy = len(returns), next(iter(shown.values()))[0].policy
+    title = f"{policy}: best, median and worst of {count} episodes"
+    parts = []
+    for name, recordings in shown.items():
+        episode = recordings[0].episode
+        said = f"{name.capitalize()} of {count}: episode {episode}, return {returns[episode]:.1f}"
+        page = player_page(recordings, **how)  # type: ignore[arg-type]
+        frame = f'<iframe title="{escape(said)}" loading="lazy" srcdoc="{escape(page)}"></iframe>'
+        parts.append(f"<h2>{escape(said)}</h2>\n{frame}")
+    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style>'
+    body = "\n".join([f"<h1>{escape(title)}</h1>", *parts])
+    with replacing(path) as partial:
+        text = f'<!DOCTYPE html>\n<html lang="en">\n<head>{head}</head>\n<body>\n{body}\n</body>\n</html>\n'
+        partial.write_text(text, encoding="utf-8")
