@@ -1,18 +1,22 @@
 """The command that writes who was where: `python -m medjax.trajectories --policy NAME --scenario NAME --out FILE`.
 
-Plays one episode and writes a row for each vehicle and physics tick, as Parquet or CSV
+Plays one episode, piece by piece, and writes a row for each vehicle and physics tick, as Parquet or CSV
 (`medjax.episodes.table.vehicle_table` says what is in a row), or as SUMO's floating-car data. Exit code 2 on bad input.
 """
 
-from collections.abc import Sequence
+import sys
+import time
+from collections.abc import Iterator, Sequence
 
 from medjax.commandline import OneLineParser, as_path, cannot_write, command, leave
 from medjax.episodes.files import check_target, write_trajectories
 from medjax.episodes.options import add_episode_options, requested_episode
+from medjax.episodes.recording import Recording
 from medjax.errors import InputError
 from medjax.wrappers import prepare_cpu
 
 PROG = "python -m medjax.trajectories"
+SECONDS_BETWEEN_LINES = 10.0
 
 
 @command
@@ -35,12 +39,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         env, params, chosen = played.policies()
     except (InputError, ImportError) as error:
         parser.error(str(error))
-    (recording,) = played.record(env, params, chosen)
+    vehicles, told_at = 0, time.monotonic()
+
+    def pieces() -> Iterator[Recording]:
+        """As they are played, with a word now and then."""
+        nonlocal vehicles, told_at
+        for piece in played.record_pieces(env, params, chosen):
+            yield piece
+            vehicles = int(piece.latest().max()) + 1
+            if time.monotonic() - told_at > SECONDS_BETWEEN_LINES:
+                told_at = time.monotonic()
+                there = f"{piece.time_s[-1]:.0f} s of the episode, {vehicles} vehicles"
+                print(f"{PROG}: {there}", file=sys.stderr)
+
     try:
-        rows = write_trajectories(recording, target)
+        rows = write_trajectories(pieces(), target)
     except OSError as error:
         return cannot_write(PROG, target, error)
-    print(f"{rows} rows, {recording.vehicle_ids().max() + 1} vehicles: {target}")
+    print(f"{rows} rows, {vehicles} vehicles: {target}")
     return 0
 
 

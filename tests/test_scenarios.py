@@ -20,7 +20,7 @@ def test_presets_build_and_step():
     """Every preset resets and steps; `realistic` keeps true packs."""
     for name in medjax.SCENARIOS:
         env, params = medjax.make(name)
-        obs, state = env.reset(jax.random.key(0), params)
+        _, state = jax.jit(env.reset)(jax.random.key(0), params)
         obs, *_ = jax.jit(env.step)(jax.random.key(1), state, 1, params)
         assert np.all(np.isfinite(obs))
     _, realistic = medjax.make("realistic")

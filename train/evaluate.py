@@ -24,8 +24,6 @@ from train.evaluation.tables import is_papers
 from train.runs.run_directory import RunDir, check_matplotlib
 from train.runs.trained_run import to_play, trained_run_parser, whole_numbers
 
-BYTES_OF_AN_EPISODE = 500  # its scores, with each policy
-
 
 def build_parser() -> OneLineParser:
     """The parser of `python -m train.evaluate`."""
@@ -73,8 +71,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             run_dir = RunDir(as_path("--run-dir", given.run_dir))
             config = to_play(run_dir.load_config(), given.scenario, changes)
         # JAX takes seconds to import; bad options need not wait for it.
-        from medjax.numerics.memory import check_memory
-        from train.runs.policies import chosen, load_policies, make_world
+        from train.runs.policies import check_episodes, chosen, load_policies, make_world
 
         found: dict[str, Any] = {}
         names = None if given.policies is None else given.policies.split(",")
@@ -83,8 +80,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         else:
             env, params, found = load_policies(run_dir.path, config, given.stochastic)
         policies = chosen(env, found, names, given.baseline)
-        size = numbers["episodes"] * len(policies) * BYTES_OF_AN_EPISODE
-        check_memory(f"--episodes {numbers['episodes']}", size, given.force)
+        check_episodes(numbers["episodes"], len(policies), given.force)
     except InputError as error:
         return fail("python -m train.evaluate", error)
     from medjax.episodes.scores import evaluate_policies

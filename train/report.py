@@ -29,11 +29,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         config = to_play(run_dir.load_config())
         _check_target(run_dir.report)
         # JAX takes seconds to import; bad options need not wait for it.
-        from train.runs.policies import load_policies
+        from train.runs.policies import check_episodes, load_policies
 
         env, params, policies = load_policies(run_dir.path, config, given.stochastic)
         if not env.config.num_ramps:
             raise InputError("num_ramps is 0, allowed: a run with ramps to send MEDs from")
+        check_episodes(numbers["episodes"], len(policies))
     except InputError as error:
         return fail("python -m train.report", error)
     from medjax.numerics.compilation import enable_compilation_cache

@@ -10,12 +10,14 @@ import jax
 import jax.numpy as jnp
 
 import medjax
+from medjax.numerics.memory import check_memory, tree_bytes
 from medjax.wrappers import BatchAutoReset, environment_mesh, on_devices
 
 # What a preset's road holds, about; and the sizes that sweeps go through.
 PRESET_VEHICLES = 140
 ENVS = (64, 256, 1024, 4096, 8192)
 VEHICLES = (64, PRESET_VEHICLES, 256, 512, 1024)
+STATES_AT_ONCE = 2  # at least: a new one beside that of before
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,6 +66,8 @@ class Workload:
         self.batch = BatchAutoReset(self.env, stagger=int(self.params.episode_decisions))
         self.key, reset_key = jax.random.split(jax.random.key(seed))
         self.reset = jax.jit(self._reset)
+        state = jax.eval_shape(self.reset, reset_key)[1]
+        check_memory(f"{num_envs} environments", STATES_AT_ONCE * tree_bytes(state))
         _, self.state = self.reset(reset_key)
         start = time.perf_counter()
         self.program = jax.jit(self._play, donate_argnums=1).lower(self.key, self.state).compile()

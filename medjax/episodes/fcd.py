@@ -5,6 +5,7 @@ acceleration lanes and `highway_1` the rightmost of the others, and measures sid
 of an edge of `num_lanes + 1` lanes that netconvert draws from (0, 0) to (length, 0).
 """
 
+from collections.abc import Iterable, Iterator
 from typing import IO
 
 import numpy as np
@@ -23,12 +24,27 @@ ROW = (
 )
 
 
-def write_fcd(recording: Recording, file: IO[bytes]) -> None:
-    """Writes the recording, a timestep a physics tick; lengths to the millimetre, angles to a thousandth of a degree.
+def write_fcd(pieces: Iterable[Recording], file: IO[bytes]) -> Iterator[int]:
+    """Writes a recording, a timestep a physics tick; lengths to the millimetre, angles to a thousandth of a degree.
 
     A vehicle's first acceleration is 0, as SUMO writes it: its tools take the first row for the head of the table. The
     schema has no place for charge and booking: `vehicle_id` of Parquet and CSV is `id` here and joins the two.
+
+    Yields:
+      Rows written of each piece.
     """
+    file.write(HEAD.encode())
+    for piece in pieces:
+        vehicles, starts, times = _rows(piece)
+        for time, start, end in zip(times, starts, [*starts[1:], None], strict=True):
+            block = "".join(vehicles[start:end])
+            file.write(f'    <timestep time="{time:.3f}">\n{block}    </timestep>\n'.encode())
+        yield len(vehicles)
+    file.write(b"</fcd-export>\n")
+
+
+def _rows(recording: Recording) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Lines of the vehicles by time, the first of each frame, and the times of the frames."""
     table = vehicle_table(recording)
     lane_width = float(recording.params.road.lane_width_m)
     x, speed = table["x_m"], table["speed_m_per_s"].data
@@ -47,9 +63,5 @@ def write_fcd(recording: Recording, file: IO[bytes]) -> None:
         -sideways,
     )
     vehicles = list(map(ROW.format, *(column.tolist() for column in columns)))
-    starts = np.searchsorted(table["time_s"].data, recording.time_s)
-    file.write(HEAD.encode())
-    for time, start, end in zip(recording.time_s, starts, [*starts[1:], None], strict=True):
-        block = "".join(vehicles[start:end])
-        file.write(f'    <timestep time="{time:.3f}">\n{block}    </timestep>\n'.encode())
-    file.write(b"</fcd-export>\n")
+    times = recording.time_s[recording.first_frame > 0 :]
+    return vehicles, np.searchsorted(table["time_s"].data, times), times

@@ -5,7 +5,7 @@ import importlib.util
 import io
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import IO
 
@@ -20,27 +20,47 @@ from medjax.files import replacing
 EXACT = "%.9g"  # nine digits tell any two float32 apart
 
 
-def write_parquet(recording: Recording, file: IO[bytes]) -> None:
-    """Writes `vehicle_table` with missing values as nulls, and what was played as JSON under the key `medjax`."""
+def write_parquet(pieces: Iterable[Recording], file: IO[bytes]) -> Iterator[int]:
+    """Writes `vehicle_table` with missing values as nulls, and what was played as JSON under the key `medjax`.
+
+    Yields:
+      Rows written of each piece.
+    """
     import pyarrow
     import pyarrow.parquet
 
-    played = {name: getattr(recording, name) for name in ("scenario", "policy", "seed", "episode")}
-    columns = {
-        name: pyarrow.array(column.data, mask=np.ma.getmaskarray(column))
-        for name, column in vehicle_table(recording).items()
-    }
-    table = pyarrow.table(columns, metadata={"medjax": json.dumps(played)})
-    pyarrow.parquet.write_table(table, file, use_dictionary=["kind", "panel"])
+    writer = None
+    for piece in pieces:
+        played = {name: getattr(piece, name) for name in ("scenario", "policy", "seed", "episode")}
+        columns = {
+            name: pyarrow.array(column.data, mask=np.ma.getmaskarray(column))
+            for name, column in vehicle_table(piece).items()
+        }
+        table = pyarrow.table(columns, metadata={"medjax": json.dumps(played)})
+        dictionary = ["kind", "panel"]
+        writer = writer or pyarrow.parquet.ParquetWriter(
+            file, table.schema, use_dictionary=dictionary
+        )
+        writer.write_table(table)
+        yield table.num_rows
+    if writer:
+        writer.close()
 
 
-def write_csv(recording: Recording, file: IO[bytes]) -> None:
-    """Writes `vehicle_table` with a head line and missing values empty; numbers read back exactly as float32."""
-    table = vehicle_table(recording)
+def write_csv(pieces: Iterable[Recording], file: IO[bytes]) -> Iterator[int]:
+    """Writes `vehicle_table` with a head line and missing values empty; numbers read back exactly as float32.
+
+    Yields:
+      Rows written of each piece.
+    """
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(table)
-    writer.writerows(zip(*(_as_text(column) for column in table.values()), strict=True))
+    for number, piece in enumerate(pieces):
+        table = vehicle_table(piece)
+        if number == 0:
+            writer.writerow(table)
+        writer.writerows(zip(*(_as_text(column) for column in table.values()), strict=True))
+        yield len(table["time_s"])
     text.detach()
 
 
@@ -51,7 +71,7 @@ def _as_text(column: np.ma.MaskedArray) -> list[object]:
     return [None if value is None else EXACT % value for value in values]
 
 
-FORMATS: dict[str, Callable[[Recording, IO[bytes]], None]]
+FORMATS: dict[str, Callable[[Iterable[Recording], IO[bytes]], Iterator[int]]]
 FORMATS = {".parquet": write_parquet, ".csv": write_csv, ".fcd.xml": write_fcd}
 
 
@@ -77,11 +97,12 @@ def check_target(path: Path) -> str:
     return ending
 
 
-def write_trajectories(recording: Recording, path: str | Path) -> int:
+def write_trajectories(recording: Recording | Iterable[Recording], path: str | Path) -> int:
     """Writes a recording to `path`, over what is there.
 
     Args:
-      recording: of `medjax.episodes.recording.record_episode`.
+      recording: of `medjax.episodes.recording.record_episode`, or the pieces of `record_pieces`; one piece is held at a
+        time.
       path: ends in one of `FORMATS`.
 
     Returns:
@@ -92,6 +113,6 @@ def write_trajectories(recording: Recording, path: str | Path) -> int:
     """
     path = Path(path)
     write = FORMATS[check_target(path)]
+    pieces = [recording] if isinstance(recording, Recording) else recording
     with replacing(path) as partial, partial.open("wb") as file:
-        write(recording, file)
-    return int(recording.frames.active.sum())
+        return sum(write(pieces, file))

@@ -3,14 +3,14 @@
 import argparse
 import dataclasses
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from medjax.commandline import add_set_option, as_path, parse_overrides, whole_number
 from medjax.env.charging_env import ChargingEnv
 from medjax.episodes.player import episode_decisions
-from medjax.episodes.recording import Recording, record_episode
+from medjax.episodes.recording import Recording, record_episode, record_pieces
 from medjax.errors import InputError, shown
 from medjax.numerics.memory import check_memory
 from medjax.policies.given import FILE, as_policy, check_policy
@@ -42,7 +42,6 @@ def add_episode_options(group: Any) -> None:
     group.add_argument("--seed", metavar="N", default="0", help="whose episodes (default: 0)")
     which = "which of them, as in train.evaluate (default: 0)"
     group.add_argument("--episode", metavar="N", default="0", help=which)
-    group.add_argument("--force", action="store_true", help="begin although memory is not there")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,16 +85,20 @@ class EpisodeRequest:
             chosen = {trained.about.name: trained.policy(env)}
         if self.compare:
             chosen[self.compare] = rules_of(env)[self.compare]
-        config, decisions = env.config, episode_decisions(params)
-        slots = decisions * config.ticks_per_decision * config.num_vehicles * len(chosen)
-        what = f"an episode of {decisions} decisions with {config.num_vehicles} vehicles"
-        check_memory(what, slots * BYTES_OF_A_SLOT, self.force)
         return env, params, chosen
 
     def record(
         self, env: ChargingEnv, params: EnvParams, chosen: Mapping[str, Policy]
     ) -> list[Recording]:
-        """Plays the episode, once a policy."""
+        """Plays the episode, once a policy.
+
+        Raises:
+          InputError: the recordings do not fit into memory.
+        """
+        config, decisions = env.config, episode_decisions(params)
+        slots = decisions * config.ticks_per_decision * config.num_vehicles * len(chosen)
+        what = f"an episode of {decisions} decisions with {config.num_vehicles} vehicles"
+        check_memory(what, slots * BYTES_OF_A_SLOT, self.force)
         recordings = []
         for name, policy in chosen.items():
             if sys.stderr.isatty():
@@ -104,6 +107,13 @@ class EpisodeRequest:
                 record_episode(env, params, policy, name=name, seed=self.seed, episode=self.episode)
             )
         return recordings
+
+    def record_pieces(
+        self, env: ChargingEnv, params: EnvParams, chosen: Mapping[str, Policy]
+    ) -> Iterator[Recording]:
+        """Plays the episode with the only policy, piece by piece."""
+        ((name, policy),) = chosen.items()
+        return record_pieces(env, params, policy, name=name, seed=self.seed, episode=self.episode)
 
 
 def requested_episode(given: argparse.Namespace) -> EpisodeRequest:
@@ -134,7 +144,7 @@ def requested_episode(given: argparse.Namespace) -> EpisodeRequest:
         overrides=parse_overrides(given.overrides),
         seed=whole_number("--seed", given.seed),
         episode=whole_number("--episode", given.episode),
-        force=given.force,
+        force=getattr(given, "force", False),
     )
 
 

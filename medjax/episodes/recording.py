@@ -1,6 +1,10 @@
-"""One whole episode, every physics tick of it, as NumPy arrays: what pictures, players and exports are made of."""
+"""One episode, every physics tick of it, as NumPy arrays: what pictures, players and exports are made of.
+
+`record_episode` keeps a whole one; `record_pieces` gives it piece by piece, however long it is.
+"""
 
 import dataclasses
+from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
@@ -15,6 +19,8 @@ from medjax.episodes.player import Episodes, Player, episode_decisions, episode_
 from medjax.policies.policy import Policy
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, Tally
+
+SLOTS_OF_A_PIECE = 1_000_000  # vehicles' slots in all frames of a piece: some 100 MB
 
 
 class Frames(struct.PyTreeNode):
@@ -63,8 +69,9 @@ class Decisions(struct.PyTreeNode):
 class Recording:
     """An episode of T decisions, F = 1 + T * ticks_per_decision frames; the first frame is that of the reset.
 
-    Decision t is taken at frame `t * ticks_per_decision` and leads to the `ticks_per_decision` frames after it; the
-    last one may lead to fewer, where a wrapper takes several of the highway's decisions at once.
+    Or a piece of one (`record_pieces`), whose first frame is the last one of the piece before. Decision t is taken at
+    frame `t * ticks_per_decision` and leads to the `ticks_per_decision` frames after it; the last one may lead to
+    fewer, where a wrapper takes several of the highway's decisions at once.
     """
 
     scenario: str
@@ -76,11 +83,15 @@ class Recording:
     frames: Frames
     decisions: Decisions
     ticks_per_decision: int
+    first_frame: int = 0  # number of the first of `frames` in the episode
+    numbered: np.ndarray | None = (
+        None  # (V,) latest vehicle of each slot in the first frame; None: of the reset
+    )
 
     @property
     def time_s(self) -> np.ndarray:
         """Time of each frame, (F,) s since the reset."""
-        return np.arange(len(self.frames.x)) * self.config.tick_s
+        return (self.first_frame + np.arange(len(self.frames.x))) * self.config.tick_s
 
     @property
     def decision_frames(self) -> np.ndarray:
@@ -90,12 +101,18 @@ class Recording:
 
     def vehicle_ids(self) -> np.ndarray:
         """Who is in each slot, (F, V) int64: numbers in the order of entry, by slot within a frame; -1 for nobody."""
+        return np.where(self.frames.active, self.latest(), -1)
+
+    def latest(self) -> np.ndarray:
+        """The vehicle that is in each slot or was the last in it, (F, V) int64; -1 for none yet."""
         active = np.asarray(self.frames.active)
+        numbered = np.full(active.shape[1], -1) if self.numbered is None else self.numbered
+        before = np.zeros_like(active[:1]) if self.numbered is None else active[:1]
         # A slot that empties is filled again one frame later at the earliest, so every entry is seen.
-        entered = active & ~np.concatenate([np.zeros_like(active[:1]), active[:-1]])
-        number = np.cumsum(entered.ravel()).reshape(entered.shape) - 1
-        latest = np.maximum.accumulate(np.where(entered, number, -1), axis=0)
-        return np.where(active, latest, -1)
+        entered = active & ~np.concatenate([before, active[:-1]])
+        # The newest vehicle of all is the latest in its slot.
+        number = numbered.max() + np.cumsum(entered.ravel()).reshape(entered.shape)
+        return np.maximum.accumulate(np.where(entered, number, numbered))
 
 
 def record_episode(
@@ -117,42 +134,90 @@ def record_episode(
       seed: whose episodes.
       episode: which of them; the same as in `train.evaluate`.
     """
+    pieces = list(record_pieces(env, params, policy, name=name, seed=seed, episode=episode))
+    rest = [jax.tree.map(lambda leaf: leaf[1:], piece.frames) for piece in pieces[1:]]
+    return dataclasses.replace(
+        pieces[0],
+        frames=_joined([pieces[0].frames, *rest]),
+        decisions=_joined([piece.decisions for piece in pieces]),
+    )
+
+
+def record_pieces(
+    env: Environment,
+    params: EnvParams,
+    policy: Policy,
+    *,
+    name: str = "policy",
+    seed: int = 0,
+    episode: int = 0,
+) -> Iterator[Recording]:
+    """The same episode in pieces of bounded size, each played when it is asked for.
+
+    Args: as `record_episode`.
+
+    Yields:
+      Pieces in the order of time.
+    """
     player = Player(env.with_probe(lambda state: state), [policy])
-    play = jax.jit(partial(_play, player, episode_steps(env, params)))
-    first, ticks, decided, road = jax.device_get(
-        play(policy.weights, episode_keys(seed, 1, episode), params)
-    )
-    # The last step of several decisions may reach beyond the end.
-    count = 1 + episode_decisions(params) * env.config.ticks_per_decision
+    begun, first, road = jax.jit(partial(_begin, player))(episode_keys(seed, 1, episode), params)
+    last, road = jax.device_get((first, road))
+    config, steps = env.config, episode_steps(env, params)
+    ticks_a_step = config.ticks_per_decision * env.decisions_per_step
+    count = -(-steps * ticks_a_step * config.num_vehicles // SLOTS_OF_A_PIECE)
+    steps_a_piece = -(-steps // count)
+    go_on = jax.jit(partial(_go_on, player, steps_a_piece))
+    frames_of_all, numbered = 1 + episode_decisions(params) * config.ticks_per_decision, None
+    for start in range(0, steps, steps_a_piece):
+        begun, made = go_on(policy.weights, begun, jnp.int32(start), params)
+        ticks, decided = jax.device_get(made)
+        # The last piece, and the last step of several decisions, may reach beyond the end.
+        first_frame = start * ticks_a_step
+        frames = jax.tree.map(partial(_after, most=frames_of_all - first_frame), last, ticks)
+        piece = Recording(
+            scenario=env.name,
+            policy=name,
+            seed=seed,
+            episode=episode,
+            config=config,
+            params=road,
+            frames=frames,
+            decisions=jax.tree.map(lambda leaf, left=steps - start: leaf[:left], decided),
+            ticks_per_decision=ticks_a_step,
+            first_frame=first_frame,
+            numbered=numbered,
+        )
+        yield piece
+        last, numbered = jax.tree.map(lambda leaf: leaf[-1], frames), piece.latest()[-1]
 
-    def join(start: np.ndarray, rest: np.ndarray) -> np.ndarray:
-        return np.concatenate([start[None], rest.reshape(-1, *start.shape)])[:count]
 
-    return Recording(
-        scenario=env.name,
-        policy=name,
-        seed=seed,
-        episode=episode,
-        config=env.config,
-        params=road,
-        frames=jax.tree.map(join, first, ticks),
-        decisions=decided,
-        ticks_per_decision=env.config.ticks_per_decision * env.decisions_per_step,
-    )
+def _after(start: np.ndarray, rest: np.ndarray, most: int) -> np.ndarray:
+    """A frame and those of the decisions after it, `(decisions, ticks, ...)`, one after the other; `most` of them."""
+    return np.concatenate([start[None], rest.reshape(-1, *start.shape)])[:most]
 
 
-def _play(
-    player: Player, steps: int, weights: Any, key: jax.Array, params: Any
-) -> tuple[Frames, Frames, Decisions, EnvParams]:
-    """The first frame, the others `(T, ticks, ...)`, decisions and the highway's numbers; one row."""
+def _joined(parts: list[Any]) -> Any:
+    """Trees one after the other."""
+    return parts[0] if len(parts) == 1 else jax.tree.map(lambda *each: np.concatenate(each), *parts)
+
+
+def _begin(player: Player, key: jax.Array, params: Any) -> tuple[Episodes, Frames, EnvParams]:
+    """The episode at its reset, that frame, and the highway's numbers; one row."""
     begun = player.start(key, params)
+    state, road = player.env.highway(_row(begun.state), player.policies[0].world(params))
+    return begun, frame_of(state, road), road
+
+
+def _go_on(
+    player: Player, steps: int, weights: Any, begun: Episodes, start: jax.Array, params: Any
+) -> tuple[Episodes, tuple[Frames, Decisions]]:
+    """Steps from number `start` on: where the episode stands, frames `(steps, ticks, ...)`, and decisions; one row."""
     numbers = player.policies[0].world(params)
-    begin, road = player.env.highway(_row(begun.state), numbers)
 
     def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
         """One decision: the frames of its ticks, and what was decided."""
         episodes, rows = player.decide(episodes, number, [weights], params)
-        after, _ = player.env.highway(_row(episodes.state), numbers)
+        after, road = player.env.highway(_row(episodes.state), numbers)
         made = _row(rows.of_dispatcher(player.env.config.num_actions))
         tally = made.info["tally"]
         decision = Decisions(
@@ -168,8 +233,7 @@ def _play(
         )
         return episodes, (frame_of(made.info["ticks"], road), decision)
 
-    _, (ticks, decided) = jax.lax.scan(decide, begun, jnp.arange(steps, dtype=jnp.int32))
-    return frame_of(begin, road), ticks, decided, road
+    return jax.lax.scan(decide, begun, start + jnp.arange(steps, dtype=jnp.int32))
 
 
 def _row(rows: Any) -> Any:

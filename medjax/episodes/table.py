@@ -12,7 +12,7 @@ Table = dict[str, np.ma.MaskedArray]
 
 
 def vehicle_table(recording: Recording) -> Table:
-    """Columns of the table; rows by time, then by slot.
+    """Columns of the table; rows by time, then by slot. A piece's first frame is in the table of the piece before.
 
     Returns:
       By name, each `(rows,)`, masked where there is no such thing:
@@ -33,7 +33,9 @@ def vehicle_table(recording: Recording) -> Table:
           serve at and in, and whether it takes EVs that ask.
     """
     config, frames, ids = recording.config, recording.frames, recording.vehicle_ids()
-    time, slot = rows = np.nonzero(ids >= 0)
+    present = ids >= 0
+    present[: recording.first_frame > 0] = False
+    time, slot = rows = np.nonzero(present)
     soc, booked, panel, charging = (each[rows] for each in _of_evs_and_meds(recording))
     change = np.diff(frames.speed, axis=0, prepend=frames.speed[:1]) / np.float32(config.tick_s)
     is_new = np.diff(ids, axis=0, prepend=-2) != 0  # before the first frame there was nobody

@@ -21,22 +21,22 @@ def memory_bytes() -> int:
     return min([there, *(int(text) for text in texts if text.strip().isdecimal())])
 
 
-def check_memory(what: str, needed_bytes: float, force: bool) -> None:
+def check_memory(what: str, needed_bytes: float, force: bool | None = None) -> None:
     """Refuses what takes more memory than there is.
 
     Args:
         what: takes it, with the numbers that it depends on.
         needed_bytes: about how much.
-        force: leave it to the machine.
+        force: leave it to the machine; None where a command has no `--force`.
 
     Raises:
         InputError: one line with what, how much it takes, and how much there is.
     """
     there = memory_bytes()
     if needed_bytes > there and not force:
+        allowed = f"{there / GIGA:.3g} GB, all that there is" + ", or --force" * (force is not None)
         raise InputError(
-            f"{what}: about {needed_bytes / GIGA:.3g} GB of memory, allowed: {there / GIGA:.3g} GB, all that there is, "
-            "or --force"
+            f"{what}: about {needed_bytes / GIGA:.3g} GB of memory, allowed: {allowed}"
         )
 
 

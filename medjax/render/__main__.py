@@ -63,6 +63,7 @@ def build_parser() -> OneLineParser:
         "what train.evaluate --json wrote: its means stand beside the episode's numbers; .html"
     )
     play.add_argument("--evaluation", metavar="FILE.json", help=evaluation)
+    play.add_argument("--force", action="store_true", help="begin although memory is not there")
     show = parser.add_argument_group("what is written")
     show.add_argument("--out", metavar="FILE", required=True, help=f"FILE ends in {SUFFIXES}")
     follow = f"camera: {FORMS} (default: {AUTO}, the busiest MED)"

@@ -1,9 +1,13 @@
-"""One short episode that the command `python -m medjax.trajectories` recorded, and its table."""
+"""A short episode that `python -m medjax.trajectories` wrote piece by piece, the whole of it, and its table."""
 
 import pytest
 
+import medjax
 import medjax.episodes.options
+import medjax.episodes.recording
+from medjax.episodes.recording import record_episode, record_pieces
 from medjax.episodes.table import vehicle_table
+from medjax.policies.rules import paced
 from medjax.trajectories import main
 
 WORLD = {
@@ -20,24 +24,29 @@ SET = [text for name, value in WORLD.items() for text in ("--set", f"{name}={val
 
 @pytest.fixture(scope="module")
 def played(quick_compiles, tmp_path_factory):
-    """The recording that the command made, and the file that it wrote."""
+    """The pieces that the command played, of 23, 23, 23 and 21 decisions, and the file that it wrote."""
     target = tmp_path_factory.mktemp("out") / "run.csv"
+    slots = 25 * 4 * sum(WORLD[name] for name in ("num_meds", "num_evs", "num_gas"))
     made = []
-    record = medjax.episodes.options.record_episode
+
+    def record(*args, **kwargs):
+        for piece in record_pieces(*args, **kwargs):
+            made.append(piece)
+            yield piece
+
+    asked = ["--policy", "paced", "--scenario", "paper", "--seed", "3", "--episode", "1"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            medjax.episodes.options,
-            "record_episode",
-            lambda *args, **kwargs: made.append(record(*args, **kwargs)) or made[0],
-        )
-        asked = ["--policy", "paced", "--scenario", "paper", "--seed", "3", "--episode", "1"]
+        patch.setattr(medjax.episodes.recording, "SLOTS_OF_A_PIECE", slots)
+        patch.setattr(medjax.episodes.options, "record_pieces", record)
         assert main([*asked, *SET, "--out", str(target)]) == 0
-    return made[0], target
+    return made, target
 
 
 @pytest.fixture(scope="module")
-def recording(played):
-    return played[0]
+def recording(quick_compiles):
+    """The same episode in one."""
+    env, params = medjax.make("paper", **WORLD)
+    return record_episode(env, params, paced(env), name="paced", seed=3, episode=1)
 
 
 @pytest.fixture(scope="module")

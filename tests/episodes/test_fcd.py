@@ -17,9 +17,9 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
 @pytest.fixture(scope="module")
-def fcd(recording, tmp_path_factory):
+def fcd(played, recording, tmp_path_factory):
     path = tmp_path_factory.mktemp("fcd") / "run.fcd.xml"
-    assert write_trajectories(recording, path) == len(vehicle_table(recording)["time_s"])
+    assert write_trajectories(played[0], path) == len(vehicle_table(recording)["time_s"])
     return path
 
 

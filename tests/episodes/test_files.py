@@ -9,10 +9,11 @@ from medjax.episodes.files import write_trajectories
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
-def test_parquet_reads_back_as_the_table(recording, table, tmp_path):
+def test_parquet_reads_back_as_the_table(played, table, tmp_path):
+    """Written in pieces; the table is that of the whole."""
     parquet = pytest.importorskip("pyarrow.parquet", reason='pip install -e ".[trajectories]"')
     path = tmp_path / "run.parquet"
-    assert write_trajectories(recording, path) == len(table["time_s"])
+    assert write_trajectories(played[0], path) == len(table["time_s"])
     back = parquet.read_table(path)
     assert back.column_names == list(table)
     for name, column in table.items():
@@ -40,8 +41,8 @@ def test_a_failed_write_leaves_the_old_file(recording, tmp_path, monkeypatch):
     path = tmp_path / "run.csv"
     path.write_text("old")
 
-    def fails(recording, file):
-        file.write(b"half")
+    def fails(pieces, file):
+        yield file.write(b"half")
         raise OSError(28, "No space left on device")
 
     monkeypatch.setitem(medjax.episodes.files.FORMATS, ".csv", fails)

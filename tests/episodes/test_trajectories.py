@@ -1,24 +1,54 @@
 """The command that writes trajectories: what it plays, and what it refuses."""
 
+import itertools
 import sys
 
+import chex
+import jax
+import numpy as np
 import pytest
 
 from medjax.trajectories import main
-from tests.episodes.conftest import WORLD
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
-def test_the_command_plays_the_episode_that_it_is_asked_for(played):
-    recording, target = played
-    assert (recording.policy, recording.scenario) == ("paced", "paper")
-    assert (recording.seed, recording.episode) == (3, 1)
-    assert {name: getattr(recording.config, name) for name in list(WORLD)[:3]} == {
-        name: WORLD[name] for name in list(WORLD)[:3]
-    }
-    assert len(recording.decisions.action) == WORLD["episode_decisions"]
+def test_the_command_plays_the_episode_that_it_is_asked_for(played, recording):
+    """In pieces what it is in one, bit for bit: frames, decisions, times, and who is where."""
+    pieces, target = played
+    for piece in pieces:
+        assert (piece.policy, piece.scenario) == ("paced", "paper")
+        assert (piece.seed, piece.episode) == (3, 1)
+        assert piece.config == recording.config
+    assert [len(piece.decisions.action) for piece in pieces] == [23, 23, 23, 21]
+    for piece, after in itertools.pairwise(pieces):
+        last, first = (tree_at(each.frames, at) for each, at in ((piece, -1), (after, 0)))
+        chex.assert_trees_all_equal(last, first)
+    fresh = [(piece, piece.first_frame > 0) for piece in pieces]
+    frames = [jax.tree.map(lambda leaf, n=n: leaf[n:], piece.frames) for piece, n in fresh]
+    chex.assert_trees_all_equal(jax.tree.map(joined, *frames), recording.frames)
+    decisions = [piece.decisions for piece in pieces]
+    chex.assert_trees_all_equal(jax.tree.map(joined, *decisions), recording.decisions)
+    times, ids = ([each(piece)[n:] for piece, n in fresh] for each in (times_of, ids_of))
+    np.testing.assert_array_equal(joined(*times), recording.time_s)
+    np.testing.assert_array_equal(joined(*ids), recording.vehicle_ids())
     assert [path.name for path in target.parent.iterdir()] == [target.name]
+
+
+def tree_at(tree, at):
+    return jax.tree.map(lambda leaf: leaf[at], tree)
+
+
+def joined(*leaves):
+    return np.concatenate(leaves)
+
+
+def times_of(piece):
+    return piece.time_s
+
+
+def ids_of(piece):
+    return piece.vehicle_ids()
 
 
 @pytest.mark.parametrize(

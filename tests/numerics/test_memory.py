@@ -30,3 +30,5 @@ def test_what_does_not_fit_is_refused_unless_forced(monkeypatch):
     said = "--episodes 3: about 9 GB of memory, allowed: 8 GB, all that there is, or --force"
     with pytest.raises(InputError, match=f"^{said}$"):
         memory.check_memory("--episodes 3", 9e9, force=False)
+    with pytest.raises(InputError, match=r"all that there is$"):
+        memory.check_memory("--num-envs 3", 9e9)

@@ -57,7 +57,14 @@ def saved(highway, tmp_path_factory):
     return load_policy(path)
 
 
-@pytest.mark.parametrize("world", WORLDS)
+# What stands alone here is in a stack there.
+ALONE = ("decide every", "demand")
+CASES = [
+    pytest.param(world, marks=[pytest.mark.slow] if world in ALONE else []) for world in WORLDS
+]
+
+
+@pytest.mark.parametrize("world", CASES)
 def test_the_whole_surface(world, highway, saved):
     env, params = WORLDS[world](highway[0]), highway[1]
     steps = -(-DECISIONS // env.decisions_per_step)

@@ -12,6 +12,7 @@ from jax import export
 import medjax
 from medjax.errors import InputError
 from medjax.numerics.devices import prepare_cpu
+from medjax.numerics.memory import check_memory
 from medjax.policies.about import about_of, about_of_own
 from medjax.policies.given import FILE, as_policy, check_policy
 from medjax.policies.policy import Policy
@@ -26,6 +27,7 @@ from train.runs.versions import versions
 from train.settings import TrainConfig, to_json
 
 PLATFORMS = ("cpu", "cuda", "tpu")  # that a policy's file is for
+BYTES_OF_AN_EPISODE = 500  # its scores, with each policy
 
 
 def weight_shapes(env: Any, params: Any, config: TrainConfig) -> PolicyWeights:
@@ -201,3 +203,8 @@ def export_policy(
         about, training={"settings": to_json(config), "versions": versions()}
     )
     save_policy(path, about, export.export(jax.jit(act), platforms=PLATFORMS)(*shapes))
+
+
+def check_episodes(episodes: int, policies: int, force: bool | None = None) -> None:
+    """Refuses (InputError) more episodes of so many policies than this machine's memory holds the scores of."""
+    check_memory(f"--episodes {episodes}", episodes * policies * BYTES_OF_AN_EPISODE, force)

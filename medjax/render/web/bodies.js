@@ -69,8 +69,8 @@ function drawClose(context, view, episode, theme, selected) {
   if (selected) drawTrail(context, view, episode, theme, selected);
   drawFreeSlots(context, view, episode, theme, booked);
   booked.sort((a, b) => a.charging - b.charging); // solid over dashed
-  for (const { slot, med, charging } of booked) {
-    if (episode.present[med] >= 0) drawLink(context, view, episode, theme, slot, med, charging);
+  for (const link of booked) {
+    if (episode.present[link.med] >= 0) drawLink(context, view, episode, theme, link);
   }
   for (let slot = episode.meta.numVehicles - 1; slot >= 0; slot -= 1) {
     if (episode.present[slot] < 0) continue;
@@ -132,27 +132,40 @@ function drawFreeSlots(context, view, episode, theme, booked) {
   context.setLineDash([]);
 }
 
-function drawLink(context, view, episode, theme, ev, med, charging) {
-  const [from, to] = [med, ev].map((slot) => {
-    const body = bodyOf(view, episode, slot);
-    return [body.left + body.width / 2, body.top + body.height / 2];
+/** A booking as a dashed line; what charges as the boom between two panels, bumper to bumper or side to side. */
+function drawLink(context, view, episode, theme, { slot, med, panel, charging }) {
+  const [from, to] = [med, slot].map((each) => {
+    const { left, top, width, height } = bodyOf(view, episode, each);
+    return { x: left + width / 2, y: top + height / 2, halfLength: width / 2, halfWidth: height / 2 };
   });
-  const stroke = (color, width) => {
+  const stroke = (color, width, ...lines) => {
     context.strokeStyle = color;
     context.lineWidth = width;
     context.beginPath();
-    context.moveTo(...from);
-    context.lineTo(...to);
+    for (const [start, end] of lines) {
+      context.moveTo(...start);
+      context.lineTo(...end);
+    }
     context.stroke();
   };
-  if (charging) {
-    stroke(theme.paper, 8);
-    stroke(theme.med, 4);
-  } else {
+  if (!charging) {
     context.setLineDash([6, 5]);
-    stroke(theme.ink, 1.5);
+    stroke(theme.ink, 1.5, [[from.x, from.y], [to.x, to.y]]);
     context.setLineDash([]);
+    return;
   }
+  const [, aside] = episode.meta.slots[panel];
+  const along = aside === 0;
+  const side = Math.sign(along ? to.x - from.x : to.y - from.y);
+  const face = (body, sign) =>
+    along ? [body.x + sign * body.halfLength, body.y] : [body.x, body.y + sign * body.halfWidth];
+  const ends = [face(from, side), face(to, -side)];
+  const reach = Math.max(3, Math.min(from.halfWidth, to.halfWidth) * 0.7);
+  const panels = ends.map(([x, y]) =>
+    along ? [[x, y - reach], [x, y + reach]] : [[x - reach, y], [x + reach, y]],
+  );
+  stroke(theme.paper, 8, ends, ...panels);
+  stroke(theme.med, 4, ends, ...panels);
 }
 
 function drawBody(context, { left, top, width, height }, episode, theme, slot, isSelected) {

@@ -93,6 +93,7 @@ def test_json_is_what_the_contract_says(tmp_path, capsys):
         (["--json", "/no/such/folder/result.json"], "allowed a file"),
         (["--sweep", "lanes"], "lanes"),
         (["--num-devices", "99"], "num_devices is 99"),
+        (["--num-envs", "10000000"], "10000000 environments: about"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(argv, word, capsys):

@@ -12,6 +12,8 @@ from medjax.episodes.scores import evaluate_policies
 from medjax.policies.rules import BASELINES
 from tests.benchmarks.refusal import refused
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 SMALL = {"size": 3, "num_evs": 8, "num_gas": 12, "mainline_per_h": 600.0, "episode_decisions": 40}
 
 
@@ -48,7 +50,7 @@ def test_every_rule_says_what_is_allowed(name):
     """On a road with exits, of parts that are in their spaces, one for each agent."""
     named = medjax.make_agents("corridor", **SMALL, speeds=motion.SPEEDS)
     agents = named.env
-    _, state = agents.reset(jax.random.key(0), named.params)
+    _, state = jax.jit(agents.reset)(jax.random.key(0), named.params)
     parts = motion.MOTIONS[name](agents, state, named.params)
     for part, space in zip(parts, agents.actions.parts, strict=True):
         assert part.shape == (3,)
