@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
 from medjax.env.agents.actions import AgentActions
 from medjax.env.agents.environment import CREDITS, ROAD, VIEW, AgentsEnv
 from medjax.env.agents.view import AgentView
@@ -52,6 +54,8 @@ def agents_of(
     allowed = numbers_of(FleetParams)["service_speed"]
     usual_speed, usual_lane = float(params.fleet.service_speed), int(params.fleet.service_lane)
     chosen = {usual_speed}
+    if isinstance(speeds, str) or not np.iterable(speeds):
+        raise InputError(f"speeds = {shown(speeds)}: allowed a list of speeds in m/s")
     for index, speed in enumerate(speeds):
         chosen.add(float(read_number(f"speeds[{index}]", speed, allowed)))
     ordered, lanes = tuple(sorted(chosen)), _serving_lanes(env.config, usual_lane)

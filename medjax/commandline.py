@@ -18,7 +18,7 @@ from medjax.errors import MOST_SHOWN, InputError, one_line, shown
 MOST_PATH = 1000  # characters; directories are made one within the other
 MOST_NAME = 255  # bytes, of every usual file system
 # Arguments of medjax.make that only Python can fill.
-NOT_NUMBERS = ("name", "reward", "observation", "following", "coupling")
+NOT_NUMBERS = ("name", "reward", "observation", "following", "coupling", "credit", "central")
 
 
 class OneLineParser(argparse.ArgumentParser):

@@ -16,6 +16,7 @@ import numpy as np
 import medjax
 from benchmarks.command import episodes_parser, run_command
 from medjax.charging.booking import ask
+from medjax.commandline import add_set_option, parse_overrides
 from medjax.env.agents.actions import Parts
 from medjax.env.agents.environment import AgentsEnv
 from medjax.env.agents.view import requests
@@ -24,6 +25,7 @@ from medjax.env.dispatch import first_at_depot
 from medjax.env.forecast import lacking_j
 from medjax.env.wrapper import Wrapper
 from medjax.episodes.scores import Scores, evaluate_policies
+from medjax.errors import InputError
 from medjax.policies.rules import BASELINES
 from medjax.world.params import EnvParams
 from medjax.world.state import IN_SERVICE, NOT_BOOKED, EnvState
@@ -148,7 +150,12 @@ class Moved(Wrapper):
 
 def play(options: argparse.Namespace) -> dict[str, Scores]:
     """Scores of each rule of motion on the same episodes."""
-    named = medjax.make_agents(options.scenario, speeds=SPEEDS)
+    overrides = parse_overrides(options.overrides)
+    if "speeds" in overrides:
+        raise InputError(
+            "--set speeds: allowed a number of the world; speeds are those of the motions"
+        )
+    named = medjax.make_agents(options.scenario, speeds=SPEEDS, **overrides)
     agents = named.env
     played: dict[str, Scores] = {}
     dispatcher = BASELINES[DISPATCHERS.get(options.scenario, "greedy")]
@@ -174,13 +181,19 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         means = {column: float(np.mean(score[column])) for column in COLUMNS}
         paid = {"gain": float(np.mean(gain)), "gain_ci95": [low, high]}
         rows.append({"motion": name, **means, **paid})
-    print(f"{options.scenario}, {options.episodes} episodes, seed {options.seed}")
+    world = ", ".join([options.scenario, *options.overrides])
+    print(f"{world}, {options.episodes} episodes, seed {options.seed}")
     table = [["motion", *(name.replace("_", " ") for name in COLUMNS), "return minus default"]]
     for row in rows:
         cells = [short(row[column]) for column in COLUMNS]
         table.append([row["motion"], *cells, f"{short(row['gain'])} {interval(row['gain_ci95'])}"])
     print(format_rows(table))
-    return {"scenario": options.scenario, "episodes": options.episodes, "rows": rows}
+    return {
+        "scenario": options.scenario,
+        "overrides": options.overrides,
+        "episodes": options.episodes,
+        "rows": rows,
+    }
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -188,4 +201,5 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument(
         "--motions", nargs="+", choices=list(MOTIONS), metavar="NAME", help="those alone"
     )
+    add_set_option(parser, "set a number of the environment; repeatable")
     run_command(parser, measure, arguments)

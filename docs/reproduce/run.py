@@ -31,7 +31,11 @@ class Book:
 
     def needs(self, block: Block) -> list[Block]:
         """Blocks that train what this one plays."""
-        return [other for other in self.blocks.values() if other.learns & block.reads]
+        return [
+            other
+            for other in self.blocks.values()
+            if any(f"{word}/".startswith(f"{run}/") for run in other.learns for word in block.reads)
+        ]
 
     def digest(self, block: Block) -> str:
         """Of its commands, of the files that they depend on, and of what it needs."""

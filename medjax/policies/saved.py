@@ -75,6 +75,10 @@ class ExportedPolicy:
         kept = about.overrides if scenario == about.scenario else {}
         numbers: dict[str, Any] = {**kept, **(overrides or {})}
         if about.agents:
+            if taken := about.agents.keys() & numbers.keys():
+                raise InputError(
+                    f"{min(taken)}: it is the policy's own, allowed {about.agents[min(taken)]}"
+                )
             return agents_of(scenario, build=build, **about.agents, **numbers)
         env, params, *_ = build(scenario, observation=about.observation, **numbers)
         return env, params

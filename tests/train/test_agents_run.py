@@ -9,6 +9,7 @@ import pytest
 import medjax
 from medjax.agents import agents_of
 from medjax.episodes.scores import evaluate_policies
+from medjax.errors import InputError
 from medjax.policies.saved import load_policy
 from tests.train.conftest import refused
 from train import evaluate, ppo
@@ -53,6 +54,8 @@ def test_train_evaluate_and_export(tmp_path, argv):
 
     env, _, policies = load_policies(run, RunDir(run).load_config(), False)
     saved = load_policy(run / "policy.zip")
+    with pytest.raises(InputError, match="speeds: it is the policy's own"):
+        saved.make(overrides={"speeds": [14.0]})
     again, numbers = saved.make()
     assert (again.num_agents, again.actions) == (env.num_agents, env.actions)
     play = {"run": policies["ppo"], "file": saved.policy(env)}
@@ -72,6 +75,9 @@ def test_train_evaluate_and_export(tmp_path, argv):
         (["--agents=ippo", "--network=sets", "--observation=flat"], ["network", "sets"]),
         (["--agents=mappo", "--normalize-observations"], ["agents", "normalize_observations"]),
         (["--agents=ippo", "--set=size=0"], ["num_meds"]),
+        (["--agents=ippo", "--set=speeds=3"], ["speeds = 3", "a list of speeds"]),
+        (["--agents=ippo", "--set=credit=own"], ["credit=own", "the name of a number"]),
+        (["--agents=ippo", "--set=central=1"], ["central=1", "the name of a number"]),
     ],
 )
 def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys, argv, words):

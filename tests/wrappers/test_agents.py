@@ -102,6 +102,8 @@ def test_bad_actions_are_refused_in_a_line(named, change, words):
         ({"name": "nowhere"}, "unknown scenario 'nowhere'"),
         ({"speeds": (22.0, 300.0)}, "speeds[1] = 300.0: allowed a number from 1 to 100"),
         ({"speeds": ("fast",)}, "speeds[0] = 'fast'"),
+        ({"speeds": 14.0}, "speeds = 14.0: allowed a list of speeds"),
+        ({"speeds": "fast"}, "speeds = 'fast': allowed a list of speeds"),
         ({"credit": "mine"}, "credit = 'mine': allowed team, own"),
         ({"size": 99}, "99: allowed"),
         ({"colour": 1}, "unknown option 'colour'"),

@@ -57,6 +57,22 @@ def test_every_rule_says_what_is_allowed(name):
         assert ((part >= 0) & (part < space.n)).all()
 
 
+def test_a_world_of_ones_own(small, tmp_path, capsys):
+    """Slots without power send nothing: what is left of a motion's worth is slow driving."""
+    out = tmp_path / "out.json"
+    argv = ["--episodes=2", "--set=charging.slot_power_w=0", f"--json={out}", "--motions", "14 m/s"]
+    motion.main(argv)
+    result = json.loads(out.read_text())
+    assert result["overrides"] == ["charging.slot_power_w=0"]
+    assert {row["motion"]: row["ev_received_kwh"] for row in result["rows"]} == {
+        "default": 0.0,
+        "14 m/s": 0.0,
+    }
+    assert "paper, charging.slot_power_w=0, 2 episodes" in capsys.readouterr().out
+
+
 def test_bad_input_is_one_line(capsys):
+    assert "no_such" in refused(motion.main, ["--set=no_such=3"], capsys)
+    assert "speeds" in refused(motion.main, ["--set=speeds=3"], capsys)
     assert "nowhere" in refused(motion.main, ["--scenario=nowhere"], capsys)
     assert "sideways" in refused(motion.main, ["--motions", "sideways"], capsys)
