@@ -24,7 +24,7 @@ WORLDS = {
     "decide every": lambda env: DecideEvery(env, 3),
     "demand": lambda env: RandomDemand(env, 0.5, 1.5),
     "demand over decide every": lambda env: RandomDemand(DecideEvery(env, 3), 0.5, 1.5),
-    "legacy over demand": lambda env: LegacyStep(RandomDemand(env, 0.5, 1.5)),
+    "legacy over time limit": lambda env: LegacyStep(TimeLimitAsEnd(env)),
 }
 
 
@@ -58,7 +58,7 @@ def saved(highway, tmp_path_factory):
 
 
 # What stands alone here is in a stack there.
-ALONE = ("decide every", "demand")
+ALONE = ("time limit", "decide every", "demand")
 CASES = [
     pytest.param(world, marks=[pytest.mark.slow] if world in ALONE else []) for world in WORLDS
 ]
