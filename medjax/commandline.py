@@ -17,7 +17,7 @@ from medjax.errors import MOST_SHOWN, InputError, one_line, shown
 
 MOST_PATH = 1000  # characters; directories are made one within the other
 MOST_NAME = 255  # bytes, of every usual file system
-# Arguments of medjax.make that only Python can fill.
+# Arguments of medjax.make and agents_of that only Python, or an option of its own, can fill.
 NOT_NUMBERS = ("name", "reward", "observation", "following", "coupling", "credit", "central")
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
+from medjax.errors import InputError
 from medjax.wrappers.gymnasium.vector import ChargingVectorEnv
 
 Copies = int | Iterable[int] | None
@@ -79,10 +80,10 @@ class ChargingVecEnv(VecEnv):  # type: ignore[misc]
         """Sets it for all; copies have none of their own.
 
         Raises:
-          NotImplementedError: for some of them.
+          InputError: for some of them.
         """
         if len(self._copies(indices)) < self.num_envs:
-            raise NotImplementedError(f"{attr_name}: copies share it, set it for all of them")
+            raise InputError(f"{attr_name}: copies share it, allowed: set for all of them")
         setattr(self.envs, attr_name, value)
 
     def env_method(

@@ -40,14 +40,14 @@ def test_train_evaluate_and_export(tmp_path, argv):
     rows = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
     assert [row["update"] for row in rows] == [1, 2]
     assert rows[-1]["episode_length"] == 12.0
-    out = run / "evaluation.json"
-    if not closes:
-        played = ["--policies=ppo,budgeted", "--baseline=budgeted", f"--json={out}"]
-        assert evaluate.main([f"--run-dir={run}", "--episodes=2", *played]) == 0
+    out = tmp_path / "out.json"
+    played = [] if closes else ["--policies=ppo,budgeted", "--baseline=budgeted"]
+    assert evaluate.main([f"--run-dir={run}", "--episodes=2", f"--json={out}", *played]) == 0
     result = json.loads(out.read_text())
     by_rule = result["policies"]["budgeted"]
     assert result["policies"]["ppo"]["invalid_actions"] == 0.0
     if closes:
+        assert result == json.loads((run / "evaluation.json").read_text())
         assert result["policies"]["ppo"]["meds_dispatched"] == pytest.approx(
             by_rule["meds_dispatched"], abs=1
         )

@@ -16,6 +16,7 @@ import gymnasium  # noqa: E402
 from stable_baselines3.common.env_checker import check_env  # noqa: E402
 from stable_baselines3.common.monitor import Monitor  # noqa: E402
 
+from medjax.errors import InputError  # noqa: E402
 from medjax.wrappers.gymnasium import ENV_ID  # noqa: E402
 
 DECISIONS = 20
@@ -118,6 +119,13 @@ def test_many_highways_play_as_single_ones(many):
             np.testing.assert_allclose(rewards[number], reward, atol=1e-4)
     assert all(info["TimeLimit.truncated"] for info in infos)
     assert infos[0]["metrics"]["meds_dispatched"] > 0.0
+
+
+def test_an_attribute_is_set_for_all_copies_or_none(many):
+    with pytest.raises(InputError, match="label: copies share it, allowed: set for all of them"):
+        many.set_attr("label", 3, indices=[0, 2])
+    many.set_attr("label", 3)
+    assert many.get_attr("label") == [3] * many.num_envs
 
 
 def test_masked_ppo_learns_in_many_highways(many):
