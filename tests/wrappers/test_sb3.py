@@ -7,7 +7,7 @@ learnt nothing sends most of the fleet. The other terms of the reward stay as th
 import numpy as np
 import pytest
 
-NEEDED = 'pip install -e ".[gymnasium]" stable-baselines3 sb3-contrib'
+NEEDED = 'pip install -e ".[gymnasium,sb3]"'
 pytest.importorskip("gymnasium", reason=NEEDED)
 torch = pytest.importorskip("torch", reason=NEEDED)
 sb3 = pytest.importorskip("stable_baselines3", reason=NEEDED)
