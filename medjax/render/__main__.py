@@ -25,7 +25,7 @@ from medjax.render.camera import AUTO, FORMS, Shot, as_number, check_follow
 from medjax.render.grid import pick, write_grid
 from medjax.render.layout import check_size
 from medjax.render.player import write_player
-from medjax.render.story import read_evaluation
+from medjax.render.story import known_evaluation, read_evaluation
 from medjax.world.params import EnvParams
 
 PROG = "python -m medjax.render"
@@ -60,7 +60,8 @@ def build_parser() -> OneLineParser:
     compare = "a rule on the same episode beside it; .html"
     play.add_argument("--compare", metavar="NAME", help=compare)
     evaluation = (
-        "what train.evaluate --json wrote: its means stand beside the episode's numbers; .html"
+        "what train.evaluate --json wrote: its means stand beside the episode's numbers; .html "
+        "(default: those known of a preset as it is)"
     )
     play.add_argument("--evaluation", metavar="FILE.json", help=evaluation)
     play.add_argument("--force", action="store_true", help="begin although memory is not there")
@@ -102,13 +103,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (InputError, OSError) as error:
         return fail(PROG, error)
     try:
+        request = dataclasses.replace(request, evaluation=_evaluation(request, env, list(chosen)))
         if request.grid:
             _write_grid(request, env, params, chosen)
         else:
             _write(request, request.played.record(env, params, chosen))
     except (InputError, OSError) as error:  # a vehicle that never came, a disk that is full
         return fail(PROG, error)
-    print(f"{request.out}: {request.out.stat().st_size / 1e6:.1f} MB")
+    size = request.out.stat().st_size
+    print(f"{request.out}: " + (f"{size / 1e6:.1f} MB" if size > 1e5 else f"{size / 1e3:.1f} kB"))
     return 0
 
 
@@ -142,6 +145,17 @@ def _request(given: argparse.Namespace) -> Request:
     check_output("--out", out)
     evaluation = given.evaluation and read_evaluation(as_path("--evaluation", given.evaluation))
     return Request(out, played, shot, evaluation, grid)
+
+
+def _evaluation(
+    request: Request, env: ChargingEnv, policies: Sequence[str]
+) -> dict[str, Any] | None:
+    """The one that was given, or what is known of a preset that nothing was changed of."""
+    if request.evaluation or request.out.suffix != ".html":
+        return request.evaluation
+    played = request.played
+    changed = played.overrides or played.file
+    return None if changed else known_evaluation(env.name, policies)
 
 
 def _size(text: str) -> tuple[int, int]:

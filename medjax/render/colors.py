@@ -16,7 +16,7 @@ ASPHALT: Color = (224, 227, 231)
 MARKING: Color = (122, 128, 137)
 EDGE: Color = (120, 127, 136)
 
-MED_COLOR: Color = (22, 138, 58)
+MED_COLOR: Color = (21, 135, 57)  # white on it: 4.6:1
 GAS_COLOR: Color = (112, 119, 128)
 LINK: Color = MED_COLOR  # solid: energy flows
 BOOKED: Color = INK  # dashed
@@ -56,9 +56,9 @@ def vehicle_color(kind: int, soc: float) -> Color:
 
 
 def text_color(background: Color) -> Color:
-    """Black or white, whichever is easier to read on `background`."""
+    """Black or white, whichever is easier to read on `background`: 4.5:1 or more on all of `SOC_SCALE`."""
     red, green, blue = background
-    return INK if 0.299 * red + 0.587 * green + 0.114 * blue > 140 else PAPER
+    return (0, 0, 0) if 0.299 * red + 0.587 * green + 0.114 * blue > 112 else PAPER
 
 
 def css(color: Color) -> str:

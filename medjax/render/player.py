@@ -17,7 +17,7 @@ from medjax.render import colors
 from medjax.render.camera import AUTO, camera_path, find_track, vehicle_named
 from medjax.render.episode_data import pack_episode
 from medjax.render.scene import Timeline
-from medjax.render.story import first_charge_s, means, verdict, words_for
+from medjax.render.story import ending, first_charge_s, means, verdict, words_for
 
 # In the order in which they build on each other.
 SCRIPTS = (
@@ -94,12 +94,14 @@ def player_page(
         "socScale": list(map(colors.css, colors.SOC_SCALE)),
         "start": start_s,
         "verdict": verdict(recordings),
+        "ending": ending(recordings, evaluation),
         "means": means(evaluation, recordings) if evaluation else [],
         "evaluated": evaluation["episodes"] if evaluation else 0,
         "follow": _follow(timelines[0], follow),
     }
     policies = " and ".join(recording.policy for recording in recordings)
-    title = f"{head.scenario}: {policies}, seed {head.seed}, episode {head.episode}"
+    where = f"seed {head.seed}, episode {head.episode}"
+    title = f"{head.scenario}: {policies}, {where}"
     web = resources.files("medjax.render") / "web"
     script = "\n".join((web / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS.split())
     blobs = "\n".join(
@@ -108,6 +110,8 @@ def player_page(
     )
     parts = {
         "TITLE": escape(title),
+        "HEADING": escape(f"Charging cars as they drive: {policies}"),
+        "WHERE": escape(f"{head.scenario}, {where}"),
         "STYLE": _root_style() + (web / "player.css").read_text(encoding="utf-8"),
         "META": json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
         "DATA": blobs,

@@ -1,26 +1,92 @@
 """What the player says in words: who the policies are, where it opens, and how the episode ends."""
 
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
-from medjax.env.metrics import JOULES_PER_KWH
+from medjax.env.metrics import SECONDS_PER_HOUR, episode_metrics
 from medjax.episodes.recording import Recording
 from medjax.errors import InputError
+from medjax.files import check_input
+from medjax.policies.pretrained import PRETRAINED
 from medjax.policies.rules import BASELINES
+from medjax.world.params import PRICES
 
-LEARNED = {"ppo": "Learned by trial and error in simulation (PPO)."}
-BEFORE_S = 3.0  # the first charge
-MEANS = {  # rows of the verdict: metrics of an evaluation whose sum is the same
-    "ran out": ("evs_depleted",),
-    "kWh received": ("energy_delivered_kwh",),
-    "hours of delay": ("ev_delay_h", "gas_delay_h"),
-    "MEDs sent": ("meds_dispatched",),
-    "return": ("return_mean",),
+LEARNED = {
+    "ppo": "Learned by trial and error in simulation (PPO).",
+    PRETRAINED: "Comes with medjax, learned by trial and error in simulation (PPO).",
 }
+BEFORE_S = 3.0  # the first charge
+KNOWN = Path(__file__).parent / "known"  # evaluations of presets, by their names
+PRICED = "Time lost, electricity, MEDs with drivers, tows and charging stops, at prices of 2023"
+
+
+class Line(NamedTuple):
+    """A number of the verdict."""
+
+    title: str
+    digits: int
+    better: int  # -1: lower, 1: higher, 0: neither
+    of: Callable[
+        [Mapping[str, float]], float
+    ]  # of an episode's metrics, or of their means over episodes
+    about: str = ""
+
+
+def _delay_h(metrics: Mapping[str, float]) -> float:
+    return metrics["ev_delay_h"] + metrics["gas_delay_h"]
+
+
+def _euros(metrics: Mapping[str, float]) -> float:
+    """What all of it costs, by the terms of `medjax.env.reward.MONEY`.
+
+    Of means it is within a cent or so: what an EV takes hardly depends on how many there are.
+    """
+    taken = metrics["ev_driving_kwh"] * metrics["evs_entered"]
+    amounts = {
+        "delay_h": _delay_h(metrics) + metrics["queue_vehicle_s"] / SECONDS_PER_HOUR,
+        "depot_kwh": metrics["energy_drawn_kwh"],
+        "ev_kwh": taken - metrics["energy_delivered_kwh"],
+        "med_h": metrics["med_hours"],
+        "tows": metrics["evs_depleted"],
+        "charging_stops": metrics["low_exits"],
+    }
+    return -sum(PRICES[name].default * amount for name, amount in amounts.items())
+
+
+LINES = (
+    Line("ran out", 0, -1, lambda metrics: metrics["evs_depleted"]),
+    Line("kWh received", 1, 1, lambda metrics: metrics["energy_delivered_kwh"]),
+    Line("hours of delay", 2, -1, _delay_h),
+    Line("cost, EUR", 0, -1, _euros, PRICED),
+    Line("MEDs sent", 0, 0, lambda metrics: metrics["meds_dispatched"]),
+    Line(
+        "return",
+        1,
+        1,
+        lambda metrics: metrics["return_mean"],
+        "The reward that policies learn from",
+    ),
+)
+NAMES = (  # of the metrics that these are made of
+    "evs_depleted",
+    "energy_delivered_kwh",
+    "ev_delay_h",
+    "gas_delay_h",
+    "queue_vehicle_s",
+    "energy_drawn_kwh",
+    "ev_driving_kwh",
+    "evs_entered",
+    "med_hours",
+    "low_exits",
+    "meds_dispatched",
+    "return_mean",
+)
 
 
 def words_for(policy: str) -> str:
@@ -28,7 +94,11 @@ def words_for(policy: str) -> str:
     rule = BASELINES.get(policy)
     if rule is None:
         return LEARNED.get(policy.split("_")[0], "")
-    return (rule.__doc__ or "").split("\n")[0].replace("`", "")
+    first = (rule.__doc__ or "").split("\n")[0]
+    plain = re.sub(
+        r" \(`[^`]*`\)|_s\b", "", first
+    )  # functions and units of arguments are for programmers
+    return plain.replace("`", "")
 
 
 def first_charge_s(recordings: Sequence[Recording]) -> float:
@@ -42,25 +112,53 @@ def first_charge_s(recordings: Sequence[Recording]) -> float:
 
 def verdict(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
     """Rows on whole episodes: what, digits after the point, which way is better (-1, 1; 0: neither), and values."""
-
-    def row(title: str, digits: int, better: int, *values: float) -> dict[str, Any]:
-        return {"title": title, "digits": digits, "better": better, "values": list(values)}
-
-    tallies = [each.decisions.tally for each in recordings]
-
-    def totals(name: str) -> list[float]:
-        return [float(np.sum(getattr(tally, name), dtype=np.float64)) for tally in tallies]
-
-    received = [joules / JOULES_PER_KWH for joules in totals("energy_received_j")]
-    delays = zip(totals("ev_delay_s"), totals("gas_delay_s"), strict=True)
-    returns = [float(np.sum(each.decisions.reward, dtype=np.float64)) for each in recordings]
+    found = [_metrics(each) for each in recordings]
     return [
-        row("ran out", 0, -1, *totals("depleted")),
-        row("kWh received", 1, 1, *received),
-        row("hours of delay", 2, -1, *(sum(each) / 3600.0 for each in delays)),
-        row("MEDs sent", 0, 0, *totals("meds_dispatched")),
-        row("return", 1, 1, *returns),
+        {
+            "title": line.title,
+            "about": line.about,
+            "digits": line.digits,
+            "better": line.better,
+            "values": [line.of(metrics) for metrics in found],
+        }
+        for line in LINES
     ]
+
+
+def _metrics(recording: Recording) -> dict[str, float]:
+    """Metrics of the whole episode, and its return."""
+    decisions = recording.decisions
+    total = jax.tree.map(lambda each: np.sum(each, axis=0, dtype=np.float64), decisions.tally)
+    metrics = {name: float(value) for name, value in episode_metrics(total).items()}
+    return {**metrics, "return_mean": float(np.sum(decisions.reward, dtype=np.float64))}
+
+
+def ending(recordings: Sequence[Recording], evaluation: Mapping[str, Any] | None) -> str:
+    """How the episode ends, in a line: who loses how many EVs, and that one episode may say the opposite of many."""
+    crosses = [_metrics(each)["evs_depleted"] for each in recordings]
+    names = [each.policy for each in recordings]
+    if len(names) == 1:
+        said = f"{crosses[0]:.0f} EVs run out"
+    else:
+        said = f"{crosses[0]:.0f} EVs run out with {names[0]}, {crosses[1]:.0f} with {names[1]}"
+    known = evaluation["policies"] if evaluation else {}
+    if evaluation is None or not all(name in known for name in names):
+        return f"{said} in this episode (one is luck as much as skill)"
+    many = " and ".join(f"{known[name]['evs_depleted']:.1f}" for name in names)
+    return f"{said} in this episode; {many} in the mean of {evaluation['episodes']}"
+
+
+def known_evaluation(scenario: str, policies: Sequence[str]) -> dict[str, Any] | None:
+    """Means of many episodes of a preset as it is; None unless all of the policies come with medjax.
+
+    They are of the leaderboard's first episodes: `python -m train.evaluate --policies pretrained,... --seed 2026
+    --baseline forecast --episodes 256 --json FILE`, of which only what is shown is kept.
+    """
+    path = KNOWN / f"{scenario}.json"
+    if not path.is_file():
+        return None
+    found = read_evaluation(path)
+    return found if all(name in found["policies"] for name in policies) else None
 
 
 def read_evaluation(path: Path) -> dict[str, Any]:
@@ -69,12 +167,12 @@ def read_evaluation(path: Path) -> dict[str, Any]:
     Raises:
       InputError: one line; no such file, or another one.
     """
+    check_input("--evaluation", path)
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
-        names = [name for metrics in MEANS.values() for name in metrics]
         for entry in found["policies"].values():
             ends = entry["return_ci95"]
-            numbers = [*(entry[name] for name in names), *ends]
+            numbers = [*(entry[name] for name in NAMES), *ends]
             if len(ends) != 2 or not all(isinstance(number, int | float) for number in numbers):
                 raise TypeError
         sound = isinstance(found["episodes"], int) and isinstance(found["scenario"], str)
@@ -98,14 +196,17 @@ def means(evaluation: Mapping[str, Any], recordings: Sequence[Recording]) -> lis
     if not any(entries):
         known = ", ".join(evaluation["policies"])
         raise InputError(f"the evaluation has {known}: allowed one with {recordings[0].policy}")
-    digits = [row["digits"] for row in verdict(recordings)]
     rows: list[Any] = []
     for entry in entries:
         if entry is None:
             rows.append(None)
             continue
-        sums = [sum(entry[name] for name in names) for names in MEANS.values()]
-        cells = [f"{value:.{count or 1}f}" for value, count in zip(sums, digits, strict=True)]
+        cells = [f"{line.of(entry):.{_digits(line)}f}" for line in LINES]
         low, high = entry["return_ci95"]
         rows.append([*cells[:-1], f"{cells[-1]} [{low:.1f}, {high:.1f}]"])
     return rows
+
+
+def _digits(line: Line) -> int:
+    """Of a mean: counts have one more than a single episode's, thousands of euros none."""
+    return line.digits if line.of is _euros else max(line.digits, 1)

@@ -7,6 +7,7 @@ import numpy as np
 
 import medjax
 from medjax.episodes.recording import Decisions, Frames, Recording
+from medjax.render.story import NAMES
 from medjax.world.kinds import AUTONOMOUS_EV, GAS, MED
 from medjax.world.state import AT_DEPOT, IN_SERVICE, Tally
 
@@ -115,3 +116,10 @@ def busy(decisions=600):
         queue=random.integers(0, 5, (decisions, config.num_entries)),
     )
     return dataclasses.replace(recording, decisions=decided)
+
+
+def evaluated(recording, episodes=1000):
+    """What `train.evaluate --json` would write of a recording's policy."""
+    entry = dict.fromkeys(NAMES, 1.5)
+    policies = {recording.policy: {**entry, "return_mean": 7.25, "return_ci95": [3.0, 11.5]}}
+    return {"scenario": recording.scenario, "episodes": episodes, "policies": policies}

@@ -129,6 +129,23 @@ def test_dispatch_shows_the_decision_and_its_probabilities(browser, one, recordi
         assert f"Reward {decisions.reward[first]:.3f}" in reward
 
 
+def test_a_dispatch_is_shown_at_its_ramp(browser, two, recording):
+    """By its key and by its mark, each under the pointer."""
+    second = int(np.flatnonzero(recording.decisions.sent)[1])
+    ramp_m = float(recording.params.road.ramp_x_m[recording.decisions.sent[second] - 1])
+    with opened(browser, two) as page:
+        for act in (
+            lambda: page.keyboard.press("d"),
+            lambda: page.locator("#marks i").nth(1).click(),
+        ):
+            page.evaluate("medjaxPlayer.setCamera('free', 3000); medjaxPlayer.seek(1)")
+            settle(page)
+            act()
+            settle(page)
+            assert seconds(page) == second
+            assert page.evaluate("medjaxPlayer.camera") == {"mode": "free", "x": ramp_m}
+
+
 KEYS = [
     ("ArrowRight", 11.0), ("ArrowLeft", 9.0), ("Shift+ArrowRight", 20.0), ("Shift+ArrowLeft", 0.0),
     (".", 10.25), (",", 9.75), ("Home", 0.0), ("End", 90.0),
@@ -151,6 +168,8 @@ def test_every_key_does_what_the_help_says(browser, one):
         assert page.inner_text("#vehicle-panel h2") != first
         page.keyboard.press("Shift+E")
         assert page.inner_text("#vehicle-panel h2") == first
+        page.keyboard.press("g")
+        assert page.inner_text("#vehicle-panel h2").startswith("gas")
         assert page.input_value("#camera") == "selected"
         page.keyboard.press("a")
         assert page.input_value("#camera") == "auto"

@@ -1,19 +1,16 @@
 """The player's page: what happens, colours, zoom, and what is seen at once, in headless Chromium."""
 
-import json
 import re
 
 import numpy as np
 import pytest
 
-from medjax.errors import InputError
 from medjax.render import colors
 from medjax.render.player import player_page, show, write_player
-from medjax.render.story import MEANS, means, read_evaluation
 from medjax.render.tracks import tracks_of
 from medjax.world.state import IN_SERVICE
 from tests.render.browser import opened, seconds, settle
-from tests.render.made import blank, put
+from tests.render.made import blank, evaluated, put
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +74,14 @@ def test_events_of_an_episode_are_all_there(browser, two, recording, other):
     assert count[:2] == [sent, charged]
     assert count[2] <= out  # one that ran out at the end still coasts
     assert charged > 0
+
+
+def test_whose_event_it_is_can_be_heard(browser, two):
+    """A colour says it to those who see it."""
+    with opened(browser, two) as page:
+        texts = page.locator("#event-list button").all_text_contents()
+        whose = page.evaluate("medjaxPlayer.events.events.map(({ which }) => which)")
+    assert [text.split(",")[0] for text in texts] == [("periodic", "none")[each] for each in whose]
 
 
 def test_charts_and_playback_are_seen_together(browser, two):
@@ -214,7 +219,7 @@ def test_road_and_vehicles_can_be_told_apart(browser, made, scheme):
         page.emulate_media(color_scheme=scheme)
         settle(page)
         theme = page.evaluate(
-            "Object.fromEntries(['asphalt', 'gas', 'marking', 'med', 'edge', 'out', 'paper', 'ink', 'faint']"
+            "Object.fromEntries(['asphalt', 'gas', 'marking', 'med', 'onMed', 'edge', 'out', 'paper', 'ink', 'faint']"
             ".map((name) => [name, medjaxPlayer.theme[name]]))"
         )
 
@@ -227,17 +232,12 @@ def test_road_and_vehicles_can_be_told_apart(browser, made, scheme):
         high, low = sorted((luminance(theme[one]), luminance(theme[other])), reverse=True)
         return (high + 0.05) / (low + 0.05)
 
+    assert contrast("onMed", "med") >= 4.5
     for name in ("gas", "marking", "med", "edge"):
         assert contrast(name, "asphalt") >= 3.0, name
     assert contrast("out", "paper") >= 3.0
     assert contrast("ink", "paper") >= 7.0
     assert contrast("faint", "paper") >= 4.5
-
-
-def evaluated(recording, episodes=1000):
-    entry = {name: 1.5 for names in MEANS.values() for name in names}
-    policies = {recording.policy: {**entry, "return_mean": 7.25, "return_ci95": [3.0, 11.5]}}
-    return {"scenario": recording.scenario, "episodes": episodes, "policies": policies}
 
 
 def test_means_of_many_episodes_stand_beside_this_one(browser, recording, other, tmp_path):
@@ -248,22 +248,21 @@ def test_means_of_many_episodes_stand_beside_this_one(browser, recording, other,
     assert len(rows) == 3
     cells = re.split(r"\s*\t\s*", rows[2].strip())
     assert cells == [
-        "periodic, mean of 1000 episodes", "1.5", "1.5", "3.00", "1.5", "7.2 [3.0, 11.5]",
+        "periodic, mean of 1000 episodes", "1.5", "1.5", "3.00", "568", "1.5", "7.2 [3.0, 11.5]",
     ]  # fmt: skip
 
 
-def test_an_evaluation_of_something_else_is_refused(recording, tmp_path):
-    path = tmp_path / "evaluation.json"
-    for text in ("", "{}", "[1]", json.dumps({"policies": {"a": {}}, "episodes": 1})):
-        path.write_text(text)
-        with pytest.raises(InputError, match="--evaluation"):
-            read_evaluation(path)
-    path.write_text(json.dumps(evaluated(recording)))
-    found = read_evaluation(path)
-    with pytest.raises(InputError, match="moon"):
-        means({**found, "scenario": "moon"}, [recording])
-    with pytest.raises(InputError, match="other"):
-        means({**found, "policies": {"other": {}}}, [recording])
+def test_the_verdict_is_turned_on_a_phone(browser, recording, other, tmp_path):
+    """Policies side by side, a number in a line, and no name is broken."""
+    path = tmp_path / "means.html"
+    write_player(path, [recording, other], evaluation=evaluated(recording))
+    with opened(browser, path, width=390, height=844) as page:
+        page.locator("#ending").click()
+        assert page.locator("#verdict th[scope=row]").all_inner_texts()[0] == "ran out"
+        assert page.locator("#verdict th[scope=col]").all_inner_texts()[0] == "periodic"
+        heights = [row.bounding_box()["height"] for row in page.locator("#verdict tbody tr").all()]
+        assert max(heights) < 45
+        assert page.locator("#verdict").bounding_box()["width"] <= 366
 
 
 def test_a_notebook_shows_the_page_in_a_frame(browser, recording, tmp_path):

@@ -22,6 +22,46 @@ def test_nothing_is_cut_off_at_any_width(browser, two, width):
         assert outside == []
 
 
+def test_no_panel_stands_empty(browser, two):
+    """With nobody selected there is a hint, as high as its words, and the policies stand side by side."""
+    with opened(browser, two, width=1600, height=900) as page:
+        hint = page.locator("#vehicle-panel").bounding_box()
+        assert hint["height"] < 100
+        tops = [box.bounding_box()["y"] for box in page.locator("#dispatch-panel > div").all()]
+        assert tops[0] == tops[1]
+
+
+@pytest.mark.parametrize(("width", "height"), [(1024, 768), (390, 844)])
+def test_what_stays_in_sight_is_low(browser, two, width, height):
+    """Scrubber and one row of buttons; the rest of the controls scrolls away with the page."""
+    with opened(browser, two, width=width, height=height) as page:
+        assert page.locator("#controls").bounding_box()["height"] <= 90
+
+
+@pytest.mark.parametrize("width", [390, 1600])
+def test_every_ev_in_the_picture_has_its_charge(browser, still, tmp_path, width):
+    write_player(tmp_path / "still.html", [still])
+    with opened(browser, tmp_path / "still.html", width=width) as page:
+        page.evaluate("medjaxPlayer.setCamera('free', 975)")
+        settle(page)
+        texts = page.evaluate(
+            """() => {
+              const { road } = medjaxPlayer.views[0];
+              const { context, camera } = road;
+              const said = [];
+              const own = context.fillText;
+              context.fillText = function (text, x, y) {
+                if (y > camera.top + 5 && y < camera.bottom) said.push(text);
+                return own.call(this, text, x, y);
+              };
+              road.draw(0, null);
+              return said;
+            }"""
+        )
+    charges = sorted(text.split(": ")[-1] for text in texts if "%" in text)
+    assert charges == ["25 %", "50 %", "75 %"]
+
+
 def test_two_policies_share_one_clock(browser, two):
     with opened(browser, two) as page:
         assert page.locator(".view canvas").count() == 2
@@ -112,7 +152,7 @@ def test_words_say_what_is_seen_and_who_acts(browser, two, recording):
         rows = page.locator("#verdict tbody tr")
         assert rows.count() == 2
         assert rows.nth(0).locator("td").first.inner_text().split()[0] == str(ran_out)
-        sent = rows.nth(0).locator("td").nth(3).inner_text()
+        sent = rows.nth(0).locator("td").nth(4).inner_text()
         assert int(sent) == int((recording.decisions.sent > 0).sum())
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import importlib.util
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +13,7 @@ import pytest
 import medjax
 from medjax.policies.about import About
 from medjax.policies.saved import save_policy
-from medjax.render.__main__ import main
+from medjax.render.__main__ import _evaluation, _request, build_parser, main
 from tests.benchmarks.refusal import refused
 from tests.render.test_player import contents
 
@@ -133,8 +134,11 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it(
 def test_writes_the_file_and_says_so(argv, capsys, played):
     assert main(["--policy", "periodic", *argv]) == 0
     out, err = capsys.readouterr()
-    size = Path(argv[1]).stat().st_size / 1e6
-    assert out == f"{argv[1]}: {size:.1f} MB\n"
+    name, size, unit = out.split()
+    assert name == f"{argv[1]}:"
+    unit = {"kB": 1e3, "MB": 1e6}[unit]
+    assert float(size) > 0.0
+    assert float(size) * unit == pytest.approx(Path(argv[1]).stat().st_size, abs=0.06 * unit)
     assert err == ""  # no bar: this is no terminal
     assert [path.name for path in Path().iterdir()] == [argv[1]]
 
@@ -169,8 +173,24 @@ def test_a_grid_shows_the_best_the_median_and_the_worst(monkeypatch, recording, 
     page.close()
 
 
+@pytest.mark.parametrize(
+    ("argv", "known"),
+    [
+        ([], True),
+        (["--set", "cooldown_s=30"], False),
+        (["--policy", "medjax.policies.rules:greedy"], False),
+    ],
+)
+def test_a_preset_as_it_is_has_known_means(argv, known):
+    """Those of many episodes stand beside this one unless the world, or a policy, is another."""
+    given = build_parser().parse_args(["--out", "a.html", "--compare", "none", *argv])
+    request = _request(given)
+    found = _evaluation(request, SimpleNamespace(name="paper"), [request.played.policy, "none"])
+    assert (found is not None) == known
+
+
 def test_a_vehicle_that_never_came_is_one_line(capsys, played):
-    assert main(["--follow", "EV:999", "--out", "a.html"]) == 2
+    assert main(["--policy", "periodic", "--follow", "EV:999", "--out", "a.html"]) == 2
     assert "allowed EV numbers: 1 to" in capsys.readouterr().err
     assert not list(Path().iterdir())
 

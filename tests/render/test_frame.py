@@ -171,3 +171,16 @@ def test_medjax_itself_imports_no_picture():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
     assert medjax.__name__ == "medjax"
+
+
+def test_text_can_be_read_on_every_charge():
+    """WCAG 2.2, 1.4.3: 4.5:1."""
+
+    def luminance(color):
+        parts = np.array(color) / 255
+        linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+        return linear @ [0.2126, 0.7152, 0.0722]
+
+    for color in (*map(colors.soc_color, np.linspace(0.0, 1.0, 101)), colors.MED_COLOR):
+        low, high = sorted((luminance(color), luminance(colors.text_color(color))))
+        assert (high + 0.05) / (low + 0.05) >= 4.5

@@ -1,11 +1,33 @@
 """What the player says in words."""
 
 import dataclasses
+import json
+import os
+from pathlib import Path
 
+import jax
 import numpy as np
+import pytest
 
+from medjax.env.reward import MONEY, Outcome
+from medjax.errors import InputError
 from medjax.policies.rules import BASELINES
-from medjax.render.story import BEFORE_S, first_charge_s, verdict, words_for
+from medjax.render.story import (
+    BEFORE_S,
+    KNOWN,
+    NAMES,
+    ending,
+    first_charge_s,
+    known_evaluation,
+    means,
+    read_evaluation,
+    verdict,
+    words_for,
+)
+from medjax.world.params import PRICES
+from tests.render.made import evaluated
+
+BOARD = Path(__file__).parents[2] / "docs" / "leaderboard.json"
 
 
 def test_every_rule_has_a_sentence_and_nobody_else_gets_one_made_up():
@@ -13,6 +35,8 @@ def test_every_rule_has_a_sentence_and_nobody_else_gets_one_made_up():
         words = words_for(name)
         assert words.endswith(".")
         assert "`" not in words
+        assert "_" not in words  # a reader knows no functions
+    assert "PPO" in words_for("pretrained")
     assert "PPO" in words_for("ppo") == words_for("ppo_seed2")
     assert words_for("mine") == ""
 
@@ -36,3 +60,63 @@ def test_verdict_is_of_the_whole_episode(recording, other):
     assert rows["MEDs sent"][0] == (np.asarray(recording.decisions.sent) > 0).sum()
     assert rows["return"][0] == np.sum(recording.decisions.reward, dtype=np.float64)
     assert rows["kWh received"][0] > 0.0
+
+
+def test_cost_is_what_the_terms_of_money_say(recording):
+    """Sums over the episode, weighed with the prices of the preset."""
+    happened = jax.tree.map(lambda each: np.sum(each, axis=0), recording.decisions.tally)
+    outcome = Outcome(before=None, after=None, happened=happened, params=None, config=None)
+    paid = -sum(PRICES[name].default * float(term(outcome)) for name, term in MONEY.items())
+    rows = {row["title"]: row["values"] for row in verdict([recording])}
+    assert rows["cost, EUR"][0] == pytest.approx(paid, rel=1e-5)
+    assert paid > 0.0
+
+
+def test_the_ending_says_what_many_episodes_say(recording, other):
+    entry = {**dict.fromkeys(NAMES, 2.0), "return_ci95": [0.0, 1.0]}
+    crosses = int(np.sum(recording.decisions.tally.depleted))
+    assert ending([recording], None) == (
+        f"{crosses} EVs run out in this episode (one is luck as much as skill)"
+    )
+    many = {"episodes": 7, "policies": {"periodic": entry, "none": {**entry, "evs_depleted": 3.04}}}
+    assert ending([recording, other], many) == (
+        f"{crosses} EVs run out with periodic, {crosses} with none in this episode; 2.0 and 3.0 in the mean of 7"
+    )
+    del many["policies"]["none"]
+    assert "luck" in ending([recording, other], many)
+
+
+def test_known_means_are_those_of_the_leaderboard():
+    """The board is played anew where the world changes: what is shown beside an episode may not be older."""
+    board = json.loads(BOARD.read_text())
+    known = known_evaluation("paper", ["pretrained", "forecast"])
+    returns = {row["name"]: row["returns"] for row in board["rows"]}
+    for name, entry in known["policies"].items():
+        first = np.mean(returns[name][: known["episodes"]])
+        assert entry["return_mean"] == pytest.approx(first, abs=0.5), (
+            name
+        )  # rounding of other machines adds up
+    assert known["seed"] == board["seed"]
+
+
+def test_what_is_not_known_is_not_shown():
+    assert [path.name for path in KNOWN.iterdir()] == ["paper.json"]
+    assert known_evaluation("corridor", ["forecast"]) is None
+    assert known_evaluation("paper", ["forecast", "mine"]) is None
+
+
+def test_an_evaluation_of_something_else_is_refused(recording, tmp_path):
+    path = tmp_path / "evaluation.json"
+    for text in ("", "{}", "[1]", json.dumps({"policies": {"a": {}}, "episodes": 1})):
+        path.write_text(text)
+        with pytest.raises(InputError, match="--evaluation"):
+            read_evaluation(path)
+    os.mkfifo(tmp_path / "pipe")  # which nobody writes to
+    with pytest.raises(InputError, match="no file"):
+        read_evaluation(tmp_path / "pipe")
+    path.write_text(json.dumps(evaluated(recording)))
+    found = read_evaluation(path)
+    with pytest.raises(InputError, match="moon"):
+        means({**found, "scenario": "moon"}, [recording])
+    with pytest.raises(InputError, match="other"):
+        means({**found, "policies": {"other": {}}}, [recording])

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from medjax.render.colors import SOC_SCALE, css
+from medjax.render.colors import MED_COLOR, SOC_SCALE, css, soc_color
 from medjax.world.params import RoadParams
 from train.reporting.figures import new_figure, save
 from train.reporting.survey import Survey
 from train.reporting.traces import Frame, Trace
 
-MED, CHARGING, SENT, RAN_OUT = "#AAAAAA", "#E69F00", "#0072B2", "#D55E00"  # see COLOURS
+MED, CHARGING = "#C3E3CC", css(MED_COLOR)  # green as in the player: no charge has that colour
+SENT, RAN_OUT = "#0072B2", "#D55E00"  # see COLOURS
 TIME_BINS = 30  # of the maps
 
 
@@ -75,10 +76,12 @@ def _draw_vehicles(axes: Any, frames: Frame, decision_s: float) -> Any:
     axes.add_collection(LineCollection(lines[charges], label="MED that charges EVs", **style))
     lines, there = _segments(frames.ev_on_road, frames.ev_x, decision_s)
     charge = LinearSegmentedColormap.from_list("charge", list(map(css, SOC_SCALE)))
-    drawn = LineCollection(lines, cmap=charge, lw=1.2, label="EV", zorder=3)
+    axes.add_collection(LineCollection(lines, colors="white", lw=2.2, zorder=2.5))  # over the green
+    drawn = LineCollection(lines, cmap=charge, lw=1.2, zorder=3)
     drawn.set_array(frames.ev_soc[:-1][there])
     drawn.set_clim(0.0, 1.0)
     axes.add_collection(drawn)
+    axes.plot([], [], color=css(soc_color(0.4)), lw=1.6, label="EV, coloured by its charge")
     return drawn
 
 

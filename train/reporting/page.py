@@ -29,6 +29,8 @@ pre { overflow-x: auto; background: var(--panel); padding: 1em; }
 @media (max-width: 700px) {
   img { max-width: none; width: 700px; }
   th, td { padding: 0.2em 0.5em; font-size: 14px; }
+  td { white-space: nowrap; }
+  th:first-child, td:first-child { position: sticky; left: 0; background: var(--paper); }
 }
 """
 

@@ -208,7 +208,8 @@ def sections(run_dir: RunDir, config: TrainConfig, played: Played) -> list[Secti
         Section(
             "State of charge of the EVs",
             "First: of the EVs on the road; line: median, bands: the middle 50 % and 90 %, dotted: median with no "
-            "MEDs. Second: of EVs when they come to the end of the road or run out.",
+            "MEDs. Second: of EVs when they come to the end of the road or run out; the share at 0 is of these, and so "
+            "above the depleted share, which is of those still on the road, too.",
             pictures=[path["soc_over_time"], path["soc_at_end"]],
         ),
         Section(

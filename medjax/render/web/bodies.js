@@ -1,4 +1,5 @@
 const TRAIL_S = 10;
+const LEAST_PX = 9; // length of a body that is worth a text
 const FAR = [
   { least: 9, share: 1.0 },
   { least: 5, share: 0.8 },
@@ -86,6 +87,7 @@ function drawClose(context, view, episode, theme, selected) {
     drawLamps(context, body, episode, slot);
     context.restore();
   }
+  drawCharges(context, view, episode, theme);
   drawRanOut(context, view, episode, theme, 7);
 }
 
@@ -190,22 +192,37 @@ function drawBody(context, { left, top, width, height }, episode, theme, slot, i
     context.roundRect(left - 4, top - 4, width + 8, height + 8, 6);
     context.stroke();
   }
-  if (kind === KIND.GAS) return;
-  const charge = Math.round(100 * episode.soc(slot, episode.frame));
-  const name = episode.nameAt(slot, episode.frame);
-  const size = Math.min(13, Math.round(0.8 * height));
-  if (size < 8) return;
-  context.fillStyle = colors.text;
+}
+
+/** Names and charges of MEDs and EVs: within the body where there is room, else above it. */
+function drawCharges(context, view, episode, theme) {
+  const evs = episode.meta.numMeds + episode.meta.numEvs;
   context.textAlign = "center";
   context.textBaseline = "middle";
-  const room = width - 3 * pane - 2;
+  for (let slot = 0; slot < evs; slot += 1) {
+    if (episode.present[slot] < 0) continue;
+    const body = bodyOf(view, episode, slot);
+    if (body.left > view.right || body.left + body.width < view.left || body.width < LEAST_PX) continue;
+    drawCharge(context, view, body, episode, theme, slot);
+  }
+}
+
+function drawCharge(context, view, { left, top, width, height }, episode, theme, slot) {
+  const charge = Math.round(100 * episode.soc(slot, episode.frame));
+  const pane = Math.min(0.14 * height, 0.1 * width);
+  const size = Math.min(13, Math.round(0.8 * height));
   context.font = `${size}px system-ui, sans-serif`;
-  for (const text of [`${name}: ${charge} %`, `${charge} %`]) {
-    if (context.measureText(text).width > room) continue;
+  context.fillStyle = paint(episode, theme, slot).text;
+  for (const text of [`${episode.nameAt(slot, episode.frame)}: ${charge} %`, `${charge} %`]) {
+    if (size < 8 || context.measureText(text).width > width - 3 * pane - 2) continue;
     context.fillText(text, left + (width - 2 * pane) / 2, top + height / 2 + 0.5);
     return;
   }
+  const [text, x, y] = [`${charge} %`, left + width / 2, Math.max(top - 7, view.top + 6)];
   context.font = "11px system-ui, sans-serif";
+  context.fillStyle = theme.asphalt; // lines and other vehicles end at the text
+  const half = context.measureText(text).width / 2 + 1;
+  context.fillRect(x - half, y - 6, 2 * half, 11);
   context.fillStyle = theme.ink;
-  context.fillText(`${charge} %`, left + width / 2, top - 0.55 * size);
+  context.fillText(text, x, y);
 }

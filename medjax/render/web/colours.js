@@ -23,7 +23,7 @@ function paint(episode, theme, slot) {
   const kind = episode.kindOf(slot);
   const { share } = COLOURINGS[theme.colouring];
   if (share) return theme.soc(share(episode, slot));
-  if (kind === KIND.MED) return { fill: theme.med, text: "#ffffff" };
+  if (kind === KIND.MED) return { fill: theme.med, text: theme.onMed };
   if (kind === KIND.GAS) return { fill: theme.gas, text: theme.ink };
   return theme.soc(episode.soc(slot, episode.frame));
 }

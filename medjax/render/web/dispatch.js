@@ -35,14 +35,6 @@ class DispatchPanel {
     this.plot.resize();
   }
 
-  /** Time of the next dispatch after a time, or with -1 of the one before; undefined if there is none. */
-  neighbour(seconds, direction) {
-    const times = this.sent.map((one) => one.seconds);
-    return direction > 0
-      ? times.find((time) => time > seconds + 1e-6)
-      : times.findLast((time) => time < seconds - 1e-6);
-  }
-
   update(seconds) {
     const { episode } = this;
     this.plot.moveTo(seconds);

@@ -64,12 +64,26 @@ class EventLine {
       .sort((a, b) => a.seconds - b.seconds);
     this.items = this.events.map((event) => {
       const button = element("button", { type: "button", textContent: `${clockText(event.seconds)} ${event.text}` });
-      if (episodes.length > 1) button.prepend(element("span", { className: `key ${LINE_COLORS[event.which]}` }));
+      if (episodes.length > 1) this._tellWhose(button, episodes[event.which].meta.policy, event.which);
       button.addEventListener("click", () => this.go(event));
       return element("li", { className: event.kind }, [button]);
     });
     if (!this.items.length) this.items.push(element("li", { textContent: "Nobody is sent, is charged, stands or runs out." }));
     this.root.append(...this.items);
+  }
+
+  /** Whose event it is, by a colour and in words that are heard. */
+  _tellWhose(button, policy, which) {
+    button.title = policy;
+    button.prepend(
+      element("span", { className: `key ${LINE_COLORS[which]}` }),
+      element("span", { className: "unseen", textContent: `${policy}, ` }),
+    );
+  }
+
+  /** Those of one kind, of all episodes. */
+  of(kind) {
+    return this.events.filter((event) => event.kind === kind);
   }
 
   /** Moves clock and camera to an event. */
@@ -81,11 +95,11 @@ class EventLine {
     } else this.player.setCamera("free", x);
   }
 
-  /** The next event after the clock, or with -1 the one before. */
-  step(seconds, direction) {
+  /** The next event after the clock, or with -1 the one before, among all or some. */
+  step(seconds, direction, events = this.events) {
     const found = direction > 0
-      ? this.events.find((event) => event.seconds > seconds + 1e-6)
-      : this.events.findLast((event) => event.seconds < seconds - 1e-6);
+      ? events.find((event) => event.seconds > seconds + 1e-6)
+      : events.findLast((event) => event.seconds < seconds - 1e-6);
     if (found) this.go(found);
   }
 

@@ -78,9 +78,10 @@ Object.assign(Player.prototype, {
       Home: () => this.seek(0),
       End: () => this.seek(clock.end),
       n: () => this.events.step(clock.seconds, back),
-      d: () => this._toDispatch(back),
+      d: () => this.events.step(clock.seconds, back, this.events.of("sent")),
       m: () => this.selectNext(KIND.MED, back),
       e: () => this.selectNext(KIND.EV, back),
+      g: () => this.selectNext(KIND.GAS, back),
       f: () => this.selected && this.setCamera("selected"),
       a: () => this.setCamera("auto"),
       "[": () => pan(-0.25),
@@ -91,13 +92,6 @@ Object.assign(Player.prototype, {
       Escape: () => this.select(0, null),
       "?": () => $("help").showModal(),
     };
-  },
-
-  _toDispatch(direction) {
-    const found = this.dispatch
-      .map((panel) => panel.neighbour(this.clock.seconds, direction))
-      .filter((seconds) => seconds !== undefined);
-    if (found.length) this.seek(direction > 0 ? Math.min(...found) : Math.max(...found));
   },
 });
 

@@ -236,14 +236,12 @@ class Player {
   }
 
   _fillMarks() {
-    this.dispatch.forEach((panel, which) => {
-      for (const { seconds } of panel.sent) {
-        const mark = element("i", { className: LINE_COLORS[which] });
-        mark.style.left = `${(100 * seconds) / this.clock.end}%`;
-        mark.title = `MED sent at ${clockText(seconds)}: go there`;
-        mark.addEventListener("click", () => this.seek(seconds));
-        $("marks").append(mark);
-      }
-    });
+    for (const event of this.events.of("sent")) {
+      const mark = element("i", { className: LINE_COLORS[event.which] });
+      mark.style.left = `${(100 * event.seconds) / this.clock.end}%`;
+      mark.title = `${clockText(event.seconds)} ${event.text}: go there`;
+      mark.addEventListener("click", () => this.events.go(event));
+      $("marks").append(mark);
+    }
   }
 }

@@ -12,22 +12,34 @@ function fillStory(data, episodes) {
     const best = Math[better < 0 ? "min" : "max"](...shown);
     return shown.map((value) => better !== 0 && new Set(shown).size > 1 && value === best);
   };
-  const head = data.verdict.map(({ title }) => element("th", { textContent: title, scope: "col" }));
+  const head = data.verdict.map(({ title, about }) => element("th", { textContent: title, title: about, scope: "col" }));
   const rows = episodes.map(({ meta }, which) => {
     const cells = data.verdict.map((row) => {
       const [text, best] = [row.values[which].toFixed(row.digits), wins(row)[which]];
       return element("td", { textContent: best ? `${text} \u2713` : text, className: best ? "better" : "" });
     });
-    return element("tr", {}, [element("th", { textContent: meta.policy, scope: "row" }), ...cells]);
+    return [element("th", { textContent: meta.policy, scope: "row" }), ...cells];
   });
   data.means.forEach((texts, which) => {
     if (!texts) return;
-    const cells = texts.map((textContent) => element("td", { textContent }));
     const title = `${episodes[which].meta.policy}, mean of ${data.evaluated} episodes`;
-    rows.push(element("tr", { className: "mean" }, [element("th", { textContent: title, scope: "row" }), ...cells]));
+    const cells = texts.map((textContent) => element("td", { textContent, className: "mean" }));
+    rows.push([element("th", { textContent: title, scope: "row", className: "mean" }), ...cells]);
   });
-  $("verdict").append(element("thead", {}, [element("tr", {}, [element("td"), ...head])]), element("tbody", {}, rows));
+  fillTable($("verdict"), [[element("td"), ...head], ...rows], matchMedia("(max-width: 700px)").matches);
+  $("ending").textContent = data.ending;
   $("outcome").open = window.matchMedia("(min-width: 1100px)").matches; // beside the words, where it takes no room
+}
+
+/** Rows of cells as a table with a head; `turned`: policies side by side, where a screen is too narrow for a row. */
+function fillTable(table, cells, turned) {
+  if (turned) {
+    const other = { row: "col", col: "row" };
+    for (const cell of cells.flat()) if (cell.scope) cell.scope = other[cell.scope];
+  }
+  const shown = turned ? cells[0].map((_, column) => cells.map((row) => row[column])) : cells;
+  const [first, ...rest] = shown.map((row) => element("tr", {}, row));
+  table.append(element("thead", {}, [first]), element("tbody", {}, rest));
 }
 
 const HASH_MS = 300;

@@ -8,8 +8,8 @@ class Theme {
       const place = (percent / 100) * (scale.length - 1);
       const low = Math.min(Math.floor(place), scale.length - 2);
       const rgb = scale[low].map((a, i) => Math.round(a + (place - low) * (scale[low + 1][i] - a)));
-      const light = 0.299 * rgb[0] + 0.587 * rgb[1] + 0.114 * rgb[2] > 140;
-      return { fill: `rgb(${rgb})`, text: light ? "#1f2328" : "#ffffff" };
+      const light = 0.299 * rgb[0] + 0.587 * rgb[1] + 0.114 * rgb[2] > 112; // as `colors.text_color`
+      return { fill: `rgb(${rgb})`, text: light ? "#000000" : "#ffffff" };
     });
     this._read();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
@@ -22,6 +22,7 @@ class Theme {
     const style = getComputedStyle(document.documentElement);
     const names = "paper ink faint grass asphalt marking edge med gas out accent first second line";
     for (const name of names.split(" ")) this[name] = style.getPropertyValue(`--${name}`).trim();
+    this.onMed = style.getPropertyValue("--on-med").trim();
   }
 
   /** `{fill, text}` of an EV with a state of charge. */

@@ -84,10 +84,11 @@ class VehiclePanel {
   /** Shows another vehicle; null for none. */
   show(episode, track) {
     Object.assign(this, { episode, track, frame: -1, plots: [] });
+    this.root.classList.toggle("nobody", !track);
     if (!track) {
       this.root.replaceChildren(
         element("h2", { textContent: "No vehicle selected" }),
-        element("p", { textContent: "Click one, choose one under Vehicle, or press M or E." }),
+        element("p", { textContent: "Click one, choose one under Vehicle, or press M, E or G." }),
       );
       return;
     }

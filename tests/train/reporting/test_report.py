@@ -126,6 +126,7 @@ def test_pictures_and_page_are_complete(made):
     assert text.count("<figcaption>") == len(names)
     assert f"{EPISODES} episodes are too few to tell ppo from" in text
     assert "of all EVs that were on the road" in text
+    assert "the share at 0 is of these" in text  # the other denominator
     for name, source in zip(names, page.pictures, strict=True):
         data = (there / name).read_bytes()
         assert base64.b64decode(source.removeprefix("data:image/png;base64,")) == data
