@@ -2,6 +2,7 @@
 
 import argparse
 import functools
+import gc
 import importlib
 import json
 import os
@@ -11,11 +12,13 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import FrameType
 from typing import Any, NoReturn
 
 from medjax.errors import MOST_SHOWN, InputError, one_line, shown
 
 MOST_PATH = 1000  # characters; directories are made one within the other
+AGAIN_S = 0.02  # until a signal that came at a bad moment comes again
 MOST_NAME = 255  # bytes, of every usual file system
 # Arguments of medjax.make and agents_of that only Python, or an option of its own, can fill.
 NOT_NUMBERS = ("name", "reward", "observation", "following", "coupling", "credit", "central")
@@ -49,27 +52,47 @@ def signal_of(error: KeyboardInterrupt) -> int:
     return int(signal.SIGTERM if isinstance(error, TerminatedError) else signal.SIGINT)
 
 
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Handler of SIGINT and SIGTERM: raises KeyboardInterrupt or TerminatedError in the code under way.
+
+    Not while a callback of the garbage collector runs, as JAX's does all the time while it traces: what is raised there
+    is printed and forgotten. The signal comes again soon.
+    """
+    collecting = [getattr(callback, "__code__", None) for callback in gc.callbacks]
+    within = frame
+    while within is not None:
+        if within.f_code in collecting:
+            again = threading.Timer(AGAIN_S, os.kill, (os.getpid(), number))
+            again.daemon = True
+            again.start()
+            return
+        within = within.f_back
+    raise TerminatedError if number == signal.SIGTERM else KeyboardInterrupt
+
+
 def command(main: Callable[[Sequence[str] | None], int]) -> Callable[..., int]:
     """`main` of a command, which Ctrl-C or SIGTERM end in one line and with exit code 128 + signal."""
-
-    def terminated(number: int, frame: Any) -> NoReturn:
-        raise TerminatedError
 
     @functools.wraps(main)
     def heeding(argv: Sequence[str] | None = None) -> int:
         """As `main`."""
-        # Said before JAX is imported: XLA's C++ says of slow programs that one should file a bug. Errors are raised.
+        # Said before JAX is imported: XLA's C++ says of slow programs that one should file a bug. It has no flag for
+        # that line alone (openxla/xla#9828, jax-ml/jax#26098), and prints it as an error; real ones are raised.
         os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
         heard = threading.current_thread() is threading.main_thread()
-        before = signal.signal(signal.SIGTERM, terminated) if heard else None
+        before = {signal.SIGTERM: signal.getsignal(signal.SIGTERM)} if heard else {}
+        if heard and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            before[signal.SIGINT] = signal.default_int_handler
+        for number in before:
+            signal.signal(number, interrupt)
         try:
             return main(argv)
         except KeyboardInterrupt as error:
             print("interrupted", file=sys.stderr)
             return 128 + signal_of(error)
         finally:
-            if heard:
-                signal.signal(signal.SIGTERM, before)
+            for number, handler in before.items():
+                signal.signal(number, handler)
 
     return heeding
 
@@ -188,13 +211,18 @@ def whole_number(name: str, text: str, least: int = 0, most: int = 2**32 - 1) ->
     return number
 
 
-def as_path(name: str, text: str) -> Path:
-    """The path that an option names; raises InputError if no system takes it, or it could not be printed."""
-    given = f"{name} {shown(text)}: allowed"
-    if not text or not text.isprintable() or len(text) > MOST_PATH:
-        raise InputError(f"{given} a path of 1 to {MOST_PATH} printable characters")
+def as_path(name: str, given: str | os.PathLike[str]) -> Path:
+    """The path that an option or an argument gives.
+
+    Raises:
+      InputError: it is none, no system takes it, or it could not be printed.
+    """
+    text = os.fspath(given) if isinstance(given, str | os.PathLike) else None
+    said = f"{name} {shown(given)}: allowed"
+    if not isinstance(text, str) or not text or not text.isprintable() or len(text) > MOST_PATH:
+        raise InputError(f"{said} a path of 1 to {MOST_PATH} printable characters")
     if any(len(os.fsencode(part)) > MOST_NAME for part in text.split("/")):
-        raise InputError(f"{given} names of at most {MOST_NAME} bytes")
+        raise InputError(f"{said} names of at most {MOST_NAME} bytes")
     if text.startswith("~"):  # a shell would have replaced it
-        raise InputError(f"{given} the path itself, or ./~")
+        raise InputError(f"{said} the path itself, or ./~")
     return Path(text)

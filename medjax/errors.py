@@ -15,7 +15,13 @@ class MissingLibrary(ImportError):
 
 
 class InputError(ValueError):
-    """Bad input; the message is one line that names what, the value and what is allowed."""
+    """Bad input; the message is one line that names what, the value and what is allowed.
+
+    A name of a file may hold line ends, or what no terminal shows: these are told, whoever words the message.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
 
 
 _SHORT = reprlib.Repr()
@@ -23,10 +29,14 @@ _SHORT.maxlevel = 3
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = MOST_SHOWN
 
 
+def printable(text: str) -> str:
+    """Text on one line, where characters that cannot be printed are told by their numbers."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(text.split()))
+
+
 def one_line(text: str, most: int = MOST_SAID) -> str:
     """Text as one line of printable characters; words and lines that are too long end in dots."""
-    line = " ".join(text.split())
-    line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line[: most + 1])
+    line = printable(" ".join(text.split())[: most + 1])
     line = re.sub(rf"\S{{{MOST_SHOWN + 1},}}", lambda word: _cut(word[0], MOST_SHOWN), line)
     return _cut(line, most)
 

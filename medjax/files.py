@@ -20,6 +20,17 @@ def check_writable(directory: Path) -> None:
         pass
 
 
+def check_input(name: str, path: Path) -> None:
+    """Refuses (InputError) to read what is there and no file: it may have no end, or wait until somebody writes."""
+    try:
+        if path.exists() and not path.is_file():
+            raise InputError(f"{name} {path}: is no file; allowed a file")
+    except OSError as error:
+        raise InputError(
+            f"{name} {path}: {error.strerror}; allowed a file that can be read"
+        ) from None
+
+
 def check_output(name: str, path: Path) -> None:
     """Tries that a file can be written to `path` for the option `name`, before anything is computed for it.
 

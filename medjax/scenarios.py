@@ -60,7 +60,7 @@ def _sort(overrides: Mapping[str, Any]) -> tuple[dict[Any, Any], ...]:
         elif key == "reward_weights":
             _check(isinstance(value, Mapping), key, value, "numbers by name of the term")
             weights |= value
-        elif key.startswith("reward_weights."):
+        elif isinstance(key, str) and key.startswith("reward_weights."):
             weights[key.removeprefix("reward_weights.")] = value
         else:
             raise _unknown("option", key, [*PLACES, *SIZES, *COILS, "reward_weights"])

@@ -36,3 +36,11 @@ def test_bad_input_is_a_value_error():
     with pytest.raises(InputError, match="cooldown_s"):
         medjax.make(cooldown_s=-1)
     assert issubclass(InputError, ValueError)
+
+
+def test_a_message_is_one_line_whatever_it_names():
+    """Names of files may hold line ends and what no terminal shows; an absolute path stays whole."""
+    path = "/" + "a" * 300
+    assert str(InputError(f"cannot read a\nb\x1b[2J in {path}")) == (
+        f"cannot read a b\\x1b[2J in {path}"
+    )

@@ -102,6 +102,7 @@ BAD = [
     ({"following": "idm"}, "following"),
     ({"following": IDM}, "following"),
     ({"coupling": "paper"}, "coupling"),
+    ({"demand": {3: 4}}, "unknown option 3"),
 ]
 
 

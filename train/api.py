@@ -6,9 +6,10 @@ They are here and not in `train` itself, where `train.evaluate` is the module of
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import medjax
+from medjax.commandline import as_path
 from medjax.env.wrapper import whole_number_of
 from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError, shown
@@ -25,8 +26,9 @@ from train.runs.arguments import Request
 from train.runs.interrupts import StoppedError
 from train.runs.logs import Row
 from train.runs.open_session import open_session
-from train.runs.policies import weights_by_name
+from train.runs.policies import check_episodes, weights_by_name
 from train.runs.run_directory import RunDir
+from train.runs.trained_run import LIMITS
 from train.settings import TrainConfig
 
 __all__ = ["Comparison", "PPOConfig", "StoppedError", "TrainedRun", "evaluate", "train"]
@@ -60,6 +62,20 @@ class TrainedRun:
         return self.policies[self.config.algorithm]
 
 
+class Conduct(TypedDict, total=False):
+    """How `train` goes about it.
+
+    Attributes:
+        from_update: with `resume`, whose checkpoint to go on from, in place of the newest; later ones are removed.
+        callback: gets each update's row of metrics.jsonl once it is written. What it raises ends the run.
+        quiet: nothing is said on the way.
+    """
+
+    from_update: int | None
+    callback: Callable[[Row], object] | None
+    quiet: bool
+
+
 def train(
     env: Any = None,
     params: Any = None,
@@ -67,8 +83,7 @@ def train(
     *,
     run_dir: str | Path | None = None,
     resume: str | Path | None = None,
-    callback: Callable[[Row], object] | None = None,
-    quiet: bool = False,
+    **conduct: Unpack[Conduct],
 ) -> TrainedRun:
     """Trains and evaluates a dispatcher, as `python -m train.ppo` does.
 
@@ -81,8 +96,7 @@ def train(
         run_dir: new or empty directory for the results; None: an unused one under `runs/`. Where settings cannot
             rebuild the environment, its config.json says so, and the commands on runs refuse it.
         resume: directory of a run to go on with, in place of run_dir.
-        callback: gets each update's row of metrics.jsonl once it is written. What it raises ends the run.
-        quiet: nothing is said on the way.
+        **conduct: `from_update`, `callback` and `quiet`, of `Conduct`.
 
     Raises:
         InputError: bad input; nothing was written.
@@ -92,18 +106,14 @@ def train(
     """
     if run_dir is not None and resume is not None:
         raise InputError(f"run_dir is {shown(run_dir)} and resume {shown(resume)}, allowed: one")
-    settings = _settings(config, resume, given=env is not None and not isinstance(env, str))
-    settings, given = _environment(env, params, settings)
-    session = open_session(
-        Request(
-            settings,
-            run_dir=None if run_dir is None else Path(run_dir),
-            resume=None if resume is None else Path(resume),
-            quiet=quiet,
-            given=given,
-            callback=callback,
-        )
+    new, old = (
+        None if path is None else as_path(name, path)
+        for name, path in (("run_dir", run_dir), ("resume", resume))
     )
+    how = _conduct(old, **conduct)
+    settings = _settings(config, old, given=env is not None and not isinstance(env, str))
+    settings, given = _environment(env, params, settings)
+    session = open_session(Request(settings, run_dir=new, resume=old, given=given, **how))
     try:
         ended = session.train()
     except StoppedError as stopped:
@@ -118,11 +128,31 @@ def train(
     return TrainedRun(policies, *where, ended.env, ended.params, settings)
 
 
-def _settings(config: TrainConfig | None, resume: str | Path | None, given: bool) -> TrainConfig:
+def _conduct(
+    resume: Path | None,
+    from_update: int | None = None,
+    callback: Callable[[Row], object] | None = None,
+    quiet: bool = False,
+) -> Conduct:
+    """What is given of `Conduct`, checked."""
+    if from_update is not None:
+        if resume is None:
+            raise InputError(
+                f"from_update is {shown(from_update)} without resume, allowed: with it"
+            )
+        whole_number_of("from_update", from_update, 0)
+    if callback is not None and not callable(callback):
+        raise InputError(f"callback is {shown(callback)}, allowed: a function")
+    return {"from_update": from_update, "callback": callback, "quiet": quiet}
+
+
+def _settings(config: TrainConfig | None, resume: Path | None, given: bool) -> TrainConfig:
     """Settings that are given, those of a run, or the defaults."""
+    if config is not None and not isinstance(config, TrainConfig):
+        raise InputError(f"config is {shown(config)}, allowed: settings, such as PPOConfig()")
     if config is not None or resume is None:
         return PPOConfig() if config is None else config
-    return RunDir(Path(resume), given).load_config()
+    return RunDir(resume, given).load_config()
 
 
 def _environment(
@@ -134,11 +164,16 @@ def _environment(
             raise InputError("params without an environment, allowed: both, or a preset's name")
         scenario = config.scenario if env is None else env
         return dataclasses.replace(config, scenario=scenario), None
-    if params is None:
-        raise InputError("env without params, allowed: both, as medjax.make gives them")
-    settings, rebuilt = described(env, params, config)
+    settings, rebuilt = _described(env, params, config)
     check_given(env, settings)
     return settings, None if rebuilt else (env, params)
+
+
+def _described(env: Any, params: Any, config: TrainConfig) -> tuple[TrainConfig, bool]:
+    """`described` of an environment that has parameters."""
+    if params is None:
+        raise InputError("env without params, allowed: both, as medjax.make gives them")
+    return described(env, params, config)
 
 
 def evaluate(
@@ -169,8 +204,7 @@ def evaluate(
     Raises:
         InputError: an unknown policy, or an environment that it does not fit.
     """
-    whole_number_of("episodes", episodes, 1)
-    whole_number_of("batch", batch, 1)
+    _check_numbers(episodes=episodes, seed=seed, batch=batch)
     world: TrainConfig = PPOConfig()
     if isinstance(env, str):
         if params is not None:
@@ -178,17 +212,38 @@ def evaluate(
         world = dataclasses.replace(world, scenario=env)
         env, params = medjax.make(env)
     else:
-        world, _ = described(env, params, world)
-    if policies is None:
-        policies = list(rules_of(env))
-    given = dict(policies) if isinstance(policies, Mapping) else {name: name for name in policies}
-    if baseline is not None and baseline not in given:
+        world, _ = _described(env, params, world)
+    given = _by_name(policies, rules_of(env))
+    if baseline is not None and baseline not in list(given):  # which need not have a hash
         check_known("baseline", [baseline], [*given, *rules_of(env)])
         given[baseline] = baseline
-    if not given:
-        raise InputError("policies are empty, allowed: at least one")
+    check_episodes(episodes, len(given))
     playing = {name: as_policy(env, policy) for name, policy in given.items()}
     enable_compilation_cache()
     scores = evaluate_policies(env, params, playing, episodes, seed, batch)
     result = summarize(scores, world.scenario, (), seed, world.overrides, baseline)
     return Comparison(result, scores)
+
+
+def _check_numbers(**given: Any) -> None:
+    """Refuses (InputError) numbers by name, as Python has them, that the options of the commands refuse."""
+    for name, number in given.items():
+        least, most = LIMITS[name]
+        whole_number_of(name, number, least)
+        if number > most:
+            raise InputError(f"{name} is {shown(number)}, must be at most {most}")
+
+
+def _by_name(
+    policies: Mapping[str, Any] | Sequence[str] | None, rules: Mapping[str, Policy]
+) -> dict[str, Any]:
+    """What is to be played, by name."""
+    if policies is None:
+        return {name: name for name in rules}
+    listed = isinstance(policies, Mapping | Sequence) and not isinstance(policies, str)
+    if not listed or not all(isinstance(name, str) for name in policies):
+        raise InputError(f"policies are {shown(policies)}, allowed: by name, or a list of names")
+    given = dict(policies) if isinstance(policies, Mapping) else {name: name for name in policies}
+    if not given:
+        raise InputError("policies are empty, allowed: at least one")
+    return given

@@ -63,9 +63,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         numbers = whole_numbers(given)
         target, picture = _target("--json", given.json), _target("--plot", given.plot)
+        if target is not None and target == picture:
+            raise InputError(f"--json and --plot are both {target}, allowed: a file each")
         changes = parse_overrides(given.overrides)
         if given.run_dir is None and given.policies is None:
             raise InputError("neither --run-dir nor --policies, allowed: at least one of them")
+        if given.run_dir is None and given.stochastic:
+            raise InputError("--stochastic without --run-dir, allowed: with it")
         config = None
         if given.run_dir is not None:
             run_dir = RunDir(as_path("--run-dir", given.run_dir))
@@ -95,15 +99,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     world = config.scenario, learned, numbers["seed"], config.overrides
     played = Comparison(summarize(scores, *world, given.baseline), scores, learned)
     print(played)
+    path = target
     try:
         if target is not None:
             write_json(target, played.result)
+        path = picture
         if picture is not None:
             from train.reporting.figures import plot_comparison
 
             plot_comparison(picture, scores, numbers["seed"], is_papers(played.result))
     except OSError as error:
-        return cannot_write("python -m train.evaluate", target or picture or Path(), error)
+        return cannot_write("python -m train.evaluate", path or Path(), error)
     return 0
 
 

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, TypeVar
 
 from medjax.commandline import read_json
 from medjax.errors import InputError, shown
+from medjax.files import check_input
 from train.option import Override, checked, option
 from train.yaml_file import read_yaml
 
@@ -241,10 +242,8 @@ def load_config(path: Path, *kinds: type[Config], given: bool = False) -> Config
 
 def _read(path: Path) -> Any:
     """What a file of settings holds; raises as `load_config`."""
+    check_input("settings", path)
     try:
-        # Nothing that gives no end of bytes, or none until somebody writes them.
-        if path.exists() and not path.is_file():
-            raise InputError(f"cannot read {path}: not a file")
         with path.open("rb") as file:
             content = file.read(MOST_BYTES + 1)
     except OSError as error:

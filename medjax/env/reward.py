@@ -142,8 +142,15 @@ REWARDS: Mapping[str, Mapping[str, RewardTerm]] = {"paper": TERMS, "money": MONE
 def total_reward(
     outcome: Outcome, terms: Mapping[str, RewardTerm]
 ) -> tuple[jax.Array, dict[str, jax.Array]]:
-    """Weighted sum of the terms, and each weighted term by name; float32 scalars."""
+    """Weighted sum of the terms, and each weighted term by name; float32 scalars.
+
+    Raises:
+      InputError: a term without a weight, or that returns no scalar; while the environment is traced.
+    """
     weights = outcome.params.reward_weights
+    if without := [name for name in terms if name not in weights]:
+        said = f"reward_weights have no {shown(without[0])}"
+        raise InputError(f"{said}: allowed a weight for each of {', '.join(terms)}")
     # The barrier keeps XLA from multiplying a weight with a term's own constants first, as it does where both are
     # scalars: one environment alone would round otherwise than the same one in a batch.
     given = {name: _scalar(name, term(outcome)) for name, term in terms.items()}
@@ -155,11 +162,7 @@ def total_reward(
 
 
 def _scalar(name: str, value: jax.Array) -> jax.Array:
-    """What a term returned.
-
-    Raises:
-      InputError: it is no scalar; while the environment is traced.
-    """
+    """What a term returned; InputError if that is no scalar."""
     if shape := jnp.shape(value):
         raise InputError(f"reward term {shown(name)} returns shape {shape}: allowed (), a scalar")
     return value

@@ -4,18 +4,18 @@ import csv
 import importlib.util
 import io
 import json
-import os
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import IO
 
 import numpy as np
 
+from medjax.commandline import as_path
 from medjax.episodes.fcd import write_fcd
 from medjax.episodes.recording import Recording
 from medjax.episodes.table import vehicle_table
 from medjax.errors import InputError
-from medjax.files import replacing
+from medjax.files import check_output, replacing
 
 EXACT = "%.9g"  # nine digits tell any two float32 apart
 
@@ -85,13 +85,7 @@ def check_target(path: Path) -> str:
     ending = next((ending for ending in FORMATS if path.name.endswith(ending)), None)
     if ending is None:
         raise InputError(f"cannot write {path}: allowed endings {', '.join(FORMATS)}")
-    if path.exists() and not path.is_file():
-        what = "a directory" if path.is_dir() else "a device"
-        raise InputError(f"cannot write {path}: it is {what}")
-    if not path.parent.is_dir():
-        raise InputError(f"cannot write {path}: no directory {path.parent}")
-    if not os.access(path.parent, os.W_OK):
-        raise InputError(f"cannot write {path}: {path.parent} is not writable")
+    check_output("trajectories", path)
     if ending == ".parquet" and importlib.util.find_spec("pyarrow") is None:
         raise ImportError('Parquet needs pyarrow: pip install -e ".[trajectories]"')
     return ending
@@ -111,7 +105,7 @@ def write_trajectories(recording: Recording | Iterable[Recording], path: str | P
     Raises:
       ValueError, ImportError: as `check_target`.
     """
-    path = Path(path)
+    path = as_path("path", path)
     write = FORMATS[check_target(path)]
     pieces = [recording] if isinstance(recording, Recording) else recording
     with replacing(path) as partial, partial.open("wb") as file:

@@ -83,7 +83,13 @@ def _of_function(act: Callable[..., Any], num_actions: int) -> Policy:
         chosen = act(key, obs, state, params)
         if isinstance(chosen, Choice):
             return chosen
-        action = jnp.asarray(chosen, jnp.int32)
+        action = jnp.asarray(chosen)
+        # Of a team, an action each.
+        if action.ndim > 1 or not jnp.issubdtype(action.dtype, jnp.integer):
+            raise InputError(
+                f"a policy acts by {shown(chosen)}: allowed whole numbers, or a Choice"
+            )
+        action = action.astype(jnp.int32)
         return Choice(action, jax.nn.one_hot(action, num_actions))
 
     return Policy(choose)

@@ -11,7 +11,7 @@ import math
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_origin, get_type_hints
 
 import jax
 import jax.numpy as jnp
@@ -19,9 +19,11 @@ import numpy as np
 from jax import export
 
 from medjax.agents import agents_of
+from medjax.commandline import NOT_NUMBERS, as_path
 from medjax.env.observation import OBSERVATIONS
-from medjax.errors import InputError
-from medjax.files import replacing
+from medjax.env.wrapper import check_environment
+from medjax.errors import InputError, shown
+from medjax.files import check_input, replacing
 from medjax.numerics.gathers import with_rows
 from medjax.policies.about import About
 from medjax.policies.policy import Choice, Policy, every
@@ -32,6 +34,7 @@ from medjax.world.params import EnvParams
 
 FORMAT = 1
 ABOUT, NETWORK = "policy.json", "network.bin"
+AGENTS = {"speeds", "credit", "central"}  # what a file may say of them
 MOST_BYTES = {ABOUT: 2**20, NETWORK: 2**29}  # unpacked
 
 
@@ -62,9 +65,11 @@ class ExportedPolicy:
           build: called as `medjax.make`, which is the default; `medjax.scenarios.prepare` computes nothing.
 
         Raises:
-          InputError: it was somebody's own.
+          InputError: it was somebody's own, or an override is no number of an environment.
         """
         about = self.about
+        if not isinstance(overrides, Mapping | None):
+            raise InputError(f"overrides are {shown(overrides)}, allowed: numbers by name")
         build = make if build is None else build
         if not about.scenario:
             raise InputError(
@@ -74,6 +79,8 @@ class ExportedPolicy:
         scenario = about.scenario if scenario is None else scenario
         kept = about.overrides if scenario == about.scenario else {}
         numbers: dict[str, Any] = {**kept, **(overrides or {})}
+        if named := [name for name in NOT_NUMBERS if name in numbers]:
+            raise InputError(f"overrides hold {named[0]}, allowed: numbers of the environment")
         if about.agents:
             if taken := about.agents.keys() & numbers.keys():
                 raise InputError(
@@ -94,9 +101,9 @@ class ExportedPolicy:
           `(num_actions,)` or `(rows, num_actions)` float32; 0 where the mask forbids.
 
         Raises:
-          InputError: an array of another shape.
+          InputError: an array of another shape, or what is no finite number.
         """
-        obs, mask = np.asarray(obs, np.float32), np.asarray(mask, bool)
+        obs, mask = _numbers("obs", obs, np.float32), _numbers("mask", mask, bool)
         wanted = self.about.num_features, self.about.num_actions
         given = obs.shape[-1:] + mask.shape[-1:]
         if given != wanted or obs.shape[:-1] != mask.shape[:-1] or obs.ndim > 2:
@@ -104,6 +111,8 @@ class ExportedPolicy:
                 f"obs has shape {obs.shape} and mask {mask.shape}: allowed (..., {wanted[0]}) and "
                 f"(..., {wanted[1]}), with or without an axis for rows"
             )
+        if not mask.size:  # no row, which the network does not take
+            return mask.astype(np.float32)
         rows, _ = self.network.call(obs.reshape(-1, wanted[0]), mask.reshape(-1, wanted[1]))
         return np.asarray(rows).reshape(mask.shape)
 
@@ -120,8 +129,9 @@ class ExportedPolicy:
         It sees what the environment observes where that has its size, else the highway as it was trained to.
 
         Raises:
-          InputError: an environment that it does not fit.
+          InputError: an environment that it does not fit, or none.
         """
+        check_environment(env)
         size = math.prod(env.observation_space(None).shape)
         own: Any = None if self.about.agents else OBSERVATIONS.get(self.about.observation)
         looks = own is not None and size != self.about.num_features and hasattr(env, "config")
@@ -148,6 +158,17 @@ class ExportedPolicy:
 
         policy = every(Policy(act), self.about.decide_every)
         return by_rule.whole(policy) if by_rule else policy
+
+
+def _numbers(name: str, value: Any, dtype: Any) -> np.ndarray:
+    """The value as an array of finite numbers; InputError for anything else."""
+    try:
+        array = np.asarray(value, dtype)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} = {shown(value)}: allowed finite numbers")
+    return array
 
 
 def _batched(network: export.Exported) -> Callable[[jax.Array, jax.Array], Any]:
@@ -185,16 +206,18 @@ def load_policy(path: Path | str) -> ExportedPolicy:
     Raises:
       InputError: no such file, or not one that `save_policy` wrote.
     """
-    path, allowed = Path(path), "allowed: a policy that train.ppo or train.export wrote"
-    if path.exists() and not path.is_file():  # a pipe would be waited for
-        raise InputError(f"policy {path} is no file, {allowed}")
+    path, allowed = (
+        as_path("policy", path),
+        "allowed: a policy that train.ppo or train.export wrote",
+    )
+    check_input("policy", path)
     try:
         with zipfile.ZipFile(path) as file:
             given = json.loads(_member(path, file, ABOUT))
             found = given.pop("format")
             if found != FORMAT:
-                raise InputError(f"policy {path} has format {found!r}, allowed: {FORMAT}")
-            about, content = About(**given), bytearray(_member(path, file, NETWORK))
+                raise InputError(f"policy {path} has format {shown(found)}, allowed: {FORMAT}")
+            about, content = _about(given), bytearray(_member(path, file, NETWORK))
     except OSError as error:
         raise InputError(f"policy {path}: {error.strerror or error}, {allowed}") from None
     except InputError:
@@ -210,6 +233,19 @@ def load_policy(path: Path | str) -> ExportedPolicy:
     if not fits:
         raise InputError(f"policy {path} holds a network that cannot be read, {allowed}")
     return ExportedPolicy(about, network)
+
+
+def _about(given: Mapping[str, Any]) -> About:
+    """What a file says of its policy; raises ValueError or TypeError where nobody wrote that."""
+    about = About(**given)
+    for name, kind in get_type_hints(About).items():
+        value = getattr(about, name)
+        if not isinstance(value, get_origin(kind) or kind) or isinstance(value, bool):
+            raise TypeError(name)
+    known = about.dispatcher in ("", *BASELINES) and set(about.agents) <= AGENTS
+    if not (known and about.decide_every >= 1 and about.name.isprintable() and about.name):
+        raise ValueError
+    return about
 
 
 def _member(path: Path, file: zipfile.ZipFile, name: str) -> bytes:

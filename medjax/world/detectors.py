@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import csv
-import math
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from medjax.commandline import as_path
 from medjax.errors import InputError, shown
+from medjax.files import check_input
 
 COLUMNS = ("time_s", "entry", "vehicles_per_h")
-MAIN = "main"
+MAIN, RAMPS = "main", "12345678"
+MOST = 1e12  # of a time, which may be counted from 1970, or of a count
 
 
 def read_detectors(file: str | PathLike[str]) -> dict[str, Any]:
@@ -30,7 +32,8 @@ def read_detectors(file: str | PathLike[str]) -> dict[str, Any]:
     Raises:
       InputError: one line; no such file, a column or a count is missing, or a value is no number, or below 0.
     """
-    path = Path(file)
+    path = as_path("file", file)
+    check_input("file", path)
     try:
         with path.open(newline="", encoding="utf-8-sig") as lines:
             table = csv.DictReader(lines)
@@ -38,9 +41,8 @@ def read_detectors(file: str | PathLike[str]) -> dict[str, Any]:
             rows = [(table.line_num, row) for row in table]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read: {error}") from None
-    missing = [name for name in COLUMNS if name not in names]
-    if missing or not rows:
-        needed = f"columns {', '.join(COLUMNS)} and a row a count"
+    if any(names.count(name) != 1 for name in COLUMNS) or not rows:
+        needed = f"columns {', '.join(COLUMNS)}, each once, and a row a count"
         raise InputError(f"{path}: allowed a CSV file with {needed}")
     counts: dict[tuple[float, int], float] = {}
     for line, row in rows:
@@ -48,24 +50,27 @@ def read_detectors(file: str | PathLike[str]) -> dict[str, Any]:
         time, flow = (_read(row[name], f"{place}: {name}") for name in COLUMNS[::2])
         key = time, _entry(row["entry"], place)
         counts[key] = counts.get(key, 0.0) + flow
+        if counts[key] > MOST:
+            raise InputError(f"{place}: {counts[key]:g} vehicles_per_h together: allowed {MOST:g}")
     return _demand(path, counts)
 
 
 def _read(text: str | None, place: str) -> float:
-    """A number from 0 to infinity, without it."""
-    try:
-        value = float(text or "")
+    """A number from 0 to MOST."""
+    text = (text or "").strip()
+    try:  # Python also takes the digits of every script, and 1_000
+        value = float(text) if text.isascii() and "_" not in text else -1.0
     except ValueError:
         value = -1.0
-    if not 0.0 <= value < math.inf:
-        raise InputError(f"{place} = {shown(text)}: allowed a number from 0")
+    if not 0.0 <= value <= MOST:
+        raise InputError(f"{place} = {shown(text)}: allowed a number from 0 to {MOST:g}")
     return value
 
 
 def _entry(text: str | None, place: str) -> int:
     """0 for the main road, else the number of a ramp."""
     name = (text or "").strip()
-    if name != MAIN and not (name.isascii() and name.isdigit() and 1 <= int(name) <= 8):
+    if name not in (MAIN, *RAMPS):
         raise InputError(f"{place}: entry = {shown(text)}: allowed {MAIN}, or a ramp from 1 to 8")
     return 0 if name == MAIN else int(name)
 

@@ -52,14 +52,19 @@ class NamedAgents:
     """`AgentsEnv` with its parameters, its agents by name; methods jit, and batch with `jax.vmap`.
 
     Args:
-      env: of one highway.
+      env: of one highway, an `AgentsEnv`.
       params: its numbers.
+
+    Raises:
+      InputError: another environment.
 
     Attributes:
       agents: names, `med_0` and so on, of the MEDs by slot.
     """
 
     def __init__(self, env: AgentsEnv, params: EnvParams) -> None:
+        if not isinstance(env, AgentsEnv):
+            raise InputError(f"env is {shown(env)}: allowed one of agents, as make_agents gives it")
         self.env, self.params = env, params
         self.num_agents = env.num_agents
         self.agents = [f"med_{number}" for number in range(env.num_agents)]

@@ -10,7 +10,8 @@ from flax import struct
 
 from medjax.env.contract import Observation, Params, State
 from medjax.env.wrapper import Wrapper
-from medjax.errors import InputError
+from medjax.errors import InputError, shown
+from medjax.world.numbers import as_numbers
 from medjax.world.params import Scalar
 
 # Folded into the key of a reset, which goes on to the environment as it is: with a factor of 1 an episode
@@ -60,8 +61,9 @@ class RandomDemand(Wrapper):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0.0 <= self.low <= self.high < math.inf:
-            given = f"factors of the demand are {self.low} to {self.high}"
+        factors = as_numbers([self.low, self.high])
+        if factors is None or not 0.0 <= self.low <= self.high < math.inf:
+            given = f"factors of the demand are {shown(self.low)} to {shown(self.high)}"
             raise InputError(f"{given}, must be at least 0 and ascending")
 
     def inner(self, state: RandomDemandState, params: Params) -> tuple[State, Params]:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.env.contract import Observation, Params, StepResult
+from medjax.env.wrapper import check_environment
 from medjax.wrappers.auto_reset import BatchAutoReset
 
 
@@ -32,9 +33,15 @@ class EpisodeLog:
     belongs to, up to and with this step: those of the whole episode where it `finished`. Among the metrics are
     `reward_NAME`, what each weighted term of the reward adds to the return, for the terms that `params.reward_weights`
     has.
+
+    Raises:
+        InputError: `env` is no environment.
     """
 
     env: BatchAutoReset
+
+    def __post_init__(self) -> None:
+        check_environment(self.env)
 
     @property
     def num_actions(self) -> int:

@@ -6,6 +6,7 @@ import pytest
 
 import medjax
 from medjax.env.reward import MONEY, Outcome, total_reward
+from medjax.errors import InputError
 from medjax.world.state import Tally
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -40,6 +41,14 @@ def test_each_term_is_what_it_says():
     for name, value in expected.items():
         assert float(parts[name]) == pytest.approx(value, rel=1e-6), name
     assert float(total) == pytest.approx(sum(expected.values()), rel=1e-6)
+
+
+def test_a_term_without_a_weight_is_named():
+    env, params = medjax.make("paper")
+    params = params.replace(reward_weights={"depleted": -1.0})
+    state = jax.eval_shape(env.reset, jax.random.key(0), params)[1]
+    with pytest.raises(InputError, match="reward_weights have no 'soc'"):
+        jax.eval_shape(env.step_env, jax.random.key(0), state, 0, params)
 
 
 def test_an_episode_costs_what_its_metrics_say():

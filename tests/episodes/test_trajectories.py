@@ -57,7 +57,10 @@ def ids_of(piece):
         (["--policy", "best"], "unknown policy 'best': allowed none, slow, random"),
         (["--scenario", "papr"], "unknown scenario 'papr': allowed paper, realistic"),
         (["--out", "run.txt"], "run.txt: allowed endings .parquet, .csv, .fcd.xml"),
-        (["--out", "nowhere/run.csv"], "no directory nowhere"),
+        (
+            ["--out", "nowhere/run.csv"],
+            "trajectories nowhere/run.csv: No such file or directory; allowed",
+        ),
         (["--seed", "-1"], "--seed '-1': allowed a whole number from 0 to 4294967295"),
         (["--set", "cooldown_s"], "--set cooldown_s: allowed NAME=VALUE"),
         (["--set", "cooldwn_s=1"], "unknown option 'cooldwn_s': did you mean"),

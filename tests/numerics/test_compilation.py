@@ -1,5 +1,6 @@
 """What is said of compiling, and where programs are kept."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -11,6 +12,7 @@ import jax.numpy as jnp
 import pytest
 
 import medjax
+from medjax.commandline import command
 from medjax.numerics import compilation
 
 
@@ -74,6 +76,35 @@ class Slow:
 
     def compile(self):
         time.sleep(20.0)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_within_a_garbage_collection_is_heard(number):
+    """Python forgets what its callbacks raise; JAX has one, which runs all the time while it traces."""
+    signalled = []
+
+    def collecting(phase, info):
+        if not signalled:
+            signalled.append(phase)
+            signal.raise_signal(number)
+
+    @command
+    def main(argv):
+        gc.callbacks.append(collecting)
+        gc.collect()
+        gc.callbacks.remove(collecting)
+        time.sleep(5.0)
+        return 0
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    handlers = signal.getsignal(signal.SIGTERM)
+    try:
+        assert main([]) == 128 + number
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        assert signal.getsignal(signal.SIGTERM) is handlers
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert signalled
 
 
 def test_a_signal_is_heard_while_something_is_compiled():

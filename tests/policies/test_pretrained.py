@@ -39,6 +39,13 @@ def test_card_says_how_it_was_trained(scenario):
         assert json.loads(file.read("policy.json"))["training"] == about.training
 
 
+@pytest.mark.parametrize("action", [1.5, np.zeros((2, 2), int)])
+def test_a_function_that_gives_no_action_is_refused(action):
+    env, *_ = prepare("paper")
+    with pytest.raises(InputError, match="acts by"):
+        as_policy(env, lambda *given: action)(jax.random.key(0), None, None, None)
+
+
 def test_acts_by_name_in_its_world_and_no_other():
     """Whatever the environment observes, it sees what it was trained to see."""
     env, params = medjax.make("paper")

@@ -117,7 +117,25 @@ def test_what_is_wrong_is_said_at_once(probe, config):
         (lambda: train(OWN, None, config), "env without params"),
         (lambda: train("noisy", ProbeParams(), config), "params without an environment"),
         (lambda: train(3, ProbeParams(), config), "env is 3"),
-        (lambda: evaluate("noisy", None, ["none"], episodes=0), "episodes is 0"),
+        (lambda: evaluate("noisy", None, ["none"], episodes=1), "episodes is 1, .* at least 2"),
+        (lambda: evaluate("noisy", None, ["none"], episodes=1e3), "episodes is 1000.0"),
+        (lambda: evaluate("noisy", None, ["none"], episodes=10**8), "at most 10000000"),
+        (lambda: evaluate("noisy", None, ["none"], seed=-1), "seed is -1, must be a whole number"),
+        (lambda: evaluate("noisy", None, ["none"], seed=math.nan), "seed is nan"),
+        (lambda: evaluate("noisy", None, ["none"], seed=2**32), "at most 4294967295"),
+        (lambda: evaluate(OWN, None, ["none"]), "env without params"),
+        (lambda: evaluate("noisy", None, 3), "policies are 3"),
+        (lambda: evaluate("noisy", None, "none"), "policies are 'none', allowed: by name"),
+        (lambda: evaluate("noisy", None, {3: "none"}), "policies are {3: 'none'}"),
+        (lambda: evaluate("noisy", None, ["none"], baseline=[]), r"baseline \[\]: allowed none"),
+        (lambda: train("noisy", None, {"seed": 1}), "config is {'seed': 1}, allowed: settings"),
+        (lambda: train("noisy", None, config, callback=3), "callback is 3, allowed: a function"),
+        (lambda: train("noisy", None, config, from_update=3), "from_update is 3 without resume"),
+        (lambda: train(resume="run", from_update=1.5), "from_update is 1.5, must be a whole"),
+        (lambda: train("noisy", None, config, run_dir=3), "run_dir 3: allowed a path"),
+        (lambda: train("noisy", None, config, run_dir=""), "run_dir '': allowed a path"),
+        (lambda: train("noisy", None, config, run_dir="a\0b"), "printable characters"),
+        (lambda: train("noisy", None, config, resume=b"run"), "resume b'run': allowed a path"),
         (lambda: train("noisy", None, config, run_dir="a", resume="b"), "allowed: one"),
         (lambda: evaluate("noisy", None, {"mine": 3}), "policy is 3"),
         (lambda: evaluate("noisy", None, ["all"]), "unknown policy 'all'"),
@@ -127,6 +145,36 @@ def test_what_is_wrong_is_said_at_once(probe, config):
         with pytest.raises(InputError, match=words) as refusal:
             call()
         assert "\n" not in str(refusal.value)
+    assert list(probe.iterdir()) == []
+
+
+def test_the_checkpoint_to_go_on_from(probe, config):
+    """An older one, as --from-update N; later ones are removed. What is refused keeps nobody out of the directory."""
+    config = dataclasses.replace(config, eval_episodes=0, anneal=False, updates_per_call=1)
+    train("noisy", None, config, run_dir="whole", quiet=True)
+    train("noisy", None, config, run_dir="run", quiet=True)
+    more = {"config": config, "resume": "run", "quiet": True}
+    refusals = []
+    for update, words in ((3, "from_update is 3, allowed: 2, 4, 6"), (6, "has done its 96")):
+        with pytest.raises(InputError, match=words) as refusal:
+            train(from_update=update, **more)
+        refusals.append(refusal)  # whose frames live on, as in a notebook
+    again = train(from_update=4, **more)
+    assert [row["update"] for row in again.rows] == [1, 2, 3, 4, 5, 6]
+    assert_same_run(probe / "whole", probe / "run")
+
+
+def test_what_was_never_begun_leaves_nothing(probe, config):
+    """An environment of one's own that fails when it is traced; its directory is there for the next trial."""
+
+    class Broken(Generous):
+        """A mistake in a step."""
+
+        def step_env(self, key, state, action, params):
+            raise ZeroDivisionError("mine")
+
+    with pytest.raises(ZeroDivisionError, match="mine"):
+        train(Broken("noisy"), ProbeParams(), config, run_dir="mine", quiet=True)
     assert list(probe.iterdir()) == []
 
 

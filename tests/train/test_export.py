@@ -169,6 +169,18 @@ def test_another_shape_is_refused(exported):
     policy = load_policy(exported[-1])
     with pytest.raises(ValueError, match=r"obs has shape \(3,\).*allowed"):
         policy.act(np.zeros(3), np.ones(5, bool))
+    size, actions = policy.about.num_features, policy.about.num_actions
+    for obs in (np.full(size, np.nan), "x", [[1.0], [1.0, 2.0]], None):
+        with pytest.raises(InputError, match=r"obs = .*: allowed finite numbers"):
+            policy.act(obs, np.ones(actions, bool))
+    none = np.zeros((0, size)), np.zeros((0, actions))
+    assert policy.probabilities(*none).shape == (0, actions)
+    assert policy.act(*none).shape == (0,)
+    for given, words in ((3, "overrides are 3"), ({"name": "x"}, "overrides hold name")):
+        with pytest.raises(InputError, match=words):
+            policy.make(overrides=given)
+    with pytest.raises(InputError, match="env is 3: allowed an environment"):
+        policy.policy(3)
     env, _ = medjax.make("paper", **SMALL | {"num_ramps": 2})
     with pytest.raises(ValueError, match="3 actions: allowed"):
         policy.policy(env)
@@ -226,6 +238,18 @@ def test_a_file_that_was_changed_is_refused(exported, tmp_path):
     write(policy=json.dumps(about | {"num_actions": about["num_actions"] + 1}))
     with pytest.raises(InputError, match="network that cannot be read"):
         load_policy(path)
+    for field, value in {
+        "overrides": 3,
+        "decide_every": 0,
+        "num_features": True,
+        "name": "a\nb",
+        "agents": {"build": 3},
+        "dispatcher": "nobody",
+        "training": None,
+    }.items():
+        write(policy=json.dumps(about | {field: value}))
+        with pytest.raises(InputError, match="cannot be read"):
+            load_policy(path)
     write(policy=b" " * (2**20 + 1))
     with pytest.raises(InputError, match=r"policy.json of 1048577 bytes: at most 1048576"):
         load_policy(path)

@@ -43,6 +43,22 @@ def test_a_full_disk_ends_a_command_in_a_line(probe, capsys):
         assert os.listdir(probe / "disk") == ["full"]
 
 
+def test_what_cannot_be_written_is_named(probe, capsys, monkeypatch):
+    """The picture, where the numbers were written; one file cannot be both, and nothing is sampled without a run."""
+    assert ppo.main([*QUIET, "--run-dir=run"]) == 0
+    argv = ["--run-dir=run", "--episodes=3"]
+    capsys.readouterr()
+    refused(capsys, [*argv, "--json=a.png", "--plot=a.png"], "both a.png", command=evaluate)
+    refused(capsys, ["--policies=none", "--stochastic"], "without --run-dir", command=evaluate)
+    draw = lambda path, *_: save(new_figure(3, 2), path)  # noqa: E731, probes have no metrics
+    monkeypatch.setattr("train.reporting.figures.plot_comparison", draw)
+    with small_disk(probe / "disk"):
+        fill(probe / "disk")
+        assert evaluate.main([*argv, "--json=out.json", "--plot=disk/out.png"]) == 1
+    assert "cannot write disk/out.png: No space left" in capsys.readouterr().err
+    assert (probe / "out.json").exists()
+
+
 def test_what_is_too_large_is_refused_before_it_is_compiled(probe, capsys, monkeypatch):
     """By what a run and an evaluation take of this machine; --force begins all the same."""
     small = lambda: 20_000  # noqa: E731

@@ -59,6 +59,12 @@ BAD = {
     COUNTS.replace("900,2,0", "900,3,0"): "no row of ramp",
     COUNTS + "1000,main,1,1\n1000,1,1,1\n1000,2,1,1\n": "evenly",
     COUNTS + "1800\n": "line 9",
+    COUNTS.replace("1400", "1_400"): "line 3.*vehicles_per_h = '1_400'",
+    COUNTS.replace("1400", "\u0663"): "line 3.*vehicles_per_h = '\u0663'",
+    COUNTS.replace("1400", "1e300"): "line 3.*allowed a number from 0 to 1e.12",
+    COUNTS.replace("0,1,100", "0," + "1" * 5000 + ",100"): "entry = '111.*allowed main",
+    "time_s,entry,vehicles_per_h,vehicles_per_h\n0,main,5,6\n": "each once",
+    "time_s,entry,vehicles_per_h\n0,main,9e11\n0,main,9e11\n": "line 3.*together",
 }
 
 
@@ -76,6 +82,15 @@ def test_no_such_file_is_one_line():
     """As any other bad input."""
     with pytest.raises(InputError, match="cannot be read"):
         medjax.read_detectors("/nonexistent/counts.csv")
+    for none, words in (
+        (3, "file 3: allowed a path"),
+        (None, "file None"),
+        ("a\0b", "printable"),
+        ("/dev/zero", "is no file"),  # which has no end
+        (".", "is no file"),
+    ):
+        with pytest.raises(InputError, match=words):
+            medjax.read_detectors(none)
 
 
 def test_ramps_must_be_as_many_as_counted(tmp_path):

@@ -16,8 +16,8 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics  # noqa: E402
 
 import medjax  # noqa: E402
 from medjax.env.charging_env import ChargingEnv  # noqa: E402
-from medjax.errors import MissingLibrary  # noqa: E402
-from medjax.wrappers.gymnasium import ENV_ID, ChargingGymEnv  # noqa: E402
+from medjax.errors import InputError, MissingLibrary  # noqa: E402
+from medjax.wrappers.gymnasium import ENV_ID, ChargingGymEnv, ChargingVectorEnv  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -277,6 +277,7 @@ def test_missing_libraries_are_named_with_their_remedy(painted, monkeypatch):
         ({"scenario": "papr"}, "unknown scenario 'papr': did you mean paper"),
         ({"cooldwn_s": 3}, "unknown option 'cooldwn_s': did you mean"),
         ({"render_mode": "ansi"}, "render_mode = 'ansi': allowed None, human, rgb_array"),
+        ({"decide_every": 1.0}, "decide_every is 1.0, must be a whole number"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(change, message):
@@ -289,5 +290,10 @@ def test_nothing_works_before_the_first_reset(env, envs):
     for act in (lambda: env.unwrapped.step(0), env.unwrapped.action_masks, lambda: envs.step([0])):
         with pytest.raises(ResetNeeded):
             act()
-    with pytest.raises(ValueError, match="num_envs = 0: allowed at least 1"):
+    with pytest.raises(ValueError, match="num_envs is 0, must be a whole number, at least 1"):
         gymnasium.make_vec(ENV_ID, num_envs=0, **SMALL)
+    for number in (None, "3", 1.5, float("nan")):
+        with pytest.raises(InputError, match="num_envs is"):
+            ChargingVectorEnv(number, **SMALL)
+    with pytest.raises(InputError, match="env is 3: allowed an environment"):
+        ChargingVectorEnv(1, env=3, params=3)

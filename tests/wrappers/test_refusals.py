@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import medjax
@@ -10,10 +11,12 @@ from medjax.errors import InputError
 from medjax.wrappers import (
     BatchAutoReset,
     DecideEvery,
+    EpisodeLog,
     RandomDemand,
     TimeLimitAsEnd,
     environment_mesh,
 )
+from medjax.wrappers.agents import NamedAgents
 from train.algorithms.normalization import init_stats, update_stats
 
 NONE = "env is None: allowed an environment"
@@ -26,6 +29,11 @@ NONE = "env is None: allowed an environment"
         (lambda env: BatchAutoReset(None), NONE),
         (lambda env: TimeLimitAsEnd(None), NONE),
         (lambda env: RandomDemand(None, 0.5, 1.0), NONE),
+        (lambda env: EpisodeLog(None), NONE),
+        (lambda env: NamedAgents(env, None), "allowed one of agents, as make_agents gives it"),
+        (lambda env: RandomDemand(env, None, 1.0), "factors of the demand are None to 1.0"),
+        (lambda env: RandomDemand(env, 0.5, "1"), "factors of the demand are 0.5 to '1'"),
+        (lambda env: RandomDemand(env, np.ones(2), 1.0), "factors of the demand are array("),
         (lambda env: DecideEvery(env, 1.5), "interval is 1.5, must be a whole number, at least 1"),
         (lambda env: DecideEvery(env, True), "interval is True, must be a whole number"),
         (

@@ -27,6 +27,10 @@ ABOUT = "about"
 WEIGHTS = "weights/"  # begins the names of what acting needs
 
 
+class ShapeError(InputError):
+    """A checkpoint is of another shape than the settings ask for."""
+
+
 class Checkpoints:
     """The checkpoints of one run.
 
@@ -137,7 +141,7 @@ class Checkpoints:
             found, allowed = _layout(arrays.get(name)), _layout(wanted.get(name))
             if found != allowed:
                 what = f"{name} is {found}, allowed: {allowed}"
-                raise InputError(f"{where} is of another shape: {what}")
+                raise ShapeError(f"{where} is of another shape: {what}")
         return jax.tree.unflatten(jax.tree.structure(expected), [arrays[name] for name in wanted])
 
 

@@ -1,23 +1,24 @@
 """The beginning of a run: everything that can be checked is checked, then its directory is claimed."""
 
+import contextlib
 import math
 from pathlib import Path
 from typing import IO, Any
 
 import jax
 
-from medjax.errors import InputError
+from medjax.errors import InputError, shown
 from medjax.numerics.devices import prepare_cpu
 from medjax.numerics.memory import check_memory, tree_bytes
 from train.algorithms.algorithm import TrainState
 from train.algorithms.environments import make_environment
 from train.algorithms.programs import make_train, shapes_of
 from train.runs.arguments import Request
-from train.runs.checkpoint import Checkpoints, updates_done
+from train.runs.checkpoint import Checkpoints, ShapeError, updates_done
 from train.runs.processes import is_first, join, together
 from train.runs.run_directory import RunDir, check_unused, new_run_dir
 from train.runs.session import Session
-from train.settings import TrainConfig
+from train.settings import TrainConfig, to_json
 
 FLOAT = 4  # bytes
 NUMBERS_OF_A_CHOICE = 8  # beside what was seen and allowed, `train.algorithms.rollout.Trajectory`
@@ -69,19 +70,38 @@ def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None,
         run_dir = RunDir(request.run_dir or new_run_dir(config.scenario), own)
         return run_dir, run_dir.claim(config), None
     run_dir, checkpoints = RunDir(request.resume, own), Checkpoints(request.resume)
-    lock = run_dir.lock() if is_first() else None
     saved, update = None, request.from_update
-    if update is not None:
-        checkpoints.check(update)
-    if checkpoints.latest() is not None:
-        saved = checkpoints.restore(shapes, update)
-    done = updates_done(saved) if saved is not None else 0
-    if done >= config.num_updates:
-        steps = done * config.steps_per_update
-        raise InputError(
-            f"run {run_dir.path} has done its {steps} decisions, allowed: --total-timesteps above {steps}"
-        )
-    if is_first():
-        run_dir.update_config(config, done)
-        checkpoints.remove_after(done)
+    # What refuses lets go of the lock, even while somebody in a notebook looks at the error.
+    with contextlib.ExitStack() as held:
+        lock = held.enter_context(run_dir.lock()) if is_first() else None
+        if update is not None:
+            checkpoints.check(update)
+        if checkpoints.latest() is not None:
+            saved = _restored(run_dir, checkpoints, request, shapes)
+        done = updates_done(saved) if saved is not None else 0
+        if done >= config.num_updates:
+            steps = done * config.steps_per_update
+            raise InputError(
+                f"run {run_dir.path} has done its {steps} decisions, allowed: --total-timesteps above {steps}"
+            )
+        if is_first():
+            run_dir.update_config(config, done)
+            checkpoints.remove_after(done)
+        held.pop_all()
     return run_dir, lock, saved
+
+
+def _restored(
+    run_dir: RunDir, checkpoints: Checkpoints, request: Request, shapes: TrainState
+) -> TrainState:
+    """The checkpoint to go on from; what does not fit is said by the settings that were changed."""
+    try:
+        return checkpoints.restore(shapes, request.from_update)
+    except ShapeError as error:
+        before = to_json(run_dir.load_config(type(request.config)))
+        changed = [
+            f"{name} {shown(value)}, which was {shown(before[name])}"
+            for name, value in to_json(request.config).items()
+            if value != before[name] and name != "total_timesteps"
+        ]
+        raise InputError(f"{', '.join(changed) or 'other code'}: {error}") from None

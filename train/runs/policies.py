@@ -1,6 +1,7 @@
 """The policies of a run: what it learned, from its checkpoints and as a file, and the rules beside it."""
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
@@ -23,6 +24,7 @@ from train.algorithms.networks import PolicyWeights, apply_policy
 from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.registry import algorithm_of
 from train.runs.checkpoint import Checkpoints
+from train.runs.run_directory import RunDir
 from train.runs.versions import versions
 from train.settings import TrainConfig, to_json
 
@@ -54,7 +56,43 @@ def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, PolicyWe
     if reader.latest() is None:
         raise InputError(f"run {run_dir} holds no checkpoint, allowed: one that train.ppo wrote")
     env, params = make_environment(config)
+    _check_fits(run_dir, env, params, config)
     return env, params, reader.restore_weights(weight_shapes(env, params, config))
+
+
+def _check_fits(run_dir: Path, env: Any, params: Any, config: TrainConfig) -> None:
+    """Refuses (InputError) another world than that of the training where the policy would see or choose other things.
+
+    Args:
+        run_dir: directory of the run.
+        env: single environment to play in.
+        params: its parameters.
+        config: names both.
+    """
+    own = RunDir(run_dir).load_config()
+    if (own.scenario, own.overrides) == (config.scenario, config.overrides):
+        return
+    theirs, numbers = make_environment(dataclasses.replace(own, num_devices=config.num_devices))
+    (here, changed), (there, usual) = _sizes(env, params), _sizes(theirs, numbers)
+    if here == there:
+        return
+    if own.scenario != config.scenario:
+        changed, usual = {"scenario": config.scenario}, {"scenario": own.scenario}
+    names = [name for name in usual if changed.get(name) != usual[name]]
+    now, then = (
+        ", ".join(f"{name} {sizes.get(name)}" for name in names) for sizes in (changed, usual)
+    )
+    raise InputError(
+        f"run {run_dir} is of another shape: with {now} there are {here[0]} features and {here[1]} actions, "
+        f"allowed: {there[0]} and {there[1]}, as in its training with {then}"
+    )
+
+
+def _sizes(env: Any, params: Any) -> tuple[tuple[int, int], dict[str, Any]]:
+    """How many numbers a policy sees and how many choices it has, and the sizes of the highway that decide it."""
+    config = getattr(env, "config", None)
+    highway = vars(config) if dataclasses.is_dataclass(config) else {}
+    return (math.prod(env.observation_space(params).shape), env.num_actions), highway
 
 
 def weights_by_name(config: TrainConfig, weights: PolicyWeights) -> dict[str, PolicyWeights]:

@@ -94,10 +94,14 @@ class Session:
         try:
             with contextlib.closing(Progress(self.config, self.done, "compiling", self.quiet)):
                 init, run = self._compile()
-        except KeyboardInterrupt as error:
+        except (
+            BaseException
+        ) as error:  # what an environment of one's own raises when it is traced, too
             if self.resumed:
                 raise
             self.run_dir.release()
+            if not isinstance(error, KeyboardInterrupt):
+                raise
             what = "before the first update, nothing is left"
             raise _interrupted(signal_of(error), what) from None
         log = MetricsLog(self.run_dir, self.done) if is_first() else None

@@ -14,6 +14,7 @@ from gymnasium.error import DependencyNotInstalled
 from gymnasium.spaces import Box, Discrete
 
 from medjax.env.contract import Environment
+from medjax.env.wrapper import check_environment, whole_number_of
 from medjax.errors import InputError
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.scenarios import make
@@ -45,6 +46,7 @@ def chosen(
     Raises:
       InputError: both, or an environment without parameters; or as `medjax.make` and `DecideEvery`.
     """
+    whole_number_of("decide_every", decide_every, 1)
     env, params = _named(scenario, env, params, overrides)
     return (env if decide_every == 1 else DecideEvery(env, decide_every)), params
 
@@ -55,6 +57,7 @@ def _named(
     if env is not None:
         if scenario is not None or overrides or params is None:
             raise InputError("env: allowed with params, and without a scenario or its options")
+        check_environment(env)
         return env, params
     if params is not None:
         raise InputError("params without env: allowed options of medjax.make by name")

@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from medjax.env.contract import Environment
+from medjax.env.wrapper import whole_number_of
 from medjax.errors import InputError
 from medjax.wrappers.auto_reset import BatchState
 from medjax.wrappers.gymnasium import programs
@@ -50,8 +51,7 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         decide_every: int = 1,
         **overrides: Any,
     ) -> None:
-        if num_envs < 1:
-            raise InputError(f"num_envs = {num_envs}: allowed at least 1")
+        whole_number_of("num_envs", num_envs, 1)
         programs.check_render_mode(render_mode, self.metadata)
         self.num_envs = num_envs
         self.simulator, self.params = programs.chosen(

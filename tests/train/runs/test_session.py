@@ -183,8 +183,12 @@ def test_resume_refuses_what_does_not_fit(probe, capsys):
     before = {path: path.read_bytes() for path in (probe / "run").rglob("*") if path.is_file()}
     refused(capsys, ["--resume=run"], "96 decisions", "--total-timesteps above 96")
     more = ["--resume=run", "--total-timesteps=1000"]
-    for change in (["--num-envs=8"], ["--hidden", "8"], ["--num-seeds=2"]):
-        refused(capsys, [*more, *change], "of another shape", "allowed: (")
+    for change, words in (
+        (["--num-envs=8"], "num_envs 8, which was 4: checkpoint"),
+        (["--hidden", "8"], "hidden (8,), which was (4,): checkpoint"),
+        (["--num-seeds=2"], "num_seeds 2, which was 1: checkpoint"),
+    ):
+        refused(capsys, [*more, *change], words, "of another shape", "allowed: (")
     refused(capsys, [*TINY, "--run-dir=run"], "already holds files")
     assert before == {
         path: path.read_bytes() for path in (probe / "run").rglob("*") if path.is_file()
