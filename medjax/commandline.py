@@ -52,16 +52,22 @@ def signal_of(error: KeyboardInterrupt) -> int:
     return int(signal.SIGTERM if isinstance(error, TerminatedError) else signal.SIGINT)
 
 
+def _forgets(frame: FrameType) -> bool:
+    """Whether it is a callback of the garbage collector or of a weak reference, or a finaliser."""
+    collecting = (getattr(callback, "__code__", None) for callback in gc.callbacks)
+    within_weak = frame.f_globals.get("__name__") in ("weakref", "_weakrefset")
+    return within_weak or frame.f_code.co_name == "__del__" or frame.f_code in collecting
+
+
 def interrupt(number: int, frame: FrameType | None) -> None:
     """Handler of SIGINT and SIGTERM: raises KeyboardInterrupt or TerminatedError in the code under way.
 
-    Not while a callback of the garbage collector runs, as JAX's does all the time while it traces: what is raised there
-    is printed and forgotten. The signal comes again soon.
+    Not where Python prints and forgets what is raised, as in the callback of the garbage collector that JAX has, which
+    runs all the time while it traces. The signal comes again soon.
     """
-    collecting = [getattr(callback, "__code__", None) for callback in gc.callbacks]
     within = frame
     while within is not None:
-        if within.f_code in collecting:
+        if _forgets(within):
             again = threading.Timer(AGAIN_S, os.kill, (os.getpid(), number))
             again.daemon = True
             again.start()

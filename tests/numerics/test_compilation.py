@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import weakref
 
 import jax
 import jax.numpy as jnp
@@ -79,20 +80,32 @@ class Slow:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_within_a_garbage_collection_is_heard(number):
-    """Python forgets what its callbacks raise; JAX has one, which runs all the time while it traces."""
+@pytest.mark.parametrize("place", ["collection", "weak reference", "finaliser"])
+def test_a_signal_where_errors_are_forgotten_is_heard(place, number):
+    """Python prints what is raised there and goes on; JAX has a callback of the collector that runs as it traces."""
     signalled = []
 
-    def collecting(phase, info):
+    def signals(*_):
         if not signalled:
-            signalled.append(phase)
+            signalled.append(place)
             signal.raise_signal(number)
+
+    class Finalised:
+        def __del__(self):
+            if place == "finaliser":
+                signals()
 
     @command
     def main(argv):
-        gc.callbacks.append(collecting)
+        value = Finalised()
+        if place == "collection":
+            gc.callbacks.append(signals)
+        if place == "weak reference":
+            weakref.finalize(value, signals)
+        del value
         gc.collect()
-        gc.callbacks.remove(collecting)
+        if place == "collection":
+            gc.callbacks.remove(signals)
         time.sleep(5.0)
         return 0
 
