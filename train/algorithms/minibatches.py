@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 import optax
 from jax import lax
+from jax.flatten_util import ravel_pytree
+from jax.sharding import Mesh, PartitionSpec
 
 
 def split_environments(key: jax.Array, samples: Any, num_minibatches: int) -> Any:
@@ -42,15 +44,21 @@ def descend(
     start: tuple[Any, Any],
     minibatches: Any,
     num_epochs: int,
+    mesh: Mesh,
 ) -> tuple[Any, Any, dict[str, jax.Array]]:
-    """Epochs of gradient steps.
+    """Epochs of gradient steps, each minibatch shared out among devices.
+
+    A step is one message between devices, its gradient and what describes it as one vector: between processes it is
+    the number of messages that costs, each waits until the others are awake.
 
     Args:
-        loss: `(params, minibatch)` to what is to be minimised, and scalars that describe it.
+        loss: `(params, samples)` to what is to be minimised, and scalars that describe it. All are means over samples,
+            since those of a minibatch are the means of its devices'.
         optimizer: of optax.
         start: parameters, and the optimiser's state.
-        minibatches: leaves `(num_minibatches, ...)`.
+        minibatches: leaves `(num_minibatches, samples, ...)`.
         num_epochs: passes over all.
+        mesh: of `environment_mesh`; its number of devices divides the samples.
 
     Returns:
         Parameters, the optimiser's state, and the scalars averaged over the steps, `grad_norm` among them.
@@ -58,14 +66,22 @@ def descend(
 
     def step(carry: tuple[Any, Any], batch: Any) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
         params, opt_state = carry
-        gradient, metrics = jax.grad(loss, has_aux=True)(params, batch)
+        own, restore = ravel_pytree(jax.grad(loss, has_aux=True)(params, batch))
+        gradient, metrics = restore(lax.pmean(own, mesh.axis_names))
         squares = (jnp.sum(jnp.square(leaf)) for leaf in jax.tree.leaves(gradient))
         metrics["grad_norm"] = jnp.sqrt(sum(squares))
         change, opt_state = optimizer.update(gradient, opt_state, params)
         return (optax.apply_updates(params, change), opt_state), metrics
 
-    def epoch(carry: tuple[Any, Any], _: None) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
-        return lax.scan(step, carry, minibatches)
+    def epochs(
+        start: tuple[Any, Any], minibatches: Any
+    ) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
+        return lax.scan(
+            lambda carry, _: lax.scan(step, carry, minibatches), start, None, length=num_epochs
+        )
 
-    (params, opt_state), metrics = lax.scan(epoch, start, None, length=num_epochs)
+    same, shared = PartitionSpec(), PartitionSpec(None, mesh.axis_names)
+    (params, opt_state), metrics = jax.shard_map(
+        epochs, mesh=mesh, in_specs=(same, shared), out_specs=same, check_vma=False
+    )(start, minibatches)
     return params, opt_state, jax.tree.map(jnp.mean, metrics)

@@ -1,9 +1,14 @@
-"""Who is in which minibatch."""
+"""Who is in which minibatch, and gradient steps that devices share."""
+
+import re
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+import optax
 
-from train.algorithms.minibatches import split_environments
+from medjax.numerics.devices import environment_mesh
+from train.algorithms.minibatches import descend, split_environments
 
 
 def test_each_sample_is_in_exactly_one_minibatch():
@@ -20,3 +25,32 @@ def test_each_sample_is_in_exactly_one_minibatch():
     assert (dealt["id"][..., 1] - dealt["id"][..., 0] == 1).all()
     other = split_environments(jax.random.key(2), samples, parts)
     assert (other["id"] != dealt["id"]).any()
+
+
+def fit(num_devices):
+    """A line fitted by epochs of gradient steps on so many devices, ready to be called."""
+    x = jax.random.normal(jax.random.key(0), (3, 8, 5))
+    y = x @ jnp.arange(5.0) + 2.0
+    start = {"slope": jnp.zeros(5), "offset": jnp.zeros(())}
+    optimizer = optax.adam(0.1)
+
+    def loss(params, batch):
+        error = batch[0] @ params["slope"] + params["offset"] - batch[1]
+        return jnp.mean(jnp.square(error)), {"error": jnp.mean(jnp.abs(error))}
+
+    mesh = environment_mesh(8, num_devices)
+    began = start, optimizer.init(start)
+    return jax.jit(lambda batches: descend(loss, optimizer, began, batches, 60, mesh)), (x, y)
+
+
+def test_devices_that_share_a_minibatch_take_the_steps_of_one():
+    alone, shared = ([*run(batches)] for run, batches in map(fit, (1, 2)))
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-6), alone, shared)
+    np.testing.assert_allclose(shared[0]["slope"], np.arange(5.0), atol=0.3)
+
+
+def test_a_gradient_step_is_one_message():
+    """Gradients of all arrays and all scalars together: each message between processes waits for them to wake."""
+    run, batches = fit(2)
+    program = run.lower(batches).compile().as_text()
+    assert len(re.findall(r" all-reduce(?:-start)?\(", program)) == 1

@@ -26,7 +26,13 @@ from train.algorithms.normalization import (
     scale_reward,
     update_stats,
 )
-from train.algorithms.ppo.losses import Batch, explained_variance, ppo_loss
+from train.algorithms.ppo.losses import (
+    Batch,
+    explained_variance,
+    leaves_choice,
+    ppo_loss,
+    weigh,
+)
 from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.rollout import (
     Collector,
@@ -145,13 +151,14 @@ class PPOLearner:
             value=trajectory.value,
             advantage=less_others(advantage, self.config.same_demand),
             target=target,
+            weight=leaves_choice(trajectory.mask).astype(jnp.float32),
         )
 
     def _learn(
         self, key: jax.Array, samples: Batch, params: Any, opt_state: Any
     ) -> tuple[Any, Any, Metrics]:
         """Epochs of minibatches. Returns parameters, optimiser state and metrics averaged over the gradient steps."""
-        minibatches = split_environments(key, samples, self.config.num_minibatches)
+        minibatches = jax.vmap(weigh)(split_environments(key, samples, self.config.num_minibatches))
 
         def loss_fn(candidate: Any, batch: Batch) -> tuple[jax.Array, Metrics]:
             output: Any = self.collector.network.apply(candidate, batch.obs)
@@ -159,7 +166,8 @@ class PPOLearner:
             return ppo_loss(masked_categorical(logits, batch.mask), value, batch, self.config)
 
         start = params, opt_state
-        return descend(loss_fn, self.optimizer, start, minibatches, self.config.num_epochs)
+        epochs = self.config.num_epochs
+        return descend(loss_fn, self.optimizer, start, minibatches, epochs, self.mesh)
 
 
 def build_learner(env: Environment, params: Any, config: PPOConfig) -> PPOLearner:

@@ -1,5 +1,7 @@
 """The PPO objective."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 from flax import struct
@@ -19,6 +21,7 @@ class Batch:
     value: jax.Array  # when it was taken
     advantage: jax.Array
     target: jax.Array  # for the value
+    weight: jax.Array  # in what is learned of acting: none where there was no choice
 
 
 def clipped_surrogate(
@@ -59,44 +62,47 @@ def leaves_choice(mask: jax.Array) -> jax.Array:
     return jnp.sum(mask, axis=-1) > 1
 
 
-def weighted_mean(x: jax.Array, weight: jax.Array) -> jax.Array:
-    """Mean of `x` with `weight`, both `(...)`; 0 where all weights are."""
-    return jnp.sum(x * weight) / jnp.maximum(jnp.sum(weight), 1e-8)
+def weigh(batch: Batch) -> Batch:
+    """A minibatch as `ppo_loss` takes it, whole or in parts.
+
+    Advantages are shifted and scaled to mean 0 and standard deviation 1 over the decisions that leave a choice, and
+    these alone have a weight. Where only one action is allowed nothing can be learned about acting, and with a long
+    cooldown these are nearly all: they would drown the others in the standardisation of advantages, in the clipped
+    norm of the gradient, and in what is reported.
+    """
+    weight = batch.weight / jnp.maximum(jnp.mean(batch.weight), 1e-8)
+    return dataclasses.replace(batch, advantage=standardize(batch.advantage, weight), weight=weight)
 
 
 def standardize(advantage: jax.Array, weight: jax.Array, eps: float = 1e-8) -> jax.Array:
-    """Shifts and scales to mean 0 and standard deviation 1 over the entries of weight 1; both `(...)`."""
-    centred = advantage - weighted_mean(advantage, weight)
-    return centred / (jnp.sqrt(weighted_mean(jnp.square(centred), weight)) + eps)
+    """Shifts and scales to mean 0 and standard deviation 1 by weights of mean 1, or 0 everywhere; all `(...)`."""
+    centred = advantage - jnp.mean(advantage * weight)
+    return centred / (jnp.sqrt(jnp.mean(jnp.square(centred) * weight)) + eps)
 
 
 def ppo_loss(
     distribution: Categorical, value: jax.Array, batch: Batch, config: PPOConfig
 ) -> tuple[jax.Array, dict[str, jax.Array]]:
-    """Loss of one minibatch, to be minimised.
+    """Loss of samples of a minibatch, to be minimised; that of the whole is the mean of its parts'.
 
-    The terms of the policy are means over the decisions that leave a choice. Where only one action is allowed nothing
-    can be learned about acting, and with a long cooldown these are nearly all: they would drown the others in the
-    standardisation of advantages, in the clipped norm of the gradient, and in what is reported. Values are learned
-    everywhere.
+    Values are learned everywhere, acting where decisions have a weight.
 
     Args:
         distribution: policy being learned at `batch.obs`, masked by `batch.mask`.
         value: `(...)`, value being learned at `batch.obs`.
-        batch: samples.
+        batch: samples of what `weigh` returned.
         config: has the clip and the weights of the terms.
 
     Returns:
         The loss `()`, and scalars that describe it.
     """
+    weight = batch.weight
     log_prob = distribution.log_prob(batch.action)
-    choice = leaves_choice(batch.mask).astype(jnp.float32)
-    advantage = standardize(batch.advantage, choice)
-    surrogate = clipped_surrogate(log_prob, batch.log_prob, advantage, config.clip_epsilon)
-    policy_term = -weighted_mean(surrogate, choice)
+    surrogate = clipped_surrogate(log_prob, batch.log_prob, batch.advantage, config.clip_epsilon)
+    policy_term = -jnp.mean(surrogate * weight)
     value_clip = config.clip_epsilon if config.clip_value else None
     value_term = jnp.mean(value_loss(value, batch.value, batch.target, value_clip))
-    entropy = weighted_mean(distribution.entropy(), choice)
+    entropy = jnp.mean(distribution.entropy() * weight)
     loss = policy_term + config.value_coef * value_term - config.entropy_coef * entropy
     log_ratio = log_prob - batch.log_prob
     ratio = jnp.exp(log_ratio)
@@ -107,9 +113,9 @@ def ppo_loss(
         "value_loss": value_term,
         "entropy": entropy,
         # the low-variance, never negative estimate of http://joschu.net/blog/kl-approx.html
-        "approx_kl": weighted_mean(ratio - 1.0 - log_ratio, choice),
-        "clip_fraction": weighted_mean(outside.astype(jnp.float32), choice),
-        "choice_share": jnp.mean(choice),
+        "approx_kl": jnp.mean((ratio - 1.0 - log_ratio) * weight),
+        "clip_fraction": jnp.mean(outside * weight),
+        "choice_share": jnp.mean(weight > 0.0),
     }
     return loss, metrics
 

@@ -13,6 +13,7 @@ from train.algorithms.ppo.losses import (
     ppo_loss,
     standardize,
     value_loss,
+    weigh,
 )
 from train.algorithms.ppo.settings import PPOConfig
 
@@ -67,7 +68,7 @@ def test_standardize():
     np.testing.assert_allclose(standardize(jnp.asarray(x), ones), expected, rtol=1e-4, atol=1e-5)
     some = np.random.default_rng(1).random((7, 9)) < 0.3
     expected = (x - x[some].mean()) / x[some].std()
-    got = standardize(jnp.asarray(x), jnp.asarray(some, jnp.float32))
+    got = standardize(jnp.asarray(x), jnp.asarray(some / some.mean(), jnp.float32))
     np.testing.assert_allclose(got, expected, rtol=1e-4, atol=1e-5)
     assert np.isfinite(standardize(jnp.ones(4), jnp.ones(4))).all()
     assert np.isfinite(standardize(jnp.ones(4), jnp.zeros(4))).all()
@@ -85,11 +86,12 @@ def test_decisions_without_a_choice_teach_the_value_only():
         value=value,
         advantage=jnp.asarray(rng.normal(size=6), jnp.float32),
         target=value + 1.0,
+        weight=jnp.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]),
     )
     config = PPOConfig(clip_epsilon=EPS, value_coef=0.5, entropy_coef=0.01, clip_value=False)
 
     def loss(logits, value, batch):
-        return ppo_loss(masked_categorical(logits, batch.mask), value, batch, config)[0]
+        return ppo_loss(masked_categorical(logits, batch.mask), value, weigh(batch), config)[0]
 
     policy, critic = jax.grad(loss, (0, 1))(logits, value, batch)
     np.testing.assert_array_equal(policy[3:], 0.0)
@@ -100,6 +102,46 @@ def test_decisions_without_a_choice_teach_the_value_only():
     forced = jax.tree.map(lambda x: x[3:], batch)
     for gradient in jax.grad(loss, (0, 1))(logits[3:], value[3:], forced):
         assert np.isfinite(gradient).all()
+
+
+def test_the_loss_of_a_minibatch_is_the_mean_of_its_parts():
+    """As devices that share it need: its gradient and every scalar, whoever has the decisions with a choice."""
+    rng = np.random.default_rng(3)
+    shape = 4, 6
+    batch = Batch(
+        obs=jnp.zeros((*shape, 1)),
+        mask=jnp.ones((*shape, 3), bool),
+        action=jnp.asarray(rng.integers(0, 3, shape)),
+        log_prob=jnp.asarray(rng.normal(-1.0, 0.3, shape), jnp.float32),
+        value=jnp.asarray(rng.normal(size=shape), jnp.float32),
+        advantage=jnp.asarray(rng.normal(2.0, 3.0, shape), jnp.float32),
+        target=jnp.asarray(rng.normal(size=shape), jnp.float32),
+        weight=jnp.asarray(rng.random(shape) < np.array([[0.9], [0.5], [0.1], [0.0]]), jnp.float32),
+    )
+    weighed = weigh(batch)
+    table = jnp.asarray(rng.normal(size=(3,)), jnp.float32)
+
+    def loss(params, samples):
+        logits = jnp.broadcast_to(params, (*samples.value.shape, 3))
+        value = samples.value + params[0]
+        return ppo_loss(masked_categorical(logits, samples.mask), value, samples, PPOConfig())
+
+    whole = jax.grad(loss, has_aux=True)(table, weighed)
+    halves = [
+        jax.grad(loss, has_aux=True)(table, jax.tree.map(lambda x, part=part: x[part], weighed))
+        for part in (slice(0, 2), slice(2, 4))
+    ]
+    mean = jax.tree.map(lambda a, b: 0.5 * (a + b), *halves)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=2e-5, atol=1e-6), whole, mean)
+    # by hand, over the decisions with a choice alone
+    some = np.asarray(batch.weight) > 0
+    advantage = np.asarray(batch.advantage)
+    standard = (advantage - advantage[some].mean()) / advantage[some].std()
+    log_prob = np.log(np.exp(table) / np.exp(table).sum())[np.asarray(batch.action)]
+    ratio = np.exp(log_prob - np.asarray(batch.log_prob))
+    surrogate = np.minimum(ratio * standard, np.clip(ratio, 0.8, 1.2) * standard)
+    assert whole[1]["policy_loss"] == pytest.approx(-surrogate[some].mean(), rel=1e-4)
+    assert whole[1]["choice_share"] == pytest.approx(some.mean())
 
 
 def test_explained_variance():
