@@ -10,9 +10,10 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import jax
+import numpy as np
 from jax.sharding import AxisType, Mesh, PartitionSpec
 
-from medjax.errors import InputError
+from medjax.errors import InputError, shown
 from medjax.numerics.rows import CACHED_ROWS, in_blocks
 
 Result = TypeVar("Result")
@@ -53,8 +54,11 @@ def environment_mesh(
         devices: to choose from, as many of each process; None: those of this process.
 
     Raises:
-        InputError: more devices than there are, or a number that does not divide num_envs.
+        InputError: no whole number, more devices than there are, or a number that does not divide num_envs.
     """
+    for name, value in (("num_envs", num_envs), ("num_devices", num_devices)):
+        if not isinstance(value, int | np.integer):
+            raise InputError(f"{name} is {shown(value)}, allowed: a whole number")
     if num_envs < 1:
         raise InputError(f"num_envs is {num_envs}, allowed: at least 1")
     by_process: dict[int, list[jax.Device]] = {}

@@ -21,7 +21,7 @@ def load_pretrained(scenario: str = "paper") -> ExportedPolicy:
       InputError: none comes with medjax.
     """
     there = {path.stem: path for path in sorted(FILES.glob("*.zip"))}
-    if scenario not in there:
+    if not isinstance(scenario, str) or scenario not in there:
         raise InputError(
             f"no policy was trained for {shown(scenario)}: allowed {', '.join(there)}, or a file of one's own"
         )

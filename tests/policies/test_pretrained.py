@@ -63,3 +63,4 @@ def test_acts_by_name_in_its_world_and_no_other():
     with pytest.raises(InputError, match="features"):
         as_policy(three, "pretrained")
     refused(lambda: medjax.load_pretrained("moon"), "moon", "paper")
+    refused(lambda: medjax.load_pretrained(["paper"]), "['paper']", "paper")

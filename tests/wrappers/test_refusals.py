@@ -43,6 +43,8 @@ NONE = "env is None: allowed an environment"
         (lambda env: BatchAutoReset(env, group=0), "group is 0, must be a whole number"),
         (lambda env: env.with_probe(3), "probe is 3: allowed a function"),
         (lambda env: environment_mesh(0), "num_envs is 0, allowed: at least 1"),
+        (lambda env: environment_mesh("x"), "num_envs is 'x', allowed: a whole number"),
+        (lambda env: environment_mesh(4, 2.0), "num_devices is 2.0, allowed: a whole number"),
         (lambda env: update_stats(init_stats(), jnp.zeros((0,))), "samples have shape (0,)"),
     ],
 )
