@@ -6,7 +6,7 @@ They are here and not in `train` itself, where `train.evaluate` is the module of
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any
 
 import medjax
 from medjax.commandline import as_path
@@ -23,6 +23,7 @@ from train.algorithms.registry import algorithm_of
 from train.evaluation.comparison import Comparison, check_known
 from train.evaluation.summary import summarize
 from train.runs.arguments import Request
+from train.runs.checkpoint import CHECKPOINTS
 from train.runs.interrupts import StoppedError
 from train.runs.logs import Row
 from train.runs.open_session import open_session
@@ -62,20 +63,6 @@ class TrainedRun:
         return self.policies[self.config.algorithm]
 
 
-class Conduct(TypedDict, total=False):
-    """How `train` goes about it.
-
-    Attributes:
-        from_update: with `resume`, whose checkpoint to go on from, in place of the newest; later ones are removed.
-        callback: gets each update's row of metrics.jsonl once it is written. What it raises ends the run.
-        quiet: nothing is said on the way.
-    """
-
-    from_update: int | None
-    callback: Callable[[Row], object] | None
-    quiet: bool
-
-
 def train(
     env: Any = None,
     params: Any = None,
@@ -83,7 +70,8 @@ def train(
     *,
     run_dir: str | Path | None = None,
     resume: str | Path | None = None,
-    **conduct: Unpack[Conduct],
+    callback: Callable[[Row], object] | None = None,
+    quiet: bool = False,
 ) -> TrainedRun:
     """Trains and evaluates a dispatcher, as `python -m train.ppo` does.
 
@@ -95,8 +83,10 @@ def train(
             that is given.
         run_dir: new or empty directory for the results; None: an unused one under `runs/`. Where settings cannot
             rebuild the environment, its config.json says so, and the commands on runs refuse it.
-        resume: directory of a run to go on with, in place of run_dir.
-        **conduct: `from_update`, `callback` and `quiet`, of `Conduct`.
+        resume: directory of a run to go on with, in place of run_dir; or one of its `checkpoints/N.npz`, to go on from
+            there, which removes later ones.
+        callback: gets each update's row of metrics.jsonl once it is written. What it raises ends the run.
+        quiet: nothing is said on the way.
 
     Raises:
         InputError: bad input; nothing was written.
@@ -106,14 +96,14 @@ def train(
     """
     if run_dir is not None and resume is not None:
         raise InputError(f"run_dir is {shown(run_dir)} and resume {shown(resume)}, allowed: one")
-    new, old = (
-        None if path is None else as_path(name, path)
-        for name, path in (("run_dir", run_dir), ("resume", resume))
-    )
-    how = _conduct(old, **conduct)
+    if callback is not None and not callable(callback):
+        raise InputError(f"callback is {shown(callback)}, allowed: a function")
+    new = None if run_dir is None else as_path("run_dir", run_dir)
+    old, update = (None, None) if resume is None else _to_resume(resume)
     settings = _settings(config, old, given=env is not None and not isinstance(env, str))
     settings, given = _environment(env, params, settings)
-    session = open_session(Request(settings, run_dir=new, resume=old, given=given, **how))
+    how: dict[str, Any] = {"given": given, "callback": callback, "quiet": quiet}
+    session = open_session(Request(settings, new, old, from_update=update, **how))
     try:
         ended = session.train()
     except StoppedError as stopped:
@@ -128,22 +118,15 @@ def train(
     return TrainedRun(policies, *where, ended.env, ended.params, settings)
 
 
-def _conduct(
-    resume: Path | None,
-    from_update: int | None = None,
-    callback: Callable[[Row], object] | None = None,
-    quiet: bool = False,
-) -> Conduct:
-    """What is given of `Conduct`, checked."""
-    if from_update is not None:
-        if resume is None:
-            raise InputError(
-                f"from_update is {shown(from_update)} without resume, allowed: with it"
-            )
-        whole_number_of("from_update", from_update, 0)
-    if callback is not None and not callable(callback):
-        raise InputError(f"callback is {shown(callback)}, allowed: a function")
-    return {"from_update": from_update, "callback": callback, "quiet": quiet}
+def _to_resume(given: str | Path) -> tuple[Path, int | None]:
+    """The directory of a run, and the update of the checkpoint that is given of it."""
+    path = as_path("resume", given)
+    if path.suffix != ".npz":
+        return path, None
+    if path.parent.name != CHECKPOINTS or not path.stem.isdecimal():
+        allowed = f"a run's directory, or its {CHECKPOINTS}/N.npz"
+        raise InputError(f"resume {shown(str(path))}: allowed {allowed}")
+    return path.parent.parent, int(path.stem)
 
 
 def _settings(config: TrainConfig | None, resume: Path | None, given: bool) -> TrainConfig:

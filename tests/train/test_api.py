@@ -130,8 +130,8 @@ def test_what_is_wrong_is_said_at_once(probe, config):
         (lambda: evaluate("noisy", None, ["none"], baseline=[]), r"baseline \[\]: allowed none"),
         (lambda: train("noisy", None, {"seed": 1}), "config is {'seed': 1}, allowed: settings"),
         (lambda: train("noisy", None, config, callback=3), "callback is 3, allowed: a function"),
-        (lambda: train("noisy", None, config, from_update=3), "from_update is 3 without resume"),
-        (lambda: train(resume="run", from_update=1.5), "from_update is 1.5, must be a whole"),
+        (lambda: train(resume="run/3.npz"), "resume 'run/3.npz': allowed a run's directory"),
+        (lambda: train(resume="run/checkpoints/x.npz"), "allowed a run's directory, or its check"),
         (lambda: train("noisy", None, config, run_dir=3), "run_dir 3: allowed a path"),
         (lambda: train("noisy", None, config, run_dir=""), "run_dir '': allowed a path"),
         (lambda: train("noisy", None, config, run_dir="a\0b"), "printable characters"),
@@ -153,13 +153,12 @@ def test_the_checkpoint_to_go_on_from(probe, config):
     config = dataclasses.replace(config, eval_episodes=0, anneal=False, updates_per_call=1)
     train("noisy", None, config, run_dir="whole", quiet=True)
     train("noisy", None, config, run_dir="run", quiet=True)
-    more = {"config": config, "resume": "run", "quiet": True}
     refusals = []
     for update, words in ((3, "from_update is 3, allowed: 2, 4, 6"), (6, "has done its 96")):
         with pytest.raises(InputError, match=words) as refusal:
-            train(from_update=update, **more)
+            train(config=config, resume=f"run/checkpoints/{update}.npz", quiet=True)
         refusals.append(refusal)  # whose frames live on, as in a notebook
-    again = train(from_update=4, **more)
+    again = train(config=config, resume="run/checkpoints/4.npz", quiet=True)
     assert [row["update"] for row in again.rows] == [1, 2, 3, 4, 5, 6]
     assert_same_run(probe / "whole", probe / "run")
 

@@ -23,6 +23,7 @@ from train.settings import TrainConfig, to_json
 
 # Of what this version writes and reads; in 1 the first policy was a bias of the last layer.
 FORMAT = 2
+CHECKPOINTS = "checkpoints"  # in the directory of a run
 ABOUT = "about"
 WEIGHTS = "weights/"  # begins the names of what acting needs
 
@@ -40,7 +41,7 @@ class Checkpoints:
     """
 
     def __init__(self, run_dir: Path, keep: int = 1) -> None:
-        self.directory = Path(run_dir) / "checkpoints"
+        self.directory = Path(run_dir) / CHECKPOINTS
         self.keep = keep
 
     def save(self, state: TrainState, config: TrainConfig) -> None:
