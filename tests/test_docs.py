@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import medjax
+from medjax.numerics import compilation
 from medjax.world.charging_params import CoilDesign
 from medjax.world.params import PRICES, WEIGHTS
 from medjax.world.presets import Recipe
@@ -27,6 +28,12 @@ TRAINING = [name for name, code in EXAMPLES.items() if "train.api" in code]
 
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+
+@pytest.fixture(autouse=True)
+def nobody_listens(monkeypatch):
+    """An example's `prepare_jax` would have every later test of the process say what takes long to compile."""
+    monkeypatch.setattr(compilation._Messages, "heard", True)
 
 
 def run(code):
