@@ -65,6 +65,7 @@ def descend(
     """
 
     def step(carry: tuple[Any, Any], batch: Any) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
+        """A gradient step on a device's own samples `(samples / devices, ...)` of a minibatch, the same on all."""
         params, opt_state = carry
         own, restore = ravel_pytree(jax.grad(loss, has_aux=True)(params, batch))
         gradient, metrics = restore(lax.pmean(own, mesh.axis_names))

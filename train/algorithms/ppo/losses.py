@@ -63,7 +63,7 @@ def leaves_choice(mask: jax.Array) -> jax.Array:
 
 
 def weigh(batch: Batch) -> Batch:
-    """A minibatch as `ppo_loss` takes it, whole or in parts.
+    """A whole minibatch, leaves `(...)`, as `ppo_loss` takes it or parts of it.
 
     Advantages are shifted and scaled to mean 0 and standard deviation 1 over the decisions that leave a choice, and
     these alone have a weight. Where only one action is allowed nothing can be learned about acting, and with a long
