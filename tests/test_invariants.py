@@ -38,6 +38,8 @@ MOST = EnvConfig(
     tick_s=0.05,
     ticks_per_round=20,
 )
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
 LEAST = EnvConfig(
     num_lanes=1, num_ramps=0, num_meds=1, num_evs=12, num_gas=12, tick_s=0.5, ticks_per_round=2
 )

@@ -10,6 +10,8 @@ import pytest
 import medjax
 from benchmarks.verification.invariants import stands_open
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 # Of rules that send MEDs; `python -m benchmarks.soak` has the same in random worlds.
 EPISODES, DECISIONS = 4, 600
 

@@ -10,6 +10,8 @@ from medjax.env.agents.actions import Parts
 from medjax.policies.policy import Choice, Policy
 from tests.benchmarks.refusal import refused
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 SMALL = {
     "size": 4,
     "num_meds": 4,

@@ -36,6 +36,7 @@ class World:
         self.step = jax.jit(self._step)
         self.mask = jax.jit(self.env.action_mask)
         self.view = jax.jit(self.env.get_obs)
+        self._reset = jax.jit(self.env.reset)
 
     def _step(self, *given):
         """The agents' rewards in place of the team's."""
@@ -43,7 +44,7 @@ class World:
         return obs, state, info["rewards"], *ends, info
 
     def reset(self, seed=0):
-        return self.env.reset(jax.random.key(seed), self.params)
+        return self._reset(jax.random.key(seed), self.params)
 
 
 @pytest.fixture(scope="package")

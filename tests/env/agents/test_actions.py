@@ -9,6 +9,8 @@ import pytest
 from medjax.env.agents.actions import AgentActions, Parts
 from medjax.world.state import AT_DEPOT, IN_SERVICE, MERGING, QUEUED
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 SPACES = [
     AgentActions((14.0, 18.0, 22.0), (1, 2), num_ramps=4, exits=True),
     AgentActions((22.0,), (0,), num_ramps=1, exits=False),

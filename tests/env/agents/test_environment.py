@@ -5,13 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from medjax.env.agents.actions import Parts
 from medjax.env.agents.environment import AgentsEnv
 from medjax.traffic.exits import next_exit
 from medjax.world.state import AT_DEPOT, IN_SERVICE, RETIRED, Tally
 from tests.env.agents.conftest import World
 
-TOLD = ("told_seconds", "told_speed_m", "refusing_seconds", "left_early")  # counts of agents alone
+pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
 def in_service(trips, state, **parts):
@@ -30,26 +29,6 @@ def play(trips, state, decisions, **parts):
     return state
 
 
-def test_the_dispatcher_is_a_special_case(trips):
-    """Agents that enter when told and otherwise do as the rule does: the same highway as `ChargingEnv`, bit for bit."""
-    single = trips.env.env
-    alone = jax.jit(single.step_env)
-    _, ours = trips.reset(1)
-    _, theirs = single.reset(jax.random.key(1), trips.params)
-    for number in range(12):
-        ramp = number % 3
-        head = int(np.argmax(np.asarray(ours.meds.status) == AT_DEPOT))
-        actions = jnp.zeros(4, jnp.int32).at[head].set(ramp)
-        key = jax.random.key(number)
-        _, ours, rewards, *_ = trips.step(key, ours, actions, trips.params)
-        _, theirs, reward, *_ = alone(key, theirs, jnp.int32(ramp), trips.params)
-        none = {name: jnp.zeros(()) for name in TOLD}
-        road = ours.replace(tally=ours.tally.replace(**none))
-        jax.tree.map(np.testing.assert_array_equal, road, theirs)
-        np.testing.assert_array_equal(rewards, np.full(4, reward))
-    assert (ours.meds.status != AT_DEPOT).any()
-
-
 def test_a_slower_med_is_slower(trips, busy):
     """After half a minute those in service drive what they were told, or are behind somebody; nobody drives faster."""
     slow = trips.actions.speeds.index(14.0)
@@ -65,7 +44,7 @@ def test_a_slower_med_is_slower(trips, busy):
 def test_a_med_changes_its_lane(trips):
     """On a road without EVs: it comes to the lane that it is told, stays in service, and goes back."""
     params = trips.params.replace(demand=trips.params.demand.replace(ev_share=jnp.float32(0.0)))
-    _, state = trips.env.reset(jax.random.key(0), params)
+    _, state = jax.jit(trips.env.reset)(jax.random.key(0), params)
 
     def go_on(state, decisions, **parts):
         for number in range(decisions):
@@ -140,18 +119,6 @@ def test_what_is_not_allowed_counts_as_the_rule(trips, busy):
     _, state, *_ = parts(key, busy, absurd, params)
     assert float(state.tally.invalid_actions - usual.tally.invalid_actions) == 2.0
     np.testing.assert_array_equal(state.vehicles.x, usual.vehicles.x)
-
-
-def test_parts_and_folded_are_the_same_step(trips, busy):
-    """One decision by either."""
-    rule = trips.actions.by_rule(busy, trips.params)
-    serves = busy.meds.status == IN_SERVICE
-    parts = rule._replace(speed=jnp.where(serves, 1, rule.speed), accept=jnp.where(serves, 0, 1))
-    folded = jnp.where(serves, trips.actions.fold(Parts(*parts), serves), 0)
-    key = jax.random.key(9)
-    _, one, *_ = jax.jit(trips.env.step_parts)(key, busy, parts, trips.params)
-    _, other, *_ = trips.step(key, busy, folded, trips.params)
-    jax.tree.map(np.testing.assert_array_equal, one, other)
 
 
 def test_own_reward_by_hand(trips, busy):

@@ -10,6 +10,8 @@ from medjax.env.agents.environment import ROAD
 from medjax.env.agents.view import OF_AN_EV, OF_ITSELF, AgentView
 from medjax.world.state import IN_SERVICE
 
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
 
 def test_nearest_evs_by_hand(trips, busy):
     """Ways, speeds and bookings of the eight nearest, by a loop."""
