@@ -74,7 +74,8 @@ def dispatch(
         ramp=jnp.where(chosen, action - 1, meds.ramp),
     )
     cooldown = jnp.where(sent, params.fleet.cooldown_s, state.cooldown_s)
-    tally = Tally.zeros().replace(
+    nothing = Tally.zeros(0 * state.time)  # carried through the ticks
+    tally = nothing.replace(
         meds_dispatched=sent.astype(jnp.float32), invalid_actions=(~allowed).astype(jnp.float32)
     )
     return state.replace(meds=meds, cooldown_s=cooldown), tally

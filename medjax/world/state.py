@@ -107,12 +107,17 @@ class Tally(struct.PyTreeNode):
     left_early: jax.Array  # () that made for an exit on their own
 
     @classmethod
-    def zeros(cls) -> Tally:
-        """Nothing has happened."""
-        zero = jnp.zeros((), jnp.float32)
-        scalars = dict.fromkeys(cls.__dataclass_fields__, zero)
-        kinds = dict.fromkeys(("entered", "left"), jnp.zeros((len(KINDS),), jnp.float32))
-        gas = jnp.zeros((len(GAS_KINDS),), jnp.float32)
+    def zeros(cls, zero: jax.Array | int = 0) -> Tally:
+        """Nothing has happened.
+
+        Args:
+          zero: () integer 0. Under `vmap`, JAX works the ticks out anew for each sum that begins as the same constant in
+            all environments and then becomes each one's own; a zero made of an environment's state begins as its own.
+        """
+        number = jnp.asarray(zero, jnp.float32)
+        scalars = dict.fromkeys(cls.__dataclass_fields__, number)
+        kinds = dict.fromkeys(("entered", "left"), jnp.full((len(KINDS),), number))
+        gas = jnp.full((len(GAS_KINDS),), number)
         return cls(**scalars | kinds | {"gas_seconds": gas, "gas_distance_m": gas})
 
     def __add__(self, other: Tally) -> Tally:
