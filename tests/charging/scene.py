@@ -14,7 +14,7 @@ def scene(env, params, *, panel, ev_x, ev_lane, human=False):
 
     The MED drives at MED_SPEED where that is the fleet's service speed.
     """
-    _, state = env.reset(jax.random.key(0), params)
+    _, state = jax.jit(env.reset)(jax.random.key(0), params)
     vehicles, med, ev = state.vehicles, 0, env.config.num_meds
     both = jnp.array([med, ev])
     still = jnp.zeros_like(vehicles.x)

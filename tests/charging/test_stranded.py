@@ -121,7 +121,7 @@ def test_a_booked_ev_that_runs_out_gives_its_slot_back():
     assert np.all(states.evs.med[:, 0] == NOT_BOOKED)
     assert float(tally.evs_served) == 0.0
     last = jax.tree.map(lambda leaf: jnp.asarray(leaf[-1]), states)
-    _, after, *_ = env.step_env(jax.random.key(0), last, 0, params)
+    _, after, *_ = jax.jit(env.step_env)(jax.random.key(0), last, 0, params)
     assert int(after.evs.med[0]) == NOT_BOOKED
 
 

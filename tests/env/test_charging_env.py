@@ -17,10 +17,15 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
 @pytest.fixture(scope="module")
-def step(paper):
-    """The raw step, compiled."""
-    env, params = paper
-    return jax.jit(lambda key, state, action: env.step_env(key, state, action, params))
+def raw(paper, quick_compiles):
+    """The preset's raw step, compiled for numbers of any world of its sizes."""
+    return jax.jit(paper[0].step_env)
+
+
+@pytest.fixture(scope="module")
+def step(paper, raw):
+    """That of the preset's own numbers."""
+    return lambda key, state, action: raw(key, state, action, paper[1])
 
 
 def test_spaces_and_shapes(paper, started):
@@ -64,7 +69,7 @@ def test_compiles_once(paper):
     def step(key, state, action, params):
         return env.step(key, state, action, params)
 
-    _, state = env.reset(jax.random.key(0), params)
+    _, state = jax.jit(env.reset)(jax.random.key(0), params)
     for seed, action in enumerate((0, 3, 1)):
         changed = params.replace(battery_scale=params.battery_scale + seed)
         _, state, *_ = step(jax.random.key(seed), state, jnp.int32(action), changed)
@@ -83,7 +88,7 @@ def test_vmap_over_parameters(paper):
         charging=axes.charging.replace(slot_power_w=0),
         reward_weights={**axes.reward_weights, "soc": 0},
     )
-    _, state = env.reset(jax.random.key(0), params)
+    _, state = jax.jit(env.reset)(jax.random.key(0), params)
     step = jax.vmap(env.step_env, (None, None, None, axes))
     _, _, reward, _, _, info = jax.jit(step)(jax.random.key(1), state, 0, batch)
     terms = info["reward_terms"]
@@ -91,12 +96,11 @@ def test_vmap_over_parameters(paper):
     np.testing.assert_allclose(reward[1] - reward[0], terms["soc"][1], rtol=1e-5)
 
 
-def test_truncates_at_the_time_limit_and_resets_in_the_same_step():
+def test_truncates_at_the_time_limit_and_resets_in_the_same_step(raw):
     """gymnax's contract: the new episode's state, the old episode's final observation."""
     env, params = medjax.make("paper", episode_decisions=3)
     step = jax.jit(env.step)
-    raw = jax.jit(env.step_env)
-    _, state = env.reset(jax.random.key(0), params)
+    _, state = jax.jit(env.reset)(jax.random.key(0), params)
     for count in range(1, 4):
         key = jax.random.key(count)
         step_key, _ = jax.random.split(key)
@@ -124,15 +128,14 @@ def test_action_out_of_range_counts_as_none(started, step, action):
     assert float(info["metrics"]["meds_dispatched"]) == 0.0
 
 
-def test_cooldown_and_fleet_limit():
+def test_cooldown_and_fleet_limit(raw):
     """A MED every 5 s at most, 3 in all; a masked action sends none and is counted."""
     env, params = medjax.make("paper", cooldown_s=5.0, size=3)
-    step = jax.jit(env.step_env)
-    _, state = env.reset(jax.random.key(0), params)
+    _, state = jax.jit(env.reset)(jax.random.key(0), params)
     sent, allowed = [], []
     for decision in range(25):
         allowed.append(bool(env.action_mask(state, params)[2]))
-        _, state, _, _, _, info = step(jax.random.key(decision), state, 2, params)
+        _, state, _, _, _, info = raw(jax.random.key(decision), state, 2, params)
         sent.append(float(info["tally"].meds_dispatched))
     assert list(np.flatnonzero(sent)) == [0, 5, 10] == list(np.flatnonzero(allowed))
     assert float(info["metrics"]["invalid_actions"]) == 22.0
@@ -140,17 +143,16 @@ def test_cooldown_and_fleet_limit():
     assert np.sum(np.asarray(state.meds.status) == RETIRED) == 12  # those the fleet does not have
 
 
-def test_a_med_returns_after_its_turnaround():
+def test_a_med_returns_after_its_turnaround(raw):
     """Re-use is a parameter: a MED that left is at the depot again, full, after turnaround_s."""
     env, params = medjax.make(
         "paper", turnaround_s=20.0, size=1, mainline_per_h=0.0, ramp_per_h=0.0, cooldown_s=0.0
     )
-    step = jax.jit(env.step_env)
-    _, state = env.reset(jax.random.key(0), params)
+    _, state = jax.jit(env.reset)(jax.random.key(0), params)
     statuses, energy = [], []
     for decision in range(120):
         action = 4 if decision == 0 else 0
-        _, state, *_ = step(jax.random.key(decision), state, action, params)
+        _, state, *_ = raw(jax.random.key(decision), state, action, params)
         statuses.append(int(state.meds.status[0]))
         energy.append(float(state.meds.energy_j[0]))
     left = statuses.index(RETIRED)
@@ -159,10 +161,10 @@ def test_a_med_returns_after_its_turnaround():
     assert energy[left] < energy[back] == pytest.approx(float(params.med_capacity_j))
 
 
-def test_med_waits_for_a_safe_gap():
+def test_med_waits_for_a_safe_gap(raw):
     """A MED sent onto a ramp that is blocked stays queued and is not lost."""
     env, params = medjax.make("paper", mainline_per_h=0.0, ramp_per_h=0.0)
-    _, state = env.reset(jax.random.key(0), params)
+    _, state = jax.jit(env.reset)(jax.random.key(0), params)
     vehicles, slot = state.vehicles, env.config.num_vehicles - 1
     vehicles = vehicles.replace(
         active=jnp.zeros_like(vehicles.active).at[slot].set(True),
@@ -170,7 +172,7 @@ def test_med_waits_for_a_safe_gap():
         lane=vehicles.lane.at[slot].set(env.config.num_lanes),
         speed=vehicles.speed.at[slot].set(0.0),
     )
-    _, state, *_ = env.step_env(jax.random.key(0), state.replace(vehicles=vehicles), 1, params)
+    _, state, *_ = raw(jax.random.key(0), state.replace(vehicles=vehicles), 1, params)
     assert int(state.meds.status[0]) == QUEUED
     assert not bool(state.vehicles.active[0])
 
@@ -205,7 +207,7 @@ def test_arrivals_at_a_full_road_wait():
     """With no slot free, who arrives waits in the queue; nobody is lost and nobody enters."""
     env, params = medjax.make("paper", num_evs=2, num_gas=2, mainline_per_h=6000.0)
     step = jax.jit(env.step_env)
-    _, state = env.reset(jax.random.key(0), params)
+    _, state = jax.jit(env.reset)(jax.random.key(0), params)
     most, waiting = 0, []
     for decision in range(60):
         _, state, _, _, _, info = step(jax.random.key(decision), state, 0, params)
@@ -227,7 +229,7 @@ def test_the_coupling_is_a_value():
 
     def share(coupling):
         env = ChargingEnv(made.config, coupling=coupling)
-        _, state = env.reset(jax.random.key(2), params)
+        _, state = jax.jit(env.reset)(jax.random.key(2), params)
 
         def step(state, key):
             return env.step_env(key, state, 1, params)[1], None

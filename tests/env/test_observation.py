@@ -178,7 +178,7 @@ def test_profile_ignores_the_order_of_slots(busy):
 def test_profile_of_a_road_without_ramps():
     """It has no features of ramps, and its size says so."""
     env, params = medjax.make("paper", observation="profile", num_ramps=0)
-    obs, _ = env.reset(jax.random.key(0), params)
+    obs, _ = jax.jit(env.reset)(jax.random.key(0), params)
     assert obs.shape == (env.observation.size(env.config),) == (17 * 12 + 2 * 6 + 4,)
     assert np.isfinite(obs).all()
 
@@ -186,8 +186,8 @@ def test_profile_of_a_road_without_ramps():
 def test_shares_are_of_the_fleet_and_not_of_its_slots():
     """Five MEDs in fifteen slots, one of them sent: four of five are at the depot, and the rule sees as much."""
     env, params = medjax.make("paper", observation="profile", size=5)
-    _, state = env.reset(jax.random.key(0), params)
-    obs, state, *_ = env.step_env(jax.random.key(1), state, 1, params)
+    _, state = jax.jit(env.reset)(jax.random.key(0), params)
+    obs, state, *_ = jax.jit(env.step_env)(jax.random.key(1), state, 1, params)
     shares = np.asarray(env.observe(state, params).clock)[2:]
     queued = int((state.meds.status == QUEUED).sum())
     np.testing.assert_allclose(shares, [0.8, queued / 5], atol=1e-6)

@@ -55,7 +55,7 @@ def test_an_episode_costs_what_its_metrics_say():
     """Rewards added up over an episode with MEDs: the metrics at its end at their prices, one of them changed."""
     env, params = medjax.make("paper", reward="money", reward_weights={"med_h": -50.0})
     policy = medjax.BASELINES["greedy"](env)
-    _, state = env.reset(jax.random.key(0), params)
+    _, state = jax.jit(env.reset)(jax.random.key(0), params)
 
     def step(state, key):
         action = policy(key, None, state, params).action

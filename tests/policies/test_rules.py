@@ -91,7 +91,7 @@ def test_paced_sends_from_the_first_ramp(episodes):
 def test_without_ramps_none_is_sent():
     """Where nothing can be sent, no rule asks for it."""
     env, params = medjax.make("paper", num_ramps=0)
-    _, state = env.reset(jax.random.key(0), params)
+    _, state = jax.jit(env.reset)(jax.random.key(0), params)
     for build in medjax.BASELINES.values():
         assert build(env)(jax.random.key(1), None, state, params).action == 0
 
@@ -117,7 +117,7 @@ def test_greedy_goes_where_the_need_is(episodes, paper):
 def test_forecast_counts_who_will_run_out(paper):
     """EVs that cannot make it, those to come, and free slots, by loops over vehicles."""
     env, params = paper
-    _, state = env.reset(jax.random.key(4), params)
+    _, state = jax.jit(env.reset)(jax.random.key(4), params)
     step = jax.jit(env.step_env)
     for ramp in (1, 2, 1):
         for number in range(25):

@@ -35,7 +35,7 @@ def _played(scenario, rule, noise, decisions, **overrides):
 
     @jax.jit
     def play(key):
-        _, state = env.reset(jax.random.key(4), params)
+        _, state = jax.jit(env.reset)(jax.random.key(4), params)
 
         def decide(state, key):
             choice = policy(key, None, state, params)
@@ -88,7 +88,7 @@ def test_streams_do_not_meet():
 def test_another_future_leaves_the_road_as_it_is():
     """Also under a wrapper."""
     env, params = medjax.make("paper")
-    state = env.reset(jax.random.key(0), params)[1]
+    state = jax.jit(env.reset)(jax.random.key(0), params)[1]
     other = redraw(jax.random.key(1), {"inner": state, "of a wrapper": jnp.ones(3)})
     assert (other["inner"].arrivals != state.arrivals).any()
     back = other["inner"].replace(arrivals=state.arrivals)

@@ -21,7 +21,7 @@ def test_a_med_drives_as_its_kind_until_it_is_in_service():
     """Then at the fleet's service speed; what the state holds stays what it was."""
     desired_speed = [24.0, 30.0, 30.0, 30.0, 24.0]
     env, params = medjax.make("paper", desired_speed=desired_speed, service_speed=19.0)
-    _, state = env.reset(jax.random.key(0), params)
+    _, state = jax.jit(env.reset)(jax.random.key(0), params)
     status = state.meds.status.at[0].set(IN_SERVICE).at[1].set(MERGING)
     state = state.replace(meds=state.meds.replace(status=status))
     drivers = drivers_of(state, env.config, params)
@@ -52,7 +52,7 @@ def test_a_model_of_ones_own_drives_all_vehicles():
     """After a decision of a second, everyone is slower by what the model says."""
     made, params = medjax.make("paper", acceleration_noise=0.0)
     env = ChargingEnv(made.config, following=Coasting(0.5))
-    _, state = env.reset(jax.random.key(0), params)
+    _, state = jax.jit(env.reset)(jax.random.key(0), params)
     after = jax.jit(env.step_env)(jax.random.key(1), state, 0, params)[1]
     stays = state.vehicles.active & after.vehicles.active
     slower = np.asarray(state.vehicles.speed - after.vehicles.speed)[np.asarray(stays)]

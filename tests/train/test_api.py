@@ -47,7 +47,7 @@ def test_five_lines_are_the_command(probe, config):
     assert all(map(math.isfinite, numbers))
     assert ours.run_dir == (probe / "ours").relative_to(probe)
     assert ours.evaluation.result == json.loads((probe / "theirs/evaluation.json").read_text())
-    obs, state = ours.env.reset(jax.random.key(0), ours.params)
+    obs, state = jax.jit(ours.env.reset)(jax.random.key(0), ours.params)
     assert ours.policy(jax.random.key(1), obs, state, ours.params).action in (0, 1)
 
 

@@ -42,7 +42,7 @@ def exported(tmp_path_factory):
     config = PPOConfig(hidden=(16,), overrides=SMALL, decide_every=4, initial_wait=0.01)
     env, params = medjax.make("paper", observation=config.observation, **SMALL)
     network = build_network(env, config)
-    obs, _ = env.reset(jax.random.key(0), params)
+    obs, _ = jax.jit(env.reset)(jax.random.key(0), params)
     variables = network.init(jax.random.key(1), obs[None])
     variables = jax.tree.map(
         lambda leaf: leaf + 0.3 * jnp.cos(jnp.arange(leaf.size)).reshape(leaf.shape), variables

@@ -36,8 +36,8 @@ def test_a_step_is_the_decisions_until_the_next_choice_or_the_end(kind, interval
     """Episodes of 5, 2 and 1 decisions; noisy pays for action 1, which only the first decision takes."""
     env, params = Probe(kind), ProbeParams()
     wrapped = DecideEvery(env, interval)
-    obs, state = wrapped.reset(jax.random.key(1), params)
-    chex.assert_trees_all_equal((obs, state), env.reset(jax.random.key(1), params))
+    obs, state = jax.jit(wrapped.reset)(jax.random.key(1), params)
+    chex.assert_trees_all_equal((obs, state), jax.jit(env.reset)(jax.random.key(1), params))
     step = jax.jit(wrapped.step_env)
     counts = []
     for number in range(len(expected)):

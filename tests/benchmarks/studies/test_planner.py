@@ -21,11 +21,19 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 SMALL = {"num_meds": 2, "num_evs": 6, "num_gas": 12, "episode_decisions": 20}
 
 
-def paid(pay):
-    """A small environment that pays so much for each MED that all else is outweighed, and a state."""
+@pytest.fixture(scope="module")
+def highway(quick_compiles):
+    """A small environment, its numbers, a state, and what looks ahead from it by the name of its base."""
     env, params = medjax.make("paper", **SMALL)
-    params = params.replace(reward_weights={**params.reward_weights, "dispatches": pay})
-    return env, params, env.reset(jax.random.key(0), params)[1]
+    plans = {
+        base: jax.jit(look_ahead(env, base(env), samples=2, hold=20)) for base in (none, random)
+    }
+    return params, jax.jit(env.reset)(jax.random.key(0), params)[1], plans
+
+
+def paid(params, pay):
+    """Numbers that pay so much for each MED that all else is outweighed."""
+    return params.replace(reward_weights={**params.reward_weights, "dispatches": jnp.float32(pay)})
 
 
 @pytest.mark.parametrize(
@@ -36,40 +44,35 @@ def paid(pay):
         (random, -1e4, {0}),  # waits to the end, since the base would not
     ],
 )
-def test_leaves_the_base_for_what_surely_pays(base, pay, allowed):
-    env, params, state = paid(pay)
-    act = jax.jit(look_ahead(env, base(env), samples=2, hold=20))
-    assert int(act(jax.random.key(1), state, params)) in allowed
+def test_leaves_the_base_for_what_surely_pays(highway, base, pay, allowed):
+    params, state, plans = highway
+    assert int(plans[base](jax.random.key(1), state, paid(params, pay))) in allowed
 
 
-def test_no_gain_is_no_reason():
+def test_no_gain_is_no_reason(highway):
     """Where all returns are alike it stays with the base."""
-    env, params, state = paid(0.0)
-    params = params.replace(reward_weights=dict.fromkeys(params.reward_weights, 0.0))
-    act = jax.jit(look_ahead(env, none(env), samples=2, hold=4))
-    assert int(act(jax.random.key(1), state, params)) == AS_BASE
+    params, state, plans = highway
+    params = params.replace(reward_weights=dict.fromkeys(params.reward_weights, jnp.float32(0.0)))
+    assert int(plans[none](jax.random.key(1), state, params)) == AS_BASE
 
 
-def test_a_masked_action_is_never_taken():
+def test_a_masked_action_is_never_taken(highway):
     """Under a cooldown it cannot send, however well a MED would pay."""
-    env, params, state = paid(1e4)
+    params, state, plans = highway
     state = state.replace(cooldown_s=jnp.float32(5.0))
-    act = look_ahead(env, none(env), samples=2, hold=8)
-    assert int(act(jax.random.key(1), state, params)) == AS_BASE
+    assert int(plans[none](jax.random.key(1), state, paid(params, 1e4))) == AS_BASE
 
 
-def test_does_not_know_who_will_come():
+def test_does_not_know_who_will_come(highway):
     """Of two states that differ in the seed of what arrives alone it says the same, by accident or not."""
-    env, params, state = paid(0.0)
+    params, state, plans = highway
     other = redraw(jax.random.key(9), state)
     assert not np.array_equal(other.arrivals, state.arrivals)
-    act = jax.jit(look_ahead(env, none(env), samples=2, hold=4))
     keys = jax.random.split(jax.random.key(1), 24)
-    plans = [[int(act(key, seen, params)) for key in keys] for seen in (state, other)]
-    assert plans[0] == plans[1]
-    assert (
-        len(set(plans[0])) > 1
-    )  # two futures are few: accidents there are, and they are of the key
+    said = [[int(plans[none](key, seen, params)) for key in keys] for seen in (state, other)]
+    assert said[0] == said[1]
+    # Two futures are few: accidents there are, and they are of the key.
+    assert len(set(said[0])) > 1
 
 
 @pytest.mark.parametrize("hold", [1, 3])

@@ -46,7 +46,7 @@ def joined(meds, evs, clock):
 
 def test_split_is_the_structured_observation():
     env, params = medjax.make("paper", **SMALL)
-    obs, state = env.reset(jax.random.key(2), params)
+    obs, state = jax.jit(env.reset)(jax.random.key(2), params)
     seen = env.observe(state, params)
     meds, evs, clock = FlatObservation().split(obs, env.config)
     np.testing.assert_array_equal(meds, seen.meds)
@@ -134,7 +134,7 @@ def test_starts_as_the_rule_it_begins_from():
         goes = jnp.where(jax.random.bernoulli(step_key, 0.1), taken, choice)
         return env.step_env(step_key, state, goes, params)[1], (obs, mask, choice)
 
-    _, state = env.reset(jax.random.key(3), params)
+    _, state = jax.jit(env.reset)(jax.random.key(3), params)
     keys = jax.random.split(jax.random.key(4), 400)
     obs, mask, expected = jax.jit(lambda state: jax.lax.scan(play, state, keys)[1])(state)
     weights = network.init(jax.random.key(0), obs)
@@ -153,7 +153,7 @@ def test_or_waits_with_the_probability_that_is_asked_for(observation):
     env, params = medjax.make("paper", observation=observation)
     start = {"profile": "wait", "flat": "rule"}[observation]
     network = build_network(env, PPOConfig(hidden=(16,), start=start, initial_wait=0.9))
-    obs, state = env.reset(jax.random.key(0), params)
+    obs, state = jax.jit(env.reset)(jax.random.key(0), params)
     logits, _ = network.apply(network.init(jax.random.key(1), obs[None]), obs)
     probs = masked_categorical(logits, env.action_mask(state, params)).probs
     np.testing.assert_allclose(probs, [0.9, *[0.025] * 4], atol=0.01)
