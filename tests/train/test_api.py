@@ -154,7 +154,10 @@ def test_the_checkpoint_to_go_on_from(probe, config):
     train("noisy", None, config, run_dir="whole", quiet=True)
     train("noisy", None, config, run_dir="run", quiet=True)
     refusals = []
-    for update, words in ((3, "from_update is 3, allowed: 2, 4, 6"), (6, "has done its 96")):
+    for update, words in (
+        (3, "no checkpoint of update 3 is there, allowed: 2, 4, 6"),
+        (6, "has done its 96"),
+    ):
         with pytest.raises(InputError, match=words) as refusal:
             train(config=config, resume=f"run/checkpoints/{update}.npz", quiet=True)
         refusals.append(refusal)  # whose frames live on, as in a notebook

@@ -86,7 +86,9 @@ def test_the_checkpoint_before_a_damaged_one_is_gone_on_from(probe, capsys):
     capsys.readouterr()
     more = ["--resume=run", "--total-timesteps=96"]
     assert "--resume run --from-update 4" in refused(capsys, more, "5.npz is damaged")
-    refused(capsys, [*more, "--from-update=3"], "from_update is 3, allowed: 2, 4, 5")
+    refused(
+        capsys, [*more, "--from-update=3"], "no checkpoint of update 3 is there, allowed: 2, 4, 5"
+    )
     refused(capsys, [*QUIET, "--from-update=4"], "--from-update without --resume")
     assert newest.exists()
     assert ppo.main([*more, "--from-update=4"]) == 0

@@ -76,7 +76,7 @@ class Checkpoints:
         """Refuses (InputError) an update that there is no checkpoint of."""
         if update not in self.all():
             there = ", ".join(map(str, self.all())) or "none is there"
-            raise InputError(f"from_update is {update}, allowed: {there}")
+            raise InputError(f"no checkpoint of update {update} is there, allowed: {there}")
 
     def remove_after(self, update: int) -> None:
         """Removes those of later updates, which will be done again."""
