@@ -248,6 +248,29 @@ def test_the_coupling_is_a_value():
     assert printed / circuit == pytest.approx(10.126 / 10.159, rel=1e-3)
 
 
+def test_vmap_works_the_ticks_out_once(paper, started):
+    """What is carried through the ticks is each environment's own from the start, and not only after a tick."""
+    times = []
+
+    @jax.custom_batching.custom_vmap
+    def seen(values):
+        return values
+
+    @seen.def_vmap
+    def _(axis_size, in_batched, values):
+        times.append(axis_size)
+        return values, in_batched[0]
+
+    def coupling(geometry, link):
+        return Coupled(seen(geometry.axial), geometry.axial)
+
+    env = ChargingEnv(paper[0].config, coupling=coupling)
+    states = jax.tree.map(lambda leaf: jnp.stack([leaf] * 3), started[1])
+    step = jax.vmap(env.step_env, (0, 0, 0, None))
+    jax.eval_shape(step, jax.random.split(jax.random.key(0), 3), states, jnp.zeros(3), paper[1])
+    assert times == [3]
+
+
 def test_a_probe_leaves_the_environment_and_its_class_as_they_are(paper, started):
     """`with_probe` is a copy with all that a subclass adds; what the probe sees comes tick by tick."""
 
