@@ -111,8 +111,8 @@ class Tally(struct.PyTreeNode):
         """Nothing has happened.
 
         Args:
-          zero: () integer 0. Under `vmap`, JAX works the ticks out anew for each sum that begins as the same constant in
-            all environments and then becomes each one's own; a zero made of an environment's state begins as its own.
+          zero: () integer 0. A sum that begins as a constant has JAX's `vmap` work the ticks out again once it becomes
+            each environment's own; a zero made of an environment's state begins as its own.
         """
         number = jnp.asarray(zero, jnp.float32)
         scalars = dict.fromkeys(cls.__dataclass_fields__, number)

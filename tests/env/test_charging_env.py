@@ -34,11 +34,10 @@ def test_spaces_and_shapes(paper, started):
     obs, _ = started
     assert obs.shape == env.observation_space(params).shape == (15 * 14 + 40 * 8 + 4,)
     assert obs.dtype == jnp.float32
-    assert env.action_space(params).n == env.num_actions == 5
+    actions = env.action_space(params)
+    assert actions.n == env.num_actions == 5
     assert bool(env.observation_space(params).contains(obs))
-    assert bool(
-        env.action_space(params).contains(env.action_space(params).sample(jax.random.key(0)))
-    )
+    assert bool(actions.contains(actions.sample(jax.random.key(0))))
     assert env.name == "paper"
 
 

@@ -1,0 +1,43 @@
+"""The protocol of policies: a function to JAX, and an argument of compiled programs."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from medjax.policies.policy import Choice, Policy
+
+
+@pytest.fixture
+def prefers():
+    """The likeliest action is where the weights are largest."""
+
+    def act(weights, key, obs, state, params):
+        chances = jax.nn.softmax(weights["bias"] * obs)
+        return Choice(jnp.argmax(chances), chances)
+
+    return Policy(act, {"bias": jnp.array([1.0, 3.0, 2.0])})
+
+
+def test_it_is_a_function_that_can_be_compiled(prefers):
+    """By itself, with weights that no hash can be taken of, and over a batch of observations."""
+    alone = jax.jit(prefers)(jax.random.key(0), 1.0, None, None)
+    assert int(alone.action) == 1
+    both = jax.jit(jax.vmap(prefers, (None, 0, None, None)))(
+        jax.random.key(0), jnp.array([1.0, -1.0]), None, None
+    )
+    np.testing.assert_array_equal(both.action, [1, 0])
+
+
+def test_as_an_argument_other_weights_are_not_compiled_anew(prefers):
+    """They are its leaves."""
+    traces = []
+
+    @jax.jit
+    def chooses(policy):
+        traces.append(policy)
+        return policy(jax.random.key(0), 1.0, None, None).action
+
+    assert int(chooses(prefers)) == 1
+    assert int(chooses(prefers.replace(weights={"bias": jnp.array([5.0, 3.0, 2.0])}))) == 0
+    assert len(traces) == 1
