@@ -74,8 +74,7 @@ def dispatch(
         ramp=jnp.where(chosen, action - 1, meds.ramp),
     )
     cooldown = jnp.where(sent, params.fleet.cooldown_s, state.cooldown_s)
-    nothing = Tally.zeros(0 * state.time)  # carried through the ticks
-    tally = nothing.replace(
+    tally = Tally.zeros(0 * state.time).replace(  # carried through the ticks
         meds_dispatched=sent.astype(jnp.float32), invalid_actions=(~allowed).astype(jnp.float32)
     )
     return state.replace(meds=meds, cooldown_s=cooldown), tally

@@ -15,9 +15,8 @@ class Choice(NamedTuple):
     probabilities: jax.Array  # (..., num_actions) that it was drawn with; of a rule 0 and 1
 
 
-class Policy(
-    struct.PyTreeNode, eq=False
-):  # one is itself alone: `jax.jit(policy)` needs a hash, weights have none
+# Equal to itself alone: `jax.jit(policy)` needs a hash, and weights have none.
+class Policy(struct.PyTreeNode, eq=False):
     """A way to act in one environment, for `jax.vmap` and `jax.jit` over whatever is batched.
 
     `policy(key, obs, state, params)` is what it does in one state of the environment that it was built for. A policy is

@@ -75,7 +75,7 @@ class Checkpoints:
     def check(self, update: int) -> None:
         """Refuses (InputError) an update that there is no checkpoint of."""
         if update not in self.all():
-            there = ", ".join(map(str, self.all())) or "none is there"
+            there = ", ".join(map(str, self.all())) or "none"
             raise InputError(f"no checkpoint of update {update} is there, allowed: {there}")
 
     def remove_after(self, update: int) -> None:
