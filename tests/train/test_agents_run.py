@@ -68,6 +68,10 @@ def test_train_evaluate_and_export(tmp_path):
 def test_agents_that_enter_by_themselves(tmp_path):
     """Paid for their own EVs: what the file's policy chooses is what the run's does, and allowed."""
     run = trained(tmp_path / "run", "--agents=ippo", "--credit=own", "--eval-episodes=0")
+    out = tmp_path / "out.json"
+    played = ["--policies=ppo,budgeted", "--baseline=budgeted"]
+    assert evaluate.main([f"--run-dir={run}", "--episodes=2", f"--json={out}", *played]) == 0
+    assert json.loads(out.read_text())["policies"]["ppo"]["invalid_actions"] == 0.0
     env, params, play = loaded(run)
     obs, state = jax.jit(env.reset)(jax.random.key(7), params)
     chooses = jax.jit(lambda policy: policy(jax.random.key(8), obs, state, params))
