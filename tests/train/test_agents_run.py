@@ -25,61 +25,43 @@ SMALL = {"size": 2, "num_evs": 6, "num_gas": 12, "mainline_per_h": 900.0, "episo
 TINY = ["--num-envs=4", "--num-minibatches=4", "--rollout-length=12", "--total-timesteps=96"]
 
 
-def trained(run, *argv):
-    """The run's directory after two updates on a small road."""
-    given = [*TINY, *argv, "--hidden", "8", f"--run-dir={run}"]
+@pytest.mark.parametrize(
+    "argv", [["--agents=ippo", "--credit=own"], ["--agents=mappo", "--dispatcher=budgeted"]]
+)
+def test_train_evaluate_and_export(tmp_path, argv):
+    """Rules play as dispatchers of the same world; the file's policy is the run's, dispatcher included."""
+    run = tmp_path / "run"
+    closes = argv[-1] == "--dispatcher=budgeted"  # with an evaluation of all rules
+    episodes = f"--eval-episodes={2 * closes}"
+    given = [*TINY, *argv, "--hidden", "8", f"--run-dir={run}", episodes]
     for name, value in SMALL.items():
         given += ["--set", f"{name}={value}"]
     assert ppo.main(given) == 0
     rows = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
     assert [row["update"] for row in rows] == [1, 2]
     assert rows[-1]["episode_length"] == 12.0
-    return run
+    out = tmp_path / "out.json"
+    played = [] if closes else ["--policies=ppo,budgeted", "--baseline=budgeted"]
+    assert evaluate.main([f"--run-dir={run}", "--episodes=2", f"--json={out}", *played]) == 0
+    result = json.loads(out.read_text())
+    by_rule = result["policies"]["budgeted"]
+    assert result["policies"]["ppo"]["invalid_actions"] == 0.0
+    if closes:
+        assert result == json.loads((run / "evaluation.json").read_text())
+        assert result["policies"]["ppo"]["meds_dispatched"] == pytest.approx(
+            by_rule["meds_dispatched"], abs=1
+        )
 
-
-def loaded(run):
-    """The run's world and its policy, and the file's."""
-    env, params, policies = load_policies(run, RunDir(run).load_config(), False)
+    env, _, policies = load_policies(run, RunDir(run).load_config(), False)
     saved = load_policy(run / "policy.zip")
     with pytest.raises(InputError, match="speeds: it is the policy's own"):
         saved.make(overrides={"speeds": [14.0]})
     again, numbers = saved.make()
     assert (again.num_agents, again.actions) == (env.num_agents, env.actions)
-    jax.tree.map(np.testing.assert_array_equal, numbers, params)
-    return again, numbers, {"run": policies["ppo"], "file": saved.policy(env)}
-
-
-def test_train_evaluate_and_export(tmp_path):
-    """Rules play as dispatchers of the same world; the file's policy is the run's, dispatcher included."""
-    run = trained(tmp_path / "run", "--agents=mappo", "--dispatcher=budgeted", "--eval-episodes=2")
-    out = tmp_path / "out.json"
-    assert evaluate.main([f"--run-dir={run}", "--episodes=2", f"--json={out}"]) == 0
-    result = json.loads(out.read_text())
-    assert result == json.loads((run / "evaluation.json").read_text())
-    learned, by_rule = (result["policies"][name] for name in ("ppo", "budgeted"))
-    assert learned["invalid_actions"] == 0.0
-    assert learned["meds_dispatched"] == pytest.approx(by_rule["meds_dispatched"], abs=1)
-    env, params, play = loaded(run)
-    scores = evaluate_policies(env, params, play, 2, seed=7)
+    play = {"run": policies["ppo"], "file": saved.policy(env)}
+    scores = evaluate_policies(again, numbers, play, 2, seed=7)
     for name, values in scores["run"].items():
         np.testing.assert_allclose(scores["file"][name], values, rtol=1e-5, err_msg=name)
-
-
-def test_agents_that_enter_by_themselves(tmp_path):
-    """Paid for their own EVs: what the file's policy chooses is what the run's does, and allowed."""
-    run = trained(tmp_path / "run", "--agents=ippo", "--credit=own", "--eval-episodes=0")
-    out = tmp_path / "out.json"
-    played = ["--policies=ppo,budgeted", "--baseline=budgeted"]
-    assert evaluate.main([f"--run-dir={run}", "--episodes=2", f"--json={out}", *played]) == 0
-    assert json.loads(out.read_text())["policies"]["ppo"]["invalid_actions"] == 0.0
-    env, params, play = loaded(run)
-    obs, state = jax.jit(env.reset)(jax.random.key(7), params)
-    chooses = jax.jit(lambda policy: policy(jax.random.key(8), obs, state, params))
-    by_run, by_file = chooses(play["run"]), chooses(play["file"])
-    np.testing.assert_array_equal(by_run.action, by_file.action)
-    np.testing.assert_allclose(by_run.probabilities, by_file.probabilities, atol=1e-6)
-    mask = env.action_mask(state, params)
-    assert np.take_along_axis(np.asarray(mask), np.asarray(by_run.action)[:, None], 1).all()
 
 
 @pytest.mark.parametrize(
