@@ -53,6 +53,15 @@ def generalized_advantages(
     return advantage, advantage + value
 
 
+def asks_everywhere(steps: Steps, gae_lambda: float) -> jax.Array:
+    """Whether the advantages of rollouts depend on more values than that of the step they are of; `(...)` bool.
+
+    With lambda 1 all others cancel out, but for those that stand for what comes after a cut.
+    """
+    cut = ~steps.terminated[-1] | jnp.any(steps.truncated & ~steps.terminated, axis=0)
+    return cut | (gae_lambda < 1.0)
+
+
 def less_others(advantage: jax.Array, group: int) -> jax.Array:
     """Advantages less the mean of those of the group's others at the same step.
 

@@ -5,7 +5,12 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from train.algorithms.advantages import Steps, generalized_advantages, less_others
+from train.algorithms.advantages import (
+    Steps,
+    asks_everywhere,
+    generalized_advantages,
+    less_others,
+)
 
 STEPS = 24
 
@@ -94,3 +99,28 @@ def test_less_others_takes_out_what_a_group_has_in_common():
     luck = np.repeat(10.0 * rng.normal(size=(2, 4)), 3, axis=0)
     np.testing.assert_allclose(less_others(jnp.asarray(advantage + luck), 3), got, atol=1e-5)
     np.testing.assert_array_equal(less_others(jnp.asarray(advantage), 1), advantage)
+
+
+def test_values_of_other_steps_are_asked_for_where_they_do_not_cancel_out():
+    """Rollouts that end with an episode, by the clock alone, within an episode, and with one cut inside."""
+    rng = np.random.default_rng(5)
+    reward, value, final_value = jnp.asarray(rng.normal(size=(3, 6, 4)), jnp.float32)
+    terminated = jnp.zeros((6, 4), bool).at[5, 0].set(True).at[2, 0].set(True).at[5, 3].set(True)
+    truncated = jnp.zeros((6, 4), bool).at[5, 0].set(True).at[5, 1].set(True).at[1, 3].set(True)
+    steps = Steps(reward, value, terminated, truncated, final_value)
+    own = jnp.arange(6)[:, None] == 3  # the step that something is chosen in
+
+    def advantage(last_value, others, gae_lambda):
+        asked = Steps(
+            reward, jnp.where(own, value, others), terminated, truncated, final_value + others
+        )
+        estimate = generalized_advantages(asked, last_value, gamma=0.9, gae_lambda=gae_lambda)[0]
+        return estimate[0] + jnp.where(own, 0.0, asked.value)[0], estimate[3]
+
+    for gae_lambda in (0.5, 1.0):
+        everywhere = asks_everywhere(steps, gae_lambda)
+        first, chosen = advantage(jnp.zeros(4), 0.0, gae_lambda)
+        other_first, other_chosen = advantage(jnp.ones(4), 1.0, gae_lambda)
+        depends = np.abs(other_chosen - chosen) > 1e-5
+        depends |= np.abs(other_first - first) > 1e-5
+        np.testing.assert_array_equal(everywhere, depends)

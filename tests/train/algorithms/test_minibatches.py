@@ -6,8 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+import pytest
 
 from medjax.numerics.devices import environment_mesh
+from train.algorithms import minibatches
 from train.algorithms.minibatches import descend, split_environments
 
 
@@ -27,26 +29,49 @@ def test_each_sample_is_in_exactly_one_minibatch():
     assert (other["id"] != dealt["id"]).any()
 
 
-def fit(num_devices):
-    """A line fitted by epochs of gradient steps on so many devices, ready to be called."""
+def fit(num_devices, teaches=None):
+    """A line fitted by epochs of gradient steps on so many devices, ready to be called with samples that teach."""
     x = jax.random.normal(jax.random.key(0), (3, 8, 5))
     y = x @ jnp.arange(5.0) + 2.0
     start = {"slope": jnp.zeros(5), "offset": jnp.zeros(())}
     optimizer = optax.adam(0.1)
+    teaches = jnp.ones((3, 8), bool) if teaches is None else teaches
+    samples = {"x": x, "y": y, "there": jnp.ones((3, 8))}
 
     def loss(params, batch):
-        error = batch[0] @ params["slope"] + params["offset"] - batch[1]
+        error = batch["x"] @ params["slope"] + params["offset"] * batch["there"] - batch["y"]
         return jnp.mean(jnp.square(error)), {"error": jnp.mean(jnp.abs(error))}
 
     mesh = environment_mesh(8, num_devices)
     began = start, optimizer.init(start)
-    return jax.jit(lambda batches: descend(loss, optimizer, began, batches, 60, mesh)), (x, y)
+    run = jax.jit(lambda batches: descend(loss, optimizer, began, batches, 60, mesh))
+    return run, (teaches, samples)
+
+
+def assert_close(a, b):
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-6), a, b)
 
 
 def test_devices_that_share_a_minibatch_take_the_steps_of_one():
     alone, shared = ([*run(batches)] for run, batches in map(fit, (1, 2)))
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-6), alone, shared)
+    assert_close(alone, shared)
     np.testing.assert_allclose(shared[0]["slope"], np.arange(5.0), atol=0.3)
+
+
+@pytest.mark.parametrize("num_devices", [1, 2])
+def test_only_samples_that_teach_are_read_a_block_at_a_time(monkeypatch, num_devices):
+    """As if the others were zeros, whoever of the devices has them; what is not read may be anything."""
+    teaches = jnp.arange(24).reshape(3, 8) % 8 < 3  # on the first of two devices all but none
+    run, (_, samples) = fit(num_devices, teaches)
+    spread = {name: teaches.reshape(3, 8, *[1] * (leaf.ndim - 2)) for name, leaf in samples.items()}
+    zeros, unread = (
+        {name: jnp.where(spread[name], leaf, other) for name, leaf in samples.items()}
+        for other in (0.0, jnp.nan)
+    )
+    whole = run((jnp.ones_like(teaches), zeros))
+    monkeypatch.setattr(minibatches, "ROWS_AT_ONCE", 2)
+    blocks, (_, _) = fit(num_devices, teaches)
+    assert_close([*whole], [*blocks((teaches, unread))])
 
 
 def test_a_gradient_step_is_one_message():

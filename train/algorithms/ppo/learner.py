@@ -13,7 +13,12 @@ from jax.sharding import Mesh
 
 from medjax.env.contract import Environment
 from medjax.numerics.devices import environment_mesh, on_devices
-from train.algorithms.advantages import Steps, generalized_advantages, less_others
+from train.algorithms.advantages import (
+    Steps,
+    asks_everywhere,
+    generalized_advantages,
+    less_others,
+)
 from train.algorithms.algorithm import Algorithm, Metrics, TrainState
 from train.algorithms.environments import training_batch
 from train.algorithms.finite import BAD, first_bad
@@ -98,7 +103,9 @@ class PPOLearner:
             obs_stats = update_stats(obs_stats, trajectory.obs)
         metrics |= {
             "learning_rate": self.learning_rate(state.update),
-            "explained_variance": explained_variance(samples.value, samples.target),
+            "explained_variance": explained_variance(
+                samples.value, samples.target, samples.value_weight
+            ),
             "value_mean": jnp.mean(samples.value),
             "reward_std": jnp.sqrt(return_stats.var),
             "reward_mean": jnp.mean(trajectory.reward),
@@ -143,6 +150,8 @@ class PPOLearner:
             final_value=trajectory.final_value,
         )
         advantage, target = jax.vmap(estimate)(steps, last_value)
+        chosen = leaves_choice(trajectory.mask)
+        everywhere = jax.vmap(partial(asks_everywhere, gae_lambda=self.config.gae_lambda))(steps)
         return Batch(
             obs=normalize(weights.obs_stats, trajectory.obs),
             mask=trajectory.mask,
@@ -151,7 +160,8 @@ class PPOLearner:
             value=trajectory.value,
             advantage=less_others(advantage, self.config.same_demand),
             target=target,
-            weight=leaves_choice(trajectory.mask).astype(jnp.float32),
+            weight=chosen.astype(jnp.float32),
+            value_weight=(chosen | everywhere[:, None]).astype(jnp.float32),
         )
 
     def _learn(
@@ -165,9 +175,9 @@ class PPOLearner:
             logits, value = output
             return ppo_loss(masked_categorical(logits, batch.mask), value, batch, self.config)
 
-        start = params, opt_state
-        epochs = self.config.num_epochs
-        return descend(loss_fn, self.optimizer, start, minibatches, epochs, self.mesh)
+        teaches = (minibatches.weight > 0.0) | (minibatches.value_weight > 0.0)
+        start, epochs = (params, opt_state), self.config.num_epochs
+        return descend(loss_fn, self.optimizer, start, (teaches, minibatches), epochs, self.mesh)
 
 
 def build_learner(env: Environment, params: Any, config: PPOConfig) -> PPOLearner:

@@ -22,6 +22,7 @@ class Batch:
     advantage: jax.Array
     target: jax.Array  # for the value
     weight: jax.Array  # in what is learned of acting: none where there was no choice
+    value_weight: jax.Array  # in what is learned of values: none where nothing asks for them
 
 
 def clipped_surrogate(
@@ -70,8 +71,11 @@ def weigh(batch: Batch) -> Batch:
     cooldown these are nearly all: they would drown the others in the standardisation of advantages, in the clipped
     norm of the gradient, and in what is reported.
     """
-    weight = batch.weight / jnp.maximum(jnp.mean(batch.weight), 1e-8)
-    return dataclasses.replace(batch, advantage=standardize(batch.advantage, weight), weight=weight)
+    weight, value_weight = (
+        each / jnp.maximum(jnp.mean(each), 1e-8) for each in (batch.weight, batch.value_weight)
+    )
+    advantage = standardize(batch.advantage, weight)
+    return dataclasses.replace(batch, advantage=advantage, weight=weight, value_weight=value_weight)
 
 
 def standardize(advantage: jax.Array, weight: jax.Array, eps: float = 1e-8) -> jax.Array:
@@ -85,7 +89,7 @@ def ppo_loss(
 ) -> tuple[jax.Array, dict[str, jax.Array]]:
     """Loss of samples of a minibatch, to be minimised; that of the whole is the mean of its parts'.
 
-    Values are learned everywhere, acting where decisions have a weight.
+    Acting and values are learned where they have a weight; a sample that has neither adds nothing.
 
     Args:
         distribution: policy being learned at `batch.obs`, masked by `batch.mask`.
@@ -101,7 +105,8 @@ def ppo_loss(
     surrogate = clipped_surrogate(log_prob, batch.log_prob, batch.advantage, config.clip_epsilon)
     policy_term = -jnp.mean(surrogate * weight)
     value_clip = config.clip_epsilon if config.clip_value else None
-    value_term = jnp.mean(value_loss(value, batch.value, batch.target, value_clip))
+    value_error = value_loss(value, batch.value, batch.target, value_clip)
+    value_term = jnp.mean(value_error * batch.value_weight)
     entropy = jnp.mean(distribution.entropy() * weight)
     loss = policy_term + config.value_coef * value_term - config.entropy_coef * entropy
     log_ratio = log_prob - batch.log_prob
@@ -120,10 +125,15 @@ def ppo_loss(
     return loss, metrics
 
 
-def explained_variance(value: jax.Array, target: jax.Array) -> jax.Array:
+def explained_variance(value: jax.Array, target: jax.Array, weight: jax.Array) -> jax.Array:
     """Share of the targets' variance that the values explain; 1 is perfect, 0 no better than a constant.
 
-    NaN where the targets do not vary.
+    All arguments are `(...)`. NaN where the targets do not vary, or none has a weight.
     """
-    spread = jnp.var(target)
-    return jnp.where(spread > 0.0, 1.0 - jnp.var(target - value) / spread, jnp.nan)
+
+    def variance(of: jax.Array) -> jax.Array:
+        mean = jnp.average(of, weights=weight)
+        return jnp.average(jnp.square(of - mean), weights=weight)
+
+    spread = variance(target)
+    return jnp.where(spread > 0.0, 1.0 - variance(target - value) / spread, jnp.nan)

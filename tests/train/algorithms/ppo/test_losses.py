@@ -74,7 +74,7 @@ def test_standardize():
     assert np.isfinite(standardize(jnp.ones(4), jnp.zeros(4))).all()
 
 
-def test_decisions_without_a_choice_teach_the_value_only():
+def test_acting_and_values_are_learned_where_they_have_a_weight():
     rng = np.random.default_rng(2)
     logits, value = (jnp.asarray(rng.normal(size=shape), jnp.float32) for shape in ((6, 3), (6,)))
     mask = jnp.ones((6, 3), bool).at[3:, 1:].set(False)
@@ -87,6 +87,7 @@ def test_decisions_without_a_choice_teach_the_value_only():
         advantage=jnp.asarray(rng.normal(size=6), jnp.float32),
         target=value + 1.0,
         weight=jnp.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]),
+        value_weight=jnp.array([1.0, 1.0, 1.0, 1.0, 1.0, 0.0]),
     )
     config = PPOConfig(clip_epsilon=EPS, value_coef=0.5, entropy_coef=0.01, clip_value=False)
 
@@ -95,13 +96,42 @@ def test_decisions_without_a_choice_teach_the_value_only():
 
     policy, critic = jax.grad(loss, (0, 1))(logits, value, batch)
     np.testing.assert_array_equal(policy[3:], 0.0)
-    np.testing.assert_allclose(critic, -0.5 / 6, rtol=1e-5)
+    np.testing.assert_allclose(critic[:5], -0.5 / 5, rtol=1e-5)
+    assert critic[5] == 0.0
     chosen = jax.tree.map(lambda x: x[:3], batch)
     alone, _ = jax.grad(loss, (0, 1))(logits[:3], value[:3], chosen)
     np.testing.assert_allclose(policy[:3], alone, rtol=1e-5, atol=1e-7)
-    forced = jax.tree.map(lambda x: x[3:], batch)
-    for gradient in jax.grad(loss, (0, 1))(logits[3:], value[3:], forced):
-        assert np.isfinite(gradient).all()
+    # Neither weight anywhere: nothing is learned.
+    forced = jax.tree.map(lambda x: x[5:], batch)
+    for gradient in jax.grad(loss, (0, 1))(logits[5:], value[5:], forced):
+        np.testing.assert_array_equal(gradient, 0.0)
+
+
+def test_a_sample_of_zeros_adds_nothing():
+    """As the gaps of a block are: to the gradient, and to every scalar; of three, two are there."""
+    rng = np.random.default_rng(4)
+    two = Batch(
+        obs=jnp.zeros((2, 1)),
+        mask=jnp.ones((2, 3), bool),
+        action=jnp.array([2, 1]),
+        **{
+            name: jnp.asarray(rng.random(2), jnp.float32)
+            for name in ("log_prob", "value", "advantage", "target", "weight", "value_weight")
+        },
+    )
+
+    def loss(params, samples):
+        logits = params[:3] + params[3] * samples.mask
+        value = params[4] + samples.value
+        return ppo_loss(masked_categorical(logits, samples.mask), value, samples, PPOConfig())
+
+    params = jnp.asarray(rng.normal(size=5), jnp.float32)
+    alone = jax.grad(loss, has_aux=True)(params, two)
+    padded = jax.tree.map(lambda x: jnp.concatenate([x, jnp.zeros_like(x[:1])]), two)
+    among = jax.grad(loss, has_aux=True)(params, padded)
+    jax.tree.map(
+        lambda a, b: np.testing.assert_allclose(1.5 * b, a, rtol=1e-5, atol=1e-7), alone, among
+    )
 
 
 def test_the_loss_of_a_minibatch_is_the_mean_of_its_parts():
@@ -117,6 +147,7 @@ def test_the_loss_of_a_minibatch_is_the_mean_of_its_parts():
         advantage=jnp.asarray(rng.normal(2.0, 3.0, shape), jnp.float32),
         target=jnp.asarray(rng.normal(size=shape), jnp.float32),
         weight=jnp.asarray(rng.random(shape) < np.array([[0.9], [0.5], [0.1], [0.0]]), jnp.float32),
+        value_weight=jnp.asarray(rng.random(shape) < 0.5, jnp.float32),
     )
     weighed = weigh(batch)
     table = jnp.asarray(rng.normal(size=(3,)), jnp.float32)
@@ -145,7 +176,12 @@ def test_the_loss_of_a_minibatch_is_the_mean_of_its_parts():
 
 
 def test_explained_variance():
-    target = jnp.arange(10.0)
-    assert explained_variance(target, target) == 1.0
-    assert explained_variance(jnp.full(10, 4.5), target) == pytest.approx(0.0, abs=1e-6)
-    assert np.isnan(explained_variance(target, jnp.ones(10)))
+    target, ones = jnp.arange(10.0), jnp.ones(10)
+    assert explained_variance(target, target, ones) == 1.0
+    assert explained_variance(jnp.full(10, 4.5), target, ones) == pytest.approx(0.0, abs=1e-6)
+    assert np.isnan(explained_variance(target, ones, ones))
+    assert np.isnan(explained_variance(target, target, jnp.zeros(10)))
+    # Where nothing has a weight, anything may be.
+    value = jnp.where(target < 5, 2.0, 1e6)
+    weight = jnp.where(target < 5, 1.0, 0.0)
+    assert explained_variance(value, target, weight) == pytest.approx(0.0, abs=1e-6)
