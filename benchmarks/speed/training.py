@@ -11,6 +11,9 @@ Seconds of wall time:
   programs; the evaluation's is a part of evaluation. Training includes writing the checkpoints.
 - evaluation: the closing evaluation of the learned and the other policies, and the picture (evaluation_s).
 - other: the rest: starting Python, imports, building the environment, ending.
+
+Decisions/s are those of the middle one of the updates: while the first run, the closing evaluation is still being
+compiled beside them.
 """
 
 import argparse

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from train.runs.logs import read_rows
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig
 
@@ -32,7 +33,7 @@ class Wall:
     train_s: float
     evaluation_s: float
     other_s: float
-    decisions_per_s: float  # while training
+    decisions_per_s: float  # of the middle one of the updates
 
 
 def start(config: TrainConfig, run_dir: RunDir, cache: Path) -> Wall:
@@ -45,7 +46,8 @@ def start(config: TrainConfig, run_dir: RunDir, cache: Path) -> Wall:
     began = time.perf_counter()
     _run(["train.ppo", f"--run-dir={run_dir.path}", *given], JAX_COMPILATION_CACHE_DIR=str(cache))
     total_s = time.perf_counter() - began
-    return split(json.loads(run_dir.summary.read_text(encoding="utf-8")), total_s)
+    paces = [row["env_steps_per_s"] for row in read_rows(run_dir.metrics)]
+    return split(json.loads(run_dir.summary.read_text(encoding="utf-8")), paces, total_s)
 
 
 def throughput(config: TrainConfig, file: Path) -> float:
@@ -79,11 +81,18 @@ def _run(command: Sequence[str], **environment: str) -> None:
         raise CommandError(f"{command[0]} ended with code {ended.returncode}: {said[-1]}")
 
 
-def split(summary: Mapping[str, Any], total_s: float) -> Wall:
-    """Parts of the wall time of one process, from its summary.json and the seconds from its start to its end."""
-    names = "compile_s", "train_s", "evaluation_s", "env_steps_per_s"
-    compile_s, train_s, evaluation_s, speed = (summary[name] for name in names)
+def split(summary: Mapping[str, Any], paces: Sequence[float], total_s: float) -> Wall:
+    """Parts of the wall time of one process.
+
+    Args:
+        summary: its summary.json.
+        paces: decisions/s of each update.
+        total_s: seconds from its start to its end.
+    """
+    names = "compile_s", "train_s", "evaluation_s"
+    compile_s, train_s, evaluation_s = (summary[name] for name in names)
     other_s = total_s - (compile_s + train_s + evaluation_s)
+    speed = statistics.median(paces)
     return Wall(total_s, compile_s, train_s, evaluation_s, other_s, speed)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.speed import training, training_process
 from tests.benchmarks.refusal import refused
-from tests.benchmarks.speed.made_runs import SUMMARY, write_run
+from tests.benchmarks.speed.made_runs import PACES, SUMMARY, write_run
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def scripted(monkeypatch):
         warm = caches.count(cache) == 2
         summary = SUMMARY | {"compile_s": 1.0 if warm else 10.0}
         write_run(run_dir.path, summary)
-        return training_process.split(summary, total_s - 20.0 if warm else total_s)
+        return training_process.split(summary, PACES, total_s - 20.0 if warm else total_s)
 
     monkeypatch.setattr(training, "start", start)
     monkeypatch.setattr(training, "throughput", lambda config, file: next(alone))

@@ -9,12 +9,12 @@ import pytest
 from benchmarks.speed import training_process
 from benchmarks.speed.training import settings
 from benchmarks.speed.training_process import Wall
-from tests.benchmarks.speed.made_runs import SUMMARY, write_run
+from tests.benchmarks.speed.made_runs import PACES, SUMMARY, write_run
 from train.runs.run_directory import RunDir
 
 
 def test_parts_add_up_to_the_total():
-    wall = training_process.split(SUMMARY, 38.0)
+    wall = training_process.split(SUMMARY, PACES, 38.0)
     assert wall == Wall(38.0, 10.0, 20.0, 5.0, other_s=3.0, decisions_per_s=20480.0)
 
 
@@ -46,6 +46,7 @@ def test_the_commands_are_started_as_asked(seen, tmp_path):
     given = {"num_envs": "128", "total_timesteps": "4e5", "scenario": "paper", "seed": "7"}
     wall = training_process.start(settings(given), RunDir(tmp_path / "run"), tmp_path / "cache")
     assert wall.compile_s == 10.0
+    assert wall.decisions_per_s == 20_480.0
     assert training_process.throughput(settings(given), tmp_path / "alone.json") == 25_000.0
     (train, where), (alone, _) = seen
     assert train[:3] == [sys.executable, "-m", "train.ppo"]
