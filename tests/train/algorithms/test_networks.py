@@ -10,6 +10,7 @@ import pytest
 import medjax
 from medjax.env.observation import FlatObservation
 from medjax.policies.rules import BASELINES
+from train.algorithms.environments import make_environment
 from train.algorithms.networks import build_network, masked_categorical
 from train.algorithms.ppo.settings import PPOConfig
 
@@ -157,3 +158,25 @@ def test_or_waits_with_the_probability_that_is_asked_for(observation):
     logits, _ = network.apply(network.init(jax.random.key(1), obs[None]), obs)
     probs = masked_categorical(logits, env.action_mask(state, params)).probs
     np.testing.assert_allclose(probs, [0.9, *[0.025] * 4], atol=0.01)
+
+
+@pytest.mark.parametrize(
+    "how", [{}, {"network": "sets", "observation": "flat"}, {"agents": "mappo"}]
+)
+def test_a_sample_of_zeros_has_finite_gradients(how):
+    """As the gaps of a block of samples are: nobody is seen, and nothing is allowed; times their weight it is 0."""
+    config = PPOConfig(hidden=(16,), encoder=(8,), **how)
+    env, params = make_environment(config)
+    network, nothing = build_network(env, config), jnp.zeros(env.observation_space(params).shape)
+    weights = network.init(jax.random.key(0), nothing[None])
+
+    @jax.jit
+    @jax.grad
+    def slope(given):
+        logits, value = network.apply(given, nothing)
+        policy = masked_categorical(logits, jnp.zeros(logits.shape, bool))
+        zero = jnp.zeros(value.shape, jnp.int32)
+        return jnp.sum(policy.log_prob(zero) + policy.entropy() + value)
+
+    for leaf in jax.tree.leaves(slope(weights)):
+        assert np.isfinite(leaf).all()
