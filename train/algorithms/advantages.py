@@ -56,7 +56,8 @@ def generalized_advantages(
 def asks_everywhere(steps: Steps, gae_lambda: float) -> jax.Array:
     """Whether the advantages of rollouts depend on more values than that of the step they are of; `(...)` bool.
 
-    With lambda 1 all others cancel out, but for those that stand for what comes after a cut.
+    With lambda 1 all others cancel out, but for those that stand for what comes after a cut. Of what
+    `generalized_advantages` returns: `less_others` goes on to read the others' values at the same step.
     """
     cut = ~steps.terminated[-1] | jnp.any(steps.truncated & ~steps.terminated, axis=0)
     return cut | (gae_lambda < 1.0)

@@ -61,7 +61,7 @@ def test_devices_that_share_a_minibatch_take_the_steps_of_one():
 @pytest.mark.parametrize("num_devices", [1, 2])
 def test_only_samples_that_teach_are_read_a_block_at_a_time(monkeypatch, num_devices):
     """As if the others were zeros, whoever of the devices has them; what is not read may be anything."""
-    teaches = jnp.arange(24).reshape(3, 8) % 8 < 3  # on the first of two devices all but none
+    teaches = jnp.arange(24).reshape(3, 8) % 8 < 3  # all on the first of two devices
     run, (_, samples) = fit(num_devices, teaches)
     spread = {name: teaches.reshape(3, 8, *[1] * (leaf.ndim - 2)) for name, leaf in samples.items()}
     zeros, unread = (
@@ -70,7 +70,7 @@ def test_only_samples_that_teach_are_read_a_block_at_a_time(monkeypatch, num_dev
     )
     whole = run((jnp.ones_like(teaches), zeros))
     monkeypatch.setattr(minibatches, "ROWS_AT_ONCE", 2)
-    blocks, (_, _) = fit(num_devices, teaches)
+    blocks, _ = fit(num_devices, teaches)
     assert_close([*whole], [*blocks((teaches, unread))])
 
 
