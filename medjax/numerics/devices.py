@@ -79,7 +79,10 @@ def environment_mesh(
 
 
 def on_devices(
-    mesh: Mesh, function: Callable[[Any, Any], Result], rows_at_once: int = CACHED_ROWS
+    mesh: Mesh,
+    function: Callable[[Any, Any], Result],
+    rows_at_once: int = CACHED_ROWS,
+    out_axes: Any = 0,
 ) -> Callable[[Any, Any], Result]:
     """`function(rows, same)` with the rows shared out among the devices of the mesh.
 
@@ -89,14 +92,16 @@ def on_devices(
     Args:
         mesh: of `environment_mesh`.
         function: works on any number of rows, each on its own, and gives them the same results whatever their number.
-            Every leaf of `rows` and of the result has an axis of rows first; `same` is the same for all.
+            Every leaf of `rows` has an axis of rows first; `same` is the same for all.
         rows_at_once: see `in_blocks`.
+        out_axes: see `in_blocks`.
     """
 
     def share(rows: Any, same: Any) -> Result:
-        return in_blocks(lambda block: function(block, same), rows, rows_at_once)
+        return in_blocks(lambda block: function(block, same), rows, rows_at_once, out_axes)
 
     split, whole = PartitionSpec(AXIS), PartitionSpec()
+    joined = jax.tree.map(lambda axis: PartitionSpec(*[None] * axis, AXIS), out_axes)
     return jax.shard_map(
-        share, mesh=mesh, in_specs=(split, whole), out_specs=split, check_vma=False
+        share, mesh=mesh, in_specs=(split, whole), out_specs=joined, check_vma=False
     )

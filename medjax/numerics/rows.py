@@ -21,20 +21,37 @@ CACHED_ROWS = 128
 
 
 def in_blocks(
-    function: Callable[[Any], Result], rows: Any, rows_at_once: int = CACHED_ROWS
+    function: Callable[[Any], Result],
+    rows: Any,
+    rows_at_once: int = CACHED_ROWS,
+    out_axes: Any = 0,
 ) -> Result:
     """function(rows), on a CPU about `rows_at_once` rows, which fit the cache, at a time; elsewhere all at once.
 
-    The function works on any number of rows, each on its own; every leaf of theirs and of the result has an axis of
-    rows first.
+    The function works on any number of rows, each on its own; every leaf of theirs has an axis of rows first.
+
+    Args:
+        function: of rows.
+        rows: leaves `(num_rows, ...)`.
+        rows_at_once: about so many.
+        out_axes: where the result has its axis of rows: a number, or a prefix of the result's tree with numbers.
     """
     count = jax.tree.leaves(rows)[0].shape[0]
     blocks = -(-count // rows_at_once)
     if jax.default_backend() != "cpu" or count % blocks:
         return function(rows)
     split = jax.tree.map(lambda leaf: leaf.reshape(blocks, count // blocks, *leaf.shape[1:]), rows)
-    results = lax.map(function, split)
-    return jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[2:]), results)
+
+    def join(axis: int, parts: Any) -> Any:
+        """All rows of leaves `(blocks, ..., rows of a block, ...)`, on this axis."""
+
+        def whole(leaf: jax.Array) -> jax.Array:
+            shape = *leaf.shape[1 : axis + 1], count, *leaf.shape[axis + 2 :]
+            return jnp.moveaxis(leaf, 0, axis).reshape(shape)
+
+        return jax.tree.map(whole, parts)
+
+    return jax.tree.map(join, out_axes, lax.map(function, split))
 
 
 def for_true_rows(

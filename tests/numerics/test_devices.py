@@ -53,6 +53,19 @@ def test_blocks_are_put_together_in_order(count):
     np.testing.assert_array_equal(got["sum"], np.arange(count)[:, None] + np.ones((count, 3)))
 
 
+@pytest.mark.parametrize("count", [6, 4 * CACHED_ROWS])
+def test_blocks_and_devices_are_put_together_on_whatever_axis(count):
+    """Results with their rows first, and a tree of them with time before the rows."""
+
+    def play(rows, same):
+        steps = jnp.arange(3)[:, None] * same + rows
+        return rows, {"a": steps, "b": steps[..., None] + jnp.arange(2)}
+
+    rows = jnp.arange(count)
+    first, later = on_devices(environment_mesh(count, 2), play, out_axes=(0, 1))(rows, 1000)
+    jax.tree.map(np.testing.assert_array_equal, (first, later), play(rows, 1000))
+
+
 def test_mesh_takes_what_divides():
     """By itself as many devices as divide the environments; asked for more than it can, it refuses."""
     devices = len(jax.local_devices())

@@ -1,5 +1,6 @@
 """Minibatches of whole environments, and gradient steps on them."""
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any, TypeVar
@@ -14,6 +15,7 @@ from jax.sharding import Mesh, PartitionSpec
 from medjax.numerics.rows import for_true_rows
 
 Result = TypeVar("Result")
+Loss = Callable[[Any, Any, Any], tuple[jax.Array, dict[str, jax.Array]]]
 
 # On a CPU so many rows of a minibatch are worked on at once: few enough that the last block wastes little, enough for
 # matrix products to run at full speed. Elsewhere all at once.
@@ -47,40 +49,67 @@ def split_environments(key: jax.Array, samples: Any, num_minibatches: int) -> An
     return jax.tree.map(deal, samples)
 
 
-def mean_in_blocks(function: Callable[[Any], Result], teaches: jax.Array, samples: Any) -> Result:
-    """`function(samples)`, worked out of those that teach alone.
+def rows_of(samples: Any, axes: int) -> Any:
+    """Leaves of samples with their first `axes` axes as one."""
+    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[axes:]), samples)
+
+
+def pick(samples: Any, rows: jax.Array) -> Any:
+    """These `(some,)` of the samples, leaves `(num_rows, ...)`; zeros in place of numbers out of range."""
+    return jax.tree.map(
+        lambda leaf: jnp.take(leaf, rows, axis=0, mode="fill", fill_value=0), samples
+    )
+
+
+def mean_in_blocks(function: Callable[[jax.Array], Result], teaches: jax.Array) -> Result:
+    """`function(jnp.arange(num_rows))`, worked out of the rows that teach alone.
 
     Args:
-        function: samples `(some, ...)` to means over them, in any tree; a sample of zeros adds nothing to these.
-        teaches: `(...)` bool, which samples to read; the others are as if they were zeros.
-        samples: leaves `(..., ...)`.
+        function: row numbers `(some,)` to means over these rows, in any tree; a number out of range adds nothing.
+        teaches: `(num_rows,)` bool, which rows to read; the others add nothing.
     """
-    axes, count = teaches.ndim, teaches.size
+    count = teaches.size
     block = min(ROWS_AT_ONCE, count) if jax.default_backend() == "cpu" else count
-    flat = jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[axes:]), samples)
 
     def share(rows: jax.Array) -> Result:
-        """What these `(block,)` of the samples, and zeros in place of numbers out of range, add to the means."""
-        picked = jax.tree.map(
-            lambda leaf: jnp.take(leaf, rows, axis=0, mode="fill", fill_value=0), flat
-        )
-        return jax.tree.map(lambda mean: mean * (block / count), function(picked))
+        """What these `(block,)` of the rows add to the means."""
+        return jax.tree.map(lambda mean: mean * (block / count), function(rows))
 
     shapes = jax.eval_shape(share, jax.ShapeDtypeStruct((block,), jnp.int32))
     nothing = jax.tree.map(jnp.zeros_like, shapes)
     return for_true_rows(
-        teaches.ravel(),
+        teaches,
         block,
         lambda _, rows, sums: jax.tree.map(jnp.add, sums, share(rows)),
         nothing,
     )
 
 
+def slope(
+    loss: Loss, params: Any, seen: Any, minibatch: tuple[jax.Array, jax.Array, Any]
+) -> tuple[Any, dict[str, jax.Array]]:
+    """The gradient of the mean loss of a minibatch, and what describes that; arguments as `descend` has them."""
+    environments, teaches, samples = minibatch
+    shape = jax.tree.leaves(seen)[0].shape[: teaches.ndim]
+    number = jnp.swapaxes(jnp.arange(math.prod(shape)).reshape(shape), 0, 1)
+    # A device has a run of the environments, as many as each other; what it has is numbered from 0.
+    place = number[environments % shape[1]].ravel()
+    seen, samples = rows_of(seen, teaches.ndim), rows_of(samples, teaches.ndim)
+
+    def of_rows(rows: jax.Array) -> tuple[Any, dict[str, jax.Array]]:
+        """What these of the samples give; a number out of range is out of range in what was seen, too."""
+        places = jnp.take(place, rows, mode="fill", fill_value=number.size)
+        return jax.grad(loss, has_aux=True)(params, pick(seen, places), pick(samples, rows))
+
+    return mean_in_blocks(of_rows, teaches.ravel())
+
+
 def descend(
-    loss: Callable[[Any, Any], tuple[jax.Array, dict[str, jax.Array]]],
+    loss: Loss,
     optimizer: optax.GradientTransformation,
     start: tuple[Any, Any],
-    minibatches: tuple[jax.Array, Any],
+    seen: Any,
+    minibatches: tuple[jax.Array, jax.Array, Any],
     num_epochs: int,
     mesh: Mesh,
 ) -> tuple[Any, Any, dict[str, jax.Array]]:
@@ -92,26 +121,27 @@ def descend(
     the number of messages that costs, each waits until the others are awake.
 
     Args:
-        loss: `(params, samples)` to what is to be minimised, and scalars that describe it. All are means over samples,
-            to which a sample of zeros adds nothing.
+        loss: `(params, seen, samples)` to what is to be minimised, and scalars that describe it. All are means over
+            samples, to which a sample of zeros adds nothing.
         optimizer: of optax.
         start: parameters, and the optimiser's state.
-        minibatches: which samples teach, bool `(num_minibatches, samples...)`, the others being as if they were zeros;
-            and the samples, leaves `(num_minibatches, samples..., ...)`.
+        seen: the large part of the samples, leaves `(num_steps, num_envs, ...)` as they were acted.
+        minibatches: environments by their numbers, `(num_minibatches, environments)`; which of their samples teach,
+            bool `(num_minibatches, environments, num_steps, ...)`, the others being as if they were zeros; and the
+            rest of these samples, leaves that begin like that.
         num_epochs: passes over all.
-        mesh: of `environment_mesh`; its number of devices divides the first axis of the samples.
+        mesh: of `environment_mesh`; its number of devices divides the environments of a minibatch.
 
     Returns:
         Parameters, the optimiser's state, and the scalars averaged over the steps, `grad_norm` among them.
     """
 
     def step(
-        carry: tuple[Any, Any], batch: tuple[jax.Array, Any]
+        seen: Any, carry: tuple[Any, Any], batch: tuple[jax.Array, jax.Array, Any]
     ) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
         """A gradient step on a device's own samples of a minibatch, the same on all."""
         params, opt_state = carry
-        slope = partial(jax.grad(loss, has_aux=True), params)
-        own, restore = ravel_pytree(mean_in_blocks(slope, *batch))
+        own, restore = ravel_pytree(slope(loss, params, seen, batch))
         gradient, metrics = restore(lax.pmean(own, mesh.axis_names))
         squares = (jnp.sum(jnp.square(leaf)) for leaf in jax.tree.leaves(gradient))
         metrics["grad_norm"] = jnp.sqrt(sum(squares))
@@ -119,14 +149,16 @@ def descend(
         return (optax.apply_updates(params, change), opt_state), metrics
 
     def epochs(
-        start: tuple[Any, Any], minibatches: Any
+        start: tuple[Any, Any], seen: Any, minibatches: tuple[jax.Array, jax.Array, Any]
     ) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
-        return lax.scan(
-            lambda carry, _: lax.scan(step, carry, minibatches), start, None, length=num_epochs
-        )
+        def epoch(carry: tuple[Any, Any], _: None) -> Any:
+            """A pass over all minibatches."""
+            return lax.scan(partial(step, seen), carry, minibatches)
+
+        return lax.scan(epoch, start, None, length=num_epochs)
 
     same, shared = PartitionSpec(), PartitionSpec(None, mesh.axis_names)
     (params, opt_state), metrics = jax.shard_map(
-        epochs, mesh=mesh, in_specs=(same, shared), out_specs=same, check_vma=False
-    )(start, minibatches)
+        epochs, mesh=mesh, in_specs=(same, shared, shared), out_specs=same, check_vma=False
+    )(start, seen, minibatches)
     return params, opt_state, jax.tree.map(jnp.mean, metrics)

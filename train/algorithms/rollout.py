@@ -33,7 +33,7 @@ class RolloutState:
 
 @struct.dataclass
 class Trajectory:
-    """A rollout; every array is `(num_envs, num_steps, ...)`.
+    """A rollout; every array is `(num_steps, num_envs, ...)`: as it was acted, nothing need be copied.
 
     Where every MED is an agent an axis of agents follows, in all but `terminated` and `truncated`.
     """
@@ -139,7 +139,6 @@ class Collector:
         split = jax.vmap(lambda key: jax.random.split(key, (self.num_steps, 2)), out_axes=1)
         step = partial(self._step, weights, env_params, choose)
         state, (trajectory, sums) = lax.scan(step, state, split(keys))
-        trajectory = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), trajectory)
         last_value = apply_value(self.network, weights, state.obs)
         return state, trajectory, last_value, jax.tree.map(lambda x: jnp.sum(x, axis=0), sums)
 

@@ -50,12 +50,12 @@ def _check_memory(env: Any, params: Any, config: TrainConfig, shapes: TrainState
     """Refuses (InputError) a run that this machine cannot hold; what it takes is reckoned low rather than high.
 
     The state is there once on the devices and once on the host, gradients and their moments are as large as the
-    weights. Of a rollout what every choice saw, drew and got is kept in the order of time, and by environments.
+    weights. Of a rollout what every choice saw, drew and got is kept once, in the order of time.
     """
     views = getattr(env, "num_agents", 1) * config.num_envs * config.choices_per_update
     seen = math.prod(env.observation_space(params).shape)
     rollout = views * (FLOAT * (seen + NUMBERS_OF_A_CHOICE) + env.num_actions)
-    needed = 2 * (tree_bytes(shapes) + rollout) + 2 * tree_bytes(shapes.weights)
+    needed = 2 * tree_bytes(shapes) + rollout + 2 * tree_bytes(shapes.weights)
     if jax.process_count() == 1:
         what = f"num_envs {config.num_envs} x {config.choices_per_update} choices, num_seeds {config.num_seeds}"
         check_memory(f"{what}, hidden {' '.join(map(str, config.hidden))}", needed, config.force)

@@ -59,9 +59,8 @@ class Still:
 
         use, key = jax.random.split(state.key)
         keys = jax.random.split(use, self.config.num_envs)
-        rollout, trajectory, _, sums = on_devices(self.mesh, collect)(
-            (state.rollout, keys), (state.weights, env_params)
-        )
+        shared = on_devices(self.mesh, collect, out_axes=(0, 1, 0, 0))
+        rollout, trajectory, _, sums = shared((state.rollout, keys), (state.weights, env_params))
         metrics = {
             "reward_mean": trajectory.reward.mean(),
             **episode_metrics(sums),

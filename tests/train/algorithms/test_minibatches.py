@@ -30,21 +30,33 @@ def test_each_sample_is_in_exactly_one_minibatch():
 
 
 def fit(num_devices, teaches=None):
-    """A line fitted by epochs of gradient steps on so many devices, ready to be called with samples that teach."""
-    x = jax.random.normal(jax.random.key(0), (3, 8, 5))
+    """A line fitted by epochs of gradient steps on so many devices, ready to be called with samples that teach.
+
+    Three minibatches of 8 environments, of 2 steps each.
+    """
+    x = jax.random.normal(jax.random.key(0), (3, 8, 2, 5))
     y = x @ jnp.arange(5.0) + 2.0
     start = {"slope": jnp.zeros(5), "offset": jnp.zeros(())}
     optimizer = optax.adam(0.1)
-    teaches = jnp.ones((3, 8), bool) if teaches is None else teaches
-    samples = {"x": x, "y": y, "there": jnp.ones((3, 8))}
+    teaches = jnp.ones((3, 8, 2), bool) if teaches is None else teaches
+    samples = {"x": x, "y": y, "there": jnp.ones((3, 8, 2))}
 
-    def loss(params, batch):
-        error = batch["x"] @ params["slope"] + params["offset"] * batch["there"] - batch["y"]
+    def loss(params, x, batch):
+        error = x @ params["slope"] + params["offset"] * batch["there"] - batch["y"]
         return jnp.mean(jnp.square(error)), {"error": jnp.mean(jnp.abs(error))}
 
     mesh = environment_mesh(8, num_devices)
     began = start, optimizer.init(start)
-    run = jax.jit(lambda batches: descend(loss, optimizer, began, batches, 60, mesh))
+    numbers = split_environments(jax.random.key(1), jnp.arange(24, dtype=jnp.int32), 3)
+    assert (numbers[0] % 3 > 0).any()  # by lot, not the first of each three
+
+    @jax.jit
+    def run(batches):
+        teaches, small = batches[0], dict(batches[1])
+        x = small.pop("x")
+        seen = jnp.zeros((2, 24, 5)).at[:, numbers].set(jnp.moveaxis(x, 2, 0))  # as acted
+        return descend(loss, optimizer, began, seen, (numbers, teaches, small), 60, mesh)
+
     return run, (teaches, samples)
 
 
@@ -61,9 +73,10 @@ def test_devices_that_share_a_minibatch_take_the_steps_of_one():
 @pytest.mark.parametrize("num_devices", [1, 2])
 def test_only_samples_that_teach_are_read_a_block_at_a_time(monkeypatch, num_devices):
     """As if the others were zeros, whoever of the devices has them; what is not read may be anything."""
-    teaches = jnp.arange(24).reshape(3, 8) % 8 < 3  # all on the first of two devices
+    # All on the first of two devices.
+    teaches = jnp.arange(48).reshape(3, 8, 2) % 16 < jnp.asarray([5, 6])
     run, (_, samples) = fit(num_devices, teaches)
-    spread = {name: teaches.reshape(3, 8, *[1] * (leaf.ndim - 2)) for name, leaf in samples.items()}
+    spread = {name: teaches[..., None] if name == "x" else teaches for name in samples}
     zeros, unread = (
         {name: jnp.where(spread[name], leaf, other) for name, leaf in samples.items()}
         for other in (0.0, jnp.nan)

@@ -32,8 +32,11 @@ def test_cut_episodes_are_always_bootstrapped_and_time_limits_only_if_told(boots
 
     seen = jnp.array([[float(time), 0.0] for time in range(LENGTH + 1)])
     values = np.asarray(apply_value(network, weights, seen))
-    terminated, final_value = map(np.asarray, (trajectory.terminated, trajectory.final_value))
-    ends = terminated | np.asarray(trajectory.truncated)
+    terminated, truncated, final_value = (
+        np.asarray(part).T
+        for part in (trajectory.terminated, trajectory.truncated, trajectory.final_value)
+    )
+    ends = terminated | truncated
     first = ends.argmax(axis=1)
     assert set(first) == set(range(LENGTH))
     for row, cut in enumerate(first):

@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Callable
-from functools import partial
 from typing import Any, ClassVar
 
 import jax
@@ -23,11 +22,10 @@ from train.algorithms.algorithm import Algorithm, Metrics, TrainState
 from train.algorithms.environments import training_batch
 from train.algorithms.finite import BAD, first_bad
 from train.algorithms.minibatches import descend, split_environments
-from train.algorithms.networks import PolicyWeights, build_network, masked_categorical
+from train.algorithms.networks import PolicyWeights, apply_policy, build_network
 from train.algorithms.normalization import (
     RunningStats,
     init_stats,
-    normalize,
     scale_reward,
     update_stats,
 )
@@ -86,17 +84,20 @@ class PPOLearner:
         """
         rollout_key, shuffle_key, key = jax.random.split(state.key, 3)
         keys = jax.random.split(rollout_key, self.config.num_envs)
-        rollout, trajectory, last_value, sums = on_devices(self.mesh, self._collect)(
+        # The trajectory stays as it was acted, (steps, environments): what was seen is large, and is not copied.
+        collect = on_devices(self.mesh, self._collect, out_axes=(0, 1, 0, 0))
+        rollout, trajectory, last_value, sums = collect(
             (state.rollout, keys), (state.weights, env_params)
         )
         return_stats = state.return_stats
         if self.config.normalize_rewards:
             return_stats = update_stats(return_stats, trajectory.discounted_sum)
         with jax.named_scope("advantages"):
-            samples = self._samples(trajectory, last_value, state.weights, return_stats)
+            samples = self._samples(trajectory, last_value, return_stats)
         with jax.named_scope("learn"):
+            seen = trajectory.obs, trajectory.mask
             params, opt_state, metrics = self._learn(
-                shuffle_key, samples, state.weights.params, state.opt_state
+                shuffle_key, seen, samples, state.weights, state.opt_state
             )
         obs_stats = state.weights.obs_stats
         if self.config.normalize_observations:
@@ -132,16 +133,9 @@ class PPOLearner:
         return self.collector.collect(weights, state, keys, env_params)
 
     def _samples(
-        self,
-        trajectory: Trajectory,
-        last_value: jax.Array,
-        weights: PolicyWeights,
-        return_stats: RunningStats,
+        self, trajectory: Trajectory, last_value: jax.Array, return_stats: RunningStats
     ) -> Batch:
-        """What the trajectory teaches; arrays stay `(num_envs, num_steps, ...)`."""
-        estimate = partial(
-            generalized_advantages, gamma=self.config.gamma, gae_lambda=self.config.gae_lambda
-        )
+        """What the trajectory teaches; arrays are `(num_envs, num_steps, ...)`."""
         steps = Steps(
             reward=scale_reward(return_stats, trajectory.reward),
             value=trajectory.value,
@@ -149,35 +143,56 @@ class PPOLearner:
             truncated=spread(trajectory.truncated, trajectory.value),
             final_value=trajectory.final_value,
         )
-        advantage, target = jax.vmap(estimate)(steps, last_value)
+        advantage, target = generalized_advantages(
+            steps, last_value, gamma=self.config.gamma, gae_lambda=self.config.gae_lambda
+        )
         chosen = leaves_choice(trajectory.mask)
-        everywhere = jax.vmap(partial(asks_everywhere, gae_lambda=self.config.gae_lambda))(steps)
-        return Batch(
-            obs=normalize(weights.obs_stats, trajectory.obs),
-            mask=trajectory.mask,
+        everywhere = asks_everywhere(steps, self.config.gae_lambda)
+        batch = Batch(
             action=trajectory.action,
             log_prob=trajectory.log_prob,
             value=trajectory.value,
-            advantage=less_others(advantage, self.config.same_demand),
+            advantage=advantage,
             target=target,
             weight=chosen.astype(jnp.float32),
-            value_weight=(chosen | everywhere[:, None]).astype(jnp.float32),
+            value_weight=(chosen | everywhere).astype(jnp.float32),
         )
+        batch = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), batch)
+        of_demand = less_others(batch.advantage, self.config.same_demand)
+        return dataclasses.replace(batch, advantage=of_demand)
 
     def _learn(
-        self, key: jax.Array, samples: Batch, params: Any, opt_state: Any
+        self,
+        key: jax.Array,
+        seen: tuple[jax.Array, jax.Array],
+        samples: Batch,
+        weights: PolicyWeights,
+        opt_state: Any,
     ) -> tuple[Any, Any, Metrics]:
         """Epochs of minibatches. Returns parameters, optimiser state and metrics averaged over the gradient steps."""
-        minibatches = jax.vmap(weigh)(split_environments(key, samples, self.config.num_minibatches))
+        numbers = jnp.arange(self.config.num_envs, dtype=jnp.int32)
+        numbers, samples = split_environments(key, (numbers, samples), self.config.num_minibatches)
+        samples = jax.vmap(weigh)(samples)
+        teaches = (samples.weight > 0.0) | (samples.value_weight > 0.0)
 
-        def loss_fn(candidate: Any, batch: Batch) -> tuple[jax.Array, Metrics]:
-            output: Any = self.collector.network.apply(candidate, batch.obs)
-            logits, value = output
-            return ppo_loss(masked_categorical(logits, batch.mask), value, batch, self.config)
+        def loss_fn(
+            candidate: Any, seen: tuple[jax.Array, jax.Array], batch: Batch
+        ) -> tuple[jax.Array, Metrics]:
+            obs, mask = seen
+            policy, value = apply_policy(
+                self.collector.network, PolicyWeights(candidate, weights.obs_stats), obs, mask
+            )
+            return ppo_loss(policy, value, batch, self.config)
 
-        teaches = (minibatches.weight > 0.0) | (minibatches.value_weight > 0.0)
-        start, epochs = (params, opt_state), self.config.num_epochs
-        return descend(loss_fn, self.optimizer, start, (teaches, minibatches), epochs, self.mesh)
+        return descend(
+            loss_fn,
+            self.optimizer,
+            (weights.params, opt_state),
+            seen,
+            (numbers, teaches, samples),
+            self.config.num_epochs,
+            self.mesh,
+        )
 
 
 def build_learner(env: Environment, params: Any, config: PPOConfig) -> PPOLearner:

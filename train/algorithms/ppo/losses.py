@@ -12,10 +12,8 @@ from train.algorithms.ppo.settings import PPOConfig
 
 @struct.dataclass
 class Batch:
-    """Samples to learn from; every array is `(..., )` over the same leading axes."""
+    """Samples to learn from, but for what was seen; every array is `(...)`."""
 
-    obs: jax.Array  # (..., num_features) float32, normalised
-    mask: jax.Array  # (..., num_actions) bool, True = allowed
     action: jax.Array  # int32
     log_prob: jax.Array  # of the action when it was taken
     value: jax.Array  # when it was taken
@@ -92,8 +90,8 @@ def ppo_loss(
     Acting and values are learned where they have a weight; a sample that has neither adds nothing.
 
     Args:
-        distribution: policy being learned at `batch.obs`, masked by `batch.mask`.
-        value: `(...)`, value being learned at `batch.obs`.
+        distribution: `(...)`, policy being learned, of the actions that were allowed.
+        value: `(...)`, value being learned.
         batch: samples of what `weigh` returned.
         config: has the clip and the weights of the terms.
 

@@ -79,8 +79,6 @@ def test_acting_and_values_are_learned_where_they_have_a_weight():
     logits, value = (jnp.asarray(rng.normal(size=shape), jnp.float32) for shape in ((6, 3), (6,)))
     mask = jnp.ones((6, 3), bool).at[3:, 1:].set(False)
     batch = Batch(
-        obs=jnp.zeros((6, 1)),
-        mask=mask,
         action=jnp.array([0, 1, 2, 0, 0, 0]),
         log_prob=jnp.array([-1.0, -1.0, -1.0, 0.0, 0.0, 0.0]),
         value=value,
@@ -91,19 +89,19 @@ def test_acting_and_values_are_learned_where_they_have_a_weight():
     )
     config = PPOConfig(clip_epsilon=EPS, value_coef=0.5, entropy_coef=0.01, clip_value=False)
 
-    def loss(logits, value, batch):
-        return ppo_loss(masked_categorical(logits, batch.mask), value, weigh(batch), config)[0]
+    def loss(logits, value, mask, batch):
+        return ppo_loss(masked_categorical(logits, mask), value, weigh(batch), config)[0]
 
-    policy, critic = jax.grad(loss, (0, 1))(logits, value, batch)
+    policy, critic = jax.grad(loss, (0, 1))(logits, value, mask, batch)
     np.testing.assert_array_equal(policy[3:], 0.0)
     np.testing.assert_allclose(critic[:5], -0.5 / 5, rtol=1e-5)
     assert critic[5] == 0.0
     chosen = jax.tree.map(lambda x: x[:3], batch)
-    alone, _ = jax.grad(loss, (0, 1))(logits[:3], value[:3], chosen)
+    alone, _ = jax.grad(loss, (0, 1))(logits[:3], value[:3], mask[:3], chosen)
     np.testing.assert_allclose(policy[:3], alone, rtol=1e-5, atol=1e-7)
     # Neither weight anywhere: nothing is learned.
     forced = jax.tree.map(lambda x: x[5:], batch)
-    for gradient in jax.grad(loss, (0, 1))(logits[5:], value[5:], forced):
+    for gradient in jax.grad(loss, (0, 1))(logits[5:], value[5:], mask[5:], forced):
         np.testing.assert_array_equal(gradient, 0.0)
 
 
@@ -111,8 +109,6 @@ def test_a_sample_of_zeros_adds_nothing():
     """As the gaps of a block are: to the gradient, and to every scalar; of three, two are there."""
     rng = np.random.default_rng(4)
     two = Batch(
-        obs=jnp.zeros((2, 1)),
-        mask=jnp.ones((2, 3), bool),
         action=jnp.array([2, 1]),
         **{
             name: jnp.asarray(rng.random(2), jnp.float32)
@@ -120,15 +116,17 @@ def test_a_sample_of_zeros_adds_nothing():
         },
     )
 
-    def loss(params, samples):
-        logits = params[:3] + params[3] * samples.mask
+    def loss(params, allowed, samples):
+        mask = jnp.broadcast_to(allowed[:, None], (*allowed.shape, 3))
+        logits = params[:3] + params[3] * mask
         value = params[4] + samples.value
-        return ppo_loss(masked_categorical(logits, samples.mask), value, samples, PPOConfig())
+        return ppo_loss(masked_categorical(logits, mask), value, samples, PPOConfig())
 
     params = jnp.asarray(rng.normal(size=5), jnp.float32)
-    alone = jax.grad(loss, has_aux=True)(params, two)
-    padded = jax.tree.map(lambda x: jnp.concatenate([x, jnp.zeros_like(x[:1])]), two)
-    among = jax.grad(loss, has_aux=True)(params, padded)
+    allowed_and_two = jnp.ones(2, bool), two
+    alone = jax.grad(loss, has_aux=True)(params, *allowed_and_two)
+    padded = jax.tree.map(lambda x: jnp.concatenate([x, jnp.zeros_like(x[:1])]), allowed_and_two)
+    among = jax.grad(loss, has_aux=True)(params, *padded)
     jax.tree.map(
         lambda a, b: np.testing.assert_allclose(1.5 * b, a, rtol=1e-5, atol=1e-7), alone, among
     )
@@ -139,8 +137,6 @@ def test_the_loss_of_a_minibatch_is_the_mean_of_its_parts():
     rng = np.random.default_rng(3)
     shape = 4, 6
     batch = Batch(
-        obs=jnp.zeros((*shape, 1)),
-        mask=jnp.ones((*shape, 3), bool),
         action=jnp.asarray(rng.integers(0, 3, shape)),
         log_prob=jnp.asarray(rng.normal(-1.0, 0.3, shape), jnp.float32),
         value=jnp.asarray(rng.normal(size=shape), jnp.float32),
@@ -155,7 +151,8 @@ def test_the_loss_of_a_minibatch_is_the_mean_of_its_parts():
     def loss(params, samples):
         logits = jnp.broadcast_to(params, (*samples.value.shape, 3))
         value = samples.value + params[0]
-        return ppo_loss(masked_categorical(logits, samples.mask), value, samples, PPOConfig())
+        mask = jnp.ones_like(logits, bool)
+        return ppo_loss(masked_categorical(logits, mask), value, samples, PPOConfig())
 
     whole = jax.grad(loss, has_aux=True)(table, weighed)
     halves = [
