@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 NUM_RESAMPLES = 10_000
+FEWEST = 8  # samples; the bootstrap's interval of fewer is much too narrow to conclude from
 BLOCK = 2**22  # numbers drawn at once, 32 MiB of them
 
 

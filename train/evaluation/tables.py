@@ -6,6 +6,7 @@ from statistics import fmean
 from typing import Any
 
 from medjax.errors import shown
+from train.evaluation.statistics import FEWEST
 
 Table = list[list[str]]  # the first row holds the headings, the first column what a row is of
 
@@ -62,15 +63,25 @@ def format_table(result: Mapping[str, Any], learned: Sequence[str]) -> str:
         means = ", ".join(map(short, seeds["return_means"]))
         middle = f"{short(seeds['interquartile_mean'])} {interval(seeds['ci95'])}"
         gains = seeds["paired_return_differences"]
-        best = next(name for name, _ in best_first(result) if name in gains[0])
-        each = ", ".join(_gain(gain[best]) for gain in gains)
-        parts.append(
-            f"training seeds: {means}; interquartile mean, 95 % CI: {middle}\n"
-            f"each minus {best}, 95 % CI: {each}"
-        )
+        sure = interval_of_seeds(len(gains))
+        lines = [f"training seeds: {means}; interquartile mean, {sure}: {middle}"]
+        if best := next((name for name, _ in best_first(result) if name in gains[0]), None):
+            each = ", ".join(_gain(gain[best]) for gain in gains)
+            lines.append(f"each minus {best}, 95 % CI: {each}")
+        parts.append("\n".join(lines))
     if "change_against_none" in result:
         parts.append(format_rows(claim_rows(result, learned)))
     return "\n\n".join(parts)
+
+
+def trained(learned: Sequence[str]) -> str:
+    """What is compared with the rules: the learned policy, or with several training seeds their mean in an episode."""
+    return learned[0] if len(learned) == 1 else f"mean of {len(learned)} seeds"
+
+
+def interval_of_seeds(count: int) -> str:
+    """What the bootstrap's interval over so many training seeds is; that of a few is little more than their range."""
+    return "95 % CI" if count >= FEWEST else f"bootstrap over {count}"
 
 
 def headline(result: Mapping[str, Any]) -> str:
@@ -94,7 +105,7 @@ def unseen(result: Mapping[str, Any], learned: Sequence[str]) -> str:
     other, differences = result.get("baseline"), result.get("difference_from_baseline", {})
     if other is None and (ours := result.get("paired_return_difference")):
         other = next(name for name, _ in best_first(result) if name in ours)
-        differences = {learned[0]: ours[other]}
+        differences = {trained(learned): ours[other]}
     lines = []
     for name, difference in differences.items():
         low, high = difference["ci95"]
@@ -129,7 +140,7 @@ def comparison_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
         rows[0].append(f"minus {result['baseline']}, 95 % CI")
         differences = result["difference_from_baseline"]
     elif learned:
-        rows[0].append(f"{learned[0]} minus it, 95 % CI")
+        rows[0].append(f"{trained(learned)} minus it, 95 % CI")
         differences = result.get("paired_return_difference", {})
     for name, entry in best_first(result):
         cells = [name, short(entry["return_mean"]), interval(entry["return_ci95"])]
@@ -185,7 +196,7 @@ def paper_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
 
 def claim_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
     """What the trained policy does against no action, and in the paper's world what the paper claims of its own."""
-    rows = [["against no action", "paper", f"{learned[0]} here, 95 % CI"]]
+    rows = [["against no action", "paper", f"{trained(learned)} here, 95 % CI"]]
     ours = [result["policies"][name] for name in learned]
     for heading, (metric, form) in COLUMNS.items():
         if metric in PAPER_CLAIMS:

@@ -4,10 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from train.evaluation.statistics import bootstrap_ci95
+from train.evaluation.statistics import FEWEST, bootstrap_ci95
 from train.evaluation.tables import interval, short
-
-FEWEST = 8  # samples; the bootstrap's interval of fewer is much too narrow to conclude from
 
 
 def difference(what: str, names: tuple[str, str], gains: np.ndarray, seed: int) -> str:

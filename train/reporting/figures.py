@@ -12,7 +12,13 @@ import numpy as np
 from medjax.files import replacing
 from train.algorithms.settings import SETTINGS
 from train.evaluation.statistics import bootstrap_ci95, interquartile_mean
-from train.evaluation.tables import COLUMNS, PAPER_CLAIMS, PAPER_MEDS, short
+from train.evaluation.tables import (
+    COLUMNS,
+    PAPER_CLAIMS,
+    PAPER_MEDS,
+    interval_of_seeds,
+    short,
+)
 from train.reporting.survey import SOC_BINS, Survey, quantile
 from train.runs.logs import MAIN, Row
 from train.settings import TrainConfig
@@ -77,7 +83,7 @@ def look(policy: str) -> dict[str, Any]:
 def plot_curve(
     path: Path, rows: Sequence[Row], config: TrainConfig, baselines: Mapping[str, float]
 ) -> None:
-    """Draws returns over decisions: a line, with several seeds their interquartile mean in its 95 % band.
+    """Draws returns over decisions: a line, with several seeds their interquartile mean in its interval.
 
     Args:
         path: file to write; its directory is made.
@@ -98,7 +104,7 @@ def plot_curve(
         ends = [bootstrap_ci95(place, 0, NUM_RESAMPLES, interquartile_mean) for place in seeds]
         low, high = np.reshape(ends, (-1, 2)).T
         band: dict[str, Any] = {"color": own, "alpha": 0.25, "lw": 0}
-        axes.fill_between(steps, low, high, label="95 % band", **band)
+        axes.fill_between(steps, low, high, label=interval_of_seeds(num_seeds), **band)
     for name, value in sorted(baselines.items(), key=lambda item: -item[1]):
         axes.axhline(value, label=f"{name}, {short(value)}", lw=1.6, **look(name))
     axes.set_xlim(0, max((row["env_steps"] / num_seeds for row in rows), default=1))

@@ -38,9 +38,15 @@ def test_several_training_seeds_are_compared_by_their_mean():
     own = [gains["none"] for gains in seeds["paired_return_differences"]]
     assert [gain["mean"] for gain in own] == pytest.approx([3.0, 5.0 / 3.0])
     assert all(gain["ci95"][0] < gain["mean"] < gain["ci95"][1] for gain in own)
-    assert f"each minus none, 95 % CI: 3.000 [{own[0]['ci95'][0]:.3f}" in format_table(
-        result, learned
-    )
+    table = format_table(result, learned)
+    assert f"each minus none, 95 % CI: 3.000 [{own[0]['ci95'][0]:.3f}" in table
+    # What is of both is not said of the first; and of two seeds no interval is 95 %.
+    assert "mean of 2 seeds minus it, 95 % CI" in table
+    assert "ppo minus it" not in table
+    assert "interquartile mean, bootstrap over 2: 2.333 [1.667, 3.000]" in table
+    # Without a rule beside them there is nothing to be above of.
+    alone = summarize({name: scores[name] for name in learned}, "paper", learned)
+    assert "each minus" not in format_table(alone, learned)
 
 
 def test_summary_has_the_contracts_names():
