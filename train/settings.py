@@ -31,6 +31,8 @@ class TrainConfig(abc.ABC):
     """
 
     algorithm: ClassVar[str]  # its name, and that of the policy that it learns
+    # Beside num_envs, what makes an update what it is: those done are counted in decisions and gradient steps by it.
+    of_an_update: ClassVar[tuple[str, ...]] = ("decide_every",)
 
     scenario: str = option("paper", "environment", "preset to train on")
     overrides: Mapping[str, Override] = option(

@@ -83,6 +83,7 @@ def on_devices(
     function: Callable[[Any, Any], Result],
     rows_at_once: int = CACHED_ROWS,
     out_axes: Any = 0,
+    group: int = 1,
 ) -> Callable[[Any, Any], Result]:
     """`function(rows, same)` with the rows shared out among the devices of the mesh.
 
@@ -95,10 +96,11 @@ def on_devices(
             Every leaf of `rows` has an axis of rows first; `same` is the same for all.
         rows_at_once: see `in_blocks`.
         out_axes: see `in_blocks`.
+        group: see `in_blocks`; a device must have whole groups.
     """
 
     def share(rows: Any, same: Any) -> Result:
-        return in_blocks(lambda block: function(block, same), rows, rows_at_once, out_axes)
+        return in_blocks(lambda block: function(block, same), rows, rows_at_once, out_axes, group)
 
     split, whole = PartitionSpec(AXIS), PartitionSpec()
     joined = jax.tree.map(lambda axis: PartitionSpec(*[None] * axis, AXIS), out_axes)

@@ -25,6 +25,7 @@ def in_blocks(
     rows: Any,
     rows_at_once: int = CACHED_ROWS,
     out_axes: Any = 0,
+    group: int = 1,
 ) -> Result:
     """function(rows), on a CPU about `rows_at_once` rows, which fit the cache, at a time; elsewhere all at once.
 
@@ -35,10 +36,11 @@ def in_blocks(
         rows: leaves `(num_rows, ...)`.
         rows_at_once: about so many.
         out_axes: where the result has its axis of rows: a number, or a prefix of the result's tree with numbers.
+        group: so many rows side by side must be worked on together.
     """
     count = jax.tree.leaves(rows)[0].shape[0]
     blocks = -(-count // rows_at_once)
-    if jax.default_backend() != "cpu" or count % blocks:
+    if jax.default_backend() != "cpu" or count % (blocks * group):
         return function(rows)
     split = jax.tree.map(lambda leaf: leaf.reshape(blocks, count // blocks, *leaf.shape[1:]), rows)
 

@@ -66,6 +66,18 @@ def test_blocks_and_devices_are_put_together_on_whatever_axis(count):
     jax.tree.map(np.testing.assert_array_equal, (first, later), play(rows, 1000))
 
 
+@pytest.mark.parametrize("count", [4 * CACHED_ROWS, 2 * CACHED_ROWS + 16, 240])
+def test_groups_stay_together(count):
+    """In blocks as on devices: each of a group sees what the first of it sees."""
+
+    def first(rows, _):
+        return jnp.repeat(rows.reshape(-1, 16)[:, 0], 16)
+
+    rows = jnp.arange(count)
+    got = on_devices(environment_mesh(count // 16, 1), first, group=16)(rows, None)
+    np.testing.assert_array_equal(got, rows - rows % 16)
+
+
 def test_mesh_takes_what_divides():
     """By itself as many devices as divide the environments; asked for more than it can, it refuses."""
     devices = len(jax.local_devices())

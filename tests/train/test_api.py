@@ -77,9 +77,12 @@ def test_what_settings_can_name_is_named(probe, config):
     from tests.train.conftest import make_probe
 
     env, params = make_probe("noisy", observation="profile", episode_decisions=7)
-    train(env, params, dataclasses.replace(config, eval_episodes=0), run_dir="named", quiet=True)
+    # Settings say nothing of it.
+    other = dataclasses.replace(config, eval_episodes=0, reward="money", wrapper="nobodys:own")
+    train(env, params, other, run_dir="named", quiet=True)
     saved = json.loads((probe / "named/config.json").read_text())
     assert saved["config"]["overrides"] == {"episode_decisions": 7}
+    assert (saved["config"]["reward"], saved["config"]["wrapper"]) == ("preset", "none")
     assert "environment" not in saved
     assert evaluate_command.main(["--run-dir=named", "--episodes=3"]) == 0
 

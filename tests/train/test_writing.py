@@ -68,6 +68,8 @@ def test_what_is_too_large_is_refused_before_it_is_compiled(probe, capsys, monke
         patch.setattr("train.runs.session.compiled", compiled.append)
         words = ("num_envs 4096 x 4 choices", "of memory, allowed: 2e-05 GB", "--force")
         refused(capsys, [*QUIET, "--num-envs=4096", "--run-dir=run"], *words)
+        many = ["--eval-episodes=1000000", "--run-dir=run"]
+        refused(capsys, [*QUIET, *many], "eval_episodes 1000000: about 1.5", "--force")
     assert not compiled
     assert not (probe / "run").exists()
     assert ppo.main([*QUIET, "--run-dir=run", "--num-envs=4096", "--force"]) == 0

@@ -60,11 +60,13 @@ def described(env: Any, params: Any, config: TrainConfig) -> tuple[TrainConfig, 
         InputError: it is no environment.
     """
     check_is_environment(env)
+    how: dict[str, Any] = {"reward": "preset", "wrapper": "none"}
     try:
         about = about_of(env, params, config.decide_every)
     except InputError:
-        return dataclasses.replace(config, scenario=f"{env.name}-own", overrides={}), False
-    how: dict[str, Any] = {"scenario": about.scenario, "overrides": dict(about.overrides)}
+        how |= {"scenario": f"{env.name}-own", "overrides": {}}
+        return dataclasses.replace(config, **how), False
+    how |= {"scenario": about.scenario, "overrides": dict(about.overrides)}
     if not about.agents:
         how |= {"agents": "none", "observation": about.observation}
         return dataclasses.replace(config, **how), True

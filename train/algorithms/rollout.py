@@ -132,7 +132,7 @@ class Collector:
             choose: how actions are drawn from the policies.
 
         Returns:
-            The new state, the trajectory, the values `(num_envs,)` of the observations after it, sums over ended
+            The new state, the trajectory, the values `(num_envs, ...)` of the observations after it, sums over ended
             episodes.
         """
         # (num_steps, num_envs, 2)

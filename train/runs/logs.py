@@ -137,10 +137,11 @@ class _Board:
 
         self._event, self._scalar = Event, scalar
         path.mkdir(parents=True, exist_ok=True)
+        earlier = any(path.iterdir())
         self._file = EventsWriter(str(path / "events"), f".{os.getpid()}")
-        if rows:  # steps from here on hide those of a killed run
+        if earlier:  # steps from here on hide those of a killed run
             start = SessionLog(status=SessionLog.START)
-            self._add(rows[-1]["env_steps"] + 1, session_log=start)
+            self._add(rows[-1]["env_steps"] + 1 if rows else 0, session_log=start)
 
     def write(self, row: Row) -> None:
         """Adds every number of a row."""

@@ -10,11 +10,13 @@ import jax
 from medjax.errors import InputError, shown
 from medjax.numerics.devices import prepare_cpu
 from medjax.numerics.memory import check_memory, tree_bytes
+from medjax.policies.team import rules_of
 from train.algorithms.algorithm import TrainState
 from train.algorithms.environments import make_environment
 from train.algorithms.programs import make_train, shapes_of
 from train.runs.arguments import Request
 from train.runs.checkpoint import Checkpoints, ShapeError, updates_done
+from train.runs.policies import check_episodes
 from train.runs.processes import is_first, join, together
 from train.runs.run_directory import RunDir, check_unused, new_run_dir
 from train.runs.session import Session
@@ -50,8 +52,11 @@ def _check_memory(env: Any, params: Any, config: TrainConfig, shapes: TrainState
     """Refuses (InputError) a run that this machine cannot hold; what it takes is reckoned low rather than high.
 
     The state is there once on the devices and once on the host, gradients and their moments are as large as the
-    weights. Of a rollout what every choice saw, drew and got is kept once, in the order of time.
+    weights. Of a rollout what every choice saw, drew and got is kept once, in the order of time; where a device's
+    environments are several blocks, putting these together takes it once more. The closing evaluation keeps scores.
     """
+    policies = config.num_seeds + len(rules_of(env))
+    check_episodes(config.eval_episodes, policies, config.force, "eval_episodes")
     views = getattr(env, "num_agents", 1) * config.num_envs * config.choices_per_update
     seen = math.prod(env.observation_space(params).shape)
     rollout = views * (FLOAT * (seen + NUMBERS_OF_A_CHOICE) + env.num_actions)
@@ -77,6 +82,7 @@ def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None,
         if update is not None:
             checkpoints.check(update)
         if checkpoints.latest() is not None:
+            _check_updates(run_dir, config)
             saved = _restored(run_dir, checkpoints, request, shapes)
         done = updates_done(saved) if saved is not None else 0
         if done >= config.num_updates:
@@ -89,6 +95,15 @@ def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None,
             checkpoints.remove_after(done)
         held.pop_all()
     return run_dir, lock, saved
+
+
+def _check_updates(run_dir: RunDir, config: TrainConfig) -> None:
+    """Refuses (InputError) updates that are not those that were done: what is done is counted in them."""
+    before = run_dir.load_config(type(config))
+    for name in config.of_an_update:
+        given, was = getattr(config, name), getattr(before, name)
+        if given != was:
+            raise InputError(f"{name} {given}, which was {was} until now, allowed: {was}")
 
 
 def _restored(

@@ -243,6 +243,8 @@ def export_policy(
     save_policy(path, about, export.export(jax.jit(act), platforms=PLATFORMS)(*shapes))
 
 
-def check_episodes(episodes: int, policies: int, force: bool | None = None) -> None:
+def check_episodes(
+    episodes: int, policies: int, force: bool | None = None, option: str = "--episodes"
+) -> None:
     """Refuses (InputError) more episodes of so many policies than this machine's memory holds the scores of."""
-    check_memory(f"--episodes {episodes}", episodes * policies * BYTES_OF_AN_EPISODE, force)
+    check_memory(f"{option} {episodes}", episodes * policies * BYTES_OF_AN_EPISODE, force)

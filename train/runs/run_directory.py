@@ -17,6 +17,7 @@ from train.runs.versions import versions
 from train.settings import GIVEN, TrainConfig, load_config, to_json
 
 LOCK = ".lock"
+UNTIL = "config-until-*.json"
 
 
 class RunDir:
@@ -97,17 +98,27 @@ class RunDir:
             self.path.rmdir()
 
     def update_config(self, config: TrainConfig, update: int) -> None:
-        """Writes settings changed by --resume; those until `update` stay in `config-until-UPDATE.json`.
+        """Writes settings that training goes on with after `update`; other ones until then stay.
+
+        Each update had the settings of the first `config-until-UPDATE.json` that is not before it, or else those of
+        `config.json`.
 
         Raises:
             InputError: the directory cannot be written.
         """
         with _writing(self.path):
             check_writable(self.path)
+            numbers = {int(path.stem.split("-")[-1]): path for path in self.path.glob(UNTIL)}
+            later = [numbers[number] for number in sorted(numbers) if number >= update]
+            ruled = later[0] if later else self.config
+            if load_config(ruled, type(config), given=self.given) != config:
+                until = self.path / UNTIL.replace("*", str(update))
+                write_text(until, ruled.read_text(encoding="utf-8"))
+                later = [path for path in later if path != until]
             if self.load_config(type(config)) != config:
-                before = self.config.read_text(encoding="utf-8")
-                write_text(self.path / f"config-until-{update}.json", before)
                 self._save_config(config)
+            for path in later:  # of updates that are done anew
+                path.unlink()
 
     def _save_config(self, config: TrainConfig) -> None:
         """Writes the settings, and the versions of what ran them."""

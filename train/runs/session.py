@@ -99,7 +99,8 @@ class Session:
         ) as error:  # what an environment of one's own raises when it is traced, too
             if self.resumed:
                 raise
-            self.run_dir.release()
+            if self.lock is not None:  # this process claimed it
+                self.run_dir.release()
             if not isinstance(error, KeyboardInterrupt):
                 raise
             what = "before the first update, nothing is left"
@@ -267,7 +268,7 @@ class Session:
 
     def _newest(self) -> str:
         """What is saved, in words."""
-        if update := self.checkpoints.latest():
+        if (update := self.checkpoints.latest()) is not None:
             return f"the newest checkpoint is of update {update}"
         return "there is no checkpoint"
 

@@ -1,11 +1,15 @@
 """What is said of updates."""
 
+import struct
+
 import numpy as np
 import pytest
+from tensorboardX.proto.event_pb2 import Event, SessionLog
 
 from train.algorithms.ppo.settings import PPOConfig
 from train.runs import logs
-from train.runs.logs import final_return, rows_from
+from train.runs.logs import MetricsLog, final_return, rows_from
+from train.runs.run_directory import RunDir
 
 
 def test_rows_average_over_the_seeds_that_have_a_value():
@@ -66,3 +70,29 @@ def test_a_line_at_the_first_update_and_every_ten_seconds(lines):
 
 def test_nothing_is_said_quietly(lines):
     assert lines(range(1, 101), 60.0, quiet=True) == []
+
+
+def sessions(folder):
+    """Steps from which on TensorBoard hides what earlier files say, in the order of time."""
+    found = []
+    for path in sorted(folder.iterdir()):
+        data, place = path.read_bytes(), 0
+        while place < len(data):  # TFRecord: length, its checksum, the record, its checksum
+            (size,) = struct.unpack_from("<Q", data, place)
+            event = Event.FromString(data[place + 12 : place + 12 + size])
+            place += size + 16
+            if event.session_log.status == SessionLog.START:
+                found.append(event.step)
+    return found
+
+
+@pytest.mark.parametrize(("done", "hidden"), [(0, 0), (1, 17)])
+def test_updates_that_are_done_anew_are_hidden(tmp_path, done, hidden):
+    """Of a run that was killed, before its first checkpoint too; a new run hides nothing."""
+    run_dir = RunDir(tmp_path)
+    log = MetricsLog(run_dir, 0)
+    log.write([{"update": n, "env_steps": 16 * n, "loss": 1.0} for n in (1, 2)])
+    log.close()
+    assert sessions(run_dir.tensorboard) == []
+    MetricsLog(run_dir, done).close()
+    assert sessions(run_dir.tensorboard) == [hidden]

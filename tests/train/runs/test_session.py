@@ -189,6 +189,14 @@ def test_resume_refuses_what_does_not_fit(probe, capsys):
         (["--num-seeds=2"], "num_seeds 2, which was 1: checkpoint"),
     ):
         refused(capsys, [*more, *change], words, "of another shape", "allowed: (")
+    # What would fit, and have what was done counted in other updates than it was done in.
+    for change, words in (
+        ("--rollout-length=2", "rollout_length 2, which was 4 until now, allowed: 4"),
+        ("--decide-every=2", "decide_every 2, which was 1 until now, allowed: 1"),
+        ("--num-epochs=1", "num_epochs 1, which was 2 until now, allowed: 2"),
+        ("--num-minibatches=1", "num_minibatches 1, which was 2 until now, allowed: 2"),
+    ):
+        refused(capsys, [*more, change], words)
     refused(capsys, [*TINY, "--run-dir=run"], "already holds files")
     assert before == {
         path: path.read_bytes() for path in (probe / "run").rglob("*") if path.is_file()

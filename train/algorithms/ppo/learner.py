@@ -70,7 +70,8 @@ class PPOLearner:
         """The state before the first update."""
         reset_key, network_key, key = jax.random.split(key, 3)
         keys = jax.random.split(reset_key, self.config.num_envs)
-        rollout = on_devices(self.mesh, self.collector.start)(keys, env_params)
+        start = on_devices(self.mesh, self.collector.start, group=self.config.same_demand)
+        rollout = start(keys, env_params)
         params = self.collector.network.init(network_key, rollout.obs[:1])
         weights = PolicyWeights(params, init_stats(rollout.obs.shape[-1:]))
         opt_state, return_stats = self.optimizer.init(params), init_stats()
@@ -84,8 +85,11 @@ class PPOLearner:
         """
         rollout_key, shuffle_key, key = jax.random.split(state.key, 3)
         keys = jax.random.split(rollout_key, self.config.num_envs)
-        # The trajectory stays as it was acted, (steps, environments): what was seen is large, and is not copied.
-        collect = on_devices(self.mesh, self._collect, out_axes=(0, 1, 0, 0))
+        # The trajectory stays as it was acted, (steps, environments): what was seen is large, and is copied only where
+        # a device's environments are several blocks.
+        collect = on_devices(
+            self.mesh, self._collect, out_axes=(0, 1, 0, 0), group=self.config.same_demand
+        )
         rollout, trajectory, last_value, sums = collect(
             (state.rollout, keys), (state.weights, env_params)
         )

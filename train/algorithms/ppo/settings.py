@@ -17,6 +17,7 @@ class PPOConfig(TrainConfig):
     """
 
     algorithm: ClassVar[str] = "ppo"
+    of_an_update = (*TrainConfig.of_an_update, "rollout_length", "num_minibatches", "num_epochs")
 
     rollout_length: int = option(
         600, "PPO", "choices per environment and update", limits=(1, 2**16)

@@ -8,7 +8,7 @@ import pytest
 from tests.train.probe_envs import Probe, ProbeParams
 from train.algorithms.networks import apply_policy, build_network
 from train.algorithms.ppo.settings import PPOConfig
-from train.algorithms.programs import make_train
+from train.algorithms.programs import make_train, shapes_of
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -98,3 +98,15 @@ def test_scaled_rewards_give_scaled_values():
         value, _ = value_and_probs(state, network, env, [[0.0, 0.0]])
         values.append(value[0])
     assert values[0] == pytest.approx(values[1], rel=1e-3)
+
+
+@pytest.mark.parametrize(("num_envs", "num_minibatches"), [(240, 16), (480, 16), (256, 256)])
+def test_whatever_divides_is_traced(num_envs, num_minibatches):
+    """Numbers of environments of which blocks of some 128 would cut groups that meet the same episodes."""
+    env, params = Probe("timed"), ProbeParams()
+    sizes = {"num_envs": num_envs, "num_minibatches": num_minibatches, "num_devices": 1}
+    config = PPOConfig(**(BASE | sizes | {"total_timesteps": 10**6}))
+    programs = make_train(env, params, config)
+    state = shapes_of(programs, params, config)
+    state, _ = jax.eval_shape(programs.run, state, params, jnp.int32(1))
+    assert state.rollout.obs.shape[0] == num_envs

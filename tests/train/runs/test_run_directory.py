@@ -1,0 +1,65 @@
+"""What the directory of a run keeps of its settings."""
+
+import dataclasses
+import json
+
+import pytest
+
+from tests.train.conftest import TINY
+from train.algorithms.ppo.settings import PPOConfig
+from train.runs.arguments import parse_request
+from train.runs.run_directory import RunDir
+
+
+@pytest.fixture
+def config():
+    """The settings of `TINY`."""
+    return parse_request(PPOConfig, TINY).config
+
+
+def until(run_dir):
+    """Learning rates by the update until which they ruled."""
+    return {
+        path.name: json.loads(path.read_text())["config"]["learning_rate"]
+        for path in run_dir.path.glob("config-until-*")
+    }
+
+
+def test_settings_that_ruled_are_kept(tmp_path, config):
+    """However often a run is gone on from the same update, or from an earlier one."""
+    first, second, third = (
+        dataclasses.replace(config, learning_rate=rate) for rate in (1e-3, 1e-4, 3e-4)
+    )
+    run_dir = RunDir(tmp_path / "run")
+    run_dir.claim(first).close()
+    run_dir.update_config(first, 6)
+    assert until(run_dir) == {}
+    for changed in (second, third):  # the second trained nothing
+        run_dir.update_config(changed, 10)
+        assert until(run_dir) == {"config-until-10.json": 1e-3}
+        assert run_dir.load_config() == changed
+    run_dir.update_config(second, 20)
+    assert until(run_dir) == {"config-until-10.json": 1e-3, "config-until-20.json": 3e-4}
+    # Updates 13 to 20 are done anew, then 6 to 13 too.
+    run_dir.update_config(second, 12)
+    assert until(run_dir) == {"config-until-10.json": 1e-3, "config-until-12.json": 3e-4}
+    run_dir.update_config(second, 5)
+    assert until(run_dir) == {"config-until-5.json": 1e-3}
+    # With its first settings again all is as it began.
+    run_dir.update_config(first, 5)
+    assert until(run_dir) == {}
+    assert run_dir.load_config() == first
+
+
+def test_a_process_that_claimed_nothing_removes_nothing(probe, monkeypatch):
+    """Where compiling fails: of several processes all but the first stand in a directory that is not theirs."""
+    from train.runs import open_session, session
+
+    (probe / "config.json").write_text("mine")
+    monkeypatch.setattr(open_session, "is_first", lambda: False)
+    monkeypatch.setattr(session, "is_first", lambda: False)
+    begun = open_session.open_session(parse_request(PPOConfig, TINY))
+    monkeypatch.setattr(begun, "_compile", lambda: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        begun.train()
+    assert (probe / "config.json").read_text() == "mine"
