@@ -133,7 +133,7 @@ SCENARIOS = Presets(
         },
     ),
     long=Scenario(
-        "a motorway of 100 km with true packs: the way takes a Leaf 18 kWh, and charging it 40 km",
+        "a motorway of 100 km with true packs: the way takes a Leaf 19 kWh, and charging it 50 km",
         EnvConfig(num_meds=64, num_evs=400, num_gas=2048, num_ramps=8),
         {
             "length_m": 100_000.0,

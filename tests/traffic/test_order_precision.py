@@ -116,7 +116,7 @@ def test_order_in_a_lane_is_right_up_to_a_resolution_of_a_vehicle():
 
 def test_the_largest_configuration_fits_its_counters():
     """Places in 16 bits, slot names in 15, counts in 24: brute force on as many vehicles as may be asked for."""
-    largest = EnvConfig(num_meds=64, num_evs=2048, num_gas=2048, num_lanes=6, num_ramps=8)
+    largest = EnvConfig(num_meds=64, num_evs=4096, num_gas=4096, num_lanes=5, num_ramps=8)
     validate_config(largest)
     slots, lanes = largest.num_vehicles, largest.num_lanes + 1
     assert (lanes + 1) * (slots + 2) <= 2**16

@@ -62,8 +62,10 @@ def _named(
     if params is not None:
         raise InputError("params without env: allowed options of medjax.make by name")
     made, params = make("paper" if scenario is None else scenario, **overrides)
-    kind = (made.config, tuple(made.reward.items()), made.observation, made.name)
-    return (_SHARED.setdefault(kind, made) if isinstance(kind[2], Hashable) else made), params
+    own = made.observation, made.following, made.coupling
+    kind = (made.config, tuple(made.reward.items()), made.name, *own)
+    shared = all(isinstance(part, Hashable) for part in own)
+    return (_SHARED.setdefault(kind, made) if shared else made), params
 
 
 def spaces_of(env: Environment, params: Any) -> tuple[Box, Discrete]:
