@@ -8,7 +8,8 @@ a new cache; figures are medians, column by column.
 Seconds of wall time:
 - total: from starting the process to its end, so imports, compilation, training, evaluation and report.
 - compile, training: what the run itself says (compile_s and train_s of summary.json). Compile is of the training
-  programs; the evaluation's is a part of evaluation. Training includes writing the checkpoints.
+  programs; the evaluation's goes on beside the first updates, and what is left of it then is a part of evaluation.
+  Training includes writing the checkpoints.
 - evaluation: the closing evaluation of the learned and the other policies, and the picture (evaluation_s).
 - other: the rest: starting Python, imports, building the environment, ending.
 

@@ -177,7 +177,7 @@ def sections(run_dir: RunDir, config: TrainConfig, played: Played) -> list[Secti
         Section(
             "Figure 7: the training curve",
             "Mean return of the whole episodes that ended in an update. With several seeds the line is their "
-            "interquartile mean, and the band its 95 % bootstrap interval. Dashed: mean returns of the rules on the "
+            "interquartile mean, and the band its bootstrap interval. Dashed: mean returns of the rules on the "
             "episodes of this report. The paper trained for 400,000 decisions.",
             pictures=[path["training_curve"]],
         ),
