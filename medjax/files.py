@@ -65,7 +65,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 def remove_unfinished(directory: Path) -> None:
     """Removes what `replacing` left in a directory when its process was killed; nobody else may be writing there."""
-    for leftover in directory.glob(f"*{UNFINISHED}*"):
+    for leftover in directory.glob(f"*.{'[0-9a-f]' * 16}{UNFINISHED}*"):
         leftover.unlink()
 
 

@@ -65,5 +65,9 @@ def test_what_was_killed_in_the_writing_is_removed(tmp_path):
     with replacing(tmp_path / "out.json") as partial:
         copy = partial.with_name(partial.name.replace("out", "old"))
         copy.write_text("half")
+    theirs = ["notes.partial.txt", "old.partial"]  # named alike by somebody else
+    (tmp_path / theirs[0]).write_text("mine")
+    (tmp_path / theirs[1]).mkdir()
     remove_unfinished(tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.json", "precious.json"]
+    left = sorted(path.name for path in tmp_path.iterdir())
+    assert left == sorted(["out.json", "precious.json", *theirs])

@@ -13,6 +13,7 @@ import numpy as np
 import medjax
 from benchmarks.command import episodes_parser, run_command
 from medjax.episodes.scores import Evaluation, Scores
+from medjax.errors import InputError
 from train.evaluation.tables import PAPER_TABLE_2
 
 # Mean and standard deviation of the episode reward over ten episodes.
@@ -54,6 +55,10 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     env, params = medjax.make(options.scenario)
     policies = {name: medjax.BASELINES[name](env) for name in TABLE_2}
     weights = {name: float(value) for name, value in params.reward_weights.items()}
+    if not weights.get("depleted"):
+        raise InputError(
+            f"--scenario {options.scenario}: allowed one that pays for EVs that run out"
+        )
     evaluation = Evaluation(env, params, policies, options.episodes)
     factor, w1 = solve(evaluation.play(policies, options.seed), -weights["depleted"])
     print(f"weights that fit episodes of seed {options.seed}, and the preset's own:")

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
@@ -43,7 +44,11 @@ def read_board(path: Path) -> dict[str, Any]:
     try:
         board: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         lengths = {len(row["returns"]) for row in board["rows"]}
-        sound = isinstance(board["scenario"], str) and lengths <= {board["episodes"]}
+        names = {row[key] for row in board["rows"] for key in ("name", "policy", "about")}
+        shown_of = {float(row[metric]) for row in board["rows"] for metric in SHOWN.values()}
+        texts = {board["scenario"], *names}
+        sound = all(isinstance(text, str) for text in texts) and lengths <= {board["episodes"]}
+        sound = sound and isinstance(board["seed"], int) and all(map(math.isfinite, shown_of))
     except (OSError, ValueError, KeyError, TypeError):
         sound = False
     if not sound:
@@ -138,7 +143,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     for _, policy, _ in todo:
         check_policy(policy)
     for name, policy, about in todo:
-        board = with_row(board, play(board, name, policy, about))
+        row = play(board, name, policy, about)
+        board = with_row(read_board(options.file), row)  # somebody else may have added one
         write_board(options.file, board)
     print(
         f"{board['scenario']}, {board['episodes']} episodes of seed {board['seed']}, the same for all"

@@ -12,6 +12,7 @@ from jax import lax
 from medjax.env.contract import Environment
 from medjax.episodes.keys import episode_keys
 from medjax.episodes.player import Episodes, Player, episode_decisions
+from medjax.errors import InputError
 from medjax.numerics.compilation import compiled, computed
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.numerics.rows import CACHED_ROWS
@@ -80,7 +81,8 @@ class Evaluation:
     ) -> None:
         self.names, self.params, self.episodes = list(policies), params, episodes
         self.batch = min(batch, episodes)
-        runner = make_runner(env, policies, episode_decisions(params) or MAX_DECISIONS)
+        self._most = episode_decisions(params) or MAX_DECISIONS
+        runner = make_runner(env, policies, self._most)
         self._run = compiled(runner.lower(_host_weights(policies), self._keys(0)[0], params))
 
     def play(
@@ -91,13 +93,20 @@ class Evaluation:
         Args:
             policies: those that this was built for, with the weights to act with.
             seed: which episodes.
-            params: other numbers of the environment than those that this was built for.
+            params: other numbers of the environment than those that this was built for, of no longer episodes.
 
         Returns:
             For each policy, arrays `(episodes,)` float64 of `return`, `length` and the environment's metrics.
+
+        Raises:
+            InputError: longer episodes.
         """
         weights = _host_weights(policies)
         params = self.params if params is None else params
+        if (length := episode_decisions(params) or MAX_DECISIONS) > self._most:
+            raise InputError(
+                f"episode_decisions is {length}, allowed: at most {self._most}, as built"
+            )
         blocks = _progress(self._keys(seed), desc="episodes")
         parts = [jax.device_get(computed(self._run(weights, keys, params))) for keys in blocks]
         columns = jax.tree.map(lambda *each: np.concatenate(each, axis=1, dtype=np.float64), *parts)

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from medjax.commandline import as_path, read_object
-from medjax.errors import InputError, shown
+from medjax.errors import MOST_SHOWN, InputError, one_line, shown
 from medjax.policies.policy import Choice, Policy
 from medjax.policies.pretrained import PRETRAINED, pretrained
 from medjax.policies.rules import BASELINES
@@ -71,7 +71,13 @@ def _named(env: Any, text: str) -> Policy:
     if text.endswith(FILE):
         return load_policy(text).policy(env)
     if ":" in text:
-        return as_policy(env, read_object("policy", text)(env))
+        build = read_object("policy", text)
+        try:
+            built = build(env)
+        except Exception as error:  # whatever somebody's function raises
+            reason = one_line(f"{type(error).__name__}: {error}", MOST_SHOWN)
+            raise InputError(f"policy {shown(text)} of the environment: {reason}") from error
+        return as_policy(env, built)
     raise _unknown(text, [*rules, PRETRAINED])
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box, Discrete
 from pettingzoo import ParallelEnv
 
@@ -33,7 +34,7 @@ class ParallelAgents(ParallelEnv):  # type: ignore[misc]
         self._discrete: dict[str, Discrete] = {
             agent: Discrete(env.env.num_actions) for agent in env.agents
         }
-        self._key = jax.random.key(0)
+        self._key = jax.random.key(int(np.random.SeedSequence().generate_state(1)[0]))
         self._state: Any = None
         self._masks = jax.jit(env.get_avail_actions)
 
@@ -48,13 +49,13 @@ class ParallelAgents(ParallelEnv):  # type: ignore[misc]
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Starts an episode, the one of the seed if there is one; observations and infos by agent."""
+        """Starts an episode, that of the seed if there is one, else a new one; observations and infos by agent."""
         if seed is not None:
             self._key = jax.random.key(seed)
         self._key, key = jax.random.split(self._key)
         obs, self._state = self.env.reset(key)
         self.agents = list(self.possible_agents)
-        return jax.device_get(obs), self._infos({})
+        return _own(obs), self._infos({})
 
     def step(self, actions: dict[str, Any]) -> tuple[dict[str, Any], ...]:
         """One decision.
@@ -63,8 +64,11 @@ class ParallelAgents(ParallelEnv):  # type: ignore[misc]
           observations, rewards, terminations, truncations, infos, by agent
 
         Raises:
+          gymnasium.error.ResetNeeded: before the first reset.
           InputError: as `NamedAgents.step_env`.
         """
+        if self._state is None:
+            raise ResetNeeded("step() before reset(): call reset() first")
         self._key, key = jax.random.split(self._key)
         obs, self._state, rewards, dones, metrics = self.env.step_env(key, self._state, actions)
         over = bool(dones["__all__"])
@@ -72,11 +76,16 @@ class ParallelAgents(ParallelEnv):  # type: ignore[misc]
         infos = self._infos({name: float(values[0]) for name, values in metrics.items()})
         paid = {agent: float(rewards[agent]) for agent in self.agents}
         self.agents = [] if over else self.agents
-        return jax.device_get(obs), paid, ended, cut, infos
+        return _own(obs), paid, ended, cut, infos
 
     def _infos(self, metrics: dict[str, float]) -> dict[str, Any]:
         masks = jax.device_get(self._masks(self._state))
         return {
-            agent: {"action_mask": mask.astype(np.int8), "metrics": metrics}
+            agent: {"action_mask": mask.astype(np.int8), "metrics": dict(metrics)}
             for agent, mask in masks.items()
         }
+
+
+def _own(obs: dict[str, jax.Array]) -> dict[str, np.ndarray]:
+    """Observations as the caller's, to keep or to change."""
+    return {agent: np.array(values) for agent, values in obs.items()}

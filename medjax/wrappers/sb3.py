@@ -68,6 +68,10 @@ class ChargingVecEnv(VecEnv):  # type: ignore[misc]
         """Allowed actions, `(num_envs, num_actions)` bool."""
         return self.envs.action_masks()
 
+    def get_images(self) -> Sequence[np.ndarray]:
+        """The roads of all copies, `(H, W, 3)` uint8 each, with `render_mode="rgb_array"`."""
+        return self.envs.render() or ()
+
     def close(self) -> None:
         """Nothing is open."""
 

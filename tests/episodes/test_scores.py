@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from medjax.episodes.keys import EVALUATION
-from medjax.episodes.scores import evaluate_policies
+from medjax.episodes.scores import Evaluation, evaluate_policies
+from medjax.errors import InputError
 from medjax.policies.policy import Choice, Policy, rule
 from tests.train.conftest import coin, never
 from tests.train.probe_envs import Probe, ProbeParams
@@ -61,6 +62,15 @@ def test_nothing_counts_after_the_end_of_an_episode():
     scores = evaluate_policies(*ends_early, {"none": never(env)}, 5)
     np.testing.assert_array_equal(scores["none"]["length"], 1.0)
     assert set(scores["none"]["return"]) <= {0.0, 1.0}
+
+
+def test_longer_episodes_than_it_was_built_for_are_refused():
+    env, policies = Probe("constant_terminated"), {"none": never(Probe("constant_terminated"))}
+    built = Evaluation(env, ProbeParams(episode_decisions=5), policies, 2)
+    shorter = built.play(policies, 0, ProbeParams(episode_decisions=3))
+    np.testing.assert_array_equal(shorter["none"]["length"], 3.0)
+    with pytest.raises(InputError, match="episode_decisions is 6, allowed: at most 5"):
+        built.play(policies, 0, ProbeParams(episode_decisions=6))
 
 
 def test_forbidden_actions_count_as_none():

@@ -46,6 +46,13 @@ def test_a_function_that_gives_no_action_is_refused(action):
         as_policy(env, lambda *given: action)(jax.random.key(0), None, None, None)
 
 
+def test_a_function_that_builds_no_policy_is_refused():
+    """Such as one that acts, named where what builds it is asked for."""
+    env, *_ = prepare("paper")
+    with pytest.raises(InputError, match="policy 'math:sqrt' of the environment: TypeError"):
+        as_policy(env, "math:sqrt")
+
+
 def test_acts_by_name_in_its_world_and_no_other():
     """Whatever the environment observes, it sees what it was trained to see."""
     env, params = medjax.make("paper")

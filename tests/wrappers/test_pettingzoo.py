@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from gymnasium.error import ResetNeeded
 
 import medjax
 from medjax.errors import InputError
@@ -38,6 +39,25 @@ def test_seeds_repeat_episodes(named):
     )
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
+
+
+def test_episodes_without_a_seed_differ(named):
+    """Between environments too: workers do not play one episode many times."""
+    one, other = (ParallelAgents(named) for _ in range(2))
+    drawn = [np.stack(list(each.reset()[0].values())) for each in (one, one, other)]
+    assert not any(np.array_equal(drawn[0], later) for later in drawn[1:])
+
+
+def test_what_is_returned_is_the_callers(named):
+    env = ParallelAgents(named)
+    with pytest.raises(ResetNeeded):
+        env.step({})
+    env.reset(seed=1)
+    obs, *_, infos = env.step(dict.fromkeys(env.agents, 0))
+    first, other, *_ = env.agents
+    obs[first] *= 0.0
+    infos[first]["metrics"]["mine"] = 1.0
+    assert "mine" not in infos[other]["metrics"]
 
 
 def test_an_episode_is_truncated_for_all(named):

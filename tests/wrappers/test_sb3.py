@@ -121,6 +121,17 @@ def test_many_highways_play_as_single_ones(many):
     assert infos[0]["metrics"]["meds_dispatched"] > 0.0
 
 
+def test_pictures_are_of_every_copy():
+    pytest.importorskip("sb3_contrib", reason=NEEDED)
+    from medjax.wrappers.sb3 import ChargingVecEnv
+
+    env = ChargingVecEnv(2, render_mode="rgb_array", **DEAR_TRUCKS)
+    env.reset()
+    first, second = env.get_images()
+    assert first.shape == second.shape
+    assert first.shape[-1] == 3
+
+
 def test_an_attribute_is_set_for_all_copies_or_none(many):
     with pytest.raises(InputError, match="label: copies share it, allowed: set for all of them"):
         many.set_attr("label", 3, indices=[0, 2])

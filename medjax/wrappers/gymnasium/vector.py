@@ -81,9 +81,9 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Returns:
           (observations (num_envs, size) float32, infos)
         """
-        if isinstance(seed, int):
-            super().reset(seed=seed)
-            seed = [seed + number for number in range(self.num_envs)]
+        if isinstance(seed, int | np.integer):
+            super().reset(seed=int(seed))
+            seed = [int(seed) + number for number in range(self.num_envs)]
         seeds = [None] * self.num_envs if seed is None else list(seed)
         if len(seeds) != self.num_envs:
             raise InputError(f"{len(seeds)} seeds: allowed {self.num_envs}, one a copy")

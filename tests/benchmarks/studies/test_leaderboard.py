@@ -52,6 +52,8 @@ def test_adding_plays_the_boards_episodes(tmp_path, monkeypatch, capsys):
     scores = {"mine": {"return": NOISE + 2.0, **dict.fromkeys(METRICS, np.zeros(64))}}
 
     def evaluate(*given, **named):
+        # While it plays somebody else adds a row.
+        write_board(path, with_row(read_board(path), row("theirs", NOISE)))
         asked.update(given=given, **named)
         return SimpleNamespace(scores=scores)
 
@@ -64,8 +66,8 @@ def test_adding_plays_the_boards_episodes(tmp_path, monkeypatch, capsys):
     }
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "paper, 64 episodes of seed 3, the same for all"
-    assert [line.split()[0] for line in lines[3:]] == ["mine", "none"]
-    assert [each["about"] for each in read_board(path)["rows"]] == ["made", "a rule"]
+    assert [line.split()[0] for line in lines[3:]] == ["mine", "none", "theirs"]
+    assert [each["about"] for each in read_board(path)["rows"]] == ["made", "made", "a rule"]
 
 
 @pytest.mark.parametrize(
@@ -86,7 +88,15 @@ def test_bad_input_is_refused_and_the_board_kept(tmp_path, capsys, given, word):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "{}", "[]", json.dumps({**board(row("a", [1.0])), "episodes": 2})]
+    "text",
+    [
+        "",
+        "{}",
+        "[]",
+        json.dumps({**board(row("a", [1.0])), "episodes": 2}),
+        json.dumps({**board(), "seed": None}),
+        json.dumps(board({"returns": [0.0] * 64})),
+    ],
 )
 def test_what_is_no_board_is_refused(tmp_path, capsys, text):
     path = tmp_path / "board.json"
