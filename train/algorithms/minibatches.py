@@ -151,6 +151,8 @@ def descend(
     def epochs(
         start: tuple[Any, Any], seen: Any, minibatches: tuple[jax.Array, jax.Array, Any]
     ) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
+        """All passes on a device's own environments; what describes the steps is `(num_epochs, num_minibatches)`."""
+
         def epoch(carry: tuple[Any, Any], _: None) -> Any:
             """A pass over all minibatches."""
             return lax.scan(partial(step, seen), carry, minibatches)

@@ -182,6 +182,7 @@ class PPOLearner:
         def loss_fn(
             candidate: Any, seen: tuple[jax.Array, jax.Array], batch: Batch
         ) -> tuple[jax.Array, Metrics]:
+            """The loss `()` and its scalars, of rows: observations `(some, num_features)`, masks, samples `(some,)`."""
             obs, mask = seen
             policy, value = apply_policy(
                 self.collector.network, PolicyWeights(candidate, weights.obs_stats), obs, mask
