@@ -237,27 +237,28 @@ def tick_books(
     bound = (new.destination[:, None] == params.road.exit_x_m).any(axis=1)[config.ev_slots]
     travelled = jnp.where(old.active, new.x - old.x, 0.0)
     soc = evs.energy_j / params.ev_capacity_j
-    present, gas = sums_by_class(new.active, config), jnp.array(GAS_KINDS)
+    # Who leaves in a tick was there for it, too.
+    there, gas = sums_by_class(old.active, config), jnp.array(GAS_KINDS)
     distance = sums_by_class(travelled, config)
     lost = jnp.where(old.active, dt - travelled / old.desired_speed, 0.0)
     delay = sums_by_class(lost, config)
     low = evs.energy_j < params.charging.request_soc * params.ev_capacity_j
-    on_their_way = (after.meds.status != AT_DEPOT) & (after.meds.status != RETIRED)
+    on_their_way = (before.meds.status != AT_DEPOT) & (before.meds.status != RETIRED)
     return wrong, Books(
         entered=jnp.zeros((len(KINDS),)),
         left=sums_by_kind(left, old.kind),
         depleted=total(new.active[config.ev_slots] & evs.is_depleted & ~was.is_depleted),
-        ev_seconds=present[1] * dt,
+        ev_seconds=there[1] * dt,
         ev_distance_m=distance[1],
-        soc_seconds=total(jnp.where(new.active[config.ev_slots], soc, 0.0)) * dt,
+        soc_seconds=total(jnp.where(old.active[config.ev_slots], soc, 0.0)) * dt,
         exit_soc=total(jnp.where(left[config.ev_slots], soc, 0.0)),
         low_exits=total(left[config.ev_slots] & (was.stops | low & ~bound)),
         ev_delay_s=delay[1],
         gas_delay_s=delay[2],
         med_seconds=total(on_their_way) * dt,
-        gas_seconds=sums_by_kind(new.active, old.kind)[gas] * dt,
+        gas_seconds=sums_by_kind(old.active, old.kind)[gas] * dt,
         gas_distance_m=sums_by_kind(travelled, old.kind)[gas],
-        vehicle_ticks=jnp.sum(present),
+        vehicle_ticks=total(new.active),
         evs_served=total(evs.served & ~was.served),
         meds_dispatched=jnp.zeros(()),
         lane_changes=total(jnp.where(old.active, jnp.abs(new.lane - old.lane), 0)),

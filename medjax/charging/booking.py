@@ -10,7 +10,13 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.docking import Partner, panel_lane, panel_x, plan_approach
+from medjax.charging.docking import (
+    Partner,
+    panel_lane,
+    panel_x,
+    plan_approach,
+    slots_on_road,
+)
 from medjax.charging.energy import cruising
 from medjax.numerics.gathers import read
 from medjax.numerics.sums import count_down
@@ -79,7 +85,9 @@ class Offers(NamedTuple):
     speed: jax.Array  # m/s
     lane: jax.Array  # int32
     length: jax.Array  # m
-    free: jax.Array  # bool, in service, with energy, takes EVs, and the slot not booked
+    free: (
+        jax.Array
+    )  # bool, in service, with energy, takes EVs, and the slot on the road and not booked
     leaves_x: jax.Array  # m, where it leaves the road
 
 
@@ -101,9 +109,7 @@ def _first_minimum(values: jax.Array) -> tuple[jax.Array, jax.Array]:
     return minimum, places.min(axis=-1)
 
 
-def _panel_cost(
-    requests: Requests, offer: Offers, num_lanes: int, params: ChargingParams
-) -> jax.Array:
+def _panel_cost(requests: Requests, offer: Offers, params: ChargingParams) -> jax.Array:
     """Seconds until each EV could be in each slot of its nearest MED, `(E, 4)`; FAR if it cannot."""
     panel = jnp.arange(len(PANELS), dtype=jnp.int32)
     med = Partner(*(field[:, None] for field in (offer.x, offer.speed, offer.lane, offer.length)))
@@ -117,8 +123,7 @@ def _panel_cost(
     seconds = up / params.approach_speed + down / back + LANE_CHANGE_S * jnp.abs(wanted - lane)
     # Nobody can pass the MED in its own lane.
     blocked = (lane == med.lane) & jnp.where(x < med.x, panel == FRONT, panel == REAR)
-    on_road = (wanted >= 0) & (wanted < num_lanes)
-    return jnp.where(offer.free & on_road & ~blocked, seconds, FAR)
+    return jnp.where(offer.free & ~blocked, seconds, FAR)
 
 
 def grant(
@@ -126,7 +131,6 @@ def grant(
     panel: jax.Array,
     requests: Requests,
     offers: Offers,
-    num_lanes: int,
     params: ChargingParams,
 ) -> tuple[jax.Array, jax.Array]:
     """One round of booking: each EV asks its nearest MED, each MED takes its nearest EV.
@@ -149,7 +153,7 @@ def grant(
     distance, nearest = _first_minimum(distances)
     offer = Offers(*(field[nearest] for field in offers))
 
-    cost = _panel_cost(requests, offer, num_lanes, params)
+    cost = _panel_cost(requests, offer, params)
     seconds, choice = _first_minimum(cost)
     time_left = (offer.leaves_x - offer.x) / jnp.maximum(offer.speed, 1.0)
     in_time = (seconds + WORTHWHILE_S <= time_left) & (seconds < requests.endurance_s)
@@ -171,13 +175,15 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
     vehicles, evs, meds = state.vehicles, state.evs, state.meds
     med_slots, ev_slots = config.med_slots, config.ev_slots
     length = by_kind(vehicles.kind, params.drivers.vehicle_length)
+    med_lane = vehicles.lane[med_slots]
     booked = panel_flags(evs.med, evs.panel, evs.med != NOT_BOOKED, config.num_meds)
+    open_slots = slots_on_road(med_lane, config.num_lanes) & ~booked
     offers = Offers(
         x=vehicles.x[med_slots],
         speed=vehicles.speed[med_slots],
-        lane=vehicles.lane[med_slots],
+        lane=med_lane,
         length=length[med_slots],
-        free=(can_serve(meds, params) & meds.accepts)[:, None] & ~booked,
+        free=(can_serve(meds, params) & meds.accepts)[:, None] & open_slots,
         leaves_x=vehicles.destination[med_slots],
     )
     lane = vehicles.lane[ev_slots]
@@ -200,7 +206,7 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
 def book(state: EnvState, config: EnvConfig, params: EnvParams) -> EVs:
     """The EVs after one round of asking and granting."""
     evs, (requests, offers) = state.evs, ask(state, config, params)
-    med, panel = grant(evs.med, evs.panel, requests, offers, config.num_lanes, params.charging)
+    med, panel = grant(evs.med, evs.panel, requests, offers, params.charging)
     return evs.replace(med=med, panel=panel)
 
 

@@ -13,7 +13,7 @@ from medjax.traffic.following import Drivers, Platooning
 from medjax.traffic.neighbours import NOBODY
 from medjax.traffic.step import ORDERED_DESIRE, Orders
 from medjax.world.kinds import MED
-from medjax.world.params import FRONT, REAR, ChargingParams, EnvConfig, EnvParams
+from medjax.world.params import FRONT, PANELS, REAR, ChargingParams, EnvConfig, EnvParams
 from medjax.world.state import NOT_BOOKED, EnvState, EVs, Vehicles
 
 # Slot lanes relative to the MED's, by panel: left, right, rear, front.
@@ -42,6 +42,12 @@ def partners(vehicles: Vehicles, evs: EVs, length: jax.Array, config: EnvConfig)
     columns = Partner(vehicles.x, vehicles.speed, vehicles.lane, length)
     meds = jax.tree.map(lambda column: column[config.med_slots], columns)
     return read(meds, jnp.maximum(evs.med, 0))
+
+
+def slots_on_road(med_lane: jax.Array, num_lanes: int) -> jax.Array:
+    """Whether a slot of MEDs in these lanes, `(M,)`, lies in a lane of the road, `(M, 4)` bool."""
+    lane = panel_lane(jnp.arange(len(PANELS), dtype=jnp.int32), med_lane[:, None])
+    return (lane >= 0) & (lane < num_lanes)
 
 
 def panel_lane(panel: jax.Array, med_lane: jax.Array) -> jax.Array:
@@ -223,7 +229,7 @@ def approach(state: EnvState, drivers: Drivers, config: EnvConfig, params: EnvPa
     # A MED goes round who stands in its lane, and comes back.
     keeps = vehicles.speed[config.med_slots] > 0.5 * state.meds.service_speed
     to_service = jnp.sign(state.meds.service_lane - vehicles.lane[config.med_slots])
-    ev_desire = jnp.where(evs.is_depleted, to_the_right(params), 0.0)
+    ev_desire = jnp.where(evs.is_depleted, to_the_right(vehicles.speed[slots], params), 0.0)
     ev_desire = jnp.where(booked, plan.desire, ev_desire)
     desire = config.by_slot(ORDERED_DESIRE * to_service, ev_desire, 0.0)
     # A write into one array, where `by_slot` would join three: XLA for CPUs is slower at that.

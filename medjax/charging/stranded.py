@@ -37,18 +37,31 @@ def coasting(speed: jax.Array, params: EnvParams) -> jax.Array:
     return -work / (v * body.mass_kg * body.rotational_inertia_factor)
 
 
-def to_the_right(params: EnvParams) -> jax.Array:
-    """How urgently a depleted EV must go to the right, as `medjax.traffic.lane_change.Wish`: at once, or never."""
-    return jnp.where(params.charging.depleted_blocks > 0, 0.0, 1.0)
+def to_the_right(speed: jax.Array, params: EnvParams) -> jax.Array:
+    """How urgently depleted EVs at these speeds, m/s, must go to the right, as `medjax.traffic.lane_change.Wish`.
+
+    At once, or never: who would stand between two lanes, since the way that is left is too short for a change, stays.
+    """
+    rolling = -coasting(jnp.zeros_like(speed), params)
+    sideways = (
+        jnp.square(speed) * params.motion.lateral_slope
+    )  # over 2 * rolling: m, until it stands
+    # Half a lane more than one, since the end of a change is slower.
+    comes_over = sideways > 2.0 * rolling * 1.5 * params.road.lane_width_m
+    return jnp.where(comes_over & (params.charging.depleted_blocks == 0), 1.0, 0.0)
 
 
-def without_motor(vehicles: Vehicles, evs: EVs, config: EnvConfig) -> Vehicles:
-    """The vehicles before a tick: of depleted EVs no noise of a foot on the pedal, and none brakes to fall in.
+def without_motor(vehicles: Vehicles, evs: EVs, config: EnvConfig, params: EnvParams) -> Vehicles:
+    """The vehicles before a tick: of depleted EVs no noise of a foot on the pedal, nor an exit.
 
-    Who cannot get faster again waits until traffic beside it has passed, or has made room.
+    And none brakes to fall in: who cannot get faster again waits until traffic beside it has passed, or has made room.
     """
     slots = config.ev_slots
     noise, courtesy = vehicles.acceleration_noise, vehicles.courtesy
+    if config.num_exits:
+        own, end = vehicles.destination, params.road.length_m
+        bound = jnp.where(evs.is_depleted, end, own[slots])
+        vehicles = vehicles.replace(destination=own.at[slots].set(bound))
     return vehicles.replace(
         acceleration_noise=noise.at[slots].set(jnp.where(evs.is_depleted, 0.0, noise[slots])),
         courtesy=courtesy.at[slots].set(jnp.where(evs.is_depleted, jnp.inf, courtesy[slots])),

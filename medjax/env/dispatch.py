@@ -81,31 +81,38 @@ def dispatch(
 
 
 def on_the_road(
-    meds: MEDs, vehicles: Vehicles, left: jax.Array, config: EnvConfig, params: EnvParams
+    meds: MEDs,
+    vehicles: Vehicles,
+    left: jax.Array,
+    since_s: jax.Array,
+    config: EnvConfig,
+    params: EnvParams,
 ) -> MEDs:
     """After a tick: in service once settled in the service lane, retired once off the road.
 
     Args:
       vehicles: of all slots, after the tick.
       left: (N,) bool, at an exit or the end of the road in it.
+      since_s: () s, since the decision that it belongs to; `advance_clocks` takes all of that off who is retired.
     """
     slots, fleet = config.med_slots, params.fleet
     in_lane = vehicles.lane[slots] == meds.service_lane
     settled = jnp.abs(vehicles.lateral_offset[slots]) < 1.0
     status = jnp.where((meds.status == MERGING) & in_lane & settled, IN_SERVICE, meds.status)
     charging_s = (params.med_capacity_j - meds.energy_j) / fleet.depot_power_w
+    away_s = since_s + fleet.turnaround_s + charging_s
     return meds.replace(
         status=jnp.where(left[slots], RETIRED, status),
-        ready_in_s=jnp.where(left[slots], fleet.turnaround_s + charging_s, meds.ready_in_s),
+        ready_in_s=jnp.where(left[slots], away_s, meds.ready_in_s),
     )
 
 
 def at_depot(config: EnvConfig, params: EnvParams) -> MEDs:
-    """The fleet, full and at the depot, to serve as it is used to; slots beyond its size hold MEDs that never come."""
+    """The fleet, full and at the depot, to serve as it is used to; beyond its size slots are empty MEDs for ever."""
     fleet = params.fleet
     exists = jnp.arange(config.num_meds) < fleet.size
     return MEDs(
-        energy_j=jnp.full((config.num_meds,), params.med_capacity_j, jnp.float32),
+        energy_j=jnp.where(exists, params.med_capacity_j, 0.0).astype(jnp.float32),
         rest_j=jnp.zeros((config.num_meds,)),
         status=jnp.where(exists, AT_DEPOT, RETIRED).astype(jnp.int32),
         ramp=jnp.zeros((config.num_meds,), jnp.int32),

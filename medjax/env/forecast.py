@@ -7,12 +7,13 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.booking import panel_flags
+from medjax.charging.booking import can_serve, panel_flags
+from medjax.charging.docking import slots_on_road
 from medjax.charging.energy import cruising
 from medjax.numerics.sums import in_units, rounded, sum_pairwise
 from medjax.traffic.demand import entries, entry_rates
 from medjax.world.params import EnvConfig, EnvParams
-from medjax.world.state import NOT_BOOKED, QUEUED, EnvState
+from medjax.world.state import IN_SERVICE, MERGING, NOT_BOOKED, QUEUED, EnvState
 
 
 def med_places(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
@@ -24,10 +25,12 @@ def med_places(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Arr
 
 
 def free_slots(state: EnvState, config: EnvConfig) -> jax.Array:
-    """Slots that no EV has booked, `(M,)` int32, of every MED."""
-    evs = state.evs
+    """Slots on the road that no EV has booked, `(M,)` int32, of every MED where it serves, or is to serve."""
+    evs, meds = state.evs, state.meds
     taken = panel_flags(evs.med, evs.panel, evs.med != NOT_BOOKED, config.num_meds)
-    return jnp.sum(~taken, axis=1)
+    in_service = meds.status == IN_SERVICE
+    lane = jnp.where(in_service, state.vehicles.lane[config.med_slots], meds.service_lane)
+    return jnp.sum(slots_on_road(lane, config.num_lanes) & ~taken, axis=1)
 
 
 def lacking_j(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
@@ -44,7 +47,7 @@ class Need(NamedTuple):
     there: jax.Array  # EVs in need on the road
     shortfall: jax.Array  # what these lack to come to their destinations, packs
     coming: jax.Array  # EVs in need that the known demand brings, on average
-    free: jax.Array  # free slots of MEDs that are as near
+    free: jax.Array  # free slots of MEDs that serve, or are about to, and are as near
 
 
 def expected_need(
@@ -87,7 +90,10 @@ def expected_need(
     # Who enters behind the ramp must do so early enough to catch up.
     time = jnp.where(way >= 0.0, jnp.maximum(window_s - way / closing, 0.0), 0.0)
 
-    near = jnp.abs(ahead_of(med_places(state, config, params))) <= window_m
+    meds = state.meds
+    comes = (meds.status == QUEUED) | (meds.status == MERGING)
+    serves = (comes | can_serve(meds, params)) & meds.accepts
+    near = serves & (jnp.abs(ahead_of(med_places(state, config, params))) <= window_m)
     return Need(
         there=jnp.sum(meets, axis=1).astype(jnp.float32),
         shortfall=sum_pairwise(lacks),

@@ -42,13 +42,11 @@ class Observation(struct.PyTreeNode):
 
 def clock_features(state: EnvState, params: EnvParams) -> jax.Array:
     """`Observation.clock`, (4,) float32."""
-    # Slots beyond the fleet's size are nobody, and for ever at the depot.
-    exists = jnp.arange(state.meds.status.shape[0]) < params.fleet.size
     fleet = jnp.maximum(params.fleet.size, 1)
     clock = [
         in_units(params.episode_decisions - state.time, params.episode_decisions),
         state.cooldown_s / COOLDOWN_UNIT_S,
-        in_units(jnp.sum((state.meds.status == AT_DEPOT) & exists), fleet),
+        in_units(jnp.sum(state.meds.status == AT_DEPOT), fleet),
         in_units(jnp.sum(state.meds.status == QUEUED), fleet),
     ]
     return jnp.stack(clock).astype(jnp.float32)
@@ -57,8 +55,8 @@ def clock_features(state: EnvState, params: EnvParams) -> jax.Array:
 def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observation:
     """The structured observation of one environment.
 
-    Vehicles off the road are zero rows, but a MED keeps its state of charge: a full one off the road
-    has not been sent yet. The target MED of an EV is (index + 1) / num_meds, 0 for none.
+    Vehicles off the road are zero rows, but a MED keeps its state of charge: a full one off the road waits at a ramp,
+    or has not been sent yet. The target MED of an EV is (index + 1) / num_meds, 0 for none.
     """
     vehicles, evs, meds = state.vehicles, state.evs, state.meds
     width = config.num_lanes * params.road.lane_width_m

@@ -18,7 +18,7 @@ from medjax.traffic.idm import IDM_PLUS
 from medjax.traffic.step import move
 from medjax.world.kinds import GAS_KINDS
 from medjax.world.params import EnvConfig, EnvParams
-from medjax.world.state import AT_DEPOT, RETIRED, EnvState, EVs, MEDs, Tally, Vehicles, count_kinds
+from medjax.world.state import AT_DEPOT, RETIRED, EnvState, EVs, Tally, Vehicles, count_kinds
 
 
 def physics_tick(
@@ -41,7 +41,7 @@ def physics_tick(
     Returns:
       (state after the tick, what happened in it). `state.tally` is left as it was.
     """
-    before = without_motor(state.vehicles, state.evs, config)
+    before = without_motor(state.vehicles, state.evs, config, params)
     with jax.named_scope("docking"):
         orders = approach(state, drivers, config, params)
     after, moved = move(before, drivers, orders, tick, config, params, following)
@@ -60,10 +60,12 @@ def physics_tick(
         )
         evs, ran_out = run_out(after, evs, config)
         left = left.at[config.ev_slots].set(left[config.ev_slots] & ~evs.is_depleted)
-        meds = on_the_road(meds, after, left, config, params)
+        since_s = (tick % config.ticks_per_decision + 1) * config.tick_s
+        meds = on_the_road(meds, after, left, since_s, config, params)
         evs = release(after, evs, meds, config, params)
     with jax.named_scope("tally"):
-        flow = _flow(before, after, evs, meds, left, config, params)
+        sent = (state.meds.status != AT_DEPOT) & (state.meds.status != RETIRED)
+        flow = _flow(before, after, evs, sent, left, config, params)
         flow = flow.replace(depleted=jnp.sum(ran_out, dtype=jnp.float32))
         happened = moved + exchanged + flow
     return state.replace(vehicles=after, evs=evs, meds=meds), happened
@@ -73,45 +75,46 @@ def _flow(
     before: Vehicles,
     after: Vehicles,
     evs: EVs,
-    meds: MEDs,
+    sent: jax.Array,
     left: jax.Array,
     config: EnvConfig,
     params: EnvParams,
 ) -> Tally:
     """Who was on the road in a tick for how long and how far, and who `left` `(N,)` it in it.
 
-    An EV without energy is still on the road, with a charge of 0, until it is on the shoulder or towed.
+    Who leaves it in the tick was there for all of it, as its way is counted in full. `sent` `(M,)` are the MEDs that
+    are not at their depots. An EV without energy is still on the road, with a charge of 0, until it is on the shoulder
+    or towed.
     """
-    ev_slots, gas_slots = config.ev_slots, config.gas_slots
+    ev_slots, gas_slots, on_road = config.ev_slots, config.gas_slots, before.active
     soc = rounded(in_units(evs.energy_j, params.ev_capacity_j))
     low = evs.energy_j < params.charging.request_soc * params.ev_capacity_j
     goes_on = after.destination[ev_slots] >= params.road.length_m
-    sent = (meds.status != AT_DEPOT) & (meds.status != RETIRED)
 
     def seconds(there: jax.Array) -> jax.Array:
         return jnp.sum(there, dtype=jnp.float32) * config.tick_s
 
     return Tally.zeros().replace(
         left=count_kinds(left, before.kind, config),
-        ev_seconds=seconds(after.active[ev_slots]),
-        soc_seconds=sum_pairwise(jnp.where(after.active[ev_slots], soc, 0.0)) * config.tick_s,
+        ev_seconds=seconds(on_road[ev_slots]),
+        soc_seconds=sum_pairwise(jnp.where(on_road[ev_slots], soc, 0.0)) * config.tick_s,
         charging_stops=jnp.sum(left[ev_slots] & evs.stops, dtype=jnp.float32),
         exit_soc=sum_pairwise(jnp.where(left[ev_slots], soc, 0.0)),
         low_exits=jnp.sum(left[ev_slots] & (evs.stops | low & goes_on), dtype=jnp.float32),
         # All of the time on the road: `ways` takes off what need not be.
-        ev_delay_s=seconds(before.active[ev_slots]),
-        gas_delay_s=seconds(before.active[gas_slots]),
+        ev_delay_s=seconds(on_road[ev_slots]),
+        gas_delay_s=seconds(on_road[gas_slots]),
         med_seconds=seconds(sent),
-        gas_seconds=jnp.stack([seconds(there) for there in _of_gas(after.active, before, config)]),
+        gas_seconds=jnp.stack([seconds(there) for there in _of_gas(on_road, before, config)]),
         vehicle_ticks=jnp.sum(after.active, dtype=jnp.float32),
     )
 
 
 def ways(before: Vehicles, after: Vehicles, config: EnvConfig) -> Tally:
-    """How far vehicles came in a decision, and, taken off their delays, how long that takes at their desired speeds.
+    """How far vehicles came in a round, and, taken off their delays, how long that takes at their desired speeds.
 
     Args:
-      before, after: the ticks of the decision; a vehicle that left between them is where it left.
+      before, after: the ticks of the round; a vehicle that left between them is where it left.
     """
     travelled = after.x - before.x
     free_s = travelled / before.desired_speed

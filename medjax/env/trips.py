@@ -30,7 +30,7 @@ def needs_charger(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.
     spare = evs.energy_j - params.charging.stop_soc * params.ev_capacity_j
     signed = (ahead < road.length_m) & (ahead - x <= road.exit_notice_m)
     passes = signed & (ahead - x >= road.exit_lane_m) & (destination > ahead)
-    unserved = vehicles.active[slots] & (evs.med == NOT_BOOKED)
+    unserved = vehicles.active[slots] & (evs.med == NOT_BOOKED) & ~evs.is_depleted
     return unserved & passes & (spare < (goal - x) * (power_w / speed))
 
 
@@ -69,6 +69,7 @@ def plan_trips(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[E
     leaves = (meds.status == IN_SERVICE) & near[config.med_slots]
     parts = near[config.ev_slots] | evs.stops | stops
     parts |= (evs.med != NOT_BOOKED) & read(leaves, jnp.maximum(evs.med, 0))
+    parts &= ~evs.is_depleted  # their clock is that of the tow
     state = state.replace(
         vehicles=vehicles,
         meds=meds.replace(status=jnp.where(leaves, LEAVING, meds.status)),

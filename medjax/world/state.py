@@ -38,7 +38,9 @@ class Vehicles(struct.PyTreeNode):
     )  # (N,) m/s^2 at most, for one that changes lanes, or to become one; else inf
     recovery_s: jax.Array  # (N,) s, until a change that is only an advantage is thought of again
     destination: jax.Array  # (N,) m, the exit where it leaves the road, or the road's end
-    road_order: jax.Array  # (N,) int32, slots lane by lane and rear to front, of the last tick
+    road_order: (
+        jax.Array
+    )  # (N,) int32, slots from rear to front whatever the lane, of the last tick
 
 
 class EVs(struct.PyTreeNode):
@@ -86,7 +88,7 @@ class Tally(struct.PyTreeNode):
     gas_seconds: jax.Array  # (num_gas_kinds,) of each of `medjax.world.kinds.GAS_KINDS`
     gas_distance_m: jax.Array  # (num_gas_kinds,)
     gas_delay_s: jax.Array  # () what gas vehicles lost against their own desired speeds
-    med_seconds: jax.Array  # () integral of the number of MEDs sent and not back
+    med_seconds: jax.Array  # () integral of the number of MEDs sent and not off the road again
     vehicle_ticks: jax.Array  # () vehicles on the road, summed over ticks
     energy_sent_j: jax.Array  # () out of MEDs through their slots
     energy_received_j: jax.Array  # () into EVs

@@ -8,8 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import medjax
-from medjax.charging.booking import Offers, Requests, grant, panel_flags
-from medjax.world.state import NOT_BOOKED
+from medjax.charging.booking import Offers, Requests, ask, book, grant, panel_flags
+from medjax.env.forecast import expected_need, free_slots
+from medjax.world.params import LEFT, PANELS
+from medjax.world.state import IN_SERVICE, LEAVING, MERGING, NOT_BOOKED, QUEUED, RETIRED
+from tests.charging.scene import MED_X, scene
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -21,7 +24,7 @@ def booking(paper):
     """`grant` of the paper's numbers, compiled."""
     _, params = paper
     return jax.jit(
-        lambda med, panel, requests, offers: grant(med, panel, requests, offers, 4, params.charging)
+        lambda med, panel, requests, offers: grant(med, panel, requests, offers, params.charging)
     )
 
 
@@ -131,7 +134,7 @@ def test_too_far_or_too_late_is_refused(booking, paper):
             jnp.array([True]),
             jnp.array([endurance]),
         )
-        got, _ = grant(med, panel, requests, offers, 4, params.charging)
+        got, _ = grant(med, panel, requests, offers, params.charging)
         return int(got[0]) == 0
 
     assert accepted(900.0, 1000.0)
@@ -170,3 +173,69 @@ def test_one_to_one_in_play():
     assert np.array_equal(booked, panel >= 0)
     assert not np.any(charging & ~booked)
     assert np.array_equal(flagged, booked.sum(-1))
+
+
+SIDES = {"left": -1, "right": 1, "rear": 0, "front": 0}
+
+
+@pytest.mark.parametrize("lane", range(4))
+def test_a_slot_off_the_road_is_not_free(lane):
+    """Beside a MED in an outer lane there is one slot less, for EVs, for the forecast and for the dispatcher."""
+    env, params = medjax.make("paper", service_lane=lane)
+    config, state = env.config, scene(env, params, panel=LEFT, ev_x=MED_X - 100.0, ev_lane=1)
+    state = state.replace(evs=state.evs.replace(med=jnp.full_like(state.evs.med, NOT_BOOKED)))
+    there = np.array([0 <= lane + SIDES[side] < config.num_lanes for side in PANELS])
+    _, offers = ask(state, config, params)
+    np.testing.assert_array_equal(offers.free[0], there)
+    assert not offers.free[1:].any()
+    np.testing.assert_array_equal(free_slots(state, config), there.sum())
+
+
+def test_who_is_full_is_passed_over():
+    """An EV near a MED whose last free slot lies off the road asks the next one."""
+    env, params = medjax.make("paper", service_lane=3)
+    state = scene(env, params, panel=LEFT, ev_x=MED_X - 100.0, ev_lane=1)
+    config, vehicles, evs = env.config, state.vehicles, state.evs
+    asking, riders = config.num_meds, np.array([1, 2, 3])  # EV 0, and EVs 1 to 3 on MED 0
+    vehicles = vehicles.replace(
+        active=vehicles.active.at[np.array([1, asking])].set(True),
+        x=vehicles.x.at[1].set(MED_X + 100.0),
+        lane=vehicles.lane.at[1].set(3),
+        destination=vehicles.destination.at[1].set(params.road.length_m),
+        speed=vehicles.speed.at[1].set(22.0),
+    )
+    panels = jnp.array([side for side, name in enumerate(PANELS) if name != "right"])
+    evs = evs.replace(
+        med=jnp.full_like(evs.med, NOT_BOOKED).at[riders].set(0),
+        panel=jnp.full_like(evs.panel, NOT_BOOKED).at[riders].set(panels),
+    )
+    meds = state.meds.replace(status=state.meds.status.at[1].set(IN_SERVICE))
+    after = book(state.replace(vehicles=vehicles, evs=evs, meds=meds), config, params)
+    assert int(after.med[0]) == 1
+
+
+@pytest.mark.parametrize(
+    ("status", "charge", "accepts", "counts"),
+    [
+        (IN_SERVICE, 1.0, True, True),
+        (QUEUED, 1.0, True, True),
+        (MERGING, 1.0, True, True),
+        (IN_SERVICE, 0.0, True, False),
+        (IN_SERVICE, 1.0, False, False),
+        (LEAVING, 1.0, True, False),
+        (RETIRED, 1.0, True, False),
+    ],
+)
+def test_the_forecast_counts_slots_of_meds_that_serve(status, charge, accepts, counts):
+    """Or that will soon: not of those that are empty, refuse, or leave."""
+    env, params = medjax.make("paper", ramp_x_m=[400.0], ramp_per_h=[0.0])
+    state = scene(env, params, panel=LEFT, ev_x=MED_X - 100.0, ev_lane=1)
+    meds = state.meds
+    meds = meds.replace(
+        status=meds.status.at[0].set(status),
+        energy_j=meds.energy_j.at[0].set(charge * params.med_capacity_j),
+        accepts=meds.accepts.at[0].set(accepts),
+    )
+    evs = state.evs.replace(med=jnp.full_like(state.evs.med, NOT_BOOKED))
+    need = expected_need(state.replace(meds=meds, evs=evs), env.config, params, 60.0)
+    assert float(need.free[0]) == (4.0 if counts else 0.0)

@@ -133,7 +133,7 @@ def test_tallies_of_time(played):
         np.testing.assert_allclose(ours, delay[..., slots].sum((-2, -1)), rtol=1e-4, atol=0.02)
         assert delay[..., slots].sum() > 0.0
 
-    status = np.asarray(after.meds.status)
+    status = np.asarray(before.meds.status)
     on_the_way = ((status == QUEUED) | (status == MERGING) | (status == IN_SERVICE)).sum(-1)
     np.testing.assert_allclose(tally.med_seconds, on_the_way * dt)
     assert on_the_way.max() > 1

@@ -92,7 +92,7 @@ def test_makes_for_the_shoulder_and_is_counted_once(lane):
     assert np.all(evs.energy_j[:, 0] == 0.0)
     assert float(tally.depleted) == 1.0
     assert float(tally.left.sum()) == 0.0
-    assert float(tally.ev_seconds) == pytest.approx(gone * env.config.tick_s)
+    assert float(tally.ev_seconds) == pytest.approx((gone + 1) * env.config.tick_s)
     assert float(tally.soc_seconds) == 0.0
 
 
@@ -109,6 +109,38 @@ def test_blocks_its_lane_until_it_is_towed():
     assert stood.sum() * dt == pytest.approx(20.0, abs=2 * dt)
     assert not on_road[-1]
     assert float(tally.depleted) == 1.0
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.5, 1.0, 2.0, 2.5, 3.0, 4.0, 6.0])
+def test_nobody_comes_to_stand_between_two_lanes(speed):
+    """Who is too slow to come over to the next lane stays in its own, in the middle, until it is towed."""
+    env, params = quiet(tow_s=30.0)
+    states, _ = play(env, params, alone(env, params, 0, speed), 400)
+    ev, vehicles = env.config.num_meds, states.vehicles
+    stands = vehicles.active[:, ev] & (vehicles.speed[:, ev] < 0.1)
+    assert (np.abs(vehicles.lateral_offset[stands, ev]) < SETTLED_M).all()
+    assert stands.any() or speed > 2.0  # the faster ones reach the shoulder
+    assert not stands.any() or speed < 4.0
+    assert not vehicles.active[-1, ev]
+
+
+@pytest.mark.parametrize(("blocks", "last_lane"), [(0, 3), (1, 0)])
+def test_who_has_run_out_takes_no_exit(blocks, last_lane):
+    """Half a kilometre before its exit it makes for the shoulder at once; or it stands in its lane till towed."""
+    env, params = quiet(exit_x_m=[2000.0], exit_share=0.0, depleted_blocks=blocks, tow_s=20.0)
+    state = alone(env, params, 0, 10.0, x=1250.0)
+    bound = state.vehicles.destination.at[env.config.num_meds].set(2000.0)
+    state = state.replace(vehicles=state.vehicles.replace(destination=bound))
+    step = jax.jit(env.step_env)
+    for number in range(150):
+        before, (_, state, *_) = state, step(jax.random.key(number), state, 0, params)
+        if not state.vehicles.active[env.config.num_meds]:
+            break
+    ev = env.config.num_meds
+    assert int(before.vehicles.lane[ev]) == last_lane
+    assert not state.vehicles.active[ev]
+    assert number < (25 if blocks == 0 else 140)
+    assert (float(state.tally.depleted), float(state.tally.left.sum())) == (1.0, 0.0)
 
 
 def test_a_booked_ev_that_runs_out_gives_its_slot_back():

@@ -193,3 +193,5 @@ def test_shares_are_of_the_fleet_and_not_of_its_slots():
     np.testing.assert_allclose(shares, [0.8, queued / 5], atol=1e-6)
     _, at_depot, _ = RoadProfile().outlook(obs, env.config)
     np.testing.assert_allclose(at_depot, 0.8, atol=1e-6)
+    # A slot without a MED is no full MED that waits to be sent.
+    np.testing.assert_array_equal(np.asarray(env.observe(state, params).meds)[5:], 0.0)

@@ -193,7 +193,7 @@ def requests(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array
     willing = state.replace(meds=state.meds.replace(accepts=jnp.ones_like(state.meds.accepts)))
     requests, offers = ask(willing, config, params)
     med = state.evs.med
-    granted, _ = grant(med, state.evs.panel, requests, offers, config.num_lanes, params.charging)
+    granted, _ = grant(med, state.evs.panel, requests, offers, params.charging)
     new = (granted != med)[:, None] & (granted[:, None] == jnp.arange(config.num_meds))
     return jnp.where(new.any(axis=0), jnp.argmax(new, axis=0), -1)
 

@@ -72,7 +72,7 @@ def test_who_refuses_gets_no_booking(trips, busy):
 
     def booked_anew(**parts):
         state, found = busy, 0
-        for number in range(8):
+        for number in range(20):
             before = np.asarray(state.evs.med)
             actions = in_service(trips, state, **parts)
             _, state, *_ = trips.step(jax.random.key(number), state, actions, trips.params)

@@ -52,7 +52,8 @@ def test_itself_by_hand(trips, busy):
             assert own[7] == pytest.approx(float(busy.vehicles.speed[med]) / 30.0)
             assert own[11] == pytest.approx(float(busy.meds.service_speed[med]) / 30.0)
             booked = int((np.asarray(busy.evs.med) == med).sum())
-            assert own[13] == pytest.approx(1.0 - booked / 4)
+            beside = 3 if int(busy.vehicles.lane[med]) in (0, 2) else 4  # of three lanes
+            assert own[13] == pytest.approx((beside - booked) / 4)
 
 
 def test_the_request_is_what_would_be_granted(trips, busy):
