@@ -6,6 +6,7 @@ import importlib.util
 import itertools
 import json
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
@@ -17,7 +18,9 @@ from train.runs.versions import versions
 from train.settings import GIVEN, TrainConfig, load_config, to_json
 
 LOCK = ".lock"
-UNTIL = "config-until-*.json"
+UNTIL = re.compile(
+    r"config-until-([0-9]{1,18})\.json"
+)  # what else is named alike is somebody's own
 
 
 class RunDir:
@@ -108,11 +111,12 @@ class RunDir:
         """
         with _writing(self.path):
             check_writable(self.path)
-            numbers = {int(path.stem.split("-")[-1]): path for path in self.path.glob(UNTIL)}
+            named = ((UNTIL.fullmatch(path.name), path) for path in self.path.iterdir())
+            numbers = {int(match[1]): path for match, path in named if match}
             later = [numbers[number] for number in sorted(numbers) if number >= update]
             ruled = later[0] if later else self.config
             if load_config(ruled, type(config), given=self.given) != config:
-                until = self.path / UNTIL.replace("*", str(update))
+                until = self.path / f"config-until-{update}.json"
                 write_text(until, ruled.read_text(encoding="utf-8"))
                 later = [path for path in later if path != until]
             if self.load_config(type(config)) != config:

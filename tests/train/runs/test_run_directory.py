@@ -45,6 +45,12 @@ def test_settings_that_ruled_are_kept(tmp_path, config):
     assert until(run_dir) == {"config-until-10.json": 1e-3, "config-until-12.json": 3e-4}
     run_dir.update_config(second, 5)
     assert until(run_dir) == {"config-until-5.json": 1e-3}
+    # What somebody keeps beside them is no settings of an update.
+    own = run_dir.path / "config-until-monday.json"
+    own.write_text("{}")
+    run_dir.update_config(second, 5)
+    assert own.read_text() == "{}"
+    own.unlink()
     # With its first settings again all is as it began.
     run_dir.update_config(first, 5)
     assert until(run_dir) == {}
