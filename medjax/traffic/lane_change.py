@@ -109,20 +109,24 @@ def _courtesy(
     leader: Leader,
     own_after: jax.Array,
     concerned: jax.Array,
+    yields: jax.Array,
     params: LaneChangeParams,
 ) -> jax.Array:
     """Acceleration at most, m/s^2, towards the vehicle ahead in the other lane, of those whom it `concerned`.
 
     Who must change falls in behind it, and who is behind one that must come makes room, both within comfort: who
-    would have to brake harder passes instead.
+    would have to brake harder passes instead. Who `yields` brakes steadily from the first: car following brakes late,
+    when more than comfort is soon needed, and it would pass after all.
     """
     closing = jnp.maximum(own.speed - leader.speed, 0.0)
     room = gap_between(own, leader) - 0.5 * own.min_gap
     # Of two side by side, equally fast, the one behind falls back; who stands has done what it could.
     drives = own.speed > CRAWL_M_PER_S
     even = closing < 1.0
-    in_comfort = (room > 0.0) & (jnp.square(closing) <= 2.0 * params.courtesy_braking * room)
-    bounded = jnp.maximum(own_after, -params.courtesy_braking)
+    needed = jnp.square(closing) / (2.0 * jnp.maximum(room, 0.1))
+    in_comfort = (room > 0.0) & (room < params.view_m) & (needed <= params.courtesy_braking)
+    wanted = jnp.minimum(own_after, jnp.where(yields, -needed, jnp.inf))
+    bounded = jnp.maximum(wanted, -params.courtesy_braking)
     return jnp.where(concerned & drives & (even | in_comfort), bounded, jnp.inf)
 
 
@@ -170,6 +174,8 @@ def _look(
     wanted = jnp.maximum(desire, 0.0)
     # One that comes over from the lane looked at, into the gap that is open in front of this vehicle.
     open_to = has_leader & ~(has_old_leader & (old_leader.rear < leader.rear))
+    # Or that has come to stand there: the first who can stop for it lets it in, whoever still goes by in between.
+    open_to |= has_leader & (leader.speed < CRAWL_M_PER_S)
     stake = jnp.maximum(wanted, jnp.where(open_to, -leader_desire, 0.0))
     own = own._replace(time_headway=_for_the_desire(own_usual, stake, params))
     follower = follower._replace(time_headway=_for_the_desire(new_usual, wanted, params))
@@ -265,7 +271,7 @@ def decide(
     goes = wish.may & _is_safe(look, params, tyres) & wants & moves & ~waits & ~crosses
 
     concerned = look.has_leader & (look.stake > COURTEOUS_DESIRE)
-    courtesy = _courtesy(own, look.leader, look.own_after, concerned, params)
+    courtesy = _courtesy(own, look.leader, look.own_after, concerned, desire <= 0.0, params)
     # Left is looked first, and what it asks for holds beside what the right asks for.
     courtesy = jnp.minimum(courtesy, jnp.where(turn.direction > 0, held, jnp.inf))
     return jnp.where(goes, GOES, courtesy)

@@ -240,7 +240,7 @@ class LaneChangeParams(struct.PyTreeNode):
         1,
         10e3,
         "m",
-        "where a change begins to be urgent, before the place where it must be done",
+        "where a change begins to be urgent, before the place where it must be done; and how far others look",
     )
     exit_view_m: Scalar = number(
         295.0,

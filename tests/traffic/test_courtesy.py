@@ -17,10 +17,14 @@ from tests.traffic.roads import Record, put
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
-SHORTEST, COMFORT = 0.56, 2.0
+SHORTEST, COMFORT, SIGHT = 0.56, 2.0, 360.0
 COURTEOUS, CRAWL = 0.3, 2.0  # what is no more urgent asks nobody, and nobody that hardly moves, m/s
 PARAMS = LaneChangeParams(
-    accepted_headway=SHORTEST, courtesy_braking=COMFORT, safe_braking=4.0, politeness=0.2
+    accepted_headway=SHORTEST,
+    courtesy_braking=COMFORT,
+    safe_braking=4.0,
+    politeness=0.2,
+    view_m=SIGHT,
 )
 
 
@@ -43,7 +47,7 @@ def courtesy(gap, speed, ahead, *, must=0.0, comes=0.0, between=None):
 
 @settings(max_examples=200)
 @given(
-    st.floats(-3.0, 120.0),
+    st.floats(-3.0, 500.0),
     st.floats(0.0, 33.0),
     st.floats(0.0, 33.0),
     st.floats(0.0, 1.0),
@@ -51,7 +55,8 @@ def courtesy(gap, speed, ahead, *, must=0.0, comes=0.0, between=None):
 )
 def test_within_comfort_or_not_at_all(gap, speed, ahead, urgency, yields):
     """At most what car following at the accepted headway would do, at most 2 m/s^2; where it would take more, by
-    v^2 / 2 s, or nothing is urgent, or the ego stands, it is nobody's concern: then the one ahead is passed."""
+    v^2 / 2 s, or nothing is urgent, or the ego stands, it is nobody's concern: then the one ahead is passed. Nor is
+    what is out of sight. Who makes room brakes by v^2 / 2 s at least, and so by the same all the way."""
     gap, speed, ahead = map(np.float32, (gap, speed, ahead))
     got = courtesy(gap, speed, ahead, **{"comes" if yields else "must": urgency})
     closing, room = max(speed - ahead, 0.0), gap - 0.5 * CAR["min_gap"]
@@ -59,12 +64,15 @@ def test_within_comfort_or_not_at_all(gap, speed, ahead, urgency, yields):
     if abs(margin) < 0.01 or abs(closing - 1.0) < 0.01 or abs(urgency - COURTEOUS) < 1e-6:
         return
     asked = urgency > COURTEOUS and speed > CRAWL
-    if not (asked and (closing < 1.0 or (room > 0.0 and margin < 0.0))):
+    if abs(room - SIGHT) < 0.01:
+        return
+    if not (asked and (closing < 1.0 or (0.0 < room < SIGHT and margin < 0.0))):
         assert got == np.inf
         return
     headway = CAR["time_headway"] + (SHORTEST - CAR["time_headway"]) * urgency
     behind = idm_plus(CAR | {"time_headway": headway}, max(gap, 0.1), speed, ahead)
-    assert got == pytest.approx(max(behind, -COMFORT), rel=1e-3, abs=1e-3)
+    steady = -(closing**2) / (2 * max(room, 0.1)) if yields else np.inf
+    assert got == pytest.approx(max(min(behind, steady), -COMFORT), rel=1e-3, abs=1e-3)
     assert got >= -COMFORT
 
 
@@ -72,6 +80,9 @@ def test_only_the_nearest_behind_makes_room():
     """Who has somebody in its own lane before the gap does not brake for who comes into it."""
     assert courtesy(12.0, 20.0, 20.0, comes=0.8, between=40.0) < 0.0
     assert courtesy(12.0, 20.0, 20.0, comes=0.8, between=10.0) == np.inf
+    # Unless that one stands: then the first lets it in who can stop for it, 20^2 / 2 / 150 m.
+    assert courtesy(151.0, 20.0, 0.0, comes=1.0, between=10.0) == pytest.approx(-1.34, abs=0.02)
+    assert courtesy(90.0, 20.0, 0.0, comes=1.0, between=10.0) == np.inf
     # Who must change itself falls in behind it all the same.
     assert courtesy(12.0, 20.0, 20.0, must=0.8, between=10.0) < 0.0
 
@@ -138,6 +149,22 @@ def test_nobody_yields_to_one_too_slow(quiet, blank, play):
     passed = np.argmax(road.x[:, FIRST] - LENGTH > road.x[:, MERGER])
     assert 0 < passed <= when_merged(road)
     assert road.speed[: passed + 1, FIRST].min() > 27.9
+
+
+def test_one_that_has_come_to_stand_is_let_in(quiet, blank, play):
+    """A column of 34 cars, 60 m apart at 25 m/s, takes 80 s to pass: one that can stop for it in comfort lets it in."""
+    end = RAMP + 250.0 - CAR["min_gap"]
+    road = beside(quiet, blank, play, 25.0, end - 50.0 - 60.0 * np.arange(34), (end, 0.0))
+    merged = when_merged(road)
+    assert merged * 0.25 < 30.0
+    _, follower = road.next_to(merged, MERGER)
+    assert follower is not None  # with more of the column behind it
+    braking = (
+        np.diff(road.speed[:, FIRST : FIRST + 34], axis=0)[road.active[1:, FIRST : FIRST + 34]]
+        / 0.25
+    )
+    assert braking.min() > -PARAMS.safe_braking
+    assert road.gaps().min() > 0.0
 
 
 def test_who_must_merge_matches_the_gap_behind_the_one_ahead(quiet, blank, play):
