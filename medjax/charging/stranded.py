@@ -43,10 +43,9 @@ def to_the_right(speed: jax.Array, params: EnvParams) -> jax.Array:
     At once, or never: who would stand between two lanes, since the way that is left is too short for a change, stays.
     """
     rolling = -coasting(jnp.zeros_like(speed), params)
-    sideways = (
-        jnp.square(speed) * params.motion.lateral_slope
-    )  # over 2 * rolling: m, until it stands
-    # Half a lane more than one, since the end of a change is slower.
+    # Until it stands it comes so far to the side, over 2 * rolling, m; half a lane more than one must be left, since
+    # the end of a change is slower.
+    sideways = jnp.square(speed) * params.motion.lateral_slope
     comes_over = sideways > 2.0 * rolling * 1.5 * params.road.lane_width_m
     return jnp.where(comes_over & (params.charging.depleted_blocks == 0), 1.0, 0.0)
 

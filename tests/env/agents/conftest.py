@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.world.state import IN_SERVICE
+from medjax.policies.policy import Choice, Policy
+from medjax.world.state import IN_SERVICE, MERGING, QUEUED
 
 TRIPS = {
     "num_evs": 24,
@@ -45,6 +46,24 @@ class World:
 
     def reset(self, seed=0):
         return self._reset(jax.random.key(seed), self.params)
+
+
+def refusing(env):
+    """Nobody takes EVs; whoever serves drives at the lowest speed; whoever may enters from the first ramp."""
+
+    def act(weights, key, obs, state, params):
+        actions, status = env.env.actions, state.meds.status
+        usual = actions.by_rule(state, params)
+        serves = status == IN_SERVICE
+        sent = serves | (status == QUEUED) | (status == MERGING)
+        parts = usual._replace(
+            speed=jnp.where(serves, 0, usual.speed), accept=jnp.zeros_like(usual.accept)
+        )
+        enters = env.action_mask(state, params)[:, 1].astype(jnp.int32)
+        action = jnp.where(sent, actions.fold(parts, sent), enters)
+        return Choice(action, jax.nn.one_hot(action, env.num_actions))
+
+    return Policy(act)
 
 
 @pytest.fixture(scope="package")

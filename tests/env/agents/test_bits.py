@@ -10,10 +10,10 @@ import numpy as np
 import medjax
 from medjax.env.agents.actions import Parts
 from medjax.episodes.scores import evaluate_policies
-from medjax.policies.rules import BASELINES
-from medjax.policies.team import rules_of
+from medjax.policies.rules import BASELINES, greedy
+from medjax.policies.team import Dispatched, rules_of
 from medjax.world.state import AT_DEPOT, IN_SERVICE
-from tests.env.agents.conftest import TRIPS
+from tests.env.agents.conftest import TRIPS, refusing
 
 TOLD = ("told_seconds", "told_speed_m", "refusing_seconds", "left_early")  # counts of agents alone
 
@@ -61,3 +61,13 @@ def test_a_dispatcher_alone_and_among_agents_is_the_same(trips):
         for metric, values in alone[name].items():
             np.testing.assert_array_equal(together[name][metric], values, err_msg=metric)
     assert together["greedy"]["meds_dispatched"].sum() > 0
+
+
+def test_a_dispatched_team_is_the_same_as_a_wrapper_and_as_a_policy(trips):
+    """Every metric of three episodes: quickly compiled programs are compared by counts only, in test_team.py."""
+    env = Dispatched(trips.env, greedy(trips.env.env))
+    policy = refusing(env)
+    scores = evaluate_policies(trips.env, trips.params, {"refuses": env.whole(policy)}, 3, 1)
+    wrapped = evaluate_policies(env, trips.params, {"refuses": policy}, 3, 1)
+    for metric, values in scores["refuses"].items():
+        np.testing.assert_array_equal(wrapped["refuses"][metric], values, err_msg=metric)

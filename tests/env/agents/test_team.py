@@ -1,7 +1,5 @@
 """Dispatchers among agents: what they did alone they do here, and learned agents may leave that to them."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -10,31 +8,12 @@ from medjax.env.agents.environment import ROAD
 from medjax.episodes.recording import record_episode
 from medjax.episodes.scores import evaluate_policies
 from medjax.episodes.table import vehicle_table
-from medjax.policies.policy import Choice, Policy
 from medjax.policies.rules import greedy
 from medjax.policies.team import Dispatched, as_team
-from medjax.world.state import AT_DEPOT, IN_SERVICE, MERGING, QUEUED
-from tests.env.agents.conftest import TRIPS
+from medjax.world.state import AT_DEPOT, IN_SERVICE
+from tests.env.agents.conftest import TRIPS, refusing
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
-
-
-def refusing(env):
-    """Nobody takes EVs; whoever serves drives at the lowest speed; whoever may enters from the first ramp."""
-
-    def act(weights, key, obs, state, params):
-        actions, status = env.env.actions, state.meds.status
-        usual = actions.by_rule(state, params)
-        serves = status == IN_SERVICE
-        sent = serves | (status == QUEUED) | (status == MERGING)
-        parts = usual._replace(
-            speed=jnp.where(serves, 0, usual.speed), accept=jnp.zeros_like(usual.accept)
-        )
-        enters = env.action_mask(state, params)[:, 1].astype(jnp.int32)
-        action = jnp.where(sent, actions.fold(parts, sent), enters)
-        return Choice(action, jax.nn.one_hot(action, env.num_actions))
-
-    return Policy(act)
 
 
 def test_with_a_dispatcher_agents_only_move(trips, busy):
@@ -55,7 +34,7 @@ def test_with_a_dispatcher_agents_only_move(trips, busy):
     received = {name: score["ev_received_kwh"].mean() for name, score in scores.items()}
     assert received["refuses"] < 0.2 * received["by rule"]
     wrapped = evaluate_policies(env, trips.params, {"refuses": refusing(env)}, 3, 1)
-    # Counts: quickly compiled, two programs may round what is divided differently.
+    # Counts: quickly compiled, two programs may round what is divided differently. All metrics are in test_bits.py.
     for metric in (
         "lane_changes",
         "vehicle_ticks",
