@@ -11,8 +11,9 @@ import numpy as np
 from medjax.env.agents.actions import AgentActions
 from medjax.env.agents.environment import CREDITS, ROAD, VIEW, AgentsEnv
 from medjax.env.agents.view import AgentView
+from medjax.env.charging_env import ChargingEnv
 from medjax.errors import InputError, shown
-from medjax.scenarios import SCENARIOS, make
+from medjax.scenarios import SCENARIOS, make, prepare
 from medjax.world.numbers import numbers_of, read_number
 from medjax.world.params import EnvConfig, EnvParams, FleetParams
 
@@ -44,13 +45,11 @@ def agents_of(
     if not isinstance(name, str) or name not in SCENARIOS:
         build(name)  # which says so
     preset = SCENARIOS[name]
-    usual = preset.params(preset.config)
-    rounds = max(1, math.ceil(CHOICE_S / preset.config.decision_s))
-    if rounds > 1 and "rounds_per_decision" not in overrides:
-        decisions = math.ceil(int(usual.episode_decisions) / rounds)
-        overrides = {"rounds_per_decision": rounds, "episode_decisions": decisions, **overrides}
-    fleet = overrides.get("size", overrides.get("fleet.size", int(usual.fleet.size)))
-    env, params, *_ = build(name, **{"num_meds": fleet, **overrides})
+    fleet = int(preset.params(preset.config).fleet.size)
+    overrides = {"num_meds": overrides.get("size", overrides.get("fleet.size", fleet)), **overrides}
+    if "rounds_per_decision" not in overrides:
+        overrides = _seldom_enough(*prepare(name, **overrides)[:2]) | overrides
+    env, params, *_ = build(name, **overrides)
     allowed = numbers_of(FleetParams)["service_speed"]
     usual_speed, usual_lane = float(params.fleet.service_speed), int(params.fleet.service_lane)
     chosen = {usual_speed}
@@ -67,6 +66,18 @@ def agents_of(
         usual=(ordered.index(usual_speed), lanes.index(usual_lane)),
     )
     return AgentsEnv(env, actions, credit, AgentView(road=ROAD) if central else VIEW), params
+
+
+def _seldom_enough(env: ChargingEnv, params: EnvParams) -> dict[str, int]:
+    """Decisions of more rounds where they come more often than agents are to decide, and as many fewer an episode."""
+    times = math.ceil(CHOICE_S / env.config.decision_s)
+    if times == 1:
+        return {}
+    decisions = math.ceil(int(params.episode_decisions) / times)
+    return {
+        "rounds_per_decision": times * env.config.rounds_per_decision,
+        "episode_decisions": decisions,
+    }
 
 
 def _serving_lanes(config: EnvConfig, usual: int) -> tuple[int, ...]:

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
-from medjax.errors import MOST_SHOWN, InputError, one_line, shown
+from medjax.errors import MOST_SHOWN, InputError, one_line, shown, told
 
 MOST_PATH = 1000  # characters; directories are made one within the other
 AGAIN_S = 0.02  # until a signal that came at a bad moment comes again
@@ -200,8 +200,7 @@ def read_object(what: str, text: str) -> Any:
     try:
         found: Any = importlib.import_module(module)
     except Exception as error:  # whatever somebody's module raises
-        reason = f"{type(error).__name__}: {error}"
-        raise InputError(f"{what} {shown(text)}: {one_line(reason, MOST_SHOWN)}") from error
+        raise InputError(f"{what} {shown(text)}: {told(error)}") from error
     for word in name.split("."):
         found = getattr(found, word, None)
     if not callable(found):

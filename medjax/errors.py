@@ -50,5 +50,10 @@ def shown(value: object) -> str:
     return one_line(text, MOST_SHOWN)
 
 
+def told(error: Exception) -> str:
+    """What somebody's own code raised, in a message that refuses it."""
+    return one_line(f"{type(error).__name__}: {error}", MOST_SHOWN)
+
+
 def _cut(text: str, most: int) -> str:
     return text if len(text) <= most else text[: most - 3] + "..."

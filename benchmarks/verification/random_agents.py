@@ -30,7 +30,7 @@ def told_at_random(
         accept=jax.random.randint(accept_key, meds, 0, 2),
         leave=(told & (jax.random.uniform(leave_key, meds) < LEAVES)).astype(jnp.int32),
     )
-    parts, _ = allowed_parts(wishes, actions.masks(state, config), rule)
+    parts, _ = allowed_parts(wishes, actions.masks(state, config, params), rule)
     after, _ = give_orders(state, parts, actions, config, params)
     pick = {
         name: jnp.where(told, getattr(after.meds, name), getattr(state.meds, name))

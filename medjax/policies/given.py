@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from medjax.commandline import as_path, read_object
-from medjax.errors import MOST_SHOWN, InputError, one_line, shown
+from medjax.errors import InputError, shown, told
 from medjax.policies.policy import Choice, Policy
 from medjax.policies.pretrained import PRETRAINED, pretrained
 from medjax.policies.rules import BASELINES
@@ -75,8 +75,8 @@ def _named(env: Any, text: str) -> Policy:
         try:
             built = build(env)
         except Exception as error:  # whatever somebody's function raises
-            reason = one_line(f"{type(error).__name__}: {error}", MOST_SHOWN)
-            raise InputError(f"policy {shown(text)} of the environment: {reason}") from error
+            refusal = f"policy {shown(text)} of the environment: {told(error)}"
+            raise InputError(refusal) from error
         return as_policy(env, built)
     raise _unknown(text, [*rules, PRETRAINED])
 

@@ -32,9 +32,9 @@ def make_agents(
 ) -> NamedAgents:
     """Builds a preset in which every MED is an agent.
 
-    A step is a decision of the preset: 10 s on `corridor`; where a preset decides more often than every 4 s, as `paper`
-    does, decisions here are of several rounds, 4 s together, unless `rounds_per_decision` and `episode_decisions` say
-    otherwise. There are as many agents as MEDs in the fleet.
+    A step is a decision of the preset: 10 s on `corridor`; where that comes more often than every 4 s, as in `paper`,
+    decisions here are of several rounds, 4 s or more together, and an episode has as many fewer, unless
+    `rounds_per_decision` or `episode_decisions` say otherwise. There are as many agents as MEDs in the fleet.
 
     Args:
       name: one of `medjax.SCENARIOS`.

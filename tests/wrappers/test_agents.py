@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import medjax
+from medjax.agents import agents_of
 from medjax.errors import InputError
+from medjax.scenarios import prepare
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -131,3 +133,20 @@ def test_the_fleets_own_speed_is_among_the_choices(named):
     assert corridor.env.actions.speeds == (20.0, 23.0)
     assert corridor.env.actions.lanes == (1, 2)
     assert corridor.env.env.config.decision_s == 10.0
+
+
+@pytest.mark.parametrize(
+    ("given", "rounds", "decisions"),
+    [
+        ({}, 4, 150),
+        ({"tick_s": 0.5}, 2, 300),
+        ({"ticks_per_round": 30}, 1, 600),
+        ({"episode_decisions": 100}, 4, 100),
+        ({"rounds_per_decision": 2}, 2, 600),
+    ],
+)
+def test_agents_decide_every_four_seconds(given, rounds, decisions):
+    """Of whatever ticks a preset is given, and an episode is as long, but where it is said."""
+    env, params, *_ = agents_of("paper", build=prepare, **given)
+    assert env.env.config.rounds_per_decision == rounds
+    assert int(params.episode_decisions) == decisions

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 
 from medjax.env.dispatch import action_mask, first_at_depot
 from medjax.env.spaces import Discrete
+from medjax.env.trips import leaving_early
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, MERGING, QUEUED, EnvState
 
@@ -110,15 +111,18 @@ class AgentActions:
             leave=wait,
         )
 
-    def masks(self, state: EnvState, config: EnvConfig) -> Parts[jax.Array]:
+    def masks(self, state: EnvState, config: EnvConfig, params: EnvParams) -> Parts[jax.Array]:
         """Which choices an agent has in each part, `(A, n)` bool.
 
         Only the first at the depot may enter, once the cooldown is over. One that waits at a ramp or merges may
         refuse EVs. A MED in service keeps its lane while an EV is booked on it: those beside it would be
-        in its way.
+        in its way. It may leave at an exit that comes before its destination, and once: that is its destination then.
         """
-        status = state.meds.status
-        serves = (status == IN_SERVICE)[:, None]
+        status, slots = state.meds.status, config.med_slots
+        in_service = status == IN_SERVICE
+        serves = in_service[:, None]
+        leaving = leaving_early(state.vehicles, in_service, config, params)
+        sooner = leaving[slots] != state.vehicles.destination[slots]
         comes = ((status == QUEUED) | (status == MERGING))[:, None]
         here = _nearest(self.lanes, state.meds.service_lane)[:, None] == jnp.arange(len(self.lanes))
         usual_speed = jnp.arange(len(self.speeds)) == self.usual[0]
@@ -128,9 +132,7 @@ class AgentActions:
             speed=serves | (comes & usual_speed),
             lane=(serves & (_is_alone(state)[:, None] | here)) | (comes & here),
             accept=(serves | comes) & everywhere,
-            leave=((serves | comes) & everywhere)
-            .at[:, 1]
-            .set(serves[:, 0])[:, : self.parts.leave.n],
+            leave=((serves | comes) & everywhere).at[:, 1].set(sooner)[:, : self.parts.leave.n],
         )
 
     def folded_mask(self, masks: Parts[jax.Array]) -> jax.Array:

@@ -98,7 +98,7 @@ class AgentsEnv(Wrapper):
         self, key: jax.Array, state: EnvState, parts: Parts[jax.Array], params: EnvParams
     ) -> StepResult:
         """`step_env` by parts `(A,)` int32 each; one that its mask forbids counts as the rule's, and is counted."""
-        masks = self.actions.masks(state, self.env.config)
+        masks = self.actions.masks(state, self.env.config, params)
         rule = self.actions.by_rule(state, params)
         allowed, wrong = allowed_parts(parts, masks, rule)
         return self._step(key, state, allowed, jnp.sum(wrong), params)
@@ -137,7 +137,7 @@ class AgentsEnv(Wrapper):
 
     def action_mask(self, state: EnvState, params: EnvParams) -> jax.Array:
         """Allowed folded actions, `(A, num_actions)` bool; action 0 always is."""
-        return self.actions.folded_mask(self.actions.masks(state, self.env.config))
+        return self.actions.folded_mask(self.actions.masks(state, self.env.config, params))
 
     def present(self, state: EnvState, params: EnvParams) -> jax.Array:
         """Agents that have a choice now, `(A,)` bool."""

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 
 from medjax.env.agents.actions import AgentActions, Parts
+from medjax.env.agents.orders import give_orders
 from medjax.world.state import AT_DEPOT, IN_SERVICE, MERGING, QUEUED
+from tests.env.agents.conftest import TRIPS
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
+PLACES = ("x", "destination")
 SPACES = [
     AgentActions((14.0, 18.0, 22.0), (1, 2), num_ramps=4, exits=True),
     AgentActions((22.0,), (0,), num_ramps=1, exits=False),
@@ -46,7 +49,7 @@ def test_action_0_is_the_rule(trips, busy):
 
 def test_masks_by_hand(trips, busy):
     """Who may what, agent by agent."""
-    masks = trips.actions.masks(busy, trips.config)
+    masks = trips.actions.masks(busy, trips.config, trips.params)
     folded = np.asarray(trips.mask(busy, trips.params))
     status = np.asarray(busy.meds.status)
     depot = [med for med in range(4) if status[med] == AT_DEPOT]
@@ -64,11 +67,40 @@ def test_masks_by_hand(trips, busy):
         usual = [speed == float(trips.params.fleet.service_speed) for speed in trips.actions.speeds]
         assert list(masks.speed[med]) == [serves or (comes and each) for each in usual]
         assert list(masks.accept[med]) == [serves or comes] * 2
-        assert list(masks.leave[med]) == [serves or comes, serves]
-        sizes = len(trips.actions.speeds) * sum(lanes) * 2 * 2 if serves else 2 * comes
+        x, destination = (np.asarray(getattr(busy.vehicles, name))[med] for name in PLACES)
+        sooner = any(x + 400.0 < place < destination for place in TRIPS["exit_x_m"])
+        assert list(masks.leave[med]) == [serves or comes, serves and sooner]
+        sizes = len(trips.actions.speeds) * sum(lanes) * 2 * (1 + sooner) if serves else 2 * comes
         assert folded[med].sum() == 1 + 2 * may_enter + sizes
     assert folded[:, 0].all()
     assert folded.shape[1] == trips.env.num_actions
+
+
+def test_a_med_leaves_early_once(trips, busy):
+    """Who has been told to is on its way, and behind the last exit of which it is told in time there is none."""
+    serves = np.asarray(busy.meds.status) == IN_SERVICE
+    on_road = busy.vehicles
+
+    def may_leave(x, destination):
+        """Of four MEDs there, the state and who may."""
+        vehicles = on_road.replace(
+            x=on_road.x.at[:4].set(x), destination=on_road.destination.at[:4].set(destination)
+        )
+        state = busy.replace(vehicles=vehicles)
+        masks = trips.actions.masks(state, trips.config, trips.params)
+        return state, np.asarray(masks.leave[:, 1])
+
+    first, last = TRIPS["exit_x_m"]
+    state, may = may_leave(first - 500.0, 3000.0)
+    np.testing.assert_array_equal(may, serves)
+    rule = trips.actions.by_rule(state, trips.params)
+    told = rule._replace(leave=jnp.asarray(may, jnp.int32))
+    after, _ = give_orders(state, told, trips.actions, trips.config, trips.params)
+    assert (np.asarray(after.vehicles.destination)[:4][serves] == first).all()
+    assert not trips.actions.masks(after, trips.config, trips.params).leave[:, 1].any()
+    assert may_leave(first - 300.0, 3000.0)[1].any()  # too late for the first, not for the other
+    assert not may_leave(first - 300.0, last)[1].any()  # which is where they leave anyway
+    assert not may_leave(last - 300.0, 3000.0)[1].any()
 
 
 def test_a_fresh_road_has_one_agent_with_a_choice(trips):
