@@ -2,7 +2,8 @@
 
 Prints the board. `--add NAME --policy P` plays all of its episodes with a policy, prints the board with the new row and
 writes it into the file: the return of every episode, so that a later policy is compared with it in the same ones.
-Whatever is trained must not see the board's episodes; their seed is in its file.
+Whatever is trained must not see the board's episodes; their seed is in its file. `--again` of the project's own board
+also writes what the player says of many episodes (`medjax.render.story.known_evaluation`): the same means.
 
     python -m benchmarks.leaderboard
     python -m benchmarks.leaderboard --add mine --policy runs/mine/policy.zip --about "PPO, 1.5 M decisions"
@@ -25,6 +26,9 @@ from benchmarks.command import a_path, benchmark_parser, run_command, say
 from medjax.errors import InputError, shown
 from medjax.files import check_output, write_text
 from medjax.policies.given import check_policy
+from medjax.policies.pretrained import PRETRAINED
+from medjax.policies.rules import BASELINES
+from medjax.render.story import KNOWN, NAMES
 from train.api import evaluate
 from train.evaluation.statistics import bootstrap_ci95
 from train.evaluation.tables import format_rows, interval, short
@@ -32,6 +36,7 @@ from train.runs.versions import versions
 
 BOARD = Path(__file__).parents[2] / "docs" / "leaderboard.json"
 SHOWN = {"depleted": "depleted_share", "mean SoC": "mean_soc", "MEDs sent": "meds_dispatched"}
+MEANS = sorted({*SHOWN.values(), *NAMES} - {"return_mean"})  # that are kept of a row
 DIGITS = 3  # of what is kept of a return
 
 
@@ -45,7 +50,9 @@ def read_board(path: Path) -> dict[str, Any]:
         board: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         lengths = {len(row["returns"]) for row in board["rows"]}
         names = {row[key] for row in board["rows"] for key in ("name", "policy", "about")}
-        shown_of = {float(row[metric]) for row in board["rows"] for metric in SHOWN.values()}
+        shown_of = {
+            float(row["means"][metric]) for row in board["rows"] for metric in SHOWN.values()
+        }
         texts = {board["scenario"], *names}
         sound = all(isinstance(text, str) for text in texts) and lengths <= {board["episodes"]}
         sound = sound and isinstance(board["seed"], int) and all(map(math.isfinite, shown_of))
@@ -72,7 +79,7 @@ def play(board: Mapping[str, Any], name: str, policy: str, about: str) -> dict[s
         "about": about,
         "date": date.today().isoformat(),
         "commit": versions()["commit"],
-        **{metric: float(np.mean(scores[metric])) for metric in SHOWN.values()},
+        "means": {metric: round(float(np.mean(scores[metric])), 4) for metric in MEANS},
         "returns": [round(float(value), DIGITS) for value in scores["return"]],
     }
 
@@ -85,7 +92,7 @@ def rows_of(board: Mapping[str, Any]) -> list[list[str]]:
         returns, best = np.asarray(row["returns"]), np.asarray(rows[0]["returns"])
         below = best - returns
         cells = [row["name"], short(returns.mean()), interval(bootstrap_ci95(returns))]
-        cells += [format(row[metric], ".3f") for metric in SHOWN.values()]
+        cells += [format(row["means"][metric], ".3f") for metric in SHOWN.values()]
         first = row is rows[0]
         cells.append("" if first else f"{short(below.mean())} {interval(bootstrap_ci95(below))}")
         table.append([*cells, row["about"]])
@@ -104,6 +111,21 @@ def write_board(path: Path, board: Mapping[str, Any]) -> None:
     rows = ",\n".join("  " + json.dumps(row) for row in board["rows"])
     text = json.dumps(head, indent=1).removesuffix("\n}")
     write_text(path, f'{text},\n "rows": [\n{rows}\n ]\n}}\n')
+
+
+def known_of(board: Mapping[str, Any]) -> dict[str, Any]:
+    """What the player says of many episodes with the policies of medjax, as `train.evaluate --json` has it."""
+    rows = [row for row in board["rows"] if row["policy"] in (PRETRAINED, *BASELINES)]
+    policies = {}
+    for row in sorted(rows, key=lambda row: -np.mean(row["returns"])):
+        low, high = bootstrap_ci95(np.asarray(row["returns"]))
+        mean = float(np.mean(row["returns"]))
+        policies[row["policy"]] = {
+            **{metric: row["means"][metric] for metric in MEANS if metric in NAMES},
+            "return_mean": round(mean, DIGITS),
+            "return_ci95": [round(float(low), DIGITS), round(float(high), DIGITS)],
+        }
+    return {**{key: board[key] for key in ("scenario", "seed", "episodes")}, "policies": policies}
 
 
 def build_parser() -> Any:
@@ -146,6 +168,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         row = play(board, name, policy, about)
         board = with_row(read_board(options.file), row)  # somebody else may have added one
         write_board(options.file, board)
+    if options.again and options.file.resolve() == BOARD:
+        known = json.dumps(known_of(board), indent=1)
+        write_text(KNOWN / f"{board['scenario']}.json", known + "\n")
     print(
         f"{board['scenario']}, {board['episodes']} episodes of seed {board['seed']}, the same for all"
     )

@@ -151,8 +151,7 @@ def ending(recordings: Sequence[Recording], evaluation: Mapping[str, Any] | None
 def known_evaluation(scenario: str, policies: Sequence[str]) -> dict[str, Any] | None:
     """Means of many episodes of a preset as it is; None unless all of the policies come with medjax.
 
-    They are of the leaderboard's first episodes: `python -m train.evaluate --policies pretrained,... --seed 2026
-    --baseline forecast --episodes 256 --json FILE`, of which only what is shown is kept.
+    They are of the leaderboard's episodes: `python -m benchmarks.leaderboard --again` writes both.
     """
     path = KNOWN / f"{scenario}.json"
     if not path.is_file():

@@ -7,14 +7,29 @@ import numpy as np
 import pytest
 
 from benchmarks.studies import leaderboard
-from benchmarks.studies.leaderboard import main, read_board, rows_of, with_row, write_board
+from benchmarks.studies.leaderboard import (
+    MEANS,
+    known_of,
+    main,
+    read_board,
+    rows_of,
+    with_row,
+    write_board,
+)
+from medjax.render.story import read_evaluation
 from tests.benchmarks.refusal import refused
 
-METRICS = {"depleted_share": 0.25, "mean_soc": 0.5, "meds_dispatched": 15.0}
+METRICS = {**dict.fromkeys(MEANS, 1.0), "depleted_share": 0.25, "evs_depleted": 20.0}
 
 
 def row(name, returns):
-    return {"name": name, "policy": name, "about": "made", **METRICS, "returns": list(returns)}
+    return {
+        "name": name,
+        "policy": name,
+        "about": "made",
+        "means": METRICS,
+        "returns": list(returns),
+    }
 
 
 def board(*rows):
@@ -68,6 +83,17 @@ def test_adding_plays_the_boards_episodes(tmp_path, monkeypatch, capsys):
     assert lines[0] == "paper, 64 episodes of seed 3, the same for all"
     assert [line.split()[0] for line in lines[3:]] == ["mine", "none", "theirs"]
     assert [each["about"] for each in read_board(path)["rows"]] == ["made", "made", "a rule"]
+
+
+def test_the_player_hears_the_boards_means_of_what_comes_with_medjax(tmp_path):
+    path = tmp_path / "known.json"
+    path.write_text(json.dumps(known_of(board(row("none", NOISE), row("mine", NOISE)))))
+    known = read_evaluation(path)
+    assert list(known["policies"]) == ["none"]
+    assert known["policies"]["none"]["evs_depleted"] == 20.0
+    low, high = known["policies"]["none"]["return_ci95"]
+    assert low < known["policies"]["none"]["return_mean"] < high
+    assert known["episodes"] == 64
 
 
 @pytest.mark.parametrize(
