@@ -15,22 +15,16 @@ import numpy as np
 from jax import lax
 from tqdm import tqdm
 
-from benchmarks.command import a_path, episodes_parser, positive, run_command, whole_number
+from benchmarks.command import episodes_parser, positive, run_command, whole_number
+from benchmarks.studies.base import add_base, follow, load
 from medjax.env.contract import Environment
 from medjax.episodes.keys import ACT, episode_keys
 from medjax.episodes.player import Episodes, Player, episode_steps
 from medjax.episodes.scores import Scores, evaluate_policies
-from medjax.errors import InputError
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.policies.planner import AS_BASE, Plan, look_ahead
 from medjax.policies.policy import Policy
-from medjax.policies.rules import BASELINES
-from train.algorithms.environments import make_environment
-from train.algorithms.ppo.settings import PPOConfig
 from train.evaluation.statistics import bootstrap_ci95
-from train.runs.policies import load_policies
-from train.runs.run_directory import RunDir
-from train.runs.trained_run import to_play
 
 SHOWN = ("depleted_share", "mean_range_m", "mean_soc", "meds_dispatched")
 
@@ -64,15 +58,8 @@ def play_plans(
 
     def go_on(rows: tuple[Episodes, jax.Array], same: tuple[jax.Array, Any]) -> Episodes:
         """The decisions until the planner is asked again."""
-        (played, plans), (first, params) = rows, same
-
-        def decide(number: jax.Array, played: Episodes) -> Episodes:
-            choice = player.choose(played, first + number, [base.weights], params)
-            own = jnp.where(number == 0, plans, 0)
-            held = choice._replace(action=jnp.where(plans == AS_BASE, choice.action, own))
-            return player.go_on(played, first + number, held, params)[0]
-
-        return lax.fori_loop(0, hold, decide, played)
+        first, params = same
+        return follow(player, base.weights, rows, first, (first + hold, hold), params)
 
     ask, go_on = jax.jit(on_devices(mesh, ask)), jax.jit(on_devices(mesh, go_on))
     played = jax.jit(player.start)(episode_keys(seed, episodes), params)
@@ -81,24 +68,6 @@ def play_plans(
         same = jnp.int32(first), params
         played = go_on((played, ask(played, same)), same)
     return {name: np.asarray(values, np.float64) for name, values in played.scores.items()}
-
-
-def load(options: argparse.Namespace) -> tuple[str, Any, Any, str, dict[str, Policy]]:
-    """Scenario, environment, parameters, name of the base, and all policies by name.
-
-    Raises:
-      InputError: the run cannot be read, or a base is given too.
-    """
-    if not options.run_dir:
-        config = to_play(PPOConfig(), options.scenario)
-        env, params = make_environment(config)
-        rules = {name: build(env) for name, build in BASELINES.items()}
-        return config.scenario, env, params, options.base or "budgeted", rules
-    if options.base:
-        raise InputError(f"--base is {options.base} with --run-dir, allowed: one of the two")
-    config = to_play(RunDir(options.run_dir).load_config(), options.scenario)
-    env, params, policies = load_policies(options.run_dir, config, stochastic=False)
-    return config.scenario, env, params, config.algorithm, policies
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -131,14 +100,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 def main(arguments: list[str] | None = None) -> None:
     parser = episodes_parser("planner", __doc__, episodes=16, seed=0)
-    parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
+    add_base(parser)
     add = parser.add_argument
-    add("--run-dir", type=a_path, metavar="DIR", help="run whose first learner is improved on")
-    add(
-        "--base",
-        choices=sorted({*BASELINES} - {"slow"}),
-        help="rule that is improved on (default: budgeted)",
-    )
     add("--samples", type=whole_number(least=2), default=16, help="futures of each action")
     add("--hold", type=positive, default=16, metavar="N", help="decisions from plan to plan")
     run_command(parser, measure, arguments)

@@ -98,7 +98,7 @@ def test_command(tmp_path, capsys, monkeypatch):
     planner.main(["--episodes=2", "--samples=2", "--hold=8", "--base=paced", f"--json={out}"])
     report = json.loads(out.read_text())
     printed = capsys.readouterr().out
-    assert set(report["policies"]) == {"planner", "paced", "none"}
+    assert set(report["policies"]) == {"planner", "paced", "slow", "none"}
     assert f"planner minus paced: {report['planner_minus_base']['mean']:.1f}" in printed
     for name, row in report["policies"].items():
         (line,) = [line for line in printed.split("\n") if line.startswith(f"{name}  ")]

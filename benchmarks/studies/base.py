@@ -1,0 +1,78 @@
+"""The policy that a study improves on: the options that choose it, and how plans leave it."""
+
+import argparse
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from benchmarks.command import a_path
+from medjax.episodes.player import Episodes, Player
+from medjax.errors import InputError
+from medjax.policies.planner import AS_BASE
+from medjax.policies.policy import Policy
+from medjax.policies.rules import BASELINES
+from train.algorithms.environments import make_environment
+from train.algorithms.ppo.settings import PPOConfig
+from train.runs.policies import load_policies
+from train.runs.run_directory import RunDir
+from train.runs.trained_run import to_play
+
+
+def add_base(parser: argparse.ArgumentParser) -> None:
+    """The options that `load` reads."""
+    parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
+    improved = "run whose first learner is improved on"
+    parser.add_argument("--run-dir", type=a_path, metavar="DIR", help=improved)
+    rules = sorted({*BASELINES} - {"slow"})
+    rule = "rule that is improved on (default: budgeted)"
+    parser.add_argument("--base", choices=rules, help=rule)
+
+
+def load(options: argparse.Namespace) -> tuple[str, Any, Any, str, dict[str, Policy]]:
+    """Scenario, environment, parameters, name of the base, and all policies by name.
+
+    Raises:
+      InputError: the run cannot be read, or a base is given too.
+    """
+    if not options.run_dir:
+        config = to_play(PPOConfig(), options.scenario)
+        env, params = make_environment(config)
+        rules = {name: build(env) for name, build in BASELINES.items()}
+        return config.scenario, env, params, options.base or "budgeted", rules
+    if options.base:
+        raise InputError(f"--base is {options.base} with --run-dir, allowed: one of the two")
+    config = to_play(RunDir(options.run_dir).load_config(), options.scenario)
+    env, params, policies = load_policies(options.run_dir, config, stochastic=False)
+    return config.scenario, env, params, config.algorithm, policies
+
+
+def follow(
+    player: Player,
+    weights: Any,
+    rows: tuple[Episodes, jax.Array],
+    first: jax.Array,
+    ends: tuple[jax.Array | int, int],
+    params: Any,
+) -> Episodes:
+    """Plays on as was planned, and then as the base does.
+
+    Args:
+      player: of the base.
+      weights: the base's.
+      rows: where the episodes stand, and what was planned for each, (rows,) int32 as `look_ahead` says it.
+      first: () int32, the decision for which it was planned.
+      ends: the decision that is no longer played, and for how many decisions plans stand.
+      params: of the environment.
+    """
+    (played, plans), (last, hold) = rows, ends
+
+    def decide(number: jax.Array, played: Episodes) -> Episodes:
+        choice = player.choose(played, number, [weights], params)
+        follows = (plans == AS_BASE) | (number >= first + hold)
+        own = jnp.where(number == first, plans, 0)
+        held = choice._replace(action=jnp.where(follows, choice.action, own))
+        return player.go_on(played, number, held, params)[0]
+
+    return lax.fori_loop(first, last, decide, played)
