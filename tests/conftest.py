@@ -61,8 +61,8 @@ def pytest_collection_modifyitems(items):
 def quick_compiles():
     """Programs that run a few steps only: compiled in a third of the time, and slow.
 
-    They round differently, so tests that compare bits do not ask for this, come before, and leave no program. JAX has no
-    public setting for options of all programs, only of one (`jax.jit(compiler_options=...)`).
+    They round differently, so tests that compare bits do not ask for this, come before, and leave no program. JAX has
+    no public setting for options of all programs, only of one (`jax.jit(compiler_options=...)`).
     """
     default = compiler.get_compile_options
 
