@@ -46,23 +46,12 @@ if jax.__version_info__ < (0, 11):
     QUICK["xla_cpu_use_fusion_emitters"] = False
 
 
-def pytest_configure(config):
-    """Files are given to workers in the order of `pytest_collection_modifyitems`, not by how many tests they have."""
-    config.option.loadscopereorder = False
-
-
-def pytest_collection_modifyitems(items):
-    """Files whose programs are compiled quickly come last: what was compiled is dropped once in a process."""
-    quick = {item.path for item in items if "quick_compiles" in getattr(item, "fixturenames", ())}
-    items.sort(key=lambda item: (item.path in quick, len(item.path.parts)))
-
-
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def quick_compiles():
     """Programs that run a few steps only: compiled in a third of the time, and slow.
 
-    They round differently, so tests that compare bits do not ask for this, come before, and leave no program. JAX has
-    no public setting for options of all programs, only of one (`jax.jit(compiler_options=...)`).
+    They round differently, so none is left for tests that compare bits, nor taken over from them. JAX has no public
+    setting for options of all programs, only of one (`jax.jit(compiler_options=...)`).
     """
     default = compiler.get_compile_options
 
@@ -74,6 +63,7 @@ def quick_compiles():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(compiler, "get_compile_options", quick)
         yield
+    jax.clear_caches()
 
 
 @pytest.fixture

@@ -90,8 +90,10 @@ def test_mesh_takes_what_divides():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick_compiles")  # which last to the end of the file
 def test_devices_change_nothing_on_the_highway():
-    """The same of the real environment, to rounding; to the last bit: tests/test_determinism.py."""
+    """The same of the real environment to rounding, as it is compiled quickly here; of programs that are fully
+    optimised to the last bit: tests/test_determinism.py."""
     env, params = medjax.make("paper", episode_decisions=3)
     alone = course(env, params, 4, None, 8)
     shared = course(env, params, 4, 2, 8)
