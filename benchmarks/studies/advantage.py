@@ -7,8 +7,8 @@ episode's own. The candidates are halved (sequential halving, Karnin et al. 2013
 the policy in futures that chose nothing, so that no luck of the choice is counted.
 
 What it pays, summed over an episode, is what one step of policy improvement (Bertsekas and Castanon 1999, rollout
-algorithms) gives to first order: less than the best dispatcher has above this one, as far as that differs by more than
-one choice of these at a time; a measure of how much is left to find, and how hard it is to see.
+algorithms) gives to first order, at the states that the policy comes to: neither a ceiling nor what a planner would
+reach, but whether something is left to find, and how hard it is to see.
 """
 
 import argparse

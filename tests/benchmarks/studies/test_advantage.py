@@ -22,12 +22,14 @@ SMALL = {"num_meds": 2, "num_evs": 6, "num_gas": 12, "episode_decisions": 20}
 HOLD, ROWS = 5, 12
 
 
-def futures_of(pay, **weights):
+def futures_of(pay):
     """Environment, futures of a policy that never sends where a MED pays so much, and an episode's first state."""
     env, params = medjax.make("paper", **SMALL)
-    weights = dict.fromkeys(params.reward_weights, jnp.float32(0.0)) if pay == 0.0 else {}
-    weights = {**params.reward_weights, "dispatches": jnp.float32(pay), **weights}
-    params = params.replace(reward_weights=weights)
+    # Nothing else pays where a MED does not.
+    others = (
+        params.reward_weights if pay else dict.fromkeys(params.reward_weights, jnp.float32(0.0))
+    )
+    params = params.replace(reward_weights={**others, "dispatches": jnp.float32(pay)})
     played = Player(env, [none(env)]).start(episode_keys(0, 1), params)
     one = jax.tree.map(lambda leaf: leaf[0], played)
     return env, advantage.Futures(env, params, none(env), HOLD, ROWS), one
