@@ -105,7 +105,6 @@ COMMANDS = {
     "benchmarks.studies.generalization": ["--run-dir=run"],
     "benchmarks.speed.kernels": [],
     "benchmarks.peers.__main__": [],
-    "benchmarks.studies.advantage": [],
     "benchmarks.studies.planner": [],
     "benchmarks.speed.scaling": [],
     "benchmarks.speed.throughput": [],

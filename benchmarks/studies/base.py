@@ -10,7 +10,6 @@ from jax import lax
 from benchmarks.command import a_path
 from medjax.episodes.player import Episodes, Player
 from medjax.errors import InputError
-from medjax.policies.planner import AS_BASE
 from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
 from train.algorithms.environments import make_environment
@@ -18,6 +17,8 @@ from train.algorithms.ppo.settings import PPOConfig
 from train.runs.policies import load_policies
 from train.runs.run_directory import RunDir
 from train.runs.trained_run import to_play
+
+AS_BASE = -1  # a plan: the base goes on
 
 
 def add_base(parser: argparse.ArgumentParser) -> None:
@@ -61,7 +62,8 @@ def follow(
     Args:
       player: of the base.
       weights: the base's.
-      rows: where the episodes stand, and what was planned for each, (rows,) int32 as `look_ahead` says it.
+      rows: where the episodes stand, and what was planned for each, (rows,) int32: AS_BASE, or an action that
+        is taken once and stands, action 0 following it.
       first: () int32, the decision for which it was planned.
       ends: the decision that is no longer played, and for how many decisions plans stand.
       params: of the environment.

@@ -1,107 +1,194 @@
-"""`python -m benchmarks.planner`: what a dispatcher that owns a simulator reaches, an upper reference.
+"""`python -m benchmarks.planner`: what a dispatcher that owns a simulator gains on a policy.
 
-`medjax.policies.planner.look_ahead` plays every action forward with fresh noise and then a base, a rule or a
-learner, and leaves the base where that surely pays. The episodes are those that `python -m train.evaluate`
-plays for the same seed, so that returns of both commands stand beside each other. Slow: for an episode it plays
-`samples * actions * decisions / hold / 2` others.
+Every `hold` decisions, where a MED may be sent, the planner plays futures of the state: the policy goes on, nothing is
+sent for `hold` decisions, or a MED from one of the ramps and then nothing; behind that the policy decides again, to the
+end of the episode. Futures are drawn by keys that the candidates share, and are never the episode's own. Candidates
+are halved (sequential halving, Karnin et al. 2013); where the last one still seems better than the policy, the planner
+does it: one step of policy improvement (rollout algorithms, Bertsekas and Castanon 1999).
+
+What it gains is not read off whole episodes, of which hundreds would be needed, but is the sum of what each of its
+choices pays over the policy's, along its own episodes: the difference of two policies' returns is the expected sum of
+one's advantages over the other at the states that the one comes to (performance difference lemma, Kakade and Langford
+2002). What a choice pays is measured in further futures, which chose nothing, so that its luck is not counted.
 """
 
 import argparse
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from tqdm import tqdm
 
 from benchmarks.command import episodes_parser, positive, run_command, whole_number
-from benchmarks.studies.base import add_base, follow, load
+from benchmarks.studies.base import AS_BASE, add_base, follow, load
 from medjax.env.contract import Environment
-from medjax.episodes.keys import ACT, episode_keys
+from medjax.episodes.keys import RESET, episode_keys
 from medjax.episodes.player import Episodes, Player, episode_steps
-from medjax.episodes.scores import Scores, evaluate_policies
 from medjax.numerics.devices import environment_mesh, on_devices
-from medjax.policies.planner import AS_BASE, Plan, look_ahead
 from medjax.policies.policy import Policy
+from medjax.traffic.arrivals import redraw
 from train.evaluation.statistics import bootstrap_ci95
 
-SHOWN = ("depleted_share", "mean_range_m", "mean_soc", "meds_dispatched")
+FUTURES = 0xF07  # folded into the seed's key: no future is an episode that is evaluated
 
 
-def play_plans(
-    env: Environment, params: Any, plan: Plan, base: Policy, hold: int, episodes: int, seed: int
-) -> Scores:
-    """Whole episodes, played together, of a planner that is asked at every `hold`-th decision.
+class Found(NamedTuple):
+    """What is found of one state."""
+
+    plan: int  # what is done in it; AS_BASE where the policy goes on
+    gain: float  # of that over the policy, in futures that did not choose it; 0 where the policy goes on
+    spread: float  # standard deviation of that difference from future to future, NaN where none was confirmed
+
+
+class Futures:
+    """Plays futures of a state, compiled when first asked.
 
     Args:
-      env: a single environment.
-      params: its parameters.
-      plan: as `medjax.policies.planner.look_ahead` returns it.
-      base: what is played where it says AS_BASE.
-      hold, episodes: at least 1.
-      seed: which episodes, as in `medjax.episodes.scores`.
+        env: a single environment.
+        params: its parameters.
+        base: the policy.
+        hold: decisions for which a candidate stands.
+        rows: futures played at once; candidates share them.
     """
-    mesh, player = environment_mesh(episodes), Player(env, [base])
 
-    def ask(rows: Episodes, same: tuple[jax.Array, Any]) -> jax.Array:
-        """What to hold; keys of their own stream, so that the futures that are tried are not what will happen."""
-        number, params = same
+    def __init__(self, env: Environment, params: Any, base: Policy, hold: int, rows: int) -> None:
+        self.rows, self._same, self._steps = (
+            rows,
+            (base.weights, params),
+            episode_steps(env, params),
+        )
+        player = Player(env, [base])
 
-        def one(row: tuple[jax.Array, Any]) -> jax.Array:
-            key, state = jax.random.fold_in(row[0], number), row[1]
-            can_send = jnp.any(env.action_mask(state, params)[1:])
-            return lax.cond(can_send, lambda: plan(key, state, params), lambda: jnp.int32(AS_BASE))
+        def to_end(rows: Any, same: Any) -> jax.Array:
+            """Returns from the state on, and what was had before."""
+            first, steps, (weights, params) = same
+            return follow(player, weights, rows, first, (steps, hold), params).scores["return"]
 
-        # One episode after the other: its futures fill the cache.
-        return lax.map(one, (rows.streams[:, ACT], rows.state))
+        self._to_end = jax.jit(on_devices(environment_mesh(rows), to_end))
+        self._branch = jax.jit(self._branched)
 
-    def go_on(rows: tuple[Episodes, jax.Array], same: tuple[jax.Array, Any]) -> Episodes:
-        """The decisions until the planner is asked again."""
-        first, params = same
-        return follow(player, base.weights, rows, first, (first + hold, hold), params)
+    def _branched(self, key: jax.Array, played: Episodes, each: jax.Array) -> Episodes:
+        """An episode `rows` times, each going on in the future of its number `each` (rows,)."""
+        streams = jax.vmap(lambda number: jax.random.split(jax.random.fold_in(key, number), 3))(
+            each
+        )
+        same = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (self.rows, *leaf.shape)), played)
+        state = jax.vmap(redraw)(streams[:, RESET], same.state)
+        return same.replace(streams=streams, state=state)
 
-    ask, go_on = jax.jit(on_devices(mesh, ask)), jax.jit(on_devices(mesh, go_on))
-    played = jax.jit(player.start)(episode_keys(seed, episodes), params)
+    def returns(
+        self, key: jax.Array, played: Episodes, first: int, candidates: list[int]
+    ) -> np.ndarray:
+        """Returns `(futures, candidates)`, the same futures for each.
+
+        Args:
+            key: of the futures.
+            played: one episode, leaves without an axis of rows.
+            first: its next decision.
+            candidates: plans, as `benchmarks.studies.base.follow` has them.
+        """
+        count = len(candidates)
+        each = jnp.arange(self.rows) // count
+        plans = jnp.asarray(np.resize(candidates, self.rows), jnp.int32)
+        same = jnp.int32(first), jnp.int32(self._steps), self._same
+        returns = self._to_end((self._branch(key, played, each), plans), same)
+        futures = self.rows // count
+        return np.asarray(returns, np.float64)[: futures * count].reshape(futures, count)
+
+    def find(self, key: jax.Array, played: Episodes, first: int, num_actions: int) -> Found:
+        """The candidate that is left of all, and what it pays."""
+        others, total, futures, number = np.arange(num_actions), np.zeros(num_actions), 0, 0
+        while len(others):
+            returns = self.returns(
+                jax.random.fold_in(key, number), played, first, [AS_BASE, *others]
+            )
+            gains = returns[:, 1:] - returns[:, :1]
+            if futures and len(others) == 1:
+                return Found(int(others[0]), float(gains.mean()), float(gains.std(ddof=1)))
+            total[others] += gains.sum(axis=0)
+            futures, number = futures + len(gains), number + 1
+            better = others[np.argsort(-total[others])][: max(len(others) // 2, 1)]
+            others = better[total[better] > 0.0] if len(better) == 1 else better
+        return Found(AS_BASE, 0.0, math.nan)
+
+
+class Played(NamedTuple):
+    """What came of some episodes."""
+
+    returns: np.ndarray  # (episodes,) of the planner
+    of_policy: np.ndarray  # (episodes,) of the policy, the same episodes
+    found: list[list[Found]]  # of each episode, the states in which the planner was asked
+
+
+def play(env: Environment, params: Any, policy: Policy, options: argparse.Namespace) -> Played:
+    """Episodes of the planner, and of the policy alone; `options` are the command's."""
+    hold, episodes = options.hold, options.episodes
+    futures, player = Futures(env, params, policy, hold, options.futures), Player(env, [policy])
     firsts = range(0, episode_steps(env, params), hold)
+    root = jax.random.fold_in(jax.random.key(options.seed), FUTURES)
+    mask = jax.jit(jax.vmap(env.action_mask, (0, None)))
+
+    @jax.jit
+    def go_on(rows: tuple[Episodes, jax.Array], first: jax.Array, same: Any) -> Episodes:
+        """As planned, to the next state that is looked at."""
+        weights, params = same
+        return follow(player, weights, rows, first, (first + hold, hold), params)
+
+    alone = played = jax.jit(player.start)(episode_keys(options.seed, episodes), params)
+    found: list[list[Found]] = [[] for _ in range(episodes)]
     for first in tqdm(firsts, "planning", disable=None, leave=False):
-        same = jnp.int32(first), params
-        played = go_on((played, ask(played, same)), same)
-    return {name: np.asarray(values, np.float64) for name, values in played.scores.items()}
+        plans = np.full(episodes, AS_BASE, np.int32)
+        for episode in np.flatnonzero(np.asarray(mask(played.state, params))[:, 1:].any(axis=1)):
+            one = jax.tree.map(lambda leaf, row=int(episode): leaf[row], played)
+            key = jax.random.fold_in(jax.random.fold_in(root, episode), first)
+            found[episode].append(futures.find(key, one, first, env.num_actions))
+            plans[episode] = found[episode][-1].plan
+        same = jnp.int32(first), (policy.weights, params)
+        played = go_on((played, jnp.asarray(plans)), *same)
+        alone = go_on((alone, jnp.full(episodes, AS_BASE, jnp.int32)), *same)
+    ours, theirs = (np.asarray(each.scores["return"], np.float64) for each in (played, alone))
+    return Played(ours, theirs, found)
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Prints the planner's, its base's and no action's scores.
+    """Prints what the planner gains on the policy.
 
     Raises:
-      InputError: of `load`.
+      InputError: of `benchmarks.studies.base.load`.
     """
-    scenario, env, params, base, policies = load(options)
-    hold, episodes, seed = options.hold, options.episodes, options.seed
-    plan = look_ahead(env, policies[base], options.samples, hold)
-    scores = {"planner": play_plans(env, params, plan, policies[base], hold, episodes, seed)}
-    others = {name: policies[name] for name in dict.fromkeys([base, "slow", "none"])}
-    scores |= evaluate_policies(env, params, others, episodes, seed)
-    rows = {}
-    print(f"{episodes} episodes of {scenario}, seed {seed}")
-    print(f"{'policy':<10}{'return':>9}{'95 % CI':>20}" + "".join(f"{name:>17}" for name in SHOWN))
-    for name, score in scores.items():
-        low, high = bootstrap_ci95(score["return"])
-        means = {metric: float(values.mean()) for metric, values in score.items()}
-        rows[name] = means | {"return_ci95": [low, high]}
-        shown = "".join(f"{means[metric]:17.3f}" for metric in SHOWN)
-        print(f"{name:<10}{means['return']:9.1f}{f'[{low:.1f}, {high:.1f}]':>20}{shown}")
-    gain = scores["planner"]["return"] - scores[base]["return"]
-    low, high = bootstrap_ci95(gain)
-    print(f"planner minus {base}: {gain.mean():.1f} [{low:.1f}, {high:.1f}]")
-    gained = {"mean": float(gain.mean()), "ci95": [low, high]}
-    return {"policies": rows, "planner_minus_base": gained, "episodes": episodes}
+    scenario, env, params, name, policies = load(options)
+    played = play(env, params, policies[name], options)
+    episodes = len(played.found)
+    gains = np.array([sum(each.gain for each in states) for states in played.found])
+    leaves = [each for states in played.found for each in states if each.plan != AS_BASE]
+    spread = float(np.sqrt(np.mean([each.spread**2 for each in leaves] or [math.nan])))
+    asked, left = sum(map(len, played.found)) / episodes, len(leaves) / episodes
+    print(
+        f"{episodes} episodes of {scenario}, seed {options.seed}: "
+        f"asked at {asked:.1f} states an episode, the planner leaves {name} at {left:.1f}"
+    )
+    shown = {"policy": name, "asked": asked, "left": left, "spread": spread}
+    by_choices = "by its choices, in futures that did not make them"
+    apart = played.returns - played.of_policy
+    for key, how, values in (("gain", by_choices, gains), ("apart", "by whole episodes", apart)):
+        mean, (low, high) = float(values.mean()), bootstrap_ci95(values, options.seed)
+        print(f"planner minus {name}, {how}: {mean:.2f} [{low:.2f}, {high:.2f}]")
+        shown |= {f"{key}_mean": mean, f"{key}_ci95": [low, high]}
+    print(
+        f"a future with a choice and the same without differ by {spread:.1f} (standard deviation)"
+    )
+    return shown
 
 
 def main(arguments: list[str] | None = None) -> None:
     parser = episodes_parser("planner", __doc__, episodes=16, seed=0)
     add_base(parser)
-    add = parser.add_argument
-    add("--samples", type=whole_number(least=2), default=16, help="futures of each action")
-    add("--hold", type=positive, default=16, metavar="N", help="decisions from plan to plan")
+    at_once = "futures of a state played at once, shared by the candidates (default %(default)s)"
+    parser.add_argument("--futures", type=whole_number(least=12), default=384, help=at_once)
+    between = (
+        "decisions from state to state, and for which a candidate stands (default %(default)s)"
+    )
+    parser.add_argument("--hold", type=positive, default=16, metavar="N", help=between)
     run_command(parser, measure, arguments)

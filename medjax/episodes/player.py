@@ -1,4 +1,4 @@
-"""The one player of whole episodes: what evaluation, recordings, traces and the planner drive, each at its own pace.
+"""The one player of whole episodes: what evaluation, recordings, traces and studies drive, each at its own pace.
 
 Episodes are rows of a batch, and every row draws from the streams of its episode (`medjax.episodes.keys`): decision t
 from `fold_in(stream, t)`. So all that is played of an episode is the same episode, and differences between policies are

@@ -1,6 +1,5 @@
-"""Dispatchers: rules, a planner, and trained policies from a file."""
+"""Dispatchers: rules, and trained policies from a file."""
 
-from medjax.policies.planner import look_ahead
 from medjax.policies.policy import Choice, Policy, every, rule
 from medjax.policies.rules import (
     BASELINES,
@@ -24,7 +23,6 @@ __all__ = [
     "every",
     "forecast",
     "greedy",
-    "look_ahead",
     "none",
     "paced",
     "periodic",

@@ -1,4 +1,4 @@
-"""What a dispatcher is: the one protocol of rules, planners, learned policies and those read from a file."""
+"""What a dispatcher is: the one protocol of rules, learned policies and those read from a file."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

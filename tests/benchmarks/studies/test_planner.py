@@ -1,6 +1,7 @@
-"""The planner plays the episodes of the evaluation, and finds what pays."""
+"""What a choice pays is found where it is known, nothing where there is nothing, and the sum is what is gained."""
 
 import json
+from argparse import Namespace
 from functools import partial
 
 import jax
@@ -10,103 +11,109 @@ import pytest
 
 import medjax
 from benchmarks.studies import planner
+from benchmarks.studies.base import AS_BASE
+from medjax.episodes.keys import episode_keys
+from medjax.episodes.player import Player
 from medjax.episodes.scores import evaluate_policies
-from medjax.policies.planner import AS_BASE, look_ahead
-from medjax.policies.rules import none, random
-from medjax.traffic.arrivals import redraw
+from medjax.policies.rules import none, paced
 from tests.benchmarks.refusal import refused
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 SMALL = {"num_meds": 2, "num_evs": 6, "num_gas": 12, "episode_decisions": 20}
+HOLD, ROWS = 5, 12
+OPTIONS = Namespace(hold=HOLD, episodes=2, futures=ROWS, seed=0)
 
 
-@pytest.fixture(scope="module")
-def highway(quick_compiles):
-    """A small environment, its numbers, a state, and what looks ahead from it by the name of its base."""
-    env, params = medjax.make("paper", **SMALL)
-    plans = {
-        base: jax.jit(look_ahead(env, base(env), samples=2, hold=20)) for base in (none, random)
-    }
-    return params, jax.jit(env.reset)(jax.random.key(0), params)[1], plans
+def paying(pay, **numbers):
+    """A world in which a MED that is sent pays so much, or nothing does anything."""
+    env, params = medjax.make("paper", **SMALL, **numbers)
+    # Nothing else pays where a MED does not.
+    others = (
+        params.reward_weights if pay else dict.fromkeys(params.reward_weights, jnp.float32(0.0))
+    )
+    return env, params.replace(reward_weights={**others, "dispatches": jnp.float32(pay)})
 
 
-def paid(params, pay):
-    """Numbers that pay so much for each MED that all else is outweighed."""
-    return params.replace(reward_weights={**params.reward_weights, "dispatches": jnp.float32(pay)})
+def futures_of(pay):
+    """Environment, futures of a policy that never sends where a MED pays so much, and an episode's first state."""
+    env, params = paying(pay)
+    played = Player(env, [none(env)]).start(episode_keys(0, 1), params)
+    one = jax.tree.map(lambda leaf: leaf[0], played)
+    return env, planner.Futures(env, params, none(env), HOLD, ROWS), one
 
 
-@pytest.mark.parametrize(
-    ("base", "pay", "allowed"),
-    [
-        (none, 1e4, {1, 2, 3, 4}),  # sends, since the base would not
-        (none, -1e4, {AS_BASE}),  # nothing is better than to wait, as the base does
-        (random, -1e4, {0}),  # waits to the end, since the base would not
-    ],
-)
-def test_leaves_the_base_for_what_surely_pays(highway, base, pay, allowed):
-    params, state, plans = highway
-    assert int(plans[base](jax.random.key(1), state, paid(params, pay))) in allowed
+def test_what_pays_is_found_and_what_it_pays():
+    """A MED that pays 1e4 is sent, and pays that: the rest of eq (10) is below 100 in twenty seconds."""
+    env, futures, state = futures_of(1e4)
+    found = futures.find(jax.random.key(1), state, 0, env.num_actions)
+    assert found.plan > 0
+    assert found.gain == pytest.approx(1e4, abs=100.0)
+    assert found.spread < 100.0
 
 
-def test_no_gain_is_no_reason(highway):
-    """Where all returns are alike it stays with the base."""
-    params, state, plans = highway
-    params = params.replace(reward_weights=dict.fromkeys(params.reward_weights, jnp.float32(0.0)))
-    assert int(plans[none](jax.random.key(1), state, params)) == AS_BASE
+@pytest.mark.parametrize("pay", [-1e4, 0.0])
+def test_what_does_not_pay_is_left_alone(pay):
+    """The policy goes on where sending costs, and where all returns are alike."""
+    env, futures, state = futures_of(pay)
+    found = futures.find(jax.random.key(1), state, 0, env.num_actions)
+    assert found.plan == AS_BASE
+    assert found.gain == 0.0
 
 
-def test_a_masked_action_is_never_taken(highway):
-    """Under a cooldown it cannot send, however well a MED would pay."""
-    params, state, plans = highway
-    state = state.replace(cooldown_s=jnp.float32(5.0))
-    assert int(plans[none](jax.random.key(1), state, paid(params, 1e4))) == AS_BASE
+def test_candidates_meet_the_same_futures():
+    """Two that do the same have equal returns in every future; futures differ."""
+    _, futures, state = futures_of(1.0)
+    returns = futures.returns(jax.random.key(1), state, 0, [AS_BASE, 0, AS_BASE])
+    assert returns.shape == (ROWS // 3, 3)
+    np.testing.assert_array_equal(returns[:, 0], returns[:, 2])
+    np.testing.assert_array_equal(returns[:, 0], returns[:, 1])  # a policy that waits, waits
+    assert len(set(returns[:, 0])) > 1
 
 
-def test_does_not_know_who_will_come(highway):
-    """Of two states that differ in the seed of what arrives alone it says the same, by accident or not."""
-    params, state, plans = highway
-    other = redraw(jax.random.key(9), state)
-    assert not np.array_equal(other.arrivals, state.arrivals)
-    keys = jax.random.split(jax.random.key(1), 24)
-    said = [[int(plans[none](key, seen, params)) for key in keys] for seen in (state, other)]
-    assert said[0] == said[1]
-    # Two futures are few: accidents there are, and they are of the key.
-    assert len(set(said[0])) > 1
+def test_what_choices_pay_adds_up_to_what_is_gained():
+    """Along the planner's own episodes: it has two MEDs. Where the policy is, who keeps them, all four choices pay."""
+    env, params = paying(1e4, cooldown_s=HOLD - 1.0)
+    played = planner.play(env, params, none(env), OPTIONS)
+    for states, ours, theirs in zip(played.found, played.returns, played.of_policy, strict=True):
+        assert sum(each.gain for each in states) == pytest.approx(2e4, abs=200.0)
+        assert ours - theirs == pytest.approx(2e4, abs=200.0)
+        assert [each.plan > 0 for each in states] == [True, True]  # then none is at the depot
 
 
-@pytest.mark.parametrize("hold", [1, 3])
+def test_where_nothing_pays_it_plays_the_policys_episodes():
+    """MEDs that the policy sends included, and no choice counts for anything."""
+    env, params = paying(0.0)
+    played = planner.play(env, params, paced(env), OPTIONS)
+    assert {each.plan for states in played.found for each in states} == {AS_BASE}
+    np.testing.assert_array_equal(played.returns, played.of_policy)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("plan", [AS_BASE, 0])
-def test_plays_the_episodes_of_the_evaluation(hold, plan):
-    """The base rule itself, and nothing at all, are scored as medjax.episodes.scores scores them, to rounding."""
-    env, params = medjax.make("paper", **SMALL)
-    always = lambda key, state, params: jnp.int32(plan)  # noqa: E731
-    ours = planner.play_plans(env, params, always, random(env), hold, episodes=4, seed=3)
-    rule = random(env) if plan == AS_BASE else none(env)
-    theirs = evaluate_policies(env, params, {"rule": rule}, 4, seed=3)["rule"]
-    assert (theirs["meds_dispatched"].sum() > 0) == (plan == AS_BASE)
-    for name, values in ours.items():
-        np.testing.assert_allclose(values, theirs[name], rtol=1e-5, atol=1e-5, err_msg=name)
+def test_the_policy_alone_is_as_evaluated():
+    """To rounding, on the episodes of `train.evaluate`."""
+    env, params = paying(-1.0)
+    alone = planner.play(env, params, paced(env), OPTIONS).of_policy
+    theirs = evaluate_policies(env, params, {"it": paced(env)}, 2, seed=0)["it"]["return"]
+    np.testing.assert_allclose(alone, theirs, rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.slow
 def test_command(tmp_path, capsys, monkeypatch):
-    """A table and the same figures as JSON."""
+    """Its lines and the same figures as JSON."""
     monkeypatch.setattr(medjax, "make", partial(medjax.make, **SMALL))
     out = tmp_path / "out.json"
-    planner.main(["--episodes=2", "--samples=2", "--hold=8", "--base=paced", f"--json={out}"])
-    report = json.loads(out.read_text())
-    printed = capsys.readouterr().out
-    assert set(report["policies"]) == {"planner", "paced", "slow", "none"}
-    assert f"planner minus paced: {report['planner_minus_base']['mean']:.1f}" in printed
-    for name, row in report["policies"].items():
-        (line,) = [line for line in printed.split("\n") if line.startswith(f"{name}  ")]
-        assert f"{row['return']:.1f}" in line
+    planner.main(["--episodes=2", "--futures=12", "--hold=10", "--base=paced", f"--json={out}"])
+    report, printed = json.loads(out.read_text()), capsys.readouterr().out
+    assert (
+        f"by its choices, in futures that did not make them: {report['gain_mean']:.2f} [" in printed
+    )
+    assert f"by whole episodes: {report['apart_mean']:.2f} [" in printed
+    assert report["policy"] == "paced"
 
 
 @pytest.mark.parametrize(
-    "argv", [["--samples=1"], ["--base=best"], ["--hold=0"], ["--run-dir=no/such"]]
+    "argv", [["--futures=1"], ["--base=best"], ["--hold=0"], ["--run-dir=no/such"]]
 )
 def test_bad_input_is_one_line(argv, capsys):
     """Exit code 2, and the value is named."""
