@@ -64,6 +64,7 @@ def agents_of(
         num_ramps=env.config.num_ramps,
         exits=env.config.num_exits > 0,
         usual=(ordered.index(usual_speed), lanes.index(usual_lane)),
+        depots=env.config.num_depots,
     )
     return AgentsEnv(env, actions, credit, AgentView(road=ROAD) if central else VIEW), params
 

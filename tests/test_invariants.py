@@ -32,6 +32,7 @@ MOST = EnvConfig(
     num_lanes=6,
     num_ramps=8,
     num_exits=4,
+    num_depots=3,
     num_meds=40,
     num_evs=40,
     num_gas=160,

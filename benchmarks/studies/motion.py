@@ -21,12 +21,15 @@ from medjax.env.agents.actions import Parts
 from medjax.env.agents.environment import AgentsEnv
 from medjax.env.agents.view import requests
 from medjax.env.contract import StepResult
-from medjax.env.dispatch import first_at_depot
-from medjax.env.forecast import lacking_j
+from medjax.env.depots import depot_places, who_is_sent
+from medjax.env.dispatch import is_allowed
+from medjax.env.forecast import expected_need, lacking_j
+from medjax.env.observation import NEED_WINDOW_S
 from medjax.env.wrapper import Wrapper
 from medjax.episodes.scores import Scores, evaluate_policies
 from medjax.errors import InputError
 from medjax.policies.rules import BASELINES
+from medjax.traffic.exits import next_exit
 from medjax.world.params import EnvParams
 from medjax.world.state import IN_SERVICE, NOT_BOOKED, EnvState
 from train.evaluation.statistics import bootstrap_ci95
@@ -106,7 +109,51 @@ def _home_when_idle(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Pa
     booked = state.evs.med[:, None] == jnp.arange(agents.num_agents)
     idle = ~near & ~jnp.any(booked & (state.evs.med != NOT_BOOKED)[:, None], axis=0)
     idle &= state.meds.status == IN_SERVICE
-    return usual._replace(leave=idle.astype(jnp.int32))
+    return usual._replace(leave=jnp.where(idle, 1 + state.meds.depot, 0))
+
+
+Places = Callable[[AgentsEnv, EnvState, EnvParams], jax.Array]
+
+
+def _going_to(worth: Places) -> Motion:
+    """By the exit where it leaves anyway to the depot that is worth most, `worth` `(num_meds, num_depots)`."""
+
+    def move(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
+        config, usual = agents.env.config, _usual(agents, state, params)
+        choice = 1 + jnp.argmax(worth(agents, state, params), axis=1).astype(jnp.int32)
+        mask = agents.actions.masks(state, config, params).leave
+        ends = state.vehicles.destination[config.med_slots]
+        notice = state.vehicles.x[config.med_slots] + params.road.exit_notice_m
+        leaves = is_allowed(choice, mask) & (next_exit(notice, params.road) == ends)
+        return usual._replace(leave=jnp.where(leaves, choice, 0))
+
+    return move
+
+
+def _nearness(agents: AgentsEnv, state: EnvState, params: EnvParams) -> jax.Array:
+    """Of each depot to each MED's exit."""
+    config = agents.env.config
+    ends = state.vehicles.destination[config.med_slots, None]
+    return -jnp.abs(ends - depot_places(config, params))
+
+
+def _room(agents: AgentsEnv, state: EnvState, params: EnvParams) -> jax.Array:
+    """The fewer other MEDs are there, or on their way there, the more."""
+    meds, config = state.meds, agents.env.config
+    theirs = (meds.depot[:, None] == jnp.arange(config.num_depots)) & (
+        jnp.arange(config.num_meds) < params.fleet.size
+    )[:, None]
+    return theirs - jnp.sum(theirs, axis=0)
+
+
+def _need(agents: AgentsEnv, state: EnvState, params: EnvParams) -> jax.Array:
+    """EVs that lack charge near the depot's ramps, those that come included, less the slots that they will find."""
+    config = agents.env.config
+    need = expected_need(state, config, params, NEED_WINDOW_S)
+    of_ramps = need.there + need.coming - need.free
+    serves = jnp.asarray(config.ramp_depots) == jnp.arange(config.num_depots)[:, None]
+    total = jnp.sum(jnp.where(serves, of_ramps, 0.0), axis=1)
+    return jnp.broadcast_to(total, (config.num_meds, config.num_depots))
 
 
 def _other_lane(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
@@ -115,6 +162,7 @@ def _other_lane(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[
     return usual._replace(lane=jnp.where(state.meds.status == IN_SERVICE, 0, usual.lane))
 
 
+DEPOTS = {"nearest depot": _nearness, "emptiest depot": _room, "depot in need": _need}
 MOTIONS: dict[str, Motion] = {
     "default": _usual,
     **{f"{speed:g} m/s": _at(speed) for speed in (14.0, 16.0, 18.0, 20.0, 22.0, 24.0, 25.0)},
@@ -126,6 +174,7 @@ MOTIONS: dict[str, Motion] = {
     "18 m/s until 2 EVs": _slow_until(2, 18.0),
     "only who needs it": _only_who_needs_it,
     "home when idle": _home_when_idle,
+    **{f"to the {depot}": _going_to(worth) for depot, worth in DEPOTS.items()},
     "lane to the left": _other_lane,
 }
 
@@ -141,7 +190,7 @@ class Moved(Wrapper):
         self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
     ) -> StepResult:
         """One decision."""
-        head = first_at_depot(state.meds.status)
+        head = who_is_sent(action, state.meds, self.env.config)
         parts = self.motion(self.agents, state, params)
         parts = parts._replace(enter=jnp.where(head, action, 0).astype(jnp.int32))
         _, state, *rest = self.agents.step_parts(key, state, parts, params)
@@ -162,6 +211,8 @@ def play(options: argparse.Namespace) -> dict[str, Scores]:
     wanted = {"default", *(options.motions or MOTIONS)}
     if not agents.actions.exits:
         wanted.discard("home when idle")
+    if not agents.actions.exits or agents.actions.depots == 1:
+        wanted -= {f"to the {depot}" for depot in DEPOTS}
     for name in MOTIONS:
         if name not in wanted:
             continue

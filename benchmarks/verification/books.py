@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from flax import struct
 
 from medjax.world.kinds import GAS_KINDS, KINDS
@@ -211,6 +212,22 @@ def tick_flows(
     flows = {"sent_j": both(sent, gives > 0.0), "received_j": both(received, charges)}
     bounds = {name: (value - off, value + off) for name, (value, off) in driven.items()}
     return wrong, flows | {name: jnp.stack([*map(total, pair)]) for name, pair in bounds.items()}
+
+
+def ways_home(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """Energy that the way from where each MED left the road to its depot takes, (M,) J: steady, on the level."""
+    if config.num_depots == 1:
+        return jnp.zeros((config.num_meds,))
+    speed, slots = params.fleet.return_speed, config.med_slots
+    steady = state.vehicles.replace(
+        speed=jnp.full_like(state.vehicles.speed, speed),
+        active=jnp.ones_like(state.vehicles.active),
+    )
+    power, _ = driving(steady, steady, slots, params.med, params.road.replace(slope=0.0), 1.0)
+    depots, ramp_x = np.array(config.ramp_depots), params.road.ramp_x_m
+    served = [np.flatnonzero(depots == depot) for depot in range(config.num_depots)]
+    middles = jnp.stack([jnp.mean(ramp_x[ramps]) for ramps in served])
+    return power * jnp.abs(state.vehicles.x[slots] - middles[state.meds.depot]) / speed
 
 
 def at_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:

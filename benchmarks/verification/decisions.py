@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from benchmarks.verification.books import OF_FLOW, Books, sums_by_class
+from benchmarks.verification.books import OF_FLOW, Books, sums_by_class, ways_home
 from benchmarks.verification.books import total as total_of
 from benchmarks.verification.invariants import (
     Counts,
@@ -80,10 +80,12 @@ def check_closing(
     refilled = jnp.where(home, params.med_capacity_j, last.meds.energy_j)
     same = jax.tree.map(lambda a, b: a != b, (last.vehicles, last.evs), (after.vehicles, after.evs))
     numbers = decision.obs, decision.reward, info["tally"], info["metrics"], info["reward_terms"]
+    home_j = jnp.sum(jnp.where(home, ways_home(last, config, params), 0.0))
+    books = books.replace(med_driving_j=books.med_driving_j + home_j)
     flags = tally_mistakes(books, decision, config, params)
     flags["energy"]["refill"] = after.meds.energy_j != refilled
     given_j = jnp.sum(jnp.where(home, refilled - last.meds.energy_j - last.meds.rest_j, 0.0))
-    flags["energy"]["depots"] = differs(given_j, info["tally"].depot_energy_j, 1.0)
+    flags["energy"]["depots"] = differs(given_j + home_j, info["tally"].depot_energy_j, 1.0)
     return {
         **flags,
         "motion": {"between decisions": jnp.stack([x.any() for x in jax.tree.leaves(same)])},

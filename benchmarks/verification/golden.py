@@ -4,7 +4,7 @@
     python -m benchmarks.verification.golden --out new.npz           in the other
     python -m benchmarks.verification.golden --compare old.npz new.npz
 
-A file holds rollouts of several worlds under random allowed actions, and with `--training` what a short run of
+A file holds rollouts of several worlds under random allowed actions, and with `--training` what short runs of
 train.ppo logged, scored and learned. Both must come from one machine and one version of JAX: others round differently.
 """
 
@@ -26,6 +26,7 @@ import numpy as np
 
 import medjax
 from benchmarks.command import argument, benchmark_parser, output_file, run_command, say
+from medjax.agents import agents_of
 from medjax.commandline import as_path
 from medjax.errors import InputError
 from medjax.files import replacing, write_text
@@ -46,13 +47,25 @@ STATE = (
     *("vehicles.lateral_offset", "evs.energy_j", "evs.med", "evs.panel", "evs.is_charging"),
     *("meds.energy_j", "meds.status", "queue"),
 )
-TRAINING = {
-    "--num-envs": 64,
-    "--num-minibatches": 8,
-    "--total-timesteps": 65536,
-    "--eval-episodes": 6,
-    "--seed": 3,
-    "--set": "episode_decisions=240",
+# Options of short runs of train.ppo, by name: of a dispatcher, and of agents.
+TRAINING: dict[str, dict[str, Any]] = {
+    "training": {
+        "--num-envs": 64,
+        "--num-minibatches": 8,
+        "--total-timesteps": 65536,
+        "--eval-episodes": 6,
+        "--seed": 3,
+        "--set": "episode_decisions=240",
+    },
+    "agents' training": {
+        "--agents": "mappo",
+        "--num-envs": 8,
+        "--num-minibatches": 2,
+        "--rollout-length": 60,
+        "--total-timesteps": 960,
+        "--eval-episodes": 2,
+        "--set": "episode_decisions=60",
+    },
 }
 CLOCKS = ("wall_s", "env_steps_per_s")  # of a row of metrics.jsonl
 QUIET = {"num_meds": 2, "num_evs": 6, "num_gas": 4, "mainline_per_h": 300, "ramp_per_h": 0}
@@ -81,6 +94,8 @@ TRIPS = {
     "turnaround_s": 10.0,
     "rounds_per_decision": 2,
 }
+WORLDS["trips"] = ("corridor", 60, TRIPS)
+AGENTS = {"agents": ("corridor", 60, TRIPS)}  # and such in which every MED is an agent
 # The worlds of the golden test: full traffic for a few decisions, a MED that charges EVs on a quiet road, and exits. In
 # the quiet one few vehicles decide anything, so that rounding stays rounding for long.
 SHORT: dict[str, tuple[str, int, dict[str, Any]]] = {
@@ -123,32 +138,32 @@ def rollout(env: Any, decisions: int) -> Callable[[Any, int], dict[str, np.ndarr
 
 
 def rollouts() -> dict[str, np.ndarray]:
-    """Those of WORLDS, as WORLD/NAME."""
+    """Those of WORLDS and of AGENTS, as WORLD/NAME."""
     found: dict[str, np.ndarray] = {}
-    for world, (preset, decisions, overrides) in WORLDS.items():
+    for world, (preset, decisions, overrides) in (WORLDS | AGENTS).items():
         say(f"playing {world}")
-        env, params = medjax.make(preset, **overrides)
+        env, params = (agents_of if world in AGENTS else medjax.make)(preset, **overrides)
         for name, values in rollout(env, decisions)(params, ENVS).items():
             found[f"{world}/{name}"] = values
     return found
 
 
-def train() -> dict[str, np.ndarray]:
-    """What a short run of train.ppo logs, scores and learns, as training/NAME."""
+def train(run_name: str) -> dict[str, np.ndarray]:
+    """What one of the runs of TRAINING logs, scores and learns, as its name/NAME."""
     with tempfile.TemporaryDirectory() as folder:
         run = Path(folder) / "run"
-        words = [f"{name}={value}" for name, value in TRAINING.items()]
-        say("training")
+        words = [f"{name}={value}" for name, value in TRAINING[run_name].items()]
+        say(run_name)
         command = [sys.executable, "-m", "train.ppo", f"--run-dir={run}", *words]
         subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
         rows = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
         names = [name for name in rows[0] if name not in CLOCKS]
-        found = {f"training/{name}": np.array([str(row[name]) for row in rows]) for name in names}
-        found["training/evaluation"] = np.array((run / "evaluation.json").read_text())
+        found = {name: np.array([str(row[name]) for row in rows]) for name in names}
+        found["evaluation"] = np.array((run / "evaluation.json").read_text())
         newest = max((run / "checkpoints").glob("*.npz"), key=lambda path: int(path.stem))
         with np.load(newest) as state:
-            names = [name for name in state.files if name.startswith("weights/")]
-            return found | {f"training/{name}": state[name] for name in names}
+            found |= {name: state[name] for name in state.files if name.startswith("weights/")}
+        return {f"{run_name}/{name}": values for name, values in found.items()}
 
 
 def differences(old: Mapping[str, np.ndarray], new: Mapping[str, np.ndarray]) -> Iterator[str]:
@@ -238,7 +253,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     if options.numbers:
         write_numbers(options.numbers)
     else:
-        found: Any = rollouts() | (train() if options.training else {})
+        found: Any = rollouts()
+        for run_name in TRAINING if options.training else ():
+            found |= train(run_name)
         with replacing(options.out) as unfinished, unfinished.open("wb") as file:
             np.savez_compressed(file, **found)
     return {"differ": []}

@@ -167,6 +167,7 @@ def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
             "on the road, by a MED's status": med_active != drives,
             "a MED's status": unknown,
             "MED beyond the fleet": surplus,
+            "no such depot": (meds.depot < 0) | (meds.depot >= config.num_depots),
             "queue below 0": state.queue < 0,
         },
         "bookings": {
@@ -212,6 +213,7 @@ def check_entry(
     arrival, demand = evs.energy_j / params.ev_capacity_j, params.demand
     slack = ROUNDING * demand.arrival_soc_high
     low, high = demand.arrival_soc_low - slack, demand.arrival_soc_high + slack
+    served = jnp.array([*config.ramp_depots, -1])[begun.meds.ramp]
     waited = (before.meds.status == QUEUED) | (before.meds.status == AT_DEPOT)
     to_exit = new.destination - new.x - params.road.exit_lane_m
     lanes = jnp.maximum(config.num_lanes - new.lane, 1)  # to cross, and one more
@@ -227,6 +229,7 @@ def check_entry(
             "several at one entry": jnp.sum(at, axis=0) > 1,
             "queue loses vehicles": begun.queue < before.queue - ordinary,
             "MED out of nowhere": enters[config.med_slots] & ~waited,
+            "MED of another depot": enters[config.med_slots] & (served != before.meds.depot),
         },
         "bookings": {
             "changed": ~newcomer & (was.med != NOT_BOOKED) & ~kept & (evs.med != NOT_BOOKED),

@@ -18,7 +18,8 @@ def told_at_random(
 ) -> EnvState:
     """The state with new orders for some MEDs, wherever they are; what a mask forbids they are not told."""
     exits = config.num_exits > 0
-    actions = AgentActions(SPEEDS, tuple(range(config.num_lanes)), config.num_ramps, exits)
+    lanes = tuple(range(config.num_lanes))
+    actions = AgentActions(SPEEDS, lanes, config.num_ramps, exits, depots=config.num_depots)
     meds = (config.num_meds,)
     new_key, speed_key, lane_key, accept_key, leave_key = jax.random.split(key, 5)
     rule = actions.by_rule(state, params)
@@ -28,12 +29,16 @@ def told_at_random(
         speed=jax.random.randint(speed_key, meds, 0, len(SPEEDS)),
         lane=jax.random.randint(lane_key, meds, 0, config.num_lanes),
         accept=jax.random.randint(accept_key, meds, 0, 2),
-        leave=(told & (jax.random.uniform(leave_key, meds) < LEAVES)).astype(jnp.int32),
+        leave=jnp.where(
+            told & (jax.random.uniform(leave_key, meds) < LEAVES),
+            jax.random.randint(jax.random.fold_in(leave_key, 1), meds, 1, 1 + config.num_depots),
+            0,
+        ),
     )
     parts, _ = allowed_parts(wishes, actions.masks(state, config, params), rule)
     after, _ = give_orders(state, parts, actions, config, params)
     pick = {
         name: jnp.where(told, getattr(after.meds, name), getattr(state.meds, name))
-        for name in ("service_speed", "service_lane", "accepts")
+        for name in ("service_speed", "service_lane", "accepts", "depot")
     }
     return after.replace(meds=state.meds.replace(**pick))

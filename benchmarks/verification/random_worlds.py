@@ -37,10 +37,11 @@ def draw_config(seed: int, case: int) -> EnvConfig:
     """Sizes of case 0, 1, ... of a seed: 1-6 lanes, 0-8 ramps, 0-4 exits, 0.05-0.5 s, 1-40 MEDs, evenly."""
     start = np.random.default_rng(seed).random(len(STEPS))
     lanes, ramps, tick, ticks, meds, evs, gas = (start + case * STEPS) % 1.0
-    num_lanes = 1 + int(6 * lanes)
+    num_lanes, num_ramps = 1 + int(6 * lanes), int(9 * ramps)
     return EnvConfig(
         num_lanes=num_lanes,
-        num_ramps=int(9 * ramps),
+        num_ramps=num_ramps,
+        num_depots=1 + int(num_ramps * max(2.0 * ((gas + lanes) % 1.0) - 1.0, 0.0)),
         num_exits=int(5 * ((lanes + ramps) % 1.0)),
         num_periods=1 + int(3 * ((evs + gas) % 1.0)),
         tick_s=round(float(0.05 + 0.45 * reach_ends(tick, 0.15)), 3),
@@ -229,7 +230,8 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
         # Longer than anyone plays: an episode ends where its player stops.
         episode_decisions=draw.whole(10**6, 10**6),
     )
-    return driven_anyhow(draw, params)
+    driven = driven_anyhow(draw, params)
+    return driven.replace(fleet=driven.fleet.replace(return_speed=draw(1.0, 100.0)))
 
 
 def _with_table(params: EnvParams, table: InductanceTable | None) -> EnvParams:

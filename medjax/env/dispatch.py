@@ -1,10 +1,11 @@
-"""The dispatcher's action and a MED's day: sent to a ramp, in service, off the road, at the depot again."""
+"""The dispatcher's action and a MED's day: sent to a ramp, in service, off the road, at a depot again."""
 
 from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
 
+from medjax.env.depots import own_ramps, way_home, who_is_sent, whole_fleet
 from medjax.numerics.sums import count_down, sum_pairwise
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import (
@@ -31,16 +32,11 @@ def action_mask(state: EnvState, config: EnvConfig) -> jax.Array:
     """Allowed actions, `(1 + num_ramps,)` bool.
 
     Action 0 sends none and is always allowed. Action r sends a MED from ramp r - 1, allowed while no
-    cooldown runs and a MED is at the depot.
+    cooldown runs and a MED is at the depot of that ramp.
     """
-    can_send = (state.cooldown_s <= 0.0) & jnp.any(state.meds.status == AT_DEPOT)
-    return jnp.concatenate([jnp.ones((1,), bool), jnp.full((config.num_ramps,), can_send)])
-
-
-def first_at_depot(status: jax.Array) -> jax.Array:
-    """The next MED to be sent, if there is one, `(num_meds,)` bool, of the `status` of all, `(num_meds,)`."""
-    waits = status == AT_DEPOT
-    return waits & (jnp.arange(status.shape[0]) == jnp.argmax(waits))
+    waits = (state.meds.status == AT_DEPOT)[:, None] & own_ramps(state.meds, config)
+    can_send = (state.cooldown_s <= 0.0) & jnp.any(waits, axis=0)
+    return jnp.concatenate([jnp.ones((1,), bool), can_send])
 
 
 def is_allowed(choice: jax.Array, mask: jax.Array) -> jax.Array:
@@ -68,7 +64,7 @@ def dispatch(
     allowed = is_allowed(action, action_mask(state, config))
     sent = allowed & (action > 0)
     meds = state.meds
-    chosen = sent & first_at_depot(meds.status)
+    chosen = sent & who_is_sent(action, meds, config)
     meds = meds.replace(
         status=jnp.where(chosen, QUEUED, meds.status),
         ramp=jnp.where(chosen, action - 1, meds.ramp),
@@ -99,41 +95,28 @@ def on_the_road(
     in_lane = vehicles.lane[slots] == meds.service_lane
     settled = jnp.abs(vehicles.lateral_offset[slots]) < 1.0
     status = jnp.where((meds.status == MERGING) & in_lane & settled, IN_SERVICE, meds.status)
-    charging_s = (params.med_capacity_j - meds.energy_j) / fleet.depot_power_w
-    away_s = since_s + fleet.turnaround_s + charging_s
+    home_s, home_j = way_home(vehicles.x[slots], meds, config, params)
+    charging_s = (params.med_capacity_j - meds.energy_j + home_j) / fleet.depot_power_w
+    away_s = since_s + fleet.turnaround_s + home_s + charging_s
     return meds.replace(
         status=jnp.where(left[slots], RETIRED, status),
         ready_in_s=jnp.where(left[slots], away_s, meds.ready_in_s),
     )
 
 
-def at_depot(config: EnvConfig, params: EnvParams) -> MEDs:
-    """The fleet, full and at the depot, to serve as it is used to; beyond its size slots are empty MEDs for ever."""
-    fleet = params.fleet
-    exists = jnp.arange(config.num_meds) < fleet.size
-    return MEDs(
-        energy_j=jnp.where(exists, params.med_capacity_j, 0.0).astype(jnp.float32),
-        rest_j=jnp.zeros((config.num_meds,)),
-        status=jnp.where(exists, AT_DEPOT, RETIRED).astype(jnp.int32),
-        ramp=jnp.zeros((config.num_meds,), jnp.int32),
-        ready_in_s=jnp.full((config.num_meds,), jnp.inf, jnp.float32),
-        service_speed=jnp.full((config.num_meds,), fleet.service_speed, jnp.float32),
-        service_lane=jnp.full((config.num_meds,), fleet.service_lane, jnp.int32),
-        accepts=jnp.ones((config.num_meds,), bool),
-    )
-
-
 def advance_clocks(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[EnvState, Tally]:
-    """Counts the decision, lets the cooldown run, and brings MEDs back to the depot, full.
+    """Counts the decision, lets the cooldown run, and brings MEDs back to their depots, full.
 
     Returns:
-      (state, tally of what the depots gave)
+      (state, tally of what the depots gave, and of what the ways home took)
     """
     meds, dt = state.meds, config.decision_s
     ready_in = jnp.where(meds.status == RETIRED, count_down(meds.ready_in_s, dt), meds.ready_in_s)
     returns = (meds.status == RETIRED) & (ready_in <= 0.0)
-    given_j = jnp.where(returns, params.med_capacity_j - meds.energy_j - meds.rest_j, 0.0)
-    new = at_depot(config, params)
+    _, home_j = way_home(state.vehicles.x[config.med_slots], meds, config, params)
+    home_j = jnp.where(returns, home_j, 0.0)
+    given_j = jnp.where(returns, params.med_capacity_j - meds.energy_j - meds.rest_j, 0.0) + home_j
+    new = whole_fleet(config, params)
     meds = meds.replace(
         status=jnp.where(returns, AT_DEPOT, meds.status),
         energy_j=jnp.where(returns, new.energy_j, meds.energy_j),
@@ -145,4 +128,5 @@ def advance_clocks(state: EnvState, config: EnvConfig, params: EnvParams) -> tup
     )
     cooldown_s = count_down(state.cooldown_s, dt)
     state = state.replace(meds=meds, cooldown_s=cooldown_s, time=state.time + 1)
-    return state, Tally.zeros().replace(depot_energy_j=sum_pairwise(given_j))
+    energies = {"depot_energy_j": sum_pairwise(given_j), "med_driving_j": sum_pairwise(home_j)}
+    return state, Tally.zeros().replace(**energies)

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.charging.booking import panel_flags
+from medjax.env.depots import shares_at_depots
 from medjax.env.forecast import Need, expected_need, free_slots, med_places
 from medjax.numerics.sums import in_units
 from medjax.traffic.road import lateral_position
@@ -180,8 +181,9 @@ class RoadProfile:
 
     At each node: EVs without a booking by state of charge (`soc_nodes`), EVs booked, EVs charging;
     MEDs waiting or merging (a waiting one at its ramp), MEDs in service, their state of charge, their
-    free slots. Then, for each ramp, the way in km to the next MED ahead of it, and to the next one
-    behind it, at most FAR_KM, and what it would find (`Need`; EVs and slots in those of a MED). Then time left and the
+    free slots. Before all that, where there are several depots, the share of the fleet at each. Then,
+    for each ramp, the way in km to the next MED ahead of it, and to the next one behind it, at most
+    FAR_KM, and what it would find (`Need`; EVs and slots in those of a MED). Then time left and the
     share at the depot, each by nodes (`clock_nodes`), and the clock of `Observation`.
     """
 
@@ -192,7 +194,8 @@ class RoadProfile:
     def size(self, config: EnvConfig) -> int:
         """Length of the vector."""
         nodes = self.road_nodes * (self.soc_nodes + 2 + 4) + 2 * self.clock_nodes
-        return nodes + (2 + len(Need._fields)) * config.num_ramps + CLOCK_FEATURES
+        depots = config.num_depots if config.num_depots > 1 else 0
+        return depots + nodes + (2 + len(Need._fields)) * config.num_ramps + CLOCK_FEATURES
 
     def __call__(self, state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
         """`(size,)` float32."""
@@ -222,6 +225,7 @@ class RoadProfile:
         clock = clock_features(state, params)
         time_left, _, at_depot, _ = clock
         parts = [
+            shares_at_depots(meds, config, params),
             self._at_nodes(ev_place, ev_columns),
             self._at_nodes(med_place, med_columns),
             jnp.min(jnp.where(ahead_km >= 0.0, ahead_km, FAR_KM), axis=0, initial=FAR_KM),

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from medjax.charging.booking import unserved
 from medjax.charging.energy import cruising
-from medjax.env.dispatch import at_depot
+from medjax.env.depots import whole_fleet
 from medjax.traffic.arrivals import new_seed
 from medjax.traffic.demand import desired_speeds, drawn_kinds, fill_road
 from medjax.traffic.exits import draw_destinations
@@ -42,7 +42,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     return EnvState(
         vehicles=vehicles.replace(active=active),
         evs=unserved(jnp.clip(energy, 0.0, params.ev_capacity_j), complies),
-        meds=at_depot(config, params),
+        meds=whole_fleet(config, params),
         queue=jnp.zeros((config.num_entries,), jnp.int32),
         entered_here=jnp.zeros((config.num_entries,), jnp.int32),
         arrivals=new_seed(arrivals_key),

@@ -40,11 +40,12 @@ class Decision(struct.PyTreeNode):
     info: dict[str, Any]  # of the environment's step
 
     def of_dispatcher(self, num_actions: int) -> "Decision":
-        """The same as a dispatcher of `num_actions` would have made it: of agents, what the first at the depot did."""
+        """The same as a dispatcher of `num_actions` would have made it: of agents one that entered, or might have."""
         if self.action.ndim == 1:
             return self
-        enters = self.mask[..., 1:num_actions].any(axis=-1)  # one agent at most
-        first = jnp.argmax(enters, axis=-1)[:, None]
+        enters = self.mask[..., 1:num_actions].any(axis=-1)  # one agent a depot at most
+        ramp = jnp.where(self.action < num_actions, self.action, 0)
+        first = jnp.argmax(jnp.where(enters, ramp, -1), axis=-1)[:, None]
         action = jnp.take_along_axis(self.action, first, axis=1)[:, 0]
         rows = [
             jnp.take_along_axis(each, first[..., None], axis=1)[:, 0, :num_actions]

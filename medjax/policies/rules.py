@@ -112,14 +112,13 @@ def stranded_need(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.
 def _where_needed(
     env: Environment, need: Callable[[EnvState, EnvParams], jax.Array], enough: float
 ) -> Policy:
-    """Sends a MED from the ramp of the greatest need `(num_ramps,)`, once it is `enough`."""
+    """Sends a MED from the ramp of the greatest need `(num_ramps,)` that it may send from, once it is `enough`."""
     if not env.config.num_ramps:
         return none(env)
 
     def act(mask: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
-        needs = need(state, params)
-        best = 1 + jnp.argmax(needs)
-        return jnp.where((needs.max() >= enough) & mask[best], best, 0)
+        needs = jnp.where(mask[1:], need(state, params), -jnp.inf)
+        return jnp.where(needs.max() >= enough, 1 + jnp.argmax(needs), 0)
 
     return _of_highway(env, act)
 
@@ -192,14 +191,13 @@ def budgeted(env: Environment, budget: Budget = BUDGET) -> Policy:
         return none(env)
 
     def act(weights: Budget, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
-        """The ramp of the greatest margin (`Budget.margin`, EVs) where that is not negative and it may send, else 0."""
+        """Of the ramps that it may send from that of the greatest margin (`Budget.margin`, EVs), unless negative."""
         mask = env.action_mask(state, params)
         highway, numbers = env.highway(state, params)
         need = expected_need(highway, env.config, numbers, NEED_WINDOW_S)
         time_left, _, at_depot, _ = clock_features(highway, numbers)
-        margin = weights.margin(need, at_depot, time_left)
-        best = 1 + jnp.argmax(margin)
-        action = jnp.where((margin.max() >= 0.0) & mask[best], best, 0).astype(jnp.int32)
+        margin = jnp.where(mask[1:], weights.margin(need, at_depot, time_left), -jnp.inf)
+        action = jnp.where(margin.max() >= 0.0, 1 + jnp.argmax(margin), 0).astype(jnp.int32)
         return Choice(action, jax.nn.one_hot(action, env.num_actions))
 
     return Policy(act, budget)

@@ -1,4 +1,4 @@
-"""Dispatchers among agents: a policy for the one at the head of the depot's line, whatever the others do."""
+"""Dispatchers among agents: a policy for those at the heads of the depots' lines, whatever the others do."""
 
 import dataclasses
 from typing import Any
@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from medjax.env.agents.environment import AgentsEnv
 from medjax.env.contract import Params, State, StepResult
-from medjax.env.dispatch import first_at_depot
+from medjax.env.depots import who_is_sent
 from medjax.env.wrapper import Wrapper
 from medjax.policies.policy import Choice, Policy
 from medjax.policies.rules import BASELINES
@@ -19,7 +19,8 @@ def of_head(
 ) -> jax.Array:
     """The actions of all agents, `(A,)` int32, when `dispatcher`, of the highway `env.env`, sends them in."""
     choice = dispatcher(key, env.env.get_obs(state, params), state, params)
-    return jnp.where(first_at_depot(state.meds.status), choice.action, 0).astype(jnp.int32)
+    sent = who_is_sent(choice.action, state.meds, env.env.config)
+    return jnp.where(sent, choice.action, 0).astype(jnp.int32)
 
 
 def as_team(env: AgentsEnv, dispatcher: Policy) -> Policy:

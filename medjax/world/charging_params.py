@@ -34,6 +34,9 @@ class FleetParams(struct.PyTreeNode):
     depot_power_w: Scalar = number(
         math.inf, 1.0, math.inf, "W", "at which a MED is charged at a depot; inf: at once; paper"
     )
+    return_speed: Scalar = number(
+        22.0, 1, 100, "m/s", "from the road to its depot, where there are several; a lorry's"
+    )
     trip_m: Scalar = number(
         math.inf,
         0,

@@ -68,6 +68,13 @@ class EnvConfig:
     num_lanes: int = number(4, 1, 6, text="paper", whole=True)
     num_ramps: int = number(4, 0, 8, text="paper", whole=True)
     num_exits: int = number(0, 0, 8, text="off-ramps; paper: none", whole=True)
+    num_depots: int = number(
+        1,
+        1,
+        8,
+        text="from which MEDs come; ramps are shared out among them; paper: one",
+        whole=True,
+    )
     num_periods: int = number(1, 1, 1000, text="of `demand.profile`; paper: one", whole=True)
     tick_s: float = number(
         0.25, 0.02, 0.5, "s", "chosen: half of what the ballistic update is stable up to"
@@ -99,6 +106,11 @@ class EnvConfig:
     def num_actions(self) -> int:
         """Action 0 sends none, action r one from ramp r - 1."""
         return 1 + self.num_ramps
+
+    @property
+    def ramp_depots(self) -> tuple[int, ...]:
+        """The depot of each ramp: as many neighbours each, as far as that goes."""
+        return tuple(ramp * self.num_depots // self.num_ramps for ramp in range(self.num_ramps))
 
     @property
     def decision_s(self) -> float:
@@ -262,6 +274,12 @@ def _check_places(config: EnvConfig) -> None:
         raise InputError(
             f"num_meds + num_evs + num_gas = {config.num_vehicles}: allowed at most {most} with "
             f"num_lanes = {config.num_lanes}"
+        )
+    depots = max(config.num_ramps, 1)
+    if config.num_depots > depots:
+        raise InputError(
+            f"num_depots = {config.num_depots}: allowed at most one a ramp, {depots} with "
+            f"num_ramps = {config.num_ramps}"
         )
 
 

@@ -64,6 +64,7 @@ class MEDs(struct.PyTreeNode):
     energy_j: jax.Array  # (M,)
     rest_j: jax.Array  # (M,) what rounding left out of energy_j
     status: jax.Array  # (M,) int32, a place in STATUS_NAMES
+    depot: jax.Array  # (M,) int32, where it is, or goes once it has left the road
     ramp: jax.Array  # (M,) int32, where it was sent
     ready_in_s: jax.Array  # (M,) until a retired MED is at the depot again
     service_speed: jax.Array  # (M,) m/s, that it drives in service

@@ -10,9 +10,10 @@ from typing import Generic, NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 
-from medjax.env.dispatch import action_mask, first_at_depot
+from medjax.env.depots import next_to_be_sent, own_ramps
+from medjax.env.dispatch import action_mask
 from medjax.env.spaces import Discrete
-from medjax.env.trips import leaving_early
+from medjax.traffic.exits import next_exit
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, MERGING, QUEUED, EnvState
 
@@ -26,7 +27,7 @@ class Parts(NamedTuple, Generic[Each]):
     speed: Each  # of `AgentActions.speeds`
     lane: Each  # of `AgentActions.lanes`
     accept: Each  # 0 takes no EV that asks, 1 takes them
-    leave: Each  # 1 makes for the next exit; a road without exits has only 0
+    leave: Each  # 1 + d makes for the next exit, and for depot d; a road without exits has only 0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,6 +43,7 @@ class AgentActions:
       lanes: that it may be told to serve in.
       num_ramps: on-ramps of the road.
       exits: whether the road has any, by which it may leave early.
+      depots: that it may go to then.
       usual: places in `speeds` and `lanes` of the preset's own.
     """
 
@@ -50,11 +52,13 @@ class AgentActions:
     num_ramps: int
     exits: bool
     usual: tuple[int, int] = (0, 0)
+    depots: int = 1
 
     @property
     def parts(self) -> Parts[Discrete]:
         """A `Discrete` each."""
-        sizes = (1 + self.num_ramps, len(self.speeds), len(self.lanes), 2, 2 if self.exits else 1)
+        leave = 1 + self.depots if self.exits else 1
+        sizes = (1 + self.num_ramps, len(self.speeds), len(self.lanes), 2, leave)
         return Parts(*map(Discrete, sizes))
 
     @property
@@ -114,25 +118,34 @@ class AgentActions:
     def masks(self, state: EnvState, config: EnvConfig, params: EnvParams) -> Parts[jax.Array]:
         """Which choices an agent has in each part, `(A, n)` bool.
 
-        Only the first at the depot may enter, once the cooldown is over. One that waits at a ramp or merges may
-        refuse EVs. A MED in service keeps its lane while an EV is booked on it: those beside it would be
-        in its way. It may leave at an exit that comes before its destination, and once: that is its destination then.
+        Only the first of a depot's line may enter, from a ramp of that depot, once the cooldown is over. One that waits
+        at a ramp or merges may refuse EVs. A MED in service keeps its lane while an EV is booked on it: those beside it
+        would be in its way. It may leave at an exit that comes before its destination, and once: that is its
+        destination then. Until it is too late for that exit it may choose another depot.
         """
         status, slots = state.meds.status, config.med_slots
         in_service = status == IN_SERVICE
         serves = in_service[:, None]
-        leaving = leaving_early(state.vehicles, in_service, config, params)
-        sooner = leaving[slots] != state.vehicles.destination[slots]
+        destination = state.vehicles.destination[slots]
+        in_time = next_exit(state.vehicles.x[slots] + params.road.exit_notice_m, params.road)
+        sooner = in_time < destination
+        elsewhere = state.meds.depot[:, None] != jnp.arange(self.depots)
+        is_exit = in_time < params.road.length_m
+        may_leave = sooner[:, None] | ((in_time == destination) & is_exit)[:, None] & elsewhere
         comes = ((status == QUEUED) | (status == MERGING))[:, None]
         here = _nearest(self.lanes, state.meds.service_lane)[:, None] == jnp.arange(len(self.lanes))
         usual_speed = jnp.arange(len(self.speeds)) == self.usual[0]
         everywhere = jnp.ones((status.shape[0], 2), bool)
+        enters = next_to_be_sent(state.meds)[:, None] & own_ramps(state.meds, config)
+        enters &= action_mask(state, config)[1:]
         return Parts(
-            enter=(first_at_depot(status)[:, None] & action_mask(state, config)).at[:, 0].set(True),
+            enter=jnp.concatenate([everywhere[:, :1], enters], axis=1),
             speed=serves | (comes & usual_speed),
             lane=(serves & (_is_alone(state)[:, None] | here)) | (comes & here),
             accept=(serves | comes) & everywhere,
-            leave=((serves | comes) & everywhere).at[:, 1].set(sooner)[:, : self.parts.leave.n],
+            leave=jnp.concatenate([serves | comes, serves & may_leave], axis=1)[
+                :, : self.parts.leave.n
+            ],
         )
 
     def folded_mask(self, masks: Parts[jax.Array]) -> jax.Array:

@@ -41,7 +41,8 @@ def give_orders(
       actions: their spaces.
 
     Returns:
-      (state, 0 or the ramp that an agent enters from, counted from 1, () int32)
+      (state, 0 or the ramp that an agent enters from, counted from 1, () int32: of several agents, one a depot, the
+      last ramp; the cooldown lets the others wait)
     """
     vehicles, meds = state.vehicles, state.meds
     serves = meds.status == IN_SERVICE
@@ -51,6 +52,7 @@ def give_orders(
     if actions.exits:
         leaves = serves & (parts.leave > 0)
         vehicles = vehicles.replace(destination=leaving_early(vehicles, leaves, config, params))
+        meds = meds.replace(depot=jnp.where(leaves, parts.leave - 1, meds.depot))
     meds = meds.replace(
         service_speed=jnp.where(serves, speed, meds.service_speed),
         service_lane=jnp.where(serves, lane, meds.service_lane),

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from medjax.charging.booking import ask, grant
-from medjax.env.dispatch import first_at_depot
+from medjax.env.depots import next_to_be_sent, shares_at_depots
 from medjax.env.forecast import Need, expected_need, free_slots, lacking_j, med_places
 from medjax.env.observation import (
     CLOCK_FEATURES,
@@ -46,13 +46,13 @@ class AgentView:
 
     - Itself: its status one-hot; its share of the road, speed, charge, lane, lanes to the one that it serves in, speed
       that it serves at; whether it takes EVs; free slots; the way to the exit ahead and to its own; whether it is the
-      first at the depot.
+      first at its depot; where there are several, which that is.
     - The `num_evs` nearest EVs: there, way and speed relative to its own, lanes to it, charge, packs that it lacks to
       its destination, whether it asks now, is booked on this MED, on another, charges.
     - The EV that would be granted it now: there, way, relative speed, lanes, charge, packs that it lacks.
     - The next MED ahead of it and behind it: there, way, relative speed, whether in service, free slots.
-    - Of each ramp what a MED from there would find (`medjax.env.forecast.Need`), and the clock of
-      `medjax.env.observation.Observation`.
+    - Where there are several depots, the share of the fleet at each. Of each ramp what a MED from there would find
+      (`medjax.env.forecast.Need`), and the clock of `medjax.env.observation.Observation`.
 
     Ways are in 500 m, at most 1; speeds in 30 m/s; slots and EVs in those of a MED. Who is not on the road sees nobody.
 
@@ -73,6 +73,7 @@ class AgentView:
         nearest = min(self.num_evs, config.num_evs) * OF_AN_EV
         return (
             OF_ITSELF
+            + 2 * _depots(config)
             + nearest
             + OF_A_REQUEST
             + 2 * OF_A_MED
@@ -104,7 +105,8 @@ class AgentView:
         asked = jnp.maximum(request, 0)[:, None]
         wanted = everyone(frame, way, asked, request[:, None] >= 0, evs)
         need = expected_need(state, config, params, NEED_WINDOW_S)
-        of_all = jnp.concatenate([show_need(need), clock_features(state, params)])
+        depots = shares_at_depots(state.meds, config, params)
+        of_all = jnp.concatenate([depots, show_need(need), clock_features(state, params)])
         if self.road:
             of_all = jnp.concatenate([of_all, self.road(state, config, params)])
         parts = [
@@ -115,6 +117,11 @@ class AgentView:
             jnp.broadcast_to(of_all, (config.num_meds, of_all.shape[0])),
         ]
         return jnp.concatenate(parts, axis=1).astype(jnp.float32)
+
+
+def _depots(config: EnvConfig) -> int:
+    """That a MED tells apart; 0 where all come from one."""
+    return config.num_depots if config.num_depots > 1 else 0
 
 
 def _on_road(state: EnvState, config: EnvConfig) -> jax.Array:
@@ -199,7 +206,7 @@ def requests(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array
 
 
 def _itself(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """`(A, OF_ITSELF)`."""
+    """`(A, OF_ITSELF)`, and a column a depot where there are several."""
     vehicles, meds, road, slots = state.vehicles, state.meds, params.road, config.med_slots
     status, drives = meds.status, vehicles.active[slots]
     x = med_places(state, config, params)
@@ -216,7 +223,8 @@ def _itself(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
         free_slots(state, config) / len(PANELS),
         jnp.where(drives, jnp.minimum((next_exit(x, road) - x) / road.length_m, 1.0), 0.0),
         jnp.where(drives, (vehicles.destination[slots] - x) / road.length_m, 0.0),
-        first_at_depot(status),
+        next_to_be_sent(meds),
+        *(meds.depot == depot for depot in range(_depots(config))),
     ]
     return jnp.stack([jnp.asarray(column, jnp.float32) for column in columns], axis=1)
 

@@ -3,13 +3,16 @@
 import json
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import medjax
 from benchmarks.studies import motion
+from medjax.env.forecast import Need
 from medjax.episodes.scores import evaluate_policies
 from medjax.policies.rules import BASELINES
+from medjax.world.state import IN_SERVICE
 from tests.benchmarks.refusal import refused
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -48,7 +51,7 @@ def test_table_and_file(small, tmp_path, capsys):
 @pytest.mark.parametrize("name", [name for name in motion.MOTIONS if name != "default"])
 def test_every_rule_says_what_is_allowed(name):
     """On a road with exits, of parts that are in their spaces, one for each agent."""
-    named = medjax.make_agents("corridor", **SMALL, speeds=motion.SPEEDS)
+    named = medjax.make_agents("corridor", **SMALL, speeds=motion.SPEEDS, num_depots=5)
     agents = named.env
     _, state = jax.jit(agents.reset)(jax.random.key(0), named.params)
     parts = motion.MOTIONS[name](agents, state, named.params)
@@ -73,3 +76,36 @@ def test_bad_input_is_one_line(capsys):
     assert "speeds" in refused(motion.main, ["--set=speeds=3"], capsys)
     assert "nowhere" in refused(motion.main, ["--scenario=nowhere"], capsys)
     assert "sideways" in refused(motion.main, ["--motions", "sideways"], capsys)
+
+
+@pytest.mark.parametrize(
+    ("name", "chosen"),
+    [("nearest depot", [4, 0, 5]), ("emptiest depot", [2, 0, 2]), ("depot in need", [3, 0, 3])],
+)
+def test_where_rules_go_home_to(name, chosen, monkeypatch):
+    """Three MEDs of the first depot leave at exits before ramps 4 and 5; for the second of them it is too late."""
+    named = medjax.make_agents("corridor", **SMALL, speeds=motion.SPEEDS, num_depots=5)
+    agents, params = named.env, named.params
+    _, state = jax.jit(agents.reset)(jax.random.key(0), params)
+    put = {
+        "x": [19_000.0, 20_650.0, 25_000.0],
+        "destination": [20_700.0, 20_700.0, 26_700.0],
+        "active": True,
+    }
+    vehicles = state.vehicles.replace(
+        **{
+            field: getattr(state.vehicles, field).at[:3].set(jnp.array(value))
+            for field, value in put.items()
+        }
+    )
+    first = jnp.zeros(3, jnp.int32)
+    meds = state.meds.replace(depot=first, status=first + IN_SERVICE)
+    state = state.replace(vehicles=vehicles, meds=meds)
+    nobody = jnp.zeros(5)
+    monkeypatch.setattr(
+        motion, "expected_need", lambda *_: Need(nobody.at[2].set(9.0), nobody, nobody, nobody)
+    )
+    leave = motion.MOTIONS[f"to the {name}"](agents, state, params).leave
+    assert leave.tolist() == chosen
+    home = motion.MOTIONS["home when idle"](agents, state, params).leave
+    assert set(home.tolist()) <= {0, 1}

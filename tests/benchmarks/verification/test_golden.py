@@ -47,7 +47,7 @@ THRESHOLDS = {
         "start_s",
     ),
     "drivers": ("eco_compliance", "eco_horizon_m", "eco_soc"),
-    "fleet": ("depot_power_w", "reserve_soc", "trip_m", "turnaround_s"),
+    "fleet": ("depot_power_w", "reserve_soc", "return_speed", "trip_m", "turnaround_s"),
     "lane_change": (
         "exit_view_m",
         "mandatory_bias",
@@ -150,6 +150,7 @@ def test_trees_are_compared_by_the_command(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(golden, "rollout", once)
     for file, world in (("a", {}), ("b", {}), ("c", {"ev.mass_kg": 1.01 * 1580.0})):
         monkeypatch.setattr(golden, "WORLDS", {"small": ("paper", 5, small | world)})
+        monkeypatch.setattr(golden, "AGENTS", {})
         assert run([f"--out={tmp_path / file}.npz"]) == 0
     a, b, c = (str(tmp_path / f"{file}.npz") for file in "abc")
     assert run(["--compare", a, b]) == 0
@@ -165,8 +166,9 @@ def test_trees_are_compared_by_the_command(monkeypatch, tmp_path, capsys):
 def test_a_short_training_run_repeats(monkeypatch):
     """Bit for bit: metrics, scores and weights."""
     tiny = {"--num-envs": 4, "--num-minibatches": 2, "--total-timesteps": 512, "--eval-episodes": 2}
-    monkeypatch.setattr(golden, "TRAINING", golden.TRAINING | tiny)
-    first, second = golden.train(), golden.train()
+    options = golden.TRAINING["training"] | tiny
+    monkeypatch.setitem(golden.TRAINING, "training", options)
+    first, second = golden.train("training"), golden.train("training")
     assert {"training/evaluation", "training/episode_return"} <= first.keys()
     assert any(name.startswith("training/weights/") for name in first)
     assert list(golden.differences(first, second)) == []

@@ -16,6 +16,7 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 PLACES = ("x", "destination")
 SPACES = [
     AgentActions((14.0, 18.0, 22.0), (1, 2), num_ramps=4, exits=True),
+    AgentActions((14.0, 22.0), (1,), num_ramps=2, exits=True, depots=2),
     AgentActions((22.0,), (0,), num_ramps=1, exits=False),
     AgentActions((10.0, 20.0), (1, 2, 3), num_ramps=0, exits=False),
 ]

@@ -1,0 +1,88 @@
+"""Depots: who stands at which, who is sent next, and the way home.
+
+One depot serves all ramps, or each of several the ramps next to one another (`EnvConfig.ramp_depots`); it is in the
+middle of them. A MED comes from one and goes home to the same, unless it is told otherwise. Of one depot for all ramps
+nobody knows where it is: `fleet.turnaround_s` is all that the way there and back takes.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from medjax.charging.energy import per_metre
+from medjax.numerics.sums import in_units
+from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.state import AT_DEPOT, RETIRED, MEDs
+
+
+def whole_fleet(config: EnvConfig, params: EnvParams) -> MEDs:
+    """The fleet, full and at the depots in turn, to serve as it is used to; beyond its size slots are empty MEDs for
+    ever.
+    """
+    fleet, meds = params.fleet, config.num_meds
+    exists = jnp.arange(meds) < fleet.size
+    return MEDs(
+        energy_j=jnp.where(exists, params.med_capacity_j, 0.0).astype(jnp.float32),
+        rest_j=jnp.zeros((meds,)),
+        status=jnp.where(exists, AT_DEPOT, RETIRED).astype(jnp.int32),
+        depot=jnp.arange(meds, dtype=jnp.int32) % config.num_depots,
+        ramp=jnp.zeros((meds,), jnp.int32),
+        ready_in_s=jnp.full((meds,), jnp.inf, jnp.float32),
+        service_speed=jnp.full((meds,), fleet.service_speed, jnp.float32),
+        service_lane=jnp.full((meds,), fleet.service_lane, jnp.int32),
+        accepts=jnp.ones((meds,), bool),
+    )
+
+
+def own_ramps(meds: MEDs, config: EnvConfig) -> jax.Array:
+    """Ramps of the depot that each MED belongs to, `(num_meds, num_ramps)` bool."""
+    return meds.depot[:, None] == jnp.asarray(config.ramp_depots, jnp.int32)
+
+
+def next_to_be_sent(meds: MEDs) -> jax.Array:
+    """The first MED of each depot's line, `(num_meds,)` bool."""
+    waits = meds.status == AT_DEPOT
+    number = jnp.arange(meds.status.shape[0])
+    before = (number < number[:, None]) & (meds.depot == meds.depot[:, None])
+    return waits & ~jnp.any(before & waits, axis=1)
+
+
+def who_is_sent(action: jax.Array, meds: MEDs, config: EnvConfig) -> jax.Array:
+    """The MED that a dispatcher's action sends, if it sends one, `(num_meds,)` bool; action () int32."""
+    if not config.num_ramps:
+        return jnp.zeros(meds.status.shape, bool)
+    ramp = jnp.clip(action - 1, 0, config.num_ramps - 1)
+    return (action > 0) & next_to_be_sent(meds) & own_ramps(meds, config)[:, ramp]
+
+
+def shares_at_depots(meds: MEDs, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """Shares of the fleet that can be sent from each depot, `(num_depots,)`; `(0,)` where all come from one."""
+    if config.num_depots == 1:
+        return jnp.zeros((0,))
+    here = (meds.status == AT_DEPOT)[:, None] & (
+        meds.depot[:, None] == np.arange(config.num_depots)
+    )
+    return in_units(jnp.sum(here, axis=0), jnp.maximum(params.fleet.size, 1))
+
+
+def depot_places(config: EnvConfig, params: EnvParams) -> jax.Array:
+    """The middle of each depot's ramps, `(num_depots,)` m along the road; there are ramps."""
+    serves = np.asarray(config.ramp_depots) == np.arange(config.num_depots)[:, None]
+    shares = (serves / serves.sum(axis=1, keepdims=True)).astype(np.float32)
+    return jnp.sum(shares * params.road.ramp_x_m, axis=1)
+
+
+def way_home(
+    x: jax.Array, meds: MEDs, config: EnvConfig, params: EnvParams
+) -> tuple[jax.Array, jax.Array]:
+    """From where each MED left the road, `(num_meds,)` m, to its depot, beside the road: s, and J; of a level way.
+
+    A MED comes home on what it has, its reserve included; what that is less than it takes, the depot gives in addition.
+    """
+    if config.num_depots == 1:
+        return jnp.zeros(x.shape), jnp.zeros(x.shape)
+    way = jnp.abs(x - depot_places(config, params)[meds.depot])
+    speed = jnp.asarray(params.fleet.return_speed)
+    return way / speed, way * per_metre(speed, params.med, params.road.replace(slope=0.0))

@@ -1,0 +1,126 @@
+"""Agents of several depots: where they may enter, where they may go, and what they see of it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from medjax.env.agents.orders import give_orders
+from medjax.world.state import AT_DEPOT, IN_SERVICE, RETIRED
+from tests.env.agents.conftest import TRIPS, World
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+
+@pytest.fixture(scope="module")
+def depots():
+    """The road of TRIPS with a depot at either ramp."""
+    return World(medjax.make_agents("corridor", **TRIPS, num_depots=2, return_speed=50.0))
+
+
+def test_the_first_of_each_line_may_enter_by_its_own_ramp(depots):
+    """MEDs 0 and 2 stand at the first depot, 1 and 3 at the second."""
+    _, state = depots.reset()
+    mask = np.asarray(depots.mask(state, depots.params))
+    assert mask[:, :3].tolist() == [
+        [True, True, False],
+        [True, False, True],
+        [True, False, False],
+        [True, False, False],
+    ]
+    assert not mask[:, 3:].any()
+
+
+def test_of_two_that_enter_the_cooldown_lets_one(depots):
+    """That of the last ramp; the other may later."""
+    _, state = depots.reset()
+    actions = jnp.array([1, 2, 0, 0])
+    _, state, *_, info = depots.step(jax.random.key(0), state, actions, depots.params)
+    assert (state.meds.status == AT_DEPOT).tolist() == [True, False, True, True]
+    assert info["metrics"]["invalid_actions"] == 0.0
+
+
+def at(depots, state, x, destination, depot):
+    """All four in service there, and what they may choose of `leave`."""
+    vehicles, meds = state.vehicles, state.meds
+    state = state.replace(
+        vehicles=vehicles.replace(
+            x=vehicles.x.at[:4].set(x),
+            destination=vehicles.destination.at[:4].set(destination),
+            active=vehicles.active.at[:4].set(True),
+        ),
+        meds=meds.replace(
+            status=jnp.full((4,), IN_SERVICE), depot=jnp.full((4,), depot, jnp.int32)
+        ),
+    )
+    masks = depots.actions.masks(state, depots.config, depots.params)
+    return state, masks.leave[0].tolist()
+
+
+def test_where_it_may_go(depots):
+    """To any depot by an exit that comes sooner; where it leaves anyway to another one, until it is too late."""
+    _, state = depots.reset()
+    first, last = TRIPS["exit_x_m"]
+    assert depots.actions.parts.leave.n == 3
+    assert at(depots, state, first - 500.0, last, 0)[1] == [True, True, True]
+    assert at(depots, state, first - 500.0, first, 0)[1] == [True, False, True]
+    assert at(depots, state, first - 500.0, first, 1)[1] == [True, True, False]
+    assert at(depots, state, first - 300.0, first, 1)[1] == [True, False, False]
+    assert at(depots, state, last - 300.0, 3000.0, 0)[1] == [True, False, False]
+    told, _ = at(depots, state, first - 500.0, first, 0)
+    rule = depots.actions.by_rule(told, depots.params)
+    orders = rule._replace(leave=jnp.array([0, 1, 2, 2]))
+    after, _ = give_orders(told, orders, depots.actions, depots.config, depots.params)
+    assert after.meds.depot.tolist() == [0, 0, 1, 1]
+    assert (after.vehicles.destination[:4] == first).all()
+
+
+def test_who_is_told_another_depot_enters_from_there(depots):
+    """A MED of the first depot leaves early for the second, and is the next of that line once it is back."""
+    params, actions = depots.params, depots.actions
+    _, state = depots.reset(1)
+    status, told = AT_DEPOT, False
+    for number in range(60):
+        mask = np.asarray(depots.mask(state, params))
+        parts = actions.by_rule(state, params)._replace(leave=jnp.full(4, 2))
+        to_second = np.asarray(actions.fold(parts, jnp.ones(4, bool)))[0]
+        action = np.zeros(4, np.int32)
+        if number == 0:
+            action[0] = 1
+        elif mask[0, to_second] and not told:
+            told, action[0] = True, to_second
+        _, state, *_ = depots.step(jax.random.key(number), state, jnp.asarray(action), params)
+        before, status = status, int(state.meds.status[0])
+        if before == RETIRED and status == AT_DEPOT:
+            break
+    assert told
+    assert status == AT_DEPOT
+    assert state.meds.depot.tolist() == [1, 1, 0, 1]
+    mask = np.asarray(depots.mask(state, params))
+    assert mask[0, :3].tolist() == [
+        True,
+        False,
+        True,
+    ]  # before MED 1, since it has the lower number
+    assert mask[1:, :3].tolist() == [
+        [True, False, False],
+        [True, True, False],
+        [True, False, False],
+    ]
+
+
+def test_what_it_sees(depots):
+    """Its own depot, and the share of the fleet at each; the outlook that rules go by is where it was."""
+    _, state = depots.reset()
+    seen, view = np.asarray(depots.view(state, params := depots.params)), depots.env.view
+    assert seen.shape == (4, view.size(depots.config))
+    other = World(medjax.make_agents("corridor", **TRIPS))
+    assert view.size(depots.config) - view.size(other.config) == 4
+    moved = state.replace(meds=state.meds.replace(depot=jnp.array([1, 1, 0, 1])))
+    changed = (np.asarray(depots.view(moved, params)) != seen).sum(axis=1)
+    # The shares of both depots; the flags of its own; who is the first of either line now.
+    assert changed.tolist() == [4, 3, 3, 2]
+    need, at_depot, _ = view.outlook(jnp.asarray(seen), depots.config)
+    assert need.there.shape == (4, 2)
+    np.testing.assert_allclose(at_depot, 1.0)
