@@ -7,11 +7,13 @@ Commands run in build/reproduce; docs/reproduced.json says what was run when, an
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from collections.abc import Sequence
 
 from docs.reproduce.pages import ROOT, Block, all_blocks
 from docs.reproduce.run import Book, in_words
+from docs.reproduce.same import DifferError, keep
 from medjax.commandline import OneLineParser
 from medjax.errors import shown
 
@@ -26,6 +28,8 @@ def build_parser() -> OneLineParser:
     parser.add_argument("--again", action="store_true", help="also what is of these files")
     parser.add_argument("--list", action="store_true", help="say what there is, run nothing")
     parser.add_argument("--dry-run", action="store_true", help="say what would be run")
+    same = "keep what these commits printed where this tree computes the same bits; minutes"
+    parser.add_argument("--same-bits-as", nargs="+", metavar="COMMIT", help=same)
     return parser
 
 
@@ -55,6 +59,17 @@ def _whole_s(block: Block, book: Book) -> int:
     return block.expected_s + sum(_whole_s(other, book) for other in book.needs(block))
 
 
+def keep_same(book: Book, commits: Sequence[str]) -> int:
+    """Says which blocks are kept, or what differs. Returns the exit code."""
+    try:
+        names = keep(book, commits)
+    except (DifferError, subprocess.CalledProcessError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    print(f"{len(names)} blocks are of these files, too: {', '.join(names)}")
+    return 0
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """The command. Returns the exit code: 2 for bad input, 1 where a command failed."""
     parser = build_parser()
@@ -64,6 +79,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         wanted = chosen(given.names, given.all or given.list, book)
     except ValueError as error:
         parser.error(str(error))
+    if given.same_bits_as:
+        return keep_same(book, given.same_bits_as)
     if given.list:
         for block in wanted:
             page = block.page.relative_to(ROOT)

@@ -94,9 +94,21 @@ class Book:
         before = block.page.read_text(encoding="utf-8")
         after = with_output(before, block.name, printed, lambda file, to: _take(block, file, to))
         block.page.write_text(with_note(after, block.name, note(stamp)), encoding="utf-8")
-        self.stamps = dict(sorted({**self.stamps, block.name: stamp}.items()))
-        STAMPS.write_text(json.dumps(self.stamps, indent=2) + "\n", encoding="utf-8")
+        self._write({block.name: stamp})
         return before != after
+
+    def keep(self, names: Collection[str]) -> None:
+        """Blocks whose files have changed but not what they print: these are their files now."""
+        self._write(
+            {
+                name: self.stamps[name] | {"sources": self.digest(self.blocks[name])}
+                for name in names
+            }
+        )
+
+    def _write(self, stamps: Mapping[str, dict[str, Any]]) -> None:
+        self.stamps = dict(sorted({**self.stamps, **stamps}.items()))
+        STAMPS.write_text(json.dumps(self.stamps, indent=2) + "\n", encoding="utf-8")
 
 
 def note(stamp: Mapping[str, Any]) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from docs.reproduce.pages import OURS, ROOT
 
-BESIDE = (".js", ".css", ".html")  # what a package reads of its own folders
+BESIDE = (".js", ".css", ".html", ".json", ".zip")  # what a package reads of its own folders
 
 
 def _path(module: str) -> Path | None:
@@ -59,7 +59,7 @@ def files_of(modules: Iterable[str]) -> list[Path]:
 
 
 @functools.cache
-def _content(path: Path) -> bytes:
+def content(path: Path) -> bytes:
     """Of a file; comments, docstrings and line breaks of Python count for nothing."""
     content = path.read_bytes()
     if path.suffix == ".py":
@@ -77,5 +77,5 @@ def digest(words: Iterable[str], modules: Iterable[str]) -> str:
     """What changes when a command or a file that it depends on does."""
     whole = hashlib.sha256("\0".join(words).encode())
     for path in files_of(modules):
-        whole.update(str(path.relative_to(ROOT)).encode() + _content(path))
+        whole.update(str(path.relative_to(ROOT)).encode() + content(path))
     return whole.hexdigest()[:16]

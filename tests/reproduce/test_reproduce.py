@@ -24,41 +24,9 @@ from docs.reproduce.pages import (
 )
 from docs.reproduce.sources import files_of
 from medjax.commandline import OneLineParser
+from tests.reproduce.conftest import PAGE, PRINTED
 
 PAGES = all_pages()
-PAGE = """Before.
-
-<!-- run count, 2 min -->
-```
-python -m benchmarks.calibrate \\
-    --episodes 3
-```
-
-Of what it prints:
-
-<!-- from count -->
-```
-old
-```
-
-<!-- from count: /^[ab]/ -->
-```
-old
-```
-
-<!-- from count: /^| n/,/^$/ -->
-| old |
-|---|
-
-<!-- from count: counted.png -->
-![A picture](images/a.png)
-
-<!-- from other -->
-```
-stays
-```
-"""
-PRINTED = "\na 1\nb 2  \nc 3\n\n| n | x |\n|---|---|\n| 1 | 2 |\n\nend\n"
 
 
 class ParsedError(Exception):
@@ -168,21 +136,6 @@ def test_what_a_command_depends_on():
     names = {str(path.relative_to(ROOT)) for path in files_of(["medjax.render"])}
     assert {"medjax/render/web/player.js", "medjax/render/__main__.py"} <= names
     assert "train/ppo.py" in {str(path.relative_to(ROOT)) for path in files_of(["train.ppo"])}
-
-
-@pytest.fixture
-def book(tmp_path, monkeypatch):
-    """Two blocks of a page, the second of which plays what the first trains; what is run is told, not run."""
-    page = tmp_path / "page.md"
-    page.write_text(PAGE)
-    (tmp_path / "images").mkdir()
-    monkeypatch.setattr(run, "ROOT", tmp_path)
-    monkeypatch.setattr(run, "STAMPS", tmp_path / "reproduced.json")
-    monkeypatch.setattr(run, "WORK", tmp_path)
-    (tmp_path / "counted.png").write_bytes(b"drawn")
-    learn = Block("learn", page, 600, (("train.ppo", "--run-dir", "runs/a"),))
-    play = Block("count", page, 60, (("train.evaluate", "--run-dir", "runs/a"),))
-    return run.Book({"count": play, "learn": learn})
 
 
 def test_training_comes_before_what_plays_it(book, monkeypatch):

@@ -1,0 +1,144 @@
+"""Keeps blocks that a change has made older than their files, where the change leaves every bit as it was.
+
+What golden plays and trains (`benchmarks.verification.golden`) is played in an earlier tree and in this one, and
+compared bit for bit. Where nothing differs, blocks that were of that tree's files, and depend on nothing else that has
+changed, are of this tree's, too: their stamps say so, and still when, on what and at which commit they were run.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from docs.reproduce.pages import ROOT, Block
+from docs.reproduce.run import Book
+from docs.reproduce.sources import content, files_of
+
+GOLDEN = Path("benchmarks/verification/golden.py")
+# What golden goes through; pictures, tables, studies and commands it does not.
+PLAYED = (
+    *(f"medjax/{module}.py" for module in ("__init__", "agents", "scenarios")),
+    *(f"medjax/{room}/" for room in ("world", "physics", "traffic", "charging", "env", "policies")),
+    *("medjax/episodes/", "medjax/numerics/", "medjax/wrappers/"),
+    *("train/algorithms/", "train/runs/", "train/evaluation/", "train/settings.py"),
+)
+QUICK_S = 10  # what is run anew sooner than it is reasoned about
+CURRENT = """
+import json
+from docs.reproduce.pages import all_blocks
+from docs.reproduce.run import Book
+book = Book(all_blocks())
+print(json.dumps({name: each.commands for name, each in book.blocks.items() if book.is_current(each)}))
+"""
+
+
+class DifferError(Exception):
+    """The trees do not compute the same; lines that say where."""
+
+
+def keep(book: Book, commits: Sequence[str]) -> list[str]:
+    """Stamps the blocks that are as they were at one of these commits. Returns their names.
+
+    Raises:
+      DifferError: some bits are not those of a commit; no stamp is changed.
+      CalledProcessError: a commit is not known, or a command failed.
+    """
+    found: list[str] = []
+    with tempfile.TemporaryDirectory() as folder:
+        now = Path(folder) / "now.npz"
+        for number, commit in enumerate(commits):
+            with _tree(commit, Path(folder) / f"tree-{number}") as before:
+                names = unchanged(book, _current(before), _differs_from(before))
+                names = [name for name in names if name not in found]
+                if not names:
+                    continue
+                if not now.exists():
+                    _play(ROOT, now)
+                _play(before, was := Path(folder) / f"{number}.npz")
+                _compare(was, now)
+                found += names
+    book.keep(found)
+    return found
+
+
+def unchanged(
+    book: Book, current: Mapping[str, Sequence[Sequence[str]]], differs: Callable[[Path], bool]
+) -> list[str]:
+    """Blocks that only changes of what golden goes through have made older than their files.
+
+    Args:
+      book: of this tree.
+      current: the commands of those that were of their files in the other tree, by name.
+      differs: whether a file of this tree is another one there, or not there.
+    """
+
+    def is_kept(block: Block) -> bool:
+        same = [list(words) for words in current.get(block.name, ())] == list(
+            map(list, block.commands)
+        )
+        speed = block.page.stem == "performance" or block.name.startswith("speed-")
+        if not same or speed or book.seconds(block) < QUICK_S:
+            return False
+        files = files_of([words[0] for words in block.commands])
+        others = [str(path.relative_to(ROOT)) for path in files if differs(path)]
+        return all(name.startswith(PLAYED) for name in others)
+
+    candidates = {block.name: is_kept(block) for block in book.blocks.values()}
+    return [
+        name
+        for name, block in book.blocks.items()
+        if candidates[name]
+        and not book.is_current(block)
+        and all(candidates[other.name] or book.is_current(other) for other in book.needs(block))
+    ]
+
+
+@contextmanager
+def _tree(commit: str, folder: Path) -> Iterator[Path]:
+    """A checkout of a commit, with this tree's golden, so that both play the same."""
+    git = ["git", "-C", str(ROOT), "worktree"]
+    subprocess.run([*git, "add", "--detach", str(folder), commit], check=True, capture_output=True)
+    try:
+        yield folder
+    finally:
+        subprocess.run([*git, "remove", "--force", str(folder)], check=True)
+
+
+def _current(tree: Path) -> dict[str, list[list[str]]]:
+    """Commands of the blocks of a tree that are of its files, by name."""
+    done = subprocess.run(
+        [sys.executable, "-c", CURRENT], cwd=tree, check=True, stdout=subprocess.PIPE, text=True
+    )
+    return json.loads(done.stdout)  # type: ignore[no-any-return]
+
+
+def _differs_from(tree: Path) -> Callable[[Path], bool]:
+    def differs(path: Path) -> bool:
+        other = tree / path.relative_to(ROOT)
+        return not other.is_file() or content(other) != content(path)
+
+    return differs
+
+
+def _play(tree: Path, out: Path) -> None:
+    """What this tree's golden finds in a tree."""
+    if tree != ROOT:
+        shutil.copy(ROOT / GOLDEN, tree / GOLDEN)
+    module = ".".join(GOLDEN.with_suffix("").parts)
+    subprocess.run(
+        [sys.executable, "-m", module, "--training", f"--out={out}"], cwd=tree, check=True
+    )
+
+
+def _compare(was: Path, now: Path) -> None:
+    module = ".".join(GOLDEN.with_suffix("").parts)
+    words = [sys.executable, "-m", module, "--compare", str(was), str(now)]
+    done = subprocess.run(words, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
+    if done.returncode:
+        raise DifferError(done.stdout.strip())

@@ -1,0 +1,72 @@
+"""Blocks are kept across a change that leaves all bits as they were, and no others."""
+
+from docs.reproduce import __main__ as command
+from docs.reproduce import run, same
+from docs.reproduce.pages import ROOT, all_blocks
+from tests.reproduce.conftest import PRINTED
+
+
+def in_both(book):
+    """The commands of all blocks, as those of another tree."""
+    return {name: [list(words) for words in each.commands] for name, each in book.blocks.items()}
+
+
+def among(*changed):
+    """Says of a file whether it is one that differs."""
+    return lambda path: str(path.relative_to(same.ROOT)) in changed
+
+
+def test_blocks_whose_bits_are_the_same_are_kept(book, monkeypatch):
+    """With what trains for them, where nothing else that they depend on has changed; their run is still the old one."""
+    count, learn = book.blocks["count"], book.blocks["learn"]
+    monkeypatch.setattr(run, "_printed", lambda block: PRINTED)
+    book.run(learn)
+    book.run(count)
+    monkeypatch.setattr(book, "seconds", lambda block: 60)
+    was, stamps = in_both(book), dict(book.stamps)
+    assert same.unchanged(book, was, among()) == []  # they are current
+    monkeypatch.setattr(run, "digest", lambda words, modules: f"new {sorted(words)}")
+    assert same.unchanged(book, was, among("medjax/env/tick.py")) == ["count", "learn"]
+    for other in ("train/ppo.py", "medjax/commandline.py"):
+        assert same.unchanged(book, was, among("medjax/env/tick.py", other)) == []
+    assert same.unchanged(book, was, among("train/evaluate.py")) == ["learn"]
+    assert same.unchanged(book, was | {"learn": [["train.ppo", "--seed", "1"]]}, among()) == []
+    assert same.unchanged(book, {"count": was["count"]}, among()) == []  # it was older there, too
+    book.keep(["count", "learn"])
+    assert book.is_current(count)
+    assert book.is_current(learn)
+    for name, stamp in run.Book(book.blocks).stamps.items():
+        assert stamp == stamps[name] | {"sources": book.digest(book.blocks[name])}
+
+
+def test_speed_is_not_a_matter_of_bits():
+    """Nor is what is printed in no time."""
+    everything = run.Book(all_blocks())
+    everything.stamps = {name: stamp | {"sources": ""} for name, stamp in everything.stamps.items()}
+    kept = same.unchanged(everything, in_both(everything), among("medjax/env/tick.py"))
+    assert {"evaluation", "validation", "power", "ippo-evaluation"} <= set(kept)
+    assert not {"throughput", "training-speed", "peers", "speed-agents", "parameters"} & set(kept)
+
+
+def test_trees_are_compared_where_blocks_may_be_kept(monkeypatch, capsys):
+    """This tree is played once; where a bit differs no stamp is written, and the command says which."""
+    played, kept = [], []
+    monkeypatch.setattr(same, "_play", lambda tree, out: (played.append(tree), out.touch()))
+    monkeypatch.setattr(same, "_current", lambda tree: {})
+    monkeypatch.setattr(same, "unchanged", lambda *_: ["tune"])
+    monkeypatch.setattr(same, "_compare", lambda was, now: None)
+    monkeypatch.setattr(run.Book, "keep", lambda book, names: kept.append(names))
+    assert command.main(["--same-bits-as", "HEAD", "HEAD"]) == 0
+    assert played[0] == ROOT
+    assert len(played) == 2
+    assert kept == [["tune"]]
+    assert capsys.readouterr().out == "1 blocks are of these files, too: tune\n"
+
+    def differ(was, now):
+        raise same.DifferError("w/x: 1 of 4 differ")
+
+    monkeypatch.setattr(same, "_compare", differ)
+    assert command.main(["--same-bits-as", "HEAD"]) == 1
+    assert "w/x: 1 of 4 differ" in capsys.readouterr().err
+    assert command.main(["--same-bits-as", "no-such-commit"]) == 1
+    assert len(kept) == 1
