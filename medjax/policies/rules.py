@@ -145,7 +145,9 @@ def forecast(env: Environment, window_s: float = 60.0, enough: float = 5.0) -> P
 class Budget(struct.PyTreeNode):
     """What `budgeted` goes by: how many EVs each of these is worth.
 
-    The defaults are those that do best on `paper`: `python -m benchmarks.tune --rules budgeted` finds them.
+    The defaults did best on `paper` before its traffic was last corrected; those that
+    `python -m benchmarks.tune --rules budgeted` finds now return 1.9 more there (docs/results.md), 0.4 % of what
+    either gains on sending none.
     """
 
     pack: float = 5.3  # a pack that EVs in need lack

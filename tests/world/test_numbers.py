@@ -41,6 +41,7 @@ BESIDE = {
     "fleet.size": {"num_meds": 64},
     "fleet.service_lane": {"num_lanes": 6},
     "num_evs": {"num_gas": 0},
+    "num_depots": {"num_ramps": 8},
     **{f"reward_weights.{term}": {"reward": "money"} for term in MONEY},
 }
 
