@@ -116,7 +116,7 @@ Places = Callable[[AgentsEnv, EnvState, EnvParams], jax.Array]
 
 
 def _going_to(worth: Places) -> Motion:
-    """By the exit where it leaves anyway to the depot that is worth most, `worth` `(num_meds, num_depots)`."""
+    """From where it leaves the road anyway to the depot that is worth most, `worth` `(num_meds, num_depots)`."""
 
     def move(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
         config, usual = agents.env.config, _usual(agents, state, params)

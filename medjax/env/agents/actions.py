@@ -121,7 +121,7 @@ class AgentActions:
         Only the first of a depot's line may enter, from a ramp of that depot, once the cooldown is over. One that waits
         at a ramp or merges may refuse EVs. A MED in service keeps its lane while an EV is booked on it: those beside it
         would be in its way. It may leave at an exit that comes before its destination, and once: that is its
-        destination then. Until it is too late for that exit it may choose another depot.
+        destination then. Until it is too late for its exit, or to the road's end, it may choose another depot.
         """
         status, slots = state.meds.status, config.med_slots
         in_service = status == IN_SERVICE
@@ -130,8 +130,7 @@ class AgentActions:
         in_time = next_exit(state.vehicles.x[slots] + params.road.exit_notice_m, params.road)
         sooner = in_time < destination
         elsewhere = state.meds.depot[:, None] != jnp.arange(self.depots)
-        is_exit = in_time < params.road.length_m
-        may_leave = sooner[:, None] | ((in_time == destination) & is_exit)[:, None] & elsewhere
+        may_leave = sooner[:, None] | (in_time == destination)[:, None] & elsewhere
         comes = ((status == QUEUED) | (status == MERGING))[:, None]
         here = _nearest(self.lanes, state.meds.service_lane)[:, None] == jnp.arange(len(self.lanes))
         usual_speed = jnp.arange(len(self.speeds)) == self.usual[0]

@@ -59,7 +59,7 @@ def at(depots, state, x, destination, depot):
 
 
 def test_where_it_may_go(depots):
-    """To any depot by an exit that comes sooner; where it leaves anyway to another one, until it is too late."""
+    """To any depot by an exit that comes sooner; from where it leaves anyway to another one, until it is too late."""
     _, state = depots.reset()
     first, last = TRIPS["exit_x_m"]
     assert depots.actions.parts.leave.n == 3
@@ -67,7 +67,8 @@ def test_where_it_may_go(depots):
     assert at(depots, state, first - 500.0, first, 0)[1] == [True, False, True]
     assert at(depots, state, first - 500.0, first, 1)[1] == [True, True, False]
     assert at(depots, state, first - 300.0, first, 1)[1] == [True, False, False]
-    assert at(depots, state, last - 300.0, 3000.0, 0)[1] == [True, False, False]
+    assert at(depots, state, last - 300.0, last, 0)[1] == [True, False, False]
+    assert at(depots, state, last - 300.0, 3000.0, 0)[1] == [True, False, True]  # by the road's end
     told, _ = at(depots, state, first - 500.0, first, 0)
     rule = depots.actions.by_rule(told, depots.params)
     orders = rule._replace(leave=jnp.array([0, 1, 2, 2]))
