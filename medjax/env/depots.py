@@ -57,13 +57,15 @@ def who_is_sent(action: jax.Array, meds: MEDs, config: EnvConfig) -> jax.Array:
     return (action > 0) & next_to_be_sent(meds) & own_ramps(meds, config)[:, ramp]
 
 
+def distinct_depots(config: EnvConfig) -> int:
+    """Depots that there is something to tell of; 0 where all MEDs come from one."""
+    return config.num_depots if config.num_depots > 1 else 0
+
+
 def shares_at_depots(meds: MEDs, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Shares of the fleet that can be sent from each depot, `(num_depots,)`; `(0,)` where all come from one."""
-    if config.num_depots == 1:
-        return jnp.zeros((0,))
-    here = (meds.status == AT_DEPOT)[:, None] & (
-        meds.depot[:, None] == np.arange(config.num_depots)
-    )
+    """Shares of the fleet that can be sent from each depot, `(distinct_depots,)`."""
+    waits = (meds.status == AT_DEPOT)[:, None]
+    here = waits & (meds.depot[:, None] == jnp.arange(distinct_depots(config)))
     return in_units(jnp.sum(here, axis=0), jnp.maximum(params.fleet.size, 1))
 
 

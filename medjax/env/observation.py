@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.charging.booking import panel_flags
-from medjax.env.depots import shares_at_depots
+from medjax.env.depots import distinct_depots, shares_at_depots
 from medjax.env.forecast import Need, expected_need, free_slots, med_places
 from medjax.numerics.sums import in_units
 from medjax.traffic.road import lateral_position
@@ -194,8 +194,8 @@ class RoadProfile:
     def size(self, config: EnvConfig) -> int:
         """Length of the vector."""
         nodes = self.road_nodes * (self.soc_nodes + 2 + 4) + 2 * self.clock_nodes
-        depots = config.num_depots if config.num_depots > 1 else 0
-        return depots + nodes + (2 + len(Need._fields)) * config.num_ramps + CLOCK_FEATURES
+        nodes += distinct_depots(config)
+        return nodes + (2 + len(Need._fields)) * config.num_ramps + CLOCK_FEATURES
 
     def __call__(self, state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
         """`(size,)` float32."""

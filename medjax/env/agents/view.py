@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from medjax.charging.booking import ask, grant
-from medjax.env.depots import next_to_be_sent, shares_at_depots
+from medjax.env.depots import distinct_depots, next_to_be_sent, shares_at_depots
 from medjax.env.forecast import Need, expected_need, free_slots, lacking_j, med_places
 from medjax.env.observation import (
     CLOCK_FEATURES,
@@ -73,7 +73,7 @@ class AgentView:
         nearest = min(self.num_evs, config.num_evs) * OF_AN_EV
         return (
             OF_ITSELF
-            + 2 * _depots(config)
+            + 2 * distinct_depots(config)
             + nearest
             + OF_A_REQUEST
             + 2 * OF_A_MED
@@ -117,11 +117,6 @@ class AgentView:
             jnp.broadcast_to(of_all, (config.num_meds, of_all.shape[0])),
         ]
         return jnp.concatenate(parts, axis=1).astype(jnp.float32)
-
-
-def _depots(config: EnvConfig) -> int:
-    """That a MED tells apart; 0 where all come from one."""
-    return config.num_depots if config.num_depots > 1 else 0
 
 
 def _on_road(state: EnvState, config: EnvConfig) -> jax.Array:
@@ -224,7 +219,7 @@ def _itself(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
         jnp.where(drives, jnp.minimum((next_exit(x, road) - x) / road.length_m, 1.0), 0.0),
         jnp.where(drives, (vehicles.destination[slots] - x) / road.length_m, 0.0),
         next_to_be_sent(meds),
-        *(meds.depot == depot for depot in range(_depots(config))),
+        *(meds.depot == depot for depot in range(distinct_depots(config))),
     ]
     return jnp.stack([jnp.asarray(column, jnp.float32) for column in columns], axis=1)
 
