@@ -131,7 +131,8 @@ class NamedAgents:
         Args:
           key: of what drivers do.
           state: of one highway.
-          actions: () integer for each agent; one that its mask forbids counts as 0, and is counted.
+          actions: () integer for each agent, or (1,), as JaxMARL's own learners give it; one that its mask forbids
+            counts as 0, and is counted.
 
         Returns:
           (observations, state, rewards () float32, dones () bool, infos); dones have `__all__`, infos the metrics of
@@ -140,10 +141,8 @@ class NamedAgents:
         Raises:
           InputError: one line: agents that are not there, missing or surplus, or an action that is none of the space's.
         """
-        folded = jnp.stack([self._checked(actions)[agent] for agent in self.agents])
-        obs, after, _, terminated, truncated, info = self._step_env(
-            key, state, folded.astype(jnp.int32), self.params
-        )
+        folded = jnp.stack(self._checked(actions)).astype(jnp.int32)
+        obs, after, _, terminated, truncated, info = self._step_env(key, state, folded, self.params)
         done = terminated | truncated
         dones = dict.fromkeys([*self.agents, "__all__"], done)
         spread = (self.num_agents,)
@@ -190,8 +189,8 @@ class NamedAgents:
     def _names(self) -> str:
         return f"{self.agents[0]} to {self.agents[-1]}" if self.agents else "none"
 
-    def _checked(self, actions: Any) -> Named:
-        """The actions as arrays.
+    def _checked(self, actions: Any) -> list[jax.Array]:
+        """The actions, () each, in the order of the agents.
 
         Raises:
           InputError: see `step_env`; values are looked at outside of jit only.
@@ -205,11 +204,11 @@ class NamedAgents:
         checked = {agent: jnp.asarray(actions[agent]) for agent in self.agents}
         for agent, value in checked.items():
             allowed = f"an integer from 0 to {self.env.num_actions - 1}"
-            whole = value.shape == () and jnp.issubdtype(value.dtype, jnp.integer)
-            outside = whole and _is_known(value) and not 0 <= int(value) < self.env.num_actions
+            whole = value.shape in ((), (1,)) and jnp.issubdtype(value.dtype, jnp.integer)
+            outside = whole and _is_known(value) and not 0 <= value.item() < self.env.num_actions
             if not whole or outside:
                 raise InputError(f"action of {agent} = {shown(actions[agent])}: allowed {allowed}")
-        return checked
+        return [value.reshape(()) for value in checked.values()]
 
 
 def _is_known(value: jax.Array) -> bool:

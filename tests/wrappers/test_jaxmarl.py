@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import medjax
+from medjax.errors import InputError
 
 pytest.importorskip("jaxmarl", reason='pip install "jaxmarl>=0.2"')
 
@@ -50,9 +51,27 @@ def test_rollout_manager_batches_and_samples(named):
     assert dones["__all__"].shape == (ENVS,)
 
 
+def test_an_action_may_be_an_array_of_one(named):
+    """As JaxMARL's IPPO for MPE gives it: `(environments, 1)` by agent, so `(1,)` in each; more is refused."""
+    _, state = named.reset(jax.random.key(0))
+    steps = []
+    for shape in ((), (1,)):
+        actions = dict.fromkeys(named.agents, jnp.zeros(shape, jnp.int32).at[...].set(1))
+        steps.append(named.step(jax.random.key(1), state, actions))
+    jax.tree.map(np.testing.assert_array_equal, *steps)
+    assert steps[0][4]["meds_dispatched"][0] == 1.0
+    with pytest.raises(InputError, match="action of med_0"):
+        named.step(
+            jax.random.key(1), state, dict.fromkeys(named.agents, jnp.zeros((2,), jnp.int32))
+        )
+
+
 def test_a_learner_in_the_manner_of_ippo(named):
     """Shared weights, agents of all environments as one batch, masked logits, as `ippo_ff` of JaxMARL collects and
     learns: the wheel has no baselines. Its loss falls on its own rollout.
+
+    The scripts ippo_ff_mpe.py and ippo_rnn_mpe.py themselves (FLAIROx/JaxMARL, c793d09) trained on `make_agents`
+    unchanged, but for `jaxmarl.make`, which knows JaxMARL's own environments only: by hand, in November 2026.
     """
     env = LogWrapper(named)
     actors, actions = ENVS * env.num_agents, named.env.num_actions
