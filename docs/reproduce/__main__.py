@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 from docs.reproduce.pages import ROOT, Block, all_blocks
 from docs.reproduce.run import Book, in_words
-from docs.reproduce.same import DifferError, keep
+from docs.reproduce.same import DifferError, is_commit, keep
 from medjax.commandline import OneLineParser
 from medjax.errors import shown
 
@@ -79,6 +79,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         wanted = chosen(given.names, given.all or given.list, book)
     except ValueError as error:
         parser.error(str(error))
+    for commit in given.same_bits_as or ():
+        if not is_commit(commit):
+            parser.error(f"--same-bits-as {shown(commit)}: allowed commits of this repository")
     if given.same_bits_as:
         return keep_same(book, given.same_bits_as)
     if given.list:

@@ -2,7 +2,7 @@
 
 What golden plays and trains (`benchmarks.verification.golden`) is played in an earlier tree and in this one, and
 compared bit for bit. Where nothing differs, blocks that were of that tree's files, and depend on nothing else that has
-changed, are of this tree's, too: their stamps say so, and still when, on what and at which commit they were run.
+changed, are of this tree's, too. Their stamps still say when, on what and at which commit they were run.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from docs.reproduce.run import Book
 from docs.reproduce.sources import content, files_of
 
 GOLDEN = Path("benchmarks/verification/golden.py")
+PLAY = [sys.executable, "-m", ".".join(GOLDEN.with_suffix("").parts)]
 # What golden goes through; pictures, tables, studies and commands it does not.
 PLAYED = (
     *(f"medjax/{module}.py" for module in ("__init__", "agents", "scenarios")),
@@ -38,6 +39,12 @@ print(json.dumps({name: each.commands for name, each in book.blocks.items() if b
 """
 
 
+def is_commit(name: str) -> bool:
+    """Whether this repository has it."""
+    words = ["git", "-C", str(ROOT), "rev-parse", "--quiet", "--verify", f"{name}^{{commit}}"]
+    return subprocess.run(words, capture_output=True, check=False).returncode == 0
+
+
 class DifferError(Exception):
     """The trees do not compute the same; lines that say where."""
 
@@ -47,7 +54,7 @@ def keep(book: Book, commits: Sequence[str]) -> list[str]:
 
     Raises:
       DifferError: some bits are not those of a commit; no stamp is changed.
-      CalledProcessError: a commit is not known, or a command failed.
+      CalledProcessError: a command failed.
     """
     found: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
@@ -130,15 +137,11 @@ def _play(tree: Path, out: Path) -> None:
     """What this tree's golden finds in a tree."""
     if tree != ROOT:
         shutil.copy(ROOT / GOLDEN, tree / GOLDEN)
-    module = ".".join(GOLDEN.with_suffix("").parts)
-    subprocess.run(
-        [sys.executable, "-m", module, "--training", f"--out={out}"], cwd=tree, check=True
-    )
+    subprocess.run([*PLAY, "--training", f"--out={out}"], cwd=tree, check=True)
 
 
 def _compare(was: Path, now: Path) -> None:
-    module = ".".join(GOLDEN.with_suffix("").parts)
-    words = [sys.executable, "-m", module, "--compare", str(was), str(now)]
+    words = [*PLAY, "--compare", str(was), str(now)]
     done = subprocess.run(words, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
     if done.returncode:
         raise DifferError(done.stdout.strip())

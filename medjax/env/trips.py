@@ -34,15 +34,16 @@ def needs_charger(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.
     return unserved & passes & (spare < (goal - x) * (power_w / speed))
 
 
+def exit_in_time(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """The first exit of which each MED can be told in time, or the road's end, `(M,)` m."""
+    return next_exit(vehicles.x[config.med_slots] + params.road.exit_notice_m, params.road)
+
+
 def leaving_early(
     vehicles: Vehicles, leaves: jax.Array, config: EnvConfig, params: EnvParams
 ) -> jax.Array:
-    """Destinations, `(N,)` m, where MEDs that are to leave, `(M,)` bool, do so at the first exit that they can take.
-
-    That is one of which they are told in time.
-    """
-    road, slots = params.road, config.med_slots
-    in_time = next_exit(vehicles.x[slots] + road.exit_notice_m, road)
+    """Destinations, `(N,)` m, where MEDs that are to leave, `(M,)` bool, do so at the first exit that they can take."""
+    in_time, slots = exit_in_time(vehicles, config, params), config.med_slots
     of_meds = vehicles.destination[slots]
     early = jnp.where(leaves, jnp.minimum(in_time, of_meds), of_meds)
     return vehicles.destination.at[slots].set(early)

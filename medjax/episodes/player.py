@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.env.contract import Environment
+from medjax.env.dispatch import is_allowed
 from medjax.episodes.keys import ACT, RESET, STEP
 from medjax.policies.policy import Choice, Policy
 
@@ -44,7 +45,8 @@ class Decision(struct.PyTreeNode):
         if self.action.ndim == 1:
             return self
         enters = self.mask[..., 1:num_actions].any(axis=-1)  # one agent a depot at most
-        ramp = jnp.where(self.action < num_actions, self.action, 0)
+        counts = is_allowed(self.action, self.mask) & (self.action < num_actions)
+        ramp = jnp.where(counts, self.action, 0)
         first = jnp.argmax(jnp.where(enters, ramp, -1), axis=-1)[:, None]
         action = jnp.take_along_axis(self.action, first, axis=1)[:, 0]
         rows = [

@@ -1,5 +1,7 @@
 """Blocks are kept across a change that leaves all bits as they were, and no others."""
 
+import pytest
+
 from docs.reproduce import __main__ as command
 from docs.reproduce import run, same
 from docs.reproduce.pages import ROOT, all_blocks
@@ -68,5 +70,10 @@ def test_trees_are_compared_where_blocks_may_be_kept(monkeypatch, capsys):
     monkeypatch.setattr(same, "_compare", differ)
     assert command.main(["--same-bits-as", "HEAD"]) == 1
     assert "w/x: 1 of 4 differ" in capsys.readouterr().err
-    assert command.main(["--same-bits-as", "no-such-commit"]) == 1
+    with pytest.raises(SystemExit) as end:
+        command.main(["--same-bits-as", "HEAD", "no-such-commit"])
+    assert end.value.code == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "no-such-commit" in said
     assert len(kept) == 1

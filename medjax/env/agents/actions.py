@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from medjax.env.depots import next_to_be_sent, own_ramps
 from medjax.env.dispatch import action_mask
 from medjax.env.spaces import Discrete
-from medjax.traffic.exits import next_exit
+from medjax.env.trips import exit_in_time
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, MERGING, QUEUED, EnvState
 
@@ -123,11 +123,11 @@ class AgentActions:
         would be in its way. It may leave at an exit that comes before its destination, and once: that is its
         destination then. Until it is too late for its exit, or to the road's end, it may choose another depot.
         """
-        status, slots = state.meds.status, config.med_slots
+        status = state.meds.status
         in_service = status == IN_SERVICE
         serves = in_service[:, None]
-        destination = state.vehicles.destination[slots]
-        in_time = next_exit(state.vehicles.x[slots] + params.road.exit_notice_m, params.road)
+        destination = state.vehicles.destination[config.med_slots]
+        in_time = exit_in_time(state.vehicles, config, params)
         sooner = in_time < destination
         elsewhere = state.meds.depot[:, None] != jnp.arange(self.depots)
         may_leave = sooner[:, None] | (in_time == destination)[:, None] & elsewhere

@@ -41,8 +41,8 @@ def give_orders(
       actions: their spaces.
 
     Returns:
-      (state, 0 or the ramp that an agent enters from, counted from 1, () int32: of several agents, one a depot, the
-      last ramp; the cooldown lets the others wait)
+      (state, 0 or the ramp that an agent enters from, counted from 1, () int32: of several agents, one a depot, that of
+      the last ramp alone, since one MED enters a decision)
     """
     vehicles, meds = state.vehicles, state.meds
     serves = meds.status == IN_SERVICE

@@ -7,6 +7,7 @@ import pytest
 
 import medjax
 from medjax.env.agents.orders import give_orders
+from medjax.episodes.player import Decision
 from medjax.world.state import AT_DEPOT, IN_SERVICE, RETIRED
 from tests.env.agents.conftest import TRIPS, World
 
@@ -39,6 +40,27 @@ def test_of_two_that_enter_the_cooldown_lets_one(depots):
     _, state, *_, info = depots.step(jax.random.key(0), state, actions, depots.params)
     assert (state.meds.status == AT_DEPOT).tolist() == [True, False, True, True]
     assert info["metrics"]["invalid_actions"] == 0.0
+
+
+def test_a_recording_tells_who_entered(depots):
+    """Of several heads that of the last ramp, as the environment lets it; a ramp of another depot is no way in."""
+    _, state = depots.reset()
+    mask = depots.mask(state, depots.params)[None]
+    one_hot = jnp.zeros(mask.shape)
+    for actions, sent in (
+        ([1, 2, 0, 0], 2),
+        ([1, 0, 0, 0], 1),
+        ([1, 1, 0, 0], 1),
+        ([2, 2, 0, 0], 2),
+        ([2, 0, 0, 0], 0),
+    ):
+        made = Decision(jnp.array([actions]), one_hot, mask, jnp.zeros(1), {}).of_dispatcher(3)
+        after = depots.step(jax.random.key(0), state, jnp.array(actions), depots.params)[1]
+        entered = after.meds.ramp[after.meds.status != AT_DEPOT]
+        assert [int(ramp) + 1 for ramp in entered] == [sent] * (sent > 0)
+        assert bool(made.mask[0, made.action[0]]) == (actions != [2, 0, 0, 0])
+        if sent:
+            assert made.action.tolist() == [sent]
 
 
 def at(depots, state, x, destination, depot):
