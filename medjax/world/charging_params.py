@@ -104,7 +104,7 @@ class ChargingParams(struct.PyTreeNode):
     )
     platoon_min_gap: Scalar = number(2.0, 0.1, 20, "m", "as `drivers.min_gap`")
     dock_gap_m: Scalar = number(
-        12.0, 0.1, 100, "m", "bumper to bumper; chosen: above the platoon's gap at 18 m/s"
+        12.0, 0.1, 100, "m", "bumper to bumper; chosen: above the platoon's gap at 22 m/s, 8.6 m"
     )
     dock_tolerance_m: Scalar = number(
         0.3, 0.001, 10, "m", "charging starts within this; chosen: efficiency stays above 0.9"
