@@ -166,6 +166,12 @@ def train(run_name: str) -> dict[str, np.ndarray]:
         return {f"{run_name}/{name}": values for name, values in found.items()}
 
 
+def preset_of(name: str) -> str:
+    """The preset that an array, by its name in a file, was played in."""
+    world = name.partition("/")[0]
+    return (WORLDS | AGENTS)[world][0] if world not in TRAINING else "paper"
+
+
 def differences(old: Mapping[str, np.ndarray], new: Mapping[str, np.ndarray]) -> Iterator[str]:
     """A line for each name whose bits differ, or that only one of them has."""
     for name in sorted({*old} | {*new}):
@@ -249,7 +255,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         old, new = options.compare
         lines = list(differences(old, new))
         print(*lines, f"{len(lines)} of {len({*old} | {*new})} differ", sep="\n")
-        return {"differ": lines}
+        return {"differ": lines, "presets": sorted({preset_of(line) for line in lines})}
     if options.numbers:
         write_numbers(options.numbers)
     else:

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 from docs.reproduce.pages import ROOT, Block, all_blocks
 from docs.reproduce.run import Book, in_words
-from docs.reproduce.same import DifferError, is_commit, keep
+from docs.reproduce.same import is_commit, keep
 from medjax.commandline import OneLineParser
 from medjax.errors import shown
 
@@ -60,10 +60,10 @@ def _whole_s(block: Block, book: Book) -> int:
 
 
 def keep_same(book: Book, commits: Sequence[str]) -> int:
-    """Says which blocks are kept, or what differs. Returns the exit code."""
+    """Says which blocks are kept. Returns the exit code."""
     try:
         names = keep(book, commits)
-    except (DifferError, subprocess.CalledProcessError) as error:
+    except subprocess.CalledProcessError as error:
         print(error, file=sys.stderr)
         return 1
     print(f"{len(names)} blocks are of these files, too: {', '.join(names)}")

@@ -45,6 +45,7 @@ class Block:
     page: Path
     expected_s: int
     commands: tuple[tuple[str, ...], ...]  # module and arguments of each
+    has_pictures: bool = False  # its page shows files that it writes
 
     @property
     def learns(self) -> set[str]:
@@ -88,14 +89,17 @@ def fenced_commands(page: Path) -> Iterator[tuple[str, ...]]:
 
 def blocks_of(page: Path) -> list[Block]:
     """The blocks of a page, in order."""
+    text = page.read_text(encoding="utf-8")
+    drawn = {found["name"] for found in FROM.finditer(text) if found["picture"]}
     return [
         Block(
             name=found["name"],
             page=page,
             expected_s=int(found["time"]) * SECONDS[found["unit"]],
             commands=tuple(commands_in(found["commands"])),
+            has_pictures=found["name"] in drawn,
         )
-        for found in RUN.finditer(page.read_text(encoding="utf-8"))
+        for found in RUN.finditer(text)
     ]
 
 

@@ -1,8 +1,8 @@
 """Keeps blocks that a change has made older than their files, where the change leaves every bit as it was.
 
 What golden plays and trains (`benchmarks.verification.golden`) is played in an earlier tree and in this one, and
-compared bit for bit. Where nothing differs, blocks that were of that tree's files, and depend on nothing else that has
-changed, are of this tree's, too. Their stamps still say when, on what and at which commit they were run.
+compared bit for bit. Blocks of a preset of which nothing differs, that were of that tree's files, and depend on nothing
+else that has changed, are of this tree's, too. Their stamps still say when, on what and at which commit they were run.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from docs.reproduce.pages import ROOT, Block
@@ -24,10 +25,18 @@ GOLDEN = Path("benchmarks/verification/golden.py")
 PLAY = [sys.executable, "-m", ".".join(GOLDEN.with_suffix("").parts)]
 # What golden goes through; pictures, tables, studies and commands it does not.
 PLAYED = (
-    *(f"medjax/{module}.py" for module in ("__init__", "agents", "scenarios")),
+    *("train/__init__.py", "benchmarks/__init__.py"),
+    *(f"medjax/{module}.py" for module in ("__init__", "agents", "early", "scenarios")),
     *(f"medjax/{room}/" for room in ("world", "physics", "traffic", "charging", "env", "policies")),
     *("medjax/episodes/", "medjax/numerics/", "medjax/wrappers/"),
     *("train/algorithms/", "train/runs/", "train/evaluation/", "train/settings.py"),
+)
+# What only draws: of no matter to a block without a picture, but for those of its own commands.
+DRAWS = ("medjax/render/", "train/reporting/")
+# Commands that play one preset: that of --scenario or of the run that they read, else `paper`.
+ONE_PRESET = (
+    *("train.ppo", "train.evaluate"),
+    *(f"benchmarks.{name}" for name in ("ablation", "calibrate", "motion", "planner", "tune")),
 )
 QUICK_S = 10  # what is run anew sooner than it is reasoned about
 CURRENT = """
@@ -45,37 +54,33 @@ def is_commit(name: str) -> bool:
     return subprocess.run(words, capture_output=True, check=False).returncode == 0
 
 
-class DifferError(Exception):
-    """The trees do not compute the same; lines that say where."""
-
-
 def keep(book: Book, commits: Sequence[str]) -> list[str]:
-    """Stamps the blocks that are as they were at one of these commits. Returns their names.
+    """Stamps the blocks that are as they were at one of these commits, and says what is not. Returns their names.
 
     Raises:
-      DifferError: some bits are not those of a commit; no stamp is changed.
-      CalledProcessError: a command failed.
+      CalledProcessError: a command failed; no stamp is changed.
     """
     found: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
         now = Path(folder) / "now.npz"
         for number, commit in enumerate(commits):
             with _tree(commit, Path(folder) / f"tree-{number}") as before:
-                names = unchanged(book, _current(before), _differs_from(before))
-                names = [name for name in names if name not in found]
-                if not names:
+                find = partial(unchanged, book, _current(before), _differs_from(before))
+                if not set(find()) - set(found):
                     continue
                 if not now.exists():
                     _play(ROOT, now)
                 _play(before, was := Path(folder) / f"{number}.npz")
-                _compare(was, now)
-                found += names
+                found += [name for name in find(_other_presets(was, now)) if name not in found]
     book.keep(found)
     return found
 
 
 def unchanged(
-    book: Book, current: Mapping[str, Sequence[Sequence[str]]], differs: Callable[[Path], bool]
+    book: Book,
+    current: Mapping[str, Sequence[Sequence[str]]],
+    differs: Callable[[Path], bool],
+    others: Collection[str] = (),
 ) -> list[str]:
     """Blocks that only changes of what golden goes through have made older than their files.
 
@@ -83,6 +88,7 @@ def unchanged(
       book: of this tree.
       current: the commands of those that were of their files in the other tree, by name.
       differs: whether a file of this tree is another one there, or not there.
+      others: presets in which golden's bits are others there.
     """
 
     def is_kept(block: Block) -> bool:
@@ -92,9 +98,13 @@ def unchanged(
         speed = block.page.stem == "performance" or block.name.startswith("speed-")
         if not same or speed or book.seconds(block) < QUICK_S:
             return False
-        files = files_of([words[0] for words in block.commands])
-        others = [str(path.relative_to(ROOT)) for path in files if differs(path)]
-        return all(name.startswith(PLAYED) for name in others)
+        if others and not all(_plays_none_of(others, words) for words in block.commands):
+            return False
+        modules = [words[0] for words in block.commands]
+        drawn = block.has_pictures or any(m.replace(".", "/").startswith(DRAWS) for m in modules)
+        fine = PLAYED if drawn else (*PLAYED, *DRAWS)
+        changed = [str(path.relative_to(ROOT)) for path in files_of(modules) if differs(path)]
+        return all(name.startswith(fine) for name in changed)
 
     candidates = {block.name: is_kept(block) for block in book.blocks.values()}
     return [
@@ -104,6 +114,12 @@ def unchanged(
         and not book.is_current(block)
         and all(candidates[other.name] or book.is_current(other) for other in book.needs(block))
     ]
+
+
+def _plays_none_of(presets: Collection[str], words: Sequence[str]) -> bool:
+    """Whether a command is known to; what reads a run is judged by what trains it, too (`Book.needs`)."""
+    own = words[words.index("--scenario") + 1] if "--scenario" in words else "paper"
+    return words[0] in ONE_PRESET and own not in presets
 
 
 @contextmanager
@@ -140,8 +156,11 @@ def _play(tree: Path, out: Path) -> None:
     subprocess.run([*PLAY, "--training", f"--out={out}"], cwd=tree, check=True)
 
 
-def _compare(was: Path, now: Path) -> None:
-    words = [*PLAY, "--compare", str(was), str(now)]
-    done = subprocess.run(words, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
-    if done.returncode:
-        raise DifferError(done.stdout.strip())
+def _other_presets(was: Path, now: Path) -> list[str]:
+    """Presets of which some bits differ; which bits is printed."""
+    words = [*PLAY, "--compare", str(was), str(now), f"--json={was.with_suffix('.json')}"]
+    done = subprocess.run(words, cwd=ROOT, check=False)
+    if done.returncode not in (0, 1):  # 1: some differ
+        done.check_returncode()
+    found = json.loads(was.with_suffix(".json").read_text(encoding="utf-8"))
+    return list(found["presets"])

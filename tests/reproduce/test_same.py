@@ -32,6 +32,7 @@ def test_blocks_whose_bits_are_the_same_are_kept(book, monkeypatch):
     for other in ("train/ppo.py", "medjax/commandline.py"):
         assert same.unchanged(book, was, among("medjax/env/tick.py", other)) == []
     assert same.unchanged(book, was, among("train/evaluate.py")) == ["learn"]
+    assert same.unchanged(book, was, among("medjax/render/web/player.js")) == ["count", "learn"]
     assert same.unchanged(book, was | {"learn": [["train.ppo", "--seed", "1"]]}, among()) == []
     assert same.unchanged(book, {"count": was["count"]}, among()) == []  # it was older there, too
     book.keep(["count", "learn"])
@@ -50,13 +51,35 @@ def test_speed_is_not_a_matter_of_bits():
     assert not {"throughput", "training-speed", "peers", "speed-agents", "parameters"} & set(kept)
 
 
+def test_only_blocks_of_presets_that_are_the_same_are_kept():
+    """With what trains for them; of commands that play more than one preset none is."""
+    everything = run.Book(all_blocks())
+    everything.stamps = {name: stamp | {"sources": ""} for name, stamp in everything.stamps.items()}
+    was = in_both(everything)
+    kept = set(same.unchanged(everything, was, among("medjax/env/tick.py"), ["corridor"]))
+    assert {"evaluation", "motion", "ippo-evaluation", "fleet-30", "planner"} <= kept
+    assert not {"power", "motion-depots", "corridor-ippo", "corridor-ippo-evaluation"} & kept
+    assert not {"validation", "generalization", "ticks"} & kept
+    kept = set(same.unchanged(everything, was, among("medjax/env/tick.py"), ["paper"]))
+    assert "power" in kept
+    assert not {"evaluation", "fleet-30", "validation"} & kept
+
+
+def test_pictures_are_of_what_draws():
+    everything = run.Book(all_blocks())
+    everything.stamps = {name: stamp | {"sources": ""} for name, stamp in everything.stamps.items()}
+    kept = same.unchanged(everything, in_both(everything), among("medjax/render/packing.py"))
+    assert {"evaluation", "motion"} <= set(kept)
+    assert not {"highway", "live", "report"} & set(kept)
+
+
 def test_trees_are_compared_where_blocks_may_be_kept(monkeypatch, capsys):
-    """This tree is played once; where a bit differs no stamp is written, and the command says which."""
-    played, kept = [], []
+    """This tree is played once; blocks of presets that differ are not kept."""
+    played, kept, differ = [], [], []
     monkeypatch.setattr(same, "_play", lambda tree, out: (played.append(tree), out.touch()))
     monkeypatch.setattr(same, "_current", lambda tree: {})
-    monkeypatch.setattr(same, "unchanged", lambda *_: ["tune"])
-    monkeypatch.setattr(same, "_compare", lambda was, now: None)
+    monkeypatch.setattr(same, "unchanged", lambda *given: [] if ["paper"] in given else ["tune"])
+    monkeypatch.setattr(same, "_other_presets", lambda was, now: differ)
     monkeypatch.setattr(run.Book, "keep", lambda book, names: kept.append(names))
     assert command.main(["--same-bits-as", "HEAD", "HEAD"]) == 0
     assert played[0] == ROOT
@@ -64,16 +87,14 @@ def test_trees_are_compared_where_blocks_may_be_kept(monkeypatch, capsys):
     assert kept == [["tune"]]
     assert capsys.readouterr().out == "1 blocks are of these files, too: tune\n"
 
-    def differ(was, now):
-        raise same.DifferError("w/x: 1 of 4 differ")
-
-    monkeypatch.setattr(same, "_compare", differ)
-    assert command.main(["--same-bits-as", "HEAD"]) == 1
-    assert "w/x: 1 of 4 differ" in capsys.readouterr().err
+    differ.append("paper")
+    assert command.main(["--same-bits-as", "HEAD"]) == 0
+    assert kept[1:] == [[]]
+    assert capsys.readouterr().out == "0 blocks are of these files, too: \n"
     with pytest.raises(SystemExit) as end:
         command.main(["--same-bits-as", "HEAD", "no-such-commit"])
     assert end.value.code == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert "no-such-commit" in said
-    assert len(kept) == 1
+    assert len(kept) == 2
