@@ -1,5 +1,6 @@
 """Shared environments: what is built and compiled once for the whole session."""
 
+import gc
 import os
 import tempfile
 
@@ -8,7 +9,9 @@ import tempfile
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     _programs = tempfile.TemporaryDirectory(prefix="medjax-programs-")
     os.environ["JAX_COMPILATION_CACHE_DIR"] = _programs.name
-    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
+    # Small ones, too: thousands of single operations are most of what is compiled.
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+    os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
 
 import jax
 import pytest
@@ -25,6 +28,31 @@ jax.config.update("jax_num_cpu_devices", 2)
 # The same examples in every run; HYPOTHESIS_PROFILE=default draws new ones.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
+
+
+# Files of some half a minute or more. They go first, so that no worker is left alone with one at the end.
+LONG = {
+    *("test_invariants", "test_bits", "test_agents_run", "test_notebook", "test_surface"),
+    *("test_scenarios", "test_demand", "test_processes", "test_killed", "test_determinism"),
+    *("test_report", "test_docs", "test_site", "test_player", "test_learner", "test_end_to_end"),
+}
+
+
+def pytest_configure(config):
+    """pytest-xdist would begin with the files of most tests, which are short ones."""
+    if hasattr(config.option, "loadscopereorder"):
+        config.option.loadscopereorder = False
+
+
+def pytest_collection_modifyitems(items):
+    items.sort(key=lambda item: item.path.stem not in LONG)
+
+
+def pytest_collection_finish():
+    """What is imported stays: the collector need not look at it again and again while JAX traces."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 50)
 
 
 @pytest.fixture(scope="session")

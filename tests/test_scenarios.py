@@ -21,7 +21,7 @@ def test_presets_build_and_step():
     for name in medjax.SCENARIOS:
         env, params = medjax.make(name)
         _, state = jax.jit(env.reset)(jax.random.key(0), params)
-        obs, *_ = jax.jit(env.step)(jax.random.key(1), state, 1, params)
+        obs, *_ = jax.jit(env.step_env)(jax.random.key(1), state, 1, params)
         assert np.all(np.isfinite(obs))
     _, realistic = medjax.make("realistic")
     assert float(realistic.ev_capacity_j) == pytest.approx(30 * 3.6e6)

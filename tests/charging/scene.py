@@ -1,5 +1,7 @@
 """One MED in service and one EV booked on it, alone on the road."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 
@@ -9,12 +11,18 @@ from medjax.world.state import IN_SERVICE
 MED_SPEED, MED_X, SOC = 22.0, 500.0, 0.35
 
 
+@functools.cache
+def reset(env):
+    """Compiled once for all scenes of an environment."""
+    return jax.jit(env.reset)
+
+
 def scene(env, params, *, panel, ev_x, ev_lane, human=False):
     """A state of `env` with MED 0 in its service lane at MED_X and EV 0 booked on its slot `panel`.
 
     The MED drives at MED_SPEED where that is the fleet's service speed.
     """
-    _, state = jax.jit(env.reset)(jax.random.key(0), params)
+    _, state = reset(env)(jax.random.key(0), params)
     vehicles, med, ev = state.vehicles, 0, env.config.num_meds
     both = jnp.array([med, ev])
     still = jnp.zeros_like(vehicles.x)

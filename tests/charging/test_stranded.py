@@ -1,5 +1,7 @@
 """An EV that runs out coasts by physics alone, leaves by the right shoulder or blocks its lane, and is counted once."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,25 +18,31 @@ from tests.charging.scene import scene
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
+@functools.cache
 def quiet(**overrides):
     """A road that nobody else enters."""
     return medjax.make("paper", mainline_per_h=0.0, ramp_per_h=0.0, **overrides)
 
 
-def play(env, params, state, ticks):
-    """States `(ticks, ...)` after each tick, and the sum of the tallies."""
+@functools.partial(jax.jit, static_argnums=(0, 3))
+def played(config, params, state, ticks):
+    """The sum of the tallies, and states `(ticks, ...)` after each tick."""
 
     def tick(carry, index):
         state, tally = carry
-        drivers = drivers_of(state, env.config, params)
-        state, more = physics_tick(state, drivers, index, env.config, params)
+        drivers = drivers_of(state, config, params)
+        state, more = physics_tick(state, drivers, index, config, params)
         return (state, tally + more), state
 
     start = state, Tally.zeros()
-    (_, tally), states = jax.jit(
-        lambda: jax.lax.scan(tick, start, jnp.arange(ticks, dtype=jnp.int32))
-    )()
-    return jax.device_get(states), jax.device_get(tally)
+    (_, tally), states = jax.lax.scan(tick, start, jnp.arange(ticks, dtype=jnp.int32))
+    return tally, states
+
+
+def play(env, params, state, ticks):
+    """States `(ticks, ...)` after each tick, and the sum of the tallies."""
+    tally, states = jax.device_get(played(env.config, params, state, ticks))
+    return states, tally
 
 
 def alone(env, params, lane, speed, energy_j=1.0, x=500.0):
@@ -127,7 +135,7 @@ def test_nobody_comes_to_stand_between_two_lanes(speed):
 @pytest.mark.parametrize(("blocks", "last_lane"), [(0, 3), (1, 0)])
 def test_who_has_run_out_takes_no_exit(blocks, last_lane):
     """Half a kilometre before its exit it makes for the shoulder at once; or it stands in its lane till towed."""
-    env, params = quiet(exit_x_m=[2000.0], exit_share=0.0, depleted_blocks=blocks, tow_s=20.0)
+    env, params = quiet(exit_x_m=(2000.0,), exit_share=0.0, depleted_blocks=blocks, tow_s=20.0)
     state = alone(env, params, 0, 10.0, x=1250.0)
     bound = state.vehicles.destination.at[env.config.num_meds].set(2000.0)
     state = state.replace(vehicles=state.vehicles.replace(destination=bound))

@@ -187,15 +187,15 @@ def test_reward_is_the_sum_of_its_terms(started, step):
     assert min(terms["soc"], terms["distance"], terms["speed"]) > 0.0
 
 
-@pytest.mark.parametrize("episodes", [4, pytest.param(2000, marks=pytest.mark.slow)])
-def test_random_play_is_sound(paper, episodes):
+@pytest.mark.slow
+def test_random_play_is_sound(paper):
     """Every invariant (`benchmarks.verification`) in whole random episodes of the preset, after every tick."""
     env, params = paper
     rows = 4
     batch = jax.tree.map(lambda x: jnp.broadcast_to(x, (rows, *x.shape)), params)
     batch = batch.replace(link=batch.link.replace(inductance=params.link.inductance))
     program = episode_program(env.config, num_devices=1)
-    for episode in range(episodes // rows):
+    for episode in range(2000 // rows):
         played = program(batch, jax.random.key(episode), jnp.int32(params.episode_decisions))
         counts = dict(zip(INVARIANTS, played.violations.sum(axis=0).tolist(), strict=True))
         assert counts == dict.fromkeys(counts, 0)

@@ -26,7 +26,11 @@ TINY = ["--num-envs=4", "--num-minibatches=4", "--rollout-length=12", "--total-t
 
 
 @pytest.mark.parametrize(
-    "argv", [["--agents=ippo", "--credit=own"], ["--agents=mappo", "--dispatcher=budgeted"]]
+    "argv",
+    [
+        pytest.param(["--agents=ippo", "--credit=own"], marks=pytest.mark.slow),
+        ["--agents=mappo", "--credit=own", "--dispatcher=budgeted"],
+    ],
 )
 def test_train_evaluate_and_export(tmp_path, argv):
     """Rules play as dispatchers of the same world; the file's policy is the run's, dispatcher included."""

@@ -132,7 +132,9 @@ def test_is_vmapped_as_a_loop_plays_it(exported):
     """Over rows, over rows of rows, and over some of its arguments only."""
     env, params, *_, path = exported
     policy = load_policy(path).policy(env)
-    obs, states = jax.vmap(env.reset, (0, None))(jax.random.split(jax.random.key(3), 6), params)
+    obs, states = jax.jit(jax.vmap(env.reset, (0, None)))(
+        jax.random.split(jax.random.key(3), 6), params
+    )
     keys = jax.random.split(jax.random.key(4), 6)
     one_by_one = [
         policy(keys[i], obs[i], jax.tree.map(lambda leaf, i=i: leaf[i], states), params)

@@ -1,4 +1,4 @@
-"""A wrapped environment is an environment: the whole public surface over every wrapper, and over two stacked."""
+"""A wrapped environment is an environment: the whole public surface over every wrapper, and over all stacked."""
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +25,7 @@ WORLDS = {
     "demand": lambda env: RandomDemand(env, 0.5, 1.5),
     "demand over decide every": lambda env: RandomDemand(DecideEvery(env, 3), 0.5, 1.5),
     "legacy over time limit": lambda env: LegacyStep(TimeLimitAsEnd(env)),
+    "all": lambda env: LegacyStep(TimeLimitAsEnd(RandomDemand(DecideEvery(env, 3), 0.5, 1.5))),
 }
 
 
@@ -57,10 +58,9 @@ def saved(highway, tmp_path_factory):
     return load_policy(path)
 
 
-# What stands alone here is in a stack there.
-ALONE = ("time limit", "decide every", "demand")
+# What stands alone or in a pair is in the stack of all, too.
 CASES = [
-    pytest.param(world, marks=[pytest.mark.slow] if world in ALONE else []) for world in WORLDS
+    pytest.param(world, marks=[] if world == "all" else [pytest.mark.slow]) for world in WORLDS
 ]
 
 

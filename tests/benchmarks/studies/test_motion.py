@@ -48,13 +48,19 @@ def test_table_and_file(small, tmp_path, capsys):
     assert scores["invalid_actions"].max() == 0.0
 
 
-@pytest.mark.parametrize("name", [name for name in motion.MOTIONS if name != "default"])
-def test_every_rule_says_what_is_allowed(name):
-    """On a road with exits, of parts that are in their spaces, one for each agent."""
+@pytest.fixture(scope="module")
+def exits(quick_compiles):
+    """Agents on a road with exits and depots, their numbers, and a first state."""
     named = medjax.make_agents("corridor", **SMALL, speeds=motion.SPEEDS, num_depots=5)
-    agents = named.env
-    _, state = jax.jit(agents.reset)(jax.random.key(0), named.params)
-    parts = motion.MOTIONS[name](agents, state, named.params)
+    _, state = jax.jit(named.env.reset)(jax.random.key(0), named.params)
+    return named.env, named.params, state
+
+
+@pytest.mark.parametrize("name", [name for name in motion.MOTIONS if name != "default"])
+def test_every_rule_says_what_is_allowed(exits, name):
+    """On a road with exits, of parts that are in their spaces, one for each agent."""
+    agents, params, state = exits
+    parts = motion.MOTIONS[name](agents, state, params)
     for part, space in zip(parts, agents.actions.parts, strict=True):
         assert part.shape == (3,)
         assert ((part >= 0) & (part < space.n)).all()
@@ -82,11 +88,9 @@ def test_bad_input_is_one_line(capsys):
     ("name", "chosen"),
     [("nearest depot", [4, 0, 5]), ("emptiest depot", [2, 0, 2]), ("depot in need", [3, 0, 3])],
 )
-def test_where_rules_go_home_to(name, chosen, monkeypatch):
+def test_where_rules_go_home_to(exits, name, chosen, monkeypatch):
     """Three MEDs of the first depot leave at exits before ramps 4 and 5; for the second of them it is too late."""
-    named = medjax.make_agents("corridor", **SMALL, speeds=motion.SPEEDS, num_depots=5)
-    agents, params = named.env, named.params
-    _, state = jax.jit(agents.reset)(jax.random.key(0), params)
+    agents, params, state = exits
     put = {
         "x": [19_000.0, 20_650.0, 25_000.0],
         "destination": [20_700.0, 20_700.0, 26_700.0],

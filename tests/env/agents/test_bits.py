@@ -6,6 +6,7 @@ Compiled as usual, not quickly: programs that differ round alike only then.
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import medjax
 from medjax.env.agents.actions import Parts
@@ -50,6 +51,7 @@ def test_parts_and_folded_are_the_same_step(trips, busy):
     jax.tree.map(np.testing.assert_array_equal, one, other)
 
 
+@pytest.mark.slow
 def test_a_dispatcher_alone_and_among_agents_is_the_same(trips):
     """Every rule's episodes, number for number."""
     # The numbers of `trips`: the coils' table may be of a quickly compiled program, which rounds differently.
@@ -66,6 +68,7 @@ def test_a_dispatcher_alone_and_among_agents_is_the_same(trips):
     assert together["greedy"]["meds_dispatched"].sum() > 0
 
 
+@pytest.mark.slow
 def test_a_dispatched_team_is_the_same_as_a_wrapper_and_as_a_policy(trips):
     """Every metric of three episodes: quickly compiled programs are compared by counts only, in test_team.py."""
     env = Dispatched(trips.env, greedy(trips.env.env))

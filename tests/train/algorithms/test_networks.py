@@ -36,7 +36,7 @@ def network():
 def scene():
     """Observations of three roads in mid-traffic, and the environment's configuration."""
     env, params = medjax.make("paper", **SMALL)
-    obs, _ = jax.vmap(env.reset, (0, None))(jax.random.split(jax.random.key(1), 3), params)
+    obs, _ = jax.jit(jax.vmap(env.reset, (0, None)))(jax.random.split(jax.random.key(1), 3), params)
     return obs, env.config
 
 

@@ -233,7 +233,6 @@ def test_interrupted_before_the_first_update(probe, capsys, monkeypatch, place, 
     assert not (probe / "run").exists()
 
 
-@pytest.mark.versions
 def test_evaluate_command(probe, capsys):
     options = [*TINY, "--num-seeds=2", "--eval-episodes=0", "--run-dir=run"]
     assert ppo.main(options) == 0
