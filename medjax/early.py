@@ -22,11 +22,19 @@ def command_name() -> str:
     return name if name.partition(".")[0] in OURS else ""
 
 
+def _imports(frame: FrameType | None) -> bool:
+    """Whether something is being imported."""
+    while frame is not None and frame.f_code.co_filename != "<frozen importlib._bootstrap>":
+        frame = frame.f_back
+    return frame is not None
+
+
 def end(number: int, frame: FrameType | None) -> None:
     """Handler of SIGINT and SIGTERM: ends the process, whatever is half imported."""
-    # A command sets its own handler of SIGTERM, and leaves one of SIGINT that is not Python's own: this one.
+    # A command sets its own handler of SIGTERM, and leaves one of SIGINT that is not Python's own: this one. It raises
+    # what ends the command; but while jaxlib is imported, that is a segmentation fault or an error of another kind.
     by_now = signal.getsignal(signal.SIGTERM)
-    if callable(by_now) and by_now is not end:
+    if callable(by_now) and by_now is not end and not _imports(frame):
         by_now(number, frame)
         return
     os.write(2, b"interrupted\n")

@@ -51,6 +51,17 @@ def test_a_signal_while_it_is_imported_ends_a_command_in_a_line(tmp_path, module
     assert (ended.returncode, ended.stdout, ended.stderr) == (128 + number, "3\n", "interrupted\n")
 
 
+def test_ctrl_c_while_main_imports_jax_ends_it_in_a_line(tmp_path):
+    """An extension that is interrupted as it is loaded says so in an error of its own, or crashes."""
+    (tmp_path / "jax.py").write_text(
+        "import signal\n"
+        "try:\n    signal.raise_signal(signal.SIGINT)\n"
+        "except KeyboardInterrupt:\n    raise ImportError('while initializing the extension') from None\n"
+    )
+    ended = run(tmp_path, "-m", "train.ppo", "--run-dir=new")
+    assert (ended.returncode, ended.stderr) == (130, "interrupted\n")
+
+
 @pytest.mark.parametrize("name", SIGNALS)
 def test_from_main_on_the_command_hears_it(name, capsys):
     """It can save what it has."""
