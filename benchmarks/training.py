@@ -2,7 +2,7 @@
 
 import sys
 
-from benchmarks.speed.training import run
+from benchmarks.speed.training import main
 
 if __name__ == "__main__":
-    sys.exit(run())
+    sys.exit(main())

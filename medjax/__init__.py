@@ -8,7 +8,9 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from medjax import hooks
+from medjax import early, hooks
+
+early.begin()
 
 if TYPE_CHECKING:
     from medjax.env.charging_env import ChargingEnv

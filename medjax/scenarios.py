@@ -12,7 +12,7 @@ import numpy as np
 from medjax.charging.link import Coupling, couple
 from medjax.env.charging_env import ChargingEnv
 from medjax.env.observation import OBSERVATIONS
-from medjax.env.reward import REWARDS, TERMS, RewardTerm
+from medjax.env.reward import REWARDS, TERMS, RewardTerm, check_terms
 from medjax.errors import MOST_SHOWN, InputError, shown
 from medjax.traffic.following import CarFollowing
 from medjax.traffic.idm import IDM_PLUS
@@ -76,9 +76,7 @@ def _terms(reward: Any) -> Mapping[str, RewardTerm]:
     _check(
         isinstance(reward, Mapping), "reward", reward, f"{', '.join(REWARDS)}, or functions by name"
     )
-    for term, function in reward.items():
-        is_term = isinstance(term, str) and callable(function)
-        _check(is_term, f"reward[{shown(term)}]", function, "a function")
+    check_terms(reward)
     return reward
 
 

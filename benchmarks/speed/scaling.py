@@ -55,6 +55,7 @@ def show(title: str, column: str, rows: list[tuple[Any, Measurement]]) -> None:
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Prints the tables, and returns all figures."""
     most, scenario = options.num_envs, options.scenario
+    lengths = {count: road_for(count, scenario) for count in VEHICLES}
 
     def compare(title: str, column: str, works: dict[int, Workload]) -> list[Measurement]:
         results = alternate(list(works.values()), options.repeats)
@@ -67,8 +68,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
     tables = {"envs": compare("over environments", "environments", {n: sized(n) for n in ENVS})}
     roads = {
-        n: Workload(max(1, most * VEHICLES[0] // n), 50, scenario=scenario, **road_for(n, scenario))
-        for n in VEHICLES
+        n: Workload(max(1, most * VEHICLES[0] // n), 50, scenario=scenario, **length)
+        for n, length in lengths.items()
     }
     tables["vehicles"] = compare("over vehicles on a road", "asked for", roads)
     counts = [n for n in range(1, len(jax.local_devices()) + 1) if most % n == 0]

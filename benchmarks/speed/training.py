@@ -20,9 +20,7 @@ compiled beside them.
 import argparse
 import dataclasses
 import json
-import signal
 import statistics
-import sys
 import tempfile
 from collections.abc import Mapping
 from functools import partial
@@ -113,7 +111,7 @@ def main(arguments: list[str] | None = None) -> int:
     """The command.
 
     Returns:
-        The exit code: 0 done, 1 the training command failed, 130 interrupted.
+        The exit code: 0 done, 1 the training command failed.
     """
     # The options; those of the settings stay text, which `settings` checks in the words of train.ppo.
     parser = benchmark_parser("training", __doc__)
@@ -131,14 +129,4 @@ def main(arguments: list[str] | None = None) -> int:
     except CommandError as error:
         say(f"python -m benchmarks.training: {error}")
         return 1
-    except KeyboardInterrupt:
-        say("interrupted")
-        return 130
     return 0
-
-
-def run() -> int:
-    """`main` as a process of its own."""
-    # As Ctrl-C: subprocess.run ends the process that it waits for when an exception passes through it.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
-    return main()

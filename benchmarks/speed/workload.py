@@ -10,11 +10,14 @@ import jax
 import jax.numpy as jnp
 
 import medjax
+from medjax.errors import InputError
 from medjax.numerics.memory import check_memory, tree_bytes
+from medjax.scenarios import prepare
 from medjax.wrappers import BatchAutoReset, environment_mesh, on_devices
 
-# What a preset's road holds, about; and the sizes that sweeps go through.
+# What the road of these presets holds, about; and the sizes that sweeps go through.
 PRESET_VEHICLES = 140
+SCALED = ("paper", "realistic")
 ENVS = (64, 256, 1024, 4096, 8192)
 VEHICLES = (64, PRESET_VEHICLES, 256, 512, 1024)
 STATES_AT_ONCE = 2  # at least: a new one beside that of before
@@ -146,8 +149,14 @@ def road_for(num_vehicles: int, scenario: str = "paper") -> dict[str, Any]:
     """Overrides that make the road so long, at the same demand, that it holds about num_vehicles.
 
     Ramps keep their places along it, slots their share of spare ones, and batteries last as far along the road.
+
+    Raises:
+      InputError: a preset whose road holds another number of them, and that has exits, or no room for shorter ways.
     """
-    env, params = medjax.make(scenario)
+    if scenario not in SCALED:
+        allowed = f"allowed {', '.join(SCALED)}, whose road can be longer or shorter"
+        raise InputError(f"--scenario {scenario}: {allowed}")
+    env, params, _ = prepare(scenario)
     scale = num_vehicles / PRESET_VEHICLES
     return {
         "length_m": float(params.road.length_m) * scale,

@@ -30,6 +30,7 @@ from medjax.policies.saved import load_policy
 from medjax.world.params import EnvParams
 from medjax.world.state import IN_SERVICE, EnvState
 from train.evaluation.tables import format_rows
+from train.reporting.figures import new_figure, save
 
 VIEW_M = 400.0
 GAPS_M = np.linspace(
@@ -155,9 +156,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 def draw(path: Path, result: dict[str, Any]) -> None:
     """Both tables as a PNG."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10, 4), layout="constrained")
+    figure = new_figure(10.0, 4.0)
     speed, taken = figure.subplots(1, 2)
     there = np.array(result["decisions"][:-1]) > 0
     gaps, told = np.array(result["gap_m"]), np.array(result["told_m_per_s"])
@@ -171,7 +170,7 @@ def draw(path: Path, result: dict[str, Any]) -> None:
     taken.set(
         xlabel="packs that the EV lacks to its destination", ylabel="share taken", ylim=(0, 1)
     )
-    figure.savefig(path, dpi=110)
+    save(figure, path)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import sys
 from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
@@ -23,8 +24,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import a_path, benchmark_parser, run_command, say
+from medjax.commandline import cannot_write
 from medjax.errors import InputError, shown
-from medjax.files import check_output, write_text
+from medjax.files import check_input, check_output, write_text
 from medjax.policies.given import check_policy
 from medjax.policies.pretrained import PRETRAINED
 from medjax.policies.rules import BASELINES
@@ -46,17 +48,18 @@ def read_board(path: Path) -> dict[str, Any]:
     Raises:
       InputError: no such file, or not a board.
     """
+    check_input("--file", path)
     try:
         board: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         lengths = {len(row["returns"]) for row in board["rows"]}
         names = {row[key] for row in board["rows"] for key in ("name", "policy", "about")}
-        shown_of = {
-            float(row["means"][metric]) for row in board["rows"] for metric in SHOWN.values()
-        }
+        shown_of = [row["means"][metric] for row in board["rows"] for metric in SHOWN.values()]
+        shown_of += [value for row in board["rows"] for value in row["returns"]]
         texts = {board["scenario"], *names}
         sound = all(isinstance(text, str) for text in texts) and lengths <= {board["episodes"]}
         sound = sound and isinstance(board["seed"], int) and all(map(math.isfinite, shown_of))
-    except (OSError, ValueError, KeyError, TypeError):
+        sound = sound and board["episodes"] > 0
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
         sound = False
     if not sound:
         raise InputError(f"--file {path}: allowed a board, such as docs/leaderboard.json")
@@ -106,11 +109,19 @@ def with_row(board: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, Any]
 
 
 def write_board(path: Path, board: Mapping[str, Any]) -> None:
-    """Writes a board, a row a line, so that a new one is a line of a difference."""
+    """Writes a board, a row a line, so that a new one is a line of a difference; see `_write`."""
     head = {key: value for key, value in board.items() if key != "rows"}
     rows = ",\n".join("  " + json.dumps(row) for row in board["rows"])
     text = json.dumps(head, indent=1).removesuffix("\n}")
-    write_text(path, f'{text},\n "rows": [\n{rows}\n ]\n}}\n')
+    _write(path, f'{text},\n "rows": [\n{rows}\n ]\n}}\n')
+
+
+def _write(path: Path, text: str) -> None:
+    """Writes text in full; where that fails, the command ends in a line and exit code 1."""
+    try:
+        write_text(path, text)
+    except OSError as error:
+        sys.exit(cannot_write("python -m benchmarks.leaderboard", path, error))
 
 
 def known_of(board: Mapping[str, Any]) -> dict[str, Any]:
@@ -170,7 +181,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         write_board(options.file, board)
     if options.again and options.file.resolve() == BOARD:
         known = json.dumps(known_of(board), indent=1)
-        write_text(KNOWN / f"{board['scenario']}.json", known + "\n")
+        _write(KNOWN / f"{board['scenario']}.json", known + "\n")
     print(
         f"{board['scenario']}, {board['episodes']} episodes of seed {board['seed']}, the same for all"
     )

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from docs.reproduce.pages import ROOT, Block, all_blocks
 from docs.reproduce.run import Book, in_words
 from docs.reproduce.same import is_commit, keep
-from medjax.commandline import OneLineParser
+from medjax.commandline import OneLineParser, command, leave
 from medjax.errors import shown
 
 QUICK_S = 120
@@ -70,6 +70,7 @@ def keep_same(book: Book, commits: Sequence[str]) -> int:
     return 0
 
 
+@command
 def main(argv: Sequence[str] | None = None) -> int:
     """The command. Returns the exit code: 2 for bad input, 1 where a command failed."""
     parser = build_parser()
@@ -110,4 +111,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

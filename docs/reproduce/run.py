@@ -19,6 +19,7 @@ from train.runs.versions import versions
 
 STAMPS = ROOT / "docs/reproduced.json"
 WORK = ROOT / "build/reproduce"  # where commands run: their runs and files stay there
+PATIENCE_S = 10.0  # with a command that is to end: a training saves first
 
 
 class Book:
@@ -137,18 +138,31 @@ def _printed(block: Block) -> str:
         shutil.rmtree(WORK / directory, ignore_errors=True)
     printed = ""
     for module, *arguments in block.commands:
-        done = subprocess.run(
+        with subprocess.Popen(
             [sys.executable, "-m", module, *arguments],
             cwd=WORK,
             env=os.environ | {"PYTHONPATH": str(ROOT)},
             stdout=subprocess.PIPE,
             text=True,
-            check=False,
-        )
-        if done.returncode:
-            raise RuntimeError(f"{block.name}: {module} ended with exit code {done.returncode}")
-        printed = done.stdout
+        ) as child:
+            try:
+                printed, _ = child.communicate()
+            except KeyboardInterrupt:
+                _end(child)
+                raise
+        if child.returncode:
+            raise RuntimeError(f"{block.name}: {module} ended with exit code {child.returncode}")
     return printed
+
+
+def _end(child: subprocess.Popen[str]) -> None:
+    """Ends a command, and what it has started itself where it has the time for that."""
+    child.terminate()
+    try:
+        child.wait(PATIENCE_S)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        child.wait()
 
 
 def _take(block: Block, file: str, picture: str) -> None:

@@ -22,7 +22,7 @@ from medjax.env.dispatch import action_mask, advance_clocks, dispatch
 from medjax.env.metrics import episode_metrics
 from medjax.env.observation import FlatObservation, Observation, observe
 from medjax.env.reset import initial_state
-from medjax.env.reward import TERMS, Outcome, RewardTerm, total_reward
+from medjax.env.reward import TERMS, Outcome, RewardTerm, check_terms, total_reward
 from medjax.env.spaces import Box, Discrete
 from medjax.env.tick import physics_tick, ways
 from medjax.env.trips import plan_trips
@@ -62,7 +62,7 @@ class ChargingEnv:
       recipe: how `medjax.make` was called; None where it was not.
 
     Raises:
-      InputError: one line, if config is none.
+      InputError: one line, if config is none, or a term is no function.
     """
 
     decisions_per_step = 1
@@ -78,6 +78,7 @@ class ChargingEnv:
         coupling: Coupling = couple,
     ) -> None:
         validate_config(config)
+        check_terms(reward)
         self.config = config
         self.reward = dict(reward)
         self.observation = FlatObservation() if observation is None else observation

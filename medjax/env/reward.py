@@ -8,6 +8,7 @@ your own. Weights are leaves of `EnvParams.reward_weights`, by the same names; t
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -137,6 +138,15 @@ MONEY: Mapping[str, RewardTerm] = {
 
 REWARDS: Mapping[str, Mapping[str, RewardTerm]] = {"paper": TERMS, "money": MONEY}
 """The sets that `medjax.make` knows by name."""
+
+
+def check_terms(reward: Any) -> None:
+    """Refuses (InputError) what are no functions by name."""
+    if not isinstance(reward, Mapping):
+        raise InputError(f"reward = {shown(reward)}: allowed functions by name")
+    for name, term in reward.items():
+        if not isinstance(name, str) or not callable(term):
+            raise InputError(f"reward[{shown(name)}] = {shown(term)}: allowed a function")
 
 
 def total_reward(

@@ -12,6 +12,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from medjax.agents import SPEEDS, agents_of
 from medjax.env.agents.environment import AgentsEnv
@@ -45,6 +46,8 @@ def make_agents(
     Raises:
       InputError: one line; as `medjax.make`, or a speed or credit that is not allowed.
     """
+    if reserved := sorted({"build", "central"} & overrides.keys()):
+        raise InputError(f"unknown option {reserved[0]!r}: allowed those of medjax.make")
     return NamedAgents(*agents_of(name, speeds=speeds, credit=credit, **overrides))
 
 
@@ -201,17 +204,27 @@ class NamedAgents:
             self._known(agent)
         if missing := [agent for agent in self.agents if agent not in actions]:
             raise InputError(f"no action of {missing[0]}: allowed one of each of {self._names()}")
-        checked = {agent: jnp.asarray(actions[agent]) for agent in self.agents}
+        checked = {agent: _as_array(actions[agent]) for agent in self.agents}
         for agent, value in checked.items():
             allowed = f"an integer from 0 to {self.env.num_actions - 1}"
             whole = value.shape in ((), (1,)) and jnp.issubdtype(value.dtype, jnp.integer)
             outside = whole and _is_known(value) and not 0 <= value.item() < self.env.num_actions
             if not whole or outside:
                 raise InputError(f"action of {agent} = {shown(actions[agent])}: allowed {allowed}")
-        return [value.reshape(()) for value in checked.values()]
+        return [jnp.asarray(value).reshape(()) for value in checked.values()]
 
 
-def _is_known(value: jax.Array) -> bool:
+def _as_array(given: Any) -> Any:
+    """An array of JAX as it is, anything else as one of NumPy, which takes all and cuts no number off."""
+    if isinstance(given, jax.Array):
+        return given
+    try:
+        return np.asarray(given)
+    except Exception:  # lists of several lengths, or what a stranger's object raises
+        return np.asarray(None)
+
+
+def _is_known(value: Any) -> bool:
     """Whether it is a number already, and not one of a program that is being traced."""
     return not isinstance(value, jax.core.Tracer)
 

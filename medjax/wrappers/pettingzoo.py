@@ -28,6 +28,7 @@ class ParallelAgents(ParallelEnv):  # type: ignore[misc]
     def __init__(self, env: NamedAgents) -> None:
         self.env, self.possible_agents = env, list(env.agents)
         self.metadata = {"name": f"medjax_{env.name}", "is_parallelizable": True}
+        self.render_mode = None
         self.agents: list[str] = []
         size = env.env.observation_space().shape
         self._box = Box(-BOUND, BOUND, size, np.float32)
@@ -64,18 +65,19 @@ class ParallelAgents(ParallelEnv):  # type: ignore[misc]
           observations, rewards, terminations, truncations, infos, by agent
 
         Raises:
-          gymnasium.error.ResetNeeded: before the first reset.
+          gymnasium.error.ResetNeeded: no episode is under way.
           InputError: as `NamedAgents.step_env`.
         """
         if self._state is None:
-            raise ResetNeeded("step() before reset(): call reset() first")
+            raise ResetNeeded("step() without an episode under way: call reset() first")
         self._key, key = jax.random.split(self._key)
         obs, self._state, rewards, dones, metrics = self.env.step_env(key, self._state, actions)
         over = bool(dones["__all__"])
         ended, cut = dict.fromkeys(self.agents, False), dict.fromkeys(self.agents, over)
         infos = self._infos({name: float(values[0]) for name, values in metrics.items()})
         paid = {agent: float(rewards[agent]) for agent in self.agents}
-        self.agents = [] if over else self.agents
+        if over:
+            self.agents, self._state = [], None
         return _own(obs), paid, ended, cut, infos
 
     def _infos(self, metrics: dict[str, float]) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """What becomes of what a benchmark measures, whichever it is."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -64,6 +65,26 @@ def test_a_file_that_cannot_be_written_in_the_end_is_one_line(tmp_path, capsys):
     assert end.value.code == 1
     line = f"cannot write {folder / 'out.json'}: No such file or directory"
     assert capsys.readouterr().err == f"python -m benchmarks.example: {line}\n"
+
+
+def test_a_train_of_ones_own_is_not_run(tmp_path):
+    """Python looks into the current folder first; with -P it does not."""
+    (tmp_path / "train.py").write_text("print('mine')")
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    words = ["-m", "benchmarks.leaderboard", "--help"]
+
+    def run(*options):
+        command = [sys.executable, *options, *words]
+        return subprocess.run(
+            command, capture_output=True, text=True, cwd=tmp_path, env=environment
+        )
+
+    ended = run()
+    assert (ended.returncode, ended.stdout) == (2, "")
+    remedy = "allowed in another folder, or as python -P -m benchmarks.leaderboard"
+    said = f"train is {tmp_path / 'train.py'} here: {remedy}"
+    assert ended.stderr == f"python -m benchmarks.leaderboard: {said}\n"
+    assert run("-P").returncode == 0
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])

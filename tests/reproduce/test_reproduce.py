@@ -1,7 +1,9 @@
 """What the pages print: their commands parse, and what `python -m docs.reproduce` writes goes where it belongs."""
 
+import os
 import re
 import runpy
+import signal
 import sys
 import warnings
 
@@ -168,6 +170,30 @@ def test_training_comes_before_what_plays_it(book, monkeypatch):
     assert book.order([learn, count], again=True) == [learn, count]
     assert not book.run(count)
     assert book.seconds(learn) < 60
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_signal_ends_the_command_that_is_under_way(name, book, monkeypatch, capsys):
+    """In a line, and with its exit code; here the command itself sends it."""
+    number, started = getattr(signal, name), run.WORK / "started"
+    slow = (
+        "import os, time; "
+        f"open({str(started)!r}, 'w').write(str(os.getpid())); "
+        f"os.kill(os.getppid(), {int(number)}); time.sleep(600)"
+    )
+    words = ("timeit", "-n1", "-r1", slow)
+    block = Block("slow", book.blocks["count"].page, 1, (words,))
+    monkeypatch.setattr(command, "all_blocks", lambda: {"slow": block})
+    monkeypatch.setattr(command, "ROOT", run.ROOT)
+    monkeypatch.setattr(run, "digest", lambda words, modules: "of these files")
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        assert command.main(["slow"]) == 128 + number
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert capsys.readouterr().err == "interrupted\n"
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(started.read_text()), 0)
 
 
 def test_an_older_block_is_known_by_its_files(book, monkeypatch):

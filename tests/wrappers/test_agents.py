@@ -88,6 +88,17 @@ def test_it_batches(named):
             "action of med_2 = 0.5: allowed an integer from",
         ),
         (lambda actions: actions | {"med_0": [0, 1]}, "action of med_0 = [0, 1]: allowed an"),
+        (lambda actions: actions | {"med_0": "a"}, "action of med_0 = 'a': allowed an integer"),
+        (lambda actions: actions | {"med_0": object()}, "action of med_0 = <object object at"),
+        (lambda actions: actions | {"med_0": None}, "action of med_0 = None: allowed an integer"),
+        (lambda actions: actions | {"med_0": 2**40}, "action of med_0 = 1099511627776: allowed an"),
+        (
+            lambda actions: actions | {"med_0": np.int64(2**40)},
+            "1099511627776): allowed an integer",
+        ),
+        (lambda actions: actions | {"med_0": 10**5000}, "action of med_0 = something of type int"),
+        (lambda actions: actions | {"med_0": [[1], [1, 2]]}, "action of med_0 = [[1], [1, 2]]: "),
+        (lambda actions: actions | {"med_0": {}}, "action of med_0 = {}: allowed an integer"),
         (lambda actions: 3, "actions = 3: allowed an integer by agent"),
     ],
 )
@@ -111,6 +122,8 @@ def test_bad_actions_are_refused_in_a_line(named, change, words):
         ({"credit": "mine"}, "credit = 'mine': allowed team, own"),
         ({"size": 99}, "99: allowed"),
         ({"colour": 1}, "unknown option 'colour'"),
+        ({"build": 1}, "unknown option 'build': allowed those of medjax.make"),
+        ({"central": True}, "unknown option 'central': allowed those of medjax.make"),
     ],
 )
 def test_bad_options_are_refused_in_a_line(given, words):

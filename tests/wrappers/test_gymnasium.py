@@ -130,8 +130,9 @@ def test_masks_forbid_what_the_cooldown_forbids(env):
 
 def test_environments_built_alike_share_their_programs(env):
     other = gymnasium.make(ENV_ID, **SMALL, cooldown_s=30.0)
-    assert other.unwrapped.simulator is env.unwrapped.simulator
+    assert other.unwrapped._program is env.unwrapped._program
     assert float(other.unwrapped.params.fleet.cooldown_s) == 30.0
+    assert other.unwrapped.simulator.recipe.overrides["cooldown_s"] == 30.0
 
 
 @pytest.mark.parametrize("observation", ["flat", "profile"])

@@ -12,6 +12,7 @@ from medjax.errors import InputError
 pytest.importorskip("pettingzoo", reason='pip install "pettingzoo>=1.25"')
 
 from pettingzoo.test import parallel_api_test, parallel_seed_test
+from pettingzoo.utils import parallel_to_aec
 
 from medjax.wrappers.pettingzoo import ParallelAgents
 
@@ -70,6 +71,17 @@ def test_an_episode_is_truncated_for_all(named):
         assert set(cut.values()) == {number == 2}
     assert env.agents == []
     assert infos["med_1"]["metrics"]["collisions"] == 0.0
+    for late in ({}, dict.fromkeys(env.possible_agents, 0)):
+        with pytest.raises(ResetNeeded):
+            env.step(late)
+    env.reset()
+    env.step(dict.fromkeys(env.agents, 0))
+
+
+def test_it_converts_to_a_turn_for_each(named, caplog):
+    """PettingZoo's other API asks how it renders: it does not."""
+    assert parallel_to_aec(ParallelAgents(named)).render_mode is None
+    assert not caplog.records
 
 
 def test_bad_actions_are_refused(named):

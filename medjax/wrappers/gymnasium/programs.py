@@ -3,8 +3,9 @@
 Both split keys as `BatchAutoReset` does, so that one seed starts the same episode in either.
 """
 
+import dataclasses
 import functools
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -13,6 +14,7 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from gymnasium.spaces import Box, Discrete
 
+from medjax.env.charging_env import ChargingEnv
 from medjax.env.contract import Environment
 from medjax.env.wrapper import check_environment, whole_number_of
 from medjax.errors import InputError
@@ -29,7 +31,7 @@ BOUND = 1e6
 
 REPORTED = ("action_mask", "metrics", "reward_terms")
 
-_SHARED: dict[Any, Environment] = {}
+_FIRST: dict[Any, Environment] = {}
 
 
 def chosen(
@@ -40,8 +42,6 @@ def chosen(
     overrides: Mapping[str, Any],
 ) -> tuple[Environment, Any]:
     """The environment that is given, or else the one that is to be made, and its parameters.
-
-    Of environments that are made alike there is one: they share their compiled programs.
 
     Raises:
       InputError: both, or an environment without parameters; or as `medjax.make` and `DecideEvery`.
@@ -61,11 +61,20 @@ def _named(
         return env, params
     if params is not None:
         raise InputError("params without env: allowed options of medjax.make by name")
-    made, params = make("paper" if scenario is None else scenario, **overrides)
-    own = made.observation, made.following, made.coupling
-    kind = (made.config, tuple(made.reward.items()), made.name, *own)
-    shared = all(isinstance(part, Hashable) for part in own)
-    return (_SHARED.setdefault(kind, made) if shared else made), params
+    return make("paper" if scenario is None else scenario, **overrides)
+
+
+def alike(env: Environment) -> Environment:
+    """The first of the environments that differ in nothing but their numbers: one program serves all of them."""
+    if type(env) is DecideEvery:
+        return dataclasses.replace(env, env=alike(env.env))
+    if type(env) is not ChargingEnv:
+        return env
+    own = env.observation, env.following, env.coupling, env.probe
+    try:
+        return _FIRST.setdefault((env.config, *env.reward.items(), env.name, *own), env)
+    except TypeError:  # something of one's own has no hash
+        return env
 
 
 def spaces_of(env: Environment, params: Any) -> tuple[Box, Discrete]:

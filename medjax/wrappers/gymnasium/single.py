@@ -49,6 +49,7 @@ class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
         self.simulator, self.params = programs.chosen(
             scenario, env, params, decide_every, overrides
         )
+        self._program = programs.alike(self.simulator)
         self.observation_space, self.action_space = programs.spaces_of(self.simulator, self.params)
         self.render_mode = render_mode
         self._key: jax.Array | None = None
@@ -69,7 +70,7 @@ class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
         """
         super().reset(seed=seed)
         key = programs.as_keys(programs.draw_words(self.np_random))
-        self._key, self._state, result = programs.reset_one(self.simulator, key, self.params)
+        self._key, self._state, result = programs.reset_one(self._program, key, self.params)
         obs, info = programs.to_numpy(result)
         self._show()
         return obs, info
@@ -83,7 +84,7 @@ class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
         if self._key is None:
             raise ResetNeeded("step() before reset(): call reset() first")
         self._key, self._state, result = programs.step_one(
-            self.simulator, self._key, self._state, np.int32(action), self.params
+            self._program, self._key, self._state, np.int32(action), self.params
         )
         obs, reward, terminated, truncated, info = programs.to_numpy(result)
         self._show()
@@ -93,7 +94,7 @@ class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
         """Allowed actions, `(num_actions,)` bool, by the name that sb3-contrib asks for."""
         if self._state is None:
             raise ResetNeeded("action_masks() before reset(): call reset() first")
-        return np.array(programs.mask_one(self.simulator, self._state, self.params))
+        return np.array(programs.mask_one(self._program, self._state, self.params))
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
         """The road as `(H, W, 3)` uint8 where render_mode is "rgb_array"; "human" shows it in a window.

@@ -57,6 +57,7 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.simulator, self.params = programs.chosen(
             scenario, env, params, decide_every, overrides
         )
+        self._program = programs.alike(self.simulator)
         spaces = programs.spaces_of(self.simulator, self.params)
         self.single_observation_space, self.single_action_space = spaces
         self.observation_space, self.action_space = (batch_space(s, num_envs) for s in spaces)
@@ -91,7 +92,7 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             if own is not None:
                 self._generators[number] = seeding.np_random(own)[0]
         keys = programs.as_keys(np.stack([*map(programs.draw_words, self._generators)]))
-        self._keys, self._state, result = programs.reset_all(self.simulator, keys, self.params)
+        self._keys, self._state, result = programs.reset_all(self._program, keys, self.params)
         obs, info = programs.to_numpy(result)
         self._masks = info["action_mask"]
         return obs, _with_masks(info, np.ones(self.num_envs, bool))
@@ -107,7 +108,7 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._keys is None:
             raise ResetNeeded("step() before reset(): call reset() first")
         self._keys, self._state, result, final_obs = programs.step_all(
-            self.simulator, self._keys, self._state, np.asarray(actions, np.int32), self.params
+            self._program, self._keys, self._state, np.asarray(actions, np.int32), self.params
         )
         obs, reward, terminated, truncated, mask, info = programs.to_numpy(result)
         self._masks, done = mask, terminated | truncated

@@ -11,7 +11,8 @@ import pytest
 import medjax
 from benchmarks.speed import scaling, throughput
 from benchmarks.speed.stages import STAGES, instruction_stages, stage_of, stage_times
-from benchmarks.speed.workload import Measurement, Workload, road_for
+from benchmarks.speed.workload import SCALED, VEHICLES, Measurement, Workload, road_for
+from medjax.scenarios import prepare
 from tests.benchmarks.refusal import refused
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -95,11 +96,23 @@ def test_json_is_what_the_contract_says(tmp_path, capsys):
         (["--sweep", "lanes"], "lanes"),
         (["--num-devices", "99"], "num_devices is 99"),
         (["--num-envs", "10000000"], "10000000 environments: about"),
+        (["--sweep", "vehicles", "--scenario", "corridor"], "--scenario corridor: allowed paper"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(argv, word, capsys):
     """Before anything is compiled."""
     assert word in refused(throughput.main, argv, capsys)
+
+
+def test_scaling_refuses_a_road_before_its_first_table(capsys):
+    said = refused(scaling.main, ["--scenario", "long"], capsys)
+    assert "--scenario long: allowed paper, realistic" in said
+
+
+@pytest.mark.parametrize("scenario", SCALED)
+def test_roads_of_all_sizes_are_allowed(scenario):
+    for count in VEHICLES:
+        prepare(scenario, **road_for(count, scenario))
 
 
 def test_spread_is_of_costs():

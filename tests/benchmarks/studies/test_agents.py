@@ -1,5 +1,8 @@
 """What agents are seen to do, with policies of which it is known."""
 
+import errno
+from pathlib import Path
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -62,6 +65,32 @@ def test_what_they_are_told_is_what_is_seen(named, speed, accept):
     )
     assert seen.asked.sum() > 0
     np.testing.assert_array_equal(seen.taken, accept * seen.asked)
+
+
+def test_a_picture_is_written_in_full_or_not_at_all(tmp_path, monkeypatch):
+    """As on a full disk, and over one that is there."""
+    result = {
+        "speeds": [14.0, 22.0],
+        "gap_m": [-25.0, 25.0],
+        "decisions": [1.0, 0.0, 2.0],
+        "told_m_per_s": [14.0, 0.0, 22.0],
+        "lacks_packs": ["nothing", "over 1"],
+        "taken_share": [0.5, 1.0],
+    }
+    path = tmp_path / "agents.png"
+    agents.draw(path, result)
+    before = path.read_bytes()
+    assert before.startswith(b"\x89PNG")
+
+    def full(self, file, **_):
+        Path(file).write_bytes(b"half")
+        raise OSError(errno.ENOSPC, "full")
+
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", full)
+    with pytest.raises(OSError, match="full"):
+        agents.draw(path, result)
+    assert [file.name for file in tmp_path.iterdir()] == ["agents.png"]
+    assert path.read_bytes() == before
 
 
 def test_bad_input_is_one_line(tmp_path, capsys):

@@ -1,6 +1,8 @@
 """The leaderboard: what it says of returns that are known, what it keeps, and what it refuses."""
 
+import errno
 import json
+import os
 from types import SimpleNamespace
 
 import numpy as np
@@ -122,9 +124,41 @@ def test_bad_input_is_refused_and_the_board_kept(tmp_path, capsys, given, word):
         json.dumps({**board(row("a", [1.0])), "episodes": 2}),
         json.dumps({**board(), "seed": None}),
         json.dumps(board({"returns": [0.0] * 64})),
+        json.dumps({**board(), "episodes": 0}),
+        "[" * 100_000,
+        json.dumps(board(row("a", ["x"] * 64))),
+        json.dumps(board(row("a", [float("nan")] * 64))),
+        json.dumps(board(row("a", [10**400] * 64))),
     ],
+    ids=range(11),
 )
 def test_what_is_no_board_is_refused(tmp_path, capsys, text):
     path = tmp_path / "board.json"
     path.write_text(text)
     assert "board.json" in refused(main, ["--file", str(path)], capsys)
+
+
+def test_what_is_no_file_is_refused(tmp_path, capsys):
+    """Reading a pipe would wait until somebody writes to it."""
+    path = tmp_path / "board.json"
+    os.mkfifo(path)
+    assert "board.json: is no file" in refused(main, ["--file", str(path)], capsys)
+
+
+def test_a_board_that_cannot_be_written_ends_it_in_a_line(tmp_path, monkeypatch, capsys):
+    """As on a full disk, with exit code 1; the board is as it was."""
+    path = tmp_path / "board.json"
+    write_board(path, board(row("none", NOISE)))
+    before = path.read_bytes()
+
+    def full(path, text):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(leaderboard, "play", lambda board, name, policy, about: row(name, NOISE))
+    monkeypatch.setattr(leaderboard, "write_text", full)
+    with pytest.raises(SystemExit) as end:
+        main(["--file", str(path), "--add", "mine", "--policy", "none"])
+    assert end.value.code == 1
+    said = f"python -m benchmarks.leaderboard: cannot write {path}: No space left on device\n"
+    assert capsys.readouterr().err == said
+    assert path.read_bytes() == before
