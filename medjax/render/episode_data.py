@@ -12,10 +12,11 @@ from medjax.episodes.recording import Recording
 from medjax.render.camera import AUTO, camera_path
 from medjax.render.layout import EXAGGERATION
 from medjax.render.packing import Packer
+from medjax.render.roadway import Roadway
 from medjax.render.scene import Timeline
 from medjax.traffic.road import lateral_position
 from medjax.world.kinds import HUMAN_EV, KINDS
-from medjax.world.params import PANELS
+from medjax.world.params import PANELS, EnvParams
 from medjax.world.state import IN_SERVICE, LEAVING, STATUS_NAMES
 
 
@@ -47,17 +48,7 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
         "fleet": int(params.fleet.size),
         "evKwh": float(params.ev_capacity_j) / JOULES_PER_KWH,
         "medKwh": float(params.med_capacity_j) / JOULES_PER_KWH,
-        "road": {
-            "length": road.length_m,
-            "lanes": road.num_lanes,
-            "laneWidth": road.lane_width_m,
-            "ramps": road.ramp_x_m,
-            "exits": np.asarray(params.road.exit_x_m, float).tolist(),
-            "exitLane": float(params.road.exit_lane_m),
-            "mergeLength": road.acceleration_lane_m,
-            "shoulder": road.shoulder_m,
-            "exaggeration": EXAGGERATION,
-        },
+        "road": _road(road, params),
         "kinds": bodies,
         "slotBody": bodies[HUMAN_EV],
         "statuses": STATUS_NAMES,
@@ -82,6 +73,21 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
         "arrays": packer.index,
     }
     return meta, packer.text()
+
+
+def _road(road: Roadway, params: EnvParams) -> dict[str, Any]:
+    """What does not move, m."""
+    return {
+        "length": road.length_m,
+        "lanes": road.num_lanes,
+        "laneWidth": road.lane_width_m,
+        "ramps": road.ramp_x_m,
+        "exits": np.asarray(params.road.exit_x_m, float).tolist(),
+        "exitLane": float(params.road.exit_lane_m),
+        "mergeLength": road.acceleration_lane_m,
+        "shoulder": road.shoulder_m,
+        "exaggeration": EXAGGERATION,
+    }
 
 
 def _add_frames(packer: Packer, timeline: Timeline) -> None:
