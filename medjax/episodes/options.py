@@ -24,6 +24,7 @@ from medjax.world.params import EnvParams
 BYTES_OF_A_SLOT = 150  # of a frame: on the device, on the host, in the order of time, and as rows
 RULE = "forecast"  # unless another policy is asked for
 POLICY = "policy.zip"  # file of a trained policy in the directory of a run
+EVALUATION = "evaluation.json"  # and that of its closing evaluation, where there was one
 
 
 def add_episode_options(group: Any) -> None:
@@ -56,6 +57,7 @@ class EpisodeRequest:
     seed: int
     episode: int
     force: bool = False  # whatever memory it takes
+    evaluation: Path | None = None  # of the run whose policy is played as it was trained
 
     def prepared(self) -> tuple[ChargingEnv, EnvParams]:
         """The environment and its numbers as `policies` makes them, but for the coils; nothing is compiled.
@@ -99,14 +101,11 @@ class EpisodeRequest:
         slots = decisions * config.ticks_per_decision * config.num_vehicles * len(chosen)
         what = f"an episode of {decisions} decisions with {config.num_vehicles} vehicles"
         check_memory(what, slots * BYTES_OF_A_SLOT, self.force)
-        recordings = []
-        for name, policy in chosen.items():
-            if sys.stderr.isatty():
-                print(f"compiling and playing an episode with {name} ...", file=sys.stderr)
-            recordings.append(
-                record_episode(env, params, policy, name=name, seed=self.seed, episode=self.episode)
-            )
-        return recordings
+        print(f"compiling and playing an episode with {' and '.join(chosen)} ...", file=sys.stderr)
+        return [
+            record_episode(env, params, policy, name=name, seed=self.seed, episode=self.episode)
+            for name, policy in chosen.items()
+        ]
 
     def record_pieces(
         self, env: ChargingEnv, params: EnvParams, chosen: Mapping[str, Policy]
@@ -136,15 +135,18 @@ def requested_episode(given: argparse.Namespace) -> EpisodeRequest:
         check_policy(policy)
         if compare == policy:
             raise InputError(f"--compare {compare}: allowed another one than --policy")
+    overrides, file = parse_overrides(given.overrides), _file(given.run_dir, policy)
+    as_trained = given.run_dir is not None and given.scenario is None and not overrides
     return EpisodeRequest(
-        file=_file(given.run_dir, policy),
+        file=file,
         policy=policy,
         compare=compare,
         scenario=given.scenario,
-        overrides=parse_overrides(given.overrides),
+        overrides=overrides,
         seed=whole_number("--seed", given.seed),
         episode=whole_number("--episode", given.episode),
         force=getattr(given, "force", False),
+        evaluation=file.with_name(EVALUATION) if file and as_trained else None,
     )
 
 

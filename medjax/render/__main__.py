@@ -7,6 +7,7 @@ import argparse
 import dataclasses
 import importlib.util
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ from medjax.render.camera import AUTO, FORMS, Shot, as_number, check_follow
 from medjax.render.grid import pick, write_grid
 from medjax.render.layout import check_size
 from medjax.render.player import write_player
-from medjax.render.story import known_evaluation, read_evaluation
+from medjax.render.story import known_evaluation, own_evaluation, read_evaluation
 from medjax.world.params import EnvParams
 
 PROG = "python -m medjax.render"
@@ -61,7 +62,7 @@ def build_parser() -> OneLineParser:
     play.add_argument("--compare", metavar="NAME", help=compare)
     evaluation = (
         "what train.evaluate --json wrote: its means stand beside the episode's numbers; .html "
-        "(default: those known of a preset as it is)"
+        "(default: those of the run, or known of a preset, as it is)"
     )
     play.add_argument("--evaluation", metavar="FILE.json", help=evaluation)
     play.add_argument("--force", action="store_true", help="begin although memory is not there")
@@ -150,10 +151,12 @@ def _request(given: argparse.Namespace) -> Request:
 def _evaluation(
     request: Request, env: ChargingEnv, policies: Sequence[str]
 ) -> dict[str, Any] | None:
-    """The one that was given, or what is known of a preset that nothing was changed of."""
+    """The one that was given, a run's own, or what is known of a preset; of a world that nothing was changed of."""
     if request.evaluation or request.out.suffix != ".html":
         return request.evaluation
     played = request.played
+    if played.evaluation is not None:
+        return own_evaluation(played.evaluation, env.name, policies[0])
     changed = played.overrides or played.file
     return None if changed else known_evaluation(env.name, policies)
 
@@ -195,6 +198,7 @@ def _write_grid(
     """Plays all episodes with the first policy, then three of them again with all, and writes these."""
     first = next(iter(chosen))
     played = {first: chosen[first]}
+    print(f"compiling and playing {request.grid} episodes with {first} ...", file=sys.stderr)
     scores = evaluate_policies(env, params, played, request.grid, request.played.seed)
     returns = np.asarray(scores[first]["return"])
     shown = {

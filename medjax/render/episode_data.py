@@ -12,11 +12,12 @@ from medjax.episodes.recording import Recording
 from medjax.render.camera import AUTO, camera_path
 from medjax.render.layout import EXAGGERATION
 from medjax.render.packing import Packer
+from medjax.render.roadway import Roadway
 from medjax.render.scene import Timeline
 from medjax.traffic.road import lateral_position
 from medjax.world.kinds import HUMAN_EV, KINDS
-from medjax.world.params import PANELS
-from medjax.world.state import IN_SERVICE, STATUS_NAMES
+from medjax.world.params import PANELS, EnvParams
+from medjax.world.state import IN_SERVICE, LEAVING, STATUS_NAMES
 
 
 def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
@@ -47,19 +48,16 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
         "fleet": int(params.fleet.size),
         "evKwh": float(params.ev_capacity_j) / JOULES_PER_KWH,
         "medKwh": float(params.med_capacity_j) / JOULES_PER_KWH,
-        "road": {
-            "length": road.length_m,
-            "lanes": road.num_lanes,
-            "laneWidth": road.lane_width_m,
-            "ramps": road.ramp_x_m,
-            "mergeLength": road.acceleration_lane_m,
-            "shoulder": road.shoulder_m,
-            "exaggeration": EXAGGERATION,
-        },
+        "road": _road(road, params),
         "kinds": bodies,
         "slotBody": bodies[HUMAN_EV],
         "statuses": STATUS_NAMES,
         "inService": IN_SERVICE,
+        "leaving": LEAVING,
+        "fleetOrder": {
+            "speed": float(params.fleet.service_speed),
+            "lane": int(params.fleet.service_lane),
+        },
         "actions": action_names(config, params),
         "panels": PANELS,
         "slots": road.slots_m,
@@ -75,6 +73,21 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
         "arrays": packer.index,
     }
     return meta, packer.text()
+
+
+def _road(road: Roadway, params: EnvParams) -> dict[str, Any]:
+    """What does not move, m."""
+    return {
+        "length": road.length_m,
+        "lanes": road.num_lanes,
+        "laneWidth": road.lane_width_m,
+        "ramps": road.ramp_x_m,
+        "exits": np.asarray(params.road.exit_x_m, float).tolist(),
+        "exitLane": float(params.road.exit_lane_m),
+        "mergeLength": road.acceleration_lane_m,
+        "shoulder": road.shoulder_m,
+        "exaggeration": EXAGGERATION,
+    }
 
 
 def _add_frames(packer: Packer, timeline: Timeline) -> None:
@@ -95,7 +108,7 @@ def _add_frames(packer: Packer, timeline: Timeline) -> None:
     packer.add("medSpeedTold", frames.med_service_speed.T, 0.1)
     packer.add("medLaneTold", frames.med_service_lane.T)
     packer.add("medAccepts", frames.med_accepts.T)
-    packer.add("camera", camera_path(timeline, AUTO)[None], 0.1, 2)
+    packer.add("camera", camera_path(timeline, AUTO)[None], 0.01, 2)
 
 
 def _add_decisions(packer: Packer, recording: Recording) -> None:

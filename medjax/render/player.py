@@ -21,7 +21,7 @@ from medjax.render.story import ending, first_charge_s, means, verdict, words_fo
 
 # In the order in which they build on each other.
 SCRIPTS = (
-    "packing theme episode colours road bodies charts vehicle dispatch events ways clock story "
+    "packing theme episode colours things road bodies charts vehicle dispatch events ways clock story "
     "player pointer input"
 )
 

@@ -23,7 +23,7 @@ LEARNED = {
 }
 BEFORE_S = 3.0  # the first charge
 KNOWN = Path(__file__).parent / "known"  # evaluations of presets, by their names
-PRICED = "Time lost, electricity, MEDs with drivers, tows and charging stops, at prices of 2023"
+PRICED = "time lost, electricity, MEDs with drivers, tows and charging stops, at prices of 2023"
 
 
 class Line(NamedTuple):
@@ -70,7 +70,7 @@ LINES = (
         1,
         1,
         lambda metrics: metrics["return_mean"],
-        "The reward that policies learn from",
+        "the reward that policies learn from",
     ),
 )
 NAMES = (  # of the metrics that these are made of
@@ -160,6 +160,15 @@ def known_evaluation(scenario: str, policies: Sequence[str]) -> dict[str, Any] |
     return found if all(name in found["policies"] for name in policies) else None
 
 
+def own_evaluation(path: Path, scenario: str, policy: str) -> dict[str, Any] | None:
+    """What a run's closing evaluation found; None where there was none, or none that tells of this policy."""
+    try:
+        found = read_evaluation(path)
+    except InputError:  # nobody has asked for it
+        return None
+    return found if found["scenario"] == scenario and policy in found["policies"] else None
+
+
 def read_evaluation(path: Path) -> dict[str, Any]:
     """What `python -m train.evaluate --json` wrote.
 
@@ -175,7 +184,7 @@ def read_evaluation(path: Path) -> dict[str, Any]:
             if len(ends) != 2 or not all(isinstance(number, int | float) for number in numbers):
                 raise TypeError
         sound = isinstance(found["episodes"], int) and isinstance(found["scenario"], str)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         sound = False
     if not sound:
         raise InputError(f"--evaluation {path}: allowed a file that train.evaluate --json wrote")

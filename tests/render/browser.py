@@ -46,10 +46,11 @@ def seconds(page):
 
 
 def settle(page):
-    """Waits until what was asked for is drawn."""
+    """Waits until what was asked for is drawn, and cameras have come to where they glide."""
     page.evaluate(
         "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
     )
+    until(page, "medjaxPlayer.views.every(({ behind }) => behind === 0)")
 
 
 def facts(page):

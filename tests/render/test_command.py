@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib.util
+import json
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,6 +15,7 @@ import medjax
 from medjax.policies.about import About
 from medjax.policies.saved import save_policy
 from medjax.render.__main__ import _evaluation, _request, build_parser, main
+from medjax.render.story import NAMES
 from tests.benchmarks.refusal import refused
 from tests.render.test_player import contents
 
@@ -139,11 +141,12 @@ def test_writes_the_file_and_says_so(argv, capsys, played):
     unit = {"kB": 1e3, "MB": 1e6}[unit]
     assert float(size) > 0.0
     assert float(size) * unit == pytest.approx(Path(argv[1]).stat().st_size, abs=0.06 * unit)
-    assert err == ""  # no bar: this is no terminal
+    # No bar, for this is no terminal; but who waits knows for what.
+    assert err == "compiling and playing an episode with periodic ...\n"
     assert [path.name for path in Path().iterdir()] == [argv[1]]
 
 
-def test_a_grid_shows_the_best_the_median_and_the_worst(monkeypatch, recording, browser):
+def test_a_grid_shows_the_best_the_median_and_the_worst(monkeypatch, recording, browser, capsys):
     """Of returns that are known; three players in one page."""
     returns = np.array([3.0, -7.0, 12.0, 5.0, 4.0])
     asked = []
@@ -160,6 +163,8 @@ def test_a_grid_shows_the_best_the_median_and_the_worst(monkeypatch, recording, 
     argv = ["--policy", "periodic", "--grid", "5", "--seed", "9", "--out", "a.html"]
     assert main(argv) == 0
     assert asked == [(["periodic"], 5, 9)]
+    err = capsys.readouterr().err
+    assert err.startswith("compiling and playing 5 episodes with periodic ...\n")
     page = browser.new_page()
     page.goto(Path("a.html").absolute().as_uri())
     titles = page.locator("h2").all_inner_texts()
@@ -187,6 +192,31 @@ def test_a_preset_as_it_is_has_known_means(argv, known):
     request = _request(given)
     found = _evaluation(request, SimpleNamespace(name="paper"), [request.played.policy, "none"])
     assert (found is not None) == known
+
+
+@pytest.mark.parametrize(
+    ("argv", "world", "known"),
+    [
+        ([], "paper", True),
+        (["--set", "cooldown_s=30"], "paper", False),
+        (["--scenario", "paper"], "paper", False),
+        ([], "corridor", False),
+    ],
+)
+def test_a_run_that_is_played_as_it_was_trained_has_its_own_means(argv, world, known):
+    """Those of its closing evaluation; one that is broken, or of something else, is nobody's fault."""
+    Path("run").mkdir()
+    Path("run/policy.zip").write_bytes(b"")
+    entry = {**dict.fromkeys(NAMES, 1.5), "return_ci95": [3.0, 11.5]}
+    found = {"scenario": world, "episodes": 7, "policies": {"ppo": entry}}
+    Path("run/evaluation.json").write_text(json.dumps(found))
+    given = ["--run-dir", "run", "--out", "a.html", *argv]
+    request = _request(build_parser().parse_args(given))
+    expected = found if known else None
+    assert _evaluation(request, SimpleNamespace(name="paper"), ["ppo"]) == expected
+    assert _evaluation(request, SimpleNamespace(name="paper"), ["ippo"]) is None
+    Path("run/evaluation.json").write_text("{")
+    assert _evaluation(request, SimpleNamespace(name="paper"), ["ppo"]) is None
 
 
 def test_a_vehicle_that_never_came_is_one_line(capsys, played):

@@ -98,7 +98,13 @@ def test_what_is_not_known_is_not_shown():
 
 def test_an_evaluation_of_something_else_is_refused(recording, tmp_path):
     path = tmp_path / "evaluation.json"
-    for text in ("", "{}", "[1]", json.dumps({"policies": {"a": {}}, "episodes": 1})):
+    for text in (
+        "",
+        "{}",
+        "[1]",
+        "[" * 200_000,
+        json.dumps({"policies": {"a": {}}, "episodes": 1}),
+    ):
         path.write_text(text)
         with pytest.raises(InputError, match="--evaluation"):
             read_evaluation(path)

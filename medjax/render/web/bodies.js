@@ -1,4 +1,5 @@
-const TRAIL_S = 10;
+const TRAIL_S = 2;
+const LONG_TRAIL_S = 10; // of the selected vehicle
 const LEAST_PX = 9; // length of a body that is worth a text
 const FAR = [
   { least: 9, share: 1.0 },
@@ -64,15 +65,14 @@ function drawFar(context, view, episode, theme, selected) {
   drawRanOut(context, view, episode, theme, 4);
 }
 
-/** Free slots, links, and vehicles with their charge. */
+/** Slots, ways, links, and vehicles with their charge. */
 function drawClose(context, view, episode, theme, selected) {
-  const booked = episode.booked(episode.frame);
-  if (selected) drawTrail(context, view, episode, theme, selected);
-  drawFreeSlots(context, view, episode, theme, booked);
-  booked.sort((a, b) => a.charging - b.charging); // solid over dashed
-  for (const link of booked) {
-    if (episode.present[link.med] >= 0) drawLink(context, view, episode, theme, link);
-  }
+  const slots = episode.slots();
+  const waits = slots.filter(({ link }) => link && !link.charging);
+  drawTrails(context, view, episode, theme, selected, waits);
+  drawSlots(context, view, episode, theme, selected, slots);
+  drawBookings(context, view, episode, theme, waits);
+  for (const { link } of slots) if (link?.charging) drawBoom(context, view, episode, theme, link);
   for (let slot = episode.meta.numVehicles - 1; slot >= 0; slot -= 1) {
     if (episode.present[slot] < 0) continue;
     const body = bodyOf(view, episode, slot);
@@ -91,51 +91,76 @@ function drawClose(context, view, episode, theme, selected) {
   drawRanOut(context, view, episode, theme, 7);
 }
 
-/** The way of the selected vehicle in the last seconds, and the slot that it has booked. */
-function drawTrail(context, view, episode, theme, track) {
-  const { tables, frame, meta } = episode;
-  const first = Math.max(track.first, frame - TRAIL_S / meta.tickSeconds);
-  context.strokeStyle = theme.accent;
+/** The ways of the last seconds: of MEDs and EVs that make for a slot pale and short, of the selected vehicle long. */
+function drawTrails(context, view, episode, theme, selected, waits) {
+  const meds = Array.from({ length: episode.meta.numMeds }, (_, med) => med);
+  const tracksOf = (slots) => slots.map((slot) => episode.tracks[episode.present[slot]]).filter(Boolean);
   context.lineWidth = 2;
-  context.setLineDash([2, 4]);
+  context.setLineDash([2, 4]); // what is solid charges
+  context.globalAlpha = 0.6;
+  context.strokeStyle = theme.med;
+  traceWays(context, view, episode, tracksOf(meds), TRAIL_S);
+  context.strokeStyle = theme.ink;
+  traceWays(context, view, episode, tracksOf(waits.map(({ link }) => link.slot)), TRAIL_S);
+  context.globalAlpha = 1;
+  context.strokeStyle = theme.accent;
+  if (selected) traceWays(context, view, episode, [selected], LONG_TRAIL_S);
+  context.setLineDash([]);
+}
+
+/** Lines where tracks were in the last seconds, as far as they are in the picture. */
+function traceWays(context, view, episode, tracks, seconds) {
+  const { tickSeconds } = episode.meta;
   context.beginPath();
-  for (let then = first; then <= Math.min(frame, track.last); then += 1) {
-    context.lineTo(view.px(tables.x.at(track.slot, then)), view.py(tables.y.at(track.slot, then)));
+  for (const track of tracks) {
+    const place = (tick) => {
+      const [x, y] = episode.placeAt(track, tick);
+      return [view.px(x), view.py(y)];
+    };
+    const last = Math.min(episode.looked / tickSeconds, track.last);
+    const first = Math.max(track.first, last - seconds / tickSeconds);
+    if (first >= last || place(last)[0] < view.left || place(first)[0] > view.right) continue;
+    context.moveTo(...place(first));
+    for (let tick = Math.floor(first) + 1; tick < last; tick += 1) context.lineTo(...place(tick));
+    context.lineTo(...place(last));
+  }
+  context.stroke();
+}
+
+/** Outlines: of free slots dashed, of booked ones solid, of the selected vehicle's in its colour. */
+function drawSlots(context, view, episode, theme, selected, slots) {
+  const width = episode.meta.slotBody.length * view.perX;
+  const height = episode.meta.slotBody.width * view.perY;
+  for (const { x, y, link } of slots) {
+    const left = view.px(x) - width;
+    if (left > view.right || left + width < view.left || link?.charging) continue; // its EV fills it
+    const own = link && selected && episode.present[link.slot] === selected.index;
+    context.strokeStyle = own ? theme.accent : link ? theme.ink : theme.edge;
+    context.lineWidth = own ? 2 : 1;
+    context.setLineDash(link ? [] : [3, 3]);
+    context.strokeRect(left, view.py(y) - height / 2, width, height);
+  }
+  context.setLineDash([]);
+}
+
+/** Bookings: a dashed line from an EV to the middle of the slot that it makes for. */
+function drawBookings(context, view, episode, theme, waits) {
+  const half = (episode.meta.slotBody.length / 2) * view.perX;
+  context.strokeStyle = theme.ink;
+  context.lineWidth = 1.5;
+  context.setLineDash([6, 5]);
+  context.beginPath();
+  for (const { x, y, link } of waits) {
+    const { left, top, width, height } = bodyOf(view, episode, link.slot);
+    context.moveTo(left + width / 2, top + height / 2);
+    context.lineTo(view.px(x) - half, view.py(y));
   }
   context.stroke();
   context.setLineDash([]);
-  if (track.kind !== KIND.EV || episode.present[track.slot] !== track.index) return;
-  const booking = episode.booking(track.slot, frame);
-  if (!booking || episode.present[booking.med] < 0) return;
-  const [ahead, aside] = meta.slots[booking.panel];
-  const [width, height] = [meta.slotBody.length * view.perX, meta.slotBody.width * view.perY];
-  const left = view.px(episode.x[booking.med] + ahead) - width;
-  context.strokeRect(left, view.py(episode.y[booking.med] + aside) - height / 2, width, height);
 }
 
-function drawFreeSlots(context, view, episode, theme, booked) {
-  const { meta, frame } = episode;
-  const taken = new Set(booked.map(({ med, panel }) => 8 * med + panel));
-  const width = meta.slotBody.length * view.perX;
-  const height = meta.slotBody.width * view.perY;
-  const right = (meta.road.lanes - 0.5) * meta.road.laneWidth;
-  context.strokeStyle = theme.edge;
-  context.lineWidth = 1;
-  context.setLineDash([3, 3]);
-  for (let med = 0; med < meta.numMeds; med += 1) {
-    if (episode.present[med] < 0 || episode.status(med, frame) !== IN_SERVICE) continue;
-    meta.slots.forEach(([ahead, aside], panel) => {
-      const y = episode.y[med] + aside;
-      if (taken.has(8 * med + panel) || y < -meta.road.laneWidth / 2 || y > right) return;
-      const left = view.px(episode.x[med] + ahead) - width;
-      context.strokeRect(left, view.py(y) - height / 2, width, height);
-    });
-  }
-  context.setLineDash([]);
-}
-
-/** A booking as a dashed line; what charges as the boom between two panels, bumper to bumper or side to side. */
-function drawLink(context, view, episode, theme, { slot, med, panel, charging }) {
+/** What charges: the boom between two panels, bumper to bumper or side to side. */
+function drawBoom(context, view, episode, theme, { slot, med, panel }) {
   const [from, to] = [med, slot].map((each) => {
     const { left, top, width, height } = bodyOf(view, episode, each);
     return { x: left + width / 2, y: top + height / 2, halfLength: width / 2, halfWidth: height / 2 };
@@ -150,12 +175,6 @@ function drawLink(context, view, episode, theme, { slot, med, panel, charging })
     }
     context.stroke();
   };
-  if (!charging) {
-    context.setLineDash([6, 5]);
-    stroke(theme.ink, 1.5, [[from.x, from.y], [to.x, to.y]]);
-    context.setLineDash([]);
-    return;
-  }
   const [, aside] = episode.meta.slots[panel];
   const along = aside === 0;
   const side = Math.sign(along ? to.x - from.x : to.y - from.y);

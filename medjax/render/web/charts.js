@@ -40,20 +40,34 @@ function drawTimes(context, theme, { start, end, toX }, width, height) {
 /** Lines over time, drawn once; only a cursor moves. */
 class Plot {
   /**
-   * `lines`: {values(i), count, step (s), color (a name of the theme), dashed}; `least` is the least range of the axis,
+   * `lines`: {values(i), count, step (s), color (a name of the theme), dashed, name}; `least` is the least range of the axis,
    * so that what hardly changes looks it; `onSeek` gets seconds.
    */
   constructor({ lines, start = 0, end, least = 1, theme, label, onSeek }) {
-    Object.assign(this, { lines, start, end, least, theme });
+    Object.assign(this, { lines, start, end, least, theme, label });
     this.canvas = element("canvas");
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", label);
     this.cursor = element("div", { className: "cursor" });
     this.root = element("div", { className: "plot" }, [this.canvas, this.cursor]);
-    this.root.addEventListener("click", (event) => {
-      const share = (event.offsetX - LEFT_PX) / Math.max(1, this.width - LEFT_PX - 4);
-      onSeek(this.start + Math.min(Math.max(share, 0), 1) * (this.end - this.start));
+    this.root.addEventListener("click", (event) => onSeek(this._secondsAt(event)));
+    this.root.addEventListener("pointermove", (event) => {
+      this.root.title = this.textAt(this._secondsAt(event));
     });
+  }
+
+  _secondsAt({ offsetX }) {
+    const share = (offsetX - LEFT_PX) / Math.max(1, this.width - LEFT_PX - 4);
+    return this.start + Math.min(Math.max(share, 0), 1) * (this.end - this.start);
+  }
+
+  /** What the lines are at a time, in words. */
+  textAt(seconds) {
+    const values = this.lines.map(({ values, count, step, start = 0, name }) => {
+      const value = values(Math.min(Math.max(Math.floor((seconds - start) / step + 1e-6), 0), count - 1));
+      return `${name ? `${name} ` : ""}${Number.isNaN(value) ? "–" : value.toFixed(2)}`;
+    });
+    return `${this.label}: ${values.join(", ")} at ${clockText(seconds)}; click to go there`;
   }
 
   resize() {
@@ -134,10 +148,12 @@ class Chart {
       element("span", { className: "title", textContent: unit ? `${title} (${unit})` : title }),
     ]);
     const values = element("span");
+    const several = episodes.length > 1;
     episodes.forEach((episode, which) => {
       labels.forEach((label, row) => {
         const table = episode.tables[`chart${number}`];
-        const look = { color: LINE_COLORS[which], dashed: row > 0 };
+        const name = [several ? episode.meta.policy : "", label].join(" ").trim();
+        const look = { color: LINE_COLORS[which], dashed: row > 0, name };
         lines.push({ values: (i) => table.at(row, i), count: table.times, step: episode.decisionSeconds, ...look });
         const key = element("span", { className: `key ${LINE_COLORS[which]}${row ? " dashed" : ""}` });
         const output = element("output");

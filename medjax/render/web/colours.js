@@ -66,19 +66,10 @@ function drawLamps(context, { left, top, width, height }, episode, slot) {
 
 /** Mean speeds along the road, over its strip: where traffic is slow it is dark. */
 function drawSpeeds(context, view, episode, theme) {
-  const cells = Math.ceil(episode.meta.road.length / CELL_M);
-  const sums = new Float64Array(cells);
-  const counts = new Int32Array(cells);
-  for (let slot = 0; slot < episode.meta.numVehicles; slot += 1) {
-    if (episode.present[slot] < 0) continue;
-    const cell = Math.min(Math.max(Math.floor(episode.x[slot] / CELL_M), 0), cells - 1);
-    sums[cell] += speedOf(episode, slot);
-    counts[cell] += 1;
-  }
-  for (let cell = 0; cell < cells; cell += 1) {
-    if (!counts[cell]) continue;
-    context.fillStyle = theme.soc(sums[cell] / counts[cell] / FAST_M_PER_S).fill;
+  cellSpeeds(episode).forEach((speed, cell) => {
+    if (Number.isNaN(speed)) return;
+    context.fillStyle = theme.soc(speed / FAST_M_PER_S).fill;
     const left = view.px(cell * CELL_M);
     context.fillRect(left, 0, Math.min(view.px((cell + 1) * CELL_M), view.right) - left, SPEEDS_PX);
-  }
+  });
 }

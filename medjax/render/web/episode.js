@@ -1,6 +1,10 @@
 const KIND = { MED: 0, EV: 1, GAS: 2 };
 const KIND_NAMES = ["MED", "EV", "gas vehicle"];
-const IN_SERVICE = 3;
+
+/** What a MED is told, in words. */
+function orderText(speed, lane, accepts) {
+  return `${speed.toFixed(0)} m/s in lane ${lane + 1}, ${accepts ? "takes EVs" : "refuses EVs"}`;
+}
 
 /** One vehicle's stay on the road. */
 class Track {
@@ -26,13 +30,15 @@ class Episode {
     for (const { slot, first, last, index } of this.tracks) {
       this.trackAt.fill(index, slot * this.frames + first, slot * this.frames + last + 1);
     }
-    this.ranOut = meta.ranOut.map(([slot, frame, gone, x]) => ({ slot, frame, gone, x }));
-    // What `look` finds, by slot.
+    this.ranOut = meta.ranOut.map(([slot, frame, gone, x]) => {
+      const track = this.tracks[this.trackAt[slot * this.frames + gone - 1]];
+      return { slot, frame, gone, x, track, name: track?.name ?? "EV" };
+    });
+    // What `look` finds, by slot; `looked`: when, s.
     this.x = new Float64Array(meta.numVehicles);
     this.y = new Float64Array(meta.numVehicles);
     this.tilt = new Float64Array(meta.numVehicles); // m to the right for each m along, of its heading
     this.present = new Int32Array(meta.numVehicles);
-    this.frame = 0;
     this.look(0);
   }
 
@@ -54,6 +60,7 @@ class Episode {
 
   /** Who is where: places are linear in time between two ticks. `present` holds tracks, -1 for nobody. */
   look(seconds) {
+    if (seconds === this.looked) return; // all is there
     const { frames, tables, meta, trackAt } = this;
     const frame = this.frameAt(seconds);
     const share = frame + 1 < frames ? Math.max(0, seconds / meta.tickSeconds - frame) : 0;
@@ -73,7 +80,7 @@ class Episode {
       this.x[slot] = x + share * ahead;
       this.y[slot] = y + share * aside;
     }
-    this.frame = frame;
+    Object.assign(this, { looked: seconds, frame });
   }
 
   /** Middle of the busiest MED's stretch, m; it does not race from one MED to the next. */
@@ -89,10 +96,19 @@ class Episode {
   place(track, seconds) {
     const frame = this.frameAt(seconds);
     if (this.trackAt[track.slot * this.frames + frame] === track.index) {
-      if (frame !== this.frame) this.look(seconds);
+      this.look(seconds);
       return this.x[track.slot];
     }
     return this.tables.x.at(track.slot, frame < track.first ? track.first : track.last);
+  }
+
+  /** Where a track is at a tick of its stay, and between two, `[x, y]` m. */
+  placeAt({ slot, last }, tick) {
+    const frame = Math.floor(tick);
+    return [this.tables.x, this.tables.y].map((table) => {
+      const [now, then] = [table.at(slot, frame), table.at(slot, Math.min(frame + 1, last))];
+      return now + (tick - frame) * (then - now);
+    });
   }
 
   /** Booking of an EV's slot at a frame: the MED's slot, the panel, and whether it charges; null for none. */
@@ -115,12 +131,48 @@ class Episode {
     return this.tables.medStatus.at(slot, frame);
   }
 
+  inService(slot, frame) {
+    return this.status(slot, frame) === this.meta.inService;
+  }
+
   /** What a MED's slot has been told to do in service. */
   told(slot, frame) {
     const { medSpeedTold, medLaneTold, medAccepts } = this.tables;
-    const speed = medSpeedTold.at(slot, frame).toFixed(0);
-    const takes = medAccepts.at(slot, frame) ? "takes EVs" : "refuses EVs";
-    return `${speed} m/s in lane ${medLaneTold.at(slot, frame) + 1}, ${takes}`;
+    return orderText(medSpeedTold.at(slot, frame), medLaneTold.at(slot, frame), medAccepts.at(slot, frame));
+  }
+
+  /** What a MED in service is told that is neither the fleet's own nor what it was told before: `[{frame, text}]`. */
+  orders(track) {
+    const { speed, lane } = this.meta.fleetOrder;
+    const { step } = this.tables.medSpeedTold;
+    let before = orderText(Math.round(speed / step) * step, lane, true);
+    const found = [];
+    for (let frame = track.first; frame <= track.last; frame += 1) {
+      if (!this.inService(track.slot, frame)) continue;
+      const text = this.told(track.slot, frame);
+      if (text !== before) found.push({ frame, text });
+      before = text;
+    }
+    return found;
+  }
+
+  /** The slots of MEDs on the road, `[{med, panel, x, y, link}]`: free ones in service, and those booked by `link`. */
+  slots() {
+    const { meta, frame, present } = this;
+    const links = new Map(this.booked(frame).map((link) => [8 * link.med + link.panel, link]));
+    const right = (meta.road.lanes - 0.5) * meta.road.laneWidth;
+    const found = [];
+    for (let med = 0; med < meta.numMeds; med += 1) {
+      if (present[med] < 0) continue;
+      const serves = this.inService(med, frame);
+      meta.slots.forEach(([ahead, aside], panel) => {
+        const link = links.get(8 * med + panel);
+        const [x, y] = [this.x[med] + ahead, this.y[med] + aside];
+        const open = serves && y >= -meta.road.laneWidth / 2 && y <= right;
+        if (link || open) found.push({ med, panel, x, y, link });
+      });
+    }
+    return found;
   }
 
   /** Name of who is in a slot. */

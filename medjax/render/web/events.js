@@ -1,4 +1,5 @@
 const STANDS_S = 5;
+const LATE_M = 15; // that the last picture of who left may be before the lane that it left by
 
 /** What happens in an episode: `[{seconds, text, track, x, kind}]`, of a vehicle or at a place. */
 function happenings(episode) {
@@ -12,13 +13,13 @@ function happenings(episode) {
   }
   for (const track of tracks) {
     if (track.kind === KIND.EV) noteFirstCharge(episode, track, note);
-    if (track.kind === KIND.MED) noteOrders(episode, track, note);
+    if (track.kind === KIND.MED) {
+      for (const { frame, text } of episode.orders(track)) note(frame, "told", `${track.name} told: ${text}`, track);
+      noteLeaving(episode, track, note);
+    }
     noteStanding(episode, track, note);
   }
-  for (const { slot, gone, x } of episode.ranOut) {
-    const track = tracks[episode.trackAt[slot * frames + gone - 1]];
-    note(gone, "out", `${track ? track.name : "EV"} ran out`, track, x);
-  }
+  for (const { gone, x, track, name } of episode.ranOut) note(gone, "out", `${name} ran out`, track, x);
   return found;
 }
 
@@ -31,14 +32,17 @@ function noteFirstCharge(episode, track, note) {
   }
 }
 
-/** What a MED in service is told anew. */
-function noteOrders(episode, track, note) {
-  let before = "";
-  for (let frame = track.first; frame <= track.last; frame += 1) {
-    if (episode.status(track.slot, frame) !== IN_SERVICE) continue;
-    const told = episode.told(track.slot, frame);
-    if (before && told !== before) note(frame, "told", `${track.name} told: ${told}`, track);
-    before = told;
+/** Where a MED turns to its exit, and to which, as far as it has reached it. */
+function noteLeaving(episode, track, note) {
+  const { meta, tables, frames } = episode;
+  for (let frame = track.first + 1; frame <= track.last; frame += 1) {
+    if (episode.status(track.slot, frame) !== meta.leaving || !episode.inService(track.slot, frame - 1)) continue;
+    const { exits, exitLane } = meta.road;
+    const end = tables.x.at(track.slot, track.last);
+    const taken = (x) => end <= x && end > x - exitLane - LATE_M;
+    const exit = track.last + 1 < frames ? exits.findIndex(taken) : -1;
+    note(frame, "leaves", `${track.name} makes for ${exit < 0 ? "its exit" : `exit ${exit + 1}`}`, track);
+    return;
   }
 }
 

@@ -4,7 +4,9 @@ const DRAG_PX = 4;
 const TELL_MS = 80;
 const SAY_MS = 5000;
 const GLIDE_MS = 300;
-const JUMP_M = 20; // between two pictures; no vehicle is as fast
+const STOP_M = 0.05; // that are not seen
+const JUMP_M = 20; // more than the pointer drags between two pictures
+const MOST_M_PER_S = 60; // no vehicle is as fast
 const STILL = matchMedia("(prefers-reduced-motion: reduce)");
 
 /** The page: views, charts and panels on one clock. */
@@ -172,18 +174,22 @@ class Player {
     this.views.forEach((view) => {
       const { road } = view;
       const wanted = x ?? road.episode.busiest(seconds);
-      road.aim(this._eased(view, wanted), this.zoom, y);
+      road.aim(this._eased(view, wanted, seconds), this.zoom, y);
     });
+    if (this.views.some(({ behind }) => behind !== 0)) this.clock.wake();
   }
 
-  /** Where a camera points on its way to another vehicle: while the clock runs it glides there. */
-  _eased(view, wanted) {
+  /** Where a camera points: at once where its vehicle is, and on the way to another one, or place, it glides. */
+  _eased(view, wanted, seconds) {
+    const { mode } = this.camera;
     const now = performance.now();
-    const glides = this.clock.playing && view.aimed !== undefined && !STILL.matches;
-    if (!glides) view.behind = 0;
-    else if (Math.abs(wanted - view.aimed) > JUMP_M) view.behind += view.aimed - wanted;
-    view.behind *= Math.exp(-(now - (view.drawn ?? now)) / GLIDE_MS);
-    Object.assign(view, { aimed: wanted, drawn: now });
+    const target = mode === "selected" ? this.selected?.track : mode;
+    const moved = mode === "free" ? 0 : MOST_M_PER_S * Math.abs(seconds - view.seconds);
+    const jumps = target !== view.target || Math.abs(wanted - view.aimed) > JUMP_M + moved;
+    view.behind *= Math.exp((view.drawn - now) / GLIDE_MS);
+    if (jumps) view.behind += view.aimed - wanted;
+    if (STILL.matches || !(Math.abs(view.behind) > STOP_M)) view.behind = 0; // nor before the first picture
+    Object.assign(view, { target, seconds, aimed: wanted, drawn: now });
     return wanted + view.behind;
   }
 
@@ -216,7 +222,7 @@ class Player {
     $("views").append(element("div", { className: "view" }, [line, canvas]));
     const road = new RoadView(canvas, episode, this.theme, this.episodes.length > 1);
     new Pointer(canvas, road, which, this);
-    return { road, line: { text, frame: -1 } };
+    return { road, line: { text, frame: -1 } }; // and what `_eased` keeps
   }
 
   _fillVehicles() {

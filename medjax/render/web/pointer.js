@@ -45,7 +45,7 @@ class Pointer {
       if (!from.moved) return;
       if (from.part === "strip") player.setCamera("free", road.strip.metres(x));
       else if (from.part) player.setCamera("free", from.center - (x - from.x) / road.camera.perX);
-    } else this.canvas.title = this._what(x, y);
+    } else this.canvas.title = whatIsAt(road, x, y);
   }
 
   _forget(event) {
@@ -77,19 +77,5 @@ class Pointer {
     if (player.camera.mode !== "free") return;
     const span = Math.min(road.span * 2 ** -player.zoom, road.episode.meta.road.length);
     player.setCamera("free", before + (0.5 - share) * span);
-  }
-
-  /** What lies under a point, in words. */
-  _what(x, y) {
-    const { road } = this;
-    const { episode } = road;
-    const track = road.vehicleAt(x, y);
-    if (!track) return road.partAt(y) === "strip" ? "The whole road: click to look there" : "";
-    const speed = `${speedOf(episode, track.slot).toFixed(1)} m/s`;
-    if (track.kind === KIND.GAS) return `${track.name} (${track.body.name}), ${speed}`;
-    const charge = `${Math.round(100 * episode.soc(track.slot, episode.frame))} %`;
-    const booking = track.kind === KIND.EV && episode.booking(track.slot, episode.frame);
-    const slot = booking ? `, ${booking.charging ? "charged by" : "on its way to"} ${episode.nameAt(booking.med, episode.frame)}` : "";
-    return `${track.name}, ${charge}, ${speed}${slot}`;
   }
 }

@@ -55,7 +55,7 @@ class Window {
   }
 }
 
-/** Lanes, acceleration lanes and ramps. */
+/** Lanes, and beside them those of ramps and exits. */
 function drawAsphalt(context, view, theme, marked) {
   const { road } = view;
   const half = road.laneWidth / 2;
@@ -74,6 +74,18 @@ function drawAsphalt(context, view, theme, marked) {
     context.lineTo(to, edge + lane);
     context.lineTo(from, edge + lane);
     context.lineTo(from - 0.4 * run, view.bottom);
+    context.fill();
+  }
+  for (const exit of road.exits) {
+    const [from, to] = [view.px(exit - road.exitLane), view.px(exit)];
+    const run = 1.6 * lane;
+    context.beginPath();
+    context.moveTo(from, edge);
+    context.lineTo(to, edge);
+    context.lineTo(to + run, view.bottom);
+    context.lineTo(to + 0.4 * run, view.bottom);
+    context.lineTo(to, edge + lane);
+    context.lineTo(from, edge + lane);
     context.fill();
   }
   const start = Math.max(view.left, view.px(0));
@@ -102,10 +114,10 @@ function drawMarkings(context, view, theme, start, end) {
   line(road.lanes * road.laneWidth - half);
   context.fillStyle = theme.asphalt; // the edge is broken where one may cross it
   const y = view.py(road.lanes * road.laneWidth - half);
-  for (const ramp of road.ramps) {
-    for (let x = ramp; x < ramp + road.mergeLength; x += 9) {
-      context.fillRect(view.px(x), y - 1, DASH_M * view.perX, 2);
-    }
+  const open = road.ramps.map((x) => [x, x + road.mergeLength]);
+  open.push(...road.exits.map((x) => [x - road.exitLane, x]));
+  for (const [from, to] of open) {
+    for (let x = from; x < to; x += 9) context.fillRect(view.px(x), y - 1, DASH_M * view.perX, 2);
   }
 }
 
@@ -193,9 +205,11 @@ class RoadView {
     context.strokeRect(left, strip.top + 1, camera.span * strip.perX, strip.height - 2);
     context.fillStyle = theme.faint;
     context.font = `${TEXT_PX}px system-ui, sans-serif`;
-    const ramps = episode.meta.road.ramps.map((x, i) => [strip.px(x), `ramp ${i + 1}`]);
-    const ends = [strip.px(episode.meta.road.length), `${episode.meta.road.length / 1000} km`];
-    drawLabels(context, [...ramps, ends], strip.bottom + TEXT_PX / 2 + 3, strip.left, strip.right);
+    const { ramps, exits, length } = episode.meta.road;
+    const named = (places, name) => places.map((x, i) => [strip.px(x), `${name} ${i + 1}`]);
+    const ends = [strip.px(length), `${length / 1000} km`];
+    const labels = [...named(ramps, "ramp"), ...named(exits, "exit"), ends].sort((a, b) => a[0] - b[0]);
+    drawLabels(context, labels, strip.bottom + TEXT_PX / 2 + 3, strip.left, strip.right);
   }
 
   _ruler() {
@@ -218,12 +232,12 @@ class RoadView {
     return y < this.camera.bottom ? "camera" : null;
   }
 
-  /** The vehicle nearest to a point, within reach of a finger; null for none. */
-  vehicleAt(x, y) {
+  /** The vehicle nearest to a point, within reach of a finger or some px; null for none. */
+  vehicleAt(x, y, reach = this.partAt(y) === "strip" ? 8 : 16) {
     const view = this.partAt(y) === "strip" ? this.strip : this.camera;
     const { episode } = this;
     let best = null;
-    let least = view === this.strip ? 8 : 16;
+    let least = reach;
     for (let slot = 0; slot < episode.meta.numVehicles; slot += 1) {
       const index = episode.present[slot];
       if (index < 0) continue;

@@ -12,7 +12,7 @@ function fillStory(data, episodes) {
     const best = Math[better < 0 ? "min" : "max"](...shown);
     return shown.map((value) => better !== 0 && new Set(shown).size > 1 && value === best);
   };
-  const head = data.verdict.map(({ title, about }) => element("th", { textContent: title, title: about, scope: "col" }));
+  const head = data.verdict.map(({ title }) => element("th", { textContent: title, scope: "col" }));
   const rows = episodes.map(({ meta }, which) => {
     const cells = data.verdict.map((row) => {
       const [text, best] = [row.values[which].toFixed(row.digits), wins(row)[which]];
@@ -27,6 +27,8 @@ function fillStory(data, episodes) {
     rows.push([element("th", { textContent: title, scope: "row", className: "mean" }), ...cells]);
   });
   fillTable($("verdict"), [[element("td"), ...head], ...rows], matchMedia("(max-width: 700px)").matches);
+  const terms = data.verdict.filter(({ about }) => about).map(({ title, about }) => `${title}: ${about}`);
+  $("terms").textContent = terms.join("; ");
   $("ending").textContent = data.ending;
   $("outcome").open = window.matchMedia("(min-width: 1100px)").matches; // beside the words, where it takes no room
 }

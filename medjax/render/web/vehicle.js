@@ -19,16 +19,12 @@ function eventsOf(episode, track) {
   }
   if (track.kind === KIND.MED) {
     let before = -1;
-    let toldBefore = "";
     for (let frame = track.first; frame <= track.last; frame += 1) {
       const now = episode.status(track.slot, frame);
       if (now !== before && before >= 0) note(frame, episode.meta.statuses[now]);
       before = now;
-      if (now !== episode.meta.inService) continue;
-      const told = episode.told(track.slot, frame);
-      if (toldBefore && told !== toldBefore) note(frame, `told: ${told}`);
-      toldBefore = told;
     }
+    for (const { frame, text } of episode.orders(track)) note(frame, `told: ${text}`);
     for (let ev = 0; ev < episode.meta.numEvs; ev += 1) {
       for (let frame = track.first + 1; frame <= track.last; frame += 1) {
         const now = episode.booking(numMeds + ev, frame);
@@ -60,7 +56,7 @@ function factsOf(episode, track, frame) {
   facts.push(["charge", `${(100 * soc).toFixed(2)} % (${kwh.toFixed(3)} kWh)`]);
   if (track.kind === KIND.MED) {
     facts.push(["status", meta.statuses[episode.status(track.slot, frame)]]);
-    if (episode.status(track.slot, frame) === meta.inService) facts.push(["told", episode.told(track.slot, frame)]);
+    if (episode.inService(track.slot, frame)) facts.push(["told", episode.told(track.slot, frame)]);
     const served = episode.booked(frame).filter(({ med }) => med === track.slot);
     const texts = served.map(({ slot, panel, charging }) =>
       `${episode.nameAt(slot, frame)} ${meta.panels[panel]}${charging ? ", charging" : ""}`);

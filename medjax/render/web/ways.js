@@ -1,5 +1,6 @@
 const BINS = 9;
 const MOST_TIMES = 600;
+const NEAR_M = 30; // that a line is from the pointer which tells whose it is
 
 /** Time-space diagram: where everybody was when, coloured by speed; drawn once, only a cursor moves. */
 class Ways {
@@ -11,11 +12,36 @@ class Ways {
     this.cursor = element("div", { className: "cursor" });
     this.root = element("div", { className: "plot" }, [this.canvas, this.cursor]);
     this.root.addEventListener("click", (event) => {
-      const share = (event.offsetX - LEFT_PX) / Math.max(1, this.width - LEFT_PX - 4);
-      const up = 1 - (event.offsetY - 5) / Math.max(1, this.bottom - 8);
-      player.seek(Math.min(Math.max(share, 0), 1) * episode.seconds);
-      player.setCamera("free", Math.min(Math.max(up, 0), 1) * episode.meta.road.length);
+      const [seconds, x] = this._placeAt(event);
+      player.seek(seconds);
+      player.setCamera("free", x);
     });
+    this.root.addEventListener("pointermove", (event) => {
+      this.root.title = this.textAt(...this._placeAt(event));
+    });
+  }
+
+  _placeAt({ offsetX, offsetY }) {
+    const share = (offsetX - LEFT_PX) / Math.max(1, this.width - LEFT_PX - 4);
+    const up = 1 - (offsetY - 5) / Math.max(1, this.bottom - 8);
+    const { seconds, meta } = this.episode;
+    return [Math.min(Math.max(share, 0), 1) * seconds, Math.min(Math.max(up, 0), 1) * meta.road.length];
+  }
+
+  /** Time and place in words, and who is nearest to it. */
+  textAt(seconds, x) {
+    const { episode } = this;
+    const { tables, meta, frames, trackAt, tracks } = episode;
+    const frame = episode.frameAt(seconds);
+    let [who, least] = ["", NEAR_M];
+    for (let slot = 0; slot < meta.numVehicles; slot += 1) {
+      const index = trackAt[slot * frames + frame];
+      const away = Math.abs(tables.x.at(slot, frame) - x);
+      if (index >= 0 && away < least) {
+        [who, least] = [`: ${tracks[index].name}, ${speedOf(episode, slot, frame).toFixed(1)} m/s`, away];
+      }
+    }
+    return `${x.toFixed(0)} m at ${clockText(seconds)}${who}; click to go there`;
   }
 
   resize() {
