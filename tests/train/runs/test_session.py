@@ -12,7 +12,7 @@ import yaml
 
 from medjax.policies.saved import load_policy
 from tests.train.conftest import TINY, refused
-from train import evaluate, ppo
+from train import evaluate, export, ppo
 from train.algorithms.programs import make_train, shapes_of
 from train.runs.checkpoint import Checkpoints
 from train.runs.logs import Progress, read_rows
@@ -154,6 +154,30 @@ def test_interrupted_and_resumed_equals_uninterrupted_bit_for_bit(
     ]
     for name in ("env_steps", "final_return_mean", "updates"):
         assert summaries[0][name] == summaries[1][name]
+
+
+def test_interrupted_in_the_last_update(probe, capsys, interrupt_after):
+    """What is left to do is to evaluate, which the line says; the evaluation that is there is of other weights.
+
+    The policy is exported anew where there are fewer devices than the run had.
+    """
+    assert ppo.main([*TINY, "--run-dir=run"]) == 0
+    assert (probe / "run" / "evaluation.json").exists()
+    restore = interrupt_after(8)
+    assert ppo.main(["--resume=run", "--total-timesteps=128", "--updates-per-call=1"]) == 130
+    restore()
+    said = capsys.readouterr().err
+    assert "after the last update; evaluate with: python -m train.evaluate --run-dir run" in said
+    assert "--resume" not in said
+    assert not (probe / "run" / "evaluation.json").exists()
+    assert len(rows_of(probe / "run")) == 8
+    written = json.loads((probe / "run" / "config.json").read_text())
+    written["config"]["num_devices"] = 4 * len(jax.devices())
+    (probe / "run" / "config.json").write_text(json.dumps(written))
+    before = (probe / "run" / "policy.zip").read_bytes()
+    (probe / "run" / "policy.zip").unlink()
+    assert export.main(["--run-dir=run"]) == 0
+    assert len((probe / "run" / "policy.zip").read_bytes()) == pytest.approx(len(before), rel=0.05)
 
 
 def test_a_killed_run_goes_on_from_its_checkpoint(probe, monkeypatch):
