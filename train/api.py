@@ -13,7 +13,7 @@ from medjax.commandline import as_path
 from medjax.env.wrapper import whole_number_of
 from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError, shown
-from medjax.numerics.compilation import enable_compilation_cache
+from medjax.numerics.compilation import prepare_jax
 from medjax.policies.given import as_policy
 from medjax.policies.policy import Policy
 from medjax.policies.team import rules_of
@@ -49,12 +49,13 @@ class TrainedRun:
         config: settings.
     """
 
-    policies: dict[str, Policy]
-    rows: list[Row]
+    # What takes pages to write is left out of what a notebook shows.
+    policies: dict[str, Policy] = dataclasses.field(repr=False)
+    rows: list[Row] = dataclasses.field(repr=False)
     run_dir: Path
-    evaluation: Comparison | None
-    env: Any
-    params: Any
+    evaluation: Comparison | None = dataclasses.field(repr=False)
+    env: Any = dataclasses.field(repr=False)
+    params: Any = dataclasses.field(repr=False)
     config: TrainConfig
 
     @property
@@ -86,7 +87,7 @@ def train(
         resume: directory of a run to go on with, in place of run_dir; or one of its `checkpoints/N.npz`, to go on from
             there, which removes later ones.
         callback: gets each update's row of metrics.jsonl once it is written. What it raises ends the run.
-        quiet: nothing is said on the way.
+        quiet: no progress is shown; a line where it begins and the results at the end are printed all the same.
 
     Raises:
         InputError: bad input; nothing was written.
@@ -171,6 +172,8 @@ def evaluate(
 ) -> Comparison:
     """Plays the same episodes with every policy, as `python -m train.evaluate` does.
 
+    On all cores, where nothing was computed before or `medjax.prepare_jax()` was called first.
+
     Args:
         env: a single environment, or a preset's name.
         params: its parameters.
@@ -188,6 +191,7 @@ def evaluate(
         InputError: an unknown policy, or an environment that it does not fit.
     """
     _check_numbers(episodes=episodes, seed=seed, batch=batch)
+    prepare_jax(messages=False)
     world: TrainConfig = PPOConfig()
     if isinstance(env, str):
         if params is not None:
@@ -202,7 +206,6 @@ def evaluate(
         given[baseline] = baseline
     check_episodes(episodes, len(given))
     playing = {name: as_policy(env, policy) for name, policy in given.items()}
-    enable_compilation_cache()
     scores = evaluate_policies(env, params, playing, episodes, seed, batch)
     result = summarize(scores, world.scenario, (), seed, world.overrides, baseline)
     return Comparison(result, scores)
@@ -221,8 +224,7 @@ def _by_name(
     policies: Mapping[str, Any] | Sequence[str] | None, rules: Mapping[str, Policy]
 ) -> dict[str, Any]:
     """What is to be played, by name."""
-    if policies is None:
-        return {name: name for name in rules}
+    policies = list(rules) if policies is None else policies
     listed = isinstance(policies, Mapping | Sequence) and not isinstance(policies, str)
     if not listed or not all(isinstance(name, str) for name in policies):
         raise InputError(f"policies are {shown(policies)}, allowed: by name, or a list of names")

@@ -6,6 +6,7 @@ from medjax.commandline import OneLineParser, as_path, cannot_write, command, fa
 from medjax.errors import InputError
 from medjax.files import check_output
 from train.runs.run_directory import RunDir
+from train.runs.trained_run import to_play
 
 
 @command
@@ -25,7 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         run_dir = RunDir(as_path("--run-dir", given.run_dir))
         target = run_dir.policy if given.out is None else as_path("--out", given.out)
-        config = run_dir.load_config()
+        config = to_play(run_dir.load_config())
         check_output("--out", target)
         # JAX takes seconds to import; bad options need not wait for it.
         from train.runs.policies import export_policy, load_weights

@@ -41,6 +41,7 @@ def test_five_lines_are_the_command(probe, config):
     assert_same_run(probe / "ours", probe / "theirs")
     names = [{path.name for path in (probe / name).iterdir()} for name in ("ours", "theirs")]
     assert names[0] == names[1] >= {"config.json", "policy.zip", "evaluation.json", "plots"}
+    assert len(repr(ours)) < 2000  # a notebook shows it
     assert heard == ours.rows == read_rows(probe / "ours" / "metrics.jsonl")
     assert [row["update"] for row in ours.rows] == [1, 2, 3, 4, 5, 6]
     numbers = [value for row in heard for value in row.values() if value is not None]
@@ -111,6 +112,7 @@ def test_paired_differences_from_any_policy(probe):
     each = [row for row in played.episodes() if row["policy"] == "random"]
     assert [row["return"] for row in each] == pytest.approx(played.scores["random"]["return"])
     said = str(played)
+    assert repr(played) == said
     assert said.startswith("5 whole episodes of noisy of seed 0, the same for every policy")
     assert "minus none, 95 % CI" in said
 
@@ -149,6 +151,16 @@ def test_what_is_wrong_is_said_at_once(probe, config):
             call()
         assert "\n" not in str(refusal.value)
     assert list(probe.iterdir()) == []
+
+
+def test_every_core_plays_and_no_rule_may_fit(probe, monkeypatch):
+    """JAX is made ready before anything is made; where no rule can play, as without a highway, that is refused."""
+    done = []
+    monkeypatch.setattr("train.api.prepare_jax", lambda messages: done.append(messages))
+    monkeypatch.setattr("train.api.rules_of", lambda env: done.append("rules") or {})
+    with pytest.raises(InputError, match="policies are empty, allowed: at least one"):
+        evaluate(OWN, ProbeParams())
+    assert done == [False, "rules"]
 
 
 def test_the_checkpoint_to_go_on_from(probe, config):

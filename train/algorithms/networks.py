@@ -120,7 +120,9 @@ def first_logits(env: Environment, config: TrainConfig) -> Callable[[jax.Array],
     """The dispatcher before training, observations `(..., num_features)` to logits: see `TrainConfig.start`."""
     layout = env.observation
     ramps = env.config.num_ramps if isinstance(layout, AgentView) else env.num_actions - 1
-    if config.start == "rule" and isinstance(layout, RoadProfile | AgentView) and ramps:
+    # The rule says nothing of actions that a wrapper has added, or taken away.
+    rule = isinstance(layout, RoadProfile | AgentView) and 0 < ramps == env.config.num_ramps
+    if config.start == "rule" and rule:
         env_config = env.config
 
         def like_rule(obs: jax.Array) -> jax.Array:
@@ -242,16 +244,27 @@ def apply_policy(
 
     Returns:
         The masked policy, and values `(...)` in units of the scaled reward.
+
+    Raises:
+        InputError: the network is of observations of another size.
     """
-    output: Any = network.apply(weights.params, normalize(weights.obs_stats, obs))
+    output: Any = network.apply(weights.params, _normalized(weights, obs))
     logits, value = output
     return masked_categorical(logits, mask), value
 
 
 def apply_value(network: nn.Module, weights: PolicyWeights, obs: jax.Array) -> jax.Array:
     """Values `(...)` at raw observations `(..., num_features)`; the compiler drops the unused actor."""
-    output: Any = network.apply(weights.params, normalize(weights.obs_stats, obs))
+    output: Any = network.apply(weights.params, _normalized(weights, obs))
     return output[1]
+
+
+def _normalized(weights: PolicyWeights, obs: jax.Array) -> jax.Array:
+    """What the network reads; another size (InputError) would be broadcast to the moments' without a word."""
+    there, wanted = jnp.shape(obs), weights.obs_stats.mean.shape
+    if there[-1:] != wanted:
+        raise InputError(f"obs has shape {there}, allowed: {wanted[0]} features in the last axis")
+    return normalize(weights.obs_stats, obs)
 
 
 def learned_policy(

@@ -17,7 +17,7 @@ MIN_STD = 1e-2  # entries of an observation that hardly ever move must not be bl
 
 @struct.dataclass
 class RunningStats:
-    """Moments of all samples seen; with none seen, mean 0 and variance 1 leave data as they are."""
+    """Moments of all samples seen; with none seen, mean 0 and variance 1: data are only clipped then (`normalize`)."""
 
     count: jax.Array  # () float32, samples seen
     mean: jax.Array  # (...) float32

@@ -53,6 +53,8 @@ class Comparison:
     def __str__(self) -> str:
         return format_table(self.result, self.learned)
 
+    __repr__ = __str__  # in a notebook, too
+
 
 def check_known(what: str, names: Sequence[str], known: Sequence[str]) -> None:
     """Refuses (InputError) the first name that is not known."""

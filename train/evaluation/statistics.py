@@ -1,5 +1,6 @@
 """Confidence intervals by the bootstrap."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -7,6 +8,11 @@ import numpy as np
 NUM_RESAMPLES = 10_000
 FEWEST = 8  # samples; the bootstrap's interval of fewer is much too narrow to conclude from
 BLOCK = 2**22  # numbers drawn at once, 32 MiB of them
+
+
+def plain(value: float) -> float | None:
+    """A number for JSON, which has no NaN: None stands for "there was none"."""
+    return float(value) if math.isfinite(value) else None
 
 
 def mean(samples: np.ndarray) -> np.ndarray:

@@ -5,9 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from medjax.env.reward import REWARDS
 from medjax.episodes.scores import Scores
 from medjax.policies.rules import BASELINES
-from train.evaluation.statistics import bootstrap_ci95, interquartile_mean, relative_change
+from medjax.scenarios import SCENARIOS
+from train.evaluation.statistics import bootstrap_ci95, interquartile_mean, plain, relative_change
+from train.evaluation.tables import TERM
 
 CLAIMED = ("depleted_share", "mean_range_m", "mean_soc")  # what the paper compares with no action
 
@@ -36,12 +39,13 @@ def summarize(
         baseline: one of the policies, that the others are compared with.
 
     Returns:
-        `policies` (by name: `return_mean`, `return_std`, `return_ci95`, and the mean of every metric), `episodes`,
-        `scenario`, `overrides` and `seed`. With a baseline also `baseline` and `difference_from_baseline` (of each
-        other policy's return in the same episode: `mean`, `ci95`). If there are learned policies also, each of an
-        episode's mean over the training seeds: `paired_return_difference` (to every rule: `mean`, `ci95`) and
-        `change_against_none` (of metrics, as a share: `mean`, `ci95`). With several training seeds `training_seeds`
-        (`return_means`, `interquartile_mean`, `ci95`, and `paired_return_differences`, each learner's own).
+        `policies` (by name: `return_mean`, `return_std`, `return_ci95`, and the mean of every metric, None where it is
+        no number), `episodes`, `scenario`, `overrides` and `seed`. Where the reward's terms are not the preset's,
+        `reward`, their names. With a baseline also `baseline` and `difference_from_baseline` (of each other policy's
+        return in the same episode: `mean`, `ci95`). If there are learned policies also, each of an episode's mean over
+        the training seeds: `paired_return_difference` (to every rule: `mean`, `ci95`) and `change_against_none` (of
+        metrics, as a share: `mean`, `ci95`). With several training seeds `training_seeds` (`return_means`,
+        `interquartile_mean`, `ci95`, and `paired_return_differences`, each learner's own).
     """
     result: dict[str, Any] = {
         "policies": {name: _entry(score, seed) for name, score in scores.items()},
@@ -49,6 +53,7 @@ def summarize(
         "scenario": scenario,
         "overrides": dict(overrides or {}),
         "seed": seed,
+        **_other_reward(scenario, scores),
     }
     if baseline is not None:
         base = {baseline: scores[baseline]}
@@ -73,6 +78,14 @@ def summarize(
     return result
 
 
+def _other_reward(scenario: str, scores: Mapping[str, Scores]) -> dict[str, list[str]]:
+    """The terms of the reward by `reward`, where they are not those of the preset."""
+    columns = dict.fromkeys(column for score in scores.values() for column in score)
+    terms = [name.removeprefix(TERM) for name in columns if name.startswith(TERM)]
+    usual = REWARDS[SCENARIOS[scenario].reward] if scenario in SCENARIOS else terms
+    return {"reward": terms} if terms and set(terms) != set(usual) else {}
+
+
 def _entry(score: Scores, seed: int) -> dict[str, Any]:
     """What the scores of one policy say."""
     returns = score["return"]
@@ -81,7 +94,7 @@ def _entry(score: Scores, seed: int) -> dict[str, Any]:
         "return_std": float(np.std(returns, ddof=1)) if returns.size > 1 else 0.0,
         "return_ci95": list(bootstrap_ci95(returns, seed)),
         **{
-            ("episode_length" if column == "length" else column): float(np.mean(values))
+            ("episode_length" if column == "length" else column): plain(float(np.mean(values)))
             for column, values in score.items()
             if column != "return"
         },

@@ -30,6 +30,7 @@ BALANCE = {  # what slow driving does, what charging does, and what they cost; p
     "refusing": ("refusing_share", ".3f"),
     "left early": ("left_early", ".2f"),
 }
+AGENTS = "told_speed"  # a metric that there is where MEDs are agents
 TERM = "reward_"  # begins the metrics that are terms of the reward
 PAPER_TABLE_2 = {  # mean and standard deviation of the episode's reward, by policy
     "random": (-332.4056918, 53.94543289),
@@ -87,14 +88,17 @@ def interval_of_seeds(count: int) -> str:
 def headline(result: Mapping[str, Any]) -> str:
     """What was played."""
     changed = [f"{name} = {shown(value)}" for name, value in result.get("overrides", {}).items()]
+    changed += [f"reward of {', '.join(terms)}"] if (terms := result.get("reward")) else []
     world = result["scenario"] + (f" ({', '.join(changed)})" if changed else "")
     seed = f" of seed {result['seed']}" if "seed" in result else ""
     return f"{result['episodes']} whole episodes of {world}{seed}, the same for every policy"
 
 
 def is_papers(result: Mapping[str, Any]) -> bool:
-    """Whether the paper's figures are of this world: its preset, as it is."""
-    return result["scenario"] == "paper" and not result.get("overrides")
+    """Whether the paper's figures are of this world: its preset, as it is, with a dispatcher and its reward."""
+    agents = any(AGENTS in entry for entry in result["policies"].values())
+    changed = result.get("overrides") or result.get("reward") or agents
+    return result["scenario"] == "paper" and not changed
 
 
 def unseen(result: Mapping[str, Any], learned: Sequence[str]) -> str:
@@ -171,12 +175,12 @@ def reward_rows(result: Mapping[str, Any]) -> Table:
 
 
 def _in_all(columns: Mapping[str, tuple[str, str]], result: Mapping[str, Any]) -> dict[str, Any]:
-    """The columns whose metric every policy has."""
+    """The columns whose metric is a number of every policy."""
     entries = result["policies"].values()
     return {
         heading: (metric, form)
         for heading, (metric, form) in columns.items()
-        if all(metric in entry for entry in entries)
+        if all(entry.get(metric) is not None for entry in entries)
     }
 
 
@@ -206,7 +210,7 @@ def claim_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
                 low, high = change["ci95"]
                 here = f"{change['mean']:+.1%} [{low:+.1%}, {high:+.1%}]"
             rows.append([heading, f"{PAPER_CLAIMS[metric] - 1:+.0%}", here])
-        elif all(metric in entry for entry in ours):
+        elif all(entry.get(metric) is not None for entry in ours):
             mean = fmean(entry[metric] for entry in ours)
             rows.append([heading, format(PAPER_MEDS, ".0f"), format(mean, form)])
     return rows if is_papers(result) else [[row[0], row[2]] for row in rows]

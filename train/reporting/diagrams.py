@@ -21,7 +21,7 @@ TIME_BINS = 30  # of the maps
 
 
 def plot_episode(
-    path: Path, trace: Trace, road: RoadParams, decision_s: float, title: str
+    path: Path, trace: Trace, road: RoadParams, every_s: tuple[float, float], title: str
 ) -> dict[str, int]:
     """Draws a time-space diagram: EVs by their charge, MEDs, dispatches, and where EVs ran out.
 
@@ -31,7 +31,7 @@ def plot_episode(
         path: file to write.
         trace: of one episode.
         road: its geometry.
-        decision_s: s from one decision to the next.
+        every_s: s from one round to the next, and from one decision of the policy to the next.
         title: heading.
 
     Returns:
@@ -39,42 +39,44 @@ def plot_episode(
     """
     figure = new_figure(12, 7.5)
     axes = figure.add_subplot()
-    lines = _draw_vehicles(axes, trace.frames, decision_s)
-    marked = _draw_marks(axes, trace, road, decision_s)
+    round_s, _ = every_s
+    lines = _draw_vehicles(axes, trace.frames, round_s)
+    marked = _draw_marks(axes, trace, road, every_s)
     figure.colorbar(lines, ax=axes, label="state of charge of an EV", pad=0.01)
     ramps = axes.secondary_yaxis("right")
     places = [float(x) for x in road.ramp_x_m]
     ramps.set_yticks(places, [f"ramp {number}" for number in range(1, 1 + len(places))])
     for place in places:
         axes.axhline(place, color="black", lw=0.6, ls=":")
-    axes.set(xlim=(0, len(trace.sent) * decision_s), ylim=(0, float(road.length_m)), title=title)
+    end_s = (len(trace.frames.ev_x) - 1) * round_s
+    axes.set(xlim=(0, end_s), ylim=(0, float(road.length_m)), title=title)
     axes.set(xlabel="time (s)", ylabel="position along the road (m)")
     figure.legend(loc="outside lower center", ncols=5, frameon=False)
     save(figure, path)
     return marked
 
 
-def _segments(on_road: Any, x: Any, decision_s: float) -> tuple[Any, Any]:
-    """Ways of vehicles `(T + 1, V)`: lines `(S, 2, 2)` from time and position to those, and which ways, `(T, V)`."""
+def _segments(on_road: Any, x: Any, round_s: float) -> tuple[Any, Any]:
+    """Ways of vehicles `(F + 1, V)`: lines `(S, 2, 2)` from time and position to those, and which ways, `(F, V)`."""
     # A slot that empties is filled again one frame later at the earliest, so who was there is the one who drove.
     there = on_road[:-1]
     time, slot = np.nonzero(there)
-    starts = np.stack([time * decision_s, x[time, slot]], axis=-1)
-    ends = np.stack([(time + 1) * decision_s, x[time + 1, slot]], axis=-1)
+    starts = np.stack([time * round_s, x[time, slot]], axis=-1)
+    ends = np.stack([(time + 1) * round_s, x[time + 1, slot]], axis=-1)
     return np.stack([starts, ends], axis=1), there
 
 
-def _draw_vehicles(axes: Any, frames: Frame, decision_s: float) -> Any:
+def _draw_vehicles(axes: Any, frames: Frame, round_s: float) -> Any:
     """MEDs as broad lines; over them EVs as thin lines in the colour of their charge, which are returned."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import LinearSegmentedColormap
 
-    lines, there = _segments(frames.med_on_road, frames.med_x, decision_s)
+    lines, there = _segments(frames.med_on_road, frames.med_x, round_s)
     charges = (frames.med_charges[:-1] > 0)[there]
     axes.add_collection(LineCollection(lines, colors=MED, lw=4, label="MED", zorder=1))
     style: dict[str, Any] = {"colors": CHARGING, "lw": 6, "zorder": 2}
     axes.add_collection(LineCollection(lines[charges], label="MED that charges EVs", **style))
-    lines, there = _segments(frames.ev_on_road, frames.ev_x, decision_s)
+    lines, there = _segments(frames.ev_on_road, frames.ev_x, round_s)
     charge = LinearSegmentedColormap.from_list("charge", list(map(css, SOC_SCALE)))
     axes.add_collection(LineCollection(lines, colors="white", lw=2.2, zorder=2.5))  # over the green
     drawn = LineCollection(lines, cmap=charge, lw=1.2, zorder=3)
@@ -85,16 +87,18 @@ def _draw_vehicles(axes: Any, frames: Frame, decision_s: float) -> Any:
     return drawn
 
 
-def _draw_marks(axes: Any, trace: Trace, road: RoadParams, decision_s: float) -> dict[str, int]:
+def _draw_marks(
+    axes: Any, trace: Trace, road: RoadParams, every_s: tuple[float, float]
+) -> dict[str, int]:
     """Marks where MEDs are sent and where EVs run out; returns how many there are of each."""
-    frames = trace.frames
+    frames, (round_s, decision_s) = trace.frames, every_s
     empty, there = frames.ev_soc <= 0.0, frames.ev_on_road
     ran_out, slot = np.nonzero((there[:-1] | there[1:]) & empty[1:] & ~(there & empty)[:-1])
     sent = np.nonzero(trace.sent)[0]
     style: dict[str, Any] = {"ls": "none", "zorder": 4, "clip_on": False}
     there, ramp = frames.ev_x[1 + ran_out, slot], np.asarray(road.ramp_x_m)[trace.sent[sent] - 1]
     cross = style | {"marker": "x", "color": RAN_OUT, "ms": 7, "mew": 2}
-    axes.plot((ran_out + 1) * decision_s, there, label=f"EV runs out ({len(ran_out)})", **cross)
+    axes.plot((ran_out + 1) * round_s, there, label=f"EV runs out ({len(ran_out)})", **cross)
     arrow = style | {"marker": "^", "color": SENT, "ms": 10, "mec": "white"}
     axes.plot(sent * decision_s, ramp, label=f"MED is sent ({len(sent)})", **arrow)
     return {"sent": len(sent), "depleted": len(ran_out)}
@@ -115,7 +119,7 @@ def plot_dispatch(
         shown: policies, and their places in `seen`.
         seen: of all episodes.
         ramp_x_m: (R,) m, at least one.
-        decision_s: s from one decision to the next.
+        decision_s: s from one decision of the policy to the next.
         choice: decisions from one choice of the trained policy to the next; a bin of time holds as many as any other.
     """
     decisions = seen.sent.shape[1]

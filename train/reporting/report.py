@@ -81,7 +81,7 @@ def play(
     for trace in record(env, params, recorded, episodes, seed):
         if not surveys:
             first = jax.tree.map(lambda leaf: leaf[0, list(recorded).index(ours)], trace)
-        surveys.append(survey(trace))
+        surveys.append(survey(trace, env.config.rounds_per_decision))
         done = sum(int(part.episodes) for part in surveys)
         print(f"recorded {done} of {episodes} episodes", flush=True)
     result = summarize(scores, config.scenario, learned_names(scores), seed, config.overrides)
@@ -92,19 +92,20 @@ def draw(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
     """Draws all figures."""
     path = _pictures(run_dir)
     names, seen, road = played.names, played.seen, played.params.road
-    decision_s = played.env.config.decision_s
+    round_s, decision_s = played.env.config.round_s, played.env.config.decision_s
+    step_s = decision_s * played.env.decisions_per_step
     returns = {name: entry["return_mean"] for name, entry in played.result["policies"].items()}
     rules = {name: value for name, value in returns.items() if name in BASELINES}
     plot_curve(path["training_curve"], read_rows(run_dir.metrics), config, rules)
     plot_comparison(path["comparison"], played.scores, played.seed, is_papers(played.result))
     ours = config.algorithm
     title = f"{ours}, first episode of seed {played.seed}, return {short(float(played.first.reward.sum()))}"
-    plot_episode(path["time_space"], played.first, road, decision_s, title)
+    plot_episode(path["time_space"], played.first, road, (round_s, step_s), title)
     plot_soc(path["soc_over_time"], names, seen, decision_s)
     plot_exit_soc(path["soc_at_end"], names, seen)
     shown = {name: names.index(name) for name in (ours, best_rule(played))}
     ramps = np.asarray(road.ramp_x_m)
-    plot_dispatch(path["dispatch"], shown, seen, ramps, decision_s, config.decide_every)
+    plot_dispatch(path["dispatch"], shown, seen, ramps, step_s, config.decide_every)
 
 
 def write(run_dir: RunDir, config: TrainConfig, played: Played, stochastic: bool) -> None:

@@ -1,5 +1,6 @@
 """What many recorded episodes have in common: charge of EVs, dispatches and need, as sums over episodes."""
 
+import math
 from collections.abc import Sequence
 
 import jax
@@ -13,10 +14,13 @@ SOC_BINS = 100  # of equal width, from 0 to 1
 
 
 class Survey(struct.PyTreeNode):
-    """Sums over episodes. P policies, T decisions, R ramps, B = SOC_BINS; NumPy arrays, so that surveys add up."""
+    """Sums over episodes. P policies, D decisions of the highway, T of the policy, R ramps, B = SOC_BINS.
+
+    NumPy arrays, so that surveys add up.
+    """
 
     episodes: np.ndarray  # ()
-    soc: np.ndarray  # (P, T + 1, B) EVs on the road, by state of charge
+    soc: np.ndarray  # (P, D + 1, B) EVs on the road, by state of charge
     exit_soc: np.ndarray  # (P, B) EVs that came to the end of the road
     depleted: np.ndarray  # (P,) EVs that ran out
     sent: np.ndarray  # (P, T, R) MEDs
@@ -25,19 +29,18 @@ class Survey(struct.PyTreeNode):
     to_greatest: np.ndarray  # (P,) MEDs sent from the ramp of the greatest need
 
 
-def survey(trace: Trace) -> Survey:
-    """Sums of traces `(episodes, policies, ...)`."""
+def survey(trace: Trace, rounds: int = 1) -> Survey:
+    """Sums of traces `(episodes, policies, ...)`, of so many rounds from one decision of the highway to the next."""
     frames, need = trace.frames, np.asarray(trace.need, np.float64)
-    on_road = np.asarray(frames.ev_on_road)
+    on_road, soc = np.asarray(frames.ev_on_road), np.asarray(frames.ev_soc)
     ended = on_road[:, :, :-1] & ~on_road[:, :, 1:]
-    ran_out = ended & (frames.ev_soc[:, :, 1:] <= 0.0)
-    bins = np.clip((frames.ev_soc * SOC_BINS).astype(np.int64), 0, SOC_BINS - 1)
+    ran_out = ended & (soc[:, :, 1:] <= 0.0)
     sent = np.asarray(trace.sent)[..., None] == 1 + np.arange(need.shape[-1])
     greatest = need == need.max(axis=-1, keepdims=True, initial=-np.inf)
     return Survey(
         episodes=np.asarray(len(need)),
-        soc=_histogram(bins, on_road, 2),
-        exit_soc=_histogram(bins[:, :, 1:], ended & ~ran_out, 1),
+        soc=_histogram(soc[:, :, ::rounds], on_road[:, :, ::rounds], 2),
+        exit_soc=_histogram(soc[:, :, 1:], ended & ~ran_out, 1),
         depleted=np.sum(trace.depleted, axis=(0, 2)),
         sent=sent.sum(axis=0),
         need=need.sum(axis=0),
@@ -68,12 +71,13 @@ def dispatch_rows(names: Sequence[str], seen: Survey) -> Table:
     return rows
 
 
-def _histogram(bins: np.ndarray, counted: np.ndarray, kept: int) -> np.ndarray:
-    """Counts of bins `(episodes, P, T, E)`, `(P, SOC_BINS)` if one axis is kept, `(P, T, SOC_BINS)` if two are."""
-    shape = bins.shape[1 : 1 + kept]
-    cell = np.arange(np.prod(shape)).reshape(1, *shape, *(1,) * (3 - kept))
-    flat = (cell * SOC_BINS + bins)[counted]
-    return np.bincount(flat, minlength=cell.size * SOC_BINS).reshape(*shape, SOC_BINS)
+def _histogram(soc: np.ndarray, counted: np.ndarray, kept: int) -> np.ndarray:
+    """Counts of charges `(episodes, P, T, E)`, `(P, SOC_BINS)` if one axis is kept, `(P, T, SOC_BINS)` if two are."""
+    shape = soc.shape[1 : 1 + kept]
+    bins = np.clip((soc[counted] * SOC_BINS).astype(np.int64), 0, SOC_BINS - 1)
+    cell = np.ravel_multi_index(np.nonzero(counted)[1 : 1 + kept], shape)
+    counts = np.bincount(cell * SOC_BINS + bins, minlength=math.prod(shape) * SOC_BINS)
+    return counts.reshape(*shape, SOC_BINS)
 
 
 def quantile(counts: np.ndarray, share: float) -> np.ndarray:

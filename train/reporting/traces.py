@@ -1,9 +1,10 @@
-"""Whole episodes decision by decision: the road, the dispatches and the need for them.
+"""Whole episodes: the road round by round; decision by decision the dispatches and the need for them.
 
 The episodes are those of `medjax.episodes.scores`, played by the same player.
 """
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Any
 
 import jax
@@ -17,7 +18,7 @@ from medjax.env.contract import Environment
 from medjax.env.forecast import forecast_need
 from medjax.env.observation import NEED_WINDOW_S
 from medjax.episodes.keys import episode_keys
-from medjax.episodes.player import Episodes, Player, episode_steps
+from medjax.episodes.player import Episodes, Player, episode_decisions, episode_steps
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.numerics.rows import CACHED_ROWS
 from medjax.policies.policy import Policy
@@ -40,9 +41,12 @@ class Frame(struct.PyTreeNode):
 
 
 class Trace(struct.PyTreeNode):
-    """An episode of T decisions with R ramps; several have their own axes first."""
+    """An episode of F rounds and T decisions of the policy, with R ramps; several have their own axes first.
 
-    frames: Frame  # (T + 1, ...), the first is of the reset
+    A round begins with those who enter, so a slot that empties in one is filled again in the next at the earliest.
+    """
+
+    frames: Frame  # (F + 1, ...), the first is of the reset, each other of the end of a round
     sent: jax.Array  # (T,) int32, the ramp that a MED was sent from, counted from 1; 0: none
     need: jax.Array  # (T, R) EVs, `forecast_need` as policies see it, before the decision
     reward: jax.Array  # (T,)
@@ -64,7 +68,7 @@ def record(
     Yields:
         Traces of NumPy arrays `(episodes at once, policies, ...)`, of consecutive episodes.
     """
-    run = _recorder(env, policies, episode_steps(env, params))
+    run = _recorder(env, policies, episode_decisions(params), episode_steps(env, params))
     weights = tuple(policy.weights for policy in policies.values())
     keys = episode_keys(seed, episodes)
     at_once = min(episodes, EPISODES_AT_ONCE)
@@ -79,39 +83,53 @@ def record(
 
 
 def _recorder(
-    env: Environment, policies: Mapping[str, Policy], steps: int
+    env: Environment, policies: Mapping[str, Policy], decisions: int, steps: int
 ) -> Callable[[Any, jax.Array, EnvParams], Trace]:
     """The jitted program `(weights, keys (episodes,), params) -> traces (episodes, policies, ...)`."""
-    player = Player(env, [*policies.values()])
-    count = len(player.policies)
+    config = env.config
+    player = Player(env.with_probe(partial(_frame, config)), [*policies.values()])
+    count, num_frames = len(player.policies), 1 + decisions * config.rounds_per_decision
+    ends = slice(config.ticks_per_round - 1, None, config.ticks_per_round)
 
     def play(keys: jax.Array, same: tuple[Any, EnvParams]) -> Trace:
         """Traces of some episodes."""
         weights, params = same
-        look = jax.vmap(lambda state: _frame(*env.highway(state, params), env.config))
+
+        def begun(state: Any) -> Frame:
+            return _frame(config, env.highway(state, params)[0])
+
+        def shares(state: Any, frames: Frame) -> Frame:
+            """Frames with the charge of EVs as a share."""
+            _, numbers = env.highway(state, params)
+            return frames.replace(ev_soc=frames.ev_soc / numbers.ev_capacity_j)
 
         def need_at(state: Any) -> jax.Array:
             highway, numbers = env.highway(state, params)
-            return forecast_need(highway, env.config, numbers, NEED_WINDOW_S)
+            return forecast_need(highway, config, numbers, NEED_WINDOW_S)
 
         def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
             """One decision in every row."""
             after, made = player.decide(episodes, number, weights, params)
-            made = made.of_dispatcher(env.config.num_actions)
+            made = made.of_dispatcher(config.num_actions)
             happened = made.info["tally"]
             sent = jnp.where(happened.meds_dispatched > 0.0, made.action, 0)
-            seen, need = look(after.state), jax.vmap(need_at)(episodes.state)
+            seen = jax.tree.map(lambda ticks: ticks[:, ends], made.info["ticks"])
+            need = jax.vmap(need_at)(episodes.state)
             return after, (seen, sent, need, made.reward, happened.depleted)
 
         first = player.start(keys, params)
-        _, (frames, *decided) = lax.scan(decide, first, jnp.arange(steps, dtype=jnp.int32))
+        _, made = lax.scan(decide, first, jnp.arange(steps, dtype=jnp.int32))
+        rounds, *decided = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), made)
+        # A last step of several decisions may reach beyond the end.
         frames = jax.tree.map(
-            lambda begin, rest: jnp.concatenate([begin[None], rest]), look(first.state), frames
+            lambda begin, rest: jnp.concatenate(
+                [begin[:, None], rest.reshape(len(begin), -1, *begin.shape[1:])], axis=1
+            )[:, :num_frames],
+            jax.vmap(begun)(first.state),
+            rounds,
         )
-        return jax.tree.map(
-            lambda leaf: jnp.moveaxis(leaf, 1, 0).reshape(-1, count, len(leaf), *leaf.shape[2:]),
-            Trace(frames, *decided),
-        )
+        trace = Trace(jax.vmap(shares)(first.state, frames), *decided)
+        return jax.tree.map(lambda leaf: leaf.reshape(-1, count, *leaf.shape[1:]), trace)
 
     def run(weights: Any, keys: jax.Array, params: EnvParams) -> Trace:
         episodes_at_once = max(1, CACHED_ROWS // count)
@@ -121,13 +139,13 @@ def _recorder(
     return jax.jit(run)
 
 
-def _frame(state: EnvState, params: EnvParams, config: EnvConfig) -> Frame:
-    """What is recorded of a state."""
+def _frame(config: EnvConfig, state: EnvState) -> Frame:
+    """What is recorded of a state; the charge of EVs in J."""
     vehicles, evs = state.vehicles, state.evs
     partner = evs.med[:, None] == jnp.arange(config.num_meds)
     return Frame(
         ev_x=vehicles.x[config.ev_slots],
-        ev_soc=evs.energy_j / params.ev_capacity_j,
+        ev_soc=evs.energy_j,
         ev_on_road=vehicles.active[config.ev_slots],
         med_x=vehicles.x[config.med_slots],
         med_on_road=vehicles.active[config.med_slots],

@@ -64,7 +64,7 @@ class Request:
     run_dir: Path | None  # None: an unused one under runs/
     resume: Path | None  # run to go on with
     processes: Processes = Processes()
-    quiet: bool = False  # nothing is said on the way
+    quiet: bool = False  # no progress is shown
     given: tuple[Any, Any] | None = None  # environment and numbers; None: those of the settings
     callback: Callable[[dict[str, Any]], object] | None = None  # gets each update's row
     from_update: int | None = None  # whose checkpoint to go on from; None: the newest
@@ -108,7 +108,7 @@ def build_parser(kind: type[TrainConfig]) -> OneLineParser:
         metavar="N",
         help="with --resume: from the checkpoint of this update, in place of the newest; later ones are removed",
     )
-    parser.add_argument("--quiet", action="store_true", help="say nothing on the way")
+    parser.add_argument("--quiet", action="store_true", help="show no progress")
     several = parser.add_argument_group("several machines")
     several.add_argument(
         "--coordinator",

@@ -14,16 +14,12 @@ import numpy as np
 from tqdm import tqdm
 
 from medjax.files import write_text
+from train.evaluation.statistics import plain
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig
 
 Row = dict[str, Any]
 MAIN = "episode_return"
-
-
-def plain(value: float) -> float | None:
-    """A number for JSON, which has no NaN: None stands for "there was none"."""
-    return float(value) if math.isfinite(value) else None
 
 
 def rows_from(metrics: dict[str, Any], count: int) -> list[Row]:

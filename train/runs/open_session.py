@@ -82,8 +82,9 @@ def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None,
         if update is not None:
             checkpoints.check(update)
         if checkpoints.latest() is not None:
-            _check_updates(run_dir, config)
-            saved = _restored(run_dir, checkpoints, request, shapes)
+            before = run_dir.load_config(type(config))
+            _check_updates(before, config)
+            saved = _restored(before, checkpoints, request, shapes)
         done = updates_done(saved) if saved is not None else 0
         if done >= config.num_updates:
             steps = done * config.steps_per_update
@@ -97,9 +98,8 @@ def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None,
     return run_dir, lock, saved
 
 
-def _check_updates(run_dir: RunDir, config: TrainConfig) -> None:
+def _check_updates(before: TrainConfig, config: TrainConfig) -> None:
     """Refuses (InputError) updates that are not those that were done: what is done is counted in them."""
-    before = run_dir.load_config(type(config))
     for name in config.of_an_update:
         given, was = getattr(config, name), getattr(before, name)
         if given != was:
@@ -107,16 +107,16 @@ def _check_updates(run_dir: RunDir, config: TrainConfig) -> None:
 
 
 def _restored(
-    run_dir: RunDir, checkpoints: Checkpoints, request: Request, shapes: TrainState
+    before: TrainConfig, checkpoints: Checkpoints, request: Request, shapes: TrainState
 ) -> TrainState:
     """The checkpoint to go on from; what does not fit is said by the settings that were changed."""
     try:
         return checkpoints.restore(shapes, request.from_update)
     except ShapeError as error:
-        before = to_json(run_dir.load_config(type(request.config)))
+        was = to_json(before)
         changed = [
-            f"{name} {shown(value)}, which was {shown(before[name])}"
+            f"{name} {shown(value)}, which was {shown(was[name])}"
             for name, value in to_json(request.config).items()
-            if value != before[name] and name != "total_timesteps"
+            if value != was[name] and name != "total_timesteps"
         ]
         raise InputError(f"{', '.join(changed) or 'other code'}: {error}") from None

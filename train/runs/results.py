@@ -54,6 +54,7 @@ def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> Compar
     """
     started = time.perf_counter()
     learned = run.env, run.params, run.config, run.weights
+    run.run_dir.evaluation.unlink(missing_ok=True)  # it is of weights that are replaced here
     export_policy(run.run_dir.policy, *learned, given=run.run_dir.given)
     played = _evaluate(run, evaluation) if evaluation is not None else None
     entries = played.result["policies"] if played is not None else {}

@@ -44,7 +44,7 @@ class Session:
     run_dir: RunDir  # where results go
     lock: IO[str] | None  # keeps other runs out while it is open; only the first process has it
     saved: TrainState | None  # checkpoint to go on from, on the host; None: from the start
-    quiet: bool = False  # says nothing on the way
+    quiet: bool = False  # shows no progress
     callback: Callable[[Row], object] | None = None  # gets each update's row once it is written
 
     def __post_init__(self) -> None:
@@ -143,13 +143,18 @@ class Session:
                 ended = dataclasses.replace(ended, played=played)
             except KeyboardInterrupt as error:
                 write_results(ended, None)
-                what = f"after the last update; evaluate with: {self._again('evaluate --run-dir')}"
-                raise _interrupted(signal_of(error), what) from None
+                raise _interrupted(signal_of(error), self._all_done()) from None
         if stopped_by is not None:
             go_on = self._again(f"{self.config.algorithm} --resume")
-            what = f"after update {updates_done(plain)}, saved; go on with: {go_on}"
+            what = f"after update {ended.updates}, saved; go on with: {go_on}"
+            if ended.updates >= self.config.num_updates:
+                what = self._all_done()
             raise _interrupted(stopped_by, what, alone=False)
         return ended
+
+    def _all_done(self) -> str:
+        """Where a run stands that only an evaluation is missing of, in words."""
+        return f"after the last update; evaluate with: {self._again('evaluate --run-dir')}"
 
     def _again(self, command: str) -> str:
         """What to type, or to call, to do more with this run."""

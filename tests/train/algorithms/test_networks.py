@@ -9,15 +9,63 @@ import pytest
 
 import medjax
 from medjax.env.observation import FlatObservation
+from medjax.env.wrapper import Wrapper
+from medjax.errors import InputError
 from medjax.policies.rules import BASELINES
 from train.algorithms.environments import make_environment
-from train.algorithms.networks import build_network, masked_categorical
+from train.algorithms.networks import (
+    PolicyWeights,
+    apply_policy,
+    apply_value,
+    build_network,
+    masked_categorical,
+)
+from train.algorithms.normalization import init_stats
 from train.algorithms.ppo.settings import PPOConfig
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 SMALL = {"num_meds": 3, "num_evs": 5, "num_gas": 12}
 CONFIG = PPOConfig(network="sets", observation="flat", hidden=(16,), encoder=(8, 8))
+
+
+@dataclasses.dataclass(frozen=True)
+class MoreActions(Wrapper):
+    """Somebody's own, with an action more than there are ramps."""
+
+    @property
+    def num_actions(self):
+        return self.env.num_actions + 1
+
+
+def test_other_actions_than_ramps_begin_without_the_rule():
+    """A wrapper with another number of actions, by default; the rule begins where they are the ramps."""
+    env, params = medjax.make("paper", observation="profile", **SMALL)
+    obs = jnp.ones((1, *env.observation_space(params).shape))
+    for world, even in ((MoreActions(env), True), (env, False)):
+        built = build_network(world, PPOConfig(hidden=(4,)))
+        logits, _ = built.apply(built.init(jax.random.key(0), obs), obs)
+        assert logits.shape == (1, world.num_actions)
+        assert (np.ptp(logits[0, 1:]) < 0.1) == even
+
+
+def test_an_observation_of_another_size_is_refused():
+    """One that is as wide as 1 would be spread over all features without a word."""
+    env, params = medjax.make("paper", observation="profile", **SMALL)
+    (size,) = env.observation_space(params).shape
+    built = build_network(env, PPOConfig(hidden=(4,)))
+    weights = PolicyWeights(
+        built.init(jax.random.key(0), jnp.zeros((1, size))), init_stats((size,))
+    )
+    mask = jnp.ones((2, env.num_actions), bool)
+    for wrong in (1, size + 1):
+        obs = jnp.zeros((2, wrong))
+        for call in (
+            lambda obs=obs: apply_policy(built, weights, obs, mask),
+            lambda obs=obs: apply_value(built, weights, obs),
+        ):
+            with pytest.raises(InputError, match=rf"\(2, {wrong}\), allowed: {size} features"):
+                call()
 
 
 @pytest.fixture(scope="module")

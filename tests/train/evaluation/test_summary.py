@@ -1,10 +1,14 @@
 """What is said of scores, by hand."""
 
+import json
+
 import numpy as np
 import pytest
 
+from medjax.env.reward import REWARDS
+from medjax.files import write_json
 from train.evaluation.summary import summarize
-from train.evaluation.tables import format_table
+from train.evaluation.tables import format_table, headline, is_papers
 
 
 def test_no_share_of_nothing():
@@ -47,6 +51,43 @@ def test_several_training_seeds_are_compared_by_their_mean():
     # Without a rule beside them there is nothing to be above of.
     alone = summarize({name: scores[name] for name in learned}, "paper", learned)
     assert "each minus" not in format_table(alone, learned)
+
+
+def test_a_metric_of_ones_own_may_be_no_number(tmp_path):
+    """It is None in the file, and its column is left out of the table."""
+    score = {"return": np.zeros(3), "length": np.full(3, 6.0), "mean_soc": np.full(3, 0.5)}
+    scores = {"none": score | {"mine": np.array([1.0, np.nan, 2.0])}}
+    scores["ppo"] = score | {"mine": np.ones(3), "mean_range_m": np.full(3, np.inf)}
+    scores["none"]["mean_range_m"] = np.ones(3)
+    result = summarize(scores, "paper", ["ppo"])
+    write_json(tmp_path / "out.json", result)
+    assert json.loads((tmp_path / "out.json").read_text()) == result
+    assert result["policies"]["none"]["mine"] is None
+    assert result["policies"]["ppo"]["mine"] == 1.0
+    table = format_table(result, ["ppo"])
+    assert "mean SoC" in table
+    assert "mean range m" not in table.split("against no action")[0]
+
+
+def test_another_reward_than_the_presets_is_told():
+    """By the terms that were paid; the paper's figures are not of it."""
+    paper, money = ({f"reward_{name}": np.zeros(3) for name in REWARDS[each]} for each in REWARDS)
+    for scenario, terms, there in (
+        ("paper", paper, None),
+        ("corridor", money, None),
+        ("paper-own", money, None),
+        ("paper", money, "reward of delay_h"),
+        ("paper", paper | {"reward_mine": np.ones(3)}, "mine"),
+    ):
+        result = summarize({"none": {"return": np.zeros(3)} | terms}, scenario, [])
+        heading = headline(result)
+        assert is_papers(result) == (scenario == "paper" and there is None)
+        if there is None:
+            assert heading == f"3 whole episodes of {scenario} of seed 0, the same for every policy"
+        else:
+            assert there in heading
+    agents = {"return": np.zeros(3), "told_speed": np.full(3, 20.0)} | paper
+    assert not is_papers(summarize({"none": agents}, "paper", []))
 
 
 def test_summary_has_the_contracts_names():

@@ -4,8 +4,11 @@ import jax
 import numpy as np
 import pytest
 
+import medjax
+from medjax.episodes.scores import evaluate_policies
+from train.reporting.diagrams import plot_episode
 from train.reporting.survey import SOC_BINS, dispatch_rows, quantile, survey, total
-from train.reporting.traces import Frame, Trace
+from train.reporting.traces import Frame, Trace, record
 
 
 def trace_by_hand():
@@ -38,6 +41,40 @@ def test_a_survey_by_hand():
     assert dispatch_rows(["a"], twice)[1] == [
         "a", "2.00", "1.00", "1.00", "100%", "2.000", "1.417",
     ]  # fmt: skip
+
+
+def test_no_ev_takes_over_a_slot_unseen_where_a_decision_is_several_rounds(
+    quick_compiles, tmp_path
+):
+    """As many EVs leave their slots as entered and are not there at the end; each is drawn where it drove."""
+    rounds = 4
+    few = {"num_meds": 3, "num_evs": 6, "num_gas": 12, "episode_decisions": 40, "ev_share": 0.9}
+    few |= {"rounds_per_decision": rounds}
+    env, params = medjax.make("paper", **few)
+    policies = {"random": medjax.BASELINES["random"](env)}
+    (trace,) = record(env, params, policies, 2, seed=0)
+    score = evaluate_policies(env, params, policies, 2, seed=0)["random"]
+    on_road = trace.frames.ev_on_road
+    assert on_road.shape[2] == 1 + 40 * rounds
+
+    def left_a_slot(there):
+        return (there[:, :, :-1] & ~there[:, :, 1:]).sum()
+
+    ended = score["evs_entered"].sum() - on_road[:, :, -1].sum()
+    assert left_a_slot(on_road) == ended > left_a_slot(on_road[:, :, ::rounds])
+    still_there = (on_road & (trace.frames.ev_soc <= 0.0))[:, :, -1].sum()
+    ran_out = score["evs_depleted"].sum() - still_there
+    assert ended > ran_out > 0
+    seen = survey(trace, rounds)
+    assert seen.exit_soc[0].sum() == ended - ran_out
+    assert seen.soc.sum(axis=-1).tolist() == [on_road[:, 0, ::rounds].sum(axis=(0, 2)).tolist()]
+    moved = np.diff(trace.frames.ev_x, axis=2)[on_road[:, :, :-1]]
+    assert (moved >= 0.0).all()
+    assert moved.max() < 50.0
+    first = jax.tree.map(lambda leaf: leaf[0, 0], trace)
+    every_s = env.config.round_s, env.config.decision_s
+    marked = plot_episode(tmp_path / "episode.png", first, params.road, every_s, "one")
+    assert marked["depleted"] == score["evs_depleted"][0]
 
 
 @pytest.mark.parametrize("share", [0.05, 0.25, 0.5, 0.95])

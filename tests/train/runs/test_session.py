@@ -12,7 +12,7 @@ import yaml
 
 from medjax.policies.saved import load_policy
 from tests.train.conftest import TINY, refused
-from train import evaluate, ppo
+from train import evaluate, export, ppo
 from train.algorithms.programs import make_train, shapes_of
 from train.runs.checkpoint import Checkpoints
 from train.runs.logs import Progress, read_rows
@@ -154,6 +154,21 @@ def test_interrupted_and_resumed_equals_uninterrupted_bit_for_bit(
     ]
     for name in ("env_steps", "final_return_mean", "updates"):
         assert summaries[0][name] == summaries[1][name]
+
+
+def test_interrupted_in_the_last_update(probe, capsys, interrupt_after):
+    """What is left is to evaluate; the evaluation that is there is of other weights. Fewer devices export it, too."""
+    assert ppo.main([*TINY, "--run-dir=run"]) == 0
+    run = probe / "run"
+    assert (run / "evaluation.json").exists()
+    restore = interrupt_after(8)
+    assert ppo.main(["--resume=run", "--total-timesteps=128", "--updates-per-call=1"]) == 130
+    restore()
+    assert capsys.readouterr().err.endswith("with: python -m train.evaluate --run-dir run\n")
+    assert not (run / "evaluation.json").exists()
+    settings = (run / "config.json").read_text()
+    (run / "config.json").write_text(settings.replace('"num_devices": 0', '"num_devices": 64'))
+    assert export.main(["--run-dir=run"]) == 0
 
 
 def test_a_killed_run_goes_on_from_its_checkpoint(probe, monkeypatch):
