@@ -54,6 +54,7 @@ def draw(seed):
         length=jnp.full(NUM_EVS, 5.0),
         asks=jnp.asarray(asks),
         endurance_s=jnp.full(NUM_EVS, 500.0),
+        leaves_x=jnp.full(NUM_EVS, 4000.0),
     )
     return jnp.asarray(med, jnp.int32), jnp.asarray(panel, jnp.int32), requests, offers
 
@@ -124,7 +125,7 @@ def test_too_far_or_too_late_is_refused(booking, paper):
     med = panel = jnp.full((1,), NOT_BOOKED, jnp.int32)
     free = jnp.ones((1, 4), bool)
 
-    def accepted(ev_x, med_x, endurance=500.0, leaves_x=4000.0):
+    def accepted(ev_x, med_x, endurance=500.0, leaves_x=4000.0, ev_leaves_x=4000.0):
         med_there = (jnp.array([value]) for value in (med_x, 22.0, 2, 12.0))
         offers = Offers(*med_there, free, jnp.array([leaves_x]))
         requests = Requests(
@@ -133,6 +134,7 @@ def test_too_far_or_too_late_is_refused(booking, paper):
             jnp.array([5.0]),
             jnp.array([True]),
             jnp.array([endurance]),
+            jnp.array([ev_leaves_x]),
         )
         got, _ = grant(med, panel, requests, offers, params.charging)
         return int(got[0]) == 0
@@ -142,7 +144,25 @@ def test_too_far_or_too_late_is_refused(booking, paper):
     assert not accepted(900.0, 899.0 - float(params.charging.reach_behind_m))
     assert not accepted(3800.0, 3950.0)  # the MED leaves in 2.3 s
     assert not accepted(900.0, 1000.0, leaves_x=1050.0)  # by an exit
+    assert not accepted(900.0, 1000.0, ev_leaves_x=1050.0)
     assert not accepted(900.0, 1000.0, endurance=3.0)
+
+
+@pytest.mark.parametrize("exit_x", [2000.0, 4000.0])
+def test_time_ends_where_one_makes_for_its_exit(exit_x):
+    """Before the deceleration lane of 250 m, a lane's 295 m for each lane to go and one more; or at the road's end."""
+    env, params = medjax.make("paper", exit_x_m=[2000.0], exit_share=0.0)
+    config, (_, state) = env.config, jax.jit(env.reset)(jax.random.key(0), params)
+    vehicles = state.vehicles
+    lane = jnp.arange(config.num_vehicles, dtype=jnp.int32) % config.num_lanes
+    state = state.replace(
+        vehicles=vehicles.replace(lane=lane, destination=jnp.full_like(vehicles.x, exit_x))
+    )
+    begins = 2000.0 - 250.0 - 295.0 * (config.num_lanes - lane)
+    expected = begins if exit_x == 2000.0 else jnp.full_like(begins, 4000.0)
+    requests, offers = ask(state, config, params)
+    np.testing.assert_allclose(requests.leaves_x, expected[config.ev_slots], atol=1e-2)
+    np.testing.assert_allclose(offers.leaves_x, expected[config.med_slots], atol=1e-2)
 
 
 def test_one_to_one_in_play():
