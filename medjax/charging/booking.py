@@ -119,8 +119,9 @@ def _panel_cost(requests: Requests, offer: Offers, params: ChargingParams) -> ja
     slot = panel_x(panel, med, length, params.dock_gap_m)
     wanted = panel_lane(panel, med.lane)
     goal = plan_approach(x, lane, length, panel, med, params).goal_x
-    # An EV closes up at the approach speed, but falls back on the move.
+    # An EV closes up at the approach speed, and falls back as fast at most, but on the move.
     back = jnp.maximum((1.0 - params.slowest_share) * med.speed, 1.0)
+    back = jnp.minimum(back, params.approach_speed)
     up, down = jnp.maximum(goal - x, 0.0) + (slot - goal), jnp.maximum(x - goal, 0.0)
     seconds = up / params.approach_speed + down / back + LANE_CHANGE_S * jnp.abs(wanted - lane)
     # Nobody can pass the MED in its own lane.

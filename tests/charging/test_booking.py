@@ -8,7 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import medjax
-from medjax.charging.booking import Offers, Requests, ask, book, grant, panel_flags
+from medjax.charging.booking import (
+    WORTHWHILE_S,
+    Offers,
+    Requests,
+    ask,
+    book,
+    grant,
+    panel_flags,
+)
 from medjax.env.forecast import expected_need, free_slots
 from medjax.world.params import LEFT, PANELS
 from medjax.world.state import IN_SERVICE, LEAVING, MERGING, NOT_BOOKED, QUEUED, RETIRED
@@ -163,6 +171,24 @@ def test_time_ends_where_one_makes_for_its_exit(exit_x):
     requests, offers = ask(state, config, params)
     np.testing.assert_allclose(requests.leaves_x, expected[config.ev_slots], atol=1e-2)
     np.testing.assert_allclose(offers.leaves_x, expected[config.med_slots], atol=1e-2)
+
+
+@pytest.mark.parametrize("approach_speed", [0.5, 2.0, 8.0])
+def test_who_is_ahead_falls_back_no_faster_than_docking_has_it(paper, approach_speed):
+    """At the approach speed at most; at a quarter of the MED's where that is slower."""
+    charging = paper[1].charging.replace(approach_speed=approach_speed)
+    ahead_m, speed = 60.0, 20.0
+    pace = min(approach_speed, (1.0 - float(charging.slowest_share)) * speed)
+    # In the left slot an EV and its MED have their middles side by side.
+    seconds = (ahead_m + 0.5 * (12.0 - 5.0)) / pace
+    nobody = jnp.full((1,), NOT_BOOKED, jnp.int32)
+    for spare_s, granted in ((-0.5, NOT_BOOKED), (0.5, 0)):
+        leaves_x = jnp.array([1000.0 + speed * (seconds + WORTHWHILE_S + spare_s)])
+        med_there = (jnp.array([value]) for value in (1000.0, speed, 2, 12.0))
+        offers = Offers(*med_there, jnp.array([[True, False, False, False]]), leaves_x)
+        asks = (jnp.array([value]) for value in (1000.0 + ahead_m, 1, 5.0, True, 1e6, 1e9))
+        got, _ = grant(nobody, nobody, Requests(*asks), offers, charging)
+        assert int(got[0]) == granted
 
 
 def test_one_to_one_in_play():
