@@ -21,6 +21,7 @@ from medjax.charging.energy import cruising
 from medjax.numerics.gathers import read
 from medjax.numerics.sums import count_down
 from medjax.traffic.entry import Newcomers
+from medjax.traffic.exits import way_before_exit
 from medjax.traffic.following import by_kind
 from medjax.world.params import FRONT, PANELS, REAR, ChargingParams, EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, NOT_BOOKED, EnvState, EVs, MEDs, Vehicles
@@ -88,7 +89,7 @@ class Offers(NamedTuple):
     free: (
         jax.Array
     )  # bool, in service, with energy, takes EVs, and the slot on the road and not booked
-    leaves_x: jax.Array  # m, where it leaves the road
+    leaves_x: jax.Array  # m, where it leaves the road, or begins to make for its exit
 
 
 class Requests(NamedTuple):
@@ -99,6 +100,7 @@ class Requests(NamedTuple):
     length: jax.Array  # m
     asks: jax.Array  # bool, wants a slot now
     endurance_s: jax.Array  # s, how long its energy lasts
+    leaves_x: jax.Array  # m, as its MED's
 
 
 def _first_minimum(values: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -117,8 +119,9 @@ def _panel_cost(requests: Requests, offer: Offers, params: ChargingParams) -> ja
     slot = panel_x(panel, med, length, params.dock_gap_m)
     wanted = panel_lane(panel, med.lane)
     goal = plan_approach(x, lane, length, panel, med, params).goal_x
-    # An EV closes up at the approach speed, but falls back on the move.
+    # An EV closes up at the approach speed, and falls back as fast at most, but on the move.
     back = jnp.maximum((1.0 - params.slowest_share) * med.speed, 1.0)
+    back = jnp.minimum(back, params.approach_speed)
     up, down = jnp.maximum(goal - x, 0.0) + (slot - goal), jnp.maximum(x - goal, 0.0)
     seconds = up / params.approach_speed + down / back + LANE_CHANGE_S * jnp.abs(wanted - lane)
     # Nobody can pass the MED in its own lane.
@@ -135,9 +138,9 @@ def grant(
 ) -> tuple[jax.Array, jax.Array]:
     """One round of booking: each EV asks its nearest MED, each MED takes its nearest EV.
 
-    An EV asks only for a slot that it can reach before the MED leaves the road and before its own
-    energy ends. A MED that several ask takes the nearest (the lower slot on a tie); the others ask
-    again in the next round. One EV a MED and round keeps the map one-to-one by construction.
+    An EV asks only for a slot that it can reach before the MED leaves the road, or comes to where the EV
+    does, and before its own energy ends. A MED that several ask takes the nearest (the lower slot on a tie);
+    the others ask again in the next round. One EV a MED and round keeps the map one-to-one by construction.
 
     Args:
       med, panel: (E,) int32, the map so far.
@@ -155,7 +158,8 @@ def grant(
 
     cost = _panel_cost(requests, offer, params)
     seconds, choice = _first_minimum(cost)
-    time_left = (offer.leaves_x - offer.x) / jnp.maximum(offer.speed, 1.0)
+    leaves_x = jnp.minimum(offer.leaves_x, requests.leaves_x)
+    time_left = (leaves_x - offer.x) / jnp.maximum(offer.speed, 1.0)
     in_time = (seconds + WORTHWHILE_S <= time_left) & (seconds < requests.endurance_s)
     asks = requests.asks & (distance < FAR) & in_time
 
@@ -178,13 +182,17 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
     med_lane = vehicles.lane[med_slots]
     booked = panel_flags(evs.med, evs.panel, evs.med != NOT_BOOKED, config.num_meds)
     open_slots = slots_on_road(med_lane, config.num_lanes) & ~booked
+    leaves_x = vehicles.destination
+    if config.num_exits:
+        way = way_before_exit(vehicles, config, params)
+        leaves_x = jnp.minimum(leaves_x, vehicles.x + way)
     offers = Offers(
         x=vehicles.x[med_slots],
         speed=vehicles.speed[med_slots],
         lane=med_lane,
         length=length[med_slots],
         free=(can_serve(meds, params) & meds.accepts)[:, None] & open_slots,
-        leaves_x=vehicles.destination[med_slots],
+        leaves_x=leaves_x[med_slots],
     )
     lane = vehicles.lane[ev_slots]
     _, power_w = cruising(params)
@@ -199,6 +207,7 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
         & (evs.timer_s <= 0.0)
         & (evs.energy_j < params.charging.request_soc * params.ev_capacity_j),
         endurance_s=evs.energy_j / jnp.maximum(power_w, 1.0),  # downhill nothing is used up
+        leaves_x=leaves_x[ev_slots],
     )
     return requests, offers
 

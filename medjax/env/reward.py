@@ -102,7 +102,10 @@ TERMS: Mapping[str, RewardTerm] = {
 
 
 def delay_h(outcome: Outcome) -> jax.Array:
-    """Hours that vehicles lost against their own desired speeds, or waited to come onto the road; MEDs not counted."""
+    """Hours that vehicles lost against their own desired speeds, or waited to come onto the road.
+
+    MEDs count only while they wait at a ramp, among all who do (`queue_vehicle_s`); `med_h` has that time, too.
+    """
     happened = outcome.happened
     return (happened.ev_delay_s + happened.gas_delay_s + happened.queue_seconds) / 3600.0
 
@@ -118,7 +121,7 @@ def ev_kwh(outcome: Outcome) -> jax.Array:
 
 
 def med_h(outcome: Outcome) -> jax.Array:
-    """Hours of MEDs and their drivers, from the order to the end of the road."""
+    """Hours of MEDs and their drivers, from the order to where they leave the road: at an exit, or at its end."""
     return outcome.happened.med_seconds / 3600.0
 
 

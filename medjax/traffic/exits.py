@@ -78,10 +78,18 @@ def exit_desire(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax
     return jnp.where((lanes > 0) & (vehicles.lane < config.num_lanes), desire, 0.0)
 
 
-def prepares(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Who is so near to its exit that one more lane to go would be too many, `(N,)` bool."""
+def way_before_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """Way until each must think of its exit alone, `(N,)` m; inf for those who drive to the road's end.
+
+    Nearer, one more lane to go would be too many.
+    """
     view = (_lanes_to_go(vehicles, config) + 1) * params.lane_change.exit_view_m
-    return _to_lane(vehicles, config, params) < view
+    return _to_lane(vehicles, config, params) - view
+
+
+def prepares(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """Who makes for its exit, and does nothing else, `(N,)` bool."""
+    return way_before_exit(vehicles, config, params) < 0.0
 
 
 def takes_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:

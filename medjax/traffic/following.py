@@ -171,7 +171,8 @@ def relaxed_headway(
     """
     there = jnp.minimum(spare, usual)
     short = jnp.minimum(headway, usual)
-    grown = short + rounded((usual - short) * (dt / params.relaxation_s))
+    share = jnp.minimum(dt / params.relaxation_s, 1.0)  # of what is missing
+    grown = short + rounded((usual - short) * share)
     taken = jnp.maximum(there, jnp.minimum(params.accepted_headway, usual))
     return jnp.where(is_new, taken, jnp.maximum(grown, there))
 

@@ -212,7 +212,7 @@ SCENARIOS["corridor"] = Scenario(  # docs/parameters.md has the reasons
         "target_soc": 0.5,
         "stop_soc": 0.1,
         "reach_ahead_m": 1_500.0,
-        "patience_s": 120.0,
+        "patience_s": 200.0,
         "episode_decisions": 360,
     },
     reward="money",

@@ -192,7 +192,7 @@ class MotionParams(struct.PyTreeNode):
         5.0, 0.1, 10e3, "s", "correlation time of acceleration noise and lateral wander; chosen"
     )
     lateral_rate: Scalar = number(
-        2.0, 0.1, 20, "1/s", "of steering; half of it is what is left of an offset once it is small"
+        2.0, 0.1, 4, "1/s", "of steering; half of it is what is left of an offset once it is small"
     )
     lateral_acceleration: Scalar = number(
         2.0, 0.1, 20, "m/s2", "sideways, at most; comfortable steering"

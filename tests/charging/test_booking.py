@@ -8,7 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import medjax
-from medjax.charging.booking import Offers, Requests, ask, book, grant, panel_flags
+from medjax.charging.booking import (
+    WORTHWHILE_S,
+    Offers,
+    Requests,
+    ask,
+    book,
+    grant,
+    panel_flags,
+)
 from medjax.env.forecast import expected_need, free_slots
 from medjax.world.params import LEFT, PANELS
 from medjax.world.state import IN_SERVICE, LEAVING, MERGING, NOT_BOOKED, QUEUED, RETIRED
@@ -54,6 +62,7 @@ def draw(seed):
         length=jnp.full(NUM_EVS, 5.0),
         asks=jnp.asarray(asks),
         endurance_s=jnp.full(NUM_EVS, 500.0),
+        leaves_x=jnp.full(NUM_EVS, 4000.0),
     )
     return jnp.asarray(med, jnp.int32), jnp.asarray(panel, jnp.int32), requests, offers
 
@@ -124,7 +133,7 @@ def test_too_far_or_too_late_is_refused(booking, paper):
     med = panel = jnp.full((1,), NOT_BOOKED, jnp.int32)
     free = jnp.ones((1, 4), bool)
 
-    def accepted(ev_x, med_x, endurance=500.0, leaves_x=4000.0):
+    def accepted(ev_x, med_x, endurance=500.0, leaves_x=4000.0, ev_leaves_x=4000.0):
         med_there = (jnp.array([value]) for value in (med_x, 22.0, 2, 12.0))
         offers = Offers(*med_there, free, jnp.array([leaves_x]))
         requests = Requests(
@@ -133,6 +142,7 @@ def test_too_far_or_too_late_is_refused(booking, paper):
             jnp.array([5.0]),
             jnp.array([True]),
             jnp.array([endurance]),
+            jnp.array([ev_leaves_x]),
         )
         got, _ = grant(med, panel, requests, offers, params.charging)
         return int(got[0]) == 0
@@ -142,7 +152,43 @@ def test_too_far_or_too_late_is_refused(booking, paper):
     assert not accepted(900.0, 899.0 - float(params.charging.reach_behind_m))
     assert not accepted(3800.0, 3950.0)  # the MED leaves in 2.3 s
     assert not accepted(900.0, 1000.0, leaves_x=1050.0)  # by an exit
+    assert not accepted(900.0, 1000.0, ev_leaves_x=1050.0)
     assert not accepted(900.0, 1000.0, endurance=3.0)
+
+
+@pytest.mark.parametrize("exit_x", [2000.0, 4000.0])
+def test_time_ends_where_one_makes_for_its_exit(exit_x):
+    """Before the deceleration lane of 250 m, a lane's 295 m for each lane to go and one more; or at the road's end."""
+    env, params = medjax.make("paper", exit_x_m=[2000.0], exit_share=0.0)
+    config, (_, state) = env.config, jax.jit(env.reset)(jax.random.key(0), params)
+    vehicles = state.vehicles
+    lane = jnp.arange(config.num_vehicles, dtype=jnp.int32) % config.num_lanes
+    state = state.replace(
+        vehicles=vehicles.replace(lane=lane, destination=jnp.full_like(vehicles.x, exit_x))
+    )
+    begins = 2000.0 - 250.0 - 295.0 * (config.num_lanes - lane)
+    expected = begins if exit_x == 2000.0 else jnp.full_like(begins, 4000.0)
+    requests, offers = ask(state, config, params)
+    np.testing.assert_allclose(requests.leaves_x, expected[config.ev_slots], atol=1e-2)
+    np.testing.assert_allclose(offers.leaves_x, expected[config.med_slots], atol=1e-2)
+
+
+@pytest.mark.parametrize("approach_speed", [0.5, 2.0, 8.0])
+def test_who_is_ahead_falls_back_no_faster_than_docking_has_it(paper, approach_speed):
+    """At the approach speed at most; at a quarter of the MED's where that is slower."""
+    charging = paper[1].charging.replace(approach_speed=approach_speed)
+    ahead_m, speed = 60.0, 20.0
+    pace = min(approach_speed, (1.0 - float(charging.slowest_share)) * speed)
+    # In the left slot an EV and its MED have their middles side by side.
+    seconds = (ahead_m + 0.5 * (12.0 - 5.0)) / pace
+    nobody = jnp.full((1,), NOT_BOOKED, jnp.int32)
+    for spare_s, granted in ((-0.5, NOT_BOOKED), (0.5, 0)):
+        leaves_x = jnp.array([1000.0 + speed * (seconds + WORTHWHILE_S + spare_s)])
+        med_there = (jnp.array([value]) for value in (1000.0, speed, 2, 12.0))
+        offers = Offers(*med_there, jnp.array([[True, False, False, False]]), leaves_x)
+        asks = (jnp.array([value]) for value in (1000.0 + ahead_m, 1, 5.0, True, 1e6, 1e9))
+        got, _ = grant(nobody, nobody, Requests(*asks), offers, charging)
+        assert int(got[0]) == granted
 
 
 def test_one_to_one_in_play():

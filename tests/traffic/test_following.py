@@ -67,6 +67,15 @@ def test_a_short_headway_grows_back_exponentially(start):
     np.testing.assert_allclose(path, USUAL - (USUAL - start) * np.exp(-t / TAU_S), atol=5e-3)
 
 
+@pytest.mark.parametrize("relaxation_s", [0.1, TICK_S, 0.3])
+def test_a_headway_does_not_grow_beyond_the_usual_one(relaxation_s):
+    """Also where the time to relax in is shorter than a tick."""
+    params = PARAMS.replace(relaxation_s=relaxation_s)
+    grown = relaxed_headway(SHORTEST, USUAL, 0.2, jnp.bool_(False), TICK_S, params)
+    share = min(TICK_S / relaxation_s, 1.0)
+    assert float(grown) == pytest.approx(SHORTEST + share * (USUAL - SHORTEST))
+
+
 @given(st.floats(0.1, USUAL), st.floats(-5.0, 5.0))
 def test_a_headway_is_never_shorter_than_what_there_is(headway, there):
     """Who has fallen back, or been left behind, does not drive up again."""

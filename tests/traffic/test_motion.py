@@ -18,6 +18,7 @@ from medjax.traffic.motion import (
     stopping_acceleration,
     turn_between,
 )
+from medjax.world.params import GROUPS, SIZES
 from tests.traffic.reference import CAR, idm
 
 
@@ -184,6 +185,21 @@ def test_without_limits_steering_is_critically_damped():
     path = steered(0.2, 0.0, 0.0, np.full(800, 30.0), dt)
     t = dt * np.arange(1, 801)
     np.testing.assert_allclose(path[:, 0], 0.2 * (1 + RATE * t) * np.exp(-RATE * t), atol=1e-3)
+
+
+@pytest.mark.parametrize("acceleration", [0.5, MOST, 20.0])
+def test_steering_settles_at_the_ends_of_what_is_allowed(acceleration):
+    """The highest rate and the longest tick: a lane's width dies out, and does not swing for ever."""
+    rate, dt = GROUPS["motion"]["lateral_rate"].high, SIZES["tick_s"].high
+    steering = Steering(rate, acceleration, ALONG)
+
+    def tick(carry, _):
+        carry = lateral_step(*carry, 0.0, steering, dt)
+        return carry, carry[0]
+
+    start = jnp.float32(4.0), jnp.float32(0.0)
+    offset = np.asarray(jax.lax.scan(tick, start, length=240)[1])
+    assert np.abs(offset[-40:]).max() < 1e-3
 
 
 @pytest.mark.parametrize("dt", [0.05, 0.125, 0.25, 0.5])

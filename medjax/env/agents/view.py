@@ -130,11 +130,15 @@ def _there(state: EnvState, config: EnvConfig) -> jax.Array:
 
 
 def _speeds(state: EnvState, config: EnvConfig) -> jax.Array:
-    return state.vehicles.speed[config.med_slots]
+    """Of MEDs, `(A,)` m/s; 0 off the road, where a slot keeps what its last trip ended with."""
+    vehicles, slots = state.vehicles, config.med_slots
+    return jnp.where(vehicles.active[slots], vehicles.speed[slots], 0.0)
 
 
 def _lanes(state: EnvState, config: EnvConfig) -> jax.Array:
-    return state.vehicles.lane[config.med_slots].astype(jnp.float32)
+    """Of MEDs, `(A,)`; 0 off the road, as `_speeds`."""
+    vehicles, slots = state.vehicles, config.med_slots
+    return jnp.where(vehicles.active[slots], vehicles.lane[slots], 0).astype(jnp.float32)
 
 
 def _ways(state: EnvState, config: EnvConfig, params: EnvParams, x: jax.Array) -> jax.Array:
@@ -209,9 +213,9 @@ def _itself(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
     columns = [
         *(status == number for number in range(len(STATUS_NAMES))),
         jnp.where(_on_road(state, config), in_units(x, road.length_m), 0.0),
-        jnp.where(drives, _speeds(state, config) / SPEED_UNIT, 0.0),
+        _speeds(state, config) / SPEED_UNIT,
         in_units(meds.energy_j, params.med_capacity_j),
-        jnp.where(drives, lane / config.num_lanes, 0.0),
+        lane / config.num_lanes,
         jnp.where(drives, meds.service_lane - lane, 0.0),
         meds.service_speed / SPEED_UNIT,
         meds.accepts,

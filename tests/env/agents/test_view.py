@@ -8,7 +8,7 @@ import pytest
 from medjax.charging.booking import book
 from medjax.env.agents.environment import ROAD
 from medjax.env.agents.view import OF_AN_EV, OF_ITSELF, AgentView
-from medjax.world.state import IN_SERVICE
+from medjax.world.state import IN_SERVICE, QUEUED
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -100,6 +100,23 @@ def test_slots_do_not_matter(trips, busy):
     serves = np.asarray(busy.meds.status) == IN_SERVICE
     np.testing.assert_allclose(after[place][serves], before[serves], atol=1e-6)
     assert np.abs(before[serves]).sum() > 1.0
+
+
+def test_a_last_trip_is_not_seen(trips, busy):
+    """Speed and lane that its slot still holds of it tell nobody anything: not the MED that waits, nor others."""
+    vehicles, waits = busy.vehicles, jnp.arange(4) == 3
+    status = jnp.where(waits, QUEUED, IN_SERVICE)
+    active = vehicles.active.at[:4].set(~waits)
+    state = busy.replace(meds=busy.meds.replace(status=status))
+    seen = []
+    for speed, lane in ((0.0, 0), (23.0, 2)):
+        left = vehicles.replace(
+            active=active,
+            speed=vehicles.speed.at[3].set(speed),
+            lane=vehicles.lane.at[3].set(lane),
+        )
+        seen.append(np.asarray(trips.view(state.replace(vehicles=left), trips.params)))
+    np.testing.assert_array_equal(seen[0], seen[1])
 
 
 def test_who_is_not_on_the_road_sees_nobody(trips):
