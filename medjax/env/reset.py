@@ -8,9 +8,10 @@ import jax.numpy as jnp
 from medjax.charging.booking import unserved
 from medjax.charging.energy import cruising
 from medjax.env.depots import whole_fleet
+from medjax.env.trips import lacks_charge
 from medjax.traffic.arrivals import new_seed
-from medjax.traffic.demand import desired_speeds, drawn_kinds, fill_road
-from medjax.traffic.exits import draw_destinations
+from medjax.traffic.demand import desired_speeds, drawn_kinds, fill_road, shares_on_road
+from medjax.traffic.exits import draw_destinations, last_exit
 from medjax.world.kinds import MED
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, Tally, Vehicles, count_kinds
@@ -19,8 +20,8 @@ from medjax.world.state import EnvState, Tally, Vehicles, count_kinds
 def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvState:
     """Draws a road already filled to match the demand.
 
-    EVs on the road have spent what the way to their place takes since they arrived; those whose
-    energy would not have lasted are not there, just as in the flow without MEDs.
+    EVs on the road have spent what the way to their place takes since they arrived; those whose energy would not have
+    lasted are not there, nor those that would have left for a charger, just as in the flow without MEDs.
     """
     demand, slots = params.demand, config.traffic_slots
     road_key, soc_key, driver_key, arrivals_key = jax.random.split(key, 4)
@@ -35,7 +36,10 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     complies = luck < params.drivers.eco_compliance
     speed, power_w = cruising(params)
     energy = arrival * params.ev_capacity_j - vehicles.x[config.ev_slots] * (power_w / speed)
-    alive = config.by_slot(True, energy > 0.0, True)[slots]
+    stayed = energy > 0.0
+    if config.num_exits:
+        stayed &= ~_left_before(vehicles, energy, config, params)
+    alive = config.by_slot(True, stayed, True)[slots]
     # Of traffic alone: for the observation XLA works the energy out anew, in one kernel with this filter, and what
     # else is in that kernel decides its last bits. With the whole array, runs of record would not repeat.
     active = _beside_meds(vehicles.active[slots] & alive, config)
@@ -52,13 +56,27 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     )
 
 
+def _left_before(
+    vehicles: Vehicles, energy_j: jax.Array, config: EnvConfig, params: EnvParams
+) -> jax.Array:
+    """EVs that would have left for a charger at the last exit that they could still take, `(E,)` bool.
+
+    All of a way at one speed: who lacks charge at its place has lacked it when that exit was signed.
+    """
+    x, destination = vehicles.x[config.ev_slots], vehicles.destination[config.ev_slots]
+    passed = last_exit(x + params.road.exit_lane_m, params.road)
+    lacks = lacks_charge(energy_j, x, destination, passed, config, params)
+    return lacks & jnp.isfinite(passed)
+
+
 def _filled(key: jax.Array, config: EnvConfig, params: EnvParams) -> Vehicles:
     """A road in mid-traffic; no MED is on it."""
     speed_key, kind_key, fill_key, way_key, noise_key = jax.random.split(key, 5)
     drivers, slots = params.drivers, config.traffic_slots
 
     is_ev = config.by_slot(False, True, False)[slots]
-    kind = drawn_kinds(jax.random.uniform(kind_key, is_ev.shape), is_ev, params.demand)
+    shares = shares_on_road(params.demand, drivers)
+    kind = drawn_kinds(jax.random.uniform(kind_key, is_ev.shape), is_ev, shares)
     kind = _beside_meds(kind, config, MED)
     desired = desired_speeds(jax.random.normal(speed_key, kind.shape), kind, drivers)
     fill = fill_road(fill_key, is_ev, desired[slots], config.num_lanes, params)

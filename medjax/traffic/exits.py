@@ -22,6 +22,14 @@ def next_exit(x: jax.Array, road: RoadParams) -> jax.Array:
     return nearest
 
 
+def last_exit(x: jax.Array, road: RoadParams) -> jax.Array:
+    """The last exit that each place is at or behind, -inf before the first one, m; of the shape of x, m."""
+    last = jnp.full_like(x, -jnp.inf)
+    for index in range(road.exit_x_m.shape[0]):
+        last = jnp.where(x >= road.exit_x_m[index], road.exit_x_m[index], last)
+    return last
+
+
 def _leave_at(index: int, x: jax.Array, demand: DemandParams, road: RoadParams) -> jax.Array:
     """Share of those who come to an exit from these places and leave there: none whose way to it is too short."""
     far_enough = road.exit_x_m[index] - x >= road.exit_notice_m

@@ -26,6 +26,7 @@ RELATIVE, ABSOLUTE = 2e-6, 1e-4
 THRESHOLDS = {
     "charging": (
         "dock_speed_tolerance",
+        "dock_tolerance_m",
         "hold_tolerance_m",
         "patience_s",
         "reach_ahead_m",
