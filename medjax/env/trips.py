@@ -12,26 +12,48 @@ from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, LEAVING, NOT_BOOKED, EnvState, Tally, Vehicles
 
 
+def lacks_charge(
+    energy_j: jax.Array,
+    x: jax.Array,
+    destination: jax.Array,
+    passed: jax.Array,
+    config: EnvConfig,
+    params: EnvParams,
+) -> jax.Array:
+    """Who would come to the charger after an exit, or to its own destination, with less than `charging.stop_soc`.
+
+    At cruising speed. Each exit has a charger; beyond the last one the next is as far as exits are apart on average.
+
+    Args:
+      energy_j, x, destination: of EVs, (E,) J, m, m.
+      passed: (E,) m, the exit that each passes, or has passed.
+
+    Returns:
+      (E,) bool.
+    """
+    road = params.road
+    beyond = next_exit(passed, road)
+    beyond = jnp.where(beyond < road.length_m, beyond, passed + road.length_m / config.num_exits)
+    # Who drives to the road's end goes on beyond it.
+    goal = jnp.where(destination < road.length_m, jnp.minimum(destination, beyond), beyond)
+    speed, power_w = cruising(params)
+    spare = energy_j - params.charging.stop_soc * params.ev_capacity_j
+    return spare < (goal - x) * (power_w / speed)
+
+
 def needs_charger(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
     """EVs that leave at the exit ahead for a charger, `(E,)` bool.
 
-    From the first sign of an exit on: who has no MED and would come to the next one, or to its own destination, with
-    less than `charging.stop_soc` at cruising speed. Each exit has a charger; beyond the last one the next is as far as
-    exits are apart on average.
+    From the first sign of an exit on: who has no MED and, passing it, `lacks_charge`.
     """
     vehicles, evs, road, slots = state.vehicles, state.evs, params.road, config.ev_slots
     x, destination = vehicles.x[slots], vehicles.destination[slots]
     ahead = next_exit(x, road)
-    beyond = next_exit(ahead, road)
-    beyond = jnp.where(beyond < road.length_m, beyond, ahead + road.length_m / config.num_exits)
-    # Who drives to the road's end goes on beyond it.
-    goal = jnp.where(destination < road.length_m, jnp.minimum(destination, beyond), beyond)
-    speed, power_w = cruising(params)
-    spare = evs.energy_j - params.charging.stop_soc * params.ev_capacity_j
+    lacks = lacks_charge(evs.energy_j, x, destination, ahead, config, params)
     signed = (ahead < road.length_m) & (ahead - x <= road.exit_notice_m)
     passes = signed & (ahead - x >= road.exit_lane_m) & (destination > ahead)
     unserved = vehicles.active[slots] & (evs.med == NOT_BOOKED) & ~evs.is_depleted
-    return unserved & passes & (spare < (goal - x) * (power_w / speed))
+    return unserved & passes & lacks
 
 
 def exit_in_time(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:

@@ -1,0 +1,76 @@
+"""The road at reset: what is on it, and what happens next, is what the flow shows later."""
+
+import jax
+import numpy as np
+import pytest
+
+import medjax
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+ROADS, MINUTES = 32, 7
+# 8 km take half of a pack at 30 m/s; who enters with little makes it to the first exit.
+WORLD = {
+    "length_m": 8000.0,
+    "exit_x_m": [2000.0, 4000.0, 6000.0],
+    "exit_share": 0.1,
+    "num_lanes": 2,
+    "service_lane": 1,
+    "ramp_x_m": [2400.0, 4400.0],
+    "ramp_per_h": 300.0,
+    "num_meds": 1,
+    "num_evs": 110,
+    "num_gas": 110,
+    "size": 0,
+    "mainline_per_h": 1500.0,
+    "ev_share": 0.5,
+    "battery_scale": 10.0,
+    "arrival_soc_low": 0.15,
+    "arrival_soc_high": 0.9,
+    "rounds_per_decision": 10,
+}
+
+
+@pytest.fixture(scope="module")
+def flow():
+    """EVs on the road, those below 10 %, and charging stops and depletions so far: `(roads, minutes + 1)` each."""
+    env, params = medjax.make("paper", **WORLD)
+
+    def look(state):
+        there = state.vehicles.active[env.config.ev_slots] & ~state.evs.is_depleted
+        low = there & (state.evs.energy_j < 0.1 * params.ev_capacity_j)
+        return there.sum(), low.sum(), state.tally.charging_stops, state.tally.depleted
+
+    @jax.jit
+    @jax.vmap
+    def play(key):
+        start = env.reset(key, params)[1]
+
+        def decide(state, key):
+            state = env.step_env(key, state, 0, params)[1]
+            return state, look(state)
+
+        _, seen = jax.lax.scan(decide, start, jax.random.split(key, 6 * MINUTES))
+        return look(start), seen
+
+    start, seen = jax.device_get(play(jax.random.split(jax.random.key(0), ROADS)))
+    return [
+        np.concatenate([first[:, None], later[:, 5::6]], axis=1)
+        for first, later in zip(start, seen, strict=True)
+    ]
+
+
+def test_as_many_evs_and_as_many_low_ones_as_in_the_flow(flow):
+    """Those with too little for the way from an exit to the next one have left there."""
+    evs, low, *_ = (values.mean(axis=0) for values in flow)
+    later = slice(5, None)  # when hardly anybody who was there at reset still is
+    assert evs[0] == pytest.approx(evs[later].mean(), rel=0.1)
+    assert low[0] == pytest.approx(low[later].mean(), abs=0.5)  # some 3 standard errors
+
+
+def test_no_wave_of_stops_follows_a_reset(flow):
+    """As many EVs a minute leave for a charger at first as later, and none runs out, at first or later."""
+    _, _, stops, depleted = (values.mean(axis=0) for values in flow)
+    a_minute = np.diff(stops)
+    assert a_minute[:3].mean() == pytest.approx(a_minute[4:].mean(), rel=0.15)
+    assert depleted[-1] == 0.0
