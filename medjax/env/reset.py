@@ -10,7 +10,7 @@ from medjax.charging.energy import cruising
 from medjax.env.depots import whole_fleet
 from medjax.env.trips import lacks_charge
 from medjax.traffic.arrivals import new_seed
-from medjax.traffic.demand import desired_speeds, drawn_kinds, fill_road
+from medjax.traffic.demand import desired_speeds, drawn_kinds, fill_road, shares_on_road
 from medjax.traffic.exits import draw_destinations, draw_entries, last_exit
 from medjax.world.kinds import MED
 from medjax.world.params import EnvConfig, EnvParams
@@ -84,7 +84,8 @@ def _filled(key: jax.Array, config: EnvConfig, params: EnvParams) -> Vehicles:
     drivers, slots = params.drivers, config.traffic_slots
 
     is_ev = config.by_slot(False, True, False)[slots]
-    kind = drawn_kinds(jax.random.uniform(kind_key, is_ev.shape), is_ev, params.demand)
+    shares = shares_on_road(params.demand, drivers)
+    kind = drawn_kinds(jax.random.uniform(kind_key, is_ev.shape), is_ev, shares)
     kind = _beside_meds(kind, config, MED)
     desired = desired_speeds(jax.random.normal(speed_key, kind.shape), kind, drivers)
     fill = fill_road(fill_key, is_ev, desired[slots], config.num_lanes, params)

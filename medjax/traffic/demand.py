@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -52,9 +53,18 @@ def desired_speeds(normal: jax.Array, kind: jax.Array, drivers: DriverParams) ->
     return jnp.maximum(drivers.desired_speed[kind] + spread, 0.5 * drivers.desired_speed[kind])
 
 
-def drawn_kinds(uniform: jax.Array, is_ev: jax.Array, demand: DemandParams) -> jax.Array:
-    """Kinds of vehicles that come by themselves, int32, from uniform draws and whether each is an EV, of one shape."""
-    shares = demand.class_shares
+def shares_on_road(demand: DemandParams, drivers: DriverParams) -> tuple[Scalar, ...]:
+    """`demand.class_shares`, of those who arrive, as shares of those on the road, where the slow are for longer."""
+    shares = list(demand.class_shares)
+    for kinds in (kinds_in(EVS), GAS_KINDS):
+        times = [shares[kind] / drivers.desired_speed[kind] for kind in kinds]
+        for kind, time in zip(kinds, times, strict=True):
+            shares[kind] = time / sum(times)
+    return tuple(shares)
+
+
+def drawn_kinds(uniform: jax.Array, is_ev: jax.Array, shares: Sequence[Scalar]) -> jax.Array:
+    """Kinds of vehicles, int32, from uniform draws and whether each is an EV, of one shape; shares as class_shares."""
 
     def drawn(kinds: tuple[int, ...]) -> jax.Array | int:
         kind: jax.Array | int = kinds[-1]
@@ -229,8 +239,14 @@ def _drawn_counts(
     demand, road, drivers = params.demand, params.road, params.drivers
     slots, num_ev_slots = is_ev.shape[0], jnp.sum(is_ev)
     shares, speed = demand.class_shares, drivers.desired_speed
-    # EVs mean to drive as fast as gas vehicles do.
-    expected = sum(shares[k] * expected_vehicles(demand, road, speed[k]) for k in GAS_KINDS)
+    gas, evs = (
+        sum(shares[k] * expected_vehicles(demand, road, speed[k]) for k in kinds)
+        for kinds in (GAS_KINDS, kinds_in(EVS))  # if all were of this class
+    )
+    # Of EVs and others as fast exactly as many as of either, and the share of those who arrive.
+    more = demand.ev_share * (evs - gas)
+    expected = gas + more
+    ev_share = demand.ev_share + (1.0 - demand.ev_share) * more / jnp.maximum(expected, 1e-6)
     # Normal approximations of the Poisson and binomial counts: closed form, and good above 20.
     total = expected + jnp.sqrt(expected) * jax.random.normal(keys[0])
     # Leave everyone more than a standing vehicle's room in the half of the spacing that jitter spares,
@@ -239,8 +255,8 @@ def _drawn_counts(
     rooms = (drivers.vehicle_length + drivers.min_gap)[kinds]
     room = jnp.max(jnp.where(jnp.stack(shares)[kinds] > 0.0, rooms, 0.0))
     total = jnp.clip(jnp.round(total), 0, num_lanes * jnp.floor(road.length_m / (2.5 * room)))
-    spread = jnp.sqrt(total * demand.ev_share * (1.0 - demand.ev_share))
-    evs = jnp.round(total * demand.ev_share + spread * jax.random.normal(keys[1]))
+    spread = jnp.sqrt(total * ev_share * (1.0 - ev_share))
+    evs = jnp.round(total * ev_share + spread * jax.random.normal(keys[1]))
     evs = jnp.clip(evs, 0, jnp.minimum(total, num_ev_slots))
     return evs, jnp.clip(total - evs, 0, slots - num_ev_slots)
 

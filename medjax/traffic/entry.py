@@ -55,7 +55,7 @@ class _NextUp(NamedTuple):
 def _next_up(traits: Traits, where: Entries, med_waits: jax.Array, params: EnvParams) -> _NextUp:
     """A MED where one waits, else the first of the queue."""
     is_ev = traits.is_ev < params.demand.ev_share
-    kind = drawn_kinds(traits.kind, is_ev, params.demand)
+    kind = drawn_kinds(traits.kind, is_ev, params.demand.class_shares)
     kind = jnp.where(med_waits, MED, kind)
     drivers, road = params.drivers, params.road
     desired = desired_speeds(traits.speed, kind, drivers)
