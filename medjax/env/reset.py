@@ -11,7 +11,7 @@ from medjax.env.depots import whole_fleet
 from medjax.env.trips import lacks_charge
 from medjax.traffic.arrivals import new_seed
 from medjax.traffic.demand import desired_speeds, drawn_kinds, fill_road, shares_on_road
-from medjax.traffic.exits import draw_destinations, last_exit
+from medjax.traffic.exits import draw_destinations, draw_entries, last_exit
 from medjax.world.kinds import MED
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, Tally, Vehicles, count_kinds
@@ -20,8 +20,9 @@ from medjax.world.state import EnvState, Tally, Vehicles, count_kinds
 def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvState:
     """Draws a road already filled to match the demand.
 
-    EVs on the road have spent what the way to their place takes since they arrived; those whose energy would not have
-    lasted are not there, nor those that would have left for a charger, just as in the flow without MEDs.
+    EVs on the road have spent what the way to their place takes since they arrived: on a road with exits from where
+    they entered, on others from its start. Those whose energy would not have lasted are not there, nor those that would
+    have left for a charger, just as in the flow without MEDs.
     """
     demand, slots = params.demand, config.traffic_slots
     road_key, soc_key, driver_key, arrivals_key = jax.random.split(key, 4)
@@ -35,10 +36,14 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     luck = jax.random.uniform(driver_key, (config.num_evs,))
     complies = luck < params.drivers.eco_compliance
     speed, power_w = cruising(params)
-    energy = arrival * params.ev_capacity_j - vehicles.x[config.ev_slots] * (power_w / speed)
+    way = vehicles.x[config.ev_slots]
+    if config.num_exits:
+        drawn = jax.random.uniform(jax.random.fold_in(soc_key, 0), way.shape)
+        way = way - draw_entries(drawn, way, demand, params.road)
+    energy = arrival * params.ev_capacity_j - way * (power_w / speed)
     stayed = energy > 0.0
     if config.num_exits:
-        stayed &= ~_left_before(vehicles, energy, config, params)
+        stayed &= ~_left_before(vehicles, way, energy, config, params)
     alive = config.by_slot(True, stayed, True)[slots]
     # Of traffic alone: for the observation XLA works the energy out anew, in one kernel with this filter, and what
     # else is in that kernel decides its last bits. With the whole array, runs of record would not repeat.
@@ -57,16 +62,20 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
 
 
 def _left_before(
-    vehicles: Vehicles, energy_j: jax.Array, config: EnvConfig, params: EnvParams
+    vehicles: Vehicles,
+    way_m: jax.Array,
+    energy_j: jax.Array,
+    config: EnvConfig,
+    params: EnvParams,
 ) -> jax.Array:
-    """EVs that would have left for a charger at the last exit that they could still take, `(E,)` bool.
+    """EVs that would have left for a charger at the last exit on their way so far, way_m `(E,)`; `(E,)` bool.
 
-    All of a way at one speed: who lacks charge at its place has lacked it when that exit was signed.
+    All of it was driven at one speed: who lacks charge at its place has lacked it when that exit was signed.
     """
     x, destination = vehicles.x[config.ev_slots], vehicles.destination[config.ev_slots]
     passed = last_exit(x + params.road.exit_lane_m, params.road)
     lacks = lacks_charge(energy_j, x, destination, passed, config, params)
-    return lacks & jnp.isfinite(passed)
+    return lacks & (passed > x - way_m)
 
 
 def _filled(key: jax.Array, config: EnvConfig, params: EnvParams) -> Vehicles:

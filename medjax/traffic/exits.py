@@ -64,6 +64,30 @@ def mean_way(x: jax.Array, demand: DemandParams, road: RoadParams) -> jax.Array:
     return way
 
 
+def draw_entries(
+    uniform: jax.Array, x: jax.Array, demand: DemandParams, road: RoadParams
+) -> jax.Array:
+    """Where vehicles that are at these places at reset came onto the road, m: of each entry those who have not left.
+
+    Args:
+      uniform: in [0, 1), one draw a vehicle; x: m, that shape.
+    """
+    mainline, ramps = demand.flows(jnp.zeros(()))
+    places = [jnp.zeros(()), *road.ramp_x_m]
+    left = []  # vehicles per hour from each that come by
+    for place, flow in zip(places, [mainline, *ramps], strict=True):
+        comes = jnp.where(place <= x, flow, 0.0)
+        for index in range(road.exit_x_m.shape[0]):
+            stays = 1.0 - _leave_at(index, place, demand, road)
+            comes = jnp.where(x > road.exit_x_m[index], comes * stays, comes)
+        left.append(comes)
+    draw, below, entry = uniform * sum(left), left[0], jnp.zeros_like(x)
+    for place, comes in zip(places[1:], left[1:], strict=True):
+        entry = jnp.where((draw >= below) & (place <= x), place, entry)
+        below = below + comes
+    return entry
+
+
 def _lanes_to_go(vehicles: Vehicles, config: EnvConfig) -> jax.Array:
     """Lanes to the rightmost one, `(N,)` int32."""
     return jnp.maximum(config.num_lanes - 1 - vehicles.lane, 0)

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.traffic.exits import draw_destinations, exit_desire, mean_way, next_exit, prepares
+from medjax.traffic.exits import (
+    draw_destinations,
+    draw_entries,
+    exit_desire,
+    last_exit,
+    mean_way,
+    next_exit,
+    prepares,
+)
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -28,6 +36,13 @@ def test_next_exit(road):
     np.testing.assert_array_equal(next_exit(x, road[1].road), expected)
 
 
+def test_last_exit(road):
+    """The last one behind, or here; before the first none."""
+    x = jnp.array([0.0, 999.0, 1000.0, 2899.0, 2900.0, 3999.0])
+    expected = [-np.inf, -np.inf, 1000.0, 1000.0, 2900.0, 2900.0]
+    np.testing.assert_array_equal(last_exit(x, road[1].road), expected)
+
+
 def test_destinations_are_shares_of_those_who_pass(road):
     """30 % of those who pass the first exit leave there, 20 % of the rest at the second; none that enters too near."""
     _, params = road
@@ -42,6 +57,25 @@ def test_destinations_are_shares_of_those_who_pass(road):
         assert set(drawn) <= {*EXITS, 4000.0}
         way = float(mean_way(jnp.float32(x), params.demand, params.road))
         assert way == pytest.approx((drawn - x).mean(), rel=1e-4)
+
+
+def test_entries_are_shares_of_those_who_come_by(road):
+    """Of 2600 an hour at the start and 250 at each ramp those who have not left at 1000 and 2900 m."""
+    _, params = road
+    uniform = (np.arange(100_000) + 0.5) / 100_000
+    ramps = [100.0, 1200.0, 2100.0]
+    for x, flows in (
+        (50.0, (2600.0, 0.0, 0.0, 0.0)),
+        (900.0, (2600.0, 250.0, 0.0, 0.0)),
+        (
+            2800.0,
+            (0.7 * 2600.0, 250.0, 250.0, 250.0),
+        ),  # the first exit is too near to the first ramp
+        (3100.0, (0.7 * 0.8 * 2600.0, 0.8 * 250.0, 0.8 * 250.0, 250.0)),
+    ):
+        drawn = draw_entries(jnp.asarray(uniform), jnp.full(100_000, x), params.demand, params.road)
+        shares = [(np.asarray(drawn) == place).mean() for place in (0.0, *ramps)]
+        np.testing.assert_allclose(shares, np.array(flows) / sum(flows), atol=2e-5)
 
 
 def test_desire_grows_as_lmrs_says(road):
