@@ -1,5 +1,8 @@
 """Blocks are kept across a change that leaves all bits as they were, and no others."""
 
+import subprocess
+
+import numpy as np
 import pytest
 
 from docs.reproduce import __main__ as command
@@ -65,7 +68,29 @@ def test_only_blocks_of_presets_that_are_the_same_are_kept():
     assert not {"evaluation", "fleet-30", "validation"} & kept
 
 
+def test_presets_that_differ_are_named(tmp_path, capfd):
+    """Those of the worlds and trainings in which a bit does; a file that cannot be read is an error."""
+    worlds = {"paper/reward": 1.0, "trips/reward": 1.0, "training/kl": 1.0}
+    for file, changes in (
+        ("was", {}),
+        ("trips", {"trips/reward": 2.0}),
+        ("training", {"training/kl": 2.0}),
+    ):
+        np.savez(
+            tmp_path / f"{file}.npz", **{k: np.array([v]) for k, v in (worlds | changes).items()}
+        )
+    was = tmp_path / "was.npz"
+    assert same._other_presets(was, was) == []
+    assert same._other_presets(was, tmp_path / "trips.npz") == ["corridor"]
+    assert "trips/reward: 1 of 1 differ" in capfd.readouterr().out
+    assert same._other_presets(was, tmp_path / "training.npz") == ["paper"]
+    was.with_suffix(".json").unlink()
+    with pytest.raises(subprocess.CalledProcessError):
+        same._other_presets(was, tmp_path / "absent.npz")
+
+
 def test_pictures_are_of_what_draws():
+    """Of the rooms that draw; figures in words are not."""
     everything = run.Book(all_blocks())
     everything.stamps = {name: stamp | {"sources": ""} for name, stamp in everything.stamps.items()}
     kept = same.unchanged(everything, in_both(everything), among("medjax/render/packing.py"))

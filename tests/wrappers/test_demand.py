@@ -73,17 +73,19 @@ def plain(small):
     return course_of(small[0])
 
 
-def test_an_episode_is_that_of_the_demand_drawn(small, plain):
-    """Bit for bit, observations, masks and metrics included."""
+@pytest.mark.parametrize("bounds", [pytest.param((1.0, 1.0), marks=pytest.mark.slow), (LOW, HIGH)])
+def test_an_episode_is_that_of_the_demand_drawn(small, plain, bounds):
+    """Bit for bit, observations, masks and metrics included; that of the preset at a factor of 1."""
     env, params = small
-    wrapped = RandomDemand(env, LOW, HIGH)
+    wrapped = RandomDemand(env, *bounds)
     first, results = course_of(wrapped)(jax.random.key(5), params)
     true = scale_demand(params, first.factor)
     own_first, own_results = plain(jax.random.key(5), true)
     chex.assert_trees_all_equal((first.env, results), (own_first, own_results))
     of_preset = plain(jax.random.key(5), params)[1]
-    assert first.factor != 1.0
-    assert not bool((of_preset[0] == results[0]).all())
+    same = bounds == (1.0, 1.0)
+    assert (first.factor == 1.0) == same
+    assert bool((of_preset[0] == results[0]).all()) == same
     assert wrapped.name == env.name
     assert wrapped.observation_space(params).shape == results[0].shape
 

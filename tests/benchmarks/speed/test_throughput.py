@@ -11,7 +11,14 @@ import pytest
 import medjax
 from benchmarks.speed import scaling, throughput
 from benchmarks.speed.stages import STAGES, instruction_stages, stage_of, stage_times
-from benchmarks.speed.workload import SCALED, VEHICLES, Measurement, Workload, road_for
+from benchmarks.speed.workload import (
+    PRESET_VEHICLES,
+    SCALED,
+    VEHICLES,
+    Measurement,
+    Workload,
+    road_for,
+)
 from medjax.scenarios import prepare
 from tests.benchmarks.refusal import refused
 
@@ -111,8 +118,16 @@ def test_scaling_refuses_a_road_before_its_first_table(capsys):
 
 @pytest.mark.parametrize("scenario", SCALED)
 def test_roads_of_all_sizes_are_allowed(scenario):
+    """Each is as long as its vehicles are many, has as many ramps, and no fewer slots a metre than the preset."""
+    preset, numbers, _ = prepare(scenario)
+    length_m = float(numbers.road.length_m)
     for count in VEHICLES:
-        prepare(scenario, **road_for(count, scenario))
+        env, params, _ = prepare(scenario, **road_for(count, scenario))
+        scale = float(params.road.length_m) / length_m
+        assert scale == pytest.approx(count / PRESET_VEHICLES)
+        assert env.config.num_ramps == preset.config.num_ramps
+        assert env.config.num_evs >= preset.config.num_evs * scale - 1e-3
+        assert env.config.num_gas >= preset.config.num_gas * scale - 1e-3
 
 
 def test_spread_is_of_costs():
