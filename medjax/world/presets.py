@@ -211,7 +211,6 @@ SCENARIOS["corridor"] = Scenario(  # docs/parameters.md has the reasons
         "request_soc": 0.25,
         "target_soc": 0.5,
         "stop_soc": 0.1,
-        "reach_ahead_m": 1_500.0,
         "patience_s": 200.0,
         "episode_decisions": 360,
     },
