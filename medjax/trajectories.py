@@ -13,6 +13,7 @@ from medjax.episodes.files import check_target, write_trajectories
 from medjax.episodes.options import add_episode_options, requested_episode
 from medjax.episodes.recording import Recording
 from medjax.errors import InputError
+from medjax.world.catalogue import PRESETS, KeepsLines
 from medjax.wrappers import prepare_cpu
 
 PROG = "python -m medjax.trajectories"
@@ -25,7 +26,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = OneLineParser(
         prog=PROG,
         description="Plays an episode and writes a row for each vehicle and physics tick.",
-        epilog=f"Example: {PROG} --policy paced --set cooldown_s=30 --out paced.parquet",
+        epilog=f"{PRESETS}\n\nExample: {PROG} --policy paced --set cooldown_s=30 --out paced.parquet",
+        formatter_class=KeepsLines,
     )
     out_text = "ends in .parquet, .csv or .fcd.xml (SUMO)"
     parser.add_argument("--out", required=True, metavar="FILE", help=out_text)

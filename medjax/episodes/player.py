@@ -16,6 +16,7 @@ from flax import struct
 from medjax.env.contract import Environment
 from medjax.env.dispatch import is_allowed
 from medjax.episodes.keys import ACT, RESET, STEP
+from medjax.errors import InputError
 from medjax.policies.policy import Choice, Policy
 
 
@@ -108,6 +109,9 @@ class Player:
             number: () int32, of all rows, or (rows,).
             weights: of the policies.
             params: of the environment.
+
+        Raises:
+            InputError: some are a dispatcher's and some of agents.
         """
         rows = _at(episodes.streams[:, ACT], number), episodes.obs, episodes.state
         count = len(self.policies)
@@ -115,6 +119,10 @@ class Player:
         for index, (policy, own) in enumerate(zip(self.policies, weights, strict=True)):
             mine = jax.tree.map(lambda leaf, index=index: leaf[index::count], rows)
             choices.append(_over_rows(partial(policy.act, own))(*mine, policy.world(params)))
+
+        shapes = {choice.action.shape[1:] for choice in choices}
+        if len(shapes) > 1:
+            raise InputError("policies of a dispatcher and of agents, allowed: of one of the two")
 
         def take_turns(*leaves: jax.Array) -> jax.Array:
             return jnp.stack(leaves, axis=1).reshape(-1, *leaves[0].shape[1:])

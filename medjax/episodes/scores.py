@@ -1,7 +1,9 @@
 """Policies side by side on whole episodes with paired randomness: what each of them scores."""
 
 import contextlib
-from collections.abc import Mapping
+import sys
+import time
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import jax
@@ -18,6 +20,7 @@ from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.numerics.rows import CACHED_ROWS
 from medjax.policies.policy import Policy
 
+SECONDS_PER_LINE = 10.0
 MAX_DECISIONS = 100_000  # of an episode whose parameters do not say how long it is
 
 Scores = dict[str, np.ndarray]  # "return", "length" and the environment's metrics, each (episodes,)
@@ -107,7 +110,9 @@ class Evaluation:
             raise InputError(
                 f"episode_decisions is {length}, allowed: at most {self._most}, as built"
             )
-        blocks = _progress(self._keys(seed), desc="episodes")
+        blocks = _in_lines(self._keys(seed), self.batch)
+        if sys.stderr.isatty():
+            blocks = _progress(self._keys(seed), desc="episodes")
         parts = [jax.device_get(computed(self._run(weights, keys, params))) for keys in blocks]
         columns = jax.tree.map(lambda *each: np.concatenate(each, axis=1, dtype=np.float64), *parts)
         return {
@@ -133,6 +138,18 @@ def _progress(items: Any = None, **options: Any) -> Any:
     except ImportError:
         return contextlib.nullcontext() if items is None else items
     return tqdm(items, disable=None, leave=False, **options)
+
+
+def _in_lines(blocks: jax.Array, batch: int) -> Iterator[jax.Array]:
+    """The blocks, each of `batch` episodes, and every ten seconds or so a line on stderr: how far, and how long yet."""
+    begin = said = time.perf_counter()
+    for done, block in enumerate(blocks):
+        now = time.perf_counter()
+        if done and now - said > SECONDS_PER_LINE:
+            said, left_s = now, (now - begin) / done * (len(blocks) - done)
+            played = f"{done * batch:,} of {len(blocks) * batch:,} episodes"
+            print(f"{played} of each policy, {left_s:.0f} s left", file=sys.stderr, flush=True)
+        yield block
 
 
 def evaluate_policies(

@@ -15,6 +15,7 @@ from flax import struct
 from medjax.env.contract import Environment
 from medjax.env.forecast import Need, expected_need, forecast_need
 from medjax.env.observation import NEED_WINDOW_S, clock_features
+from medjax.errors import InputError
 from medjax.policies.policy import Choice, Policy, rule
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import NOT_BOOKED, EnvState
@@ -24,6 +25,10 @@ Act = Callable[[jax.Array, EnvState, EnvParams], jax.Array]
 
 def _of_highway(env: Environment, act: Act) -> Policy:
     """A rule `act(mask, state, params)` of the allowed actions and the highway."""
+    if hasattr(env, "num_agents"):
+        raise InputError(
+            f"a rule of a dispatcher for {env.num_agents} agents, allowed: for env.env, which they share"
+        )
 
     def on_wrapped(key: jax.Array, state: Any, params: Any) -> jax.Array:
         return act(env.action_mask(state, params), *env.highway(state, params)).astype(jnp.int32)

@@ -27,6 +27,7 @@ from medjax.render.grid import pick, write_grid
 from medjax.render.layout import check_size
 from medjax.render.player import write_player
 from medjax.render.story import known_evaluation, own_evaluation, read_evaluation
+from medjax.world.catalogue import PRESETS, KeepsLines
 from medjax.world.params import EnvParams
 
 PROG = "python -m medjax.render"
@@ -53,8 +54,8 @@ def build_parser() -> OneLineParser:
     parser = OneLineParser(
         prog=PROG,
         description="Plays one episode and writes it as a video, a picture or a player in one HTML file.",
-        epilog=f"Example: {PROG} --policy forecast --compare none --out episode.html",
-        formatter_class=lambda prog: argparse.HelpFormatter(prog, max_help_position=28, width=100),
+        epilog=f"{PRESETS}\n\nExample: {PROG} --policy forecast --compare none --out episode.html",
+        formatter_class=lambda prog: KeepsLines(prog, max_help_position=28, width=100),
     )
     play = parser.add_argument_group("what is played")
     add_episode_options(play)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from medjax.errors import InputError
+from medjax.world.catalogue import ABOUT, listed
 from medjax.world.numbers import read_number
 from medjax.world.params import GROUPS, OTHERS, EnvConfig, EnvParams
 
@@ -116,14 +117,13 @@ class Presets(dict[str, Scenario]):
     """Presets by name; as text, a line each."""
 
     def __repr__(self) -> str:
-        width = max(map(len, self), default=0)
-        return "\n".join(f"{name:<{width}}  {preset.about}" for name, preset in self.items())
+        return listed({name: preset.about for name, preset in self.items()})
 
 
 SCENARIOS = Presets(
-    paper=Scenario("the paper's corridor: batteries scaled so that charge matters within 4 km"),
+    paper=Scenario(ABOUT["paper"]),
     realistic=Scenario(
-        "true packs: EVs arrive with little energy left above empty, so some cannot cross 4 km",
+        ABOUT["realistic"],
         numbers={
             "battery_scale": 1.0,
             "arrival_soc_low": 0.005,
@@ -133,7 +133,7 @@ SCENARIOS = Presets(
         },
     ),
     long=Scenario(
-        "a motorway of 100 km with true packs: the way takes a Leaf 19 kWh, and charging it 50 km",
+        ABOUT["long"],
         EnvConfig(num_meds=64, num_evs=400, num_gas=2048, num_ramps=8),
         {
             "length_m": 100_000.0,
@@ -159,7 +159,7 @@ HOURS = np.array(
 INTERCHANGES_M = 3_000.0 + 6_000.0 * np.arange(5)
 
 SCENARIOS["corridor"] = Scenario(  # docs/parameters.md has the reasons
-    "30 km in the afternoon: true packs, powers, lorries and speeds, chargers at every exit; in money",
+    ABOUT["corridor"],
     EnvConfig(
         num_meds=40,
         num_evs=400,

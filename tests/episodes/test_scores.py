@@ -1,10 +1,13 @@
 """Paired evaluation."""
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from medjax.episodes import scores as module
 from medjax.episodes.keys import EVALUATION
 from medjax.episodes.scores import Evaluation, evaluate_policies
 from medjax.errors import InputError
@@ -71,6 +74,23 @@ def test_longer_episodes_than_it_was_built_for_are_refused():
     np.testing.assert_array_equal(shorter["none"]["length"], 3.0)
     with pytest.raises(InputError, match="episode_decisions is 6, allowed: at most 5"):
         built.play(policies, 0, ProbeParams(episode_decisions=6))
+
+
+def test_outside_a_terminal_a_line_says_how_far_it_is(capfd, monkeypatch):
+    monkeypatch.setattr(module, "SECONDS_PER_LINE", 0.0)
+    evaluate_policies(ENV, PARAMS, {"a": coin(ENV)}, episodes=5, batch=2)
+    lines = capfd.readouterr().err.splitlines()
+    assert [line.partition(", ")[0] for line in lines] == [
+        "2 of 6 episodes of each policy",
+        "4 of 6 episodes of each policy",
+    ]
+    assert all(re.fullmatch(r"\d+ s left", line.partition(", ")[2]) for line in lines)
+
+
+def test_of_a_dispatcher_and_of_agents_side_by_side_are_refused():
+    both = rule(lambda key, state, params: jnp.zeros(2, jnp.int32), 2)
+    with pytest.raises(InputError, match=r"^policies of a dispatcher and of agents, allowed: of"):
+        evaluate_policies(ENV, PARAMS, {"a": coin(ENV), "both": both}, episodes=2)
 
 
 def test_forbidden_actions_count_as_none():

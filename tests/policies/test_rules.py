@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 import medjax
+from medjax.agents import agents_of
 from medjax.charging.energy import drive_energy
 from medjax.env.forecast import expected_need, forecast_need
 from medjax.episodes.scores import evaluate_policies
+from medjax.errors import InputError
 from medjax.policies.rules import Budget, budgeted, forecast
 from medjax.world.state import AT_DEPOT, QUEUED
 
@@ -94,6 +96,14 @@ def test_without_ramps_none_is_sent():
     _, state = jax.jit(env.reset)(jax.random.key(0), params)
     for build in medjax.BASELINES.values():
         assert build(env)(jax.random.key(1), None, state, params).action == 0
+
+
+@pytest.mark.parametrize("name", ["periodic", "greedy"])
+def test_for_agents_a_rule_is_refused(name):
+    """It dispatches; `medjax.policies.team` has rules for all MEDs."""
+    agents, _ = agents_of("paper")
+    with pytest.raises(InputError, match=r"for 15 agents, allowed: for env\.env"):
+        medjax.BASELINES[name](agents)
 
 
 def test_greedy_goes_where_the_need_is(episodes, paper):

@@ -2,7 +2,22 @@
 
 import pytest
 
+from medjax import trajectories
+from medjax.render import __main__ as render
 from medjax.world.presets import SCENARIOS
+from tests.train.conftest import exit_code
+from train import evaluate, ppo
+
+
+@pytest.mark.parametrize("command", [ppo, evaluate, render, trajectories])
+def test_help_lists_them(capsys, command):
+    """Each with what it is, as `print(medjax.SCENARIOS)` does, on lines that begin with their names."""
+    assert exit_code(command, ["--help"]) == 0
+    shown = capsys.readouterr().out.partition("presets:\n")[2]
+    assert [line.split()[0] for line in str(SCENARIOS).splitlines()] == list(SCENARIOS)
+    for line in str(SCENARIOS).splitlines():
+        assert " ".join(line.split()) in " ".join(shown.split())
+        assert f"\n  {line[:20]}" in f"\n{shown}"
 
 
 @pytest.mark.parametrize("name", sorted(SCENARIOS))

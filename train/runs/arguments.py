@@ -17,6 +17,7 @@ from medjax.commandline import (
     whole_number,
 )
 from medjax.errors import InputError, shown
+from medjax.world.catalogue import PRESETS, KeepsLines
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig, from_json, load_config, to_json
 
@@ -70,7 +71,7 @@ class Request:
     from_update: int | None = None  # whose checkpoint to go on from; None: the newest
 
 
-class _Help(argparse.ArgumentDefaultsHelpFormatter):
+class _Help(KeepsLines, argparse.ArgumentDefaultsHelpFormatter):
     """Defaults are shown where they say something."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
@@ -84,7 +85,7 @@ def build_parser(kind: type[TrainConfig]) -> OneLineParser:
     parser = OneLineParser(
         prog=f"python -m {command}",
         description=f"Trains a dispatcher with {learner}, then evaluates it beside those that are not learned.",
-        epilog=f"Example: python -m {command} --num-envs 1024 --set cooldown_s=30 --run-dir runs/slow",
+        epilog=f"{PRESETS}\n\nExample: python -m {command} --num-envs 1024 --set cooldown_s=30 --run-dir runs/slow",
         formatter_class=partial(_Help, max_help_position=32, width=100),
     )
     files = parser.add_argument_group("files")

@@ -5,15 +5,23 @@ import dataclasses
 from collections.abc import Mapping
 
 from medjax.commandline import OneLineParser, whole_number
+from medjax.world.catalogue import PRESETS, KeepsLines
 from train.option import Override
 from train.settings import TrainConfig
 
 LIMITS = {"episodes": (2, 10**7), "batch": (1, 10**6), "seed": (0, 2**32 - 1)}
 
 
-def trained_run_parser(prog: str, description: str, required: bool = True) -> OneLineParser:
+def trained_run_parser(
+    prog: str, description: str, required: bool = True, epilog: str = PRESETS
+) -> OneLineParser:
     """The parser of a command that plays whole episodes with the policy in `--run-dir DIR`, if it is required."""
-    parser = OneLineParser(prog=f"python -m {prog}", description=description)
+    parser = OneLineParser(
+        prog=f"python -m {prog}",
+        description=description,
+        epilog=epilog,
+        formatter_class=KeepsLines,
+    )
     parser.add_argument(
         "--run-dir", required=required, metavar="DIR", help="directory that train.ppo wrote"
     )

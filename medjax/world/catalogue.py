@@ -1,0 +1,37 @@
+"""What presets there are, a line each; `--help` shows it without waiting for JAX."""
+
+import argparse
+import textwrap
+from collections.abc import Mapping
+
+ABOUT = {
+    "paper": "the paper's corridor: batteries scaled so that charge matters within 4 km",
+    "realistic": (
+        "true packs: EVs arrive with little energy left above empty, so some cannot cross 4 km"
+    ),
+    "long": (
+        "a motorway of 100 km with true packs: the way takes a Leaf 19 kWh, and charging it 50 km"
+    ),
+    "corridor": (
+        "30 km in the afternoon: true packs, powers, lorries and speeds, chargers at every exit; in money"
+    ),
+}
+
+
+def listed(about: Mapping[str, str]) -> str:
+    """Names and what is said of them, a line each."""
+    width = max(map(len, about), default=0)
+    return "\n".join(f"{name:<{width}}  {line}" for name, line in about.items())
+
+
+PRESETS = f"presets:\n{textwrap.indent(listed(ABOUT), '  ')}"  # for the end of --help
+
+
+class KeepsLines(argparse.HelpFormatter):
+    """Lines of a parser's description and epilog stay lines."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return "\n".join(
+            textwrap.fill(line, width, initial_indent=indent, subsequent_indent=f"{indent}    ")
+            for line in text.splitlines()
+        )
