@@ -31,11 +31,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         # JAX takes seconds to import; bad options need not wait for it.
         from train.runs.policies import export_policy, load_weights
 
+        card = run_dir.card()
         env, params, weights = load_weights(run_dir.path, config)
     except InputError as error:
         return fail("python -m train.export", error)
     try:
-        export_policy(target, env, params, config, weights)
+        export_policy(target, env, params, config, weights, card)
     except OSError as error:
         return cannot_write("python -m train.export", target, error)
     print(target)

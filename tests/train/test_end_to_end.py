@@ -6,8 +6,9 @@ import pytest
 
 import medjax
 from medjax.policies.saved import load_policy
+from tests.train.conftest import refused
 from tests.train.runs.test_session import assert_same_run, rows_of
-from train import evaluate, ppo
+from train import evaluate, export, ppo
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -75,7 +76,16 @@ def test_train_and_evaluate(tmp_path, capsys):
     assert result == json.loads((run / "evaluation.json").read_text())
     about = load_policy(run / "policy.zip").about
     assert (about.scenario, dict(about.overrides)) == ("paper", SMALL)  # whatever was paid
+    card = about.training
+    settings = json.loads((run / "config.json").read_text())
+    assert (card["settings"], card["versions"]) == (settings["config"], settings["versions"])
+    assert card["evaluation"]["episodes"] == result["episodes"]
+    for name, entry in result["policies"].items():
+        own = card["evaluation"]["policies"][name]
+        assert own == {number: entry[number] for number in ("return_mean", "return_ci95")}
     out = capsys.readouterr().out
+    (run / "evaluation.json").write_text("{}")
+    refused(capsys, [f"--run-dir={run}"], "cannot read", "evaluation.json", command=export)
     assert "MEDs sent" in out
     heading = next(line for line in out.splitlines() if line.startswith("return from"))
     assert {"soc", "distance", "speed"} <= {*heading.split()}

@@ -49,7 +49,7 @@ def exported(tmp_path_factory):
     )
     weights = PolicyWeights(variables, init_stats(obs.shape))
     path = tmp_path_factory.mktemp("policy") / "policy.zip"
-    export_policy(path, env, params, config, weights)
+    export_policy(path, env, params, config, weights, {})
     return env, params, config, network, weights, path
 
 

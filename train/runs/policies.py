@@ -25,8 +25,7 @@ from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.registry import algorithm_of
 from train.runs.checkpoint import Checkpoints
 from train.runs.run_directory import RunDir
-from train.runs.versions import versions
-from train.settings import TrainConfig, to_json
+from train.settings import TrainConfig
 
 PLATFORMS = ("cpu", "cuda", "tpu")  # that a policy's file is for
 BYTES_OF_AN_EPISODE = 500  # its scores, with each policy
@@ -192,6 +191,7 @@ def export_policy(
     params: Any,
     config: TrainConfig,
     weights: PolicyWeights,
+    card: Mapping[str, Any],
     given: bool = False,
 ) -> None:
     """Writes the trained policy as one file, for `medjax.policies.saved.load_policy`.
@@ -204,6 +204,7 @@ def export_policy(
         params: its parameters.
         config: settings of the run.
         weights: of the run; of several seeds the first is taken.
+        card: how it was trained, `RunDir.card`; the file says it.
         given: the environment is one of somebody's own, and the file does not say what it is.
 
     Raises:
@@ -237,9 +238,7 @@ def export_policy(
         jax.ShapeDtypeStruct((rows, about.num_features), "float32"),
         jax.ShapeDtypeStruct((rows, about.num_actions), "bool"),
     )
-    about = dataclasses.replace(
-        about, training={"settings": to_json(config), "versions": versions()}
-    )
+    about = dataclasses.replace(about, training=card)
     save_policy(path, about, export.export(jax.jit(act), platforms=PLATFORMS)(*shapes))
 
 

@@ -53,10 +53,12 @@ def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> Compar
         The evaluation.
     """
     started = time.perf_counter()
-    learned = run.env, run.params, run.config, run.weights
     run.run_dir.evaluation.unlink(missing_ok=True)  # it is of weights that are replaced here
-    export_policy(run.run_dir.policy, *learned, given=run.run_dir.given)
-    played = _evaluate(run, evaluation) if evaluation is not None else None
+    _export(run)  # whatever becomes of the evaluation
+    played = None
+    if evaluation is not None:
+        played = _evaluate(run, evaluation)
+        _export(run)  # which says so
     entries = played.result["policies"] if played is not None else {}
     returns = {name: entry["return_mean"] for name, entry in entries.items()}
     _draw_curve(run, returns)
@@ -69,6 +71,12 @@ def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> Compar
         flush=True,
     )
     return played
+
+
+def _export(run: Trained) -> None:
+    """Writes policy.zip."""
+    learned = run.env, run.params, run.config, run.weights
+    export_policy(run.run_dir.policy, *learned, run.run_dir.card(), given=run.run_dir.given)
 
 
 def _evaluate(run: Trained, evaluation: Future[Evaluation]) -> Comparison:

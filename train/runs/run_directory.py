@@ -9,7 +9,7 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from medjax.errors import InputError
 from medjax.files import check_writable, remove_unfinished, write_text
@@ -57,6 +57,30 @@ class RunDir:
                 f"run {self.path} is not a directory, allowed: one that train.ppo wrote"
             )
         return load_config(self.config, *(kinds or SETTINGS), given=self.given)
+
+    def card(self) -> dict[str, Any]:
+        """How its policy was trained: `settings`, `versions`, and `evaluation` if it was evaluated.
+
+        The last has `episodes`, `seed` and, of each of `policies`, `return_mean` and `return_ci95`.
+
+        Raises:
+            InputError: a file of the run cannot be read.
+        """
+        file = self.config
+        try:
+            run = json.loads(file.read_text(encoding="utf-8"))
+            card = {"settings": run["config"], "versions": run["versions"]}
+            if (file := self.evaluation).exists():
+                played = json.loads(file.read_text(encoding="utf-8"))
+                returns = {
+                    name: {number: entry[number] for number in ("return_mean", "return_ci95")}
+                    for name, entry in played["policies"].items()
+                }
+                numbers = {name: played[name] for name in ("episodes", "seed")}
+                card["evaluation"] = {**numbers, "policies": returns}
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise InputError(f"cannot read {file}, allowed: as train.ppo wrote it") from error
+        return card
 
     def claim(self, config: TrainConfig) -> IO[str]:
         """Makes the directory, writes the settings into it and returns its `lock`.
