@@ -21,7 +21,10 @@ MOST_PATH = 1000  # characters; directories are made one within the other
 AGAIN_S = 0.02  # until a signal that came at a bad moment comes again
 MOST_NAME = 255  # bytes, of every usual file system
 # Arguments of medjax.make and agents_of that only Python, or an option of its own, can fill.
-NOT_NUMBERS = ("name", "reward", "observation", "following", "coupling", "credit", "central")
+NOT_NUMBERS = (
+    *("name", "reward", "observation", "following", "coupling"),
+    *("credit", "central", "build"),
+)
 
 
 class OneLineParser(argparse.ArgumentParser):

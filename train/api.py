@@ -207,7 +207,7 @@ def evaluate(
     check_episodes(episodes, len(given))
     playing = {name: as_policy(env, policy) for name, policy in given.items()}
     scores = evaluate_policies(env, params, playing, episodes, seed, batch)
-    result = summarize(scores, world.scenario, (), seed, world.overrides, baseline)
+    result = summarize(scores, world.scenario, (), seed, world.changes, baseline)
     return Comparison(result, scores)
 
 

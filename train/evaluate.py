@@ -96,7 +96,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(f"evaluating {len(policies)} policies on {numbers['episodes']} episodes each", flush=True)
     scores = evaluate_policies(env, params, policies, **numbers)
     learned = learned_names(name for name in found if name in policies)
-    world = config.scenario, learned, numbers["seed"], config.overrides
+    world = config.scenario, learned, numbers["seed"], config.changes
     played = Comparison(summarize(scores, *world, given.baseline), scores, learned)
     print(played)
     path = target

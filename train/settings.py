@@ -161,6 +161,11 @@ class TrainConfig(abc.ABC):
             )
 
     @property
+    def changes(self) -> dict[str, Any]:
+        """In what its episodes are not the preset's, for people: numbers, and a wrapper of one's own."""
+        return {**self.overrides, **({} if self.wrapper == "none" else {"wrapper": self.wrapper})}
+
+    @property
     @abc.abstractmethod
     def choices_per_update(self) -> int:
         """Choices per environment and update."""

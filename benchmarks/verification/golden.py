@@ -5,7 +5,8 @@
     python -m benchmarks.verification.golden --compare old.npz new.npz
 
 A file holds rollouts of several worlds under random allowed actions, and with `--training` what short runs of
-train.ppo logged, scored and learned. Both must come from one machine and one version of JAX: others round differently.
+train.ppo logged, scored and learned, and what train.evaluate printed of them. Both must come from one machine and one
+version of JAX: others round differently.
 """
 
 import argparse
@@ -161,6 +162,11 @@ def train(run_name: str) -> dict[str, np.ndarray]:
         names = [name for name in rows[0] if name not in CLOCKS]
         found = {name: np.array([str(row[name]) for row in rows]) for name in names}
         found["evaluation"] = np.array((run / "evaluation.json").read_text())
+        again = [*("train.evaluate", f"--run-dir={run}", "--episodes=3"), "--baseline=none"]
+        printed = subprocess.run(
+            [sys.executable, "-m", *again], cwd=ROOT, check=True, stdout=subprocess.PIPE
+        )
+        found["printed"] = np.array(printed.stdout.decode())
         newest = max((run / "checkpoints").glob("*.npz"), key=lambda path: int(path.stem))
         with np.load(newest) as state:
             found |= {name: state[name] for name in state.files if name.startswith("weights/")}

@@ -27,9 +27,11 @@ PLAY = [sys.executable, "-m", ".".join(GOLDEN.with_suffix("").parts)]
 PLAYED = (
     *("train/__init__.py", "benchmarks/__init__.py"),
     *(f"medjax/{module}.py" for module in ("__init__", "agents", "early", "scenarios")),
+    *(f"medjax/{module}.py" for module in ("commandline", "errors", "files", "hooks")),
     *(f"medjax/{room}/" for room in ("world", "physics", "traffic", "charging", "env", "policies")),
     *("medjax/episodes/", "medjax/numerics/", "medjax/wrappers/"),
-    *("train/algorithms/", "train/runs/", "train/evaluation/", "train/settings.py"),
+    *("train/algorithms/", "train/runs/", "train/evaluation/"),
+    *(f"train/{module}.py" for module in ("evaluate", "option", "ppo", "settings", "yaml_file")),
 )
 # What only draws: of no matter to a block without a picture, but for those of its own commands.
 DRAWS = ("medjax/render/", "train/reporting/")

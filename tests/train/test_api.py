@@ -222,6 +222,7 @@ def test_a_wrapper_by_its_name(probe, capsys):
     assert evaluate_command.main(["--run-dir=run", "--episodes=3", "--json=out.json"]) == 0
     played = json.loads((probe / "out.json").read_text())
     assert played["policies"]["none"]["return_mean"] > 50.0
+    assert "(wrapper = 'tests.train.own_parts:generous') of seed 0" in capsys.readouterr().out
     assert load_policy("run/policy.zip").about.scenario == ""
     capsys.readouterr()
     for option in ("wrapper", "reward"):

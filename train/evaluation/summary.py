@@ -35,7 +35,7 @@ def summarize(
         scenario: name of the preset.
         learned: which of them are learned policies, all by one algorithm, a training seed each.
         seed: of the episodes, and of the bootstrap.
-        overrides: numbers of the environment that are not the preset's.
+        overrides: what of the environment is not the preset's, `TrainConfig.changes`.
         baseline: one of the policies, that the others are compared with.
 
     Returns:

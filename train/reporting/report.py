@@ -84,7 +84,7 @@ def play(
         surveys.append(survey(trace, env.config.rounds_per_decision))
         done = sum(int(part.episodes) for part in surveys)
         print(f"recorded {done} of {episodes} episodes", flush=True)
-    result = summarize(scores, config.scenario, learned_names(scores), seed, config.overrides)
+    result = summarize(scores, config.scenario, learned_names(scores), seed, config.changes)
     return Played(env, params, seed, scores, result, list(recorded), total(surveys), first)
 
 

@@ -86,7 +86,7 @@ def _evaluate(run: Trained, evaluation: Future[Evaluation]) -> Comparison:
     print(f"evaluating {len(policies)} policies on {episodes} episodes each", flush=True)
     scores = evaluation.result().play(policies, config.seed)
     learned = learned_names(scores)
-    result = summarize(scores, config.scenario, learned, config.seed, config.overrides)
+    result = summarize(scores, config.scenario, learned, config.seed, config.changes)
     write_json(run.run_dir.evaluation, result)
     played = Comparison(result, scores, learned)
     print(played, flush=True)

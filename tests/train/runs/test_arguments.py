@@ -54,6 +54,7 @@ from train.settings import from_json, to_json
         (["--set", "episode_decisions=nan"], ["episode_decisions is nan", "above 0"]),
         (["--set", "episode_decisions"], ["--set episode_decisions", "NAME=VALUE"]),
         (["--set", "reward=x"], ["--set reward=x", "NAME=VALUE"]),
+        (["--set", "build=3"], ["--set build=3", "NAME=VALUE"]),
         (["--resume=absent"], ["absent", "not a directory"]),
         (["--resume=absent", "--run-dir=new"], ["--run-dir", "one of the two"]),
         (["--resume=absent", "--config=x.json"], ["--config", "one of the two"]),
