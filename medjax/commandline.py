@@ -56,17 +56,18 @@ def signal_of(error: KeyboardInterrupt) -> int:
 
 
 def _forgets(frame: FrameType) -> bool:
-    """Whether it is a callback of the garbage collector or of a weak reference, or a finaliser."""
+    """Whether it is a callback of the garbage collector or of a weak reference, a finaliser, or loads an extension."""
     collecting = (getattr(callback, "__code__", None) for callback in gc.callbacks)
     within_weak = frame.f_globals.get("__name__") in ("weakref", "_weakrefset")
-    return within_weak or frame.f_code.co_name == "__del__" or frame.f_code in collecting
+    loading = frame.f_code.co_qualname.startswith("ExtensionFileLoader.")
+    return within_weak or loading or frame.f_code.co_name == "__del__" or frame.f_code in collecting
 
 
 def interrupt(number: int, frame: FrameType | None) -> None:
     """Handler of SIGINT and SIGTERM: raises KeyboardInterrupt or TerminatedError in the code under way.
 
     Not where Python prints and forgets what is raised, as in the callback of the garbage collector that JAX has, which
-    runs all the time while it traces. The signal comes again soon.
+    runs all the time while it traces, nor where an extension makes an ImportError of it. The signal comes again soon.
     """
     within = frame
     while within is not None:

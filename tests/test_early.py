@@ -4,6 +4,8 @@ import os
 import signal
 import subprocess
 import sys
+import time
+from typing import ClassVar
 
 import pytest
 
@@ -60,6 +62,32 @@ def test_ctrl_c_while_main_imports_jax_ends_it_in_a_line(tmp_path):
     )
     ended = run(tmp_path, "-m", "train.ppo", "--run-dir=new")
     assert (ended.returncode, ended.stderr) == (130, "interrupted\n")
+
+
+class ExtensionFileLoader:
+    """Stands for Python's, whose frames are in sight while an extension is initialised."""
+
+    loaded: ClassVar[list[str]] = []
+
+    def exec_module(self, name):
+        """Signals in the midst of it."""
+        signal.raise_signal(getattr(signal, name))
+        self.loaded.append(name)
+
+
+@pytest.mark.parametrize("name", SIGNALS)
+def test_an_extension_that_is_being_loaded_is_loaded_first(name, capsys):
+    """It would make an ImportError of what is raised within it."""
+
+    @command
+    def main(argv):
+        ExtensionFileLoader().exec_module(name)
+        time.sleep(60.0)
+        return 0
+
+    assert main([]) == 128 + getattr(signal, name)
+    assert ExtensionFileLoader.loaded[-1] == name
+    assert capsys.readouterr().err == "interrupted\n"
 
 
 @pytest.mark.parametrize("name", SIGNALS)
