@@ -2,8 +2,8 @@
 
 Prints the board. `--add NAME --policy P` plays all of its episodes with a policy, prints the board with the new row and
 writes it into the file: the return of every episode, so that a later policy is compared with it in the same ones.
-Whatever is trained must not see the board's episodes; their seed is in its file. `--again` of the project's own board
-also writes what the player says of many episodes (`medjax.render.story.known_evaluation`): the same means.
+Whatever is trained must not see the board's episodes; their seed is in its file. Of the project's own board also what
+the player says of many episodes is written (`medjax.render.story.known_evaluation`): the same means.
 
     python -m benchmarks.leaderboard
     python -m benchmarks.leaderboard --add mine --policy runs/mine/policy.zip --about "PPO, 1.5 M decisions"
@@ -179,7 +179,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         row = play(board, name, policy, about)
         board = with_row(read_board(options.file), row)  # somebody else may have added one
         write_board(options.file, board)
-    if options.again and options.file.resolve() == BOARD:
+    if todo and options.file.resolve() == BOARD:
         known = json.dumps(known_of(board), indent=1)
         _write(KNOWN / f"{board['scenario']}.json", known + "\n")
     print(
