@@ -23,7 +23,7 @@ def test_there_is_one_for_the_paper_and_one_for_the_corridor():
 
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_card_says_how_it_was_trained(scenario):
-    """Settings, seed and commit; and the file is small."""
+    """Settings, seed and commit, what it and a rule returned; and the file is small."""
     about = medjax.load_pretrained(scenario).about
     settings = about.training["settings"]
     assert (about.scenario, settings["scenario"]) == (scenario, scenario)
@@ -33,6 +33,11 @@ def test_card_says_how_it_was_trained(scenario):
     commit = about.training["versions"]["commit"]
     assert len(commit) >= 7
     assert "changes" not in commit
+    played = about.training["evaluation"]
+    assert played["episodes"] >= 16
+    for name in ("ppo", "budgeted", "none"):
+        low, high = played["policies"][name]["return_ci95"]
+        assert low < played["policies"][name]["return_mean"] < high
     path = FILES / f"{scenario}.zip"
     assert path.stat().st_size < 300_000
     with zipfile.ZipFile(path) as file:
