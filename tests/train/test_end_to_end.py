@@ -21,17 +21,21 @@ def changes():
     return [word for name, value in SMALL.items() for word in ("--set", f"{name}={value}")]
 
 
+def assert_says_how_it_was_trained(card, run):
+    """As the run's directory does."""
+    settings = json.loads((run / "config.json").read_text())
+    played = json.loads((run / "evaluation.json").read_text())
+    assert (card["settings"], card["versions"]) == (settings["config"], settings["versions"])
+    assert card["evaluation"]["episodes"] == played["episodes"]
+    for name, entry in played["policies"].items():
+        own = card["evaluation"]["policies"][name]
+        assert own == {number: entry[number] for number in ("return_mean", "return_ci95")}
+
+
 def test_train_and_evaluate(tmp_path, capsys):
     run = tmp_path / "run"
-    argv = [
-        "--num-envs=8",
-        "--num-minibatches=8",
-        "--total-timesteps=256",
-        "--decide-every=2",
-        "--rollout-length=8",
-        "--hidden",
-        "8",
-    ]
+    argv = ["--num-envs=8", "--num-minibatches=8", "--total-timesteps=256", "--decide-every=2"]
+    argv += ["--rollout-length=8", "--hidden", "8"]
     # Evaluations play the preset, whatever demands were trained on.
     argv += [f"--run-dir={run}", "--eval-episodes=4", "--demand-range", "0.5", "1.5"]
     argv += ["--reward=tests.train.own_parts:served", "--set", "reward_weights.served=0.25"]
@@ -76,20 +80,14 @@ def test_train_and_evaluate(tmp_path, capsys):
     assert result == json.loads((run / "evaluation.json").read_text())
     about = load_policy(run / "policy.zip").about
     assert (about.scenario, dict(about.overrides)) == ("paper", SMALL)  # whatever was paid
-    card = about.training
-    settings = json.loads((run / "config.json").read_text())
-    assert (card["settings"], card["versions"]) == (settings["config"], settings["versions"])
-    assert card["evaluation"]["episodes"] == result["episodes"]
-    for name, entry in result["policies"].items():
-        own = card["evaluation"]["policies"][name]
-        assert own == {number: entry[number] for number in ("return_mean", "return_ci95")}
+    assert_says_how_it_was_trained(about.training, run)
     out = capsys.readouterr().out
-    (run / "evaluation.json").write_text("{}")
-    refused(capsys, [f"--run-dir={run}"], "cannot read", "evaluation.json", command=export)
     assert "MEDs sent" in out
     heading = next(line for line in out.splitlines() if line.startswith("return from"))
     assert {"soc", "distance", "speed"} <= {*heading.split()}
     assert "gas_delay" not in heading  # weighs nothing here
+    (run / "evaluation.json").write_text("{}")
+    refused(capsys, [f"--run-dir={run}"], "cannot read", "evaluation.json", command=export)
 
 
 @pytest.mark.slow
