@@ -140,8 +140,11 @@ def rollout(env: Any, decisions: int) -> Callable[[Any, int], dict[str, np.ndarr
 
 
 def rollouts() -> dict[str, np.ndarray]:
-    """Those of WORLDS and of AGENTS, as WORLD/NAME."""
-    found: dict[str, np.ndarray] = {}
+    """Those of WORLDS and of AGENTS, as WORLD/NAME; and, as the worlds change them, what the presets say themselves."""
+    found = {
+        f"{name}/preset": np.array(repr((preset.config, preset.numbers, preset.reward)))
+        for name, preset in medjax.SCENARIOS.items()
+    }
     for world, (preset, decisions, overrides) in (WORLDS | AGENTS).items():
         say(f"playing {world}")
         env, params = (agents_of if world in AGENTS else medjax.make)(preset, **overrides)
@@ -176,6 +179,8 @@ def train(run_name: str) -> dict[str, np.ndarray]:
 def preset_of(name: str) -> str:
     """The preset that an array, by its name in a file, was played in."""
     world = name.partition("/")[0]
+    if world in medjax.SCENARIOS:
+        return world
     return (WORLDS | AGENTS)[world][0] if world not in TRAINING else "paper"
 
 

@@ -5,6 +5,7 @@ Where a change is meant to change what is simulated, write the numbers anew and 
     python -m benchmarks.verification.golden --numbers tests/data/golden.json
 """
 
+import dataclasses
 import functools
 import json
 from pathlib import Path
@@ -161,6 +162,17 @@ def test_trees_are_compared_by_the_command(monkeypatch, tmp_path, capsys):
     assert any(line.startswith("small/evs.energy_j: ") for line in lines)
     assert not any(line.startswith("small/vehicles.x: ") for line in lines)
     assert json.loads((tmp_path / "d.json").read_text())["differ"] == lines[:-1]
+
+
+def test_a_number_of_a_preset_that_no_world_plays_is_seen(monkeypatch):
+    monkeypatch.setattr(golden, "WORLDS", {})
+    monkeypatch.setattr(golden, "AGENTS", {})
+    before = golden.rollouts()
+    numbers = {**medjax.SCENARIOS["long"].numbers, "mainline_per_h": 1101.0}
+    other = dataclasses.replace(medjax.SCENARIOS["long"], numbers=numbers)
+    monkeypatch.setitem(medjax.SCENARIOS, "long", other)
+    (line,) = golden.differences(before, golden.rollouts())
+    assert golden.preset_of(line) == "long"
 
 
 @pytest.mark.slow
