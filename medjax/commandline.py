@@ -20,6 +20,7 @@ from medjax.errors import MOST_SHOWN, InputError, one_line, shown, told
 MOST_PATH = 1000  # characters; directories are made one within the other
 AGAIN_S = 0.02  # until a signal that came at a bad moment comes again
 MOST_NAME = 255  # bytes, of every usual file system
+SECONDS_PER_LINE = 10.0  # between two lines of progress, where no terminal shows a bar
 # Arguments of medjax.make and agents_of that only Python, or an option of its own, can fill.
 NOT_NUMBERS = (
     *("name", "reward", "observation", "following", "coupling"),
@@ -120,6 +121,11 @@ def fail(prog: str, message: object) -> int:
     """Prints a one-line error and returns the exit code 2."""
     print(f"{prog}: {one_line(str(message))}", file=sys.stderr)
     return 2
+
+
+def time_left(seconds: float) -> str:
+    """How long something takes yet, in words."""
+    return f"{seconds:.0f} s left" if seconds < 100.0 else f"{seconds / 60.0:.0f} min left"
 
 
 def cannot_write(prog: str, path: Path, error: OSError) -> int:

@@ -1,5 +1,6 @@
 """Signals while a command is imported; each in a process of its own that signals itself at a known import."""
 
+import importlib.machinery
 import os
 import signal
 import subprocess
@@ -85,6 +86,8 @@ def test_an_extension_that_is_being_loaded_is_loaded_first(name, capsys):
         time.sleep(60.0)
         return 0
 
+    pythons = importlib.machinery.ExtensionFileLoader.exec_module
+    assert pythons.__code__.co_qualname == ExtensionFileLoader.exec_module.__code__.co_qualname
     assert main([]) == 128 + getattr(signal, name)
     assert ExtensionFileLoader.loaded[-1] == name
     assert capsys.readouterr().err == "interrupted\n"

@@ -20,6 +20,7 @@ from medjax.commandline import (
 )
 from medjax.errors import InputError
 from medjax.files import check_output, write_json
+from medjax.world.catalogue import PRESETS
 from train.evaluation.tables import is_papers
 from train.runs.run_directory import RunDir, check_matplotlib
 from train.runs.trained_run import to_play, trained_run_parser, whole_numbers
@@ -31,6 +32,7 @@ def build_parser() -> OneLineParser:
         "train.evaluate",
         "Plays the same episodes with a trained policy and with every one that is not learned.",
         required=False,
+        epilog=PRESETS,
     )
     parser.add_argument("--json", metavar="FILE", help="write the result there, over what it holds")
     parser.add_argument(

@@ -21,7 +21,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = trained_run_parser(
         "train.report",
         "Makes the paper's tables and figures of a trained run in DIR/report, as PNGs and one HTML page.",
-        epilog="",
     )
     given = parser.parse_args(argv)
     try:

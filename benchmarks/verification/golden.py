@@ -4,9 +4,9 @@
     python -m benchmarks.verification.golden --out new.npz           in the other
     python -m benchmarks.verification.golden --compare old.npz new.npz
 
-A file holds rollouts of several worlds under random allowed actions, and with `--training` what short runs of
-train.ppo logged, scored and learned, and what train.evaluate printed of them. Both must come from one machine and one
-version of JAX: others round differently.
+A file holds the presets, rollouts of several worlds under random allowed actions, and with `--training` what short
+runs of train.ppo logged, scored and learned, and what train.evaluate printed of them. Both must come from one machine
+and one version of JAX: others round differently.
 """
 
 import argparse
@@ -68,6 +68,8 @@ TRAINING: dict[str, dict[str, Any]] = {
         "--set": "episode_decisions=60",
     },
 }
+# Options of train.evaluate, on each of them.
+EVALUATED = ("--episodes=3", "--seed=5", "--policies=ppo,budgeted,none", "--baseline=none")
 CLOCKS = ("wall_s", "env_steps_per_s")  # of a row of metrics.jsonl
 QUIET = {"num_meds": 2, "num_evs": 6, "num_gas": 4, "mainline_per_h": 300, "ramp_per_h": 0}
 BUSY = {"ev_share": 0.8, "arrival_soc_high": 0.4, "ramp_x_m": [300.0], "ramp_per_h": [0.0]}
@@ -140,7 +142,7 @@ def rollout(env: Any, decisions: int) -> Callable[[Any, int], dict[str, np.ndarr
 
 
 def rollouts() -> dict[str, np.ndarray]:
-    """Those of WORLDS and of AGENTS, as WORLD/NAME; and, as the worlds change them, what the presets say themselves."""
+    """What is played of WORLDS and AGENTS, as WORLD/NAME; and the presets themselves, since the worlds change them."""
     found = {
         f"{name}/preset": np.array(repr((preset.config, preset.numbers, preset.reward)))
         for name, preset in medjax.SCENARIOS.items()
@@ -165,11 +167,9 @@ def train(run_name: str) -> dict[str, np.ndarray]:
         names = [name for name in rows[0] if name not in CLOCKS]
         found = {name: np.array([str(row[name]) for row in rows]) for name in names}
         found["evaluation"] = np.array((run / "evaluation.json").read_text())
-        again = [*("train.evaluate", f"--run-dir={run}", "--episodes=3"), "--baseline=none"]
-        printed = subprocess.run(
-            [sys.executable, "-m", *again], cwd=ROOT, check=True, stdout=subprocess.PIPE
-        )
-        found["printed"] = np.array(printed.stdout.decode())
+        command = [sys.executable, "-m", "train.evaluate", f"--run-dir={run}", *EVALUATED]
+        printed = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE).stdout
+        found["printed"] = np.array(printed.decode())
         newest = max((run / "checkpoints").glob("*.npz"), key=lambda path: int(path.stem))
         with np.load(newest) as state:
             found |= {name: state[name] for name in state.files if name.startswith("weights/")}

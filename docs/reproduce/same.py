@@ -23,7 +23,7 @@ from docs.reproduce.sources import content, files_of
 
 GOLDEN = Path("benchmarks/verification/golden.py")
 PLAY = [sys.executable, "-m", ".".join(GOLDEN.with_suffix("").parts)]
-# What golden goes through; pictures, tables, studies and commands it does not.
+# What golden goes through; pictures, studies and other commands than these two it does not.
 PLAYED = (
     *("train/__init__.py", "benchmarks/__init__.py"),
     *(f"medjax/{module}.py" for module in ("__init__", "agents", "early", "scenarios")),

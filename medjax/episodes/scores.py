@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from medjax.commandline import SECONDS_PER_LINE, time_left
 from medjax.env.contract import Environment
 from medjax.episodes.keys import episode_keys
 from medjax.episodes.player import Episodes, Player, episode_decisions
@@ -20,7 +21,6 @@ from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.numerics.rows import CACHED_ROWS
 from medjax.policies.policy import Policy
 
-SECONDS_PER_LINE = 10.0
 MAX_DECISIONS = 100_000  # of an episode whose parameters do not say how long it is
 
 Scores = dict[str, np.ndarray]  # "return", "length" and the environment's metrics, each (episodes,)
@@ -110,9 +110,8 @@ class Evaluation:
             raise InputError(
                 f"episode_decisions is {length}, allowed: at most {self._most}, as built"
             )
-        blocks = _in_lines(self._keys(seed), self.batch)
-        if sys.stderr.isatty():
-            blocks = _progress(self._keys(seed), desc="episodes")
+        keys, shows_bars = self._keys(seed), sys.stderr.isatty()
+        blocks = _progress(keys, desc="episodes") if shows_bars else _in_lines(keys, self.batch)
         parts = [jax.device_get(computed(self._run(weights, keys, params))) for keys in blocks]
         columns = jax.tree.map(lambda *each: np.concatenate(each, axis=1, dtype=np.float64), *parts)
         return {
@@ -148,7 +147,7 @@ def _in_lines(blocks: jax.Array, batch: int) -> Iterator[jax.Array]:
         if done and now - said > SECONDS_PER_LINE:
             said, left_s = now, (now - begin) / done * (len(blocks) - done)
             played = f"{done * batch:,} of {len(blocks) * batch:,} episodes"
-            print(f"{played} of each policy, {left_s:.0f} s left", file=sys.stderr, flush=True)
+            print(f"{played} of each policy, {time_left(left_s)}", file=sys.stderr, flush=True)
         yield block
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from medjax.commandline import SECONDS_PER_LINE, time_left
 from medjax.files import write_text
 from train.evaluation.statistics import plain
 from train.runs.run_directory import RunDir
@@ -156,9 +157,6 @@ class _Board:
         self._file.close()
 
 
-SECONDS_PER_LINE = 10.0
-
-
 class Progress:
     """How far training is: a bar on stderr; where that is no terminal, a line on stdout every ten seconds or so.
 
@@ -208,6 +206,5 @@ def _line_of(row: Row, updates: int, score: str) -> str:
     """Where a run stands after an update, and how long the rest takes at this pace."""
     rate = row["env_steps_per_s"]
     left_s = (updates - row["update"]) * row["env_steps"] / row["update"] / rate
-    left = f"{left_s:.0f} s" if left_s < 100.0 else f"{left_s / 60.0:.0f} min"
     decisions = f"{row['env_steps']:,} decisions, {rate:,.0f} a second"
-    return f"update {row['update']} of {updates}: {decisions}, {score}, {left} left"
+    return f"update {row['update']} of {updates}: {decisions}, {score}, {time_left(left_s)}"

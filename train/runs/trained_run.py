@@ -5,7 +5,7 @@ import dataclasses
 from collections.abc import Mapping
 
 from medjax.commandline import OneLineParser, whole_number
-from medjax.world.catalogue import PRESETS, KeepsLines
+from medjax.world.catalogue import KeepsLines
 from train.option import Override
 from train.settings import TrainConfig
 
@@ -13,7 +13,7 @@ LIMITS = {"episodes": (2, 10**7), "batch": (1, 10**6), "seed": (0, 2**32 - 1)}
 
 
 def trained_run_parser(
-    prog: str, description: str, required: bool = True, epilog: str = PRESETS
+    prog: str, description: str, required: bool = True, epilog: str = ""
 ) -> OneLineParser:
     """The parser of a command that plays whole episodes with the policy in `--run-dir DIR`, if it is required."""
     parser = OneLineParser(
