@@ -1,5 +1,6 @@
 """Invariants under fire: random play in random worlds, five million vehicle updates of it."""
 
+import dataclasses
 import functools
 import json
 import re
@@ -14,7 +15,9 @@ from hypothesis.extra.numpy import arrays
 
 import medjax
 from benchmarks.verification import cases, soak
+from benchmarks.verification.anything_allowed import BOUND
 from benchmarks.verification.cases import Case, run_case
+from benchmarks.verification.draws import random_units
 from benchmarks.verification.invariants import INVARIANTS
 from benchmarks.verification.random_worlds import (
     as_overrides,
@@ -24,7 +27,7 @@ from benchmarks.verification.random_worlds import (
     validated,
     world_of,
 )
-from medjax.world.params import EnvConfig
+from medjax.world.params import GROUPS, EnvConfig
 
 NUM_ENVS = 32
 # The corners of what medjax is meant to bear, and sizes between them.
@@ -103,8 +106,8 @@ def test_cases_reach_all_sizes():
     configs = [draw_config(0, number) for number in range(soak.CASES)]
     assert {c.num_lanes for c in configs} == set(range(1, 7))
     assert {0, 8} <= {c.num_ramps for c in configs}
-    assert {0, 4} <= {c.num_exits for c in configs}
-    assert min(c.tick_s for c in configs) == 0.05
+    assert {0, 8} <= {c.num_exits for c in configs}
+    assert min(c.tick_s for c in configs) == 0.02
     assert max(c.tick_s for c in configs) == 0.5
     assert max(c.num_meds for c in configs) > 35
     for config in configs:
@@ -112,11 +115,35 @@ def test_cases_reach_all_sizes():
 
 
 def test_worlds_reach_the_ends():
-    """Among the worlds of a case are some without demand and saturated ones, all human and all autonomous, no MED."""
-    demand, fleet = case(MOST).params.demand, case(MOST).params.fleet
+    """Among worlds are some without demand and saturated ones, all human and all autonomous, no MED."""
+    params = draw_params(random_units(np.random.default_rng(0), 256), MOST, None)
+    demand, fleet = params.demand, params.fleet
     assert {0.0, 3000.0 * 6} <= set(demand.mainline_per_h.tolist())
     assert {0.0, 1.0} <= set(demand.human_share.tolist())
     assert {0, 40} <= set(fleet.size.tolist())
+
+
+def test_worlds_are_drawn_from_all_that_is_allowed():
+    """Each number that others leave free comes within a hundredth of its range of both ends, or of their logarithms."""
+    config = dataclasses.replace(LEAST, num_ramps=1, num_exits=1)
+    params = draw_params(random_units(np.random.default_rng(0), 2000), config, None)
+    for group, numbers in GROUPS.items():
+        for name in {*numbers} - {*BOUND.get(group, ())}:
+            low, high = numbers[name].low, numbers[name].high
+            values = np.asarray(getattr(getattr(params, group), name), np.float64)
+            if name == "ramp_speed":  # which the acceleration lane bounds
+                high = 50.0
+            if low > 0.0:
+                low, high, values = np.log(low), np.log(high), np.log(values)
+            near = 0.01 * (high - low)
+            assert values.min() <= low + near, f"{group}.{name}"
+            assert values.max() >= high - near, f"{group}.{name}"
+    assert params.road.length_m.min() <= 110.0
+    assert params.road.length_m.max() >= 190e3
+    assert params.road.acceleration_lane_m.min() <= 11.0
+    assert params.road.acceleration_lane_m.max() >= 4900.0
+    assert params.drivers.vehicle_length.min() <= 2.5
+    assert params.drivers.vehicle_length.max() >= 49.0
 
 
 def test_make_builds_a_drawn_world():

@@ -51,6 +51,9 @@ Counts = dict[str, jax.Array]  # () int32 by invariant, of all of INVARIANTS
 # Who stands so long with so much road ahead waits for nothing.
 STANDS_M_PER_S, OPEN_M, STANDS_S = 0.5, 60.0, 5.0
 ROUNDING = 1e-5  # relative
+OF_PLACE = (
+    2.0**-23
+)  # relative, a unit in the last place: 8 mm at 100 km, far along the road above `ROUNDING_M`
 
 
 def count(*checks: Flags) -> Counts:
@@ -251,7 +254,7 @@ def check_tick(
     old, new, dt = before.vehicles, after.vehicles, config.tick_s
     both, travel = old.active & new.active, new.x - old.x
     farthest = 0.5 * (old.speed + new.speed) * dt
-    slack = ROUNDING_M + ROUNDING * farthest
+    slack = ROUNDING_M + ROUNDING * farthest + OF_PLACE * new.x
     limit = jnp.maximum(params.motion.max_braking, jnp.max(params.drivers.max_acceleration)) * dt
     jumps = jnp.abs(new.speed - old.speed) > limit * (1.0 + ROUNDING) + ROUNDING
     hop = new.lane - old.lane

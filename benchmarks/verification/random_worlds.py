@@ -1,7 +1,7 @@
 """Random valid worlds: sizes and numbers drawn over all that medjax is meant to bear, by seed.
 
 Half of the worlds are such as a road could have: everything between bounds written here, ends included and met often.
-In the others, how everyone drives is drawn from all that `medjax.world.params` allows.
+In the others groups of numbers are drawn from all that `medjax.world.params` allows.
 """
 
 import dataclasses
@@ -13,8 +13,8 @@ from typing import Any
 import jax
 import numpy as np
 
+from benchmarks.verification.anything_allowed import with_anything
 from benchmarks.verification.draws import Draw, Units, reach_ends
-from benchmarks.verification.random_driving import driven_anyhow
 from medjax.env.reward import TERMS
 from medjax.physics import InductanceTable
 from medjax.world import params as groups
@@ -25,7 +25,8 @@ from medjax.world.params import EnvConfig, EnvParams
 # Vehicles that ask to enter, at most, per hour and lane or ramp: no lane takes more.
 SATURATED_PER_H = 3000.0
 J_PER_KWH = 3.6e6
-LONGEST_M = 20.0  # vehicle
+FARTHEST_M = 200e3
+LONGEST_M = 50.0  # vehicle
 # Irrational steps through the unit cube (Roberts' R-sequence in 7 dimensions): any few successive cases spread over it.
 _PHI = 1.0923077
 for _ in range(60):
@@ -34,7 +35,7 @@ STEPS = _PHI ** -np.arange(1.0, 8.0)
 
 
 def draw_config(seed: int, case: int) -> EnvConfig:
-    """Sizes of case 0, 1, ... of a seed: 1-6 lanes, 0-8 ramps, 0-4 exits, 0.05-0.5 s, 1-40 MEDs, evenly."""
+    """Sizes of case 0, 1, ... of a seed: 1-6 lanes, 0-8 ramps, 0-8 exits, 0.02-0.5 s, 1-40 MEDs, evenly."""
     start = np.random.default_rng(seed).random(len(STEPS))
     lanes, ramps, tick, ticks, meds, evs, gas = (start + case * STEPS) % 1.0
     num_lanes, num_ramps = 1 + int(6 * lanes), int(9 * ramps)
@@ -42,9 +43,9 @@ def draw_config(seed: int, case: int) -> EnvConfig:
         num_lanes=num_lanes,
         num_ramps=num_ramps,
         num_depots=1 + int(num_ramps * max(2.0 * ((gas + lanes) % 1.0) - 1.0, 0.0)),
-        num_exits=int(5 * ((lanes + ramps) % 1.0)),
+        num_exits=int(9 * ((lanes + ramps) % 1.0)),
         num_periods=1 + int(3 * ((evs + gas) % 1.0)),
-        tick_s=round(float(0.05 + 0.45 * reach_ends(tick, 0.15)), 3),
+        tick_s=round(float(0.02 + 0.48 * reach_ends(tick, 0.15)), 3),
         ticks_per_round=1 + int(8 * ticks),
         rounds_per_decision=1 + int(3 * ((ticks + meds) % 1.0)),
         num_meds=1 + int(40 * meds),
@@ -54,13 +55,15 @@ def draw_config(seed: int, case: int) -> EnvConfig:
 
 
 def _road(draw: Draw, config: EnvConfig) -> groups.RoadParams:
-    merge = draw(100.0, 350.0)
+    merge = _sometimes(draw, 10.0 * 500.0 ** draw(0.0, 1.0), draw(100.0, 350.0))
     spaced = merge + LONGEST_M + 1.0
-    shortest = np.maximum(150.0, (config.num_ramps + 0.1) * spaced)
-    length = draw(shortest, np.maximum(4000.0, shortest))
+    shortest = np.maximum(100.0, (config.num_ramps + 0.1) * spaced)
+    usual = draw(shortest, np.maximum(4000.0, shortest))
+    far = np.minimum(shortest * (FARTHEST_M / shortest) ** draw(0.0, 1.0), FARTHEST_M)
+    length = _sometimes(draw, far, usual)
     spare = (0.999 * (length - spaced * config.num_ramps))[..., None]
     order = np.arange(config.num_ramps)
-    leave = draw(20.0, 0.5 * length)
+    leave = draw(10.0, np.minimum(0.5 * length, 5000.0))
     # One in each part of the road, so that no two are at one place.
     exits = (np.arange(config.num_exits) + draw(0.0, 0.9, config.num_exits)) / config.num_exits
     places = np.sort(draw(0.0, 1.0, config.num_ramps), axis=-1) * np.maximum(spare, 0.0)
@@ -108,7 +111,7 @@ def _drivers(draw: Draw, config: EnvConfig) -> groups.DriverParams:
         comfortable_deceleration=draw(1.0, 4.0, kinds),
         acceleration_noise=draw(0.0, 0.3, kinds),
         lateral_wander=draw(0.0, 0.4, kinds),
-        vehicle_length=draw(3.0, LONGEST_M, kinds),
+        vehicle_length=_sometimes(draw, draw(2.0, LONGEST_M, kinds), draw(3.0, 20.0, kinds)),
         eco_compliance=draw(0.0, 1.0),
         eco_speed=draw(5.0, 35.0),
         eco_horizon_m=draw(0.0, 50e3),
@@ -155,6 +158,13 @@ def _body(draw: Draw, mass: tuple[float, float], area: float, pack: float) -> gr
         auxiliary_w=draw(0.0, 5000.0),
         pack_j=draw(0.05 * pack * J_PER_KWH, pack * J_PER_KWH),
     )
+
+
+def _sometimes(draw: Draw, strange: Any, usual: Any) -> Any:
+    """The first of two in one of ten worlds, `(batch, ...)` float32."""
+    which: Any = draw(0.0, 1.0) < 0.1
+    which = which.reshape(which.shape + (1,) * (np.ndim(usual) - which.ndim))
+    return np.where(which, strange, usual).astype(np.float32)
 
 
 def _or_inf(draw: Draw, value: Any) -> Any:
@@ -210,6 +220,7 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
             reserve_soc=draw(0.0, 1.0),
             depot_power_w=_or_inf(draw, draw(50e3, 5e6)),
             trip_m=_or_inf(draw, draw(0.0, 3000.0)),
+            return_speed=draw(1.0, 100.0),
         ),
         charging=_charging(draw, config),
         link=groups.LinkParams(
@@ -230,8 +241,7 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
         # Longer than anyone plays: an episode ends where its player stops.
         episode_decisions=draw.whole(10**6, 10**6),
     )
-    driven = driven_anyhow(draw, params)
-    return driven.replace(fleet=driven.fleet.replace(return_speed=draw(1.0, 100.0)))
+    return with_anything(draw, params)
 
 
 def _with_table(params: EnvParams, table: InductanceTable | None) -> EnvParams:

@@ -18,6 +18,7 @@ from medjax.episodes.player import Episodes, Player, episode_decisions
 from medjax.errors import InputError
 from medjax.numerics.compilation import compiled, computed
 from medjax.numerics.devices import environment_mesh, on_devices
+from medjax.numerics.duration import reckoned_time
 from medjax.numerics.rows import CACHED_ROWS
 from medjax.policies.policy import Policy
 
@@ -159,7 +160,9 @@ def evaluate_policies(
     seed: int = 0,
     batch: int = 128,
 ) -> dict[str, Scores]:
-    """Plays the same episodes with every policy, see `Evaluation`."""
+    """Plays the same episodes with every policy, see `Evaluation`; says how long, where that is long."""
+    if takes := reckoned_time(env, episodes * len(policies) * episode_decisions(params)):
+        print(f"playing takes {takes}, after compiling", file=sys.stderr, flush=True)
     with _progress(desc="compiling ...", bar_format="{desc}"):
         evaluation = Evaluation(env, params, policies, episodes, batch)
     return evaluation.play(policies, seed)

@@ -9,7 +9,8 @@ import jax
 
 from medjax.errors import InputError, shown
 from medjax.numerics.devices import prepare_cpu
-from medjax.numerics.memory import check_memory, tree_bytes
+from medjax.numerics.duration import reckoned_time
+from medjax.numerics.memory import GIGA, check_memory, tree_bytes
 from medjax.policies.team import rules_of
 from train.algorithms.algorithm import TrainState
 from train.algorithms.environments import make_environment
@@ -40,16 +41,20 @@ def open_session(request: Request) -> Session:
     env, params = request.given or make_environment(config)
     programs = make_train(env, params, config)
     shapes = shapes_of(programs, params, config)
-    _check_memory(env, params, config, shapes)
+    needed = _check_memory(env, params, config, shapes)
     taken = together(lambda: _take(request, shapes))
     quiet = request.quiet or not is_first()
     resumed = request.resume is not None
     begun = env, params, config, programs, shapes, resumed, *taken
-    return Session(*begun, quiet, request.callback)
+    left = config.num_updates - (updates_done(taken[-1]) if taken[-1] is not None else 0)
+    each = getattr(env, "decisions_per_step", 1)  # an environment of another kind has no road
+    decisions = left * config.steps_per_update * config.num_seeds * each
+    takes = [f"{needed / GIGA:.2g} GB of memory or more", reckoned_time(env, decisions)]
+    return Session(*begun, ", ".join(filter(None, takes)), quiet, request.callback)
 
 
-def _check_memory(env: Any, params: Any, config: TrainConfig, shapes: TrainState) -> None:
-    """Refuses (InputError) a run that this machine cannot hold; what it takes is reckoned low rather than high.
+def _check_memory(env: Any, params: Any, config: TrainConfig, shapes: TrainState) -> float:
+    """Bytes that a run takes, reckoned low rather than high; InputError where this machine cannot hold them.
 
     The state is there once on the devices and once on the host, gradients and their moments are as large as the
     weights. Of a rollout what every choice saw, drew and got is kept once, in the order of time; where a device's
@@ -64,6 +69,7 @@ def _check_memory(env: Any, params: Any, config: TrainConfig, shapes: TrainState
     if jax.process_count() == 1:
         what = f"num_envs {config.num_envs} x {config.choices_per_update} choices, num_seeds {config.num_seeds}"
         check_memory(f"{what}, hidden {' '.join(map(str, config.hidden))}", needed, config.force)
+    return needed
 
 
 def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None, TrainState | None]:

@@ -44,6 +44,7 @@ class Session:
     run_dir: RunDir  # where results go
     lock: IO[str] | None  # keeps other runs out while it is open; only the first process has it
     saved: TrainState | None  # checkpoint to go on from, on the host; None: from the start
+    takes: str  # memory and time, in words
     quiet: bool = False  # shows no progress
     callback: Callable[[Row], object] | None = None  # gets each update's row once it is written
 
@@ -172,7 +173,7 @@ class Session:
         print(
             f"{'resuming' if self.resumed else 'training'} {config.scenario} in {self.run_dir.path}:"
             f" {config.num_updates} updates of {config.num_envs} x {config.choices_per_update} choices{seeds},"
-            f" {device.platform} {device.device_kind}{shared}",
+            f" {device.platform} {device.device_kind}{shared}, {self.takes}",
             flush=True,
         )
 

@@ -1,0 +1,200 @@
+"""`python -m benchmarks.variance`: what the spread of returns on `paper` is made of, and what takes it away.
+
+A demand is who is on the road at the start, and who comes and when; it is played with several streams of drivers'
+noise. Told apart by the analysis of variance of one random factor (Searle, Casella and McCulloch 1992, chapter 3):
+
+- the share of the returns' variance that is demand's;
+- how alike two policies' returns are, on the same demand and stream, and from stream to stream at one demand;
+- relief: the return without what EVs bring along, the weight of a depleted EV for each one that comes without the
+  charge for its way. Potential shaping by that need comes to it over an episode (Ng, Harada and Russell 1999; what
+  arrivals add is taken out, Mao et al. 2018, arXiv:1807.02264). Beside it what is left of the spread with the best
+  weight in place of that one, by least squares.
+"""
+
+import argparse
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+import medjax
+from benchmarks.command import a_seed, benchmark_parser, run_command, say, whole_number
+from medjax.env.contract import Environment
+from medjax.env.forecast import lacking_j
+from medjax.env.reward import TERMS, Outcome
+from medjax.episodes.keys import episode_keys
+from medjax.episodes.player import Episodes, Player, episode_steps
+from medjax.numerics.devices import environment_mesh, on_devices
+from medjax.numerics.rows import CACHED_ROWS
+from medjax.policies.policy import Policy
+from medjax.policies.pretrained import PRETRAINED, pretrained
+from medjax.policies.rules import BASELINES
+from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.state import EnvState
+from train.evaluation.statistics import bootstrap_ci95
+from train.evaluation.tables import format_rows, interval, short
+
+PRESET = "paper"
+COMPARED = "forecast"  # whose returns those of the others are compared with
+RULES = ("budgeted", COMPARED, "none")
+
+
+def needy(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """EVs on the road without the charge for their way at cruising speed, `(E,)` bool."""
+    on_road = state.vehicles.active[config.ev_slots]
+    return on_road & (lacking_j(state, config, params) > 0.0)
+
+
+def came_needy(outcome: Outcome) -> jax.Array:
+    """A term: EVs that came onto the road in this decision without the charge for their way."""
+    slots = outcome.config.ev_slots
+    before, after = outcome.before.vehicles, outcome.after.vehicles
+    goes_on = before.active[slots] & (
+        after.x[slots] >= before.x[slots]
+    )  # else its slot is another's
+    come = needy(outcome.after, outcome.config, outcome.params) & ~goes_on
+    return jnp.sum(come, dtype=jnp.float32)
+
+
+def make(**numbers: Any) -> tuple[Environment, Any]:
+    """The preset, with numbers of one's own, which counts those who come in need on top of its reward."""
+    terms = {**TERMS, came_needy.__name__: came_needy}
+    env, params = medjax.make(PRESET, reward=terms, **numbers)
+    weights = {**params.reward_weights, came_needy.__name__: jnp.float32(1.0)}
+    return env, params.replace(reward_weights=weights)
+
+
+def play(
+    env: Environment, params: Any, policies: Mapping[str, Policy], sizes: tuple[int, int], seed: int
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Returns, and EVs that came in need, `(demands, streams)` each, of every policy in the same episodes.
+
+    Args:
+        env: of `make`, and params.
+        policies: by name.
+        sizes: demands, and streams of noise of each.
+        seed: of both.
+    """
+    demands, streams = sizes
+    player, steps = Player(env, [*policies.values()]), episode_steps(env, params)
+    own = episode_keys(seed, demands * streams)
+    of_demand = jnp.repeat(own[::streams], streams)  # of the reset, which draws all arrivals' seed
+
+    def whole(rows: Any, same: Any) -> tuple[jax.Array, jax.Array]:
+        """Of episodes and policies, `(rows, policies)`."""
+        (of_demand, own), (weights, params) = rows, same
+        begun = player.start(of_demand, params)
+        there = jax.vmap(needy, (0, None, None))(begun.state, env.config, params)
+        split = jax.vmap(jax.random.split, (0, None))(own, 3)
+        begun = begun.replace(streams=jnp.repeat(split, len(policies), axis=0))
+
+        def decide(number: jax.Array, episodes: Episodes) -> Episodes:
+            return player.decide(episodes, number, weights, params)[0]
+
+        scores = lax.fori_loop(0, steps, decide, begun).scores
+        came = scores[f"reward_{came_needy.__name__}"]
+        found = scores["return"] - came, came + jnp.sum(there, axis=1)
+        return jax.tree.map(lambda each: each.reshape(-1, len(policies)), found)
+
+    at_once = max(CACHED_ROWS // len(policies), 1)
+    run = jax.jit(on_devices(environment_mesh(demands * streams), whole, at_once))
+    weights = tuple(policy.weights for policy in policies.values())
+    found = jax.device_get(run((of_demand, own), (weights, params)))
+    returns, came = (np.asarray(each, np.float64).reshape(*sizes, -1) for each in found)
+    return {name: (returns[..., index], came[..., index]) for index, name in enumerate(policies)}
+
+
+def within(values: np.ndarray) -> np.ndarray:
+    """Variance from stream to stream at one demand, `(rows, demands, streams)` to `(rows,)`."""
+    return np.asarray(np.mean(np.var(values, axis=2, ddof=1), axis=1))
+
+
+def demands_share(values: np.ndarray) -> np.ndarray:
+    """Share of the variance that is demand's, `(rows, demands, streams)` to `(rows,)`; below 0 by chance only."""
+    inside = within(values)
+    between = np.var(np.mean(values, axis=2), axis=1, ddof=1) - inside / values.shape[2]
+    return np.asarray(between / (between + inside))
+
+
+def correlation(pairs: np.ndarray) -> np.ndarray:
+    """Of two policies' returns, `(rows, demands, streams, 2)` to `(rows,)`."""
+    apart = pairs - pairs.mean(axis=(1, 2), keepdims=True)
+    first, second = apart[..., 0], apart[..., 1]
+    both, one, other = (
+        np.sum(product, axis=(1, 2)) for product in (first * second, first**2, second**2)
+    )
+    return np.asarray(both / np.sqrt(one * other))
+
+
+def correlation_within(pairs: np.ndarray) -> np.ndarray:
+    """The same from stream to stream at one demand."""
+    return correlation(pairs - pairs.mean(axis=2, keepdims=True))
+
+
+def estimate(
+    statistic: Callable[[np.ndarray], np.ndarray], samples: np.ndarray, seed: int
+) -> dict[str, Any]:
+    """A statistic of demands `(demands, streams, ...)`, and its interval from demand to demand."""
+    value = float(statistic(samples[None])[0])
+    return {"value": value, "ci95": list(bootstrap_ci95(samples, seed, statistic=statistic))}
+
+
+def describe(returns: np.ndarray, came: np.ndarray, weight: float, seed: int) -> dict[str, Any]:
+    """What a policy's spread of returns is made of; `weight` is that of a depleted EV."""
+    apart = came - came.mean()
+    best = float(np.sum(apart * returns) / max(np.sum(apart**2), 1e-12))
+    return {
+        "return_mean": float(returns.mean()),
+        "spread": float(returns.std()),
+        "demands_share": estimate(demands_share, returns, seed),
+        "spread_at_one_demand": float(np.sqrt(within(returns[None])[0])),
+        "relief_spread": float(np.std(returns - weight * came)),
+        "best_weight": best,
+        "best_spread": float(np.std(returns - best * came)),
+    }
+
+
+def _shown(found: Mapping[str, Any]) -> str:
+    return f"{short(found['value'])} {interval(found['ci95'])}"
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Prints what is found of each policy, and of pairs of them."""
+    env, params = make()
+    policies = {PRETRAINED: pretrained(env)} | {name: BASELINES[name](env) for name in RULES}
+    sizes, seed = (options.demands, options.streams), options.seed
+    say(f"{len(policies)} policies, {math.prod(sizes):,} episodes each ...")
+    played = play(env, params, policies, sizes, seed)
+    weight = float(params.reward_weights["depleted"])
+    rows = {name: describe(*each, weight, seed) for name, each in played.items()}
+    print(f"{PRESET}, seed {seed}: {sizes[0]} demands x {sizes[1]} streams of drivers' noise")
+    spreads = ("spread", "spread_at_one_demand", "relief_spread", "best_spread", "best_weight")
+    headings = ["return", "spread", "at one demand", "of relief", "least", "at weight"]
+    table = [["policy", *headings, "demand's share of variance, 95 % CI"]]
+    for name, row in rows.items():
+        numbers = [short(row[key]) for key in ("return_mean", *spreads)]
+        table.append([name, *numbers, _shown(row["demands_share"])])
+    print(format_rows(table))
+    table = [["correlation with " + COMPARED, "same episode, 95 % CI", "at one demand, 95 % CI"]]
+    for name in (name for name in policies if name != COMPARED):
+        pairs = np.stack([played[name][0], played[COMPARED][0]], axis=-1)
+        both = {"whole": correlation, "at_one_demand": correlation_within}
+        found = {key: estimate(statistic, pairs, seed) for key, statistic in both.items()}
+        rows[name]["correlation"] = found
+        table.append([name, *map(_shown, found.values())])
+    print(f"\n{format_rows(table)}")
+    return {"scenario": PRESET, "demands": sizes[0], "streams": sizes[1], "policies": rows}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = benchmark_parser("variance", __doc__)
+    several = whole_number(least=2, most=4096)
+    parser.add_argument("--demands", type=several, default=64, help="(default %(default)s)")
+    of_each = "of drivers' noise for each demand (default %(default)s)"
+    parser.add_argument("--streams", type=several, default=16, help=of_each)
+    parser.add_argument("--seed", type=a_seed, default=0, help="of demands and noise")
+    run_command(parser, measure, arguments)

@@ -1,0 +1,42 @@
+"""How long playing takes, in words, before it begins."""
+
+from types import SimpleNamespace
+
+import jax
+import pytest
+
+import medjax
+from medjax.numerics.duration import reckoned_time
+from medjax.wrappers.decide_every import DecideEvery
+
+ENV = SimpleNamespace(config=SimpleNamespace(num_vehicles=200, ticks_per_decision=4))
+
+
+@pytest.mark.parametrize(
+    ("decisions", "words"),
+    [
+        (1e5, ""),
+        (1e6, "0.67 to 2.7 min"),
+        (1e7, "6.7 to 27 min"),
+        (1e9, "11 to 44 h"),
+    ],
+)
+def test_time_is_that_of_slots_and_ticks(decisions, words, monkeypatch):
+    """800 of them a decision, 50 to 200 ns each on a core: 1e6 decisions are 40 to 160 s."""
+    monkeypatch.setattr(jax, "device_count", lambda: 1)
+    assert reckoned_time(ENV, decisions) == words
+
+
+def test_devices_share_and_others_than_cpus_are_not_guessed(monkeypatch):
+    monkeypatch.setattr(jax, "device_count", lambda: 2)
+    assert reckoned_time(ENV, 1e6) == "20 to 80 s"
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    assert reckoned_time(ENV, 1e6) == ""
+
+
+def test_a_wrapper_takes_what_its_environment_does_and_another_kind_is_not_guessed():
+    env, _ = medjax.make("paper")
+    said = reckoned_time(env, 1e8)
+    assert said.endswith("h")
+    assert reckoned_time(DecideEvery(env, 4), 1e8) == said
+    assert reckoned_time(SimpleNamespace(config=None), 1e8) == ""
