@@ -28,6 +28,7 @@ RUN = re.compile(
     r"(?P<fence>```\w*\n(?P<commands>(?:(?!```).*\n)+)```\n)(?P<note>\n\*Run .*\*\n)?",
     re.MULTILINE,
 )
+COMMENT = re.compile(r"^<!-- (?:run|from) .*$", re.MULTILINE)
 RUN_NOTE = "*Run {date} in {time}: {commit}, {versions}, {machine}.*"
 FROM = re.compile(
     r"^(?P<head><!-- from (?P<name>[\w-]+)(?:: (?P<part>.+))? -->\n)"
@@ -88,8 +89,15 @@ def fenced_commands(page: Path) -> Iterator[tuple[str, ...]]:
 
 
 def blocks_of(page: Path) -> list[Block]:
-    """The blocks of a page, in order."""
+    """The blocks of a page, in order.
+
+    Raises:
+      ValueError: a comment stands before nothing that it could be of.
+    """
     text = page.read_text(encoding="utf-8")
+    known = {found.start() for kind in (RUN, FROM) for found in kind.finditer(text)}
+    if lost := [each[0] for each in COMMENT.finditer(text) if each.start() not in known]:
+        raise ValueError(f"{page}: {lost[0]} stands before no fenced block, table or picture")
     drawn = {found["name"] for found in FROM.finditer(text) if found["picture"]}
     return [
         Block(
@@ -107,7 +115,7 @@ def all_blocks() -> dict[str, Block]:
     """The blocks of all pages by name.
 
     Raises:
-      ValueError: a name is given twice.
+      ValueError: a name is given twice, or as `blocks_of`.
     """
     found: dict[str, Block] = {}
     for page in all_pages():

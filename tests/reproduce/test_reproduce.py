@@ -122,6 +122,17 @@ def test_nothing_printed_is_an_error():
         selected("a\n\n", "/b/")
 
 
+@pytest.mark.parametrize("comment", ["<!-- from count -->", "<!-- run more, 5 min -->"])
+def test_a_comment_before_nothing_is_an_error(comment, tmp_path):
+    """What a command prints after an hour would go nowhere."""
+    page = tmp_path / "page.md"
+    page.write_text(PAGE)
+    assert blocks_of(page)
+    page.write_text(f"{PAGE}\n{comment}\n\nwords\n")
+    with pytest.raises(ValueError, match=f"{comment} stands before no"):
+        blocks_of(page)
+
+
 def test_a_page_says_when_its_command_was_run():
     """Once, however often."""
     once = with_note(PAGE, "count", "*Run today.*")
