@@ -35,7 +35,7 @@ def load(options: argparse.Namespace) -> tuple[str, Any, Any, str, dict[str, Pol
     """Scenario, environment, parameters, name of the base, and all policies by name.
 
     Raises:
-      InputError: the run cannot be read, or a base is given too.
+      InputError: the run cannot be read, is of agents, or a base is given too.
     """
     if not options.run_dir:
         config = to_play(PPOConfig(), options.scenario)
@@ -45,6 +45,8 @@ def load(options: argparse.Namespace) -> tuple[str, Any, Any, str, dict[str, Pol
     if options.base:
         raise InputError(f"--base is {options.base} with --run-dir, allowed: one of the two")
     config = to_play(RunDir(options.run_dir).load_config(), options.scenario)
+    if config.agents != "none":
+        raise InputError(f"--run-dir {options.run_dir} is of agents, allowed: of a dispatcher")
     env, params, policies = load_policies(options.run_dir, config, stochastic=False)
     return config.scenario, env, params, config.algorithm, policies
 

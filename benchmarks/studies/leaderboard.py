@@ -30,7 +30,7 @@ from medjax.files import check_input, check_output, write_text
 from medjax.policies.given import check_policy
 from medjax.policies.pretrained import PRETRAINED
 from medjax.policies.rules import BASELINES
-from medjax.render.story import KNOWN, NAMES
+from medjax.render.story import KNOWN, LINES, NAMES
 from train.api import evaluate
 from train.evaluation.statistics import bootstrap_ci95
 from train.evaluation.tables import format_rows, interval, short
@@ -83,6 +83,11 @@ def play(board: Mapping[str, Any], name: str, policy: str, about: str) -> dict[s
         "date": date.today().isoformat(),
         "commit": versions()["commit"],
         "means": {metric: round(float(np.mean(scores[metric])), 4) for metric in MEANS},
+        "verdict_ci95": {
+            line.title: [round(end, DIGITS) for end in bootstrap_ci95(line.of(scores))]
+            for line in LINES
+            if line.title != "return"
+        },
         "returns": [round(float(value), DIGITS) for value in scores["return"]],
     }
 
@@ -135,6 +140,7 @@ def known_of(board: Mapping[str, Any]) -> dict[str, Any]:
             **{metric: row["means"][metric] for metric in MEANS if metric in NAMES},
             "return_mean": round(mean, DIGITS),
             "return_ci95": [round(float(low), DIGITS), round(float(high), DIGITS)],
+            "verdict_ci95": row["verdict_ci95"],
         }
     return {**{key: board[key] for key in ("scenario", "seed", "episodes")}, "policies": policies}
 

@@ -5,8 +5,8 @@
     python -m benchmarks.verification.golden --compare old.npz new.npz
 
 A file holds the presets, rollouts of several worlds under random allowed actions, and with `--training` what short
-runs of train.ppo logged, scored and learned, and what train.evaluate printed of them. Both must come from one machine
-and one version of JAX: others round differently.
+runs of train.ppo logged, scored and learned, and what train.evaluate and short studies printed. Both must come from
+one machine and one version of JAX: others round differently.
 """
 
 import argparse
@@ -49,27 +49,21 @@ STATE = (
     *("meds.energy_j", "meds.status", "queue"),
 )
 # Options of short runs of train.ppo, by name: of a dispatcher, and of agents.
+BATCHES = {"--num-envs": 64, "--num-minibatches": 8, "--total-timesteps": 65536, "--seed": 3}
+ROUNDS = {"--num-envs": 8, "--num-minibatches": 2, "--rollout-length": 60, "--total-timesteps": 960}
 TRAINING: dict[str, dict[str, Any]] = {
-    "training": {
-        "--num-envs": 64,
-        "--num-minibatches": 8,
-        "--total-timesteps": 65536,
-        "--eval-episodes": 6,
-        "--seed": 3,
-        "--set": "episode_decisions=240",
-    },
+    "training": {**BATCHES, "--eval-episodes": 6, "--set": "episode_decisions=240"},
     "agents' training": {
+        **ROUNDS,
         "--agents": "mappo",
-        "--num-envs": 8,
-        "--num-minibatches": 2,
-        "--rollout-length": 60,
-        "--total-timesteps": 960,
         "--eval-episodes": 2,
         "--set": "episode_decisions=60",
     },
 }
 # Options of train.evaluate, on each of them.
 EVALUATED = ("--episodes=3", "--seed=5", "--policies=ppo,budgeted,none", "--baseline=none")
+# Studies of `paper` that are played so shortly that an edit of them costs no day of printing.
+STUDIES = {"planner": ("benchmarks.planner", "--episodes=2", "--futures=12", "--hold=60")}
 CLOCKS = ("wall_s", "env_steps_per_s")  # of a row of metrics.jsonl
 QUIET = {"num_meds": 2, "num_evs": 6, "num_gas": 4, "mainline_per_h": 300, "ramp_per_h": 0}
 BUSY = {"ev_share": 0.8, "arrival_soc_high": 0.4, "ramp_x_m": [300.0], "ramp_per_h": [0.0]}
@@ -167,13 +161,18 @@ def train(run_name: str) -> dict[str, np.ndarray]:
         names = [name for name in rows[0] if name not in CLOCKS]
         found = {name: np.array([str(row[name]) for row in rows]) for name in names}
         found["evaluation"] = np.array((run / "evaluation.json").read_text())
-        command = [sys.executable, "-m", "train.evaluate", f"--run-dir={run}", *EVALUATED]
-        printed = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE).stdout
-        found["printed"] = np.array(printed.decode())
+        found["printed"] = printed_by("train.evaluate", f"--run-dir={run}", *EVALUATED)
         newest = max((run / "checkpoints").glob("*.npz"), key=lambda path: int(path.stem))
         with np.load(newest) as state:
             found |= {name: state[name] for name in state.files if name.startswith("weights/")}
         return {f"{run_name}/{name}": values for name, values in found.items()}
+
+
+def printed_by(*words: str) -> np.ndarray:
+    """What a command of this tree prints."""
+    command = [sys.executable, "-m", *words]
+    done = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE)
+    return np.array(done.stdout.decode())
 
 
 def preset_of(name: str) -> str:
@@ -181,7 +180,7 @@ def preset_of(name: str) -> str:
     world = name.partition("/")[0]
     if world in medjax.SCENARIOS:
         return world
-    return (WORLDS | AGENTS)[world][0] if world not in TRAINING else "paper"
+    return (WORLDS | AGENTS)[world][0] if world not in TRAINING | STUDIES else "paper"
 
 
 def differences(old: Mapping[str, np.ndarray], new: Mapping[str, np.ndarray]) -> Iterator[str]:
@@ -274,6 +273,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         found: Any = rollouts()
         for run_name in TRAINING if options.training else ():
             found |= train(run_name)
+        for study, words in STUDIES.items() if options.training else ():
+            say(study)
+            found[f"{study}/printed"] = printed_by(*words)
         with replacing(options.out) as unfinished, unfinished.open("wb") as file:
             np.savez_compressed(file, **found)
     return {"differ": []}

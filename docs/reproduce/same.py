@@ -23,7 +23,7 @@ from docs.reproduce.sources import content, files_of
 
 GOLDEN = Path("benchmarks/verification/golden.py")
 PLAY = [sys.executable, "-m", ".".join(GOLDEN.with_suffix("").parts)]
-# What golden goes through; pictures, studies and other commands than these two it does not.
+# What golden goes through; pictures, other studies and other commands it does not.
 PLAYED = (
     *("train/__init__.py", "benchmarks/__init__.py"),
     *(f"medjax/{module}.py" for module in ("__init__", "agents", "early", "scenarios")),
@@ -32,6 +32,7 @@ PLAYED = (
     *("medjax/episodes/", "medjax/numerics/", "medjax/wrappers/"),
     *("train/algorithms/", "train/runs/", "train/evaluation/"),
     *(f"train/{module}.py" for module in ("evaluate", "option", "ppo", "settings", "yaml_file")),
+    *(f"benchmarks/{module}.py" for module in ("planner", "studies/base", "studies/planner")),
 )
 # What only draws: of no matter to a block without a picture, but for those of its own commands.
 DRAWS = ("medjax/render/", "train/reporting/")

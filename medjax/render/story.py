@@ -32,17 +32,16 @@ class Line(NamedTuple):
     title: str
     digits: int
     better: int  # -1: lower, 1: higher, 0: neither
-    of: Callable[
-        [Mapping[str, float]], float
-    ]  # of an episode's metrics, or of their means over episodes
+    # Of an episode's metrics, of their means over episodes, or of arrays (episodes,) of them.
+    of: Callable[[Mapping[str, Any]], Any]
     about: str = ""
 
 
-def _delay_h(metrics: Mapping[str, float]) -> float:
+def _delay_h(metrics: Mapping[str, Any]) -> Any:
     return metrics["ev_delay_h"] + metrics["gas_delay_h"]
 
 
-def _euros(metrics: Mapping[str, float]) -> float:
+def _euros(metrics: Mapping[str, Any]) -> Any:
     """What all of it costs, by the terms of `medjax.env.reward.MONEY`.
 
     Of means it is within a cent or so: what an EV takes hardly depends on how many there are.
@@ -179,9 +178,12 @@ def read_evaluation(path: Path) -> dict[str, Any]:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
         for entry in found["policies"].values():
-            ends = entry["return_ci95"]
-            numbers = [*(entry[name] for name in NAMES), *ends]
-            if len(ends) != 2 or not all(isinstance(number, int | float) for number in numbers):
+            pairs = [entry["return_ci95"], *entry.get("verdict_ci95", {}).values()]
+            numbers = [
+                *(entry[name] for name in NAMES),
+                *(end for low, high in pairs for end in (low, high)),
+            ]
+            if not all(isinstance(number, int | float) for number in numbers):
                 raise TypeError
         sound = isinstance(found["episodes"], int) and isinstance(found["scenario"], str)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
@@ -209,10 +211,15 @@ def means(evaluation: Mapping[str, Any], recordings: Sequence[Recording]) -> lis
         if entry is None:
             rows.append(None)
             continue
-        cells = [f"{line.of(entry):.{_digits(line)}f}" for line in LINES]
-        low, high = entry["return_ci95"]
-        rows.append([*cells[:-1], f"{cells[-1]} [{low:.1f}, {high:.1f}]"])
+        ends = {"return": entry["return_ci95"], **entry.get("verdict_ci95", {})}
+        rows.append([_cell(line.of(entry), ends.get(line.title), _digits(line)) for line in LINES])
     return rows
+
+
+def _cell(mean: float, ends: Sequence[float] | None, digits: int) -> str:
+    """A mean, with its 95 % interval where there is one."""
+    cell = f"{mean:.{digits}f}"
+    return f"{cell} [{ends[0]:.{digits}f}, {ends[1]:.{digits}f}]" if ends else cell
 
 
 def _digits(line: Line) -> int:

@@ -15,6 +15,7 @@ from medjax.policies.rules import BASELINES
 from medjax.render.story import (
     BEFORE_S,
     KNOWN,
+    LINES,
     NAMES,
     ending,
     first_charge_s,
@@ -90,6 +91,26 @@ def test_known_means_are_those_of_the_leaderboard():
     assert known == known_of(read_board(BOARD))
 
 
+def test_means_stand_with_the_intervals_that_there_are(recording):
+    """Of the return there always is one; a mean is within its own."""
+    many = evaluated(recording)
+    entry = many["policies"][recording.policy]
+    (bare,) = means(many, [recording])
+    assert [("[" in cell) for cell in bare] == [line.title == "return" for line in LINES]
+    entry["verdict_ci95"] = {"ran out": [1.04, 3.0]}
+    (cells,) = means(many, [recording])
+    assert cells[0] == f"{bare[0]} [1.0, 3.0]"
+    assert cells[1:] == bare[1:]
+
+
+def test_the_boards_intervals_hold_its_means():
+    known = known_evaluation("paper", ["pretrained", "forecast"])
+    for entry in known["policies"].values():
+        for line in LINES[:-1]:
+            low, high = entry["verdict_ci95"][line.title]
+            assert low <= line.of(entry) <= high
+
+
 def test_what_is_not_known_is_not_shown():
     assert [path.name for path in KNOWN.iterdir()] == ["paper.json"]
     assert known_evaluation("corridor", ["forecast"]) is None
@@ -98,8 +119,11 @@ def test_what_is_not_known_is_not_shown():
 
 def test_an_evaluation_of_something_else_is_refused(recording, tmp_path):
     path = tmp_path / "evaluation.json"
+    broken = evaluated(recording)
+    broken["policies"][recording.policy]["verdict_ci95"] = {"ran out": [1.0]}
     for text in (
         "",
+        json.dumps(broken),
         "{}",
         "[1]",
         "[" * 200_000,

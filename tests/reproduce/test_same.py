@@ -58,6 +58,10 @@ def test_speed_is_not_a_matter_of_bits():
     kept = set(same.unchanged(everything, in_both(everything), study))
     assert not {"power", "fleet-30", "cooldown"} & kept
     assert {"evaluation", "motion", "ippo"} <= kept
+    # That of the planner is played by golden, too.
+    assert "planner" in same.unchanged(
+        everything, in_both(everything), among("benchmarks/studies/planner.py")
+    )
 
 
 def test_only_blocks_of_presets_that_are_the_same_are_kept():

@@ -28,6 +28,7 @@ function fillStory(data, episodes) {
   });
   fillTable($("verdict"), [[element("td"), ...head], ...rows], matchMedia("(max-width: 700px)").matches);
   const terms = data.verdict.filter(({ about }) => about).map(({ title, about }) => `${title}: ${about}`);
+  if (data.means.some(Boolean)) terms.push("[ ]: 95 % interval of a mean");
   $("terms").textContent = terms.join("; ");
   $("ending").textContent = data.ending;
   $("outcome").open = window.matchMedia("(min-width: 1100px)").matches; // beside the words, where it takes no room

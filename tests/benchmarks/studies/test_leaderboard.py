@@ -30,6 +30,7 @@ def row(name, returns):
         "policy": name,
         "about": "made",
         "means": METRICS,
+        "verdict_ci95": {"ran out": [18.5, 21.5]},
         "returns": list(returns),
     }
 
@@ -95,6 +96,7 @@ def test_the_player_hears_the_boards_means_of_what_comes_with_medjax(tmp_path):
     assert known["policies"]["none"]["evs_depleted"] == 20.0
     low, high = known["policies"]["none"]["return_ci95"]
     assert low < known["policies"]["none"]["return_mean"] < high
+    assert known["policies"]["none"]["verdict_ci95"] == {"ran out": [18.5, 21.5]}
     assert known["episodes"] == 64
 
 

@@ -17,6 +17,8 @@ from medjax.episodes.player import Player
 from medjax.episodes.scores import evaluate_policies
 from medjax.policies.rules import none, paced
 from tests.benchmarks.refusal import refused
+from train.algorithms.ppo.settings import PPOConfig
+from train.runs.run_directory import RunDir
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -118,3 +120,12 @@ def test_command(tmp_path, capsys, monkeypatch):
 def test_bad_input_is_one_line(argv, capsys):
     """Exit code 2, and the value is named."""
     assert argv[0].split("=")[1] in refused(planner.main, argv, capsys)
+
+
+def test_a_run_of_agents_is_refused(tmp_path, capsys):
+    """They are not a dispatcher, and have no actions that it could leave."""
+    run = RunDir(tmp_path / "run")
+    run.claim(PPOConfig(agents="ippo")).close()
+    assert "is of agents, allowed: of a dispatcher" in refused(
+        planner.main, [f"--run-dir={run.path}"], capsys
+    )
