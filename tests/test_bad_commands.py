@@ -111,6 +111,7 @@ COMMANDS = {
     "benchmarks.speed.training": [],
     "benchmarks.studies.ticks": [],
     "benchmarks.studies.tune": [],
+    "benchmarks.studies.variance": [],
     "benchmarks.studies.ablation.__main__": ["cooldown"],
     "benchmarks.verification.golden": ["--out=new.npz"],
 }
