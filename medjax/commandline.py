@@ -123,9 +123,16 @@ def fail(prog: str, message: object) -> int:
     return 2
 
 
+def in_words(seconds: float) -> str:
+    """A time for people."""
+    if seconds < 100.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
+
+
 def time_left(seconds: float) -> str:
     """How long something takes yet, in words."""
-    return f"{seconds:.0f} s left" if seconds < 100.0 else f"{seconds / 60.0:.0f} min left"
+    return f"{in_words(seconds)} left"
 
 
 def cannot_write(prog: str, path: Path, error: OSError) -> int:

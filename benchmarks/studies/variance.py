@@ -19,7 +19,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
 import medjax
 from benchmarks.command import a_seed, benchmark_parser, run_command, say, whole_number
@@ -27,7 +26,7 @@ from medjax.env.contract import Environment
 from medjax.env.forecast import lacking_j
 from medjax.env.reward import TERMS, Outcome
 from medjax.episodes.keys import episode_keys
-from medjax.episodes.player import Episodes, Player, episode_steps
+from medjax.episodes.player import Player, episode_steps
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.numerics.rows import CACHED_ROWS
 from medjax.policies.policy import Policy
@@ -40,6 +39,7 @@ from train.evaluation.tables import format_rows, interval, short
 
 PRESET = "paper"
 COMPARED = "forecast"  # whose returns those of the others are compared with
+CAME = "came_needy"  # the term below
 RULES = ("budgeted", COMPARED, "none")
 
 
@@ -53,19 +53,16 @@ def came_needy(outcome: Outcome) -> jax.Array:
     """A term: EVs that came onto the road in this decision without the charge for their way."""
     slots = outcome.config.ev_slots
     before, after = outcome.before.vehicles, outcome.after.vehicles
-    goes_on = before.active[slots] & (
-        after.x[slots] >= before.x[slots]
-    )  # else its slot is another's
+    # Else its slot is another's.
+    goes_on = before.active[slots] & (after.x[slots] >= before.x[slots])
     come = needy(outcome.after, outcome.config, outcome.params) & ~goes_on
     return jnp.sum(come, dtype=jnp.float32)
 
 
 def make(**numbers: Any) -> tuple[Environment, Any]:
     """The preset, with numbers of one's own, which counts those who come in need on top of its reward."""
-    terms = {**TERMS, came_needy.__name__: came_needy}
-    env, params = medjax.make(PRESET, reward=terms, **numbers)
-    weights = {**params.reward_weights, came_needy.__name__: jnp.float32(1.0)}
-    return env, params.replace(reward_weights=weights)
+    weight: dict[str, Any] = {f"reward_weights.{CAME}": 1.0}
+    return medjax.make(PRESET, reward={**TERMS, CAME: came_needy}, **weight, **numbers)
 
 
 def play(
@@ -91,12 +88,8 @@ def play(
         there = jax.vmap(needy, (0, None, None))(begun.state, env.config, params)
         split = jax.vmap(jax.random.split, (0, None))(own, 3)
         begun = begun.replace(streams=jnp.repeat(split, len(policies), axis=0))
-
-        def decide(number: jax.Array, episodes: Episodes) -> Episodes:
-            return player.decide(episodes, number, weights, params)[0]
-
-        scores = lax.fori_loop(0, steps, decide, begun).scores
-        came = scores[f"reward_{came_needy.__name__}"]
+        scores = player.to_end(begun, weights, params, steps).scores
+        came = scores[f"reward_{CAME}"]
         found = scores["return"] - came, came + jnp.sum(there, axis=1)
         return jax.tree.map(lambda each: each.reshape(-1, len(policies)), found)
 

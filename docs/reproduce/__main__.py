@@ -12,9 +12,9 @@ import sys
 from collections.abc import Sequence
 
 from docs.reproduce.pages import ROOT, Block, all_blocks
-from docs.reproduce.run import Book, in_words
+from docs.reproduce.run import Book
 from docs.reproduce.same import is_commit, keep
-from medjax.commandline import OneLineParser, command, leave
+from medjax.commandline import OneLineParser, command, in_words, leave
 from medjax.errors import shown
 
 QUICK_S = 120

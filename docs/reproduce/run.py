@@ -15,6 +15,7 @@ from typing import Any
 
 from docs.reproduce.pages import ROOT, RUN_NOTE, Block, with_note, with_output
 from docs.reproduce.sources import digest
+from medjax.commandline import in_words
 from train.runs.versions import versions
 
 STAMPS = ROOT / "docs/reproduced.json"
@@ -122,13 +123,6 @@ def note(stamp: Mapping[str, Any]) -> str:
         versions=f"JAX {versions['jax']}, Python {versions['python']}",
         machine=stamp["machine"],
     )
-
-
-def in_words(seconds: float) -> str:
-    """A time for people."""
-    if seconds < 100:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
 
 
 def _printed(block: Block) -> str:

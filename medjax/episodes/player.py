@@ -12,6 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from flax import struct
+from jax import lax
 
 from medjax.env.contract import Environment
 from medjax.env.dispatch import is_allowed
@@ -169,6 +170,21 @@ class Player:
     ) -> tuple[Episodes, Decision]:
         """Decision `number` of every row, as its policy chooses: `choose`, then `go_on`."""
         return self.go_on(episodes, number, self.choose(episodes, number, weights, params), params)
+
+    def to_end(
+        self, episodes: Episodes, weights: Sequence[Any], params: Any, most: int
+    ) -> Episodes:
+        """Plays episodes from their first decision until each is over, or so many decisions are taken."""
+
+        def unfinished(carry: tuple[Episodes, jax.Array]) -> jax.Array:
+            episodes, number = carry
+            return (number < most) & ~jnp.all(episodes.done)
+
+        def decide(carry: tuple[Episodes, jax.Array]) -> tuple[Episodes, jax.Array]:
+            episodes, number = carry
+            return self.decide(episodes, number, weights, params)[0], number + 1
+
+        return lax.while_loop(unfinished, decide, (episodes, jnp.int32(0)))[0]
 
     def _over_rows(self, function: Callable[..., Any]) -> Callable[..., Any]:
         """`function(*row, params)` for rows that policies take in turn, each in its policy's world."""

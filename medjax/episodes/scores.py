@@ -7,18 +7,16 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
 from medjax.commandline import SECONDS_PER_LINE, time_left
 from medjax.env.contract import Environment
+from medjax.episodes.duration import reckoned_time
 from medjax.episodes.keys import episode_keys
-from medjax.episodes.player import Episodes, Player, episode_decisions
+from medjax.episodes.player import Player, episode_decisions
 from medjax.errors import InputError
 from medjax.numerics.compilation import compiled, computed
 from medjax.numerics.devices import environment_mesh, on_devices
-from medjax.numerics.duration import reckoned_time
 from medjax.numerics.rows import CACHED_ROWS
 from medjax.policies.policy import Policy
 
@@ -40,16 +38,7 @@ def make_runner(
     def play(keys: jax.Array, same: tuple[Any, Any]) -> dict[str, jax.Array]:
         """Scores `(episodes, policies)`."""
         weights, params = same
-
-        def unfinished(carry: tuple[Episodes, jax.Array]) -> jax.Array:
-            episodes, number = carry
-            return (number < max_decisions) & ~jnp.all(episodes.done)
-
-        def decide(carry: tuple[Episodes, jax.Array]) -> tuple[Episodes, jax.Array]:
-            episodes, number = carry
-            return player.decide(episodes, number, weights, params)[0], number + 1
-
-        end, _ = lax.while_loop(unfinished, decide, (player.start(keys, params), jnp.int32(0)))
+        end = player.to_end(player.start(keys, params), weights, params, max_decisions)
         return {name: values.reshape(-1, count) for name, values in end.scores.items()}
 
     def run(weights: Any, keys: jax.Array, params: Any) -> dict[str, jax.Array]:

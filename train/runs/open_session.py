@@ -7,9 +7,9 @@ from typing import IO, Any
 
 import jax
 
+from medjax.episodes.duration import reckoned_time
 from medjax.errors import InputError, shown
 from medjax.numerics.devices import prepare_cpu
-from medjax.numerics.duration import reckoned_time
 from medjax.numerics.memory import GIGA, check_memory, tree_bytes
 from medjax.policies.team import rules_of
 from train.algorithms.algorithm import TrainState

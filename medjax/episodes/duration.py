@@ -4,6 +4,8 @@ from typing import Any
 
 import jax
 
+from medjax.commandline import in_words
+
 # Of a slot and tick on a core, observation included: the quickest and the slowest machine that docs/performance.md
 # has had figures of. A learner adds a tenth.
 LEAST_NS, MOST_NS = 50.0, 200.0
@@ -18,7 +20,7 @@ def reckoned_time(env: Any, decisions: float) -> str:
         decisions: of the highway, those of all environments and policies.
 
     Returns:
-        Such as "2 to 8 min"; empty where it is short, on other devices than CPUs, and for an environment whose
+        Such as "50 s to 3 min"; empty where it is short, on other devices than CPUs, and for an environment whose
         `config` has no vehicles and ticks.
     """
     config = getattr(env, "config", None)
@@ -29,12 +31,4 @@ def reckoned_time(env: Any, decisions: float) -> str:
     )
     if jax.default_backend() != "cpu" or most_s < SHORT_S:
         return ""
-    for unit, seconds in (("s", 1.0), ("min", 60.0), ("h", 3600.0)):
-        if most_s < 100.0 * seconds or unit == "h":
-            break
-    return f"{_two_digits(least_s / seconds)} to {_two_digits(most_s / seconds)} {unit}"
-
-
-def _two_digits(value: float) -> str:
-    """As many as a guess has."""
-    return f"{float(f'{value:.2g}'):g}"
+    return f"{in_words(least_s)} to {in_words(most_s)}"

@@ -6,7 +6,7 @@ import jax
 import pytest
 
 import medjax
-from medjax.numerics.duration import reckoned_time
+from medjax.episodes.duration import reckoned_time
 from medjax.wrappers.decide_every import DecideEvery
 
 ENV = SimpleNamespace(config=SimpleNamespace(num_vehicles=200, ticks_per_decision=4))
@@ -16,9 +16,9 @@ ENV = SimpleNamespace(config=SimpleNamespace(num_vehicles=200, ticks_per_decisio
     ("decisions", "words"),
     [
         (1e5, ""),
-        (1e6, "0.67 to 2.7 min"),
-        (1e7, "6.7 to 27 min"),
-        (1e9, "11 to 44 h"),
+        (1e6, "40 s to 3 min"),
+        (1e7, "7 min to 27 min"),
+        (1e9, "11.1 h to 44.4 h"),
     ],
 )
 def test_time_is_that_of_slots_and_ticks(decisions, words, monkeypatch):
@@ -29,7 +29,7 @@ def test_time_is_that_of_slots_and_ticks(decisions, words, monkeypatch):
 
 def test_devices_share_and_others_than_cpus_are_not_guessed(monkeypatch):
     monkeypatch.setattr(jax, "device_count", lambda: 2)
-    assert reckoned_time(ENV, 1e6) == "20 to 80 s"
+    assert reckoned_time(ENV, 1e6) == "20 s to 80 s"
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     assert reckoned_time(ENV, 1e6) == ""
 
