@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import arrays
 
 import medjax
 from benchmarks.verification import cases, soak
-from benchmarks.verification.anything_allowed import BOUND
+from benchmarks.verification.anything_allowed import BOUND, VAST
 from benchmarks.verification.cases import Case, run_case
 from benchmarks.verification.draws import random_units
 from benchmarks.verification.invariants import INVARIANTS
@@ -133,11 +133,18 @@ def test_worlds_are_drawn_from_all_that_is_allowed():
             values = np.asarray(getattr(getattr(params, group), name), np.float64)
             if name == "ramp_speed":  # which the acceleration lane bounds
                 high = 50.0
+            if np.isinf(high):  # the end is met, and the rest is what is finite
+                assert np.isinf(values).any(), f"{group}.{name}"
+                values = values[np.isfinite(values)]
+                high = values.max()
+                assert high >= 0.5 * VAST, f"{group}.{name}"
             if low > 0.0:
                 low, high, values = np.log(low), np.log(high), np.log(values)
             near = 0.01 * (high - low)
             assert values.min() <= low + near, f"{group}.{name}"
             assert values.max() >= high - near, f"{group}.{name}"
+    assert params.battery_scale.min() <= 2e-3
+    assert params.battery_scale.max() >= 5e5
     assert params.road.length_m.min() <= 110.0
     assert params.road.length_m.max() >= 190e3
     assert params.road.acceleration_lane_m.min() <= 11.0

@@ -14,6 +14,13 @@ def reach_ends(units: Any, share: float = 0.1) -> Any:
     return np.clip((units - share) / (1.0 - 2.0 * share), 0.0, 1.0)
 
 
+def in_worlds(which: np.ndarray, one: Any, other: Any) -> Any:
+    """The one in these worlds, the other elsewhere, `(batch, ...)`, of the other's type."""
+    other = np.asarray(other)
+    own = which.reshape(which.shape + (1,) * (other.ndim - which.ndim))
+    return np.where(own, one, other).astype(other.dtype)
+
+
 def random_units(rng: np.random.Generator, batch: int) -> Units:
     """Of `batch` worlds side by side."""
     return lambda shape: reach_ends(rng.random((batch, *shape)))

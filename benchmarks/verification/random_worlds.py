@@ -13,8 +13,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from benchmarks.verification.anything_allowed import with_anything
-from benchmarks.verification.draws import Draw, Units, reach_ends
+from benchmarks.verification.anything_allowed import any_of, with_anything
+from benchmarks.verification.draws import Draw, Units, in_worlds, reach_ends
 from medjax.env.reward import TERMS
 from medjax.physics import InductanceTable
 from medjax.world import params as groups
@@ -25,8 +25,7 @@ from medjax.world.params import EnvConfig, EnvParams
 # Vehicles that ask to enter, at most, per hour and lane or ramp: no lane takes more.
 SATURATED_PER_H = 3000.0
 J_PER_KWH = 3.6e6
-FARTHEST_M = 200e3
-LONGEST_M = 50.0  # vehicle
+ROAD, LENGTH = groups.GROUPS["road"], groups.GROUPS["drivers"]["vehicle_length"]
 # Irrational steps through the unit cube (Roberts' R-sequence in 7 dimensions): any few successive cases spread over it.
 _PHI = 1.0923077
 for _ in range(60):
@@ -55,15 +54,15 @@ def draw_config(seed: int, case: int) -> EnvConfig:
 
 
 def _road(draw: Draw, config: EnvConfig) -> groups.RoadParams:
-    merge = _sometimes(draw, 10.0 * 500.0 ** draw(0.0, 1.0), draw(100.0, 350.0))
-    spaced = merge + LONGEST_M + 1.0
-    shortest = np.maximum(100.0, (config.num_ramps + 0.1) * spaced)
+    merge = _sometimes(draw, any_of(draw, ROAD["acceleration_lane_m"]), draw(100.0, 350.0))
+    spaced = merge + LENGTH.high + 1.0
+    shortest = np.maximum(ROAD["length_m"].low, (config.num_ramps + 0.1) * spaced)
     usual = draw(shortest, np.maximum(4000.0, shortest))
-    far = np.minimum(shortest * (FARTHEST_M / shortest) ** draw(0.0, 1.0), FARTHEST_M)
-    length = _sometimes(draw, far, usual)
+    length = _sometimes(draw, np.maximum(any_of(draw, ROAD["length_m"]), shortest), usual)
     spare = (0.999 * (length - spaced * config.num_ramps))[..., None]
     order = np.arange(config.num_ramps)
-    leave = draw(10.0, np.minimum(0.5 * length, 5000.0))
+    lane = ROAD["exit_lane_m"]
+    leave = draw(lane.low, np.minimum(0.5 * length, lane.high))
     # One in each part of the road, so that no two are at one place.
     exits = (np.arange(config.num_exits) + draw(0.0, 0.9, config.num_exits)) / config.num_exits
     places = np.sort(draw(0.0, 1.0, config.num_ramps), axis=-1) * np.maximum(spare, 0.0)
@@ -111,7 +110,7 @@ def _drivers(draw: Draw, config: EnvConfig) -> groups.DriverParams:
         comfortable_deceleration=draw(1.0, 4.0, kinds),
         acceleration_noise=draw(0.0, 0.3, kinds),
         lateral_wander=draw(0.0, 0.4, kinds),
-        vehicle_length=_sometimes(draw, draw(2.0, LONGEST_M, kinds), draw(3.0, 20.0, kinds)),
+        vehicle_length=_sometimes(draw, any_of(draw, LENGTH, kinds), draw(3.0, 20.0, kinds)),
         eco_compliance=draw(0.0, 1.0),
         eco_speed=draw(5.0, 35.0),
         eco_horizon_m=draw(0.0, 50e3),
@@ -162,9 +161,7 @@ def _body(draw: Draw, mass: tuple[float, float], area: float, pack: float) -> gr
 
 def _sometimes(draw: Draw, strange: Any, usual: Any) -> Any:
     """The first of two in one of ten worlds, `(batch, ...)` float32."""
-    which: Any = draw(0.0, 1.0) < 0.1
-    which = which.reshape(which.shape + (1,) * (np.ndim(usual) - which.ndim))
-    return np.where(which, strange, usual).astype(np.float32)
+    return in_worlds(draw(0.0, 1.0) < 0.1, strange, usual)
 
 
 def _or_inf(draw: Draw, value: Any) -> Any:
