@@ -25,14 +25,16 @@ import numpy as np
 
 from benchmarks.command import a_path, benchmark_parser, run_command, say
 from medjax.commandline import cannot_write
+from medjax.episodes.verdict import NAMES
 from medjax.errors import InputError, shown
 from medjax.files import check_input, check_output, write_text
 from medjax.policies.given import check_policy
 from medjax.policies.pretrained import PRETRAINED
 from medjax.policies.rules import BASELINES
-from medjax.render.story import KNOWN, LINES, NAMES
+from medjax.render.story import KNOWN
 from train.api import evaluate
 from train.evaluation.statistics import bootstrap_ci95
+from train.evaluation.summary import verdict_ci95
 from train.evaluation.tables import format_rows, interval, short
 from train.runs.versions import versions
 
@@ -84,9 +86,8 @@ def play(board: Mapping[str, Any], name: str, policy: str, about: str) -> dict[s
         "commit": versions()["commit"],
         "means": {metric: round(float(np.mean(scores[metric])), 4) for metric in MEANS},
         "verdict_ci95": {
-            line.title: [round(end, DIGITS) for end in bootstrap_ci95(line.of(scores))]
-            for line in LINES
-            if line.title != "return"
+            title: [round(end, DIGITS) for end in ends]
+            for title, ends in verdict_ci95(scores).items()
         },
         "returns": [round(float(value), DIGITS) for value in scores["return"]],
     }

@@ -68,30 +68,13 @@ CLOCKS = ("wall_s", "env_steps_per_s")  # of a row of metrics.jsonl
 QUIET = {"num_meds": 2, "num_evs": 6, "num_gas": 4, "mainline_per_h": 300, "ramp_per_h": 0}
 BUSY = {"ev_share": 0.8, "arrival_soc_high": 0.4, "ramp_x_m": [300.0], "ramp_per_h": [0.0]}
 # A piece of `corridor` so small and full that everything in it happens within a minute or two.
-TRIPS = {
-    "num_meds": 4,
-    "num_evs": 24,
-    "num_gas": 24,
-    "length_m": 2500.0,
-    "ramp_x_m": [50.0, 1300.0],
-    "exit_x_m": [900.0, 1900.0],
-    "exit_notice_m": 500.0,
-    "exit_view_m": 100.0,
-    "slope": 0.01,
-    "mainline_per_h": 2400.0,
-    "ramp_per_h": 300.0,
-    "period_s": 40.0,
-    "ev_share": 0.7,
-    "arrival_soc_low": 0.01,
-    "arrival_soc_high": 0.3,
-    "stop_soc": 0.02,
-    "battery_scale": 20.0,
-    "size": 4,
-    "cooldown_s": 5.0,
-    "trip_m": 1200.0,
-    "turnaround_s": 10.0,
-    "rounds_per_decision": 2,
-}
+EXITS = {"exit_x_m": [900.0, 1900.0], "exit_notice_m": 500.0, "exit_view_m": 100.0}
+PIECE = {**EXITS, "length_m": 2500.0, "ramp_x_m": [50.0, 1300.0], "slope": 0.01}
+CROWD = {"num_evs": 24, "num_gas": 24, "mainline_per_h": 2400.0, "ramp_per_h": 300.0}
+NEED = {"ev_share": 0.7, "arrival_soc_low": 0.01, "arrival_soc_high": 0.3, "stop_soc": 0.02}
+FLEET = {"num_meds": 4, "size": 4, "cooldown_s": 5.0, "trip_m": 1200.0, "turnaround_s": 10.0}
+PACE = {"period_s": 40.0, "battery_scale": 20.0, "rounds_per_decision": 2}
+TRIPS = {**PIECE, **CROWD, **NEED, **FLEET, **PACE}
 WORLDS["trips"] = ("corridor", 60, TRIPS)
 AGENTS = {"agents": ("corridor", 60, TRIPS)}  # and such in which every MED is an agent
 # The worlds of the golden test: full traffic for a few decisions, a MED that charges EVs on a quiet road, and exits. In
@@ -160,12 +143,21 @@ def train(run_name: str) -> dict[str, np.ndarray]:
         rows = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
         names = [name for name in rows[0] if name not in CLOCKS]
         found = {name: np.array([str(row[name]) for row in rows]) for name in names}
-        found["evaluation"] = np.array((run / "evaluation.json").read_text())
+        found |= entries("evaluation", json.loads((run / "evaluation.json").read_text()))
         found["printed"] = printed_by("train.evaluate", f"--run-dir={run}", *EVALUATED)
         newest = max((run / "checkpoints").glob("*.npz"), key=lambda path: int(path.stem))
         with np.load(newest) as state:
             found |= {name: state[name] for name in state.files if name.startswith("weights/")}
         return {f"{run_name}/{name}": values for name, values in found.items()}
+
+
+def entries(name: str, value: Any) -> dict[str, np.ndarray]:
+    """Each number and word of what was JSON, as name/KEY/..."""
+    leaves = jax.tree.leaves_with_path(value, is_leaf=lambda leaf: leaf is None)
+    return {
+        f"{name}/{jax.tree_util.keystr(path, simple=True, separator='/')}": np.array(str(leaf))
+        for path, leaf in leaves
+    }
 
 
 def printed_by(*words: str) -> np.ndarray:
@@ -266,7 +258,10 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         old, new = options.compare
         lines = list(differences(old, new))
         print(*lines, f"{len(lines)} of {len({*old} | {*new})} differ", sep="\n")
-        return {"differ": lines, "presets": sorted({preset_of(line) for line in lines})}
+        # What is told on top of what was told before changes nothing of that.
+        told = {name: values for name, values in new.items() if name in old}
+        presets = sorted({preset_of(line) for line in differences(old, told)})
+        return {"differ": lines, "presets": presets}
     if options.numbers:
         write_numbers(options.numbers)
     else:

@@ -43,6 +43,7 @@ class Frames(struct.PyTreeNode):
     ev_is_charging: Any  # (F, E) bool
     med_soc: Any  # (F, M) state of charge, 0 to 1
     med_status: Any  # (F, M) int32, `medjax.world.state.AT_DEPOT` to `RETIRED`
+    med_depot: Any  # (F, M) int32, where it is, or goes once it has left the road
     med_service_speed: Any  # (F, M) m/s that it has been told to serve at
     med_service_lane: Any  # (F, M) int32 that it has been told to serve in
     med_accepts: Any  # (F, M) bool, takes EVs that ask
@@ -258,6 +259,7 @@ def frame_of(state: EnvState, params: EnvParams) -> Frames:
         ev_is_charging=evs.is_charging,
         med_soc=meds.energy_j / params.med_capacity_j,
         med_status=meds.status,
+        med_depot=meds.depot,
         med_service_speed=meds.service_speed,
         med_service_lane=meds.service_lane,
         med_accepts=meds.accepts,

@@ -43,6 +43,7 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
         "tickSeconds": config.tick_s,
         "ticksPerDecision": recording.ticks_per_decision,
         "numMeds": config.num_meds,
+        "numDepots": config.num_depots,
         "numEvs": config.num_evs,
         "numVehicles": config.num_vehicles,
         "fleet": int(params.fleet.size),
@@ -105,6 +106,7 @@ def _add_frames(packer: Packer, timeline: Timeline) -> None:
     packer.add("evCharging", frames.ev_is_charging.T)
     packer.add("medSoc", frames.med_soc.T, 1e-4)
     packer.add("medStatus", frames.med_status.T)
+    packer.add("medDepot", frames.med_depot.T)
     packer.add("medSpeedTold", frames.med_service_speed.T, 0.1)
     packer.add("medLaneTold", frames.med_service_lane.T)
     packer.add("medAccepts", frames.med_accepts.T)

@@ -2,20 +2,20 @@
 
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
 
-from medjax.env.metrics import SECONDS_PER_HOUR, episode_metrics
+from medjax.env.metrics import episode_metrics
 from medjax.episodes.recording import Recording
+from medjax.episodes.verdict import LINES, NAMES
 from medjax.errors import InputError
 from medjax.files import check_input
 from medjax.policies.pretrained import PRETRAINED
 from medjax.policies.rules import BASELINES
-from medjax.world.params import PRICES
 
 LEARNED = {
     "ppo": "Learned by trial and error in simulation (PPO).",
@@ -23,69 +23,6 @@ LEARNED = {
 }
 BEFORE_S = 3.0  # the first charge
 KNOWN = Path(__file__).parent / "known"  # evaluations of presets, by their names
-PRICED = "time lost, electricity, MEDs with drivers, tows and charging stops, at prices of 2023"
-
-
-class Line(NamedTuple):
-    """A number of the verdict."""
-
-    title: str
-    digits: int
-    better: int  # -1: lower, 1: higher, 0: neither
-    # Of an episode's metrics, of their means over episodes, or of arrays (episodes,) of them.
-    of: Callable[[Mapping[str, Any]], Any]
-    about: str = ""
-
-
-def _delay_h(metrics: Mapping[str, Any]) -> Any:
-    return metrics["ev_delay_h"] + metrics["gas_delay_h"]
-
-
-def _euros(metrics: Mapping[str, Any]) -> Any:
-    """What all of it costs, by the terms of `medjax.env.reward.MONEY`.
-
-    Of means it is within a cent or so: what an EV takes hardly depends on how many there are.
-    """
-    taken = metrics["ev_driving_kwh"] * metrics["evs_entered"]
-    amounts = {
-        "delay_h": _delay_h(metrics) + metrics["queue_vehicle_s"] / SECONDS_PER_HOUR,
-        "depot_kwh": metrics["energy_drawn_kwh"],
-        "ev_kwh": taken - metrics["energy_delivered_kwh"],
-        "med_h": metrics["med_hours"],
-        "tows": metrics["evs_depleted"],
-        "charging_stops": metrics["low_exits"],
-    }
-    return -sum(PRICES[name].default * amount for name, amount in amounts.items())
-
-
-LINES = (
-    Line("ran out", 0, -1, lambda metrics: metrics["evs_depleted"]),
-    Line("kWh received", 1, 1, lambda metrics: metrics["energy_delivered_kwh"]),
-    Line("hours of delay", 2, -1, _delay_h),
-    Line("cost, EUR", 0, -1, _euros, PRICED),
-    Line("MEDs sent", 0, 0, lambda metrics: metrics["meds_dispatched"]),
-    Line(
-        "return",
-        1,
-        1,
-        lambda metrics: metrics["return_mean"],
-        "the reward that policies learn from",
-    ),
-)
-NAMES = (  # of the metrics that these are made of
-    "evs_depleted",
-    "energy_delivered_kwh",
-    "ev_delay_h",
-    "gas_delay_h",
-    "queue_vehicle_s",
-    "energy_drawn_kwh",
-    "ev_driving_kwh",
-    "evs_entered",
-    "med_hours",
-    "low_exits",
-    "meds_dispatched",
-    "return_mean",
-)
 
 
 def words_for(policy: str) -> str:
@@ -212,7 +149,9 @@ def means(evaluation: Mapping[str, Any], recordings: Sequence[Recording]) -> lis
             rows.append(None)
             continue
         ends = {"return": entry["return_ci95"], **entry.get("verdict_ci95", {})}
-        rows.append([_cell(line.of(entry), ends.get(line.title), _digits(line)) for line in LINES])
+        rows.append(
+            [_cell(line.of(entry), ends.get(line.title), line.mean_digits) for line in LINES]
+        )
     return rows
 
 
@@ -220,8 +159,3 @@ def _cell(mean: float, ends: Sequence[float] | None, digits: int) -> str:
     """A mean, with its 95 % interval where there is one."""
     cell = f"{mean:.{digits}f}"
     return f"{cell} [{ends[0]:.{digits}f}, {ends[1]:.{digits}f}]" if ends else cell
-
-
-def _digits(line: Line) -> int:
-    """Of a mean: counts have one more than a single episode's, thousands of euros none."""
-    return line.digits if line.of is _euros else max(line.digits, 1)

@@ -7,7 +7,7 @@ import numpy as np
 
 import medjax
 from medjax.episodes.recording import Decisions, Frames, Recording
-from medjax.render.story import NAMES
+from medjax.episodes.verdict import NAMES
 from medjax.world.kinds import AUTONOMOUS_EV, GAS, MED
 from medjax.world.state import AT_DEPOT, IN_SERVICE, Tally
 
@@ -24,7 +24,7 @@ def blank(frames, **overrides):
         "lateral_offset": (v, np.float32), "lateral_speed": (v, np.float32), "active": (v, bool),
         "ev_soc": (e, np.float32), "kind": (v, np.int32), "ev_med": (e, np.int32),
         "ev_panel": (e, np.int32), "ev_is_charging": (e, bool), "med_soc": (m, np.float32),
-        "med_status": (m, np.int32), "med_service_speed": (m, np.float32),
+        "med_status": (m, np.int32), "med_depot": (m, np.int32), "med_service_speed": (m, np.float32),
         "med_service_lane": (m, np.int32), "med_accepts": (m, bool),
     }  # fmt: skip
     arrays = {name: np.zeros((frames, size), kind) for name, (size, kind) in shapes.items()}

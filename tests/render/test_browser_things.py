@@ -14,14 +14,16 @@ EXITS = {"exit_x_m": [1800.0]}
 def page_of_things(tmp_path_factory):
     """A MED at 1000 m in lane 3 charges EV 1 at its left; EV 2 makes for its rear slot; EV 3 ran out at 940 m.
 
-    The MED is told to refuse EVs from the start, and makes for the only exit at 6 s, where it is gone at 9 s.
+    The MED is told to refuse EVs from the start, and makes for the only exit at 6 s, where it is gone at 9 s; on its
+    way it is told to go to the second depot.
     """
-    recording = blank(1 + 4 * 10, **EXITS)
+    recording = blank(1 + 4 * 10, **EXITS, num_depots=2)
     config, frames = recording.config, recording.frames
     fleet, ev = recording.params.fleet, config.ev_slots.start
     put(recording, 0, 1000.0, 2, frames=slice(0, 24))
     put(recording, 0, 1790.0, 3, frames=slice(24, 36))
     frames.med_status[:24, 0], frames.med_status[24:, 0] = IN_SERVICE, LEAVING
+    frames.med_depot[30:, 0] = 1
     frames.med_service_speed[:, 0] = fleet.service_speed
     frames.med_service_lane[:, 0] = fleet.service_lane
     put(recording, ev, 996.5, 1)
@@ -103,7 +105,7 @@ def test_the_first_order_and_the_way_home_are_told(browser, page_of_things):
     assert len(told) == 1
     assert told[0].startswith("0:00")
     assert told[0].endswith("refuses EVs")
-    assert "0:06 MED 1 makes for exit 1" in texts
+    assert "0:06 MED 1 makes for exit 1 and depot 2" in texts
 
 
 @pytest.mark.parametrize("width", [390, 1600])

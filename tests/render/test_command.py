@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import medjax
+from medjax.episodes.verdict import NAMES
 from medjax.policies.about import About
 from medjax.policies.saved import save_policy
 from medjax.render.__main__ import _evaluation, _request, build_parser, main
-from medjax.render.story import NAMES
 from tests.benchmarks.refusal import refused
 from tests.render.test_player import contents
 

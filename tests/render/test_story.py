@@ -10,13 +10,12 @@ import pytest
 
 from benchmarks.studies.leaderboard import BOARD, known_of, read_board
 from medjax.env.reward import MONEY, Outcome
+from medjax.episodes.verdict import LINES, NAMES
 from medjax.errors import InputError
 from medjax.policies.rules import BASELINES
 from medjax.render.story import (
     BEFORE_S,
     KNOWN,
-    LINES,
-    NAMES,
     ending,
     first_charge_s,
     known_evaluation,
@@ -27,6 +26,7 @@ from medjax.render.story import (
 )
 from medjax.world.params import PRICES
 from tests.render.made import evaluated
+from train.evaluation.summary import summarize
 
 
 def test_every_rule_has_a_sentence_and_nobody_else_gets_one_made_up():
@@ -101,6 +101,19 @@ def test_means_stand_with_the_intervals_that_there_are(recording):
     (cells,) = means(many, [recording])
     assert cells[0] == f"{bare[0]} [1.0, 3.0]"
     assert cells[1:] == bare[1:]
+
+
+def test_an_evaluation_of_ones_own_has_all_intervals(recording, tmp_path):
+    """As `train.evaluate --json` writes it."""
+    rng = np.random.default_rng(0)
+    scores = {name: rng.uniform(1.0, 2.0, 9) for name in (*NAMES, "return")}
+    many = summarize({recording.policy: scores}, recording.scenario, [])
+    path = tmp_path / "many.json"
+    path.write_text(json.dumps(many))
+    (cells,) = means(read_evaluation(path), [recording])
+    for cell in cells:
+        mean, low, high = (float(number.strip("[,]")) for number in cell.split())
+        assert low <= mean <= high
 
 
 def test_the_boards_intervals_hold_its_means():

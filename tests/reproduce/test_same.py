@@ -85,6 +85,7 @@ def test_presets_that_differ_are_named(tmp_path, capfd):
         ("was", {}),
         ("trips", {"trips/reward": 2.0}),
         ("training", {"training/kl": 2.0}),
+        ("more", {"training/entropy": 1.0}),
     ):
         np.savez(
             tmp_path / f"{file}.npz", **{k: np.array([v]) for k, v in (worlds | changes).items()}
@@ -94,7 +95,11 @@ def test_presets_that_differ_are_named(tmp_path, capfd):
     assert same._other_presets(was, tmp_path / "trips.npz") == ["corridor"]
     assert "trips/reward: 1 of 1 differ" in capfd.readouterr().out
     assert same._other_presets(was, tmp_path / "training.npz") == ["paper"]
+    # What is told on top of it changes nothing; what is told no more does.
+    assert same._other_presets(was, tmp_path / "more.npz") == []
     was.with_suffix(".json").unlink()
+    more = (tmp_path / "more.npz").rename(tmp_path / "less.npz")
+    assert same._other_presets(more, was) == ["paper"]
     with pytest.raises(subprocess.CalledProcessError):
         same._other_presets(was, tmp_path / "absent.npz")
 

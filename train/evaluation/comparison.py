@@ -32,6 +32,7 @@ class Comparison:
         rows = []
         for name, entry in self.result["policies"].items():
             row = {"policy": name, **entry}
+            del row["verdict_ci95"]  # of what no column is the mean
             if name in differences:
                 minus = f"minus_{self.result['baseline']}"
                 row |= {

@@ -7,6 +7,7 @@ import numpy as np
 
 from medjax.env.reward import REWARDS
 from medjax.episodes.scores import Scores
+from medjax.episodes.verdict import LINES, NAMES
 from medjax.policies.rules import BASELINES
 from medjax.scenarios import SCENARIOS
 from train.evaluation.statistics import bootstrap_ci95, interquartile_mean, plain, relative_change
@@ -39,13 +40,13 @@ def summarize(
         baseline: one of the policies, that the others are compared with.
 
     Returns:
-        `policies` (by name: `return_mean`, `return_std`, `return_ci95`, and the mean of every metric, None where it is
-        no number), `episodes`, `scenario`, `overrides` and `seed`. Where the reward's terms are not the preset's,
-        `reward`, their names. With a baseline also `baseline` and `difference_from_baseline` (of each other policy's
-        return in the same episode: `mean`, `ci95`). If there are learned policies also, each of an episode's mean over
-        the training seeds: `paired_return_difference` (to every rule: `mean`, `ci95`) and `change_against_none` (of
-        metrics, as a share: `mean`, `ci95`). With several training seeds `training_seeds` (`return_means`,
-        `interquartile_mean`, `ci95`, and `paired_return_differences`, each learner's own).
+        `policies` (by name: `return_mean`, `return_std`, `return_ci95`, `verdict_ci95`, and the mean of every metric,
+        None where it is no number), `episodes`, `scenario`, `overrides` and `seed`. Where the reward's terms are not
+        the preset's, `reward`, their names. With a baseline also `baseline` and `difference_from_baseline` (of each
+        other policy's return in the same episode: `mean`, `ci95`). If there are learned policies also, each of an
+        episode's mean over the training seeds: `paired_return_difference` (to every rule: `mean`, `ci95`) and
+        `change_against_none` (of metrics, as a share: `mean`, `ci95`). With several training seeds `training_seeds`
+        (`return_means`, `interquartile_mean`, `ci95`, and `paired_return_differences`, each learner's own).
     """
     result: dict[str, Any] = {
         "policies": {name: _entry(score, seed) for name, score in scores.items()},
@@ -93,12 +94,25 @@ def _entry(score: Scores, seed: int) -> dict[str, Any]:
         "return_mean": float(np.mean(returns)),
         "return_std": float(np.std(returns, ddof=1)) if returns.size > 1 else 0.0,
         "return_ci95": list(bootstrap_ci95(returns, seed)),
+        "verdict_ci95": verdict_ci95(score, seed),
         **{
             ("episode_length" if column == "length" else column): plain(float(np.mean(values)))
             for column, values in score.items()
             if column != "return"
         },
     }
+
+
+def verdict_ci95(score: Scores, seed: int = 0) -> dict[str, list[float]]:
+    """Intervals of the lines of the player's verdict but the return, by title; none of what is no number."""
+    if not {*NAMES} - {"return_mean"} <= {*score}:  # an environment of another kind
+        return {}
+    ends = {
+        line.title: list(bootstrap_ci95(line.of(score), seed))
+        for line in LINES
+        if line.title != "return"
+    }
+    return {title: pair for title, pair in ends.items() if np.isfinite(pair).all()}
 
 
 def _compare(ours: Scores, rules: Mapping[str, Scores], seed: int) -> dict[str, Any]:

@@ -32,7 +32,7 @@ function noteFirstCharge(episode, track, note) {
   }
 }
 
-/** Where a MED turns to its exit, and to which, as far as it has reached it. */
+/** Where a MED turns to its exit, and to which, as far as it has reached it; and to which of several depots. */
 function noteLeaving(episode, track, note) {
   const { meta, tables, frames } = episode;
   for (let frame = track.first + 1; frame <= track.last; frame += 1) {
@@ -41,7 +41,8 @@ function noteLeaving(episode, track, note) {
     const end = tables.x.at(track.slot, track.last);
     const taken = (x) => end <= x && end > x - exitLane - LATE_M;
     const exit = track.last + 1 < frames ? exits.findIndex(taken) : -1;
-    note(frame, "leaves", `${track.name} makes for ${exit < 0 ? "its exit" : `exit ${exit + 1}`}`, track);
+    const depot = meta.numDepots > 1 ? ` and depot ${tables.medDepot.at(track.slot, track.last) + 1}` : "";
+    note(frame, "leaves", `${track.name} makes for ${exit < 0 ? "its exit" : `exit ${exit + 1}`}${depot}`, track);
     return;
   }
 }

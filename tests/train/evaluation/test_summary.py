@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from medjax.env.reward import REWARDS
+from medjax.episodes.verdict import LINES, NAMES
 from medjax.files import write_json
+from train.evaluation.comparison import Comparison
 from train.evaluation.summary import summarize
 from train.evaluation.tables import format_table, headline, is_papers
 
@@ -90,6 +92,26 @@ def test_another_reward_than_the_presets_is_told():
     assert not is_papers(summarize({"none": agents}, "paper", []))
 
 
+def test_the_verdicts_intervals_are_of_whole_lines():
+    """What a line adds up may cancel from episode to episode; an interval of its parts would not know."""
+    rng = np.random.default_rng(1)
+    scores = {name: rng.normal(1.0, 0.1, 400) for name in NAMES if name != "return_mean"}
+    scores |= {"return": rng.normal(size=400), "length": np.full(400, 6.0)}
+    scores["gas_delay_h"] = 3.0 - scores["ev_delay_h"]
+    result = summarize({"mine": scores}, "paper", [])
+    found = result["policies"]["mine"]["verdict_ci95"]
+    assert [*found, "return"] == [line.title for line in LINES]
+    assert found["hours of delay"] == pytest.approx([3.0, 3.0])
+    low, high = found["ran out"]
+    middle, half = scores["evs_depleted"].mean(), 1.96 * scores["evs_depleted"].std() / 20.0
+    assert (low, high) == pytest.approx((middle - half, middle + half), abs=0.1 * half)
+    scores["energy_drawn_kwh"] = np.full(400, np.nan)
+    less = summarize({"mine": scores}, "paper", [])["policies"]["mine"]["verdict_ci95"]
+    assert {*found} - {*less} == {"cost, EUR"}
+    (row,) = Comparison(result, {"mine": scores}).rows()
+    assert all(isinstance(value, str | float) for value in row.values())
+
+
 def test_summary_has_the_contracts_names():
     rng = np.random.default_rng(0)
     noise = rng.normal(size=50) * 100
@@ -108,6 +130,7 @@ def test_summary_has_the_contracts_names():
     assert entry["return_mean"] == pytest.approx(scores["ppo"]["return"].mean())
     assert entry["return_std"] == pytest.approx(scores["ppo"]["return"].std(ddof=1))
     assert entry["mean_soc"] == 0.5
+    assert entry["verdict_ci95"] == {}  # of metrics that are not there
     # The paired difference is far sharper than the two intervals.
     low, high = result["paired_return_difference"]["none"]["ci95"]
     assert 4.0 < low < high < 6.0

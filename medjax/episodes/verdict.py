@@ -1,0 +1,67 @@
+"""What an episode comes to, in few numbers for people: the player's verdict, of one episode and of many."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from medjax.env.metrics import SECONDS_PER_HOUR
+from medjax.world.params import PRICES
+
+PRICED = "time lost, electricity, MEDs with drivers, tows and charging stops, at prices of 2023"
+LEARNED_FROM = "the reward that policies learn from"
+
+
+class Line(NamedTuple):
+    """A number of the verdict."""
+
+    title: str
+    digits: int  # after the point, of an episode
+    mean_digits: int  # of a mean over episodes
+    better: int  # -1: lower, 1: higher, 0: neither
+    # Of an episode's metrics, of their means over episodes, or of arrays (episodes,) of them.
+    of: Callable[[Mapping[str, Any]], Any]
+    about: str = ""
+
+
+def _delay_h(metrics: Mapping[str, Any]) -> Any:
+    return metrics["ev_delay_h"] + metrics["gas_delay_h"]
+
+
+def _euros(metrics: Mapping[str, Any]) -> Any:
+    """What all of it costs, by the terms of `medjax.env.reward.MONEY`.
+
+    Of means it is within a cent or so: what an EV takes hardly depends on how many there are.
+    """
+    taken = metrics["ev_driving_kwh"] * metrics["evs_entered"]
+    amounts = {
+        "delay_h": _delay_h(metrics) + metrics["queue_vehicle_s"] / SECONDS_PER_HOUR,
+        "depot_kwh": metrics["energy_drawn_kwh"],
+        "ev_kwh": taken - metrics["energy_delivered_kwh"],
+        "med_h": metrics["med_hours"],
+        "tows": metrics["evs_depleted"],
+        "charging_stops": metrics["low_exits"],
+    }
+    return -sum(PRICES[name].default * amount for name, amount in amounts.items())
+
+
+LINES = (
+    Line("ran out", 0, 1, -1, lambda metrics: metrics["evs_depleted"]),
+    Line("kWh received", 1, 1, 1, lambda metrics: metrics["energy_delivered_kwh"]),
+    Line("hours of delay", 2, 2, -1, _delay_h),
+    Line("cost, EUR", 0, 0, -1, _euros, PRICED),
+    Line("MEDs sent", 0, 1, 0, lambda metrics: metrics["meds_dispatched"]),
+    Line("return", 1, 1, 1, lambda metrics: metrics["return_mean"], LEARNED_FROM),
+)
+NAMES = (  # of the metrics that these are made of
+    "evs_depleted",
+    "energy_delivered_kwh",
+    "ev_delay_h",
+    "gas_delay_h",
+    "queue_vehicle_s",
+    "energy_drawn_kwh",
+    "ev_driving_kwh",
+    "evs_entered",
+    "med_hours",
+    "low_exits",
+    "meds_dispatched",
+    "return_mean",
+)
