@@ -10,7 +10,7 @@ from pathlib import Path
 
 from docs.reproduce.pages import OURS, ROOT
 
-BESIDE = (".js", ".css", ".html", ".json", ".zip")  # what a package reads of its own folders
+READ = (".js", ".css", ".html", ".json", ".zip")  # files that a module reads of its own folders
 
 
 def _path(module: str) -> Path | None:
@@ -21,6 +21,20 @@ def _path(module: str) -> Path | None:
 
 
 @functools.cache
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def _read_by(path: Path) -> set[Path]:
+    """What is in the folders beside a module that it names."""
+    nodes = ast.walk(_tree(path))
+    words = {node.value for node in nodes if isinstance(node, ast.Constant) and node.value}
+    folders = [folder for folder in path.parent.iterdir() if folder.is_dir()]
+    named = [folder for folder in folders if folder.name in words]
+    return {file for folder in named for file in folder.rglob("*") if file.suffix in READ}
+
+
+@functools.cache
 def _imported(module: str) -> frozenset[str]:
     """What a module of ours imports of ours, at any place, and the packages that it is in."""
     path = _path(module)
@@ -28,9 +42,7 @@ def _imported(module: str) -> frozenset[str]:
         return frozenset()
     parts = module.split(".")
     names = {".".join(parts[:count]) for count in range(1, len(parts))}
-    if path.name == "__init__.py" and _path(f"{module}.__main__"):
-        names.add(f"{module}.__main__")
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(_tree(path)):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -42,20 +54,15 @@ def _imported(module: str) -> frozenset[str]:
 
 def files_of(modules: Iterable[str]) -> list[Path]:
     """The files that commands depend on, sorted."""
-    todo, seen = list(modules), set()
+    commands = list(modules)
+    todo, seen = [*commands, *(f"{package}.__main__" for package in commands)], set()
     while todo:
         module = todo.pop()
         if module not in seen:
             seen.add(module)
             todo += _imported(module)
     files = {path for module in seen if (path := _path(module))}
-    beside = {
-        path
-        for folder in {path.parent for path in files if path.name != "__init__.py"}
-        for path in folder.rglob("*")
-        if path.suffix in BESIDE and "docs" not in path.relative_to(ROOT).parts[:1]
-    }
-    return sorted(files | beside)
+    return sorted(files.union(*map(_read_by, files)))
 
 
 @functools.cache

@@ -148,6 +148,11 @@ def test_what_a_command_depends_on():
     assert not {name for name in names if "studies/tune" in name or name.startswith("train/ppo")}
     names = {str(path.relative_to(ROOT)) for path in files_of(["medjax.render"])}
     assert {"medjax/render/web/player.js", "medjax/render/__main__.py"} <= names
+    assert {"medjax/render/known/paper.json", "medjax/policies/trained/paper.zip"} <= names
+    # Its pictures have the player's colours, and none of its scripts.
+    names = {str(path.relative_to(ROOT)) for path in files_of(["benchmarks.generalization"])}
+    assert "medjax/render/colors.py" in names
+    assert not any(name.endswith(".js") for name in names)
     assert "train/ppo.py" in {str(path.relative_to(ROOT)) for path in files_of(["train.ppo"])}
 
 

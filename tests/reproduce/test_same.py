@@ -105,12 +105,19 @@ def test_presets_that_differ_are_named(tmp_path, capfd):
 
 
 def test_pictures_are_of_what_draws():
-    """Of the rooms that draw; figures in words are not."""
+    """The player's of the player, all of the colours; figures in words of neither."""
     everything = run.Book(all_blocks())
     everything.stamps = {name: stamp | {"sources": ""} for name, stamp in everything.stamps.items()}
-    kept = same.unchanged(everything, in_both(everything), among("medjax/render/packing.py"))
-    assert {"evaluation", "motion"} <= set(kept)
-    assert not {"highway", "live", "report"} & set(kept)
+    for drawing, other in (
+        ("packing.py", {"highway", "live"}),
+        ("web/events.js", {"highway", "live"}),
+        ("colors.py", {"highway", "live", "report", "generalization"}),
+    ):
+        changed = among(f"medjax/render/{drawing}")
+        kept = set(same.unchanged(everything, in_both(everything), changed))
+        assert {"evaluation", "motion"} <= kept
+        assert not other & kept
+        assert ("report" in kept) == ("report" not in other)
 
 
 def test_trees_are_compared_where_blocks_may_be_kept(monkeypatch, capsys):
