@@ -47,10 +47,10 @@ def after_update(monkeypatch):
 
 
 def stopped(capsys, argv, *words, code=1):
-    """The one line on stderr of a run that stops on its way."""
+    """The one line on stderr of a run that stops on its way; a slow machine says that it compiles, too."""
     assert ppo.main(argv) == code
-    err = capsys.readouterr().err
-    assert err.count("\n") == 1, err
+    lines = capsys.readouterr().err.splitlines()
+    (err,) = (line for line in lines if not line.startswith(("compiling ", "compiled ")))
     for word in words:
         assert word in err
     return err
