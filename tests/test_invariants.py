@@ -27,6 +27,8 @@ from benchmarks.verification.random_worlds import (
     validated,
     world_of,
 )
+from medjax.errors import InputError
+from medjax.world.numbers import numbers_of
 from medjax.world.params import GROUPS, EnvConfig
 
 NUM_ENVS = 32
@@ -55,14 +57,31 @@ def case(config):
     return Case(0, 0, num_envs=NUM_ENVS, config=config)
 
 
-@pytest.mark.parametrize(("config", "updates"), [(MOST, 4e6), (LEAST, 1e6)])
-def test_five_million_updates_in_random_worlds(config, updates):
-    """The soak's own play: a world of its own in each environment."""
+def assert_sound(case, updates):
+    """Over so many vehicle updates, and what its last episode has more."""
     total, found = 0, []
-    for moved, violations in run_case(case(config), updates):
+    for moved, violations in run_case(case, updates):
         total, found = total + moved, found + violations
     assert total >= updates
     assert not found, "\n".join(map(str, found))
+
+
+@pytest.mark.parametrize(("config", "updates"), [(MOST, 4e6), (LEAST, 1e6)])
+def test_five_million_updates_in_random_worlds(config, updates):
+    """The soak's own play: a world of its own in each environment."""
+    assert_sound(case(config), updates)
+
+
+@pytest.mark.slow
+def test_a_million_updates_of_the_largest_sizes():
+    """All that is declared at its most, but for gas vehicles: more slots than so many are refused."""
+    sizes = {name: int(each.high) for name, each in numbers_of(EnvConfig).items() if "num_" in name}
+    ticks = {"tick_s": 0.5, "ticks_per_round": 20}
+    with pytest.raises(InputError, match="allowed at most") as refusal:
+        EnvConfig(**sizes, **ticks)
+    most = int(re.search("at most ([0-9]+)", str(refusal.value))[1])
+    sizes["num_gas"] = most - sizes["num_meds"] - sizes["num_evs"]
+    assert_sound(Case(0, 0, num_envs=8, config=EnvConfig(**sizes, **ticks)), 1e6)
 
 
 def number_of_units(config):
