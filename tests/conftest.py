@@ -45,13 +45,7 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(items):
-    """Long files first; then those that compile alike one after the other, since a change empties JAX's caches."""
-    quick = {item.path for item in items if compiles_quickly(item)}
-    items.sort(key=lambda item: (item.path.stem not in LONG, item.path in quick))
-
-
-def compiles_quickly(item):
-    return quick_compiles.__name__ in item.fixturenames
+    items.sort(key=lambda item: item.path.stem not in LONG)
 
 
 def pytest_collection_finish():
@@ -80,37 +74,24 @@ if jax.__version_info__ < (0, 11):
     QUICK["xla_cpu_use_fusion_emitters"] = False
 
 
-compile_options = compiler.get_compile_options
-
-
-def quick_options(**settings):
-    overrides = settings.pop("env_options_overrides", None) or {}
-    return compile_options(**settings, env_options_overrides=QUICK | overrides)
-
-
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def quick_compiles():
-    """Programs that run a few steps only, of this test and those after it in its file: compiled in a third of the time,
-    and slow.
+    """Programs that run a few steps only: compiled in a third of the time, and slow.
 
     They round differently, so none is left for tests that compare bits, nor taken over from them. JAX has no public
     setting for options of all programs, only of one (`jax.jit(compiler_options=...)`).
     """
+    default = compiler.get_compile_options
 
+    def quick(**settings):
+        overrides = settings.pop("env_options_overrides", None) or {}
+        return default(**settings, env_options_overrides=QUICK | overrides)
 
-file_of_before = None
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_setup(item):
-    """Before any fixture compiles. What is compiled stays as long as tests compile alike: most of it is used again."""
-    global file_of_before
-    is_quick = compiler.get_compile_options is quick_options
-    wanted = compiles_quickly(item) or (is_quick and item.path == file_of_before)
-    file_of_before = item.path
-    if wanted != is_quick:
-        jax.clear_caches()
-        compiler.get_compile_options = quick_options if wanted else compile_options
+    jax.clear_caches()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiler, "get_compile_options", quick)
+        yield
+    jax.clear_caches()
 
 
 @pytest.fixture
