@@ -71,8 +71,7 @@ def test_the_whole_surface(world, highway, saved):
     policies = {name: build(env) for name, build in medjax.BASELINES.items()}
     policies |= {"saved": saved.policy(env), "learned": learned(env, params)}
     check_members(env, params, policies)
-    played = {name: policies[name] for name in ("random", "saved", "learned")}
-    scores = evaluate_policies(env, params, played, EPISODES, seed=3)
+    scores = evaluate_policies(env, params, policies, EPISODES, seed=3)
     assert all((score["length"] == steps).all() for score in scores.values())
     assert (scores["saved"]["meds_dispatched"] >= 1.0).all()
     recording = record_episode(env, params, policies["saved"], seed=3, episode=1)
