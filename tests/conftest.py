@@ -16,9 +16,9 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
 import jax
 import pytest
 from hypothesis import settings
-from jax._src import compiler
 
 import medjax
+from tests.compiling import quickly
 from tests.refusals import AcceptedError
 from tests.render.browser import chromium_program
 
@@ -32,7 +32,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 # Files of some half a minute or more. They go first, so that no worker is left alone with one at the end.
 LONG = {
-    *("test_invariants", "test_bits", "test_agents_run", "test_notebook", "test_surface"),
+    *("test_invariants", "test_agents_run", "test_notebook", "test_surface"),
     *("test_scenarios", "test_demand", "test_processes", "test_killed", "test_determinism"),
     *("test_report", "test_docs", "test_site", "test_player", "test_learner", "test_end_to_end"),
 }
@@ -68,30 +68,11 @@ def started(paper):
     return jax.jit(env.reset)(jax.random.key(0), params)
 
 
-# A third of XLA's usual time, most of which goes to its fusion emitters (newer versions have nothing else).
-QUICK = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
-if jax.__version_info__ < (0, 11):
-    QUICK["xla_cpu_use_fusion_emitters"] = False
-
-
 @pytest.fixture(scope="module")
 def quick_compiles():
-    """Programs that run a few steps only: compiled in a third of the time, and slow.
-
-    They round differently, so none is left for tests that compare bits, nor taken over from them. JAX has no public
-    setting for options of all programs, only of one (`jax.jit(compiler_options=...)`).
-    """
-    default = compiler.get_compile_options
-
-    def quick(**settings):
-        overrides = settings.pop("env_options_overrides", None) or {}
-        return default(**settings, env_options_overrides=QUICK | overrides)
-
-    jax.clear_caches()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(compiler, "get_compile_options", quick)
+    """`tests.compiling.quickly` for a whole file."""
+    with quickly():
         yield
-    jax.clear_caches()
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from docs.reproduce.pages import OURS, ROOT
 READ = (".js", ".css", ".html", ".json", ".zip")  # files that a module reads of its own folders
 
 
+@functools.cache
 def _path(module: str) -> Path | None:
     """The file of a module of ours, or None."""
     path = ROOT / module.replace(".", "/")
@@ -25,6 +26,7 @@ def _tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
+@functools.cache
 def _read_by(path: Path) -> set[Path]:
     """What is in the folders beside a module that it names."""
     nodes = ast.walk(_tree(path))

@@ -10,6 +10,7 @@ import medjax
 from medjax.episodes.recording import record_episode
 from medjax.policies.rules import BASELINES
 from medjax.render.player import write_player
+from tests.compiling import quickly
 from tests.render.made import busy, parked
 
 SMALL = {
@@ -34,7 +35,8 @@ def recording(world):
     """Under the rule `periodic`: MEDs come, EVs charge and run out."""
     env, params = world
     policy = BASELINES["periodic"](env)
-    return record_episode(env, params, policy, name="periodic", seed=3, episode=8)
+    with quickly():
+        return record_episode(env, params, policy, name="periodic", seed=3, episode=8)
 
 
 @pytest.fixture(scope="session")
