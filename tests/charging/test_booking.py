@@ -132,6 +132,7 @@ def test_too_far_or_too_late_is_refused(booking, paper):
     _, params = paper
     med = panel = jnp.full((1,), NOT_BOOKED, jnp.int32)
     free = jnp.ones((1, 4), bool)
+    granted = jax.jit(grant)
 
     def accepted(ev_x, med_x, endurance=500.0, leaves_x=4000.0, ev_leaves_x=4000.0):
         med_there = (jnp.array([value]) for value in (med_x, 22.0, 2, 12.0))
@@ -144,7 +145,7 @@ def test_too_far_or_too_late_is_refused(booking, paper):
             jnp.array([endurance]),
             jnp.array([ev_leaves_x]),
         )
-        got, _ = grant(med, panel, requests, offers, params.charging)
+        got, _ = granted(med, panel, requests, offers, params.charging)
         return int(got[0]) == 0
 
     assert accepted(900.0, 1000.0)
@@ -256,7 +257,8 @@ def test_who_is_full_is_passed_over():
         panel=jnp.full_like(evs.panel, NOT_BOOKED).at[riders].set(panels),
     )
     meds = state.meds.replace(status=state.meds.status.at[1].set(IN_SERVICE))
-    after = book(state.replace(vehicles=vehicles, evs=evs, meds=meds), config, params)
+    now = state.replace(vehicles=vehicles, evs=evs, meds=meds)
+    after = jax.jit(lambda state: book(state, config, params))(now)
     assert int(after.med[0]) == 1
 
 
@@ -283,5 +285,6 @@ def test_the_forecast_counts_slots_of_meds_that_serve(status, charge, accepts, c
         accepts=meds.accepts.at[0].set(accepts),
     )
     evs = state.evs.replace(med=jnp.full_like(state.evs.med, NOT_BOOKED))
-    need = expected_need(state.replace(meds=meds, evs=evs), env.config, params, 60.0)
+    needs = jax.jit(lambda state: expected_need(state, env.config, params, 60.0))
+    need = needs(state.replace(meds=meds, evs=evs))
     assert float(need.free[0]) == (4.0 if counts else 0.0)

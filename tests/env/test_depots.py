@@ -123,7 +123,7 @@ def test_rules_send_from_where_they_may(road, name, monkeypatch):
     monkeypatch.setattr("medjax.policies.rules.stranded_need", lambda *_: need)
     monkeypatch.setattr("medjax.policies.rules.forecast_need", lambda *_: need)
     monkeypatch.setattr("medjax.policies.rules.Budget.margin", lambda *_: need)
-    policy = BASELINES[name](env)
+    policy = jax.jit(BASELINES[name](env))
 
     def acts(status):
         meds = state.meds.replace(status=jnp.array(status, jnp.int32))
@@ -139,10 +139,11 @@ def test_observations_tell_where_the_fleet_is(road):
     """The share at each depot comes first in the road profile; with one depot there is nothing to tell."""
     env, params, state, _ = road
     profile = RoadProfile()
-    seen = np.asarray(profile(state, env.config, params))
+    tell = jax.jit(lambda state: profile(state, env.config, params))
+    seen = np.asarray(tell(state))
     assert seen.shape == (profile.size(env.config),)
     np.testing.assert_allclose(seen[:2], [2 / 3, 1 / 3], rtol=1e-6)
     out = state.replace(meds=state.meds.replace(status=state.meds.status.at[0].set(QUEUED)))
-    np.testing.assert_allclose(profile(out, env.config, params)[:2], [1 / 3, 1 / 3], rtol=1e-6)
+    np.testing.assert_allclose(tell(out)[:2], [1 / 3, 1 / 3], rtol=1e-6)
     one = EnvConfig(num_ramps=3)
     assert profile.size(env.config) - profile.size(one) == 2

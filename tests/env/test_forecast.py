@@ -14,9 +14,10 @@ def test_need_does_not_ask_how_fast_gas_vehicles_drive():
     _, state = jax.jit(env.reset)(jax.random.key(3), params)
     speed = params.drivers.desired_speed
 
+    @jax.jit
     def need(desired):
         drivers = params.drivers.replace(desired_speed=desired)
-        return np.asarray(forecast_need(state, env.config, params.replace(drivers=drivers), 60.0))
+        return forecast_need(state, env.config, params.replace(drivers=drivers), 60.0)
 
     usual = need(speed)
     np.testing.assert_array_equal(need(speed.at[GAS].set(22.0)), usual)

@@ -137,12 +137,14 @@ def test_profile_by_hand(busy):
                 nearest = ahead if x >= at else behind
                 nearest[ramp] = min(nearest[ramp], abs(x - at) / 1000.0)
     profile = RoadProfile()
-    got = np.asarray(profile(state, config, params))
+    got = np.asarray(jax.jit(lambda state: profile(state, config, params))(state))
     assert got.shape == (profile.size(config),)
     np.testing.assert_allclose(got[: 17 * 8].reshape(17, 8), expected_evs, atol=1e-6)
     np.testing.assert_allclose(got[17 * 8 : 17 * 12].reshape(17, 4), expected_meds, atol=1e-6)
     np.testing.assert_allclose(got[17 * 12 : -32], np.concatenate([ahead, behind]), atol=1e-5)
-    need = expected_need(state, config, params, 60.0)  # by hand in tests/policies/test_rules.py
+    need = jax.jit(lambda state: expected_need(state, config, params, 60.0))(
+        state
+    )  # by hand in tests/policies/test_rules.py
     rows = [need.there / 4, need.shortfall, need.coming / 4, need.free / 4]
     np.testing.assert_allclose(got[-32:-16], np.concatenate(rows), atol=1e-5)
     clock = np.asarray(env.observe(state, params).clock)

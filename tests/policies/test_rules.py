@@ -9,7 +9,7 @@ import medjax
 from medjax.agents import agents_of
 from medjax.charging.energy import drive_energy
 from medjax.env.forecast import expected_need, forecast_need
-from medjax.episodes.scores import evaluate_policies
+from medjax.episodes.scores import Evaluation, evaluate_policies
 from medjax.errors import InputError
 from medjax.policies.rules import Budget, budgeted, forecast
 from medjax.world.state import AT_DEPOT, QUEUED
@@ -94,8 +94,10 @@ def test_without_ramps_none_is_sent():
     """Where nothing can be sent, no rule asks for it."""
     env, params = medjax.make("paper", num_ramps=0)
     _, state = jax.jit(env.reset)(jax.random.key(0), params)
-    for build in medjax.BASELINES.values():
-        assert build(env)(jax.random.key(1), None, state, params).action == 0
+    rules = [build(env) for build in medjax.BASELINES.values()]
+    key = jax.random.key(1)
+    acts = jax.jit(lambda state: [rule(key, None, state, params).action for rule in rules])
+    assert acts(state) == [0] * len(rules)
 
 
 @pytest.mark.parametrize("name", ["periodic", "greedy"])
@@ -158,7 +160,7 @@ def test_forecast_counts_who_will_run_out(paper):
             there = place[int(state.meds.ramp[med])] if status[med] == QUEUED else x[med]
             if (status[med] == QUEUED or active[med]) and abs(at - there) <= closing * window:
                 expected[ramp] -= 4 - sum(int(other) == med for other in state.evs.med)
-    got = forecast_need(state, env.config, params, window)
+    got = jax.jit(lambda state: forecast_need(state, env.config, params, window))(state)
     np.testing.assert_allclose(got, expected, atol=1e-3)
     assert active[:15].any()
 
@@ -234,8 +236,10 @@ def test_slow_is_a_control_without_meds_on_the_same_seeds():
         eco_soc=0.4,
         eco_horizon_m=float("inf"),
     )
+    none = {"none": rules["none"]}
+    evaluation = Evaluation(env, params, none, episodes=3)
     for world, name in ((params, "none"), (slower, "slow")):
-        alone = evaluate_policies(env, world, {"none": rules["none"]}, episodes=3)["none"]
+        alone = evaluation.play(none, seed=0, params=world)["none"]
         for metric, values in alone.items():
             np.testing.assert_allclose(both[name][metric], values, rtol=1e-4, atol=1e-4)
     assert (both["slow"]["meds_dispatched"] == 0.0).all()

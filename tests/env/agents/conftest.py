@@ -37,6 +37,9 @@ class World:
         self.step = jax.jit(self._step)
         self.mask = jax.jit(self.env.action_mask)
         self.view = jax.jit(self.env.get_obs)
+        self.global_state = jax.jit(self.env.global_state)
+        self.by_rule = jax.jit(self.actions.by_rule)
+        self.masks = jax.jit(lambda state, params: self.actions.masks(state, self.config, params))
         self._reset = jax.jit(self.env.reset)
 
     def _step(self, *given):

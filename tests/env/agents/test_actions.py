@@ -39,7 +39,7 @@ def test_every_combination_is_one_action(actions):
 
 def test_action_0_is_the_rule(trips, busy):
     """The fleet's speed, its lane, who asks is taken, nobody leaves."""
-    rule = trips.actions.by_rule(busy, trips.params)
+    rule = trips.by_rule(busy, trips.params)
     fleet = trips.params.fleet
     assert trips.actions.speeds[int(rule.speed[0])] == float(fleet.service_speed)
     parts = trips.actions.unfold(jnp.zeros(4, jnp.int32), rule)
@@ -50,7 +50,7 @@ def test_action_0_is_the_rule(trips, busy):
 
 def test_masks_by_hand(trips, busy):
     """Who may what, agent by agent."""
-    masks = trips.actions.masks(busy, trips.config, trips.params)
+    masks = trips.masks(busy, trips.params)
     folded = np.asarray(trips.mask(busy, trips.params))
     status = np.asarray(busy.meds.status)
     depot = [med for med in range(4) if status[med] == AT_DEPOT]
@@ -88,17 +88,17 @@ def test_a_med_leaves_early_once(trips, busy):
             x=on_road.x.at[:4].set(x), destination=on_road.destination.at[:4].set(destination)
         )
         state = busy.replace(vehicles=vehicles)
-        masks = trips.actions.masks(state, trips.config, trips.params)
+        masks = trips.masks(state, trips.params)
         return state, np.asarray(masks.leave[:, 1])
 
     first, last = TRIPS["exit_x_m"]
     state, may = may_leave(first - 500.0, 3000.0)
     np.testing.assert_array_equal(may, serves)
-    rule = trips.actions.by_rule(state, trips.params)
+    rule = trips.by_rule(state, trips.params)
     told = rule._replace(leave=jnp.asarray(may, jnp.int32))
     after, _ = give_orders(state, told, trips.actions, trips.config, trips.params)
     assert (np.asarray(after.vehicles.destination)[:4][serves] == first).all()
-    assert not trips.actions.masks(after, trips.config, trips.params).leave[:, 1].any()
+    assert not trips.masks(after, trips.params).leave[:, 1].any()
     assert may_leave(first - 300.0, 3000.0)[1].any()  # too late for the first, not for the other
     assert not may_leave(first - 300.0, last)[1].any()  # which is where they leave anyway
     assert not may_leave(last - 300.0, 3000.0)[1].any()

@@ -35,7 +35,7 @@ def test_the_dispatcher_is_a_special_case(trips):
 
 def test_parts_and_folded_are_the_same_step(trips, busy):
     """One decision by either."""
-    rule = trips.actions.by_rule(busy, trips.params)
+    rule = trips.by_rule(busy, trips.params)
     serves = busy.meds.status == IN_SERVICE
     parts = rule._replace(speed=jnp.where(serves, 1, rule.speed), accept=jnp.where(serves, 0, 1))
     folded = jnp.where(serves, trips.actions.fold(Parts(*parts), serves), 0)

@@ -76,7 +76,7 @@ def at(depots, state, x, destination, depot):
             status=jnp.full((4,), IN_SERVICE), depot=jnp.full((4,), depot, jnp.int32)
         ),
     )
-    masks = depots.actions.masks(state, depots.config, depots.params)
+    masks = depots.masks(state, depots.params)
     return state, masks.leave[0].tolist()
 
 
@@ -92,7 +92,7 @@ def test_where_it_may_go(depots):
     assert at(depots, state, last - 300.0, last, 0)[1] == [True, False, False]
     assert at(depots, state, last - 300.0, 3000.0, 0)[1] == [True, False, True]  # by the road's end
     told, _ = at(depots, state, first - 500.0, first, 0)
-    rule = depots.actions.by_rule(told, depots.params)
+    rule = depots.by_rule(told, depots.params)
     orders = rule._replace(leave=jnp.array([0, 1, 2, 2]))
     after, _ = give_orders(told, orders, depots.actions, depots.config, depots.params)
     assert after.meds.depot.tolist() == [0, 0, 1, 1]
@@ -106,7 +106,7 @@ def test_who_is_told_another_depot_enters_from_there(depots):
     status, told = AT_DEPOT, False
     for number in range(60):
         mask = np.asarray(depots.mask(state, params))
-        parts = actions.by_rule(state, params)._replace(leave=jnp.full(4, 2))
+        parts = depots.by_rule(state, params)._replace(leave=jnp.full(4, 2))
         to_second = np.asarray(actions.fold(parts, jnp.ones(4, bool)))[0]
         action = np.zeros(4, np.int32)
         if number == 0:

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 def in_service(trips, state, **parts):
     """Folded actions: these choices of all agents in service, the rule's of the others."""
-    rule = trips.actions.by_rule(state, trips.params)
+    rule = trips.by_rule(state, trips.params)
     chosen = rule._replace(**{name: jnp.full(4, value) for name, value in parts.items()})
     serves = state.meds.status == IN_SERVICE
     return jnp.where(serves, trips.actions.fold(chosen, serves), 0)
@@ -113,7 +113,7 @@ def test_what_is_not_allowed_counts_as_the_rule(trips, busy):
     assert count == (wrong != 0).sum() > 1
     np.testing.assert_array_equal(state.vehicles.x, usual.vehicles.x)
 
-    rule = trips.actions.by_rule(busy, params)
+    rule = trips.by_rule(busy, params)
     absurd = rule._replace(speed=rule.speed.at[0].set(99), accept=rule.accept.at[1].set(-1))
     parts = jax.jit(trips.env.step_parts)
     _, state, *_ = parts(key, busy, absurd, params)

@@ -1,5 +1,6 @@
 """Dispatchers among agents: what they did alone they do here, and learned agents may leave that to them."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -51,17 +52,17 @@ def test_a_central_critic_sees_the_road_after_what_the_agent_sees(trips, busy, c
     """The agent's own vector first, as without."""
     env, params = agents_of("corridor", central=central, **TRIPS)
     own = trips.env.view.size(trips.config)
-    seen = np.asarray(env.get_obs(busy, params))
+    seen = np.asarray(jax.jit(env.get_obs)(busy, params))
     np.testing.assert_allclose(seen[:, :own], trips.view(busy, trips.params), atol=1e-6)
     assert env.view.own_size(trips.config) == own
-    road = np.asarray(trips.env.global_state(busy, trips.params))
+    road = np.asarray(trips.global_state(busy, trips.params))
     for row in seen:
         np.testing.assert_allclose(row[own:], road if central else [], atol=1e-6)
 
 
 def test_the_outlook_is_what_rules_go_by(trips, busy):
     """An agent's vector tells the need by ramps, the fleet and the time left, as the dispatcher's does."""
-    profile = trips.env.global_state(busy, trips.params)
+    profile = trips.global_state(busy, trips.params)
     view, config = trips.env.view, trips.config
     need, at_depot, time_left = view.outlook(trips.view(busy, trips.params), config)
     wanted, here, left = ROAD.outlook(profile, config)

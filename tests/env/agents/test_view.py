@@ -60,9 +60,10 @@ def test_the_request_is_what_would_be_granted(trips, busy):
     """A MED sees the EV that booking puts on it in this state, and sees it, too, where it takes none."""
     start = OF_ITSELF + 8 * OF_AN_EV
     state, found = busy, 0
+    booked = jax.jit(lambda state: book(state, trips.config, trips.params).med)
     for number in range(12):
         seen = np.asarray(trips.view(state, trips.params))[:, start : start + 6]
-        granted = np.asarray(book(state, trips.config, trips.params).med)
+        granted = np.asarray(booked(state))
         before, x = np.asarray(state.evs.med), np.asarray(state.vehicles.x)
         for med in range(4):
             new = np.flatnonzero((granted == med) & (before != med))
@@ -130,6 +131,6 @@ def test_who_is_not_on_the_road_sees_nobody(trips):
 
 def test_the_global_state_is_the_road_profile(trips, busy):
     """One vector for a central critic."""
-    state = np.asarray(trips.env.global_state(busy, trips.params))
+    state = np.asarray(trips.global_state(busy, trips.params))
     assert state.shape == (ROAD.size(trips.config),)
     assert np.isfinite(state).all()
