@@ -14,11 +14,11 @@ from medjax.world.kinds import MED
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
-def _played(scenario, rule, noise, decisions, **overrides):
-    """Who came to each entry in turn, a list of rows for each, and desired speeds of MEDs that were sent."""
+def _played(scenario, rules, noises, decisions, **overrides):
+    """By rule: who came to each entry in turn, a list of rows for each, and desired speeds of MEDs that were sent."""
     env, params = medjax.make(scenario, **overrides)
     config, where = env.config, entries(params.road, env.config.num_lanes)
-    policy = BASELINES[rule](env)
+    policies = [BASELINES[rule](env) for rule in rules]
 
     def seen(state):
         energy = config.by_slot(jnp.zeros(config.num_meds), state.evs.energy_j, 0.0)
@@ -34,29 +34,29 @@ def _played(scenario, rule, noise, decisions, **overrides):
     probed = env.with_probe(seen)
 
     @jax.jit
-    def play(key):
-        _, state = jax.jit(env.reset)(jax.random.key(4), params)
+    def play(rule, key):
+        _, state = env.reset(jax.random.key(4), params)
 
         def decide(state, key):
-            choice = policy(key, None, state, params)
-            _, state, *_, info = probed.step_env(key, state, choice.action, params)
+            actions = [policy(key, None, state, params).action for policy in policies]
+            _, state, *_, info = probed.step_env(key, state, jnp.stack(actions)[rule], params)
             return state, info["begun"]
 
         state, begun = jax.lax.scan(decide, state, jax.random.split(key, decisions))
         sent = state.vehicles.desired_speed[config.med_slots]
         return begun, jnp.where(state.vehicles.active[config.med_slots], sent, 0.0)
 
-    (_, rows, count), sent = jax.tree.map(np.asarray, play(jax.random.key(noise)))
-    rows, count = rows.reshape(-1, *rows.shape[2:]), count.reshape(-1, count.shape[2])
-    new = np.diff(count, axis=0, prepend=0) == 1
-    return [rows[new[:, entry], entry] for entry in range(config.num_entries)], sent
+    for rule, noise in enumerate(noises):
+        (_, rows, count), sent = jax.tree.map(np.asarray, play(rule, jax.random.key(noise)))
+        rows, count = rows.reshape(-1, *rows.shape[2:]), count.reshape(-1, count.shape[2])
+        new = np.diff(count, axis=0, prepend=0) == 1
+        yield [rows[new[:, entry], entry] for entry in range(config.num_entries)], sent
 
 
 @pytest.mark.parametrize(("scenario", "decisions"), [("paper", 200), ("corridor", 30)])
 def test_whoever_dispatches_meets_the_same_traffic(scenario, decisions):
     """Kind, desired speed, destination, charge and compliance, by entry and number."""
-    calm, _ = _played(scenario, "none", 1, decisions)
-    busy, sent = _played(scenario, "greedy", 2, decisions)
+    (calm, _), (busy, sent) = _played(scenario, ("none", "greedy"), (1, 2), decisions)
     assert sent.any()
     assert sum(map(len, calm)) > 100
     for first, second in zip(calm, busy, strict=True):
@@ -68,7 +68,8 @@ def test_a_med_has_one_driver():
     """At whatever ramp and time it is sent."""
     # MEDs too, whom presets give one speed.
     unlike = {"desired_speed_std": [2.0, 2.0, 1.0, 2.0, 0.7]}
-    sent, again = (_played("paper", rule, 1, 120, **unlike)[1] for rule in ("paced", "random"))
+    played = _played("paper", ("paced", "random"), (1, 1), 120, **unlike)
+    sent, again = (speeds for _, speeds in played)
     both = (sent > 0.0) & (again > 0.0)
     assert len(np.unique(sent[both])) > 1
     np.testing.assert_array_equal(sent[both], again[both])
