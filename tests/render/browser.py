@@ -21,9 +21,15 @@ def until(page, condition, patience_s=20.0):
 
 
 @contextlib.contextmanager
-def opened(browser, path, width=1600, height=900):
-    """A page in a window of that size, loaded; afterwards there must have been no error and no request elsewhere."""
-    context = browser.new_context(viewport={"width": width, "height": height})
+def opened(browser, path, width=1600, height=900, glides=False):
+    """A page in a window of that size, loaded; afterwards there must have been no error and no request elsewhere.
+
+    Cameras jump unless it `glides`: on their way pictures are drawn by the processor, for seconds.
+    """
+    motion = "no-preference" if glides else "reduce"
+    context = browser.new_context(
+        viewport={"width": width, "height": height}, reduced_motion=motion
+    )
     page = context.new_page()
     wrong = []
     page.on("console", lambda message: wrong.append(message.text))

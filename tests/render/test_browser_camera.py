@@ -32,7 +32,7 @@ def follow(page, name):
 @pytest.mark.parametrize("step", [0.02, 1.0])
 def test_a_followed_vehicle_stands_still_in_every_picture(browser, driving, step):
     """Within a tick, and at 16 times the speed with few pictures a second, while the clock plays."""
-    with opened(browser, driving) as page:
+    with opened(browser, driving, glides=True) as page:
         follow(page, "gas 1")
         page.evaluate("medjaxPlayer.seek(2)")
         settle(page)
@@ -54,7 +54,7 @@ def test_a_followed_vehicle_stands_still_in_every_picture(browser, driving, step
 @pytest.mark.parametrize("playing", [True, False])
 def test_the_camera_glides_to_another_vehicle(browser, driving, playing):
     """Its first picture is still near the one that it has left, the last one at the other."""
-    with opened(browser, driving) as page:
+    with opened(browser, driving, glides=True) as page:
         follow(page, "MED 1")
         page.evaluate("medjaxPlayer.seek(1)")
         settle(page)
@@ -78,7 +78,7 @@ def test_the_camera_glides_to_another_vehicle(browser, driving, playing):
 
 def test_an_event_of_another_time_and_place_is_glided_to(browser, driving):
     """However far the clock goes."""
-    with opened(browser, driving) as page:
+    with opened(browser, driving, glides=True) as page:
         page.evaluate("medjaxPlayer.setCamera('free', 1000)")
         settle(page)
         first, after = page.evaluate(
@@ -98,7 +98,6 @@ def test_an_event_of_another_time_and_place_is_glided_to(browser, driving):
 
 def test_who_wants_little_motion_gets_cuts(browser, driving):
     with opened(browser, driving) as page:
-        page.emulate_media(reduced_motion="reduce")
         page.evaluate("medjaxPlayer.setCamera('free', 1000)")
         settle(page)
         page.evaluate("medjaxPlayer.setCamera('free', 3000); medjaxPlayer._show(0)")
