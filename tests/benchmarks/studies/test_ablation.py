@@ -48,7 +48,7 @@ def assert_same_scores(ours, theirs):
 @pytest.mark.slow
 def test_each_world_is_what_it_is_alone():
     """Of one world and of several, to rounding; and without MEDs every rule does what none does."""
-    env, params = medjax.make("paper", **SMALL)
+    env, params = medjax.make("paper", **SMALL, cooldown_s=5.0)  # time for both MEDs
     policies = rules(env, "none", "random", "paced")
     expected = evaluate_policies(env, params, policies, 5, seed=3)  # of 2 MEDs
     for sizes in ([2], [0, 1, 2]):
