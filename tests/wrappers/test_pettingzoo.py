@@ -45,7 +45,10 @@ def test_seeds_repeat_episodes(named):
 def test_episodes_without_a_seed_differ(named):
     """Between environments too: workers do not play one episode many times."""
     one, other = (ParallelAgents(named) for _ in range(2))
-    drawn = [np.stack(list(each.reset()[0].values())) for each in (one, one, other)]
+    # Several: one pair of episodes in sixty begins alike for MEDs, who wait at their depot where nobody is in need.
+    drawn = [
+        np.stack([list(each.reset()[0].values()) for _ in range(6)]) for each in (one, one, other)
+    ]
     assert not any(np.array_equal(drawn[0], later) for later in drawn[1:])
 
 
