@@ -32,7 +32,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 # Files of some half a minute or more. They go first, so that no worker is left alone with one at the end.
 LONG = {
-    *("test_invariants", "test_agents_run", "test_notebook", "test_surface"),
+    *("test_invariants", "test_bits", "test_agents_run", "test_notebook", "test_surface"),
     *("test_scenarios", "test_demand", "test_processes", "test_killed", "test_determinism"),
     *("test_report", "test_docs", "test_site", "test_player", "test_learner", "test_end_to_end"),
 }

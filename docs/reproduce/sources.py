@@ -27,13 +27,13 @@ def _tree(path: Path) -> ast.Module:
 
 
 @functools.cache
-def _read_by(path: Path) -> set[Path]:
+def _read_by(path: Path) -> frozenset[Path]:
     """What is in the folders beside a module that it names."""
     nodes = ast.walk(_tree(path))
     words = {node.value for node in nodes if isinstance(node, ast.Constant) and node.value}
     folders = [folder for folder in path.parent.iterdir() if folder.is_dir()]
     named = [folder for folder in folders if folder.name in words]
-    return {file for folder in named for file in folder.rglob("*") if file.suffix in READ}
+    return frozenset(file for folder in named for file in folder.rglob("*") if file.suffix in READ)
 
 
 @functools.cache

@@ -142,9 +142,8 @@ def test_profile_by_hand(busy):
     np.testing.assert_allclose(got[: 17 * 8].reshape(17, 8), expected_evs, atol=1e-6)
     np.testing.assert_allclose(got[17 * 8 : 17 * 12].reshape(17, 4), expected_meds, atol=1e-6)
     np.testing.assert_allclose(got[17 * 12 : -32], np.concatenate([ahead, behind]), atol=1e-5)
-    need = jax.jit(lambda state: expected_need(state, config, params, 60.0))(
-        state
-    )  # by hand in tests/policies/test_rules.py
+    needs = jax.jit(lambda state: expected_need(state, config, params, 60.0))
+    need = needs(state)  # by hand in tests/policies/test_rules.py
     rows = [need.there / 4, need.shortfall, need.coming / 4, need.free / 4]
     np.testing.assert_allclose(got[-32:-16], np.concatenate(rows), atol=1e-5)
     clock = np.asarray(env.observe(state, params).clock)

@@ -14,8 +14,6 @@ from medjax.wrappers import BatchAutoReset, RandomDemand, scale_demand
 from train.algorithms.ppo.learner import build_learner
 from train.algorithms.ppo.settings import PPOConfig
 
-pytestmark = pytest.mark.usefixtures("quick_compiles")
-
 LOW, HIGH = 0.5, 1.5
 THRESHOLD = 2600.0
 

@@ -22,10 +22,10 @@ SMALL = {"size": 3, "num_evs": 8, "num_gas": 12, "mainline_per_h": 600.0, "episo
 
 @pytest.fixture
 def small(monkeypatch):
-    """Presets as small as they can be, and two rules of motion."""
+    """Presets as small as they can be, and three rules of motion."""
     make = medjax.make_agents
     monkeypatch.setattr(medjax, "make_agents", lambda name, **how: make(name, **SMALL, **how))
-    names = ("default", "14 m/s")
+    names = ("default", "14 m/s", "only who needs it")
     monkeypatch.setattr(motion, "MOTIONS", {name: motion.MOTIONS[name] for name in names})
     return names
 
