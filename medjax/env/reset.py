@@ -20,9 +20,8 @@ from medjax.world.state import EnvState, Tally, Vehicles, count_kinds
 def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvState:
     """Draws a road already filled to match the demand.
 
-    EVs on the road have spent what the way to their place takes since they arrived: on a road with exits from where
-    they entered, on others from its start. Those whose energy would not have lasted are not there, nor those that would
-    have left for a charger, just as in the flow without MEDs.
+    EVs on the road have spent what the way to their place takes from where they entered. Those whose energy would not
+    have lasted are not there, nor those that would have left for a charger, just as in the flow without MEDs.
     """
     demand, slots = params.demand, config.traffic_slots
     road_key, soc_key, driver_key, arrivals_key = jax.random.split(key, 4)
@@ -36,10 +35,9 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     luck = jax.random.uniform(driver_key, (config.num_evs,))
     complies = luck < params.drivers.eco_compliance
     speed, power_w = cruising(params)
-    way = vehicles.x[config.ev_slots]
-    if config.num_exits:
-        drawn = jax.random.uniform(jax.random.fold_in(soc_key, 0), way.shape)
-        way = way - draw_entries(drawn, way, demand, params.road)
+    x = vehicles.x[config.ev_slots]
+    drawn = jax.random.uniform(jax.random.fold_in(soc_key, 0), x.shape)
+    way = x - draw_entries(drawn, x, demand, params.road)
     energy = arrival * params.ev_capacity_j - way * (power_w / speed)
     stayed = energy > 0.0
     if config.num_exits:

@@ -74,3 +74,35 @@ def test_no_wave_of_stops_follows_a_reset(flow):
     a_minute = np.diff(stops)
     assert a_minute[:3].mean() == pytest.approx(a_minute[4:].mean(), rel=0.15)
     assert depleted[-1] == 0.0
+
+
+def test_an_ev_has_paid_for_the_way_from_where_it_entered():
+    """All arrive full, so what is gone is a way at cruising speed: from x = 0, or a ramp, as often as flows say."""
+    ramps, flows = np.array([100.0, 1200.0, 2100.0]), np.array([1500.0, 300.0, 600.0, 200.0])
+    env, params = medjax.make(
+        "paper",
+        ramp_x_m=ramps,
+        mainline_per_h=flows[0],
+        ramp_per_h=flows[1:],
+        ev_share=1.0,
+        arrival_soc_low=1.0,
+        arrival_soc_high=1.0,
+    )
+    reset = jax.jit(jax.vmap(lambda key: env.reset(key, params)[1]))
+    state = jax.device_get(reset(jax.random.split(jax.random.key(0), 1000)))
+    there = state.vehicles.active[:, env.config.ev_slots]
+    x = state.vehicles.x[:, env.config.ev_slots][there]
+    body, speed = params.ev, float(params.drivers.desired_speed[2])
+    force = float(body.mass_kg * 9.81 * body.rolling_resistance)
+    force += 0.5 * 1.2 * float(body.drag_coefficient * body.frontal_area_m2) * speed**2
+    j_per_m = force / float(body.drivetrain_efficiency) + float(body.auxiliary_w) / speed
+    spent = float(params.ev_capacity_j) - state.evs.energy_j[there].astype(np.float64)
+    entry = x - spent / j_per_m
+    places = np.array([0.0, *ramps])
+    nearest = np.argmin(np.abs(entry[:, None] - places), axis=1)
+    np.testing.assert_allclose(entry, places[nearest], atol=0.05)
+    for place, (start, end) in enumerate(zip(places, [*ramps, 4000.0], strict=True)):
+        between = (x > start) & (x < end)
+        shares = np.bincount(nearest[between], minlength=4) / between.sum()
+        expected = flows * (places <= start) / flows[: place + 1].sum()
+        np.testing.assert_allclose(shares, expected, atol=0.03)  # of 700 and more EVs
