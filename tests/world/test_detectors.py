@@ -13,7 +13,9 @@ COUNTS = """time_s,entry,vehicles_per_h,speed_m_per_s
 0,1,100,18
 0,2,0,
 900,1,300,18
-900,main,3000,30
+900,main,1600,30
+
+900,main,1400,30
 900,2,0,
 """
 
@@ -58,7 +60,13 @@ BAD = {
     COUNTS.replace("0,1,100", "0,ramp,100"): "entry = 'ramp'",
     COUNTS.replace("900,2,0", "900,3,0"): "no row of ramp",
     COUNTS + "1000,main,1,1\n1000,1,1,1\n1000,2,1,1\n": "evenly",
-    COUNTS + "1800\n": "line 9",
+    COUNTS + "1800\n": "line 11: 1 fields, '1800': allowed 4",
+    COUNTS.replace("1400,29", "1,400,29"): "line 3: 5 fields, '0,main,1,400,29': allowed 4",
+    COUNTS.replace("1400,30", '1400,"30'): "cannot be read: unexpected end",  # swallows the rest
+    COUNTS.replace("1400,30\n", '1400,"30"\n900,main,1,"5\n'): "cannot be read: unexpected end",
+    COUNTS.replace("900,main,1400,30\n", ""): "line 7: rows of main at time_s = 900: 1; allowed 2",
+    COUNTS + "900,1,300,18\n": "line 11: rows of ramp 1 at time_s = 900: 2; allowed 1",
+    "time_s,entry,vehicles_per_h\n300,main,1,450\n": "line 2: 4 fields.*allowed 3",
     COUNTS.replace("1400", "1_400"): "line 3.*vehicles_per_h = '1_400'",
     COUNTS.replace("1400", "\u0663"): "line 3.*vehicles_per_h = '\u0663'",
     COUNTS.replace("1400", "1e300"): "line 3.*allowed a number from 0 to 1e.12",

@@ -14,6 +14,7 @@ import numpy as np
 from tqdm import tqdm
 
 from medjax.commandline import SECONDS_PER_LINE, time_left
+from medjax.errors import InputError, shown
 from medjax.files import write_text
 from train.evaluation.statistics import plain
 from train.runs.run_directory import RunDir
@@ -50,14 +51,20 @@ def _mean(values: np.ndarray) -> float:
 
 
 def read_rows(path: Path) -> list[Row]:
-    """Lines of metrics.jsonl; a last line cut off in the writing is left out."""
+    """Lines of metrics.jsonl; a last line cut off in the writing is left out.
+
+    Raises:
+        InputError: another line is damaged.
+    """
     rows = []
-    if path.exists():
-        for line in path.read_text(encoding="utf-8").splitlines():
-            try:
-                rows.append(json.loads(line))
-            except ValueError:
-                break
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    for number, line in enumerate(lines, 1):
+        try:
+            rows.append(json.loads(line))
+        except ValueError:
+            if number < len(lines):
+                said = f"{path}, line {number} = {shown(line)}"
+                raise InputError(f"{said}: allowed JSON, as train.ppo wrote it") from None
     return rows
 
 

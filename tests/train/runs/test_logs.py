@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from tensorboardX.proto.event_pb2 import Event, SessionLog
 
+from medjax.errors import InputError
 from train.algorithms.ppo.settings import PPOConfig
 from train.runs import logs
-from train.runs.logs import MetricsLog, final_return, rows_from
+from train.runs.logs import MetricsLog, final_return, read_rows, rows_from
 from train.runs.run_directory import RunDir
 
 
@@ -29,6 +30,16 @@ def test_final_return_weighs_episodes():
         {"episode_return": 5.0, "episodes": 1.0},
     ]
     assert final_return(rows) == 2.0
+
+
+def test_only_a_last_line_may_be_cut_off(tmp_path):
+    """One in the middle is damaged: the updates after it would be lost."""
+    file = tmp_path / "metrics.jsonl"
+    file.write_text('{"update": 1}\n{"update": 2}\n{"upd')
+    assert read_rows(file) == [{"update": 1}, {"update": 2}]
+    file.write_text('{"update": 1}\n{"upd\n{"update": 3}\n')
+    with pytest.raises(InputError, match=r"metrics.jsonl, line 2 = '{\"upd': allowed JSON"):
+        read_rows(file)
 
 
 @pytest.fixture
