@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from benchmarks.verification.books import OF_FLOW, Books, sums_by_class, ways_home
-from benchmarks.verification.books import total as total_of
+from benchmarks.verification.books import Books, sums_by_class, ways_home
+from benchmarks.verification.flows import OF_FLOW
+from benchmarks.verification.flows import total as total_of
 from benchmarks.verification.invariants import (
     Counts,
     Flags,
@@ -25,6 +26,7 @@ from medjax.world.state import AT_DEPOT, RETIRED, EnvState
 
 ROUNDING = 2e-5  # relative, of sums of a decision
 DRIVING = ("ev_driving_j", "ev_cruising_j", "med_driving_j")
+SHARES = ("depleted_share", "mean_soc", "exit_soc", "system_efficiency")  # of the metrics
 
 
 class Decision(NamedTuple):
@@ -124,6 +126,7 @@ def tally_mistakes(
         for name, scale in scales.items()
         if not name.endswith("_j")
     }
+    shares = jnp.stack([decision.info["metrics"][name] for name in SHARES])
     total = decision.after.tally
     sums = jax.tree.map(lambda a, b, c: differs(a + b, c), decision.before.tally, tally, total)
     lost = by_class(total.entered - total.left) - jnp.zeros((3,)).at[1].set(total.depleted)
@@ -136,6 +139,7 @@ def tally_mistakes(
             **counted,
             "collisions": tally.collisions > 0.0,
             "sums": jnp.stack([x.any() for x in jax.tree.leaves(sums)]),
+            "shares": ~((shares >= 0.0) & (shares <= 1.0 + ROUNDING)),
         },
         "energy": {
             "sent": outside(books.sent_j, tally.energy_sent_j),

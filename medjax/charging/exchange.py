@@ -71,6 +71,15 @@ def _driven(
     return jnp.where(before.active[slots], energy, 0.0)
 
 
+def _cruised(
+    before: Vehicles, after: Vehicles, slots: slice, body: BodyParams, road: RoadParams
+) -> jax.Array:
+    """What the way of a tick takes at everyone's own desired speed, J; 0 off the road."""
+    way = after.x[slots] - before.x[slots]
+    energy = way * per_metre(before.desired_speed[slots], body, road)
+    return jnp.where(before.active[slots], energy, 0.0)
+
+
 def exchange(
     before: Vehicles,
     after: Vehicles,
@@ -80,6 +89,9 @@ def exchange(
     params: EnvParams,
 ) -> tuple[EVs, MEDs, Tally]:
     """Transfer and driving energy of one tick.
+
+    Braking energy that finds no room in a battery is left to the brakes, and an EV that runs out is driven by what its
+    battery still has: neither counts. A MED that is empty drives on; what that takes counts, for a depot pays it.
 
     Args:
       before, after: the vehicles around the tick.
@@ -108,15 +120,15 @@ def exchange(
     med_energy, med_rest = change_battery(
         meds.energy_j, meds.rest_j, -med_use - flow.drawn_j, params.med_capacity_j
     )
-    travelled = after.x[config.ev_slots] - before.x[config.ev_slots]
-    cruising_j = travelled * per_metre(before.desired_speed[config.ev_slots], params.ev, road)
-    drives = before.active[config.ev_slots] & ~evs.is_depleted
+    least, most = evs.energy_j - params.ev_capacity_j, evs.energy_j + flow.received_j
+    med_room = params.med_capacity_j - (meds.energy_j - flow.drawn_j)
+    cruising_j = jnp.maximum(_cruised(before, after, config.ev_slots, params.ev, road), least)
     tally = Tally.zeros().replace(
         energy_sent_j=sum_pairwise(flow.sent_j),
         energy_received_j=sum_pairwise(flow.received_j),
-        ev_driving_j=sum_pairwise(ev_use),
-        ev_cruising_j=sum_pairwise(jnp.where(drives, cruising_j, 0.0)),
-        med_driving_j=sum_pairwise(med_use),
+        ev_driving_j=sum_pairwise(jnp.clip(ev_use, least, most)),
+        ev_cruising_j=sum_pairwise(jnp.where(evs.is_depleted, 0.0, cruising_j)),
+        med_driving_j=sum_pairwise(jnp.maximum(med_use, -med_room)),
         evs_served=jnp.sum(link.is_charging & ~evs.served, dtype=jnp.float32),
     )
     evs = evs.replace(

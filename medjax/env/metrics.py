@@ -23,16 +23,19 @@ def episode_metrics(tally: Tally) -> dict[str, jax.Array]:
     ev_saved_kwh less than the same way takes at the EVs' own desired speeds (more where below 0: speeding up costs),
     and ev_received_kwh came from MEDs. Delays, vehicle-hours, are against everyone's own desired speed;
     those who wait to come onto the road are in queue_vehicle_s. The fleet draws from its depots what MEDs drive on
-    and what they send; system_efficiency is the share of it that comes into EVs' batteries.
+    and what they send; system_efficiency is the share of it that comes into EVs' batteries. Where MEDs got more by
+    driving, downhill, than they drove on, it is the share of what they sent: nobody gives away more than that.
     """
 
     def ratio(numerator: jax.Array, denominator: jax.Array) -> jax.Array:
-        return numerator / jnp.maximum(denominator, 1.0)
+        there = denominator > 0.0
+        return jnp.where(there, numerator / jnp.where(there, denominator, 1.0), 0.0)
 
     def per_ev(energy_j: jax.Array) -> jax.Array:
         return ratio(energy_j / JOULES_PER_KWH, evs)
 
     drawn_j = tally.med_driving_j + tally.energy_sent_j
+    gross_j = jnp.maximum(tally.med_driving_j, 0.0) + tally.energy_sent_j
     evs, evs_left = (by_class(counts)[CLASSES.index(EVS)] for counts in (tally.entered, tally.left))
     return {
         "depleted_share": ratio(tally.depleted, evs),
@@ -45,7 +48,7 @@ def episode_metrics(tally: Tally) -> dict[str, jax.Array]:
         "energy_sent_kwh": tally.energy_sent_j / JOULES_PER_KWH,
         "med_driving_kwh": tally.med_driving_j / JOULES_PER_KWH,
         "energy_drawn_kwh": drawn_j / JOULES_PER_KWH,
-        "system_efficiency": ratio(tally.energy_received_j, drawn_j),
+        "system_efficiency": ratio(tally.energy_received_j, gross_j),
         "ev_driving_kwh": per_ev(tally.ev_driving_j),
         "ev_saved_kwh": per_ev(tally.ev_cruising_j - tally.ev_driving_j),
         "ev_received_kwh": per_ev(tally.energy_received_j),

@@ -8,7 +8,7 @@ import pytest
 
 import medjax
 from benchmarks.verification.books import entry_books
-from benchmarks.verification.decisions import Decision, check_closing
+from benchmarks.verification.decisions import SHARES, Decision, check_closing
 from benchmarks.verification.invariants import (
     INVARIANTS,
     check_entry,
@@ -215,7 +215,7 @@ def test_arrivals_are_held_to_entries_and_queues(still):
     assert found(state, set_at(state, "evs.energy_j", 3, 7.0)) == {"energy": 1}
 
 
-def closing(still, after=None, obs=0.0, reward=0.0, terms=None, tally=None, last=None):
+def closing(still, after=None, obs=0.0, reward=0.0, terms=None, tally=None, share=0.5):
     """What is violated in a decision in which nothing happens, but for what is given."""
     state, config, params = still
     params = params.replace(reward_weights=dict.fromkeys(params.reward_weights, 0.0))
@@ -223,9 +223,9 @@ def closing(still, after=None, obs=0.0, reward=0.0, terms=None, tally=None, last
     tally = Tally.zeros().replace(**tally or {})
     after = after or state.replace(tally=state.tally + tally)
     terms = dict.fromkeys(params.reward_weights, jnp.zeros(())) | (terms or {})
-    info = {"tally": tally, "reward_terms": terms, "metrics": {}}
+    info = {"tally": tally, "reward_terms": terms, "metrics": dict.fromkeys(SHARES, share)}
     decision = Decision(state, after, jnp.float32(obs), jnp.float32(reward), info)
-    return violated(check_closing, last or state, decision, books, config, params)
+    return violated(check_closing, state, decision, books, config, params)
 
 
 def test_a_wrong_outcome_is_found(still):
@@ -234,6 +234,7 @@ def test_a_wrong_outcome_is_found(still):
     assert closing(still) == {}
     assert closing(still, obs=jnp.inf) == {"finite": 1}
     assert closing(still, reward=0.1) == {"reward": 1}
+    assert closing(still, share=jnp.float32(1.001)) == {"tally": len(SHARES)}
     weightless = {"soc": jnp.float32(0.1)}
     assert closing(still, reward=0.1, terms=weightless) == {"reward": 1}
     names = ["lane_changes", "depleted", "vehicle_ticks", "collisions", "ev_distance_m"]
