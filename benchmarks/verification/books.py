@@ -25,6 +25,8 @@ class Books(struct.PyTreeNode):
     ev_seconds: jax.Array
     ev_distance_m: jax.Array
     soc_seconds: jax.Array
+    mean_soc_s: jax.Array  # of a whole round
+    mean_speed_m: jax.Array  # of a whole round
     exit_soc: jax.Array
     low_exits: jax.Array
     ev_delay_s: jax.Array
@@ -124,6 +126,8 @@ def tick_books(
         ev_seconds=there[1] * dt,
         ev_distance_m=distance[1],
         soc_seconds=total(jnp.where(old.active[config.ev_slots], soc, 0.0)) * dt,
+        mean_soc_s=jnp.zeros(()),
+        mean_speed_m=jnp.zeros(()),
         exit_soc=total(jnp.where(left[config.ev_slots], soc, 0.0)),
         low_exits=total(left[config.ev_slots] & (was.stops | low & ~bound)),
         ev_delay_s=delay[1],

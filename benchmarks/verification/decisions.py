@@ -56,13 +56,23 @@ def check_decision(decision: Decision, config: EnvConfig, params: EnvParams) -> 
         entered, books = check_entry(last, begun, config, params)
         counts = count(entered, check_standing(begun, config, params))
         (last, counts, books), _ = jax.lax.scan(look, (begun, counts, books), ticks)
-        return last, (counts, books)
+        return last, (counts, with_means(books, last, config, params))
 
     seen = decision.info["begun"], by_round(decision.info["ticks"], config)
     last, found = jax.lax.scan(play, decision.before, seen)
     counts, books = jax.tree.map(lambda each: each.sum(axis=0), found)
     closing = check_closing(last, decision, books, config, params)
     return jax.tree.map(jnp.add, counts, count(closing))
+
+
+def with_means(books: Books, last: EnvState, config: EnvConfig, params: EnvParams) -> Books:
+    """The books of a round, and its part of the integrals of the EVs' mean charge, as of its last state, and speed."""
+    on_road = last.vehicles.active[config.ev_slots]
+    charge = jnp.where(on_road, last.evs.energy_j / params.ev_capacity_j, 0.0)
+    soc = jnp.sum(charge) / jnp.maximum(jnp.sum(on_road), 1)
+    there = books.ev_seconds > 0.0
+    speed = jnp.where(there, books.ev_distance_m / jnp.where(there, books.ev_seconds, 1.0), 0.0)
+    return books.replace(mean_soc_s=soc * config.round_s, mean_speed_m=speed * config.round_s)
 
 
 def by_round(ticks: Any, config: EnvConfig) -> Any:
@@ -107,16 +117,20 @@ def outside(bounds: jax.Array, value: jax.Array) -> jax.Array:
     return ~((bounds[0] - slack <= value) & (value <= bounds[1] + slack))
 
 
-def resolved_way(books: Books, params: EnvParams) -> jax.Array:
-    """A way that `differs` by what positions round: each is exact to half a unit in the last place."""
-    return books.vehicle_ticks * 1e-7 * params.road.length_m / ROUNDING
+def resolved_way(books: Books, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """A way that `differs` by what positions round: each is exact to half a unit in the last place.
+
+    Of all vehicles, and of one that is there in a single tick of a round, and is the mean of all of it.
+    """
+    ticks = books.vehicle_ticks + config.ticks_per_round
+    return ticks * 1e-7 * params.road.length_m / ROUNDING
 
 
 def tally_mistakes(
     books: Books, decision: Decision, config: EnvConfig, params: EnvParams
 ) -> dict[str, dict[str, jax.Array]]:
     """Flags where tally, reward and conservation of vehicles differ from the books, by invariant and name."""
-    tally, way = decision.info["tally"], resolved_way(books, params)
+    tally, way = decision.info["tally"], resolved_way(books, config, params)
     scales = {name: way if name.endswith("_m") else 1e-3 for name in Books.__dataclass_fields__}
     # What differs from the time on the road by little is as exact as that is; nobody means to drive below 1 m/s.
     ticks = books.vehicle_ticks + jnp.sum(books.left)  # who leaves in a tick was there for it, too
@@ -155,25 +169,21 @@ def reward_mistakes(
     books: Books, decision: Decision, config: EnvConfig, params: EnvParams
 ) -> dict[str, jax.Array]:
     """Flags where the reward is not the sum of its terms, and a term not what the books say."""
-    after, tally = decision.after, decision.info["tally"]
-    way = resolved_way(books, params)
+    tally = decision.info["tally"]
+    way = resolved_way(books, config, params)
     weights, terms = params.reward_weights, decision.info["reward_terms"]
     added = sum(terms.values(), jnp.zeros(()))
     size = sum((jnp.abs(term) for term in terms.values()), jnp.zeros(()))
-    on_road = after.vehicles.active[config.ev_slots]
-    charge = jnp.where(on_road, after.evs.energy_j / params.ev_capacity_j, 0.0)
     cruise = params.drivers.desired_speed[jnp.array(GAS_KINDS)]
-    seconds = jnp.maximum(books.ev_seconds, 1e-6)
-    speed = jnp.where(books.ev_seconds > 0.0, books.ev_distance_m / seconds / 30.0, 0.0)
     lost_j = tally.energy_sent_j - tally.energy_received_j
     expected = {
         "depleted": (books.depleted, 0.0),
-        "soc": (jnp.sum(charge) / jnp.maximum(jnp.sum(on_road), 1), 0.0),
+        "soc": (books.mean_soc_s, 0.0),
         "distance": (books.ev_distance_m / 1000.0, way / 1000.0),
-        "speed": (speed, way / seconds / 30.0),
+        "speed": (books.mean_speed_m / 30.0, way / 30.0),
         "dispatches": (books.meds_dispatched, 0.0),
         "gas_delay": (
-            jnp.maximum(jnp.sum(books.gas_seconds - books.gas_distance_m / cruise), 0.0),
+            jnp.sum(books.gas_seconds - books.gas_distance_m / cruise),
             jnp.sum(books.gas_seconds + (books.gas_distance_m + way) / cruise),
         ),
         "lane_changes": (books.lane_changes, 0.0),

@@ -24,7 +24,7 @@ from medjax.env.observation import FlatObservation, Observation, observe
 from medjax.env.reset import initial_state
 from medjax.env.reward import TERMS, Outcome, RewardTerm, check_terms, total_reward
 from medjax.env.spaces import Box, Discrete
-from medjax.env.tick import physics_tick, ways
+from medjax.env.tick import means, physics_tick, ways
 from medjax.env.trips import plan_trips
 from medjax.errors import InputError, shown
 from medjax.traffic.entry import admit
@@ -220,10 +220,12 @@ class ChargingEnv:
             )
             return (state, happened + more), self.probe(state) if self.probe else None
 
-        begun = state.vehicles
+        begun, before_s = state.vehicles, happened.ev_seconds
         (state, happened), seen = jax.lax.scan(tick, (state, happened), ticks)
         with jax.named_scope("tally"):
-            happened += ways(begun, state.vehicles, config)
+            driven = ways(begun, state.vehicles, config)
+            seconds = happened.ev_seconds - before_s
+            happened += driven + means(state, driven.ev_distance_m, seconds, config, params)
         return state, happened, seen
 
     def action_mask(self, state: EnvState, params: EnvParams) -> jax.Array:

@@ -1,7 +1,8 @@
 """The reward: a weighted sum of named terms, eq (10) of the paper or what a decision costs in money.
 
 A term is a function of `Outcome` that returns a float32 scalar. `REWARDS` holds the sets that come with medjax: `TERMS`
-of eq (10), and `MONEY`. Pass `ChargingEnv(reward={**TERMS, "mine": my_term})` or `medjax.make(..., reward=...)` with
+of eq (10), and `MONEY`. Each of them is a count or an integral over time: whether a minute is one decision or sixty, it
+is paid the same. Pass `ChargingEnv(reward={**TERMS, "mine": my_term})` or `medjax.make(..., reward=...)` with
 your own. Weights are leaves of `EnvParams.reward_weights`, by the same names; those of `MONEY` are prices.
 """
 
@@ -15,7 +16,6 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.errors import InputError, shown
-from medjax.numerics.sums import in_units, rounded, sum_pairwise
 from medjax.world.kinds import GAS_KINDS
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, Tally
@@ -40,10 +40,8 @@ def depleted(outcome: Outcome) -> jax.Array:
 
 
 def soc(outcome: Outcome) -> jax.Array:
-    """Mean state of charge of the EVs on the road now, R_SoC; 0 on a road without EVs."""
-    on_road = outcome.after.vehicles.active[outcome.config.ev_slots]
-    charge = in_units(outcome.after.evs.energy_j, outcome.params.ev_capacity_j)
-    return sum_pairwise(jnp.where(on_road, rounded(charge), 0.0)) / jnp.maximum(on_road.sum(), 1)
+    """Mean state of charge of the EVs on the road, R_SoC, times the decision's seconds; 0 on a road without EVs."""
+    return outcome.happened.mean_soc_s
 
 
 def distance(outcome: Outcome) -> jax.Array:
@@ -52,9 +50,8 @@ def distance(outcome: Outcome) -> jax.Array:
 
 
 def speed(outcome: Outcome) -> jax.Array:
-    """Mean speed of the EVs over this decision, R_v, in 30 m/s; 0 on a road without EVs."""
-    mean = outcome.happened.ev_distance_m / jnp.maximum(outcome.happened.ev_seconds, 1e-6)
-    return jnp.where(outcome.happened.ev_seconds > 0.0, mean / 30.0, 0.0)
+    """Mean speed of the EVs, R_v, in 30 m/s, times the decision's seconds; 0 on a road without EVs."""
+    return outcome.happened.mean_speed_m / 30.0
 
 
 def dispatches(outcome: Outcome) -> jax.Array:
@@ -63,11 +60,10 @@ def dispatches(outcome: Outcome) -> jax.Array:
 
 
 def gas_delay(outcome: Outcome) -> jax.Array:
-    """Vehicle-seconds that gas vehicles lost against the mean desired speed of their kind."""
+    """Vehicle-seconds that gas vehicles lost against the mean desired speed of their kind; below 0: gained."""
     happened = outcome.happened
     cruise = outcome.params.drivers.desired_speed[jnp.array(GAS_KINDS)]
-    lost = happened.gas_seconds - happened.gas_distance_m / cruise
-    return jnp.maximum(jnp.sum(lost), 0.0)
+    return jnp.sum(happened.gas_seconds - happened.gas_distance_m / cruise)
 
 
 def lane_changes(outcome: Outcome) -> jax.Array:

@@ -126,6 +126,25 @@ def ways(before: Vehicles, after: Vehicles, config: EnvConfig) -> Tally:
     )
 
 
+def means(
+    state: EnvState, metres: jax.Array, ev_seconds: jax.Array, config: EnvConfig, params: EnvParams
+) -> Tally:
+    """A round's part of the integrals of the EVs' mean charge and mean speed; 0 on a road without EVs.
+
+    By the round, so that they add up to the same whatever the number of rounds in a decision.
+
+    Args:
+      state: after the round; metres, ev_seconds: () that EVs drove in it, and were on the road.
+    """
+    on_road = state.vehicles.active[config.ev_slots]
+    charge = rounded(in_units(state.evs.energy_j, params.ev_capacity_j))
+    soc = sum_pairwise(jnp.where(on_road, charge, 0.0)) / jnp.maximum(on_road.sum(), 1)
+    speed = jnp.where(ev_seconds > 0.0, metres / jnp.maximum(ev_seconds, 1e-6), 0.0)
+    return Tally.zeros().replace(
+        mean_soc_s=soc * config.round_s, mean_speed_m=speed * config.round_s
+    )
+
+
 def _of_gas(values: jax.Array, vehicles: Vehicles, config: EnvConfig) -> list[jax.Array]:
     """The values `(N,)` of each kind of vehicle with fuel, `(gas slots,)`, 0 elsewhere."""
     kind, values = vehicles.kind[config.gas_slots], values[config.gas_slots]

@@ -171,9 +171,9 @@ def weight(default: float, unit: str, text: str) -> Number:
 WEIGHT = weight(0.0, "", "off")  # of a term that the preset does not weigh
 WEIGHTS = {
     "depleted": weight(-11.6, "1/EV", "w1 of eq (10), calibrated to Table 2 (docs/paper.md)"),
-    "soc": weight(1.02, "1/decision", "w2, calibrated but for its proportion to w3 and w4"),
+    "soc": weight(1.02, "1/s", "w2, calibrated but for its proportion to w3 and w4"),
     "distance": weight(0.102, "1/km", "w3, the same"),
-    "speed": weight(0.102, "1/decision", "w4, of speed in 30 m/s, the same"),
+    "speed": weight(0.102, "1/s", "w4, of speed in 30 m/s, the same"),
     "dispatches": weight(0.0, "1/MED", "off"),
     "gas_delay": weight(0.0, "1/s", "off"),
     "lane_changes": WEIGHT,

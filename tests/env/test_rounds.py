@@ -6,6 +6,8 @@ import jax.numpy as jnp
 import pytest
 
 import medjax
+from medjax.env.reward import MONEY, TERMS
+from medjax.wrappers import DecideEvery
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -40,3 +42,34 @@ def test_a_decision_of_rounds_is_that_many_decisions_without_an_action():
     chex.assert_trees_all_close(info["tally"], tally, rtol=1e-5, atol=1e-3)
     assert info["begun"].shape == (3, one.config.num_vehicles)
     chex.assert_trees_all_close((info["begun"], info["ticks"]), (begun, ticks), rtol=1e-6)
+
+
+def test_a_minute_is_paid_the_same_however_often_one_decides():
+    """Every term that ships, weighed 1: decisions of 1 s, of 4 s, and a choice every four decisions of 1 s."""
+    reward = {**TERMS, **MONEY}
+    size = {"num_meds": 4, "num_gas": 100, "ev_share": 0.3, "cooldown_s": 4.0}
+    size |= {"reward": reward, "reward_weights": dict.fromkeys(reward, 1.0), "turnaround_s": 5.0}
+    one, params = medjax.make("paper", **size, request_soc=0.8)
+    four, _ = medjax.make("paper", **size, request_soc=0.8, rounds_per_decision=4)
+    _, start = jax.jit(one.reset)(jax.random.key(0), params)
+
+    def paid(env):
+        """Each term over the minute, and how many vehicles came."""
+
+        def decide(state, key):
+            _, state, total, _, _, info = env.step_env(key, state, 1, params)
+            return state, (total, info["reward_terms"], info["tally"].entered)
+
+        keys = jax.random.split(jax.random.key(1), 15)
+        return jax.tree.map(lambda each: each.sum(0), jax.lax.scan(decide, start, keys)[1])
+
+    seldom, often = (jax.jit(paid, static_argnums=0)(env) for env in (four, DecideEvery(one, 4)))
+    total, terms, came = seldom
+    assert float(came.sum()) > 20
+    chex.assert_trees_all_close((total, came), (often[0], often[2]), rtol=1e-4)
+    for name, value in terms.items():
+        assert float(value) == pytest.approx(float(often[1][name]), rel=1e-3, abs=1e-3), name
+        assert name == "collisions" or float(value) != 0.0, name
+    # A mean charge of a minute, and a mean speed in 30 m/s.
+    assert 60 * 0.1 < float(terms["soc"]) < 60 * 0.8
+    assert 60 * 0.5 < float(terms["speed"]) < 60 * 1.1
