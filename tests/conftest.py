@@ -34,7 +34,15 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 LONG = {
     *("test_invariants", "test_bits", "test_agents_run", "test_notebook", "test_surface"),
     *("test_scenarios", "test_demand", "test_processes", "test_killed", "test_determinism"),
-    *("test_report", "test_docs", "test_site", "test_player", "test_learner", "test_end_to_end"),
+    *(
+        "test_report",
+        "test_docs",
+        "test_x64",
+        "test_site",
+        "test_player",
+        "test_learner",
+        "test_end_to_end",
+    ),
 }
 
 

@@ -56,12 +56,12 @@ def unserved(energy_j: jax.Array, complies: jax.Array) -> EVs:
     not_booked = jnp.full(energy_j.shape, NOT_BOOKED, jnp.int32)
     return EVs(
         energy_j=energy_j,
-        rest_j=jnp.zeros(energy_j.shape),
+        rest_j=jnp.zeros_like(energy_j),
         med=not_booked,
         panel=not_booked,
         stops=jnp.zeros(energy_j.shape, bool),
         is_charging=jnp.zeros(energy_j.shape, bool),
-        timer_s=jnp.zeros(energy_j.shape),
+        timer_s=jnp.zeros_like(energy_j),
         served=jnp.zeros(energy_j.shape, bool),
         complies=complies,
         is_depleted=jnp.zeros(energy_j.shape, bool),

@@ -42,7 +42,7 @@ def transfer(
     """
     arrives = jnp.minimum(offered_j * efficiency, jnp.maximum(room_j, 0.0))
     asked = jnp.where(is_charging, arrives / jnp.maximum(efficiency, 1e-6), 0.0)
-    is_partner = med[:, None] == jnp.arange(med_available_j.shape[0])
+    is_partner = med[:, None] == jnp.arange(med_available_j.shape[0], dtype=jnp.int32)
     wanted = jnp.sum(jnp.where(is_partner, asked[:, None], 0.0), axis=0)
     share = jnp.minimum(1.0, jnp.maximum(med_available_j, 0.0) / jnp.maximum(wanted, 1e-6))
     sent = asked * read(share, jnp.maximum(med, 0))

@@ -42,7 +42,7 @@ def to_the_right(speed: jax.Array, params: EnvParams) -> jax.Array:
 
     At once, or never: who would stand between two lanes, since the way that is left is too short for a change, stays.
     """
-    rolling = -coasting(jnp.zeros(()), params)
+    rolling = -coasting(jnp.zeros((), jnp.float32), params)
     # Until it stands it comes so far to the side, over 2 * rolling, m; half a lane more than one must be left, since
     # the end of a change is slower.
     sideways = jnp.square(speed) * params.motion.lateral_slope

@@ -179,7 +179,7 @@ class ChargingEnv:
             state, happened, seen = self._drive(state, happened + entered, ticks, params)
             return (state, happened), Probed(begun, seen)
 
-        given = jnp.arange(rounds), keys, self._first_tick(state) + indices
+        given = jnp.arange(rounds, dtype=jnp.int32), keys, self._first_tick(state) + indices
         (state, happened), probed = jax.lax.scan(play, (state, happened), given)
         seen = jax.tree.map(lambda each: each.reshape(ticks, *each.shape[2:]), probed.ticks)
         return state, happened, probed._replace(ticks=seen)

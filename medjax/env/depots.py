@@ -22,10 +22,10 @@ def whole_fleet(config: EnvConfig, params: EnvParams) -> MEDs:
     ever.
     """
     fleet, meds = params.fleet, config.num_meds
-    exists = jnp.arange(meds) < fleet.size
+    exists = jnp.arange(meds, dtype=jnp.int32) < fleet.size
     return MEDs(
         energy_j=jnp.where(exists, params.med_capacity_j, 0.0).astype(jnp.float32),
-        rest_j=jnp.zeros((meds,)),
+        rest_j=jnp.zeros((meds,), jnp.float32),
         status=jnp.where(exists, AT_DEPOT, RETIRED).astype(jnp.int32),
         depot=jnp.arange(meds, dtype=jnp.int32) % config.num_depots,
         ramp=jnp.zeros((meds,), jnp.int32),
@@ -44,7 +44,7 @@ def own_ramps(meds: MEDs, config: EnvConfig) -> jax.Array:
 def next_to_be_sent(meds: MEDs) -> jax.Array:
     """The first MED of each depot's line, `(num_meds,)` bool."""
     waits = meds.status == AT_DEPOT
-    number = jnp.arange(meds.status.shape[0])
+    number = jnp.arange(meds.status.shape[0], dtype=jnp.int32)
     before = (number < number[:, None]) & (meds.depot == meds.depot[:, None])
     return waits & ~jnp.any(before & waits, axis=1)
 
@@ -66,7 +66,7 @@ def shares_at_depots(meds: MEDs, config: EnvConfig, params: EnvParams) -> jax.Ar
     """Shares of the fleet that can be sent from each depot, `(distinct_depots,)`."""
     waits = (meds.status == AT_DEPOT)[:, None]
     here = waits & (meds.depot[:, None] == jnp.arange(distinct_depots(config)))
-    return in_units(jnp.sum(here, axis=0), jnp.maximum(params.fleet.size, 1))
+    return in_units(jnp.sum(here, axis=0, dtype=jnp.int32), jnp.maximum(params.fleet.size, 1))
 
 
 def depot_places(config: EnvConfig, params: EnvParams) -> jax.Array:
@@ -84,7 +84,7 @@ def way_home(
     A MED comes home on what it has, its reserve included; what that is less than it takes, the depot gives in addition.
     """
     if config.num_depots == 1:
-        return jnp.zeros(x.shape), jnp.zeros(x.shape)
+        return jnp.zeros_like(x), jnp.zeros_like(x)
     way = jnp.abs(x - depot_places(config, params)[meds.depot])
     speed = jnp.asarray(params.fleet.return_speed)
     return way / speed, way * per_metre(speed, params.med, params.road.replace(slope=0.0))

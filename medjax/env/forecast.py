@@ -18,7 +18,7 @@ from medjax.world.state import IN_SERVICE, MERGING, NOT_BOOKED, QUEUED, EnvState
 
 def med_places(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
     """Where MEDs are, `(M,)` m: one that waits is at its ramp; inf for one that is not on its way."""
-    ramp_x_m = params.road.ramp_x_m if config.num_ramps else jnp.zeros((1,))
+    ramp_x_m = params.road.ramp_x_m if config.num_ramps else jnp.zeros((1,), jnp.float32)
     vehicles, slots = state.vehicles, config.med_slots
     on_road = jnp.where(vehicles.active[slots], vehicles.x[slots], jnp.inf)
     return jnp.where(state.meds.status == QUEUED, ramp_x_m[state.meds.ramp], on_road)
@@ -30,7 +30,7 @@ def free_slots(state: EnvState, config: EnvConfig) -> jax.Array:
     taken = panel_flags(evs.med, evs.panel, evs.med != NOT_BOOKED, config.num_meds)
     in_service = meds.status == IN_SERVICE
     lane = jnp.where(in_service, state.vehicles.lane[config.med_slots], meds.service_lane)
-    return jnp.sum(slots_on_road(lane, config.num_lanes) & ~taken, axis=1)
+    return jnp.sum(slots_on_road(lane, config.num_lanes) & ~taken, axis=1, dtype=jnp.int32)
 
 
 def lacking_j(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:

@@ -47,8 +47,8 @@ def clock_features(state: EnvState, params: EnvParams) -> jax.Array:
     clock = [
         in_units(params.episode_decisions - state.time, params.episode_decisions),
         state.cooldown_s / COOLDOWN_UNIT_S,
-        in_units(jnp.sum(state.meds.status == AT_DEPOT), fleet),
-        in_units(jnp.sum(state.meds.status == QUEUED), fleet),
+        in_units(jnp.sum(state.meds.status == AT_DEPOT, dtype=jnp.int32), fleet),
+        in_units(jnp.sum(state.meds.status == QUEUED, dtype=jnp.int32), fleet),
     ]
     return jnp.stack(clock).astype(jnp.float32)
 
@@ -153,7 +153,7 @@ def hat_weights(values: jax.Array, num_nodes: int) -> jax.Array:
       The shape of values, and num_nodes: at most two entries that are not 0, which add up to 1.
     """
     place = jnp.clip(values, 0.0, 1.0)[..., None] * (num_nodes - 1)
-    return jnp.maximum(1.0 - jnp.abs(place - jnp.arange(num_nodes)), 0.0)
+    return jnp.maximum(1.0 - jnp.abs(place - jnp.arange(num_nodes, dtype=jnp.int32)), 0.0)
 
 
 def show_need(need: Need) -> jax.Array:

@@ -29,14 +29,15 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     arrival = jax.random.uniform(
         soc_key,
         (config.num_evs,),
+        jnp.float32,
         minval=demand.arrival_soc_low,
         maxval=demand.arrival_soc_high,
     )
-    luck = jax.random.uniform(driver_key, (config.num_evs,))
+    luck = jax.random.uniform(driver_key, (config.num_evs,), jnp.float32)
     complies = luck < params.drivers.eco_compliance
     speed, power_w = cruising(params)
     x = vehicles.x[config.ev_slots]
-    drawn = jax.random.uniform(jax.random.fold_in(soc_key, 0), x.shape)
+    drawn = jax.random.uniform(jax.random.fold_in(soc_key, 0), x.shape, jnp.float32)
     way = x - draw_entries(drawn, x, demand, params.road)
     energy = arrival * params.ev_capacity_j - way * (power_w / speed)
     stayed = energy > 0.0
@@ -53,7 +54,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
         queue=jnp.zeros((config.num_entries,), jnp.int32),
         entered_here=jnp.zeros((config.num_entries,), jnp.int32),
         arrivals=new_seed(arrivals_key),
-        cooldown_s=jnp.zeros(()),
+        cooldown_s=jnp.zeros((), jnp.float32),
         time=jnp.zeros((), jnp.int32),
         tally=Tally.zeros().replace(entered=count_kinds(active, vehicles.kind, config)),
     )
@@ -83,13 +84,13 @@ def _filled(key: jax.Array, config: EnvConfig, params: EnvParams) -> Vehicles:
 
     is_ev = config.by_slot(False, True, False)[slots]
     shares = shares_on_road(params.demand, drivers)
-    kind = drawn_kinds(jax.random.uniform(kind_key, is_ev.shape), is_ev, shares)
+    kind = drawn_kinds(jax.random.uniform(kind_key, is_ev.shape, jnp.float32), is_ev, shares)
     kind = _beside_meds(kind, config, MED)
-    desired = desired_speeds(jax.random.normal(speed_key, kind.shape), kind, drivers)
+    desired = desired_speeds(jax.random.normal(speed_key, kind.shape, jnp.float32), kind, drivers)
     fill = fill_road(fill_key, is_ev, desired[slots], config.num_lanes, params)
-    way_draw = jax.random.uniform(way_key, fill.x.shape)
+    way_draw = jax.random.uniform(way_key, fill.x.shape, jnp.float32)
     destination = draw_destinations(way_draw, fill.x, params.demand, params.road)
-    noise = jax.random.normal(noise_key, (2, config.num_vehicles))
+    noise = jax.random.normal(noise_key, (2, config.num_vehicles), jnp.float32)
     wander = noise[1] * drivers.lateral_wander[kind]
     return Vehicles(
         x=_beside_meds(fill.x, config),
@@ -98,13 +99,13 @@ def _filled(key: jax.Array, config: EnvConfig, params: EnvParams) -> Vehicles:
         active=_beside_meds(fill.active, config),
         kind=kind,
         lateral_offset=wander,
-        lateral_speed=jnp.zeros((config.num_vehicles,)),
+        lateral_speed=jnp.zeros((config.num_vehicles,), jnp.float32),
         desired_speed=desired,
         acceleration_noise=noise[0] * drivers.acceleration_noise[kind],
         wander=wander,
         headway=drivers.time_headway[kind],
         courtesy=jnp.full_like(desired, jnp.inf),
-        recovery_s=jnp.zeros((config.num_vehicles,)),
+        recovery_s=jnp.zeros((config.num_vehicles,), jnp.float32),
         destination=_beside_meds(destination, config),
         road_order=jnp.arange(config.num_vehicles, dtype=jnp.int32),
     )

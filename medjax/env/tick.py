@@ -138,7 +138,9 @@ def means(
     """
     on_road = state.vehicles.active[config.ev_slots]
     charge = rounded(in_units(state.evs.energy_j, params.ev_capacity_j))
-    soc = sum_pairwise(jnp.where(on_road, charge, 0.0)) / jnp.maximum(on_road.sum(), 1)
+    soc = sum_pairwise(jnp.where(on_road, charge, 0.0)) / jnp.maximum(
+        on_road.sum(dtype=jnp.int32), 1
+    )
     speed = jnp.where(ev_seconds > 0.0, metres / jnp.maximum(ev_seconds, 1e-6), 0.0)
     return Tally.zeros().replace(
         mean_soc_s=soc * config.round_s, mean_speed_m=speed * config.round_s

@@ -57,7 +57,7 @@ class Decision(struct.PyTreeNode):
         ]
         free = enters.any(axis=-1)
         action = jnp.where(free & (action < num_actions), action, 0)
-        waits = jax.nn.one_hot(jnp.zeros_like(action), num_actions)
+        waits = jax.nn.one_hot(jnp.zeros_like(action), num_actions, dtype=jnp.float32)
         probabilities = jnp.where(free[:, None], rows[0], waits)
         mask = jnp.where(free[:, None], rows[1], waits > 0.0)
         return self.replace(action=action, probabilities=probabilities, mask=mask)

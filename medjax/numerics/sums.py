@@ -58,4 +58,4 @@ def in_units(values: jax.Array, unit: jax.Array | float) -> jax.Array:
     XLA does so itself where it sees that the divisor is one number, and divides where it does not, in a loop for one;
     the barrier keeps it from undoing this.
     """
-    return values * jax.lax.optimization_barrier(1.0 / unit)
+    return values * jax.lax.optimization_barrier(jnp.float32(1.0) / unit)

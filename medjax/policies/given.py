@@ -96,6 +96,6 @@ def _of_function(act: Callable[..., Any], num_actions: int) -> Policy:
                 f"a policy acts by {shown(chosen)}: allowed whole numbers, or a Choice"
             )
         action = action.astype(jnp.int32)
-        return Choice(action, jax.nn.one_hot(action, num_actions))
+        return Choice(action, jax.nn.one_hot(action, num_actions, dtype=jnp.float32))
 
     return Policy(choose)

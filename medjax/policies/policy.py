@@ -39,7 +39,7 @@ def rule(act: Callable[[jax.Array, Any, Any], jax.Array], num_actions: int) -> P
 
     def choose(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
         action = act(key, state, params)
-        return Choice(action, jax.nn.one_hot(action, num_actions))
+        return Choice(action, jax.nn.one_hot(action, num_actions, dtype=jnp.float32))
 
     return Policy(choose)
 
@@ -53,7 +53,8 @@ def every(policy: Policy, interval: int) -> Policy:
         asked = state.time % interval == 0
         choice = policy.act(weights, key, obs, state, params)
         nothing = jnp.zeros_like(choice.action)
-        wait = Choice(nothing, jax.nn.one_hot(nothing, choice.probabilities.shape[-1]))
+        num_actions = choice.probabilities.shape[-1]
+        wait = Choice(nothing, jax.nn.one_hot(nothing, num_actions, dtype=jnp.float32))
         return jax.tree.map(lambda now, later: jnp.where(asked, now, later), choice, wait)
 
     return Policy(choose, policy.weights, policy.world)

@@ -111,7 +111,7 @@ def stranded_need(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.
     needy = state.vehicles.active[config.ev_slots] & low & waits
     ahead = params.road.ramp_x_m[:, None] - state.vehicles.x[config.ev_slots][None, :]
     meets = (ahead <= params.charging.reach_ahead_m) & (ahead >= -params.charging.reach_behind_m)
-    return jnp.sum(meets & needy, axis=1)
+    return jnp.sum(meets & needy, axis=1, dtype=jnp.int32)
 
 
 def _where_needed(
@@ -123,7 +123,7 @@ def _where_needed(
 
     def act(mask: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
         needs = jnp.where(mask[1:], need(state, params), -jnp.inf)
-        return jnp.where(needs.max() >= enough, 1 + jnp.argmax(needs), 0)
+        return jnp.where(needs.max() >= enough, 1 + jnp.argmax(needs), 0).astype(jnp.int32)
 
     return _of_highway(env, act)
 
@@ -205,7 +205,7 @@ def budgeted(env: Environment, budget: Budget = BUDGET) -> Policy:
         time_left, _, at_depot, _ = clock_features(highway, numbers)
         margin = jnp.where(mask[1:], weights.margin(need, at_depot, time_left), -jnp.inf)
         action = jnp.where(margin.max() >= 0.0, 1 + jnp.argmax(margin), 0).astype(jnp.int32)
-        return Choice(action, jax.nn.one_hot(action, env.num_actions))
+        return Choice(action, jax.nn.one_hot(action, env.num_actions, dtype=jnp.float32))
 
     return Policy(act, budget)
 

@@ -30,7 +30,7 @@ def as_team(env: AgentsEnv, dispatcher: Policy) -> Policy:
         """See `of_head`."""
         own = Policy(dispatcher.act, weights)
         action = of_head(env, own, key, state, params)
-        return Choice(action, jax.nn.one_hot(action, env.num_actions))
+        return Choice(action, jax.nn.one_hot(action, env.num_actions, dtype=jnp.float32))
 
     return Policy(act, dispatcher.weights, dispatcher.world)
 
@@ -61,7 +61,7 @@ class Dispatched(Wrapper):
             """What `policy` does, but where the dispatcher sends."""
             choice = policy.act(weights, key, obs, state, params)
             sent = of_head(self.env, self.dispatcher, key, state, params)
-            certain = jax.nn.one_hot(sent, self.num_actions)
+            certain = jax.nn.one_hot(sent, self.num_actions, dtype=jnp.float32)
             return Choice(
                 jnp.where(sent > 0, sent, choice.action),
                 jnp.where(sent[:, None] > 0, certain, choice.probabilities),

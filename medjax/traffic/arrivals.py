@@ -54,8 +54,8 @@ def draw_traits(seed: jax.Array, stream: jax.Array, number: jax.Array) -> Traits
 
     def one(stream: jax.Array, number: jax.Array) -> Traits:
         normal_key, uniform_key = jax.random.split(_stream(seed, stream, number))
-        uniform = jax.random.uniform(uniform_key, (len(Traits._fields) - 1,))
-        return Traits(jax.random.normal(normal_key), *uniform)
+        uniform = jax.random.uniform(uniform_key, (len(Traits._fields) - 1,), jnp.float32)
+        return Traits(jax.random.normal(normal_key, (), jnp.float32), *uniform)
 
     return jax.vmap(one)(stream, number)
 
@@ -63,4 +63,4 @@ def draw_traits(seed: jax.Array, stream: jax.Array, number: jax.Array) -> Traits
 def draw_round(seed: jax.Array, num_entries: int, number: jax.Array) -> jax.Array:
     """Uniform draws of how many vehicles come to each entry in a round, `(num_entries,)`."""
     # Streams 0 to num_entries are those of vehicles.
-    return jax.random.uniform(_stream(seed, num_entries + 1, number), (num_entries,))
+    return jax.random.uniform(_stream(seed, num_entries + 1, number), (num_entries,), jnp.float32)

@@ -87,7 +87,7 @@ def entries(road: RoadParams, num_lanes: int) -> Entries:
     """The entries of a road: each lane at its left end, then each acceleration lane's start."""
     num_ramps = road.ramp_x_m.shape[0]
     return Entries(
-        x=jnp.concatenate([jnp.zeros((num_lanes,)), road.ramp_x_m]),
+        x=jnp.concatenate([jnp.zeros((num_lanes,), jnp.float32), road.ramp_x_m]),
         lane=jnp.concatenate(
             [
                 jnp.arange(num_lanes, dtype=jnp.int32),
@@ -192,8 +192,8 @@ class Fill(NamedTuple):
 
 def expected_vehicles(demand: DemandParams, road: RoadParams, speed: Scalar) -> jax.Array:
     """Vehicles on the road in equilibrium: each entry's flow times its mean way over speed."""
-    mainline, ramps = demand.flows(jnp.zeros(()))
-    metres = mainline * mean_way(jnp.zeros(()), demand, road)
+    mainline, ramps = demand.flows(jnp.zeros((), jnp.float32))
+    metres = mainline * mean_way(jnp.zeros((), jnp.float32), demand, road)
     metres += jnp.sum(ramps * mean_way(road.ramp_x_m, demand, road))
     return metres / (3600.0 * speed)
 
@@ -216,14 +216,17 @@ def fill_road(
     """
     count_key, share_key, shuffle_key, jitter_key = jax.random.split(key, 4)
     evs, gas = _drawn_counts((count_key, share_key), is_ev, num_lanes, params)
-    class_rank = jnp.where(is_ev, jnp.cumsum(is_ev), jnp.cumsum(~is_ev)) - 1
+    class_rank = (
+        jnp.where(is_ev, jnp.cumsum(is_ev, dtype=jnp.int32), jnp.cumsum(~is_ev, dtype=jnp.int32))
+        - 1
+    )
     active = class_rank < jnp.where(is_ev, evs, gas)
 
     position = _shuffled_places(shuffle_key, active)
     per_lane = jnp.maximum(jnp.ceil((evs + gas) / num_lanes), 1.0)
     spacing = params.road.length_m / per_lane
     row = position // num_lanes
-    jitter = jax.random.uniform(jitter_key, is_ev.shape, maxval=0.5)
+    jitter = jax.random.uniform(jitter_key, is_ev.shape, jnp.float32, maxval=0.5)
     return Fill(
         x=(row + jitter) * spacing,
         lane=(position % num_lanes).astype(jnp.int32),
@@ -237,7 +240,7 @@ def _drawn_counts(
 ) -> tuple[jax.Array, jax.Array]:
     """EVs and gas vehicles on the road, () each: at most as many as there are slots and as the road has room for."""
     demand, road, drivers = params.demand, params.road, params.drivers
-    slots, num_ev_slots = is_ev.shape[0], jnp.sum(is_ev)
+    slots, num_ev_slots = is_ev.shape[0], jnp.sum(is_ev, dtype=jnp.int32)
     shares, speed = demand.class_shares, drivers.desired_speed
     gas, evs = (
         sum(shares[k] * expected_vehicles(demand, road, speed[k]) for k in kinds)
@@ -248,7 +251,7 @@ def _drawn_counts(
     expected = gas + more
     ev_share = demand.ev_share + (1.0 - demand.ev_share) * more / jnp.maximum(expected, 1e-6)
     # Normal approximations of the Poisson and binomial counts: closed form, and good above 20.
-    total = expected + jnp.sqrt(expected) * jax.random.normal(keys[0])
+    total = expected + jnp.sqrt(expected) * jax.random.normal(keys[0], (), jnp.float32)
     # Leave everyone more than a standing vehicle's room in the half of the spacing that jitter spares,
     # whatever the demand; MEDs are not filled in.
     kinds = jnp.array(kinds_in(EVS, FUELLED))
@@ -256,7 +259,7 @@ def _drawn_counts(
     room = jnp.max(jnp.where(jnp.stack(shares)[kinds] > 0.0, rooms, 0.0))
     total = jnp.clip(jnp.round(total), 0, num_lanes * jnp.floor(road.length_m / (2.5 * room)))
     spread = jnp.sqrt(total * ev_share * (1.0 - ev_share))
-    evs = jnp.round(total * ev_share + spread * jax.random.normal(keys[1]))
+    evs = jnp.round(total * ev_share + spread * jax.random.normal(keys[1], (), jnp.float32))
     evs = jnp.clip(evs, 0, jnp.minimum(total, num_ev_slots))
     return evs, jnp.clip(total - evs, 0, slots - num_ev_slots)
 

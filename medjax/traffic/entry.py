@@ -28,7 +28,7 @@ from medjax.world.state import MERGING, QUEUED, EnvState, Tally, Vehicles, count
 
 def _waiting_meds(state: EnvState, config: EnvConfig) -> tuple[jax.Array, jax.Array]:
     """The first MED waiting at each entry, `(K,)` int32, and whether there is one."""
-    ramp = jnp.arange(config.num_ramps)
+    ramp = jnp.arange(config.num_ramps, dtype=jnp.int32)
     waits = (state.meds.status == QUEUED) & (state.meds.ramp == ramp[:, None])
     none = jnp.zeros((config.num_lanes,), jnp.int32)
     first = jnp.concatenate([none, jnp.argmax(waits, axis=1).astype(jnp.int32)])
@@ -93,8 +93,8 @@ def _put_on_road(
     def fresh(values: jax.Array, old: jax.Array) -> jax.Array:
         return jnp.where(new, values[source], old)
 
-    still = jnp.zeros(where.x.shape)
-    nobody = jnp.full(where.x.shape, jnp.inf)
+    still = jnp.zeros_like(where.x)
+    nobody = jnp.full_like(where.x, jnp.inf)
     return vehicles.replace(
         x=fresh(where.x, vehicles.x),
         speed=fresh(speed, vehicles.speed),
@@ -154,10 +154,11 @@ def admit(
 
     placed = ev_placed | gas_placed
     queue = queue - placed
-    queued_meds = jnp.sum(status == QUEUED)
+    queued_meds = jnp.sum(status == QUEUED, dtype=jnp.int32)
     tally = Tally.zeros().replace(
         entered=count_kinds(entry >= 0, vehicles.kind, config),
-        queue_seconds=(jnp.sum(queue) + queued_meds).astype(jnp.float32) * config.round_s,
+        queue_seconds=(jnp.sum(queue, dtype=jnp.int32) + queued_meds).astype(jnp.float32)
+        * config.round_s,
     )
     state = state.replace(
         vehicles=vehicles,

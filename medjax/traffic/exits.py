@@ -72,8 +72,8 @@ def draw_entries(
     Args:
       uniform: in [0, 1), one draw a vehicle; x: m, that shape.
     """
-    mainline, ramps = demand.flows(jnp.zeros(()))
-    places = [jnp.zeros(()), *road.ramp_x_m]
+    mainline, ramps = demand.flows(jnp.zeros((), jnp.float32))
+    places = [jnp.zeros((), jnp.float32), *road.ramp_x_m]
     left = []  # vehicles per hour from each that come by
     for place, flow in zip(places, [mainline, *ramps], strict=True):
         comes = jnp.where(place <= x, flow, 0.0)

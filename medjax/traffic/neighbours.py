@@ -87,7 +87,7 @@ def find_neighbours(
 
     # 0 stands for nobody, so slots are counted from 1; every lane begins and ends with a 0.
     line = jnp.zeros(((num_lanes + 1) * (slots + 2),), jnp.int16)
-    names = jnp.where(active, jnp.arange(1, slots + 1), 0).astype(jnp.int16)
+    names = jnp.where(active, jnp.arange(1, slots + 1, dtype=jnp.int32), 0).astype(jnp.int16)
     line = write(line, own_place, names)
 
     def at(place: jax.Array) -> jax.Array:
@@ -141,7 +141,7 @@ def _running_sum(values: jax.Array, block: int = 8) -> jax.Array:
     """
     blocks = jnp.pad(values, (0, -values.shape[0] % block)).reshape(-1, block).astype(jnp.float32)
     product = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
-    within = product(blocks, jnp.triu(jnp.ones((block, block))))
-    earlier = jnp.triu(jnp.ones((blocks.shape[0],) * 2), 1)
+    within = product(blocks, jnp.triu(jnp.ones((block, block), jnp.float32)))
+    earlier = jnp.triu(jnp.ones((blocks.shape[0],) * 2, jnp.float32), 1)
     sums = within + product(within[:, -1], earlier)[:, None]
     return sums.reshape(-1)[: values.shape[0]].astype(jnp.int32)

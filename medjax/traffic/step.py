@@ -79,7 +79,7 @@ def drivers_of(state: EnvState, config: EnvConfig, params: EnvParams) -> Drivers
 def perturb(key: jax.Array, vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> Vehicles:
     """Drivers' noise moves on once a round of entries, and they recover from lane changes; between rounds both stay."""
     drivers = params.drivers
-    normal = jax.random.normal(key, (2, config.num_vehicles))
+    normal = jax.random.normal(key, (2, config.num_vehicles), jnp.float32)
     time_s, dt = params.motion.noise_time_s, config.round_s
     noise, wander = (
         ornstein_uhlenbeck(value, draw, by_kind(vehicles.kind, std), time_s, dt)

@@ -83,9 +83,7 @@ class Tally(struct.PyTreeNode):
     ev_seconds: jax.Array  # () integral of the number of EVs on the road
     ev_distance_m: jax.Array  # ()
     soc_seconds: jax.Array  # () integral of the sum of the EVs' state of charge
-    mean_soc_s: (
-        jax.Array
-    )  # () integral of the mean state of charge of the EVs on the road, as of each round's end
+    mean_soc_s: jax.Array  # () integral of the EVs' mean state of charge, as of each round's end
     mean_speed_m: jax.Array  # () integral of their mean speed in each round
     exit_soc: jax.Array  # () sum of the state of charge of the EVs that left
     low_exits: jax.Array  # () EVs that left for a charger, or by the end with less charge than they ask for a slot with

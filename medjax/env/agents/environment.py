@@ -92,7 +92,7 @@ class AgentsEnv(Wrapper):
         mask = self.action_mask(state, params)
         fine = is_allowed(action, mask)
         parts = self.actions.unfold(jnp.where(fine, action, 0), rule)
-        return self._step(key, state, parts, jnp.sum(~fine), params)
+        return self._step(key, state, parts, jnp.sum(~fine, dtype=jnp.int32), params)
 
     def step_parts(
         self, key: jax.Array, state: EnvState, parts: Parts[jax.Array], params: EnvParams
@@ -101,7 +101,7 @@ class AgentsEnv(Wrapper):
         masks = self.actions.masks(state, self.env.config, params)
         rule = self.actions.by_rule(state, params)
         allowed, wrong = allowed_parts(parts, masks, rule)
-        return self._step(key, state, allowed, jnp.sum(wrong), params)
+        return self._step(key, state, allowed, jnp.sum(wrong, dtype=jnp.int32), params)
 
     def _step(
         self,
@@ -169,7 +169,7 @@ def agents_metrics(tally: Tally) -> dict[str, jax.Array]:
 def _told(before: EnvState, ordered: EnvState, decision_s: float) -> Tally:
     """What the orders of a decision add to the tally."""
     meds = ordered.meds
-    serves = jnp.where(meds.status == IN_SERVICE, decision_s, 0.0)
+    serves = jnp.where(meds.status == IN_SERVICE, jnp.float32(decision_s), 0.0)
     slots = slice(meds.status.shape[0])
     leaves = ordered.vehicles.destination[slots] != before.vehicles.destination[slots]
     return Tally.zeros().replace(

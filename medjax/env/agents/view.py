@@ -99,7 +99,7 @@ class AgentView:
         _, nearest = jax.lax.top_k(-jnp.abs(way), min(self.num_evs, config.num_evs))
         request = requests(state, config, params)
         everyone = jax.vmap(_seen, (0, 0, 0, 0, None))
-        own = jnp.arange(config.num_meds)
+        own = jnp.arange(config.num_meds, dtype=jnp.int32)
         frame = jnp.stack([_speeds(state, config), _lanes(state, config), own], axis=1)
         around = everyone(frame, way, nearest, jnp.ones_like(nearest, bool), evs)
         asked = jnp.maximum(request, 0)[:, None]
@@ -201,7 +201,7 @@ def requests(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array
     med = state.evs.med
     granted, _ = grant(med, state.evs.panel, requests, offers, params.charging)
     new = (granted != med)[:, None] & (granted[:, None] == jnp.arange(config.num_meds))
-    return jnp.where(new.any(axis=0), jnp.argmax(new, axis=0), -1)
+    return jnp.where(new.any(axis=0), jnp.argmax(new, axis=0).astype(jnp.int32), -1)
 
 
 def _itself(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
@@ -240,7 +240,7 @@ def _other_meds(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Ar
     found = []
     for side in (sees & (way >= 0.0), sees & (way < 0.0)):
         distance = jnp.where(side, jnp.abs(way), NOWHERE)
-        which = jnp.argmin(distance, axis=1)
+        which = jnp.argmin(distance, axis=1).astype(jnp.int32)
         nearest = jnp.min(distance, axis=1)
         columns = [
             jnp.ones_like(nearest),
