@@ -102,7 +102,7 @@ class ChargingEnv:
         return Discrete(self.num_actions)
 
     def observation_space(self, params: EnvParams | None = None) -> Box:
-        """A float32 vector; scaled to about [-1, 1], not bounded by it."""
+        """A float32 vector without bounds; docs/guide.md says how large what part of it gets."""
         return Box(-jnp.inf, jnp.inf, (self.observation.size(self.config),))
 
     def reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:

@@ -32,7 +32,11 @@ FAR_KM = 2.0  # beyond that a MED matters little to a ramp
 
 
 class Observation(struct.PyTreeNode):
-    """The structured form; features in the paper's order, scaled to about [-1, 1]."""
+    """The structured form; features in the paper's order, in [0, 1] but for places across, speeds and the cooldown.
+
+    In random play of `paper` and `corridor` places across are in [-0.1, 1.1], speeds along in [0, 1.4], and across in
+    [-0.5, 0.5] (docs/guide.md); the cooldown is in units of COOLDOWN_UNIT_S.
+    """
 
     meds: jax.Array  # (M, 14): x, y, vx, vy, SoC, in service, booked x 4, charging x 4
     evs: jax.Array  # (E, 8): x, y, vx, vy, SoC, is human, is charging, target MED
@@ -185,6 +189,9 @@ class RoadProfile:
     for each ramp, the way in km to the next MED ahead of it, and to the next one behind it, at most
     FAR_KM, and what it would find (`Need`; EVs and slots in those of a MED). Then time left and the
     share at the depot, each by nodes (`clock_nodes`), and the clock of `Observation`.
+
+    Nothing is below 0. Shares are in [0, 1] and ways in [0, 2]; numbers of vehicles and slots are not scaled, for
+    policies that ship learned from them as they are: docs/guide.md says how large they get.
     """
 
     road_nodes: int = 17

@@ -12,7 +12,7 @@ from pettingzoo import ParallelEnv
 
 from medjax.wrappers.agents import NamedAgents
 
-# Its checkers take infinite bounds for a mistake; observations are scaled to about [-1, 1].
+# Its checkers take infinite bounds for a mistake; observations have none, and stay below some tens.
 BOUND = 1e6
 
 

@@ -65,7 +65,7 @@ class AgentsEnv(Wrapper):
         return Discrete(self.num_actions)
 
     def observation_space(self, params: EnvParams | None = None) -> Box:
-        """Of an agent: a float32 vector, scaled to about [-1, 1], not bounded by it."""
+        """Of an agent: a float32 vector without bounds; units are those of `AgentView`."""
         return Box(-jnp.inf, jnp.inf, (self.view.size(self.env.config),))
 
     def reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:

@@ -25,8 +25,8 @@ from medjax.wrappers.decide_every import DecideEvery
 
 FRAMES_PER_S = 10  # a frame a decision: ten times true speed where a decision is a second
 
-# Observations are scaled to about [-1, 1], without hard limits. Gymnasium's checker takes infinite bounds for a
-# mistake, and what samples the space to try a network would overflow at the largest float.
+# Observations have no bounds, and stay below some tens. Gymnasium's checker takes infinite bounds for a mistake,
+# and what samples the space to try a network would overflow at the largest float.
 BOUND = 1e6
 
 REPORTED = ("action_mask", "metrics", "reward_terms")
