@@ -16,6 +16,7 @@ from types import FrameType
 from typing import Any, NoReturn
 
 from medjax.errors import MOST_SHOWN, InputError, one_line, shown, told
+from medjax.streams import unbroken_output
 
 MOST_PATH = 1000  # characters; directories are made one within the other
 AGAIN_S = 0.02  # until a signal that came at a bad moment comes again
@@ -82,7 +83,10 @@ def interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def command(main: Callable[[Sequence[str] | None], int]) -> Callable[..., int]:
-    """`main` of a command, which Ctrl-C or SIGTERM end in one line and with exit code 128 + signal."""
+    """`main` of a command, which Ctrl-C or SIGTERM end in one line and with exit code 128 + signal.
+
+    A reader of its output that goes away ends nothing.
+    """
 
     @functools.wraps(main)
     def heeding(argv: Sequence[str] | None = None) -> int:
@@ -97,15 +101,21 @@ def command(main: Callable[[Sequence[str] | None], int]) -> Callable[..., int]:
         for number in before:
             signal.signal(number, interrupt)
         try:
-            return main(argv)
-        except KeyboardInterrupt as error:
-            print("interrupted", file=sys.stderr)
-            return 128 + signal_of(error)
+            with unbroken_output():
+                return _heeding(main, argv)
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
 
     return heeding
+
+
+def _heeding(main: Callable[[Sequence[str] | None], int], argv: Sequence[str] | None) -> int:
+    try:
+        return main(argv)
+    except KeyboardInterrupt as error:
+        print("interrupted", file=sys.stderr)
+        return 128 + signal_of(error)
 
 
 def leave(code: int) -> NoReturn:

@@ -86,9 +86,20 @@ def _observation(given: Any) -> Any:
         if given not in OBSERVATIONS:
             raise _unknown("observation", given, list(OBSERVATIONS))
         return OBSERVATIONS[given]
-    observes = callable(given) and callable(getattr(given, "size", None))
-    _check(observes, "observation", given, f"{', '.join(OBSERVATIONS)}, or one of your own")
+    names = ", ".join(OBSERVATIONS)
+    _check(callable(given), "observation", given, f"{names}, or one of your own")
+    sized = callable(getattr(given, "size", None))
+    _check(sized, "observation", given, f"a callable that has size(config), too, or {names}")
     return given
+
+
+def _check_size(env: ChargingEnv, params: EnvParams) -> None:
+    """Refuses (InputError) an observation of another shape than its size says; traced, not computed."""
+    said = (env.observation.size(env.config),)
+    seen, _ = jax.eval_shape(env.reset, jax.random.key(0), params)
+    if getattr(seen, "shape", None) != said:
+        shape = getattr(seen, "shape", type(seen).__name__)
+        raise InputError(f"observation returns {shown(shape)}: allowed {said}, as its size says")
 
 
 def _models(following: Any, coupling: Any) -> tuple[CarFollowing, Coupling]:
@@ -166,6 +177,8 @@ def prepare(
     env = ChargingEnv(
         config, reward=terms, observation=seen, name=name, following=followed, coupling=coupled
     )
+    if not isinstance(observation, str):
+        _check_size(env, params)
     plain = {key: _plain(value) for key, value in overrides.items()}
     env.recipe = Recipe(name, plain, reward, observation, following, coupling)
     return env, params, CoilDesign(**coils)

@@ -9,6 +9,7 @@ import medjax
 from medjax.charging.booking import panel_flags
 from medjax.traffic import find_neighbours, sort_by_road
 from medjax.traffic.demand import expected_vehicles
+from medjax.traffic.road import NOWHERE
 from medjax.world.kinds import MED, by_class
 from medjax.world.state import IN_SERVICE, count_kinds
 from tests.traffic.test_order_precision import brute_force
@@ -131,7 +132,8 @@ def test_random_play_from_end_to_end_of_the_road(long):
     x, lane = np.asarray(v.x, np.float64)[active], np.asarray(v.lane)[active]
     ahead, behind = brute_force(x, lane, lane)
     order = sort_by_road(v.x, v.active, params.road.length_m, v.road_order)
-    got = find_neighbours(order, v.lane, v.lane + 1, v.active, config.num_lanes + 1)
+    nowhere = jnp.full_like(v.lane, NOWHERE)
+    got = find_neighbours(order, v.lane, nowhere, v.lane + 1, v.active, config.num_lanes + 1)
     for seen, exact in ((got.leader, ahead), (got.follower, behind)):
         np.testing.assert_array_equal(
             np.asarray(seen)[active], np.where(exact >= 0, everyone[exact], -1)

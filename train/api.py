@@ -144,6 +144,10 @@ def _environment(
 ) -> tuple[TrainConfig, tuple[Any, Any] | None]:
     """The settings with what they can say of the environment; and itself, where they do not rebuild it."""
     if env is None or isinstance(env, str):
+        if isinstance(params, TrainConfig):
+            raise InputError(
+                f"params are {type(params).__name__}: allowed config={type(params).__name__}(...)"
+            )
         if params is not None:
             raise InputError("params without an environment, allowed: both, or a preset's name")
         scenario = config.scenario if env is None else env

@@ -132,12 +132,15 @@ def coil_rows(link: LinkParams, count: int, repeats: int) -> list[Row]:
     ]
 
 
-def all_pairs_leader(x: jax.Array, lane: jax.Array, active: jax.Array) -> jax.Array:
+def all_pairs_leader(
+    x: jax.Array, lane: jax.Array, other: jax.Array, active: jax.Array
+) -> jax.Array:
     """Slots next ahead in the own lane by a masked argmin, `(N,)`; what `find_neighbours` avoids."""
     slots = jnp.arange(x.shape[0])
     gap = x - x[:, None]
     is_ahead = (gap > 0) | ((gap == 0) & (slots > slots[:, None]))
-    seen = is_ahead & (lane == lane[:, None]) & active & active[:, None]
+    covers = (lane == lane[:, None]) | (other == lane[:, None])
+    seen = is_ahead & covers & active & active[:, None]
     leader = jnp.argmin(jnp.where(seen, gap, jnp.inf), axis=1)
     return jnp.where(jnp.any(seen, axis=1), leader, NOBODY)
 
@@ -145,7 +148,7 @@ def all_pairs_leader(x: jax.Array, lane: jax.Array, active: jax.Array) -> jax.Ar
 def neighbour_rows(config: EnvConfig, length_m: float, roads: int, repeats: int) -> list[Row]:
     """The sort and the neighbours, and a plain way to do each."""
     traffic = draw_traffic(config, length_m, roads)
-    x, lane, target, active, previous = traffic
+    x, lane, other, target, active, previous = traffic
     expected = road_order(np.asarray(x, np.float64), np.asarray(active))
 
     def time_on(used: int, function: Callable[..., Any], *arguments: jax.Array) -> Any:
@@ -158,14 +161,17 @@ def neighbour_rows(config: EnvConfig, length_m: float, roads: int, repeats: int)
     def plain_sort(x: jax.Array, active: jax.Array) -> jax.Array:
         return jnp.argsort(jnp.where(active, x, jnp.inf))
 
-    def find(order: jax.Array, lane: jax.Array, target: jax.Array, active: jax.Array) -> Neighbours:
-        return find_neighbours(order, lane, target, active, config.num_lanes + 1)
+    def find(
+        order: jax.Array, lane: jax.Array, other: jax.Array, target: jax.Array, active: jax.Array
+    ) -> Neighbours:
+        return find_neighbours(order, lane, other, target, active, config.num_lanes + 1)
 
     order, sorting = time_on(roads, sort, x, active, previous)
     plain_order, plain_sorting = time_on(roads, plain_sort, x, active)
-    neighbours, finding = time_on(roads, find, order, lane, target, active)
+    neighbours, finding = time_on(roads, find, order, lane, other, target, active)
     few = min(roads, ALL_PAIRS_ROADS)
-    leader, searching = time_on(few, all_pairs_leader, x[:few], lane[:few], active[:few])
+    searched = x[:few], lane[:few], other[:few], active[:few]
+    leader, searching = time_on(few, all_pairs_leader, *searched)
 
     def misplaced(order: jax.Array) -> float:
         return float(np.sum(np.asarray(order) != expected))

@@ -11,10 +11,12 @@ import numpy as np
 
 from medjax.scenarios import CoilDesign
 from medjax.traffic.neighbours import NOBODY, Neighbours
+from medjax.traffic.road import NOWHERE
 from medjax.world.params import EnvConfig, LinkParams
 
 COILS = CoilDesign()  # what the preset tabulates
 CHECKED_ROADS = 8
+STRADDLING = 0.1  # of the vehicles drawn straddle a line
 
 
 def neumann(axial: float, lateral: float, tilt: float, num_nodes: int = 256) -> tuple[float, float]:
@@ -76,6 +78,7 @@ class Traffic(NamedTuple):
 
     x: jax.Array  # m
     lane: jax.Array
+    other_lane: jax.Array  # the second one of those who straddle a line, else NOWHERE
     target_lane: jax.Array  # the lane looked at, one to a side; it may be off the road
     active: jax.Array
     previous_order: jax.Array  # slots along the road a tick ago
@@ -93,11 +96,20 @@ def draw_traffic(config: EnvConfig, length_m: float, roads: int) -> Traffic:
     active = random.random(shape) < 0.75
     before = x - random.uniform(20.0, 30.0, shape) * config.tick_s
     lane = random.integers(0, config.num_lanes + 1, shape)
+    # From the outermost lanes inwards.
+    inwards = np.where(
+        lane == 0, 1, np.where(lane == config.num_lanes, -1, random.choice([-1, 1], shape))
+    )
+    straddles = np.where(random.random(shape) < STRADDLING, inwards, 0)
+    other = np.where(straddles == 0, NOWHERE, lane + straddles)
+    # A whole road looks to one side in a tick, but for those who straddle a line.
+    side = random.choice([-1, 1], (roads, 1))
+    target = lane + np.where(straddles == 0, side, straddles)
     return Traffic(
         x=jnp.asarray(x, jnp.float32),
         lane=jnp.asarray(lane, jnp.int32),
-        # A whole road looks to one side in a tick.
-        target_lane=jnp.asarray(lane + random.choice([-1, 1], (roads, 1)), jnp.int32),
+        other_lane=jnp.asarray(other, jnp.int32),
+        target_lane=jnp.asarray(target, jnp.int32),
         active=jnp.asarray(active),
         previous_order=jnp.asarray(road_order(before, active), jnp.int32),
     )
@@ -109,18 +121,19 @@ def road_order(x: np.ndarray, active: np.ndarray) -> np.ndarray:
 
 
 def search_all_pairs(
-    x: np.ndarray, lane: np.ndarray, wanted: np.ndarray, active: np.ndarray
+    x: np.ndarray, lane: np.ndarray, other: np.ndarray, wanted: np.ndarray, active: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Slots next ahead and behind in the lane `wanted`, NOBODY where there is none, of one road.
 
     All pairs are compared in float64; of vehicles that are abreast, the higher slot is ahead.
 
     Args:
-      x: (N,) m; lane, wanted: (N,) int; active: (N,) bool.
+      x: (N,) m; lane, other, wanted: (N,) int; active: (N,) bool.
     """
     slots = np.arange(len(x))
     gap = x.astype(np.float64) - x.astype(np.float64)[:, None]  # of the column's from the row's
-    seen = active & active[:, None] & (lane == wanted[:, None])
+    covers = (lane == wanted[:, None]) | (other == wanted[:, None])
+    seen = active & active[:, None] & covers
     is_ahead = seen & ((gap > 0) | ((gap == 0) & (slots > slots[:, None])))
     is_behind = seen & ((gap < 0) | ((gap == 0) & (slots < slots[:, None])))
     ahead = np.argmin(np.where(is_ahead, gap, np.inf), axis=1)
@@ -131,11 +144,16 @@ def search_all_pairs(
 
 
 def count_wrong(found: Neighbours, traffic: Traffic, roads: int = CHECKED_ROADS) -> int:
-    """Neighbours, of four a slot, that are not those of `search_all_pairs`, on the first `roads`."""
+    """Neighbours, of four a slot, that are not those of `search_all_pairs`, on the first `roads`.
+
+    Who straddles a line finds itself behind itself in the other lane: nobody asks.
+    """
     wrong = 0
     for road in range(min(roads, len(traffic.x))):
-        x, lane, target, active, _ = (np.asarray(values[road]) for values in traffic)
-        own, other = (search_all_pairs(x, lane, wanted, active) for wanted in (lane, target))
+        x, lane, other, target, active, _ = (np.asarray(values[road]) for values in traffic)
+        sides = (search_all_pairs(x, lane, other, wanted, active) for wanted in (lane, target))
+        expected = np.concatenate(list(sides))
+        expected[3] = np.where(active & (other == target), np.arange(len(x)), expected[3])
         ours = np.stack([slots[road] for slots in found])
-        wrong += int(np.sum(ours != np.stack([*own, *other])))
+        wrong += int(np.sum(ours != expected))
     return wrong

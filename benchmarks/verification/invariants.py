@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from benchmarks.verification.books import ROUNDING_M, Books, at_exit, entry_books, tick_books
+from benchmarks.verification.boxes import lanes_covered, overlapping_vehicles
 from medjax.numerics.gathers import read
 from medjax.traffic.demand import entries
 from medjax.world.params import PANELS, EnvConfig, EnvParams
@@ -31,6 +32,7 @@ from medjax.world.state import (
 
 INVARIANTS = {
     "overlap": "bumper gaps within a lane are not negative",
+    "boxes": "no two vehicles are in one place, whatever lanes they count to",
     "passed": "nobody drives through another one in its lane",
     "speed": "nobody drives backwards",
     "motion": "a vehicle moves by its speeds, one lane at most, and stays who it is",
@@ -77,10 +79,11 @@ def not_finite(tree: Any) -> dict[str, jax.Array]:
 
 def with_finite_waits(state: EnvState) -> EnvState:
     """The state but for what is infinite on purpose: waits of MEDs that never return, courtesy where none is asked."""
-    waits, courtesy = state.meds.ready_in_s, state.vehicles.courtesy
-    ready, polite = (jnp.where(values == jnp.inf, 0.0, values) for values in (waits, courtesy))
-    vehicles = state.vehicles.replace(courtesy=polite)
-    return state.replace(meds=state.meds.replace(ready_in_s=ready), vehicles=vehicles)
+    vehicles, meds = state.vehicles, state.meds
+    waits = meds.ready_in_s, vehicles.courtesy_left, vehicles.courtesy_right
+    ready, left, right = (jnp.where(values == jnp.inf, 0.0, values) for values in waits)
+    vehicles = vehicles.replace(courtesy_left=left, courtesy_right=right)
+    return state.replace(meds=meds.replace(ready_in_s=ready), vehicles=vehicles)
 
 
 def lengths_of(state: EnvState, params: EnvParams) -> jax.Array:
@@ -116,7 +119,10 @@ def stands_open(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Ar
     """Who stands on a main lane with OPEN_M of road ahead, (N,) bool, though it has energy and means to drive."""
     vehicles = state.vehicles
     rear = vehicles.x - lengths_of(state, params)
-    ahead = vehicles.active & (vehicles.lane == vehicles.lane[:, None])
+    first, last = lanes_covered(vehicles, params)
+    # Who has begun to change is in the way in the lane that it changes to, too.
+    first, last = jnp.minimum(first, vehicles.lane), jnp.maximum(last, vehicles.lane)
+    ahead = vehicles.active & (first <= last[:, None]) & (last >= first[:, None])
     ahead &= vehicles.x > vehicles.x[:, None]
     gap = jnp.min(jnp.where(ahead, rear, jnp.inf), axis=1) - vehicles.x
     evs, charging, slots = state.evs, params.charging, config.ev_slots
@@ -164,6 +170,7 @@ def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
     place = jnp.where(booked, evs.med * len(PANELS) + panel, -1)
     same = (place[:, None] == place[None, :]) & booked[:, None]
     return {
+        "boxes": {"pairs": overlapping_vehicles(vehicles, params)},
         "speed": {"below 0": active & (vehicles.speed < 0.0)},
         "road": {"no lane": active & ~on_lane, "beyond the road": active & ~inside},
         "vehicles": {

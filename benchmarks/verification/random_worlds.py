@@ -68,7 +68,7 @@ def _road(draw: Draw, config: EnvConfig) -> groups.RoadParams:
     places = np.sort(draw(0.0, 1.0, config.num_ramps), axis=-1) * np.maximum(spare, 0.0)
     return groups.RoadParams(
         length_m=length,
-        lane_width_m=draw(2.5, 5.0),
+        lane_width_m=draw(2.75, 5.0),
         ramp_x_m=(places + order * spaced[..., None]).astype(np.float32),
         acceleration_lane_m=merge,
         exit_lane_m=leave,

@@ -11,7 +11,7 @@ from medjax.charging.stranded import coasting, to_the_right
 from medjax.numerics.gathers import read
 from medjax.traffic.following import Drivers, Platooning
 from medjax.traffic.neighbours import NOBODY
-from medjax.traffic.step import ORDERED_DESIRE, Orders
+from medjax.traffic.wishes import ORDERED_DESIRE, Orders
 from medjax.world.kinds import MED
 from medjax.world.params import FRONT, PANELS, REAR, ChargingParams, EnvConfig, EnvParams
 from medjax.world.state import NOT_BOOKED, EnvState, EVs, Vehicles

@@ -56,14 +56,19 @@ def without_motor(vehicles: Vehicles, evs: EVs, config: EnvConfig, params: EnvPa
     And none brakes to fall in: who cannot get faster again waits until traffic beside it has passed, or has made room.
     """
     slots = config.ev_slots
-    noise, courtesy = vehicles.acceleration_noise, vehicles.courtesy
+    noise = vehicles.acceleration_noise
     if config.num_exits:
         own, end = vehicles.destination, params.road.length_m
         bound = jnp.where(evs.is_depleted, end, own[slots])
         vehicles = vehicles.replace(destination=own.at[slots].set(bound))
+
+    def of_depleted(values: jax.Array, value: float) -> jax.Array:
+        return values.at[slots].set(jnp.where(evs.is_depleted, value, values[slots]))
+
     return vehicles.replace(
-        acceleration_noise=noise.at[slots].set(jnp.where(evs.is_depleted, 0.0, noise[slots])),
-        courtesy=courtesy.at[slots].set(jnp.where(evs.is_depleted, jnp.inf, courtesy[slots])),
+        acceleration_noise=of_depleted(noise, 0.0),
+        courtesy_left=of_depleted(vehicles.courtesy_left, jnp.inf),
+        courtesy_right=of_depleted(vehicles.courtesy_right, jnp.inf),
     )
 
 

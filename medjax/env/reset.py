@@ -12,7 +12,8 @@ from medjax.env.trips import lacks_charge
 from medjax.traffic.arrivals import new_seed
 from medjax.traffic.demand import desired_speeds, drawn_kinds, fill_road, shares_on_road
 from medjax.traffic.exits import draw_destinations, draw_entries, last_exit
-from medjax.world.kinds import MED
+from medjax.traffic.road import keeps_lane
+from medjax.world.kinds import MED, WIDTHS_M
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, Tally, Vehicles, count_kinds
 
@@ -92,19 +93,21 @@ def _filled(key: jax.Array, config: EnvConfig, params: EnvParams) -> Vehicles:
     destination = draw_destinations(way_draw, fill.x, params.demand, params.road)
     noise = jax.random.normal(noise_key, (2, config.num_vehicles), jnp.float32)
     wander = noise[1] * drivers.lateral_wander[kind]
+    width = jnp.array(WIDTHS_M, jnp.float32)[kind]
     return Vehicles(
         x=_beside_meds(fill.x, config),
         speed=_beside_meds(fill.speed, config),
         lane=_beside_meds(fill.lane, config),
         active=_beside_meds(fill.active, config),
         kind=kind,
-        lateral_offset=wander,
+        lateral_offset=keeps_lane(wander, width, params.road.lane_width_m),
         lateral_speed=jnp.zeros((config.num_vehicles,), jnp.float32),
         desired_speed=desired,
         acceleration_noise=noise[0] * drivers.acceleration_noise[kind],
         wander=wander,
         headway=drivers.time_headway[kind],
-        courtesy=jnp.full_like(desired, jnp.inf),
+        courtesy_left=jnp.full_like(desired, jnp.inf),
+        courtesy_right=jnp.full_like(desired, jnp.inf),
         recovery_s=jnp.zeros((config.num_vehicles,), jnp.float32),
         destination=_beside_meds(destination, config),
         road_order=jnp.arange(config.num_vehicles, dtype=jnp.int32),

@@ -1,8 +1,9 @@
 """A recording as SUMO's floating-car data: what `sumo --fcd-output` writes, for the tools that read it.
 
 The road is one edge, `highway`, straight along x from 0; SUMO counts its lanes from the right, so `highway_0` is the
-acceleration lanes and `highway_1` the rightmost of the others, and measures sideways to the left. Positions are those
-of an edge of `num_lanes + 1` lanes that netconvert draws from (0, 0) to (length, 0).
+acceleration lanes and `highway_1` the rightmost of the others, and measures sideways to the left. A vehicle is in the
+lane under its centre: SUMO switches half way through a change, where medjax names the lane that it goes to.
+Positions are those of an edge of `num_lanes + 1` lanes that netconvert draws from (0, 0) to (length, 0).
 """
 
 from collections.abc import Iterable, Iterator
@@ -49,17 +50,19 @@ def _rows(recording: Recording) -> tuple[list[str], np.ndarray, np.ndarray]:
     lane_width = float(recording.params.road.lane_width_m)
     x, speed = table["x_m"], table["speed_m_per_s"].data
     sideways = table["lateral_speed_m_per_s"].data
+    lateral = table["lateral_m"].data
+    lane = np.clip(np.rint(lateral / lane_width), 0, recording.config.num_lanes).astype(int)
     columns = (
         table["vehicle_id"],
         x,
-        -(table["lateral_m"] + 0.5 * lane_width),
+        -(lateral + 0.5 * lane_width),
         90.0 + np.degrees(np.arctan2(sideways, speed)),
         table["kind"],
         speed,
         x,
-        recording.config.num_lanes - table["lane"],
+        recording.config.num_lanes - lane,
         table["acceleration_m_per_s2"].filled(0.0),
-        -table["lane_offset_m"],
+        lane * lane_width - lateral,
         -sideways,
     )
     vehicles = list(map(ROW.format, *(column.tolist() for column in columns)))

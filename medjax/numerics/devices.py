@@ -5,6 +5,7 @@ times a decision. With a device a core each core runs its own environments from 
 """
 
 import contextlib
+import inspect
 import os
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
@@ -97,7 +98,14 @@ def on_devices(
         rows_at_once: see `in_blocks`.
         out_axes: see `in_blocks`.
         group: see `in_blocks`; a device must have whole groups.
+
+    Raises:
+        InputError: the function does not take two arguments.
     """
+    try:
+        inspect.signature(function).bind(None, None)
+    except TypeError:
+        raise InputError(f"function = {shown(function)}: allowed function(rows, same)") from None
 
     def share(rows: Any, same: Any) -> Result:
         return in_blocks(lambda block: function(block, same), rows, rows_at_once, out_axes, group)

@@ -29,6 +29,10 @@ class Policy(struct.PyTreeNode, eq=False):
     # From the environment's numbers to those that it plays in: a control may have drivers do what others do by MEDs.
     world: Callable[[Any], Any] = struct.field(pytree_node=False, default=lambda params: params)
 
+    def __repr__(self) -> str:
+        numbers = sum(jnp.size(leaf) for leaf in jax.tree.leaves(self.weights))
+        return f"<policy with {numbers:,} weights>"
+
     def __call__(self, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
         """What it does; `key` is the randomness of this decision, `obs` as the environment returned it."""
         return self.act(self.weights, key, obs, state, params)

@@ -51,6 +51,11 @@ class ExportedPolicy:
     about: About
     network: export.Exported
 
+    def __repr__(self) -> str:
+        about = self.about
+        fits = f"{about.num_features} features, {about.num_actions} actions"
+        return f"<{about.name}: trained on {about.scenario or 'an environment of its own'}, {fits}>"
+
     def make(
         self,
         scenario: str | None = None,

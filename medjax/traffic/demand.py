@@ -9,15 +9,12 @@ import jax
 import jax.numpy as jnp
 
 from medjax.traffic.exits import mean_way
-from medjax.traffic.safety import safe_speed
 from medjax.world.kinds import EVS, FUELLED, GAS_KINDS, kinds_in
 from medjax.world.params import DemandParams, DriverParams, EnvParams, RoadParams, Scalar
 
 # Arrivals at one entry in one round are counted up to here; with 2 expected, more come once in
 # 20,000 rounds.
 MOST_ARRIVALS = 8
-# A vehicle that enters behind a slower one may be faster by its spare room divided by this.
-CATCH_UP_S = 4.0
 # Desired speeds are drawn within so many standard deviations, so that none is absurd.
 SPEED_SPREAD = 2.5
 
@@ -95,66 +92,6 @@ def entries(road: RoadParams, num_lanes: int) -> Entries:
             ]
         ),
     )
-
-
-class Ahead(NamedTuple):
-    """The vehicle next ahead of each entry, `(K,)` each."""
-
-    gap: jax.Array  # m to its rear bumper, inf if there is none
-    speed: jax.Array  # m/s, 0 if there is none
-
-
-def next_ahead(
-    where: Entries,
-    x: jax.Array,
-    lane: jax.Array,
-    length: jax.Array,
-    speed: jax.Array,
-    active: jax.Array,
-) -> Ahead:
-    """Gap and speed of the vehicle next ahead of each entry, in its lane.
-
-    Args:
-      where: (K,) each; x, lane, length, speed, active: (N,) each.
-    """
-    rear = x - length
-    # A vehicle whose rear has not cleared the entry still blocks it.
-    blocks = active & (lane == where.lane[:, None]) & (x >= where.x[:, None])
-    gaps = jnp.where(blocks, rear - where.x[:, None], jnp.inf)
-    gap = gaps.min(axis=1)
-    # Two plain minima cost a fifth of one argmin on a CPU.
-    is_nearest = blocks & (gaps == gap[:, None])
-    slowest = jnp.min(jnp.where(is_nearest, speed, jnp.inf), axis=1)
-    return Ahead(gap, jnp.where(jnp.isfinite(gap), slowest, 0.0))
-
-
-def entry_speed(
-    wanted: jax.Array,
-    ahead: Ahead,
-    time_headway: jax.Array,
-    min_gap: jax.Array,
-    braking: Scalar,
-) -> tuple[jax.Array, jax.Array]:
-    """The speed at which a vehicle can enter, and whether it may.
-
-    It enters no faster than its headway allows and a little faster than the one ahead at most, with
-    at least its own safe gap, and can stop behind it.
-
-    Args:
-      wanted: (K,) m/s.
-      ahead: of each.
-      time_headway: (K,) s; min_gap: (K,) m.
-      braking: m/s^2, what tyres allow.
-
-    Returns:
-      (speed m/s, safe bool), each (K,).
-    """
-    spare = jnp.maximum(ahead.gap - min_gap - time_headway * ahead.speed, 0.0)
-    speed = jnp.where(
-        jnp.isfinite(ahead.gap), jnp.minimum(wanted, ahead.speed + spare / CATCH_UP_S), wanted
-    )
-    speed = jnp.minimum(speed, safe_speed(ahead.gap, ahead.speed, braking))
-    return speed, ahead.gap >= min_gap + time_headway * speed
 
 
 def place(admitted: jax.Array, free: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -14,14 +14,15 @@ from medjax.traffic.demand import (
     drawn_kinds,
     entries,
     entry_rates,
-    entry_speed,
-    next_ahead,
     place,
     poisson_arrivals,
 )
+from medjax.traffic.entry_gap import cut_off, entry_speed, next_ahead
 from medjax.traffic.exits import draw_destinations, next_exit
 from medjax.traffic.following import by_kind
-from medjax.world.kinds import MED
+from medjax.traffic.road import NOWHERE, other_lane
+from medjax.traffic.safety import Tyres
+from medjax.world.kinds import MED, WIDTHS_M
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import MERGING, QUEUED, EnvState, Tally, Vehicles, count_kinds
 
@@ -71,12 +72,21 @@ def _safe_speed(
     """Speed at which each may enter, and whether it may, `(K,)` each."""
     vehicles, drivers = state.vehicles, params.drivers
     length = by_kind(vehicles.kind, drivers.vehicle_length)
-    ahead = next_ahead(where, vehicles.x, vehicles.lane, length, vehicles.speed, vehicles.active)
+    width = by_kind(vehicles.kind, jnp.array(WIDTHS_M, jnp.float32))
+    other = other_lane(vehicles.lane, vehicles.lateral_offset, width, params.road.lane_width_m)
+    at = vehicles.x, vehicles.lane, other, length, vehicles.speed, vehicles.active
+    ahead = next_ahead(where, *at)
     desired, kind = next_up.desired_speed, next_up.kind
     on_ramp = where.lane == config.num_lanes
     wanted = jnp.where(on_ramp, jnp.minimum(desired, params.demand.ramp_speed), desired)
     min_gap, braking = by_kind(kind, drivers.min_gap), params.motion.max_braking
-    return entry_speed(wanted, ahead, next_up.time_headway, min_gap, braking)
+    speed, safe = entry_speed(wanted, ahead, next_up.time_headway, min_gap, braking)
+    most = by_kind(vehicles.kind, drivers.max_acceleration)
+    other = jnp.where(vehicles.active, other, NOWHERE)
+    own_length = by_kind(kind, drivers.vehicle_length)
+    tyres = Tyres(braking, config.tick_s)
+    cuts = cut_off(where, own_length, vehicles.x, other, vehicles.speed, most, tyres)
+    return speed, safe & ~cuts
 
 
 def _put_on_road(
@@ -107,7 +117,8 @@ def _put_on_road(
         acceleration_noise=fresh(still, vehicles.acceleration_noise),
         wander=fresh(still, vehicles.wander),
         headway=fresh(next_up.time_headway, vehicles.headway),
-        courtesy=fresh(nobody, vehicles.courtesy),
+        courtesy_left=fresh(nobody, vehicles.courtesy_left),
+        courtesy_right=fresh(nobody, vehicles.courtesy_right),
         recovery_s=fresh(still, vehicles.recovery_s),
         destination=fresh(next_up.destination, vehicles.destination),
     )

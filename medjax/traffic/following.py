@@ -11,6 +11,7 @@ from jax.typing import ArrayLike
 from medjax.numerics.gathers import read
 from medjax.numerics.sums import rounded
 from medjax.traffic.neighbours import NOBODY
+from medjax.world.kinds import WIDTHS_M
 from medjax.world.params import DriverParams, LaneChangeParams, Scalar
 
 T = TypeVar("T")
@@ -37,6 +38,7 @@ class Drivers(NamedTuple):
     max_acceleration: jax.Array  # m/s^2
     comfortable_deceleration: jax.Array  # m/s^2
     closing: jax.Array  # s^2/m, `braking_weight`
+    width: jax.Array  # m
 
 
 class Follower(NamedTuple):
@@ -111,6 +113,7 @@ def make_drivers(kind: jax.Array, desired_speed: jax.Array, params: DriverParams
         max_acceleration=by_kind(kind, params.max_acceleration),
         comfortable_deceleration=by_kind(kind, params.comfortable_deceleration),
         closing=by_kind(kind, closing),
+        width=by_kind(kind, jnp.array(WIDTHS_M, jnp.float32)),
     )
 
 

@@ -85,7 +85,7 @@ class Situation(NamedTuple):
     followers: Follower
     usual_headway: jax.Array  # s, which drivers keep in the long run
     neighbours: Neighbours  # in the own lane, and in the lane on the side looked at
-    courtesy: jax.Array  # m/s^2 at most, of the last look
+    clearing_s: jax.Array  # s, that each takes to be out of its lane, should it change now
     following: jax.Array  # m/s^2, by car following alone
     acceleration: jax.Array  # m/s^2, with the end of an acceleration lane counted
 
@@ -139,6 +139,9 @@ class Look(NamedTuple):
     follower: Follower  # behind in that lane, as it would follow this vehicle
     has_follower: jax.Array  # bool
     gap_behind: jax.Array  # m, inf where nobody is behind
+    old_leader: Leader  # ahead in the own lane
+    old_gap: jax.Array  # m, to it, inf where nobody is ahead
+    clearing_s: jax.Array  # s, until this vehicle is out of that lane
     desire: jax.Array  # to that side, -1 to 1
     stake: (
         jax.Array
@@ -154,8 +157,9 @@ def _look(
     situation: Situation, desire: jax.Array, turn: Turn, follow: Follow, params: LaneChangeParams
 ) -> Look:
     """What those whose turn it is see beside them; desire `(N,)` is that to the side looked at."""
-    leaders, followers, usual, neighbours, _, following, _ = situation
-    own, own_usual, seen, neighbours = pick_group((followers, usual, leaders, neighbours), turn)
+    leaders, followers, usual, neighbours, clearing_s, following, _ = situation
+    mine = followers, usual, leaders, neighbours, clearing_s
+    own, own_usual, seen, neighbours, clearing_s = pick_group(mine, turn)
     leader, leader_desire = of_slots((leaders, desire), neighbours.target_leader)
     old_leader = of_slots(leaders, neighbours.leader)
     behind = (followers, usual, following)
@@ -195,6 +199,9 @@ def _look(
         follower=follower,
         has_follower=has_follower,
         gap_behind=jnp.where(has_follower, gap_between(follower, seen), jnp.inf),
+        old_leader=old_leader,
+        old_gap=jnp.where(has_old_leader, gap_between(own, old_leader), jnp.inf),
+        clearing_s=clearing_s,
         desire=desire,
         stake=stake,
         own_after=follow(own, leader, has_leader),
@@ -203,12 +210,18 @@ def _look(
     )
 
 
+def straddling_gap(own: Follower) -> jax.Array:
+    """What vehicles that leave a lane keep to the one ahead there, m, half of their standing gap."""
+    return 0.5 * own.min_gap
+
+
 def _is_safe(look: Look, params: LaneChangeParams, tyres: Tyres) -> jax.Array:
     """Whether each could go, `(C,)` bool.
 
     The more urgent, the harder a change may make others, and oneself, brake (LMRS's gap acceptance). And who stops to
     let one in keeps its standing gap: less must do, or both would wait for each other. Whatever is urgent, everyone can
-    still stop behind the one that is then ahead.
+    still stop behind the one that is then ahead. And who changes is in both lanes until it is out of its own: at their
+    speeds it is so before it comes up to the one ahead there.
     """
     wanted = jnp.maximum(look.desire, 0.0)
     own, follower = look.own, look.follower
@@ -216,6 +229,10 @@ def _is_safe(look: Look, params: LaneChangeParams, tyres: Tyres) -> jax.Array:
     clear = keeps_clear(own.speed, own.max_acceleration, ahead, look.leader.speed, tyres)
     behind = look.gap_behind
     clear &= keeps_clear(follower.speed, follower.max_acceleration, behind, own.speed, tyres)
+    old_speed, old_gap = look.old_leader.speed, look.old_gap - straddling_gap(own)
+    clear &= keeps_clear(own.speed, own.max_acceleration, old_gap, old_speed, tyres)
+    closing = jnp.maximum(jnp.maximum(own.speed, CRAWL_M_PER_S) - old_speed, 0.0)
+    clear &= old_gap > closing * look.clearing_s
     return clear & is_safe(
         look.own_after,
         look.new_after,
@@ -249,8 +266,8 @@ def decide(
       that lane, inf where nothing is at stake. One array, since two would be worked out one after the other.
     """
     look = _look(situation, wish.desire * turn.direction, turn, follow, params)
-    held, acceleration = pick_group((situation.courtesy, situation.acceleration), turn)
-    own, desire, wish = look.own, look.desire, pick_group(wish, turn)
+    acceleration, wish = pick_group((situation.acceleration, wish), turn)
+    own, desire = look.own, look.desire
 
     incentive = mobil_incentive(
         acceleration, look.own_after, *look.others, politeness=params.politeness
@@ -272,6 +289,4 @@ def decide(
 
     concerned = look.has_leader & (look.stake > COURTEOUS_DESIRE)
     courtesy = _courtesy(own, look.leader, look.own_after, concerned, desire <= 0.0, params)
-    # Left is looked first, and what it asks for holds beside what the right asks for.
-    courtesy = jnp.minimum(courtesy, jnp.where(turn.direction > 0, held, jnp.inf))
     return jnp.where(goes, GOES, courtesy)

@@ -64,7 +64,8 @@ def lateral_step(
     """A tick of steering to an aim, within what comfort and the speed along allow.
 
     Half of the rate times the way to go is the speed wanted, and twice the rate the speed's own rate: the
-    critically damped relaxation y'' = -rate^2 (y - aim) - 2 rate y' where no limit holds.
+    critically damped relaxation y'' = -rate^2 (y - aim) - 2 rate y' where no limit holds. And no speed is wanted that
+    half of the sideways acceleration would not take off on the way, or weak steering would swing into the next lane.
 
     Args:
       offset, aim: m; lateral_speed: m/s; equal shapes.
@@ -74,12 +75,20 @@ def lateral_step(
       (offset, lateral_speed) after the tick.
     """
     ahead = offset + 0.5 * dt * lateral_speed  # half a tick on, or coarse ticks would overshoot
-    wanted = jnp.clip(0.5 * steering.rate * (aim - ahead), -steering.speed, steering.speed)
+    way = aim - ahead
     most = steering.acceleration * dt
+    stops = jnp.sqrt(jnp.square(0.5 * most) + steering.acceleration * jnp.abs(way)) - 0.5 * most
+    fastest = jnp.minimum(steering.speed, stops)
+    wanted = jnp.clip(0.5 * steering.rate * way, -fastest, fastest)
     gained = jnp.clip((wanted - lateral_speed) * -jnp.expm1(-2.0 * steering.rate * dt), -most, most)
     # The speed along may fall faster than comfort allows: who stands does not slide.
     after = jnp.clip(lateral_speed + gained, -steering.speed, steering.speed)
     return offset + 0.5 * (lateral_speed + after) * dt, after
+
+
+def crossing_s(way: jax.Array, steering: Steering) -> jax.Array:
+    """How long so much way across the road, m, takes from straight ahead, s, of the shape of the steering's speed."""
+    return way / steering.speed + 0.5 * steering.speed / steering.acceleration
 
 
 def turn_between(

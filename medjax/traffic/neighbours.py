@@ -21,6 +21,13 @@ class Neighbours(NamedTuple):
     target_leader: jax.Array  # ahead in the target lane
     target_follower: jax.Array  # behind in the target lane
 
+    def without_target(self, blind: jax.Array) -> Neighbours:
+        """The same, but that the `blind`, `(N,)` bool, find nobody in their target lanes."""
+        ahead, behind = (
+            jnp.where(blind, NOBODY, slots) for slots in (self.target_leader, self.target_follower)
+        )
+        return self._replace(target_leader=ahead, target_follower=behind)
+
 
 def sort_by_road(
     x: jax.Array, active: jax.Array, length_m: jax.Array | float, previous_order: jax.Array
@@ -53,9 +60,14 @@ def sort_by_road(
 
 
 def find_neighbours(
-    order: jax.Array, lane: jax.Array, target_lane: jax.Array, active: jax.Array, num_lanes: int
+    order: jax.Array,
+    lane: jax.Array,
+    other_lane: jax.Array,
+    target_lane: jax.Array,
+    active: jax.Array,
+    num_lanes: int,
 ) -> Neighbours:
-    """Exact nearest vehicles ahead and behind, by counting.
+    """Exact nearest vehicles ahead and behind, by counting; one that straddles a line is found in both lanes.
 
     Along the road, the number of vehicles of each lane so far says where in its lane a vehicle stands,
     and between which two of its target lane. So all vehicles are written into one line, lane by lane,
@@ -65,6 +77,7 @@ def find_neighbours(
     Args:
       order: (N,) int32, slots from the rearmost to the foremost (`sort_by_road`).
       lane: (N,) int32 in [0, num_lanes).
+      other_lane: (N,) int32, the second lane that a vehicle covers; outside [0, num_lanes) for none.
       target_lane: (N,) int32; any value outside [0, num_lanes) finds nobody.
       active: (N,) bool; inactive vehicles neither find nor are found.
       num_lanes: acceleration lane included; (num_lanes + 1) (N + 2) <= 65536.
@@ -75,20 +88,23 @@ def find_neighbours(
     slots = order.shape[-1]
     nowhere = num_lanes  # a lane of its own, whose vehicles are written as nobody
     own = jnp.where(active, lane, nowhere)
-    exists = (target_lane >= 0) & (target_lane < num_lanes) & active
-    target = jnp.where(exists, target_lane, nowhere)
 
-    lanes = read(own | target << 8, order)
-    own_place, target_place = _places(lanes & 0xFF, lanes >> 8, num_lanes + 1)
+    def in_a_lane(lanes: jax.Array) -> jax.Array:
+        return jnp.where((lanes >= 0) & (lanes < num_lanes) & active, lanes, nowhere)
+
+    lanes = read(own | in_a_lane(target_lane) << 8 | in_a_lane(other_lane) << 16, order)
+    own, target, other = lanes & 0xFF, lanes >> 8 & 0xFF, lanes >> 16
+    own_place, target_place, other_place = _places(own, other, target, num_lanes + 1)
+
+    # 0 stands for nobody, so slots are counted from 1; every lane begins and ends with a 0.
+    line = jnp.zeros(((num_lanes + 1) * (slots + 2),), jnp.int16)
+    for lane_of, place in ((own, own_place), (other, other_place)):
+        line = write(line, place, jnp.where(lane_of == nowhere, 0, order + 1).astype(jnp.int16))
+
     places = write(
         jnp.zeros((slots,), jnp.uint32), order, (own_place | target_place << 16).astype(jnp.uint32)
     )
     own_place, target_place = (place.astype(jnp.int32) for place in (places & 0xFFFF, places >> 16))
-
-    # 0 stands for nobody, so slots are counted from 1; every lane begins and ends with a 0.
-    line = jnp.zeros(((num_lanes + 1) * (slots + 2),), jnp.int16)
-    names = jnp.where(active, jnp.arange(1, slots + 1, dtype=jnp.int32), 0).astype(jnp.int16)
-    line = write(line, own_place, names)
 
     def at(place: jax.Array) -> jax.Array:
         return read(line, place).astype(jnp.int32) - 1
@@ -101,15 +117,18 @@ def find_neighbours(
     )
 
 
-def _places(own: jax.Array, target: jax.Array, num_lanes: int) -> tuple[jax.Array, jax.Array]:
+def _places(
+    own: jax.Array, other: jax.Array, target: jax.Array, num_lanes: int
+) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Places in a line of lanes with slots + 2 places each, `(N,)` int32 each.
 
     Args:
-      own, target: (N,) int32, lanes in road order.
+      own, other, target: (N,) int32, lanes in road order; a vehicle is in its own and the other one.
 
     Returns:
-      (place of each vehicle; place in the target lane of the last vehicle behind it, the lane's place 0
-      if there is none). A vehicle stands at place 1 or higher of its lane.
+      (place of each vehicle in its own lane; place in the target lane of the last vehicle behind it, or its own
+      if it is there, or the lane's place 0 if there is none; its place in the other lane). A vehicle stands at
+      place 1 or higher of its lanes.
     """
     slots = own.shape[-1]
     # Several lanes' counts travel in one float32, as many as its 24 bits hold exactly.
@@ -121,7 +140,7 @@ def _places(own: jax.Array, target: jax.Array, num_lanes: int) -> tuple[jax.Arra
         inside = (lane >= first) & (lane < first + per_word)
         return jnp.where(inside, 1 << (lane - first) * bits, 0)
 
-    sums = [_running_sum(one(own, first)) for first in firsts]
+    sums = [_running_sum(one(own, first) | one(other, first)) for first in firsts]
 
     def count(lane: jax.Array) -> jax.Array:
         counts = sums[0] >> lane * bits
@@ -129,8 +148,10 @@ def _places(own: jax.Array, target: jax.Array, num_lanes: int) -> tuple[jax.Arra
             counts = jnp.where(lane < first, counts, word >> (lane - first) * bits)
         return counts & 2**bits - 1
 
-    lane_places = slots + 2
-    return own * lane_places + count(own), target * lane_places + count(target)
+    own_place, target_place, other_place = (
+        lane * (slots + 2) + count(lane) for lane in (own, target, other)
+    )
+    return own_place, target_place, other_place
 
 
 def _running_sum(values: jax.Array, block: int = 8) -> jax.Array:

@@ -29,12 +29,14 @@ class Tyres(NamedTuple):
     tick_s: float  # in which nobody changes its mind
 
 
-def safe_acceleration(
-    speed: jax.Array, gap: jax.Array, leader_speed: jax.Array, tyres: Tyres
-) -> jax.Array:
-    """The most, m/s^2, that still lets a vehicle stop behind its leader; speeds m/s and gaps m, equal shapes."""
-    braked = jnp.square(leader_speed) * (0.5 / tyres.braking)
-    return stopping_acceleration(speed, gap - CLEARANCE_M + braked, tyres.braking, tyres.tick_s)
+def stopping_room(gap: jax.Array, leader_speed: jax.Array, tyres: Tyres) -> jax.Array:
+    """Way to where a leader would come to stand, m, if it braked from now on; gaps m and speeds m/s, equal shapes."""
+    return gap - CLEARANCE_M + jnp.square(leader_speed) * (0.5 / tyres.braking)
+
+
+def safe_acceleration(speed: jax.Array, room: jax.Array, tyres: Tyres) -> jax.Array:
+    """The most, m/s^2, that still lets a vehicle stop within a `stopping_room`, m; speeds m/s, equal shapes."""
+    return stopping_acceleration(speed, room, tyres.braking, tyres.tick_s)
 
 
 def keeps_clear(

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.numerics.sums import count_down, in_units, rounded
-from medjax.traffic.exits import exit_desire, prepares
+from medjax.numerics.sums import count_down
 from medjax.traffic.following import (
     FREE_GAP_M,
     CarFollowing,
     Drivers,
-    Platooning,
+    Follower,
+    Leader,
     by_kind,
     following_acceleration,
     gap_between,
@@ -26,7 +26,7 @@ from medjax.traffic.following import (
     spare_headway,
 )
 from medjax.traffic.lane_change import (
-    COURTEOUS_DESIRE,
+    CRAWL_M_PER_S,
     GOES,
     Follow,
     Situation,
@@ -34,34 +34,23 @@ from medjax.traffic.lane_change import (
     Wish,
     decide,
     place_group,
+    straddling_gap,
     whose_turn,
 )
 from medjax.traffic.motion import (
     Steering,
     ballistic_step,
+    crossing_s,
     lateral_step,
     ornstein_uhlenbeck,
     stopping_acceleration,
 )
-from medjax.traffic.neighbours import NOBODY, find_neighbours, sort_by_road
-from medjax.traffic.road import merge_distance
-from medjax.traffic.safety import Tyres, safe_acceleration
-from medjax.world.params import EnvConfig, EnvParams
+from medjax.traffic.neighbours import NOBODY, Neighbours, find_neighbours, sort_by_road
+from medjax.traffic.road import NOWHERE, keeps_lane, merge_distance, other_lane, spare_width
+from medjax.traffic.safety import Tyres, safe_acceleration, stopping_room
+from medjax.traffic.wishes import Orders, wishes
+from medjax.world.params import EnvConfig, EnvParams, MotionParams
 from medjax.world.state import IN_SERVICE, EnvState, Tally, Vehicles
-
-# What is ordered, or still far off, is so urgent: just enough that others make room, or two MEDs side by side would
-# stay so for good.
-ORDERED_DESIRE = 1.01 * COURTEOUS_DESIRE
-
-
-class Orders(NamedTuple):
-    """What others than its driver want of each vehicle in a tick, `(N,)` but for `platooning`."""
-
-    platoon: jax.Array  # int32, vehicles of one number keep together, NOBODY: of none
-    platooning: Platooning  # how close
-    acceleration: jax.Array  # m/s^2 at most, inf where nobody cares
-    desire: jax.Array  # -1 to 1, as `medjax.traffic.lane_change.Wish`; 0 need not change lanes
-    stay: jax.Array  # bool: no change but a mandatory one
 
 
 def drivers_of(state: EnvState, config: EnvConfig, params: EnvParams) -> Drivers:
@@ -92,38 +81,6 @@ def perturb(key: jax.Array, vehicles: Vehicles, config: EnvConfig, params: EnvPa
     return vehicles.replace(acceleration_noise=noise, wander=wander, recovery_s=recovery_s)
 
 
-def _is_changing(vehicles: Vehicles, params: EnvParams) -> jax.Array:
-    """Whether each is nearer to the lane that it comes from, `(N,)` bool."""
-    return jnp.abs(vehicles.lateral_offset) >= 0.5 * params.road.lane_width_m
-
-
-def _wishes(
-    vehicles: Vehicles,
-    orders: Orders,
-    to_end: jax.Array,
-    direction: jax.Array,
-    config: EnvConfig,
-    params: EnvParams,
-) -> Wish:
-    """Mandatory changes: off a ramp, towards an exit, and what is ordered; and who may change to the side looked at."""
-    target = vehicles.lane + direction
-    merging = vehicles.lane == config.num_lanes
-    far = rounded(in_units(to_end, params.lane_change.view_m))
-    urgency = jnp.clip(1.0 - far, ORDERED_DESIRE, 1.0)
-    there = vehicles.active & (target >= 0) & (target < config.num_lanes)
-    wanted = orders.desire
-    stay = orders.stay | (vehicles.recovery_s > 0.0)
-    if config.num_exits:
-        leaves = prepares(vehicles, config, params)
-        wanted = jnp.where(leaves, exit_desire(vehicles, config, params), wanted)
-        stay |= leaves
-    return Wish(
-        desire=jnp.where(merging, -urgency, wanted),
-        stay=stay,
-        may=there & ~_is_changing(vehicles, params),
-    )
-
-
 def _lane_changes(
     vehicles: Vehicles,
     situation: Situation,
@@ -133,28 +90,43 @@ def _lane_changes(
     config: EnvConfig,
     params: EnvParams,
 ) -> tuple[jax.Array, Vehicles]:
-    """Lane steps of all vehicles in this tick, `(N,)` int32 in -1, 0, 1; the vehicles, courteous."""
+    """Lane steps of all vehicles in this tick, `(N,)` int32 in -1, 0, 1; the vehicles, courteous.
+
+    What one side asks for holds until the next look there.
+    """
     tyres = _tyres(config, params)
     decided = decide(situation, wish, turn, follow, params.lane_change, tyres)
-    seen = place_group(decided, turn, vehicles.courtesy)
+    left, right, is_left = vehicles.courtesy_left, vehicles.courtesy_right, turn.direction < 0
+    seen = place_group(decided, turn, jnp.where(is_left, left, right))
     changes = seen == GOES
     recovery_s = jnp.where(changes, params.lane_change.recovery_s, vehicles.recovery_s)
-    courtesy = jnp.where(changes, jnp.inf, seen)
-    return turn.direction * changes, vehicles.replace(courtesy=courtesy, recovery_s=recovery_s)
+    vehicles = vehicles.replace(
+        courtesy_left=jnp.where(changes, jnp.inf, jnp.where(is_left, seen, left)),
+        courtesy_right=jnp.where(changes, jnp.inf, jnp.where(is_left, right, seen)),
+        recovery_s=recovery_s,
+    )
+    return turn.direction * changes, vehicles
 
 
 def _step(
-    vehicles: Vehicles, command: jax.Array, steps: jax.Array, config: EnvConfig, params: EnvParams
+    vehicles: Vehicles,
+    command: jax.Array,
+    steps: jax.Array,
+    width: jax.Array,
+    config: EnvConfig,
+    params: EnvParams,
 ) -> Vehicles:
-    """Motion of one tick under accelerations `(N,)` m/s2 and lane changes `(N,)` of -1, 0 or 1."""
+    """Motion of one tick under accelerations `(N,)` m/s2 and lane changes `(N,)` of -1, 0 or 1.
+
+    Nobody wanders over a line, as wide as they are, `(N,)` m.
+    """
+    lane_width = params.road.lane_width_m
     x, speed = ballistic_step(vehicles.x, vehicles.speed, command, config.tick_s)
-    motion = params.motion
-    sideways = jnp.minimum(motion.lateral_speed, motion.lateral_slope * speed)
     offset, lateral_speed = lateral_step(
-        vehicles.lateral_offset - steps * params.road.lane_width_m,
+        vehicles.lateral_offset - steps * lane_width,
         vehicles.lateral_speed,
-        vehicles.wander,
-        Steering(motion.lateral_rate, motion.lateral_acceleration, sideways),
+        keeps_lane(vehicles.wander, width, lane_width),
+        _steering(speed, params.motion),
         config.tick_s,
     )
     return vehicles.replace(
@@ -166,24 +138,71 @@ def _step(
     )
 
 
+def _steering(speed: jax.Array, motion: MotionParams) -> Steering:
+    """What drivers at these speeds, m/s, steer with."""
+    sideways = jnp.minimum(motion.lateral_speed, motion.lateral_slope * speed)
+    return Steering(motion.lateral_rate, motion.lateral_acceleration, sideways)
+
+
+def _clearing_s(speed: jax.Array, width: jax.Array, params: EnvParams) -> jax.Array:
+    """How long each takes to be out of its lane, should it change now, `(N,)` s from m/s and m."""
+    lane_width = params.road.lane_width_m
+    steering = _steering(jnp.maximum(speed, CRAWL_M_PER_S), params.motion)
+    return crossing_s(lane_width - spare_width(width, lane_width), steering)
+
+
 def _tyres(config: EnvConfig, params: EnvParams) -> Tyres:
     return Tyres(params.motion.max_braking, config.tick_s)
 
 
+class _Ahead(NamedTuple):
+    """The vehicle next ahead of each in one lane, `(N,)` each."""
+
+    gap: jax.Array  # m, bumper to bumper; FREE_GAP_M where there is none
+    speed: jax.Array  # m/s
+    kept: jax.Array | float  # m, how near each may stop behind it
+
+
+def _in_other_lane(
+    followers: Follower, leaders: Leader, slots: jax.Array, straddles: jax.Array
+) -> _Ahead:
+    """Who is ahead of those who straddle a line in the lane that they come from, by slots `(N,)`."""
+    there = of_slots(leaders, slots)
+    is_there = straddles & (slots != NOBODY)
+    gap = jnp.where(is_there, gap_between(followers, there), FREE_GAP_M)
+    return _Ahead(gap, there.speed, straddling_gap(followers))
+
+
 def _most(
     vehicles: Vehicles,
-    gap: jax.Array,
-    leader_speed: jax.Array,
-    room: jax.Array,
+    ahead: tuple[_Ahead, _Ahead],
+    to_end: jax.Array,
     config: EnvConfig,
     params: EnvParams,
 ) -> jax.Array:
-    """What the one ahead, at a gap `(N,)` m, allows, and the end of an acceleration lane, with room `(N,)` m, m/s^2."""
+    """What those `ahead` in both lanes allow, m/s^2, and the end of an acceleration lane, to_end `(N,)` m."""
     tyres = _tyres(config, params)
-    safe = safe_acceleration(vehicles.speed, gap, leader_speed, tyres)
+    rooms = (stopping_room(each.gap - each.kept, each.speed, tyres) for each in ahead)
+    safe = safe_acceleration(vehicles.speed, jnp.minimum(*rooms), tyres)
     braking = jnp.minimum(params.lane_change.safe_braking, tyres.braking)
-    stop = stopping_acceleration(vehicles.speed, room, braking, config.tick_s)
+    stop = stopping_acceleration(vehicles.speed, to_end, braking, config.tick_s)
     return jnp.where(vehicles.lane == config.num_lanes, jnp.minimum(safe, stop), safe)
+
+
+def _look_around(
+    vehicles: Vehicles, drivers: Drivers, turn: Turn, config: EnvConfig, params: EnvParams
+) -> tuple[jax.Array, jax.Array, Neighbours]:
+    """Slots along the road, who straddles a line, both `(N,)`, and who is next to whom.
+
+    Who straddles a line looks at the other lane that it covers, and thinks of no change.
+    """
+    x, lane, active, width = vehicles.x, vehicles.lane, vehicles.active, params.road.lane_width_m
+    order = sort_by_road(x, active, params.road.length_m, vehicles.road_order)
+    other = other_lane(lane, vehicles.lateral_offset, drivers.width, width)
+    straddles = other != NOWHERE
+    target = jnp.where(straddles, other, lane + turn.direction)
+    found = find_neighbours(order, lane, other, target, active, config.num_lanes + 1)
+    return order, straddles, found
 
 
 def move(
@@ -205,44 +224,44 @@ def move(
     leaders, followers = roles(drivers, vehicles.x, vehicles.speed, orders.platoon, model)
     turn = whose_turn(tick, config.lane_change_groups)
     with jax.named_scope("neighbours"):
-        order = sort_by_road(vehicles.x, vehicles.active, params.road.length_m, vehicles.road_order)
-        target, lanes = vehicles.lane + turn.direction, config.num_lanes + 1
-        neighbours = find_neighbours(order, vehicles.lane, target, vehicles.active, lanes)
+        order, straddles, neighbours = _look_around(vehicles, drivers, turn, config, params)
 
     follow = functools.partial(following_acceleration, platooning=orders.platooning, model=model)
     with jax.named_scope("car_following"):
-        changing = _is_changing(vehicles, params)
-        leader, its_changing = of_slots((leaders, changing), neighbours.leader)
+        leader, it_straddles = of_slots((leaders, straddles), neighbours.leader)
         has_leader = neighbours.leader != NOBODY
-        is_new = changing | has_leader & its_changing
+        is_new = straddles | has_leader & it_straddles
         spare = spare_headway(followers, leader, has_leader)
-        kept = vehicles.headway, drivers.time_headway, spare
-        headway = relaxed_headway(*kept, is_new, config.tick_s, params.lane_change)
+        usual, dt = drivers.time_headway, config.tick_s
+        kept = vehicles.headway, usual, spare
+        headway = relaxed_headway(*kept, is_new, dt, params.lane_change)
         together = same_platoon(followers, leader, has_leader)
         headway = jnp.where(together, orders.platooning.time_headway, headway)
         followers = followers._replace(time_headway=headway)
         following = follow(followers, leader, has_leader)
         to_end = merge_distance(vehicles.x, params.road)
         gap = jnp.where(has_leader, gap_between(followers, leader), FREE_GAP_M)
-        most = _most(vehicles, gap, leader.speed, to_end - followers.min_gap, config, params)
-        acceleration = jnp.minimum(jnp.minimum(following, most), vehicles.courtesy)
+        beside = _in_other_lane(followers, leaders, neighbours.target_leader, straddles)
+        ahead = _Ahead(gap, leader.speed, 0.0), beside
+        most = _most(vehicles, ahead, to_end - followers.min_gap, config, params)
+        courtesy = jnp.minimum(vehicles.courtesy_left, vehicles.courtesy_right)
+        acceleration = jnp.minimum(jnp.minimum(following, most), courtesy)
 
     with jax.named_scope("lane_changes"):
-        usual, courtesy = drivers.time_headway, vehicles.courtesy
-        seen = leaders, followers, usual, neighbours, courtesy, following, acceleration
-        wish = _wishes(vehicles, orders, to_end, turn.direction, config, params)
-        steps, vehicles = _lane_changes(
-            vehicles, Situation(*seen), wish, turn, follow, config, params
-        )
+        seen = neighbours.without_target(straddles)
+        clearing_s = _clearing_s(vehicles.speed, drivers.width, params)
+        situation = Situation(leaders, followers, usual, seen, clearing_s, following, acceleration)
+        wish = wishes(vehicles, orders, to_end, straddles, turn.direction, config, params)
+        steps, vehicles = _lane_changes(vehicles, situation, wish, turn, follow, config, params)
 
     with jax.named_scope("motion"):
         command = jnp.minimum(acceleration, orders.acceleration)
         command = jnp.minimum(command + vehicles.acceleration_noise, most)  # noise goes no further
         command = jnp.clip(command, -params.motion.max_braking, followers.max_acceleration)
-        moved = _step(vehicles, command, steps, config, params)
-        moved = moved.replace(road_order=order, headway=headway)
+        vehicles = vehicles.replace(road_order=order, headway=headway)
+        moved = _step(vehicles, command, steps, drivers.width, config, params)
     tally = Tally.zeros().replace(
         lane_changes=jnp.sum(jnp.abs(steps), dtype=jnp.float32),
-        collisions=jnp.sum(gap < 0.0, dtype=jnp.float32),
+        collisions=jnp.sum((gap < 0.0) | (beside.gap < 0.0), dtype=jnp.float32),
     )
     return moved, tally

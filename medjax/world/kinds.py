@@ -19,7 +19,7 @@ class Kind(NamedTuple):
 
     name: str  # for people
     slots: str  # class of the slots that hold it, one of CLASSES
-    width_m: float  # of its body; pictures alone show it
+    width_m: float  # of its body
 
     @property
     def column(self) -> str:
@@ -43,6 +43,7 @@ def kinds_in(*classes: str) -> tuple[int, ...]:
 
 
 GAS_KINDS = kinds_in(FUELLED)
+WIDTHS_M = tuple(kind.width_m for kind in KINDS)
 
 # Whether the slots of a class, a column in the order of CLASSES, hold a kind, a row.
 _MEMBERS = np.array([[kind.slots == slots for slots in CLASSES] for kind in KINDS], np.float32)

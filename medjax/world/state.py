@@ -33,9 +33,9 @@ class Vehicles(struct.PyTreeNode):
     acceleration_noise: jax.Array  # (N,) m/s^2
     wander: jax.Array  # (N,) m, lateral offset the driver steers to
     headway: jax.Array  # (N,) s, that a driver keeps now: a short one grows back
-    courtesy: (
-        jax.Array
-    )  # (N,) m/s^2 at most, for one that changes lanes, or to become one; else inf
+    # (N,) m/s^2 at most, for one that comes from the left, or to go there; else inf. And the same to the right.
+    courtesy_left: jax.Array
+    courtesy_right: jax.Array
     recovery_s: jax.Array  # (N,) s, until a change that is only an advantage is thought of again
     destination: jax.Array  # (N,) m, the exit where it leaves the road, or the road's end
     road_order: (

@@ -20,7 +20,9 @@ class RoadParams(struct.PyTreeNode):
     """Geometry of the highway; positions are metres from its left end."""
 
     length_m: Scalar = number(4000.0, 100, 200e3, "m", 'paper, "Experiment settings"')
-    lane_width_m: Scalar = number(4.0, 2, 10, "m", "paper (highway-env's lane)")
+    lane_width_m: Scalar = number(
+        4.0, 2.75, 10, "m", "paper (highway-env's lane); a lorry is 2.55 m wide"
+    )
     ramp_x_m: jax.Array = number(
         (100.0, 1200.0, 2100.0, 3200.0),
         0,

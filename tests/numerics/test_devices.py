@@ -8,6 +8,7 @@ import pytest
 import medjax
 from medjax.numerics.rows import CACHED_ROWS
 from medjax.wrappers import BatchAutoReset, environment_mesh, in_blocks, on_devices
+from tests.refusals import refused
 from tests.train.probe_envs import Probe, ProbeParams
 
 ENV, PARAMS = Probe("noisy"), ProbeParams(episode_decisions=4)
@@ -102,3 +103,7 @@ def test_devices_change_nothing_on_the_highway():
     jax.tree.map(
         lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-5), alone[1], shared[1]
     )
+
+
+def test_a_function_of_one_argument_is_refused():
+    refused(lambda: on_devices(environment_mesh(2, 1), lambda rows: rows), "function(rows, same)")

@@ -1,6 +1,7 @@
 """The policies that come with medjax load, say how they were trained, and play in the worlds that they fit."""
 
 import json
+import re
 import zipfile
 
 import jax
@@ -42,6 +43,22 @@ def test_card_says_how_it_was_trained(scenario):
     assert path.stat().st_size < 300_000
     with zipfile.ZipFile(path) as file:
         assert json.loads(file.read("policy.json"))["training"] == about.training
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_files_name_no_place_of_the_machine_they_were_made_on(scenario):
+    """The compiled network carries its debug information along, if one lets it."""
+    with zipfile.ZipFile(FILES / f"{scenario}.zip") as file:
+        for name in file.namelist():
+            assert not re.search(rb"\.py\b|site-packages", file.read(name)), name
+
+
+def test_a_policy_shows_itself_in_a_line():
+    """Whatever it weighs: it is printed in every notebook."""
+    env, _ = medjax.make("paper")
+    policy = medjax.load_pretrained("paper")
+    assert repr(policy) == "<ppo: trained on paper, 244 features, 5 actions>"
+    assert len(repr(policy.policy(env))) < 80
 
 
 @pytest.mark.parametrize("action", [1.5, np.zeros((2, 2), int)])

@@ -18,6 +18,7 @@ from medjax.traffic.safety import Tyres
 from medjax.world.params import DriverParams
 
 LENGTH = 5.0
+CLEARING_S = 2.5  # until who changes is out of its lane
 # The one that decides, to the right, in its lane those before and behind it, and those then before and behind it.
 EGO, OLD_LEADER, NEW_LEADER, OLD_FOLLOWER, NEW_FOLLOWER = range(5)
 
@@ -68,7 +69,7 @@ def decided(their, x, speed, wish, params, there, model):
         followers=followers,
         usual_headway=their.time_headway,
         neighbours=neighbours,
-        courtesy=jnp.full(5, jnp.inf),
+        clearing_s=jnp.full(5, CLEARING_S),
         following=following,
         acceleration=following,
     )

@@ -11,36 +11,49 @@ from hypothesis import strategies as st
 
 from medjax.traffic import find_neighbours, sort_by_road
 from medjax.traffic.neighbours import NOBODY
+from medjax.traffic.road import NOWHERE
 
 SLOTS, LANES, LENGTH_M = 24, 5, 4000.0
 SIDES = ("leader", "follower", "target_leader", "target_follower")
 
 
 @functools.partial(jax.jit, static_argnames="num_lanes")
-def found(x, lane, target, active, previous, num_lanes=LANES):
-    """The package's neighbours and order."""
+def found(x, lane, target, active, previous, other=None, num_lanes=LANES):
+    """The package's neighbours and order; nobody straddles a line where no other lanes are given."""
     order = sort_by_road(x, active, LENGTH_M, previous)
-    return find_neighbours(order, lane, target, active, num_lanes), order
+    other = jnp.full_like(lane, NOWHERE) if other is None else other
+    return find_neighbours(order, lane, other, target, active, num_lanes), order
 
 
-def brute_force(x, lane, target, active):
-    """Slots next ahead and behind in `target`, by comparing all pairs; ties ordered by slot."""
+def brute_force(x, lanes, target, active):
+    """Slots next ahead and behind in `target`, by comparing all pairs; ties ordered by slot.
+
+    Args:
+      lanes: the lanes that each vehicle covers, a list a vehicle.
+    """
     ahead = np.full(len(x), NOBODY)
     behind = np.full(len(x), NOBODY)
     for me in np.flatnonzero(active):
-        others = [(x[o], o) for o in np.flatnonzero(active) if lane[o] == target[me] and o != me]
+        others = [(x[o], o) for o in np.flatnonzero(active) if target[me] in lanes[o] and o != me]
         ahead[me] = min((o for o in others if o > (x[me], me)), default=(0, NOBODY))[1]
         behind[me] = max((o for o in others if o < (x[me], me)), default=(0, NOBODY))[1]
     return ahead, behind
 
 
-def assert_neighbours(x, lane, direction, active, previous=None):
-    """Compares all four neighbours of every slot."""
+def assert_neighbours(x, lane, direction, active, previous=None, straddles=0):
+    """Compares all four neighbours of every slot; who `straddles`, -1 or 1, looks at the other lane it covers."""
     x, lane = np.asarray(x, np.float32), np.asarray(lane, np.int32)
-    target = (lane + direction).astype(np.int32)
+    active, straddles = np.asarray(active), np.broadcast_to(straddles, lane.shape)
+    other = np.where(straddles == 0, NOWHERE, lane + straddles).astype(np.int32)
+    target = (lane + np.where(straddles == 0, direction, straddles)).astype(np.int32)
     previous = np.arange(len(x)) if previous is None else previous
-    got, order = found(x, lane, target, np.asarray(active), jnp.asarray(previous, jnp.int32))
-    expected = *brute_force(x, lane, lane, active), *brute_force(x, lane, target, active)
+    got, order = found(x, lane, target, active, jnp.asarray(previous, jnp.int32), other)
+    lanes = [{one, two} & set(range(LANES)) for one, two in zip(lane, other, strict=True)]
+    # A lane that is not there finds nobody.
+    expected = *brute_force(x, lanes, lane, active), *brute_force(x, lanes, target, active)
+    # Who straddles a line finds itself behind itself in the other lane, and asks nobody there.
+    own = active & (straddles != 0) & (target >= 0) & (target < LANES)
+    expected[3][own] = np.flatnonzero(own)
     for name, value in zip(SIDES, expected, strict=True):
         np.testing.assert_array_equal(getattr(got, name), value, name)
     assert sorted(np.asarray(order)) == list(range(len(x)))
@@ -54,6 +67,7 @@ roads = st.tuples(
     st.lists(st.booleans(), min_size=SLOTS, max_size=SLOTS),
     st.permutations(range(SLOTS)),
     st.sampled_from([-1, 1]),
+    st.lists(st.sampled_from([0, 0, -1, 1]), min_size=SLOTS, max_size=SLOTS),
 )
 
 
@@ -62,8 +76,8 @@ roads = st.tuples(
 @pytest.mark.versions
 def test_random_roads_with_ties(road):
     """Every road, last order and side looked at; lanes -1 and 5 are off the road."""
-    x, lane, active, previous, direction = road
-    assert_neighbours(x, lane, direction, np.array(active), previous)
+    x, lane, active, previous, direction, straddles = road
+    assert_neighbours(x, lane, direction, np.array(active), previous, straddles)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -73,7 +87,15 @@ def test_dense_roads(seed):
     x = rng.uniform(0.0, LENGTH_M + 10.0, 192)
     lane = rng.integers(0, LANES, 192)
     active = rng.random(192) < rng.choice([0.05, 0.5, 1.0])
-    assert_neighbours(x, lane, rng.choice([-1, 1]), active, rng.permutation(192))
+    straddles = rng.choice([-1, 0, 0, 1], 192)
+    assert_neighbours(x, lane, rng.choice([-1, 1]), active, rng.permutation(192), straddles)
+
+
+def test_who_straddles_a_line_is_found_in_both_lanes():
+    """From behind in either lane, and it sees who is ahead of it in either."""
+    x, lane = np.array([10.0, 10.0, 50.0, 90.0, 80.0]), np.array([1, 2, 1, 1, 2])
+    got = assert_neighbours(x, lane, 1, np.ones(5, bool), straddles=[0, 0, 1, 0, 0])
+    assert (got.leader[0], got.leader[1], got.leader[2], got.target_leader[2]) == (2, 2, 3, 4)
 
 
 def test_all_inactive():

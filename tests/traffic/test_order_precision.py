@@ -7,6 +7,7 @@ import pytest
 
 from medjax.traffic import find_neighbours, sort_by_road
 from medjax.traffic.neighbours import NOBODY
+from medjax.traffic.road import NOWHERE
 from medjax.world.params import EnvConfig, validate_config
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -42,7 +43,8 @@ def brute_force(x, lane, target, slot_order=True):
 @jax.jit
 def found(x, lane, target, length_m):
     order = sort_by_road(x, jnp.ones(x.shape, bool), length_m, jnp.arange(x.size))
-    return find_neighbours(order, lane, target, jnp.ones(x.shape, bool), 5)
+    nowhere = jnp.full(x.shape, NOWHERE)
+    return find_neighbours(order, lane, nowhere, target, jnp.ones(x.shape, bool), 5)
 
 
 def abreast_road(length_m, slots, shift_m, rng, spacing_m=5.0):
@@ -128,8 +130,9 @@ def test_the_largest_configuration_fits_its_counters():
         lane = np.where(rng.random(slots) < 0.99, crowded, rng.integers(0, lanes, slots))
         lane = lane.astype(np.int32)
         order = jnp.argsort(x).astype(jnp.int32)
-        got = jax.jit(find_neighbours, static_argnums=4)(
-            order, lane, lane + 1, jnp.ones(slots, bool), lanes
+        nowhere = np.full(slots, NOWHERE)
+        got = jax.jit(find_neighbours, static_argnums=5)(
+            order, lane, nowhere, lane + 1, jnp.ones(slots, bool), lanes
         )
         expected = *brute_force(x, lane, lane), *brute_force(x, lane, lane + 1)
         for one, other in zip(got, expected, strict=True):

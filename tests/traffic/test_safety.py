@@ -12,6 +12,7 @@ from medjax.traffic.safety import (
     keeps_clear,
     safe_acceleration,
     safe_speed,
+    stopping_room,
 )
 
 BRAKING = st.floats(1.0, 50.0)
@@ -27,7 +28,8 @@ def drive(rng, gap, speed, leader_speed, tyres, most, ticks=200):
     smallest = gap.copy()
     brakes_at = rng.integers(0, ticks, gap.shape)  # a leader that brakes for good from some tick on
     for tick in range(ticks):
-        bound = safe_acceleration(speed, ahead - x, leader_speed, tyres)
+        room = stopping_room(ahead - x, leader_speed, tyres)
+        bound = safe_acceleration(speed, room, tyres)
         told = np.minimum(rng.uniform(-5.0, most, gap.shape), np.asarray(bound, np.float64))
         told = np.clip(told, -tyres.braking, most)
         leads = rng.uniform(-tyres.braking, most, gap.shape)
@@ -78,9 +80,9 @@ def test_the_bound_is_tight():
     """A leader that stands: full braking stops CLEARANCE_M before it, and half a metre less would not."""
     tyres, speed = Tyres(8.0, 0.25), 20.0
     way = speed**2 / (2.0 * 8.0)
-    last = float(safe_acceleration(speed, way + CLEARANCE_M, 0.0, tyres))
+    last = float(safe_acceleration(speed, stopping_room(way + CLEARANCE_M, 0.0, tyres), tyres))
     np.testing.assert_allclose(last, -8.0, rtol=1e-5)
-    assert float(safe_acceleration(speed, way - 0.5, 0.0, tyres)) < -8.0
+    assert float(safe_acceleration(speed, stopping_room(way - 0.5, 0.0, tyres), tyres)) < -8.0
     assert not bool(keeps_clear(speed, 1.0, way + CLEARANCE_M, 0.0, tyres))
 
 
@@ -88,15 +90,15 @@ def test_it_does_not_bind_in_ordinary_traffic():
     """At 110 km/h and an accepted headway of 0.56 s, the shortest of LMRS, a leader may brake at 4 m/s^2 for a tick."""
     speed = 30.0
     gap = 2.0 + 0.56 * speed
-    assert float(safe_acceleration(speed, gap, speed - 1.0, Tyres(9.0, 0.25))) > 0.0
+    tyres = Tyres(9.0, 0.25)
+    assert float(safe_acceleration(speed, stopping_room(gap, speed - 1.0, tyres), tyres)) > 0.0
 
 
 def test_a_stop_within_the_tick():
     """Slow and near: the ballistic step ends where the gap does."""
     tyres = Tyres(9.0, 0.5)
-    bound = safe_acceleration(
-        jnp.float32(1.0), jnp.float32(0.10 + CLEARANCE_M), jnp.float32(0.0), tyres
-    )
+    room = stopping_room(jnp.float32(0.10 + CLEARANCE_M), jnp.float32(0.0), tyres)
+    bound = safe_acceleration(jnp.float32(1.0), room, tyres)
     x, speed = ballistic_step(jnp.float32(0.0), jnp.float32(1.0), bound, tyres.tick_s)
     np.testing.assert_allclose(float(x), 0.10, rtol=1e-5)
     assert float(speed) == 0.0

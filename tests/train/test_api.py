@@ -121,6 +121,7 @@ def test_what_is_wrong_is_said_at_once(probe, config):
     for call, words in (
         (lambda: train(OWN, None, config), "env without params"),
         (lambda: train("noisy", ProbeParams(), config), "params without an environment"),
+        (lambda: train("noisy", config), "params are PPOConfig: allowed config=PPOConfig"),
         (lambda: train(3, ProbeParams(), config), "env is 3"),
         (lambda: evaluate("noisy", None, ["none"], episodes=1), "episodes is 1, .* at least 2"),
         (lambda: evaluate("noisy", None, ["none"], episodes=1e3), "episodes is 1000.0"),

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import re
 import zipfile
 
 import chex
@@ -51,6 +52,11 @@ def exported(tmp_path_factory):
     path = tmp_path_factory.mktemp("policy") / "policy.zip"
     export_policy(path, env, params, config, weights, {})
     return env, params, config, network, weights, path
+
+
+def test_the_file_names_no_line_of_source(exported):
+    with zipfile.ZipFile(exported[-1]) as file:
+        assert not re.search(rb"\.py\b|site-packages", file.read("network.bin"))
 
 
 @pytest.mark.versions

@@ -1,8 +1,9 @@
 """The policies of a run: what it learned, from its checkpoints and as a file, and the rules beside it."""
 
+import contextlib
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -239,7 +240,21 @@ def export_policy(
         jax.ShapeDtypeStruct((rows, about.num_actions), "bool"),
     )
     about = dataclasses.replace(about, training=card)
-    save_policy(path, about, export.export(jax.jit(act), platforms=PLATFORMS)(*shapes))
+    with _without_source_lines():
+        exported = export.export(jax.jit(act), platforms=PLATFORMS)(*shapes)
+    save_policy(path, about, exported)
+
+
+@contextlib.contextmanager
+def _without_source_lines() -> Iterator[None]:
+    """Within it, programs name no lines of source, nor where these lie on this machine."""
+    option = "jax_traceback_in_locations_limit"
+    before = getattr(jax.config, option)
+    jax.config.update(option, 0)
+    try:
+        yield
+    finally:
+        jax.config.update(option, before)
 
 
 def check_episodes(

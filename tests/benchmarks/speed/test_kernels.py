@@ -74,8 +74,8 @@ def test_a_wrong_kernel_shows_in_its_row(monkeypatch):
     """The whole way: a finder that takes ahead for behind is not reported as exact."""
     true = kernels.find_neighbours
 
-    def wrong(order, lane, target, active, num_lanes):
-        return true(order[::-1], lane, target, active, num_lanes)
+    def wrong(order, *seen):
+        return true(order[::-1], *seen)
 
     monkeypatch.setattr(kernels, "find_neighbours", wrong)
     config = medjax.SCENARIOS[kernels.SCENARIO].config

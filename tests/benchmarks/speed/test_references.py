@@ -40,13 +40,13 @@ def roads():
     """Two roads and their neighbours."""
     config = medjax.SCENARIOS[SCENARIO].config
     traffic = references.draw_traffic(config, 4000.0, 2)
-    x, lane, target, active, previous = traffic
+    x, lane, other, target, active, previous = traffic
 
-    def find(x, lane, target, active, previous):
+    def find(x, lane, other, target, active, previous):
         order = sort_by_road(x, active, 4000.0, previous)
-        return find_neighbours(order, lane, target, active, config.num_lanes + 1)
+        return find_neighbours(order, lane, other, target, active, config.num_lanes + 1)
 
-    return traffic, jax.jit(jax.vmap(find))(x, lane, target, active, previous)
+    return traffic, jax.jit(jax.vmap(find))(x, lane, other, target, active, previous)
 
 
 def test_drawn_roads_are_three_quarters_full_and_hold_ties(roads):

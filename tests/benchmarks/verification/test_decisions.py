@@ -271,5 +271,5 @@ def test_every_invariant_is_shown_to_fail():
     for test in (test_a_wrong_state_is_found, test_a_wrong_tick_is_found):
         (mark,) = [mark for mark in test.pytestmark if mark.name == "parametrize"]
         shown |= {fault[-1] for fault in mark.args[1]}
-    others = {"overlap", "passed", "reward", "tally", "standing"}
+    others = {"overlap", "boxes", "passed", "reward", "tally", "standing"}
     assert shown | others == set(INVARIANTS)

@@ -1,0 +1,69 @@
+"""Vehicles in one place: every pair's boxes against each other, whoever simulated them.
+
+Nothing here knows lanes, leaders or lane changes, since a check that shares the simulator's idea of who is where shares
+its faults. Bodies are boxes along the road; their small turns in a lane change are left out.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from medjax.traffic.road import lateral_position
+from medjax.world.kinds import WIDTHS_M
+from medjax.world.params import EnvParams
+from medjax.world.state import Vehicles
+
+DEEP_M = 0.1  # along and across; less is rounding, and a mirror
+
+
+def overlapping(x: Any, lateral: Any, length: Any, width: Any, there: Any) -> Any:
+    """Whether two boxes are in one place by DEEP_M or more along and across, `(..., N, N)` bool, each pair once.
+
+    Args:
+      x: (..., N) m, front bumpers; lateral: (..., N) m, of the centres, any origin.
+      length, width: (..., N) m; there: (..., N) bool. NumPy's arrays or JAX's, all of one shape.
+    """
+    middle = x - 0.5 * length
+    deep = (
+        0.5 * (size[..., :, None] + size[..., None, :]) - abs(at[..., :, None] - at[..., None, :])
+        for size, at in ((length, middle), (width, lateral))
+    )
+    along, across = deep
+    n = x.shape[-1]
+    once = jnp.arange(n)[:, None] < jnp.arange(n)
+    both = there[..., :, None] & there[..., None, :] & once
+    return (along >= DEEP_M) & (across >= DEEP_M) & both
+
+
+class _Bodies(NamedTuple):
+    """Of all slots of a road, `(N,)` m each."""
+
+    lateral: jax.Array  # of the centre, right of the leftmost lane's
+    length: jax.Array
+    width: jax.Array
+
+
+def _bodies(vehicles: Vehicles, params: EnvParams) -> _Bodies:
+    lane_width = params.road.lane_width_m
+    return _Bodies(
+        lateral=lateral_position(vehicles.lane, vehicles.lateral_offset, lane_width),
+        length=jnp.asarray(params.drivers.vehicle_length)[vehicles.kind],
+        width=jnp.asarray(WIDTHS_M)[vehicles.kind],
+    )
+
+
+def overlapping_vehicles(vehicles: Vehicles, params: EnvParams) -> jax.Array:
+    """`overlapping` of the vehicles on a road, `(N, N)` bool."""
+    bodies = _bodies(vehicles, params)
+    pairs: jax.Array = overlapping(vehicles.x, *bodies, vehicles.active)
+    return pairs
+
+
+def lanes_covered(vehicles: Vehicles, params: EnvParams) -> tuple[jax.Array, jax.Array]:
+    """The leftmost and the rightmost lane that each body reaches into by more than a millimetre, `(N,)` each."""
+    bodies = _bodies(vehicles, params)
+    reach = 0.5 * bodies.width - 1e-3
+    lane_width = params.road.lane_width_m
+    left, right = ((bodies.lateral + side) / lane_width for side in (-reach, reach))
+    return jnp.floor(left + 0.5), jnp.floor(right + 0.5)

@@ -1,0 +1,86 @@
+"""Boxes in one place: against polygons drawn by hand, and the fault that lanes alone did not show."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from benchmarks.verification.boxes import lanes_covered, overlapping, overlapping_vehicles
+from medjax.world.kinds import GAS
+
+CAR = {"length": 5.0, "width": 1.8}
+
+
+def pair(x, lateral, there=(True, True), **sizes):
+    """Whether two vehicles overlap: a car with its front at 100 m in the middle of a lane, and another one."""
+    sizes = {name: np.array([own, sizes.get(name, own)]) for name, own in CAR.items()}
+    both = overlapping(
+        np.array([100.0, x]), np.array([0.0, lateral]), **sizes, there=np.array(there)
+    )
+    assert not np.asarray(both)[np.tril_indices(2)].any()  # each pair once
+    return bool(both[0, 1])
+
+
+@pytest.mark.parametrize(
+    ("x", "lateral", "sizes", "overlap"),
+    [
+        (100.0, 0.0, {}, True),
+        (104.8, 0.0, {}, True),  # 0.2 m of the bumpers
+        (104.95, 0.0, {}, False),  # 0.05 m: a touch
+        (105.5, 0.0, {}, False),
+        (98.0, 1.6, {}, True),  # side by side, 0.2 m of the mirrors
+        (98.0, -1.75, {}, False),
+        (98.0, 4.0, {}, False),  # a lane apart
+        (110.0, 2.0, {"length": 12.0, "width": 2.5}, True),  # a truck's rear end
+        (113.0, 2.0, {"length": 12.0, "width": 2.5}, False),
+    ],
+)
+def test_two_boxes(x, lateral, sizes, overlap):
+    assert pair(x, lateral, **sizes) is overlap
+    assert not pair(x, lateral, there=(True, False), **sizes)
+
+
+@pytest.fixture(scope="module")
+def road():
+    """Two cars on an empty road, 20 m apart in lane 1, and its params."""
+    env, params = medjax.make("paper", mainline_per_h=0.0, ramp_per_h=0.0)
+    state = jax.jit(env.reset)(jax.random.key(0), params)[1]
+    first = env.config.gas_slots.start
+    cars = slice(first, first + 2)
+    empty = jnp.zeros_like(state.vehicles.active)
+    v = state.vehicles.replace(
+        active=empty.at[cars].set(True),
+        kind=state.vehicles.kind.at[cars].set(GAS),
+        x=state.vehicles.x.at[cars].set(jnp.array([500.0, 520.0])),
+        lane=state.vehicles.lane.at[cars].set(1),
+        lateral_offset=state.vehicles.lateral_offset.at[cars].set(0.0),
+    )
+    return v, params, first
+
+
+def test_a_car_that_left_the_lane_in_the_books_only_is_in_the_way(road):
+    """Its lane is another one from the first tick of its change on; its body is where it was."""
+    v, params, first = road
+    assert not overlapping_vehicles(v, params).any()
+    x = v.x.at[first].set(517.0)
+    changes = v.replace(x=x, lane=v.lane.at[first].set(2))
+    changes = changes.replace(lateral_offset=v.lateral_offset.at[first].set(-4.0))
+    assert int(overlapping_vehicles(changes, params).sum()) == 1
+    done = changes.replace(lateral_offset=v.lateral_offset)
+    assert not overlapping_vehicles(done, params).any()
+
+
+def test_lanes_that_a_body_covers(road):
+    """A car of 1.8 m in lanes of 4: within its lane up to 1.1 m off its centre."""
+    v, params, first = road
+    for offset, lanes in (
+        (0.0, (1, 1)),
+        (1.09, (1, 1)),
+        (1.12, (1, 2)),
+        (-1.12, (0, 1)),
+        (-4.0, (0, 0)),
+    ):
+        moved = v.replace(lateral_offset=v.lateral_offset.at[first].set(offset))
+        covered = lanes_covered(moved, params)
+        assert tuple(int(lane[first]) for lane in covered) == lanes
