@@ -18,6 +18,7 @@ import medjax  # noqa: E402
 from medjax.env.charging_env import ChargingEnv  # noqa: E402
 from medjax.errors import InputError, MissingLibrary  # noqa: E402
 from medjax.wrappers.gymnasium import ENV_ID, ChargingGymEnv, ChargingVectorEnv  # noqa: E402
+from medjax.wrappers.gymnasium.vector import COUNTS_WRONG  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -213,6 +214,24 @@ def test_vector_wrappers_of_gymnasium_count_its_episodes(envs):
         total += reward
     assert infos["episode"]["l"].tolist() == [DECISIONS] * NUM
     np.testing.assert_allclose(infos["episode"]["r"], total)
+    for _ in range(DECISIONS):
+        *_, infos = envs.step(np.zeros(NUM, int))
+    # The second one, by Gymnasium 1.4; those before lose its first decision, which a warning says.
+    assert infos["episode"]["l"].tolist() == [DECISIONS - COUNTS_WRONG] * NUM
+
+
+def test_older_versions_of_gymnasium_are_warned_of():
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        gymnasium.make_vec(ENV_ID, num_envs=NUM, **SMALL)
+    assert any("RecordEpisodeStatistics" in str(each.message) for each in said) is COUNTS_WRONG
+
+
+@pytest.mark.parametrize("actions", [[1.9] * NUM, [[0]] * NUM, 0, ["left"] * NUM, [0] * (NUM + 1)])
+def test_actions_that_are_none_are_refused(envs, actions):
+    envs.reset(seed=1)
+    with pytest.raises(InputError, match=rf"allowed whole numbers of shape \({NUM},\)"):
+        envs.step(actions)
 
 
 def test_pictures(painted):

@@ -18,6 +18,8 @@ from gymnax import wrappers  # noqa: E402
 from gymnax.environments.environment import Environment  # noqa: E402
 from gymnax.experimental import RolloutWrapper  # noqa: E402
 
+from medjax.wrappers.gymnax import GymnaxEnv  # noqa: E402
+
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 DECISIONS = 4
@@ -118,11 +120,53 @@ def test_log_wrapper_takes_a_wrapped_environment():
     assert info["returned_episode_returns"].shape == (STEPS,)
 
 
-def test_flat_observations_stay_as_they_are():
-    env = wrappers.FlattenObservationWrapper(ENV)
+def play_flat(env):
     _, (obs, *_, info) = jax.eval_shape(play(env), KEY)
     assert obs.shape == info["final_observation"].shape
     assert obs.shape == (STEPS, *ENV.observation_space(PARAMS).shape)
+
+
+def play_gym(env):
+    """Gymnasium's checker of spaces, and two episodes."""
+    obs, _ = env.reset(seed=1)
+    assert env.observation_space.contains(np.asarray(obs))
+    assert env.action_space.n == ENV.num_actions
+    obs, reward, terminated, truncated, _ = env.step(1)
+    assert env.observation_space.contains(np.asarray(obs))
+    assert (bool(terminated), bool(truncated)) == (False, False)
+    assert np.isfinite(float(reward))
+
+
+def play_vector(env):
+    obs, _ = env.reset(seed=1)
+    assert obs.shape == env.observation_space.shape == (2, *ENV.observation_space(PARAMS).shape)
+    for _ in range(DECISIONS):
+        obs, _, _, truncated, info = env.step(np.zeros(2, np.int32))
+    assert truncated.all()
+    assert info["final_observation"].shape == obs.shape
+
+
+def play_traced(env):
+    jax.eval_shape(play(env), KEY)
+
+
+# What each of gymnax's wrappers is tried with: one that comes new is not in the table.
+TRIED = {
+    "FlattenObservationWrapper": play_flat,
+    "GymnaxToGymWrapper": play_gym,
+    "GymnaxToVectorGymWrapper": play_vector,
+    "LogWrapper": play_traced,
+    "StickyActionWrapper": play_traced,
+    "LegacyStepAPIWrapper": lambda env: jax.eval_shape(play(env), KEY),
+    "GymnaxToDmEnvWrapper": lambda env: jax.eval_shape(env.reset, KEY, PARAMS),
+}
+
+
+def test_every_wrapper_of_gymnax_takes_the_environment():
+    assert set(wrappers.__all__) == set(TRIED)
+    for name, check in TRIED.items():
+        more = {"num_envs": 2} if "Vector" in name else {}
+        check(getattr(wrappers, name)(GymnaxEnv(ENV, PARAMS), **more))
 
 
 def test_five_values_by_gymnax_are_those_of_ours():
@@ -134,9 +178,7 @@ def test_five_values_by_gymnax_are_those_of_ours():
 
 
 def test_rollout_wrapper_plays_batches_of_episodes():
-    # It asks for defaults before it takes the parameters that it is given.
-    env = type("WithDefaults", (medjax.ChargingEnv,), {"default_params": PARAMS})(ENV.config)
-    rollouts = RolloutWrapper(env=env, env_params=PARAMS, num_env_steps=DECISIONS)
+    rollouts = RolloutWrapper(env=GymnaxEnv(ENV, PARAMS), num_env_steps=DECISIONS)
     keys = jax.random.split(KEY, 2)
     obs, action, reward, _, done, total = jax.eval_shape(
         rollouts.batch_rollout, keys, jnp.zeros(())

@@ -49,6 +49,12 @@ def test_rollout_manager_batches_and_samples(named):
     assert obs["__all__"].shape == (ENVS, 3 * size)
     np.testing.assert_allclose(rewards["__all__"], 3 * rewards["med_0"], rtol=1e-5)
     assert dones["__all__"].shape == (ENVS,)
+    for number in range(3, 2 + DECISIONS):
+        obs, state, _, dones, _ = manager.batch_step(jax.random.key(number), state, actions)
+    assert dones["__all__"].all()
+    # As docs/agents.md warns: what an episode begins with is there for the team, and zeros for each agent.
+    assert not np.asarray(obs["med_0"]).any()
+    assert np.asarray(obs["__all__"]).any()
 
 
 def test_an_action_may_be_an_array_of_one(named):

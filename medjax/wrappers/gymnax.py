@@ -1,0 +1,53 @@
+"""An environment as gymnax's own wrappers and rollouts ask for it."""
+
+from typing import Any
+
+import jax
+from gymnax.environments import spaces
+
+from medjax.env.contract import Observation, Params, State, StepResult
+from medjax.env.wrapper import check_environment
+
+
+class GymnaxEnv:
+    """`env` with gymnax's spaces, which gymnax's wrappers tell by their classes, and with parameters that it knows.
+
+    Its steps are those of `env`. To be put around all wrappers of medjax.
+
+    Args:
+      env: a single environment; default_params: its parameters, where a call gives none.
+    """
+
+    def __init__(self, env: Any, default_params: Any) -> None:
+        check_environment(env)
+        self.env = env
+        self.default_params = default_params
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "env" or name.startswith("__"):  # a copy that is being made has none yet
+            raise AttributeError(name)
+        return getattr(self.env, name)
+
+    def _params(self, params: Params) -> Params:
+        return self.default_params if params is None else params
+
+    def reset(self, key: jax.Array, params: Params = None) -> tuple[Observation, State]:
+        """Starts an episode."""
+        started: tuple[Observation, State] = self.env.reset(key, self._params(params))
+        return started
+
+    def step(
+        self, key: jax.Array, state: State, action: jax.Array, params: Params = None
+    ) -> StepResult:
+        """One decision, and a reset in the same step when the episode ends."""
+        stepped: StepResult = self.env.step(key, state, action, self._params(params))
+        return stepped
+
+    def action_space(self, params: Params = None) -> Any:
+        """Gymnax's `Discrete`."""
+        return spaces.Discrete(self.env.action_space(self._params(params)).n)
+
+    def observation_space(self, params: Params = None) -> Any:
+        """Gymnax's `Box`."""
+        own = self.env.observation_space(self._params(params))
+        return spaces.Box(own.low, own.high, own.shape, own.dtype)
