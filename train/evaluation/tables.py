@@ -85,6 +85,12 @@ def interval_of_seeds(count: int) -> str:
     return "95 % CI" if count >= FEWEST else f"bootstrap over {count}"
 
 
+def interval_of_mean(learned: Sequence[str]) -> str:
+    """What the interval of `trained` is: over episodes, and with several training seeds over these, too."""
+    several = len(learned) > 1
+    return f"{interval_of_seeds(len(learned))} and episodes" if several else "95 % CI"
+
+
 def headline(result: Mapping[str, Any]) -> str:
     """What was played."""
     changed = [f"{name} = {shown(value)}" for name, value in result.get("overrides", {}).items()]
@@ -102,14 +108,16 @@ def is_papers(result: Mapping[str, Any]) -> bool:
 
 
 def unseen(result: Mapping[str, Any], learned: Sequence[str]) -> str:
-    """What the episodes are too few to tell, in words; empty where each difference has a sign.
+    """What the episodes, or the training seeds, are too few to tell, in words; empty where each difference has a sign.
 
     It is of the differences from the baseline; where there is none, of the trained policy's from the best rule.
     """
     other, differences = result.get("baseline"), result.get("difference_from_baseline", {})
+    few = f"{result['episodes']} episodes"
     if other is None and (ours := result.get("paired_return_difference")):
         other = next(name for name, _ in best_first(result) if name in ours)
         differences = {trained(learned): ours[other]}
+        few = f"{len(learned)} seeds and {few}" if len(learned) > 1 else few
     lines = []
     for name, difference in differences.items():
         low, high = difference["ci95"]
@@ -118,7 +126,7 @@ def unseen(result: Mapping[str, Any], learned: Sequence[str]) -> str:
             lines.append(f"{name} returned what {other} did in {each}.")
         elif low <= 0.0 <= high:
             lines.append(
-                f"No difference between {name} and {other} can be seen with {result['episodes']} episodes: "
+                f"No difference between {name} and {other} can be seen with {few}: "
                 f"{_gain(difference)}; one of {short((high - low) / 2)} could be."
             )
     return "\n".join(lines)
@@ -144,7 +152,7 @@ def comparison_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
         rows[0].append(f"minus {result['baseline']}, 95 % CI")
         differences = result["difference_from_baseline"]
     elif learned:
-        rows[0].append(f"{trained(learned)} minus it, 95 % CI")
+        rows[0].append(f"{trained(learned)} minus it, {interval_of_mean(learned)}")
         differences = result.get("paired_return_difference", {})
     for name, entry in best_first(result):
         cells = [name, short(entry["return_mean"]), interval(entry["return_ci95"])]
@@ -193,14 +201,15 @@ def paper_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
         here = spread(entry["return_mean"], entry["return_std"])
         rows.append([name, paper, here, interval(entry["return_ci95"])])
     if seeds := result.get("training_seeds"):
-        what = f"{learned[0]}, interquartile mean of {len(seeds['return_means'])} seeds"
+        count = len(seeds["return_means"])
+        what = f"{learned[0]}, interquartile mean of {count} seeds, {interval_of_seeds(count)}"
         rows.append([what, "-", short(seeds["interquartile_mean"]), interval(seeds["ci95"])])
     return rows if is_papers(result) else [[row[0], *row[2:]] for row in rows]
 
 
 def claim_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
     """What the trained policy does against no action, and in the paper's world what the paper claims of its own."""
-    rows = [["against no action", "paper", f"{trained(learned)} here, 95 % CI"]]
+    rows = [["against no action", "paper", f"{trained(learned)} here, {interval_of_mean(learned)}"]]
     ours = [result["policies"][name] for name in learned]
     for heading, (metric, form) in COLUMNS.items():
         if metric in PAPER_CLAIMS:

@@ -122,7 +122,7 @@ def write(run_dir: RunDir, config: TrainConfig, played: Played, stochastic: bool
         run_dir.report / "report.html",
         f"Report of {run_dir.path.resolve().name}",
         f"{title}. The trained policy, {config.algorithm}, {acting}. Intervals are of means, "
-        "by the bootstrap over episodes.",
+        "by the bootstrap over episodes, and over training seeds where it is their mean.",
         parts,
     )
 
