@@ -17,14 +17,14 @@ from train.evaluation.statistics import (
     relative_change,
     seeds_ci95,
 )
-from train.evaluation.tables import TERM
+from train.evaluation.tables import START, TERM
 
 CLAIMED = ("depleted_share", "mean_range_m", "mean_soc")  # what the paper compares with no action
 
 
 def learned_names(names: Iterable[str]) -> list[str]:
-    """Those that are no rules of `medjax.BASELINES`."""
-    return [name for name in names if name not in BASELINES]
+    """Those that are no rules of `medjax.BASELINES`, and not what a learner began as."""
+    return [name for name in names if name not in BASELINES and name != START]
 
 
 def summarize(

@@ -30,6 +30,7 @@ BALANCE = {  # what slow driving does, what charging does, and what they cost; p
     "refusing": ("refusing_share", ".3f"),
     "left early": ("left_early", ".2f"),
 }
+START = "start"  # name of a learner's policy before any update
 AGENTS = "told_speed"  # a metric that there is where MEDs are agents
 TERM = "reward_"  # begins the metrics that are terms of the reward
 PAPER_TABLE_2 = {  # mean and standard deviation of the episode's reward, by policy
@@ -66,9 +67,10 @@ def format_table(result: Mapping[str, Any], learned: Sequence[str]) -> str:
         gains = seeds["paired_return_differences"]
         sure = interval_of_seeds(len(gains))
         lines = [f"training seeds: {means}; interquartile mean, {sure}: {middle}"]
-        if best := next((name for name, _ in best_first(result) if name in gains[0]), None):
-            each = ", ".join(_gain(gain[best]) for gain in gains)
-            lines.append(f"each minus {best}, 95 % CI: {each}")
+        others = [name for name, _ in best_first(result) if name in gains[0]]
+        for other in dict.fromkeys([*others[:1], *({START} & {*others})]):
+            each = ", ".join(_gain(gain[other]) for gain in gains)
+            lines.append(f"each minus {other}, 95 % CI: {each}")
         parts.append("\n".join(lines))
     if "change_against_none" in result:
         parts.append(format_rows(claim_rows(result, learned)))

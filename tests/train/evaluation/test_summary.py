@@ -9,7 +9,7 @@ from medjax.env.reward import REWARDS
 from medjax.episodes.verdict import LINES, NAMES
 from medjax.files import write_json
 from train.evaluation.comparison import Comparison
-from train.evaluation.summary import summarize
+from train.evaluation.summary import learned_names, summarize
 from train.evaluation.tables import format_table, headline, is_papers
 
 
@@ -51,6 +51,12 @@ def test_several_training_seeds_are_compared_by_their_mean():
     assert "mean of 2 seeds here, bootstrap over 2 and episodes" in table
     assert "ppo minus it" not in table
     assert "interquartile mean, bootstrap over 2: 2.333 [1.667, 3.000]" in table
+    # What they began as is no learner: each is compared with it, though a rule is better.
+    began = {"start": scores["none"] | {"return": np.full(3, -1.0)}}
+    assert learned_names(scores | began) == learned
+    table = format_table(summarize(scores | began, "paper", learned), learned)
+    assert "each minus start, 95 % CI: 4.000 [2.000" in table
+    assert table.count("each minus") == 2
     # Without a rule beside them there is nothing to be above of.
     alone = summarize({name: scores[name] for name in learned}, "paper", learned)
     assert "each minus" not in format_table(alone, learned)
