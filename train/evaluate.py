@@ -1,6 +1,7 @@
 """The command that evaluates: `python -m train.evaluate --run-dir DIR --episodes 1000 --json FILE`.
 
-The trained policy, under the name of its algorithm ("ppo"), and every policy of medjax.policies play the same episodes.
+The trained policy, under the name of its algorithm ("ppo"), what it was before any update ("start"), and every policy
+of medjax.policies play the same episodes.
 Exit code 2 on bad input. From Python: `train.api.evaluate`.
 """
 

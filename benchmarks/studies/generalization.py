@@ -24,7 +24,7 @@ from medjax.policies.policy import Choice, Policy
 from medjax.policies.rules import BASELINES
 from medjax.wrappers import scale_demand
 from train.evaluation.statistics import bootstrap_ci95
-from train.evaluation.summary import summarize
+from train.evaluation.summary import learned_names, summarize
 from train.evaluation.tables import format_rows, interval, short
 from train.reporting.figures import MARKERS, colour, new_figure, save
 from train.runs.policies import load_policies
@@ -53,7 +53,7 @@ def load_run(path: Path, scenario: str) -> dict[str, Policy]:
     return {
         name.replace(config.algorithm, path.name, 1): _with_own_eyes(env, policy)
         for name, policy in policies.items()
-        if name not in BASELINES
+        if name in learned_names(policies)
     }
 
 

@@ -59,6 +59,7 @@ def test_train_and_evaluate(tmp_path, capsys):
     result = json.loads(out.read_text())
     assert set(result["policies"]) == {
         "ppo",
+        "start",
         "none",
         "slow",
         "random",

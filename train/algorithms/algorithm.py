@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 import flax.linen as nn
 import jax
+import jax.numpy as jnp
 from flax import struct
 from jax.sharding import Mesh
 
@@ -50,7 +51,7 @@ class Learner(Protocol):
         """Devices that share the environments."""
 
     def init(self, key: jax.Array, env_params: Any) -> Any:
-        """The state before the first update."""
+        """The state before the first update, with the weights of `first_weights` of this key."""
 
     def update(self, state: Any, env_params: Any) -> tuple[Any, Metrics]:
         """One update.
@@ -59,6 +60,14 @@ class Learner(Protocol):
             The new state, and scalars that describe the update: `reward_mean`, those of
             `train.algorithms.rollout.episode_metrics` and of `train.algorithms.finite.BAD`, and what else there is.
         """
+
+
+def first_weights(network: nn.Module, key: jax.Array, shape: tuple[int, ...]) -> PolicyWeights:
+    """The weights before the first update of a learner that begins with this key; `shape` is an observation's."""
+    _, network_key, _ = jax.random.split(
+        key, 3
+    )  # the others are the environments' and the learner's
+    return PolicyWeights(network.init(network_key, jnp.zeros((1, *shape))), init_stats(shape))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,9 +102,19 @@ class Algorithm:
         """Shapes and types of the weights of one seed, found without computing or compiling anything."""
         network = self.build_network(env, config)
         shape = env.observation_space(params).shape
+        return jax.eval_shape(lambda key: first_weights(network, key, shape), jax.random.key(0))
 
-        def init(key: jax.Array, obs: jax.Array) -> PolicyWeights:
-            return PolicyWeights(network.init(key, obs), init_stats(shape))
+    def start(self, env: Environment, config: TrainConfig, weights: PolicyWeights) -> PolicyWeights:
+        """The weights of the first seed before any update, made anew as training makes them.
 
-        obs = jax.ShapeDtypeStruct((1, *shape), "float32")
-        return jax.eval_shape(init, jax.random.key(0), obs)
+        Args:
+            env: a single environment.
+            config: settings of the run.
+            weights: of the run, with a leading axis if it had several seeds; read for shapes only.
+        """
+        network = self.build_network(env, config)
+        shape = weights.obs_stats.mean.shape[-1:]
+        key = jax.random.key(config.seed)
+        if config.num_seeds > 1:
+            key = jax.random.split(key, config.num_seeds)[0]
+        return jax.jit(lambda key: first_weights(network, key, shape))(key)

@@ -10,15 +10,21 @@ from medjax.episodes.scores import Scores
 from medjax.episodes.verdict import LINES, NAMES
 from medjax.policies.rules import BASELINES
 from medjax.scenarios import SCENARIOS
-from train.evaluation.statistics import bootstrap_ci95, interquartile_mean, plain, relative_change
-from train.evaluation.tables import TERM
+from train.evaluation.statistics import (
+    bootstrap_ci95,
+    interquartile_mean,
+    plain,
+    relative_change,
+    seeds_ci95,
+)
+from train.evaluation.tables import START, TERM
 
 CLAIMED = ("depleted_share", "mean_range_m", "mean_soc")  # what the paper compares with no action
 
 
 def learned_names(names: Iterable[str]) -> list[str]:
-    """Those that are no rules of `medjax.BASELINES`."""
-    return [name for name in names if name not in BASELINES]
+    """Those that are no rules of `medjax.BASELINES`, and not what a learner began as."""
+    return [name for name in names if name not in BASELINES and name != START]
 
 
 def summarize(
@@ -46,7 +52,8 @@ def summarize(
         other policy's return in the same episode: `mean`, `ci95`). If there are learned policies also, each of an
         episode's mean over the training seeds: `paired_return_difference` (to every rule: `mean`, `ci95`) and
         `change_against_none` (of metrics, as a share: `mean`, `ci95`). With several training seeds `training_seeds`
-        (`return_means`, `interquartile_mean`, `ci95`, and `paired_return_differences`, each learner's own).
+        (`return_means`, `interquartile_mean`, `ci95`, and `paired_return_differences`, each learner's own). Intervals
+        are over episodes; those of a mean over training seeds are over the seeds, too.
     """
     result: dict[str, Any] = {
         "policies": {name: _entry(score, seed) for name, score in scores.items()},
@@ -59,14 +66,15 @@ def summarize(
     if baseline is not None:
         base = {baseline: scores[baseline]}
         others = {name: score for name, score in scores.items() if name != baseline}
-        gains = {name: _gains(score, base, seed)[baseline] for name, score in others.items()}
+        gains = {
+            name: _gains(score["return"][None], base, seed)[baseline]
+            for name, score in others.items()
+        }
         result |= {"baseline": baseline, "difference_from_baseline": gains}
     trained = [score for name, score in scores.items() if name in learned]
     rules = {name: score for name, score in scores.items() if name not in learned}
     if trained:
-        ours = {
-            column: np.mean([score[column] for score in trained], axis=0) for column in trained[0]
-        }
+        ours = {column: np.stack([score[column] for score in trained]) for column in trained[0]}
         result |= _compare(ours, rules, seed)
     if len(trained) > 1:
         means = np.mean([score["return"] for score in trained], axis=1)
@@ -74,7 +82,9 @@ def summarize(
             "return_means": means.tolist(),
             "interquartile_mean": float(interquartile_mean(means[None])[0]),
             "ci95": list(bootstrap_ci95(means, seed, statistic=interquartile_mean)),
-            "paired_return_differences": [_gains(score, rules, seed) for score in trained],
+            "paired_return_differences": [
+                _gains(score["return"][None], rules, seed) for score in trained
+            ],
         }
     return result
 
@@ -116,24 +126,24 @@ def verdict_ci95(score: Scores, seed: int = 0) -> dict[str, list[float]]:
 
 
 def _compare(ours: Scores, rules: Mapping[str, Scores], seed: int) -> dict[str, Any]:
-    """The trained policy beside the rules, episode by episode; see `summarize`."""
-    result: dict[str, Any] = {"paired_return_difference": _gains(ours, rules, seed)}
+    """What was learned, arrays `(seeds, episodes)`, beside the rules, episode by episode; see `summarize`."""
+    result: dict[str, Any] = {"paired_return_difference": _gains(ours["return"], rules, seed)}
     base = rules.get("none", {})
     changes = {}
     for metric in [name for name in CLAIMED if name in base]:
-        pairs = np.stack([ours[metric], base[metric]], axis=1)
+        pairs = np.stack(np.broadcast_arrays(ours[metric], base[metric]), axis=-1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            ends = bootstrap_ci95(pairs, seed, statistic=relative_change)
+            ends = seeds_ci95(pairs, seed, statistic=relative_change)
         if np.isfinite(ends).all():  # few episodes may hold nothing to compare with
-            change = float(relative_change(pairs[None])[0])
+            change = float(relative_change(pairs.mean(axis=0)[None])[0])
             changes[metric] = {"mean": change, "ci95": list(ends)}
     return result | ({"change_against_none": changes} if changes else {})
 
 
-def _gains(ours: Scores, rules: Mapping[str, Scores], seed: int) -> dict[str, Any]:
-    """Return less that of each rule in the same episode: `mean`, `ci95`."""
-    gains = {name: ours["return"] - score["return"] for name, score in rules.items()}
+def _gains(returns: np.ndarray, rules: Mapping[str, Scores], seed: int) -> dict[str, Any]:
+    """Returns `(seeds, episodes)` less those of each rule in the same episode: `mean`, `ci95`."""
+    gains = {name: returns - score["return"] for name, score in rules.items()}
     return {
-        name: {"mean": float(np.mean(gain)), "ci95": list(bootstrap_ci95(gain, seed))}
+        name: {"mean": float(np.mean(gain)), "ci95": list(seeds_ci95(gain, seed))}
         for name, gain in gains.items()
     }

@@ -30,6 +30,7 @@ BALANCE = {  # what slow driving does, what charging does, and what they cost; p
     "refusing": ("refusing_share", ".3f"),
     "left early": ("left_early", ".2f"),
 }
+START = "start"  # name of a learner's policy before any update
 AGENTS = "told_speed"  # a metric that there is where MEDs are agents
 TERM = "reward_"  # begins the metrics that are terms of the reward
 PAPER_TABLE_2 = {  # mean and standard deviation of the episode's reward, by policy
@@ -66,9 +67,10 @@ def format_table(result: Mapping[str, Any], learned: Sequence[str]) -> str:
         gains = seeds["paired_return_differences"]
         sure = interval_of_seeds(len(gains))
         lines = [f"training seeds: {means}; interquartile mean, {sure}: {middle}"]
-        if best := next((name for name, _ in best_first(result) if name in gains[0]), None):
-            each = ", ".join(_gain(gain[best]) for gain in gains)
-            lines.append(f"each minus {best}, 95 % CI: {each}")
+        others = [name for name, _ in best_first(result) if name in gains[0]]
+        for other in dict.fromkeys([*others[:1], *({START} & {*others})]):
+            each = ", ".join(_gain(gain[other]) for gain in gains)
+            lines.append(f"each minus {other}, 95 % CI: {each}")
         parts.append("\n".join(lines))
     if "change_against_none" in result:
         parts.append(format_rows(claim_rows(result, learned)))
@@ -83,6 +85,12 @@ def trained(learned: Sequence[str]) -> str:
 def interval_of_seeds(count: int) -> str:
     """What the bootstrap's interval over so many training seeds is; that of a few is little more than their range."""
     return "95 % CI" if count >= FEWEST else f"bootstrap over {count}"
+
+
+def interval_of_mean(learned: Sequence[str]) -> str:
+    """What the interval of `trained` is: over episodes, and with several training seeds over these, too."""
+    several = len(learned) > 1
+    return f"{interval_of_seeds(len(learned))} and episodes" if several else "95 % CI"
 
 
 def headline(result: Mapping[str, Any]) -> str:
@@ -102,14 +110,16 @@ def is_papers(result: Mapping[str, Any]) -> bool:
 
 
 def unseen(result: Mapping[str, Any], learned: Sequence[str]) -> str:
-    """What the episodes are too few to tell, in words; empty where each difference has a sign.
+    """What the episodes, or the training seeds, are too few to tell, in words; empty where each difference has a sign.
 
     It is of the differences from the baseline; where there is none, of the trained policy's from the best rule.
     """
     other, differences = result.get("baseline"), result.get("difference_from_baseline", {})
+    few = f"{result['episodes']} episodes"
     if other is None and (ours := result.get("paired_return_difference")):
         other = next(name for name, _ in best_first(result) if name in ours)
         differences = {trained(learned): ours[other]}
+        few = f"{len(learned)} seeds and {few}" if len(learned) > 1 else few
     lines = []
     for name, difference in differences.items():
         low, high = difference["ci95"]
@@ -118,7 +128,7 @@ def unseen(result: Mapping[str, Any], learned: Sequence[str]) -> str:
             lines.append(f"{name} returned what {other} did in {each}.")
         elif low <= 0.0 <= high:
             lines.append(
-                f"No difference between {name} and {other} can be seen with {result['episodes']} episodes: "
+                f"No difference between {name} and {other} can be seen with {few}: "
                 f"{_gain(difference)}; one of {short((high - low) / 2)} could be."
             )
     return "\n".join(lines)
@@ -144,7 +154,7 @@ def comparison_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
         rows[0].append(f"minus {result['baseline']}, 95 % CI")
         differences = result["difference_from_baseline"]
     elif learned:
-        rows[0].append(f"{trained(learned)} minus it, 95 % CI")
+        rows[0].append(f"{trained(learned)} minus it, {interval_of_mean(learned)}")
         differences = result.get("paired_return_difference", {})
     for name, entry in best_first(result):
         cells = [name, short(entry["return_mean"]), interval(entry["return_ci95"])]
@@ -193,14 +203,15 @@ def paper_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
         here = spread(entry["return_mean"], entry["return_std"])
         rows.append([name, paper, here, interval(entry["return_ci95"])])
     if seeds := result.get("training_seeds"):
-        what = f"{learned[0]}, interquartile mean of {len(seeds['return_means'])} seeds"
+        count = len(seeds["return_means"])
+        what = f"{learned[0]}, interquartile mean of {count} seeds, {interval_of_seeds(count)}"
         rows.append([what, "-", short(seeds["interquartile_mean"]), interval(seeds["ci95"])])
     return rows if is_papers(result) else [[row[0], *row[2:]] for row in rows]
 
 
 def claim_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
     """What the trained policy does against no action, and in the paper's world what the paper claims of its own."""
-    rows = [["against no action", "paper", f"{trained(learned)} here, 95 % CI"]]
+    rows = [["against no action", "paper", f"{trained(learned)} here, {interval_of_mean(learned)}"]]
     ours = [result["policies"][name] for name in learned]
     for heading, (metric, form) in COLUMNS.items():
         if metric in PAPER_CLAIMS:

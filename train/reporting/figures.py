@@ -16,6 +16,7 @@ from train.evaluation.tables import (
     COLUMNS,
     PAPER_CLAIMS,
     PAPER_MEDS,
+    START,
     interval_of_seeds,
     short,
 )
@@ -43,6 +44,7 @@ DASHES = {  # of the rules: two of them are the same colour to some eyes, and th
     "random": ":",
     "periodic": (0, (6, 2, 1, 2, 1, 2)),
     "none": (0, (1, 3)),
+    START: (0, (10, 1, 1, 1)),
 }
 PANELS = {  # of the comparison: metric, title with its unit
     "depleted_share": "share of EVs that run out",

@@ -95,7 +95,7 @@ def draw(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
     round_s, decision_s = played.env.config.round_s, played.env.config.decision_s
     step_s = decision_s * played.env.decisions_per_step
     returns = {name: entry["return_mean"] for name, entry in played.result["policies"].items()}
-    rules = {name: value for name, value in returns.items() if name in BASELINES}
+    rules = {name: value for name, value in returns.items() if name not in learned_names(returns)}
     plot_curve(path["training_curve"], read_rows(run_dir.metrics), config, rules)
     plot_comparison(path["comparison"], played.scores, played.seed, is_papers(played.result))
     ours = config.algorithm
@@ -122,7 +122,7 @@ def write(run_dir: RunDir, config: TrainConfig, played: Played, stochastic: bool
         run_dir.report / "report.html",
         f"Report of {run_dir.path.resolve().name}",
         f"{title}. The trained policy, {config.algorithm}, {acting}. Intervals are of means, "
-        "by the bootstrap over episodes.",
+        "by the bootstrap over episodes, and over training seeds where it is their mean.",
         parts,
     )
 
@@ -178,8 +178,9 @@ def sections(run_dir: RunDir, config: TrainConfig, played: Played) -> list[Secti
         Section(
             "Figure 7: the training curve",
             "Mean return of the whole episodes that ended in an update. With several seeds the line is their "
-            "interquartile mean, and the band its bootstrap interval. Dashed: mean returns of the rules on the "
-            "episodes of this report. The paper trained for 400,000 decisions.",
+            "interquartile mean, and the band its bootstrap interval. Dashed: mean returns of the rules, and of "
+            "the policy that learning starts from, on the episodes of this report. The paper trained for 400,000 "
+            "decisions.",
             pictures=[path["training_curve"]],
         ),
         Section(

@@ -60,7 +60,7 @@ def _check_memory(env: Any, params: Any, config: TrainConfig, shapes: TrainState
     weights. Of a rollout what every choice saw, drew and got is kept once, in the order of time; where a device's
     environments are several blocks, putting these together takes it once more. The closing evaluation keeps scores.
     """
-    policies = config.num_seeds + len(rules_of(env))
+    policies = config.num_seeds + 1 + len(rules_of(env))  # and the start
     check_episodes(config.eval_episodes, policies, config.force, "eval_episodes")
     views = getattr(env, "num_agents", 1) * config.num_envs * config.choices_per_update
     seen = math.prod(env.observation_space(params).shape)

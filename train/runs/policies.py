@@ -24,6 +24,7 @@ from train.algorithms.environments import described, make_environment
 from train.algorithms.networks import PolicyWeights, apply_policy
 from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.registry import algorithm_of
+from train.evaluation.tables import START
 from train.runs.checkpoint import Checkpoints
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig
@@ -113,17 +114,17 @@ def weights_by_name(config: TrainConfig, weights: PolicyWeights) -> dict[str, Po
 def all_policies(
     env: Any, config: TrainConfig, weights: PolicyWeights, stochastic: bool = False
 ) -> dict[str, Policy]:
-    """The trained policies, named as in `weights_by_name`, and every rule.
+    """The trained policies, named as in `weights_by_name`, what the first began as (`START`), and every rule.
 
     Args:
         env: a single environment.
         config: settings of the run.
         weights: of the run, with a leading axis if it had several seeds.
-        stochastic: sample the trained policy's actions.
+        stochastic: sample the trained policy's actions, and those of its start.
     """
     learn = algorithm_of(config)
-    by_name = weights_by_name(config, weights).items()
-    learned = {name: learn.policy(env, config, own, stochastic) for name, own in by_name}
+    by_name = weights_by_name(config, weights) | {START: learn.start(env, config, weights)}
+    learned = {name: learn.policy(env, config, own, stochastic) for name, own in by_name.items()}
     return learned | rules_of(env)
 
 

@@ -15,7 +15,7 @@ from train.evaluation.comparison import Comparison
 from train.evaluation.summary import learned_names, summarize
 from train.reporting.figures import plot_curve
 from train.runs.logs import Row, final_return
-from train.runs.policies import all_policies, export_policy, weights_by_name
+from train.runs.policies import all_policies, export_policy
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig
 
@@ -94,9 +94,9 @@ def _evaluate(run: Trained, evaluation: Future[Evaluation]) -> Comparison:
 
 
 def _draw_curve(run: Trained, returns: dict[str, float]) -> None:
-    """Draws the training curve over the mean returns of the rules."""
-    config, learned = run.config, weights_by_name(run.config, run.weights)
-    rules = {name: value for name, value in returns.items() if name not in learned}
+    """Draws the training curve over the mean returns of the rules, and of the start."""
+    config = run.config
+    rules = {name: value for name, value in returns.items() if name not in learned_names(returns)}
     try:
         plot_curve(run.run_dir.plots / "training_curve.png", run.rows, config, rules)
     except ImportError:

@@ -13,11 +13,10 @@ from medjax.numerics.devices import environment_mesh, on_devices
 from tests.train.conftest import refused
 from tests.train.probe_envs import Probe, ProbeParams
 from train import evaluate, ppo
-from train.algorithms.algorithm import Algorithm, TrainState
+from train.algorithms.algorithm import Algorithm, TrainState, first_weights
 from train.algorithms.environments import training_batch
 from train.algorithms.finite import BAD, QUANTITIES, first_bad
-from train.algorithms.networks import PolicyWeights, build_network
-from train.algorithms.normalization import init_stats
+from train.algorithms.networks import build_network
 from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.programs import make_train, shapes_of
 from train.algorithms.registry import ALGORITHMS
@@ -49,8 +48,7 @@ class Still:
     def init(self, key, env_params):
         keys = jax.random.split(key, self.config.num_envs)
         rollout = on_devices(self.mesh, self.collector.start)(keys, env_params)
-        params = self.collector.network.init(key, rollout.obs[:1])
-        weights = PolicyWeights(params, init_stats(rollout.obs.shape[1:]))
+        weights = first_weights(self.collector.network, key, rollout.obs.shape[1:])
         return TrainState(weights, rollout, key, jnp.int32(0))
 
     def update(self, state, env_params):
@@ -98,10 +96,11 @@ def test_another_algorithm_trains_by_the_same_runs(still, capsys):
     assert json.loads((run / "config.json").read_text())["config"]["algorithm"] == "still"
     summary = json.loads((run / "summary.json").read_text())
     assert summary["env_steps"] == 64
-    assert set(summary["evaluation_return_mean"]) == {"still", "none", "random"}
+    assert set(summary["evaluation_return_mean"]) == {"still", "start", "none", "random"}
     assert train(["--resume=run", "--total-timesteps=128"]) == 0
     assert evaluate.main(["--run-dir=run", "--episodes=3", "--json=out.json"]) == 0
-    assert "still" in json.loads((still / "out.json").read_text())["policies"]
+    played = json.loads((still / "out.json").read_text())["policies"]
+    assert played["still"] == played["start"]  # it learned nothing
     capsys.readouterr()
     refused(capsys, ["--resume=run"], "algorithm is 'still'", "allowed: ppo", command=ppo)
 

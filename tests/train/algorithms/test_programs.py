@@ -10,6 +10,8 @@ from tests.train.algorithms.ppo.test_learner import BASE
 from tests.train.probe_envs import Probe, ProbeParams
 from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.programs import make_train
+from train.algorithms.registry import algorithm_of
+from train.runs.policies import weight_shapes, weights_by_name
 from train.settings import MOST_PER_CALL
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -60,3 +62,15 @@ def test_the_number_of_devices_changes_rounding_only():
         state, metrics = programs.run(state, params, jnp.int32(3))
         ends.append(jax.device_get((state.weights, state.rollout.obs, metrics)))
     chex.assert_trees_all_close(*ends, rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize("num_seeds", [1, 3])
+def test_the_start_is_what_training_begins_with(num_seeds):
+    """Made anew from what a run leaves: its settings, and the shapes of its weights."""
+    env, params = Probe("noisy"), ProbeParams()
+    config = PPOConfig(**(BASE | {"seed": 7, "num_seeds": num_seeds}))
+    begun = make_train(env, params, config).init(jax.random.key(config.seed), params).weights
+    first = weights_by_name(config, begun)["ppo"]
+    made = algorithm_of(config).start(env, config, weight_shapes(env, params, config))
+    chex.assert_trees_all_close(made, first, rtol=1e-6)
+    assert any(leaf.std() > 0 for leaf in jax.tree.leaves(made))

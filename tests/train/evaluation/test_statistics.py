@@ -1,10 +1,17 @@
 """Intervals against closed forms and SciPy."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy import stats
 
-from train.evaluation.statistics import bootstrap_ci95, interquartile_mean, relative_change
+from train.evaluation.statistics import (
+    bootstrap_ci95,
+    interquartile_mean,
+    relative_change,
+    seeds_ci95,
+)
 
 
 def test_bootstrap_is_the_normal_interval_for_many_samples():
@@ -42,6 +49,38 @@ def test_the_interval_of_a_relative_change_is_scipys():
     ).confidence_interval
     got = bootstrap_ci95(pairs, statistic=relative_change)
     np.testing.assert_allclose(got, expected, atol=0.04 * (expected.high - expected.low))
+
+
+def test_the_interval_over_seeds_and_episodes_is_the_closed_form():
+    """What adds a number of the seed to one of the episode has the variances of both means, added."""
+    rng = np.random.default_rng(4)
+    for seeds, episodes in ((3.0, 0.1), (0.1, 3.0), (2.0, 12.0)):
+        own, common = rng.normal(0.0, seeds, 30), rng.normal(0.0, episodes, 150)
+        samples = own[:, None] + common
+        low, high = seeds_ci95(samples)
+        half = 1.96 * np.sqrt(own.var() / own.size + common.var() / common.size)
+        middle = samples.mean()
+        assert (low, high) == pytest.approx((middle - half, middle + half), abs=0.05 * half)
+
+
+@pytest.mark.parametrize("statistic", [None, relative_change])
+def test_the_interval_over_few_seeds_and_episodes_is_that_of_all_resamples(statistic):
+    """Every choice of 3 of 3 seeds with every one of 4 of 4 episodes, by hand."""
+    samples = np.random.default_rng(5).exponential(size=(3, 4, 2)) + 1.0
+    samples = samples if statistic else samples[..., 0]
+    every = []
+    for rows, columns in product(product(range(3), repeat=3), product(range(4), repeat=4)):
+        drawn = samples[np.ix_(rows, columns)].mean(axis=0)
+        means = drawn.mean(axis=0)
+        every.append(means[0] / means[1] - 1.0 if statistic else means)
+    expected = np.percentile(every, [2.5, 97.5])
+    given = {"statistic": statistic} if statistic else {}
+    np.testing.assert_allclose(seeds_ci95(samples, **given), expected, atol=0.04 * np.ptp(expected))
+
+
+def test_the_interval_of_one_seed_is_that_of_its_episodes():
+    samples = np.random.default_rng(6).normal(size=50)
+    assert seeds_ci95(samples[None], 7) == bootstrap_ci95(samples, 7)
 
 
 @pytest.mark.parametrize("size", [1, 3, 4, 7, 8])

@@ -9,7 +9,7 @@ from medjax.env.reward import REWARDS
 from medjax.episodes.verdict import LINES, NAMES
 from medjax.files import write_json
 from train.evaluation.comparison import Comparison
-from train.evaluation.summary import summarize
+from train.evaluation.summary import learned_names, summarize
 from train.evaluation.tables import format_table, headline, is_papers
 
 
@@ -47,12 +47,41 @@ def test_several_training_seeds_are_compared_by_their_mean():
     table = format_table(result, learned)
     assert f"each minus none, 95 % CI: 3.000 [{own[0]['ci95'][0]:.3f}" in table
     # What is of both is not said of the first; and of two seeds no interval is 95 %.
-    assert "mean of 2 seeds minus it, 95 % CI" in table
+    assert "mean of 2 seeds minus it, bootstrap over 2 and episodes" in table
+    assert "mean of 2 seeds here, bootstrap over 2 and episodes" in table
     assert "ppo minus it" not in table
     assert "interquartile mean, bootstrap over 2: 2.333 [1.667, 3.000]" in table
+    # What they began as is no learner: each is compared with it, though a rule is better.
+    began = {"start": scores["none"] | {"return": np.full(3, -1.0)}}
+    assert learned_names(scores | began) == learned
+    table = format_table(summarize(scores | began, "paper", learned), learned)
+    assert "each minus start, 95 % CI: 4.000 [2.000" in table
+    assert table.count("each minus") == 2
     # Without a rule beside them there is nothing to be above of.
     alone = summarize({name: scores[name] for name in learned}, "paper", learned)
     assert "each minus" not in format_table(alone, learned)
+
+
+def test_seeds_that_differ_give_a_wide_interval():
+    """Episodes alone would say that the mean of these three is sure to a tenth, though one seed is below the rule."""
+    rng = np.random.default_rng(0)
+    none = {"return": rng.normal(size=1000) * 100, "mean_soc": np.full(1000, 0.5)}
+    scores = {
+        name: {"return": none["return"] + rng.normal(gain, 1.0, 1000), "mean_soc": 0.5 + gain / 100}
+        for name, gain in (("ppo", -9.0), ("ppo_seed2", 6.0), ("ppo_seed3", 9.0))
+    }
+    for score in scores.values():
+        score["mean_soc"] = np.full(1000, score["mean_soc"])
+    result = summarize(scores | {"none": none}, "paper", [*scores])
+    found = result["paired_return_difference"]["none"]
+    assert found["mean"] == pytest.approx(2.0, abs=0.1)
+    # Of 27 resamples of three seeds one is three times the lowest, one three times the highest.
+    assert found["ci95"] == pytest.approx([-9.0, 9.0], abs=0.2)
+    assert "can be seen with 3 seeds and 1000 episodes" in format_table(result, [*scores])
+    assert result["change_against_none"]["mean_soc"]["mean"] == pytest.approx(0.04)
+    assert result["change_against_none"]["mean_soc"]["ci95"] == pytest.approx([-0.18, 0.18])
+    own = [gains["none"]["ci95"] for gains in result["training_seeds"]["paired_return_differences"]]
+    assert all(high - low < 0.2 for low, high in own)  # of one learner, as it is: episodes alone
 
 
 def test_a_metric_of_ones_own_may_be_no_number(tmp_path):

@@ -17,7 +17,7 @@ from medjax.policies.rules import BASELINES
 from tests.train.conftest import refused
 from train import evaluate, report
 from train.algorithms.ppo.settings import PPOConfig
-from train.evaluation.tables import paper_rows
+from train.evaluation.tables import START, paper_rows
 from train.reporting.figures import look
 from train.reporting.survey import dispatch_rows, survey, total
 from train.runs.arguments import parse_request
@@ -84,6 +84,7 @@ def scores(made):
     from train.runs.run_directory import RunDir
 
     env, params, policies = load_policies(made.run, RunDir(made.run).load_config(), False)
+    del policies[START]  # which is played, and not recorded
     return evaluate_policies(env, params, policies, EPISODES, seed=2)
 
 
@@ -257,7 +258,7 @@ DEUTERANOPIA = np.array(  # Machado, Oliveira, Fernandes 2009, severity 1
 
 def test_lines_differ_to_those_who_see_no_green():
     """Any two policies by their dashes, or by 0.2 of a channel as they are seen."""
-    looks = {name: look(name) for name in ("ppo", *BASELINES)}
+    looks = {name: look(name) for name in ("ppo", START, *BASELINES)}
 
     def seen(name):
         text = looks[name]["color"]

@@ -256,12 +256,12 @@ def test_evaluate_command(probe, capsys):
     result = json.loads((probe / "out.json").read_text())
     assert result["episodes"] == 5
     assert result["scenario"] == "noisy"
-    assert set(result["policies"]) == {"ppo", "ppo_seed2", "none", "random"}
+    assert set(result["policies"]) == {"ppo", "ppo_seed2", "start", "none", "random"}
     entry = result["policies"]["ppo"]
     low, high = entry["return_ci95"]
     assert low <= entry["return_mean"] <= high
     assert entry["decisions"] == 5.0
-    assert set(result["paired_return_difference"]) == {"none", "random"}
+    assert set(result["paired_return_difference"]) == {"start", "none", "random"}
     assert len(result["training_seeds"]["return_means"]) == 2
     assert (result["overrides"], result["seed"]) == ({}, 0)
     some = ["--policies=ppo,random", "--baseline=none", "--set", "episode_decisions=3"]
@@ -295,5 +295,5 @@ def test_evaluate_command(probe, capsys):
     refused(capsys, [*argv, "--scenario=nowhere"], "nowhere", command=evaluate)
     refused(capsys, [*argv, "--set", "x=1"], "'x'", command=evaluate)
     for option in ("policies", "baseline"):
-        said = "unknown policy 'all': allowed ppo, ppo_seed2, none, random, pretrained, module:"
+        said = "unknown policy 'all': allowed ppo, ppo_seed2, start, none, random, pretrained,"
         refused(capsys, [*argv, f"--{option}=all"], said, command=evaluate)

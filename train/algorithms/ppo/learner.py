@@ -18,7 +18,7 @@ from train.algorithms.advantages import (
     generalized_advantages,
     less_others,
 )
-from train.algorithms.algorithm import Algorithm, Metrics, TrainState
+from train.algorithms.algorithm import Algorithm, Metrics, TrainState, first_weights
 from train.algorithms.environments import training_batch
 from train.algorithms.finite import BAD, first_bad
 from train.algorithms.minibatches import descend, split_environments
@@ -68,14 +68,13 @@ class PPOLearner:
 
     def init(self, key: jax.Array, env_params: Any) -> PPOState:
         """The state before the first update."""
-        reset_key, network_key, key = jax.random.split(key, 3)
+        reset_key, _, next_key = jax.random.split(key, 3)
         keys = jax.random.split(reset_key, self.config.num_envs)
         start = on_devices(self.mesh, self.collector.start, group=self.config.same_demand)
         rollout = start(keys, env_params)
-        params = self.collector.network.init(network_key, rollout.obs[:1])
-        weights = PolicyWeights(params, init_stats(rollout.obs.shape[-1:]))
-        opt_state, return_stats = self.optimizer.init(params), init_stats()
-        return PPOState(weights, rollout, key, jnp.int32(0), opt_state, return_stats)
+        weights = first_weights(self.collector.network, key, rollout.obs.shape[-1:])
+        opt_state, return_stats = self.optimizer.init(weights.params), init_stats()
+        return PPOState(weights, rollout, next_key, jnp.int32(0), opt_state, return_stats)
 
     def update(self, state: PPOState, env_params: Any) -> tuple[PPOState, Metrics]:
         """A rollout, and the epochs of gradient steps on it.
