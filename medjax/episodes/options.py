@@ -30,7 +30,8 @@ EVALUATION = "evaluation.json"  # and that of its closing evaluation, where ther
 def add_episode_options(group: Any) -> None:
     """Adds the options to a group of a parser; values stay text, so that all errors are worded in one place."""
     whose = (
-        "a rule of medjax.policies, module:function that builds one, or a file that ends in .zip"
+        f"a rule ({', '.join(BASELINES)}), pretrained (the policy that comes with medjax), module:function that builds "
+        "one, or a file that ends in .zip"
     )
     group.add_argument("--policy", metavar="NAME", help=f"{whose} (default: {RULE})")
     group.add_argument(

@@ -15,7 +15,6 @@ from jax.sharding import NamedSharding, PartitionSpec
 
 from medjax.env.contract import Environment
 from train.algorithms.algorithm import Learner, Metrics, TrainState
-from train.algorithms.finite import BAD
 from train.algorithms.registry import algorithm_of
 from train.settings import MOST_PER_CALL, TrainConfig
 
@@ -50,10 +49,8 @@ def run_updates(
     """
     update = jax.jit(learner.update)  # traced once for its shapes and its use
     _, shapes = jax.eval_shape(update, state, env_params)
-    table = {
-        name: jnp.full((MOST_PER_CALL,), 0 if name == BAD else jnp.nan, metric.dtype)
-        for name, metric in shapes.items()
-    }
+    # No placeholders that are not finite: JAX_DEBUG_NANS=1 would take them for a fault.
+    table = {name: jnp.zeros((MOST_PER_CALL,), metric.dtype) for name, metric in shapes.items()}
 
     def body(index: jax.Array, carry: tuple[TrainState, Metrics]) -> tuple[TrainState, Metrics]:
         carried, rows = carry

@@ -89,11 +89,13 @@ def sum_episodes(episode: dict[str, Any]) -> EpisodeSums:
 
 
 def episode_metrics(sums: EpisodeSums) -> dict[str, jax.Array]:
-    """Means over the whole episodes that ended in the rollout; NaN if none did."""
+    """Means over the whole episodes that ended in the rollout; infinite if none did, since NaN stops JAX_DEBUG_NANS."""
     *totals, count = jnp.sum(sums.total, axis=0)
+    ended, divisor = count > 0.0, jnp.maximum(count, 1.0)
+    means = (jnp.where(ended, each / divisor, jnp.inf) for each in totals)
     return {
         "episodes": count,
-        **{f"episode_{name}": each / count for name, each in zip(sums.names, totals, strict=True)},
+        **{f"episode_{name}": mean for name, mean in zip(sums.names, means, strict=True)},
     }
 
 

@@ -143,7 +143,7 @@ def _add_option(group: argparse._ArgumentGroup, field: dataclasses.Field[Any]) -
         group.add_argument(name, action=action, default=argparse.SUPPRESS, help=text)
         return
     values = default if isinstance(default, tuple) else (default,)
-    names = {float: "X", str: "N" if meta["choices"] else "NAME"}
+    names = {float: "X", str: "NAME"}
     low, high = meta["low"], meta["high"]
     allowed = "" if low is None else f"{low:.10g} to {high:.10g}; "
     group.add_argument(

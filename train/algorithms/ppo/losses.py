@@ -126,12 +126,17 @@ def ppo_loss(
 def explained_variance(value: jax.Array, target: jax.Array, weight: jax.Array) -> jax.Array:
     """Share of the targets' variance that the values explain; 1 is perfect, 0 no better than a constant.
 
-    All arguments are `(...)`. NaN where the targets do not vary, or none has a weight.
+    All arguments are `(...)`. Infinite where the targets do not vary, or none has a weight.
     """
 
     def variance(of: jax.Array) -> jax.Array:
-        mean = jnp.average(of, weights=weight)
-        return jnp.average(jnp.square(of - mean), weights=weight)
+        mean = jnp.sum(of * share)
+        return jnp.sum(jnp.square(of - mean) * share)
 
+    # Divisors that are 0 are replaced before they divide: what is not used must be finite, too.
+    total = jnp.sum(weight)
+    share = weight / jnp.where(total > 0.0, total, 1.0)
     spread = variance(target)
-    return jnp.where(spread > 0.0, 1.0 - variance(target - value) / spread, jnp.nan)
+    varies = spread > 0.0
+    missed = variance(target - value) / jnp.where(varies, spread, 1.0)
+    return jnp.where(varies, 1.0 - missed, jnp.inf)
