@@ -38,6 +38,7 @@ LONG = {
         "test_report",
         "test_docs",
         "test_x64",
+        "test_gradients",
         "test_site",
         "test_player",
         "test_learner",

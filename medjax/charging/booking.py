@@ -23,7 +23,16 @@ from medjax.numerics.sums import count_down
 from medjax.traffic.entry import Newcomers
 from medjax.traffic.exits import way_before_exit
 from medjax.traffic.following import by_kind
-from medjax.world.params import FRONT, PANELS, REAR, ChargingParams, EnvConfig, EnvParams
+from medjax.world.params import (
+    FRONT,
+    LEFT,
+    PANELS,
+    REAR,
+    RIGHT,
+    ChargingParams,
+    EnvConfig,
+    EnvParams,
+)
 from medjax.world.state import IN_SERVICE, NOT_BOOKED, EnvState, EVs, MEDs, Vehicles
 
 FAR = 1.0e9
@@ -80,7 +89,7 @@ def welcome(evs: EVs, newcomers: Newcomers, config: EnvConfig, params: EnvParams
 
 
 class Offers(NamedTuple):
-    """The MEDs as an EV that looks for one sees them, `(M,)` each, `free` `(M, 4)`."""
+    """The MEDs as an EV that looks for one sees them, `(M,)` each, but `free` `(M, 4)` and `beside` `(M, 2)`."""
 
     x: jax.Array  # m
     speed: jax.Array  # m/s
@@ -90,6 +99,7 @@ class Offers(NamedTuple):
         jax.Array
     )  # bool, in service, with energy, takes EVs, and the slot on the road and not booked
     leaves_x: jax.Array  # m, where it leaves the road, or begins to make for its exit
+    beside: jax.Array  # (M, 2) bool, an EV is booked on its left, on its right slot
 
 
 class Requests(NamedTuple):
@@ -124,8 +134,13 @@ def _panel_cost(requests: Requests, offer: Offers, params: ChargingParams) -> ja
     back = jnp.minimum(back, params.approach_speed)
     up, down = jnp.maximum(goal - x, 0.0) + (slot - goal), jnp.maximum(x - goal, 0.0)
     seconds = up / params.approach_speed + down / back + LANE_CHANGE_S * jnp.abs(wanted - lane)
-    # Nobody can pass the MED in its own lane.
+    # Nobody can pass the MED in its own lane, nor in the lane of a slot an EV that is booked on that: who tried would
+    # stay behind it, or take it along in falling back.
     blocked = (lane == med.lane) & jnp.where(x < med.x, panel == FRONT, panel == REAR)
+    abreast = panel_x(jnp.full_like(panel, LEFT), med, length, params.dock_gap_m)
+    passes = (x < abreast) != (goal < abreast)
+    on_left, on_right = offer.beside[:, :1], offer.beside[:, 1:]
+    blocked |= passes & jnp.where(lane < med.lane, on_left, (lane > med.lane) & on_right)
     return jnp.where(offer.free & ~blocked, seconds, FAR)
 
 
@@ -193,6 +208,7 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
         length=length[med_slots],
         free=(can_serve(meds, params) & meds.accepts)[:, None] & open_slots,
         leaves_x=leaves_x[med_slots],
+        beside=booked[:, : RIGHT + 1],
     )
     lane = vehicles.lane[ev_slots]
     _, power_w = cruising(params)

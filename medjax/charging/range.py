@@ -45,11 +45,13 @@ def lasting_speed(
     drag = 0.5 * road.air_density * body.drag_coefficient * body.frontal_area_m2
     resistance = body.mass_kg * GRAVITY * (body.rolling_resistance + jnp.sin(road.slope))
     auxiliary = body.drivetrain_efficiency * body.auxiliary_w
-    slowest = jnp.maximum(eco_speed, jnp.cbrt(auxiliary / (2.0 * drag)))
+    # Not the root of 0, where its gradient has no end.
+    slowest = jnp.maximum(eco_speed, jnp.cbrt(jnp.maximum(auxiliary / (2.0 * drag), 1e-12)))
     # k v^3 + (c - eta E / way) v + eta P = 0, by Newton's method: it is convex, and one comes down from where the
     # charge would last without auxiliaries.
     slope = resistance - body.drivetrain_efficiency * energy_j / jnp.maximum(way_m, 1.0)
-    alone = jnp.sqrt(jnp.maximum(-slope, 0.0) / drag)
+    rolls = slope < 0.0  # else 0 is under the root, whose gradient has no end there
+    alone = jnp.where(rolls, jnp.sqrt(jnp.where(rolls, -slope, 1.0) / drag), 0.0)
     speed = jnp.minimum(jnp.maximum(alone, slowest), desired_speed)
     for _ in range(NEWTON_STEPS):
         lacking = drag * speed**3 + slope * speed + auxiliary

@@ -106,7 +106,8 @@ def exit_desire(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax
     """
     lanes = _lanes_to_go(vehicles, config)
     view = jnp.maximum(lanes, 1) * params.lane_change.exit_view_m
-    desire = jnp.clip(1.0 - _to_lane(vehicles, config, params) / view, 0.0, 1.0)
+    way = jnp.minimum(_to_lane(vehicles, config, params), view)  # not inf, for gradients
+    desire = jnp.clip(1.0 - way / view, 0.0, 1.0)
     return jnp.where((lanes > 0) & (vehicles.lane < config.num_lanes), desire, 0.0)
 
 

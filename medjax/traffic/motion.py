@@ -7,6 +7,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+FAR_M = 1e12  # beyond everything on a road
+
 
 def ballistic_step(
     x: jax.Array, speed: jax.Array, acceleration: jax.Array, dt: float
@@ -44,7 +46,8 @@ def stopping_acceleration(
     Source: the safe speed of Gipps 1981, eq (6), before an obstacle that stands.
     """
     lag = 0.5 * braking * dt
-    spare = 2.0 * distance - speed * dt
+    # However far an obstacle is, or if there is none: a parameter times infinity would make a gradient NaN.
+    spare = jnp.minimum(2.0 * distance - speed * dt, FAR_M)
     within = jnp.sqrt(jnp.square(lag) + braking * jnp.maximum(spare, 0.0)) - lag - speed
     at_once = -0.5 * jnp.square(speed) / jnp.maximum(distance, 1e-6)  # before the tick ends
     return jnp.where(spare > 0.0, within / dt, at_once)

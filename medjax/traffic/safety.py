@@ -15,7 +15,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.traffic.motion import stopping_acceleration
+from medjax.traffic.motion import FAR_M, stopping_acceleration
 from medjax.world.params import Scalar
 
 # Left between two who stand, more than float32 rounds places to on the longest road.
@@ -51,6 +51,6 @@ def keeps_clear(
 
 def safe_speed(gap: jax.Array, leader_speed: jax.Array, braking: Scalar) -> jax.Array:
     """The highest speed, m/s, from which `safe_acceleration` can hold, at a gap, m, to a leader, m/s."""
-    room = jnp.maximum(gap - CLEARANCE_M, 0.0)
-    # Above 0, where the gradient of the root would have no end.
+    # Not infinite, or a gradient would be NaN; and the root above 0, where its gradient would have no end.
+    room = jnp.clip(gap - CLEARANCE_M, 0.0, FAR_M)
     return jnp.sqrt(jnp.maximum(jnp.square(leader_speed) + 2.0 * braking * room, 1e-6))

@@ -41,7 +41,8 @@ def wishes(
     """Mandatory changes: off a ramp, towards an exit, and what is ordered; and who may change to the side looked at."""
     target = vehicles.lane + direction
     merging = vehicles.lane == config.num_lanes
-    far = rounded(in_units(to_end, params.lane_change.view_m))
+    view_m = params.lane_change.view_m
+    far = rounded(in_units(jnp.minimum(to_end, view_m), view_m))  # not inf, for gradients
     urgency = jnp.clip(1.0 - far, ORDERED_DESIRE, 1.0)
     there = vehicles.active & (target >= 0) & (target < config.num_lanes)
     wanted = orders.desire

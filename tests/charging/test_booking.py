@@ -55,6 +55,7 @@ def draw(seed):
         length=jnp.full(NUM_MEDS, 12.0),
         free=jnp.asarray(free),
         leaves_x=jnp.full(NUM_MEDS, 4000.0),
+        beside=jnp.asarray(~free[:, :2]),
     )
     requests = Requests(
         x=jnp.asarray(x, jnp.float32),
@@ -119,24 +120,26 @@ def test_nearest_ev_wins_its_nearest_med(booking, paper, seed):
 
 
 def slot_is_blocked(requests, offers, ev, m):
-    """Whether an EV in the MED's own lane can reach none of its free slots."""
-    if int(requests.lane[ev]) != int(offers.lane[m]):
-        return False
-    behind = float(requests.x[ev]) < float(offers.x[m])
+    """Whether an EV can reach none of a MED's free slots: it passes neither the MED nor who is booked beside it."""
+    side = int(requests.lane[ev]) - int(offers.lane[m])
     left, right, rear, front = (bool(f) for f in offers.free[m])
-    return not (left or right or (rear if behind else front))
+    behind = float(requests.x[ev]) < float(offers.x[m]) - 3.5 * (side != 0)
+    if side == 0:
+        return not (left or right or (rear if behind else front))
+    own, other = (left, right) if side < 0 else (right, left)
+    return not (own or ((rear or other) if behind else front))
 
 
 def test_too_far_or_too_late_is_refused(booking, paper):
     """An EV asks for nothing it cannot reach: out of reach, out of road, or out of energy."""
     _, params = paper
     med = panel = jnp.full((1,), NOT_BOOKED, jnp.int32)
-    free = jnp.ones((1, 4), bool)
+    free, nobody = jnp.ones((1, 4), bool), jnp.zeros((1, 2), bool)
     granted = jax.jit(grant)
 
     def accepted(ev_x, med_x, endurance=500.0, leaves_x=4000.0, ev_leaves_x=4000.0):
         med_there = (jnp.array([value]) for value in (med_x, 22.0, 2, 12.0))
-        offers = Offers(*med_there, free, jnp.array([leaves_x]))
+        offers = Offers(*med_there, free, jnp.array([leaves_x]), nobody)
         requests = Requests(
             jnp.array([ev_x]),
             jnp.array([1]),
@@ -186,7 +189,9 @@ def test_who_is_ahead_falls_back_no_faster_than_docking_has_it(paper, approach_s
     for spare_s, granted in ((-0.5, NOT_BOOKED), (0.5, 0)):
         leaves_x = jnp.array([1000.0 + speed * (seconds + WORTHWHILE_S + spare_s)])
         med_there = (jnp.array([value]) for value in (1000.0, speed, 2, 12.0))
-        offers = Offers(*med_there, jnp.array([[True, False, False, False]]), leaves_x)
+        offers = Offers(
+            *med_there, jnp.array([[True, False, False, False]]), leaves_x, jnp.zeros((1, 2), bool)
+        )
         asks = (jnp.array([value]) for value in (1000.0 + ahead_m, 1, 5.0, True, 1e6, 1e9))
         got, _ = grant(nobody, nobody, Requests(*asks), offers, charging)
         assert int(got[0]) == granted

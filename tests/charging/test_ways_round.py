@@ -1,0 +1,120 @@
+"""Which slots an EV can get to where another one is booked beside the MED, in the road that does not know the rule."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from medjax.charging.booking import book
+from medjax.charging.docking import Partner, panel_x
+from medjax.world.params import FRONT, LEFT, PANELS, REAR, RIGHT
+from medjax.world.state import NOT_BOOKED
+from tests.charging.scene import MED_SPEED, MED_X, scene
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+SECONDS, LANE = 60, 2  # that are played; of the MED
+SIDES = {LEFT: (0, 1), RIGHT: (3,)}  # by slot, the lanes on its side
+CASES = list(itertools.product(SIDES, range(4), (-100.0, -40.0, 40.0)))
+
+
+@pytest.fixture(scope="module")
+def road():
+    """Long and empty but for a MED, an EV docked on one of its sides, and another EV that may book."""
+    size = {"num_meds": 2, "num_evs": 4, "num_gas": 2, "mainline_per_h": 0.0, "ramp_per_h": 0.0}
+    return medjax.make("paper", **size, length_m=20_000.0, battery_scale=1.0, target_soc=0.9)
+
+
+def placed(road, docked, lane, ahead_m):
+    """EV 0 is in the slot `docked`, EV 1 in that lane so far ahead of the MED."""
+    env, params = road
+    state = scene(env, params, panel=docked, ev_x=MED_X, ev_lane=LANE + (1 if docked else -1))
+    vehicles, first = state.vehicles, env.config.num_meds
+    med = Partner(jnp.float32(MED_X), jnp.float32(MED_SPEED), LANE, jnp.float32(12.0))
+    slot = panel_x(jnp.int32(docked), med, jnp.float32(5.0), params.charging.dock_gap_m)
+    both = jnp.array([first, first + 1])
+    vehicles = vehicles.replace(
+        x=vehicles.x.at[both].set(jnp.array([slot, MED_X + ahead_m])),
+        lane=vehicles.lane.at[first + 1].set(lane),
+        speed=vehicles.speed.at[first + 1].set(25.0),
+        active=vehicles.active.at[first + 1].set(True),
+        desired_speed=vehicles.desired_speed.at[first + 1].set(30.0),
+        kind=vehicles.kind.at[first + 1].set(vehicles.kind[first]),
+        destination=jnp.full_like(vehicles.destination, params.road.length_m),
+    )
+    energy = jnp.full_like(state.evs.energy_j, 0.35 * params.ev_capacity_j)
+    return state.replace(vehicles=vehicles, evs=state.evs.replace(energy_j=energy))
+
+
+@pytest.fixture(scope="module")
+def plays(road):
+    """By case and slot that EV 1 is given, NOT_BOOKED: what it books itself: its slot, whether it docks, and the share
+    of the time that EV 0 charges."""
+    env, params = road
+    starts = [placed(road, *case) for case in CASES]
+    state = jax.tree.map(lambda *each: jnp.stack(each), *starts)
+
+    @jax.jit
+    @jax.vmap
+    def play(state, panel):
+        given = state.evs.replace(
+            med=state.evs.med.at[1].set(jnp.where(panel == NOT_BOOKED, NOT_BOOKED, 0)),
+            panel=state.evs.panel.at[1].set(panel),
+        )
+        own = book(state, env.config, params)
+        evs = jax.tree.map(lambda a, b: jnp.where(panel == NOT_BOOKED, a, b), own, given)
+
+        def decide(state, key):
+            state = env.step_env(key, state, 0, params)[1]
+            same = state.evs.panel[1] == evs.panel[1]
+            return state, state.evs.is_charging[:2] & jnp.array([True, same])
+
+        keys = jax.random.split(jax.random.key(0), SECONDS)
+        charging = jax.lax.scan(decide, state.replace(evs=evs), keys)[1]
+        return evs.panel[1], charging[:, 1].any(), charging[:, 0].mean()
+
+    slots = (NOT_BOOKED, *range(len(PANELS)))
+    each = [jax.device_get(play(state, jnp.full(len(CASES), slot))) for slot in slots]
+    return dict(zip(slots, (list(zip(*columns, strict=True)) for columns in each), strict=True))
+
+
+def test_who_is_behind_a_docked_ev_does_not_get_past_it(plays):
+    """Given the front slot it stays behind; given one behind the MED from before it, it takes the docked one along."""
+    for (docked, lane, ahead_m), front, rear in zip(CASES, plays[FRONT], plays[REAR], strict=True):
+        if lane in SIDES[docked] and ahead_m < 0.0:
+            assert not front[1], (docked, lane, ahead_m)
+        if lane in SIDES[docked] and ahead_m > 0.0:
+            assert rear[2] < 0.6, (docked, lane, ahead_m)
+
+
+def test_what_an_ev_books_it_gets_to(plays):
+    """From every place it docks within the minute, and nobody falls out of a slot for it."""
+    for case, (slot, docks, other) in zip(CASES, plays[NOT_BOOKED], strict=True):
+        assert slot != NOT_BOOKED, case
+        assert docks, case
+        assert other > 0.9, case
+
+
+@pytest.mark.parametrize(("docked", "lane"), [(LEFT, 1), (LEFT, 0), (RIGHT, 3)])
+def test_the_front_slot_is_not_granted_from_behind_a_docked_ev(road, docked, lane):
+    """Where only that one is free: from its lane, and those beyond it, to nobody behind; to who is before, it is."""
+    env, params = road
+    taken = [panel for panel in range(len(PANELS)) if panel not in (FRONT, docked)]
+    booking = jax.jit(lambda state: book(state, env.config, params))
+
+    def granted(lane, ahead_m):
+        state = placed(road, docked, lane, ahead_m)
+        riders = np.array([2, 3])
+        evs = state.evs
+        evs = evs.replace(
+            med=evs.med.at[1].set(NOT_BOOKED).at[riders].set(0),
+            panel=evs.panel.at[1].set(NOT_BOOKED).at[riders].set(jnp.array(taken)),
+        )
+        # The slots on the other side and behind are booked by EVs that are far away.
+        return int(booking(state.replace(evs=evs)).panel[1])
+
+    assert granted(lane, -60.0) == NOT_BOOKED
+    assert granted(lane, 60.0) == FRONT
