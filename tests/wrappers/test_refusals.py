@@ -65,3 +65,49 @@ def test_a_reward_of_another_shape_is_refused_when_traced():
     _, state = jax.eval_shape(env.reset, jax.random.key(0), params)
     with pytest.raises(InputError, match=r"reward term 'many' returns shape \(3,\): allowed \(\)"):
         jax.eval_shape(env.step_env, jax.random.key(0), state, jnp.int32(0), params)
+
+
+class Seen:
+    """An observation of one's own, which declares a size and returns another, or another type."""
+
+    def __init__(self, size, seen):
+        self.declared, self.seen = size, seen
+
+    def size(self, config):
+        return self.declared
+
+    def __call__(self, state, config, params):
+        return self.seen
+
+
+@pytest.mark.parametrize(
+    ("observation", "says"),
+    [
+        (Seen(3, jnp.zeros(5)), "returns shape (5,) and type float32: allowed (3,) and float32"),
+        (Seen(3, jnp.zeros((3, 1))), "returns shape (3, 1) and type"),
+        (Seen(3, jnp.zeros(3, int)), "returns shape (3,) and type int32: allowed"),
+        (Seen(2, [0.0, 1.0]), "returns [0.0, 1.0]: allowed (2,) and float32"),
+        (Seen(2.0, jnp.zeros(2)), "size(config) of the observation is 2.0: allowed an integer"),
+        (lambda state, config, params: jnp.zeros(3), "its size(config) is missing, allowed flat"),
+        (Seen, "allowed flat, profile, or one of your own with size(config) and __call__"),
+    ],
+)
+def test_an_observation_that_is_not_what_it_declares(observation, says):
+    """In `make`, and in an environment made by hand when it is traced, before anything is compiled."""
+    paper, params = medjax.make("paper", num_evs=8, num_gas=12)
+
+    def by_hand():
+        env = medjax.ChargingEnv(paper.config, observation=observation)
+        jax.eval_shape(env.reset, jax.random.key(0), params)
+
+    for make in (lambda: medjax.make("paper", observation=observation), by_hand):
+        with pytest.raises(InputError) as refusal:
+            make()
+        assert says in str(refusal.value)
+        assert "\n" not in str(refusal.value)
+
+
+def test_an_observation_of_ones_own_is_taken():
+    env, params = medjax.make("paper", observation=Seen(3, jnp.ones(3)), num_evs=8, num_gas=12)
+    obs, _ = jax.eval_shape(env.reset, jax.random.key(0), params)
+    assert obs.shape == env.observation_space(params).shape == (3,)
