@@ -2,7 +2,7 @@
 
 import dataclasses
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import jax
@@ -23,6 +23,9 @@ from medjax.world.params import COILS, PRICES, SIZES, EnvParams
 from medjax.world.presets import PLACES, SCENARIOS, Recipe, change_numbers
 
 __all__ = ["SCENARIOS", "CoilDesign", "build_link", "make", "prepare"]
+
+OPTIONS = (*PLACES, *SIZES, *COILS, "reward_weights")
+KEYWORDS = ("demand", "reward", "observation", "following", "coupling")  # of `make`, beside them
 
 
 def _check(is_good: bool, name: str, given: Any, allowed: str) -> None:
@@ -45,10 +48,20 @@ def _plain(value: Any) -> Any:
     return np.asarray(as_numbers(value)).tolist()
 
 
+def check_names(given: Iterable[Any], allowed: Iterable[str], others: Iterable[str] = ()) -> None:
+    """Refuses (InputError) a name that is not allowed; `others` are keywords that it may have been meant for."""
+    known = list(allowed)
+    for name in given:
+        weight = isinstance(name, str) and name.startswith("reward_weights.")
+        if name not in known and not weight:
+            raise _unknown("option", name, [*known, *others])
+
+
 def _sort(overrides: Mapping[str, Any]) -> tuple[dict[Any, Any], ...]:
     """Sizes, numbers, coils and weights; coils are checked here, the others where they are used."""
     found: tuple[dict[Any, Any], ...] = ({}, {}, {}, {})
     sizes, numbers, coils, weights = found
+    check_names(overrides, OPTIONS, KEYWORDS)
     for key, value in overrides.items():
         if key in SIZES:
             sizes[key] = value
@@ -60,10 +73,8 @@ def _sort(overrides: Mapping[str, Any]) -> tuple[dict[Any, Any], ...]:
         elif key == "reward_weights":
             _check(isinstance(value, Mapping), key, value, "numbers by name of the term")
             weights |= value
-        elif isinstance(key, str) and key.startswith("reward_weights."):
-            weights[key.removeprefix("reward_weights.")] = value
         else:
-            raise _unknown("option", key, [*PLACES, *SIZES, *COILS, "reward_weights"])
+            weights[key.removeprefix("reward_weights.")] = value
     return found
 
 

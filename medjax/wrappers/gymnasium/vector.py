@@ -104,11 +104,13 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         Raises:
           gymnasium.error.ResetNeeded: before the first reset.
+          InputError: actions of another shape, or that are no integers.
         """
         if self._keys is None:
             raise ResetNeeded("step() before reset(): call reset() first")
+        given = programs.as_actions(actions, (self.num_envs,), self.simulator.num_actions)
         self._keys, self._state, result, final_obs = programs.step_all(
-            self._program, self._keys, self._state, np.asarray(actions, np.int32), self.params
+            self._program, self._keys, self._state, given, self.params
         )
         obs, reward, terminated, truncated, mask, info = programs.to_numpy(result)
         self._masks, done = mask, terminated | truncated
