@@ -37,6 +37,7 @@ from medjax.traffic.entry import admit
 from medjax.traffic.following import CarFollowing
 from medjax.traffic.idm import IDM_PLUS
 from medjax.traffic.step import drivers_of, perturb
+from medjax.world.checks import check_shapes
 from medjax.world.params import EnvConfig, EnvParams, validate_config
 from medjax.world.presets import Recipe
 from medjax.world.state import EnvState, Tally
@@ -117,7 +118,11 @@ class ChargingEnv:
 
         Returns:
           (observation (size,) float32, state)
+
+        Raises:
+          InputError: params of another config, by their shapes.
         """
+        check_shapes(self.config, params)
         state = initial_state(key, self.config, params)
         return self.get_obs(state, params), state
 
@@ -139,7 +144,11 @@ class ChargingEnv:
           (observation (size,) float32, state, reward () float32, terminated () bool, always False;
           truncated () bool, at params.episode_decisions; info with "metrics" of the episode so far,
           weighted "reward_terms", "action_mask", "tally" of this decision, "begun" and "ticks" of the probe)
+
+        Raises:
+          InputError: params of another config, by their shapes.
         """
+        check_shapes(self.config, params)
         before = state
         with jax.named_scope("dispatch"):
             state, dispatched = dispatch(state, action, self.config, params)

@@ -111,3 +111,31 @@ def test_an_observation_of_ones_own_is_taken():
     env, params = medjax.make("paper", observation=Seen(3, jnp.ones(3)), num_evs=8, num_gas=12)
     obs, _ = jax.eval_shape(env.reset, jax.random.key(0), params)
     assert obs.shape == env.observation_space(params).shape == (3,)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "says"),
+    [
+        ({"num_exits": 1}, "road.exit_x_m has shape (1,), allowed (0,)"),
+        ({"num_ramps": 2}, "road.ramp_x_m has shape (2,), allowed (4,)"),
+        ({"profile": [1.0, 2.0]}, "demand.profile has shape (2, 5), allowed (1, 5)"),
+    ],
+)
+@pytest.mark.parametrize("around", [lambda call: call, jax.jit], ids=["eager", "jit"])
+def test_params_of_another_make(paper, around, sizes, says):
+    """By reset and by a step, before anything is computed; a batch that is not mapped over is no better."""
+    env, params = paper
+    _, others = medjax.make("paper", **sizes)
+    key = jax.random.key(0)
+    _, state = jax.eval_shape(env.reset, key, params)
+    state = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), state)
+    many = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), params)
+    for given, words in ((others, says), (many, "has shape (2,")):
+        for call in (
+            lambda given=given: around(env.reset)(key, given),
+            lambda given=given: around(env.step)(key, state, 0, given),
+        ):
+            with pytest.raises(InputError) as refusal:
+                call()
+            assert "params were made for another config: " in str(refusal.value)
+            assert words in str(refusal.value)
