@@ -13,7 +13,7 @@ from medjax.env.agents.environment import CREDITS, ROAD, VIEW, AgentsEnv
 from medjax.env.agents.view import AgentView
 from medjax.env.charging_env import ChargingEnv
 from medjax.errors import InputError, shown
-from medjax.scenarios import SCENARIOS, make, prepare
+from medjax.scenarios import KEYWORDS, OPTIONS, SCENARIOS, check_names, make, prepare
 from medjax.world.numbers import numbers_of, read_number
 from medjax.world.params import EnvConfig, EnvParams, FleetParams
 
@@ -40,6 +40,7 @@ def agents_of(
     Raises:
       InputError: one line; as `medjax.make`, or a speed or credit that is not allowed.
     """
+    check_names(overrides, (*OPTIONS, *KEYWORDS), ("speeds", "credit"))
     if credit not in CREDITS:
         raise InputError(f"credit = {shown(credit)}: allowed {', '.join(CREDITS)}")
     if not isinstance(name, str) or name not in SCENARIOS:

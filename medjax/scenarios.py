@@ -2,7 +2,7 @@
 
 import dataclasses
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import jax
@@ -23,6 +23,9 @@ from medjax.world.params import COILS, PRICES, SIZES, EnvParams
 from medjax.world.presets import PLACES, SCENARIOS, Recipe, change_numbers
 
 __all__ = ["SCENARIOS", "CoilDesign", "build_link", "make", "prepare"]
+
+OPTIONS = (*PLACES, *SIZES, *COILS, "reward_weights")
+KEYWORDS = ("demand", "reward", "observation", "following", "coupling")  # of `make`, beside them
 
 
 def _check(is_good: bool, name: str, given: Any, allowed: str) -> None:
@@ -45,10 +48,20 @@ def _plain(value: Any) -> Any:
     return np.asarray(as_numbers(value)).tolist()
 
 
+def check_names(given: Iterable[Any], allowed: Iterable[str], others: Iterable[str] = ()) -> None:
+    """Refuses (InputError) a name that is not allowed; `others` are keywords that it may have been meant for."""
+    known = list(allowed)
+    for name in given:
+        weight = isinstance(name, str) and name.startswith("reward_weights.")
+        if name not in known and not weight:
+            raise _unknown("option", name, [*known, *others])
+
+
 def _sort(overrides: Mapping[str, Any]) -> tuple[dict[Any, Any], ...]:
     """Sizes, numbers, coils and weights; coils are checked here, the others where they are used."""
     found: tuple[dict[Any, Any], ...] = ({}, {}, {}, {})
     sizes, numbers, coils, weights = found
+    check_names(overrides, OPTIONS, KEYWORDS)
     for key, value in overrides.items():
         if key in SIZES:
             sizes[key] = value
@@ -60,10 +73,8 @@ def _sort(overrides: Mapping[str, Any]) -> tuple[dict[Any, Any], ...]:
         elif key == "reward_weights":
             _check(isinstance(value, Mapping), key, value, "numbers by name of the term")
             weights |= value
-        elif isinstance(key, str) and key.startswith("reward_weights."):
-            weights[key.removeprefix("reward_weights.")] = value
         else:
-            raise _unknown("option", key, [*PLACES, *SIZES, *COILS, "reward_weights"])
+            weights[key.removeprefix("reward_weights.")] = value
     return found
 
 
@@ -86,20 +97,7 @@ def _observation(given: Any) -> Any:
         if given not in OBSERVATIONS:
             raise _unknown("observation", given, list(OBSERVATIONS))
         return OBSERVATIONS[given]
-    names = ", ".join(OBSERVATIONS)
-    _check(callable(given), "observation", given, f"{names}, or one of your own")
-    sized = callable(getattr(given, "size", None))
-    _check(sized, "observation", given, f"a callable that has size(config), too, or {names}")
     return given
-
-
-def _check_size(env: ChargingEnv, params: EnvParams) -> None:
-    """Refuses (InputError) an observation of another shape than its size says; traced, not computed."""
-    said = (env.observation.size(env.config),)
-    seen, _ = jax.eval_shape(env.reset, jax.random.key(0), params)
-    if getattr(seen, "shape", None) != said:
-        shape = getattr(seen, "shape", type(seen).__name__)
-        raise InputError(f"observation returns {shown(shape)}: allowed {said}, as its size says")
 
 
 def _models(following: Any, coupling: Any) -> tuple[CarFollowing, Coupling]:
@@ -177,8 +175,6 @@ def prepare(
     env = ChargingEnv(
         config, reward=terms, observation=seen, name=name, following=followed, coupling=coupled
     )
-    if not isinstance(observation, str):
-        _check_size(env, params)
     plain = {key: _plain(value) for key, value in overrides.items()}
     env.recipe = Recipe(name, plain, reward, observation, following, coupling)
     return env, params, CoilDesign(**coils)
@@ -222,4 +218,7 @@ def make(
     link = build_link(coils, params.link)
     table = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), link.inductance)
     params = params.replace(link=link.replace(inductance=table))
-    return env, jax.tree.map(jnp.asarray, params)
+    params = jax.tree.map(jnp.asarray, params)
+    if env.observation not in OBSERVATIONS.values():  # one's own: what it returns is looked at here
+        jax.eval_shape(env.reset, jax.random.key(0), params)
+    return env, params

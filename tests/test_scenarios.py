@@ -12,7 +12,6 @@ import medjax
 from medjax.charging.link import COUPLINGS, couple
 from medjax.physics import mutual_inductance
 from medjax.traffic.idm import IDM, IDM_PLUS
-from tests.refusals import refused
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -169,32 +168,3 @@ def test_presets_and_environments_say_what_they_are():
     assert all(len(line) < 120 for line in lines)
     env, _ = medjax.make("corridor")
     assert repr(env).startswith("<corridor: 3 lanes, 5 ramps, room for 40 MEDs")
-
-
-class Sized:
-    """An observation that says one size and returns another."""
-
-    def __init__(self, said, returned):
-        self.said, self.returned = said, returned
-
-    def size(self, config):
-        return self.said
-
-    def __call__(self, state, config, params):
-        return self.returned
-
-
-def test_an_observation_returns_what_its_size_says():
-    """Found when it is made, not at the end of a training."""
-    env, _ = medjax.make("paper", observation=Sized(3, jnp.zeros(3)))
-    assert env.observation_space().shape == (3,)
-    for returned in (jnp.zeros(4), jnp.zeros((3, 1)), jnp.zeros(()), (jnp.zeros(3),)):
-        refused(
-            lambda returned=returned: medjax.make("paper", observation=Sized(3, returned)),
-            "observation returns",
-            "(3,)",
-        )
-
-
-def test_a_plain_function_as_observation_is_told_what_it_lacks():
-    refused(lambda: medjax.make("paper", observation=lambda *given: None), "has size(config)")

@@ -20,7 +20,13 @@ from medjax.charging.range import answering
 from medjax.env.contract import step_with_reset
 from medjax.env.dispatch import action_mask, advance_clocks, dispatch
 from medjax.env.metrics import episode_metrics
-from medjax.env.observation import FlatObservation, Observation, observe
+from medjax.env.observation import (
+    FlatObservation,
+    Observation,
+    check_observation,
+    observe,
+    of_shape,
+)
 from medjax.env.reset import initial_state
 from medjax.env.reward import TERMS, Outcome, RewardTerm, check_terms, total_reward
 from medjax.env.spaces import Box, Discrete
@@ -31,6 +37,7 @@ from medjax.traffic.entry import admit
 from medjax.traffic.following import CarFollowing
 from medjax.traffic.idm import IDM_PLUS
 from medjax.traffic.step import drivers_of, perturb
+from medjax.world.checks import check_shapes
 from medjax.world.params import EnvConfig, EnvParams, validate_config
 from medjax.world.presets import Recipe
 from medjax.world.state import EnvState, Tally
@@ -62,7 +69,7 @@ class ChargingEnv:
       recipe: how `medjax.make` was called; None where it was not.
 
     Raises:
-      InputError: one line, if config is none, or a term is no function.
+      InputError: one line, if config is none, a term no function, or an observation without a size.
     """
 
     decisions_per_step = 1
@@ -82,6 +89,7 @@ class ChargingEnv:
         self.config = config
         self.reward = dict(reward)
         self.observation = FlatObservation() if observation is None else observation
+        check_observation(self.observation, config)
         self.name = name
         self.following = following
         self.coupling = coupling
@@ -110,7 +118,11 @@ class ChargingEnv:
 
         Returns:
           (observation (size,) float32, state)
+
+        Raises:
+          InputError: params of another config, by their shapes.
         """
+        check_shapes(self.config, params)
         state = initial_state(key, self.config, params)
         return self.get_obs(state, params), state
 
@@ -132,7 +144,11 @@ class ChargingEnv:
           (observation (size,) float32, state, reward () float32, terminated () bool, always False;
           truncated () bool, at params.episode_decisions; info with "metrics" of the episode so far,
           weighted "reward_terms", "action_mask", "tally" of this decision, "begun" and "ticks" of the probe)
+
+        Raises:
+          InputError: params of another config, by their shapes.
         """
+        check_shapes(self.config, params)
         before = state
         with jax.named_scope("dispatch"):
             state, dispatched = dispatch(state, action, self.config, params)
@@ -233,8 +249,9 @@ class ChargingEnv:
         return action_mask(state, self.config)
 
     def get_obs(self, state: EnvState, params: EnvParams) -> jax.Array:
-        """What a policy sees of a state, `(size,)` float32."""
-        return self.observation(state, self.config, params)
+        """What a policy sees of a state, `(size,)` float32; InputError where an observation returns anything else."""
+        seen = self.observation(state, self.config, params)
+        return of_shape(seen, (self.observation.size(self.config),))
 
     def observe(self, state: EnvState, params: EnvParams) -> Observation:
         """The structured observation: one row a MED, one an EV, and masks."""

@@ -7,14 +7,17 @@ An observation is a value handed to ChargingEnv: anything with `size(config)` an
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from flax import struct
 
 from medjax.charging.booking import panel_flags
 from medjax.env.depots import distinct_depots, shares_at_depots
 from medjax.env.forecast import Need, expected_need, free_slots, med_places
+from medjax.errors import InputError, shown
 from medjax.numerics.sums import in_units
 from medjax.traffic.road import lateral_position
 from medjax.world.kinds import GAS, HUMAN_EV
@@ -258,3 +261,28 @@ class RoadProfile:
 
 
 OBSERVATIONS = {"flat": FlatObservation(), "profile": RoadProfile()}
+
+
+def check_observation(given: Any, config: EnvConfig) -> None:
+    """Refuses (InputError) what is no observation, or says no size."""
+    is_function = callable(given) and not isinstance(given, type)
+    if not is_function or not callable(getattr(given, "size", None)):
+        lacks = "its size(config) is missing, " if is_function else ""
+        own = "one of your own with size(config) and __call__(state, config, params)"
+        raise InputError(
+            f"observation = {shown(given)}: {lacks}allowed {', '.join(OBSERVATIONS)}, or {own}"
+        )
+    size = given.size(config)
+    if not isinstance(size, int | np.integer) or isinstance(size, bool) or size < 0:
+        raise InputError(f"size(config) of the observation is {shown(size)}: allowed an integer")
+
+
+def of_shape(seen: Any, shape: tuple[int, ...]) -> jax.Array:
+    """What an observation returned, refused (InputError) where it is not what its `size` declares."""
+    got = getattr(seen, "shape", None), str(getattr(seen, "dtype", None))
+    if got != (shape, "float32"):
+        kind = f"shape {got[0]} and type {got[1]}" if got[0] is not None else shown(seen)
+        raise InputError(
+            f"the observation returns {kind}: allowed {shape} and float32, as its size(config) declares"
+        )
+    return seen

@@ -32,13 +32,7 @@ def check_numbers(config: EnvConfig, params: EnvParams) -> EnvParams:
     """
     validate_config(config)
     _check_type("params", params, EnvParams)
-    shapes = {
-        "": (),
-        "kind": (len(KINDS),),
-        "ramp": (config.num_ramps,),
-        "exit": (config.num_exits,),
-        "period": (config.num_periods, 1 + config.num_ramps),
-    }
+    shapes = _shapes(config)
 
     def read(name: str, value: Any, limits: Number) -> np.ndarray:
         return read_number(name, value, limits, shapes[limits.per])
@@ -65,6 +59,29 @@ def check_numbers(config: EnvConfig, params: EnvParams) -> EnvParams:
     _check_road(checked)
     _check_pairs(config, checked)
     return checked
+
+
+def check_shapes(config: EnvConfig, params: EnvParams) -> None:
+    """Refuses (InputError) params that were made for another config; of shapes alone, and so inside `jit`, too."""
+    shapes = _shapes(config)
+    for group, ranges in GROUPS.items():
+        for name, limits in ranges.items():
+            got, expected = np.shape(getattr(getattr(params, group), name)), shapes[limits.per]
+            if got != expected:
+                raise InputError(
+                    f"params were made for another config: {group}.{name} has shape {got}, allowed {expected}"
+                )
+
+
+def _shapes(config: EnvConfig) -> dict[str, tuple[int, ...]]:
+    """Of a number, by what it is declared to be `per`."""
+    return {
+        "": (),
+        "kind": (len(KINDS),),
+        "ramp": (config.num_ramps,),
+        "exit": (config.num_exits,),
+        "period": (config.num_periods, 1 + config.num_ramps),
+    }
 
 
 def _check_type(name: str, value: object, kind: type) -> None:

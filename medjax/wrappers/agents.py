@@ -73,6 +73,10 @@ class NamedAgents:
         self.agents = [f"med_{number}" for number in range(env.num_agents)]
         self._reset, self._step_env = jax.jit(env.reset), jax.jit(env.step_env)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Compiled programs do not pickle: a copy makes its own."""
+        return type(self), (self.env, self.params)
+
     def __repr__(self) -> str:
         return f"<{self.num_agents} agents of {self.name}, {self.env.num_actions} actions each>"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import jax
@@ -37,7 +38,6 @@ class ParallelAgents(ParallelEnv):  # type: ignore[misc]
         }
         self._key = jax.random.key(int(np.random.SeedSequence().generate_state(1)[0]))
         self._state: Any = None
-        self._masks = jax.jit(env.get_avail_actions)
 
     def observation_space(self, agent: str) -> Box:
         """That of every agent."""
@@ -81,11 +81,17 @@ class ParallelAgents(ParallelEnv):  # type: ignore[misc]
         return _own(obs), paid, ended, cut, infos
 
     def _infos(self, metrics: dict[str, float]) -> dict[str, Any]:
-        masks = jax.device_get(self._masks(self._state))
+        masks = jax.device_get(_masks(self.env, self._state))
         return {
             agent: {"action_mask": mask.astype(np.int8), "metrics": dict(metrics)}
             for agent, mask in masks.items()
         }
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _masks(env: NamedAgents, state: Any) -> dict[str, jax.Array]:
+    """Allowed actions by agent; a program of the module's, since one of an environment's would not pickle."""
+    return env.get_avail_actions(state)
 
 
 def _own(obs: dict[str, jax.Array]) -> dict[str, np.ndarray]:

@@ -1,5 +1,7 @@
 """`medjax.make_agents`: JaxMARL's contract, and what it refuses."""
 
+import pickle
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -163,3 +165,15 @@ def test_agents_decide_every_four_seconds(given, rounds, decisions):
     env, params, *_ = agents_of("paper", build=prepare, **given)
     assert env.env.config.rounds_per_decision == rounds
     assert int(params.episode_decisions) == decisions
+
+
+def test_an_environment_pickles(named):
+    """The copy plays the same episode."""
+    copy = pickle.loads(pickle.dumps(named))
+    first, again = named.reset(jax.random.key(0)), copy.reset(jax.random.key(0))
+    jax.tree.map(np.testing.assert_array_equal, first, again)
+
+
+def test_a_misspelt_keyword_is_told():
+    with pytest.raises(InputError, match="unknown option 'credt': did you mean credit"):
+        medjax.make_agents("paper", credt="own")

@@ -227,13 +227,6 @@ def test_older_versions_of_gymnasium_are_warned_of():
     assert any("RecordEpisodeStatistics" in str(each.message) for each in said) is COUNTS_WRONG
 
 
-@pytest.mark.parametrize("actions", [[1.9] * NUM, [[0]] * NUM, 0, ["left"] * NUM, [0] * (NUM + 1)])
-def test_actions_that_are_none_are_refused(envs, actions):
-    envs.reset(seed=1)
-    with pytest.raises(InputError, match=rf"allowed whole numbers of shape \({NUM},\)"):
-        envs.step(actions)
-
-
 def test_pictures(painted):
     env = gymnasium.make(ENV_ID, **SMALL, render_mode="rgb_array")
     env.reset(seed=1)
@@ -295,7 +288,7 @@ def test_missing_libraries_are_named_with_their_remedy(painted, monkeypatch):
     ("change", "message"),
     [
         ({"scenario": "papr"}, "unknown scenario 'papr': did you mean paper"),
-        ({"cooldwn_s": 3}, "unknown option 'cooldwn_s': did you mean"),
+        ({"cooldwn_s": 3}, "unknown option 'cooldwn_s': did you mean cooldown_s"),
         ({"render_mode": "ansi"}, "render_mode = 'ansi': allowed None, human, rgb_array"),
         ({"decide_every": 1.0}, "decide_every is 1.0, must be a whole number"),
     ],

@@ -1,5 +1,6 @@
 """PettingZoo's own test of the parallel API."""
 
+import pickle
 import warnings
 
 import numpy as np
@@ -92,3 +93,13 @@ def test_bad_actions_are_refused(named):
     env.reset(seed=0)
     with pytest.raises(InputError, match="med_1 = 99"):
         env.step(dict.fromkeys(env.agents, 0) | {"med_1": 99})
+
+
+def test_it_pickles_in_the_middle_of_an_episode(named):
+    env = ParallelAgents(named)
+    env.reset(seed=1)
+    copy = pickle.loads(pickle.dumps(env))
+    waiting = dict.fromkeys(env.agents, 0)
+    for mine, theirs in zip(env.step(waiting)[:2], copy.step(waiting)[:2], strict=True):
+        for agent in waiting:
+            np.testing.assert_array_equal(mine[agent], theirs[agent])

@@ -65,3 +65,77 @@ def test_a_reward_of_another_shape_is_refused_when_traced():
     _, state = jax.eval_shape(env.reset, jax.random.key(0), params)
     with pytest.raises(InputError, match=r"reward term 'many' returns shape \(3,\): allowed \(\)"):
         jax.eval_shape(env.step_env, jax.random.key(0), state, jnp.int32(0), params)
+
+
+class Seen:
+    """An observation of one's own, which declares a size and returns another, or another type."""
+
+    def __init__(self, size, seen):
+        self.declared, self.seen = size, seen
+
+    def size(self, config):
+        return self.declared
+
+    def __call__(self, state, config, params):
+        return self.seen
+
+
+@pytest.mark.parametrize(
+    ("observation", "says"),
+    [
+        (Seen(3, jnp.zeros(5)), "returns shape (5,) and type float32: allowed (3,) and float32"),
+        (Seen(3, jnp.zeros((3, 1))), "returns shape (3, 1) and type"),
+        (Seen(3, jnp.zeros(3, int)), "returns shape (3,) and type int32: allowed"),
+        (Seen(2, [0.0, 1.0]), "returns [0.0, 1.0]: allowed (2,) and float32"),
+        (Seen(2.0, jnp.zeros(2)), "size(config) of the observation is 2.0: allowed an integer"),
+        (lambda state, config, params: jnp.zeros(3), "its size(config) is missing, allowed flat"),
+        (Seen, "allowed flat, profile, or one of your own with size(config) and __call__"),
+    ],
+)
+def test_an_observation_that_is_not_what_it_declares(observation, says):
+    """In `make`, and in an environment made by hand when it is traced, before anything is compiled."""
+    paper, params = medjax.make("paper", num_evs=8, num_gas=12)
+
+    def by_hand():
+        env = medjax.ChargingEnv(paper.config, observation=observation)
+        jax.eval_shape(env.reset, jax.random.key(0), params)
+
+    for make in (lambda: medjax.make("paper", observation=observation), by_hand):
+        with pytest.raises(InputError) as refusal:
+            make()
+        assert says in str(refusal.value)
+        assert "\n" not in str(refusal.value)
+
+
+def test_an_observation_of_ones_own_is_taken():
+    env, params = medjax.make("paper", observation=Seen(3, jnp.ones(3)), num_evs=8, num_gas=12)
+    obs, _ = jax.eval_shape(env.reset, jax.random.key(0), params)
+    assert obs.shape == env.observation_space(params).shape == (3,)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "says"),
+    [
+        ({"num_exits": 1}, "road.exit_x_m has shape (1,), allowed (0,)"),
+        ({"num_ramps": 2}, "road.ramp_x_m has shape (2,), allowed (4,)"),
+        ({"profile": [1.0, 2.0]}, "demand.profile has shape (2, 5), allowed (1, 5)"),
+    ],
+)
+@pytest.mark.parametrize("around", [lambda call: call, jax.jit], ids=["eager", "jit"])
+def test_params_of_another_make(paper, around, sizes, says):
+    """By reset and by a step, before anything is computed; a batch that is not mapped over is no better."""
+    env, params = paper
+    _, others = medjax.make("paper", **sizes)
+    key = jax.random.key(0)
+    _, state = jax.eval_shape(env.reset, key, params)
+    state = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), state)
+    many = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), params)
+    for given, words in ((others, says), (many, "has shape (2,")):
+        for call in (
+            lambda given=given: around(env.reset)(key, given),
+            lambda given=given: around(env.step)(key, state, 0, given),
+        ):
+            with pytest.raises(InputError) as refusal:
+                call()
+            assert "params were made for another config: " in str(refusal.value)
+            assert words in str(refusal.value)

@@ -1,11 +1,14 @@
 """A wrapped environment is an environment: the whole public surface over every wrapper, and over all stacked."""
 
+import pickle
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import medjax
+from medjax import wrappers
 from medjax.episodes.recording import record_episode
 from medjax.episodes.scores import evaluate_policies
 from medjax.episodes.table import vehicle_table
@@ -155,3 +158,15 @@ def check_gymnasium(env, params, steps):
         assert sum(info["reward_terms"].values()) == pytest.approx(reward, rel=1e-4)
     assert np.logical_or(*ends).all()
     np.testing.assert_allclose(obs, infos["final_obs"][0], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "wrap", [*WORLDS.values(), wrappers.BatchAutoReset, lambda env: wrappers.EpisodeLog(env)]
+)
+def test_a_wrapped_environment_pickles(wrap):
+    """Of whatever class; the copy has the same fields."""
+    env, params = medjax.make("paper", num_meds=2, num_evs=4, num_gas=6)
+    wrapped = wrap(env)
+    copy, _ = pickle.loads(pickle.dumps((wrapped, params)))
+    assert type(copy) is type(wrapped)
+    assert copy.num_actions == wrapped.num_actions

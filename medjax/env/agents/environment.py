@@ -12,7 +12,7 @@ from medjax.env.agents.orders import allowed_parts, give_orders
 from medjax.env.agents.view import AgentView
 from medjax.env.contract import StepResult
 from medjax.env.dispatch import is_allowed
-from medjax.env.observation import RoadProfile
+from medjax.env.observation import RoadProfile, of_shape
 from medjax.env.spaces import Box, Discrete
 from medjax.env.wrapper import Wrapper
 from medjax.numerics.sums import in_units
@@ -145,7 +145,8 @@ class AgentsEnv(Wrapper):
 
     def get_obs(self, state: EnvState, params: EnvParams) -> jax.Array:
         """What the agents see, `(A, size)` float32."""
-        return self.view(state, self.env.config, params)
+        seen = self.view(state, self.env.config, params)
+        return of_shape(seen, (self.num_agents, self.view.size(self.env.config)))
 
     def global_state(self, state: EnvState, params: EnvParams) -> jax.Array:
         """The whole road for a central critic, `(G,)` float32: `medjax.env.observation.RoadProfile`."""

@@ -5,9 +5,11 @@ Both split keys as `BatchAutoReset` does, so that one seed starts the same episo
 
 import dataclasses
 import functools
+import inspect
 from collections.abc import Mapping
 from typing import Any
 
+import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,9 +19,10 @@ from gymnasium.spaces import Box, Discrete
 from medjax.env.charging_env import ChargingEnv
 from medjax.env.contract import Environment
 from medjax.env.wrapper import check_environment, whole_number_of
-from medjax.errors import InputError
+from medjax.errors import InputError, shown
 from medjax.numerics.devices import environment_mesh, on_devices
-from medjax.scenarios import make
+from medjax.scenarios import KEYWORDS, OPTIONS, check_names, make
+from medjax.world.numbers import as_numbers
 from medjax.wrappers.auto_reset import BatchAutoReset, BatchState, split_each
 from medjax.wrappers.decide_every import DecideEvery
 
@@ -28,6 +31,13 @@ FRAMES_PER_S = 10  # a frame a decision: ten times true speed where a decision i
 # Observations have no bounds, and stay below some tens. Gymnasium's checker takes infinite bounds for a mistake,
 # and what samples the space to try a network would overflow at the largest float.
 BOUND = 1e6
+
+# Keywords of the environments' own and of Gymnasium's; a misspelt one arrives as an option of the scenario.
+MEANT = (
+    *("num_envs", "scenario", "render_mode", "env", "params", "decide_every"),
+    *inspect.signature(gymnasium.make).parameters,
+    *inspect.signature(gymnasium.make_vec).parameters,
+)
 
 REPORTED = ("action_mask", "metrics", "reward_terms")
 
@@ -46,6 +56,7 @@ def chosen(
     Raises:
       InputError: both, or an environment without parameters; or as `medjax.make` and `DecideEvery`.
     """
+    check_names(overrides, (*OPTIONS, *KEYWORDS), MEANT)
     whole_number_of("decide_every", decide_every, 1)
     env, params = _named(scenario, env, params, overrides)
     return (env if decide_every == 1 else DecideEvery(env, decide_every)), params
@@ -101,6 +112,21 @@ def picture(env: Environment, state: Any, params: Any) -> np.ndarray:
         return np.asarray(env.render(state, params))
     except ImportError as error:
         raise DependencyNotInstalled(str(error)) from error
+
+
+def as_actions(given: Any, shape: tuple[int, ...], num_actions: int) -> np.ndarray:
+    """Actions of `shape` as int32.
+
+    Raises:
+      InputError: another shape, or numbers that are no integers.
+    """
+    actions = as_numbers(given)
+    if actions is None or actions.shape != shape or (actions != np.trunc(actions)).any():
+        kind = "an integer" if shape == () else f"{shape[0]} integers in an array of shape {shape}"
+        got = "" if actions is None else f" of shape {actions.shape}"
+        allowed = f"allowed {kind}, each from 0 to {num_actions - 1}"
+        raise InputError(f"action = {shown(given)}{got}: {allowed}")
+    return np.clip(actions, -1, num_actions).astype(np.int32)
 
 
 def draw_words(generator: np.random.Generator) -> np.ndarray:

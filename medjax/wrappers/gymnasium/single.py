@@ -80,11 +80,13 @@ class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
 
         Raises:
           gymnasium.error.ResetNeeded: before the first reset.
+          InputError: an action that is no integer.
         """
         if self._key is None:
             raise ResetNeeded("step() before reset(): call reset() first")
+        given = programs.as_actions(action, (), self.simulator.num_actions)
         self._key, self._state, result = programs.step_one(
-            self._program, self._key, self._state, np.int32(action), self.params
+            self._program, self._key, self._state, given, self.params
         )
         obs, reward, terminated, truncated, info = programs.to_numpy(result)
         self._show()

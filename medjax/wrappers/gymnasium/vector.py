@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 
 from medjax.env.contract import Environment
 from medjax.env.wrapper import whole_number_of
-from medjax.errors import InputError, shown
+from medjax.errors import InputError
 from medjax.wrappers.auto_reset import BatchState
 from medjax.wrappers.gymnasium import programs
 
@@ -112,12 +112,13 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         Raises:
           gymnasium.error.ResetNeeded: before the first reset.
-          InputError: actions of another shape, or that are no whole numbers.
+          InputError: actions of another shape, or that are no integers.
         """
         if self._keys is None:
             raise ResetNeeded("step() before reset(): call reset() first")
+        given = programs.as_actions(actions, (self.num_envs,), self.simulator.num_actions)
         self._keys, self._state, result, final_obs = programs.step_all(
-            self._program, self._keys, self._state, self._checked(actions), self.params
+            self._program, self._keys, self._state, given, self.params
         )
         obs, reward, terminated, truncated, mask, info = programs.to_numpy(result)
         self._masks, done = mask, terminated | truncated
@@ -131,17 +132,6 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             infos |= {"final_obs": last, "_final_obs": done.copy()}
             infos |= {"final_info": _with_masks(info, done), "_final_info": done.copy()}
         return obs, reward.astype(np.float64), terminated, truncated, infos
-
-    def _checked(self, actions: np.ndarray) -> np.ndarray:
-        """The actions as int32."""
-        given = np.asarray(actions)
-        whole = given.dtype.kind in "iu" or (given.dtype.kind == "f" and (given % 1 == 0).all())
-        if given.shape != (self.num_envs,) or not whole:
-            raise InputError(
-                f"actions = {shown(given.tolist())} of shape {given.shape}: allowed whole numbers of shape "
-                f"({self.num_envs},)"
-            )
-        return given.astype(np.int32)
 
     def action_masks(self) -> np.ndarray:
         """Allowed actions, `(num_envs, num_actions)` bool."""
