@@ -12,13 +12,11 @@ gymnasium = pytest.importorskip("gymnasium", reason='pip install -e ".[gymnasium
 from gymnasium.error import DependencyNotInstalled, ResetNeeded  # noqa: E402
 from gymnasium.utils.env_checker import check_env, data_equivalence  # noqa: E402
 from gymnasium.vector import AutoresetMode, SyncVectorEnv  # noqa: E402
-from gymnasium.wrappers.vector import RecordEpisodeStatistics  # noqa: E402
 
 import medjax  # noqa: E402
 from medjax.env.charging_env import ChargingEnv  # noqa: E402
 from medjax.errors import InputError, MissingLibrary  # noqa: E402
 from medjax.wrappers.gymnasium import ENV_ID, ChargingGymEnv, ChargingVectorEnv  # noqa: E402
-from medjax.wrappers.gymnasium.vector import COUNTS_WRONG  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -203,28 +201,6 @@ def test_vector_env_seeding(envs):
     np.testing.assert_array_equal(envs.reset()[0], second)
     with pytest.raises(ValueError, match="2 seeds: allowed 3"):
         envs.reset(seed=[1, 2])
-
-
-def test_vector_wrappers_of_gymnasium_count_its_episodes(envs):
-    envs = RecordEpisodeStatistics(envs)
-    envs.reset(seed=3)
-    total = np.zeros(NUM)
-    for _ in range(DECISIONS):
-        _, reward, _, _, infos = envs.step(np.zeros(NUM, int))
-        total += reward
-    assert infos["episode"]["l"].tolist() == [DECISIONS] * NUM
-    np.testing.assert_allclose(infos["episode"]["r"], total)
-    for _ in range(DECISIONS):
-        *_, infos = envs.step(np.zeros(NUM, int))
-    # The second one, by Gymnasium 1.4; those before lose its first decision, which a warning says.
-    assert infos["episode"]["l"].tolist() == [DECISIONS - COUNTS_WRONG] * NUM
-
-
-def test_older_versions_of_gymnasium_are_warned_of():
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        gymnasium.make_vec(ENV_ID, num_envs=NUM, **SMALL)
-    assert any("RecordEpisodeStatistics" in str(each.message) for each in said) is COUNTS_WRONG
 
 
 def test_pictures(painted):
