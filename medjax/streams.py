@@ -21,7 +21,8 @@ class _Unbroken:
         try:
             return int(self._stream.write(text))
         except BrokenPipeError:
-            return self._lose() or len(text)
+            self._lose()
+            return len(text)
 
     def flush(self) -> None:
         """As the stream's."""
