@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from medjax.traffic.road import lateral_position
 from medjax.world.kinds import WIDTHS_M
@@ -30,8 +31,8 @@ def overlapping(x: Any, lateral: Any, length: Any, width: Any, there: Any) -> An
         for size, at in ((length, middle), (width, lateral))
     )
     along, across = deep
-    n = x.shape[-1]
-    once = jnp.arange(n)[:, None] < jnp.arange(n)
+    number = np.arange(x.shape[-1])
+    once = number[:, None] < number
     both = there[..., :, None] & there[..., None, :] & once
     return (along >= DEEP_M) & (across >= DEEP_M) & both
 

@@ -1,7 +1,8 @@
 """`python -m benchmarks.validation`: traffic against published ranges, medjax beside SUMO on the same road.
 
 The road of `paper` under demands from free to overloaded, and one that rises until it breaks down. Trajectories of both
-are measured by the same functions; each figure stands beside the range that it should lie in, and its source.
+are measured by the same functions; each figure, with its 95 % interval over episodes, stands beside the range that it
+should lie in, and its source.
 """
 
 from __future__ import annotations
@@ -32,27 +33,36 @@ from benchmarks.verification.validation.demands import (
     free_speed,
     world,
 )
-from benchmarks.verification.validation.measures import Findings, find, summarise
+from benchmarks.verification.validation.measures import Findings, find, half_widths, summarise
 from benchmarks.verification.validation.medjax_side import observe
 from benchmarks.verification.validation.plot import draw
 from benchmarks.verification.validation.published import checks
 from benchmarks.verification.validation.sumo_side import SumoRun
 from medjax.commandline import OneLineParser
+from medjax.traffic.idm import IDM_PLUS, STANDARD_IDM
 
-PACKAGES = {"medjax": "medjax", "SUMO": "eclipse-sumo"}
+# SUMO drives IDM, medjax IDM+ by default: what is compared with SUMO is medjax's IDM.
+MODELS = {"medjax": IDM_PLUS, "medjax IDM": STANDARD_IDM}
+PACKAGES = {**dict.fromkeys(MODELS, "medjax"), "SUMO": "eclipse-sumo"}
 
 
 def both_sides(demand: Demand, options: argparse.Namespace) -> dict[str, list[Findings]]:
     """What each simulator's episodes show under a demand; SUMO runs in processes of its own meanwhile."""
-    env, schedule = world(demand, options.minutes)
+    _, schedule = world(demand, options.minutes)
+
+    def ours() -> dict[str, list[Findings]]:
+        worlds = {name: world(demand, options.minutes, model) for name, model in MODELS.items()}
+        return {
+            name: observe(*each, options.episodes, options.seed) for name, each in worlds.items()
+        }
+
     if importlib.util.find_spec("sumo") is None:
-        return {"medjax": observe(env, schedule, options.episodes, options.seed)}
+        return ours()
     with tempfile.TemporaryDirectory() as folder:
         run = SumoRun(schedule, options.episodes, options.seed, Path(folder))
         try:
-            ours = observe(env, schedule, options.episodes, options.seed)
-            speed = free_speed(schedule)
-            return {"medjax": ours, "SUMO": [find(seen, speed) for seen in run.trajectories()]}
+            found, speed = ours(), free_speed(schedule)
+            return {**found, "SUMO": [find(seen, speed) for seen in run.trajectories()]}
         finally:
             run.stop()
 
@@ -75,7 +85,7 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
             say(
                 f"{name}: all of medjax's slots were taken, so some traffic was kept out for want of them"
             )
-    against = checks(figures)
+    against = checks(figures, _each(found, half_widths))
     for lines in (report.table_of_ranges(against, simulators), report.table_by_demand(figures)):
         print("\n".join([*lines, ""]))
     result = {
@@ -103,7 +113,7 @@ def _each(found: dict[str, dict[str, list[Findings]]], of: Any) -> dict[str, dic
 def build_parser() -> OneLineParser:
     """The command line."""
     parser = benchmark_parser("validation", __doc__)
-    parser.add_argument("--episodes", type=whole_number(most=100), default=2, help="of each demand")
+    parser.add_argument("--episodes", type=whole_number(most=100), default=5, help="of each demand")
     parser.add_argument(
         "--minutes",
         type=whole_number(most=10_000),

@@ -10,6 +10,7 @@ import numpy as np
 
 import medjax
 from medjax.env.charging_env import ChargingEnv
+from medjax.traffic.idm import IDM, IDM_PLUS
 from medjax.world.kinds import GAS
 from medjax.world.params import EnvConfig, EnvParams
 
@@ -63,19 +64,21 @@ class Schedule:
 
 
 @functools.cache
-def _highway() -> tuple[ChargingEnv, EnvParams]:
+def _highway(following: IDM) -> tuple[ChargingEnv, EnvParams]:
     """The road of `paper` with traffic alone: no EVs, so that nobody runs out, and no MEDs sent."""
-    return medjax.make("paper", num_gas=SLOTS, num_evs=1, num_meds=1, ev_share=0.0)
+    return medjax.make(
+        "paper", following=following, num_gas=SLOTS, num_evs=1, num_meds=1, ev_share=0.0
+    )
 
 
-def world(demand: Demand, minutes: int) -> tuple[ChargingEnv, Schedule]:
-    """The road of `paper` under a demand.
+def world(demand: Demand, minutes: int, following: IDM = IDM_PLUS) -> tuple[ChargingEnv, Schedule]:
+    """The road of `paper` under a demand, driven by a car-following model.
 
     Args:
       demand: what asks to enter; of one that rises twice as much is measured.
       minutes: that are measured.
     """
-    env, params = _highway()
+    env, params = _highway(following)
     ramps = np.full(env.config.num_ramps, demand.ramp_per_h, np.float32)
     minutes = minutes if demand.from_share == 1.0 else 2 * minutes
 

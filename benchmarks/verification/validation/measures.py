@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from benchmarks.verification.boxes import overlapping
 from benchmarks.verification.validation.lanes import LaneChanges, lane_changes
 from benchmarks.verification.validation.merging import Merges, merges
 from benchmarks.verification.validation.sections import (
@@ -45,7 +47,8 @@ class Findings:
     travel_s: np.ndarray  # (V,) s, of those who drove the whole main road
     idle_s: float  # standing on the main road with FREE_AHEAD_M free ahead, vehicles' seconds
     standing_s: float  # on the main road, vehicles' seconds
-    collisions: int  # vehicles that overlap the one ahead, summed over ticks
+    collisions: int  # vehicles that overlap the one ahead in their lane, summed over ticks
+    in_one_place: int  # pairs of bodies that overlap, whatever their lanes, once a second
 
 
 def find(seen: Trajectories, free_speed: float) -> Findings:
@@ -74,6 +77,7 @@ def find(seen: Trajectories, free_speed: float) -> Findings:
         idle_s=float((stands & (beside.gap >= FREE_AHEAD_M)).sum() * seen.tick_s),
         standing_s=float(stands.sum() * seen.tick_s),
         collisions=_overlapping(beside),
+        in_one_place=_in_one_place(seen),
     )
 
 
@@ -95,6 +99,25 @@ def _travel_times(seen: Trajectories, first: np.ndarray, last: np.ndarray) -> np
 
 def _overlapping(beside: Neighbours) -> int:
     return int((beside.gap < -OVERLAP_M).sum())
+
+
+def _in_one_place(seen: Trajectories) -> int:
+    """Pairs that `boxes.overlapping` finds, once a second: every pair of bodies, whatever lanes these count to.
+
+    Where SUMO's vehicles are across the road is not known, since they jump from lane to lane: in the middle of one.
+    """
+    lateral = seen.lane * seen.road.lane_width_m if seen.lateral is None else seen.lateral
+    order = np.argsort(seen.tick, kind="stable")
+    every = max(round(1.0 / seen.tick_s), 1)
+    ticks = np.arange(0, seen.num_ticks, every)
+    starts, ends = (np.searchsorted(seen.tick[order], ticks, side) for side in ("left", "right"))
+    pairs = 0
+    for start, end in zip(starts, ends, strict=True):
+        rows = order[start:end]
+        sizes = seen.length[rows], seen.width[rows]
+        there = np.ones(len(rows), bool)
+        pairs += int(np.sum(overlapping(seen.x[rows], lateral[rows], *sizes, there)))
+    return pairs
 
 
 def percentile(values: np.ndarray, percent: float) -> float:
@@ -125,6 +148,40 @@ def summarise(findings: Sequence[Findings]) -> dict[str, Any]:
         **_of_travel(findings, hours),
         **_of_flow(findings),
     }
+
+
+# Student's t for 95 % and so many degrees of freedom, from 1 on; beyond them less than 4 % are left to the normal's.
+STUDENT_T = (
+    12.71,
+    4.303,
+    3.182,
+    2.776,
+    2.571,
+    2.447,
+    2.365,
+    2.306,
+    2.262,
+    2.228,
+    2.201,
+    2.179,
+    2.160,
+    2.145,
+    2.131,
+)
+
+
+def half_widths(findings: Sequence[Findings]) -> dict[str, float]:
+    """Half of the 95 % interval of each figure of `summarise` over episodes, by Student's t; NaN for a single one."""
+    each = [summarise([found]) for found in findings]
+    episodes = len(each)
+    if episodes < 2:
+        return dict.fromkeys(each[0], math.nan)
+    t = STUDENT_T[min(episodes - 1, len(STUDENT_T)) - 1]
+
+    def half(values: list[float]) -> float:
+        return t * float(np.std(values, ddof=1)) / math.sqrt(episodes)
+
+    return {name: half([figures[name] for figures in each]) for name in each[0]}
 
 
 def _of_merges(merged: Sequence[Merges]) -> dict[str, Any]:
@@ -169,6 +226,7 @@ def _of_travel(findings: Sequence[Findings], hours: float) -> dict[str, Any]:
         "standing_s_per_h": sum(found.standing_s for found in findings) / hours,
         "idle_s_per_h": sum(found.idle_s for found in findings) / hours,
         "collisions": sum(found.collisions for found in findings),
+        "in_one_place": sum(found.in_one_place for found in findings),
     }
 
 

@@ -17,6 +17,7 @@ from benchmarks.verification.validation.trajectories import Road, Trajectories
 from medjax.env.charging_env import ChargingEnv
 from medjax.episodes.keys import episode_keys
 from medjax.episodes.player import Episodes, Player
+from medjax.world.kinds import WIDTHS_M
 from medjax.world.params import EnvParams
 from medjax.world.state import EnvState
 
@@ -114,6 +115,7 @@ def of_slots(
         x=x,
         speed=by_slot["speed"][rows].astype(float),
         length=lengths[by_slot["kind"][rows]].astype(float),
+        width=np.array(WIDTHS_M)[by_slot["kind"][rows]],
         lateral=lane * road.lane_width_m + by_slot["lateral_offset"][rows],
     )
 

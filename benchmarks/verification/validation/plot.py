@@ -9,7 +9,7 @@ import numpy as np
 
 from medjax.files import replacing
 
-COLORS = {"medjax": "#00796b", "SUMO": "#e65100"}
+COLORS = {"medjax": "#00796b", "medjax IDM": "#5e92f3", "SUMO": "#e65100"}
 
 
 def draw(path: Path, result: dict[str, Any]) -> None:

@@ -18,6 +18,11 @@ class Range:
     text: str
     source: str
 
+    @property
+    def is_goal(self) -> bool:
+        """Whether this project set it for itself."""
+        return self.source.startswith("a goal")
+
     def holds(self, value: float) -> bool | None:
         """Whether it lies there; None where there is no figure."""
         return None if math.isnan(value) else self.low <= value <= self.high
@@ -162,22 +167,31 @@ RANGES = (
 )
 
 
-def checks(figures: dict[str, dict[str, dict[str, Any]]]) -> list[dict[str, Any]]:
+def checks(
+    figures: dict[str, dict[str, dict[str, Any]]], widths: dict[str, dict[str, dict[str, float]]]
+) -> list[dict[str, Any]]:
     """Every range beside what was measured.
+
+    Goals that this project set itself are for what medjax drives by default; nothing else is marked by them.
 
     Args:
       figures: of `measures.summarise`, by demand, by simulator.
+      widths: of `measures.half_widths`, likewise.
 
     Returns:
-      One a range whose demand was measured: the range, and by simulator `value` and `holds`.
+      One a range whose demand was measured: the range, and by simulator `value`, `half_width` and `holds`.
     """
     found = []
     for each in RANGES:
         if each.demand not in figures:
             continue
-        measured = {
-            name: {"value": values[each.figure], "holds": each.holds(values[each.figure])}
-            for name, values in figures[each.demand].items()
-        }
+        measured = {}
+        for name, values in figures[each.demand].items():
+            value, is_ours = values[each.figure], name == "medjax"
+            measured[name] = {
+                "value": value,
+                "half_width": widths[each.demand][name][each.figure],
+                "holds": each.holds(value) if is_ours or not each.is_goal else None,
+            }
         found.append(dataclasses.asdict(each) | {"measured": measured})
     return found

@@ -43,6 +43,7 @@ ROWS = (
     ("standing_s_per_h", "standing on the main road, s/h", 0, 1.0),
     ("idle_s_per_h", "with 60 m free ahead, s/h", 0, 1.0),
     ("collisions", "collisions, vehicles' ticks", 0, 1.0),
+    ("in_one_place", "two bodies in one place, pairs and seconds", 0, 1.0),
 )
 
 
@@ -78,7 +79,10 @@ def table_of_ranges(checks: Sequence[dict[str, Any]], simulators: Sequence[str])
 
 def _cell(measured: dict[str, Any]) -> str:
     value, holds = measured["value"], measured["holds"]
-    text = shown(value, 0 if abs(value) >= 100.0 else 3)
+    digits = 0 if abs(value) >= 100.0 else 3
+    text = shown(value, digits)
+    if not math.isnan(measured["half_width"]):
+        text += f" ± {shown(measured['half_width'], digits)}"
     return f"{text} (missed)" if holds is False else text
 
 

@@ -19,6 +19,7 @@ from benchmarks.peers.sumo_road import (
 )
 from benchmarks.verification.validation.demands import Schedule
 from benchmarks.verification.validation.trajectories import Road, Trajectories
+from medjax.world.kinds import WIDTHS_M
 
 
 class SumoRun:
@@ -102,5 +103,6 @@ def read(file: Path, schedule: Schedule) -> Trajectories:
         x=np.array(x)[rows],
         speed=np.array(speed)[rows],
         length=lengths[np.array(kind)[rows]],
+        width=np.array(WIDTHS_M)[np.array(kind)[rows]],
         lateral=None,
     )

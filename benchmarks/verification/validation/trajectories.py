@@ -52,6 +52,7 @@ class Trajectories:
     x: np.ndarray  # (R,) float64, m
     speed: np.ndarray  # (R,) float64, m/s
     length: np.ndarray  # (R,) float64, m, of the vehicle
+    width: np.ndarray  # (R,) float64, m
     lateral: (
         np.ndarray | None
     )  # (R,) float64, m right of the leftmost lane's centre; None: not known
@@ -84,7 +85,7 @@ class Trajectories:
         """What was seen from then on, tick 0 then."""
         first = round(seconds / self.tick_s)
         keep = self.tick >= first
-        names = ("vehicle", "lane", "x", "speed", "length", "lateral")
+        names = ("vehicle", "lane", "x", "speed", "length", "width", "lateral")
         rows: dict[str, Any] = {
             name: None if (column := getattr(self, name)) is None else column[keep]
             for name in names

@@ -36,6 +36,7 @@ def seen(*drives, num_ticks=None, length=5.0, road=ROAD, lateral=None):
         x=x,
         speed=speed,
         length=np.full(len(x), length),
+        width=np.full(len(x), 1.8),
         lateral=lateral,
     )
 

@@ -4,9 +4,16 @@ import dataclasses
 
 import numpy as np
 import pytest
+import scipy.stats
 
 from benchmarks.verification.validation.lanes import lane_changes
-from benchmarks.verification.validation.measures import find, percentile, summarise
+from benchmarks.verification.validation.measures import (
+    STUDENT_T,
+    find,
+    half_widths,
+    percentile,
+    summarise,
+)
 from benchmarks.verification.validation.merging import merges
 from benchmarks.verification.validation.sections import (
     Diagram,
@@ -195,6 +202,7 @@ def test_an_episode_of_a_few_vehicles():
     assert found.standing_s == 50.0
     assert found.idle_s == 25.0
     assert found.collisions == 10
+    assert found.in_one_place == 3  # at ticks 0, 4 and 8
     assert found.vehicles_max == 6
 
 
@@ -225,3 +233,29 @@ def test_an_empty_road_and_random_rows_are_measured():
 def test_percentiles_leave_out_what_is_no_number():
     assert percentile(np.array([np.nan, 1.0, 3.0]), 50) == 2.0
     assert np.isnan(percentile(np.array([np.nan]), 50))
+
+
+def test_bodies_in_one_place_whatever_their_lanes():
+    """Half way through a change a car still covers the lane that it left, where nobody's leader is."""
+    beside = drive([1] * 8, 20.0, x=1000.0), drive([2] * 8, 20.0, x=1002.0)
+    rows = seen(*beside)
+    assert (
+        find(rows, 30.0).in_one_place == 0
+    )  # in the middle of their lanes, as those whose place is not known
+    changing = dataclasses.replace(rows, lateral=np.repeat([4.0, 5.5], 8))
+    found = find(changing, 30.0)
+    assert (found.collisions, found.in_one_place) == (0, 2)
+
+
+def test_intervals_are_of_students_t_over_episodes():
+    """Travel times of 160, 200 and 250 s, by SciPy; of one episode there is none."""
+    found = [
+        find(seen(drive([0] * round(4000 / speed * 4 + 1), speed, first_tick=4)), 30.0)
+        for speed in (25.0, 20.0, 16.0)
+    ]
+    low, high = scipy.stats.t.interval(0.95, 2, 0.0, scipy.stats.sem([160.0, 200.0, 250.0]))
+    assert half_widths(found)["travel_mean_s"] == pytest.approx(high, rel=1e-3)
+    assert low == pytest.approx(-high)
+    assert np.isnan(half_widths(found[:1])["travel_mean_s"])
+    quantiles = scipy.stats.t.ppf(0.975, np.arange(1, len(STUDENT_T) + 1))
+    assert pytest.approx(quantiles, rel=1e-3) == STUDENT_T
