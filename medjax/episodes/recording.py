@@ -4,6 +4,7 @@
 """
 
 import dataclasses
+import functools
 from collections.abc import Iterator
 from functools import partial
 from typing import Any
@@ -160,14 +161,13 @@ def record_pieces(
     Yields:
       Pieces in the order of time.
     """
-    player = Player(env.with_probe(lambda state: state), [policy])
-    begun, first, road = jax.jit(partial(_begin, player))(episode_keys(seed, 1, episode), params)
-    last, road = jax.device_get((first, road))
     config, steps = env.config, episode_steps(env, params)
     ticks_a_step = config.ticks_per_decision * env.decisions_per_step
     count = -(-steps * ticks_a_step * config.num_vehicles // SLOTS_OF_A_PIECE)
     steps_a_piece = -(-steps // count)
-    go_on = jax.jit(partial(_go_on, player, steps_a_piece))
+    begin, go_on = _programs(env, policy, steps_a_piece)
+    begun, first, road = begin(episode_keys(seed, 1, episode), params)
+    last, road = jax.device_get((first, road))
     frames_of_all, numbered = 1 + episode_decisions(params) * config.ticks_per_decision, None
     for start in range(0, steps, steps_a_piece):
         begun, made = go_on(policy.weights, begun, jnp.int32(start), params)
@@ -190,6 +190,13 @@ def record_pieces(
         )
         yield piece
         last, numbered = jax.tree.map(lambda leaf: leaf[-1], frames), piece.latest()[-1]
+
+
+@functools.lru_cache(maxsize=8)
+def _programs(env: Environment, policy: Policy, steps_a_piece: int) -> tuple[Any, Any]:
+    """Compiled once for an environment and a policy, whatever episodes are recorded: a start, and a piece."""
+    player = Player(env.with_probe(lambda state: state), [policy])
+    return jax.jit(partial(_begin, player)), jax.jit(partial(_go_on, player, steps_a_piece))
 
 
 def _after(start: np.ndarray, rest: np.ndarray, most: int) -> np.ndarray:

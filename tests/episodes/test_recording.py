@@ -6,6 +6,7 @@ import pytest
 import medjax
 from medjax.episodes.recording import Recording, record_episode
 from medjax.episodes.scores import evaluate_policies
+from medjax.policies.policy import Policy
 from medjax.policies.rules import forecast
 from medjax.world.kinds import by_class
 
@@ -54,3 +55,24 @@ def test_a_vehicle_moves_by_its_speed_and_keeps_its_number(recording):
     assert recording.time_s[-1] == pytest.approx(90.0)
     for number in np.unique(ids[ids >= 0]):
         assert len(np.unique(np.nonzero(ids == number)[1])) == 1
+
+
+def test_another_episode_of_the_same_policy_compiles_nothing(world):
+    """The policy is traced for the first recording alone."""
+    env, params = world
+    traced = []
+
+    def act(weights, key, obs, state, params):
+        traced.append(1)
+        return forecast(env).act(weights, key, obs, state, params)
+
+    policy = Policy(act)
+    first, again, other = (
+        record_episode(env, params, policy, episode=episode) for episode in (0, 0, 1)
+    )
+    times = len(traced)
+    assert times > 0
+    np.testing.assert_array_equal(first.frames.x, again.frames.x)
+    assert (first.frames.x != other.frames.x).any()
+    record_episode(env, params, policy, seed=9)
+    assert len(traced) == times

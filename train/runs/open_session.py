@@ -125,4 +125,5 @@ def _restored(
             for name, value in to_json(request.config).items()
             if value != was[name] and name != "total_timesteps"
         ]
-        raise InputError(f"{', '.join(changed) or 'other code'}: {error}") from None
+        prng = f"jax_default_prng_impl, which is {jax.config.jax_default_prng_impl}"
+        raise InputError(f"{', '.join(changed) or f'other code or {prng}'}: {error}") from None
