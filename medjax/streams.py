@@ -40,12 +40,12 @@ class _Unbroken:
 
 @contextlib.contextmanager
 def unbroken_output() -> Iterator[None]:
-    """Within it, what is printed may find no reader."""
-    streams = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = (_Unbroken(stream) for stream in streams)  # type: ignore[assignment]
+    """Within it, what is printed may find no reader; a stream that is closed from the first stays None."""
+    streams: tuple[Any, ...] = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = (stream and _Unbroken(stream) for stream in streams)
     try:
         yield
     finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
+        for stream in filter(None, (sys.stdout, sys.stderr)):
+            stream.flush()
         sys.stdout, sys.stderr = streams

@@ -1,6 +1,7 @@
 """A reader of a command's output that goes away, as `head` does, ends neither the work nor its files."""
 
 import json
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -61,4 +62,12 @@ def test_any_command_goes_on(tmp_path):
     """Far more than a pipe holds, to both streams, and its own exit code."""
     (tmp_path / "speaks.py").write_text(SPEAKS)
     assert run_unread(tmp_path, "speaks") == 3
+    assert (tmp_path / "done").exists()
+
+
+def test_a_command_without_streams_goes_on(tmp_path):
+    """As a shell's `>&-` starts it: Python has None for them."""
+    (tmp_path / "speaks.py").write_text(SPEAKS)
+    shell = f"{shlex.quote(sys.executable)} -m speaks >&- 2>&-"
+    assert subprocess.run(shell, shell=True, cwd=tmp_path, check=False, timeout=60).returncode == 3
     assert (tmp_path / "done").exists()
