@@ -97,6 +97,9 @@ def _observation(given: Any) -> Any:
         if given not in OBSERVATIONS:
             raise _unknown("observation", given, list(OBSERVATIONS))
         return OBSERVATIONS[given]
+    _check(
+        given is not None, "observation", given, f"{', '.join(OBSERVATIONS)}, or one of your own"
+    )
     return given
 
 

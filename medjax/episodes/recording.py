@@ -165,7 +165,8 @@ def record_pieces(
     ticks_a_step = config.ticks_per_decision * env.decisions_per_step
     count = -(-steps * ticks_a_step * config.num_vehicles // SLOTS_OF_A_PIECE)
     steps_a_piece = -(-steps // count)
-    begin, go_on = _programs(env, policy, steps_a_piece)
+    own: Any = env  # to be hashed, as whatever is compiled once
+    begin, go_on = _programs(own, policy, steps_a_piece)
     begun, first, road = begin(episode_keys(seed, 1, episode), params)
     last, road = jax.device_get((first, road))
     frames_of_all, numbered = 1 + episode_decisions(params) * config.ticks_per_decision, None
@@ -193,7 +194,7 @@ def record_pieces(
 
 
 @functools.lru_cache(maxsize=8)
-def _programs(env: Environment, policy: Policy, steps_a_piece: int) -> tuple[Any, Any]:
+def _programs(env: Any, policy: Policy, steps_a_piece: int) -> tuple[Any, Any]:
     """Compiled once for an environment and a policy, whatever episodes are recorded: a start, and a piece."""
     player = Player(env.with_probe(lambda state: state), [policy])
     return jax.jit(partial(_begin, player)), jax.jit(partial(_go_on, player, steps_a_piece))

@@ -1,11 +1,15 @@
 """Who was there for how long, against the tally's books."""
 
 import numpy as np
+import pytest
 
+from medjax.episodes.recording import record_episode
+from medjax.policies.rules import BASELINES
 from medjax.render.camera import AUTO, busiest_time, camera_path, find_track
 from medjax.render.scene import Timeline
 from medjax.render.tracks import ran_out, tracks_of
 from medjax.world.kinds import by_class
+from tests.compiling import quickly
 
 
 def test_as_many_vehicles_of_each_class_as_the_tally_counts(recording):
@@ -59,8 +63,16 @@ def test_left_alone_the_camera_is_at_a_med_whenever_there_is_one(recording):
     assert np.all(off.min(axis=1)[any_med] == 0.0)
 
 
-def test_the_camera_leaves_a_med_for_a_busier_one_within_ten_seconds(recording):
-    path, frames, meds = camera_path(Timeline(recording), AUTO), recording.frames, range(3)
+@pytest.fixture(scope="module")
+def changing(world):
+    """An episode of the small highway in which one MED after the other is the busiest."""
+    env, params = world
+    with quickly():
+        return record_episode(env, params, BASELINES["periodic"](env), seed=3, episode=18)
+
+
+def test_the_camera_leaves_a_med_for_a_busier_one_within_ten_seconds(changing):
+    path, frames, meds = camera_path(Timeline(changing), AUTO), changing.frames, range(3)
     charged = [(frames.ev_is_charging & (frames.ev_med == med)).sum(axis=1) for med in meds]
     busy = np.where(frames.active[:, :3], np.stack(charged, axis=1), -1)
     followed = np.where(frames.active[:, :3] & (frames.x[:, :3] == path[:, None]), busy, -1)

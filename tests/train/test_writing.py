@@ -69,13 +69,13 @@ def test_what_is_too_large_is_refused_before_it_is_compiled(probe, capsys, monke
         words = ("num_envs 4096 x 4 choices", "of memory, allowed: 2e-05 GB", "--force")
         refused(capsys, [*QUIET, "--num-envs=4096", "--run-dir=run"], *words)
         many = ["--eval-episodes=1000000", "--run-dir=run"]
-        refused(capsys, [*QUIET, *many], "eval_episodes 1000000: about 1.5", "--force")
+        refused(capsys, [*QUIET, *many], "eval_episodes 1000000: about 2 GB", "--force")
     assert not compiled
     assert not (probe / "run").exists()
     assert ppo.main([*QUIET, "--run-dir=run", "--num-envs=4096", "--force"]) == 0
     capsys.readouterr()
     argv = ["--run-dir=run", "--episodes=1000"]
-    refused(capsys, argv, "--episodes 1000: about 0.0015 GB", "--force", command=evaluate)
+    refused(capsys, argv, "--episodes 1000: about 0.002 GB", "--force", command=evaluate)
     assert evaluate.main([*argv, "--force"]) == 0
 
 

@@ -125,5 +125,6 @@ def _restored(
             for name, value in to_json(request.config).items()
             if value != was[name] and name != "total_timesteps"
         ]
-        prng = f"jax_default_prng_impl, which is {jax.config.jax_default_prng_impl}"
+        option = "jax_default_prng_impl"
+        prng = f"{option}, which is {getattr(jax.config, option)}"
         raise InputError(f"{', '.join(changed) or f'other code or {prng}'}: {error}") from None

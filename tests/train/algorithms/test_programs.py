@@ -42,7 +42,7 @@ def test_one_program_serves_all_chunks_and_these_do_not_change_the_result():
         for count in chunks:
             state, metrics = run(state, params, jnp.int32(count))
             assert np.isfinite(metrics["loss"][:count]).all()
-            assert np.isnan(metrics["loss"][count:]).all()
+            assert not metrics["loss"][count:].any()
             rates += metrics["learning_rate"][:count].tolist()
         assert int(state.update) == 6
         np.testing.assert_allclose(rates, [1e-2 * (1 - n / 6) for n in range(6)], rtol=1e-5)

@@ -130,12 +130,12 @@ def explained_variance(value: jax.Array, target: jax.Array, weight: jax.Array) -
     """
 
     def variance(of: jax.Array) -> jax.Array:
-        mean = jnp.sum(of * share)
-        return jnp.sum(jnp.square(of - mean) * share)
+        mean = jnp.sum(of * weight) / divisor
+        return jnp.sum(jnp.square(of - mean) * weight) / divisor
 
     # Divisors that are 0 are replaced before they divide: what is not used must be finite, too.
     total = jnp.sum(weight)
-    share = weight / jnp.where(total > 0.0, total, 1.0)
+    divisor = jnp.where(total > 0.0, total, 1.0)
     spread = variance(target)
     varies = spread > 0.0
     missed = variance(target - value) / jnp.where(varies, spread, 1.0)
