@@ -131,7 +131,7 @@ def record_episode(
     Args:
       env: a single environment, wrapped or not; a probe of its own is replaced.
       params: its parameters.
-      policy: the dispatcher; it is compiled with the environment.
+      policy: the dispatcher; it is compiled with the environment, once for the same two objects.
       name: of the policy.
       seed: whose episodes.
       episode: which of them; the same as in `train.evaluate`.
@@ -165,8 +165,7 @@ def record_pieces(
     ticks_a_step = config.ticks_per_decision * env.decisions_per_step
     count = -(-steps * ticks_a_step * config.num_vehicles // SLOTS_OF_A_PIECE)
     steps_a_piece = -(-steps // count)
-    own: Any = env  # to be hashed, as whatever is compiled once
-    begin, go_on = _programs(own, policy, steps_a_piece)
+    begin, go_on = _programs(_Same(env), policy, steps_a_piece)
     begun, first, road = begin(episode_keys(seed, 1, episode), params)
     last, road = jax.device_get((first, road))
     frames_of_all, numbered = 1 + episode_decisions(params) * config.ticks_per_decision, None
@@ -193,10 +192,23 @@ def record_pieces(
         last, numbered = jax.tree.map(lambda leaf: leaf[-1], frames), piece.latest()[-1]
 
 
+class _Same:
+    """An environment, equal to itself alone: somebody's own may hold arrays, which have no hash."""
+
+    def __init__(self, env: Environment) -> None:
+        self.env = env
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self.env is other.env
+
+    def __hash__(self) -> int:
+        return id(self.env)
+
+
 @functools.lru_cache(maxsize=8)
-def _programs(env: Any, policy: Policy, steps_a_piece: int) -> tuple[Any, Any]:
+def _programs(same: _Same, policy: Policy, steps_a_piece: int) -> tuple[Any, Any]:
     """Compiled once for an environment and a policy, whatever episodes are recorded: a start, and a piece."""
-    player = Player(env.with_probe(lambda state: state), [policy])
+    player = Player(same.env.with_probe(lambda state: state), [policy])
     return jax.jit(partial(_begin, player)), jax.jit(partial(_go_on, player, steps_a_piece))
 
 

@@ -1,5 +1,7 @@
 """Recordings against evaluation, the tally's books and the kinematics of the road."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from medjax.episodes.scores import evaluate_policies
 from medjax.policies.policy import Policy
 from medjax.policies.rules import forecast
 from medjax.world.kinds import by_class
+from medjax.wrappers import Wrapper
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -76,3 +79,17 @@ def test_another_episode_of_the_same_policy_compiles_nothing(world):
     assert (first.frames.x != other.frames.x).any()
     record_episode(env, params, policy, seed=9)
     assert len(traced) == times
+
+
+@dataclasses.dataclass(frozen=True)
+class Scaled(Wrapper):
+    """A wrapper of one's own that holds an array, which has no hash."""
+
+    scale: object = None
+
+
+def test_an_environment_that_has_no_hash_is_recorded(world):
+    env, params = world
+    own = Scaled(env, np.ones(3))
+    recording = record_episode(own, params.replace(episode_decisions=2), forecast(own))
+    assert len(recording.frames.x) == 9
