@@ -12,7 +12,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics  # noqa: E402
 from medjax.wrappers.gymnasium import ENV_ID  # noqa: E402
 from medjax.wrappers.gymnasium.vector import COUNTS_WRONG  # noqa: E402
 
-pytestmark = [pytest.mark.usefixtures("quick_compiles"), pytest.mark.versions]
+pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 DECISIONS, NUM = 6, 3
 SMALL = {"num_meds": 3, "num_evs": 8, "num_gas": 12, "episode_decisions": DECISIONS}
