@@ -142,7 +142,9 @@ non_negative = a_number("a number from 0", lambda value: value >= 0.0)
 
 def add_scenario(parser: OneLineParser) -> None:
     """Adds `--scenario NAME`."""
-    parser.add_argument("--scenario", default="paper", choices=list(medjax.SCENARIOS))
+    parser.add_argument(
+        "--scenario", default="paper", choices=list(medjax.SCENARIOS), help="default: paper"
+    )
 
 
 def episodes_parser(name: str, description: str | None, episodes: int, seed: int) -> OneLineParser:

@@ -21,6 +21,7 @@ from medjax.commandline import (
 )
 from medjax.errors import InputError
 from medjax.files import check_output, write_json
+from medjax.policies.rules import BASELINES
 from medjax.world.catalogue import PRESETS
 from train.evaluation.tables import is_papers
 from train.runs.run_directory import RunDir, check_matplotlib
@@ -42,14 +43,14 @@ def build_parser() -> OneLineParser:
     parser.add_argument(
         "--batch", default="128", metavar="N", help="episodes played together (default: 128)"
     )
-    names = "of the run, rules, module:function that builds one, files that end in .zip"
+    names = f"of the run, rules ({', '.join(BASELINES)}), module:function that builds one, files that end in .zip"
     parser.add_argument(
         "--policies",
         metavar="A,B",
         help=f"these alone, with or without a run: {names} (default: those of the run and every rule)",
     )
     parser.add_argument(
-        "--baseline", metavar="NAME", help="the policy that all others are compared with"
+        "--baseline", metavar="NAME", help="the policy of these that all others are compared with"
     )
     parser.add_argument("--force", action="store_true", help="begin although memory is not there")
     parser.add_argument("--scenario", metavar="NAME", help="preset (default: the one trained on)")

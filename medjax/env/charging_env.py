@@ -37,7 +37,7 @@ from medjax.traffic.entry import admit
 from medjax.traffic.following import CarFollowing
 from medjax.traffic.idm import IDM_PLUS
 from medjax.traffic.step import drivers_of, perturb
-from medjax.world.checks import check_shapes
+from medjax.world.checks import check_made_for
 from medjax.world.params import EnvConfig, EnvParams, validate_config
 from medjax.world.presets import Recipe
 from medjax.world.state import EnvState, Tally
@@ -122,7 +122,7 @@ class ChargingEnv:
         Raises:
           InputError: params of another config, by their shapes.
         """
-        check_shapes(self.config, params)
+        check_made_for(self.config, params)
         state = initial_state(key, self.config, params)
         return self.get_obs(state, params), state
 
@@ -148,7 +148,7 @@ class ChargingEnv:
         Raises:
           InputError: params of another config, by their shapes.
         """
-        check_shapes(self.config, params)
+        check_made_for(self.config, params)
         before = state
         with jax.named_scope("dispatch"):
             state, dispatched = dispatch(state, action, self.config, params)

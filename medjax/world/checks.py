@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, get_type_hints
 
+import jax
 import numpy as np
 
 from medjax.errors import InputError, shown
@@ -61,8 +62,8 @@ def check_numbers(config: EnvConfig, params: EnvParams) -> EnvParams:
     return checked
 
 
-def check_shapes(config: EnvConfig, params: EnvParams) -> None:
-    """Refuses (InputError) params that were made for another config; of shapes alone, and so inside `jit`, too."""
+def check_made_for(config: EnvConfig, params: EnvParams) -> None:
+    """Refuses (InputError) params that were made for another config: by shapes, and outside of `jit` by values."""
     shapes = _shapes(config)
     for group, ranges in GROUPS.items():
         for name, limits in ranges.items():
@@ -71,6 +72,8 @@ def check_shapes(config: EnvConfig, params: EnvParams) -> None:
                 raise InputError(
                     f"params were made for another config: {group}.{name} has shape {got}, allowed {expected}"
                 )
+    if not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(params)):
+        _check_pairs(config, params)
 
 
 def _shapes(config: EnvConfig) -> dict[str, tuple[int, ...]]:
@@ -131,7 +134,7 @@ def _check_pairs(config: EnvConfig, params: EnvParams) -> None:
         ("fleet size", fleet.size, "num_meds", config.num_meds),
     )
     for name, value, bound, most in pairs:
-        if value > most:
+        if float(value) > float(most):
             raise InputError(f"{name} = {value:g}: allowed at most {bound} = {most:g}")
 
 

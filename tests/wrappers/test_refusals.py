@@ -139,3 +139,11 @@ def test_params_of_another_make(paper, around, sizes, says):
                 call()
             assert "params were made for another config: " in str(refusal.value)
             assert words in str(refusal.value)
+
+
+def test_params_of_more_lanes(paper):
+    """Shapes do not tell them apart; a lane that is not there does, where values are known."""
+    env, _ = paper
+    _, others = medjax.make("paper", num_lanes=6, service_lane=5)
+    with pytest.raises(InputError, match="service_lane = 5: allowed at most num_lanes - 1 = 3"):
+        env.reset(jax.random.key(0), others)

@@ -1,8 +1,9 @@
 """Checkpoints of a whole training state: one NumPy archive each, `RUN_DIR/checkpoints/UPDATE.npz`.
 
 An archive holds every array under its path in the state, PRNG keys as the numbers they are made of, and `about`: JSON
-with the version of this format and the settings. It is written beside and renamed, so it is there whole or not at all;
-its reader checks the checksum that a ZIP file has of each member, and never unpickles anything.
+with the version of this format, the settings, and the generator that the keys are of. It is written beside and renamed,
+so it is there whole or not at all; its reader checks the checksum that a ZIP file has of each member, and never
+unpickles anything.
 """
 
 import json
@@ -25,6 +26,7 @@ from train.settings import TrainConfig, to_json
 FORMAT = 2
 CHECKPOINTS = "checkpoints"  # in the directory of a run
 ABOUT = "about"
+PRNG = "jax_default_prng_impl"  # JAX's option
 WEIGHTS = "weights/"  # begins the names of what acting needs
 
 
@@ -51,7 +53,7 @@ class Checkpoints:
             OSError: it could not be written; those before it are as they were.
         """
         path = self._path(updates_done(state))
-        about = json.dumps({"format": FORMAT, "config": to_json(config)})
+        about = json.dumps({"format": FORMAT, "config": to_json(config), "prng": _prng()})
         arrays: dict[str, Any] = {ABOUT: np.asarray(about), **_named(state)}
         self.directory.mkdir(exist_ok=True)
         remove_unfinished(self.directory)
@@ -121,7 +123,8 @@ class Checkpoints:
         where = f"checkpoint {self._path(step)}"
         try:
             with np.load(self._path(step), allow_pickle=False) as file:
-                version = json.loads(str(file[ABOUT]))["format"]
+                about = json.loads(str(file[ABOUT]))
+                version, prng = about["format"], about.get("prng", _prng())
                 names = [name for name in file.files if name != ABOUT and name.startswith(prefix)]
                 arrays = {name: file[name] for name in names} if version == FORMAT else {}
         except Exception as error:  # whatever NumPy and zipfile make of a damaged file
@@ -137,6 +140,8 @@ class Checkpoints:
             ) from error
         if version != FORMAT:
             raise InputError(f"{where} is of format {version!r}, allowed: {FORMAT}")
+        if prefix != WEIGHTS and prng != _prng():
+            raise InputError(f"{PRNG} {_prng()}, allowed: {prng}, whose keys {where} holds")
         wanted = _named(expected, prefix)
         for name in sorted({*arrays, *wanted}):
             found, allowed = _layout(arrays.get(name)), _layout(wanted.get(name))
@@ -183,6 +188,11 @@ def _named(tree: Any, prefix: str = "") -> dict[str, Any]:
 def _layout(array: Any) -> str:
     """Shape and type, e.g. `(1024, 300) float32`."""
     return "missing" if array is None else f"{array.shape} {array.dtype}"
+
+
+def _prng() -> str:
+    """The generator of new keys; keys of two of them may have one shape."""
+    return str(getattr(jax.config, PRNG))
 
 
 def _is_key(leaf: Any) -> bool:

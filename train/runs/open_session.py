@@ -125,6 +125,4 @@ def _restored(
             for name, value in to_json(request.config).items()
             if value != was[name] and name != "total_timesteps"
         ]
-        option = "jax_default_prng_impl"
-        prng = f"{option}, which is {getattr(jax.config, option)}"
-        raise InputError(f"{', '.join(changed) or f'other code or {prng}'}: {error}") from None
+        raise InputError(f"{', '.join(changed) or 'other code'}: {error}") from None

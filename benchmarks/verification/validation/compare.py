@@ -121,8 +121,9 @@ def build_parser() -> OneLineParser:
         help="of each, after five to fill the road; twice as many of the rising demand",
     )
     parser.add_argument("--seed", type=a_seed, default=0, help="which episodes")
+    names, shown = list(DEMANDS), f"of {', '.join(DEMANDS)} (default: all)"
     parser.add_argument(
-        "--demands", nargs="+", choices=list(DEMANDS), default=list(DEMANDS), metavar="NAME"
+        "--demands", nargs="+", choices=names, default=names, metavar="NAME", help=shown
     )
     add_plot(parser, "the fundamental diagram and merging")
     return parser

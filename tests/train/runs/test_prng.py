@@ -7,9 +7,11 @@ from train import ppo
 
 
 def test_another_prng_is_named(probe, capsys):
-    """Its keys are of another size, and no setting of the run says why."""
-    assert ppo.main([*TINY, "--eval-episodes=0", "--run-dir=run"]) == 0
-    capsys.readouterr()
+    """Whether its keys are of another size or not, and whatever setting is changed beside."""
     with jax.default_prng_impl("rbg"):
-        words = "jax_default_prng_impl, which is rbg", "(4,) uint32"
-        refused(capsys, ["--resume=run", "--total-timesteps=192"], *words)
+        assert ppo.main([*TINY, "--eval-episodes=0", "--run-dir=run"]) == 0
+    capsys.readouterr()
+    for other in ("threefry2x32", "unsafe_rbg"):
+        with jax.default_prng_impl(other):
+            words = f"jax_default_prng_impl {other}, allowed: rbg", "checkpoints"
+            refused(capsys, ["--resume=run", "--total-timesteps=192", "--lr=0.01"], *words)
