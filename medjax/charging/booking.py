@@ -154,8 +154,9 @@ def grant(
     """One round of booking: each EV asks its nearest MED, each MED takes its nearest EV.
 
     An EV asks only for a slot that it can reach before the MED leaves the road, or comes to where the EV
-    does, and before its own energy ends. A MED that several ask takes the nearest (the lower slot on a tie);
-    the others ask again in the next round. One EV a MED and round keeps the map one-to-one by construction.
+    does, before its own energy ends, and before the MED's patience does. A MED that several ask takes the
+    nearest (the lower slot on a tie); the others ask again in the next round. One EV a MED and round keeps the
+    map one-to-one by construction.
 
     Args:
       med, panel: (E,) int32, the map so far.
@@ -176,6 +177,7 @@ def grant(
     leaves_x = jnp.minimum(offer.leaves_x, requests.leaves_x)
     time_left = (leaves_x - offer.x) / jnp.maximum(offer.speed, 1.0)
     in_time = (seconds + WORTHWHILE_S <= time_left) & (seconds < requests.endurance_s)
+    in_time &= seconds <= params.patience_s  # or the MED would give the slot to another before
     asks = requests.asks & (distance < FAR) & in_time
 
     num_meds = offers.x.shape[0]

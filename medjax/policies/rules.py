@@ -150,18 +150,16 @@ def forecast(env: Environment, window_s: float = 60.0, enough: float = 5.0) -> P
 class Budget(struct.PyTreeNode):
     """What `budgeted` goes by: how many EVs each of these is worth.
 
-    The defaults did best on `paper` before its traffic was last corrected; those that
-    `python -m benchmarks.tune --rules budgeted` finds now return 1.9 more there (docs/results.md), 0.4 % of what
-    either gains on sending none.
+    The defaults did best on `paper`: `python -m benchmarks.tune --rules budgeted --episodes 1000` (docs/results.md).
     """
 
-    pack: float = 5.3  # a pack that EVs in need lack
-    coming: float = 1.34  # an EV that the demand will bring
-    free: float = -0.96  # a free slot near the ramp
-    ahead: float = 25.1  # the whole fleet ahead of an even pace
-    time_left: float = -3.14  # a whole episode left to go
+    pack: float = 5.03  # a pack that EVs in need lack
+    coming: float = 1.28  # an EV that the demand will bring
+    free: float = -1.01  # a free slot near the ramp
+    ahead: float = 22.97  # the whole fleet ahead of an even pace
+    time_left: float = -3.62  # a whole episode left to go
     # A ramp, less what is enough; of further ones the last.
-    ramp: tuple[float, ...] = (-4.14, -6.71, -5.59, -6.1)
+    ramp: tuple[float, ...] = (-3.94, -6.55, -5.88, -6.56)
 
     def margin(self, need: Need, at_depot: jax.Array, time_left: jax.Array) -> jax.Array:
         """By how many EVs sending from each ramp is better than waiting, `(..., num_ramps)`.

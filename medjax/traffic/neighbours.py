@@ -19,7 +19,15 @@ class Neighbours(NamedTuple):
     leader: jax.Array  # ahead in the own lane
     follower: jax.Array  # behind in the own lane
     target_leader: jax.Array  # ahead in the target lane
-    target_follower: jax.Array  # behind in the target lane
+    target_follower: jax.Array  # behind in the target lane; oneself, if one is in that lane
+
+    def in_target(self) -> jax.Array:
+        """Whether each is in its target lane already, `(N,)` bool.
+
+        Read off what was found: what leads to the search would be worked out again wherever this is used.
+        """
+        slots = self.target_follower
+        return slots == jnp.arange(slots.shape[0], dtype=jnp.int32)
 
     def without_target(self, blind: jax.Array) -> Neighbours:
         """The same, but that the `blind`, `(N,)` bool, find nobody in their target lanes."""

@@ -126,7 +126,7 @@ def _step(
         vehicles.lateral_offset - steps * lane_width,
         vehicles.lateral_speed,
         keeps_lane(vehicles.wander, width, lane_width),
-        _steering(speed, params.motion),
+        _steering(vehicles.speed, params.motion),
         config.tick_s,
     )
     return vehicles.replace(
@@ -166,11 +166,11 @@ class _Ahead(NamedTuple):
 def _in_other_lane(
     followers: Follower, leaders: Leader, slots: jax.Array, straddles: jax.Array
 ) -> _Ahead:
-    """Who is ahead of those who straddle a line in the lane that they come from, by slots `(N,)`."""
-    there = of_slots(leaders, slots)
+    """Who is ahead of those who straddle a line in the other lane that they cover, by slots `(N,)`."""
+    rear, speed = of_slots((leaders.rear, leaders.speed), slots)
     is_there = straddles & (slots != NOBODY)
-    gap = jnp.where(is_there, gap_between(followers, there), FREE_GAP_M)
-    return _Ahead(gap, there.speed, straddling_gap(followers))
+    gap = jnp.where(is_there, rear - followers.x, FREE_GAP_M)
+    return _Ahead(gap, speed, straddling_gap(followers))
 
 
 def _most(
@@ -191,18 +191,16 @@ def _most(
 
 def _look_around(
     vehicles: Vehicles, drivers: Drivers, turn: Turn, config: EnvConfig, params: EnvParams
-) -> tuple[jax.Array, jax.Array, Neighbours]:
-    """Slots along the road, who straddles a line, both `(N,)`, and who is next to whom.
+) -> tuple[jax.Array, Neighbours]:
+    """Slots along the road, `(N,)`, and who is next to whom.
 
     Who straddles a line looks at the other lane that it covers, and thinks of no change.
     """
     x, lane, active, width = vehicles.x, vehicles.lane, vehicles.active, params.road.lane_width_m
     order = sort_by_road(x, active, params.road.length_m, vehicles.road_order)
     other = other_lane(lane, vehicles.lateral_offset, drivers.width, width)
-    straddles = other != NOWHERE
-    target = jnp.where(straddles, other, lane + turn.direction)
-    found = find_neighbours(order, lane, other, target, active, config.num_lanes + 1)
-    return order, straddles, found
+    target = jnp.where(other != NOWHERE, other, lane + turn.direction)
+    return order, find_neighbours(order, lane, other, target, active, config.num_lanes + 1)
 
 
 def move(
@@ -224,7 +222,8 @@ def move(
     leaders, followers = roles(drivers, vehicles.x, vehicles.speed, orders.platoon, model)
     turn = whose_turn(tick, config.lane_change_groups)
     with jax.named_scope("neighbours"):
-        order, straddles, neighbours = _look_around(vehicles, drivers, turn, config, params)
+        order, neighbours = _look_around(vehicles, drivers, turn, config, params)
+        straddles = neighbours.in_target()
 
     follow = functools.partial(following_acceleration, platooning=orders.platooning, model=model)
     with jax.named_scope("car_following"):

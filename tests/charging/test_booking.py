@@ -186,14 +186,16 @@ def test_who_is_ahead_falls_back_no_faster_than_docking_has_it(paper, approach_s
     # In the left slot an EV and its MED have their middles side by side.
     seconds = (ahead_m + 0.5 * (12.0 - 5.0)) / pace
     nobody = jnp.full((1,), NOT_BOOKED, jnp.int32)
-    for spare_s, granted in ((-0.5, NOT_BOOKED), (0.5, 0)):
+    patient = {"patience_s": seconds + 0.5}, {"patience_s": seconds - 0.5}
+    cases = (-0.5, patient[0], NOT_BOOKED), (0.5, patient[0], 0), (0.5, patient[1], NOT_BOOKED)
+    for spare_s, patience, granted in cases:
         leaves_x = jnp.array([1000.0 + speed * (seconds + WORTHWHILE_S + spare_s)])
         med_there = (jnp.array([value]) for value in (1000.0, speed, 2, 12.0))
         offers = Offers(
             *med_there, jnp.array([[True, False, False, False]]), leaves_x, jnp.zeros((1, 2), bool)
         )
         asks = (jnp.array([value]) for value in (1000.0 + ahead_m, 1, 5.0, True, 1e6, 1e9))
-        got, _ = grant(nobody, nobody, Requests(*asks), offers, charging)
+        got, _ = grant(nobody, nobody, Requests(*asks), offers, charging.replace(**patience))
         assert int(got[0]) == granted
 
 
