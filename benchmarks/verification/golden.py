@@ -211,14 +211,17 @@ def numbers() -> dict[str, Any]:
 
 
 def last_of(played: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """One environment's numbers in few digits, as `numbers` has them."""
+    """One environment's numbers in few digits, as `numbers` has them; of vehicles, those on the road."""
     final = {name: values[0, -1] for name, values in played.items()}
-    on_road = np.flatnonzero(final["vehicles.active"])
+    active = final["vehicles.active"]
+    meds, evs = final["meds.status"].size, final["evs.med"].size  # slots: MEDs, EVs, the others
+    of_class = {"vehicles": active, "evs": active[meds : meds + evs]}
     chosen: dict[str, Any] = {"reward": played["reward"][0]}
     for name, values in final.items():
         if name not in ("obs", "reward", "ended"):
-            chosen[name] = values[on_road] if name.startswith("vehicles.") else values
-    chosen["vehicles.active"] = on_road
+            on_road = of_class.get(name.partition(".")[0])
+            chosen[name] = values if on_road is None else values[on_road]
+    chosen["vehicles.active"] = np.flatnonzero(active)
     return {name: _few_digits(np.asarray(values)) for name, values in chosen.items()}
 
 
