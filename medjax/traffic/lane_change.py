@@ -34,9 +34,7 @@ EVEN_SPEED = 0.95
 class Wish(NamedTuple):
     """Lane-change intentions, `(N,)` each."""
 
-    desire: (
-        jax.Array
-    )  # -1 to 1: negative to go left, positive to go right; the magnitude is the urgency
+    desire: jax.Array  # -1 to 1: negative to go left, positive to go right; size is urgency
     stay: jax.Array  # bool: only mandatory changes
     may: jax.Array  # bool: only traffic can prevent a change to the side looked at
 
@@ -144,14 +142,10 @@ class Look(NamedTuple):
     old_gap: jax.Array  # m, to old_leader; inf without one
     clearing_s: jax.Array  # s, until this vehicle is out of its own lane
     desire: jax.Array  # -1 to 1, positive towards the side looked at
-    stake: (
-        jax.Array
-    )  # 0 to 1, the urgency of this vehicle, or of one that comes over from the target lane
+    stake: jax.Array  # 0 to 1, urgency of this vehicle or of one that comes over from there
     own_after: jax.Array  # m/s^2, in the target lane
     new_after: jax.Array  # m/s^2, of the new follower after the change
-    others: tuple[
-        jax.Array, ...
-    ]  # m/s^2, of the old follower before and after, then of the new one
+    others: tuple[jax.Array, ...]  # m/s^2, old follower before and after, then the new one
 
 
 def _look(
