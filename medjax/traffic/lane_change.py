@@ -215,8 +215,8 @@ def _is_safe(look: Look, params: LaneChangeParams, tyres: Tyres) -> jax.Array:
 
     The more urgent a change is, the harder it may make the vehicle and its new follower brake (LMRS's gap acceptance),
     and the smaller the gaps it accepts: a vehicle that stops to let another in keeps its standing gap, and if no less
-    were accepted, both would wait for ever. However urgent the change, everyone must still be able to stop behind the
-    new leader. The changing vehicle covers both lanes until it has cleared its own; at current speeds it must do so
+    were accepted, both would wait for ever. However urgent the change, every vehicle must still be able to stop behind
+    the one ahead. The changing vehicle covers both lanes until it has cleared its own; at current speeds it must do so
     before it reaches its old leader.
     """
     wanted = jnp.maximum(look.desire, 0.0)
