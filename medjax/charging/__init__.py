@@ -1,1 +1,1 @@
-"""Where physics and traffic meet: booking, docking, the link between coils, and the exchange of energy."""
+"""Charging on the road: booking, docking, the link between coils, and the exchange of energy."""

@@ -1,6 +1,6 @@
-"""Who may charge where: asking, granting and releasing, and the one-to-one map of EVs and slots.
+"""Booking: EVs request slots, MEDs grant them, and bookings end; the map of EVs to slots is one-to-one.
 
-The map is kept once, on the EVs' side: `med` and `panel`. What a MED shows is derived from it.
+Only the EVs store the map, in `med` and `panel`; the MEDs' view is derived from it.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from medjax.world.params import (
 from medjax.world.state import IN_SERVICE, NOT_BOOKED, EnvState, EVs, MEDs, Vehicles
 
 FAR = 1.0e9
-# A lane change takes about so long; the choice of a panel counts it as way to go.
+# Approximate duration of a lane change, for the choice of a panel.
 LANE_CHANGE_S = 4.0
-# A docking counts as in time when so much of the MED's way is left for charging.
+# A docking is in time if the MED then still stays this long for charging.
 WORTHWHILE_S = 10.0
 
 
 def panel_flags(med: jax.Array, panel: jax.Array, flag: jax.Array, num_meds: int) -> jax.Array:
-    """The EVs' flags seen from the MEDs: `(num_meds, 4)` bool.
+    """Maps the EVs' flags to the MEDs' slots, `(num_meds, 4)` bool.
 
     Args:
       med, panel: (E,) int32, NOT_BOOKED where free.
@@ -55,13 +55,13 @@ def panel_flags(med: jax.Array, panel: jax.Array, flag: jax.Array, num_meds: int
 
 
 def can_serve(meds: MEDs, params: EnvParams) -> jax.Array:
-    """MEDs in service that hold energy above their reserve, `(num_meds,)` bool."""
+    """Whether each MED is in service with energy above its reserve, `(num_meds,)` bool."""
     reserve = params.fleet.reserve_soc * params.med_capacity_j
     return (meds.status == IN_SERVICE) & (meds.energy_j > reserve)
 
 
 def unserved(energy_j: jax.Array, complies: jax.Array) -> EVs:
-    """EVs with this energy, `(E,)` J, and such drivers, `(E,)` bool, that no MED has served."""
+    """EVs not served so far, from their energy, `(E,)` J, and their drivers' compliance, `(E,)` bool."""
     not_booked = jnp.full(energy_j.shape, NOT_BOOKED, jnp.int32)
     return EVs(
         energy_j=energy_j,
@@ -78,7 +78,7 @@ def unserved(energy_j: jax.Array, complies: jax.Array) -> EVs:
 
 
 def welcome(evs: EVs, newcomers: Newcomers, config: EnvConfig, params: EnvParams) -> EVs:
-    """The EVs with those that just came onto the road in the slots that these took."""
+    """Writes newcomers into the EV slots that they took."""
     demand, entry = params.demand, newcomers.entry[config.ev_slots]
     span = demand.arrival_soc_high - demand.arrival_soc_low
     soc = demand.arrival_soc_low + newcomers.traits.charge * span
@@ -89,32 +89,30 @@ def welcome(evs: EVs, newcomers: Newcomers, config: EnvConfig, params: EnvParams
 
 
 class Offers(NamedTuple):
-    """The MEDs as an EV that looks for one sees them, `(M,)` each, but `free` `(M, 4)` and `beside` `(M, 2)`."""
+    """What MEDs offer to EVs, `(M,)` each except `free` `(M, 4)` and `beside` `(M, 2)`."""
 
     x: jax.Array  # m
     speed: jax.Array  # m/s
     lane: jax.Array  # int32
     length: jax.Array  # m
-    free: (
-        jax.Array
-    )  # bool, in service, with energy, takes EVs, and the slot on the road and not booked
-    leaves_x: jax.Array  # m, where it leaves the road, or begins to make for its exit
-    beside: jax.Array  # (M, 2) bool, an EV is booked on its left, on its right slot
+    free: jax.Array  # bool: the MED can serve and accepts EVs; the slot is on the road and free
+    leaves_x: jax.Array  # m, where it leaves the road or starts to prepare for its exit
+    beside: jax.Array  # (M, 2) bool: its left slot is booked, its right slot is booked
 
 
 class Requests(NamedTuple):
-    """The EVs, `(E,)` each."""
+    """What EVs request, `(E,)` each."""
 
     x: jax.Array  # m
     lane: jax.Array  # int32
     length: jax.Array  # m
-    asks: jax.Array  # bool, wants a slot now
+    asks: jax.Array  # bool, requests a slot now
     endurance_s: jax.Array  # s, how long its energy lasts
-    leaves_x: jax.Array  # m, as its MED's
+    leaves_x: jax.Array  # m, as in `Offers`
 
 
 def _first_minimum(values: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Minimum along the last axis and its first index; a fifth of the time of argmin on a CPU."""
+    """Minimum along the last axis and its first index; takes a fifth of argmin's time on a CPU."""
     size = values.shape[-1]
     minimum = values.min(axis=-1)
     places = jnp.where(values == minimum[..., None], jnp.arange(size, dtype=jnp.int32), size)
@@ -122,20 +120,20 @@ def _first_minimum(values: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 
 def _panel_cost(requests: Requests, offer: Offers, params: ChargingParams) -> jax.Array:
-    """Seconds until each EV could be in each slot of its nearest MED, `(E, 4)`; FAR if it cannot."""
+    """Time for each EV to reach each slot of its nearest MED, `(E, 4)` s; FAR if it cannot."""
     panel = jnp.arange(len(PANELS), dtype=jnp.int32)
     med = Partner(*(field[:, None] for field in (offer.x, offer.speed, offer.lane, offer.length)))
     x, lane, length = (field[:, None] for field in (requests.x, requests.lane, requests.length))
     slot = panel_x(panel, med, length, params.dock_gap_m)
     wanted = panel_lane(panel, med.lane)
     goal = plan_approach(x, lane, length, panel, med, params).goal_x
-    # An EV closes up at the approach speed, and falls back as fast at most, but on the move.
+    # An EV closes up at the approach speed. It falls back at most as fast, and without stopping.
     back = jnp.maximum((1.0 - params.slowest_share) * med.speed, 1.0)
     back = jnp.minimum(back, params.approach_speed)
     up, down = jnp.maximum(goal - x, 0.0) + (slot - goal), jnp.maximum(x - goal, 0.0)
     seconds = up / params.approach_speed + down / back + LANE_CHANGE_S * jnp.abs(wanted - lane)
-    # Nobody can pass the MED in its own lane, nor in the lane of a slot an EV that is booked on that: who tried would
-    # stay behind it, or take it along in falling back.
+    # An EV cannot pass the MED in the MED's lane, nor an EV booked on a side slot in that slot's lane: it would stay
+    # behind, or take the other with it when falling back.
     blocked = (lane == med.lane) & jnp.where(x < med.x, panel == FRONT, panel == REAR)
     abreast = panel_x(jnp.full_like(panel, LEFT), med, length, params.dock_gap_m)
     passes = (x < abreast) != (goal < abreast)
@@ -153,10 +151,10 @@ def grant(
 ) -> tuple[jax.Array, jax.Array]:
     """One round of booking: each EV asks its nearest MED, each MED takes its nearest EV.
 
-    An EV asks only for a slot that it can reach before the MED leaves the road, or comes to where the EV
-    does, before its own energy ends, and before the MED's patience does. A MED that several ask takes the
-    nearest (the lower slot on a tie); the others ask again in the next round. One EV a MED and round keeps the
-    map one-to-one by construction.
+    An EV asks only for a slot that it can reach in time: before the MED leaves the road or reaches the EV's own exit,
+    before the EV's energy runs out, and before the MED's patience ends. A MED takes the nearest of several EVs (the
+    lower slot on a tie); the others ask again in the next round. As each MED takes one EV per round, the map is
+    one-to-one by construction.
 
     Args:
       med, panel: (E,) int32, the map so far.
@@ -177,7 +175,7 @@ def grant(
     leaves_x = jnp.minimum(offer.leaves_x, requests.leaves_x)
     time_left = (leaves_x - offer.x) / jnp.maximum(offer.speed, 1.0)
     in_time = (seconds + WORTHWHILE_S <= time_left) & (seconds < requests.endurance_s)
-    in_time &= seconds <= params.patience_s  # or the MED would give the slot to another before
+    in_time &= seconds <= params.patience_s  # or the booking would lapse before
     asks = requests.asks & (distance < FAR) & in_time
 
     num_meds = offers.x.shape[0]
@@ -192,7 +190,7 @@ def grant(
 
 
 def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests, Offers]:
-    """Which EVs ask for a slot now, and what the MEDs have free."""
+    """The EVs' requests and the MEDs' offers of this round."""
     vehicles, evs, meds = state.vehicles, state.evs, state.meds
     med_slots, ev_slots = config.med_slots, config.ev_slots
     length = by_kind(vehicles.kind, params.drivers.vehicle_length)
@@ -224,21 +222,21 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
         & ~evs.is_depleted
         & (evs.timer_s <= 0.0)
         & (evs.energy_j < params.charging.request_soc * params.ev_capacity_j),
-        endurance_s=evs.energy_j / jnp.maximum(power_w, 1.0),  # downhill nothing is used up
+        endurance_s=evs.energy_j / jnp.maximum(power_w, 1.0),  # downhill the power may be negative
         leaves_x=leaves_x[ev_slots],
     )
     return requests, offers
 
 
 def book(state: EnvState, config: EnvConfig, params: EnvParams) -> EVs:
-    """The EVs after one round of asking and granting."""
+    """The EVs after one round of booking."""
     evs, (requests, offers) = state.evs, ask(state, config, params)
     med, panel = grant(evs.med, evs.panel, requests, offers, params.charging)
     return evs.replace(med=med, panel=panel)
 
 
 def release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params: EnvParams) -> EVs:
-    """Ends bookings after a tick: charged, empty, gone, out of time, or the MED is gone or empty."""
+    """Ends bookings after a tick: the EV is charged, depleted, gone or late, or its MED is gone or empty."""
     booked = evs.med != NOT_BOOKED
     partner = jnp.maximum(evs.med, 0)
     serves = can_serve(meds, params)
@@ -256,5 +254,5 @@ def release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params:
         med=jnp.where(ends, NOT_BOOKED, evs.med),
         panel=jnp.where(ends, NOT_BOOKED, evs.panel),
         is_charging=evs.is_charging & ~ends,
-        timer_s=jnp.where(evs.is_depleted, evs.timer_s, timer),  # it stands by another clock
+        timer_s=jnp.where(evs.is_depleted, evs.timer_s, timer),  # then it times towing
     )

@@ -1,4 +1,4 @@
-"""How a booked EV gets to its slot and stays there."""
+"""Docking: how a booked EV drives to its slot and stays there."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from medjax.world.kinds import MED
 from medjax.world.params import FRONT, PANELS, REAR, ChargingParams, EnvConfig, EnvParams
 from medjax.world.state import NOT_BOOKED, EnvState, EVs, Vehicles
 
-# Slot lanes relative to the MED's, by panel: left, right, rear, front.
+# Slot lanes relative to the MED's lane, by panel: left, right, rear, front.
 PANEL_LANE = (-1, 1, 0, 0)
-# An EV that must cross the MED's lane first keeps this much more than the dock gap behind it.
+# An EV that must cross the MED's lane first falls back this much further than the dock gap behind the MED.
 CROSSING_ROOM_M = 10.0
-# A MED's own lane is entered only so near to the slot, or strangers would fill the space between.
+# An EV enters the MED's lane only this close to its slot, or other vehicles would fill the space between.
 ENTRY_ROOM_M = 20.0
-# From so far on, a lane to cross, a change becomes urgent; until then the EV overtakes as anyone does.
+# Distance per lane to cross at which a lane change becomes urgent; before, the EV overtakes like any vehicle.
 VIEW_M = 100.0
-# How urgent it is at last: others make room, and it need not be as fast as they are, since it will not be.
+# Final urgency: others make room, and the EV need not reach their speed, which it will not.
 PRESSING_DESIRE = 0.65
 
 
 class Partner(NamedTuple):
-    """The MED of each EV; every field has the shape of the EVs."""
+    """The MED of each EV; all fields have the shape of the EVs."""
 
     x: jax.Array  # m, front bumper
     speed: jax.Array  # m/s
@@ -38,27 +38,27 @@ class Partner(NamedTuple):
 
 
 def partners(vehicles: Vehicles, evs: EVs, length: jax.Array, config: EnvConfig) -> Partner:
-    """The MED of each EV, `(E,)` fields; MED 0 stands in where an EV is not booked."""
+    """The MED of each EV, `(E,)` fields; MED 0 for EVs that are not booked."""
     columns = Partner(vehicles.x, vehicles.speed, vehicles.lane, length)
     meds = jax.tree.map(lambda column: column[config.med_slots], columns)
     return read(meds, jnp.maximum(evs.med, 0))
 
 
 def slots_on_road(med_lane: jax.Array, num_lanes: int) -> jax.Array:
-    """Whether a slot of MEDs in these lanes, `(M,)`, lies in a lane of the road, `(M, 4)` bool."""
+    """Whether each slot of MEDs in these lanes, `(M,)`, lies on the road, `(M, 4)` bool."""
     lane = panel_lane(jnp.arange(len(PANELS), dtype=jnp.int32), med_lane[:, None])
     return (lane >= 0) & (lane < num_lanes)
 
 
 def panel_lane(panel: jax.Array, med_lane: jax.Array) -> jax.Array:
-    """Lane of a slot, int32; may lie off the road."""
+    """Lane of a slot, int32; may be off the road."""
     return med_lane + jnp.asarray(PANEL_LANE, jnp.int32)[jnp.maximum(panel, 0)]
 
 
 def panel_x(
     panel: jax.Array, med: Partner, ev_length: jax.Array, dock_gap_m: jax.Array | float
 ) -> jax.Array:
-    """Front-bumper position of an EV that stands exactly in its slot, m; shapes broadcast."""
+    """Front-bumper position of an EV exactly in its slot, m; shapes broadcast."""
     beside = med.x - 0.5 * (med.length - ev_length)
     behind = med.x - med.length - dock_gap_m
     ahead = med.x + dock_gap_m + ev_length
@@ -66,13 +66,11 @@ def panel_x(
 
 
 class Approach(NamedTuple):
-    """What a booked EV does in a tick, each of the shape of the EVs."""
+    """Plan of a booked EV for a tick; all fields have the shape of the EVs."""
 
-    goal_x: jax.Array  # m, where it controls to
-    desire: (
-        jax.Array
-    )  # of a change to the lane that it must take next: -1 to 1, left where negative, 0 none
-    is_near: jax.Array  # bool, so near to its goal that it changes lanes for nothing else
+    goal_x: jax.Array  # m, target position
+    desire: jax.Array  # to change to its next lane: -1 to 1, negative to go left, 0 for none
+    is_near: jax.Array  # bool, so close to its goal that it makes no other lane changes
     leads: jax.Array  # bool, it drives ahead of its MED in the MED's lane
 
 
@@ -84,14 +82,14 @@ def plan_approach(
     med: Partner,
     params: ChargingParams,
 ) -> Approach:
-    """Where to drive and which lane to take next.
+    """Plans where each booked EV drives and which lane it takes next.
 
-    An EV on the far side of the MED falls back behind it first, since its way leads through the
-    MED's lane. The MED's lane is entered only close to the slot, and on the right side of the MED.
+    An EV on the far side of the MED must cross the MED's lane, so it falls back behind the MED first. It enters the
+    MED's lane only close to its slot, and ahead of or behind the MED as the slot requires.
 
     Args:
-      x, lane, ev_length, panel: of the EVs, one shape; panel in 0..3.
-      med: its MED, that shape.
+      x, lane, ev_length, panel: of the EVs, equal shapes; panel in 0..3.
+      med: their MEDs, same shape.
     """
     wanted = panel_lane(panel, med.lane)
     crossing = (lane - med.lane) * (wanted - med.lane) < 0
@@ -111,19 +109,20 @@ def plan_approach(
 
 
 def platooning_of(params: ChargingParams) -> Platooning:
-    """How close a MED and the EVs booked on it drive."""
+    """Headway and gap between a MED and the EVs booked on it."""
     return Platooning(params.platoon_headway, params.platoon_min_gap)
 
 
 def unhurried(
     gap: jax.Array, speed: jax.Array, platooning: Platooning, comfort: jax.Array | float
 ) -> jax.Array:
-    """How much faster than its leader a MED may be at this gap without slowing down, m/s: IDM's s* = gap, solved.
+    """Speed by which a MED may exceed its leader's at this gap without slowing down, m/s.
 
-    Three quarters of it, since the leader, an EV, takes a second to come to the speed that it wants.
+    Three quarters of the solution of IDM's s* = gap, because the leader, an EV, takes a second to reach its wanted
+    speed.
 
     Args:
-      gap: m, to its leader, which is of its platoon; speed: m/s, its own; one shape.
+      gap: m, to its leader, a member of its platoon; speed: m/s, its own; equal shapes.
       comfort: m/s^2, root of its acceleration times its comfortable deceleration.
     """
     spare = gap - platooning.min_gap - speed * platooning.time_headway
@@ -137,14 +136,15 @@ def approach_pace(
     slowest: jax.Array | float,
     params: ChargingParams,
 ) -> jax.Array:
-    """Speed at which an EV drives to its slot, m/s: the MED's and a share of the way to go, within bounds.
+    """Speed at which an EV drives to its slot, m/s: the MED's plus a share of the distance to go, within bounds.
 
-    It falls back on the move, since what makes its MED slow may be the EV itself: never slower than `slowest`,
-    however slow the MED is. Traffic goes by; if the MED does not get faster, the booking lapses.
+    However slow the MED is, the EV drives no slower than `slowest`, because it may itself be what slows the MED. If
+    the MED does not get faster, the booking lapses.
 
     Args:
-      ahead_m: m, the slot less the EV; med_speed: m/s; most_back: m/s, at which it may fall back; one shape.
-      slowest: m/s, that shape or one for all.
+      ahead_m: m, position of the slot minus that of the EV; med_speed: m/s; most_back: m/s, highest speed of falling
+        back; equal shapes.
+      slowest: m/s, same shape or one for all.
     """
     closing = jnp.clip(params.approach_rate * ahead_m, -most_back, params.approach_speed)
     return jnp.maximum(med_speed + closing, slowest)
@@ -156,19 +156,19 @@ def docking_acceleration(
     comfortable_deceleration: jax.Array,
     params: ChargingParams,
 ) -> jax.Array:
-    """To that pace, m/s^2: the inner one of two nested proportional loops.
+    """Acceleration towards that pace, m/s^2: the inner of two nested proportional loops.
 
-    With approach_rate k and speed_rate c the error of place decays as s^2 + c s + c k = 0. The caller takes
-    the smaller of this and IDM, so that no vehicle is approached closer than IDM allows.
+    With approach_rate k and speed_rate c the position error decays as s^2 + c s + c k = 0. The caller takes the
+    smaller of this and IDM, so that the EV comes no closer to any vehicle than IDM allows.
 
-    A slot is no emergency: for its sake nobody brakes harder than is comfortable, since IDM followers
-    are safe behind a leader that brakes like that, and not behind one that brakes as hard as they can.
+    No EV brakes harder than is comfortable to reach a slot: IDM followers are safe behind such a leader, but not
+    behind one that brakes as hard as they can.
 
     Args:
-      speed, comfortable_deceleration: of the EVs, m/s and positive m/s^2; pace: m/s (`approach_pace`); one shape.
+      speed, comfortable_deceleration: of the EVs, m/s and positive m/s^2; pace: m/s (`approach_pace`); equal shapes.
 
     Returns:
-      m/s^2, that shape, at least -comfortable_deceleration.
+      m/s^2, same shape, at least -comfortable_deceleration.
     """
     return jnp.maximum(params.speed_rate * (pace - speed), -comfortable_deceleration)
 
@@ -180,7 +180,7 @@ def is_docked(
     was_charging: jax.Array,
     params: ChargingParams,
 ) -> jax.Array:
-    """Whether a slot's coil runs: docked within the tight tolerance, kept within the wide one."""
+    """Whether each EV is docked: it docks within the tight tolerance and stays docked within the wide one."""
     arrives = jnp.abs(error_m) <= params.dock_tolerance_m
     arrives &= jnp.abs(relative_speed) <= params.dock_speed_tolerance
     holds = was_charging & (jnp.abs(error_m) <= params.hold_tolerance_m)
@@ -196,10 +196,10 @@ def _pace(
     plan: Approach,
     params: EnvParams,
 ) -> jax.Array:
-    """Speed of each booked EV on its way to its slot, `(E,)` m/s, `service_speed` being that of its MED.
+    """Speed of each booked EV on its way to its slot, `(E,)` m/s; `service_speed` is that of its MED.
 
-    Ahead of its MED in the MED's lane it falls back no faster than lets the MED keep its speed; and if it has no
-    business there, it drives as fast as the MED means to until it has left that lane.
+    Ahead of its MED in the MED's lane, an EV falls back only as fast as lets the MED keep its speed. Unless its slot is
+    the front one, it drives at least at the MED's service speed until it has left that lane.
     """
     charging, drivers = params.charging, params.drivers
     comfort = jnp.sqrt(drivers.max_acceleration[MED] * drivers.comfortable_deceleration[MED])
@@ -211,10 +211,10 @@ def _pace(
 
 
 def approach(state: EnvState, drivers: Drivers, config: EnvConfig, params: EnvParams) -> Orders:
-    """What charging asks of traffic in a tick.
+    """Orders that charging gives to traffic in a tick.
 
-    MEDs change to their service lane and stay there while it moves; booked EVs drive to their slots, in one
-    platoon with their MED; depleted ones coast and make for the shoulder.
+    MEDs change to their service lane and stay there while it moves. Booked EVs drive to their slots, in a platoon with
+    their MED. Depleted EVs coast and make for the shoulder.
     """
     vehicles, evs, slots = state.vehicles, state.evs, config.ev_slots
     booked = evs.med != NOT_BOOKED
@@ -226,13 +226,13 @@ def approach(state: EnvState, drivers: Drivers, config: EnvConfig, params: EnvPa
     docking = docking_acceleration(
         vehicles.speed[slots], pace, drivers.comfortable_deceleration[slots], params.charging
     )
-    # A MED goes round who stands in its lane, and comes back.
+    # A MED drives around vehicles that stand in its lane, and then comes back.
     keeps = vehicles.speed[config.med_slots] > 0.5 * state.meds.service_speed
     to_service = jnp.sign(state.meds.service_lane - vehicles.lane[config.med_slots])
     ev_desire = jnp.where(evs.is_depleted, to_the_right(vehicles.speed[slots], params), 0.0)
     ev_desire = jnp.where(booked, plan.desire, ev_desire)
     desire = config.by_slot(ORDERED_DESIRE * to_service, ev_desire, 0.0)
-    # A write into one array, where `by_slot` would join three: XLA for CPUs is slower at that.
+    # A write into one array, because XLA for CPUs is slower at joining three, as `by_slot` does.
     free = jnp.full((config.num_vehicles,), jnp.inf)
     most = jnp.where(evs.is_depleted, coasting(vehicles.speed[slots], params), jnp.inf)
     return Orders(

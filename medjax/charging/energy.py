@@ -1,4 +1,4 @@
-"""What driving takes from the batteries of vehicles."""
+"""Battery energy that driving takes."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from medjax.world.params import BodyParams, EnvParams, RoadParams
 def drive_energy(
     before: ArrayLike, after: ArrayLike, body: BodyParams, road: RoadParams, dt: float | jax.Array
 ) -> jax.Array:
-    """Energy that driving for dt takes from the battery, J; eqs (7)-(8) and the drivetrain.
+    """Battery energy for driving a time dt, J; eqs (7)-(8) and the drivetrain.
 
     Args:
-      before, after: speeds, m/s, one shape.
-      body: of the vehicles; road: under and around them; dt: s.
+      before, after: speeds, m/s, equal shapes.
+      body: of the vehicles; road: slope and air; dt: s.
     """
     wheels = tractive_energy(
         before,
@@ -42,11 +42,11 @@ def drive_energy(
 
 
 def per_metre(speed: jax.Array, body: BodyParams, road: RoadParams) -> jax.Array:
-    """Energy that a metre at a constant speed takes from the battery, J; speeds in m/s, above 0."""
+    """Battery energy per metre at a constant speed, J; speeds in m/s, above 0."""
     return drive_energy(speed, speed, body, road, 1.0) / speed
 
 
 def cruising(params: EnvParams) -> tuple[jax.Array, jax.Array]:
-    """Speed at which EVs mean to drive, that of autonomous ones, m/s, and the battery power that it takes, W."""
+    """Desired speed of autonomous EVs, m/s, and the battery power that it takes, W."""
     speed = jnp.asarray(params.drivers.desired_speed[AUTONOMOUS_EV])
     return speed, drive_energy(speed, speed, params.ev, params.road, 1.0)

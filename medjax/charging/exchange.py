@@ -1,4 +1,4 @@
-"""Energy from a MED's slots into EVs, and from batteries into driving."""
+"""Energy exchange of a tick: charging from MEDs to EVs, and driving."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from medjax.world.state import EnvState, EVs, MEDs, Tally, Vehicles
 class Transfer(NamedTuple):
     """Energy of one tick, J."""
 
-    sent_j: jax.Array  # (E,) to each EV out of its MED
-    received_j: jax.Array  # (E,) into its battery; the difference is lost
-    drawn_j: jax.Array  # (M,) out of each MED; adds up to sent_j
+    sent_j: jax.Array  # (E,) out of the MED for each EV
+    received_j: jax.Array  # (E,) into the EV's battery; the difference is lost
+    drawn_j: jax.Array  # (M,) out of each MED; its sum is that of sent_j
 
 
 def transfer(
@@ -32,13 +32,13 @@ def transfer(
     room_j: jax.Array,
     offered_j: jax.Array,
 ) -> Transfer:
-    """What flows in one tick: what the slots may send, less when the MED runs short or the EV is nearly full.
+    """Energy of one tick: what the slots may send, less when the MED runs short or the EV is nearly full.
 
     Args:
       efficiency: (E,); is_charging: (E,) bool; med: (E,) int32, NOT_BOOKED where free.
       med_available_j: (M,) J above the MED's reserve.
       room_j: (E,) J until the EV's battery is full.
-      offered_j: (E,) J that the slot of each may send in the tick.
+      offered_j: (E,) J that the EV's slot may send in the tick.
     """
     arrives = jnp.minimum(offered_j * efficiency, jnp.maximum(room_j, 0.0))
     asked = jnp.where(is_charging, arrives / jnp.maximum(efficiency, 1e-6), 0.0)
@@ -50,7 +50,7 @@ def transfer(
 
 
 def taper(energy_j: jax.Array, params: EnvParams) -> jax.Array:
-    """Share of the power that batteries with so much energy `(E,)` J take: 1, and from `taper_soc` down to 0 at full.
+    """Share of the power that batteries accept at this energy, `(E,)` J: 1 up to `taper_soc`, down to 0 when full.
 
     Source: constant current, then constant voltage; see docs/models.md.
     """
@@ -66,7 +66,7 @@ def _driven(
     road: RoadParams,
     tick_s: float,
 ) -> jax.Array:
-    """Energy that driving takes from each battery in a tick, J; 0 off the road."""
+    """Driving energy of each battery in a tick, J; 0 off the road."""
     energy = drive_energy(before.speed[slots], after.speed[slots], body, road, tick_s)
     return jnp.where(before.active[slots], energy, 0.0)
 
@@ -74,7 +74,7 @@ def _driven(
 def _cruised(
     before: Vehicles, after: Vehicles, slots: slice, body: BodyParams, road: RoadParams
 ) -> jax.Array:
-    """What the way of a tick takes at everyone's own desired speed, J; 0 off the road."""
+    """Driving energy for a tick's distance at each vehicle's desired speed, J; 0 off the road."""
     way = after.x[slots] - before.x[slots]
     energy = way * per_metre(before.desired_speed[slots], body, road)
     return jnp.where(before.active[slots], energy, 0.0)
@@ -90,16 +90,16 @@ def exchange(
 ) -> tuple[EVs, MEDs, Tally]:
     """Transfer and driving energy of one tick.
 
-    Braking energy that finds no room in a battery is left to the brakes, and an EV that runs out is driven by what its
-    battery still has: neither counts. A MED that is empty drives on; what that takes counts, for a depot pays it.
+    The tally excludes braking energy that a full battery cannot take, and driving energy beyond what an EV's battery
+    still holds. A MED drives on when empty, and the tally includes that energy, because a depot pays for it.
 
     Args:
-      before, after: the vehicles around the tick.
-      link: of each EV with its MED, after it.
-      state: the batteries before it.
+      before, after: the vehicles before and after the tick.
+      link: of each EV with its MED, after the tick.
+      state: the batteries before the tick.
 
     Returns:
-      (EVs, MEDs, what flowed)
+      (EVs, MEDs, tally)
     """
     evs, meds = state.evs, state.meds
     road, tick_s = params.road, config.tick_s

@@ -1,4 +1,4 @@
-"""How the coils of a docked pair stand to each other, how much they can send, and how much of it passes."""
+"""The coil link of a docked pair: misalignment, power and efficiency."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ def misalignment(
     turn_rad: jax.Array,
     panel_gap_m: jax.Array | float,
 ) -> Misalignment:
-    """Geometry of a docked pair from how far the EV is off its slot.
+    """Coil geometry of a docked pair from the EV's displacement off its slot.
 
-    Side panels face across the road: their distance opens and closes as the vehicles wander, and
-    what is lateral to the coils lies along the road. Front and rear panels face along it.
+    Side panels face across the road, so their axial distance changes as the vehicles wander, and their lateral
+    direction lies along the road. Front and rear panels face along the road.
 
     Args:
       panel: int32, any shape.
       along_m: EV ahead of its slot, m.
       across_m: EV to the right of its slot, m.
-      turn_rad: heading of the EV less that of the MED, positive to the right.
-      panel_gap_m: nominal axial distance; booms give way, so it never falls below a quarter of it.
+      turn_rad: heading of the EV minus that of the MED, positive to the right.
+      panel_gap_m: nominal axial distance; booms give way, so the distance never falls below a quarter of it.
     """
     side = (panel == LEFT) | (panel == RIGHT)
     away = jnp.where(panel == RIGHT, 1.0, -1.0)
     outward = jnp.where(panel == FRONT, 1.0, -1.0)
     opening = jnp.where(side, away * across_m, outward * along_m)
-    # Normals: the panel that faces right or back turns with the vehicle, its mirror image against it.
+    # Tilt has the sign of the turn for panels that face right or back, the opposite sign for left and front.
     tilt = jnp.where(side, away, -outward) * turn_rad
     return Misalignment(
         axial=jnp.maximum(panel_gap_m + opening, 0.25 * panel_gap_m),
@@ -57,25 +57,25 @@ def misalignment(
     )
 
 
-TINY = 1e-30  # H^2, nothing beside any inductance
+TINY = 1e-30  # H^2, negligible beside any inductance squared
 
 
 class Coupled(NamedTuple):
-    """What a pair of coils is to the one who feeds it."""
+    """Electrical properties of a coil pair, seen from its source."""
 
     efficiency: jax.Array  # in [0, 1]
-    input_ohm: jax.Array  # RMS current squared times this is the power sent
+    input_ohm: jax.Array  # power sent per RMS current squared
 
 
 def couple(
     geometry: Misalignment, link: LinkParams, form: Literal["circuit", "paper"] = "circuit"
 ) -> Coupled:
-    """Each pair by the tabulated coil integral, and eq (6) in one of its forms."""
+    """Couples each pair by the tabulated coil integral and eq (6) in one of its forms."""
     signed = link.permeability * interpolate_inductance(
         link.inductance, geometry.axial, geometry.lateral, geometry.tilt
     )
-    # Only its square counts. A root is what XLA does not work out once for each reader: without it, all would
-    # interpolate anew, which takes a quarter of the tick. The smallest number keeps it from being an absolute value.
+    # Only the square matters. XLA does not recompute a root for each reader; without one, each would interpolate anew,
+    # which takes a quarter of the tick. TINY keeps XLA from simplifying the root to an absolute value.
     inductance = jnp.sqrt(signed**2 + TINY)
     circuit = {
         "load": link.load_ohm,
@@ -89,25 +89,25 @@ def couple(
 
 
 Coupling = Callable[[Misalignment, LinkParams], Coupled]
-"""Pairs of coils that stand so; of the shape of the geometry's fields."""
+"""Maps coil geometry to `Coupled`, of the shape of the geometry's fields."""
 
 COUPLINGS: Mapping[str, Coupling] = {
     "circuit": couple,
-    "paper": functools.partial(couple, form="paper"),  # eq (6) as it is printed
+    "paper": functools.partial(couple, form="paper"),  # eq (6) as printed
 }
 
 
 def most_power(coupled: Coupled, slot_power_w: Scalar, max_current_a: Scalar) -> jax.Array:
-    """Power that a slot may send, W: its own, less where the MED's coil would need more than its current."""
+    """Power that a slot may send, W: its rated power, or less where the MED's coil reaches its maximum current."""
     return jnp.minimum(slot_power_w, max_current_a**2 * coupled.input_ohm)
 
 
 class Link(NamedTuple):
-    """The coils of each EV with those of its MED, `(E,)` each."""
+    """The coil link of each EV with its MED, `(E,)` each."""
 
     is_charging: jax.Array  # bool
-    efficiency: jax.Array  # in [0, 1], wherever they stand
-    power_w: jax.Array  # that the MED may send
+    efficiency: jax.Array  # in [0, 1], docked or not
+    power_w: jax.Array  # W, that the MED may send
 
 
 def links(
@@ -118,7 +118,7 @@ def links(
     params: EnvParams,
     coupling: Coupling,
 ) -> Link:
-    """Whether each EV charges, and how well its coils do where they stand.
+    """Whether each EV charges, and the efficiency and power of its link.
 
     Args:
       length: (N,) m, of the vehicles.

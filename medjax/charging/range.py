@@ -1,4 +1,4 @@
-"""Whether an EV's charge lasts for its way, and what its driver does where it does not: drive slower."""
+"""Eco-driving: drivers of EVs slow down when their charge does not last for their trip."""
 
 import jax
 import jax.numpy as jnp
@@ -7,14 +7,14 @@ from medjax.world.params import BodyParams, EnvConfig, EnvParams, RoadParams, Sc
 from medjax.world.state import NOT_BOOKED, EnvState, Vehicles
 
 GRAVITY = 9.81  # m/s^2, as `medjax.physics.tractive_energy`
-# They leave less than 0.5 % of the speed, most where hardly any speed lasts; nothing where there are no auxiliaries.
+# Leaves an error below 0.5 % of the speed, largest where hardly any speed lasts, and none without auxiliaries.
 NEWTON_STEPS = 6
 
 
 def way_to_go(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Way that each EV's driver wants the charge to last for, `(E,)` m: to its exit, or beyond the road's end.
+    """Distance for which each EV's charge should last, `(E,)` m: to its exit.
 
-    Who drives to the end of the road goes on beyond it, for `eco_horizon_m` from here.
+    An EV that drives to the road's end continues beyond it, so its distance is at least `eco_horizon_m`.
     """
     destination = vehicles.destination[config.ev_slots]
     left = destination - vehicles.x[config.ev_slots]
@@ -30,27 +30,28 @@ def lasting_speed(
     body: BodyParams,
     road: RoadParams,
 ) -> jax.Array:
-    """The fastest speed, up to the desired one, at which the charge lasts; as slow as helps where none does.
+    """Highest speed up to the desired one at which the charge lasts, or the most economical speed where none does.
 
-    What a metre takes at a constant speed v, (c + k v^2) / eta + P / v by eq (7) and the drivetrain, falls with the
-    speed down to where auxiliaries outweigh drag. There, or at `eco_speed` before, slowing down ends.
+    Energy per metre at a constant speed v, (c + k v^2) / eta + P / v by eq (7) and the drivetrain, decreases with v
+    down to the speed below which auxiliaries outweigh drag. Drivers do not slow down below that speed, nor below
+    `eco_speed`.
 
     Args:
       energy_j, way_m, desired_speed: (E,) J, m (inf: no charge is enough), m/s.
-      eco_speed: m/s, slower than which nobody drives to save charge.
+      eco_speed: m/s, lowest speed to save charge.
 
     Returns:
-      (E,) m/s, at most desired_speed, and not below eco_speed where that is.
+      (E,) m/s, at most desired_speed, and otherwise at least eco_speed.
     """
     drag = 0.5 * road.air_density * body.drag_coefficient * body.frontal_area_m2
     resistance = body.mass_kg * GRAVITY * (body.rolling_resistance + jnp.sin(road.slope))
     auxiliary = body.drivetrain_efficiency * body.auxiliary_w
-    # Not the root of 0, where its gradient has no end.
+    # The gradient of a root at 0 is infinite.
     slowest = jnp.maximum(eco_speed, jnp.cbrt(jnp.maximum(auxiliary / (2.0 * drag), 1e-12)))
-    # k v^3 + (c - eta E / way) v + eta P = 0, by Newton's method: it is convex, and one comes down from where the
-    # charge would last without auxiliaries.
+    # Solves k v^3 + (c - eta E / way) v + eta P = 0 by Newton's method. The function is convex, so the steps descend
+    # from the solution without auxiliaries.
     slope = resistance - body.drivetrain_efficiency * energy_j / jnp.maximum(way_m, 1.0)
-    rolls = slope < 0.0  # else 0 is under the root, whose gradient has no end there
+    rolls = slope < 0.0  # keeps 0 out of the root, for gradients
     alone = jnp.where(rolls, jnp.sqrt(jnp.where(rolls, -slope, 1.0) / drag), 0.0)
     speed = jnp.minimum(jnp.maximum(alone, slowest), desired_speed)
     for _ in range(NEWTON_STEPS):
@@ -61,10 +62,10 @@ def lasting_speed(
 
 
 def answering(state: EnvState, config: EnvConfig, params: EnvParams) -> EnvState:
-    """The state with the desired speeds that EVs' drivers have in view of their charge.
+    """The state with desired speeds adapted to EVs' charge.
 
-    Those who comply slow down once they have less than `eco_soc` and it does not last for `way_to_go`. A booked EV
-    has help in sight, and drives as its docking wants.
+    Compliant drivers slow down once their charge is below `eco_soc` and does not last for `way_to_go`. Drivers of
+    booked EVs do not, because their docking sets their speed.
     """
     vehicles, evs, slots = state.vehicles, state.evs, config.ev_slots
     drivers, own = params.drivers, vehicles.desired_speed[slots]

@@ -1,7 +1,7 @@
-"""What becomes of an EV that runs out: it coasts to the right shoulder, or stands in its lane until it is towed.
+"""Depleted EVs: an EV that runs out coasts to the right shoulder, or stands in its lane until it is towed.
 
-It leaves the books the moment it runs out: it is neither booked nor charged, nothing comes into its battery by
-braking, and it counts as depleted, not as one that arrives.
+From that moment on it is neither booked nor charged, braking does not recharge its battery, and it counts as depleted,
+not as arrived.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from medjax.physics import tractive_energy
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EVs, Vehicles
 
-# Below this a vehicle stands.
+# Below this speed a vehicle counts as standing.
 STANDING_M_PER_S = 0.1
-# So near to the middle of the rightmost lane an EV rolls on, onto the shoulder.
+# This close to the centre of the rightmost lane, an EV can roll on to the shoulder.
 SETTLED_M = 1.0
 
 
 def coasting(speed: jax.Array, params: EnvParams) -> jax.Array:
-    """Acceleration of EVs at these speeds, m/s, without a motor, m/s^2: what rolling, drag and slope take, eq (7)."""
+    """Acceleration of EVs at these speeds, m/s, without power, m/s^2: rolling, drag and slope of eq (7)."""
     body = params.ev
     v = jnp.maximum(speed, STANDING_M_PER_S)
     work = tractive_energy(
@@ -38,22 +38,23 @@ def coasting(speed: jax.Array, params: EnvParams) -> jax.Array:
 
 
 def to_the_right(speed: jax.Array, params: EnvParams) -> jax.Array:
-    """How urgently depleted EVs at these speeds, m/s, must go to the right, as `medjax.traffic.lane_change.Wish`.
+    """How urgently depleted EVs at these speeds, m/s, must go right, as in `medjax.traffic.lane_change.Wish`: 1 or 0.
 
-    At once, or never: who would stand between two lanes, since the way that is left is too short for a change, stays.
+    An EV that is too slow to complete a lane change stays in its lane, or it would stop between two lanes.
     """
     rolling = -coasting(jnp.zeros((), jnp.float32), params)
-    # Until it stands it comes so far to the side, over 2 * rolling, m; half a lane more than one must be left, since
-    # the end of a change is slower.
+    # Lateral distance until the EV stops, times 2 * rolling. It must exceed 1.5 lane widths, since a change is slower
+    # towards its end.
     sideways = jnp.square(speed) * params.motion.lateral_slope
     comes_over = sideways > 2.0 * rolling * 1.5 * params.road.lane_width_m
     return jnp.where(comes_over & (params.charging.depleted_blocks == 0), 1.0, 0.0)
 
 
 def without_motor(vehicles: Vehicles, evs: EVs, config: EnvConfig, params: EnvParams) -> Vehicles:
-    """The vehicles before a tick: of depleted EVs no noise of a foot on the pedal, nor an exit.
+    """Depleted EVs before a tick: without acceleration noise, exit or courtesy.
 
-    And none brakes to fall in: who cannot get faster again waits until traffic beside it has passed, or has made room.
+    A depleted EV cannot speed up again, so it does not brake to fall in. It waits until traffic beside it has passed or
+    has made room.
     """
     slots = config.ev_slots
     noise = vehicles.acceleration_noise
@@ -73,20 +74,20 @@ def without_motor(vehicles: Vehicles, evs: EVs, config: EnvConfig, params: EnvPa
 
 
 def leaves_road(vehicles: Vehicles, evs: EVs, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Depleted EVs that are off the road after a tick, `(E,)` bool: on the shoulder, or towed away.
+    """Whether each depleted EV leaves the road after a tick, `(E,)` bool: onto the shoulder, or towed.
 
     Args:
-      vehicles: after the tick; evs: before it, so that each is seen on the road without energy once.
+      vehicles: after the tick; evs: before it, so that each depleted EV is on the road for at least a tick.
     """
     slots = config.ev_slots
-    rightmost = vehicles.lane[slots] >= config.num_lanes - 1  # an acceleration lane is, too
+    rightmost = vehicles.lane[slots] >= config.num_lanes - 1  # or on an acceleration lane
     settled = jnp.abs(vehicles.lateral_offset[slots]) < SETTLED_M
     on_shoulder = rightmost & settled & (params.charging.depleted_blocks == 0)
     return evs.is_depleted & (on_shoulder | (evs.timer_s >= params.charging.tow_s))
 
 
 def run_out(vehicles: Vehicles, evs: EVs, config: EnvConfig) -> tuple[EVs, jax.Array]:
-    """The EVs with those marked that ran out in a tick, and which did, `(E,)` bool; vehicles: after it."""
+    """Marks EVs that ran out in a tick; returns the EVs and which ran out, `(E,)` bool. Vehicles are after the tick."""
     empty = vehicles.active[config.ev_slots] & (evs.energy_j <= 0.0) & ~evs.is_depleted
     timer = jnp.where(empty, 0.0, evs.timer_s)
     stands = evs.is_depleted & (vehicles.speed[config.ev_slots] < STANDING_M_PER_S)

@@ -1,1 +1,1 @@
-"""Arithmetic that knows no vehicle: fast gathers, sums of the same bits everywhere, rows, devices."""
+"""Numerical tools independent of traffic: fast gathers, reproducible sums, batches of rows, devices."""

@@ -1,4 +1,4 @@
-"""Compiled programs: where they are kept, and what is said while one is compiled."""
+"""Compiled programs: their cache, and messages while one is compiled."""
 
 import os
 import sys
@@ -14,19 +14,20 @@ from medjax.numerics.devices import prepare_cpu
 
 Result = TypeVar("Result")
 
-POLL_S = 0.002  # between two looks at whether arrays are there
-SILENT_S = 2.0  # compiling is spoken of if it takes longer
+POLL_S = 0.002  # interval between checks whether arrays are ready
+SILENT_S = 2.0  # a longer compilation is announced
 BEGINS = "/jax/compilation_cache/compile_requests_use_cache"
 ENDS = "/jax/core/compile/backend_compile_duration"
 
 
 def prepare_jax(messages: bool = True) -> None:
-    """Makes JAX ready for programs of one's own as the commands have it; to be called before anything is computed.
+    """Sets JAX up for your own programs as the commands do; call it before anything is computed.
 
-    A device a core (`medjax.wrappers.prepare_cpu`), and compiled programs kept in the user's cache directory.
+    It makes each core a device (`medjax.wrappers.prepare_cpu`) and keeps compiled programs in the user's cache
+    directory.
 
     Args:
-      messages: a line on stderr while a program is compiled for longer than two seconds, and one when it is.
+      messages: print to stderr when a program takes more than two seconds to compile, and when it is compiled.
     """
     prepare_cpu()
     enable_compilation_cache()
@@ -44,7 +45,7 @@ def enable_compilation_cache() -> None:
 
 
 def compiled(lowered: Any, **options: Any) -> Any:
-    """What `lowered.compile(**options)` gives, from a thread of its own: Python hears signals meanwhile."""
+    """Runs `lowered.compile(**options)` in a thread of its own, so that Python handles signals meanwhile."""
     future: Future[Any] = Future()
 
     def work() -> None:
@@ -59,7 +60,7 @@ def compiled(lowered: Any, **options: Any) -> Any:
 
 
 def computed(tree: Result) -> Result:
-    """The same arrays, once they are there; Python hears signals meanwhile, as it does not in `device_get`."""
+    """Waits until the arrays are ready and returns them; unlike `device_get`, lets Python handle signals meanwhile."""
     for leaf in jax.tree.leaves(tree):
         while not leaf.is_ready():
             time.sleep(POLL_S)
@@ -67,14 +68,14 @@ def computed(tree: Result) -> Result:
 
 
 class _Messages:
-    """What is said of compiling, by JAX's own events; a program that is read from the cache is none."""
+    """Messages about compilation, from JAX's events; reading a program from the cache is not announced."""
 
     heard = False
     timers: dict[int, threading.Timer] = {}  # noqa: RUF012, one for each thread that compiles
 
     @classmethod
     def hear(cls) -> None:
-        """Begins to listen, once."""
+        """Registers the listeners, once."""
         if not cls.heard:
             cls.heard = True
             jax.monitoring.register_event_listener(cls.begins)
@@ -82,7 +83,7 @@ class _Messages:
 
     @classmethod
     def begins(cls, event: str, **_: object) -> None:
-        """A program is about to be compiled in this thread."""
+        """Handles the start of a compilation in this thread."""
         if event == BEGINS:
             timer = threading.Timer(SILENT_S, say, ["compiling ..."])
             timer.daemon = True
@@ -91,7 +92,7 @@ class _Messages:
 
     @classmethod
     def ends(cls, event: str, duration_secs: float, **about: object) -> None:
-        """It is."""
+        """Handles its end."""
         if event == ENDS and (timer := cls.timers.pop(threading.get_ident(), None)):
             timer.cancel()
             if duration_secs > SILENT_S:
@@ -99,5 +100,5 @@ class _Messages:
 
 
 def say(line: str) -> None:
-    """A line on stderr."""
+    """Prints a line to stderr."""
     print(line, file=sys.stderr, flush=True)

@@ -1,7 +1,7 @@
-"""Environments shared out among devices; on a CPU, among its cores, and on each a block after the other.
+"""Distributes environments over devices; on a CPU, over its cores, each of which works block by block.
 
-One program on one CPU device splits each operation among the cores and waits for all of them, hundreds of
-times a decision. With a device a core each core runs its own environments from end to end.
+With one CPU device for all cores, XLA splits each operation among the cores and waits for all of them, hundreds of
+times per decision. With one device per core, each core runs its own environments from end to end.
 """
 
 import contextlib
@@ -29,16 +29,16 @@ def cpu_cores() -> int:
 
 
 def prepare_cpu() -> None:
-    """Makes every core that this process may use a CPU device of JAX, and has programs compiled faster.
+    """Makes every core that this process may use a CPU device of JAX, and speeds up compilation.
 
-    For commands, before JAX computes anything; later it changes nothing, nor where the user has chosen.
+    Call it before JAX computes anything; later it has no effect. It never overrides the user's own settings.
     """
     flags = os.environ.get("XLA_FLAGS", "")
     chosen = getattr(jax.config, "jax_num_cpu_devices", -1) != -1
     if not chosen and "xla_force_host_platform_device_count" not in flags:
-        with contextlib.suppress(RuntimeError):  # JAX has started
+        with contextlib.suppress(RuntimeError):  # JAX has already started
             jax.config.update("jax_num_cpu_devices", cpu_cores())
-    # Unrolled loops run no faster here and take a quarter more time to compile.
+    # Unrolled loops run no faster here and take a quarter longer to compile.
     if "xla_backend_extra_options" not in flags:
         quick = "--xla_backend_extra_options=xla_cpu_disable_loop_unrolling"
         os.environ["XLA_FLAGS"] = f"{flags} {quick}".strip()
@@ -47,12 +47,12 @@ def prepare_cpu() -> None:
 def environment_mesh(
     num_envs: int, num_devices: int = 0, devices: Sequence[jax.Device] | None = None
 ) -> Mesh:
-    """A mesh of devices that share `num_envs` environments evenly.
+    """A mesh of devices for an equal share of `num_envs` environments each.
 
     Args:
         num_envs: environments, or groups of them that must stay together.
-        num_devices: how many; 0 takes as many as there are, but a divisor of num_envs.
-        devices: to choose from, as many of each process; None: those of this process.
+        num_devices: how many; 0 takes the most that divide num_envs.
+        devices: to choose from, equally many of each process; None: those of this process.
 
     Raises:
         InputError: no whole number, more devices than there are, or a number that does not divide num_envs.
@@ -86,18 +86,18 @@ def on_devices(
     out_axes: Any = 0,
     group: int = 1,
 ) -> Callable[[Any, Any], Result]:
-    """`function(rows, same)` with the rows shared out among the devices of the mesh.
+    """`function(rows, same)` with the rows distributed over the devices of the mesh.
 
-    The longer the function, the better: a whole rollout keeps its environments in a core's cache from decision to
-    decision, and no device waits for another before the end.
+    Pass long functions: a whole rollout keeps its environments in a core's cache from decision to decision, and no
+    device waits for another before the end.
 
     Args:
-        mesh: of `environment_mesh`.
-        function: works on any number of rows, each on its own, and gives them the same results whatever their number.
-            Every leaf of `rows` has an axis of rows first; `same` is the same for all.
+        mesh: from `environment_mesh`.
+        function: works on any number of independent rows, with results that do not depend on their number. The first
+            axis of every leaf of `rows` is that of the rows; `same` is common to all.
         rows_at_once: see `in_blocks`.
         out_axes: see `in_blocks`.
-        group: see `in_blocks`; a device must have whole groups.
+        group: see `in_blocks`; each device must get whole groups.
 
     Raises:
         InputError: the function does not take two arguments.

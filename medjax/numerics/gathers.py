@@ -1,7 +1,7 @@
-"""Reads and writes by index that cost little under `jax.vmap` on a CPU.
+"""Indexed reads and writes that are cheap under `jax.vmap` on a CPU.
 
-Under vmap an indexed read becomes one in a matrix, and XLA for CPUs first writes out a (row, column) pair for every
-entry, which costs as much as the read. The rule for vmap here adds the row's offset to the index and reads one vector.
+Under vmap an indexed read becomes a read from a matrix, for which XLA for CPUs first writes out a (row, column) pair
+per entry. That costs as much as the read. The vmap rule here adds the row's offset to the index and reads one vector.
 """
 
 from typing import Any, TypeVar
@@ -13,21 +13,21 @@ from jax.custom_batching import custom_vmap
 
 T = TypeVar("T")
 
-# From so many entries on, reads stand in a branch that is always taken. XLA for CPUs merges nothing across a branch's
-# end; else it works out number by number, not on vectors, whatever depends on the reads: four times as slow.
+# From this many entries on, reads go into a branch that is always taken. XLA for CPUs does not fuse across the end of a
+# branch. Otherwise it computes whatever depends on the reads without vectorising, which is four times as slow.
 LONG_READ = 4096
 
 _IN_BOUNDS: dict[str, Any] = {"mode": "promise_in_bounds", "wrap_negative_indices": False}
 
 
 def _flat(index: jax.Array, row_length: int) -> jax.Array:
-    """Places in the rows laid end to end; index is `(rows, ...)`."""
+    """Indices into the concatenated rows; index is `(rows, ...)`."""
     offsets = jnp.arange(index.shape[0], dtype=jnp.int32) * row_length
     return index + offsets.reshape(-1, *(1,) * (index.ndim - 1))
 
 
 def with_rows(size: int, tree: T, batched: Any) -> T:
-    """All leaves with a leading axis of length size, which those that `batched` says have already."""
+    """Broadcasts leaves to a leading axis of length size, except those that `batched` marks as having it."""
 
     def give(leaf: jax.Array, has_rows: bool) -> jax.Array:
         return leaf if has_rows else jnp.broadcast_to(leaf, (size, *leaf.shape))
@@ -57,7 +57,7 @@ def _read(tree: T, index: jax.Array) -> T:
 
 @_read.def_vmap
 def _read_rows(size: int, batched: Any, tree: T, index: jax.Array) -> tuple[T, Any]:
-    if any(jax.tree.leaves(batched[0])):  # else one table serves all rows
+    if any(jax.tree.leaves(batched[0])):  # otherwise one table serves all rows
         tree, index = with_rows(size, (tree, index), tuple(batched))
         index = _flat(index, jax.tree.leaves(tree)[0].shape[1])
         tree = jax.tree.map(lambda values: values.reshape(-1), tree)
@@ -70,7 +70,7 @@ def read(tree: T, index: jax.Array) -> T:
 
     Args:
       tree: arrays `(N,)`.
-      index: any shape, int32 in [0, N); others are undefined.
+      index: any shape, int32 in [0, N); undefined outside.
 
     Returns:
       The tree, each leaf with the shape of index.
@@ -92,10 +92,10 @@ def _read_jvp(primals: tuple[T, jax.Array], tangents: tuple[T, Any]) -> tuple[T,
 
 @custom_vmap
 def write(target: jax.Array, index: jax.Array, values: jax.Array) -> jax.Array:
-    """Target with values at index; not differentiable.
+    """Returns target with values at index; not differentiable.
 
     Args:
-      target: (N,); index: (K,) int32 in [0, N), each once; values: (K,), of target's type.
+      target: (N,); index: (K,) int32 in [0, N), distinct; values: (K,), of target's type.
     """
     return jnp.asarray(target).at[index].set(values, unique_indices=True, **_IN_BOUNDS)
 

@@ -1,4 +1,4 @@
-"""How much memory there is, and a refusal of what does not fit into it, before anything is compiled."""
+"""Available memory, and a check before compilation that a program fits into it."""
 
 import os
 from pathlib import Path
@@ -12,7 +12,7 @@ LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_by
 
 
 def memory_bytes() -> int:
-    """Memory of the devices that JAX computes on: their own, or of this machine what this process may have."""
+    """Memory for JAX: that of its devices, or on a CPU this process's limit."""
     own = [(device.memory_stats() or {}).get("bytes_limit", 0) for device in jax.local_devices()]
     if jax.default_backend() != "cpu" and all(own):
         return sum(own)
@@ -22,15 +22,15 @@ def memory_bytes() -> int:
 
 
 def check_memory(what: str, needed_bytes: float, force: bool | None = None) -> None:
-    """Refuses what takes more memory than there is.
+    """Rejects a program that needs more memory than there is.
 
     Args:
-        what: takes it, with the numbers that it depends on.
-        needed_bytes: about how much.
-        force: leave it to the machine; None where a command has no `--force`.
+        what: the program, with the numbers that its memory depends on.
+        needed_bytes: estimated need.
+        force: skip the check; None for a command without `--force`.
 
     Raises:
-        InputError: one line with what, how much it takes, and how much there is.
+        InputError: one line with the program, the need and the memory that there is.
     """
     there = memory_bytes()
     if needed_bytes > there and not force:
@@ -41,12 +41,12 @@ def check_memory(what: str, needed_bytes: float, force: bool | None = None) -> N
 
 
 def tree_bytes(tree: object) -> int:
-    """Bytes of the arrays of a tree, or of what they will be."""
+    """Bytes of the arrays, or shapes, of a tree."""
     return sum(leaf.size * _item_bytes(leaf) for leaf in jax.tree.leaves(tree))
 
 
 def _item_bytes(leaf: jax.Array) -> int:
-    """Of one number; a key has several, four bytes each."""
+    """Bytes of one item; a key has several numbers of four bytes each."""
     if jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key):
         return 16
     return int(leaf.dtype.itemsize)

@@ -1,8 +1,8 @@
-"""How the rows of a batch are worked on: a block at a time, or only the few that need it.
+"""Computation on rows of a batch: block by block, or only on the few rows that need it.
 
-Under `jax.vmap` a `lax.cond` becomes a select and runs both branches for every row. Where a costly computation
-concerns a handful of rows (a reset, the value of a final observation), it is cheaper to collect these rows and to
-compute on blocks of them.
+Under `jax.vmap` a `lax.cond` becomes a select that runs both branches for every row. If only a few rows need a costly
+computation (a reset, the value of a final observation), it is cheaper to collect these rows and compute on blocks of
+them.
 """
 
 from collections.abc import Callable
@@ -15,8 +15,7 @@ from jax import lax
 Carry = TypeVar("Carry")
 Result = TypeVar("Result")
 
-# What 128 environments need while they step stays in a core's cache; with thousands at once every
-# operation goes to memory and back.
+# The working set of 128 environments fits a core's cache; with thousands at once, every operation goes to memory.
 CACHED_ROWS = 128
 
 
@@ -27,16 +26,14 @@ def in_blocks(
     out_axes: Any = 0,
     group: int = 1,
 ) -> Result:
-    """function(rows), on a CPU about `rows_at_once` rows, which fit the cache, at a time; elsewhere all at once.
-
-    The function works on any number of rows, each on its own; every leaf of theirs has an axis of rows first.
+    """function(rows): on a CPU about `rows_at_once` rows at a time, to fit the cache, elsewhere all at once.
 
     Args:
-        function: of rows.
+        function: works on any number of independent rows.
         rows: leaves `(num_rows, ...)`.
-        rows_at_once: about so many.
-        out_axes: where the result has its axis of rows: a number, or a prefix of the result's tree with numbers.
-        group: so many rows side by side must be worked on together.
+        rows_at_once: approximate number of rows per block.
+        out_axes: the result's axis of rows: a number, or a prefix of the result's tree with numbers.
+        group: number of adjacent rows that must stay in one block.
     """
     count = jax.tree.leaves(rows)[0].shape[0]
     blocks = -(-count // rows_at_once)
@@ -45,7 +42,7 @@ def in_blocks(
     split = jax.tree.map(lambda leaf: leaf.reshape(blocks, count // blocks, *leaf.shape[1:]), rows)
 
     def join(axis: int, parts: Any) -> Any:
-        """All rows of leaves `(blocks, ..., rows of a block, ...)`, on this axis."""
+        """Joins the blocks of leaves `(blocks, ..., rows of a block, ...)` on this axis."""
 
         def whole(leaf: jax.Array) -> jax.Array:
             shape = *leaf.shape[1 : axis + 1], count, *leaf.shape[axis + 2 :]
@@ -59,16 +56,16 @@ def in_blocks(
 def for_true_rows(
     mask: jax.Array, block: int, body: Callable[[jax.Array, jax.Array, Carry], Carry], carry: Carry
 ) -> Carry:
-    """Calls `body` on blocks of the row numbers at which `mask` is True, until all have been served.
+    """Calls `body` on blocks of the row numbers at which `mask` is True, until all are done.
 
-    The cost follows the number of True rows: none, no call. It is a `lax.while_loop`, so it stays cheap when the
-    caller is itself mapped over random seeds, and it cannot be differentiated in reverse.
+    The cost is proportional to the number of True rows. As a `lax.while_loop`, this stays cheap when the caller is
+    mapped over random seeds, but it has no reverse-mode derivative.
 
     Args:
         mask: `(num_rows,)` bool.
         block: rows per call, at least 1.
-        body: `(call_number int32, rows (block,) int32, carry) -> carry`. The rows of all calls together are the True
-            rows, each once and in ascending order; unused places hold `num_rows`, which is out of range: gather with
+        body: `(call_number int32, rows (block,) int32, carry) -> carry`. All calls together get the True rows, each
+            once and in ascending order. Unused places hold `num_rows`, which is out of range: gather with
             `mode="clip"` and scatter with `mode="drop"`.
         carry: initial value.
 

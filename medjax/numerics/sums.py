@@ -1,7 +1,7 @@
-"""What rounding must not decide: the bits of a sum, and when a clock has run down.
+"""Arithmetic whose results do not depend on rounding: reproducible sums and clocks.
 
-XLA adds up an axis in an order that depends on the shapes around it: one environment alone, and the same one among a
-hundred, would differ in the last digits of their reward.
+XLA sums an axis in an order that depends on the surrounding shapes. The reward of an environment would differ in its
+last digits between a batch of one and a batch of a hundred.
 """
 
 import jax
@@ -9,13 +9,13 @@ import jax.numpy as jnp
 
 
 def sum_pairwise(values: jax.Array, axis: int = -1) -> jax.Array:
-    """Sum over an axis, one half added to the other until one number is left.
+    """Sum over an axis, by adding one half to the other until one number is left.
 
-    Besides being the same in every program, its error grows with the logarithm of the length only
+    The result is the same in every program, and its error grows only with the logarithm of the length
     (Higham 1993, The accuracy of floating point summation).
 
     Args:
-      values: `(..., n, ...)`, floats; products as `rounded` gives them.
+      values: `(..., n, ...)`, floats; pass products through `rounded` first.
 
     Returns:
       `(..., ...)`.
@@ -35,27 +35,27 @@ def sum_pairwise(values: jax.Array, axis: int = -1) -> jax.Array:
 
 
 def rounded(product: jax.Array) -> jax.Array:
-    """Products `(...)` that are not negative, as they are, for sums of them.
+    """Returns non-negative products `(...)` unchanged, but rounded before they are summed.
 
-    A processor can add a product that it has not rounded yet (fused multiply-add). XLA lets it where the sum is next to
-    the product, which is so in one program and not in another; here a comparison stands between them.
+    A processor can add a product without rounding it first (fused multiply-add). XLA uses this where the sum follows
+    the product directly, which differs between programs. The comparison here separates the two.
     """
     return jnp.maximum(product, 0.0)
 
 
 def count_down(clock_s: jax.Array, dt: float) -> jax.Array:
-    """A clock `(...)` s after another dt, s, not below 0.
+    """A clock `(...)`, s, reduced by dt, s, but not below 0.
 
-    Less than a hundredth of dt is what rounding left over, and 0: five times 0.4 s taken off 2 s leave nothing.
+    A rest below a hundredth of dt is rounding error and becomes 0: 2 s less five times 0.4 s is 0.
     """
     left = clock_s - dt
     return jnp.where(left > 0.01 * dt, left, 0.0)
 
 
 def in_units(values: jax.Array, unit: jax.Array | float) -> jax.Array:
-    """Values `(...)` / unit `()`, by the unit's reciprocal.
+    """Values `(...)` / unit `()`, by multiplication with the unit's reciprocal.
 
-    XLA does so itself where it sees that the divisor is one number, and divides where it does not, in a loop for one;
-    the barrier keeps it from undoing this.
+    XLA does this itself where it sees a scalar divisor, but divides in other programs. The barrier keeps it from
+    undoing the multiplication.
     """
     return values * jax.lax.optimization_barrier(jnp.float32(1.0) / unit)

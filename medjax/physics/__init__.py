@@ -1,8 +1,8 @@
-"""Formulas for the wireless link and the battery: arrays in, arrays out, and no vehicle in sight.
+"""Formulas for the wireless link and the battery, as functions of arrays only.
 
-Coils (`mutual_inductance`, tabulated by `tabulate_inductance`), the link between them
-(`link_efficiency`, `input_resistance`), what driving takes (`tractive_energy`, `battery_energy`,
-`change_battery`), and the elliptic integrals (`ellipk`, `ellipe`). SI units throughout; float64 in gives float64 out.
+They cover coils (`mutual_inductance`, tabulated by `tabulate_inductance`), the link between them (`link_efficiency`,
+`input_resistance`), driving energy (`tractive_energy`, `battery_energy`, `change_battery`), and elliptic integrals
+(`ellipk`, `ellipe`). All units are SI; float64 in gives float64 out.
 """
 
 from medjax.physics.circuit import input_resistance, link_efficiency

@@ -1,4 +1,4 @@
-"""The one rule about number types that the formulas of this package share."""
+"""The rule for number types that all formulas of this package share."""
 
 import jax
 import jax.numpy as jnp
@@ -6,11 +6,11 @@ from jax.typing import ArrayLike
 
 
 def as_floats(*values: ArrayLike) -> tuple[jax.Array, ...]:
-    """Gives all values, numbers or arrays, one strong floating type, each keeping its own shape.
+    """Converts numbers and arrays to one strong floating type; shapes stay.
 
     The type is the widest among the arrays given: float64 stays float64 where x64 is on. Python numbers and integer
-    arrays count as JAX's default float. The result is never weakly typed, so that a formula fed with literals and one
-    fed with arrays compile to the same program.
+    arrays count as JAX's default float. The result is never weakly typed, so a formula compiles to the same program
+    for literals and for arrays.
     """
     dtype = jnp.result_type(0.0, *values)
     return tuple(jnp.asarray(value, dtype) for value in values)

@@ -1,4 +1,4 @@
-"""The inductive link between two coils: its efficiency, and what its source sees of it."""
+"""The inductive link between two coils: its efficiency and its input resistance."""
 
 from typing import Literal
 
@@ -18,14 +18,14 @@ def link_efficiency(
     angular_frequency: ArrayLike,
     form: Literal["circuit", "paper"] = "circuit",
 ) -> jax.Array:
-    """Share of the power put into the primary that reaches the load, by the paper's eq (6).
+    """Share of the primary's input power that reaches the load, by the paper's eq (6).
 
-    The form "circuit" is what two series-resonant coils give when solved as a circuit,
+    The form "circuit" is the circuit solution for two series-resonant coils,
 
         Z_L / {(R_EV + Z_L) [1 + R_MED (R_EV + Z_L) / (w0 M)^2]}.
 
-    The form "paper" prints R_MED for R_EV in the first factor; the two are equal for equal
-    resistances. All arguments broadcast; the result has the shape they broadcast to, `(...)`.
+    The form "paper" has R_MED for R_EV in the first factor, as printed; both agree for equal
+    resistances. All arguments broadcast to the shape of the result, `(...)`.
 
     Args:
       mutual_inductance: M, H, of either sign.
@@ -47,8 +47,8 @@ def link_efficiency(
     m, load, primary, secondary, omega = as_floats(
         mutual_inductance, load, primary_resistance, secondary_resistance, angular_frequency
     )
-    # w0 M is of the order of the resistances, M^2 alone nears the smallest float32. The fraction is turned over so that
-    # M = 0 divides nothing by zero.
+    # w0 M is of the order of the resistances, but M^2 alone nears the smallest float32. The inverted fraction avoids a
+    # division by zero at M = 0.
     coupling = (omega * m) ** 2
     reaches_secondary = coupling / (coupling + primary * (secondary + load))
     in_series = secondary if form == "circuit" else primary
@@ -63,10 +63,10 @@ def input_resistance(
     secondary_resistance: ArrayLike,
     angular_frequency: ArrayLike,
 ) -> jax.Array:
-    """What the source of two series-resonant coils sees at their resonance, R_MED + (w0 M)^2 / (R_EV + Z_L).
+    """Input resistance of two series-resonant coils at resonance, R_MED + (w0 M)^2 / (R_EV + Z_L).
 
-    A primary current I (RMS) takes I^2 times this from the source: the current that a coil bears bounds the power of a
-    link, and the more so the smaller M is. All arguments broadcast, `(...)`; they are those of `link_efficiency`.
+    A primary current I (RMS) draws I^2 times this from the source. The coil's current limit therefore bounds the power
+    of a link, the more so the smaller M is. All arguments broadcast, `(...)`; they are those of `link_efficiency`.
 
     Returns:
       Resistance in ohm, in the widest floating type among the arguments.

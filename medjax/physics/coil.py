@@ -1,4 +1,4 @@
-"""Mutual inductance of two circular coils that are shifted and tilted against each other."""
+"""Mutual inductance of two circular coils with lateral offset and tilt."""
 
 import math
 
@@ -33,16 +33,15 @@ def mutual_inductance(
     the primary. The sign is that of the flux, so it changes where the secondary slides off the primary (the null).
     M(lateral, tilt) = M(-lateral, -tilt), and M(axial, tilt) = M(-axial, -tilt).
 
-    All arguments broadcast; the result has the shape they broadcast to, `(...)`. It is differentiable wherever the
-    wires do not touch, the aligned position included. Where they touch, the filament model itself diverges, and the
-    number returned means nothing.
+    All arguments broadcast to the shape of the result, `(...)`. It is differentiable wherever the wires do not touch,
+    also in the aligned position. Where they touch, the filament model diverges, and the result is meaningless.
 
     Args:
       primary_radius, secondary_radius: m, positive; in the paper R_MED and R_EV.
       axial: distance of the centres along the primary's axis (c), m.
       lateral: distance of the centres across the primary's axis (d), m.
       tilt: angle between the two axes (theta), rad.
-      primary_turns, secondary_turns: numbers of turns, each side's concentrated in one filament.
+      primary_turns, secondary_turns: numbers of turns, concentrated in one filament per side.
       num_nodes: points of the trapezoid rule over half the secondary's rim, at least 2.
       num_agm_steps: steps of the arithmetic-geometric mean at each point.
 
@@ -78,7 +77,7 @@ def mutual_inductance(
 
 def _half_rim(num_nodes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """cos(phi), sin(phi) and weights of the nodes, `(num_nodes,)` each."""
-    # The integrand is smooth and periodic in phi, where no rule beats the trapezoid's.
+    # The integrand is smooth and periodic in phi, for which no rule beats the trapezoid rule.
     phi = np.linspace(0.0, math.pi, num_nodes)
     spacing = np.full(num_nodes, math.pi / (num_nodes - 1))
     spacing[[0, -1]] /= 2
@@ -86,9 +85,9 @@ def _half_rim(num_nodes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _rim_psi(axis_sq: jax.Array, height: jax.Array, num_steps: int) -> tuple[jax.Array, jax.Array]:
-    """`psi_sum` over axis_sq at rim points, squared from the axis and above the plane, in primary radii."""
-    # The means of eq (3)'s k after a first step, where only V^2 is left of the printed form. The same b from the root
-    # of (1 + axis_sq + height^2)^2 - 4 axis_sq would cancel.
+    """`psi_sum` divided by axis_sq at rim points; axis_sq: squared distance from the axis, in primary radii."""
+    # The means of eq (3)'s k after a first step, which leaves only V^2 of the printed form. Computing b from
+    # the root of (1 + axis_sq + height^2)^2 - 4 axis_sq would cancel.
     b_sq = jnp.sqrt((1 - axis_sq - height**2) ** 2 + 4 * height**2)
     a_sq = (1 + axis_sq + height**2 + b_sq) / 2
     return psi_sum(a_sq, b_sq, axis_sq, num_steps)

@@ -1,10 +1,10 @@
 """Mutual inductance from a table over the relative position of two coils.
 
-For coils of 0.35 and 0.30 m, 10 turns each, at 85 kHz with 0.159 and 0.126 ohm and a load of 10 ohm, the link
-efficiency from a table of the default size is within 9e-4 of the integral's all over the default limits (7e-5 in the
-mean) as long as the wires are 0.03 m or more apart. In the 0.3 % of positions where they are nearer (axial below
-0.12 m, with a tilt that dips one rim to the other) it is off by up to 0.06: where wires meet, M of a filament has no
-bound, and no grid follows it.
+Accuracy, for coils of 0.35 and 0.30 m, 10 turns each, at 85 kHz with 0.159 and 0.126 ohm and a load of 10 ohm: within
+the default limits and with the default size, the link efficiency differs from the integral's by at most 9e-4 (7e-5 in
+the mean) as long as the wires are 0.03 m or more apart. In the 0.3 % of positions where they are nearer (axial below
+0.12 m, with a tilt that dips one rim to the other) the error reaches 0.06: M of filaments that touch is unbounded, and
+no grid follows it.
 """
 
 import functools
@@ -22,14 +22,14 @@ from medjax.numerics.gathers import read
 from medjax.physics._arrays import as_floats
 from medjax.physics.coil import mutual_inductance
 
-# Points that the interpolation reads along axial, lateral and tilt. M bends hardest where the rims pass each other,
-# across lateral and tilt: cubics there need a tenth of the table that lines do.
+# Points that the interpolation reads along axial, lateral and tilt. M bends most in lateral and tilt, where the rims
+# pass each other; cubics there need a tenth of the table that linear interpolation needs.
 _POINTS = (2, 4, 4)
 
 
 @struct.dataclass
 class InductanceTable:
-    """M of one coil pair on a grid that is even in log(axial), in lateral and in tilt.
+    """M of one coil pair on a grid that is uniform in log(axial), in lateral and in tilt.
 
     Every field is a leaf, so that `jax.vmap` runs over coil designs. Only lateral >= 0 is stored;
     M(-lateral, -tilt) = M(lateral, tilt) gives the other side.
@@ -43,7 +43,7 @@ class InductanceTable:
     tilt_step: jax.Array  # () rad
 
 
-# Compiled as a whole, it takes a sixth of the second or two that its operations take one by one.
+# Compiled, it takes a sixth of the second or two that its operations take one by one.
 @functools.partial(jax.jit, static_argnames=("num_axial", "num_lateral", "num_tilt"))
 def tabulate_inductance(
     primary_radius: ArrayLike,
@@ -61,21 +61,21 @@ def tabulate_inductance(
 ) -> InductanceTable:
     """Tabulates `mutual_inductance` of one coil pair.
 
-    Pure and compiled, anew for each grid size. The arguments are scalars; `jax.vmap` tabulates many designs, one along
-    each leaf's first axis. The module's docstring says how exact the table is.
+    It is pure, and compiled anew for each grid size. The arguments are scalars; `jax.vmap` tabulates many designs along
+    each leaf's first axis. The module's docstring states the accuracy.
 
     Args:
       primary_radius, secondary_radius: m.
       primary_turns, secondary_turns: numbers of turns.
       min_axial, max_axial: shortest and longest axial distance in the table, m, positive.
       max_lateral, max_tilt: largest lateral distance, m, and largest tilt, rad, to either side.
-      num_axial, num_lateral, num_tilt: points along each, at least 2, 4 and 4.
+      num_axial, num_lateral, num_tilt: points along each axis, at least 2, 4 and 4.
 
     Returns:
       The table. The default grid takes 252 KiB in float32.
 
     Raises:
-      InputError: a grid size is below its least.
+      InputError: a grid size is below its minimum.
     """
     sizes = {"num_axial": num_axial, "num_lateral": num_lateral, "num_tilt": num_tilt}
     for (name, size), least in zip(sizes.items(), _POINTS, strict=True):
@@ -125,7 +125,7 @@ def interpolate_inductance(
     )
     sides = map(_stencil, positions, table.values.shape, _POINTS)
     axial_side, lateral_side, tilt_side = sides
-    # One flat index a point, with the strides of the grid, is the cheapest gather on a CPU.
+    # One flat index per point is the cheapest gather on a CPU.
     _, num_lateral, num_tilt = table.values.shape
     flat = table.values.reshape(-1)
     corner = (axial_side[0] * num_lateral + lateral_side[0]) * num_tilt + tilt_side[0]
@@ -139,9 +139,9 @@ def interpolate_inductance(
 
 
 def _stencil(position: jax.Array, size: int, points: int) -> tuple[jax.Array, list[jax.Array]]:
-    """First grid point that the interpolation at `position` (in steps) reads, and the weights of as many as `points`.
+    """First grid point that the interpolation at `position` (in steps) reads, and the weights of `points` points.
 
-    The points, an even number, lie as many on either side, but near an end.
+    Half of the points, an even number, lie on either side of the position, except near an end.
     """
     position = jnp.clip(position, 0, size - 1)
     first = jnp.clip(position.astype(jnp.int32) - (points // 2 - 1), 0, size - points)

@@ -1,4 +1,4 @@
-"""Energy that a vehicle's motion takes at the wheels, and from its battery."""
+"""Energy of a vehicle's motion, at the wheels and from its battery."""
 
 import jax
 import jax.numpy as jnp
@@ -23,9 +23,9 @@ def tractive_energy(
 ) -> jax.Array:
     """Energy at the wheels over one time step, by one term of the paper's eqs (7)-(8).
 
-    Rolling resistance, air drag at the mean speed, inertia and slope, times the distance driven.
-    As in eq (7), rolling resistance does not shrink with the cosine of the slope. All arguments
-    broadcast; the result has the shape they broadcast to, `(...)`.
+    It is the force of rolling resistance, air drag at the mean speed, inertia and slope, times the distance driven.
+    As in eq (7), rolling resistance omits the cosine of the slope. All arguments broadcast to the shape of the result,
+    `(...)`.
 
     Args:
       speed_before: speed at the start of the step (V_{i-1}), m/s, not negative.
@@ -35,13 +35,13 @@ def tractive_energy(
       drag_coefficient: C_D, dimensionless.
       frontal_area: A_F, m^2.
       rolling_resistance: C_RR, dimensionless.
-      rotational_inertia_factor: r, by which rotating parts raise the inertia, dimensionless.
+      rotational_inertia_factor: r, the factor by which rotating parts raise the inertia, dimensionless.
       slope: angle of the road, rad, positive uphill.
       air_density: rho, kg/m^3.
       gravity: g, m/s^2.
 
     Returns:
-      Energy in J, negative when braking or rolling downhill takes out more than resistance does.
+      Energy in J, negative when braking or rolling downhill yields more than resistance takes.
       It is in the widest floating type among the arguments.
     """
     motion = speed_before, speed_after, dt
@@ -68,21 +68,20 @@ def battery_energy(
 ) -> jax.Array:
     """Energy that one time step takes out of the battery.
 
-    Driving energy is divided by the efficiency of the drivetrain; braking energy comes back times
-    the efficiency of regeneration, which stands for all losses from wheels to battery. The defaults
-    give eq (8) of the paper, where the battery pays exactly what the wheels take. All arguments
-    broadcast; the result has the shape they broadcast to, `(...)`.
+    Driving energy is divided by the drivetrain's efficiency. Braking energy is multiplied by the regeneration's
+    efficiency, which covers all losses from wheels to battery. The defaults give eq (8) of the paper, where the
+    battery supplies exactly what the wheels take. All arguments broadcast to the shape of the result, `(...)`.
 
     Args:
       tractive_energy: energy at the wheels in the step, J, negative when braking.
       dt: length of the step, s.
       drivetrain_efficiency: share of battery energy that reaches the wheels, in (0, 1].
       regeneration_efficiency: share of braking energy that reaches the battery, in [0, 1]; 0 for friction brakes only.
-      auxiliary_power: power of what else the battery feeds (climate, electronics), W.
+      auxiliary_power: power of other loads (climate, electronics), W.
 
     Returns:
       Energy in J, negative when the battery is charged. It is in the widest floating type among
-      the arguments. The battery's own limits (full, empty, power) are the caller's.
+      the arguments. The caller applies the battery's limits (full, empty, power).
     """
     wheels, dt, drivetrain, regeneration, auxiliary = as_floats(
         tractive_energy, dt, drivetrain_efficiency, regeneration_efficiency, auxiliary_power
@@ -94,10 +93,10 @@ def battery_energy(
 def change_battery(
     energy: jax.Array, rest: jax.Array, change: jax.Array, capacity: ArrayLike
 ) -> tuple[jax.Array, jax.Array]:
-    """Energy after a change, within 0 and capacity, by a compensated sum.
+    """Battery energy after a change, within 0 and capacity, by a compensated sum.
 
-    In float32 a truck's pack of 400 kWh is a multiple of 128 J, as much as half a second of its electronics takes:
-    rounded at every time step, small loads would be lost. What rounding leaves out waits for the next step.
+    In float32 the energy of a truck's 400 kWh pack is a multiple of 128 J, as much as its electronics take in half a
+    second. Rounding at every time step would lose small loads, so the rounding error is carried to the next step.
 
     Args:
       energy: J, in [0, capacity]; all arguments broadcast, any shape.
@@ -106,7 +105,7 @@ def change_battery(
       capacity: J.
 
     Returns:
-      (energy, rest), J; they add up to the exact sum, and rest is 0 in a battery that was cut off at 0 or at capacity.
+      (energy, rest), J, which add up to the exact sum; rest is 0 if the energy was clipped at 0 or at capacity.
 
     Source: Kahan 1965, Further remarks on reducing truncation errors.
     """

@@ -1,15 +1,15 @@
-"""Complete elliptic integrals, and their slopes, by the arithmetic-geometric mean.
+"""Complete elliptic integrals and their derivatives, by the arithmetic-geometric mean.
 
-The two integrals and their derivatives are all of the shape
+The two integrals and their derivatives all have the form
 
     I(m; p, q) = integral over [0, pi/2] of (p cos^2 x + q sin^2 x) / sqrt(1 - m sin^2 x) dx
 
 with K = I(m; 1, 1), E = I(m; 1, 1 - m), dK/dm = I(m; 1, 0) / (2 (1 - m)), dE/dm = -I(m; 0, 1) / 2. Landen's
-transformation leaves I unchanged while it takes the two means closer, and p and q with them (Bulirsch, Numer. Math. 7,
-78-90, 1965; the mean itself: DLMF 19.8). Every step adds and multiplies positive numbers, so no digits cancel; the
-textbook form E = K (1 - sum 2^(n-1) c_n^2) subtracts, and loses digits as m nears 1.
+transformation leaves I unchanged while it brings the two means closer, and p and q with them (Bulirsch, Numer. Math. 7,
+78-90, 1965; the mean itself: DLMF 19.8). Every step adds and multiplies positive numbers, so no digits cancel. The
+textbook form E = K (1 - sum 2^(n-1) c_n^2) subtracts and loses digits as m nears 1.
 
-The third is the Psi of two coils, `psi_sum`; see `medjax.physics.coil`.
+A third function, `psi_sum`, gives the Psi of two coils; see `medjax.physics.coil`.
 """
 
 import math
@@ -20,8 +20,8 @@ from jax.typing import ArrayLike
 
 from medjax.physics._arrays import as_floats
 
-# The relative gap between the two means squares at every step. From the smallest b that float64 can hold beside a = 1
-# (1 - m = 1e-16, b = 1e-8), eight steps leave 1e-15; seven 5e-14.
+# Every step squares the relative gap between the two means. From the smallest b that float64 can hold beside a = 1
+# (1 - m = 1e-16, b = 1e-8), eight steps leave 1e-15, seven 5e-14.
 _NUM_STEPS = 8
 
 
@@ -55,8 +55,8 @@ def ellipe(m: ArrayLike) -> jax.Array:
     return _ellipe(*as_floats(m))
 
 
-# The slopes are written out because those of the square root below, 1 / (2 sqrt(1 - m)), grow
-# without bound towards m = 1 where dE/dm hardly does: left to autodiff they cancel to noise.
+# The derivatives are explicit because that of the square root below, 1 / (2 sqrt(1 - m)), grows without bound towards
+# m = 1, whereas dE/dm hardly does: with autodiff the terms would cancel to noise.
 @jax.custom_jvp
 def _ellipk(m: jax.Array) -> jax.Array:
     return _landen(m, jnp.ones_like(m), jnp.ones_like(m))
@@ -75,7 +75,7 @@ _ellipe.defjvps(lambda dm, _, m: -_landen(m, jnp.zeros_like(m), jnp.ones_like(m)
 
 def _landen(m: jax.Array, p: jax.Array, q: jax.Array) -> jax.Array:
     """I(m; p, q) of the module docstring, for p, q >= 0."""
-    # At m = 1 the means never meet, so a fixed number of steps ends at a wrong finite number.
+    # At m = 1 the means never meet, so a fixed number of steps gives a wrong finite number.
     at_pole = jnp.where(q > 0, jnp.inf, p)
     a, b = jnp.ones_like(m), jnp.sqrt(1 - m)
     for _ in range(_NUM_STEPS):
@@ -91,11 +91,11 @@ def psi_sum(
 
     Args:
       a_sq, b_sq: squares of the arithmetic and the geometric mean after a first step, `(...)`.
-      spread: a_sq (a_sq - b_sq) from where it did not cancel, `(...)`; c_1^2 is spread / a_sq.
-      num_steps: of the mean, after the first.
+      spread: a_sq (a_sq - b_sq), computed without cancellation, `(...)`; c_1^2 is spread / a_sq.
+      num_steps: steps of the mean after the first.
 
     Returns:
-      (sum over spread, mean), `(...)` each: pi / (2 mean) is K, but for the scale of a and b.
+      (sum / spread, mean), `(...)` each; pi / (2 mean) is K up to the scale of a and b.
 
     Source: DLMF 19.8.
     """

@@ -1,4 +1,4 @@
-"""The highway: IDM and MOBIL on discrete lanes. Knows no charging and no learning."""
+"""Highway traffic: IDM and MOBIL on discrete lanes. Independent of charging and learning."""
 
 from medjax.traffic.idm import idm_acceleration
 from medjax.traffic.mobil import mobil_incentive

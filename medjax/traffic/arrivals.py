@@ -1,8 +1,8 @@
-"""Who arrives at each entry, and when: the same in an episode whatever dispatchers and drivers do.
+"""Arrivals at each entry, which do not depend on what dispatchers and drivers do.
 
-The n-th vehicle at an entry draws from keys of the episode, the entry and n, and so do the counts of each round of
-entries. What happens on the road delays vehicles; it never exchanges them for others, so that two policies on one
-episode meet the same traffic.
+The n-th vehicle at an entry draws its traits from a key of episode, entry and n, and each round of entries draws its
+counts likewise. Events on the road delay vehicles but never change them, so two policies meet the same traffic in an
+episode.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from medjax.world.state import EnvState
 
 
 class Traits(NamedTuple):
-    """What is random about vehicles that enter, `(K,)` each."""
+    """Random traits of entering vehicles, `(K,)` each."""
 
-    speed: jax.Array  # standard normal; all others are uniform in [0, 1)
+    speed: jax.Array  # standard normal; all other fields are uniform in [0, 1)
     is_ev: jax.Array
     kind: jax.Array
     destination: jax.Array
@@ -27,12 +27,12 @@ class Traits(NamedTuple):
 
 
 def new_seed(key: jax.Array) -> jax.Array:
-    """A seed of all arrivals of an episode, `(2,)` uint32, for `EnvState.arrivals`."""
+    """Seed of all arrivals of an episode, `(2,)` uint32, for `EnvState.arrivals`."""
     return jax.random.bits(key, (2,), jnp.uint32)
 
 
 def redraw(key: jax.Array, state: Any) -> Any:
-    """The state of an environment, wrapped or not, with another future: nobody on the road changes, who comes does."""
+    """Redraws future arrivals of an environment's state, wrapped or not; vehicles on the road stay as they are."""
 
     def is_highway(node: Any) -> bool:
         return isinstance(node, EnvState)
@@ -50,7 +50,7 @@ def _stream(seed: jax.Array, stream: jax.Array | int, number: jax.Array) -> jax.
 
 
 def draw_traits(seed: jax.Array, stream: jax.Array, number: jax.Array) -> Traits:
-    """Traits of vehicles by stream, one an entry and one for all MEDs, and number in it, `(K,)` int32 each."""
+    """Traits by stream (one per entry and one for all MEDs) and by number within it, `(K,)` int32 each."""
 
     def one(stream: jax.Array, number: jax.Array) -> Traits:
         normal_key, uniform_key = jax.random.split(_stream(seed, stream, number))
@@ -61,6 +61,6 @@ def draw_traits(seed: jax.Array, stream: jax.Array, number: jax.Array) -> Traits
 
 
 def draw_round(seed: jax.Array, num_entries: int, number: jax.Array) -> jax.Array:
-    """Uniform draws of how many vehicles come to each entry in a round, `(num_entries,)`."""
-    # Streams 0 to num_entries are those of vehicles.
+    """Uniform draws for the arrival counts of a round, `(num_entries,)`."""
+    # Vehicles use streams 0 to num_entries.
     return jax.random.uniform(_stream(seed, num_entries + 1, number), (num_entries,), jnp.float32)

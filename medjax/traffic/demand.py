@@ -1,4 +1,4 @@
-"""Traffic that asks to enter: Poisson arrivals, queues, safe entries, and a road filled at reset."""
+"""Traffic demand: Poisson arrivals, entries, and filling the road at reset."""
 
 from __future__ import annotations
 
@@ -12,27 +12,26 @@ from medjax.traffic.exits import mean_way
 from medjax.world.kinds import EVS, FUELLED, GAS_KINDS, kinds_in
 from medjax.world.params import DemandParams, DriverParams, EnvParams, RoadParams, Scalar
 
-# Arrivals at one entry in one round are counted up to here; with 2 expected, more come once in
-# 20,000 rounds.
+# Cap on arrivals per entry and round; with 2 expected, more come once in 20,000 rounds.
 MOST_ARRIVALS = 8
-# Desired speeds are drawn within so many standard deviations, so that none is absurd.
+# Desired speeds are cut off at this many standard deviations.
 SPEED_SPREAD = 2.5
 
 
 def entry_rates(demand: DemandParams, num_lanes: int, time_s: Scalar) -> jax.Array:
-    """Vehicles per second asking at each entry so long after an episode's start, `(num_lanes + num_ramps,)`."""
+    """Demand at each entry at time_s since the episode's start, vehicles/s, `(num_lanes + num_ramps,)`."""
     mainline, ramps = demand.flows(time_s)
     return jnp.concatenate([jnp.full((num_lanes,), mainline / num_lanes), ramps]) / 3600.0
 
 
 def poisson_arrivals(uniform: jax.Array, expected: jax.Array) -> jax.Array:
-    """Poisson counts by inversion, int32; one uniform a count, no rejection loop.
+    """Poisson counts by inversion, int32; one uniform draw per count, no rejection loop.
 
     Args:
-      uniform: in [0, 1); expected: mean counts, equal shapes.
+      uniform: in [0, 1); expected: mean counts; equal shapes.
 
     Returns:
-      Counts, cut at MOST_ARRIVALS.
+      Counts, capped at MOST_ARRIVALS.
     """
     term = jnp.exp(-expected)
     below = term
@@ -45,13 +44,13 @@ def poisson_arrivals(uniform: jax.Array, expected: jax.Array) -> jax.Array:
 
 
 def desired_speeds(normal: jax.Array, kind: jax.Array, drivers: DriverParams) -> jax.Array:
-    """Desired speed of each vehicle, m/s, from standard normal draws of its shape."""
+    """Desired speeds, m/s, from standard normal draws of the same shape."""
     spread = jnp.clip(normal, -SPEED_SPREAD, SPEED_SPREAD) * drivers.desired_speed_std[kind]
     return jnp.maximum(drivers.desired_speed[kind] + spread, 0.5 * drivers.desired_speed[kind])
 
 
 def shares_on_road(demand: DemandParams, drivers: DriverParams) -> tuple[Scalar, ...]:
-    """`demand.class_shares`, of those who arrive, as shares of those on the road, where the slow are for longer."""
+    """Turns `demand.class_shares`, shares of arrivals, into shares of density: slow vehicles stay longer."""
     shares = list(demand.class_shares)
     for kinds in (kinds_in(EVS), GAS_KINDS):
         times = [shares[kind] / drivers.desired_speed[kind] for kind in kinds]
@@ -61,7 +60,7 @@ def shares_on_road(demand: DemandParams, drivers: DriverParams) -> tuple[Scalar,
 
 
 def drawn_kinds(uniform: jax.Array, is_ev: jax.Array, shares: Sequence[Scalar]) -> jax.Array:
-    """Kinds of vehicles, int32, from uniform draws and whether each is an EV, of one shape; shares as class_shares."""
+    """Vehicle kinds, int32, from uniform draws and EV flags of one shape; shares like `demand.class_shares`."""
 
     def drawn(kinds: tuple[int, ...]) -> jax.Array | int:
         kind: jax.Array | int = kinds[-1]
@@ -74,14 +73,14 @@ def drawn_kinds(uniform: jax.Array, is_ev: jax.Array, shares: Sequence[Scalar]) 
 
 
 class Entries(NamedTuple):
-    """Where vehicles enter, `(K,)` each: lanes at x = 0, then ramps."""
+    """Entries of a road, `(K,)` each: lanes at x = 0, then ramps."""
 
     x: jax.Array  # m
     lane: jax.Array  # int32
 
 
 def entries(road: RoadParams, num_lanes: int) -> Entries:
-    """The entries of a road: each lane at its left end, then each acceleration lane's start."""
+    """The entries of a road: the start of each lane, then of each acceleration lane."""
     num_ramps = road.ramp_x_m.shape[0]
     return Entries(
         x=jnp.concatenate([jnp.zeros((num_lanes,), jnp.float32), road.ramp_x_m]),
@@ -95,14 +94,14 @@ def entries(road: RoadParams, num_lanes: int) -> Entries:
 
 
 def place(admitted: jax.Array, free: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Gives admitted entries free slots, first to first.
+    """Assigns free slots to admitted entries, in order.
 
     Args:
-      admitted: (K,) bool, entries whose vehicle of this class may enter.
+      admitted: (K,) bool, entries where a vehicle of this class may enter.
       free: (C,) bool, free slots of the class.
 
     Returns:
-      (entry: (C,) int32, the entry that a slot receives a vehicle from, -1 for none;
+      (entry: (C,) int32, the entry whose vehicle a slot receives, -1 for none;
        placed: (K,) bool, admitted entries that got a slot).
     """
     num_entries = admitted.shape[0]
@@ -119,7 +118,7 @@ def place(admitted: jax.Array, free: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 
 class Fill(NamedTuple):
-    """A road in mid-traffic, `(C,)` each."""
+    """Vehicles of a filled road, `(C,)` each."""
 
     x: jax.Array  # m
     lane: jax.Array  # int32
@@ -128,7 +127,7 @@ class Fill(NamedTuple):
 
 
 def expected_vehicles(demand: DemandParams, road: RoadParams, speed: Scalar) -> jax.Array:
-    """Vehicles on the road in equilibrium: each entry's flow times its mean way over speed."""
+    """Vehicles on the road in equilibrium: each entry's flow times mean trip length over speed."""
     mainline, ramps = demand.flows(jnp.zeros((), jnp.float32))
     metres = mainline * mean_way(jnp.zeros((), jnp.float32), demand, road)
     metres += jnp.sum(ramps * mean_way(road.ramp_x_m, demand, road))
@@ -138,10 +137,10 @@ def expected_vehicles(demand: DemandParams, road: RoadParams, speed: Scalar) -> 
 def fill_road(
     key: jax.Array, is_ev: jax.Array, desired_speed: jax.Array, num_lanes: int, params: EnvParams
 ) -> Fill:
-    """Fills the lanes to match the demand, in closed form and without a collision.
+    """Fills the lanes to match the demand, in closed form and without collisions.
 
-    A Poisson number of vehicles stands on a grid of places, one lane after the other, each moved
-    forward by up to half the spacing. EVs are mixed in at random by one shuffle of the slots.
+    A Poisson number of vehicles goes to a grid of places, lane by lane, each moved forward by up to half the
+    spacing. One shuffle of the slots mixes EVs and gas vehicles.
 
     Args:
       key: random key.
@@ -175,22 +174,22 @@ def fill_road(
 def _drawn_counts(
     keys: tuple[jax.Array, jax.Array], is_ev: jax.Array, num_lanes: int, params: EnvParams
 ) -> tuple[jax.Array, jax.Array]:
-    """EVs and gas vehicles on the road, () each: at most as many as there are slots and as the road has room for."""
+    """Numbers of EVs and gas vehicles on the road, () each, limited by slots and by room on the road."""
     demand, road, drivers = params.demand, params.road, params.drivers
     slots, num_ev_slots = is_ev.shape[0], jnp.sum(is_ev, dtype=jnp.int32)
     shares, speed = demand.class_shares, drivers.desired_speed
     gas, evs = (
         sum(shares[k] * expected_vehicles(demand, road, speed[k]) for k in kinds)
-        for kinds in (GAS_KINDS, kinds_in(EVS))  # if all were of this class
+        for kinds in (GAS_KINDS, kinds_in(EVS))  # if all vehicles were of this class
     )
-    # Of EVs and others as fast exactly as many as of either, and the share of those who arrive.
+    # If EVs and others are equally fast, this gives exactly the total of either and the share of arrivals.
     more = demand.ev_share * (evs - gas)
     expected = gas + more
     ev_share = demand.ev_share + (1.0 - demand.ev_share) * more / jnp.maximum(expected, 1e-6)
-    # Normal approximations of the Poisson and binomial counts: closed form, and good above 20.
+    # Normal approximations of the Poisson and binomial counts: closed-form, and good above 20.
     total = expected + jnp.sqrt(expected) * jax.random.normal(keys[0], (), jnp.float32)
-    # Leave everyone more than a standing vehicle's room in the half of the spacing that jitter spares,
-    # whatever the demand; MEDs are not filled in.
+    # Whatever the demand, the half of the spacing that jitter leaves must hold more than a standing vehicle.
+    # MEDs are not filled in.
     kinds = jnp.array(kinds_in(EVS, FUELLED))
     rooms = (drivers.vehicle_length + drivers.min_gap)[kinds]
     room = jnp.max(jnp.where(jnp.stack(shares)[kinds] > 0.0, rooms, 0.0))
@@ -202,10 +201,10 @@ def _drawn_counts(
 
 
 def _safe_start(spacing: jax.Array, desired_speed: jax.Array, params: EnvParams) -> jax.Array:
-    """The speed that nobody on a road filled at this spacing, m, starts faster than, () m/s.
+    """Highest safe initial speed on a road filled at this spacing, m, () m/s.
 
-    The headway to the smallest possible gap allows it, and four fifths of max_braking would bring it down to the
-    slowest one's speed within that gap.
+    It keeps the time headway in the smallest possible gap, and four fifths of max_braking reduce it to the slowest
+    vehicle's speed within that gap.
     """
     drivers, comes = params.drivers, jnp.stack(params.demand.class_shares) > 0.0
 
@@ -214,7 +213,7 @@ def _safe_start(spacing: jax.Array, desired_speed: jax.Array, params: EnvParams)
 
     smallest_gap = 0.5 * spacing - largest(drivers.vehicle_length)
     room = jnp.maximum(smallest_gap - largest(drivers.min_gap), 0.0)
-    # As XLA divides by what all environments share; where there is one, it would not.
+    # XLA multiplies by the reciprocal of what environments share; this keeps a single environment bit-identical.
     fastest = room * (1.0 / largest(drivers.time_headway))
     slowest = jnp.minimum(jnp.min(desired_speed), fastest)
     braked = slowest**2 + 2.0 * 0.8 * params.motion.max_braking * room
@@ -222,9 +221,9 @@ def _safe_start(spacing: jax.Array, desired_speed: jax.Array, params: EnvParams)
 
 
 def _shuffled_places(key: jax.Array, active: jax.Array) -> jax.Array:
-    """Places of slots in a random order, the active ones first, (C,) int32 from (C,) bool."""
+    """Random places of the slots, active ones first, (C,) int32 from (C,) bool."""
     slots = active.shape[0]
-    # One packed sort shuffles: random high bits, slot in the low bits, inactive last.
+    # Shuffles by one sort of packed keys: random high bits, slot in the low bits, inactive last.
     bits = max(1, (slots - 1).bit_length())
     tickets = jax.random.bits(key, (slots,), jnp.uint32) >> (bits + 1) << bits
     tickets = jnp.where(active, tickets, jnp.uint32(2**31))

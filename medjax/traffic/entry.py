@@ -1,4 +1,4 @@
-"""Vehicles coming onto the road: arrivals join queues, and enter when there is a safe gap."""
+"""Entering the road: arrivals join queues and enter when there is a safe gap."""
 
 from __future__ import annotations
 
@@ -37,24 +37,24 @@ def _waiting_meds(state: EnvState, config: EnvConfig) -> tuple[jax.Array, jax.Ar
 
 
 class Newcomers(NamedTuple):
-    """Who came onto the road in a round of entries."""
+    """Vehicles that entered the road in a round of entries."""
 
-    entry: jax.Array  # (N,) int32, the entry that a slot received a vehicle from, -1 for none
-    traits: Traits  # (K,) each, of the one that came at each entry, if one did
+    entry: jax.Array  # (N,) int32, the entry whose vehicle a slot received, -1 for none
+    traits: Traits  # (K,) each, of the vehicle at each entry, meaningful if it entered
 
 
 class _NextUp(NamedTuple):
-    """Who would enter at each entry, `(K,)` each."""
+    """The next vehicle at each entry, `(K,)` each."""
 
     kind: jax.Array  # int32
-    is_ev: jax.Array  # bool, of the first of the queue
+    is_ev: jax.Array  # bool, of the first in the queue
     desired_speed: jax.Array  # m/s
     time_headway: jax.Array  # s
     destination: jax.Array  # m
 
 
 def _next_up(traits: Traits, where: Entries, med_waits: jax.Array, params: EnvParams) -> _NextUp:
-    """A MED where one waits, else the first of the queue."""
+    """The next vehicle at each entry: a waiting MED, else the first in the queue."""
     is_ev = traits.is_ev < params.demand.ev_share
     kind = drawn_kinds(traits.kind, is_ev, params.demand.class_shares)
     kind = jnp.where(med_waits, MED, kind)
@@ -69,7 +69,7 @@ def _next_up(traits: Traits, where: Entries, med_waits: jax.Array, params: EnvPa
 def _safe_speed(
     next_up: _NextUp, where: Entries, state: EnvState, config: EnvConfig, params: EnvParams
 ) -> tuple[jax.Array, jax.Array]:
-    """Speed at which each may enter, and whether it may, `(K,)` each."""
+    """Entry speed of each and whether it may enter, `(K,)` each."""
     vehicles, drivers = state.vehicles, params.drivers
     length = by_kind(vehicles.kind, drivers.vehicle_length)
     width = by_kind(vehicles.kind, jnp.array(WIDTHS_M, jnp.float32))
@@ -95,8 +95,8 @@ def _put_on_road(
     """Writes newcomers into their slots.
 
     Args:
-      entry: (N,) int32, the entry that a slot receives a vehicle from, -1 for none.
-      speed: (K,) m/s, at which they enter.
+      entry: (N,) int32, the entry whose vehicle a slot receives, -1 for none.
+      speed: (K,) m/s, entry speeds.
     """
     new, source = entry >= 0, jnp.maximum(entry, 0)
 
@@ -127,16 +127,16 @@ def _put_on_road(
 def admit(
     state: EnvState, number: jax.Array, config: EnvConfig, params: EnvParams
 ) -> tuple[EnvState, Newcomers, Tally]:
-    """One round of entries: at most one vehicle at each entry, MEDs first.
+    """One round of entries: at most one vehicle per entry, MEDs first.
 
-    An arrival that finds no safe gap, or no free slot of its class, waits in the queue. What EVs bring with
-    them is left to the caller.
+    An arrival without a safe gap or a free slot of its class waits in the queue. The caller initialises what EVs have
+    beyond their vehicles.
 
     Args:
       number: () int32, rounds since the episode's start.
 
     Returns:
-      (state, who came, tally of who entered)
+      (state, newcomers, tally of entries and queues)
     """
     demand, active, num_entries = params.demand, state.vehicles.active, config.num_entries
     expected = entry_rates(demand, config.num_lanes, number * config.round_s) * config.round_s
@@ -145,7 +145,7 @@ def admit(
 
     first_med, med_waits = _waiting_meds(state, config)
     where = entries(params.road, config.num_lanes)
-    # A MED is who it is, at whatever ramp.
+    # A MED keeps its traits whichever ramp it enters by.
     stream = jnp.where(med_waits, num_entries, jnp.arange(num_entries, dtype=jnp.int32))
     traits = draw_traits(
         state.arrivals, stream, jnp.where(med_waits, first_med, state.entered_here)

@@ -1,4 +1,4 @@
-"""Who is in the way of a vehicle that would enter, and how fast it can."""
+"""Gaps and speeds for vehicles that enter the road."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from medjax.traffic.demand import Entries
 from medjax.traffic.safety import Tyres, keeps_clear, safe_speed
 from medjax.world.params import Scalar
 
-# A vehicle that enters behind a slower one may be faster by its spare room divided by this.
+# A vehicle may enter faster than its leader by its spare room divided by this.
 CATCH_UP_S = 4.0
 
 
 class Ahead(NamedTuple):
-    """The vehicle next ahead of each entry, `(K,)` each."""
+    """The next vehicle ahead of each entry, `(K,)` each."""
 
-    gap: jax.Array  # m to its rear bumper, inf if there is none
-    speed: jax.Array  # m/s, 0 if there is none
+    gap: jax.Array  # m to its rear bumper, inf for none
+    speed: jax.Array  # m/s, 0 for none
 
 
 def next_ahead(
@@ -31,11 +31,11 @@ def next_ahead(
     speed: jax.Array,
     active: jax.Array,
 ) -> Ahead:
-    """Gap and speed of the vehicle next ahead of each entry, in its lane.
+    """Gap and speed of the next vehicle ahead of each entry, in its lane.
 
     Args:
       where: (K,) each; x, lane, length, speed, active: (N,) each.
-      other: (N,) int32, the second lane of those who straddle a line (`medjax.traffic.road.other_lane`).
+      other: (N,) int32, the second lane of straddling vehicles (`medjax.traffic.road.other_lane`).
     """
     rear = x - length
     # A vehicle whose rear has not cleared the entry still blocks it.
@@ -58,13 +58,14 @@ def cut_off(
     most: jax.Array,
     tyres: Tyres,
 ) -> jax.Array:
-    """Whether somebody who straddles an entry's lane comes from behind and could not stop for a newcomer, `(K,)` bool.
+    """Whether a vehicle that straddles an entry's lane from behind could not stop for a newcomer, `(K,)` bool.
 
-    Those who leave the acceleration lane before it do so.
+    Such vehicles are leaving the acceleration lane upstream of the entry.
 
     Args:
       where: (K,) each; length: (K,) m, of the newcomers.
-      x, speed, most: (N,) m, m/s, m/s^2 at most; other: (N,) int32, as `next_ahead`, NOWHERE for who is not there.
+      x, speed, most: (N,) m, m/s, highest acceleration m/s^2.
+      other: (N,) int32, as in `next_ahead`; NOWHERE for inactive slots.
     """
     rear = where.x - length
     comes = (other == where.lane[:, None]) & (x < where.x[:, None])
@@ -81,14 +82,14 @@ def entry_speed(
 ) -> tuple[jax.Array, jax.Array]:
     """The speed at which a vehicle can enter, and whether it may.
 
-    It enters no faster than its headway allows and a little faster than the one ahead at most, with
-    at least its own safe gap, and can stop behind it.
+    It enters with at least its own safe gap, no faster than its headway allows, at most a little faster than its
+    leader, and so that it can stop behind its leader.
 
     Args:
       wanted: (K,) m/s.
       ahead: of each.
       time_headway: (K,) s; min_gap: (K,) m.
-      braking: m/s^2, what tyres allow.
+      braking: m/s^2, limit of the tyres.
 
     Returns:
       (speed m/s, safe bool), each (K,).

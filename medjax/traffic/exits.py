@@ -1,7 +1,7 @@
-"""Where vehicles leave the road: their destinations, and the lane changes that these take.
+"""Exits: vehicles' destinations and the lane changes that they require.
 
-A vehicle bound for an exit leaves the main road from its rightmost lane, anywhere along the deceleration lane before
-the exit; what it does beyond is not simulated. A road without exits (`EnvConfig.num_exits`) computes none of this.
+A vehicle bound for an exit leaves the main road from the rightmost lane, anywhere along the deceleration lane before
+the exit. What it does afterwards is not simulated. A road without exits (`EnvConfig.num_exits`) computes none of this.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from medjax.world.state import Vehicles
 
 
 def next_exit(x: jax.Array, road: RoadParams) -> jax.Array:
-    """The first exit after each place, or the road's end, m; of the shape of x, m."""
+    """The next exit after each position, or the road's end, m; of the shape of x, m."""
     nearest = jnp.full_like(x, road.length_m)
-    # One exit after the other, from the last one: as `medjax.traffic.road.merge_distance`.
+    # A loop from the last exit, for the reason given in `medjax.traffic.road.merge_distance`.
     for index in reversed(range(road.exit_x_m.shape[0])):
         nearest = jnp.where(x < road.exit_x_m[index], road.exit_x_m[index], nearest)
     return nearest
 
 
 def last_exit(x: jax.Array, road: RoadParams) -> jax.Array:
-    """The last exit that each place is at or behind, -inf before the first one, m; of the shape of x, m."""
+    """The last exit at or before each position, m, -inf before the first one; of the shape of x, m."""
     last = jnp.full_like(x, -jnp.inf)
     for index in range(road.exit_x_m.shape[0]):
         last = jnp.where(x >= road.exit_x_m[index], road.exit_x_m[index], last)
@@ -31,7 +31,7 @@ def last_exit(x: jax.Array, road: RoadParams) -> jax.Array:
 
 
 def _leave_at(index: int, x: jax.Array, demand: DemandParams, road: RoadParams) -> jax.Array:
-    """Share of those who come to an exit from these places and leave there: none whose way to it is too short."""
+    """Share of vehicles from these entries that leave at an exit they reach; 0 where it is too close to the entry."""
     far_enough = road.exit_x_m[index] - x >= road.exit_notice_m
     return jnp.where(far_enough, demand.exit_share[index], 0.0)
 
@@ -39,13 +39,13 @@ def _leave_at(index: int, x: jax.Array, demand: DemandParams, road: RoadParams) 
 def draw_destinations(
     uniform: jax.Array, x: jax.Array, demand: DemandParams, road: RoadParams
 ) -> jax.Array:
-    """Where vehicles that enter at these places leave the road, m.
+    """Destinations of vehicles that enter at these positions, m.
 
     Args:
-      uniform: in [0, 1), one draw a vehicle; x: m, that shape.
+      uniform: in [0, 1), one draw per vehicle; x: m, same shape.
     """
     destination = jnp.full_like(uniform, road.length_m)
-    stays = jnp.ones_like(uniform)  # share of those who go on, so far
+    stays = jnp.ones_like(uniform)  # share still on the road
     for index in range(road.exit_x_m.shape[0]):
         goes_on = stays * (1.0 - _leave_at(index, x, demand, road))
         leaves = (uniform >= goes_on) & (uniform < stays)
@@ -55,7 +55,7 @@ def draw_destinations(
 
 
 def mean_way(x: jax.Array, demand: DemandParams, road: RoadParams) -> jax.Array:
-    """Way on the road of those who enter at these places on average, m; of the shape of x, m."""
+    """Mean trip length of vehicles that enter at these positions, m; of the shape of x, m."""
     way, stays = road.length_m - x, jnp.ones_like(x)
     for index in range(road.exit_x_m.shape[0]):
         leaves = stays * _leave_at(index, x, demand, road)
@@ -67,14 +67,14 @@ def mean_way(x: jax.Array, demand: DemandParams, road: RoadParams) -> jax.Array:
 def draw_entries(
     uniform: jax.Array, x: jax.Array, demand: DemandParams, road: RoadParams
 ) -> jax.Array:
-    """Where vehicles that are at these places at reset came onto the road, m: of each entry those who have not left.
+    """Entries of vehicles that a reset puts at these positions, m, weighted by the flow that each still contributes.
 
     Args:
-      uniform: in [0, 1), one draw a vehicle; x: m, that shape.
+      uniform: in [0, 1), one draw per vehicle; x: m, same shape.
     """
     mainline, ramps = demand.flows(jnp.zeros((), jnp.float32))
     places = [jnp.zeros((), jnp.float32), *road.ramp_x_m]
-    left = []  # vehicles per hour from each that come by
+    left = []  # vehicles per hour from each entry that pass x
     for place, flow in zip(places, [mainline, *ramps], strict=True):
         comes = jnp.where(place <= x, flow, 0.0)
         for index in range(road.exit_x_m.shape[0]):
@@ -89,44 +89,44 @@ def draw_entries(
 
 
 def _lanes_to_go(vehicles: Vehicles, config: EnvConfig) -> jax.Array:
-    """Lanes to the rightmost one, `(N,)` int32."""
+    """Lane changes to the rightmost lane, `(N,)` int32."""
     return jnp.maximum(config.num_lanes - 1 - vehicles.lane, 0)
 
 
 def _to_lane(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Way to the deceleration lane of each one's exit, `(N,)` m; inf for those who drive to the road's end."""
+    """Distance to the deceleration lane of each vehicle's exit, `(N,)` m; inf for those bound for the road's end."""
     bound = vehicles.destination < params.road.length_m
     return jnp.where(bound, vehicles.destination - params.road.exit_lane_m - vehicles.x, jnp.inf)
 
 
 def exit_desire(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """How urgently each must go right for its exit, `(N,)` from 0 to 1.
+    """How urgently each vehicle must go right for its exit, `(N,)` in 0 to 1.
 
-    Source: the route's incentive of LMRS (Schakel, Knoop, van Arem 2012) in space, 1 - x / (n x0), n lanes to go.
+    Source: the spatial route incentive of LMRS (Schakel, Knoop, van Arem 2012), 1 - x / (n x0), n lanes to go.
     """
     lanes = _lanes_to_go(vehicles, config)
     view = jnp.maximum(lanes, 1) * params.lane_change.exit_view_m
-    way = jnp.minimum(_to_lane(vehicles, config, params), view)  # not inf, for gradients
+    way = jnp.minimum(_to_lane(vehicles, config, params), view)  # finite, for gradients
     desire = jnp.clip(1.0 - way / view, 0.0, 1.0)
     return jnp.where((lanes > 0) & (vehicles.lane < config.num_lanes), desire, 0.0)
 
 
 def way_before_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Way until each must think of its exit alone, `(N,)` m; inf for those who drive to the road's end.
+    """Distance until each vehicle must prepare for its exit, `(N,)` m; inf for those bound for the road's end.
 
-    Nearer, one more lane to go would be too many.
+    Beyond that point there is no room for one more lane change.
     """
     view = (_lanes_to_go(vehicles, config) + 1) * params.lane_change.exit_view_m
     return _to_lane(vehicles, config, params) - view
 
 
 def prepares(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Who makes for its exit, and does nothing else, `(N,)` bool."""
+    """Whether each vehicle only prepares for its exit now, `(N,)` bool."""
     return way_before_exit(vehicles, config, params) < 0.0
 
 
 def takes_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Who leaves the main road now, `(N,)` bool: settled in the rightmost lane, along the deceleration lane."""
+    """Whether each vehicle leaves the road now, `(N,)` bool: settled in the rightmost lane, beside its exit lane."""
     way = _to_lane(vehicles, config, params)
     along = (way <= 0.0) & (way >= -params.road.exit_lane_m)
     settled = jnp.abs(vehicles.lateral_offset) < 0.25 * params.road.lane_width_m
@@ -134,6 +134,6 @@ def takes_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.
 
 
 def missed(vehicles: Vehicles, road: RoadParams) -> jax.Array:
-    """Who has driven past its exit, `(N,)` bool."""
+    """Whether each vehicle has driven past its exit, `(N,)` bool."""
     past = (vehicles.destination < road.length_m) & (vehicles.x > vehicles.destination)
     return vehicles.active & past

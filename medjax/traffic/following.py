@@ -1,4 +1,4 @@
-"""Who follows whom how: a car-following model between any two vehicles, each with its own parameters."""
+"""Car following: applies a model to any pair of vehicles, each with its own parameters."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from medjax.world.params import DriverParams, LaneChangeParams, Scalar
 
 T = TypeVar("T")
 
-# The gap of a vehicle with nobody ahead: far enough that IDM's (s*/s)^2 is lost in float32 rounding.
+# Gap on a free road: so large that IDM's (s*/s)^2 is lost in float32 rounding.
 FREE_GAP_M = 1.0e6
 
 
 class Leader(NamedTuple):
-    """What is seen of a vehicle from behind; every field of one shape."""
+    """What a follower sees of its leader; all fields have the same shape."""
 
     rear: jax.Array  # m, rear bumper
     speed: jax.Array  # m/s
-    platoon: jax.Array  # int32, index of the MED it drives with, or NOBODY
+    platoon: jax.Array  # int32, index of the MED that it drives with, or NOBODY
 
 
 class Drivers(NamedTuple):
-    """What car following reads of each vehicle that stays the same on its way; `(N,)` each."""
+    """Car-following data that stay constant between two rounds of entries, `(N,)` each."""
 
     length: jax.Array  # m
     desired_speed: jax.Array  # m/s
@@ -42,37 +42,36 @@ class Drivers(NamedTuple):
 
 
 class Follower(NamedTuple):
-    """What car following reads of the one who follows; every field of one shape."""
+    """What a model reads of the follower; all fields have the same shape."""
 
     x: jax.Array  # m, front bumper
     speed: jax.Array  # m/s
     time_headway: jax.Array  # s
     min_gap: jax.Array  # m
     max_acceleration: jax.Array  # m/s^2
-    closing: jax.Array  # s^2/m, headway per closing speed that comfortable braking takes
-    prepared: Any  # by the model, `CarFollowing.prepare`
-    platoon: jax.Array  # int32, index of the MED it drives with, or NOBODY
+    closing: jax.Array  # s^2/m, extra headway per closing speed, for comfortable braking
+    prepared: Any  # from `CarFollowing.prepare`
+    platoon: jax.Array  # int32, index of the MED that it drives with, or NOBODY
 
 
 class CarFollowing(Protocol):
     """A car-following model, `ChargingEnv(following=...)`; `medjax.traffic.idm.IDM` is one.
 
-    What depends on the follower alone is worked out once for all vehicles, not for each leader that it might
-    have: a lane change looks at four pairs.
+    A lane change evaluates four leader-follower pairs, so `prepare` computes once what depends on the follower alone.
     """
 
     def prepare(self, drivers: Drivers, speed: jax.Array) -> Any:
-        """A tree of `(N,)`, what the model makes of all vehicles at their speeds `(N,)` m/s, once a tick."""
+        """Precomputes a tree of `(N,)` for all vehicles at speeds `(N,)` m/s; called once per tick."""
 
     def acceleration(
         self, follower: Follower, gap: jax.Array, leader_speed: ArrayLike
     ) -> jax.Array:
-        """Of a follower behind a leader, or something that stands, m/s^2, of the shape of the gap.
+        """Acceleration of a follower behind a leader or a standing obstacle, m/s^2, of the shape of the gap.
 
         Args:
-          follower: its headway and standing gap are those that it keeps to this leader.
-          gap: m, bumper to bumper; FREE_GAP_M on a free road, below 0 where they overlap.
-          leader_speed: m/s; the follower's own on a free road.
+          follower: with the headway and standing gap that it keeps to this leader.
+          gap: m, bumper to bumper; FREE_GAP_M on a free road, negative for an overlap.
+          leader_speed: m/s; the follower's own speed on a free road.
         """
 
 
@@ -89,17 +88,17 @@ def by_kind(kind: jax.Array, values: jax.Array) -> jax.Array:
 
 
 def of_slots(vehicles: T, slots: jax.Array) -> T:
-    """The leaders or followers of those slots; NOBODY reads slot 0, to be masked by the caller."""
+    """Data of the vehicles in these slots; NOBODY reads slot 0, which the caller masks."""
     return read(vehicles, jnp.maximum(slots, 0))
 
 
 def braking_weight(max_acceleration: ArrayLike, comfortable_deceleration: ArrayLike) -> jax.Array:
-    """1 / (2 sqrt(a b)), s^2/m: times speed and closing speed, the distance that comfortable braking asks for."""
+    """1 / (2 sqrt(a b)), s^2/m; times speed and closing speed it gives IDM's braking distance."""
     return 0.5 / jnp.sqrt(jnp.multiply(max_acceleration, comfortable_deceleration))
 
 
 def make_drivers(kind: jax.Array, desired_speed: jax.Array, params: DriverParams) -> Drivers:
-    """Drivers of all slots by their kinds' parameters.
+    """Looks up each slot's driver parameters by its kind.
 
     Args:
       kind: (N,) int32; desired_speed: (N,) m/s.
@@ -120,7 +119,7 @@ def make_drivers(kind: jax.Array, desired_speed: jax.Array, params: DriverParams
 def roles(
     drivers: Drivers, x: jax.Array, speed: jax.Array, platoon: jax.Array, model: CarFollowing
 ) -> tuple[Leader, Follower]:
-    """All vehicles as they are seen from behind, and as they follow; every array `(N,)`."""
+    """All vehicles as leaders and as followers; every array `(N,)`."""
     leader = Leader(x - drivers.length, speed, platoon)
     follower = Follower(
         x=x,
@@ -136,17 +135,17 @@ def roles(
 
 
 def gap_between(follower: Follower, leader: Leader) -> jax.Array:
-    """Bumper gap, m; negative where they overlap."""
+    """Bumper-to-bumper gap, m; negative for an overlap."""
     return leader.rear - follower.x
 
 
 def same_platoon(follower: Follower, leader: Leader, has_leader: jax.Array) -> jax.Array:
-    """Whether each drives with the one ahead of it, bool."""
+    """Whether follower and leader belong to one platoon, bool."""
     return has_leader & (follower.platoon == leader.platoon) & (follower.platoon != NOBODY)
 
 
 def spare_headway(follower: Follower, leader: Leader, has_leader: jax.Array) -> jax.Array:
-    """Headway that IDM finds kept as things are, s: the gap less s0 and what closing in takes, over the speed."""
+    """Current IDM headway, s: (gap - s0) / speed, less what closing in uses up; inf without a leader."""
     closing = jnp.maximum(follower.speed - leader.speed, 0.0) * follower.closing
     kept = (gap_between(follower, leader) - follower.min_gap) / jnp.maximum(follower.speed, 1.0)
     return jnp.where(has_leader, kept - closing, jnp.inf)
@@ -160,21 +159,21 @@ def relaxed_headway(
     dt: float,
     params: LaneChangeParams,
 ) -> jax.Array:
-    """Headways that drivers keep in this tick, s: a short one is accepted for a while and grows back.
+    """Headways that drivers keep in this tick, s.
 
-    After a change of lanes, one's own or that of the vehicle ahead, a driver takes the headway that there is, down
-    to the shortest accepted one. From then it relaxes to the usual one, and it is never shorter than what there is.
+    When a vehicle or its leader changes lanes, the driver accepts the current headway, down to the shortest accepted
+    one. The headway then relaxes to the driver's usual one and is at least the smaller of the current and usual ones.
 
     Args:
       headway: (N,) s, so far; usual: (N,) s, each driver's own.
-      spare: (N,) s, what there is (`spare_headway`).
+      spare: (N,) s, current headway (`spare_headway`).
       is_new: (N,) bool, this vehicle or the one ahead is changing lanes.
 
     Source: Laval and Leclercq 2008; Schakel, Knoop, van Arem 2012, eq (13).
     """
     there = jnp.minimum(spare, usual)
     short = jnp.minimum(headway, usual)
-    share = jnp.minimum(dt / params.relaxation_s, 1.0)  # of what is missing
+    share = jnp.minimum(dt / params.relaxation_s, 1.0)  # of the missing headway
     grown = short + rounded((usual - short) * share)
     taken = jnp.maximum(there, jnp.minimum(params.accepted_headway, usual))
     return jnp.where(is_new, taken, jnp.maximum(grown, there))
@@ -189,12 +188,11 @@ def following_acceleration(
 ) -> jax.Array:
     """Acceleration of each follower behind its leader, m/s^2, by the follower's parameters.
 
-    Members of one platoon keep the platoon's headway and gap to each other: a MED and the EVs booked
-    on it drive closer than strangers would.
+    Members of a platoon, a MED and the EVs booked on it, keep the platoon's shorter headway and gap to each other.
 
     Args:
       follower, leader: equal shapes.
-      has_leader: bool, that shape; False is a free road.
+      has_leader: bool, of the same shape; False means a free road.
     """
     together = same_platoon(follower, leader, has_leader)
     keeps = follower._replace(

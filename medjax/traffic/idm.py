@@ -11,7 +11,7 @@ from jax.typing import ArrayLike
 from medjax.numerics.sums import rounded
 from medjax.traffic.following import Drivers, Follower, braking_weight
 
-# Bumper gaps are not let below this in s*/s, so that an overlap brakes hard instead of dividing by 0.
+# Lower bound of the gap s in s*/s, so that an overlap brakes hard instead of dividing by 0.
 SMALLEST_GAP_M = 0.1
 
 
@@ -65,9 +65,9 @@ def free_acceleration(
     max_acceleration: ArrayLike,
     exponent: float = 4.0,
 ) -> jax.Array:
-    """What is left of IDM on a free road: A [1 - (v/v0)^exponent], m/s^2."""
+    """IDM acceleration on a free road: A [1 - (v/v0)^exponent], m/s^2."""
     ratio = speed / desired_speed
-    # The usual exponent is 4: two multiplications instead of a pow.
+    # Two multiplications are cheaper than a pow.
     power = jnp.square(jnp.square(ratio)) if exponent == 4.0 else ratio**exponent
     return jnp.multiply(max_acceleration, 1.0 - power)
 
@@ -80,13 +80,13 @@ def wanted_gap(
     min_gap: ArrayLike,
     braking_weight: ArrayLike,
 ) -> jax.Array:
-    """IDM's s*, m, with `following.braking_weight`."""
+    """IDM's desired gap s*, m; `braking_weight` as from `following.braking_weight`."""
     braking = jnp.multiply(braking_weight, speed * (speed - leader_speed))
     return jnp.add(min_gap, jnp.maximum(0.0, rounded(speed * time_headway) + braking))
 
 
 def interaction(wanted: jax.Array, gap: ArrayLike, max_acceleration: ArrayLike) -> jax.Array:
-    """A (s*/s)^2, m/s^2, what the leader takes from the free acceleration."""
+    """IDM's interaction term A (s*/s)^2, m/s^2."""
     ratio = wanted / jnp.maximum(gap, SMALLEST_GAP_M)
     return rounded(jnp.multiply(max_acceleration, jnp.square(ratio)))
 
@@ -125,10 +125,10 @@ STANDARD_IDM = IDM()  # with the usual exponent
 
 @dataclasses.dataclass(frozen=True)
 class IDMPlus(IDM):
-    """IDM+, min(free, A [1 - (s*/s)^2]): a steady follower keeps s0 + v T, a constant time headway, at any speed.
+    """IDM+, min(free, A [1 - (s*/s)^2]): a steady follower keeps the gap s0 + v T at any speed.
 
-    IDM adds both instead and never holds its own headway near the desired speed, so that a road of it carries a
-    tenth less than roads do. Who is too fast brakes comfortably at most.
+    IDM adds both terms and near the desired speed never keeps its own headway, which makes a road's capacity a tenth
+    too low. A vehicle above its desired speed brakes comfortably at most.
 
     Source: Schakel, van Arem, Netten 2010, eq (3); Schakel, Knoop, van Arem 2012.
     """
@@ -141,7 +141,7 @@ class IDMPlus(IDM):
     def acceleration(
         self, follower: Follower, gap: jax.Array, leader_speed: ArrayLike
     ) -> jax.Array:
-        """The smaller of what the road and the leader allow, m/s^2."""
+        """The smaller of the free and the following acceleration, m/s^2."""
         wanted = wanted_gap(
             follower.speed,
             leader_speed,
@@ -153,4 +153,4 @@ class IDMPlus(IDM):
         return jnp.minimum(follower.prepared, most - interaction(wanted, gap, most))
 
 
-IDM_PLUS = IDMPlus()  # what everyone drives by, where nothing else is said
+IDM_PLUS = IDMPlus()  # the default model

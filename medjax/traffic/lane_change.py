@@ -1,7 +1,7 @@
-"""Lane changes: everyone decides at once, looking one way per tick.
+"""Lane changes: all vehicles decide at once and look to one side per tick.
 
-All vehicles that change in one tick change to the same side. Two of them that enter one lane come
-from one lane, where they already keep their distance, so no gap is ever taken from both sides.
+All lane changes of a tick go to the same side. Two vehicles that enter the same lane therefore come from the same
+lane, where they already keep their distance, so nobody takes the same gap from two sides.
 """
 
 from __future__ import annotations
@@ -21,43 +21,42 @@ from medjax.world.params import LaneChangeParams
 
 T = TypeVar("T")
 
-# Below this a vehicle hardly moves sideways when it changes lanes.
+# Below this speed a vehicle hardly moves sideways when it changes lanes.
 CRAWL_M_PER_S = 2.0
-# What is no more urgent is nobody's concern but one's own.
+# Other vehicles make room only for changes more urgent than this.
 COURTEOUS_DESIRE = 0.3
-# From here on a change is made at any speed; before, at this share of the speed of the one that is then behind.
+# A less urgent mandatory change waits until the vehicle reaches EVEN_SPEED times its new follower's speed, as long as
+# it can still accelerate.
 HASTY_DESIRE = 0.6
 EVEN_SPEED = 0.95
 
 
 class Wish(NamedTuple):
-    """What each vehicle must do across the road, `(N,)` each."""
+    """Lane-change intentions, `(N,)` each."""
 
-    desire: (
-        jax.Array
-    )  # -1 to 1: must go left where negative, right where positive; its size says how urgent it is
-    stay: jax.Array  # bool: no change but a mandatory one
-    may: jax.Array  # bool: nothing but traffic is in the way of a change to the side looked at
+    desire: jax.Array  # -1 to 1: negative to go left, positive to go right; size is urgency
+    stay: jax.Array  # bool: only mandatory changes
+    may: jax.Array  # bool: only traffic can prevent a change to the side looked at
 
 
 class Turn(NamedTuple):
-    """Who looks where in a tick: one of `groups` parts of the slots, equally long, looks to one side."""
+    """Which of the `groups` equal parts of the slots looks to which side in a tick."""
 
     direction: jax.Array  # () int32, -1 left or +1 right
-    group: jax.Array  # () int32, the part
+    group: jax.Array  # () int32
     groups: int
 
 
 def whose_turn(tick: jax.Array, groups: int) -> Turn:
-    """Even ticks look left, odd ticks right, and groups take turns: each looks left, and right in the next tick.
+    """Even ticks look left, odd ticks right; the active group changes every two ticks.
 
-    So each vehicle looks both ways once in 2 * groups ticks, and a tick judges one group only.
+    Each vehicle thus looks once to either side in 2 * groups ticks, and a tick evaluates only one group.
     """
     return Turn(jnp.where(tick % 2 == 0, -1, 1), tick // 2 % groups, groups)
 
 
 def pick_group(tree: T, turn: Turn) -> T:
-    """Entries of those whose turn it is: leaves (N,) to (ceil(N / groups),), padded with zeros."""
+    """Selects the active group: leaves (N,) to (ceil(N / groups),), padded with zeros."""
 
     def pick(values: jax.Array) -> jax.Array:
         parts = jnp.pad(values, (0, -values.shape[0] % turn.groups)).reshape(turn.groups, -1)
@@ -67,10 +66,10 @@ def pick_group(tree: T, turn: Turn) -> T:
 
 
 def place_group(values: jax.Array, turn: Turn, others: jax.Array) -> jax.Array:
-    """Values of those whose turn it is back by slot, `(N,)`, with those of the others, `(N,)`.
+    """Scatters the active group's values into those of the others, `(N,)`.
 
-    A write into an array rather than a select, because XLA does not fuse through it: a select would be
-    merged into each of its readers, and the whole decision computed again for each.
+    This is a write rather than a select because XLA does not fuse through a write. It would fuse a select into each
+    of its readers and recompute the whole decision for each.
     """
     num_vehicles = others.shape[0]
     parts = jnp.pad(others, (0, -num_vehicles % turn.groups)).reshape(turn.groups, -1)
@@ -79,27 +78,27 @@ def place_group(values: jax.Array, turn: Turn, others: jax.Array) -> jax.Array:
 
 
 class Situation(NamedTuple):
-    """What everyone sees of everyone, and does about it in the own lane, `(N,)` each, by slot."""
+    """Traffic as all vehicles see it, and their reaction in their own lanes, `(N,)` each, by slot."""
 
     leaders: Leader
     followers: Follower
-    usual_headway: jax.Array  # s, which drivers keep in the long run
-    neighbours: Neighbours  # in the own lane, and in the lane on the side looked at
-    clearing_s: jax.Array  # s, that each takes to be out of its lane, should it change now
-    following: jax.Array  # m/s^2, by car following alone
-    acceleration: jax.Array  # m/s^2, with the end of an acceleration lane counted
+    usual_headway: jax.Array  # s, that drivers keep in the long run
+    neighbours: Neighbours  # in the own lane and in the lane looked at
+    clearing_s: jax.Array  # s, to clear the own lane when changing now
+    following: jax.Array  # m/s^2, car following alone
+    acceleration: jax.Array  # m/s^2, including all safety bounds and courtesy
 
 
 Follow = Callable[[Follower, Leader, jax.Array], jax.Array]
-"""`(followers, leaders, has_leader)` of one shape to accelerations, m/s^2."""
+"""Maps `(followers, leaders, has_leader)` of one shape to accelerations, m/s^2."""
 
 
-# What those decide who change lanes; the others, an acceleration that they keep to out of courtesy.
+# Marks a lane change in the result of `decide`; all other values are courtesy limits on the acceleration.
 GOES = -jnp.inf
 
 
 def _for_the_desire(usual: jax.Array, desire: jax.Array, params: LaneChangeParams) -> jax.Array:
-    """Headways that are accepted for a change so urgent, s: LMRS, eq (10)."""
+    """Headway accepted at this urgency, s: LMRS, eq (10)."""
     shortest = jnp.minimum(params.accepted_headway, usual)
     return usual - rounded((usual - shortest) * desire)
 
@@ -112,15 +111,15 @@ def _courtesy(
     yields: jax.Array,
     params: LaneChangeParams,
 ) -> jax.Array:
-    """Acceleration at most, m/s^2, towards the vehicle ahead in the other lane, of those whom it `concerned`.
+    """Courtesy limit on the acceleration, m/s^2, towards the leader in the other lane; inf where not `concerned`.
 
-    Who must change falls in behind it, and who is behind one that must come makes room, both within comfort: who
-    would have to brake harder passes instead. Who `yields` brakes steadily from the first: car following brakes late,
-    when more than comfort is soon needed, and it would pass after all.
+    A vehicle that must change falls in behind that leader, and a vehicle that `yields` lets it in. Both brake within
+    comfort only; a vehicle that would have to brake harder passes instead. A yielding vehicle brakes steadily from the
+    start. Car following would brake late and soon need more than comfort allows, so the vehicle would pass after all.
     """
     closing = jnp.maximum(own.speed - leader.speed, 0.0)
     room = gap_between(own, leader) - 0.5 * own.min_gap
-    # Of two side by side, equally fast, the one behind falls back; who stands has done what it could.
+    # Of two equally fast vehicles side by side, the one behind falls back. A standing vehicle can do no more.
     drives = own.speed > CRAWL_M_PER_S
     even = closing < 1.0
     needed = jnp.square(closing) / (2.0 * jnp.maximum(room, 0.1))
@@ -131,32 +130,28 @@ def _courtesy(
 
 
 class Look(NamedTuple):
-    """Those whose turn it is and the gap that they look at, `(C,)` each."""
+    """The active group and the gaps that it looks at, `(C,)` each."""
 
-    own: Follower  # as it would follow there
-    leader: Leader  # ahead in that lane
+    own: Follower  # this vehicle, as it would follow in the target lane
+    leader: Leader  # ahead in the target lane
     has_leader: jax.Array  # bool
-    follower: Follower  # behind in that lane, as it would follow this vehicle
+    follower: Follower  # behind in the target lane, as it would follow this vehicle
     has_follower: jax.Array  # bool
-    gap_behind: jax.Array  # m, inf where nobody is behind
+    gap_behind: jax.Array  # m, inf without a follower
     old_leader: Leader  # ahead in the own lane
-    old_gap: jax.Array  # m, to it, inf where nobody is ahead
-    clearing_s: jax.Array  # s, until this vehicle is out of that lane
-    desire: jax.Array  # to that side, -1 to 1
-    stake: (
-        jax.Array
-    )  # 0 to 1, how urgent it is to this vehicle, or to one that comes over from there
-    own_after: jax.Array  # m/s^2, in that lane
-    new_after: jax.Array  # m/s^2, of the one behind in that lane, then
-    others: tuple[
-        jax.Array, ...
-    ]  # m/s^2, of the one behind now, before and after, and of the one behind then
+    old_gap: jax.Array  # m, to old_leader; inf without one
+    clearing_s: jax.Array  # s, until this vehicle is out of its own lane
+    desire: jax.Array  # -1 to 1, positive towards the side looked at
+    stake: jax.Array  # 0 to 1, urgency of this vehicle or of one that comes over from there
+    own_after: jax.Array  # m/s^2, in the target lane
+    new_after: jax.Array  # m/s^2, of the new follower after the change
+    others: tuple[jax.Array, ...]  # m/s^2, old follower before and after, then the new one
 
 
 def _look(
     situation: Situation, desire: jax.Array, turn: Turn, follow: Follow, params: LaneChangeParams
 ) -> Look:
-    """What those whose turn it is see beside them; desire `(N,)` is that to the side looked at."""
+    """What the active group sees in the target lane; desire `(N,)` is positive towards the side looked at."""
     leaders, followers, usual, neighbours, clearing_s, following, _ = situation
     mine = followers, usual, leaders, neighbours, clearing_s
     own, own_usual, seen, neighbours, clearing_s = pick_group(mine, turn)
@@ -176,9 +171,9 @@ def _look(
     )
     desire = pick_group(desire, turn)
     wanted = jnp.maximum(desire, 0.0)
-    # One that comes over from the lane looked at, into the gap that is open in front of this vehicle.
+    # The target leader can come over into the gap in front of this vehicle.
     open_to = has_leader & ~(has_old_leader & (old_leader.rear < leader.rear))
-    # Or that has come to stand there: the first who can stop for it lets it in, whoever still goes by in between.
+    # Or it stands: then the first vehicle that can stop for it lets it in, even if others still pass in between.
     open_to |= has_leader & (leader.speed < CRAWL_M_PER_S)
     stake = jnp.maximum(wanted, jnp.where(open_to, -leader_desire, 0.0))
     own = own._replace(time_headway=_for_the_desire(own_usual, stake, params))
@@ -211,17 +206,18 @@ def _look(
 
 
 def straddling_gap(own: Follower) -> jax.Array:
-    """What vehicles that leave a lane keep to the one ahead there, m, half of their standing gap."""
+    """Gap that a vehicle leaving a lane keeps to its leader there, m: half of its standing gap."""
     return 0.5 * own.min_gap
 
 
 def _is_safe(look: Look, params: LaneChangeParams, tyres: Tyres) -> jax.Array:
-    """Whether each could go, `(C,)` bool.
+    """Whether each could change lanes safely, `(C,)` bool.
 
-    The more urgent, the harder a change may make others, and oneself, brake (LMRS's gap acceptance). And who stops to
-    let one in keeps its standing gap: less must do, or both would wait for each other. Whatever is urgent, everyone can
-    still stop behind the one that is then ahead. And who changes is in both lanes until it is out of its own: at their
-    speeds it is so before it comes up to the one ahead there.
+    The more urgent a change is, the harder it may make the vehicle and its new follower brake (LMRS's gap acceptance),
+    and the smaller the gaps it accepts: a vehicle that stops to let another in keeps its standing gap, and if no less
+    were accepted, both would wait for ever. However urgent the change, every vehicle must still be able to stop behind
+    the one ahead. The changing vehicle covers both lanes until it has cleared its own; at current speeds it must do so
+    before it reaches its old leader.
     """
     wanted = jnp.maximum(look.desire, 0.0)
     own, follower = look.own, look.follower
@@ -252,18 +248,18 @@ def decide(
     params: LaneChangeParams,
     tyres: Tyres,
 ) -> jax.Array:
-    """What those whose turn it is do about the lane that they look at, `(C,)`.
+    """Decisions of the active group about the lane that it looks at, `(C,)`.
 
     Args:
       situation: of all vehicles.
-      wish: mandatory changes; they add a bias, safety is never waived.
-      turn: whose turn it is, and the side looked at.
-      follow: car following between any two.
-      params: of lane changes; tyres: what bounds everyone's braking.
+      wish: mandatory changes add a bias to the incentive; they never waive safety.
+      turn: the active group and the side looked at.
+      follow: car following between any two vehicles.
+      params: of lane changes; tyres: bound on everyone's braking.
 
     Returns:
-      GOES where one changes lanes now, safely. Else the acceleration, m/s^2, that it keeps to for the one ahead in
-      that lane, inf where nothing is at stake. One array, since two would be worked out one after the other.
+      GOES where the vehicle changes lanes now. Elsewhere the courtesy limit on its acceleration, m/s^2, towards the
+      leader in that lane, inf for none. One array, because XLA would compute two one after the other.
     """
     look = _look(situation, wish.desire * turn.direction, turn, follow, params)
     acceleration, wish = pick_group((situation.acceleration, wish), turn)
@@ -277,13 +273,13 @@ def decide(
     wants = (incentive + bias > params.threshold) & jnp.where(
         wish.stay, desire > 0.0, desire >= 0.0
     )
-    # Who stands must be able to drive into the other lane, or it would stand in both.
+    # A standing vehicle must be able to drive into the target lane, or it would block both.
     moves = (own.speed > CRAWL_M_PER_S) | (look.own_after > 0.5 * own.max_acceleration)
-    # With half of the way left, who can still gain on the one behind does so first.
+    # Early on, a vehicle that is slower than its new follower first accelerates if it can.
     early = (desire > COURTEOUS_DESIRE) & (desire < HASTY_DESIRE)
     gains = acceleration > 0.25 * own.max_acceleration
     waits = early & gains & look.has_follower & (own.speed < EVEN_SPEED * look.follower.speed)
-    # One that comes over from there is let in; nobody who need not changes places with it.
+    # A vehicle that lets another in does not swap places with it by a change of its own.
     crosses = (look.stake > 0.0) & (desire <= 0.0)
     goes = wish.may & _is_safe(look, params, tyres) & wants & moves & ~waits & ~crosses
 

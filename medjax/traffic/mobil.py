@@ -1,4 +1,4 @@
-"""MOBIL: when a lane change is worth it and when it is safe (Kesting, Treiber, Helbing 2007)."""
+"""MOBIL: incentive and safety of a lane change (Kesting, Treiber, Helbing 2007)."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ def mobil_incentive(
     *,
     politeness: ArrayLike,
 ) -> jax.Array:
-    """What a change gains, before the threshold: own gain plus politeness times the others' gain.
+    """Incentive of a lane change: own gain plus politeness times the others' gain.
 
     Args:
       own_before, own_after: acceleration of the changing vehicle in its lane and in the target
         lane, m/s^2; all arguments broadcast together.
-      old_follower_before, old_follower_after: of the vehicle now behind, with and without the
-        changing one ahead of it. Pass equal values where there is none.
-      new_follower_before, new_follower_after: of the vehicle then behind, likewise.
+      old_follower_before, old_follower_after: of the current follower, before and after the change. Pass equal
+        values where there is none.
+      new_follower_before, new_follower_after: of the follower in the target lane, likewise.
       politeness: p, weight of the others; 0 is selfish.
 
     Returns:
       (a~c - a_c) + p [(a~o - a_o) + (a~n - a_n)], m/s^2; compare it with a threshold.
 
-    Source: MOBIL, eq (3); each follower's accelerations are its own, with its own parameters.
+    Source: MOBIL, eq (3); each follower's accelerations follow from its own parameters.
     """
     others = jnp.subtract(old_follower_after, old_follower_before)
     others = others + jnp.subtract(new_follower_after, new_follower_before)
@@ -47,7 +47,7 @@ def is_safe(
     min_gap_ahead: ArrayLike,
     min_gap_behind: ArrayLike,
 ) -> jax.Array:
-    """Whether a change forces nobody to brake harder than safe_braking and leaves room on both sides.
+    """Whether a change makes nobody brake harder than safe_braking and leaves room ahead and behind.
 
     Args:
       own_after, new_follower_after: accelerations after the change, m/s^2.
@@ -56,8 +56,8 @@ def is_safe(
       min_gap_ahead, min_gap_behind: standing gaps of the two followers concerned, m.
 
     Returns:
-      bool, broadcast. MOBIL asks it of the new follower, eq (2); here the changing vehicle asks the
-      same of itself, or it would have to brake as hard as it spares the other.
+      bool, broadcast. MOBIL limits the braking of the new follower, eq (2). Here the same limit also holds for the
+      changing vehicle.
     """
     braking = jnp.minimum(own_after, new_follower_after) >= jnp.negative(safe_braking)
     room = jnp.greater_equal(gap_ahead, min_gap_ahead)

@@ -1,4 +1,4 @@
-"""Who is ahead and who is behind, in one's own lane and in the lane one looks at."""
+"""Finds leaders and followers, in the own lane and in a target lane."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ class Neighbours(NamedTuple):
     leader: jax.Array  # ahead in the own lane
     follower: jax.Array  # behind in the own lane
     target_leader: jax.Array  # ahead in the target lane
-    target_follower: jax.Array  # behind in the target lane; oneself, if one is in that lane
+    target_follower: jax.Array  # behind in the target lane; oneself if already there
 
     def in_target(self) -> jax.Array:
-        """Whether each is in its target lane already, `(N,)` bool.
+        """Whether each vehicle is already in its target lane, `(N,)` bool.
 
-        Read off what was found: what leads to the search would be worked out again wherever this is used.
+        Derived from the result, because XLA would recompute the inputs of the search at each use.
         """
         slots = self.target_follower
         return slots == jnp.arange(slots.shape[0], dtype=jnp.int32)
 
     def without_target(self, blind: jax.Array) -> Neighbours:
-        """The same, but that the `blind`, `(N,)` bool, find nobody in their target lanes."""
+        """A copy in which `blind` vehicles, `(N,)` bool, find nobody in their target lanes."""
         ahead, behind = (
             jnp.where(blind, NOBODY, slots) for slots in (self.target_leader, self.target_follower)
         )
@@ -42,14 +42,14 @@ def sort_by_road(
 ) -> jax.Array:
     """Slots from the rearmost to the foremost vehicle.
 
-    One sort of packed 32-bit keys (position in the high bits, slot in the low bits) costs a tenth of
-    an argsort of floats on a CPU. Keys are laid out in the last tick's order first: they are then
-    nearly sorted, which the sort rewards with a third of its time.
+    On a CPU, one sort of packed 32-bit keys (position in the high bits, slot in the low bits) costs a tenth of
+    an argsort of floats. Laying the keys out in the last tick's order makes them nearly sorted, which saves a third of
+    the sort's time.
 
     Args:
       x: (N,) m, 0 to length_m plus one tick's travel.
       active: (N,) bool; inactive slots sort last.
-      length_m: m, sets the resolution: length_m / 2^(31 - slot bits), 0.48 mm for 4 km and 256 slots.
+      length_m: m; the resolution is length_m / 2^(31 - slot bits), 0.48 mm for 4 km and 256 slots.
       previous_order: (N,) int32, any permutation of the slots.
 
     Returns:
@@ -58,7 +58,7 @@ def sort_by_road(
     slots = x.shape[-1]
     slot_bits = max(1, (slots - 1).bit_length())
     steps = 2 ** (31 - slot_bits)
-    # Twice the road's length fits, so that no vehicle just past the end can wrap.
+    # Keys hold twice the road's length, so a vehicle just past the end cannot wrap around.
     quantised = jnp.clip(x * (steps / length_m), 0, 2 * steps - 2).astype(jnp.uint32)
     quantised = jnp.where(active, quantised, 2 * steps - 1)
     keys = (quantised << slot_bits) | jnp.arange(slots, dtype=jnp.uint32)
@@ -75,17 +75,16 @@ def find_neighbours(
     active: jax.Array,
     num_lanes: int,
 ) -> Neighbours:
-    """Exact nearest vehicles ahead and behind, by counting; one that straddles a line is found in both lanes.
+    """Exact nearest vehicles ahead and behind; a vehicle that straddles a line is found in both lanes.
 
-    Along the road, the number of vehicles of each lane so far says where in its lane a vehicle stands,
-    and between which two of its target lane. So all vehicles are written into one line, lane by lane,
-    and everyone reads the places next to its own and next to the gap it looks at. Nothing is searched
-    and nothing runs vehicle by vehicle.
+    A running count per lane, in road order, gives each vehicle's rank in its own lane and between which two vehicles
+    of its target lane it drives. All vehicles are written into one array, lane by lane, and each reads the places next
+    to its own and next to its gap in the target lane. There is no search and no loop over vehicles.
 
     Args:
       order: (N,) int32, slots from the rearmost to the foremost (`sort_by_road`).
       lane: (N,) int32 in [0, num_lanes).
-      other_lane: (N,) int32, the second lane that a vehicle covers; outside [0, num_lanes) for none.
+      other_lane: (N,) int32, the second lane that a vehicle covers; any value outside [0, num_lanes) for none.
       target_lane: (N,) int32; any value outside [0, num_lanes) finds nobody.
       active: (N,) bool; inactive vehicles neither find nor are found.
       num_lanes: acceleration lane included; (num_lanes + 1) (N + 2) <= 65536.
@@ -94,7 +93,7 @@ def find_neighbours(
       Neighbours, by slot.
     """
     slots = order.shape[-1]
-    nowhere = num_lanes  # a lane of its own, whose vehicles are written as nobody
+    nowhere = num_lanes  # an extra lane whose vehicles are written as nobody
     own = jnp.where(active, lane, nowhere)
 
     def in_a_lane(lanes: jax.Array) -> jax.Array:
@@ -104,7 +103,7 @@ def find_neighbours(
     own, target, other = lanes & 0xFF, lanes >> 8 & 0xFF, lanes >> 16
     own_place, target_place, other_place = _places(own, other, target, num_lanes + 1)
 
-    # 0 stands for nobody, so slots are counted from 1; every lane begins and ends with a 0.
+    # 0 means nobody, so slots count from 1. Every lane begins and ends with a 0.
     line = jnp.zeros(((num_lanes + 1) * (slots + 2),), jnp.int16)
     for lane_of, place in ((own, own_place), (other, other_place)):
         line = write(line, place, jnp.where(lane_of == nowhere, 0, order + 1).astype(jnp.int16))
@@ -128,18 +127,18 @@ def find_neighbours(
 def _places(
     own: jax.Array, other: jax.Array, target: jax.Array, num_lanes: int
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Places in a line of lanes with slots + 2 places each, `(N,)` int32 each.
+    """Places in an array of lanes with slots + 2 places each, `(N,)` int32 each.
 
     Args:
-      own, other, target: (N,) int32, lanes in road order; a vehicle is in its own and the other one.
+      own, other, target: (N,) int32, lanes in road order; a vehicle counts in its own and its other lane.
 
     Returns:
-      (place of each vehicle in its own lane; place in the target lane of the last vehicle behind it, or its own
-      if it is there, or the lane's place 0 if there is none; its place in the other lane). A vehicle stands at
-      place 1 or higher of its lanes.
+      (own place; target place; other place). The own and other places are the vehicle's own in these lanes, from 1.
+      The target place is the vehicle's own if it is in the target lane, else its follower's there, or the lane's
+      place 0 for none.
     """
     slots = own.shape[-1]
-    # Several lanes' counts travel in one float32, as many as its 24 bits hold exactly.
+    # Each float32 packs the counts of several lanes, as many as its 24 bits hold exactly.
     bits = slots.bit_length()
     per_word = 24 // bits
     firsts = range(0, num_lanes, per_word)  # each word's first lane
@@ -165,8 +164,8 @@ def _places(
 def _running_sum(values: jax.Array, block: int = 8) -> jax.Array:
     """Cumulative sum, `(N,)` int32, exact up to 2^24.
 
-    Two small matrix products, within blocks and of the blocks before; a third of jnp.cumsum's time on
-    a CPU. They ask for all of float32, as a GPU would round the factors to 11 bits otherwise.
+    Two small matrix products, within blocks and over earlier blocks, take a third of jnp.cumsum's time on a CPU.
+    HIGHEST precision keeps a GPU from rounding the factors to 11 bits.
     """
     blocks = jnp.pad(values, (0, -values.shape[0] % block)).reshape(-1, block).astype(jnp.float32)
     product = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)

@@ -1,4 +1,4 @@
-"""The highway: lanes 0 (leftmost) to num_lanes - 1, and acceleration lanes, index num_lanes."""
+"""Road geometry: lanes 0 (leftmost) to num_lanes - 1; all acceleration lanes have index num_lanes."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import jax.numpy as jnp
 
 from medjax.world.params import RoadParams
 
-# Of what keeps a vehicle within its lane, how much its driver wanders at most.
+# Wander is at most this share of a vehicle's spare width.
 WANDERS = 0.5
-NOWHERE = -2  # a lane that there is none of, nor beside any
+NOWHERE = -2  # no lane, and not next to one
 
 
 def merge_distance(x: jax.Array, road: RoadParams) -> jax.Array:
@@ -17,27 +17,27 @@ def merge_distance(x: jax.Array, road: RoadParams) -> jax.Array:
 
     Args:
       x: any shape, m; on an acceleration lane.
-      road: one whose ramps are further apart than an acceleration lane is long.
+      road: with ramps further apart than an acceleration lane is long.
 
     Returns:
-      The shape of x, m. The end is a standing obstacle.
+      The shape of x, m; inf past the last lane.
     """
     nearest = jnp.full_like(x, jnp.inf)
-    # One ramp after the other: a minimum over an axis of ramps costs three times as much on a CPU.
+    # A loop over ramps: a minimum over an axis of ramps costs three times as much on a CPU.
     for ramp in range(road.ramp_x_m.shape[0]):
         to_end = road.ramp_x_m[ramp] + road.acceleration_lane_m - x
-        # A bumper that rounds to just past the end still belongs to that lane, not to the next one.
+        # A bumper that rounds to just past the end still belongs to this lane, not to the next one.
         nearest = jnp.minimum(nearest, jnp.where(to_end >= -1.0, to_end, jnp.inf))
     return nearest
 
 
 def spare_width(width: jax.Array, lane_width_m: jax.Array | float) -> jax.Array:
-    """How far off its lane's centre a vehicle of this width, m, still is within its lane, m, at least 0."""
+    """Largest offset from the lane's centre at which a vehicle of this width is within its lane, m, at least 0."""
     return jnp.maximum(0.5 * (lane_width_m - width), 0.0)
 
 
 def keeps_lane(aim: jax.Array, width: jax.Array, lane_width_m: jax.Array | float) -> jax.Array:
-    """Offsets that drivers aim at, m, cut to WANDERS of what keeps vehicles as wide as that, m, in their lanes."""
+    """Lateral aims of drivers, m, clipped to WANDERS times the spare width of their vehicles; width in m."""
     most = WANDERS * spare_width(width, lane_width_m)
     return jnp.clip(aim, -most, most)
 
@@ -45,10 +45,10 @@ def keeps_lane(aim: jax.Array, width: jax.Array, lane_width_m: jax.Array | float
 def other_lane(
     lane: jax.Array, offset: jax.Array, width: jax.Array, lane_width_m: jax.Array | float
 ) -> jax.Array:
-    """The second lane that each vehicle covers, since it straddles a line, int32; NOWHERE for one within its lane.
+    """The second lane that a straddling vehicle covers, int32; NOWHERE for a vehicle within its lane.
 
     Args:
-      lane: int32; offset: m from its centre, positive to the right; width: of the vehicle, m; one shape.
+      lane: int32; offset: m from its centre, positive to the right; width: of the vehicle, m; equal shapes.
     """
     straddles = jnp.abs(offset) > spare_width(width, lane_width_m)
     return jnp.where(straddles, lane + jnp.sign(offset).astype(jnp.int32), NOWHERE)
@@ -57,5 +57,5 @@ def other_lane(
 def lateral_position(
     lane: jax.Array, offset: jax.Array, lane_width_m: jax.Array | float
 ) -> jax.Array:
-    """Metres right of the leftmost lane's centre."""
+    """Lateral position, m to the right of the leftmost lane's centre."""
     return lane * lane_width_m + offset

@@ -1,4 +1,4 @@
-"""How all vehicles move in a tick: perception, car following, lane changes, motion."""
+"""One tick of traffic: perception, car following, lane changes, motion."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ from medjax.world.state import IN_SERVICE, EnvState, Tally, Vehicles
 
 
 def drivers_of(state: EnvState, config: EnvConfig, params: EnvParams) -> Drivers:
-    """Drivers of all slots, `(N,)` each; they stay the same between two rounds of entries.
+    """Drivers of all slots, `(N,)` each; they change only at a round of entries.
 
-    A MED drives with its own desired speed until it is in service, then at its service speed.
+    A MED wants its own desired speed until it is in service, then its service speed.
     """
     vehicles, slots = state.vehicles, config.med_slots
     own = vehicles.desired_speed
@@ -66,7 +66,7 @@ def drivers_of(state: EnvState, config: EnvConfig, params: EnvParams) -> Drivers
 
 
 def perturb(key: jax.Array, vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> Vehicles:
-    """Drivers' noise moves on once a round of entries, and they recover from lane changes; between rounds both stay."""
+    """Advances drivers' noise and their recovery from lane changes by one round of entries."""
     drivers = params.drivers
     normal = jax.random.normal(key, (2, config.num_vehicles), jnp.float32)
     time_s, dt = params.motion.noise_time_s, config.round_s
@@ -90,9 +90,9 @@ def _lane_changes(
     config: EnvConfig,
     params: EnvParams,
 ) -> tuple[jax.Array, Vehicles]:
-    """Lane steps of all vehicles in this tick, `(N,)` int32 in -1, 0, 1; the vehicles, courteous.
+    """Lane steps of all vehicles in this tick, `(N,)` int32 in -1, 0, 1, and the vehicles with updated courtesy.
 
-    What one side asks for holds until the next look there.
+    The courtesy limit of a side holds until the vehicle looks there again.
     """
     tyres = _tyres(config, params)
     decided = decide(situation, wish, turn, follow, params.lane_change, tyres)
@@ -116,9 +116,12 @@ def _step(
     config: EnvConfig,
     params: EnvParams,
 ) -> Vehicles:
-    """Motion of one tick under accelerations `(N,)` m/s2 and lane changes `(N,)` of -1, 0 or 1.
+    """Moves vehicles by one tick.
 
-    Nobody wanders over a line, as wide as they are, `(N,)` m.
+    Wander never takes a vehicle across a line.
+
+    Args:
+      command: (N,) m/s^2; steps: (N,) lane changes, -1, 0 or 1; width: (N,) m, of the vehicles.
     """
     lane_width = params.road.lane_width_m
     x, speed = ballistic_step(vehicles.x, vehicles.speed, command, config.tick_s)
@@ -139,13 +142,13 @@ def _step(
 
 
 def _steering(speed: jax.Array, motion: MotionParams) -> Steering:
-    """What drivers at these speeds, m/s, steer with."""
+    """Steering limits at these speeds, m/s."""
     sideways = jnp.minimum(motion.lateral_speed, motion.lateral_slope * speed)
     return Steering(motion.lateral_rate, motion.lateral_acceleration, sideways)
 
 
 def _clearing_s(speed: jax.Array, width: jax.Array, params: EnvParams) -> jax.Array:
-    """How long each takes to be out of its lane, should it change now, `(N,)` s from m/s and m."""
+    """Time that each vehicle needs to clear its lane if it changes now, `(N,)` s; speed m/s, width m."""
     lane_width = params.road.lane_width_m
     steering = _steering(jnp.maximum(speed, CRAWL_M_PER_S), params.motion)
     return crossing_s(lane_width - spare_width(width, lane_width), steering)
@@ -156,17 +159,17 @@ def _tyres(config: EnvConfig, params: EnvParams) -> Tyres:
 
 
 class _Ahead(NamedTuple):
-    """The vehicle next ahead of each in one lane, `(N,)` each."""
+    """The next vehicle ahead of each in one lane, `(N,)` each."""
 
-    gap: jax.Array  # m, bumper to bumper; FREE_GAP_M where there is none
+    gap: jax.Array  # m, bumper to bumper; FREE_GAP_M on a free road
     speed: jax.Array  # m/s
-    kept: jax.Array | float  # m, how near each may stop behind it
+    kept: jax.Array | float  # m, standing gap that it must keep
 
 
 def _in_other_lane(
     followers: Follower, leaders: Leader, slots: jax.Array, straddles: jax.Array
 ) -> _Ahead:
-    """Who is ahead of those who straddle a line in the other lane that they cover, by slots `(N,)`."""
+    """Leaders of straddling vehicles in the second lane that they cover; slots `(N,)` are those leaders."""
     rear, speed = of_slots((leaders.rear, leaders.speed), slots)
     is_there = straddles & (slots != NOBODY)
     gap = jnp.where(is_there, rear - followers.x, FREE_GAP_M)
@@ -180,7 +183,7 @@ def _most(
     config: EnvConfig,
     params: EnvParams,
 ) -> jax.Array:
-    """What those `ahead` in both lanes allow, m/s^2, and the end of an acceleration lane, to_end `(N,)` m."""
+    """Highest safe acceleration, m/s^2, before leaders in both lanes and, on an acceleration lane, before its end."""
     tyres = _tyres(config, params)
     rooms = (stopping_room(each.gap - each.kept, each.speed, tyres) for each in ahead)
     safe = safe_acceleration(vehicles.speed, jnp.minimum(*rooms), tyres)
@@ -192,9 +195,9 @@ def _most(
 def _look_around(
     vehicles: Vehicles, drivers: Drivers, turn: Turn, config: EnvConfig, params: EnvParams
 ) -> tuple[jax.Array, Neighbours]:
-    """Slots along the road, `(N,)`, and who is next to whom.
+    """Slots in road order, `(N,)`, and everyone's neighbours.
 
-    Who straddles a line looks at the other lane that it covers, and thinks of no change.
+    The target lane of a straddling vehicle is the second lane that it covers, so it considers no lane change.
     """
     x, lane, active, width = vehicles.x, vehicles.lane, vehicles.active, params.road.lane_width_m
     order = sort_by_road(x, active, params.road.length_m, vehicles.road_order)
@@ -212,12 +215,12 @@ def move(
     params: EnvParams,
     model: CarFollowing,
 ) -> tuple[Vehicles, Tally]:
-    """Moves all vehicles by one tick; who leaves the road is not yet taken off it.
+    """Moves all vehicles by one tick; the caller removes those that leave the road.
 
     Args:
       vehicles: of one environment; drivers: theirs.
-      orders: what others want of them; car following and safety come first.
-      tick: () int32; its parity says which way drivers look.
+      orders: requests to vehicles; car following and safety take precedence.
+      tick: () int32; its parity decides to which side drivers look.
     """
     leaders, followers = roles(drivers, vehicles.x, vehicles.speed, orders.platoon, model)
     turn = whose_turn(tick, config.lane_change_groups)
@@ -255,7 +258,7 @@ def move(
 
     with jax.named_scope("motion"):
         command = jnp.minimum(acceleration, orders.acceleration)
-        command = jnp.minimum(command + vehicles.acceleration_noise, most)  # noise goes no further
+        command = jnp.minimum(command + vehicles.acceleration_noise, most)  # bounds noise, too
         command = jnp.clip(command, -params.motion.max_braking, followers.max_acceleration)
         vehicles = vehicles.replace(road_order=order, headway=headway)
         moved = _step(vehicles, command, steps, drivers.width, config, params)

@@ -1,4 +1,4 @@
-"""What vehicles must do, or are told to: merges, exits, and the orders of charging."""
+"""Mandatory lane changes: merges, exits, and orders from charging."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from medjax.traffic.lane_change import COURTEOUS_DESIRE, Wish
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import Vehicles
 
-# What is ordered, or still far off, is so urgent: just enough that others make room, or two MEDs side by side would
-# stay so for good.
+# Urgency of ordered or still distant changes: just enough that others make room. Otherwise two MEDs side by side would
+# block each other for ever.
 ORDERED_DESIRE = 1.01 * COURTEOUS_DESIRE
 
 
 class Orders(NamedTuple):
-    """What others than its driver want of each vehicle in a tick, `(N,)` but for `platooning`."""
+    """Requests to vehicles in a tick, `(N,)` except `platooning`."""
 
-    platoon: jax.Array  # int32, vehicles of one number keep together, NOBODY: of none
-    platooning: Platooning  # how close
-    acceleration: jax.Array  # m/s^2 at most, inf where nobody cares
-    desire: jax.Array  # -1 to 1, as `medjax.traffic.lane_change.Wish`; 0 need not change lanes
-    stay: jax.Array  # bool: no change but a mandatory one
+    platoon: jax.Array  # int32, vehicles with equal numbers form a platoon; NOBODY for none
+    platooning: Platooning  # headway and gap within a platoon
+    acceleration: jax.Array  # m/s^2, upper bound, inf for none
+    desire: jax.Array  # -1 to 1, as in `medjax.traffic.lane_change.Wish`; 0 for none
+    stay: jax.Array  # bool: only mandatory changes
 
 
 def wishes(
@@ -38,11 +38,11 @@ def wishes(
     config: EnvConfig,
     params: EnvParams,
 ) -> Wish:
-    """Mandatory changes: off a ramp, towards an exit, and what is ordered; and who may change to the side looked at."""
+    """Mandatory changes (merging, exits, orders) and whether each vehicle may change to the side looked at."""
     target = vehicles.lane + direction
     merging = vehicles.lane == config.num_lanes
     view_m = params.lane_change.view_m
-    far = rounded(in_units(jnp.minimum(to_end, view_m), view_m))  # not inf, for gradients
+    far = rounded(in_units(jnp.minimum(to_end, view_m), view_m))  # finite, for gradients
     urgency = jnp.clip(1.0 - far, ORDERED_DESIRE, 1.0)
     there = vehicles.active & (target >= 0) & (target < config.num_lanes)
     wanted = orders.desire
