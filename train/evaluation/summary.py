@@ -115,7 +115,7 @@ def _entry(score: Scores, seed: int) -> dict[str, Any]:
 
 def verdict_ci95(score: Scores, seed: int = 0) -> dict[str, list[float]]:
     """Intervals of the lines of the player's verdict by title, except the return and what is not finite."""
-    if not {*NAMES} - {"return_mean"} <= {*score}:  # not an environment of this package
+    if not {*NAMES} - {"return_mean"} <= {*score}:  # another kind of environment
         return {}
     ends = {
         line.title: list(bootstrap_ci95(line.of(score), seed))
@@ -134,7 +134,7 @@ def _compare(ours: Scores, rules: Mapping[str, Scores], seed: int) -> dict[str, 
         pairs = np.stack(np.broadcast_arrays(ours[metric], base[metric]), axis=-1)
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = seeds_ci95(pairs, seed, statistic=relative_change)
-        if np.isfinite(ends).all():  # in few episodes no action may give 0
+        if np.isfinite(ends).all():  # not if "none" gives 0 in every drawn episode
             change = float(relative_change(pairs.mean(axis=0)[None])[0])
             changes[metric] = {"mean": change, "ci95": list(ends)}
     return result | ({"change_against_none": changes} if changes else {})

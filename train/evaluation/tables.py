@@ -217,7 +217,7 @@ def claim_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
     for heading, (metric, form) in COLUMNS.items():
         if metric in PAPER_CLAIMS:
             change = result.get("change_against_none", {}).get(metric)
-            here = "-"  # relative to no action, which may give 0
+            here = "-"  # undefined if the policy "none" gives 0
             if change:
                 low, high = change["ci95"]
                 here = f"{change['mean']:+.1%} [{low:+.1%}, {high:+.1%}]"
