@@ -122,7 +122,7 @@ def plot_curve(
 
 
 def curve_of(rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray]:
-    """Decisions per seed `(updates,)` and returns `(updates, seeds)`, of updates in which all seeds ended an episode."""
+    """Decisions per seed `(updates,)` and returns `(updates, seeds)`, where every seed ended an episode."""
     num_seeds = len(rows[-1]["per_seed"][MAIN]) if rows and "per_seed" in rows[-1] else 1
     there = [row for row in rows if None not in _returns(row)]
     steps = np.array([row["env_steps"] / num_seeds for row in there])
