@@ -91,8 +91,7 @@ def train(
 
     Raises:
         InputError: bad input; nothing was written.
-        StoppedError: a number was no longer finite, or the directory could not be written; the newest checkpoint
-            remains.
+        StoppedError: a number was no longer finite, or the directory could not be written; checkpoints remain.
         KeyboardInterrupt: Ctrl-C; the state was saved.
         SystemExit: SIGTERM, with code 143; the state was saved.
     """

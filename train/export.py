@@ -1,7 +1,4 @@
-"""The command that exports: `python -m train.export --run-dir DIR`.
-
-It writes the trained policy as one file for `medjax.policies.saved.load_policy`.
-"""
+"""`python -m train.export --run-dir DIR` writes a trained policy as a file for `medjax.policies.saved.load_policy`."""
 
 from collections.abc import Sequence
 

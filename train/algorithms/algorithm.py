@@ -29,8 +29,8 @@ Metrics = dict[str, jax.Array]
 class TrainState:
     """Everything that changes during training, enough to resume from; an algorithm adds fields in a subclass.
 
-    Devices share out `rollout`, which belongs to the environments, and replicate the rest. With several seeds every
-    leaf has a leading axis for them.
+    `rollout` belongs to the environments and is sharded across devices; the rest is replicated. With several seeds
+    every leaf has a leading axis for them.
     """
 
     weights: PolicyWeights  # what acting needs
@@ -109,7 +109,7 @@ class Algorithm:
         Args:
             env: a single environment.
             config: settings of the run.
-            weights: weights of the run, with a leading axis if it had several seeds; only shapes are read.
+            weights: the run's weights, with a leading axis if it had several seeds; only shapes are read.
         """
         network = self.build_network(env, config)
         shape = weights.obs_stats.mean.shape[-1:]

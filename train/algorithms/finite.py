@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 BAD = "first_bad"  # metric: index of the first of QUANTITIES that is not finite, or their number
-QUANTITIES = (  # everything that an algorithm may check, in the order in which an update computes it
+QUANTITIES = (  # that an algorithm may check, in the order in which an update computes them
     "observations",
     "rewards",
     "values",
@@ -40,7 +40,7 @@ def first_bad(**quantities: Any) -> jax.Array:
 
 
 def finite_updates(bad: np.ndarray) -> tuple[int, str | None]:
-    """Number of updates before the first one with something that is not finite, and its name (None: all are finite).
+    """Number of updates before the first with a quantity that is not finite, and that quantity (None: all are finite).
 
     Args:
         bad: metric `BAD` of `(count,)` updates, or `(num_seeds, count)`.

@@ -62,8 +62,8 @@ class Torso(nn.Module):
 class SetTorso(nn.Module):
     """MEDs and EVs as sets (Deep Sets, Zaheer et al. 2017, arXiv:1703.06114): their order does not matter.
 
-    Reads a flat observation. The encoder of its kind encodes each vehicle. The codes are summed over the vehicles that
-    are present; the sums and the clock go through fully connected layers. A row of zeros is an empty slot.
+    Reads a flat observation. One encoder per kind encodes each vehicle. The codes are summed over the vehicles present;
+    the sums and the clock go through fully connected layers. A row of zeros is an empty slot.
     """
 
     layout: FlatObservation
@@ -156,7 +156,7 @@ def first_logits_of_agents(env: Any, config: TrainConfig) -> Callable[[jax.Array
     motion = jnp.concatenate(parts)
 
     def start(obs: jax.Array) -> jax.Array:
-        # A MED that was sent chooses each part itself; the masked logits include "do as the rule does".
+        # A MED that was sent chooses every part itself, so "do as the rule does" is masked, too.
         sent = obs[..., QUEUED, None] + obs[..., MERGING, None] + obs[..., IN_SERVICE, None]
         at_depot = jnp.where(sent > 0.5, MASKED_LOGIT, enter(obs))
         of_parts = jnp.broadcast_to(motion, (*obs.shape[:-1], motion.shape[0]))

@@ -17,7 +17,7 @@ MIN_STD = 1e-2  # limits how far a rare change of a nearly constant feature is b
 
 @struct.dataclass
 class RunningStats:
-    """Moments of all samples so far. Before the first sample they are 0 and 1, so that `normalize` only clips."""
+    """Moments of all samples so far. Without samples, mean 0 and variance 1 make `normalize` only clip."""
 
     count: jax.Array  # () float32, samples seen
     mean: jax.Array  # (...) float32

@@ -102,7 +102,7 @@ def make_train(env: Environment, params: Any, config: TrainConfig) -> Programs:
 
 
 def shardings(learner: Learner, seeds: bool) -> Any:
-    """Sharding of the training state: devices share out the environments' part and replicate the rest."""
+    """Sharding of the training state: `rollout` is sharded across devices, the rest is replicated."""
     mesh = learner.mesh
     everywhere = NamedSharding(mesh, PartitionSpec())
     rows = NamedSharding(mesh, PartitionSpec(*([None] if seeds else []), *mesh.axis_names))

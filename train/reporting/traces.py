@@ -43,7 +43,7 @@ class Frame(struct.PyTreeNode):
 class Trace(struct.PyTreeNode):
     """An episode of F rounds and T decisions of the policy, with R ramps; several episodes add leading axes.
 
-    Vehicles enter at the start of a round, so a slot that empties in one round is reused in the next at the earliest.
+    Vehicles enter at the start of a round, so a slot that empties in one is reused in the next at the earliest.
     """
 
     frames: Frame  # (F + 1, ...), the first after the reset, each other at the end of a round
@@ -120,7 +120,7 @@ def _recorder(
         first = player.start(keys, params)
         _, made = lax.scan(decide, first, jnp.arange(steps, dtype=jnp.int32))
         rounds, *decided = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), made)
-        # If a step covers several decisions, the last one may run past the end of the episode.
+        # The last step may cover decisions past the end of the episode.
         frames = jax.tree.map(
             lambda begin, rest: jnp.concatenate(
                 [begin[:, None], rest.reshape(len(begin), -1, *begin.shape[1:])], axis=1

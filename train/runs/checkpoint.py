@@ -94,13 +94,12 @@ class Checkpoints:
             step: one of `all`; None is the newest.
 
         Raises:
-            InputError: there is no checkpoint, it is damaged or of another program, or an array differs; the message
-                names the first such array.
+            InputError: there is none, it is damaged or foreign, or an array differs; the message names the first.
         """
         return self._read(step, jax.eval_shape(_without_keys, expected), "")
 
     def restore_weights(self, expected: PolicyWeights, step: int | None = None) -> PolicyWeights:
-        """Reads only what acting needs, so that the number of environments in training does not matter.
+        """Reads only what acting needs, whatever the number of environments in training.
 
         Args:
             expected: required shapes and types (`train.runs.policies.weight_shapes`).
@@ -128,7 +127,7 @@ class Checkpoints:
                 version, prng = about["format"], about.get("prng", _prng())
                 names = [name for name in file.files if name != ABOUT and name.startswith(prefix)]
                 arrays = {name: file[name] for name in names} if version == FORMAT else {}
-        except Exception as error:  # NumPy and zipfile raise many types for a damaged file
+        except Exception as error:  # NumPy and zipfile raise many types
             before = max((update for update in self.all() if update < step), default=None)
             go_on = f"--resume {self.directory.parent} --from-update {before}"
             raise InputError(

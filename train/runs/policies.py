@@ -62,7 +62,7 @@ def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, PolicyWe
 
 
 def _check_fits(run_dir: Path, env: Any, params: Any, config: TrainConfig) -> None:
-    """Refuses (InputError) an environment whose features or actions differ in number from those of the training.
+    """Refuses (InputError) an environment with other numbers of features or actions than the training had.
 
     Args:
         run_dir: directory of the run.
@@ -101,7 +101,7 @@ def weights_by_name(config: TrainConfig, weights: PolicyWeights) -> dict[str, Po
 
     Args:
         config: settings of the run.
-        weights: weights of the run, with a leading axis if it had several seeds.
+        weights: the run's weights, with a leading axis if it had several seeds.
     """
     if config.num_seeds == 1:
         return {config.algorithm: weights}
@@ -119,7 +119,7 @@ def all_policies(
     Args:
         env: a single environment.
         config: settings of the run.
-        weights: weights of the run, with a leading axis if it had several seeds.
+        weights: the run's weights, with a leading axis if it had several seeds.
         stochastic: sample the actions of the trained policies and of the initial one.
     """
     learn = algorithm_of(config)
@@ -205,7 +205,7 @@ def export_policy(
         env: a single environment of the run.
         params: its parameters.
         config: settings of the run.
-        weights: weights of the run; the first of several seeds is taken.
+        weights: the run's weights; the first of several seeds is taken.
         card: how it was trained, `RunDir.card`; stored in the file.
         given: the environment is a user's own, and the file does not describe it.
 

@@ -173,7 +173,7 @@ def new_run_dir(scenario: str, root: Path = Path("runs")) -> Path:
 
 
 def check_unused(path: Path) -> None:
-    """Refuses (InputError) a path that is not an empty directory and where none can be made."""
+    """Refuses (InputError) a path unless it is an empty directory, or one can be made there."""
     allowed = "allowed: a new or empty directory"
     with _writing(path):
         if path.exists() and not path.is_dir():

@@ -54,8 +54,8 @@ def to_play(
     Args:
         config: settings of the run.
         scenario: preset; None takes that of the run.
-        changes: numbers of the environment. They add to those of the run if the preset is the same; in another preset
-            the run's numbers may be meaningless.
+        changes: numbers of the environment. They override those of the run, which are kept only for the same preset:
+            in another they may be meaningless.
     """
     scenario = config.scenario if scenario is None else scenario
     kept = config.overrides if scenario == config.scenario else {}

@@ -55,7 +55,7 @@ class PPOConfig(TrainConfig):
     normalize_rewards: bool = option(True, "PPO", "scale by the spread of the discounted return")
 
     def __post_init__(self) -> None:
-        """Checks as `TrainConfig` does, then the combinations of PPO's own settings."""
+        """Checks as `TrainConfig` does, then combinations with PPO's own settings."""
         super().__post_init__()
         if self.num_envs % self.num_minibatches:
             raise InputError(
@@ -68,14 +68,14 @@ class PPOConfig(TrainConfig):
                 f"num_envs x rollout_length x num_seeds is {choices}, allowed: at most {MOST_COUNTED}"
             )
         if self.network == "sets" and self.normalize_observations:
-            # The network reads a row of zeros as an empty slot, and normalised it would no longer be zeros.
+            # A row of zeros marks an empty slot, and normalisation would change it.
             raise InputError("network is 'sets' and normalize_observations is True, allowed: False")
         if self.agents != "none" and self.normalize_observations:
-            # The initial policy reads an agent's status from its observation as it is.
+            # The initial policy reads an agent's status from the raw observation.
             given = f"agents is {self.agents!r} and normalize_observations is True"
             raise InputError(f"{given}, allowed: False")
         if self.normalize_observations and self.start == "rule" and self.observation == "profile":
-            # The rule reads numbers of EVs and packs from the profile, not deviations from their means.
+            # The rule needs numbers of EVs and packs, not deviations from their means.
             raise InputError("start is 'rule' and normalize_observations is True, allowed: wait")
 
     @property
