@@ -50,7 +50,6 @@ def checked(field: dataclasses.Field[Any], value: Any) -> Any:
 
 
 def _read_one(field: dataclasses.Field[Any], kind: type, given: Any) -> Any:
-    """One value, with its type and range checked."""
     name, meta = field.name, field.metadata
     value = _as_kind(kind, given)
     if value is None:

@@ -108,7 +108,6 @@ def _reward(config: TrainConfig) -> Any:
 
 
 def _wrapped(env: Any, wrap: Callable[[Any], Any], config: TrainConfig) -> Any:
-    """`env` in the wrapper that the settings name."""
     wrapped = wrap(env)
     check_is_environment(wrapped)
     check_network(config, wrapped.observation)

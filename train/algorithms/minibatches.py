@@ -154,7 +154,6 @@ def descend(
         """All epochs on a device's own environments; the scalars are `(num_epochs, num_minibatches)`."""
 
         def epoch(carry: tuple[Any, Any], _: None) -> Any:
-            """One pass over all minibatches."""
             return lax.scan(partial(step, seen), carry, minibatches)
 
         return lax.scan(epoch, start, None, length=num_epochs)

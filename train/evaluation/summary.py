@@ -98,7 +98,6 @@ def _other_reward(scenario: str, scores: Mapping[str, Scores]) -> dict[str, list
 
 
 def _entry(score: Scores, seed: int) -> dict[str, Any]:
-    """The summary of one policy's scores."""
     returns = score["return"]
     return {
         "return_mean": float(np.mean(returns)),

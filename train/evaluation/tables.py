@@ -229,7 +229,6 @@ def claim_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
 
 
 def _gain(difference: Mapping[str, Any]) -> str:
-    """A mean and its interval."""
     return f"{short(difference['mean'])} {interval(difference['ci95'])}"
 
 

@@ -85,5 +85,4 @@ def _trend(gains: np.ndarray, seed: int, words: Sequence[str]) -> str:
 
 
 def _signed(value: float) -> str:
-    """A number with its sign."""
     return ("+" if value > 0.0 else "") + short(value)

@@ -92,7 +92,6 @@ def _recorder(
     ends = slice(config.ticks_per_round - 1, None, config.ticks_per_round)
 
     def play(keys: jax.Array, same: tuple[Any, EnvParams]) -> Trace:
-        """Traces of some episodes."""
         weights, params = same
 
         def begun(state: Any) -> Frame:
@@ -108,7 +107,6 @@ def _recorder(
             return forecast_need(highway, config, numbers, NEED_WINDOW_S)
 
         def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
-            """One decision in every row."""
             after, made = player.decide(episodes, number, weights, params)
             made = made.of_dispatcher(config.num_actions)
             happened = made.info["tally"]

@@ -1,7 +1,7 @@
 """Coordinates several processes, on one machine or many, that train one learner over JAX's distributed runtime.
 
 Every process runs the same program with the same settings and holds a share of the environments. Only the first one
-writes and reports. With a single process these functions do nothing.
+writes and reports. With a single process there is nothing to coordinate.
 """
 
 import os

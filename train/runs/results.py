@@ -74,13 +74,11 @@ def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> Compar
 
 
 def _export(run: Trained) -> None:
-    """Writes policy.zip."""
     learned = run.env, run.params, run.config, run.weights
     export_policy(run.run_dir.policy, *learned, run.run_dir.card(), given=run.run_dir.given)
 
 
 def _evaluate(run: Trained, evaluation: Future[Evaluation]) -> Comparison:
-    """Plays, writes and prints the closing evaluation."""
     config, policies = run.config, all_policies(run.env, run.config, run.weights)
     episodes = config.eval_episodes
     print(f"evaluating {len(policies)} policies on {episodes} episodes each", flush=True)
@@ -94,7 +92,6 @@ def _evaluate(run: Trained, evaluation: Future[Evaluation]) -> Comparison:
 
 
 def _draw_curve(run: Trained, returns: dict[str, float]) -> None:
-    """Draws the training curve with the mean returns of the rules and of the initial policy."""
     config = run.config
     rules = {name: value for name, value in returns.items() if name not in learned_names(returns)}
     try:
@@ -104,7 +101,6 @@ def _draw_curve(run: Trained, returns: dict[str, float]) -> None:
 
 
 def _summary(run: Trained, returns: dict[str, float]) -> dict[str, Any]:
-    """The content of summary.json."""
     config = run.config
     steps = config.steps_per_update * config.num_seeds
     final, source = final_return(run.rows), "training"

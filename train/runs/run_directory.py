@@ -148,7 +148,6 @@ class RunDir:
                 path.unlink()
 
     def _save_config(self, config: TrainConfig) -> None:
-        """Writes the settings, and the versions of the software."""
         environment = {"environment": GIVEN} if self.given else {}
         data = {"config": to_json(config), **environment, "versions": versions()}
         write_text(self.config, json.dumps(data, indent=2) + "\n")

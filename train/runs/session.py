@@ -49,7 +49,6 @@ class Session:
     callback: Callable[[Row], object] | None = None  # called with each update's row, once written
 
     def __post_init__(self) -> None:
-        """Starts the clock."""
         self.began = time.perf_counter()
         self.compile_s = self.train_s = self.earlier_s = 0.0
         self.done = updates_done(self.saved) if self.saved is not None else 0
@@ -197,7 +196,6 @@ class Session:
         return ready, program
 
     def _begin(self, init: Any) -> TrainState:
-        """The state to train from."""
         if self.saved is None:
             return init(jax.random.key(self.config.seed), self.params)
         saved, self.saved = self.saved, None

@@ -131,7 +131,6 @@ class PPOLearner:
     def _collect(
         self, rows: tuple[RolloutState, jax.Array], same: tuple[PolicyWeights, Any]
     ) -> tuple[RolloutState, Trajectory, jax.Array, EpisodeSums]:
-        """Rollout of some of the environments."""
         (state, keys), (weights, env_params) = rows, same
         return self.collector.collect(weights, state, keys, env_params)
 
