@@ -1,3 +1,3 @@
-"""Learning a dispatcher in one compiled program with the simulator, and its evaluation."""
+"""Trains a dispatcher in one compiled program with the simulator, and evaluates it."""
 
-import medjax  # noqa: F401 - from here on a command hears signals: `medjax.early`
+import medjax  # noqa: F401 - from here on a command handles signals: `medjax.early`

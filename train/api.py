@@ -1,6 +1,6 @@
-"""Training and evaluation from Python, as the commands do them: `from train.api import PPOConfig, evaluate, train`.
+"""The commands' training and evaluation from Python: `from train.api import PPOConfig, evaluate, train`.
 
-They are here and not in `train` itself, where `train.evaluate` is the module of a command.
+They are not in `train` itself because `train.evaluate` is the module of a command.
 """
 
 import dataclasses
@@ -37,19 +37,19 @@ __all__ = ["Comparison", "PPOConfig", "StoppedError", "TrainedRun", "evaluate", 
 
 @dataclasses.dataclass(frozen=True)
 class TrainedRun:
-    """What came of training.
+    """The result of training.
 
     Attributes:
-        policies: what each training seed learned; that of the first has the algorithm's name, "ppo".
-        rows: of metrics.jsonl, a dict an update; None where there was no number.
+        policies: the policy of each training seed; the first has the algorithm's name, "ppo".
+        rows: rows of metrics.jsonl, one dict per update; None stands for a missing number.
         run_dir: directory of the run, as the command leaves it.
-        evaluation: the closing one, on the environment's own episodes; None without `eval_episodes`.
+        evaluation: closing evaluation, on the environment's own episodes; None without `eval_episodes`.
         env: a single environment.
         params: its parameters.
-        config: settings.
+        config: settings of the run.
     """
 
-    # What takes pages to write is left out of what a notebook shows.
+    # A notebook does not show the fields that would fill pages.
     policies: dict[str, Policy] = dataclasses.field(repr=False)
     rows: list[Row] = dataclasses.field(repr=False)
     run_dir: Path
@@ -60,7 +60,7 @@ class TrainedRun:
 
     @property
     def policy(self) -> Policy:
-        """What the first seed learned: `policy(key, obs, state, params).action` is the most probable action."""
+        """The first seed's policy: `policy(key, obs, state, params).action` is its most probable action."""
         return self.policies[self.config.algorithm]
 
 
@@ -77,23 +77,23 @@ def train(
     """Trains and evaluates a dispatcher, as `python -m train.ppo` does.
 
     Args:
-        env: a preset's name; a single environment, with reward terms of one's own or wrapped as it may be; None: that
-            of the settings.
-        params: parameters of an environment that is given.
-        config: settings; None: the defaults, or those of the run that is resumed. They say nothing of an environment
-            that is given.
-        run_dir: new or empty directory for the results; None: an unused one under `runs/`. Where settings cannot
-            rebuild the environment, its config.json says so, and the commands on runs refuse it.
-        resume: directory of a run to go on with, in place of run_dir; or one of its `checkpoints/N.npz`, to go on from
-            there, which removes later ones.
-        callback: gets each update's row of metrics.jsonl once it is written. What it raises ends the run.
-        quiet: no progress is shown; a line where it begins and the results at the end are printed all the same.
+        env: a preset's name, or a single environment, which may be wrapped or have your own reward terms; None takes
+            the environment of the settings.
+        params: parameters of `env`, if that is an environment.
+        config: settings; None takes the defaults, or those of the resumed run. An environment in `env` overrides what
+            they say about environments.
+        run_dir: new or empty directory for the results; None takes an unused one under `runs/`. If the settings cannot
+            rebuild the environment, config.json says so, and the commands on runs refuse the directory.
+        resume: directory of a run to resume, in place of `run_dir`; or one of its `checkpoints/N.npz` to resume from,
+            which removes later ones.
+        callback: called with each row of metrics.jsonl once it is written. An exception that it raises ends the run.
+        quiet: hide the progress; the first line and the results are still printed.
 
     Raises:
         InputError: bad input; nothing was written.
-        StoppedError: a number was no longer finite, or the directory could not be written; the newest checkpoint stays.
-        KeyboardInterrupt: after Ctrl-C; the state is saved.
-        SystemExit: after SIGTERM, with code 143; the state is saved.
+        StoppedError: a number was no longer finite, or the directory could not be written; checkpoints remain.
+        KeyboardInterrupt: Ctrl-C; the state was saved.
+        SystemExit: SIGTERM, with code 143; the state was saved.
     """
     if run_dir is not None and resume is not None:
         raise InputError(f"run_dir is {shown(run_dir)} and resume {shown(resume)}, allowed: one")
@@ -120,7 +120,7 @@ def train(
 
 
 def _to_resume(given: str | Path) -> tuple[Path, int | None]:
-    """The directory of a run, and the update of the checkpoint that is given of it."""
+    """The directory of the run to resume, and the update of the checkpoint if one was given."""
     path = as_path("resume", given)
     if path.suffix != ".npz":
         return path, None
@@ -131,7 +131,7 @@ def _to_resume(given: str | Path) -> tuple[Path, int | None]:
 
 
 def _settings(config: TrainConfig | None, resume: Path | None, given: bool) -> TrainConfig:
-    """Settings that are given, those of a run, or the defaults."""
+    """The given settings, else those of the run to resume, else the defaults."""
     if config is not None and not isinstance(config, TrainConfig):
         raise InputError(f"config is {shown(config)}, allowed: settings, such as PPOConfig()")
     if config is not None or resume is None:
@@ -142,7 +142,7 @@ def _settings(config: TrainConfig | None, resume: Path | None, given: bool) -> T
 def _environment(
     env: Any, params: Any, config: TrainConfig
 ) -> tuple[TrainConfig, tuple[Any, Any] | None]:
-    """The settings with what they can say of the environment; and itself, where they do not rebuild it."""
+    """The settings updated for the environment, and the environment itself if they cannot rebuild it."""
     if env is None or isinstance(env, str):
         if isinstance(params, TrainConfig):
             raise InputError(
@@ -158,7 +158,7 @@ def _environment(
 
 
 def _described(env: Any, params: Any, config: TrainConfig) -> tuple[TrainConfig, bool]:
-    """`described` of an environment that has parameters."""
+    """`described`, after a check that the environment came with parameters."""
     if params is None:
         raise InputError("env without params, allowed: both, as medjax.make gives them")
     return described(env, params, config)
@@ -176,23 +176,23 @@ def evaluate(
 ) -> Comparison:
     """Plays the same episodes with every policy, as `python -m train.evaluate` does.
 
-    On all cores, where nothing was computed before or `medjax.prepare_jax()` was called first.
+    It uses all cores if JAX has computed nothing before, or if `medjax.prepare_jax()` was called first.
 
     Args:
         env: a single environment, or a preset's name.
         params: its parameters.
-        policies: by name, whatever `medjax.policies.given.as_policy` takes: a policy, a function
-            `act(key, obs, state, params)`, a rule's name, a file; or names of rules; None: every rule.
-        baseline: one of them, or a rule, that the others are compared with, episode by episode.
-        episodes: whole episodes of each policy.
-        seed: which episodes; those of `train.evaluate` for the same seed.
+        policies: policies by name, each anything that `medjax.policies.given.as_policy` takes: a policy, a function
+            `act(key, obs, state, params)`, a rule's name, a file; or a list of rules' names; None takes every rule.
+        baseline: policy or rule to compare the others with, episode by episode.
+        episodes: whole episodes per policy.
+        seed: selects the episodes, the same as in `train.evaluate`.
         batch: episodes of each policy played together.
 
     Returns:
-        Printed, the command's table; `rows()` are for pandas.
+        A comparison that prints as the command's table; its `rows()` suit pandas.
 
     Raises:
-        InputError: an unknown policy, or an environment that it does not fit.
+        InputError: an unknown policy, or one that does not fit the environment.
     """
     _check_numbers(episodes=episodes, seed=seed, batch=batch)
     prepare_jax(messages=False)
@@ -205,7 +205,7 @@ def evaluate(
     else:
         world, _ = _described(env, params, world)
     given = _by_name(policies, rules_of(env))
-    if baseline is not None and baseline not in list(given):  # which need not have a hash
+    if baseline is not None and baseline not in list(given):  # it may be unhashable
         check_known("baseline", [baseline], [*given, *rules_of(env)])
         given[baseline] = baseline
     check_episodes(episodes, len(given))
@@ -216,7 +216,7 @@ def evaluate(
 
 
 def _check_numbers(**given: Any) -> None:
-    """Refuses (InputError) numbers by name, as Python has them, that the options of the commands refuse."""
+    """Refuses (InputError) the numbers that the commands' options of the same names refuse."""
     for name, number in given.items():
         least, most = LIMITS[name]
         whole_number_of(name, number, least)
@@ -227,7 +227,7 @@ def _check_numbers(**given: Any) -> None:
 def _by_name(
     policies: Mapping[str, Any] | Sequence[str] | None, rules: Mapping[str, Policy]
 ) -> dict[str, Any]:
-    """What is to be played, by name."""
+    """The policies to play, by name."""
     policies = list(rules) if policies is None else policies
     listed = isinstance(policies, Mapping | Sequence) and not isinstance(policies, str)
     if not listed or not all(isinstance(name, str) for name in policies):

@@ -1,8 +1,8 @@
 """The command that evaluates: `python -m train.evaluate --run-dir DIR --episodes 1000 --json FILE`.
 
-The trained policy, under the name of its algorithm ("ppo"), what it was before any update ("start"), and every policy
-of medjax.policies play the same episodes.
-Exit code 2 on bad input. From Python: `train.api.evaluate`.
+The same episodes are played with the trained policy, which has the name of its algorithm ("ppo"), with its initial
+policy ("start"), and with every policy of medjax.policies. Exit code 2 on bad input. From Python:
+`train.api.evaluate`.
 """
 
 from collections.abc import Sequence
@@ -62,7 +62,7 @@ def build_parser() -> OneLineParser:
 
 @command
 def main(argv: Sequence[str] | None = None) -> int:
-    """Evaluates as the command line says (None: that of the process). Returns the exit code."""
+    """Evaluates as the command line `argv` says (None: that of the process). Returns the exit code."""
     given = build_parser().parse_args(argv)
     try:
         numbers = whole_numbers(given)
@@ -78,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if given.run_dir is not None:
             run_dir = RunDir(as_path("--run-dir", given.run_dir))
             config = to_play(run_dir.load_config(), given.scenario, changes)
-        # JAX takes seconds to import; bad options need not wait for it.
+        # JAX takes seconds to import; bad options are refused before.
         from train.runs.policies import check_episodes, chosen, load_policies, make_world
 
         found: dict[str, Any] = {}
@@ -118,7 +118,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _target(option: str, text: str | None) -> Path | None:
-    """File to write to, refused now rather than after the work."""
+    """The file to write to, checked before the work rather than after it."""
     if text is None:
         return None
     path = as_path(option, text)

@@ -1,4 +1,4 @@
-"""`python -m train.export --run-dir DIR`: the trained policy as one file, for `medjax.policies.saved.load_policy`."""
+"""`python -m train.export --run-dir DIR` writes a trained policy as a file for `medjax.policies.saved.load_policy`."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ from train.runs.trained_run import to_play
 
 @command
 def main(argv: Sequence[str] | None = None) -> int:
-    """Exports as the command line says (None: that of the process). Returns the exit code."""
+    """Exports as the command line `argv` says (None: that of the process). Returns the exit code."""
     parser = OneLineParser(
         prog="python -m train.export",
         description="Writes the trained policy of a run as one file, for medjax.policies.saved.load_policy.",
@@ -28,7 +28,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         target = run_dir.policy if given.out is None else as_path("--out", given.out)
         config = to_play(run_dir.load_config())
         check_output("--out", target)
-        # JAX takes seconds to import; bad options need not wait for it.
+        # JAX takes seconds to import; bad options are refused before.
         from train.runs.policies import export_policy, load_weights
 
         card = run_dir.card()

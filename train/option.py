@@ -1,4 +1,4 @@
-"""A setting: one declaration of its default, its range and its text, and the check of values against it."""
+"""Declares a setting with its default, range and help text, and checks values against the declaration."""
 
 import dataclasses
 import math
@@ -11,7 +11,7 @@ from medjax.errors import InputError, shown
 
 Override = bool | int | float | str | tuple[Any, ...] | dict[str, Any]
 
-MOST_ITEMS = 32  # of a list; a deeper network would take hours to compile
+MOST_ITEMS = 32  # in a list; a deeper network would take hours to compile
 
 
 def option(
@@ -23,12 +23,12 @@ def option(
     choices: tuple[str, ...] = (),
     limits: tuple[float | None, float | None] = (None, None),
 ) -> Any:
-    """A dataclass field with what the command line and the checks need to know about it.
+    """A dataclass field that carries what the command line and the checks need.
 
     Args:
-        default: value when nothing is said.
+        default: default value.
         group: heading in --help.
-        text: help, with the unit.
+        text: help text, with the unit.
         flags: further names of the option.
         choices: allowed values.
         limits: smallest and largest allowed value.
@@ -39,7 +39,7 @@ def option(
 
 
 def checked(field: dataclasses.Field[Any], value: Any) -> Any:
-    """The value of a setting, as Python's own type; InputError if it is of another, or out of its range."""
+    """The value of a setting as a built-in type; InputError if its type is wrong or it is out of range."""
     if field.name == "overrides":
         return _read_overrides(value)
     if not isinstance(field.default, tuple):
@@ -50,7 +50,6 @@ def checked(field: dataclasses.Field[Any], value: Any) -> Any:
 
 
 def _read_one(field: dataclasses.Field[Any], kind: type, given: Any) -> Any:
-    """Type and range of one value."""
     name, meta = field.name, field.metadata
     value = _as_kind(kind, given)
     if value is None:
@@ -65,7 +64,7 @@ def _read_one(field: dataclasses.Field[Any], kind: type, given: Any) -> Any:
 
 
 def _as_kind(kind: type, value: Any) -> Any:
-    """The value as `kind`, None if it is none; NumPy's numbers are numbers too."""
+    """The value as `kind`, or None if it is of another type; NumPy's numbers count as numbers."""
     if kind in (bool, str) or isinstance(value, bool):
         return value if type(value) is kind else None
     if kind is int and isinstance(value, numbers.Integral):
@@ -73,13 +72,13 @@ def _as_kind(kind: type, value: Any) -> Any:
     if kind is float and isinstance(value, numbers.Real):
         try:
             return float(value)
-        except OverflowError:  # a whole number that no float holds
+        except OverflowError:  # an integer too large for a float
             return math.inf
     return None
 
 
 def _read_overrides(given: Any) -> dict[str, Override]:
-    """Numbers of the environment as far as they can be checked without it."""
+    """The overrides, checked as far as possible without the environment."""
     given = {} if given is None else given
     if not isinstance(given, Mapping):
         raise InputError(f"overrides are {shown(given)}, allowed: values by name")
@@ -91,7 +90,7 @@ def _read_overrides(given: Any) -> dict[str, Override]:
 
 
 def _plain(name: str, value: Any, nested: bool = False) -> Any:
-    """A value that JSON can hold: a number, text, or a list or a mapping of them."""
+    """The value in a form that JSON can hold: a number, text, or a list or mapping of these."""
     if isinstance(value, bool | str):
         return value
     number = _as_kind(int if isinstance(value, numbers.Integral) else float, value)

@@ -1,7 +1,8 @@
-"""The command that trains: `python -m train.ppo --num-envs 1024`; `--help` lists the rest.
+"""The command that trains: `python -m train.ppo --num-envs 1024`; `--help` lists all options.
 
-Exit codes: 0 done; 1 a number was no longer finite, or the run directory could not be written: `--resume` goes on from
-the newest checkpoint; 2 bad input, nothing was touched; 128 + signal: interrupted (130 for Ctrl-C), the state saved.
+Exit code 0: done. 1: a number was no longer finite, or the run directory could not be written; `--resume` continues
+from the newest checkpoint. 2: bad input; nothing was changed. 128 + signal: interrupted (130 for Ctrl-C); the state
+was saved.
 """
 
 from collections.abc import Sequence
@@ -14,9 +15,9 @@ from train.runs.arguments import parse_request
 
 @command
 def main(argv: Sequence[str] | None = None) -> int:
-    """Trains and evaluates as the command line says (None: that of the process). Returns the exit code."""
+    """Trains and evaluates as the command line `argv` says (None: that of the process). Returns the exit code."""
     request = parse_request(PPOConfig, argv)
-    # JAX takes seconds to import; --help and bad options need not wait for it.
+    # JAX takes seconds to import; --help and bad options are handled before.
     from train.runs.open_session import open_session
 
     try:

@@ -1,7 +1,7 @@
 """The command that makes the paper's tables and figures: `python -m train.report --run-dir DIR`.
 
-The trained policy, under the name of its algorithm ("ppo"), and every policy of medjax.policies play the same episodes,
-those of `train.evaluate`. PNGs and one HTML page that needs nothing else go to DIR/report, over those of an earlier
+The trained policy, which has the name of its algorithm ("ppo"), and every policy of medjax.policies play the episodes
+of `train.evaluate`. DIR/report receives PNGs and one self-contained HTML page, which replace those of an earlier
 report. Exit code 2 on bad input.
 """
 
@@ -17,7 +17,7 @@ from train.runs.trained_run import to_play, trained_run_parser, whole_numbers
 
 @command
 def main(argv: Sequence[str] | None = None) -> int:
-    """Makes the report that the command line (None: that of the process) asks for. Returns the exit code."""
+    """Makes the report as the command line `argv` says (None: that of the process). Returns the exit code."""
     parser = trained_run_parser(
         "train.report",
         "Makes the paper's tables and figures of a trained run in DIR/report, as PNGs and one HTML page.",
@@ -28,7 +28,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         run_dir = RunDir(as_path("--run-dir", given.run_dir))
         config = to_play(run_dir.load_config())
         _check_target(run_dir.report)
-        # JAX takes seconds to import; bad options need not wait for it.
+        # JAX takes seconds to import; bad options are refused before.
         from train.runs.policies import check_episodes, load_policies
 
         env, params, policies = load_policies(run_dir.path, config, given.stochastic)
@@ -53,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _check_target(path: Path) -> None:
-    """Refuses now what would fail after the work: a place that cannot be written, or nothing to draw with."""
+    """Refuses before the work what would fail after it: an unwritable target, or no matplotlib."""
     check_matplotlib()
     if path.exists() and not path.is_dir():
         raise InputError(f"{path} is not a directory, allowed: a directory, or nothing")

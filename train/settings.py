@@ -1,4 +1,4 @@
-"""Settings of a training run: their defaults, their checks on the host, and their file."""
+"""Settings of a training run: defaults, checks, and their file."""
 
 import abc
 import dataclasses
@@ -14,15 +14,15 @@ from train.yaml_file import read_yaml
 
 MOST_COUNTED = 2**31 - 1  # indices and counters are int32
 MOST_PER_CALL = 1024  # updates in one call of the compiled program
-MOST_BYTES = 2**16  # of a file of settings
-GIVEN = "given from Python"  # what the file of a run says where its settings do not rebuild the environment
-# Rules of medjax.BASELINES that draw nothing and leave drivers alone.
+MOST_BYTES = 2**16  # in a file of settings
+GIVEN = "given from Python"  # marks the file of a run whose settings do not rebuild its environment
+# The deterministic rules of medjax.BASELINES that do not change how vehicles drive.
 DISPATCHERS = ("periodic", "paced", "greedy", "forecast", "budgeted")
 
 
 @dataclasses.dataclass(frozen=True)
 class TrainConfig(abc.ABC):
-    """Everything that determines the result of a run, and a few choices of its conduct.
+    """Everything that determines the result of a run, and some options of how it runs.
 
     An algorithm adds its own fields in a subclass, see `train.algorithms.settings.SETTINGS`.
 
@@ -30,8 +30,8 @@ class TrainConfig(abc.ABC):
         InputError: a value out of its range, or values that do not go together.
     """
 
-    algorithm: ClassVar[str]  # its name, and that of the policy that it learns
-    # Beside num_envs, what makes an update what it is: those done are counted in decisions and gradient steps by it.
+    algorithm: ClassVar[str]  # name of the algorithm, and of the policy that it learns
+    # With num_envs these fix the decisions and gradient steps of an update, so a resumed run may not change them.
     of_an_update: ClassVar[tuple[str, ...]] = ("decide_every",)
 
     scenario: str = option("paper", "environment", "preset to train on")
@@ -137,7 +137,7 @@ class TrainConfig(abc.ABC):
     )
 
     def __post_init__(self) -> None:
-        """Checks every field and keeps it as a value of Python, then checks what must go together."""
+        """Checks every field and stores it as a built-in type, then checks combinations."""
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, checked(field, getattr(self, field.name)))
         if len(self.demand_range) != 2 or self.demand_range[0] > self.demand_range[1]:
@@ -162,7 +162,7 @@ class TrainConfig(abc.ABC):
 
     @property
     def changes(self) -> dict[str, Any]:
-        """In what its episodes are not the preset's, for people: numbers, and a wrapper of one's own."""
+        """How its episodes differ from the preset's, for display: overrides, and a user's own wrapper."""
         return {**self.overrides, **({} if self.wrapper == "none" else {"wrapper": self.wrapper})}
 
     @property
@@ -172,12 +172,12 @@ class TrainConfig(abc.ABC):
 
     @property
     def device_groups(self) -> int:
-        """Groups of environments; a device holds whole ones."""
+        """Number of groups of environments; a device holds whole groups."""
         return self.num_envs // self.same_demand
 
     @property
     def same_demand(self) -> int:
-        """Neighbours in a group: environments that meet the same episodes. By default each is alone."""
+        """Environments in a group, which meet the same episodes. The default is 1."""
         return 1
 
     @property
@@ -203,8 +203,8 @@ def from_json(data: Any, *kinds: type[Config]) -> Config:
     """The settings from a dict of JSON values; fields that are missing keep their defaults.
 
     Args:
-        data: the values, and `algorithm`; where that is missing, it is that of the first of `kinds`.
-        kinds: of settings that are allowed.
+        data: the values, and `algorithm`, which defaults to that of the first of `kinds`.
+        kinds: allowed classes of settings.
 
     Raises:
         InputError: not a dict, another algorithm, an unknown field, or a value out of its range.
@@ -223,16 +223,16 @@ def from_json(data: Any, *kinds: type[Config]) -> Config:
 
 
 def load_config(path: Path, *kinds: type[Config], given: bool = False) -> Config:
-    """Reads the config.json of a run, or settings alone; JSON, or YAML by the name's ending.
+    """Reads the config.json of a run, or a file of settings; the suffix distinguishes JSON and YAML.
 
     Args:
-        path: of the file.
-        kinds: of settings that are allowed, see `from_json`.
-        given: the environment is given by `train.api`, so that the settings need not say what it is.
+        path: file to read.
+        kinds: allowed classes of settings, see `from_json`.
+        given: `train.api` supplies the environment, so that the settings need not describe it.
 
     Raises:
-        InputError: the file is missing, cannot be read, holds something out of range, or does not say what the
-            environment was.
+        InputError: the file is missing, cannot be read, holds a value out of range, or does not describe the
+            environment.
     """
     data = _read(path)
     is_file_of_run = isinstance(data, dict) and "config" in data
@@ -248,7 +248,7 @@ def load_config(path: Path, *kinds: type[Config], given: bool = False) -> Config
 
 
 def _read(path: Path) -> Any:
-    """What a file of settings holds; raises as `load_config`."""
+    """The content of a file of settings; raises as `load_config`."""
     check_input("settings", path)
     try:
         with path.open("rb") as file:

@@ -1,4 +1,4 @@
-"""What files say in YAML, or one line on why they say nothing."""
+"""Reads YAML into plain values; errors take one line."""
 
 from typing import Any
 
@@ -12,19 +12,19 @@ def read_yaml(text: str) -> Any:
     """A YAML value of plain types.
 
     Raises:
-        InputError: a name is given twice, or there is an alias.
-        ValueError: it is not YAML.
+        InputError: a name appears twice, or there is an alias.
+        ValueError: the text is not YAML.
     """
     try:
         return yaml.load(text, Loader=_PlainLoader)
     except InputError:
         raise
-    except Exception:  # PyYAML lets through whatever its constructors meet
+    except Exception:  # PyYAML passes on any exception of its constructors
         raise ValueError("not YAML") from None
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Without aliases, of which a few lines can make more than memory holds."""
+    """A loader without aliases, because a few lines of them can expand beyond the memory."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):

@@ -1,1 +1,1 @@
-"""What learns: algorithms, and what they share (networks, rollouts, advantages, normalisation)."""
+"""Learning algorithms and their shared parts: networks, rollouts, advantages, normalisation."""

@@ -1,4 +1,4 @@
-"""Generalised advantage estimation with terminations and truncations told apart."""
+"""Generalised advantage estimation that distinguishes terminations from truncations."""
 
 import jax
 import jax.numpy as jnp
@@ -8,10 +8,10 @@ from jax import lax
 
 @struct.dataclass
 class Steps:
-    """What advantages are made of; every array is `(num_steps, ...)`, or can be broadcast to it."""
+    """Inputs of the advantage estimate; every array is `(num_steps, ...)`, or broadcasts to it."""
 
     reward: jax.Array
-    value: jax.Array  # of the observation acted on
+    value: jax.Array  # of the observation that the action was chosen for
     terminated: jax.Array  # bool
     truncated: jax.Array  # bool
     final_value: jax.Array  # of the final observation; read only where truncated
@@ -22,12 +22,12 @@ def generalized_advantages(
 ) -> tuple[jax.Array, jax.Array]:
     """GAE(lambda) (Schulman et al. 2016, arXiv:1506.02438, eq. 16) over rollouts with auto-reset.
 
-    After a termination nothing follows. After a truncation the episode would have gone on: its value is that of the
-    final observation, and the trace is cut, because the next stored step belongs to another episode. A step that
-    both terminates and truncates terminates.
+    A terminated episode has no future value. A truncated one would have continued: it is bootstrapped with the value
+    of its final observation, and the trace is cut because the next stored step belongs to another episode. A step that
+    both terminates and truncates counts as a termination.
 
     Args:
-        steps: of the rollouts.
+        steps: steps of the rollouts.
         last_value: `(...)`, value of the observation after the last step (of a new episode if that step ended one).
         gamma: discount per step.
         gae_lambda: trace decay per step.
@@ -54,25 +54,25 @@ def generalized_advantages(
 
 
 def asks_everywhere(steps: Steps, gae_lambda: float) -> jax.Array:
-    """Whether the advantages of rollouts depend on more values than that of the step they are of; `(...)` bool.
+    """Whether the advantages of rollouts also depend on the values of other steps; `(...)` bool.
 
-    With lambda 1 all others cancel out, but for those that stand for what comes after a cut. Of what
-    `generalized_advantages` returns: `less_others` goes on to read the others' values at the same step.
+    With lambda 1 those values cancel out, except the ones that are bootstrapped after a cut. This holds for the output
+    of `generalized_advantages`; `less_others` then reads the values of other environments at the same step.
     """
     cut = ~steps.terminated[-1] | jnp.any(steps.truncated & ~steps.terminated, axis=0)
     return cut | (gae_lambda < 1.0)
 
 
 def less_others(advantage: jax.Array, group: int) -> jax.Array:
-    """Advantages less the mean of those of the group's others at the same step.
+    """Subtracts the mean advantage of the other members of the group at the same step.
 
-    What the others met, too, is no merit of an action: where a group meets the same demand, this takes out its luck,
-    and leaves the expected gradient as it is, since no action of one's own is in it (leave-one-out baseline, Kool, van
-    Hoof and Welling 2019; input-driven baseline, Mao et al. 2018, arXiv:1807.02264).
+    A group meets the same demand, so this removes the luck that its members share. The expected gradient is unchanged
+    because an environment's baseline contains none of its own actions (leave-one-out baseline, Kool, van Hoof and
+    Welling 2019; input-driven baseline, Mao et al. 2018, arXiv:1807.02264).
 
     Args:
-        advantage: `(num_envs, num_steps, ...)`, neighbours in groups.
-        group: environments in each; 1 leaves all as it is.
+        advantage: `(num_envs, num_steps, ...)`; the members of a group are neighbours.
+        group: environments per group; 1 changes nothing.
     """
     if group == 1:
         return advantage

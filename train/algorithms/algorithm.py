@@ -1,6 +1,6 @@
-"""What an algorithm is to the runs that train with it: a way to learn, and the policy that comes of it.
+"""The interface between algorithms and training runs: how to learn, and the policy that results.
 
-One more is a subclass of `TrainConfig` in `train.algorithms.settings.SETTINGS`, an `Algorithm` in
+A new algorithm needs a subclass of `TrainConfig` in `train.algorithms.settings.SETTINGS`, an `Algorithm` in
 `train.algorithms.registry.ALGORITHMS`, and a command like `train.ppo`.
 """
 
@@ -27,46 +27,45 @@ Metrics = dict[str, jax.Array]
 
 @struct.dataclass
 class TrainState:
-    """All that changes in training, enough to go on from; an algorithm adds its own fields in a subclass.
+    """Everything that changes during training, enough to resume from; an algorithm adds fields in a subclass.
 
-    What belongs to environments, shared out among devices, is `rollout`; the rest is the same on all. With several
-    seeds every leaf has a leading axis for them.
+    `rollout` belongs to the environments and is sharded across devices; the rest is replicated. With several seeds
+    every leaf has a leading axis for them.
     """
 
-    weights: PolicyWeights  # all that acting needs
+    weights: PolicyWeights  # what acting needs
     rollout: RolloutState  # leaves (num_envs, ...)
     key: jax.Array  # typed PRNG key
     update: jax.Array  # () int32, updates done
 
 
 class Learner(Protocol):
-    """An algorithm at work in one environment, for one seed: pure functions of its state."""
+    """An algorithm in one environment, for one seed: pure functions of the training state."""
 
     @property
     def state(self) -> type[TrainState]:
-        """The class of its state."""
+        """Class of the training state."""
 
     @property
     def mesh(self) -> Mesh:
-        """Devices that share the environments."""
+        """The devices that share the environments."""
 
     def init(self, key: jax.Array, env_params: Any) -> Any:
-        """The state before the first update, with the weights of `first_weights` of this key."""
+        """The state before the first update; its weights are `first_weights` of this key."""
 
     def update(self, state: Any, env_params: Any) -> tuple[Any, Metrics]:
         """One update.
 
         Returns:
-            The new state, and scalars that describe the update: `reward_mean`, those of
-            `train.algorithms.rollout.episode_metrics` and of `train.algorithms.finite.BAD`, and what else there is.
+            The new state, and scalars that describe the update: `reward_mean`,
+            `train.algorithms.rollout.episode_metrics`, `train.algorithms.finite.BAD`, and any of the algorithm's own.
         """
 
 
 def first_weights(network: nn.Module, key: jax.Array, shape: tuple[int, ...]) -> PolicyWeights:
-    """The weights before the first update of a learner that begins with this key; `shape` is an observation's."""
-    _, network_key, _ = jax.random.split(
-        key, 3
-    )  # the others are the environments' and the learner's
+    """Initial weights of a learner that starts from this key; `shape` is that of an observation."""
+    # The other two keys belong to the environments and to the learner.
+    _, network_key, _ = jax.random.split(key, 3)
     return PolicyWeights(network.init(network_key, jnp.zeros((1, *shape))), init_stats(shape))
 
 
@@ -75,10 +74,10 @@ class Algorithm:
     """A way to learn a dispatcher.
 
     Attributes:
-        settings: their class; its `algorithm` is the name in tables and files.
-        build_network: `(env, config)` to a network of logits `(..., num_actions)` and values `(...)` at observations
-            `(..., num_features)`; of logits the policy takes the highest, or samples their softmax.
-        build_learner: `(env, params, config)` to what learns; InputError if `config.num_devices` is not possible.
+        settings: class of its settings; their `algorithm` is its name in tables and files.
+        build_network: `(env, config)` to a network that maps observations `(..., num_features)` to logits
+            `(..., num_actions)` and values `(...)`. The policy takes the highest logit, or samples their softmax.
+        build_learner: `(env, params, config)` to a `Learner`; InputError if `config.num_devices` is not possible.
     """
 
     settings: type[TrainConfig]
@@ -92,25 +91,25 @@ class Algorithm:
         weights: PolicyWeights,
         stochastic: bool = False,
     ) -> Policy:
-        """What was learned, with the weights of one seed, in a single environment; see `learned_policy`."""
+        """The policy that one seed learned, in a single environment; see `learned_policy`."""
         network = self.build_network(env, config)
         with_rule = dispatched(env, config)
         policy = learned_policy(with_rule or env, network, weights, config.decide_every, stochastic)
         return with_rule.whole(policy) if with_rule else policy
 
     def weight_shapes(self, env: Environment, params: Any, config: TrainConfig) -> PolicyWeights:
-        """Shapes and types of the weights of one seed, found without computing or compiling anything."""
+        """Shapes and types of one seed's weights, without computing or compiling anything."""
         network = self.build_network(env, config)
         shape = env.observation_space(params).shape
         return jax.eval_shape(lambda key: first_weights(network, key, shape), jax.random.key(0))
 
     def start(self, env: Environment, config: TrainConfig, weights: PolicyWeights) -> PolicyWeights:
-        """The weights of the first seed before any update, made anew as training makes them.
+        """The first seed's initial weights, recreated the way training creates them.
 
         Args:
             env: a single environment.
             config: settings of the run.
-            weights: of the run, with a leading axis if it had several seeds; read for shapes only.
+            weights: the run's weights, with a leading axis if it had several seeds; only shapes are read.
         """
         network = self.build_network(env, config)
         shape = weights.obs_stats.mean.shape[-1:]

@@ -1,4 +1,4 @@
-"""What a learner acts in: the environment that the settings name, alone and as the batch it learns from."""
+"""The environment that the settings name, on its own and as the batch that a learner steps."""
 
 import dataclasses
 from collections.abc import Callable
@@ -35,29 +35,29 @@ def make_environment(config: TrainConfig) -> tuple[Any, Any]:
     """The environment that the settings name, and its parameters.
 
     Raises:
-        InputError: an unknown scenario, option or network, a value out of range, or devices that are not there.
+        InputError: an unknown scenario, option or network, a value out of range, or devices that do not exist.
     """
     return _build(medjax.make, config)
 
 
 def check_given(env: Any, config: TrainConfig) -> None:
-    """Refuses (InputError) an environment of one's own that the settings do not fit."""
+    """Refuses (InputError) a user's own environment that the settings do not fit."""
     environment_mesh(config.device_groups, config.num_devices, jax.devices())
     check_network(config, env.observation)
 
 
 def described(env: Any, params: Any, config: TrainConfig) -> tuple[TrainConfig, bool]:
-    """The settings with what they can say of an environment that is given, and whether that rebuilds it.
+    """The settings, updated to describe a given environment, and whether they can rebuild it.
 
-    One that they cannot rebuild is called NAME-own.
+    An environment that they cannot rebuild is named NAME-own.
 
     Args:
         env: a single environment.
         params: its parameters.
-        config: settings, but for the environment.
+        config: settings; those of the environment are replaced.
 
     Raises:
-        InputError: it is no environment.
+        InputError: `env` is not an environment.
     """
     check_is_environment(env)
     how: dict[str, Any] = {"reward": "preset", "wrapper": "none"}
@@ -77,12 +77,12 @@ def described(env: Any, params: Any, config: TrainConfig) -> tuple[TrainConfig, 
 
 
 def check_environment(config: TrainConfig) -> None:
-    """Refuses (InputError) what `make_environment` refuses, and computes nothing."""
+    """Refuses (InputError) what `make_environment` refuses, without computing anything."""
     _build(prepare, config)
 
 
 def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
-    # An environment is compiled in part; what can be refused without it is refused before.
+    # Building an environment compiles parts of it, so whatever can be refused without that is refused first.
     environment_mesh(config.device_groups, config.num_devices, jax.devices())
     how: dict[str, Any] = dict(config.overrides)
     if config.reward != "preset":
@@ -99,7 +99,7 @@ def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
 
 
 def _reward(config: TrainConfig) -> Any:
-    """The reward that the settings name, as `medjax.make` takes it."""
+    """The reward that the settings name, in the form that `medjax.make` takes."""
     if ":" not in config.reward:
         return config.reward
     own = [read_object("reward", text) for text in config.reward.split(",")]
@@ -108,7 +108,6 @@ def _reward(config: TrainConfig) -> Any:
 
 
 def _wrapped(env: Any, wrap: Callable[[Any], Any], config: TrainConfig) -> Any:
-    """`env` in what the settings name."""
     wrapped = wrap(env)
     check_is_environment(wrapped)
     check_network(config, wrapped.observation)
@@ -116,7 +115,7 @@ def _wrapped(env: Any, wrap: Callable[[Any], Any], config: TrainConfig) -> Any:
 
 
 def dispatched(env: Any, config: TrainConfig) -> Dispatched | None:
-    """`env` of agents with the dispatcher that the settings name; None where agents, or none, decide that."""
+    """`env` of agents with the settings' rule as dispatcher; None without agents, or if they dispatch themselves."""
     if config.agents == "none" or config.dispatcher == "agents":
         return None
     return Dispatched(env, BASELINES[config.dispatcher](env.env))
@@ -125,13 +124,13 @@ def dispatched(env: Any, config: TrainConfig) -> Dispatched | None:
 def training_batch(
     env: Environment, params: Any, config: TrainConfig, bootstrap_timeouts: bool = False
 ) -> EpisodeLog:
-    """What a learner steps: a batch of `env` in which an action is a choice, and episodes are counted and begun anew.
+    """The batch of `env` that a learner steps: one step per choice, with episode statistics and auto-reset.
 
     Args:
         env: a single environment.
-        params: its parameters, read only for the length of an episode.
+        params: its parameters; only the length of an episode is read.
         config: settings.
-        bootstrap_timeouts: the time limit stays a truncation; else it is an end.
+        bootstrap_timeouts: the time limit truncates an episode; otherwise it terminates it.
     """
     env = dispatched(env, config) or env
     if config.demand_range != (1.0, 1.0):

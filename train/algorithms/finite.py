@@ -1,4 +1,4 @@
-"""Numbers that are no longer finite: found in the compiled program, and named."""
+"""Detects numbers that are no longer finite inside the compiled program, and names them."""
 
 from typing import Any
 
@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-BAD = "first_bad"  # metric: index of the first of QUANTITIES that is not finite, their number if all are
-QUANTITIES = (  # that an algorithm may have, in the order in which an update computes them
+BAD = "first_bad"  # metric: index of the first of QUANTITIES that is not finite, or their number
+QUANTITIES = (  # that an algorithm may check, in the order in which an update computes them
     "observations",
     "rewards",
     "values",
@@ -20,10 +20,10 @@ QUANTITIES = (  # that an algorithm may have, in the order in which an update co
 
 
 def first_bad(**quantities: Any) -> jax.Array:
-    """The first of these trees with a number that is not finite.
+    """Finds the first of these trees that holds a number that is not finite.
 
     Args:
-        quantities: by their names in `QUANTITIES`, with `_` for a space, in the order of these.
+        quantities: trees by their names in `QUANTITIES`, with `_` for a space, and in that order.
 
     Returns:
         Its index in `QUANTITIES`, () int32; their number if all are finite.
@@ -40,7 +40,7 @@ def first_bad(**quantities: Any) -> jax.Array:
 
 
 def finite_updates(bad: np.ndarray) -> tuple[int, str | None]:
-    """Updates before the first in which something is not finite, and what that is.
+    """Number of updates before the first with a quantity that is not finite, and that quantity (None: all are finite).
 
     Args:
         bad: metric `BAD` of `(count,)` updates, or `(num_seeds, count)`.

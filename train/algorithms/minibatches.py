@@ -17,22 +17,22 @@ from medjax.numerics.rows import for_true_rows
 Result = TypeVar("Result")
 Loss = Callable[[Any, Any, Any], tuple[jax.Array, dict[str, jax.Array]]]
 
-# On a CPU so many rows of a minibatch are worked on at once: few enough that the last block wastes little, enough for
-# matrix products to run at full speed. Elsewhere all at once.
+# Rows of a minibatch that a CPU processes at once: few enough that the last block wastes little, enough for matrix
+# products to run at full speed. Other devices process all rows at once.
 ROWS_AT_ONCE = 512
 
 
 def split_environments(key: jax.Array, samples: Any, num_minibatches: int) -> Any:
-    """Deals the environments out: of every `num_minibatches` neighbours, each minibatch gets one by lot.
+    """Deals out the environments: each minibatch gets one of every `num_minibatches` neighbours at random.
 
-    Whole environments rather than single steps: dealing environments is cheap, and the rollout keeps its layout
-    (sorting all steps costs more than it decorrelates). Among neighbours rather than among all: environments are alike,
-    so that nothing is lost by it, and devices that share them need not exchange samples.
+    Dealing whole environments is cheap and keeps the layout of the rollout; shuffling single steps costs more than
+    their decorrelation is worth. Dealing among neighbours loses nothing because environments are alike, and it saves
+    devices that share them from exchanging samples.
 
     Args:
-        key: of the lots.
+        key: key of the random deal.
         samples: leaves `(num_envs, ...)`.
-        num_minibatches: a divisor of num_envs.
+        num_minibatches: number of minibatches, a divisor of num_envs.
 
     Returns:
         Leaves `(num_minibatches, num_envs / num_minibatches, ...)`; each sample is in exactly one minibatch.
@@ -50,29 +50,29 @@ def split_environments(key: jax.Array, samples: Any, num_minibatches: int) -> An
 
 
 def rows_of(samples: Any, axes: int) -> Any:
-    """Leaves of samples with their first `axes` axes as one."""
+    """Merges the first `axes` axes of every leaf into one."""
     return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[axes:]), samples)
 
 
 def pick(samples: Any, rows: jax.Array) -> Any:
-    """These `(some,)` of the samples, leaves `(num_rows, ...)`; zeros in place of numbers out of range."""
+    """Takes rows `(some,)` of samples, leaves `(num_rows, ...)`; a row number out of range gives zeros."""
     return jax.tree.map(
         lambda leaf: jnp.take(leaf, rows, axis=0, mode="fill", fill_value=0), samples
     )
 
 
 def mean_in_blocks(function: Callable[[jax.Array], Result], teaches: jax.Array) -> Result:
-    """`function(jnp.arange(num_rows))`, worked out of the rows that teach alone.
+    """`function(jnp.arange(num_rows))`, computed in blocks from the rows that teach.
 
     Args:
-        function: row numbers `(some,)` to means over these rows, in any tree; a number out of range adds nothing.
-        teaches: `(num_rows,)` bool, which rows to read; the others add nothing.
+        function: maps row numbers `(some,)` to means over these rows, in any tree; a number out of range adds nothing.
+        teaches: `(num_rows,)` bool, the rows to read; the others add nothing.
     """
     count = teaches.size
     block = min(ROWS_AT_ONCE, count) if jax.default_backend() == "cpu" else count
 
     def share(rows: jax.Array) -> Result:
-        """What these `(block,)` of the rows add to the means."""
+        """Contribution of rows `(block,)` to the means."""
         return jax.tree.map(lambda mean: mean * (block / count), function(rows))
 
     shapes = jax.eval_shape(share, jax.ShapeDtypeStruct((block,), jnp.int32))
@@ -88,16 +88,16 @@ def mean_in_blocks(function: Callable[[jax.Array], Result], teaches: jax.Array) 
 def slope(
     loss: Loss, params: Any, seen: Any, minibatch: tuple[jax.Array, jax.Array, Any]
 ) -> tuple[Any, dict[str, jax.Array]]:
-    """The gradient of the mean loss of a minibatch, and what describes that; arguments as `descend` has them."""
+    """Gradient of a minibatch's mean loss, and the scalars that describe the loss; arguments as in `descend`."""
     environments, teaches, samples = minibatch
     shape = jax.tree.leaves(seen)[0].shape[: teaches.ndim]
     number = jnp.swapaxes(jnp.arange(math.prod(shape)).reshape(shape), 0, 1)
-    # A device has a run of the environments, as many as each other; what it has is numbered from 0.
+    # Every device holds a contiguous run of environments of the same length, and numbers its own from 0.
     place = number[environments % shape[1]].ravel()
     seen, samples = rows_of(seen, teaches.ndim), rows_of(samples, teaches.ndim)
 
     def of_rows(rows: jax.Array) -> tuple[Any, dict[str, jax.Array]]:
-        """What these of the samples give; a number out of range is out of range in what was seen, too."""
+        """Gradient and scalars of these rows; a number out of range stays out of range in `seen`."""
         places = jnp.take(place, rows, mode="fill", fill_value=number.size)
         return jax.grad(loss, has_aux=True)(params, pick(seen, places), pick(samples, rows))
 
@@ -113,33 +113,33 @@ def descend(
     num_epochs: int,
     mesh: Mesh,
 ) -> tuple[Any, Any, dict[str, jax.Array]]:
-    """Epochs of gradient steps, each minibatch shared out among devices.
+    """Epochs of gradient steps; the devices share each minibatch.
 
-    The cost follows the number of samples that teach.
+    The cost grows with the number of samples that teach.
 
-    A step is one message between devices, its gradient and what describes it as one vector: between processes it is
-    the number of messages that costs, each waits until the others are awake.
+    A step exchanges a single message between devices: the gradient and the scalars as one vector. Between processes
+    the number of messages determines the cost, because each message waits until every process is awake.
 
     Args:
-        loss: `(params, seen, samples)` to what is to be minimised, and scalars that describe it. All are means over
+        loss: `(params, seen, samples)` to the loss to minimise, and scalars that describe it. All are means over
             samples, to which a sample of zeros adds nothing.
-        optimizer: of optax.
+        optimizer: optimiser of optax.
         start: parameters, and the optimiser's state.
-        seen: the large part of the samples, leaves `(num_steps, num_envs, ...)` as they were acted.
-        minibatches: environments by their numbers, `(num_minibatches, environments)`; which of their samples teach,
-            bool `(num_minibatches, environments, num_steps, ...)`, the others being as if they were zeros; and the
-            rest of these samples, leaves that begin like that.
-        num_epochs: passes over all.
+        seen: the large part of the samples, leaves `(num_steps, num_envs, ...)` in the layout of the rollout.
+        minibatches: numbers of the environments, `(num_minibatches, environments)`; which of their samples teach, bool
+            `(num_minibatches, environments, num_steps, ...)`, where the others count as zeros; and the rest of these
+            samples, leaves with the same leading axes.
+        num_epochs: passes over all minibatches.
         mesh: of `environment_mesh`; its number of devices divides the environments of a minibatch.
 
     Returns:
-        Parameters, the optimiser's state, and the scalars averaged over the steps, `grad_norm` among them.
+        Parameters, the optimiser's state, and the scalars averaged over the steps, including `grad_norm`.
     """
 
     def step(
         seen: Any, carry: tuple[Any, Any], batch: tuple[jax.Array, jax.Array, Any]
     ) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
-        """A gradient step on a device's own samples of a minibatch, the same on all."""
+        """One gradient step: a device reads its own samples of the minibatch, and the update is the same on all."""
         params, opt_state = carry
         own, restore = ravel_pytree(slope(loss, params, seen, batch))
         gradient, metrics = restore(lax.pmean(own, mesh.axis_names))
@@ -151,10 +151,9 @@ def descend(
     def epochs(
         start: tuple[Any, Any], seen: Any, minibatches: tuple[jax.Array, jax.Array, Any]
     ) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
-        """All passes on a device's own environments; what describes the steps is `(num_epochs, num_minibatches)`."""
+        """All epochs on a device's own environments; the scalars are `(num_epochs, num_minibatches)`."""
 
         def epoch(carry: tuple[Any, Any], _: None) -> Any:
-            """A pass over all minibatches."""
             return lax.scan(partial(step, seen), carry, minibatches)
 
         return lax.scan(epoch, start, None, length=num_epochs)

@@ -1,7 +1,7 @@
 """Actor-critic networks and the masked policy distribution.
 
 A network maps normalised observations `(..., num_features)` to action logits `(..., num_actions)` and values `(...)`,
-both float32 whatever it computes in. `NETWORKS` names the builders; adding an entry makes it a choice of `--network`.
+both float32 whatever type it computes in. `NETWORKS` lists the builders; each entry is a choice of `--network`.
 """
 
 import math
@@ -12,7 +12,7 @@ from typing import Any
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
-from distrax import Categorical  # the one place that knows distrax; others take it from here
+from distrax import Categorical  # the only import of distrax; other modules import it from here
 from flax import struct
 
 from medjax.env.agents.view import AgentView
@@ -26,10 +26,10 @@ from medjax.world.state import IN_SERVICE, MERGING, QUEUED
 from train.algorithms.normalization import RunningStats, normalize
 from train.settings import TrainConfig
 
-SHARPNESS = 4.0  # of the first policy: what an EV more or less is to its logits
-GOES_ON = 0.99  # how likely an agent goes on at first, rather than leave the road for good
-TYPICAL_NUMBER = 8.0  # of vehicles of a set
-MASKED_LOGIT = -1e9  # finite, so that log-probabilities and gradients are; exp() of it is exactly 0
+SHARPNESS = 4.0  # logits per EV in the initial policy
+GOES_ON = 0.99  # initial probability that an agent stays, rather than leaves the road for good
+TYPICAL_NUMBER = 8.0  # vehicles in a set
+MASKED_LOGIT = -1e9  # finite to keep log-probabilities and gradients finite; its exp() is exactly 0
 
 ACTIVATIONS = {"tanh": nn.tanh, "relu": nn.relu, "silu": nn.silu}
 DTYPES = {"float32": jnp.float32, "bfloat16": jnp.bfloat16}
@@ -37,7 +37,7 @@ DTYPES = {"float32": jnp.float32, "bfloat16": jnp.bfloat16}
 
 @struct.dataclass
 class PolicyWeights:
-    """All that acting needs: a trained policy."""
+    """Everything that acting needs: a trained policy."""
 
     params: Any  # of the network
     obs_stats: RunningStats  # moments that normalise observations
@@ -62,8 +62,8 @@ class Torso(nn.Module):
 class SetTorso(nn.Module):
     """MEDs and EVs as sets (Deep Sets, Zaheer et al. 2017, arXiv:1703.06114): their order does not matter.
 
-    Reads a flat observation. Every vehicle goes through the encoder of its kind; sums over the vehicles that are there,
-    and the clock, through fully connected layers. A row of zeros is nobody.
+    Reads a flat observation. One encoder per kind encodes each vehicle. The codes are summed over the vehicles present;
+    the sums and the clock go through fully connected layers. A row of zeros is an empty slot.
     """
 
     layout: FlatObservation
@@ -81,24 +81,24 @@ class SetTorso(nn.Module):
         for rows in sets:
             there = jnp.any(rows != 0.0, axis=-1, keepdims=True)
             codes = Torso(self.encoder, self.activation, self.dtype)(rows)
-            # Of a dozen vehicles or so, which leaves sums of the size that the next layer is made for.
+            # A set has about a dozen vehicles: divided, the sums have the scale that the next layer expects.
             sums.append(jnp.sum(jnp.where(there, codes, 0.0), axis=-2) / TYPICAL_NUMBER)
         return Torso(self.hidden, self.activation, self.dtype)(jnp.concatenate(sums, axis=-1))
 
 
 class ActorCritic(nn.Module):
-    """Two separate networks, so that the value's gradients do not disturb the policy.
+    """Separate actor and critic networks, so that the value's gradients do not disturb the policy.
 
-    Orthogonal initialisation; the last layer of the actor is near zero (0.01), so that the policy begins near that of
-    `start` (Andrychowicz et al. 2021, arXiv:2006.05990, section 3.2; residual policy learning, Silver et al. 2018,
-    arXiv:1812.06298).
+    Initialisation is orthogonal. The actor's last layer starts near zero (0.01), which puts the initial policy near
+    that of `start` (Andrychowicz et al. 2021, arXiv:2006.05990, section 3.2; residual policy learning, Silver et al.
+    2018, arXiv:1812.06298).
     """
 
     num_logits: int
     make_torso: Callable[[], nn.Module]  # all layers but the last
     start: Callable[[jax.Array], jax.Array]  # observations to the logits that learning adds to
-    fold: Callable[[jax.Array], jax.Array]  # `(..., num_logits)` to those of the actions
-    acts_on: int  # first features, that the actor sees; the critic sees all
+    fold: Callable[[jax.Array], jax.Array]  # `(..., num_logits)` to logits of the actions
+    acts_on: int  # leading features that the actor sees; the critic sees all
 
     def setup(self) -> None:
         """Makes the layers."""
@@ -117,10 +117,10 @@ class ActorCritic(nn.Module):
 
 
 def first_logits(env: Environment, config: TrainConfig) -> Callable[[jax.Array], jax.Array]:
-    """The dispatcher before training, observations `(..., num_features)` to logits: see `TrainConfig.start`."""
+    """The initial dispatcher, from observations `(..., num_features)` to logits; see `TrainConfig.start`."""
     layout = env.observation
     ramps = env.config.num_ramps if isinstance(layout, AgentView) else env.num_actions - 1
-    # The rule says nothing of actions that a wrapper has added, or taken away.
+    # The rule does not cover actions that a wrapper has added or removed.
     rule = isinstance(layout, RoadProfile | AgentView) and 0 < ramps == env.config.num_ramps
     if config.start == "rule" and rule:
         env_config = env.config
@@ -135,15 +135,15 @@ def first_logits(env: Environment, config: TrainConfig) -> Callable[[jax.Array],
 
 
 def _mostly(usual: int, choices: int, probability: float) -> jax.Array:
-    """Logits `(choices,)` of one that has this probability, and of others that are all alike."""
+    """Logits `(choices,)` that give one choice this probability and share the rest equally."""
     odds = math.log(probability / (1.0 - probability) * max(choices - 1, 1))
     return jnp.zeros((choices,), jnp.float32).at[usual].set(odds)
 
 
 def first_logits_of_agents(env: Any, config: TrainConfig) -> Callable[[jax.Array], jax.Array]:
-    """The agents before training, observations `(..., num_features)` to logits of all parts of an action.
+    """The initial agents, from observations `(..., num_features)` to logits of all parts of an action.
 
-    At the depot as a dispatcher is (`first_logits`). In service each part is most likely what the rule does.
+    At the depot an agent starts like a dispatcher (`first_logits`). In service it most likely does what the rule does.
     """
     enter, likely = first_logits(env, config), config.initial_wait
     _, speed, lane, accept, leave = env.actions.parts
@@ -156,7 +156,7 @@ def first_logits_of_agents(env: Any, config: TrainConfig) -> Callable[[jax.Array
     motion = jnp.concatenate(parts)
 
     def start(obs: jax.Array) -> jax.Array:
-        # Who was sent says what it does, rather than that it does as the rule does.
+        # A MED that was sent chooses every part itself, so "do as the rule does" is masked, too.
         sent = obs[..., QUEUED, None] + obs[..., MERGING, None] + obs[..., IN_SERVICE, None]
         at_depot = jnp.where(sent > 0.5, MASKED_LOGIT, enter(obs))
         of_parts = jnp.broadcast_to(motion, (*obs.shape[:-1], motion.shape[0]))
@@ -166,13 +166,13 @@ def first_logits_of_agents(env: Any, config: TrainConfig) -> Callable[[jax.Array
 
 
 def mlp(env: Environment, config: TrainConfig) -> Callable[[], nn.Module]:
-    """Fully connected layers, on any observation."""
+    """Fully connected layers for any observation."""
     activation, dtype = ACTIVATIONS[config.activation], DTYPES[config.compute_dtype]
     return partial(Torso, config.hidden, activation, dtype)
 
 
 def sets(env: Environment, config: TrainConfig) -> Callable[[], nn.Module]:
-    """`SetTorso`, on the paper's flat observation; `check_network` refuses others."""
+    """`SetTorso` for the paper's flat observation; `check_network` refuses others."""
     activation, dtype = ACTIVATIONS[config.activation], DTYPES[config.compute_dtype]
     layers = config.encoder, config.hidden, activation, dtype
     return partial(SetTorso, env.observation, env.config, *layers)
@@ -182,7 +182,7 @@ NETWORKS = {"mlp": mlp, "sets": sets}
 
 
 def check_network(config: TrainConfig, layout: Any) -> None:
-    """Refuses (InputError) a network that there is not, or that does not fit the observation `layout`."""
+    """Refuses (InputError) an unknown network, or one that does not fit the observation `layout`."""
     if config.network not in NETWORKS:
         raise InputError(f"network is {shown(config.network)}, allowed: {', '.join(NETWORKS)}")
     if config.network == "sets" and not isinstance(layout, FlatObservation):
@@ -194,11 +194,11 @@ def build_network(env: Environment, config: TrainConfig) -> nn.Module:
     """The actor-critic that `config.network` names.
 
     Args:
-        env: what the network acts in, read for the numbers of actions and vehicles.
+        env: environment to act in; only its numbers of actions and vehicles are read.
         config: settings.
 
     Raises:
-        InputError: no such network, or it does not fit the observation.
+        InputError: an unknown network, or one that does not fit the observation.
     """
     check_network(config, env.observation)
     make_torso = NETWORKS[config.network](env, config)
@@ -218,16 +218,16 @@ def masked_categorical(logits: jax.Array, mask: jax.Array) -> Categorical:
 
     Args:
         logits: `(..., num_actions)` float32.
-        mask: `(..., num_actions)` bool, True = allowed, at least one an entry.
+        mask: `(..., num_actions)` bool, True = allowed; at least one per entry.
 
     Returns:
-        A categorical distribution in which other actions have probability exactly 0 and add nothing to the entropy.
+        A categorical distribution in which masked actions have probability exactly 0 and add nothing to the entropy.
     """
     return Categorical(logits=jnp.where(mask, logits, MASKED_LOGIT), dtype=jnp.int32)
 
 
 def sample_each(policy: Categorical, keys: jax.Array) -> jax.Array:
-    """A sample of each of the distributions `(rows,)`, by a key of its own `(rows,)`."""
+    """A sample from each of the distributions `(rows,)`, each with its own key `(rows,)`."""
     return jax.vmap(lambda own, key: own.sample(seed=key))(policy, keys)
 
 
@@ -238,7 +238,7 @@ def apply_policy(
 
     Args:
         network: the network.
-        weights: parameters and the moments that normalise observations.
+        weights: parameters, and the moments that normalise observations.
         obs: `(..., num_features)`, as the environment returns them.
         mask: `(..., num_actions)` bool.
 
@@ -246,7 +246,7 @@ def apply_policy(
         The masked policy, and values `(...)` in units of the scaled reward.
 
     Raises:
-        InputError: the network is of observations of another size.
+        InputError: the network expects observations of another size.
     """
     output: Any = network.apply(weights.params, _normalized(weights, obs))
     logits, value = output
@@ -260,7 +260,7 @@ def apply_value(network: nn.Module, weights: PolicyWeights, obs: jax.Array) -> j
 
 
 def _normalized(weights: PolicyWeights, obs: jax.Array) -> jax.Array:
-    """What the network reads; another size (InputError) would be broadcast to the moments' without a word."""
+    """Normalised observations; refuses (InputError) another size, which would broadcast to the moments unnoticed."""
     there, wanted = jnp.shape(obs), weights.obs_stats.mean.shape
     if there[-1:] != wanted:
         raise InputError(f"obs has shape {there}, allowed: {wanted[0]} features in the last axis")
@@ -274,14 +274,14 @@ def learned_policy(
     decide_every: int = 1,
     stochastic: bool = False,
 ) -> Policy:
-    """The most probable action of a network, or a sample.
+    """A policy that takes the network's most probable action, or samples one.
 
     Args:
         env: a single environment.
         network: an actor-critic.
-        weights: what it learned.
+        weights: learned weights.
         decide_every: decisions from one choice to the next, see `medjax.wrappers.DecideEvery`.
-        stochastic: sample.
+        stochastic: sample the action.
     """
 
     def act(given: PolicyWeights, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:

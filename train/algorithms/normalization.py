@@ -1,7 +1,7 @@
-"""Running mean and variance, and the normalisation of observations and rewards with them.
+"""Running mean and variance, which normalise observations and rewards.
 
 Moments of batches are merged by the parallel rule of Chan, Golub and LeVeque (1979, STAN-CS-79-773, eq. 2.1), written
-with weights instead of sums so that float32 serves for any number of samples.
+with weights instead of sums so that float32 suffices for any number of samples.
 """
 
 import math
@@ -12,12 +12,12 @@ from flax import struct
 
 from medjax.errors import InputError
 
-MIN_STD = 1e-2  # entries of an observation that hardly ever move must not be blown up when they do
+MIN_STD = 1e-2  # limits how far a rare change of a nearly constant feature is blown up
 
 
 @struct.dataclass
 class RunningStats:
-    """Moments of all samples seen; with none seen, mean 0 and variance 1: data are only clipped then (`normalize`)."""
+    """Moments of all samples so far. Without samples, mean 0 and variance 1 make `normalize` only clip."""
 
     count: jax.Array  # () float32, samples seen
     mean: jax.Array  # (...) float32
@@ -25,7 +25,7 @@ class RunningStats:
 
 
 def init_stats(shape: tuple[int, ...] = ()) -> RunningStats:
-    """Moments before the first sample; `shape` is that of one."""
+    """Moments before the first sample; `shape` is that of a sample."""
     mean, var = jnp.zeros(shape, jnp.float32), jnp.ones(shape, jnp.float32)
     return RunningStats(jnp.float32(0.0), mean, var)
 
@@ -35,20 +35,20 @@ def update_stats(stats: RunningStats, samples: jax.Array) -> RunningStats:
 
     Args:
         stats: moments of samples of shape `(...)`.
-        samples: `(batch axes..., ...)`, at least one batch axis; all samples weigh the same.
+        samples: `(batch axes..., ...)`, at least one batch axis; all samples have the same weight.
 
     Returns:
         The moments of all samples.
 
     Raises:
-        InputError: there are none; their mean is no number.
+        InputError: there are no samples, so they have no mean.
     """
     if samples.size == 0:
         raise InputError(f"samples have shape {samples.shape}, allowed: at least one")
     axes = tuple(range(samples.ndim - stats.mean.ndim))
     size = math.prod(samples.shape[axis] for axis in axes)
     samples = samples.astype(jnp.float32)
-    # Two passes and a correction for what rounding left of the mean: exact to float32 for any offset of the data.
+    # A second pass corrects the rounding error of the mean: exact to float32 for any offset of the data.
     rough_mean = jnp.mean(samples, axes)
     centred = samples - rough_mean
     rest = jnp.mean(centred, axes)
@@ -78,12 +78,12 @@ def normalize(stats: RunningStats, samples: jax.Array, clip: float = 10.0) -> ja
 
 
 def scale_reward(stats: RunningStats, reward: jax.Array, min_std: float = 1e-4) -> jax.Array:
-    """Rewards in units of the standard deviation of the discounted sum, not shifted.
+    """Divides rewards by the standard deviation of the discounted sum, without a shift.
 
-    A shift would pay the agent for staying alive or for dying; dividing leaves the optimal policy as it is.
+    A shift would reward the agent for staying alive or for dying; division leaves the optimal policy unchanged.
 
     Args:
-        stats: moments of the discounted sum of an episode's rewards so far, shape `()`.
+        stats: moments of the running discounted sum of an episode's rewards, shape `()`.
         reward: `(...)`.
         min_std: smallest divisor.
     """

@@ -1,6 +1,6 @@
-"""The two compiled programs of training, whatever the algorithm: the first state, and several updates.
+"""The two compiled programs of training, for any algorithm: one makes the first state, one does several updates.
 
-The design is PureJaxRL's idea: environment, rollout and updates in one compiled program (Lu et al. 2022).
+As in PureJaxRL, one program holds environment, rollout and updates (Lu et al. 2022).
 """
 
 import dataclasses
@@ -24,9 +24,7 @@ class Programs:
     """The two programs of training, over all seeds at once."""
 
     init: jax.stages.Wrapped  # (key, env_params) to the state
-    run: (
-        jax.stages.Wrapped
-    )  # (state, env_params, num_updates) to the state and metrics: `run_updates`
+    run: jax.stages.Wrapped  # `run_updates`: (state, env_params, num_updates) to state, metrics
     shardings: Any  # of the state, a prefix of its tree
 
 
@@ -35,21 +33,21 @@ def run_updates(
 ) -> tuple[TrainState, Metrics]:
     """Several updates.
 
-    The number is an argument of the compiled program, not a part of it, and the program does not depend on how many
-    the settings allow: run in whatever pieces, training takes the very same steps, bit for bit.
+    Their number is an argument of the compiled program, which does not depend on the most that the settings allow.
+    Training therefore takes the same steps, bit for bit, however many updates each call does.
 
     Args:
-        learner: of one seed.
-        state: where training stands.
+        learner: learner of one seed.
+        state: current training state.
         env_params: parameters of the environments.
         num_updates: () int32, at most `MOST_PER_CALL`.
 
     Returns:
         The new state, and metrics `(MOST_PER_CALL,)`, of which the first `num_updates` entries are filled.
     """
-    update = jax.jit(learner.update)  # traced once for its shapes and its use
+    update = jax.jit(learner.update)  # one trace serves both the shapes and the loop
     _, shapes = jax.eval_shape(update, state, env_params)
-    # No placeholders that are not finite: JAX_DEBUG_NANS=1 would take them for a fault.
+    # Placeholders are finite, because JAX_DEBUG_NANS=1 would report others as errors.
     table = {name: jnp.zeros((MOST_PER_CALL,), metric.dtype) for name, metric in shapes.items()}
 
     def body(index: jax.Array, carry: tuple[TrainState, Metrics]) -> tuple[TrainState, Metrics]:
@@ -61,15 +59,15 @@ def run_updates(
 
 
 def make_train(env: Environment, params: Any, config: TrainConfig) -> Programs:
-    """Compilable training.
+    """The training programs, not yet compiled.
 
     Args:
-        env: a single environment; it is copied `config.num_envs` times.
-        params: its parameters, read only for the length of an episode.
+        env: a single environment; the learner makes `config.num_envs` copies of it.
+        params: its parameters; only the length of an episode is read.
         config: settings.
 
     Returns:
-        Jitted functions (also for ahead-of-time compilation by `.lower`); `run` donates its state. With
+        Jitted functions (`.lower` compiles them ahead of time); `run` donates its state. With
         `config.num_seeds > 1` every leaf of the state and of the metrics has a leading axis of that length.
 
     Raises:
@@ -79,7 +77,7 @@ def make_train(env: Environment, params: Any, config: TrainConfig) -> Programs:
     init: Callable[..., TrainState] = learner.init
     run: Callable[..., tuple[TrainState, Metrics]] = partial(run_updates, learner)
     if config.num_seeds > 1:
-        # One after the other: each runs as fast as alone, its environments in the cache, its matrices plain.
+        # Seeds run one after the other, each as fast as alone: its environments fit the cache, its matrices stay 2-D.
         # Under vmap over seeds and environments, XLA's CPU program of a reset never returns.
         def run(
             states: TrainState, env_params: Any, num_updates: jax.Array
@@ -104,7 +102,7 @@ def make_train(env: Environment, params: Any, config: TrainConfig) -> Programs:
 
 
 def shardings(learner: Learner, seeds: bool) -> Any:
-    """Where the parts of its state are: what belongs to environments is shared out, the rest is everywhere."""
+    """Sharding of the training state: `rollout` is sharded across devices, the rest is replicated."""
     mesh = learner.mesh
     everywhere = NamedSharding(mesh, PartitionSpec())
     rows = NamedSharding(mesh, PartitionSpec(*([None] if seeds else []), *mesh.axis_names))
@@ -113,8 +111,7 @@ def shardings(learner: Learner, seeds: bool) -> Any:
 
 
 def shapes_of(programs: Programs, params: Any, config: TrainConfig) -> TrainState:
-    """Shapes and types of the training state, found without computing or compiling it."""
-    # Traced as it will be compiled, so that compiling need not trace it again.
+    """Shapes and types of the training state, for any number of devices, without computing or compiling it."""
+    # Tracing the program with its later arguments spares the compilation another trace.
     state = jax.eval_shape(programs.init, jax.random.key(config.seed), params)
-    # They hold for any number of devices.
     return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), state)

@@ -1,4 +1,4 @@
-"""Every algorithm, by name."""
+"""All algorithms by name."""
 
 from train.algorithms.algorithm import Algorithm
 from train.algorithms.ppo.learner import PPO
@@ -8,5 +8,5 @@ ALGORITHMS: dict[str, Algorithm] = {each.settings.algorithm: each for each in (P
 
 
 def algorithm_of(config: TrainConfig) -> Algorithm:
-    """The algorithm that the settings are of."""
+    """The algorithm that the settings belong to."""
     return ALGORITHMS[config.algorithm]

@@ -1,4 +1,4 @@
-"""Acting in a batch of environments."""
+"""Rollouts in a batch of environments."""
 
 import dataclasses
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from train.algorithms.networks import (
 
 @struct.dataclass
 class RolloutState:
-    """Where the environments stand between two rollouts."""
+    """State of the environments between two rollouts."""
 
     env: Any  # state of the wrapped batch
     obs: jax.Array  # (num_envs, ..., num_features), to act on next
@@ -33,12 +33,12 @@ class RolloutState:
 
 @struct.dataclass
 class Trajectory:
-    """A rollout; every array is `(num_steps, num_envs, ...)`: as it was acted, nothing need be copied.
+    """A rollout; every array is `(num_steps, num_envs, ...)`, the order of acting, so that nothing is copied.
 
-    Where every MED is an agent an axis of agents follows, in all but `terminated` and `truncated`.
+    If every MED is an agent, an axis of agents follows in all arrays except `terminated` and `truncated`.
     """
 
-    obs: jax.Array  # (..., num_features) as the environment returned them
+    obs: jax.Array  # (..., num_features), as the environment returned them
     mask: jax.Array  # (..., num_actions) bool, allowed actions
     action: jax.Array  # int32
     log_prob: jax.Array  # of the action
@@ -52,17 +52,17 @@ class Trajectory:
 
 @struct.dataclass
 class EpisodeSums:
-    """Sums over the whole episodes that ended, in one array, which costs less to carry than one for each figure."""
+    """Sums over the whole episodes that ended. One array is cheaper to carry than one per figure."""
 
     # "return", "length" and the environment's metrics
     names: tuple[str, ...] = struct.field(pytree_node=False)
-    total: jax.Array  # (num_envs, len(names) + 1) float32, the number of episodes last
+    total: jax.Array  # (num_envs, len(names) + 1) float32; the last column counts episodes
 
 
 def values_where(
     network: nn.Module, weights: PolicyWeights, obs: jax.Array, mask: jax.Array, block: int
 ) -> jax.Array:
-    """Values of the rows of `obs` `(rows, ..., num_features)` where `mask` `(rows,)`, only computed there; else 0."""
+    """Values of the rows of `obs` `(rows, ..., num_features)` where `mask` `(rows,)` holds; 0 elsewhere, uncomputed."""
 
     def fill(_: jax.Array, rows: jax.Array, out: jax.Array) -> jax.Array:
         picked = jnp.take(obs, rows, axis=0, mode="clip")
@@ -72,12 +72,12 @@ def values_where(
 
 
 def spread(values: jax.Array, like: jax.Array) -> jax.Array:
-    """`values` with axes of length 1 behind its own, as many as `like` has axes."""
+    """`values` with trailing axes of length 1, to as many axes as `like` has."""
     return values.reshape(*values.shape, *[1] * (like.ndim - values.ndim))
 
 
 def sum_episodes(episode: dict[str, Any]) -> EpisodeSums:
-    """The whole episodes that ended in a step.
+    """Sums over the whole episodes that ended in a step.
 
     Args:
         episode: `info["episode"]` of `medjax.wrappers.EpisodeLog`.
@@ -89,7 +89,7 @@ def sum_episodes(episode: dict[str, Any]) -> EpisodeSums:
 
 
 def episode_metrics(sums: EpisodeSums) -> dict[str, jax.Array]:
-    """Means over the whole episodes that ended in the rollout; infinite if none did, since NaN stops JAX_DEBUG_NANS."""
+    """Means over the whole episodes that ended in the rollout; infinite if none did, as JAX_DEBUG_NANS stops at NaN."""
     *totals, count = jnp.sum(sums.total, axis=0)
     ended, divisor = count > 0.0, jnp.maximum(count, 1.0)
     means = (jnp.where(ended, each / divisor, jnp.inf) for each in totals)
@@ -104,11 +104,11 @@ Choose = Callable[[Categorical, jax.Array], jax.Array]  # (rows,) policies and k
 
 @dataclasses.dataclass(frozen=True)
 class Collector:
-    """Acts in a batch of environments, each on its own."""
+    """Acts in a batch of independent environments."""
 
     env: BatchEnvironment  # its steps report `info["episode"]` (`medjax.wrappers.EpisodeLog`)
-    network: nn.Module  # of logits and values
-    num_steps: int  # of a rollout, per environment
+    network: nn.Module  # gives logits and values
+    num_steps: int  # per rollout and environment
     gamma: float  # discount per step
 
     def start(self, keys: jax.Array, env_params: Any) -> RolloutState:
@@ -127,15 +127,15 @@ class Collector:
         """A rollout.
 
         Args:
-            weights: parameters and the moments that normalise observations, fixed for the whole rollout.
-            state: where the environments stand.
-            keys: `(num_envs,)`, randomness of policy and environment.
+            weights: parameters, and the moments that normalise observations; fixed for the whole rollout.
+            state: state of the environments.
+            keys: `(num_envs,)`, keys of policy and environment.
             env_params: parameters of the environments.
-            choose: how actions are drawn from the policies.
+            choose: draws actions from the policies.
 
         Returns:
-            The new state, the trajectory, the values `(num_envs, ...)` of the observations after it, sums over ended
-            episodes.
+            The new state, the trajectory, the values `(num_envs, ...)` of the observations after it, and sums over
+            ended episodes.
         """
         # (num_steps, num_envs, 2)
         split = jax.vmap(lambda key: jax.random.split(key, (self.num_steps, 2)), out_axes=1)
@@ -152,7 +152,7 @@ class Collector:
         state: RolloutState,
         keys: jax.Array,
     ) -> tuple[RolloutState, tuple[Trajectory, EpisodeSums]]:
-        """One step in every environment, by keys `(num_envs, 2)`; arrays are `(num_envs, ...)`."""
+        """One step in every environment, with keys `(num_envs, 2)`; arrays are `(num_envs, ...)`."""
         act_keys, env_keys = keys[:, 0], keys[:, 1]
         with jax.named_scope("act"):
             mask = self.env.action_mask(state.env, env_params)
@@ -166,7 +166,7 @@ class Collector:
         with jax.named_scope("bootstrap"):
             cut, few = truncated & ~terminated, max(1, keys.shape[0] // 64)
             final_value = values_where(self.network, weights, info["final_observation"], cut, few)
-        # Agents may get a part each.
+        # Each agent may have a reward of its own.
         reward = spread(info.get("rewards", reward), value).astype(jnp.float32)
         reward = jnp.broadcast_to(reward, value.shape)
         discounted = self.gamma * state.discounted_sum + reward

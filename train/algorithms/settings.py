@@ -1,7 +1,7 @@
-"""The settings of every algorithm; `train.algorithms.registry` has what learns. Nothing here waits for JAX."""
+"""The settings of every algorithm, without importing JAX; `train.algorithms.registry` has the algorithms."""
 
 from train.algorithms.ppo.settings import PPOConfig
 from train.settings import TrainConfig
 
-# The first is that of files which name no algorithm.
+# Files that name no algorithm belong to the first.
 SETTINGS: tuple[type[TrainConfig], ...] = (PPOConfig,)

@@ -1,1 +1,1 @@
-"""Policies side by side on the same episodes: scores, intervals, tables."""
+"""Compares policies on the same episodes: scores, intervals, tables."""

@@ -1,4 +1,4 @@
-"""Policies side by side as one object: its numbers, its rows for pandas, and the table that commands print."""
+"""A comparison of policies as one object: its numbers, its rows for pandas, and the table that commands print."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -11,12 +11,12 @@ from train.evaluation.tables import format_table
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """Policies on the same episodes; printed, it is the table of `train.evaluate`.
+    """Policies on the same episodes; it prints as the table of `train.evaluate`.
 
     Attributes:
-        result: of `train.evaluation.summary.summarize`, as `--json` writes it.
-        scores: of every policy, arrays `(episodes,)` of `return`, `length` and the environment's metrics.
-        learned: names of learned policies, a training seed of one algorithm each.
+        result: result of `train.evaluation.summary.summarize`, as `--json` writes it.
+        scores: by policy, arrays `(episodes,)` of `return`, `length` and the environment's metrics.
+        learned: names of the learned policies, one per training seed of one algorithm.
     """
 
     result: dict[str, Any]
@@ -24,15 +24,16 @@ class Comparison:
     learned: Sequence[str] = ()
 
     def rows(self) -> list[dict[str, Any]]:
-        """A row a policy, flat: `pandas.DataFrame(comparison.rows())`. An interval is two columns, `_low` and `_high`.
+        """One flat row per policy, for `pandas.DataFrame(comparison.rows())`.
 
-        With a baseline `minus_NAME` is the mean difference of returns in the same episode.
+        An interval takes two columns, `_low` and `_high`. With a baseline, `minus_NAME` is the mean difference of
+        returns in the same episode.
         """
         differences = self.result.get("difference_from_baseline", {})
         rows = []
         for name, entry in self.result["policies"].items():
             row = {"policy": name, **entry}
-            del row["verdict_ci95"]  # of what no column is the mean
+            del row["verdict_ci95"]  # its means are not among the columns
             if name in differences:
                 minus = f"minus_{self.result['baseline']}"
                 row |= {
@@ -43,7 +44,7 @@ class Comparison:
         return rows
 
     def episodes(self) -> list[dict[str, Any]]:
-        """A row a policy and episode."""
+        """One row per policy and episode."""
         return [
             {"policy": name, "episode": episode}
             | {column: float(values[episode]) for column, values in score.items()}
@@ -54,18 +55,18 @@ class Comparison:
     def __str__(self) -> str:
         return format_table(self.result, self.learned)
 
-    __repr__ = __str__  # in a notebook, too
+    __repr__ = __str__  # for notebooks
 
 
 def check_known(what: str, names: Sequence[str], known: Sequence[str]) -> None:
-    """Refuses (InputError) the first name that is not known."""
+    """Refuses (InputError) the first unknown name."""
     for name in names:
         if name not in known:
             raise InputError(f"{what} {shown(name)}: allowed {', '.join(known)}")
 
 
 def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
-    """The row with the two ends of each interval in columns of their own."""
+    """The row with each interval split into two columns."""
     flat: dict[str, Any] = {}
     for name, value in row.items():
         if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""Confidence intervals by the bootstrap."""
+"""Bootstrap confidence intervals."""
 
 import math
 from collections.abc import Callable
@@ -6,22 +6,22 @@ from collections.abc import Callable
 import numpy as np
 
 NUM_RESAMPLES = 10_000
-FEWEST = 8  # samples; the bootstrap's interval of fewer is much too narrow to conclude from
-BLOCK = 2**22  # numbers drawn at once, 32 MiB of them
+FEWEST = 8  # samples; with fewer, bootstrap intervals are much too narrow to draw conclusions
+BLOCK = 2**22  # numbers drawn at once, 32 MiB
 
 
 def plain(value: float) -> float | None:
-    """A number for JSON, which has no NaN: None stands for "there was none"."""
+    """A number for JSON; None replaces what is not finite, because JSON has no NaN."""
     return float(value) if math.isfinite(value) else None
 
 
 def mean(samples: np.ndarray) -> np.ndarray:
-    """Over axis 1."""
+    """Mean over axis 1."""
     return np.asarray(np.mean(samples, axis=1))
 
 
 def relative_change(samples: np.ndarray) -> np.ndarray:
-    """By how much the mean of the first of two is above that of the second, as a share; `(rows, n, 2)` to `(rows,)`."""
+    """Relative change from the mean of the second column to that of the first; `(rows, n, 2)` to `(rows,)`."""
     means = np.mean(samples, axis=1)
     return np.asarray(means[:, 0] / means[:, 1] - 1.0)
 
@@ -41,13 +41,13 @@ def bootstrap_ci95(
     """95 % percentile interval of a statistic (Efron and Tibshirani 1993, section 13.3).
 
     Args:
-        samples: `(n, ...)`, independent; NaN if n is 0.
-        seed: of the resampling, so that a table can be had again.
-        num_resamples: statistics drawn.
+        samples: `(n, ...)`, independent.
+        seed: seed of the resampling, which makes tables reproducible.
+        num_resamples: number of resamples.
         statistic: `(rows, n, ...) -> (rows,)`.
 
     Returns:
-        Lower and upper end.
+        Lower and upper end, NaN if n is 0.
     """
     samples = np.asarray(samples, np.float64)
     size = samples.shape[0]
@@ -67,14 +67,14 @@ def seeds_ci95(
     num_resamples: int = NUM_RESAMPLES,
     statistic: Callable[[np.ndarray], np.ndarray] = mean,
 ) -> tuple[float, float]:
-    """The same of a mean over training seeds that all played the same episodes: seeds are drawn anew, and episodes.
+    """95 % percentile interval of a mean over training seeds that all played the same episodes.
 
-    Each is drawn by itself, since an episode is the same for all seeds (the pigeonhole bootstrap: Owen 2007,
-    arXiv:0711.0789). Of few seeds it is coarse, and narrower than 95 % takes: `FEWEST`.
+    It resamples seeds and episodes independently, since an episode is the same for all seeds (the pigeonhole bootstrap:
+    Owen 2007, arXiv:0711.0789). With fewer seeds than `FEWEST` the interval is coarse and too narrow.
 
     Args:
-        samples: `(seeds, n, ...)`, a row a training seed; of one seed it is `bootstrap_ci95` of the row.
-        seed, num_resamples, statistic: of `bootstrap_ci95`; the statistic is of means over the seeds drawn.
+        samples: `(seeds, n, ...)`, a row per training seed; for one seed the result is `bootstrap_ci95` of the row.
+        seed, num_resamples, statistic: as in `bootstrap_ci95`; the statistic takes means over the seeds drawn.
 
     Returns:
         Lower and upper end.
@@ -96,7 +96,7 @@ def seeds_ci95(
 def _percentiles(
     draw: Callable[[int], np.ndarray], size: int, num_resamples: int
 ) -> tuple[float, float]:
-    """Ends of the middle 95 % of statistics, drawn some rows of `size` numbers at a time."""
+    """Ends of the middle 95 % of the statistics; `draw` gives some rows of `size` numbers at a time."""
     rows = max(1, BLOCK // size)
     drawn = [draw(min(rows, num_resamples - first)) for first in range(0, num_resamples, rows)]
     low, high = np.percentile(np.concatenate(drawn), [2.5, 97.5])

@@ -1,4 +1,4 @@
-"""What the scores of policies say: means, their intervals, and what learned policies gain on the others."""
+"""Summarises scores of policies: means, their intervals, and the gains of learned policies over the others."""
 
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
@@ -19,11 +19,11 @@ from train.evaluation.statistics import (
 )
 from train.evaluation.tables import START, TERM
 
-CLAIMED = ("depleted_share", "mean_range_m", "mean_soc")  # what the paper compares with no action
+CLAIMED = ("depleted_share", "mean_range_m", "mean_soc")  # the paper compares these with no action
 
 
 def learned_names(names: Iterable[str]) -> list[str]:
-    """Those that are no rules of `medjax.BASELINES`, and not what a learner began as."""
+    """The names that are neither rules of `medjax.BASELINES` nor a learner's initial policy."""
     return [name for name in names if name not in BASELINES and name != START]
 
 
@@ -38,22 +38,22 @@ def summarize(
     """The JSON of `train.evaluate`.
 
     Args:
-        scores: of `medjax.episodes.scores.evaluate_policies`.
+        scores: scores of `medjax.episodes.scores.evaluate_policies`.
         scenario: name of the preset.
-        learned: which of them are learned policies, all by one algorithm, a training seed each.
-        seed: of the episodes, and of the bootstrap.
-        overrides: what of the environment is not the preset's, `TrainConfig.changes`.
-        baseline: one of the policies, that the others are compared with.
+        learned: names of the learned policies, one per training seed of one algorithm.
+        seed: seed of the episodes and of the bootstrap.
+        overrides: changes to the preset, `TrainConfig.changes`.
+        baseline: policy to compare the others with.
 
     Returns:
-        `policies` (by name: `return_mean`, `return_std`, `return_ci95`, `verdict_ci95`, and the mean of every metric,
-        None where it is no number), `episodes`, `scenario`, `overrides` and `seed`. Where the reward's terms are not
-        the preset's, `reward`, their names. With a baseline also `baseline` and `difference_from_baseline` (of each
-        other policy's return in the same episode: `mean`, `ci95`). If there are learned policies also, each of an
-        episode's mean over the training seeds: `paired_return_difference` (to every rule: `mean`, `ci95`) and
-        `change_against_none` (of metrics, as a share: `mean`, `ci95`). With several training seeds `training_seeds`
-        (`return_means`, `interquartile_mean`, `ci95`, and `paired_return_differences`, each learner's own). Intervals
-        are over episodes; those of a mean over training seeds are over the seeds, too.
+        Always `episodes`, `scenario`, `overrides`, `seed` and `policies`. The last has by name `return_mean`,
+        `return_std`, `return_ci95`, `verdict_ci95`, and the mean of every metric, None where it is not finite. If the
+        reward's terms differ from the preset's, `reward` lists their names. A baseline adds `baseline` and
+        `difference_from_baseline`: `mean` and `ci95` of each other policy's return minus the baseline's in the same
+        episode. Learned policies add two comparisons of an episode's mean over the training seeds, each `mean` and
+        `ci95`: `paired_return_difference` from every rule, and `change_against_none` of metrics, as a share. Several
+        training seeds add `training_seeds`: `return_means`, `interquartile_mean`, `ci95`, and each learner's own
+        `paired_return_differences`. Intervals are over episodes; those of a mean over training seeds also over seeds.
     """
     result: dict[str, Any] = {
         "policies": {name: _entry(score, seed) for name, score in scores.items()},
@@ -90,7 +90,7 @@ def summarize(
 
 
 def _other_reward(scenario: str, scores: Mapping[str, Scores]) -> dict[str, list[str]]:
-    """The terms of the reward by `reward`, where they are not those of the preset."""
+    """The terms of the reward as `reward`, if they differ from the preset's."""
     columns = dict.fromkeys(column for score in scores.values() for column in score)
     terms = [name.removeprefix(TERM) for name in columns if name.startswith(TERM)]
     usual = REWARDS[SCENARIOS[scenario].reward] if scenario in SCENARIOS else terms
@@ -98,7 +98,6 @@ def _other_reward(scenario: str, scores: Mapping[str, Scores]) -> dict[str, list
 
 
 def _entry(score: Scores, seed: int) -> dict[str, Any]:
-    """What the scores of one policy say."""
     returns = score["return"]
     return {
         "return_mean": float(np.mean(returns)),
@@ -114,8 +113,8 @@ def _entry(score: Scores, seed: int) -> dict[str, Any]:
 
 
 def verdict_ci95(score: Scores, seed: int = 0) -> dict[str, list[float]]:
-    """Intervals of the lines of the player's verdict but the return, by title; none of what is no number."""
-    if not {*NAMES} - {"return_mean"} <= {*score}:  # an environment of another kind
+    """Intervals of the lines of the player's verdict by title, except the return and what is not finite."""
+    if not {*NAMES} - {"return_mean"} <= {*score}:  # another kind of environment
         return {}
     ends = {
         line.title: list(bootstrap_ci95(line.of(score), seed))
@@ -126,7 +125,7 @@ def verdict_ci95(score: Scores, seed: int = 0) -> dict[str, list[float]]:
 
 
 def _compare(ours: Scores, rules: Mapping[str, Scores], seed: int) -> dict[str, Any]:
-    """What was learned, arrays `(seeds, episodes)`, beside the rules, episode by episode; see `summarize`."""
+    """Compares the learned policies, arrays `(seeds, episodes)`, with the rules by episode; see `summarize`."""
     result: dict[str, Any] = {"paired_return_difference": _gains(ours["return"], rules, seed)}
     base = rules.get("none", {})
     changes = {}
@@ -134,14 +133,14 @@ def _compare(ours: Scores, rules: Mapping[str, Scores], seed: int) -> dict[str, 
         pairs = np.stack(np.broadcast_arrays(ours[metric], base[metric]), axis=-1)
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = seeds_ci95(pairs, seed, statistic=relative_change)
-        if np.isfinite(ends).all():  # few episodes may hold nothing to compare with
+        if np.isfinite(ends).all():  # not if "none" gives 0 in every drawn episode
             change = float(relative_change(pairs.mean(axis=0)[None])[0])
             changes[metric] = {"mean": change, "ci95": list(ends)}
     return result | ({"change_against_none": changes} if changes else {})
 
 
 def _gains(returns: np.ndarray, rules: Mapping[str, Scores], seed: int) -> dict[str, Any]:
-    """Returns `(seeds, episodes)` less those of each rule in the same episode: `mean`, `ci95`."""
+    """Returns `(seeds, episodes)` minus those of each rule in the same episode: `mean`, `ci95`."""
     gains = {name: returns - score["return"] for name, score in rules.items()}
     return {
         name: {"mean": float(np.mean(gain)), "ci95": list(seeds_ci95(gain, seed))}

@@ -1,4 +1,4 @@
-"""The numbers of a run as tables: rows of cells, and how they are printed."""
+"""Tables of an evaluation: rows of cells, and their layout as text."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -8,15 +8,15 @@ from typing import Any
 from medjax.errors import shown
 from train.evaluation.statistics import FEWEST
 
-Table = list[list[str]]  # the first row holds the headings, the first column what a row is of
+Table = list[list[str]]  # the first row holds the headings, the first column names the rows
 
-COLUMNS = {  # of the table: heading, metric, format
+COLUMNS = {  # of the main table, by heading: metric, format
     "depleted share": ("depleted_share", ".3f"),
     "mean range m": ("mean_range_m", ".0f"),
     "mean SoC": ("mean_soc", ".3f"),
     "MEDs sent": ("meds_dispatched", ".2f"),
 }
-BALANCE = {  # what slow driving does, what charging does, and what they cost; per EV, or of an episode
+BALANCE = {  # effects of slow driving and of charging, and their costs; per EV, or per episode
     "saved kWh/EV": ("ev_saved_kwh", ".3f"),
     "received kWh/EV": ("ev_received_kwh", ".3f"),
     "EV delay h": ("ev_delay_h", ".2f"),
@@ -25,20 +25,20 @@ BALANCE = {  # what slow driving does, what charging does, and what they cost; p
     "sent kWh": ("energy_sent_kwh", ".1f"),
     "lost kWh": ("energy_lost_kwh", ".1f"),
     "system efficiency": ("system_efficiency", ".3f"),
-    # where MEDs are agents
+    # only if MEDs are agents
     "told m/s": ("told_speed", ".1f"),
     "refusing": ("refusing_share", ".3f"),
     "left early": ("left_early", ".2f"),
 }
-START = "start"  # name of a learner's policy before any update
-AGENTS = "told_speed"  # a metric that there is where MEDs are agents
-TERM = "reward_"  # begins the metrics that are terms of the reward
-PAPER_TABLE_2 = {  # mean and standard deviation of the episode's reward, by policy
+START = "start"  # name of a learner's initial policy
+AGENTS = "told_speed"  # a metric that exists only if MEDs are agents
+TERM = "reward_"  # prefix of the metrics that are terms of the reward
+PAPER_TABLE_2 = {  # mean and standard deviation of an episode's reward, by policy
     "random": (-332.4056918, 53.94543289),
     "none": (-521.874184, 16.52914886),
     "ppo": (0.340361448, 0.141114801),
 }
-PAPER_CLAIMS = {  # of its policy: metric, what no action gives times this (Figure 8)
+PAPER_CLAIMS = {  # for the paper's policy: metric, as a multiple of that of no action (Figure 8)
     "depleted_share": 0.5,
     "mean_range_m": 1.25,
     "mean_soc": 1.2,
@@ -50,11 +50,12 @@ DEPLETED_SHARE = (
 
 
 def format_table(result: Mapping[str, Any], learned: Sequence[str]) -> str:
-    """The tables of an evaluation: policies, best return first, and what a trained one does against no action.
+    """The tables of an evaluation: the policies, best return first, and a trained policy against no action.
 
     Args:
-        result: of `train.evaluation.summary.summarize`.
-        learned: names of the learned policies, that of the first training seed first, if there are any; so below.
+        result: result of `train.evaluation.summary.summarize`.
+        learned: names of the learned policies, in the order of their training seeds; may be empty. The functions below
+            take the same.
     """
     parts = [f"{headline(result)}\n{format_rows(comparison_rows(result, learned))}"]
     parts += [said] if (said := unseen(result, learned)) else []
@@ -78,23 +79,23 @@ def format_table(result: Mapping[str, Any], learned: Sequence[str]) -> str:
 
 
 def trained(learned: Sequence[str]) -> str:
-    """What is compared with the rules: the learned policy, or with several training seeds their mean in an episode."""
+    """What is compared with the rules: the learned policy, or the mean over several training seeds in an episode."""
     return learned[0] if len(learned) == 1 else f"mean of {len(learned)} seeds"
 
 
 def interval_of_seeds(count: int) -> str:
-    """What the bootstrap's interval over so many training seeds is; that of a few is little more than their range."""
+    """Name of the bootstrap interval over training seeds; that of a few seeds is little more than their range."""
     return "95 % CI" if count >= FEWEST else f"bootstrap over {count}"
 
 
 def interval_of_mean(learned: Sequence[str]) -> str:
-    """What the interval of `trained` is: over episodes, and with several training seeds over these, too."""
+    """Name of the interval of `trained`: over episodes, and with several training seeds also over these."""
     several = len(learned) > 1
     return f"{interval_of_seeds(len(learned))} and episodes" if several else "95 % CI"
 
 
 def headline(result: Mapping[str, Any]) -> str:
-    """What was played."""
+    """The episodes and the environment of an evaluation, in words."""
     changed = [f"{name} = {shown(value)}" for name, value in result.get("overrides", {}).items()]
     changed += [f"reward of {', '.join(terms)}"] if (terms := result.get("reward")) else []
     world = result["scenario"] + (f" ({', '.join(changed)})" if changed else "")
@@ -103,16 +104,16 @@ def headline(result: Mapping[str, Any]) -> str:
 
 
 def is_papers(result: Mapping[str, Any]) -> bool:
-    """Whether the paper's figures are of this world: its preset, as it is, with a dispatcher and its reward."""
+    """Whether the paper's numbers apply: its preset, unchanged, with its reward and a dispatcher."""
     agents = any(AGENTS in entry for entry in result["policies"].values())
     changed = result.get("overrides") or result.get("reward") or agents
     return result["scenario"] == "paper" and not changed
 
 
 def unseen(result: Mapping[str, Any], learned: Sequence[str]) -> str:
-    """What the episodes, or the training seeds, are too few to tell, in words; empty where each difference has a sign.
+    """Names the differences whose sign the episodes and training seeds leave open; empty if there are none.
 
-    It is of the differences from the baseline; where there is none, of the trained policy's from the best rule.
+    It covers the differences from the baseline, or without one that of the trained policy from the best rule.
     """
     other, differences = result.get("baseline"), result.get("difference_from_baseline", {})
     few = f"{result['episodes']} episodes"
@@ -135,7 +136,7 @@ def unseen(result: Mapping[str, Any], learned: Sequence[str]) -> str:
 
 
 def format_rows(table: Table) -> str:
-    """A table as text: the first column to the left, numbers to the right, a line under the headings."""
+    """A table as text: first column left-aligned, numbers right-aligned, a line under the headings."""
     widths = [max(len(row[column]) for row in table) for column in range(len(table[0]))]
     lines = [
         "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]).rstrip()
@@ -146,7 +147,7 @@ def format_rows(table: Table) -> str:
 
 
 def comparison_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
-    """Return and metrics of every policy, best return first; metrics that one of them lacks are left out."""
+    """Return and metrics of every policy, best return first, without metrics that a policy lacks."""
     columns = _in_all(COLUMNS, result)
     rows = [["policy", "return", "95 % CI", *columns]]
     differences: Mapping[str, Any] | None = None
@@ -166,7 +167,7 @@ def comparison_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
 
 
 def balance_rows(result: Mapping[str, Any]) -> Table:
-    """What each policy saves, gives and costs, best return first."""
+    """Savings, charge and costs of each policy, best return first."""
     columns = _in_all(BALANCE, result)
     rows = [
         [name, *(format(entry[metric], form) for metric, form in columns.values())]
@@ -176,7 +177,7 @@ def balance_rows(result: Mapping[str, Any]) -> Table:
 
 
 def reward_rows(result: Mapping[str, Any]) -> Table:
-    """What each weighted term of the reward adds to the return, best return first; without those that are always 0."""
+    """Contribution of each weighted reward term to the return, best return first, without terms that are always 0."""
     entries = best_first(result)
     names = dict.fromkeys(name for _, entry in entries for name in entry if name.startswith(TERM))
     there = [name for name in names if any(entry.get(name) for _, entry in entries)]
@@ -185,7 +186,7 @@ def reward_rows(result: Mapping[str, Any]) -> Table:
 
 
 def _in_all(columns: Mapping[str, tuple[str, str]], result: Mapping[str, Any]) -> dict[str, Any]:
-    """The columns whose metric is a number of every policy."""
+    """The columns whose metric is a number for every policy."""
     entries = result["policies"].values()
     return {
         heading: (metric, form)
@@ -195,7 +196,7 @@ def _in_all(columns: Mapping[str, tuple[str, str]], result: Mapping[str, Any]) -
 
 
 def paper_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
-    """Table 2 of the paper, in its own world, and the same numbers of every policy here; best return first."""
+    """Mean and spread of every policy's return, best first; in the paper's own world beside its Table 2."""
     rows = [["policy", "paper, mean (std)", "here, mean (std)", "95 % CI of the mean"]]
     for name, entry in best_first(result):
         theirs = PAPER_TABLE_2.get(name)
@@ -210,13 +211,13 @@ def paper_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
 
 
 def claim_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
-    """What the trained policy does against no action, and in the paper's world what the paper claims of its own."""
+    """The trained policy against no action; in the paper's own world beside the paper's claims."""
     rows = [["against no action", "paper", f"{trained(learned)} here, {interval_of_mean(learned)}"]]
     ours = [result["policies"][name] for name in learned]
     for heading, (metric, form) in COLUMNS.items():
         if metric in PAPER_CLAIMS:
             change = result.get("change_against_none", {}).get(metric)
-            here = "-"  # where no action gives 0 there is no share of it
+            here = "-"  # undefined if the policy "none" gives 0
             if change:
                 low, high = change["ci95"]
                 here = f"{change['mean']:+.1%} [{low:+.1%}, {high:+.1%}]"
@@ -228,26 +229,25 @@ def claim_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
 
 
 def _gain(difference: Mapping[str, Any]) -> str:
-    """A mean and its interval."""
     return f"{short(difference['mean'])} {interval(difference['ci95'])}"
 
 
 def best_first(result: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
-    """Policies and their entries, by falling mean return."""
+    """Policies and their entries, in order of decreasing mean return."""
     return sorted(result["policies"].items(), key=lambda item: -item[1]["return_mean"])
 
 
 def spread(mean: float, std: float) -> str:
-    """A mean and, in brackets, its standard deviation."""
+    """A mean and, in brackets, the standard deviation."""
     return f"{short(mean)} ({short(std)})"
 
 
 def interval(ends: Sequence[float]) -> str:
-    """Lower and upper end."""
+    """Lower and upper end, in brackets."""
     return f"[{short(ends[0])}, {short(ends[1])}]"
 
 
 def short(value: float) -> str:
-    """A number with about four digits, three of them at most after the point."""
+    """A number with about four digits, at most three of them after the point."""
     digits = 3 if not value else max(0, 3 - max(0, math.floor(math.log10(abs(value)))))
     return f"{value:.{min(digits, 3)}f}"

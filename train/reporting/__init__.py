@@ -1,1 +1,1 @@
-"""Figures and the page of a report."""
+"""The figures and the page of a report."""

@@ -1,4 +1,4 @@
-"""What a figure shows, in a sentence: numbers in, words out, with the 95 % interval that they rest on."""
+"""Sentences that state what a figure shows, each with the 95 % interval that it rests on."""
 
 from collections.abc import Sequence
 
@@ -9,13 +9,13 @@ from train.evaluation.tables import interval, short
 
 
 def difference(what: str, names: tuple[str, str], gains: np.ndarray, seed: int) -> str:
-    """Whether two policies differ in the same episodes.
+    """States whether two policies differ in the same episodes.
 
     Args:
-        what: differs, with its unit.
-        names: of the policy, and of the one that it is compared with.
-        gains: (episodes,) the first policy's number less the second's.
-        seed: of the bootstrap.
+        what: the quantity, with its unit.
+        names: names of the policy and of the one that it is compared with.
+        gains: (episodes,) the first policy's number minus the second's.
+        seed: seed of the bootstrap.
 
     Returns:
         The sentence.
@@ -35,14 +35,14 @@ def difference(what: str, names: tuple[str, str], gains: np.ndarray, seed: int) 
 
 
 def learning(returns: np.ndarray, seed: int) -> str:
-    """Whether a learning curve rises: its last quarter against its first, and against the quarter before the last.
+    """States whether a learning curve rises, from its last quarter against the first and against the third.
 
     Args:
-        returns: (updates,) mean returns in their order.
-        seed: of the bootstrap.
+        returns: (updates,) mean returns in order.
+        seed: seed of the bootstrap.
 
     Returns:
-        The sentence. A change counts where the interval of the difference of means is without 0.
+        The sentence. A change counts if the interval of the difference of means excludes 0.
     """
     size = len(returns) // 4
     if size < FEWEST:
@@ -62,13 +62,13 @@ def learning(returns: np.ndarray, seed: int) -> str:
 
 
 def counts(what: str, here: float, samples: np.ndarray, seed: int) -> str:
-    """An episode's number beside the mean of all.
+    """States an episode's count beside the mean of all episodes.
 
     Args:
-        what: was counted.
-        here: in the episode shown.
-        samples: (episodes,) in each.
-        seed: of the bootstrap.
+        what: what is counted.
+        here: count in the episode shown.
+        samples: (episodes,) count in each.
+        seed: seed of the bootstrap.
 
     Returns:
         The sentence.
@@ -78,12 +78,11 @@ def counts(what: str, here: float, samples: np.ndarray, seed: int) -> str:
 
 
 def _trend(gains: np.ndarray, seed: int, words: Sequence[str]) -> str:
-    """The word for up, down or neither, and the mean with its interval."""
+    """The word for up, down or neither, with the mean and its interval."""
     low, high = bootstrap_ci95(gains, seed)
     word = words[0] if low > 0.0 else words[1] if high < 0.0 else words[2]
     return f"{word} ({_signed(float(np.mean(gains)))} {interval((low, high))})"
 
 
 def _signed(value: float) -> str:
-    """A number that shows which way it points."""
     return ("+" if value > 0.0 else "") + short(value)

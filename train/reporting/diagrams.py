@@ -1,6 +1,6 @@
 """Figures over space and time: one episode on the road, and dispatches beside the need for them.
 
-Every function writes a PNG and raises ImportError where matplotlib is not installed.
+Every plot function writes a PNG, and raises ImportError without matplotlib.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from train.reporting.figures import new_figure, save
 from train.reporting.survey import Survey
 from train.reporting.traces import Frame, Trace
 
-MED, CHARGING = "#C3E3CC", css(MED_COLOR)  # green as in the player: no charge has that colour
+MED, CHARGING = "#C3E3CC", css(MED_COLOR)  # the player's green, which no charge has
 SENT, RAN_OUT = "#0072B2", "#D55E00"  # see COLOURS
 TIME_BINS = 30  # of the maps
 
@@ -23,19 +23,19 @@ TIME_BINS = 30  # of the maps
 def plot_episode(
     path: Path, trace: Trace, road: RoadParams, every_s: tuple[float, float], title: str
 ) -> dict[str, int]:
-    """Draws a time-space diagram: EVs by their charge, MEDs, dispatches, and where EVs ran out.
+    """Draws a time-space diagram: EVs coloured by charge, MEDs, dispatches, and where EVs ran out.
 
-    Gas vehicles are left out: there are ten of them for each EV.
+    Gas vehicles are left out, because there are ten for each EV.
 
     Args:
         path: file to write.
-        trace: of one episode.
-        road: its geometry.
-        every_s: s from one round to the next, and from one decision of the policy to the next.
+        trace: trace of one episode.
+        road: geometry of the road.
+        every_s: s per round, and s per decision of the policy.
         title: heading.
 
     Returns:
-        How many `sent` and `depleted` are marked.
+        Numbers of marks, `sent` and `depleted`.
     """
     figure = new_figure(12, 7.5)
     axes = figure.add_subplot()
@@ -57,8 +57,8 @@ def plot_episode(
 
 
 def _segments(on_road: Any, x: Any, round_s: float) -> tuple[Any, Any]:
-    """Ways of vehicles `(F + 1, V)`: lines `(S, 2, 2)` from time and position to those, and which ways, `(F, V)`."""
-    # A slot that empties is filled again one frame later at the earliest, so who was there is the one who drove.
+    """Line segments `(S, 2, 2)` of (time, position) from frames `(F + 1, V)`, and which moves they are, `(F, V)`."""
+    # A slot is reused one frame after it empties at the earliest, so both ends belong to the same vehicle.
     there = on_road[:-1]
     time, slot = np.nonzero(there)
     starts = np.stack([time * round_s, x[time, slot]], axis=-1)
@@ -67,7 +67,7 @@ def _segments(on_road: Any, x: Any, round_s: float) -> tuple[Any, Any]:
 
 
 def _draw_vehicles(axes: Any, frames: Frame, round_s: float) -> Any:
-    """MEDs as broad lines; over them EVs as thin lines in the colour of their charge, which are returned."""
+    """Draws MEDs as broad lines, and over them EVs as thin lines coloured by charge; returns the latter."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import LinearSegmentedColormap
 
@@ -78,7 +78,7 @@ def _draw_vehicles(axes: Any, frames: Frame, round_s: float) -> Any:
     axes.add_collection(LineCollection(lines[charges], label="MED that charges EVs", **style))
     lines, there = _segments(frames.ev_on_road, frames.ev_x, round_s)
     charge = LinearSegmentedColormap.from_list("charge", list(map(css, SOC_SCALE)))
-    axes.add_collection(LineCollection(lines, colors="white", lw=2.2, zorder=2.5))  # over the green
+    axes.add_collection(LineCollection(lines, colors="white", lw=2.2, zorder=2.5))  # an outline
     drawn = LineCollection(lines, cmap=charge, lw=1.2, zorder=3)
     drawn.set_array(frames.ev_soc[:-1][there])
     drawn.set_clim(0.0, 1.0)
@@ -90,7 +90,7 @@ def _draw_vehicles(axes: Any, frames: Frame, round_s: float) -> Any:
 def _draw_marks(
     axes: Any, trace: Trace, road: RoadParams, every_s: tuple[float, float]
 ) -> dict[str, int]:
-    """Marks where MEDs are sent and where EVs run out; returns how many there are of each."""
+    """Marks where MEDs are sent and where EVs run out; returns the number of each."""
     frames, (round_s, decision_s) = trace.frames, every_s
     empty, there = frames.ev_soc <= 0.0, frames.ev_on_road
     ran_out, slot = np.nonzero((there[:-1] | there[1:]) & empty[1:] & ~(there & empty)[:-1])
@@ -112,15 +112,15 @@ def plot_dispatch(
     decision_s: float,
     choice: int,
 ) -> None:
-    """Draws where and when MEDs are sent beside where and when they are needed: a row of two maps a policy.
+    """Draws maps of when and where MEDs are sent and needed, a row of two maps per policy.
 
     Args:
         path: file to write.
-        shown: policies, and their places in `seen`.
-        seen: of all episodes.
+        shown: policies, and their indices in `seen`.
+        seen: survey of all episodes.
         ramp_x_m: (R,) m, at least one.
-        decision_s: s from one decision of the policy to the next.
-        choice: decisions from one choice of the trained policy to the next; a bin of time holds as many as any other.
+        decision_s: s per decision of the policy.
+        choice: decisions per choice of the trained policy; a bin of time covers a whole number of choices.
     """
     decisions = seen.sent.shape[1]
     width = choice * -(-decisions // (TIME_BINS * choice))
@@ -150,6 +150,6 @@ def plot_dispatch(
 
 
 def _in_bins(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Means of `(T, R)` between edges `(bins + 1,)` of time, `(bins, R)`."""
+    """Means of values `(T, R)` over time bins with edges `(bins + 1,)`, `(bins, R)`."""
     sums = np.add.reduceat(np.asarray(values, np.float64), edges[:-1], axis=0)
     return sums / np.diff(edges)[:, None]

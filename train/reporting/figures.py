@@ -1,6 +1,6 @@
 """Figures of numbers: the training curve, the comparison of policies, and the EVs' charge.
 
-Every function writes a PNG and raises ImportError where matplotlib is not installed.
+Every plot function writes a PNG, and raises ImportError without matplotlib.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,7 +24,7 @@ from train.reporting.survey import SOC_BINS, Survey, quantile
 from train.runs.logs import MAIN, Row
 from train.settings import TrainConfig
 
-# Okabe and Ito (2008): told apart by colour-blind readers, too.
+# Okabe and Ito (2008): colour-blind readers can tell these apart, too.
 COLOURS = {
     **dict.fromkeys((kind.algorithm for kind in SETTINGS), "#0072B2"),
     "forecast": "#E69F00",
@@ -34,8 +34,8 @@ COLOURS = {
     "random": "#D55E00",
 }
 OTHER = "#555555"
-MARKERS = "osD^vPX*<>"  # of policies in their order: colours are not all that tells them apart
-DASHES = {  # of the rules: two of them are the same colour to some eyes, and three to all
+MARKERS = "osD^vPX*<>"  # of policies in their order, so that they differ in more than colour
+DASHES = {  # of the rules: some share a colour, or look alike to colour-blind readers
     "budgeted": (0, (8, 2)),
     "forecast": "--",
     "paced": "-.",
@@ -46,17 +46,17 @@ DASHES = {  # of the rules: two of them are the same colour to some eyes, and th
     "none": (0, (1, 3)),
     START: (0, (10, 1, 1, 1)),
 }
-PANELS = {  # of the comparison: metric, title with its unit
+PANELS = {  # of the comparison, by metric: title with the unit
     "depleted_share": "share of EVs that run out",
     "mean_range_m": "mean range of an EV (m)",
     "mean_soc": "mean state of charge",
     "meds_dispatched": "MEDs sent",
 }
-NUM_RESAMPLES = 2000  # at every place of the curve
+NUM_RESAMPLES = 2000  # at every point of the curve
 
 
 def new_figure(width: float, height: float) -> Any:
-    """An empty figure of so many inches that needs no display."""
+    """An empty figure, in inches, that needs no display."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -66,32 +66,32 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def save(figure: Any, path: Path) -> None:
-    """Writes a PNG in full or not at all; its directory is made."""
+    """Writes a PNG in full or not at all, and makes its directory."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as partial:
         figure.savefig(partial, dpi=130)
 
 
 def colour(policy: str) -> str:
-    """The colour of a policy, the same in all figures; learners of all seeds share theirs."""
+    """The colour of a policy, the same in all figures and for all training seeds."""
     return COLOURS.get(policy.split("_seed")[0], OTHER)
 
 
 def look(policy: str) -> dict[str, Any]:
-    """Colour and dashes of a policy's line; learners are solid."""
+    """Colour and dashes of a policy's line; learned policies are solid."""
     return {"color": colour(policy), "ls": DASHES.get(policy, "-")}
 
 
 def plot_curve(
     path: Path, rows: Sequence[Row], config: TrainConfig, baselines: Mapping[str, float]
 ) -> None:
-    """Draws returns over decisions: a line, with several seeds their interquartile mean in its interval.
+    """Draws returns over decisions; with several seeds, their interquartile mean and its interval.
 
     Args:
         path: file to write; its directory is made.
-        rows: of metrics.jsonl.
+        rows: rows of metrics.jsonl.
         config: settings of the run.
-        baselines: mean returns of other policies, drawn as level lines.
+        baselines: mean returns of other policies, drawn as horizontal lines.
     """
     from matplotlib.ticker import EngFormatter
 
@@ -122,7 +122,7 @@ def plot_curve(
 
 
 def curve_of(rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray]:
-    """Decisions of a seed `(updates,)` and returns `(updates, seeds)`, where an episode of each seed has ended."""
+    """Decisions per seed `(updates,)` and returns `(updates, seeds)`, where every seed ended an episode."""
     num_seeds = len(rows[-1]["per_seed"][MAIN]) if rows and "per_seed" in rows[-1] else 1
     there = [row for row in rows if None not in _returns(row)]
     steps = np.array([row["env_steps"] / num_seeds for row in there])
@@ -131,20 +131,20 @@ def curve_of(rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _returns(row: Row) -> list[float | None]:
-    """Of the learner or of each of several; None where no episode ended."""
+    """The return of each training seed in an update; None if no episode ended."""
     return row["per_seed"][MAIN] if "per_seed" in row else [row.get(MAIN)]
 
 
 def plot_comparison(
     path: Path, scores: Mapping[str, Mapping[str, np.ndarray]], seed: int, papers: bool
 ) -> None:
-    """Draws Figure 8: a panel a metric, a bar a policy, with the 95 % intervals of the means and the paper's claims.
+    """Draws Figure 8: a panel per metric, a bar per policy, with 95 % intervals of the means and the paper's claims.
 
     Args:
         path: file to write.
-        scores: of `medjax.episodes.scores.evaluate_policies`.
-        seed: of the bootstrap.
-        papers: they are of the world that the claims are of; only then these are drawn.
+        scores: scores of `medjax.episodes.scores.evaluate_policies`.
+        seed: seed of the bootstrap.
+        papers: the scores are of the paper's own world, so that its claims apply and are drawn.
     """
     names = sorted(scores, key=lambda name: scores[name]["return"].mean())  # the best on top
     figure = new_figure(11, 2 + 0.45 * len(names))
@@ -165,7 +165,7 @@ def plot_comparison(
 
 
 def _bars(axes: Any, samples: Mapping[str, np.ndarray], form: str, seed: int) -> float:
-    """A bar for each mean, from below, with its 95 % interval and its number; returns the highest end."""
+    """Draws a bar per mean, from the bottom up, with its 95 % interval and its number; returns the highest end."""
     places = np.arange(len(samples))
     means = np.array([values.mean() for values in samples.values()])
     ends = np.array([bootstrap_ci95(values, seed) for values in samples.values()])
@@ -181,13 +181,13 @@ def _bars(axes: Any, samples: Mapping[str, np.ndarray], form: str, seed: int) ->
 
 
 def plot_soc(path: Path, names: Sequence[str], seen: Survey, decision_s: float) -> None:
-    """Draws the charge of the EVs on the road over time: a panel a policy, median and quantile bands.
+    """Draws the charge of the EVs on the road over time: a panel per policy, with median and quantile bands.
 
     Args:
         path: file to write.
-        names: of the policies, in the order of `seen`.
-        seen: of all episodes.
-        decision_s: s from one decision to the next.
+        names: names of the policies, in the order of `seen`.
+        seen: survey of all episodes.
+        decision_s: s per decision.
     """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -224,9 +224,9 @@ def plot_soc(path: Path, names: Sequence[str], seen: Survey, decision_s: float) 
 
 
 def plot_exit_soc(path: Path, names: Sequence[str], seen: Survey) -> None:
-    """Draws the charge at the end of an EV's way: the share of EVs that end below a state of charge.
+    """Draws the share of EVs that end their trip below a state of charge.
 
-    Arguments are those of `plot_soc`.
+    The arguments are those of `plot_soc`.
     """
     figure = new_figure(9, 5)
     axes = figure.add_subplot()

@@ -1,4 +1,4 @@
-"""One HTML page that needs nothing else: tables, and pictures in the text of the page itself."""
+"""One self-contained HTML page, with tables and embedded pictures."""
 
 import base64
 import dataclasses
@@ -9,7 +9,7 @@ from pathlib import Path
 from medjax.files import write_text
 from train.evaluation.tables import Table
 
-# Figures are black on white; where the page is dark they stand on white cards.
+# Figures are black on white; a dark page shows them on white cards.
 STYLE = """
 :root { color-scheme: light dark; --paper: #fff; --ink: #222; --line: #ddd; --strong: #888; --panel: #f6f6f6; }
 @media (prefers-color-scheme: dark) {
@@ -37,7 +37,7 @@ pre { overflow-x: auto; background: var(--panel); padding: 1em; }
 
 @dataclasses.dataclass(frozen=True)
 class Picture:
-    """A PNG, and the sentence that says what it shows."""
+    """A PNG, and a sentence that says what it shows."""
 
     path: Path
     conclusion: str

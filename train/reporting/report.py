@@ -1,4 +1,4 @@
-"""What is in a report: plays the episodes, draws the figures, and writes the page."""
+"""Makes a report: plays the episodes, draws the figures, and writes the page."""
 
 import dataclasses
 import json
@@ -51,15 +51,15 @@ PICTURES = ("training_curve", "comparison", "time_space", "soc_over_time", "soc_
 
 @dataclasses.dataclass(frozen=True)
 class Played:
-    """What the episodes gave."""
+    """Results of the episodes."""
 
-    env: ChargingEnv  # a single one
+    env: ChargingEnv  # a single environment
     params: EnvParams
-    seed: int  # which episodes
+    seed: int  # selects the episodes
     scores: Mapping[str, Scores]  # of all policies
     result: dict[str, Any]  # of `train.evaluation.summary.summarize`
-    names: list[str]  # that were recorded: of the trained policies only that of the first seed
-    seen: Survey  # of these
+    names: list[str]  # recorded policies: the rules, and the first seed's trained policy
+    seen: Survey  # of the recorded policies
     first: Trace  # the trained policy's first episode
 
 
@@ -109,7 +109,7 @@ def draw(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
 
 
 def write(run_dir: RunDir, config: TrainConfig, played: Played, stochastic: bool) -> None:
-    """Prints the tables, and writes them to the page with the figures; numbers go to evaluation.json."""
+    """Prints the tables, writes the page with tables and figures, and writes the numbers to evaluation.json."""
     title = headline(played.result)
     acting = "samples its actions" if stochastic else "takes its most probable action"
     parts = sections(run_dir, config, played)
@@ -132,21 +132,21 @@ def _pictures(run_dir: RunDir) -> dict[str, Path]:
 
 
 def best_rule(played: Played) -> str:
-    """The rule of the highest mean return."""
+    """The rule with the highest mean return."""
     return next(name for name, _ in best_first(played.result) if name in BASELINES)
 
 
 def concluded(run_dir: RunDir, config: TrainConfig, played: Played) -> dict[str, str]:
-    """What each figure shows, by its name; of several learners the first, as in the figures of single vehicles."""
+    """A sentence on what each figure shows, by its name; it covers the first training seed only."""
     scores, ours, best = played.scores, config.algorithm, best_rule(played)
 
     def against(other: str, what: str, metric: str) -> str:
-        """The trained policy's metric against another's."""
+        """Compares a metric of the trained policy with another policy's."""
         gains = scores[ours][metric] - scores[other][metric]
         return difference(what, (ours, other), gains, played.seed)
 
     def beside(what: str, metric: str) -> str:
-        """The metric of the trained policy's first episode beside the mean of all."""
+        """Compares the trained policy's first episode with the mean of all."""
         samples = scores[ours][metric]
         return counts(what, samples[0], samples, played.seed)
 
@@ -169,7 +169,7 @@ def concluded(run_dir: RunDir, config: TrainConfig, played: Played) -> dict[str,
 
 
 def sections(run_dir: RunDir, config: TrainConfig, played: Played) -> list[Section]:
-    """The page's parts, with the figures that `draw` drew."""
+    """The sections of the page, with the figures from `draw`."""
     result, learned = played.result, learned_names(played.scores)
     said = concluded(run_dir, config, played)
     path = {name: Picture(path, said[name]) for name, path in _pictures(run_dir).items()}

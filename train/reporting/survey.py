@@ -1,4 +1,4 @@
-"""What many recorded episodes have in common: charge of EVs, dispatches and need, as sums over episodes."""
+"""Sums over recorded episodes: charge of EVs, dispatches and need."""
 
 import math
 from collections.abc import Sequence
@@ -14,23 +14,23 @@ SOC_BINS = 100  # of equal width, from 0 to 1
 
 
 class Survey(struct.PyTreeNode):
-    """Sums over episodes. P policies, D decisions of the highway, T of the policy, R ramps, B = SOC_BINS.
+    """Sums over episodes as NumPy arrays, so that surveys can be added.
 
-    NumPy arrays, so that surveys add up.
+    P policies, D decisions of the highway, T decisions of the policy, R ramps, B = SOC_BINS.
     """
 
     episodes: np.ndarray  # ()
     soc: np.ndarray  # (P, D + 1, B) EVs on the road, by state of charge
-    exit_soc: np.ndarray  # (P, B) EVs that came to the end of the road
+    exit_soc: np.ndarray  # (P, B) EVs that reached the end of the road
     depleted: np.ndarray  # (P,) EVs that ran out
     sent: np.ndarray  # (P, T, R) MEDs
     need: np.ndarray  # (P, T, R) need of each ramp
-    need_there: np.ndarray  # (P,) need of the ramp that a MED was sent from, over all MEDs
-    to_greatest: np.ndarray  # (P,) MEDs sent from the ramp of the greatest need
+    need_there: np.ndarray  # (P,) need of the ramps that MEDs were sent from, summed over MEDs
+    to_greatest: np.ndarray  # (P,) MEDs sent from the ramp with the greatest need
 
 
 def survey(trace: Trace, rounds: int = 1) -> Survey:
-    """Sums of traces `(episodes, policies, ...)`, of so many rounds from one decision of the highway to the next."""
+    """Sums of traces `(episodes, policies, ...)`; `rounds` is the number per decision of the highway."""
     frames, need = trace.frames, np.asarray(trace.need, np.float64)
     on_road, soc = np.asarray(frames.ev_on_road), np.asarray(frames.ev_soc)
     ended = on_road[:, :, :-1] & ~on_road[:, :, 1:]
@@ -50,12 +50,12 @@ def survey(trace: Trace, rounds: int = 1) -> Survey:
 
 
 def total(surveys: Sequence[Survey]) -> Survey:
-    """The survey of all episodes."""
+    """The sum of surveys."""
     return jax.tree.map(lambda *parts: np.sum(np.stack(parts), axis=0), *surveys)
 
 
 def dispatch_rows(names: Sequence[str], seen: Survey) -> Table:
-    """From which ramps every policy, in the order of `seen`, sends MEDs, and what need there is where it does."""
+    """The ramps that every policy sends MEDs from, and the need there; `names` are in the order of `seen`."""
     ramps = [f"ramp {number}" for number in range(1, 1 + seen.sent.shape[-1])]
     rows = [["policy", "MEDs sent", *ramps, "from the neediest ramp", "need there", "mean need"]]
     for index, name in enumerate(names):
@@ -72,7 +72,7 @@ def dispatch_rows(names: Sequence[str], seen: Survey) -> Table:
 
 
 def _histogram(soc: np.ndarray, counted: np.ndarray, kept: int) -> np.ndarray:
-    """Counts of charges `(episodes, P, T, E)`, `(P, SOC_BINS)` if one axis is kept, `(P, T, SOC_BINS)` if two are."""
+    """Counts of charges `(episodes, P, T, E)`: `(P, SOC_BINS)` for `kept` = 1, `(P, T, SOC_BINS)` for 2."""
     shape = soc.shape[1 : 1 + kept]
     bins = np.clip((soc[counted] * SOC_BINS).astype(np.int64), 0, SOC_BINS - 1)
     cell = np.ravel_multi_index(np.nonzero(counted)[1 : 1 + kept], shape)
@@ -81,7 +81,7 @@ def _histogram(soc: np.ndarray, counted: np.ndarray, kept: int) -> np.ndarray:
 
 
 def quantile(counts: np.ndarray, share: float) -> np.ndarray:
-    """State of charge that a share of the counted EVs is below; NaN where none was counted.
+    """Quantile of the state of charge of the counted EVs; NaN if none was counted.
 
     Args:
         counts: (..., SOC_BINS).

@@ -1,4 +1,4 @@
-"""Whole episodes: the road round by round; decision by decision the dispatches and the need for them.
+"""Records whole episodes: the road in each round, and dispatches and need at each decision.
 
 The episodes are those of `medjax.episodes.scores`, played by the same player.
 """
@@ -26,28 +26,28 @@ from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState
 
 EPISODES_AT_ONCE = 32
-BYTES_AT_ONCE = 2**28  # of traces
+BYTES_AT_ONCE = 2**28  # limit for traces
 
 
 class Frame(struct.PyTreeNode):
     """The road at an instant. E = num_evs, M = num_meds."""
 
-    ev_x: jax.Array  # (E,) m; of an EV that is gone, where it was last
+    ev_x: jax.Array  # (E,) m; the last position of an EV that is gone
     ev_soc: jax.Array  # (E,) state of charge
     ev_on_road: jax.Array  # (E,) bool
     med_x: jax.Array  # (M,) m
     med_on_road: jax.Array  # (M,) bool
-    med_charges: jax.Array  # (M,) int32, EVs that it charges
+    med_charges: jax.Array  # (M,) int32, number of EVs that the MED charges
 
 
 class Trace(struct.PyTreeNode):
-    """An episode of F rounds and T decisions of the policy, with R ramps; several have their own axes first.
+    """An episode of F rounds and T decisions of the policy, with R ramps; several episodes add leading axes.
 
-    A round begins with those who enter, so a slot that empties in one is filled again in the next at the earliest.
+    Vehicles enter at the start of a round, so a slot that empties in one is reused in the next at the earliest.
     """
 
-    frames: Frame  # (F + 1, ...), the first is of the reset, each other of the end of a round
-    sent: jax.Array  # (T,) int32, the ramp that a MED was sent from, counted from 1; 0: none
+    frames: Frame  # (F + 1, ...), the first after the reset, each other at the end of a round
+    sent: jax.Array  # (T,) int32, ramp that a MED was sent from, counted from 1; 0: none
     need: jax.Array  # (T, R) EVs, `forecast_need` as policies see it, before the decision
     reward: jax.Array  # (T,)
     depleted: jax.Array  # (T,) EVs that ran out
@@ -56,17 +56,17 @@ class Trace(struct.PyTreeNode):
 def record(
     env: Environment, params: EnvParams, policies: Mapping[str, Policy], episodes: int, seed: int
 ) -> Iterator[Trace]:
-    """Plays the first episodes of a seed with every policy, some at a time.
+    """Plays the first episodes of a seed with every policy, several at a time.
 
     Args:
         env: a single environment, wrapped or not.
         params: its parameters.
-        policies: by name.
+        policies: policies by name.
         episodes: whole episodes per policy.
-        seed: which episodes.
+        seed: selects the episodes.
 
     Yields:
-        Traces of NumPy arrays `(episodes at once, policies, ...)`, of consecutive episodes.
+        Traces of consecutive episodes, NumPy arrays `(episodes at once, policies, ...)`.
     """
     run = _recorder(env, policies, episode_decisions(params), episode_steps(env, params))
     weights = tuple(policy.weights for policy in policies.values())
@@ -76,7 +76,7 @@ def record(
     size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(shapes))
     at_once = max(1, min(at_once, at_once * BYTES_AT_ONCE // size))
     for first in tqdm(range(0, episodes, at_once), "recording", disable=None, leave=False):
-        # Always as many, so that one program serves; episodes too many are thrown away.
+        # A fixed number of episodes lets one program serve; surplus ones are dropped.
         numbers = np.minimum(np.arange(first, first + at_once), episodes - 1)
         trace = jax.device_get(run(weights, keys[numbers], params))
         yield jax.tree.map(lambda leaf, left=episodes - first: leaf[:left], trace)
@@ -92,14 +92,13 @@ def _recorder(
     ends = slice(config.ticks_per_round - 1, None, config.ticks_per_round)
 
     def play(keys: jax.Array, same: tuple[Any, EnvParams]) -> Trace:
-        """Traces of some episodes."""
         weights, params = same
 
         def begun(state: Any) -> Frame:
             return _frame(config, env.highway(state, params)[0])
 
         def shares(state: Any, frames: Frame) -> Frame:
-            """Frames with the charge of EVs as a share."""
+            """Frames with the EVs' energy in J converted to state of charge."""
             _, numbers = env.highway(state, params)
             return frames.replace(ev_soc=frames.ev_soc / numbers.ev_capacity_j)
 
@@ -108,7 +107,6 @@ def _recorder(
             return forecast_need(highway, config, numbers, NEED_WINDOW_S)
 
         def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
-            """One decision in every row."""
             after, made = player.decide(episodes, number, weights, params)
             made = made.of_dispatcher(config.num_actions)
             happened = made.info["tally"]
@@ -120,7 +118,7 @@ def _recorder(
         first = player.start(keys, params)
         _, made = lax.scan(decide, first, jnp.arange(steps, dtype=jnp.int32))
         rounds, *decided = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), made)
-        # A last step of several decisions may reach beyond the end.
+        # The last step may cover decisions past the end of the episode.
         frames = jax.tree.map(
             lambda begin, rest: jnp.concatenate(
                 [begin[:, None], rest.reshape(len(begin), -1, *begin.shape[1:])], axis=1
@@ -140,7 +138,7 @@ def _recorder(
 
 
 def _frame(config: EnvConfig, state: EnvState) -> Frame:
-    """What is recorded of a state; the charge of EVs in J."""
+    """The recorded part of a state; `ev_soc` is still the energy in J."""
     vehicles, evs = state.vehicles, state.evs
     partner = evs.med[:, None] == jnp.arange(config.num_meds)
     return Frame(

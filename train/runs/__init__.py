@@ -1,1 +1,1 @@
-"""A run from its beginning to its end: directory, checkpoints, logs, processes."""
+"""Training runs from start to end: directory, checkpoints, logs, processes."""

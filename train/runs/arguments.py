@@ -26,15 +26,15 @@ AUTO = "auto"
 
 @dataclasses.dataclass(frozen=True)
 class Processes:
-    """The processes that train together; InputError for numbers that do not go together."""
+    """The processes that train together; InputError for inconsistent numbers."""
 
-    # HOST:PORT of the first; AUTO: the scheduler knows; None: this one is alone
+    # HOST:PORT of the first process; AUTO: ask the scheduler; None: a single process
     coordinator: str | None = None
     number: int | None = None
     index: int | None = None
 
     def __post_init__(self) -> None:
-        """Checks what can be checked before any of them is met."""
+        """Checks everything that does not require a connection."""
         numbers = (self.number, self.index)
         if self.coordinator in (None, AUTO):
             if numbers != (None, None):
@@ -59,20 +59,20 @@ class Processes:
 
 @dataclasses.dataclass(frozen=True)
 class Request:
-    """What the command line, or `train.api.train`, asks for."""
+    """A request of the command line or of `train.api.train`."""
 
     config: TrainConfig
     run_dir: Path | None  # None: an unused one under runs/
-    resume: Path | None  # run to go on with
+    resume: Path | None  # run to resume
     processes: Processes = Processes()
-    quiet: bool = False  # no progress is shown
-    given: tuple[Any, Any] | None = None  # environment and numbers; None: those of the settings
-    callback: Callable[[dict[str, Any]], object] | None = None  # gets each update's row
-    from_update: int | None = None  # whose checkpoint to go on from; None: the newest
+    quiet: bool = False  # hide the progress
+    given: tuple[Any, Any] | None = None  # environment and parameters; None: those of the settings
+    callback: Callable[[dict[str, Any]], object] | None = None  # called with each update's row
+    from_update: int | None = None  # update whose checkpoint to resume from; None: the newest
 
 
 class _Help(KeepsLines, argparse.ArgumentDefaultsHelpFormatter):
-    """Defaults are shown where they say something."""
+    """Shows a default only if there is one."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         says = action.default not in (None, argparse.SUPPRESS)
@@ -80,7 +80,7 @@ class _Help(KeepsLines, argparse.ArgumentDefaultsHelpFormatter):
 
 
 def build_parser(kind: type[TrainConfig]) -> OneLineParser:
-    """The parser of `python -m train.ALGORITHM`; the options are the fields of its settings."""
+    """The parser of `python -m train.ALGORITHM`; its options are the fields of the algorithm's settings."""
     command, learner = f"train.{kind.algorithm}", kind.algorithm.upper()
     parser = OneLineParser(
         prog=f"python -m {command}",
@@ -128,7 +128,7 @@ def build_parser(kind: type[TrainConfig]) -> OneLineParser:
 
 
 def _add_option(group: argparse._ArgumentGroup, field: dataclasses.Field[Any]) -> None:
-    """One option; values stay text here, so that all errors are worded in one place."""
+    """Adds one option; values stay text here, so that the settings word all errors."""
     meta, default = field.metadata, field.default
     text = meta["help"]
     if field.name == "overrides":
@@ -157,7 +157,7 @@ def _add_option(group: argparse._ArgumentGroup, field: dataclasses.Field[Any]) -
 
 
 def parse_request(kind: type[TrainConfig], argv: Sequence[str] | None = None) -> Request:
-    """The checked request of `argv` (None: that of the process); bad input ends the command with exit code 2."""
+    """The checked request of `argv` (None: the command line of the process); bad input exits with code 2."""
     parser = build_parser(kind)
     given = vars(parser.parse_args(argv))
     files = {"--run-dir": "run_dir", "--resume": "resume", "--config": "config"}
@@ -191,7 +191,7 @@ def parse_request(kind: type[TrainConfig], argv: Sequence[str] | None = None) ->
 
 
 def _saved(kind: type[TrainConfig], run: Path | None, file: Path | None) -> TrainConfig:
-    """The settings that the command line changes: those of a run, of a file, or the defaults."""
+    """The settings before the command line changes them: those of a run, of a file, or the defaults."""
     if run is not None:
         return RunDir(run).load_config(kind)
     return load_config(file, kind) if file is not None else kind()
@@ -201,18 +201,18 @@ def settings_from_text(kind: type[TrainConfig], given: dict[str, Any]) -> dict[s
     """Values of settings from the text of the command line.
 
     Args:
-        kind: of settings.
-        given: text by name; of `overrides` and of lists several.
+        kind: class of the settings.
+        given: text by name; a list of texts for `overrides` and for lists.
 
     Raises:
-        InputError: text that is no value of its setting's type.
+        InputError: text that is not a value of its setting's type.
     """
     fields = {field.name: field for field in dataclasses.fields(kind)}
     return {name: _value(fields[name], text) for name, text in given.items()}
 
 
 def _value(field: dataclasses.Field[Any], text: Any) -> Any:
-    """Value of one setting; what cannot be converted is left for the settings to refuse in their words."""
+    """Value of one setting; text that cannot be converted stays as it is, for the settings to refuse."""
     if field.name == "overrides":
         return parse_overrides(text)
     default = field.default
@@ -224,11 +224,11 @@ def _value(field: dataclasses.Field[Any], text: Any) -> Any:
 
 
 def _number(text: str, kind: Any) -> Any:
-    """`text` as int or float, itself if it is neither."""
-    if not text.isascii():  # Python takes the digits of every script
+    """`text` as int or float, or unchanged if it is neither."""
+    if not text.isascii():  # Python accepts the digits of every script
         return text
     if kind is int and re.fullmatch(r"[+-]?\d+(\.\d+)?[eE]\+?\d+", text):
-        value = float(text)  # 1e6 is a whole number to people
+        value = float(text)  # people write 1e6 for a whole number
         return int(value) if math.isfinite(value) and value == int(value) else text
     try:
         return kind(text)

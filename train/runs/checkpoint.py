@@ -1,8 +1,8 @@
-"""Checkpoints of a whole training state: one NumPy archive each, `RUN_DIR/checkpoints/UPDATE.npz`.
+"""Checkpoints of the whole training state: one NumPy archive each, `RUN_DIR/checkpoints/UPDATE.npz`.
 
-An archive holds every array under its path in the state, PRNG keys as the numbers they are made of, and `about`: JSON
-with the version of this format, the settings, and the generator that the keys are of. It is written beside and renamed,
-so it is there whole or not at all; its reader checks the checksum that a ZIP file has of each member, and never
+An archive holds every array under its path in the state, with PRNG keys as their raw numbers. Its member `about` is
+JSON with the version of this format, the settings, and the generator of the keys. Writing to a temporary file and
+renaming it makes a checkpoint appear whole or not at all. Reading verifies the ZIP checksum of each member and never
 unpickles anything.
 """
 
@@ -22,24 +22,24 @@ from train.algorithms.networks import PolicyWeights
 from train.runs.processes import fetch
 from train.settings import TrainConfig, to_json
 
-# Of what this version writes and reads; in 1 the first policy was a bias of the last layer.
+# Version that is written and read; in format 1 the initial policy was a bias of the last layer.
 FORMAT = 2
 CHECKPOINTS = "checkpoints"  # in the directory of a run
 ABOUT = "about"
 PRNG = "jax_default_prng_impl"  # JAX's option
-WEIGHTS = "weights/"  # begins the names of what acting needs
+WEIGHTS = "weights/"  # prefix of the arrays that acting needs
 
 
 class ShapeError(InputError):
-    """A checkpoint is of another shape than the settings ask for."""
+    """A checkpoint's shape differs from what the settings require."""
 
 
 class Checkpoints:
     """The checkpoints of one run.
 
     Args:
-        run_dir: directory of the run; `checkpoints/` is made in it by the first save.
-        keep: newest checkpoints kept by `save`.
+        run_dir: directory of the run; the first save creates `checkpoints/` in it.
+        keep: number of newest checkpoints that `save` keeps.
     """
 
     def __init__(self, run_dir: Path, keep: int = 1) -> None:
@@ -47,10 +47,10 @@ class Checkpoints:
         self.keep = keep
 
     def save(self, state: TrainState, config: TrainConfig) -> None:
-        """Writes a state `to_host` under its number of updates; one that is already there is left alone.
+        """Writes the result of `to_host` under its number of updates; an existing checkpoint is left alone.
 
         Raises:
-            OSError: it could not be written; those before it are as they were.
+            OSError: it could not be written; earlier checkpoints are unchanged.
         """
         path = self._path(updates_done(state))
         about = json.dumps({"format": FORMAT, "config": to_json(config), "prng": _prng()})
@@ -66,31 +66,31 @@ class Checkpoints:
             self._path(update).unlink()
 
     def all(self) -> list[int]:
-        """Updates done at each checkpoint, the newest last."""
+        """Number of updates at each checkpoint, the newest last."""
         stems = [path.stem for path in self.directory.glob("*.npz")]
         return sorted(int(stem) for stem in stems if stem.isdecimal())
 
     def latest(self) -> int | None:
-        """Updates done at the newest checkpoint; None if there is none."""
+        """Number of updates at the newest checkpoint; None if there is none."""
         return max(self.all(), default=None)
 
     def check(self, update: int) -> None:
-        """Refuses (InputError) an update that there is no checkpoint of."""
+        """Refuses (InputError) an update without a checkpoint."""
         if update not in self.all():
             there = ", ".join(map(str, self.all())) or "none"
             raise InputError(f"no checkpoint of update {update} is there, allowed: {there}")
 
     def remove_after(self, update: int) -> None:
-        """Removes those of later updates, which will be done again."""
+        """Removes the checkpoints of later updates, which will be done again."""
         for later in self.all():
             if later > update:
                 self._path(later).unlink()
 
     def restore(self, expected: TrainState, step: int | None = None) -> TrainState:
-        """A checkpoint as arrays of NumPy, for `to_devices`.
+        """Reads a checkpoint as NumPy arrays, for `to_devices`.
 
         Args:
-            expected: shapes and types that it must have (`train.algorithms.programs.shapes_of`).
+            expected: required shapes and types (`train.algorithms.programs.shapes_of`).
             step: one of `all`; None is the newest.
 
         Raises:
@@ -99,10 +99,10 @@ class Checkpoints:
         return self._read(step, jax.eval_shape(_without_keys, expected), "")
 
     def restore_weights(self, expected: PolicyWeights, step: int | None = None) -> PolicyWeights:
-        """Reads only what acting needs, whatever number of environments it was trained with.
+        """Reads only what acting needs, whatever the number of environments in training.
 
         Args:
-            expected: shapes and types (`train.runs.policies.weight_shapes`).
+            expected: required shapes and types (`train.runs.policies.weight_shapes`).
             step: one of `all`; None is the newest.
 
         Raises:
@@ -114,7 +114,7 @@ class Checkpoints:
         return self.directory / f"{update}.npz"
 
     def _read(self, step: int | None, expected: Any, prefix: str) -> Any:
-        """A tree like `expected`, from the arrays whose names begin with `prefix`."""
+        """A tree like `expected`, read from the arrays whose names begin with `prefix`."""
         step = self.latest() if step is None else step
         if step is None:
             raise InputError(
@@ -127,7 +127,7 @@ class Checkpoints:
                 version, prng = about["format"], about.get("prng", _prng())
                 names = [name for name in file.files if name != ABOUT and name.startswith(prefix)]
                 arrays = {name: file[name] for name in names} if version == FORMAT else {}
-        except Exception as error:  # whatever NumPy and zipfile make of a damaged file
+        except Exception as error:  # NumPy and zipfile raise many types
             before = max((update for update in self.all() if update < step), default=None)
             go_on = f"--resume {self.directory.parent} --from-update {before}"
             raise InputError(
@@ -152,21 +152,21 @@ class Checkpoints:
 
 
 def updates_done(state: TrainState) -> int:
-    """Updates done, the same for all seeds."""
+    """Number of updates done, the same for all seeds."""
     return int(np.max(np.asarray(state.update)))
 
 
 def to_host(state: TrainState) -> TrainState:
-    """Arrays of NumPy, those of other processes among them, with PRNG keys as the numbers they hold."""
+    """The state as NumPy arrays, including the parts of other processes, with PRNG keys as raw numbers."""
     return fetch(_without_keys(state))
 
 
 def to_devices(state: TrainState, expected: TrainState, shardings: Any) -> TrainState:
-    """The inverse of `to_host`, in memory of its own: the training program overwrites its input.
+    """The inverse of `to_host`. It copies the arrays because the training program overwrites its input.
 
     Args:
-        state: arrays of NumPy, the same in every process.
-        expected: shapes and types.
+        state: NumPy arrays, the same in every process.
+        expected: shapes and types of the state.
         shardings: see `train.algorithms.programs.Programs`.
     """
 
@@ -178,7 +178,7 @@ def to_devices(state: TrainState, expected: TrainState, shardings: Any) -> Train
 
 
 def _named(tree: Any, prefix: str = "") -> dict[str, Any]:
-    """The leaves by their paths, e.g. `opt_state/0/count`."""
+    """The leaves by path, e.g. `opt_state/0/count`."""
     return {
         prefix + jax.tree_util.keystr(path, simple=True, separator="/"): leaf
         for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
@@ -191,7 +191,7 @@ def _layout(array: Any) -> str:
 
 
 def _prng() -> str:
-    """The generator of new keys; keys of two of them may have one shape."""
+    """JAX's current key generator; keys of different generators may have the same shape."""
     return str(getattr(jax.config, PRNG))
 
 

@@ -1,4 +1,4 @@
-"""Signals that ask a run to end, and how one ends before it is done."""
+"""Signals that ask a run to stop, and the error of a run that stopped early."""
 
 import contextlib
 import dataclasses
@@ -10,11 +10,11 @@ from typing import Any
 
 
 class StoppedError(RuntimeError):
-    """A run that ended before it was done; the message says why, and what is left.
+    """A run stopped before it was done; the message says why, and what was saved.
 
     Attributes:
         code: exit code of the command: 1, or 128 + signal.
-        alone: other processes of the run do not know.
+        alone: the run's other processes do not know that this one stopped.
     """
 
     def __init__(self, code: int, why: str, alone: bool = True) -> None:
@@ -22,22 +22,22 @@ class StoppedError(RuntimeError):
         self.code, self.alone = code, alone
 
 
-PATIENCE_S = 3.0  # of whoever wants to stop, without a word
+PATIENCE_S = 3.0  # a longer wait after a signal is announced to the user
 
 
 @dataclasses.dataclass
 class Interrupt:
-    """The signal that asked to end; None while there is none."""
+    """The signal that asked the run to stop."""
 
-    number: int | None = None
-    busy_s: float = 0.0  # how long what is under way takes
+    number: int | None = None  # None: there was no signal
+    busy_s: float = 0.0  # duration of the call under way
 
 
 @contextlib.contextmanager
 def deferred_interrupts() -> Iterator[Interrupt]:
-    """Within it SIGINT and SIGTERM only leave a note; a second one ends the process as usual.
+    """A context in which the first SIGINT or SIGTERM is only recorded; a second one ends the process as usual.
 
-    Python hears signals in its main thread alone: in another, nothing changes.
+    Python handles signals only in its main thread; in other threads this does nothing.
     """
     noted = Interrupt()
     if threading.current_thread() is not threading.main_thread():
@@ -49,7 +49,7 @@ def deferred_interrupts() -> Iterator[Interrupt]:
         noted.number = number
         if noted.busy_s > PATIENCE_S:
             soon = f"stopping after this update, of about {noted.busy_s:.0f} s; again to stop at once\n"
-            os.write(2, soon.encode())  # not print, which may be what was interrupted
+            os.write(2, soon.encode())  # print() may be what was interrupted
         for each, handler in previous.items():
             signal.signal(each, handler)
 

@@ -1,4 +1,4 @@
-"""What training reports while it runs: metrics.jsonl, TensorBoard and the progress bar."""
+"""Logs of a run in progress: metrics.jsonl, TensorBoard and the progress bar."""
 
 import contextlib
 import json
@@ -25,13 +25,13 @@ MAIN = "episode_return"
 
 
 def rows_from(metrics: dict[str, Any], count: int) -> list[Row]:
-    """Metrics of `train.algorithms.programs.run_updates` as one dict an update.
+    """The metrics of `train.algorithms.programs.run_updates` as one dict per update.
 
-    With several seeds each value is the mean over those that have one, and `per_seed` lists them.
+    With several seeds a value is the mean over the seeds that have a finite one, and `per_seed` lists all of them.
 
     Args:
         metrics: arrays `(places,)` or `(num_seeds, places)`.
-        count: leading places that are filled.
+        count: number of leading places that are filled.
     """
     columns = {name: np.asarray(values, np.float64) for name, values in metrics.items()}
     rows = []
@@ -51,10 +51,10 @@ def _mean(values: np.ndarray) -> float:
 
 
 def read_rows(path: Path) -> list[Row]:
-    """Lines of metrics.jsonl; a last line cut off in the writing is left out.
+    """The rows of metrics.jsonl, without a last line that was cut off while it was written.
 
     Raises:
-        InputError: another line is damaged.
+        InputError: any other line is damaged.
     """
     rows = []
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
@@ -81,11 +81,11 @@ class MetricsLog:
 
     Args:
         run_dir: directory of the run.
-        done: updates that training goes on from. Lines of later ones, written after the checkpoint by a run that was
-            killed, are dropped because they will be computed again, and with them what was cut off in the writing.
+        done: number of updates that training continues from. Rows of later updates, which a killed run wrote after its
+            last checkpoint, are dropped because they will be computed again; so is a line that was cut off.
 
     Raises:
-        OSError: they cannot be written.
+        OSError: the files cannot be written.
     """
 
     def __init__(self, run_dir: RunDir, done: int) -> None:
@@ -97,14 +97,14 @@ class MetricsLog:
             self._board = _Board(run_dir.tensorboard, self.rows)
 
     def write(self, rows: list[Row]) -> None:
-        """Appends rows, whole lines or nothing; they are in the file when this returns.
+        """Appends rows, all of them or none; they are in the file when this returns.
 
         Raises:
             OSError: the disk is full, or the file is gone.
         """
         self.rows += rows
         text = "".join(map(_line, rows)).encode()
-        # Opened anew for each write, so that a directory that was removed is noticed and not written to unseen.
+        # Opening the file for each write reveals a directory that was removed.
         with self._path.open("r+b", buffering=0) as file:
             end = file.seek(0, os.SEEK_END)
             try:
@@ -128,10 +128,10 @@ def _line(row: Row) -> str:
 
 
 class _Board:
-    """TensorBoard's event files, written where the failure of a write is noticed.
+    """TensorBoard's event files, written in this thread so that a failure is noticed.
 
-    tensorboardX's SummaryWriter leaves the writing to a thread: when that dies of a full disk, the queue to it fills up
-    and training stands still.
+    tensorboardX's SummaryWriter writes in a thread of its own. When a full disk kills that, its queue fills up and
+    training hangs.
     """
 
     def __init__(self, path: Path, rows: list[Row]) -> None:
@@ -143,7 +143,7 @@ class _Board:
         path.mkdir(parents=True, exist_ok=True)
         earlier = any(path.iterdir())
         self._file = EventsWriter(str(path / "events"), f".{os.getpid()}")
-        if earlier:  # steps from here on hide those of a killed run
+        if earlier:  # TensorBoard then hides later steps of a killed run
             start = SessionLog(status=SessionLog.START)
             self._add(rows[-1]["env_steps"] + 1 if rows else 0, session_log=start)
 
@@ -165,7 +165,7 @@ class _Board:
 
 
 class Progress:
-    """How far training is: a bar on stderr; where that is no terminal, a line on stdout every ten seconds or so.
+    """Progress of training: a bar on stderr or, if that is not a terminal, a line on stdout about every ten seconds.
 
     The first line comes with the first update. `quiet` shows nothing.
     """
@@ -190,11 +190,11 @@ class Progress:
             print("compiling, a minute or two where it was not before", flush=True)
 
     def show(self, rows: list[Row]) -> None:
-        """Moves on by the updates in `rows`, and shows the newest return there is."""
+        """Advances by the updates in `rows`, and shows the newest return."""
         returns = [row[MAIN] for row in rows if row.get(MAIN) is not None]
         if returns:
             self._score = f"return {returns[-1]:.4g}"
-        elif not self._score.startswith("return"):  # the first whole episodes end late
+        elif not self._score.startswith("return"):  # no whole episode has ended yet
             self._score = f"reward {rows[-1]['reward_mean'] or 0.0:.3g}"
         self._bar.set_postfix_str(self._score, refresh=False)
         self._bar.update((rows[-1]["update"] - self._done) * self._steps)
@@ -210,7 +210,7 @@ class Progress:
 
 
 def _line_of(row: Row, updates: int, score: str) -> str:
-    """Where a run stands after an update, and how long the rest takes at this pace."""
+    """The progress of a run after an update, and the time left at this pace."""
     rate = row["env_steps_per_s"]
     left_s = (updates - row["update"]) * row["env_steps"] / row["update"] / rate
     decisions = f"{row['env_steps']:,} decisions, {rate:,.0f} a second"

@@ -1,4 +1,4 @@
-"""The beginning of a run: everything that can be checked is checked, then its directory is claimed."""
+"""The start of a run: checks everything that can be checked, then claims the directory."""
 
 import contextlib
 import math
@@ -24,7 +24,7 @@ from train.runs.session import Session
 from train.settings import TrainConfig, to_json
 
 FLOAT = 4  # bytes
-NUMBERS_OF_A_CHOICE = 8  # beside what was seen and allowed, `train.algorithms.rollout.Trajectory`
+NUMBERS_OF_A_CHOICE = 8  # in `train.algorithms.rollout.Trajectory`, besides observation and mask
 
 
 def open_session(request: Request) -> Session:
@@ -47,20 +47,20 @@ def open_session(request: Request) -> Session:
     resumed = request.resume is not None
     begun = env, params, config, programs, shapes, resumed, *taken
     left = config.num_updates - (updates_done(taken[-1]) if taken[-1] is not None else 0)
-    each = getattr(env, "decisions_per_step", 1)  # an environment of another kind has no road
+    each = getattr(env, "decisions_per_step", 1)  # only environments with a road have it
     decisions = left * config.steps_per_update * config.num_seeds * each
     takes = [f"{needed / GIGA:.2g} GB of memory or more", reckoned_time(env, decisions)]
     return Session(*begun, ", ".join(filter(None, takes)), quiet, request.callback)
 
 
 def _check_memory(env: Any, params: Any, config: TrainConfig, shapes: TrainState) -> float:
-    """Bytes that a run takes, reckoned low rather than high; InputError where this machine cannot hold them.
+    """A low estimate of the bytes that a run takes; InputError if this machine cannot hold them.
 
-    The state is there once on the devices and once on the host, gradients and their moments are as large as the
-    weights. Of a rollout what every choice saw, drew and got is kept once, in the order of time; where a device's
-    environments are several blocks, putting these together takes it once more. The closing evaluation keeps scores.
+    The state exists once on the devices and once on the host; gradients and their moments are as large as the weights.
+    The rollout is counted once, although joining the blocks of a device's environments takes a second copy. The
+    closing evaluation keeps its scores.
     """
-    policies = config.num_seeds + 1 + len(rules_of(env))  # and the start
+    policies = config.num_seeds + 1 + len(rules_of(env))  # 1: the initial policy
     check_episodes(config.eval_episodes, policies, config.force, "eval_episodes")
     views = getattr(env, "num_agents", 1) * config.num_envs * config.choices_per_update
     seen = math.prod(env.observation_space(params).shape)
@@ -73,7 +73,7 @@ def _check_memory(env: Any, params: Any, config: TrainConfig, shapes: TrainState
 
 
 def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None, TrainState | None]:
-    """The directory, its lock and the checkpoint in it to go on from; only the first process locks and writes."""
+    """The directory, its lock and the checkpoint to resume from; only the first process locks and writes."""
     config, own = request.config, request.given is not None
     if request.resume is None:
         if not is_first():
@@ -82,7 +82,7 @@ def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None,
         return run_dir, run_dir.claim(config), None
     run_dir, checkpoints = RunDir(request.resume, own), Checkpoints(request.resume)
     saved, update = None, request.from_update
-    # What refuses lets go of the lock, even while somebody in a notebook looks at the error.
+    # A refusal releases the lock at once, even if a notebook keeps the error and its frames alive.
     with contextlib.ExitStack() as held:
         lock = held.enter_context(run_dir.lock()) if is_first() else None
         if update is not None:
@@ -105,7 +105,7 @@ def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None,
 
 
 def _check_updates(before: TrainConfig, config: TrainConfig) -> None:
-    """Refuses (InputError) updates that are not those that were done: what is done is counted in them."""
+    """Refuses (InputError) to change what an update is, because progress is counted in updates."""
     for name in config.of_an_update:
         given, was = getattr(config, name), getattr(before, name)
         if given != was:
@@ -115,7 +115,7 @@ def _check_updates(before: TrainConfig, config: TrainConfig) -> None:
 def _restored(
     before: TrainConfig, checkpoints: Checkpoints, request: Request, shapes: TrainState
 ) -> TrainState:
-    """The checkpoint to go on from; what does not fit is said by the settings that were changed."""
+    """The checkpoint to resume from; if it does not fit, the error names the settings that were changed."""
     try:
         return checkpoints.restore(shapes, request.from_update)
     except ShapeError as error:

@@ -1,4 +1,4 @@
-"""The policies of a run: what it learned, from its checkpoints and as a file, and the rules beside it."""
+"""The policies of a run: the learned ones, from its checkpoints and as a file, and the rules beside them."""
 
 import contextlib
 import dataclasses
@@ -29,12 +29,12 @@ from train.runs.checkpoint import Checkpoints
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig
 
-PLATFORMS = ("cpu", "cuda", "tpu")  # that a policy's file is for
-BYTES_OF_AN_EPISODE = 500  # its scores, with each policy
+PLATFORMS = ("cpu", "cuda", "tpu")  # supported by a policy's file
+BYTES_OF_AN_EPISODE = 500  # the scores of one episode of one policy
 
 
 def weight_shapes(env: Any, params: Any, config: TrainConfig) -> PolicyWeights:
-    """Shapes and types of a run's weights, with a leading axis if it has several seeds; nothing is compiled."""
+    """Shapes and types of a run's weights, with a leading axis for several seeds, without compiling anything."""
     shapes = algorithm_of(config).weight_shapes(env, params, config)
     seeds = (config.num_seeds,) if config.num_seeds > 1 else ()
     return jax.tree.map(
@@ -47,10 +47,10 @@ def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, PolicyWe
 
     Args:
         run_dir: directory of the run.
-        config: its settings, or others of the same network.
+        config: its settings, or others with the same network.
 
     Raises:
-        InputError: the environment cannot be made, or there is no checkpoint that fits it.
+        InputError: the environment cannot be made, or no checkpoint fits it.
     """
     prepare_cpu()
     reader = Checkpoints(run_dir)
@@ -62,13 +62,13 @@ def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, PolicyWe
 
 
 def _check_fits(run_dir: Path, env: Any, params: Any, config: TrainConfig) -> None:
-    """Refuses (InputError) another world than that of the training where the policy would see or choose other things.
+    """Refuses (InputError) an environment with other numbers of features or actions than the training had.
 
     Args:
         run_dir: directory of the run.
         env: single environment to play in.
         params: its parameters.
-        config: names both.
+        config: settings that name `env` and `params`.
     """
     own = RunDir(run_dir).load_config()
     if (own.scenario, own.overrides) == (config.scenario, config.overrides):
@@ -90,18 +90,18 @@ def _check_fits(run_dir: Path, env: Any, params: Any, config: TrainConfig) -> No
 
 
 def _sizes(env: Any, params: Any) -> tuple[tuple[int, int], dict[str, Any]]:
-    """How many numbers a policy sees and how many choices it has, and the sizes of the highway that decide it."""
+    """The numbers of features and actions of a policy, and the highway's sizes that determine them."""
     config = getattr(env, "config", None)
     highway = vars(config) if dataclasses.is_dataclass(config) else {}
     return (math.prod(env.observation_space(params).shape), env.num_actions), highway
 
 
 def weights_by_name(config: TrainConfig, weights: PolicyWeights) -> dict[str, PolicyWeights]:
-    """What each seed learned: of the first under the algorithm's name, of the others under that and `_seed2`, ...
+    """The weights of each seed: the first has the algorithm's name, the others append `_seed2`, ...
 
     Args:
         config: settings of the run.
-        weights: of the run, with a leading axis if it had several seeds.
+        weights: the run's weights, with a leading axis if it had several seeds.
     """
     if config.num_seeds == 1:
         return {config.algorithm: weights}
@@ -114,13 +114,13 @@ def weights_by_name(config: TrainConfig, weights: PolicyWeights) -> dict[str, Po
 def all_policies(
     env: Any, config: TrainConfig, weights: PolicyWeights, stochastic: bool = False
 ) -> dict[str, Policy]:
-    """The trained policies, named as in `weights_by_name`, what the first began as (`START`), and every rule.
+    """The trained policies, named as in `weights_by_name`, the first seed's initial policy (`START`), and every rule.
 
     Args:
         env: a single environment.
         config: settings of the run.
-        weights: of the run, with a leading axis if it had several seeds.
-        stochastic: sample the trained policy's actions, and those of its start.
+        weights: the run's weights, with a leading axis if it had several seeds.
+        stochastic: sample the actions of the trained policies and of the initial one.
     """
     learn = algorithm_of(config)
     by_name = weights_by_name(config, weights) | {START: learn.start(env, config, weights)}
@@ -139,18 +139,18 @@ def load_policies(
 def make_world(
     names: Sequence[str], scenario: str | None, overrides: Mapping[str, Any]
 ) -> tuple[Any, Any, TrainConfig]:
-    """An environment for policies of no run: that of the first one from a file, or a preset.
+    """An environment for policies without a run: that of the first policy from a file, or a preset.
 
     Args:
-        names: of `chosen`.
-        scenario: preset; None: that of the file's training, or paper.
+        names: names of policies, as in `chosen`.
+        scenario: preset; None takes that of the file's training, or paper.
         overrides: numbers of the environment.
 
     Returns:
         The environment, its parameters, and settings that name it.
 
     Raises:
-        InputError: a name that nothing has, or a number that the environment does not take.
+        InputError: an unknown name, or a number that the environment does not accept.
     """
     prepare_cpu()
     for name in names:
@@ -167,16 +167,16 @@ def make_world(
 def chosen(
     env: Any, found: Mapping[str, Policy], names: Sequence[str] | None, baseline: str | None
 ) -> dict[str, Policy]:
-    """What is to be played, by name.
+    """The policies to play, by name.
 
     Args:
         env: a single environment.
         found: policies of a run, and rules.
-        names: of them, or whatever `medjax.policies.given.as_policy` takes; None: all that are found.
-        baseline: one more, if it is not among them.
+        names: names in `found`, or anything that `medjax.policies.given.as_policy` takes; None takes all of `found`.
+        baseline: one more policy, if it is not among them.
 
     Raises:
-        InputError: a name that nothing has.
+        InputError: an unknown name.
     """
     wanted = list(found) if names is None else list(names)
     wanted += [baseline] if baseline is not None and baseline not in wanted else []
@@ -196,22 +196,22 @@ def export_policy(
     card: Mapping[str, Any],
     given: bool = False,
 ) -> None:
-    """Writes the trained policy as one file, for `medjax.policies.saved.load_policy`.
+    """Writes the trained policy as one file for `medjax.policies.saved.load_policy`.
 
-    The file plays in the preset's own reward, whatever the policy was paid.
+    The file names the preset's own reward, whatever the reward in training was.
 
     Args:
         path: file to write, replaced.
         env: a single environment of the run.
         params: its parameters.
         config: settings of the run.
-        weights: of the run; of several seeds the first is taken.
-        card: how it was trained, `RunDir.card`; the file says it.
-        given: the environment is one of somebody's own, and the file does not say what it is.
+        weights: the run's weights; the first of several seeds is taken.
+        card: how it was trained, `RunDir.card`; stored in the file.
+        given: the environment is a user's own, and the file does not describe it.
 
     Raises:
-        InputError: the file could not name the environment, and was to.
-        OSError: it cannot be written.
+        InputError: the file cannot describe the environment but has to.
+        OSError: the file cannot be written.
     """
     by_rule = config.agents != "none" and config.dispatcher != "agents"
     dispatcher = config.dispatcher if by_rule else ""
@@ -248,7 +248,7 @@ def export_policy(
 
 @contextlib.contextmanager
 def _without_source_lines() -> Iterator[None]:
-    """Within it, programs name no lines of source, nor where these lie on this machine."""
+    """A context in which programs contain no lines of source and no paths of this machine."""
     option = "jax_traceback_in_locations_limit"
     before = getattr(jax.config, option)
     jax.config.update(option, 0)
@@ -261,5 +261,5 @@ def _without_source_lines() -> Iterator[None]:
 def check_episodes(
     episodes: int, policies: int, force: bool | None = None, option: str = "--episodes"
 ) -> None:
-    """Refuses (InputError) more episodes of so many policies than this machine's memory holds the scores of."""
+    """Refuses (InputError) episodes whose scores, of all policies, exceed this machine's memory."""
     check_memory(f"{option} {episodes}", episodes * policies * BYTES_OF_AN_EPISODE, force)

@@ -1,7 +1,7 @@
-"""Several processes, on one machine or many, that train one learner: JAX's distributed runtime, and what they agree on.
+"""Coordinates several processes, on one machine or many, that train one learner over JAX's distributed runtime.
 
-Every process runs the same program on the same settings and holds a share of the environments. The first one alone
-writes and reports. With one process all of this is nothing.
+Every process runs the same program with the same settings and holds a share of the environments. Only the first one
+writes and reports. With a single process there is nothing to coordinate.
 """
 
 import os
@@ -18,11 +18,11 @@ from train.runs.arguments import AUTO, Processes
 
 Result = TypeVar("Result")
 
-PATIENCE_S = 7 * 86400  # the others wait while the first evaluates
+PATIENCE_S = 7 * 86400  # the others wait for the first, which evaluates
 
 
 def join(processes: Processes) -> None:
-    """Waits for the others, before JAX computes anything; InputError if they or the scheduler cannot be found."""
+    """Waits for the other processes, before JAX computes anything; InputError if they or the scheduler are missing."""
     if processes.coordinator is None:
         return
     address = None if processes.coordinator == AUTO else processes.coordinator
@@ -36,7 +36,7 @@ def join(processes: Processes) -> None:
 
 
 def leave(code: int) -> int:
-    """Ends this process at once if there are others, who notice and end as well; else just returns `code`."""
+    """Ends this process at once if there are others, which notice and end as well; otherwise returns `code`."""
     if jax.process_count() > 1:
         sys.stdout.flush()
         sys.stderr.flush()
@@ -45,7 +45,7 @@ def leave(code: int) -> int:
 
 
 def together(action: Callable[[], Result]) -> Result:
-    """What `action` gives, if it went well in every process; InputError if it was refused here, or in another."""
+    """The result of `action` if it succeeded in every process; InputError if any process refused it."""
     problem = None
     try:
         result = action()
@@ -65,9 +65,9 @@ def is_first() -> bool:
 
 
 def agree(*numbers: int) -> np.ndarray:
-    """What every process says, `(num_processes, len(numbers))` int32; all of them must ask.
+    """The numbers of every process, `(num_processes, len(numbers))` int32; all processes must call this.
 
-    They take the same steps only if they decide alike, and clocks, signals and disks are their own.
+    They stay in step only if they decide alike, but each has its own clock, signals and disk.
     """
     said = np.asarray(numbers, np.int32)
     if jax.process_count() == 1:
@@ -76,7 +76,7 @@ def agree(*numbers: int) -> np.ndarray:
 
 
 def fetch(tree: Any) -> Any:
-    """The arrays as NumPy, with the parts that other processes hold; all of them must ask."""
+    """The arrays as NumPy, including the parts of other processes; all processes must call this."""
 
     def whole(leaf: Any) -> np.ndarray:
         if leaf.is_fully_addressable or leaf.is_fully_replicated:

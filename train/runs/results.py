@@ -1,4 +1,4 @@
-"""What a run leaves when its training ends: the policy, its evaluation, the training curve and a summary."""
+"""The results of a finished training: the policy, its evaluation, the training curve and a summary."""
 
 import dataclasses
 import time
@@ -27,38 +27,38 @@ class Trained:
     env: Any  # a single environment
     params: Any  # its parameters
     config: TrainConfig
-    run_dir: RunDir  # where results go
-    weights: PolicyWeights  # what was learned, on the host
-    rows: list[Row]  # all lines of metrics.jsonl
-    updates: int  # done, in all
+    run_dir: RunDir  # receives the results
+    weights: PolicyWeights  # learned weights, on the host
+    rows: list[Row]  # all rows of metrics.jsonl
+    updates: int  # done in total
     new_updates: int  # done by this process
-    wall_s: float  # to the end of training, with compilation and resumed runs, without imports
-    compile_s: float  # of this process, as the next
-    train_s: float
+    wall_s: float  # to the end of training, with compilation and earlier parts, without imports
+    compile_s: float  # of this process
+    train_s: float  # of this process
     played: Comparison | None = None  # the closing evaluation
 
 
 def prepare_evaluation(
     env: Any, params: Any, config: TrainConfig, shapes: PolicyWeights
 ) -> Evaluation:
-    """The closing evaluation of policies with weights of these shapes, compiled."""
+    """The closing evaluation, compiled for policies with weights of these shapes."""
     weights = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
     return Evaluation(env, params, all_policies(env, config, weights), config.eval_episodes)
 
 
 def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> Comparison | None:
-    """Exports the policy, evaluates it if there is a `prepare_evaluation`, draws the curve, writes summary.json.
+    """Exports the policy, plays the `evaluation` if there is one, draws the curve, and writes summary.json.
 
     Returns:
         The evaluation.
     """
     started = time.perf_counter()
-    run.run_dir.evaluation.unlink(missing_ok=True)  # it is of weights that are replaced here
-    _export(run)  # whatever becomes of the evaluation
+    run.run_dir.evaluation.unlink(missing_ok=True)  # it belongs to earlier weights
+    _export(run)  # the policy is there even if the evaluation fails
     played = None
     if evaluation is not None:
         played = _evaluate(run, evaluation)
-        _export(run)  # which says so
+        _export(run)  # the file includes the evaluation
     entries = played.result["policies"] if played is not None else {}
     returns = {name: entry["return_mean"] for name, entry in entries.items()}
     _draw_curve(run, returns)
@@ -74,13 +74,11 @@ def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> Compar
 
 
 def _export(run: Trained) -> None:
-    """Writes policy.zip."""
     learned = run.env, run.params, run.config, run.weights
     export_policy(run.run_dir.policy, *learned, run.run_dir.card(), given=run.run_dir.given)
 
 
 def _evaluate(run: Trained, evaluation: Future[Evaluation]) -> Comparison:
-    """Plays the closing evaluation, writes and prints it."""
     config, policies = run.config, all_policies(run.env, run.config, run.weights)
     episodes = config.eval_episodes
     print(f"evaluating {len(policies)} policies on {episodes} episodes each", flush=True)
@@ -94,7 +92,6 @@ def _evaluate(run: Trained, evaluation: Future[Evaluation]) -> Comparison:
 
 
 def _draw_curve(run: Trained, returns: dict[str, float]) -> None:
-    """Draws the training curve over the mean returns of the rules, and of the start."""
     config = run.config
     rules = {name: value for name, value in returns.items() if name not in learned_names(returns)}
     try:
@@ -104,7 +101,6 @@ def _draw_curve(run: Trained, returns: dict[str, float]) -> None:
 
 
 def _summary(run: Trained, returns: dict[str, float]) -> dict[str, Any]:
-    """What summary.json says."""
     config = run.config
     steps = config.steps_per_update * config.num_seeds
     final, source = final_return(run.rows), "training"
@@ -118,7 +114,7 @@ def _summary(run: Trained, returns: dict[str, float]) -> dict[str, Any]:
         "updates": run.updates,
         "env_steps": run.updates * steps,
         "wall_s": round(run.wall_s, 3),
-        "compile_s": round(run.compile_s, 3),  # of this process, as the next three are
+        "compile_s": round(run.compile_s, 3),  # this process only, like train_s and env_steps_per_s
         "train_s": round(run.train_s, 3),
         "env_steps_per_s": run.new_updates * steps / run.train_s if run.train_s else 0.0,
         "final_return_mean": final,

@@ -1,4 +1,4 @@
-"""The directory of a run: what is in it, and how it is claimed without overwriting anything."""
+"""The directory of a run: its files, and how a run claims it without overwriting anything."""
 
 import contextlib
 import fcntl
@@ -18,25 +18,24 @@ from train.runs.versions import versions
 from train.settings import GIVEN, TrainConfig, load_config, to_json
 
 LOCK = ".lock"
-UNTIL = re.compile(
-    r"config-until-([0-9]{1,18})\.json"
-)  # what else is named alike is somebody's own
+# Other files with similar names belong to the user.
+UNTIL = re.compile(r"config-until-([0-9]{1,18})\.json")
 
 
 class RunDir:
-    """The directory of a run, and the paths of what is in it.
+    """The directory of a run, and the paths of its files.
 
     Args:
-        path: of the directory.
-        given: its environment is given by `train.api`, and is not what the settings name.
+        path: path of the directory.
+        given: `train.api` supplies the environment; the settings do not name it.
     """
 
     def __init__(self, path: Path, given: bool = False) -> None:
         self.path, self.given = path, given
         self.config = path / "config.json"  # settings and versions
-        self.metrics = path / "metrics.jsonl"  # a line of JSON an update
-        self.summary = path / "summary.json"  # what came out
-        self.evaluation = path / "evaluation.json"  # the closing one
+        self.metrics = path / "metrics.jsonl"  # a line of JSON per update
+        self.summary = path / "summary.json"  # results
+        self.evaluation = path / "evaluation.json"  # closing evaluation
         self.policy = path / "policy.zip"  # for `medjax.policies.saved.load_policy`
         self.plots = path / "plots"
         self.report = path / "report"  # tables and figures of `train.report`
@@ -46,11 +45,11 @@ class RunDir:
         """Settings of the run.
 
         Args:
-            kinds: of settings that are allowed; those of every algorithm if none is given.
+            kinds: allowed classes of settings; by default those of every algorithm.
 
         Raises:
-            InputError: this is no directory of a run, its settings cannot be read, or they do not say what its
-                environment was.
+            InputError: this is not the directory of a run, or its settings cannot be read or do not describe its
+                environment.
         """
         if not self.path.is_dir():
             raise InputError(
@@ -59,9 +58,9 @@ class RunDir:
         return load_config(self.config, *(kinds or SETTINGS), given=self.given)
 
     def card(self) -> dict[str, Any]:
-        """How its policy was trained: `settings`, `versions`, and `evaluation` if it was evaluated.
+        """How the policy was trained: `settings`, `versions`, and `evaluation` if there was one.
 
-        The last has `episodes`, `seed` and, of each of `policies`, `return_mean` and `return_ci95`.
+        The last has `episodes`, `seed`, and `return_mean` and `return_ci95` of each of `policies`.
 
         Raises:
             InputError: a file of the run cannot be read.
@@ -86,7 +85,7 @@ class RunDir:
         """Makes the directory, writes the settings into it and returns its `lock`.
 
         Raises:
-            InputError: it is in use or cannot be written.
+            InputError: the directory is in use or cannot be written.
         """
         check_unused(self.path)
         with _writing(self.path):
@@ -101,10 +100,10 @@ class RunDir:
         return held
 
     def lock(self) -> IO[str]:
-        """Keeps other runs out while the file that it returns is open: until this process ends, however it ends.
+        """Locks the directory for as long as the returned file is open, at most until this process ends.
 
         Raises:
-            InputError: a run under way has it, or the directory cannot be written.
+            InputError: another run holds the lock, or the directory cannot be written.
         """
         with _writing(self.path):
             file = (self.path / LOCK).open("a", encoding="utf-8")
@@ -118,17 +117,17 @@ class RunDir:
         return file
 
     def release(self) -> None:
-        """Undoes `claim` of a run that ended before it did anything."""
+        """Undoes `claim` for a run that ended before its first update."""
         with contextlib.suppress(OSError):
             for path in (self.config, self.path / LOCK):
                 path.unlink(missing_ok=True)
             self.path.rmdir()
 
     def update_config(self, config: TrainConfig, update: int) -> None:
-        """Writes settings that training goes on with after `update`; other ones until then stay.
+        """Writes the settings that hold after `update`, and keeps the earlier ones.
 
-        Each update had the settings of the first `config-until-UPDATE.json` that is not before it, or else those of
-        `config.json`.
+        An update had the settings of the first `config-until-UPDATE.json` whose UPDATE is not before it, or else those
+        of `config.json`.
 
         Raises:
             InputError: the directory cannot be written.
@@ -145,21 +144,20 @@ class RunDir:
                 later = [path for path in later if path != until]
             if self.load_config(type(config)) != config:
                 self._save_config(config)
-            for path in later:  # of updates that are done anew
+            for path in later:  # these updates will be done again
                 path.unlink()
 
     def _save_config(self, config: TrainConfig) -> None:
-        """Writes the settings, and the versions of what ran them."""
         environment = {"environment": GIVEN} if self.given else {}
         data = {"config": to_json(config), **environment, "versions": versions()}
         write_text(self.config, json.dumps(data, indent=2) + "\n")
 
 
 def new_run_dir(scenario: str, root: Path = Path("runs")) -> Path:
-    """Makes `root/SCENARIO-N` with the smallest N from 1 that is not there yet, and nobody else's.
+    """Makes `root/SCENARIO-N` with the smallest N from 1 that is free, even if several runs start at once.
 
     Raises:
-        InputError: it cannot be made.
+        InputError: the directory cannot be made.
     """
     for number in itertools.count(1):
         path = root / f"{scenario}-{number}"
@@ -174,7 +172,7 @@ def new_run_dir(scenario: str, root: Path = Path("runs")) -> Path:
 
 
 def check_unused(path: Path) -> None:
-    """Refuses (InputError) a directory that holds anything, is none, or could not be made."""
+    """Refuses (InputError) a path unless it is an empty directory, or one can be made there."""
     allowed = "allowed: a new or empty directory"
     with _writing(path):
         if path.exists() and not path.is_dir():
@@ -187,14 +185,14 @@ def check_unused(path: Path) -> None:
 
 
 def check_matplotlib() -> None:
-    """Refuses to draw (InputError) where matplotlib is not installed, before the work for it is done."""
+    """Refuses (InputError) to draw without matplotlib, before the work is done."""
     if importlib.util.find_spec("matplotlib") is None:
         raise InputError("matplotlib is not installed, allowed: pip install -e .[train]")
 
 
 @contextlib.contextmanager
 def _writing(path: Path) -> Iterator[None]:
-    """Within it an OSError is bad input: the directory cannot be written."""
+    """A context that turns an OSError into an InputError: the directory cannot be written."""
     try:
         yield
     except OSError as error:

@@ -1,4 +1,4 @@
-"""A training run as the host sees it: compile, drive chunks of updates, save, and close with an evaluation."""
+"""A training run on the host: it compiles, runs updates in chunks, saves, and closes with an evaluation."""
 
 import contextlib
 import dataclasses
@@ -26,9 +26,9 @@ from train.runs.results import Trained, prepare_evaluation, write_results
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig
 
-# A program that runs once had better compile fast than run fast.
+# A program that runs once should compile fast rather than run fast.
 ONCE: Any = {"xla_backend_optimization_level": 0}
-SECONDS_PER_CALL = 1.0  # of the compiled program: how often the bar moves and Ctrl-C is heard
+SECONDS_PER_CALL = 1.0  # of the compiled program: how often the bar moves and Ctrl-C takes effect
 
 
 @dataclasses.dataclass
@@ -40,16 +40,15 @@ class Session:
     config: TrainConfig
     programs: Programs
     shapes: TrainState  # shapes and types
-    resumed: bool  # goes on with a run
-    run_dir: RunDir  # where results go
-    lock: IO[str] | None  # keeps other runs out while it is open; only the first process has it
-    saved: TrainState | None  # checkpoint to go on from, on the host; None: from the start
+    resumed: bool  # continues an earlier run
+    run_dir: RunDir  # receives the results
+    lock: IO[str] | None  # locks the directory while it is open; only the first process has it
+    saved: TrainState | None  # checkpoint to resume from, on the host; None: train from the start
     takes: str  # memory and time, in words
-    quiet: bool = False  # shows no progress
-    callback: Callable[[Row], object] | None = None  # gets each update's row once it is written
+    quiet: bool = False  # hide the progress
+    callback: Callable[[Row], object] | None = None  # called with each update's row, once written
 
     def __post_init__(self) -> None:
-        """Starts the clock."""
         self.began = time.perf_counter()
         self.compile_s = self.train_s = self.earlier_s = 0.0
         self.done = updates_done(self.saved) if self.saved is not None else 0
@@ -58,7 +57,7 @@ class Session:
         self.evaluation: Future[Evaluation] | None = None
 
     def run(self) -> int:
-        """`train` as a command: says on stderr what ended it early. Returns the exit code."""
+        """`train` as a command: prints on stderr why it stopped early. Returns the exit code."""
         try:
             self.train()
         except StoppedError as stopped:
@@ -71,7 +70,7 @@ class Session:
         """Trains, saves and evaluates.
 
         Raises:
-            StoppedError: it ended early, by a signal, a number that is not finite, or a disk.
+            StoppedError: it stopped early, because of a signal, a number that is not finite, or a failed write.
         """
         try:
             return self._train()
@@ -95,9 +94,7 @@ class Session:
         try:
             with contextlib.closing(Progress(self.config, self.done, "compiling", self.quiet)):
                 init, run = self._compile()
-        except (
-            BaseException
-        ) as error:  # what an environment of one's own raises when it is traced, too
+        except BaseException as error:  # a user's own environment may raise anything when traced
             if self.resumed:
                 raise
             if self.lock is not None:  # this process claimed it
@@ -122,7 +119,7 @@ class Session:
         return self._close(state, rows, interrupt.number)
 
     def _close(self, state: TrainState, rows: list[Row], stopped_by: int | None) -> Trained:
-        """Evaluates and reports; a run that was stopped is only reported."""
+        """Evaluates and reports the run; one that was stopped is only reported."""
         wall_s = self.earlier_s + time.perf_counter() - self.began
         plain = to_host(state)
         ended = Trained(
@@ -154,11 +151,11 @@ class Session:
         return ended
 
     def _all_done(self) -> str:
-        """Where a run stands that only an evaluation is missing of, in words."""
+        """Message for a run that lacks only its evaluation."""
         return f"after the last update; evaluate with: {self._again('evaluate --run-dir')}"
 
     def _again(self, command: str) -> str:
-        """What to type, or to call, to do more with this run."""
+        """The command or the call that continues with this run."""
         path = self.run_dir.path
         if self.run_dir.given:
             return f'train.api, with the same environment and "{path}"'
@@ -178,10 +175,10 @@ class Session:
         )
 
     def _compile(self) -> tuple[Any, Any]:
-        """The two programs, compiled ahead of time and side by side; `init` is None where it is not needed.
+        """The two programs, compiled ahead of time and in parallel; `init` is None where it is not needed.
 
-        The closing evaluation is compiled behind them, and on while training begins: XLA leaves a core idle for much of
-        the time that it takes for one program.
+        The closing evaluation compiles after them in the background, while training begins: XLA leaves a core idle for
+        much of the time that it compiles one program.
         """
         start = time.perf_counter()
         waiting = None
@@ -199,7 +196,6 @@ class Session:
         return ready, program
 
     def _begin(self, init: Any) -> TrainState:
-        """The state to train from."""
         if self.saved is None:
             return init(jax.random.key(self.config.seed), self.params)
         saved, self.saved = self.saved, None
@@ -213,10 +209,10 @@ class Session:
         progress: Progress,
         interrupt: Interrupt,
     ) -> tuple[TrainState, str | None]:
-        """Calls the program until all updates are done or a signal came; the last state is saved.
+        """Calls the program until all updates are done or a signal arrives, then saves the state.
 
         Returns:
-            The state, and what in it is not finite, if something is (it is not saved then).
+            The state, and what in it is not finite, if anything; such a state is not saved.
         """
         config, started = self.config, time.perf_counter()
         steps = config.steps_per_update * config.num_seeds
@@ -260,7 +256,7 @@ class Session:
         return state, None
 
     def _chunk(self, done: int, per_update_s: float) -> int:
-        """Updates in the next call: about a second of them, not past the end or the next checkpoint."""
+        """Number of updates in the next call: about a second's worth, not past the end or the next checkpoint."""
         config = self.config
         most = min(config.updates_per_call, config.num_updates - done)
         if config.checkpoint_interval:
@@ -273,13 +269,13 @@ class Session:
             self.checkpoints.save(plain, self.config)
 
     def _newest(self) -> str:
-        """What is saved, in words."""
+        """Message that tells which checkpoint is the newest."""
         if (update := self.checkpoints.latest()) is not None:
             return f"the newest checkpoint is of update {update}"
         return "there is no checkpoint"
 
     def _tell(self, rows: list[Row]) -> None:
-        """Hands rows to the callback; an OSError of it, such as a network's, is not that of a disk."""
+        """Hands rows to the callback. An OSError that it raises must not pass for a failed write of the run."""
         if self.callback is None or not is_first():
             return
         for row in rows:

@@ -1,4 +1,4 @@
-"""What the commands on a trained run share: their options, and the settings that they play it with."""
+"""Shared parts of the commands on a trained run: their options, and the settings that they play it with."""
 
 import argparse
 import dataclasses
@@ -15,7 +15,7 @@ LIMITS = {"episodes": (2, 10**7), "batch": (1, 10**6), "seed": (0, 2**32 - 1)}
 def trained_run_parser(
     prog: str, description: str, required: bool = True, epilog: str = ""
 ) -> OneLineParser:
-    """The parser of a command that plays whole episodes with the policy in `--run-dir DIR`, if it is required."""
+    """The parser of a command that plays whole episodes with the policy of a run; `required`: it needs `--run-dir`."""
     parser = OneLineParser(
         prog=f"python -m {prog}",
         description=description,
@@ -38,7 +38,7 @@ def trained_run_parser(
 
 
 def whole_numbers(given: argparse.Namespace) -> dict[str, int]:
-    """Those of `LIMITS` that a command has as options, checked."""
+    """The command's options that are in `LIMITS`, checked."""
     return {
         name: whole_number(f"--{name}", getattr(given, name), *limits)
         for name, limits in LIMITS.items()
@@ -49,16 +49,16 @@ def whole_numbers(given: argparse.Namespace) -> dict[str, int]:
 def to_play(
     config: TrainConfig, scenario: str | None = None, changes: Mapping[str, Override] | None = None
 ) -> TrainConfig:
-    """Settings of a run, for playing it here, in the environment that is asked for.
+    """Settings for playing a run on this machine, in the requested environment.
 
     Args:
-        config: of the run.
-        scenario: preset; None is that of the run.
-        changes: numbers of the environment, over those of the run where the preset is its own: what was set for one may
-            mean nothing in another.
+        config: settings of the run.
+        scenario: preset; None takes that of the run.
+        changes: numbers of the environment. They override those of the run, which are kept only for the same preset:
+            in another they may be meaningless.
     """
     scenario = config.scenario if scenario is None else scenario
     kept = config.overrides if scenario == config.scenario else {}
     overrides = {**kept, **(changes or {})}
-    # This machine need not have the devices that the run had.
+    # This machine may lack the devices that the run had.
     return dataclasses.replace(config, scenario=scenario, overrides=overrides, num_devices=0)

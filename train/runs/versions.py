@@ -1,4 +1,4 @@
-"""What ran: versions, and the commit of the sources where they are a checkout."""
+"""The software that ran: versions, and the commit of the sources if they are a checkout."""
 
 import contextlib
 import platform
@@ -21,7 +21,7 @@ def versions() -> dict[str, str]:
 
 
 def commit() -> str:
-    """The commit of the sources, and whether they have changed since; "unknown" where they are no checkout."""
+    """The commit of the sources, and whether they have changed since; "unknown" if they are not a checkout."""
 
     def git(*words: str) -> str:
         with contextlib.suppress(OSError, subprocess.SubprocessError):
@@ -30,7 +30,7 @@ def commit() -> str:
             return done.stdout.strip()
         return ""
 
-    if not (ROOT / ".git").exists():  # installed, maybe inside somebody else's checkout
+    if not (ROOT / ".git").exists():  # installed, perhaps inside another project's checkout
         return "unknown"
     changed = git("status", "--porcelain", "--", *FOLDERS)
     return (git("rev-parse", "--short", "HEAD") or "unknown") + (" with changes" if changed else "")

@@ -49,20 +49,20 @@ from train.algorithms.rollout import (
 
 @struct.dataclass
 class PPOState(TrainState):
-    """All that changes in training."""
+    """The training state of PPO."""
 
     opt_state: Any
-    return_stats: RunningStats  # of the discounted return, scales rewards
+    return_stats: RunningStats  # of the discounted return; they scale rewards
 
 
 @dataclasses.dataclass(frozen=True)
 class PPOLearner:
-    """PPO for one seed, see `train.algorithms.algorithm.Learner`."""
+    """PPO for one seed; see `train.algorithms.algorithm.Learner`."""
 
     collector: Collector
     optimizer: optax.GradientTransformation
     config: PPOConfig
-    learning_rate: Callable[[jax.Array], jax.Array]  # of the number of updates done
+    learning_rate: Callable[[jax.Array], jax.Array]  # function of the number of updates done
     mesh: Mesh  # devices that share the environments
     state: ClassVar[type[PPOState]] = PPOState
 
@@ -77,15 +77,15 @@ class PPOLearner:
         return PPOState(weights, rollout, next_key, jnp.int32(0), opt_state, return_stats)
 
     def update(self, state: PPOState, env_params: Any) -> tuple[PPOState, Metrics]:
-        """A rollout, and the epochs of gradient steps on it.
+        """One rollout, then epochs of gradient steps on it.
 
-        Observations are normalised by the same moments when acting and when learning from it; the moments take in the
-        rollout only afterwards. Rewards are scaled by moments that include it.
+        Acting and learning normalise observations by the same moments, which take in the rollout only afterwards.
+        Rewards are scaled by moments that already include it.
         """
         rollout_key, shuffle_key, key = jax.random.split(state.key, 3)
         keys = jax.random.split(rollout_key, self.config.num_envs)
-        # The trajectory stays as it was acted, (steps, environments): what was seen is large, and is copied only where
-        # a device's environments are several blocks.
+        # The trajectory keeps the layout of the rollout, (steps, environments), because observations are large. They
+        # are copied only if a device splits its environments into blocks.
         collect = on_devices(
             self.mesh, self._collect, out_axes=(0, 1, 0, 0), group=self.config.same_demand
         )
@@ -131,14 +131,13 @@ class PPOLearner:
     def _collect(
         self, rows: tuple[RolloutState, jax.Array], same: tuple[PolicyWeights, Any]
     ) -> tuple[RolloutState, Trajectory, jax.Array, EpisodeSums]:
-        """The rollout of some of the environments."""
         (state, keys), (weights, env_params) = rows, same
         return self.collector.collect(weights, state, keys, env_params)
 
     def _samples(
         self, trajectory: Trajectory, last_value: jax.Array, return_stats: RunningStats
     ) -> Batch:
-        """What the trajectory teaches; arrays are `(num_envs, num_steps, ...)`."""
+        """The samples of a trajectory; arrays are `(num_envs, num_steps, ...)`."""
         steps = Steps(
             reward=scale_reward(return_stats, trajectory.reward),
             value=trajectory.value,
@@ -172,7 +171,7 @@ class PPOLearner:
         weights: PolicyWeights,
         opt_state: Any,
     ) -> tuple[Any, Any, Metrics]:
-        """Epochs of minibatches. Returns parameters, optimiser state and metrics averaged over the gradient steps."""
+        """Runs all epochs; returns parameters, optimiser state, and metrics averaged over the gradient steps."""
         numbers = jnp.arange(self.config.num_envs, dtype=jnp.int32)
         numbers, samples = split_environments(key, (numbers, samples), self.config.num_minibatches)
         samples = jax.vmap(weigh)(samples)
@@ -181,7 +180,7 @@ class PPOLearner:
         def loss_fn(
             candidate: Any, seen: tuple[jax.Array, jax.Array], batch: Batch
         ) -> tuple[jax.Array, Metrics]:
-            """The loss `()` and its scalars, of rows: observations `(some, num_features)`, masks, samples `(some,)`."""
+            """Loss `()` and metrics of some rows: observations `(some, num_features)`, masks, samples `(some,)`."""
             obs, mask = seen
             policy, value = apply_policy(
                 self.collector.network, PolicyWeights(candidate, weights.obs_stats), obs, mask
@@ -203,8 +202,8 @@ def build_learner(env: Environment, params: Any, config: PPOConfig) -> PPOLearne
     """PPO on `env` with `config`.
 
     Args:
-        env: a single environment; it is copied `config.num_envs` times here.
-        params: its parameters, read only for the length of an episode.
+        env: a single environment; the learner makes `config.num_envs` copies of it.
+        params: its parameters; only the length of an episode is read.
         config: settings.
 
     Raises:
@@ -219,7 +218,7 @@ def build_learner(env: Environment, params: Any, config: PPOConfig) -> PPOLearne
         left = 1.0 - update / config.num_updates if config.anneal else 1.0
         return jnp.float32(config.learning_rate * left)
 
-    # All parameters as one vector: a few operations for all layers instead of a few for each array.
+    # On one flat vector the optimiser needs a few operations for all layers, instead of a few per array.
     optimizer = optax.flatten(
         optax.chain(
             optax.clip_by_global_norm(config.max_grad_norm),

@@ -12,21 +12,21 @@ from train.algorithms.ppo.settings import PPOConfig
 
 @struct.dataclass
 class Batch:
-    """Samples to learn from, but for what was seen; every array is `(...)`."""
+    """Samples to learn from, without observations and masks; every array is `(...)`."""
 
     action: jax.Array  # int32
-    log_prob: jax.Array  # of the action when it was taken
-    value: jax.Array  # when it was taken
+    log_prob: jax.Array  # of the action, under the policy that acted
+    value: jax.Array  # estimate at the time of acting
     advantage: jax.Array
     target: jax.Array  # for the value
-    weight: jax.Array  # in what is learned of acting: none where there was no choice
-    value_weight: jax.Array  # in what is learned of values: none where nothing asks for them
+    weight: jax.Array  # in the policy's terms: 0 where there was no choice
+    value_weight: jax.Array  # in the value's term: 0 where no advantage needs the value
 
 
 def clipped_surrogate(
     log_prob: jax.Array, old_log_prob: jax.Array, advantage: jax.Array, clip_epsilon: float
 ) -> jax.Array:
-    """The objective to be maximised, eq. (9) of the paper, without its mean.
+    """The objective to maximise, eq. (9) of the paper, for each sample.
 
     Its gradient is zero where the ratio has left [1 - eps, 1 + eps] in the direction that the advantage rewards.
 
@@ -44,10 +44,10 @@ def clipped_surrogate(
 def value_loss(
     value: jax.Array, old_value: jax.Array, target: jax.Array, clip_epsilon: float | None
 ) -> jax.Array:
-    """Half the squared error, without its mean; `(...)`.
+    """Half the squared error of each sample, `(...)`.
 
-    With `clip_epsilon`, the larger of that and the error of the value kept within eps of the old one (Schulman et al.'s
-    implementation). None is the plain error.
+    With `clip_epsilon` it is the larger of that and the error of the value clipped to within eps of the old one
+    (Schulman et al.'s implementation).
     """
     error = jnp.square(value - target)
     if clip_epsilon is not None:
@@ -57,17 +57,17 @@ def value_loss(
 
 
 def leaves_choice(mask: jax.Array) -> jax.Array:
-    """Whether more than one action is allowed, `(...)` bool, by masks `(..., num_actions)`."""
+    """Whether masks `(..., num_actions)` allow more than one action, `(...)` bool."""
     return jnp.sum(mask, axis=-1) > 1
 
 
 def weigh(batch: Batch) -> Batch:
-    """A whole minibatch, leaves `(...)`, as `ppo_loss` takes it or parts of it.
+    """Prepares a whole minibatch, leaves `(...)`, for `ppo_loss`, which takes it whole or in parts.
 
-    Advantages are shifted and scaled to mean 0 and standard deviation 1 over the decisions that leave a choice, and
-    these alone have a weight. Where only one action is allowed nothing can be learned about acting, and with a long
-    cooldown these are nearly all: they would drown the others in the standardisation of advantages, in the clipped
-    norm of the gradient, and in what is reported.
+    Advantages are standardised to mean 0 and standard deviation 1 over the decisions that leave a choice; only these
+    have a weight. A decision with a single allowed action teaches nothing about acting. With a long cooldown nearly
+    all are of this kind, and they would drown the others in the standardisation of advantages, in the clipped norm of
+    the gradient, and in the metrics.
     """
     weight, value_weight = (
         each / jnp.maximum(jnp.mean(each), 1e-8) for each in (batch.weight, batch.value_weight)
@@ -77,7 +77,7 @@ def weigh(batch: Batch) -> Batch:
 
 
 def standardize(advantage: jax.Array, weight: jax.Array, eps: float = 1e-8) -> jax.Array:
-    """Shifts and scales to mean 0 and standard deviation 1 by weights of mean 1, or 0 everywhere; all `(...)`."""
+    """Shifts and scales to mean 0 and standard deviation 1, under weights of mean 1 or all 0; all `(...)`."""
     centred = advantage - jnp.mean(advantage * weight)
     return centred / (jnp.sqrt(jnp.mean(jnp.square(centred) * weight)) + eps)
 
@@ -85,15 +85,15 @@ def standardize(advantage: jax.Array, weight: jax.Array, eps: float = 1e-8) -> j
 def ppo_loss(
     distribution: Categorical, value: jax.Array, batch: Batch, config: PPOConfig
 ) -> tuple[jax.Array, dict[str, jax.Array]]:
-    """Loss of samples of a minibatch, to be minimised; that of the whole is the mean of its parts'.
+    """Loss to minimise, of samples of a minibatch; the loss of the whole is the mean over its parts.
 
-    Acting and values are learned where they have a weight; a sample that has neither adds nothing.
+    A sample whose weights are both 0 adds nothing.
 
     Args:
-        distribution: `(...)`, policy being learned, of the actions that were allowed.
+        distribution: `(...)`, policy being learned, over the allowed actions.
         value: `(...)`, value being learned.
-        batch: samples of what `weigh` returned.
-        config: has the clip and the weights of the terms.
+        batch: samples from the result of `weigh`.
+        config: gives the clip and the weights of the terms.
 
     Returns:
         The loss `()`, and scalars that describe it.
@@ -115,7 +115,7 @@ def ppo_loss(
         "policy_loss": policy_term,
         "value_loss": value_term,
         "entropy": entropy,
-        # the low-variance, never negative estimate of http://joschu.net/blog/kl-approx.html
+        # the non-negative, low-variance estimator of http://joschu.net/blog/kl-approx.html
         "approx_kl": jnp.mean((ratio - 1.0 - log_ratio) * weight),
         "clip_fraction": jnp.mean(outside * weight),
         "choice_share": jnp.mean(weight > 0.0),
@@ -126,14 +126,14 @@ def ppo_loss(
 def explained_variance(value: jax.Array, target: jax.Array, weight: jax.Array) -> jax.Array:
     """Share of the targets' variance that the values explain; 1 is perfect, 0 no better than a constant.
 
-    All arguments are `(...)`. Infinite where the targets do not vary, or none has a weight.
+    All arguments are `(...)`. The result is infinite if the targets do not vary or none has a weight.
     """
 
     def variance(of: jax.Array) -> jax.Array:
         mean = jnp.sum(of * weight) / divisor
         return jnp.sum(jnp.square(of - mean) * weight) / divisor
 
-    # Divisors that are 0 are replaced before they divide: what is not used must be finite, too.
+    # Zero divisors are replaced before the division, because unused results must be finite, too.
     total = jnp.sum(weight)
     divisor = jnp.where(total > 0.0, total, 1.0)
     spread = variance(target)

@@ -55,7 +55,7 @@ class PPOConfig(TrainConfig):
     normalize_rewards: bool = option(True, "PPO", "scale by the spread of the discounted return")
 
     def __post_init__(self) -> None:
-        """Checks as `TrainConfig`, then what must go together."""
+        """Checks as `TrainConfig` does, then combinations with PPO's own settings."""
         super().__post_init__()
         if self.num_envs % self.num_minibatches:
             raise InputError(
@@ -68,14 +68,14 @@ class PPOConfig(TrainConfig):
                 f"num_envs x rollout_length x num_seeds is {choices}, allowed: at most {MOST_COUNTED}"
             )
         if self.network == "sets" and self.normalize_observations:
-            # A row of zeros is nobody there, and would no longer be one.
+            # A row of zeros marks an empty slot, and normalisation would change it.
             raise InputError("network is 'sets' and normalize_observations is True, allowed: False")
         if self.agents != "none" and self.normalize_observations:
-            # Agents tell by their status what they may do.
+            # The initial policy reads an agent's status from the raw observation.
             given = f"agents is {self.agents!r} and normalize_observations is True"
             raise InputError(f"{given}, allowed: False")
         if self.normalize_observations and self.start == "rule" and self.observation == "profile":
-            # It reads EVs and packs off the profile, not deviations from their means.
+            # The rule needs numbers of EVs and packs, not deviations from their means.
             raise InputError("start is 'rule' and normalize_observations is True, allowed: wait")
 
     @property
@@ -85,5 +85,5 @@ class PPOConfig(TrainConfig):
 
     @property
     def same_demand(self) -> int:
-        """Neighbours that meet the same episodes: each minibatch gets one of them, and so every demand."""
+        """Neighbours that meet the same episodes. Each minibatch gets one of them, and so meets every demand."""
         return self.num_minibatches
