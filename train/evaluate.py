@@ -36,9 +36,11 @@ def build_parser() -> OneLineParser:
         required=False,
         epilog=PRESETS,
     )
-    parser.add_argument("--json", metavar="FILE", help="write the result there, over what it holds")
     parser.add_argument(
-        "--plot", metavar="FILE.png", help="draw the means of Figure 8 there, over what it holds"
+        "--json", metavar="FILE", help="write the result to this file, replacing it"
+    )
+    parser.add_argument(
+        "--plot", metavar="FILE.png", help="draw the means of Figure 8 to this file, replacing it"
     )
     parser.add_argument(
         "--batch", default="128", metavar="N", help="episodes played together (default: 128)"
@@ -47,15 +49,13 @@ def build_parser() -> OneLineParser:
     parser.add_argument(
         "--policies",
         metavar="A,B",
-        help=f"these alone, with or without a run: {names} (default: those of the run and every rule)",
+        help=f"play only these, with or without a run: {names} (default: those of the run and every rule)",
     )
-    parser.add_argument(
-        "--baseline", metavar="NAME", help="the policy of these that all others are compared with"
-    )
-    parser.add_argument("--force", action="store_true", help="begin although memory is not there")
+    parser.add_argument("--baseline", metavar="NAME", help="the policy to compare all others with")
+    parser.add_argument("--force", action="store_true", help="start even if memory is short")
     parser.add_argument("--scenario", metavar="NAME", help="preset (default: the one trained on)")
     add_set_option(
-        parser, "set a number of the environment, over those of the training; repeatable"
+        parser, "set a number of the environment, instead of that of the training; repeatable"
     )
     return parser
 

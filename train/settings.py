@@ -41,8 +41,8 @@ class TrainConfig(abc.ABC):
     reward: str = option(
         "preset",
         "environment",
-        "what is paid: as the preset pays, paper, money, or module:function of a term of your own, or several with "
-        "commas, beside those of the preset",
+        "the reward: preset (its own), paper, money, or module:function of a term of your own, several with commas, "
+        "in addition to the preset's",
     )
     wrapper: str = option(
         "none", "environment", "module:function that wraps the environment in one of your own"
@@ -51,31 +51,31 @@ class TrainConfig(abc.ABC):
     agents: str = option(
         "none",
         "environment",
-        "who decides: none, a dispatcher; or every MED for itself (docs/agents.md), all by one policy: ippo, whose "
-        "critic sees what a MED sees; mappo, whose critic sees the whole road as well",
+        "who decides: none, a dispatcher; or every MED, by one shared policy (docs/agents.md): ippo, whose critic "
+        "sees what a MED sees; mappo, whose critic sees the whole road as well",
         choices=("none", "ippo", "mappo"),
     )
     credit: str = option(
         "team",
         "environment",
-        "what each of the agents is paid: the team's reward, or what its own EVs gain",
+        "reward of each agent: the team's, or the gain of its own EVs",
         choices=("team", "own"),
     )
     dispatcher: str = option(
         "agents",
         "environment",
-        "who sends agents in: themselves, or a rule",
+        "who dispatches the agents: they themselves, or a rule",
         choices=("agents", *DISPATCHERS),
     )
     demand_range: tuple[float, ...] = option(
         (1.0, 1.0),
         "environment",
-        "in training, each episode has the demand of the preset times a factor, drawn between these two",
+        "in training, scale each episode's demand by a factor drawn between these two",
         limits=(0, 4),  # four lanes do not carry more
     )
     num_envs: int = option(256, "environment", "environments run side by side", limits=(1, 2**20))
     decide_every: int = option(
-        1, "environment", "decisions from one choice of the policy to the next", limits=(1, 10**6)
+        1, "environment", "decisions per choice of the policy", limits=(1, 10**6)
     )
     stagger: bool = option(
         False, "environment", "spread the ends of the first episodes, so that not all end together"
@@ -86,7 +86,7 @@ class TrainConfig(abc.ABC):
         "decisions per seed over all environments, rounded up to updates",
         limits=(1, 10**15),
     )
-    seed: int = option(0, "run", "of all randomness", limits=(0, 2**32 - 1))
+    seed: int = option(0, "run", "seed of all randomness", limits=(0, 2**32 - 1))
     num_seeds: int = option(1, "run", "independent learners trained side by side", limits=(1, 1024))
     num_devices: int = option(
         0, "run", "devices, or CPU cores, that share the environments; 0: all", limits=(0, 2**16)
@@ -102,7 +102,7 @@ class TrainConfig(abc.ABC):
         64, "run", "episodes of the closing evaluation; 0: none", limits=(0, 10**7)
     )
 
-    force: bool = option(False, "run", "begin although the memory that it takes is not there")
+    force: bool = option(False, "run", "start even if the run needs more memory than there is")
 
     network: str = option(
         "mlp", "network", "architecture: mlp, or sets (of MEDs and EVs) with --observation flat"
@@ -113,20 +113,22 @@ class TrainConfig(abc.ABC):
     encoder: tuple[int, ...] = option(
         (64, 64),
         "network",
-        "widths of the layers of sets that every vehicle goes through",
+        "widths of the layers that encode a vehicle, with --network sets",
         limits=(1, 2**16),
     )
-    activation: str = option("silu", "network", "between layers", choices=("tanh", "relu", "silu"))
+    activation: str = option(
+        "silu", "network", "activation of the hidden layers", choices=("tanh", "relu", "silu")
+    )
     start: str = option(
         "rule",
         "network",
-        "policy before training: the rule budgeted, which takes --observation profile; or wait",
+        "initial policy: the rule budgeted, which needs --observation profile; or wait",
         choices=("rule", "wait"),
     )
     initial_wait: float = option(
         0.8,
         "network",
-        "probability of action 0 before training where it does not start from a rule",
+        "initial probability of action 0, unless training starts from a rule",
         limits=(0.001, 0.999),
     )
     compute_dtype: str = option(

@@ -97,27 +97,27 @@ def build_parser(kind: type[TrainConfig]) -> OneLineParser:
     files.add_argument(
         "--resume",
         metavar="DIR",
-        help="go on with the run in DIR from its newest checkpoint; its settings hold where none are given here",
+        help="resume the run in DIR from its newest checkpoint; options given here override its settings",
     )
     files.add_argument(
         "--config",
         metavar="FILE",
-        help="settings of a file, .json or .yaml, such as the config.json of a run, where none are given here",
+        help="read settings from a .json or .yaml file, such as a run's config.json; options given here override them",
     )
     files.add_argument(
         "--from-update",
         metavar="N",
-        help="with --resume: from the checkpoint of this update, in place of the newest; later ones are removed",
+        help="with --resume: start from the checkpoint of this update, not the newest; later ones are removed",
     )
     parser.add_argument("--quiet", action="store_true", help="show no progress")
     several = parser.add_argument_group("several machines")
     several.add_argument(
         "--coordinator",
         metavar="HOST:PORT",
-        help=f"train with other processes; address of the first. {AUTO}: as Slurm, Open MPI or Kubernetes say",
+        help=f"train with other processes: address of the first, or {AUTO} to ask Slurm, Open MPI or Kubernetes",
     )
-    several.add_argument("--num-processes", metavar="N", help="how many there are")
-    several.add_argument("--process-id", metavar="N", help="which of them this is, from 0")
+    several.add_argument("--num-processes", metavar="N", help="number of processes")
+    several.add_argument("--process-id", metavar="N", help="index of this process, from 0")
     groups: dict[str, argparse._ArgumentGroup] = {}
     fields = dataclasses.fields(kind)
     for field in sorted(fields, key=lambda own: own.metadata["group"] == "network"):

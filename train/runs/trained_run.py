@@ -28,11 +28,13 @@ def trained_run_parser(
     parser.add_argument(
         "--episodes", default="200", metavar="N", help="whole episodes per policy (default: 200)"
     )
-    parser.add_argument("--seed", default="0", metavar="N", help="which episodes (default: 0)")
+    parser.add_argument(
+        "--seed", default="0", metavar="N", help="seed of the episodes (default: 0)"
+    )
     parser.add_argument(
         "--stochastic",
         action="store_true",
-        help="sample the trained policy's actions; else the most probable",
+        help="sample the trained policy's actions instead of taking the most probable",
     )
     return parser
 

@@ -24,7 +24,7 @@ def build_parser(study: str) -> OneLineParser:
     parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
     add_set_option(parser, "set another number of the environment, as for train.ppo; repeatable")
     add_plot(parser, "the figure")
-    shown = "sample the trained policy's actions; else the most probable"
+    shown = "sample the trained policy's actions instead of taking the most probable"
     parser.add_argument("--stochastic", action="store_true", help=shown)
     if study == WEIGHTS:
         weights.add_options(parser)

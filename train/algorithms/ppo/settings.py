@@ -25,12 +25,12 @@ class PPOConfig(TrainConfig):
     num_minibatches: int = option(
         16,
         "PPO",
-        "minibatches per epoch; as many environments meet the same episodes, one for each; must divide num_envs",
+        "minibatches per epoch; must divide num_envs; as many environments, one in each, meet the same episodes",
         limits=(1, 2**20),
     )
     num_epochs: int = option(2, "PPO", "passes over each rollout", limits=(1, 1000))
     learning_rate: float = option(
-        1e-3, "PPO", "of Adam, at the start", flags=("--lr",), limits=(1e-12, 10)
+        1e-3, "PPO", "initial learning rate of Adam", flags=("--lr",), limits=(1e-12, 10)
     )
     anneal: bool = option(True, "PPO", "let the learning rate fall linearly to 0")
     gamma: float = option(1.0, "PPO", "discount per choice", limits=(0, 1))
@@ -38,7 +38,7 @@ class PPOConfig(TrainConfig):
     bootstrap_timeouts: bool = option(
         False,
         "PPO",
-        "value what would follow after the time limit; for observations without a clock",
+        "bootstrap the value at the time limit; for observations without a clock",
     )
     clip_epsilon: float = option(
         0.2, "PPO", "clip of the ratio, eq. (9)", flags=("--clip",), limits=(1e-6, 1e6)
@@ -51,7 +51,7 @@ class PPOConfig(TrainConfig):
     max_grad_norm: float = option(
         0.5, "PPO", "global norm at which gradients are clipped", limits=(1e-6, 1e9)
     )
-    normalize_observations: bool = option(False, "PPO", "shift and scale by running moments")
+    normalize_observations: bool = option(False, "PPO", "standardise by running moments")
     normalize_rewards: bool = option(True, "PPO", "scale by the spread of the discounted return")
 
     def __post_init__(self) -> None:
