@@ -43,7 +43,7 @@ class Environment(Protocol):
 
     @property
     def decisions_per_step(self) -> int:
-        """Most highway decisions in one step; `state.time` grows by the number taken."""
+        """Maximum number of highway decisions per step; `state.time` grows by the number taken."""
 
     def reset(self, key: jax.Array, params: Params) -> tuple[Observation, State]:
         """Starts an episode."""

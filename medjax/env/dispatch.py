@@ -68,7 +68,7 @@ def dispatch(
         ramp=jnp.where(chosen, action - 1, meds.ramp),
     )
     cooldown = jnp.where(sent, params.fleet.cooldown_s, state.cooldown_s)
-    tally = Tally.zeros(0 * state.time).replace(  # carried through the ticks
+    tally = Tally.zeros(0 * state.time).replace(  # a loop carry, see `Tally.zeros`
         meds_dispatched=sent.astype(jnp.float32), invalid_actions=(~allowed).astype(jnp.float32)
     )
     return state.replace(meds=meds, cooldown_s=cooldown), tally

@@ -23,8 +23,8 @@ def episode_metrics(tally: Tally) -> dict[str, jax.Array]:
     distance would take at the EVs' own desired speeds (negative if speeding up cost energy); ev_received_kwh is the
     energy from MEDs. Delays, in vehicle-hours, are relative to each vehicle's desired speed; time spent waiting to
     enter is in queue_vehicle_s. energy_drawn_kwh is what MEDs use to drive plus what they send; system_efficiency is
-    the share of it that reaches EV batteries. If MEDs gain energy by driving downhill, it is the share of the energy
-    sent, so that it never exceeds 1.
+    the share of it that reaches EV batteries. If MEDs gain energy on balance, by driving downhill, it is the share of
+    the energy sent, so that it never exceeds 1.
     """
 
     def ratio(numerator: jax.Array, denominator: jax.Array) -> jax.Array:

@@ -263,7 +263,7 @@ OBSERVATIONS = {"flat": FlatObservation(), "profile": RoadProfile()}
 
 
 def check_observation(given: Any, config: EnvConfig) -> None:
-    """Raises InputError unless given is an observation with a valid size."""
+    """Raises InputError unless `given` is an observation with a valid size."""
     is_function = callable(given) and not isinstance(given, type)
     if not is_function or not callable(getattr(given, "size", None)):
         lacks = "its size(config) is missing, " if is_function else ""
@@ -277,7 +277,7 @@ def check_observation(given: Any, config: EnvConfig) -> None:
 
 
 def of_shape(seen: Any, shape: tuple[int, ...]) -> jax.Array:
-    """Returns seen; raises InputError unless it has the declared shape and is float32."""
+    """Returns `seen`; raises InputError unless it has the declared shape and is float32."""
     got = getattr(seen, "shape", None), str(getattr(seen, "dtype", None))
     if got != (shape, "float32"):
         kind = f"shape {got[0]} and type {got[1]}" if got[0] is not None else shown(seen)

@@ -111,7 +111,7 @@ def _flow(
 
 
 def ways(before: Vehicles, after: Vehicles, config: EnvConfig) -> Tally:
-    """Distances driven in a round, and minus the time that they take at desired speed, to turn times into delays.
+    """Distances driven in a round; subtracts their duration at desired speed from the delays.
 
     Args:
       before, after: start and end of the round; a vehicle that left in between stays where it left.

@@ -69,7 +69,7 @@ class Wrapper:
 
     @property
     def decisions_per_step(self) -> int:
-        """Most highway decisions in one step."""
+        """Maximum number of highway decisions per step."""
         return self.env.decisions_per_step
 
     def reset(self, key: jax.Array, params: Params) -> tuple[Observation, State]:

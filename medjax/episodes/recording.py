@@ -43,7 +43,7 @@ class Frames(struct.PyTreeNode):
     ev_panel: Any  # (F, E) int32, slot of that MED (`medjax.world.params.PANELS`), -1 for none
     ev_is_charging: Any  # (F, E) bool
     med_soc: Any  # (F, M) state of charge, 0 to 1
-    med_status: Any  # (F, M) int32, `medjax.world.state.AT_DEPOT` to `RETIRED`
+    med_status: Any  # (F, M) int32, index into `medjax.world.state.STATUS_NAMES`
     med_depot: Any  # (F, M) int32, where it waits, or returns after leaving the road
     med_service_speed: Any  # (F, M) m/s, ordered service speed
     med_service_lane: Any  # (F, M) int32, ordered service lane
@@ -64,8 +64,8 @@ class Decisions(struct.PyTreeNode):
     reward: Any  # (T,)
     reward_terms: dict[str, Any]  # (T,) each, weighted
     tally: Tally  # (T, ...) sums over the decision
-    queue: Any  # (T, num_entries) int32, vehicles waiting at each entry after it
-    cooldown_s: Any  # (T,) after it
+    queue: Any  # (T, num_entries) int32, vehicles waiting at each entry after the decision
+    cooldown_s: Any  # (T,) after the decision
 
 
 @dataclasses.dataclass(frozen=True)

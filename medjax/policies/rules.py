@@ -128,7 +128,7 @@ def _where_needed(
 
 
 def greedy(env: Environment) -> Policy:
-    """Sends a MED where most low EVs without a slot are about to pass, once two or more are."""
+    """Sends a MED where the most low EVs without a slot are about to pass, if there are at least two."""
     return _where_needed(env, lambda state, params: stranded_need(state, env.config, params), 2.0)
 
 

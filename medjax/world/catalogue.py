@@ -24,7 +24,7 @@ def listed(about: Mapping[str, str]) -> str:
     return "\n".join(f"{name:<{width}}  {line}" for name, line in about.items())
 
 
-PRESETS = f"presets:\n{textwrap.indent(listed(ABOUT), '  ')}"  # for the end of --help
+PRESETS = f"presets:\n{textwrap.indent(listed(ABOUT), '  ')}"  # epilog of --help
 
 
 class KeepsLines(argparse.HelpFormatter):

@@ -150,7 +150,7 @@ class ChargingParams(struct.PyTreeNode):
 class LinkParams(struct.PyTreeNode):
     """Coils and circuit; `physics.tabulate_inductance` makes the table from the coil design."""
 
-    inductance: InductanceTable = None  # type: ignore[assignment]  # of the two coils; `build_link` fills it in
+    inductance: InductanceTable = None  # type: ignore[assignment]  # `build_link` sets it
     panel_gap_m: Scalar = number(
         0.2, 0.05, 1, "m", "distance of docked panels, in the coils' table; SAE J2954 Z3"
     )

@@ -144,7 +144,7 @@ def as_numbers(value: Any) -> np.ndarray | None:
         array = np.asarray(value)
     except Exception:  # traced, deleted, or on another machine: the values cannot be read
         return None
-    return array if array.dtype.kind in "iuf" else array.astype(np.float32)  # bfloat16
+    return array if array.dtype.kind in "iuf" else array.astype(np.float32)  # from bfloat16
 
 
 def _shape_of_list(value: Any) -> tuple[int, ...]:
