@@ -1,7 +1,7 @@
 """Mobile charging of electric vehicles on a highway, as a JAX-vectorised environment.
 
-What is in it is loaded when it is first asked for (PEP 562): a command's `--help` and its refusal of bad input
-need neither the simulator nor JAX, which takes a second.
+Members load on first access (PEP 562), so that a command's `--help` and its check of the input need not wait
+a second for JAX and the simulator.
 """
 
 from importlib import import_module

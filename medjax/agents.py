@@ -17,8 +17,8 @@ from medjax.scenarios import KEYWORDS, OPTIONS, SCENARIOS, check_names, make, pr
 from medjax.world.numbers import numbers_of, read_number
 from medjax.world.params import EnvConfig, EnvParams, FleetParams
 
-SPEEDS = (14.0, 18.0, 22.0, 25.0)  # m/s; the fleet's own joins them
-CHOICE_S = 4.0  # agents decide so seldom at least, where a preset decides more often
+SPEEDS = (14.0, 18.0, 22.0, 25.0)  # m/s; the fleet's service speed is added
+CHOICE_S = 4.0  # shortest time between decisions of agents
 
 
 def agents_of(
@@ -30,21 +30,21 @@ def agents_of(
     build: Callable[..., Any] = make,
     **overrides: Any,
 ) -> tuple[AgentsEnv, EnvParams]:
-    """Builds a preset in which every MED is an agent, with arrays in place of names: see `medjax.make_agents`.
+    """Builds a preset in which every MED is an agent, as `medjax.make_agents` does, with arrays instead of dicts.
 
     Args:
-      name, speeds, credit, **overrides: as of `medjax.make_agents`.
-      central: the whole road follows what an agent sees, for a critic (`AgentView.road`).
-      build: what builds the preset, called as `medjax.make`; `medjax.scenarios.prepare` computes nothing.
+      name, speeds, credit, **overrides: as in `medjax.make_agents`.
+      central: append the whole road to each agent's observation, for a critic (`AgentView.road`).
+      build: called like `medjax.make` to build the preset; `medjax.scenarios.prepare` computes nothing.
 
     Raises:
-      InputError: one line; as `medjax.make`, or a speed or credit that is not allowed.
+      InputError: as in `medjax.make`, or a speed or credit is not allowed.
     """
     check_names(overrides, (*OPTIONS, *KEYWORDS), ("speeds", "credit"))
     if credit not in CREDITS:
         raise InputError(f"credit = {shown(credit)}: allowed {', '.join(CREDITS)}")
     if not isinstance(name, str) or name not in SCENARIOS:
-        build(name)  # which says so
+        build(name)  # raises the error
     preset = SCENARIOS[name]
     fleet = int(preset.params(preset.config).fleet.size)
     overrides = {"num_meds": overrides.get("size", overrides.get("fleet.size", fleet)), **overrides}
@@ -71,7 +71,7 @@ def agents_of(
 
 
 def _seldom_enough(env: ChargingEnv, params: EnvParams) -> dict[str, int]:
-    """Decisions of more rounds where they come more often than agents are to decide, and as many fewer an episode."""
+    """Overrides that make decisions last at least CHOICE_S, with proportionally fewer per episode."""
     times = math.ceil(CHOICE_S / env.config.decision_s)
     if times == 1:
         return {}
@@ -83,5 +83,5 @@ def _seldom_enough(env: ChargingEnv, params: EnvParams) -> dict[str, int]:
 
 
 def _serving_lanes(config: EnvConfig, usual: int) -> tuple[int, ...]:
-    """Lanes with one on either side, which allow four slots, and the fleet's own."""
+    """Lanes with neighbours on both sides, where a MED has four slots, and the fleet's own service lane."""
     return tuple(sorted({*range(1, config.num_lanes - 1), usual}))

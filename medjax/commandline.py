@@ -1,4 +1,4 @@
-"""What all commands share: bad input is one line on stderr and exit code 2. Nothing here waits for JAX."""
+"""Shared parts of all commands: bad input gives one line on stderr and exit code 2. Does not import JAX."""
 
 import argparse
 import functools
@@ -18,11 +18,11 @@ from typing import Any, NoReturn
 from medjax.errors import MOST_SHOWN, InputError, one_line, shown, told
 from medjax.streams import unbroken_output
 
-MOST_PATH = 1000  # characters; directories are made one within the other
-AGAIN_S = 0.02  # until a signal that came at a bad moment comes again
-MOST_NAME = 255  # bytes, of every usual file system
-SECONDS_PER_LINE = 10.0  # between two lines of progress, where no terminal shows a bar
-# Arguments of medjax.make and agents_of that only Python, or an option of its own, can fill.
+MOST_PATH = 1000  # characters, which leaves room for nested directories
+AGAIN_S = 0.02  # delay after which a deferred signal is sent again
+MOST_NAME = 255  # bytes, the limit of common file systems
+SECONDS_PER_LINE = 10.0  # between progress lines, if no terminal shows a bar
+# Arguments of medjax.make and agents_of that `--set` cannot fill; they need Python or their own option.
 NOT_NUMBERS = (
     *("name", "reward", "observation", "following", "coupling"),
     *("credit", "central", "build"),
@@ -30,17 +30,17 @@ NOT_NUMBERS = (
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line on stderr and exit code 2; options are not abbreviated."""
+    """An argument parser with one-line errors and exit code 2; does not accept abbreviated options."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **{"allow_abbrev": False, **options})
 
     def error(self, message: str) -> NoReturn:
-        """Ends the command."""
+        """Prints the error and exits with code 2."""
         sys.exit(fail(self.prog, message))
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As argparse's, but for `--option=--`, which it takes for an empty list."""
+        """As in argparse, but rejects `--option=--`, which argparse parses as an empty list."""
         given = sys.argv[1:] if args is None else list(args)
         for word in given:
             if word.startswith("--") and word.partition("=")[2] == "--":
@@ -49,16 +49,16 @@ class OneLineParser(argparse.ArgumentParser):
 
 
 class TerminatedError(KeyboardInterrupt):
-    """SIGTERM, which ends a command as Ctrl-C does."""
+    """Raised on SIGTERM, which ends a command as Ctrl-C does."""
 
 
 def signal_of(error: KeyboardInterrupt) -> int:
-    """The number of the signal."""
+    """Number of the signal behind an interrupt."""
     return int(signal.SIGTERM if isinstance(error, TerminatedError) else signal.SIGINT)
 
 
 def _forgets(frame: FrameType) -> bool:
-    """Whether it is a callback of the garbage collector or of a weak reference, a finaliser, or loads an extension."""
+    """Whether exceptions in this frame get lost: garbage collection, weak references, finalisers, extension loading."""
     collecting = (getattr(callback, "__code__", None) for callback in gc.callbacks)
     within_weak = frame.f_globals.get("__name__") in ("weakref", "_weakrefset")
     loading = frame.f_code.co_qualname.startswith("ExtensionFileLoader.")
@@ -66,10 +66,10 @@ def _forgets(frame: FrameType) -> bool:
 
 
 def interrupt(number: int, frame: FrameType | None) -> None:
-    """Handler of SIGINT and SIGTERM: raises KeyboardInterrupt or TerminatedError in the code under way.
+    """Handler of SIGINT and SIGTERM: raises KeyboardInterrupt or TerminatedError in the running code.
 
-    Not where Python prints and forgets what is raised, as in the callback of the garbage collector that JAX has, which
-    runs all the time while it traces, nor where an extension makes an ImportError of it. The signal comes again soon.
+    Python prints and drops exceptions in some places, such as JAX's garbage collection callback, which runs often
+    during tracing, and an extension that is loading turns them into ImportError. There the signal is sent again later.
     """
     within = frame
     while within is not None:
@@ -83,16 +83,16 @@ def interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def command(main: Callable[[Sequence[str] | None], int]) -> Callable[..., int]:
-    """`main` of a command, which Ctrl-C or SIGTERM end in one line and with exit code 128 + signal.
+    """Decorates the `main` of a command: Ctrl-C and SIGTERM print one line and give exit code 128 + signal.
 
-    A reader of its output that goes away ends nothing.
+    The command continues if the reader of its output goes away.
     """
 
     @functools.wraps(main)
     def heeding(argv: Sequence[str] | None = None) -> int:
-        """As `main`."""
-        # Said before JAX is imported: XLA's C++ says of slow programs that one should file a bug. It has no flag for
-        # that line alone (openxla/xla#9828, jax-ml/jax#26098), and prints it as an error; real ones are raised.
+        """Runs `main` with these handlers."""
+        # Must precede the import of JAX. XLA's C++ logs an error that asks to file a bug when compilation is slow, and
+        # has no flag for that line alone (openxla/xla#9828, jax-ml/jax#26098). Real errors are raised anyway.
         os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
         heard = threading.current_thread() is threading.main_thread()
         before = {signal.SIGTERM: signal.getsignal(signal.SIGTERM)} if heard else {}
@@ -119,7 +119,7 @@ def _heeding(main: Callable[[Sequence[str] | None], int], argv: Sequence[str] | 
 
 
 def leave(code: int) -> NoReturn:
-    """Ends the process; at once after a signal, whatever its threads are compiling."""
+    """Exits the process; after a signal at once, even while threads are compiling."""
     if code > 128:
         sys.stdout.flush()
         sys.stderr.flush()
@@ -134,35 +134,35 @@ def fail(prog: str, message: object) -> int:
 
 
 def in_words(seconds: float) -> str:
-    """A time for people."""
+    """Formats a duration for people, such as `3 min`."""
     if seconds < 100.0:
         return f"{seconds:.0f} s"
     return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
 
 
 def time_left(seconds: float) -> str:
-    """How long something takes yet, in words."""
+    """Formats the remaining time, such as `3 min left`."""
     return f"{in_words(seconds)} left"
 
 
 def cannot_write(prog: str, path: Path, error: OSError) -> int:
-    """Says in one line why a file was not written; it is as it was before. Returns the exit code 1."""
+    """Prints in one line why a file was not written (an old one is unchanged); returns exit code 1."""
     fail(prog, f"cannot write {path}: {error.strerror or error}")
     return 1
 
 
 def add_set_option(group: Any, text: str) -> None:
-    """The option `--set NAME=VALUE`, which fills `overrides` with text."""
+    """Adds the option `--set NAME=VALUE`, which collects texts in `overrides`."""
     group.add_argument(
         "--set", dest="overrides", metavar="NAME=VALUE", action="append", default=[], help=text
     )
 
 
 def parse_overrides(assignments: Sequence[str]) -> dict[str, Any]:
-    """`NAME=VALUE` texts as arguments of `medjax.make`; lists become tuples.
+    """Parses `NAME=VALUE` texts into arguments of `medjax.make`; lists become tuples.
 
     Raises:
-      InputError: a text without `=` or with a name that cannot be set from here.
+      InputError: a text has no `=`, or its name cannot be set this way.
     """
     overrides: dict[str, Any] = {}
     for text in assignments:
@@ -176,10 +176,10 @@ def parse_overrides(assignments: Sequence[str]) -> dict[str, Any]:
 
 
 def read_value(text: str) -> Any:
-    """The value in `NAME=VALUE`: JSON, a number as Python writes it (`1.`, `inf`, `nan`), or else the text.
+    """Parses a value as JSON or as a Python number (`1.`, `inf`, `nan`); otherwise returns the text.
 
     Raises:
-      InputError: a name is given twice.
+      InputError: a JSON object repeats a name.
     """
     try:
         return read_json(text)
@@ -188,18 +188,18 @@ def read_value(text: str) -> Any:
     except (ValueError, RecursionError):
         pass
     try:
-        return float(text) if text.isascii() else text  # Python takes the digits of every script
+        return float(text) if text.isascii() else text  # `float` accepts digits of any script
     except ValueError:
         return text
 
 
 def read_json(text: str) -> Any:
-    """A JSON value; raises InputError where a name is given twice, else ValueError, or RecursionError for its depth."""
+    """Parses JSON; raises InputError for repeated names, ValueError for bad JSON, RecursionError for deep nesting."""
     return json.loads(text, object_pairs_hook=named_once)
 
 
 def named_once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    """The pairs as a dict; raises InputError where a name is given twice."""
+    """Converts pairs to a dict; raises InputError if a name repeats."""
     found: dict[str, Any] = {}
     for name, value in pairs:
         if name in found:
@@ -209,14 +209,14 @@ def named_once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def read_object(what: str, text: str) -> Any:
-    """What `module:name` names, imported, from the current directory too.
+    """Imports the callable that `module:name` names; also searches the current directory.
 
     Args:
-      what: it is for, in messages.
+      what: its purpose, for messages.
       text: `module:name`; the name may have dots.
 
     Raises:
-      InputError: it is not of that form, there is no such module or name, or its module fails.
+      InputError: the form is wrong, the import fails, or the name is missing or not callable.
     """
     module, colon, name = text.partition(":")
     words = [*module.split("."), *name.split(".")]
@@ -226,7 +226,7 @@ def read_object(what: str, text: str) -> Any:
         sys.path.append(os.getcwd())
     try:
         found: Any = importlib.import_module(module)
-    except Exception as error:  # whatever somebody's module raises
+    except Exception as error:  # user modules may raise anything
         raise InputError(f"{what} {shown(text)}: {told(error)}") from error
     for word in name.split("."):
         found = getattr(found, word, None)
@@ -236,7 +236,7 @@ def read_object(what: str, text: str) -> Any:
 
 
 def whole_number(name: str, text: str, least: int = 0, most: int = 2**32 - 1) -> int:
-    """The number that an option gives, by default one that a random seed can be; raises InputError if it is none."""
+    """Parses a whole number, by default in the range of a random seed; raises InputError otherwise."""
     number = int(text) if re.fullmatch("[0-9]{1,18}", text) else -1
     if not least <= number <= most:
         raise InputError(f"{name} {shown(text)}: allowed a whole number from {least} to {most}")
@@ -244,10 +244,10 @@ def whole_number(name: str, text: str, least: int = 0, most: int = 2**32 - 1) ->
 
 
 def as_path(name: str, given: str | os.PathLike[str]) -> Path:
-    """The path that an option or an argument gives.
+    """Converts an option or argument to a path.
 
     Raises:
-      InputError: it is none, no system takes it, or it could not be printed.
+      InputError: given is not a path, is too long, is not printable, or starts with `~`.
     """
     text = os.fspath(given) if isinstance(given, str | os.PathLike) else None
     said = f"{name} {shown(given)}: allowed"
@@ -255,6 +255,6 @@ def as_path(name: str, given: str | os.PathLike[str]) -> Path:
         raise InputError(f"{said} a path of 1 to {MOST_PATH} printable characters")
     if any(len(os.fsencode(part)) > MOST_NAME for part in text.split("/")):
         raise InputError(f"{said} names of at most {MOST_NAME} bytes")
-    if text.startswith("~"):  # a shell would have replaced it
+    if text.startswith("~"):  # a shell would have expanded it
         raise InputError(f"{said} the path itself, or ./~")
     return Path(text)

@@ -1,7 +1,7 @@
-"""What holds for a command before its `main` begins: a signal while it is imported ends it in a line.
+"""Signal handling before a command's `main` starts: a signal during imports ends the command with one line.
 
-`medjax`, which `train` and `benchmarks` import first, imports this first; it imports nothing of ours.
-`medjax.commandline.command` says how a command ends from there on.
+`train` and `benchmarks` import `medjax` first, which imports this module first; it imports nothing of ours.
+`medjax.commandline.command` takes over when `main` starts.
 """
 
 import os
@@ -14,8 +14,8 @@ OURS = ("medjax", "train", "benchmarks")
 
 
 def command_name() -> str:
-    """The module of ours that `python -m` is about to run; empty in every other program."""
-    # While Python looks for it, and imports its package for that, the first argument is "-m".
+    """The module of ours that `python -m` is about to run; empty in any other program."""
+    # `sys.argv[0]` is "-m" while Python locates the module and imports its package.
     if sys.argv[:1] != ["-m"] or threading.current_thread() is not threading.main_thread():
         return ""
     name = sys.orig_argv[-len(sys.argv)]
@@ -23,16 +23,16 @@ def command_name() -> str:
 
 
 def _imports(frame: FrameType | None) -> bool:
-    """Whether something is being imported."""
+    """Whether an import is in progress."""
     while frame is not None and frame.f_code.co_filename != "<frozen importlib._bootstrap>":
         frame = frame.f_back
     return frame is not None
 
 
 def end(number: int, frame: FrameType | None) -> None:
-    """Handler of SIGINT and SIGTERM: ends the process, whatever is half imported."""
-    # A command sets its own handler of SIGTERM, and leaves one of SIGINT that is not Python's own: this one. It raises
-    # what ends the command; but while jaxlib is imported, that is a segmentation fault or an error of another kind.
+    """Handler of SIGINT and SIGTERM: ends the process, even during an import."""
+    # Once `main` runs, the command has its own handler for SIGTERM but keeps this one for SIGINT, so delegate to the
+    # former, which raises. An exception during the import of jaxlib would crash or turn into another error.
     by_now = signal.getsignal(signal.SIGTERM)
     if callable(by_now) and by_now is not end and not _imports(frame):
         by_now(number, frame)
@@ -42,10 +42,10 @@ def end(number: int, frame: FrameType | None) -> None:
 
 
 def begin() -> None:
-    """Hears signals, and keeps XLA's C++ quiet, where a command is about to run; else does nothing."""
+    """If a command is about to run, installs the handlers and silences XLA's C++ log."""
     if not command_name():
         return
-    # As `command` does, which is too late where JAX, with a default of its own, is imported before `main` begins.
+    # `command` sets this, too, but JAX may be imported before `main` starts and would set its own default.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
         signal.signal(signal.SIGTERM, end)

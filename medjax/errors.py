@@ -1,4 +1,4 @@
-"""How messages show what was given: on one line, printable, and not longer than a reader wants it."""
+"""Error types, and formatting of values in messages: one line, printable and short."""
 
 import re
 import reprlib
@@ -8,16 +8,16 @@ MOST_SAID = 600  # characters of a message on the command line
 
 
 class MissingLibrary(ImportError):
-    """An optional library is not installed; the message says which, and the command that installs it."""
+    """An optional library is missing; the message names it and the command that installs it."""
 
     def __init__(self, library: str) -> None:
         super().__init__(f'{library} is not installed: pip install -e ".[render]"')
 
 
 class InputError(ValueError):
-    """Bad input; the message is one line that names what, the value and what is allowed.
+    """Bad input; the message is one line that names the input, its value and what is allowed.
 
-    A name of a file may hold line ends, or what no terminal shows: these are told, whoever words the message.
+    Characters that do not print, as in a file name, are escaped.
     """
 
     def __init__(self, message: str) -> None:
@@ -30,28 +30,28 @@ _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = MOST_SHOWN
 
 
 def printable(text: str) -> str:
-    """Text on one line, where characters that cannot be printed are told by their numbers."""
+    """Joins text to one line and escapes characters that do not print."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(text.split()))
 
 
 def one_line(text: str, most: int = MOST_SAID) -> str:
-    """Text as one line of printable characters; words and lines that are too long end in dots."""
+    """Text as one line of printable characters; overlong words and lines end in dots."""
     line = printable(" ".join(text.split())[: most + 1])
     line = re.sub(rf"\S{{{MOST_SHOWN + 1},}}", lambda word: _cut(word[0], MOST_SHOWN), line)
     return _cut(line, most)
 
 
 def shown(value: object) -> str:
-    """What a value is, in a message that refuses it."""
+    """Formats a rejected value for a message."""
     try:
         text = _SHORT.repr(value)
-    except Exception:  # whatever a stranger's __repr__ raises; whole numbers of 4300 digits do
+    except Exception:  # from a user's __repr__; integers of more than 4300 digits raise, too
         text = f"something of type {type(value).__name__}"
     return one_line(text, MOST_SHOWN)
 
 
 def told(error: Exception) -> str:
-    """What somebody's own code raised, in a message that refuses it."""
+    """Formats an exception from user code for a message."""
     return one_line(f"{type(error).__name__}: {error}", MOST_SHOWN)
 
 

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and whether they can."""
+"""Atomic file writes, and checks of input and output paths."""
 
 import contextlib
 import json
@@ -11,17 +11,17 @@ from typing import Any
 
 from medjax.errors import InputError
 
-UNFINISHED = ".partial"  # in the name of a file that is being written
+UNFINISHED = ".partial"  # part of the name of an unfinished file
 
 
 def check_writable(directory: Path) -> None:
-    """Tries to write in an existing directory; raises OSError where that fails."""
+    """Raises OSError unless the existing directory is writable."""
     with tempfile.TemporaryFile(dir=directory):
         pass
 
 
 def check_input(name: str, path: Path) -> None:
-    """Refuses (InputError) to read what is there and no file: it may have no end, or wait until somebody writes."""
+    """Raises InputError if path exists but is not a regular file: a device may never end, a pipe may block."""
     try:
         if path.exists() and not path.is_file():
             raise InputError(f"{name} {path}: is no file; allowed a file")
@@ -32,10 +32,10 @@ def check_input(name: str, path: Path) -> None:
 
 
 def check_output(name: str, path: Path) -> None:
-    """Tries that a file can be written to `path` for the option `name`, before anything is computed for it.
+    """Checks that the option `name` can write a file to `path`, before any computation.
 
     Raises:
-      InputError: it cannot, or its directory is not there.
+      InputError: path is not writable, or its directory does not exist.
     """
     try:
         if path.exists() and not path.is_file():
@@ -49,9 +49,9 @@ def check_output(name: str, path: Path) -> None:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A new file beside `path` to write to; it takes its place at the end, and is removed if the writing fails.
+    """Yields a new file beside `path`; it replaces `path` at the end, or is removed if writing fails.
 
-    Its name cannot be foreseen, and nothing that is there is opened: no link is written through.
+    Its name is random and the file must not exist yet, so that nobody can plant a link to write through.
     """
     name = f"{path.stem[:40]}.{secrets.token_hex(8)}{UNFINISHED}{path.suffix}"
     partial = path.with_name(name)
@@ -64,18 +64,18 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def remove_unfinished(directory: Path) -> None:
-    """Removes what `replacing` left in a directory when its process was killed; nobody else may be writing there."""
+    """Removes leftovers of a killed process's `replacing` from a directory to which nobody else is writing."""
     for leftover in directory.glob(f"*.{'[0-9a-f]' * 16}{UNFINISHED}*"):
         leftover.unlink()
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes text in full or not at all."""
+    """Writes text atomically."""
     with replacing(path) as partial:
         partial.write_text(text, encoding="utf-8")
 
 
 def write_json(path: Path, data: Any) -> None:
-    """Writes JSON in full or not at all; the parent directory is made."""
+    """Writes JSON atomically; creates the parent directory."""
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, json.dumps(data, indent=2, allow_nan=False) + "\n")

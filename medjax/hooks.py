@@ -1,4 +1,4 @@
-"""Where rooms meet that do not import each other: the environment and its pictures, Gymnasium and the environment."""
+"""Connects packages that do not import each other: environment and rendering, Gymnasium and environment."""
 
 import sys
 from collections.abc import Callable
@@ -7,14 +7,14 @@ from typing import Any
 ENV_ID = "medjax/Charging-v0"
 
 viewer: Callable[..., Any]
-"""What `ChargingEnv.render` draws with, `viewer(state, config, params, name=..., **size)`; `medjax` sets it."""
+"""Called by `ChargingEnv.render` as `viewer(state, config, params, name=..., **size)`; `medjax` sets it."""
 
 
 def register() -> None:
-    """Registers `ENV_ID` once Gymnasium is loaded.
+    """Registers `ENV_ID` with Gymnasium if it is loaded.
 
-    Gymnasium has no plug-ins, and is not loaded for this. Who is loaded second tells the first: `import medjax`
-    registers where Gymnasium is there already, and `medjax.wrappers.gymnasium`, which needs it, otherwise.
+    Gymnasium has no plug-ins, and medjax does not import it just for this. `import medjax` registers if Gymnasium is
+    already loaded; otherwise `medjax.wrappers.gymnasium`, which imports it, does.
     """
     gymnasium = sys.modules.get("gymnasium")
     if gymnasium is not None and ENV_ID not in gymnasium.registry:

@@ -1,4 +1,4 @@
-"""`make`, which builds an environment from a preset of `medjax.world.presets`."""
+"""`make`: builds an environment from a preset of `medjax.world.presets`."""
 
 import dataclasses
 import difflib
@@ -25,7 +25,7 @@ from medjax.world.presets import PLACES, SCENARIOS, Recipe, change_numbers
 __all__ = ["SCENARIOS", "CoilDesign", "build_link", "make", "prepare"]
 
 OPTIONS = (*PLACES, *SIZES, *COILS, "reward_weights")
-KEYWORDS = ("demand", "reward", "observation", "following", "coupling")  # of `make`, beside them
+KEYWORDS = ("demand", "reward", "observation", "following", "coupling")  # other arguments of `make`
 
 
 def _check(is_good: bool, name: str, given: Any, allowed: str) -> None:
@@ -42,14 +42,14 @@ def _unknown(kind: str, name: Any, allowed: list[str]) -> InputError:
 
 
 def _plain(value: Any) -> Any:
-    """A checked number, or an array of them, as JSON has it."""
+    """Converts a checked number or array to JSON types."""
     if isinstance(value, Mapping):
         return {name: _plain(number) for name, number in value.items()}
     return np.asarray(as_numbers(value)).tolist()
 
 
 def check_names(given: Iterable[Any], allowed: Iterable[str], others: Iterable[str] = ()) -> None:
-    """Refuses (InputError) a name that is not allowed; `others` are keywords that it may have been meant for."""
+    """Raises InputError for a name that is not allowed; `others` are further names to suggest."""
     known = list(allowed)
     for name in given:
         weight = isinstance(name, str) and name.startswith("reward_weights.")
@@ -58,7 +58,7 @@ def check_names(given: Iterable[Any], allowed: Iterable[str], others: Iterable[s
 
 
 def _sort(overrides: Mapping[str, Any]) -> tuple[dict[Any, Any], ...]:
-    """Sizes, numbers, coils and weights; coils are checked here, the others where they are used."""
+    """Sorts overrides into sizes, numbers, coils and weights; checks coils only, the rest where it is used."""
     found: tuple[dict[Any, Any], ...] = ({}, {}, {}, {})
     sizes, numbers, coils, weights = found
     check_names(overrides, OPTIONS, KEYWORDS)
@@ -79,7 +79,7 @@ def _sort(overrides: Mapping[str, Any]) -> tuple[dict[Any, Any], ...]:
 
 
 def _terms(reward: Any) -> Mapping[str, RewardTerm]:
-    """The reward's terms: a set that comes with medjax, by its name, or one's own."""
+    """The reward terms: a named set of medjax, or user functions."""
     if isinstance(reward, str):
         if reward not in REWARDS:
             raise _unknown("reward", reward, list(REWARDS))
@@ -92,7 +92,7 @@ def _terms(reward: Any) -> Mapping[str, RewardTerm]:
 
 
 def _observation(given: Any) -> Any:
-    """An observation, by its name or as it is."""
+    """The observation: looked up by name, or as given."""
     if isinstance(given, str):
         if given not in OBSERVATIONS:
             raise _unknown("observation", given, list(OBSERVATIONS))
@@ -104,7 +104,7 @@ def _observation(given: Any) -> Any:
 
 
 def _models(following: Any, coupling: Any) -> tuple[CarFollowing, Coupling]:
-    """Car following and the coils' efficiency: IDM and that of the circuit, or one's own."""
+    """The car-following and coupling models; None selects IDM+ and the circuit."""
     following = IDM_PLUS if following is None else following
     coupling = couple if coupling is None else coupling
     methods = [getattr(following, name, None) for name in ("prepare", "acceleration")]
@@ -115,7 +115,7 @@ def _models(following: Any, coupling: Any) -> tuple[CarFollowing, Coupling]:
 
 
 def _profile(numbers: dict[Any, Any], sizes: dict[Any, Any]) -> np.ndarray | None:
-    """Takes the profile out of the numbers if it has one factor a period, for all entries; and counts its periods."""
+    """Sets `num_periods` from a given profile; pops and returns it if all entries share one factor per period."""
     name = "profile" if "profile" in numbers else "demand.profile"
     profile = as_numbers(numbers.get(name))
     if profile is None or not profile.ndim:
@@ -140,13 +140,13 @@ def prepare(
     coupling: Coupling | None = None,
     **overrides: Any,
 ) -> tuple[ChargingEnv, EnvParams, CoilDesign]:
-    """What `make` builds, all but the coils' table: everything is checked, nothing is computed or compiled.
+    """Builds and checks everything that `make` does, except the coils' table; computes and compiles nothing.
 
     Returns:
       (env, params without the table, coils); numbers are NumPy arrays of float32 and int32.
 
     Raises:
-      InputError: as `make`.
+      InputError: as in `make`.
     """
     if not isinstance(name, str) or name not in SCENARIOS:
         raise _unknown("scenario", name, list(SCENARIOS))
@@ -193,27 +193,27 @@ def make(
     coupling: Coupling | None = None,
     **overrides: Any,
 ) -> tuple[ChargingEnv, EnvParams]:
-    """Builds a preset, with numbers changed by name.
+    """Builds an environment from a preset, with numbers changed by name.
 
     Args:
       name: one of `SCENARIOS`.
-      demand: numbers by name, such as `medjax.read_detectors` returns; what is given by name itself goes before them.
-      reward: a set of terms by its name (`medjax.env.reward.REWARDS`: "paper", "money"), or functions by name; that of
-        the preset if None. A term that `reward_weights` of the
-        preset does not know gets weight 0 if it is one of `medjax.TERMS`, and 1 if it is your own.
-      observation: a name of `medjax.env.observation.OBSERVATIONS`, or one of your own (`ChargingEnv`).
-      following: car-following model, IDM if None; `medjax.traffic.following.CarFollowing`.
-      coupling: efficiency of the coils, that of the circuit if None; `medjax.charging.link.COUPLINGS` has others.
-      **overrides: sizes of `EnvConfig` (`num_evs=80`), numbers of `EnvParams` by their own name (`cooldown_s=30`), by
-        group and name where that is not unique (`{"ev.mass_kg": 2000}`), the coils (`med_coil_radius_m=0.4`), or
-        `reward_weights={"dispatches": -1.0}`. `ramp_x_m` and `exit_x_m` say how many ramps and exits there are where
-        `num_ramps` and `num_exits` do not, and `profile` how many periods.
+      demand: numbers by name, such as `medjax.read_detectors` returns; `overrides` take precedence.
+      reward: name of a set of terms (`medjax.env.reward.REWARDS`: "paper", "money"), or functions by name; None takes
+        that of the preset. A term without a weight in the preset gets weight 0 if it is one of `medjax.TERMS`, and 1
+        if it is your own.
+      observation: a name in `medjax.env.observation.OBSERVATIONS`, or your own (`ChargingEnv`).
+      following: car-following model (`medjax.traffic.following.CarFollowing`); None takes IDM+.
+      coupling: model of coil efficiency; None takes the circuit, `medjax.charging.link.COUPLINGS` has others.
+      **overrides: sizes of `EnvConfig` (`num_evs=80`); numbers of `EnvParams` by name (`cooldown_s=30`), with the group
+        if the name is not unique (`{"ev.mass_kg": 2000}`); coils (`med_coil_radius_m=0.4`); or
+        `reward_weights={"dispatches": -1.0}`. The lengths of `ramp_x_m`, `exit_x_m` and `profile` set `num_ramps`,
+        `num_exits` and `num_periods` unless these are given.
 
     Returns:
-      (env, params); params are float32 and int32 arrays, ready to be batched. `env.recipe` says how they were made.
+      (env, params); params are float32 and int32 arrays, ready for batching. `env.recipe` records the arguments.
 
     Raises:
-      InputError: one line; an unknown scenario or name, or a value that is not allowed.
+      InputError: a scenario or name is unknown, or a value is not allowed.
     """
     own: dict[str, Any] = {"reward": reward, "observation": observation}
     own |= {"following": following, "coupling": coupling, "demand": demand}
@@ -222,6 +222,6 @@ def make(
     table = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), link.inductance)
     params = params.replace(link=link.replace(inductance=table))
     params = jax.tree.map(jnp.asarray, params)
-    if env.observation not in OBSERVATIONS.values():  # one's own: what it returns is looked at here
+    if env.observation not in OBSERVATIONS.values():  # check a user's observation early
         jax.eval_shape(env.reset, jax.random.key(0), params)
     return env, params

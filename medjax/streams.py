@@ -1,4 +1,4 @@
-"""What a command prints to, when whoever reads it may go away."""
+"""Output streams that survive the loss of their reader."""
 
 import contextlib
 import os
@@ -8,7 +8,7 @@ from typing import Any
 
 
 class _Unbroken:
-    """A stream whose reader may go away, as `head` does: the work goes on, and what is still said goes nowhere."""
+    """A stream whose reader may go away, as `head` does; further output is then discarded."""
 
     def __init__(self, stream: Any) -> None:
         self._stream = stream
@@ -17,7 +17,7 @@ class _Unbroken:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        """As the stream's."""
+        """Writes text; discards it if the reader is gone."""
         try:
             return int(self._stream.write(text))
         except BrokenPipeError:
@@ -25,14 +25,14 @@ class _Unbroken:
             return len(text)
 
     def flush(self) -> None:
-        """As the stream's."""
+        """Flushes; discards the buffer if the reader is gone."""
         try:
             self._stream.flush()
         except BrokenPipeError:
             self._lose()
 
     def _lose(self) -> None:
-        """Points the stream's descriptor nowhere, so that what is left in buffers can be written, too."""
+        """Redirects the descriptor to the null device, so that buffered text can be written without error."""
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, self._stream.fileno())
         os.close(nowhere)
@@ -40,7 +40,7 @@ class _Unbroken:
 
 @contextlib.contextmanager
 def unbroken_output() -> Iterator[None]:
-    """Within it, what is printed may find no reader; a stream that is closed from the first stays None."""
+    """Context in which printing survives the loss of its reader; a stream closed from the start stays None."""
     streams: tuple[Any, ...] = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = (stream and _Unbroken(stream) for stream in streams)
     try:

@@ -1,7 +1,7 @@
-"""The command that writes who was where: `python -m medjax.trajectories --policy NAME --scenario NAME --out FILE`.
+"""Command that writes trajectories: `python -m medjax.trajectories --policy NAME --scenario NAME --out FILE`.
 
-Plays one episode, piece by piece, and writes a row for each vehicle and physics tick, as Parquet or CSV
-(`medjax.episodes.table.vehicle_table` says what is in a row), or as SUMO's floating-car data. Exit code 2 on bad input.
+Plays one episode in pieces and writes a row per vehicle and physics tick, as Parquet or CSV
+(`medjax.episodes.table.vehicle_table` lists the columns), or as SUMO's floating-car data. Exit code 2 on bad input.
 """
 
 import sys
@@ -22,7 +22,7 @@ SECONDS_BETWEEN_LINES = 10.0
 
 @command
 def main(argv: Sequence[str] | None = None) -> int:
-    """Records and writes as the command line says; returns the exit code."""
+    """Records and writes an episode; returns the exit code."""
     parser = OneLineParser(
         prog=PROG,
         description="Plays an episode and writes a row for each vehicle and physics tick.",
@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     vehicles, told_at = 0, time.monotonic()
 
     def pieces() -> Iterator[Recording]:
-        """As they are played, with a word now and then."""
+        """Yields the pieces as they are played, and prints progress now and then."""
         nonlocal vehicles, told_at
         for piece in played.record_pieces(env, params, chosen):
             yield piece

@@ -1,7 +1,7 @@
 """ChargingEnv: MEDs dispatched onto a highway to charge EVs as they drive.
 
-Composes traffic, charging, dispatch, observation and reward, and reads like the paper's section
-"Experiment settings". The step contract is gymnax 1.0's.
+Combines traffic, charging, dispatch, observation and reward in the order of the paper's section
+"Experiment settings". `step` follows gymnax 1.0.
 """
 
 from __future__ import annotations
@@ -46,30 +46,30 @@ Step = tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, dict[str, Any
 
 
 class Probed(NamedTuple):
-    """What the probe reports of a decision; None without one."""
+    """Probe outputs of one decision; None without a probe."""
 
     begun: Any  # (rounds, ...)
     ticks: Any  # (ticks, ...)
 
 
 class ChargingEnv:
-    """The dispatching problem as a pure-functional environment of one highway.
+    """The MED dispatching problem on one highway, as a pure-functional environment.
 
-    Every method is pure and jits; batch with `jax.vmap` over keys, states, actions and params.
+    Every method is pure and works under `jax.jit`; batch with `jax.vmap` over keys, states, actions and params.
 
     Args:
-      config: sizes and cadences; one compiled program each.
+      config: sizes and time steps; each config compiles its own program.
       reward: terms by name; `params.reward_weights` must hold a weight for each.
-      observation: flat observation, `size(config)` and `__call__(state, config, params)`.
+      observation: flat observation with `size(config)` and `__call__(state, config, params)`.
       name: shown in logs.
       following: the car-following model.
-      coupling: the coils' circuit, one of `medjax.charging.link.COUPLINGS` or of your own.
+      coupling: the coil circuit: one of `medjax.charging.link.COUPLINGS`, or your own function.
 
     Attributes:
-      recipe: how `medjax.make` was called; None where it was not.
+      recipe: how `medjax.make` was called; None if the environment was built directly.
 
     Raises:
-      InputError: one line, if config is none, a term no function, or an observation without a size.
+      InputError: config is not an EnvConfig, a reward term is not a function, or the observation has no size.
     """
 
     decisions_per_step = 1
@@ -102,7 +102,7 @@ class ChargingEnv:
 
     @property
     def num_actions(self) -> int:
-        """0 sends no MED, r in 1 .. num_ramps sends one from ramp r."""
+        """`1 + num_ramps`: action 0 sends no MED, action r sends one from the r-th ramp."""
         return self.config.num_actions
 
     def action_space(self, params: EnvParams | None = None) -> Discrete:
@@ -110,43 +110,43 @@ class ChargingEnv:
         return Discrete(self.num_actions)
 
     def observation_space(self, params: EnvParams | None = None) -> Box:
-        """A float32 vector without bounds; docs/guide.md says how large what part of it gets."""
+        """Unbounded float32 vector; docs/guide.md gives the range of each part."""
         return Box(-jnp.inf, jnp.inf, (self.observation.size(self.config),))
 
     def reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
-        """Starts an episode on a road in mid-traffic.
+        """Starts an episode on a road that already carries traffic.
 
         Returns:
           (observation (size,) float32, state)
 
         Raises:
-          InputError: params of another config, by their shapes.
+          InputError: params were made for another config.
         """
         check_made_for(self.config, params)
         state = initial_state(key, self.config, params)
         return self.get_obs(state, params), state
 
     def step(self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams) -> Step:
-        """One decision, and a reset in the same step when the episode ends; see `step_with_reset`."""
+        """Takes one decision and resets in the same step when the episode ends; see `step_with_reset`."""
         return step_with_reset(self, key, state, action, params)
 
     def step_env(
         self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
     ) -> Step:
-        """One decision without a reset.
+        """Takes one decision without resetting.
 
         Args:
-          key: random key of this decision: what drivers do, not who arrives, which `reset` drew.
+          key: randomness of driver behaviour in this decision; `reset` has already drawn the arrivals.
           state: of one environment.
-          action: () integer; out of range or masked counts as 0 and is counted in the metrics.
+          action: () integer; an action that is out of range or masked becomes 0 and is counted in the metrics.
 
         Returns:
           (observation (size,) float32, state, reward () float32, terminated () bool, always False;
           truncated () bool, at params.episode_decisions; info with "metrics" of the episode so far,
-          weighted "reward_terms", "action_mask", "tally" of this decision, "begun" and "ticks" of the probe)
+          weighted "reward_terms", "action_mask", "tally" of this decision, probe outputs "begun" and "ticks")
 
         Raises:
-          InputError: params of another config, by their shapes.
+          InputError: params were made for another config.
         """
         check_made_for(self.config, params)
         before = state
@@ -177,10 +177,10 @@ class ChargingEnv:
     def _rounds(
         self, key: jax.Array, state: EnvState, happened: Tally, params: EnvParams
     ) -> tuple[EnvState, Tally, Probed]:
-        """The decision's rounds of entries and ticks, and what the probe saw: of each round's start, of each tick."""
+        """Simulates all rounds of a decision, and collects the probe at each round's start and after each tick."""
         config = self.config
         rounds, ticks = config.rounds_per_decision, config.ticks_per_decision
-        # So rounds in one decision are decisions of one round, of the keys that this one splits into.
+        # One decision of n rounds then equals n decisions of one round that use the split keys.
         keys = jax.random.split(key, rounds) if rounds > 1 else key[None]
         indices = jnp.arange(ticks, dtype=jnp.int32).reshape(rounds, -1)
         first = state.time * rounds
@@ -188,7 +188,7 @@ class ChargingEnv:
         def play(
             carry: tuple[EnvState, Tally], given: tuple[jax.Array, jax.Array, jax.Array]
         ) -> tuple[tuple[EnvState, Tally], Probed]:
-            """One of them."""
+            """One round."""
             (state, happened), (number, key, ticks) = carry, given
             state, entered = self._begin(key, state, first + number, params)
             begun = self.probe(state) if self.probe else None
@@ -203,7 +203,7 @@ class ChargingEnv:
     def _begin(
         self, key: jax.Array, state: EnvState, number: jax.Array, params: EnvParams
     ) -> tuple[EnvState, Tally]:
-        """What a round begins with: entries, plans, bookings, and drivers' noise; its number counts from reset."""
+        """Starts a round: entries, trip plans, bookings and driver noise; `number` counts rounds since reset."""
         config = self.config
         with jax.named_scope("entry"):
             state, newcomers, entered = admit(state, number, config, params)
@@ -222,14 +222,14 @@ class ChargingEnv:
     def _drive(
         self, state: EnvState, happened: Tally, ticks: jax.Array, params: EnvParams
     ) -> tuple[EnvState, Tally, Any]:
-        """A round's ticks: the state, what happened so far and in them, and what the probe saw after each."""
+        """Simulates a round's ticks; returns the state, the updated tally and the probe output after each tick."""
         config = self.config
         drivers = drivers_of(answering(state, config, params), config, params)
 
         def tick(
             carry: tuple[EnvState, Tally], index: jax.Array
         ) -> tuple[tuple[EnvState, Tally], Any]:
-            """One physics tick, and what the probe sees after it."""
+            """One physics tick, then the probe."""
             state, happened = carry
             state, more = physics_tick(
                 state, drivers, index, config, params, self.following, self.coupling
@@ -245,29 +245,30 @@ class ChargingEnv:
         return state, happened, seen
 
     def action_mask(self, state: EnvState, params: EnvParams) -> jax.Array:
-        """Allowed actions, `(num_actions,)` bool; action 0 always is."""
+        """Allowed actions, `(num_actions,)` bool; action 0 is always allowed."""
         return action_mask(state, self.config)
 
     def get_obs(self, state: EnvState, params: EnvParams) -> jax.Array:
-        """What a policy sees of a state, `(size,)` float32; InputError where an observation returns anything else."""
+        """The policy's observation of a state, `(size,)` float32; InputError if it has another shape or type."""
         seen = self.observation(state, self.config, params)
         return of_shape(seen, (self.observation.size(self.config),))
 
     def observe(self, state: EnvState, params: EnvParams) -> Observation:
-        """The structured observation: one row a MED, one an EV, and masks."""
+        """The structured observation: one row per MED, one per EV, and masks."""
         return observe(state, self.config, params)
 
     def highway(self, state: EnvState, params: EnvParams) -> tuple[EnvState, EnvParams]:
-        """The highway as it is simulated: here what was given; a wrapper of an environment takes itself off."""
+        """State and params of the highway itself: here the arguments; wrappers strip their own additions."""
         return state, params
 
     def with_probe(self, probe: Callable[[EnvState], Any] | None) -> Self:
-        """This environment with a probe: what to report of the state after every physics tick, `probe(state)`, in
-        `info["ticks"]`, `(ticks, ...)`, and of the one that each round's first tick starts from, with those who just
-        entered or booked, in `info["begun"]`, `(rounds, ...)`; None: nothing.
+        """A copy of this environment that reports `probe(state)`; None removes the probe.
+
+        `info["ticks"]`, `(ticks, ...)`, holds its value after every physics tick. `info["begun"]`, `(rounds, ...)`,
+        holds its value at the start of each round, after new entries and bookings.
 
         Raises:
-          InputError: it is no function.
+          InputError: probe is not a function.
         """
         if probe is not None and not callable(probe):
             raise InputError(f"probe is {shown(probe)}: allowed a function of the state, or None")
@@ -276,14 +277,14 @@ class ChargingEnv:
         return probed
 
     def render(self, state: EnvState, params: EnvParams | None = None, **size: int) -> Any:
-        """Draws a state of one environment, `(height, width, 3)` uint8: `medjax.render.frame.render_state`."""
+        """Draws a state of one environment, `(height, width, 3)` uint8; see `medjax.render.frame.render_state`."""
         return hooks.viewer(state, self.config, params, name=self.name, **size)
 
     def _first_tick(self, state: EnvState) -> jax.Array | int:
-        """Number of the decision's first tick, which says whose turn it is to change lanes.
+        """Number of the decision's first tick, which selects the group that may change lanes.
 
-        Where decisions are whole periods of the drivers' turns it is the same for all environments,
-        and turns are slices of a batch, not gathers.
+        If a decision covers whole cycles of the groups, the number is the same constant for all environments,
+        so a batch selects the group by slicing instead of gathering.
         """
         ticks = self.config.ticks_per_decision
         return 0 if ticks % (2 * self.config.lane_change_groups) == 0 else state.time * ticks

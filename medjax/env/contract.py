@@ -1,8 +1,7 @@
-"""What an environment is, to whoever wraps it, acts in it, plays or shows its episodes, or learns from it.
+"""The environment interface that wrappers, policies, players and learners rely on.
 
-`medjax.env.charging_env.ChargingEnv` is one, and so is each wrapper of one (`medjax.env.wrapper.Wrapper`): what takes
-the one takes the other. Learners ask for less: `tests/train/probe_envs.py` has environments with the members that they
-need.
+`medjax.env.charging_env.ChargingEnv` and every wrapper (`medjax.env.wrapper.Wrapper`) implement it, so they are
+interchangeable. Learners need fewer members: `tests/train/probe_envs.py` has minimal environments for them.
 """
 
 from __future__ import annotations
@@ -22,12 +21,13 @@ StepResult = tuple[Observation, State, jax.Array, jax.Array, jax.Array, Info]
 class Environment(Protocol):
     """One environment, written for a single episode and vectorised by the caller with `jax.vmap`.
 
-    Its states have `time`, () int32: decisions taken in the episode. Every method but `render` is pure and jits.
+    A state has `time`, () int32, the decisions taken so far. Every method except `render` is pure and works under
+    `jax.jit`.
     """
 
     @property
     def name(self) -> str:
-        """Name for people."""
+        """Display name."""
 
     @property
     def num_actions(self) -> int:
@@ -35,40 +35,40 @@ class Environment(Protocol):
 
     @property
     def config(self) -> Any:
-        """Sizes and cadences of the highway, `medjax.world.params.EnvConfig`."""
+        """Sizes and time steps of the highway, `medjax.world.params.EnvConfig`."""
 
     @property
     def observation(self) -> Any:
-        """What makes the vector of `get_obs`: its layout, for networks that know it."""
+        """The object that builds the vector of `get_obs`; networks read its layout."""
 
     @property
     def decisions_per_step(self) -> int:
-        """Decisions of the highway that a step takes, at most: `state.time` goes up by as many."""
+        """Maximum number of highway decisions per step; `state.time` grows by the number taken."""
 
     def reset(self, key: jax.Array, params: Params) -> tuple[Observation, State]:
         """Starts an episode."""
 
     def step(self, key: jax.Array, state: State, action: jax.Array, params: Params) -> StepResult:
-        """One decision, and a reset in the same step when the episode ends; see `step_with_reset`."""
+        """Takes one decision and resets in the same step when the episode ends; see `step_with_reset`."""
 
     def step_env(
         self, key: jax.Array, state: State, action: jax.Array, params: Params
     ) -> StepResult:
         """One decision without reset: obs, state, reward, terminated, truncated, info.
 
-        `info["metrics"]` maps names to float32 scalars describing the episode so far. What else `ChargingEnv` reports
-        is of this step: `info["reward_terms"]` and `info["tally"]` add up over steps, `info["ticks"]` has an axis of
-        the physics ticks first.
+        `info["metrics"]` maps names to float32 scalars that describe the episode so far. All other entries of
+        `ChargingEnv` describe this step: sum `info["reward_terms"]` and `info["tally"]` over steps; axis 0 of
+        `info["ticks"]` is the physics tick.
         """
 
     def action_mask(self, state: State, params: Params) -> jax.Array:
         """`(num_actions,)` bool, True where the action is allowed."""
 
     def get_obs(self, state: State, params: Params) -> Observation:
-        """What a policy sees of a state, as `reset` and `step_env` return it."""
+        """The policy's observation of a state, as `reset` and `step_env` return it."""
 
     def observe(self, state: State, params: Params) -> Any:
-        """The same in structured form, `medjax.env.observation.Observation`."""
+        """The structured observation, `medjax.env.observation.Observation`."""
 
     def observation_space(self, params: Params) -> Any:
         """A space with the attribute `shape`."""
@@ -80,27 +80,27 @@ class Environment(Protocol):
         """A picture of a state, `(height, width, 3)` uint8."""
 
     def highway(self, state: State, params: Params) -> tuple[Any, Any]:
-        """The road under any wrappers, as it is really simulated: its `EnvState` and its `EnvParams`.
+        """`EnvState` and `EnvParams` of the simulated highway, without any wrappers.
 
-        The parameters are those of the whole episode.
+        The parameters hold for the whole episode.
         """
 
     def with_probe(self, probe: Callable[[Any], Any] | None) -> Environment:
-        """The same environment, which reports `probe(highway's state)` after every tick in `info["ticks"]`."""
+        """A copy that reports `probe(state)` of the highway after every tick in `info["ticks"]`."""
 
 
 class BatchEnvironment(Protocol):
-    """Many copies of an environment that are reset and stepped together; axis 0 is the environment."""
+    """Copies of an environment that reset and step together; axis 0 is the environment."""
 
     @property
     def num_actions(self) -> int:
         """Number of discrete actions."""
 
     def reset(self, keys: jax.Array, params: Params) -> tuple[Observation, State]:
-        """Starts an episode in a copy for each of the keys `(num_envs,)`."""
+        """Starts an episode in each copy, from keys `(num_envs,)`."""
 
     def step(self, keys: jax.Array, state: State, actions: jax.Array, params: Params) -> StepResult:
-        """One decision in every copy, keys `(num_envs,)`; finished copies restart within the same step."""
+        """Takes one decision in every copy, from keys `(num_envs,)`; finished copies restart in the same step."""
 
     def action_mask(self, state: State, params: Params) -> jax.Array:
         """`(num_envs, num_actions)` bool, True where the action is allowed."""
@@ -109,19 +109,19 @@ class BatchEnvironment(Protocol):
 def step_with_reset(
     env: Environment, key: jax.Array, state: State, action: jax.Array, params: Params
 ) -> StepResult:
-    """One decision, and a reset in the same step when the episode ends: gymnax 1.0's step.
+    """Takes one decision and resets in the same step when the episode ends, as gymnax 1.0 does.
 
     Returns:
-      (observation, state, reward, terminated, truncated, info). Observation and state are those
-      of the next episode when this one ended; `info["final_observation"]` is always the
-      observation that the decision itself led to. `info["action_mask"]` fits the returned state.
+      (observation, state, reward, terminated, truncated, info). If the episode ended, observation
+      and state belong to the next one. `info["final_observation"]` is always the observation right
+      after the decision, before any reset. `info["action_mask"]` fits the returned state.
     """
     step_key, reset_key = jax.random.split(key)
     last_obs, last_state, reward, terminated, truncated, info = env.step_env(
         step_key, state, action, params
     )
     ends = terminated | truncated
-    # Unbatched, cond spares the reset; under vmap both sides run (wrappers.BatchAutoReset).
+    # Unbatched, cond skips the reset. Under vmap both branches run; wrappers.BatchAutoReset avoids that.
     obs, state = jax.lax.cond(
         ends, lambda: env.reset(reset_key, params), lambda: (last_obs, last_state)
     )

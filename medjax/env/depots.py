@@ -1,8 +1,8 @@
-"""Depots: who stands at which, who is sent next, and the way home.
+"""Depots: which MEDs wait where, which one leaves next, and the trip home.
 
-One depot serves all ramps, or each of several the ramps next to one another (`EnvConfig.ramp_depots`); it is in the
-middle of them. A MED comes from one and goes home to the same, unless it is told otherwise. Of one depot for all ramps
-nobody knows where it is: `fleet.turnaround_s` is all that the way there and back takes.
+A depot serves all ramps or, if there are several depots, a group of adjacent ramps (`EnvConfig.ramp_depots`), and lies
+in the middle of them. A MED returns to the depot that it came from, unless told otherwise. A single depot has no
+position: `fleet.turnaround_s` covers the whole trip there and back.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ from medjax.world.state import AT_DEPOT, RETIRED, MEDs
 
 
 def whole_fleet(config: EnvConfig, params: EnvParams) -> MEDs:
-    """The fleet, full and at the depots in turn, to serve as it is used to; beyond its size slots are empty MEDs for
-    ever.
+    """The fleet with full batteries, assigned to the depots in turn, with the fleet's default motion.
+
+    Slots beyond `fleet.size` stay retired and empty for good.
     """
     fleet, meds = params.fleet, config.num_meds
     exists = jnp.arange(meds, dtype=jnp.int32) < fleet.size
@@ -37,12 +38,12 @@ def whole_fleet(config: EnvConfig, params: EnvParams) -> MEDs:
 
 
 def own_ramps(meds: MEDs, config: EnvConfig) -> jax.Array:
-    """Ramps of the depot that each MED belongs to, `(num_meds, num_ramps)` bool."""
+    """Ramps that each MED's depot serves, `(num_meds, num_ramps)` bool."""
     return meds.depot[:, None] == jnp.asarray(config.ramp_depots, jnp.int32)
 
 
 def next_to_be_sent(meds: MEDs) -> jax.Array:
-    """The first MED of each depot's line, `(num_meds,)` bool."""
+    """The first waiting MED of each depot, `(num_meds,)` bool."""
     waits = meds.status == AT_DEPOT
     number = jnp.arange(meds.status.shape[0], dtype=jnp.int32)
     before = (number < number[:, None]) & (meds.depot == meds.depot[:, None])
@@ -50,7 +51,7 @@ def next_to_be_sent(meds: MEDs) -> jax.Array:
 
 
 def who_is_sent(action: jax.Array, meds: MEDs, config: EnvConfig) -> jax.Array:
-    """The MED that a dispatcher's action sends, if it sends one, `(num_meds,)` bool; action () int32."""
+    """The MED that a dispatcher's action sends, if any, `(num_meds,)` bool; action () int32."""
     if not config.num_ramps:
         return jnp.zeros(meds.status.shape, bool)
     ramp = jnp.clip(action - 1, 0, config.num_ramps - 1)
@@ -58,19 +59,19 @@ def who_is_sent(action: jax.Array, meds: MEDs, config: EnvConfig) -> jax.Array:
 
 
 def distinct_depots(config: EnvConfig) -> int:
-    """Depots that there is something to tell of; 0 where all MEDs come from one."""
+    """Number of depots worth observing separately: 0 if there is only one."""
     return config.num_depots if config.num_depots > 1 else 0
 
 
 def shares_at_depots(meds: MEDs, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Shares of the fleet that can be sent from each depot, `(distinct_depots,)`."""
+    """Share of the fleet that waits at each depot, `(distinct_depots,)`."""
     waits = (meds.status == AT_DEPOT)[:, None]
     here = waits & (meds.depot[:, None] == jnp.arange(distinct_depots(config)))
     return in_units(jnp.sum(here, axis=0, dtype=jnp.int32), jnp.maximum(params.fleet.size, 1))
 
 
 def depot_places(config: EnvConfig, params: EnvParams) -> jax.Array:
-    """The middle of each depot's ramps, `(num_depots,)` m along the road; there are ramps."""
+    """Mean position of each depot's ramps, `(num_depots,)` m along the road; requires at least one ramp."""
     serves = np.asarray(config.ramp_depots) == np.arange(config.num_depots)[:, None]
     shares = (serves / serves.sum(axis=1, keepdims=True)).astype(np.float32)
     return jnp.sum(shares * params.road.ramp_x_m, axis=1)
@@ -79,9 +80,9 @@ def depot_places(config: EnvConfig, params: EnvParams) -> jax.Array:
 def way_home(
     x: jax.Array, meds: MEDs, config: EnvConfig, params: EnvParams
 ) -> tuple[jax.Array, jax.Array]:
-    """From where each MED left the road, `(num_meds,)` m, to its depot, beside the road: s, and J; of a level way.
+    """Travel time, s, and energy, J, from where each MED left the road, `(num_meds,)` m, to its depot, on the level.
 
-    A MED comes home on what it has, its reserve included; what that is less than it takes, the depot gives in addition.
+    A MED drives home on its remaining energy, reserve included; the depot makes up any shortfall.
     """
     if config.num_depots == 1:
         return jnp.zeros_like(x), jnp.zeros_like(x)

@@ -1,4 +1,4 @@
-"""The dispatcher's action and a MED's day: sent to a ramp, in service, off the road, at a depot again."""
+"""Dispatch actions and the life cycle of a MED: ramp queue, service, off the road, back at a depot."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from medjax.world.state import (
 
 
 def action_names(config: EnvConfig, params: EnvParams) -> list[str]:
-    """What each action is, for people; params of one environment."""
+    """Display name of each action; params of one environment."""
     return ["none"] + [
         f"ramp {number} ({x:.0f} m)" for number, x in enumerate(params.road.ramp_x_m, 1)
     ]
@@ -31,8 +31,8 @@ def action_names(config: EnvConfig, params: EnvParams) -> list[str]:
 def action_mask(state: EnvState, config: EnvConfig) -> jax.Array:
     """Allowed actions, `(1 + num_ramps,)` bool.
 
-    Action 0 sends none and is always allowed. Action r sends a MED from ramp r - 1, allowed while no
-    cooldown runs and a MED is at the depot of that ramp.
+    Action 0 sends no MED and is always allowed. Action r sends one from ramp r - 1; it is allowed if no
+    cooldown is running and a MED waits at the depot of that ramp.
     """
     waits = (state.meds.status == AT_DEPOT)[:, None] & own_ramps(state.meds, config)
     can_send = (state.cooldown_s <= 0.0) & jnp.any(waits, axis=0)
@@ -40,7 +40,7 @@ def action_mask(state: EnvState, config: EnvConfig) -> jax.Array:
 
 
 def is_allowed(choice: jax.Array, mask: jax.Array) -> jax.Array:
-    """Whether choices `(...)` int32 are in range, and allowed by their masks `(..., n)` bool."""
+    """Whether choices `(...)` int32 are in range and allowed by their masks `(..., n)` bool."""
     num_choices = mask.shape[-1]
     place = jnp.clip(choice, 0, num_choices - 1)[..., None]
     allowed = jnp.take_along_axis(mask, place, axis=-1)[..., 0]
@@ -52,13 +52,11 @@ def dispatch(
 ) -> tuple[EnvState, Tally]:
     """Sends a MED to a ramp, where it waits for a safe gap.
 
-    An action out of range, or one that is masked, counts as 0.
-
     Args:
-      action: () integer.
+      action: () integer; one that is out of range or masked counts as 0.
 
     Returns:
-      (state, tally of what was sent, or invalid)
+      (state, tally of dispatches and invalid actions)
     """
     action = jnp.asarray(action).astype(jnp.int32)
     allowed = is_allowed(action, action_mask(state, config))
@@ -70,7 +68,7 @@ def dispatch(
         ramp=jnp.where(chosen, action - 1, meds.ramp),
     )
     cooldown = jnp.where(sent, params.fleet.cooldown_s, state.cooldown_s)
-    tally = Tally.zeros(0 * state.time).replace(  # carried through the ticks
+    tally = Tally.zeros(0 * state.time).replace(  # a loop carry, see `Tally.zeros`
         meds_dispatched=sent.astype(jnp.float32), invalid_actions=(~allowed).astype(jnp.float32)
     )
     return state.replace(meds=meds, cooldown_s=cooldown), tally
@@ -84,12 +82,13 @@ def on_the_road(
     config: EnvConfig,
     params: EnvParams,
 ) -> MEDs:
-    """After a tick: in service once settled in the service lane, retired once off the road.
+    """Updates MEDs after a tick: in service once settled in the service lane, retired once off the road.
 
     Args:
       vehicles: of all slots, after the tick.
-      left: (N,) bool, at an exit or the end of the road in it.
-      since_s: () s, since the decision that it belongs to; `advance_clocks` takes all of that off who is retired.
+      left: (N,) bool, left at an exit or the end of the road in this tick.
+      since_s: () s since the decision began. It is added to the time away because `advance_clocks` later subtracts
+        the whole decision from every retired MED.
     """
     slots, fleet = config.med_slots, params.fleet
     in_lane = vehicles.lane[slots] == meds.service_lane
@@ -105,10 +104,10 @@ def on_the_road(
 
 
 def advance_clocks(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[EnvState, Tally]:
-    """Counts the decision, lets the cooldown run, and brings MEDs back to their depots, full.
+    """Counts the decision, advances the cooldown, and returns fully charged MEDs to their depots.
 
     Returns:
-      (state, tally of what the depots gave, and of what the ways home took)
+      (state, tally of energy from the depots and of energy for the trips home)
     """
     meds, dt = state.meds, config.decision_s
     ready_in = jnp.where(meds.status == RETIRED, count_down(meds.ready_in_s, dt), meds.ready_in_s)

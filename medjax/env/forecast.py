@@ -1,4 +1,4 @@
-"""Who will need a MED soon: what the known demand and the charge of the EVs say."""
+"""Forecast of EVs that will need a MED soon, from the known demand and the EVs' charge."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from medjax.world.state import IN_SERVICE, MERGING, NOT_BOOKED, QUEUED, EnvState
 
 
 def med_places(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Where MEDs are, `(M,)` m: one that waits is at its ramp; inf for one that is not on its way."""
+    """Position of each MED, `(M,)` m: a queued MED is at its ramp; inf if neither queued nor on the road."""
     ramp_x_m = params.road.ramp_x_m if config.num_ramps else jnp.zeros((1,), jnp.float32)
     vehicles, slots = state.vehicles, config.med_slots
     on_road = jnp.where(vehicles.active[slots], vehicles.x[slots], jnp.inf)
@@ -25,7 +25,7 @@ def med_places(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Arr
 
 
 def free_slots(state: EnvState, config: EnvConfig) -> jax.Array:
-    """Slots on the road that no EV has booked, `(M,)` int32, of every MED where it serves, or is to serve."""
+    """Unbooked slots of each MED, `(M,)` int32, in its present lane if in service, else in its service lane."""
     evs, meds = state.evs, state.meds
     taken = panel_flags(evs.med, evs.panel, evs.med != NOT_BOOKED, config.num_meds)
     in_service = meds.status == IN_SERVICE
@@ -34,7 +34,7 @@ def free_slots(state: EnvState, config: EnvConfig) -> jax.Array:
 
 
 def lacking_j(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """What each EV lacks to come to its destination at cruising speed, `(E,)` J; negative where something is left."""
+    """Energy that each EV lacks to reach its destination at cruising speed, `(E,)` J; negative means a surplus."""
     cruise, power_w = cruising(params)
     x = state.vehicles.x[config.ev_slots]
     way = state.vehicles.destination[config.ev_slots] - x
@@ -42,31 +42,31 @@ def lacking_j(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Arra
 
 
 class Need(NamedTuple):
-    """What a MED from each ramp would find within a window, `(num_ramps,)` float32 each."""
+    """Need and supply that a MED from each ramp would meet within a window, `(num_ramps,)` float32 each."""
 
     there: jax.Array  # EVs in need on the road
-    shortfall: jax.Array  # what these lack to come to their destinations, packs
-    coming: jax.Array  # EVs in need that the known demand brings, on average
-    free: jax.Array  # free slots of MEDs that serve, or are about to, and are as near
+    shortfall: jax.Array  # energy these lack to their destinations, EV battery capacities
+    coming: jax.Array  # expected EVs in need among future arrivals
+    free: jax.Array  # free slots of MEDs nearby that serve or soon will
 
 
 def expected_need(
     state: EnvState, config: EnvConfig, params: EnvParams, window_s: float | jax.Array
 ) -> Need:
-    """Who will need a MED from each ramp within the window, and who else has slots.
+    """EVs that will need a MED from each ramp within the window, and slots that other MEDs offer.
 
-    In need are EVs that do not come to their destination on what they have at cruising speed: those without a booking
-    on the way to the ramp that could catch up with the MED within the window, and those that the known demand brings
-    in time, by the way to the end of the road.
+    An EV is in need if its charge does not last to its destination at cruising speed. Counted are unbooked EVs that can
+    catch up with the MED within the window, and expected arrivals early enough to do so; arrivals are assumed to drive
+    to the end of the road.
     """
     road, demand = params.road, params.demand
     cruise, power_w = cruising(params)
     per_metre = power_w / cruise
     closing = jnp.maximum(cruise - params.fleet.service_speed, 1e-3)
-    window_m = closing * window_s  # that an EV gains on a MED
+    window_m = closing * window_s  # distance that an EV gains on a MED
 
     def ahead_of(x: jax.Array) -> jax.Array:
-        """Way from places to the ramps, `(num_ramps, ...)` m."""
+        """Distance from positions to the ramps, `(num_ramps, ...)` m."""
         return road.ramp_x_m[:, None] - x[None, :]
 
     x = state.vehicles.x[config.ev_slots]
@@ -78,7 +78,7 @@ def expected_need(
     lacks = jnp.where(meets, rounded(in_units(lacks_j, params.ev_capacity_j)), 0.0)
 
     where = entries(road, config.num_lanes)
-    charge = (road.length_m - where.x) * per_metre / params.ev_capacity_j  # that the rest takes
+    charge = (road.length_m - where.x) * per_metre / params.ev_capacity_j  # to the end of the road
     range_of_charge = jnp.maximum(demand.arrival_soc_high - demand.arrival_soc_low, 1e-6)
     share = jnp.clip((charge - demand.arrival_soc_low) / range_of_charge, 0.0, 1.0)
     rate = (
@@ -87,7 +87,7 @@ def expected_need(
         * share
     )
     way = ahead_of(where.x)
-    # Who enters behind the ramp must do so early enough to catch up.
+    # An EV that enters upstream of the ramp must do so early enough to catch up.
     time = jnp.where(way >= 0.0, jnp.maximum(window_s - way / closing, 0.0), 0.0)
 
     meds = state.meds
@@ -105,6 +105,6 @@ def expected_need(
 def forecast_need(
     state: EnvState, config: EnvConfig, params: EnvParams, window_s: float
 ) -> jax.Array:
-    """EVs in need of a MED from each ramp within the window, less free slots, `(num_ramps,)` float32."""
+    """EVs that will need a MED from each ramp within the window, minus free slots, `(num_ramps,)` float32."""
     need = expected_need(state, config, params, window_s)
     return need.there + need.coming - need.free

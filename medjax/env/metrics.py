@@ -1,4 +1,4 @@
-"""The figures of an episode, from the sums that a state carries."""
+"""Episode metrics, computed from the sums that a state carries."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ SECONDS_PER_HOUR = 3600.0
 def episode_metrics(tally: Tally) -> dict[str, jax.Array]:
     """Metrics since reset, float32 scalars by name.
 
-    depleted_share is of all EVs that were on the road; mean_range_m is the distance that such an EV
-    drove on it; mean_soc averages over EVs and time; exit_soc averages over the EVs that ended their
-    way. One without energy counts 0 in both: in mean_soc until it is off the road, in exit_soc once.
+    depleted_share and mean_range_m (distance driven) are per EV that was on the road. mean_soc averages
+    over EVs and time; exit_soc averages over EVs that finished their trip or ran out. A depleted EV
+    counts as 0: in mean_soc until it is off the road, in exit_soc once.
 
-    What slow driving and what charging does for EVs, kWh an EV that was on the road: ev_driving_kwh took driving,
-    ev_saved_kwh less than the same way takes at the EVs' own desired speeds (more where below 0: speeding up costs),
-    and ev_received_kwh came from MEDs. Delays, vehicle-hours, are against everyone's own desired speed;
-    those who wait to come onto the road are in queue_vehicle_s. The fleet draws from its depots what MEDs drive on
-    and what they send; system_efficiency is the share of it that comes into EVs' batteries. Where MEDs got more by
-    driving, downhill, than they drove on, it is the share of what they sent: nobody gives away more than that.
+    In kWh per EV that was on the road: ev_driving_kwh is the energy for driving; ev_saved_kwh is how much more the same
+    distance would take at the EVs' own desired speeds (negative if speeding up cost energy); ev_received_kwh is the
+    energy from MEDs. Delays, in vehicle-hours, are relative to each vehicle's desired speed; time spent waiting to
+    enter is in queue_vehicle_s. energy_drawn_kwh is what MEDs use to drive plus what they send; system_efficiency is
+    the share of it that reaches EV batteries. If MEDs gain energy on balance, by driving downhill, it is the share of
+    the energy sent, so that it never exceeds 1.
     """
 
     def ratio(numerator: jax.Array, denominator: jax.Array) -> jax.Array:

@@ -1,6 +1,6 @@
-"""What the dispatcher sees: the paper's state space, structured and flat.
+"""The dispatcher's observation: the paper's state space, structured and flat.
 
-An observation is a value handed to ChargingEnv: anything with `size(config)` and
+ChargingEnv accepts any observation object with `size(config)` and
 `__call__(state, config, params) -> (size,)`.
 """
 
@@ -27,18 +27,18 @@ from medjax.world.state import AT_DEPOT, IN_SERVICE, MERGING, NOT_BOOKED, QUEUED
 MED_FEATURES = 14
 EV_FEATURES = 8
 CLOCK_FEATURES = 4
-# A cooldown may be 0, so it is scaled by a fixed time.
+# `fleet.cooldown_s` may be 0, so a fixed time scales the clock.
 COOLDOWN_UNIT_S = 20.0
-NEED_WINDOW_S = 60.0  # of what the road profile shows that MEDs would find
-STEPS = 128.0  # in a share of the road profile; float32 holds a thousand vehicles' products exactly
-FAR_KM = 2.0  # beyond that a MED matters little to a ramp
+NEED_WINDOW_S = 60.0  # forecast window of the road profile
+STEPS = 128.0  # quantisation of road-profile shares; float32 then sums a thousand vehicles' products exactly
+FAR_KM = 2.0  # a MED farther away matters little to a ramp
 
 
 class Observation(struct.PyTreeNode):
-    """The structured form; features in the paper's order, in [0, 1] but for places across, speeds and the cooldown.
+    """Structured observation with features in the paper's order.
 
-    In random play of `paper` and `corridor` places across are in [-0.1, 1.1], speeds along in [0, 1.4], and across in
-    [-0.5, 0.5] (docs/guide.md); the cooldown is in units of COOLDOWN_UNIT_S.
+    All features are in [0, 1] except y, speeds and the cooldown. Under random play of `paper` and `corridor`, y is in
+    [-0.1, 1.1], vx in [0, 1.4] and vy in [-0.5, 0.5] (docs/guide.md). The cooldown is in units of COOLDOWN_UNIT_S.
     """
 
     meds: jax.Array  # (M, 14): x, y, vx, vy, SoC, in service, booked x 4, charging x 4
@@ -63,8 +63,8 @@ def clock_features(state: EnvState, params: EnvParams) -> jax.Array:
 def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observation:
     """The structured observation of one environment.
 
-    Vehicles off the road are zero rows, but a MED keeps its state of charge: a full one off the road waits at a ramp,
-    or has not been sent yet. The target MED of an EV is (index + 1) / num_meds, 0 for none.
+    Rows of vehicles off the road are zero, except a MED's state of charge: a full MED off the road is at a depot or
+    waits at a ramp. The target MED of an EV is (index + 1) / num_meds, 0 for none.
     """
     vehicles, evs, meds = state.vehicles, state.evs, state.meds
     width = config.num_lanes * params.road.lane_width_m
@@ -117,7 +117,7 @@ def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observatio
 
 @dataclasses.dataclass(frozen=True)
 class FlatObservation:
-    """MED rows, then EV rows, then (optionally) the clock, as one float32 vector."""
+    """One float32 vector of MED rows, EV rows and (optionally) the clock."""
 
     include_clock: bool = True
 
@@ -130,7 +130,7 @@ class FlatObservation:
         )
 
     def split(self, vector: jax.Array, config: EnvConfig) -> tuple[jax.Array, jax.Array, jax.Array]:
-        """Parts of `(..., size)`: MEDs `(..., M, 14)`, EVs `(..., E, 8)`, the clock `(..., 4)` or `(..., 0)`."""
+        """Splits `(..., size)` into MEDs `(..., M, 14)`, EVs `(..., E, 8)` and the clock `(..., 4)` or `(..., 0)`."""
         meds, evs = config.num_meds * MED_FEATURES, config.num_evs * EV_FEATURES
         first, second, clock = jnp.split(vector, [meds, meds + evs], axis=-1)
         shape = vector.shape[:-1]
@@ -150,21 +150,21 @@ class FlatObservation:
 
 
 def hat_weights(values: jax.Array, num_nodes: int) -> jax.Array:
-    """Shares of values in [0, 1] among evenly spaced nodes, by linear interpolation.
+    """Linear interpolation weights of values in [0, 1] over evenly spaced nodes.
 
     Args:
-      values: any shape; beyond the ends they belong to the end node.
+      values: any shape; values outside [0, 1] are clipped.
       num_nodes: at least 2.
 
     Returns:
-      The shape of values, and num_nodes: at most two entries that are not 0, which add up to 1.
+      `(*values.shape, num_nodes)`: at most two nonzero weights per value, which add up to 1.
     """
     place = jnp.clip(values, 0.0, 1.0)[..., None] * (num_nodes - 1)
     return jnp.maximum(1.0 - jnp.abs(place - jnp.arange(num_nodes, dtype=jnp.int32)), 0.0)
 
 
 def show_need(need: Need) -> jax.Array:
-    """`(4 * num_ramps,)` for a vector: EVs and slots in those of a MED, packs as they are."""
+    """Encodes `Need` as `(4 * num_ramps,)`: counts of EVs and slots are divided by the slots of one MED."""
     slots = len(PANELS)
     return jnp.concatenate(
         [need.there / slots, need.shortfall, need.coming / slots, need.free / slots]
@@ -172,7 +172,7 @@ def show_need(need: Need) -> jax.Array:
 
 
 def outlook_in(needs: jax.Array, clock: jax.Array) -> tuple[Need, jax.Array, jax.Array]:
-    """What `show_need` `(..., 4 * num_ramps)` and the clock `(..., 4)` tell: see `RoadProfile.outlook`."""
+    """Decodes `show_need` `(..., 4 * num_ramps)` and the clock `(..., 4)`; see `RoadProfile.outlook`."""
     there, shortfall, coming, free = jnp.split(needs, len(Need._fields), axis=-1)
     slots = len(PANELS)
     time_left, _, at_depot, _ = jnp.moveaxis(clock, -1, 0)
@@ -181,20 +181,19 @@ def outlook_in(needs: jax.Array, clock: jax.Array) -> tuple[Need, jax.Array, jax
 
 @dataclasses.dataclass(frozen=True)
 class RoadProfile:
-    """What is where along the road: numbers of EVs by charge, and of MEDs, at evenly spaced nodes.
+    """Counts of EVs (by charge) and MEDs at evenly spaced nodes along the road.
 
-    The same for any order of the vehicles in their slots, and a third of the flat observation's size:
-    what is learned of one slot holds for all. It leaves out lanes and speeds.
+    Independent of the order of vehicles in their slots, so what is learned of one slot holds for all;
+    a third of the flat observation's size. It leaves out lanes and speeds.
 
-    At each node: EVs without a booking by state of charge (`soc_nodes`), EVs booked, EVs charging;
-    MEDs waiting or merging (a waiting one at its ramp), MEDs in service, their state of charge, their
-    free slots. Before all that, where there are several depots, the share of the fleet at each. Then,
-    for each ramp, the way in km to the next MED ahead of it, and to the next one behind it, at most
-    FAR_KM, and what it would find (`Need`; EVs and slots in those of a MED). Then time left and the
-    share at the depot, each by nodes (`clock_nodes`), and the clock of `Observation`.
+    Layout: the share of the fleet at each depot, if there are several. At each node, unbooked EVs by state of charge
+    (`soc_nodes`), EVs booked, EVs charging; then MEDs queued (at their ramps) or merging, MEDs in service, their state
+    of charge, their free slots. For each ramp, the distance in km to the next MED downstream and upstream, at most
+    FAR_KM, then `Need` as `show_need` encodes it. Time left and the share at the depot, each over `clock_nodes`.
+    The clock of `Observation`.
 
-    Nothing is below 0. Shares are in [0, 1] and ways in [0, 2]; numbers of vehicles and slots are not scaled, for
-    policies that ship learned from them as they are: docs/guide.md says how large they get.
+    No entry is negative. Shares are in [0, 1] and distances in [0, 2]. Counts of vehicles and slots are not scaled,
+    because the pretrained policies learned from raw counts; docs/guide.md gives their range.
     """
 
     road_nodes: int = 17
@@ -248,14 +247,14 @@ class RoadProfile:
         return jnp.concatenate(parts).astype(jnp.float32)
 
     def outlook(self, vector: jax.Array, config: EnvConfig) -> tuple[Need, jax.Array, jax.Array]:
-        """Of `(..., size)`: what a MED from each ramp would find, the share at the depot, and that of time left."""
+        """Reads `Need`, the share of the fleet at the depot, and the share of time left from `(..., size)`."""
         last = vector.shape[-1] - 2 * self.clock_nodes - CLOCK_FEATURES
         first = last - len(Need._fields) * config.num_ramps
         return outlook_in(vector[..., first:last], vector[..., -CLOCK_FEATURES:])
 
     def _at_nodes(self, place: jax.Array, columns: jax.Array) -> jax.Array:
-        """Columns `(n, c)` of vehicles at places `(n,)`, summed up at the road's nodes, `(road_nodes * c,)`."""
-        # In whole steps their sums are exact, and so the same in whatever order a program adds them up.
+        """Sums columns `(n, c)` of vehicles at positions `(n,)` onto the road's nodes, `(road_nodes * c,)`."""
+        # Sums of whole steps are exact, so the order in which a program adds them does not matter.
         shares = jnp.round(hat_weights(place, self.road_nodes) * STEPS)
         return (shares.T @ jnp.round(columns * STEPS)).ravel() / STEPS**2
 
@@ -264,7 +263,7 @@ OBSERVATIONS = {"flat": FlatObservation(), "profile": RoadProfile()}
 
 
 def check_observation(given: Any, config: EnvConfig) -> None:
-    """Refuses (InputError) what is no observation, or says no size."""
+    """Raises InputError unless `given` is an observation with a valid size."""
     is_function = callable(given) and not isinstance(given, type)
     if not is_function or not callable(getattr(given, "size", None)):
         lacks = "its size(config) is missing, " if is_function else ""
@@ -278,7 +277,7 @@ def check_observation(given: Any, config: EnvConfig) -> None:
 
 
 def of_shape(seen: Any, shape: tuple[int, ...]) -> jax.Array:
-    """What an observation returned, refused (InputError) where it is not what its `size` declares."""
+    """Returns `seen`; raises InputError unless it has the declared shape and is float32."""
     got = getattr(seen, "shape", None), str(getattr(seen, "dtype", None))
     if got != (shape, "float32"):
         kind = f"shape {got[0]} and type {got[1]}" if got[0] is not None else shown(seen)

@@ -1,4 +1,4 @@
-"""The state in which an episode starts: mid-traffic, no MED on the road."""
+"""The initial state of an episode: traffic on the road, all MEDs at their depots."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from medjax.world.state import EnvState, Tally, Vehicles, count_kinds
 def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvState:
     """Draws a road already filled to match the demand.
 
-    EVs on the road have spent what the way to their place takes from where they entered. Those whose energy would not
-    have lasted are not there, nor those that would have left for a charger, just as in the flow without MEDs.
+    EVs have spent the energy of the distance from where they entered. As in the flow without MEDs, EVs that would have
+    run out or left for a charger are absent.
     """
     demand, slots = params.demand, config.traffic_slots
     road_key, soc_key, driver_key, arrivals_key = jax.random.split(key, 4)
@@ -45,8 +45,8 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     if config.num_exits:
         stayed &= ~_left_before(vehicles, way, energy, config, params)
     alive = config.by_slot(True, stayed, True)[slots]
-    # Of traffic alone: for the observation XLA works the energy out anew, in one kernel with this filter, and what
-    # else is in that kernel decides its last bits. With the whole array, runs of record would not repeat.
+    # Filter traffic slots only. XLA recomputes the energy for the observation in one kernel with this filter, and the
+    # rest of that kernel decides its last bits: filtering the whole array would break reproduction of recorded runs.
     active = _beside_meds(vehicles.active[slots] & alive, config)
     return EnvState(
         vehicles=vehicles.replace(active=active),
@@ -68,9 +68,9 @@ def _left_before(
     config: EnvConfig,
     params: EnvParams,
 ) -> jax.Array:
-    """EVs that would have left for a charger at the last exit on their way so far, way_m `(E,)`; `(E,)` bool.
+    """EVs that would have left for a charger at the last exit within way_m `(E,)` behind them; `(E,)` bool.
 
-    All of it was driven at one speed: who lacks charge at its place has lacked it when that exit was signed.
+    Past speed is assumed constant, so an EV that lacks charge now already lacked it when that exit was signed.
     """
     x, destination = vehicles.x[config.ev_slots], vehicles.destination[config.ev_slots]
     passed = last_exit(x + params.road.exit_lane_m, params.road)
@@ -79,7 +79,7 @@ def _left_before(
 
 
 def _filled(key: jax.Array, config: EnvConfig, params: EnvParams) -> Vehicles:
-    """A road in mid-traffic; no MED is on it."""
+    """Vehicles of a road that carries traffic but no MED."""
     speed_key, kind_key, fill_key, way_key, noise_key = jax.random.split(key, 5)
     drivers, slots = params.drivers, config.traffic_slots
 
@@ -115,6 +115,6 @@ def _filled(key: jax.Array, config: EnvConfig, params: EnvParams) -> Vehicles:
 
 
 def _beside_meds(values: jax.Array, config: EnvConfig, of_meds: int = 0) -> jax.Array:
-    """Values of traffic's slots `(C,)` and one for all MEDs, `(num_vehicles,)`."""
+    """Extends values of the traffic slots `(C,)` by one value for all MEDs, to `(num_vehicles,)`."""
     blank = jnp.full((config.num_vehicles,), of_meds, values.dtype)
     return blank.at[config.traffic_slots].set(values)

@@ -1,9 +1,9 @@
-"""The reward: a weighted sum of named terms, eq (10) of the paper or what a decision costs in money.
+"""The reward: a weighted sum of named terms, either eq (10) of the paper or the monetary cost of a decision.
 
 A term is a function of `Outcome` that returns a float32 scalar. `REWARDS` holds the sets that come with medjax: `TERMS`
-of eq (10), and `MONEY`. Each of them is a count or an integral over time: whether a minute is one decision or sixty, it
-is paid the same. Pass `ChargingEnv(reward={**TERMS, "mine": my_term})` or `medjax.make(..., reward=...)` with
-your own. Weights are leaves of `EnvParams.reward_weights`, by the same names; those of `MONEY` are prices.
+of eq (10), and `MONEY`. Each term is a count or a time integral, so the total does not depend on the length of a
+decision. Pass your own with `ChargingEnv(reward={**TERMS, "mine": my_term})` or `medjax.make(..., reward=...)`.
+Weights are leaves of `EnvParams.reward_weights`, by the same names; those of `MONEY` are prices.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from medjax.world.state import EnvState, Tally
 
 
 class Outcome(struct.PyTreeNode):
-    """What one decision led to; all a reward term may read."""
+    """Outcome of one decision: everything that a reward term may read."""
 
     before: EnvState
     after: EnvState
@@ -35,7 +35,7 @@ RewardTerm = Callable[[Outcome], jax.Array]
 
 
 def depleted(outcome: Outcome) -> jax.Array:
-    """EVs that ran out in this decision; the paper's P_depleted, to be weighted negatively."""
+    """EVs that ran out in this decision: the paper's P_depleted; its weight should be negative."""
     return outcome.happened.depleted
 
 
@@ -55,12 +55,12 @@ def speed(outcome: Outcome) -> jax.Array:
 
 
 def dispatches(outcome: Outcome) -> jax.Array:
-    """MEDs sent in this decision; a cost of the fleet."""
+    """MEDs sent in this decision."""
     return outcome.happened.meds_dispatched
 
 
 def gas_delay(outcome: Outcome) -> jax.Array:
-    """Vehicle-seconds that gas vehicles lost against the mean desired speed of their kind; below 0: gained."""
+    """Delay of gas vehicles relative to the mean desired speed of their kind, vehicle-seconds; negative: a gain."""
     happened = outcome.happened
     cruise = outcome.params.drivers.desired_speed[jnp.array(GAS_KINDS)]
     return jnp.sum(happened.gas_seconds - happened.gas_distance_m / cruise)
@@ -72,12 +72,12 @@ def lane_changes(outcome: Outcome) -> jax.Array:
 
 
 def collisions(outcome: Outcome) -> jax.Array:
-    """Vehicles found overlapping their leader, summed over ticks; 0 in a sound simulation."""
+    """Vehicles that overlap their leader, summed over ticks; 0 in a sound simulation."""
     return outcome.happened.collisions
 
 
 def transfer_loss(outcome: Outcome) -> jax.Array:
-    """Energy lost between MEDs and EVs in this decision, kWh."""
+    """Energy lost in transfer from MEDs to EVs in this decision, kWh."""
     return (outcome.happened.energy_sent_j - outcome.happened.energy_received_j) / 3.6e6
 
 
@@ -98,26 +98,26 @@ TERMS: Mapping[str, RewardTerm] = {
 
 
 def delay_h(outcome: Outcome) -> jax.Array:
-    """Hours that vehicles lost against their own desired speeds, or waited to come onto the road.
+    """Delay of vehicles relative to their own desired speeds, plus time waiting to enter, vehicle-hours.
 
-    MEDs count only while they wait at a ramp, among all who do (`queue_vehicle_s`); `med_h` has that time, too.
+    MEDs count only while they wait at a ramp (`queue_vehicle_s`); `med_h` includes that time, too.
     """
     happened = outcome.happened
     return (happened.ev_delay_s + happened.gas_delay_s + happened.queue_seconds) / 3600.0
 
 
 def depot_kwh(outcome: Outcome) -> jax.Array:
-    """Energy that MEDs used up, for driving and for what they sent: depots put it back, kWh."""
+    """Energy that MEDs used to drive and sent to EVs, which depots replace, kWh."""
     return (outcome.happened.med_driving_j + outcome.happened.energy_sent_j) / 3.6e6
 
 
 def ev_kwh(outcome: Outcome) -> jax.Array:
-    """Energy that EVs used up beyond what they got from MEDs, kWh: bought where they stop for long."""
+    """Energy that EVs used to drive minus what they received from MEDs, kWh; they buy it at their next long stop."""
     return (outcome.happened.ev_driving_j - outcome.happened.energy_received_j) / 3.6e6
 
 
 def med_h(outcome: Outcome) -> jax.Array:
-    """Hours of MEDs and their drivers, from the order to where they leave the road: at an exit, or at its end."""
+    """MED and driver hours, from dispatch until the MED leaves at an exit or the end of the road."""
     return outcome.happened.med_seconds / 3600.0
 
 
@@ -127,7 +127,7 @@ def tows(outcome: Outcome) -> jax.Array:
 
 
 def charging_stops(outcome: Outcome) -> jax.Array:
-    """EVs that left for a charger at an exit, or by the road's end with less charge than they would ask a MED with."""
+    """EVs that left for a charger at an exit, or passed the end of the road with less than `request_soc`."""
     return outcome.happened.low_exits
 
 
@@ -140,7 +140,7 @@ REWARDS: Mapping[str, Mapping[str, RewardTerm]] = {"paper": TERMS, "money": MONE
 
 
 def check_terms(reward: Any) -> None:
-    """Refuses (InputError) what are no functions by name."""
+    """Raises InputError unless reward maps names to functions."""
     if not isinstance(reward, Mapping):
         raise InputError(f"reward = {shown(reward)}: allowed functions by name")
     for name, term in reward.items():
@@ -154,14 +154,14 @@ def total_reward(
     """Weighted sum of the terms, and each weighted term by name; float32 scalars.
 
     Raises:
-      InputError: a term without a weight, or that returns no scalar; while the environment is traced.
+      InputError: while tracing, if a term has no weight or does not return a scalar.
     """
     weights = outcome.params.reward_weights
     if without := [name for name in terms if name not in weights]:
         said = f"reward_weights have no {shown(without[0])}"
         raise InputError(f"{said}: allowed a weight for each of {', '.join(terms)}")
-    # The barrier keeps XLA from multiplying a weight with a term's own constants first, as it does where both are
-    # scalars: one environment alone would round otherwise than the same one in a batch.
+    # Without the barrier, XLA would multiply scalar weights with a term's constants first, so that a single environment
+    # would round differently from the same one in a batch.
     given = {name: _scalar(name, term(outcome)) for name, term in terms.items()}
     values = jax.lax.optimization_barrier(given)
     parts = {
@@ -171,7 +171,7 @@ def total_reward(
 
 
 def _scalar(name: str, value: jax.Array) -> jax.Array:
-    """What a term returned; InputError if that is no scalar."""
+    """Returns a term's value; raises InputError unless it is a scalar."""
     if shape := jnp.shape(value):
         raise InputError(f"reward term {shown(name)} returns shape {shape}: allowed (), a scalar")
     return value

@@ -1,4 +1,4 @@
-"""Shapes and ranges of observations and actions, in the manner of gymnax."""
+"""Observation and action spaces, in the style of gymnax."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Box:
     dtype: type = jnp.float32
 
     def sample(self, key: jax.Array) -> jax.Array:
-        """A uniform array within the bounds, unit-normal where they are infinite."""
+        """A uniform array within the bounds; standard normal if either bound is infinite."""
         if abs(self.low) == float("inf") or abs(self.high) == float("inf"):
             return jax.random.normal(key, self.shape, self.dtype)
         return jax.random.uniform(key, self.shape, self.dtype, self.low, self.high)

@@ -1,4 +1,4 @@
-"""One physics tick: everyone looks, accelerates, changes lanes, moves, and energy flows."""
+"""One physics tick: car following, lane changes, motion, energy flows and exits."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def physics_tick(
 
     Args:
       state: of one environment.
-      drivers: of its vehicles; they stay the same between two rounds of entries.
-      tick: () int32, ticks since reset; its parity says which way drivers look.
-      following, coupling: as `ChargingEnv`.
+      drivers: of its vehicles; constant within a round.
+      tick: () int32, ticks since reset; its parity selects the side to which drivers look.
+      following, coupling: as in `ChargingEnv`.
 
     Returns:
-      (state after the tick, what happened in it). `state.tally` is left as it was.
+      (state after the tick, tally of the tick). `state.tally` is unchanged.
     """
     before = without_motor(state.vehicles, state.evs, config, params)
     with jax.named_scope("docking"):
@@ -80,11 +80,11 @@ def _flow(
     config: EnvConfig,
     params: EnvParams,
 ) -> Tally:
-    """Who was on the road in a tick for how long and how far, and who `left` `(N,)` it in it.
+    """Occupancy, charge and departures of one tick.
 
-    Who leaves it in the tick was there for all of it, as its way is counted in full. `sent` `(M,)` are the MEDs that
-    are not at their depots. An EV without energy is still on the road, with a charge of 0, until it is on the shoulder
-    or towed.
+    A vehicle that `left` `(N,)` in the tick counts for all of it, since its distance counts in full. `sent` `(M,)`
+    marks MEDs that are neither at a depot nor retired. A depleted EV stays on the road with a charge of 0 until it is
+    on the shoulder or towed.
     """
     ev_slots, gas_slots, on_road = config.ev_slots, config.gas_slots, before.active
     soc = rounded(in_units(evs.energy_j, params.ev_capacity_j))
@@ -101,7 +101,7 @@ def _flow(
         charging_stops=jnp.sum(left[ev_slots] & evs.stops, dtype=jnp.float32),
         exit_soc=sum_pairwise(jnp.where(left[ev_slots], soc, 0.0)),
         low_exits=jnp.sum(left[ev_slots] & (evs.stops | low & goes_on), dtype=jnp.float32),
-        # All of the time on the road: `ways` takes off what need not be.
+        # The whole time on the road: `ways` subtracts the free-flow time.
         ev_delay_s=seconds(on_road[ev_slots]),
         gas_delay_s=seconds(on_road[gas_slots]),
         med_seconds=seconds(sent),
@@ -111,10 +111,10 @@ def _flow(
 
 
 def ways(before: Vehicles, after: Vehicles, config: EnvConfig) -> Tally:
-    """How far vehicles came in a round, and, taken off their delays, how long that takes at their desired speeds.
+    """Distances driven in a round; subtracts their duration at desired speed from the delays.
 
     Args:
-      before, after: the ticks of the round; a vehicle that left between them is where it left.
+      before, after: start and end of the round; a vehicle that left in between stays where it left.
     """
     travelled = after.x - before.x
     free_s = travelled / before.desired_speed
@@ -129,12 +129,13 @@ def ways(before: Vehicles, after: Vehicles, config: EnvConfig) -> Tally:
 def means(
     state: EnvState, metres: jax.Array, ev_seconds: jax.Array, config: EnvConfig, params: EnvParams
 ) -> Tally:
-    """A round's part of the integrals of the EVs' mean charge and mean speed; 0 on a road without EVs.
+    """One round's contribution to the integrals of the EVs' mean charge and mean speed; 0 on a road without EVs.
 
-    By the round, so that they add up to the same whatever the number of rounds in a decision.
+    Working by round makes the totals independent of the number of rounds per decision.
 
     Args:
-      state: after the round; metres, ev_seconds: () that EVs drove in it, and were on the road.
+      state: after the round.
+      metres, ev_seconds: () distance and time that EVs spent on the road in it.
     """
     on_road = state.vehicles.active[config.ev_slots]
     charge = rounded(in_units(state.evs.energy_j, params.ev_capacity_j))
@@ -148,6 +149,6 @@ def means(
 
 
 def _of_gas(values: jax.Array, vehicles: Vehicles, config: EnvConfig) -> list[jax.Array]:
-    """The values `(N,)` of each kind of vehicle with fuel, `(gas slots,)`, 0 elsewhere."""
+    """For each gas kind, the values `(N,)` in the gas slots, 0 for vehicles of other kinds."""
     kind, values = vehicles.kind[config.gas_slots], values[config.gas_slots]
     return [jnp.where(kind == each, values, 0) for each in GAS_KINDS]

@@ -1,4 +1,4 @@
-"""Where vehicles drive to, thought over once a round of entries: a missed exit, a charger, a depot."""
+"""Destinations, revised once per round: after a missed exit, for a charger, or for a depot."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def lacks_charge(
     config: EnvConfig,
     params: EnvParams,
 ) -> jax.Array:
-    """Who would come to the charger after an exit, or to its own destination, with less than `charging.stop_soc`.
+    """EVs that would reach their destination, or the charger after an exit if nearer, with less than `stop_soc`.
 
-    At cruising speed. Each exit has a charger; beyond the last one the next is as far as exits are apart on average.
+    EVs drive at cruising speed. Each exit has a charger; beyond the last one, the next is one mean exit spacing away.
 
     Args:
       energy_j, x, destination: of EVs, (E,) J, m, m.
-      passed: (E,) m, the exit that each passes, or has passed.
+      passed: (E,) m, the exit that each EV passes or has passed.
 
     Returns:
       (E,) bool.
@@ -34,7 +34,7 @@ def lacks_charge(
     road = params.road
     beyond = next_exit(passed, road)
     beyond = jnp.where(beyond < road.length_m, beyond, passed + road.length_m / config.num_exits)
-    # Who drives to the road's end goes on beyond it.
+    # An EV bound for the end of the road drives on beyond it.
     goal = jnp.where(destination < road.length_m, jnp.minimum(destination, beyond), beyond)
     speed, power_w = cruising(params)
     spare = energy_j - params.charging.stop_soc * params.ev_capacity_j
@@ -44,7 +44,8 @@ def lacks_charge(
 def needs_charger(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
     """EVs that leave at the exit ahead for a charger, `(E,)` bool.
 
-    From the first sign of an exit on: who has no MED and, passing it, `lacks_charge`.
+    An EV decides so between the exit's first sign and its deceleration lane, if it has no booking and would otherwise
+    pass the exit with too little charge (`lacks_charge`).
     """
     vehicles, evs, road, slots = state.vehicles, state.evs, params.road, config.ev_slots
     x, destination = vehicles.x[slots], vehicles.destination[slots]
@@ -57,14 +58,14 @@ def needs_charger(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.
 
 
 def exit_in_time(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """The first exit of which each MED can be told in time, or the road's end, `(M,)` m."""
+    """The first exit at least `exit_notice_m` ahead of each MED, or the road's end, `(M,)` m."""
     return next_exit(vehicles.x[config.med_slots] + params.road.exit_notice_m, params.road)
 
 
 def leaving_early(
     vehicles: Vehicles, leaves: jax.Array, config: EnvConfig, params: EnvParams
 ) -> jax.Array:
-    """Destinations, `(N,)` m, where MEDs that are to leave, `(M,)` bool, do so at the first exit that they can take."""
+    """Destinations, `(N,)` m, after redirecting the MEDs in `leaves` `(M,)` bool to the first exit they can take."""
     in_time, slots = exit_in_time(vehicles, config, params), config.med_slots
     of_meds = vehicles.destination[slots]
     early = jnp.where(leaves, jnp.minimum(in_time, of_meds), of_meds)
@@ -72,12 +73,12 @@ def leaving_early(
 
 
 def plan_trips(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[EnvState, Tally]:
-    """Who has missed its exit takes the next one; EVs leave for a charger, MEDs that are empty for a depot.
+    """Revises destinations: the next exit after a missed one, a charger for low EVs, a depot for MEDs at their reserve.
 
-    An EV that makes for its exit, or whose MED does, gives its booking up; on the way to an exit it asks for none.
+    An EV that makes for its exit, or whose MED does, gives up its booking and requests no other.
 
     Returns:
-      (state, tally of the exits missed)
+      (state, tally of missed exits)
     """
     vehicles, meds, evs, road = state.vehicles, state.meds, state.evs, params.road
     past = missed(vehicles, road)
@@ -92,7 +93,7 @@ def plan_trips(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[E
     leaves = (meds.status == IN_SERVICE) & near[config.med_slots]
     parts = near[config.ev_slots] | evs.stops | stops
     parts |= (evs.med != NOT_BOOKED) & read(leaves, jnp.maximum(evs.med, 0))
-    parts &= ~evs.is_depleted  # their clock is that of the tow
+    parts &= ~evs.is_depleted  # their timer counts the time until the tow
     state = state.replace(
         vehicles=vehicles,
         meds=meds.replace(status=jnp.where(leaves, LEAVING, meds.status)),

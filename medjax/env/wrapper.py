@@ -1,4 +1,4 @@
-"""What a wrapper of one environment leaves as it is."""
+"""Base class of wrappers of one environment."""
 
 import dataclasses
 from collections.abc import Callable
@@ -12,13 +12,13 @@ from medjax.errors import InputError, shown
 
 
 def check_environment(env: Any) -> None:
-    """Refuses (InputError) what is no environment."""
+    """Raises InputError unless env is an environment."""
     if not callable(getattr(env, "step_env", getattr(env, "step", None))):
         raise InputError(f"env is {shown(env)}: allowed an environment, as medjax.make gives it")
 
 
 def whole_number_of(name: str, value: Any, least: int) -> None:
-    """Refuses (InputError) a value that is no whole number, or too small."""
+    """Raises InputError unless value is a whole number of at least `least`."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not whole or value < least:
         raise InputError(f"{name} is {shown(value)}, must be a whole number, at least {least}")
@@ -26,9 +26,9 @@ def whole_number_of(name: str, value: Any, least: int) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class Wrapper:
-    """`env` unchanged, and itself an `Environment`; a subclass says what it changes.
+    """An `Environment` that passes everything on to `env`; subclasses override what they change.
 
-    A subclass with a state or parameters of its own says by `inner` and `outer` what is of `env` in them.
+    A subclass with its own state or parameters overrides `inner` and `outer` to convert them.
 
     Attributes:
         env: a single environment.
@@ -40,11 +40,11 @@ class Wrapper:
         check_environment(self.env)
 
     def inner(self, state: State, params: Params) -> tuple[State, Params]:
-        """State and parameters of `env` in those of the wrapper."""
+        """Extracts the state and parameters of `env` from the wrapper's."""
         return state, params
 
     def outer(self, state: State, inner: State) -> State:
-        """State of the wrapper after `state`, once that of `env` is `inner`."""
+        """The wrapper's next state, from its previous `state` and the new state `inner` of `env`."""
         return inner
 
     @property
@@ -59,17 +59,17 @@ class Wrapper:
 
     @property
     def config(self) -> Any:
-        """Sizes and cadences of the highway."""
+        """Sizes and time steps of the highway."""
         return self.env.config
 
     @property
     def observation(self) -> Any:
-        """Layout of what is observed."""
+        """Layout of the observation."""
         return self.env.observation
 
     @property
     def decisions_per_step(self) -> int:
-        """Decisions of the highway in a step."""
+        """Maximum number of highway decisions per step."""
         return self.env.decisions_per_step
 
     def reset(self, key: jax.Array, params: Params) -> tuple[Observation, State]:
@@ -77,7 +77,7 @@ class Wrapper:
         return self.env.reset(key, params)
 
     def step(self, key: jax.Array, state: State, action: jax.Array, params: Params) -> StepResult:
-        """One decision, and a reset in the same step when the episode ends."""
+        """Takes one decision and resets in the same step when the episode ends."""
         return step_with_reset(self, key, state, action, params)
 
     def step_env(
@@ -93,19 +93,19 @@ class Wrapper:
         return self.env.action_mask(*self.inner(state, params))
 
     def get_obs(self, state: State, params: Params) -> Observation:
-        """What a policy sees of a state."""
+        """The policy's observation of a state."""
         return self.env.get_obs(*self.inner(state, params))
 
     def observe(self, state: State, params: Params) -> Any:
-        """The same in structured form."""
+        """The structured observation."""
         return self.env.observe(*self.inner(state, params))
 
     def observation_space(self, params: Params = None) -> Any:
-        """That of the environment."""
+        """Observation space of `env`."""
         return self.env.observation_space(params)
 
     def action_space(self, params: Params = None) -> Any:
-        """That of the environment."""
+        """Action space of `env`."""
         return self.env.action_space(params)
 
     def render(self, state: State, params: Params = None, **size: int) -> Any:
@@ -113,9 +113,9 @@ class Wrapper:
         return self.env.render(*self.inner(state, params), **size)
 
     def highway(self, state: State, params: Params) -> tuple[Any, Any]:
-        """The road under all wrappers."""
+        """State and params of the highway, without any wrappers."""
         return self.env.highway(*self.inner(state, params))
 
     def with_probe(self, probe: Callable[[Any], Any] | None) -> Environment:
-        """The same wrapper of an environment that reports its ticks."""
+        """The same wrapper around an environment with this probe."""
         return dataclasses.replace(self, env=self.env.with_probe(probe))

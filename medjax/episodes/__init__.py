@@ -1,1 +1,1 @@
-"""Whole episodes: whose randomness they take, who plays them, and what is kept of them."""
+"""Whole episodes: their random keys, the player, recordings and scores."""

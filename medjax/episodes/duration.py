@@ -1,4 +1,4 @@
-"""How long playing takes, said before anything is compiled."""
+"""Estimate of the time that playing takes, available before anything is compiled."""
 
 from typing import Any
 
@@ -6,21 +6,21 @@ import jax
 
 from medjax.commandline import in_words
 
-# Of a slot and tick on a core, observation included: the quickest and the slowest machine that docs/performance.md
-# has had figures of. A learner adds a tenth.
+# Time per slot and tick on one core, observation included: the fastest and the slowest machine measured for
+# docs/performance.md. A learner adds a tenth.
 LEAST_NS, MOST_NS = 50.0, 200.0
-SHORT_S = 30.0  # what takes no longer is not worth a word
+SHORT_S = 30.0  # shorter runs are not announced
 
 
 def reckoned_time(env: Any, decisions: float) -> str:
-    """How long all devices together take for so many decisions of an environment: a range, as processors differ.
+    """Estimated time to play a number of decisions on all devices: a range, since processors differ.
 
     Args:
         env: a single environment, wrapped or not.
-        decisions: of the highway, those of all environments and policies.
+        decisions: decisions of the highway, summed over all environments and policies.
 
     Returns:
-        Such as "50 s to 3 min"; empty where it is short, on other devices than CPUs, and for an environment whose
+        Text such as "50 s to 3 min"; empty if the time is short, the device is not a CPU, or the environment's
         `config` has no vehicles and ticks.
     """
     config = getattr(env, "config", None)

@@ -1,9 +1,9 @@
-"""A recording as SUMO's floating-car data: what `sumo --fcd-output` writes, for the tools that read it.
+"""Export of a recording as SUMO's floating-car data, the format of `sumo --fcd-output`.
 
-The road is one edge, `highway`, straight along x from 0; SUMO counts its lanes from the right, so `highway_0` is the
-acceleration lanes and `highway_1` the rightmost of the others, and measures sideways to the left. A vehicle is in the
-lane under its centre: SUMO switches half way through a change, where medjax names the lane that it goes to.
-Positions are those of an edge of `num_lanes + 1` lanes that netconvert draws from (0, 0) to (length, 0).
+The road is one edge, `highway`, straight along x from 0. SUMO counts lanes from the right, so `highway_0` is the
+acceleration lanes and `highway_1` the rightmost main lane; lateral positions grow to the left. A vehicle is in the lane
+beneath its centre, since SUMO switches lanes halfway through a change, whereas medjax reports the target lane at once.
+Positions match an edge of `num_lanes + 1` lanes that netconvert draws from (0, 0) to (length, 0).
 """
 
 from collections.abc import Iterable, Iterator
@@ -26,10 +26,10 @@ ROW = (
 
 
 def write_fcd(pieces: Iterable[Recording], file: IO[bytes]) -> Iterator[int]:
-    """Writes a recording, a timestep a physics tick; lengths to the millimetre, angles to a thousandth of a degree.
+    """Writes one timestep per physics tick; lengths to the millimetre, angles to a thousandth of a degree.
 
-    A vehicle's first acceleration is 0, as SUMO writes it: its tools take the first row for the head of the table. The
-    schema has no place for charge and booking: `vehicle_id` of Parquet and CSV is `id` here and joins the two.
+    A vehicle's first acceleration is 0, as in SUMO, whose tools take column names from the first row. The schema has no
+    fields for charge and booking; join them from Parquet or CSV, whose `vehicle_id` is `id` here.
 
     Yields:
       Rows written of each piece.
@@ -45,7 +45,7 @@ def write_fcd(pieces: Iterable[Recording], file: IO[bytes]) -> Iterator[int]:
 
 
 def _rows(recording: Recording) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Lines of the vehicles by time, the first of each frame, and the times of the frames."""
+    """XML lines of vehicles in order of time, the index of each frame's first line, and the frames' times."""
     table = vehicle_table(recording)
     lane_width = float(recording.params.road.lane_width_m)
     x, speed = table["x_m"], table["speed_m_per_s"].data

@@ -1,4 +1,4 @@
-"""Trajectories in a file, whose ending says the format; it appears whole or not at all."""
+"""Trajectory files, written atomically; the file extension selects the format."""
 
 import csv
 import importlib.util
@@ -17,11 +17,11 @@ from medjax.episodes.table import vehicle_table
 from medjax.errors import InputError
 from medjax.files import check_output, replacing
 
-EXACT = "%.9g"  # nine digits tell any two float32 apart
+EXACT = "%.9g"  # nine digits identify any float32
 
 
 def write_parquet(pieces: Iterable[Recording], file: IO[bytes]) -> Iterator[int]:
-    """Writes `vehicle_table` with missing values as nulls, and what was played as JSON under the key `medjax`.
+    """Writes `vehicle_table` with missing values as nulls, and the episode's identity as JSON metadata `medjax`.
 
     Yields:
       Rows written of each piece.
@@ -48,7 +48,7 @@ def write_parquet(pieces: Iterable[Recording], file: IO[bytes]) -> Iterator[int]
 
 
 def write_csv(pieces: Iterable[Recording], file: IO[bytes]) -> Iterator[int]:
-    """Writes `vehicle_table` with a head line and missing values empty; numbers read back exactly as float32.
+    """Writes `vehicle_table` with a header and missing values empty; numbers round-trip exactly as float32.
 
     Yields:
       Rows written of each piece.
@@ -76,11 +76,11 @@ FORMATS = {".parquet": write_parquet, ".csv": write_csv, ".fcd.xml": write_fcd}
 
 
 def check_target(path: Path) -> str:
-    """The ending of `path` among `FORMATS`, once it is sure that such a file can be written.
+    """Returns the extension of `path` in `FORMATS`, after checking that the file can be written.
 
     Raises:
-      InputError: one line; another ending, a directory, or a place where nothing can be written.
-      ImportError: one line; the library that the format needs is missing.
+      InputError: the extension is unknown, path is a directory, or its directory is not writable.
+      ImportError: the library that the format needs is missing.
     """
     ending = next((ending for ending in FORMATS if path.name.endswith(ending)), None)
     if ending is None:
@@ -92,18 +92,18 @@ def check_target(path: Path) -> str:
 
 
 def write_trajectories(recording: Recording | Iterable[Recording], path: str | Path) -> int:
-    """Writes a recording to `path`, over what is there.
+    """Writes a recording to `path`, replacing any existing file.
 
     Args:
-      recording: of `medjax.episodes.recording.record_episode`, or the pieces of `record_pieces`; one piece is held at a
-        time.
-      path: ends in one of `FORMATS`.
+      recording: from `medjax.episodes.recording.record_episode`, or the pieces of `record_pieces`, of which only one
+        is in memory at a time.
+      path: with an extension in `FORMATS`.
 
     Returns:
-      Rows written, one a vehicle and tick.
+      Rows written, one per vehicle and tick.
 
     Raises:
-      ValueError, ImportError: as `check_target`.
+      ValueError, ImportError: as in `check_target`.
     """
     path = as_path("path", path)
     write = FORMATS[check_target(path)]

@@ -1,4 +1,4 @@
-"""The options of commands that play an episode: which one, with whom, and the recordings of it."""
+"""Command-line options that select an episode and its policies."""
 
 import argparse
 import dataclasses
@@ -21,14 +21,14 @@ from medjax.policies.team import rules_of
 from medjax.scenarios import SCENARIOS, make, prepare
 from medjax.world.params import EnvParams
 
-BYTES_OF_A_SLOT = 150  # of a frame: on the device, on the host, in the order of time, and as rows
-RULE = "forecast"  # unless another policy is asked for
-POLICY = "policy.zip"  # file of a trained policy in the directory of a run
-EVALUATION = "evaluation.json"  # and that of its closing evaluation, where there was one
+BYTES_OF_A_SLOT = 150  # per frame: on the device, on the host, joined in time, and as table rows
+RULE = "forecast"  # default policy
+POLICY = "policy.zip"  # trained policy in a run directory
+EVALUATION = "evaluation.json"  # final evaluation in a run directory, if there was one
 
 
 def add_episode_options(group: Any) -> None:
-    """Adds the options to a group of a parser; values stay text, so that all errors are worded in one place."""
+    """Adds the options to a parser's group; values stay text, so that `requested_episode` words all errors."""
     whose = (
         f"a rule ({', '.join(BASELINES)}), pretrained (the policy that comes with medjax), module:function that builds "
         "one, or a file that ends in .zip"
@@ -48,23 +48,23 @@ def add_episode_options(group: Any) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class EpisodeRequest:
-    """What to play; checked as far as that needs no environment."""
+    """A request to play an episode, checked as far as possible without an environment."""
 
-    file: Path | None  # of a trained policy; None: `policy` is none
+    file: Path | None  # of a trained policy; None if `policy` is not a file
     policy: str
-    compare: str | None  # a rule beside it
-    scenario: str | None  # None: that of the trained policy's training, or paper
+    compare: str | None  # a rule to play beside it
+    scenario: str | None  # None: that of the policy's training, or paper
     overrides: Mapping[str, Any]
     seed: int
     episode: int
-    force: bool = False  # whatever memory it takes
-    evaluation: Path | None = None  # of the run whose policy is played as it was trained
+    force: bool = False  # ignore the memory limit
+    evaluation: Path | None = None  # of the run, if its policy plays in the world it was trained in
 
     def prepared(self) -> tuple[ChargingEnv, EnvParams]:
-        """The environment and its numbers as `policies` makes them, but for the coils; nothing is compiled.
+        """The environment and params of `policies`, without the coils' table; compiles nothing.
 
         Raises:
-          InputError: as `policies`.
+          InputError: as in `policies`.
         """
         env: Any = None
         if self.file is None:
@@ -74,10 +74,10 @@ class EpisodeRequest:
         return getattr(env, "env", env), params
 
     def policies(self) -> tuple[ChargingEnv, EnvParams, dict[str, Policy]]:
-        """The environment, its parameters, and what is played in it, by name.
+        """The environment, its parameters, and the policies to play, by name.
 
         Raises:
-          InputError: one line; numbers that the environment does not take, or a policy that cannot be read.
+          InputError: the environment rejects a number, or the policy cannot be read.
         """
         if self.file is None:
             env, params = make(self.scenario or "paper", **self.overrides)
@@ -93,7 +93,7 @@ class EpisodeRequest:
     def record(
         self, env: ChargingEnv, params: EnvParams, chosen: Mapping[str, Policy]
     ) -> list[Recording]:
-        """Plays the episode, once a policy.
+        """Plays the episode once with each policy.
 
         Raises:
           InputError: the recordings do not fit into memory.
@@ -111,16 +111,16 @@ class EpisodeRequest:
     def record_pieces(
         self, env: ChargingEnv, params: EnvParams, chosen: Mapping[str, Policy]
     ) -> Iterator[Recording]:
-        """Plays the episode with the only policy, piece by piece."""
+        """Plays the episode with the only policy, in pieces."""
         ((name, policy),) = chosen.items()
         return record_pieces(env, params, policy, name=name, seed=self.seed, episode=self.episode)
 
 
 def requested_episode(given: argparse.Namespace) -> EpisodeRequest:
-    """What the options of `add_episode_options`, and `compare` where there is one, ask for.
+    """Reads and checks the options of `add_episode_options`, and `compare` if present.
 
     Raises:
-      InputError: an unknown name, a run that is not there, or options that do not go together.
+      InputError: a name is unknown, the run does not exist, or options conflict.
     """
     compare = getattr(given, "compare", None)
     if given.run_dir is not None and given.policy:
@@ -152,7 +152,7 @@ def requested_episode(given: argparse.Namespace) -> EpisodeRequest:
 
 
 def _file(run: str | None, policy: str) -> Path | None:
-    """The file of the trained policy that is asked for, which is there; None if it is none that is."""
+    """The file of the requested trained policy; None if the policy is not a file."""
     if run is None:
         return Path(policy) if policy.endswith(FILE) else None
     run_dir = as_path("--run-dir", run)

@@ -1,8 +1,7 @@
-"""The one player of whole episodes: what evaluation, recordings, traces and studies drive, each at its own pace.
+"""The player of whole episodes, shared by evaluation, recordings, traces and studies.
 
-Episodes are rows of a batch, and every row draws from the streams of its episode (`medjax.episodes.keys`): decision t
-from `fold_in(stream, t)`. So all that is played of an episode is the same episode, and differences between policies are
-theirs.
+Episodes are rows of a batch, and each row uses the random streams of its episode (`medjax.episodes.keys`): decision t
+uses `fold_in(stream, t)`. All policies thus face the same episode, so their scores differ only through their choices.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,20 +21,20 @@ from medjax.policies.policy import Choice, Policy
 
 
 class Episodes(struct.PyTreeNode):
-    """Where some episodes stand; every leaf has an axis of rows first."""
+    """Progress of a batch of episodes; axis 0 of every leaf is the row."""
 
     streams: jax.Array  # (rows, 3) keys, see `medjax.episodes.keys`
     obs: Any
     state: Any
     done: jax.Array  # (rows,) bool
-    # (rows,) float32: "return", "length", "reward_" and the name of each of its terms, the environment's metrics
+    # (rows,) float32: "return", "length", "reward_NAME" for each reward term, and the environment's metrics
     scores: dict[str, jax.Array]
 
 
 class Decision(struct.PyTreeNode):
-    """What was decided in every row, and what came of it."""
+    """The decision of every row and its outcome."""
 
-    # (rows,) int32, as the policy chose; one that the mask forbids counts as 0. Of agents (rows, A), and so below.
+    # (rows,) int32, as the policy chose; a masked action counts as 0. With agents (rows, A), and likewise below.
     action: jax.Array
     probabilities: jax.Array  # (rows, num_actions) of the policy
     mask: jax.Array  # (rows, num_actions) bool, allowed actions
@@ -43,10 +42,10 @@ class Decision(struct.PyTreeNode):
     info: dict[str, Any]  # of the environment's step
 
     def of_dispatcher(self, num_actions: int) -> "Decision":
-        """The same as a dispatcher of `num_actions` would have made it: of agents one that entered, or might have."""
+        """Reduces agents' decisions to one of a dispatcher: that of an agent that entered or could have entered."""
         if self.action.ndim == 1:
             return self
-        enters = self.mask[..., 1:num_actions].any(axis=-1)  # one agent a depot at most
+        enters = self.mask[..., 1:num_actions].any(axis=-1)  # at most one agent per depot
         counts = is_allowed(self.action, self.mask) & (self.action < num_actions)
         ramp = jnp.where(counts, self.action, 0)
         first = jnp.argmax(jnp.where(enters, ramp, -1), axis=-1)[:, None]
@@ -64,10 +63,10 @@ class Decision(struct.PyTreeNode):
 
 
 class Player:
-    """Policies side by side: row r is played by policy `r % len(policies)`, so that all are one batch.
+    """Plays several policies in one batch: policy `r % len(policies)` plays row r.
 
-    The environment is compiled once for all of them, and the fixed cost of a decision is paid once. Weights are given
-    to every decision: they are arguments of a compiled program, not a part of it.
+    The environment compiles once for all policies, and a decision's fixed cost is paid once. Weights are passed to
+    every decision as arguments, so that the compiled program does not contain them.
 
     Args:
         env: a single environment.
@@ -76,14 +75,14 @@ class Player:
 
     def __init__(self, env: Environment, policies: Sequence[Policy]) -> None:
         self.env, self.policies = env, tuple(policies)
-        # Traced once for its shapes and its use.
+        # Jitted so that `start`, which needs its shapes, and `go_on` share one trace.
         self._step = jax.jit(self._over_rows(env.step_env))
 
     def start(self, keys: jax.Array, params: Any) -> Episodes:
-        """Before the first decision, episodes `(episodes,)` by their keys; each is played by all policies in turn.
+        """Resets episodes with keys `(episodes,)`, one row per episode and policy.
 
         Returns:
-            `episodes * policies` rows.
+            `episodes * policies` rows; the policy changes fastest.
         """
         streams = jax.vmap(jax.random.split, (0, None))(keys, 3)
         streams = jnp.repeat(streams, len(self.policies), axis=0)
@@ -103,16 +102,16 @@ class Player:
     def choose(
         self, episodes: Episodes, number: Any, weights: Sequence[Any], params: Any
     ) -> Choice:
-        """What the policies do at decision `number` of the episodes, leaves `(rows, ...)`.
+        """Choices of the policies at decision `number` of the episodes, leaves `(rows, ...)`.
 
         Args:
-            episodes: where they stand.
-            number: () int32, of all rows, or (rows,).
+            episodes: their progress.
+            number: () int32 for all rows, or (rows,).
             weights: of the policies.
             params: of the environment.
 
         Raises:
-            InputError: some are a dispatcher's and some of agents.
+            InputError: some policies are for a dispatcher and some for agents.
         """
         rows = _at(episodes.streams[:, ACT], number), episodes.obs, episodes.state
         count = len(self.policies)
@@ -133,11 +132,11 @@ class Player:
     def go_on(
         self, episodes: Episodes, number: Any, choice: Choice, params: Any
     ) -> tuple[Episodes, Decision]:
-        """Takes decision `number` in every row; what is over keeps its score.
+        """Takes decision `number` in every row; finished episodes keep their scores.
 
         Args:
-            episodes: where they stand.
-            number: as of `choose`.
+            episodes: their progress.
+            number: as in `choose`.
             choice: leaves `(rows, ...)`.
             params: of the environment.
         """
@@ -168,13 +167,13 @@ class Player:
     def decide(
         self, episodes: Episodes, number: Any, weights: Sequence[Any], params: Any
     ) -> tuple[Episodes, Decision]:
-        """Decision `number` of every row, as its policy chooses: `choose`, then `go_on`."""
+        """Takes decision `number` in every row as its policy chooses: `choose`, then `go_on`."""
         return self.go_on(episodes, number, self.choose(episodes, number, weights, params), params)
 
     def to_end(
         self, episodes: Episodes, weights: Sequence[Any], params: Any, most: int
     ) -> Episodes:
-        """Plays episodes from their first decision until each is over, or so many decisions are taken."""
+        """Plays episodes from their first decision until all are over, for at most `most` decisions."""
 
         def unfinished(carry: tuple[Episodes, jax.Array]) -> jax.Array:
             episodes, number = carry
@@ -187,14 +186,14 @@ class Player:
         return lax.while_loop(unfinished, decide, (episodes, jnp.int32(0)))[0]
 
     def _over_rows(self, function: Callable[..., Any]) -> Callable[..., Any]:
-        """`function(*row, params)` for rows that policies take in turn, each in its policy's world."""
+        """Maps `function(*row, params)` over rows, each with the params of its policy's world."""
 
         def mapped(*given: Any) -> Any:
-            """What the function makes of rows, an axis of them first in every leaf, and params of one world."""
+            """Takes leaves `(rows, ...)`, then the environment's params."""
             *rows, params = given
             first, *others = (policy.world(params) for policy in self.policies)
             turns = jax.tree.leaves(rows)[0].shape[0] // len(self.policies)
-            # Only what worlds differ in is batched: the others share the coils' table.
+            # Batch only the numbers that differ between worlds; the coils' table, for one, stays shared.
             numbers = jax.tree.map(lambda *leaves: _in_turn(leaves, turns), first, *others)
             axes = jax.tree.map(lambda *leaves: 0 if _differ(leaves) else None, first, *others)
             return _over_rows(function, axes)(*rows, numbers)
@@ -203,17 +202,17 @@ class Player:
 
 
 def reward_parts(info: dict[str, Any]) -> dict[str, jax.Array]:
-    """The weighted terms of a step's reward as scores, by `reward_` and their names; none where a step has none."""
+    """The weighted reward terms of a step as scores named `reward_NAME`; empty if the step reports none."""
     return {f"reward_{name}": part for name, part in info.get("reward_terms", {}).items()}
 
 
 def _differ(leaves: Sequence[Any]) -> bool:
-    """Whether some policy replaced a number."""
+    """Whether any policy's world replaces this number."""
     return any(leaf is not leaves[0] for leaf in leaves)
 
 
 def _in_turn(leaves: Sequence[Any], turns: int) -> Any:
-    """A number of several policies' worlds, one a row where they differ."""
+    """One number from several policies' worlds: one value per row if they differ, else the shared value."""
     if not _differ(leaves):
         return leaves[0]
     stacked = jnp.stack([jnp.asarray(leaf, jnp.result_type(leaves[0])) for leaf in leaves])
@@ -221,11 +220,11 @@ def _in_turn(leaves: Sequence[Any], turns: int) -> Any:
 
 
 def _over_rows(function: Callable[..., Any], axes: Any = None) -> Callable[..., Any]:
-    """`function(*row, params)` for rows; a row alone is not batched, for that compiles faster.
+    """Maps `function(*row, params)` over rows; a single row is not batched, which compiles faster.
 
     Args:
         function: of one row.
-        axes: of params, as `jax.vmap` takes them; a row alone has the same params without.
+        axes: of params, as in `jax.vmap`; unused for a single row, whose params have no row axis.
     """
 
     def mapped(*given: Any) -> Any:
@@ -239,12 +238,12 @@ def _over_rows(function: Callable[..., Any], axes: Any = None) -> Callable[..., 
 
 
 def _at(streams: jax.Array, number: Any) -> jax.Array:
-    """Keys `(rows,)` of a decision, out of streams `(rows,)`."""
+    """Keys `(rows,)` of a decision, derived from streams `(rows,)`."""
     return jax.vmap(jax.random.fold_in, (0, 0 if jnp.ndim(number) else None))(streams, number)
 
 
 def episode_decisions(params: Any) -> int:
-    """Decisions until an episode is truncated, as the parameters say; 0 if they do not."""
+    """Decisions until an episode is truncated; 0 if the parameters do not say."""
     return int(getattr(params, "episode_decisions", 0))
 
 

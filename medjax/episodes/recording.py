@@ -1,6 +1,6 @@
-"""One episode, every physics tick of it, as NumPy arrays: what pictures, players and exports are made of.
+"""Recordings of an episode at every physics tick as NumPy arrays, the source of pictures, players and exports.
 
-`record_episode` keeps a whole one; `record_pieces` gives it piece by piece, however long it is.
+`record_episode` returns a whole episode; `record_pieces` yields pieces of bounded size.
 """
 
 import dataclasses
@@ -21,14 +21,14 @@ from medjax.policies.policy import Policy
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, Tally
 
-SLOTS_OF_A_PIECE = 1_000_000  # vehicles' slots in all frames of a piece: some 100 MB
+SLOTS_OF_A_PIECE = 1_000_000  # vehicle slots times frames in a piece: about 100 MB
 
 
 class Frames(struct.PyTreeNode):
     """The road at F instants; V = num_vehicles, E = num_evs, M = num_meds.
 
-    A slot belongs to one class for good (`EnvConfig.med_slots`, `ev_slots`, the rest gas) and to one vehicle after the
-    other; `Recording.vehicle_ids` tells them apart. Where `active` is False the other numbers mean nothing.
+    A slot always belongs to the same class (`EnvConfig.med_slots`, `ev_slots`, the rest gas) and holds one vehicle
+    after another; `Recording.vehicle_ids` tells them apart. Other values are undefined where `active` is False.
     """
 
     x: Any  # (F, V) m, front bumper
@@ -43,37 +43,38 @@ class Frames(struct.PyTreeNode):
     ev_panel: Any  # (F, E) int32, slot of that MED (`medjax.world.params.PANELS`), -1 for none
     ev_is_charging: Any  # (F, E) bool
     med_soc: Any  # (F, M) state of charge, 0 to 1
-    med_status: Any  # (F, M) int32, `medjax.world.state.AT_DEPOT` to `RETIRED`
-    med_depot: Any  # (F, M) int32, where it is, or goes once it has left the road
-    med_service_speed: Any  # (F, M) m/s that it has been told to serve at
-    med_service_lane: Any  # (F, M) int32 that it has been told to serve in
-    med_accepts: Any  # (F, M) bool, takes EVs that ask
+    med_status: Any  # (F, M) int32, index into `medjax.world.state.STATUS_NAMES`
+    med_depot: Any  # (F, M) int32, where it waits, or returns after leaving the road
+    med_service_speed: Any  # (F, M) m/s, ordered service speed
+    med_service_lane: Any  # (F, M) int32, ordered service lane
+    med_accepts: Any  # (F, M) bool, accepts new bookings
 
 
 class Decisions(struct.PyTreeNode):
-    """What was decided, and what came of it; T decisions, A actions.
+    """Decisions and their outcomes; T decisions, A actions.
 
-    Where every MED is an agent, what the one decided that might enter; what those in service do is in `Frames`.
+    With agents, the decision of one that could enter the road (`Decision.of_dispatcher`); orders of MEDs in service
+    are in `Frames`.
     """
 
-    action: Any  # (T,) int32, as the policy chose; one that the mask forbids counts as 0
-    sent: Any  # (T,) int32, the ramp that a MED was sent from, counted from 1; 0: none
+    action: Any  # (T,) int32, as the policy chose; a masked action counts as 0
+    sent: Any  # (T,) int32, the ramp from which a MED was sent, counted from 1; 0: none
     mask: Any  # (T, A) bool, allowed actions
-    probabilities: Any  # (T, A) of the policy; a rule's are 0 and 1
+    probabilities: Any  # (T, A) of the policy; 0 and 1 for a rule
     reward: Any  # (T,)
     reward_terms: dict[str, Any]  # (T,) each, weighted
     tally: Tally  # (T, ...) sums over the decision
-    queue: Any  # (T, num_entries) int32, vehicles waiting at each entry after it
-    cooldown_s: Any  # (T,) after it
+    queue: Any  # (T, num_entries) int32, vehicles waiting at each entry after the decision
+    cooldown_s: Any  # (T,) after the decision
 
 
 @dataclasses.dataclass(frozen=True)
 class Recording:
-    """An episode of T decisions, F = 1 + T * ticks_per_decision frames; the first frame is that of the reset.
+    """An episode of T decisions and F = 1 + T * ticks_per_decision frames; the first frame is the reset.
 
-    Or a piece of one (`record_pieces`), whose first frame is the last one of the piece before. Decision t is taken at
-    frame `t * ticks_per_decision` and leads to the `ticks_per_decision` frames after it; the last one may lead to
-    fewer, where a wrapper takes several of the highway's decisions at once.
+    A piece of an episode (`record_pieces`) starts with the last frame of the piece before. Decision t is taken at frame
+    `t * ticks_per_decision` and leads to the next `ticks_per_decision` frames. The last decision may lead to fewer if
+    a wrapper takes several highway decisions at once.
     """
 
     scenario: str
@@ -81,38 +82,37 @@ class Recording:
     seed: int
     episode: int
     config: EnvConfig
-    params: EnvParams  # of the highway as it was simulated; NumPy leaves
+    params: EnvParams  # of the simulated highway; NumPy leaves
     frames: Frames
     decisions: Decisions
     ticks_per_decision: int
     first_frame: int = 0  # number of the first of `frames` in the episode
-    numbered: np.ndarray | None = (
-        None  # (V,) latest vehicle of each slot in the first frame; None: of the reset
-    )
+    # (V,) latest vehicle of each slot in the first frame; None if that is the reset.
+    numbered: np.ndarray | None = None
 
     @property
     def time_s(self) -> np.ndarray:
-        """Time of each frame, (F,) s since the reset."""
+        """Time of each frame since the reset, (F,) s."""
         return (self.first_frame + np.arange(len(self.frames.x))) * self.config.tick_s
 
     @property
     def decision_frames(self) -> np.ndarray:
-        """The frame that each decision is taken at, and the last one, (T + 1,) int."""
+        """The frame of each decision, and the last frame, (T + 1,) int."""
         count = 1 + len(self.decisions.action)
         return np.minimum(np.arange(count) * self.ticks_per_decision, len(self.frames.x) - 1)
 
     def vehicle_ids(self) -> np.ndarray:
-        """Who is in each slot, (F, V) int64: numbers in the order of entry, by slot within a frame; -1 for nobody."""
+        """Vehicle in each slot, (F, V) int64: numbered by entry, then by slot within a frame; -1 if empty."""
         return np.where(self.frames.active, self.latest(), -1)
 
     def latest(self) -> np.ndarray:
-        """The vehicle that is in each slot or was the last in it, (F, V) int64; -1 for none yet."""
+        """The present or last vehicle in each slot, (F, V) int64; -1 if there was none yet."""
         active = np.asarray(self.frames.active)
         numbered = np.full(active.shape[1], -1) if self.numbered is None else self.numbered
         before = np.zeros_like(active[:1]) if self.numbered is None else active[:1]
-        # A slot that empties is filled again one frame later at the earliest, so every entry is seen.
+        # An emptied slot stays empty for at least one frame, so every entry shows.
         entered = active & ~np.concatenate([before, active[:-1]])
-        # The newest vehicle of all is the latest in its slot.
+        # The newest vehicle so far is the latest in its slot, so the maximum continues the numbering.
         number = numbered.max() + np.cumsum(entered.ravel()).reshape(entered.shape)
         return np.maximum.accumulate(np.where(entered, number, numbered))
 
@@ -126,15 +126,15 @@ def record_episode(
     seed: int = 0,
     episode: int = 0,
 ) -> Recording:
-    """Plays one episode and keeps every physics tick.
+    """Plays one episode and records every physics tick.
 
     Args:
-      env: a single environment, wrapped or not; a probe of its own is replaced.
+      env: a single environment, wrapped or not; its probe, if any, is replaced.
       params: its parameters.
-      policy: the dispatcher; it is compiled with the environment, once for the same two objects.
+      policy: the dispatcher; the compiled program is cached for the same env and policy objects.
       name: of the policy.
-      seed: whose episodes.
-      episode: which of them; the same as in `train.evaluate`.
+      seed: of the episodes.
+      episode: number of the episode; the same as in `train.evaluate`.
     """
     pieces = list(record_pieces(env, params, policy, name=name, seed=seed, episode=episode))
     rest = [jax.tree.map(lambda leaf: leaf[1:], piece.frames) for piece in pieces[1:]]
@@ -154,12 +154,12 @@ def record_pieces(
     seed: int = 0,
     episode: int = 0,
 ) -> Iterator[Recording]:
-    """The same episode in pieces of bounded size, each played when it is asked for.
+    """Plays the same episode lazily, in pieces of bounded size.
 
-    Args: as `record_episode`.
+    Args: as in `record_episode`.
 
     Yields:
-      Pieces in the order of time.
+      Pieces in order of time.
     """
     config, steps = env.config, episode_steps(env, params)
     ticks_a_step = config.ticks_per_decision * env.decisions_per_step
@@ -172,7 +172,7 @@ def record_pieces(
     for start in range(0, steps, steps_a_piece):
         begun, made = go_on(policy.weights, begun, jnp.int32(start), params)
         ticks, decided = jax.device_get(made)
-        # The last piece, and the last step of several decisions, may reach beyond the end.
+        # The last piece, or a last step of several decisions, may extend beyond the end of the episode.
         first_frame = start * ticks_a_step
         frames = jax.tree.map(partial(_after, most=frames_of_all - first_frame), last, ticks)
         piece = Recording(
@@ -193,7 +193,7 @@ def record_pieces(
 
 
 class _Same:
-    """An environment, equal to itself alone: somebody's own may hold arrays, which have no hash."""
+    """An environment compared by identity: a custom one may hold arrays, which have no hash."""
 
     def __init__(self, env: Environment) -> None:
         self.env = env
@@ -207,23 +207,23 @@ class _Same:
 
 @functools.lru_cache(maxsize=8)
 def _programs(same: _Same, policy: Policy, steps_a_piece: int) -> tuple[Any, Any]:
-    """Compiled once for an environment and a policy, whatever episodes are recorded: a start, and a piece."""
+    """Jitted programs for a start and a piece, cached by environment and policy for all episodes."""
     player = Player(same.env.with_probe(lambda state: state), [policy])
     return jax.jit(partial(_begin, player)), jax.jit(partial(_go_on, player, steps_a_piece))
 
 
 def _after(start: np.ndarray, rest: np.ndarray, most: int) -> np.ndarray:
-    """A frame and those of the decisions after it, `(decisions, ticks, ...)`, one after the other; `most` of them."""
+    """Joins a frame and the frames of later decisions, `(decisions, ticks, ...)`, in time; keeps the first `most`."""
     return np.concatenate([start[None], rest.reshape(-1, *start.shape)])[:most]
 
 
 def _joined(parts: list[Any]) -> Any:
-    """Trees one after the other."""
+    """Concatenates trees along axis 0."""
     return parts[0] if len(parts) == 1 else jax.tree.map(lambda *each: np.concatenate(each), *parts)
 
 
 def _begin(player: Player, key: jax.Array, params: Any) -> tuple[Episodes, Frames, EnvParams]:
-    """The episode at its reset, that frame, and the highway's numbers; one row."""
+    """Resets one episode; returns it with its first frame and the highway's params."""
     begun = player.start(key, params)
     state, road = player.env.highway(_row(begun.state), player.policies[0].world(params))
     return begun, frame_of(state, road), road
@@ -232,11 +232,11 @@ def _begin(player: Player, key: jax.Array, params: Any) -> tuple[Episodes, Frame
 def _go_on(
     player: Player, steps: int, weights: Any, begun: Episodes, start: jax.Array, params: Any
 ) -> tuple[Episodes, tuple[Frames, Decisions]]:
-    """Steps from number `start` on: where the episode stands, frames `(steps, ticks, ...)`, and decisions; one row."""
+    """Plays `steps` steps from number `start`; returns the episode, frames `(steps, ticks, ...)` and decisions."""
     numbers = player.policies[0].world(params)
 
     def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
-        """One decision: the frames of its ticks, and what was decided."""
+        """Takes one decision; returns the frames of its ticks and its record."""
         episodes, rows = player.decide(episodes, number, [weights], params)
         after, road = player.env.highway(_row(episodes.state), numbers)
         made = _row(rows.of_dispatcher(player.env.config.num_actions))
@@ -258,12 +258,12 @@ def _go_on(
 
 
 def _row(rows: Any) -> Any:
-    """The only one of rows."""
+    """The only row of a batch, without its axis."""
     return jax.tree.map(lambda leaf: leaf[0], rows)
 
 
 def frame_of(state: EnvState, params: EnvParams) -> Frames:
-    """What is kept of a state: one frame, without the axis of time."""
+    """The recorded part of a state: one frame, without the time axis."""
     vehicles, evs, meds = state.vehicles, state.evs, state.meds
     return Frames(
         x=vehicles.x,

@@ -1,4 +1,4 @@
-"""Policies side by side on whole episodes with paired randomness: what each of them scores."""
+"""Scores of several policies on the same whole episodes, with paired randomness."""
 
 import contextlib
 import sys
@@ -20,7 +20,7 @@ from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.numerics.rows import CACHED_ROWS
 from medjax.policies.policy import Policy
 
-MAX_DECISIONS = 100_000  # of an episode whose parameters do not say how long it is
+MAX_DECISIONS = 100_000  # limit for episodes whose parameters give no length
 
 Scores = dict[str, np.ndarray]  # "return", "length" and the environment's metrics, each (episodes,)
 
@@ -28,9 +28,9 @@ Scores = dict[str, np.ndarray]  # "return", "length" and the environment's metri
 def make_runner(
     env: Environment, policies: Mapping[str, Policy], max_decisions: int, worlds: int = 1
 ) -> Any:
-    """The jitted program `(weights, keys (episodes,), params) -> dict of (policies, episodes)` of whole episodes.
+    """Builds the jitted program `(weights, keys (episodes,), params) -> dict of (policies, episodes)`.
 
-    `worlds` is the number of params that it will be mapped over by `jax.vmap`: blocks are the smaller.
+    `worlds` is the number of params over which `jax.vmap` will map it; blocks shrink accordingly.
     """
     player = Player(env, [*policies.values()])
     count = len(player.policies)
@@ -51,17 +51,17 @@ def make_runner(
 
 
 class Evaluation:
-    """Policies side by side on the same episodes, compiled when built.
+    """Evaluates policies on the same episodes; the constructor compiles.
 
-    Episode i starts from the same key for all, and its decision t draws from the same key, so that differences between
-    policies are theirs. Actions that the mask forbids count as 0.
+    Episode i and each of its decisions use the same keys for all policies, so scores differ only through the policies'
+    choices. Masked actions count as 0.
 
     Args:
         env: a single environment, wrapped or not.
         params: its parameters.
-        policies: by name. Their weights are read for shapes only.
+        policies: by name. Only the shapes of their weights are used.
         episodes: whole episodes per policy, at least 1.
-        batch: episodes of each policy played together; the result does not depend on it but for rounding.
+        batch: episodes of each policy played together; it changes results only by rounding.
     """
 
     def __init__(
@@ -84,15 +84,15 @@ class Evaluation:
         """Plays the episodes.
 
         Args:
-            policies: those that this was built for, with the weights to act with.
-            seed: which episodes.
-            params: other numbers of the environment than those that this was built for, of no longer episodes.
+            policies: the policies of the constructor, with the weights to use.
+            seed: of the episodes.
+            params: replace the constructor's params; episodes must not be longer.
 
         Returns:
             For each policy, arrays `(episodes,)` float64 of `return`, `length` and the environment's metrics.
 
         Raises:
-            InputError: longer episodes.
+            InputError: params make longer episodes.
         """
         weights = _host_weights(policies)
         params = self.params if params is None else params
@@ -110,18 +110,18 @@ class Evaluation:
         }
 
     def _keys(self, seed: int) -> jax.Array:
-        """Keys `(batches, batch)`: whole batches, so that one program serves; episodes too many are thrown away."""
+        """Keys `(batches, batch)`: full batches need only one program; surplus episodes are discarded."""
         batches = -(-self.episodes // self.batch)
         return episode_keys(seed, batches * self.batch).reshape(batches, self.batch)
 
 
 def _host_weights(policies: Mapping[str, Policy]) -> Any:
-    """From the host, since training may have left them on other devices than play here."""
+    """Weights on the host, since training may have left them on devices that are not used here."""
     return jax.device_get(tuple(policy.weights for policy in policies.values()))
 
 
 def _progress(items: Any = None, **options: Any) -> Any:
-    """A bar, or a line, on a terminal; without tqdm there is none."""
+    """A progress bar or line on a terminal; nothing without tqdm."""
     try:
         from tqdm import tqdm
     except ImportError:
@@ -130,7 +130,7 @@ def _progress(items: Any = None, **options: Any) -> Any:
 
 
 def _in_lines(blocks: jax.Array, batch: int) -> Iterator[jax.Array]:
-    """The blocks, each of `batch` episodes, and every ten seconds or so a line on stderr: how far, and how long yet."""
+    """Yields the blocks of `batch` episodes; prints progress and time left to stderr about every ten seconds."""
     begin = said = time.perf_counter()
     for done, block in enumerate(blocks):
         now = time.perf_counter()
@@ -149,7 +149,7 @@ def evaluate_policies(
     seed: int = 0,
     batch: int = 128,
 ) -> dict[str, Scores]:
-    """Plays the same episodes with every policy, see `Evaluation`; says how long, where that is long."""
+    """Plays the same episodes with every policy (see `Evaluation`); announces the time if it is long."""
     if takes := reckoned_time(env, episodes * len(policies) * episode_decisions(params)):
         print(f"playing takes {takes}, after compiling", file=sys.stderr, flush=True)
     with _progress(desc="compiling ...", bar_format="{desc}"):

@@ -1,4 +1,4 @@
-"""A recording as one table: a row for each vehicle on the road at each physics tick."""
+"""A recording as a table with one row per vehicle on the road and physics tick."""
 
 import numpy as np
 
@@ -12,25 +12,25 @@ Table = dict[str, np.ma.MaskedArray]
 
 
 def vehicle_table(recording: Recording) -> Table:
-    """Columns of the table; rows by time, then by slot. A piece's first frame is in the table of the piece before.
+    """Columns of the table; rows by time, then by slot. A later piece omits its first frame, already written before.
 
     Returns:
-      By name, each `(rows,)`, masked where there is no such thing:
+      By name, each `(rows,)`, masked where not applicable:
         time_s: float64, since the reset.
-        vehicle_id: int64, one number a vehicle (`Recording.vehicle_ids`).
+        vehicle_id: int64, unique per vehicle (`Recording.vehicle_ids`).
         kind: "med", "human_ev", "autonomous_ev", "gas" or "lorry".
         x_m: float32, front bumper, from the left end of the road.
         lane: int32, 0 leftmost; num_lanes is an acceleration lane.
         lateral_m: float32, right of the leftmost lane's centre.
         lane_offset_m: float32, right of its own lane's centre.
         speed_m_per_s, lateral_speed_m_per_s: float32; lateral is positive to the right.
-        acceleration_m_per_s2: float32, mean over the tick that led here; masked in a vehicle's first row.
+        acceleration_m_per_s2: float32, mean over the preceding tick; masked in a vehicle's first row.
         soc: float32, state of charge, 0 to 1; masked for gas vehicles.
         booked_med_id: int64, vehicle_id of the MED that an EV is booked on.
-        panel: of that MED, "left", "right", "rear" or "front".
+        panel: slot of that MED, "left", "right", "rear" or "front".
         is_charging: bool.
-        told_speed_m_per_s, told_lane, accepts: float32, int32 and bool, of a MED in service; that it has been told to
-          serve at and in, and whether it takes EVs that ask.
+        told_speed_m_per_s, told_lane, accepts: float32, int32 and bool; for a MED in service, its ordered speed and
+          lane, and whether it accepts new bookings.
     """
     config, frames, ids = recording.config, recording.frames, recording.vehicle_ids()
     present = ids >= 0
@@ -38,7 +38,7 @@ def vehicle_table(recording: Recording) -> Table:
     time, slot = rows = np.nonzero(present)
     soc, booked, panel, charging = (each[rows] for each in _of_evs_and_meds(recording))
     change = np.diff(frames.speed, axis=0, prepend=frames.speed[:1]) / np.float32(config.tick_s)
-    is_new = np.diff(ids, axis=0, prepend=-2) != 0  # before the first frame there was nobody
+    is_new = np.diff(ids, axis=0, prepend=-2) != 0  # every vehicle is new in the first frame
     lane, offset = frames.lane[rows], frames.lateral_offset[rows]
     lateral = lateral_position(lane, offset, float(recording.params.road.lane_width_m))
     columns = {
@@ -74,7 +74,7 @@ def vehicle_table(recording: Recording) -> Table:
 
 
 def _of_evs_and_meds(recording: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """State of charge, booked MED, its panel (-1 for none) and whether it charges, each (F, V)."""
+    """State of charge, booked MED and its panel (-1 for none), and whether it is charging, each (F, V)."""
     config, frames = recording.config, recording.frames
     soc = np.zeros(frames.x.shape, np.float32)
     soc[:, config.med_slots], soc[:, config.ev_slots] = frames.med_soc, frames.ev_soc

@@ -1,4 +1,4 @@
-"""What an episode comes to, in few numbers for people: the player's verdict, of one episode and of many."""
+"""Summary of one or many episodes in a few numbers for people: the player's verdict."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -11,13 +11,13 @@ LEARNED_FROM = "the reward that policies learn from"
 
 
 class Line(NamedTuple):
-    """A number of the verdict."""
+    """One number of the verdict."""
 
     title: str
-    digits: int  # after the point, of an episode
-    mean_digits: int  # of a mean over episodes
+    digits: int  # decimals for one episode
+    mean_digits: int  # decimals for a mean over episodes
     better: int  # -1: lower, 1: higher, 0: neither
-    # Of an episode's metrics, of their means over episodes, or of arrays (episodes,) of them.
+    # Takes an episode's metrics, their means over episodes, or arrays (episodes,) of them.
     of: Callable[[Mapping[str, Any]], Any]
     about: str = ""
 
@@ -27,9 +27,9 @@ def _delay_h(metrics: Mapping[str, Any]) -> Any:
 
 
 def _euros(metrics: Mapping[str, Any]) -> Any:
-    """What all of it costs, by the terms of `medjax.env.reward.MONEY`.
+    """Total cost by the terms of `medjax.env.reward.MONEY`.
 
-    Of means it is within a cent or so: what an EV takes hardly depends on how many there are.
+    For means it is accurate to about a cent, because energy per EV hardly depends on the number of EVs.
     """
     taken = metrics["ev_driving_kwh"] * metrics["evs_entered"]
     amounts = {
@@ -51,7 +51,7 @@ LINES = (
     Line("MEDs sent", 0, 1, 0, lambda metrics: metrics["meds_dispatched"]),
     Line("return", 1, 1, 1, lambda metrics: metrics["return_mean"], LEARNED_FROM),
 )
-NAMES = (  # of the metrics that these are made of
+NAMES = (  # metrics that the lines use
     "evs_depleted",
     "energy_delivered_kwh",
     "ev_delay_h",

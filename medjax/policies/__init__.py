@@ -1,4 +1,4 @@
-"""Dispatchers: rules, and trained policies from a file."""
+"""Dispatchers: rules, and trained policies read from files."""
 
 from medjax.policies.policy import Choice, Policy, every, rule
 from medjax.policies.rules import (

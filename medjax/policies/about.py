@@ -1,4 +1,4 @@
-"""What a policy was trained for and how, as its file says it."""
+"""Metadata of a trained policy: the environment it was trained for, and how."""
 
 from __future__ import annotations
 
@@ -15,41 +15,41 @@ from medjax.env.contract import Environment
 from medjax.errors import InputError
 from medjax.scenarios import make
 
-LEARNED = "ppo"  # name of a policy whose file does not say it
+LEARNED = "ppo"  # default name of a policy
 
 
 @dataclasses.dataclass(frozen=True)
 class About:
     """What a policy was trained for."""
 
-    scenario: str  # empty where the environment was somebody's own, which no file can say
+    scenario: str  # empty for a custom environment, which cannot be serialised
     overrides: Mapping[str, Any]  # of `medjax.make`
-    observation: str  # name of it
+    observation: str  # its name
     decide_every: int  # decisions from one choice to the next
     num_features: int
     num_actions: int
     name: str = LEARNED  # of the policy
-    # How `medjax.agents.agents_of` was called, where every MED is an agent; else empty.
+    # Arguments of `medjax.agents.agents_of` if every MED is an agent; else empty.
     agents: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    dispatcher: str = ""  # the rule that sends agents in where they do not
-    # How it was trained: settings, versions and whatever else its trainer writes down; for people, nothing reads it.
+    dispatcher: str = ""  # the rule that dispatches agents, if they do not decide it themselves
+    # Settings, versions and other notes of the trainer; informational only.
     training: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
 
 def about_of(
     env: Environment, params: Any, decide_every: int, name: str = LEARNED, dispatcher: str = ""
 ) -> About:
-    """What a policy of an environment must know to play in it again.
+    """Describes an environment from `medjax.make`, so that a policy file can rebuild it.
 
     Args:
-      env: as `medjax.make` built it, with nothing of one's own in it.
-      params: those that `medjax.make` gave with it.
+      env: as `medjax.make` built it, without custom parts.
+      params: as returned with env.
       decide_every: decisions from one choice to the next.
       name: of the policy.
-      dispatcher: the rule that sends agents in, if one does.
+      dispatcher: the rule that dispatches agents, if any.
 
     Raises:
-      InputError: an environment that its file could not name.
+      InputError: the environment has custom parts or changed numbers, which a file cannot describe.
     """
     agents: dict[str, Any] = {}
     highway: Any = env
@@ -57,7 +57,7 @@ def about_of(
         central = env.view.road is not None
         agents = {"speeds": env.actions.speeds, "credit": env.credit, "central": central}
         highway = env.env
-    recipe = getattr(highway, "recipe", None)  # an environment of one's own need not have any
+    recipe = getattr(highway, "recipe", None)  # a custom environment may have none
     allowed = "allowed: an environment and its numbers as medjax.make gives them"
     if recipe is None:
         raise InputError(f"no file can say what {env.name} is, {allowed}")
@@ -86,7 +86,7 @@ def about_of(
 def about_of_own(
     env: Environment, decide_every: int, name: str = LEARNED, dispatcher: str = ""
 ) -> About:
-    """What `about_of` says, but for what the environment is: only who has it can play the policy."""
+    """Like `about_of` for a custom environment, which cannot be serialised: the user must supply it."""
     return About(
         scenario="",
         overrides={},

@@ -1,4 +1,4 @@
-"""Whatever somebody has to act with, as a policy of an environment."""
+"""Converts user input (names, files, functions) into a policy of an environment."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -15,11 +15,11 @@ from medjax.policies.rules import BASELINES
 from medjax.policies.saved import ExportedPolicy, load_policy
 from medjax.policies.team import rules_of
 
-FILE = ".zip"  # ends the name of a policy's file
+FILE = ".zip"  # file extension of a policy
 
 
 def check_policy(text: str, known: Iterable[str] = BASELINES) -> None:
-    """Refuses (InputError) a name of `as_policy` that nothing has, before there is an environment; rules are known."""
+    """Raises InputError if text names no policy for `as_policy`; needs no environment. `known` are the rules."""
     known = [*known, PRETRAINED]
     if text.endswith(FILE):
         path = as_path("policy", text)
@@ -32,23 +32,26 @@ def check_policy(text: str, known: Iterable[str] = BASELINES) -> None:
 
 
 def _unknown(text: str, rules: Iterable[str]) -> InputError:
-    """Of a policy that there is not."""
+    """The error for an unknown policy name."""
     others = f"module:function, or a file that ends in {FILE}"
     return InputError(f"unknown policy {shown(text)}: allowed {', '.join([*rules, others])}")
 
 
 def as_policy(env: Any, given: Any) -> Policy:
-    """A policy of an environment.
+    """Builds a policy for an environment.
 
     Args:
       env: a single environment.
-      given: a `Policy`; one that was read from a file (`load_policy`), or the file's path; the name of a rule;
-        "pretrained", which is `load_pretrained` of the environment's preset; `"module:name"` of what builds a policy
-        of an environment, as those of `medjax.BASELINES` do; or a function `act(key, obs, state, params)` that gives
-        an action, () int32, or a `Choice`.
+      given: one of
+        a `Policy`;
+        an `ExportedPolicy` (`load_policy`), or the path of its file;
+        the name of a rule;
+        "pretrained", which loads `load_pretrained` for the environment's preset;
+        `"module:name"` of a function that builds a policy from an environment, as in `medjax.BASELINES`;
+        a function `act(key, obs, state, params)` that returns an action, () int32, or a `Choice`.
 
     Raises:
-      InputError: it is none of them, or does not fit the environment.
+      InputError: given is none of these, or does not fit the environment.
     """
     if isinstance(given, Policy):
         return given
@@ -62,7 +65,7 @@ def as_policy(env: Any, given: Any) -> Policy:
 
 
 def _named(env: Any, text: str) -> Policy:
-    """A rule, what builds one, or a file."""
+    """Policy by name: a rule, "pretrained", a file, or `module:name`."""
     rules = rules_of(env)
     if text in rules:
         return rules[text]
@@ -74,7 +77,7 @@ def _named(env: Any, text: str) -> Policy:
         build = read_object("policy", text)
         try:
             built = build(env)
-        except Exception as error:  # whatever somebody's function raises
+        except Exception as error:  # user code may raise anything
             refusal = f"policy {shown(text)} of the environment: {told(error)}"
             raise InputError(refusal) from error
         return as_policy(env, built)
@@ -82,15 +85,15 @@ def _named(env: Any, text: str) -> Policy:
 
 
 def _of_function(act: Callable[..., Any], num_actions: int) -> Policy:
-    """A function that gives actions, as a policy; it has no weights."""
+    """Wraps a function that returns actions or choices as a policy without weights."""
 
     def choose(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
-        """Its choice, or its action as one."""
+        """Calls `act` and converts an action to a `Choice`."""
         chosen = act(key, obs, state, params)
         if isinstance(chosen, Choice):
             return chosen
         action = jnp.asarray(chosen)
-        # Of a team, an action each.
+        # A team returns one action per agent.
         if action.ndim > 1 or not jnp.issubdtype(action.dtype, jnp.integer):
             raise InputError(
                 f"a policy acts by {shown(chosen)}: allowed whole numbers, or a Choice"

@@ -1,4 +1,4 @@
-"""What a dispatcher is: the one protocol of rules, learned policies and those read from a file."""
+"""The policy protocol, shared by rules, learned policies and policies read from files."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -9,24 +9,23 @@ from flax import struct
 
 
 class Choice(NamedTuple):
-    """What a policy does at a decision."""
+    """A policy's action at one decision, and the distribution behind it."""
 
-    action: jax.Array  # () int32; of agents (A,), one each
-    probabilities: jax.Array  # (..., num_actions) that it was drawn with; of a rule 0 and 1
+    action: jax.Array  # () int32; (A,) for agents, one each
+    probabilities: jax.Array  # (..., num_actions) of the actions; 0 and 1 for a rule
 
 
-# Equal to itself alone: `jax.jit(policy)` needs a hash, and weights have none.
+# Compared by identity, because `jax.jit(policy)` needs a hash and weights have none.
 class Policy(struct.PyTreeNode, eq=False):
-    """A way to act in one environment, for `jax.vmap` and `jax.jit` over whatever is batched.
+    """A way to act in one environment, compatible with `jax.jit` and `jax.vmap`.
 
-    `policy(key, obs, state, params)` is what it does in one state of the environment that it was built for. A policy is
-    a pytree of its weights: handed to a compiled program it is an argument of it, and other weights are not compiled
-    anew.
+    `policy(key, obs, state, params)` chooses in one state of the environment that it was built for. A policy is a
+    pytree of its weights: as an argument of a compiled program, it can change its weights without recompilation.
     """
 
     act: Callable[[Any, jax.Array, Any, Any, Any], Choice] = struct.field(pytree_node=False)
-    weights: Any = ()  # arrays, the first argument of `act`; a rule has none
-    # From the environment's numbers to those that it plays in: a control may have drivers do what others do by MEDs.
+    weights: Any = ()  # arrays, the first argument of `act`; most rules have none
+    # Maps the environment's params to those that the policy plays in; a control such as `slow` changes the drivers.
     world: Callable[[Any], Any] = struct.field(pytree_node=False, default=lambda params: params)
 
     def __repr__(self) -> str:
@@ -34,12 +33,12 @@ class Policy(struct.PyTreeNode, eq=False):
         return f"<policy with {numbers:,} weights>"
 
     def __call__(self, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
-        """What it does; `key` is the randomness of this decision, `obs` as the environment returned it."""
+        """Chooses; `key` is the randomness of this decision, `obs` the environment's observation."""
         return self.act(self.weights, key, obs, state, params)
 
 
 def rule(act: Callable[[jax.Array, Any, Any], jax.Array], num_actions: int) -> Policy:
-    """A policy without weights; `act(key, state, params)` gives an action, () int32, that is allowed."""
+    """A policy without weights; `act(key, state, params)` returns an allowed action, () int32."""
 
     def choose(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
         action = act(key, state, params)
@@ -49,7 +48,7 @@ def rule(act: Callable[[jax.Array, Any, Any], jax.Array], num_actions: int) -> P
 
 
 def every(policy: Policy, interval: int) -> Policy:
-    """`policy` asked at every `interval`-th decision of an episode; action 0 in between (`wrappers.DecideEvery`)."""
+    """Asks `policy` at every `interval`-th decision; takes action 0 in between (see `wrappers.DecideEvery`)."""
     if interval == 1:
         return policy
 

@@ -1,4 +1,4 @@
-"""Trained policies that come with medjax, one for a preset; docs/pretrained.md says what each is worth."""
+"""Trained policies that come with medjax, one per preset; docs/pretrained.md has their results."""
 
 from pathlib import Path
 from typing import Any
@@ -7,18 +7,18 @@ from medjax.errors import InputError, shown
 from medjax.policies.policy import Policy
 from medjax.policies.saved import ExportedPolicy, load_policy
 
-PRETRAINED = "pretrained"  # among the names of policies
+PRETRAINED = "pretrained"  # as a policy name
 FILES = Path(__file__).parent / "trained"
 
 
 def load_pretrained(scenario: str = "paper") -> ExportedPolicy:
-    """The policy that was trained for a preset.
+    """Loads the policy that was trained for a preset.
 
     Args:
       scenario: name of the preset.
 
     Raises:
-      InputError: none comes with medjax.
+      InputError: medjax has no policy for it.
     """
     there = {path.stem: path for path in sorted(FILES.glob("*.zip"))}
     if not isinstance(scenario, str) or scenario not in there:
@@ -32,6 +32,6 @@ def pretrained(env: Any) -> Policy:
     """The policy that was trained for an environment's preset.
 
     Raises:
-      InputError: there is none, or it does not fit what was changed of the preset.
+      InputError: there is none, or it does not fit the environment's changes to the preset.
     """
     return load_pretrained(env.name).policy(env)

@@ -1,7 +1,7 @@
-"""Dispatchers that are not learned: what learning has to beat.
+"""Rule-based dispatchers, the baselines for learned policies.
 
-Each entry of `BASELINES` is `build(env) -> policy` (`medjax.policies.policy.Policy`); observations may be None. A
-masked action is never returned. Rules read the highway under any wrappers of the environment.
+Each entry of `BASELINES` is `build(env) -> policy` (`medjax.policies.policy.Policy`). Rules ignore observations, which
+may be None, and read the state of the highway beneath any wrappers. They never return a masked action.
 """
 
 import math
@@ -24,7 +24,7 @@ Act = Callable[[jax.Array, EnvState, EnvParams], jax.Array]
 
 
 def _of_highway(env: Environment, act: Act) -> Policy:
-    """A rule `act(mask, state, params)` of the allowed actions and the highway."""
+    """Builds a rule from `act(mask, state, params)`, given allowed actions and the state and params of the highway."""
     if hasattr(env, "num_agents"):
         raise InputError(
             f"a rule of a dispatcher for {env.num_agents} agents, allowed: for env.env, which they share"
@@ -44,11 +44,11 @@ def none(env: Environment) -> Policy:
 def slow(env: Environment) -> Policy:
     """Never sends a MED, and EVs below the request threshold drive at the MEDs' service speed.
 
-    A control: what driving slowly behind a truck does by itself, without the truck and what it gives.
+    A control that isolates the effect of driving slowly from the effect of charging.
     """
 
     def world(params: EnvParams) -> EnvParams:
-        """The world in which every driver of a low EV complies, as `medjax.charging.range.answering` has it."""
+        """Makes every driver of a low EV slow down, through `medjax.charging.range.answering`."""
         drivers = params.drivers.replace(
             eco_compliance=1.0,
             eco_speed=params.fleet.service_speed,
@@ -85,11 +85,11 @@ def periodic(env: Environment) -> Policy:
 def paced(env: Environment, interval_s: float = 32.0, ramp: int = 1) -> Policy:
     """One MED every interval_s, always from the same ramp.
 
-    The defaults are those that do best on `paper`: `python -m benchmarks.tune` compares them.
+    The defaults do best on `paper`: `python -m benchmarks.tune` compares them.
 
     Args:
       interval_s: s between two MEDs; a cooldown may make it longer.
-      ramp: 1 is the first; the last one where there are fewer.
+      ramp: counted from 1; the last ramp if there are fewer.
     """
     action = min(ramp, env.config.num_ramps)
 
@@ -101,10 +101,9 @@ def paced(env: Environment, interval_s: float = 32.0, ramp: int = 1) -> Policy:
 
 
 def stranded_need(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """EVs that a MED from each ramp would meet and that nobody serves yet, `(num_ramps,)`.
+    """Unserved low EVs that a MED from each ramp would meet, `(num_ramps,)`.
 
-    Counts EVs below the request threshold without a booking, from as far behind the ramp as a MED may
-    be asked to the end of its reach: those that would otherwise run out soonest.
+    Counts EVs below the request threshold without a booking, within booking reach of a MED at the ramp.
     """
     low = state.evs.energy_j < params.charging.request_soc * params.ev_capacity_j
     waits = (state.evs.med == NOT_BOOKED) & ~state.evs.is_depleted
@@ -117,7 +116,7 @@ def stranded_need(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.
 def _where_needed(
     env: Environment, need: Callable[[EnvState, EnvParams], jax.Array], enough: float
 ) -> Policy:
-    """Sends a MED from the ramp of the greatest need `(num_ramps,)` that it may send from, once it is `enough`."""
+    """Sends a MED from the allowed ramp with the greatest need `(num_ramps,)`, if it is at least `enough`."""
     if not env.config.num_ramps:
         return none(env)
 
@@ -129,18 +128,18 @@ def _where_needed(
 
 
 def greedy(env: Environment) -> Policy:
-    """Sends a MED where most low EVs without a slot are about to pass, once two or more are."""
+    """Sends a MED where the most low EVs without a slot are about to pass, if there are at least two."""
     return _where_needed(env, lambda state, params: stranded_need(state, env.config, params), 2.0)
 
 
 def forecast(env: Environment, window_s: float = 60.0, enough: float = 5.0) -> Policy:
     """Sends a MED where most EVs will be in need of it (`forecast_need`), once `enough` are.
 
-    The defaults are those that do best on `paper`: `python -m benchmarks.tune` compares them.
+    The defaults do best on `paper`: `python -m benchmarks.tune` compares them.
 
     Args:
-      window_s: s that the forecast looks ahead.
-      enough: EVs.
+      window_s: forecast window, s.
+      enough: EVs in need at which it sends a MED.
     """
     return _where_needed(
         env, lambda state, params: forecast_need(state, env.config, params, window_s), enough
@@ -148,25 +147,25 @@ def forecast(env: Environment, window_s: float = 60.0, enough: float = 5.0) -> P
 
 
 class Budget(struct.PyTreeNode):
-    """What `budgeted` goes by: how many EVs each of these is worth.
+    """Weights of `budgeted`, in EVs per unit.
 
     The defaults did best on `paper`: `python -m benchmarks.tune --rules budgeted --episodes 1000` (docs/results.md).
     """
 
-    pack: float = 5.03  # a pack that EVs in need lack
-    coming: float = 1.28  # an EV that the demand will bring
-    free: float = -1.01  # a free slot near the ramp
-    ahead: float = 22.97  # the whole fleet ahead of an even pace
-    time_left: float = -3.62  # a whole episode left to go
-    # A ramp, less what is enough; of further ones the last.
+    pack: float = 5.03  # per battery capacity that EVs in need lack
+    coming: float = 1.28  # per expected EV in need
+    free: float = -1.01  # per free slot near the ramp
+    ahead: float = 22.97  # per share of the fleet at the depot in excess of the share of time left
+    time_left: float = -3.62  # per share of the episode left
+    # Per ramp, minus the threshold; further ramps use the last value.
     ramp: tuple[float, ...] = (-3.94, -6.55, -5.88, -6.56)
 
     def margin(self, need: Need, at_depot: jax.Array, time_left: jax.Array) -> jax.Array:
-        """By how many EVs sending from each ramp is better than waiting, `(..., num_ramps)`.
+        """Advantage of sending from each ramp over waiting, in EVs, `(..., num_ramps)`.
 
         Args:
           need: within `NEED_WINDOW_S`, `(..., num_ramps)`.
-          at_depot: `(...)`, share of the fleet that can still be sent.
+          at_depot: `(...)`, share of the fleet at the depots.
           time_left: `(...)`, share of the episode.
         """
         ramps = need.there.shape[-1]
@@ -186,17 +185,17 @@ BUDGET = Budget()
 
 
 def budgeted(env: Environment, budget: Budget = BUDGET) -> Policy:
-    """Sends a MED where it is worth most, on a lesser need the further the fleet is ahead of an even pace.
+    """Sends a MED where it is worth most; the more MEDs are left for the time left, the less need it takes.
 
     Args:
       env: a single environment.
-      budget: the numbers it goes by; they are the policy's weights.
+      budget: its numbers, which are the policy's weights.
     """
     if not env.config.num_ramps:
         return none(env)
 
     def act(weights: Budget, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
-        """Of the ramps that it may send from that of the greatest margin (`Budget.margin`, EVs), unless negative."""
+        """Sends from the allowed ramp with the greatest `Budget.margin`, unless that is negative."""
         mask = env.action_mask(state, params)
         highway, numbers = env.highway(state, params)
         need = expected_need(highway, env.config, numbers, NEED_WINDOW_S)

@@ -1,8 +1,8 @@
-"""A trained policy in one file: acts without the learner, its libraries or a JIT of the caller's.
+"""Trained policies in files, which act without the learner, its libraries or a caller's `jax.jit`.
 
-`python -m train.export --run-dir DIR` writes the file. It is a ZIP of `policy.json`, which says what the policy was
-trained for, and `network.bin`, the network with its weights as StableHLO (`jax.export`): any network, on CPUs, GPUs and
-TPUs, readable by later versions of JAX. Nothing is unpickled.
+`python -m train.export --run-dir DIR` writes the file, a ZIP. `policy.json` says what the policy was trained for;
+`network.bin` is the network with its weights as StableHLO (`jax.export`), for any architecture, on CPUs, GPUs and
+TPUs, and readable by later versions of JAX. Loading unpickles nothing.
 """
 
 import dataclasses
@@ -34,7 +34,7 @@ from medjax.world.params import EnvParams
 
 FORMAT = 1
 ABOUT, NETWORK = "policy.json", "network.bin"
-AGENTS = {"speeds", "credit", "central"}  # what a file may say of them
+AGENTS = {"speeds", "credit", "central"}  # allowed keys of `About.agents` in a file
 MOST_BYTES = {ABOUT: 2**20, NETWORK: 2**29}  # unpacked
 
 
@@ -44,8 +44,8 @@ class ExportedPolicy:
 
     Attributes:
       about: what it was trained for.
-      network: observations `(rows, num_features)` and masks `(rows, num_actions)` to the probabilities
-        `(rows, num_actions)` of the actions and values `(rows,)`, in units of the learner's scaled reward.
+      network: maps observations `(rows, num_features)` and masks `(rows, num_actions)` to action probabilities
+        `(rows, num_actions)` and values `(rows,)` in units of the learner's scaled reward.
     """
 
     about: About
@@ -62,15 +62,15 @@ class ExportedPolicy:
         overrides: Mapping[str, Any] | None = None,
         build: Callable[..., Any] | None = None,
     ) -> tuple[Any, EnvParams]:
-        """The environment that it was trained in, or one that it sees alike, and its parameters.
+        """Builds the policy's training environment, or another with the same observation, and its parameters.
 
         Args:
-          scenario: preset; None: that of its training.
-          overrides: numbers, over those of its training where the preset is the same.
-          build: called as `medjax.make`, which is the default; `medjax.scenarios.prepare` computes nothing.
+          scenario: preset; None: that of the training.
+          overrides: numbers by name; for the training preset, they override those of the training.
+          build: called like `medjax.make`, the default; `medjax.scenarios.prepare` computes nothing.
 
         Raises:
-          InputError: it was somebody's own, or an override is no number of an environment.
+          InputError: the policy was trained in a custom environment, or an override is not a number.
         """
         about = self.about
         if not isinstance(overrides, Mapping | None):
@@ -99,14 +99,14 @@ class ExportedPolicy:
         """Probabilities of the actions.
 
         Args:
-          obs: `(num_features,)` or `(rows, num_features)`, anything that NumPy takes.
-          mask: `(num_actions,)` or `(rows, num_actions)` bool, allowed actions; an `info["action_mask"]`.
+          obs: `(num_features,)` or `(rows, num_features)`, any array-like.
+          mask: `(num_actions,)` or `(rows, num_actions)` bool, allowed actions, such as `info["action_mask"]`.
 
         Returns:
-          `(num_actions,)` or `(rows, num_actions)` float32; 0 where the mask forbids.
+          `(num_actions,)` or `(rows, num_actions)` float32; 0 for masked actions.
 
         Raises:
-          InputError: an array of another shape, or what is no finite number.
+          InputError: a wrong shape, or a value that is not a finite number.
         """
         obs, mask = _numbers("obs", obs, np.float32), _numbers("mask", mask, bool)
         wanted = self.about.num_features, self.about.num_actions
@@ -116,25 +116,25 @@ class ExportedPolicy:
                 f"obs has shape {obs.shape} and mask {mask.shape}: allowed (..., {wanted[0]}) and "
                 f"(..., {wanted[1]}), with or without an axis for rows"
             )
-        if not mask.size:  # no row, which the network does not take
+        if not mask.size:  # the network does not accept zero rows
             return mask.astype(np.float32)
         rows, _ = self.network.call(obs.reshape(-1, wanted[0]), mask.reshape(-1, wanted[1]))
         return np.asarray(rows).reshape(mask.shape)
 
     def act(self, obs: Any, mask: Any) -> np.ndarray:
-        """The most probable action, `()` or `(rows,)` int64; arguments are those of `probabilities`.
+        """The most probable action, `()` or `(rows,)` int64; arguments as in `probabilities`.
 
-        To be asked at every `about.decide_every`-th decision; action 0 is to be taken in between.
+        Call it at every `about.decide_every`-th decision and take action 0 in between.
         """
         return np.argmax(self.probabilities(obs, mask), axis=-1)
 
     def policy(self, env: Any) -> Policy:
-        """Itself among the policies of an environment: its most probable action.
+        """A `Policy` for an environment that takes the most probable action.
 
-        It sees what the environment observes where that has its size, else the highway as it was trained to.
+        It uses the environment's observation if the size fits; otherwise it observes the highway as in its training.
 
         Raises:
-          InputError: an environment that it does not fit, or none.
+          InputError: env is not an environment, or the policy does not fit it.
         """
         check_environment(env)
         size = math.prod(env.observation_space(None).shape)
@@ -152,7 +152,7 @@ class ExportedPolicy:
         acted_in = by_rule or env
 
         def act(weights: Any, key: jax.Array, obs: jax.Array, state: Any, params: Any) -> Choice:
-            """See `Policy.act`; the weights are in the network."""
+            """See `Policy.act`; the network holds the weights."""
             mask = acted_in.action_mask(state, params)
             if looks:
                 road, numbers = env.highway(state, params)
@@ -166,7 +166,7 @@ class ExportedPolicy:
 
 
 def _numbers(name: str, value: Any, dtype: Any) -> np.ndarray:
-    """The value as an array of finite numbers; InputError for anything else."""
+    """Converts value to an array of finite numbers; raises InputError for anything else."""
     try:
         array = np.asarray(value, dtype)
     except (TypeError, ValueError):
@@ -177,7 +177,7 @@ def _numbers(name: str, value: Any, dtype: Any) -> np.ndarray:
 
 
 def _batched(network: export.Exported) -> Callable[[jax.Array, jax.Array], Any]:
-    """The network on rows, for `jax.vmap` too, which JAX has no rule for: further axes are merged into the rows."""
+    """Makes the network work under `jax.vmap`, which has no rule for exported functions, by merging axes into rows."""
 
     @jax.custom_batching.custom_vmap
     def call(obs: jax.Array, mask: jax.Array) -> tuple[jax.Array, ...]:
@@ -194,10 +194,10 @@ def _batched(network: export.Exported) -> Callable[[jax.Array, jax.Array], Any]:
 
 
 def save_policy(path: Path, about: About, network: export.Exported) -> None:
-    """Writes the file, in full or not at all.
+    """Writes the file atomically.
 
     Raises:
-      OSError: it cannot be written.
+      OSError: the file cannot be written.
     """
     with replacing(path) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as file:
         text = json.dumps({"format": FORMAT, **dataclasses.asdict(about)}, indent=2)
@@ -206,10 +206,10 @@ def save_policy(path: Path, about: About, network: export.Exported) -> None:
 
 
 def load_policy(path: Path | str) -> ExportedPolicy:
-    """Reads a policy.
+    """Reads a policy from a file.
 
     Raises:
-      InputError: no such file, or not one that `save_policy` wrote.
+      InputError: the file does not exist, or `save_policy` did not write it.
     """
     path, allowed = (
         as_path("policy", path),
@@ -227,13 +227,13 @@ def load_policy(path: Path | str) -> ExportedPolicy:
         raise InputError(f"policy {path}: {error.strerror or error}, {allowed}") from None
     except InputError:
         raise
-    except Exception:  # whatever zipfile, zlib and JSON say of bytes that were changed
+    except Exception:  # zipfile, zlib and JSON raise many types for corrupt bytes
         raise InputError(f"policy {path} cannot be read, {allowed}") from None
     try:
         network = export.deserialize(content)
-        network.mlir_module()  # reads what a call would compile
+        network.mlir_module()  # parses the code that a call would compile
         fits = _fits(about, network)
-    except Exception:  # whatever FlatBuffers and MLIR say of bytes that were changed
+    except Exception:  # FlatBuffers and MLIR raise many types for corrupt bytes
         fits = False
     if not fits:
         raise InputError(f"policy {path} holds a network that cannot be read, {allowed}")
@@ -241,7 +241,7 @@ def load_policy(path: Path | str) -> ExportedPolicy:
 
 
 def _about(given: Mapping[str, Any]) -> About:
-    """What a file says of its policy; raises ValueError or TypeError where nobody wrote that."""
+    """Parses a file's metadata; raises ValueError or TypeError if it is invalid."""
     about = About(**given)
     for name, kind in get_type_hints(About).items():
         value = getattr(about, name)
@@ -254,7 +254,7 @@ def _about(given: Mapping[str, Any]) -> About:
 
 
 def _member(path: Path, file: zipfile.ZipFile, name: str) -> bytes:
-    """A part of the file, if it is not too large to be one."""
+    """Reads a member of the ZIP; raises InputError if it is too large to be genuine."""
     size, most = file.getinfo(name).file_size, MOST_BYTES[name]
     if size > most:
         raise InputError(f"policy {path} holds a {name} of {size} bytes: at most {most}")
@@ -262,7 +262,7 @@ def _member(path: Path, file: zipfile.ZipFile, name: str) -> bytes:
 
 
 def _fits(about: About, network: export.Exported) -> bool:
-    """Whether a network takes and gives arrays of the shapes that the policy says."""
+    """Whether the network's input and output shapes match the metadata."""
     obs, mask = (aval.shape[-1] for aval in network.in_avals)
     probabilities, _ = (aval.shape for aval in network.out_avals)
     features, actions = about.num_features, about.num_actions

@@ -1,4 +1,4 @@
-"""Dispatchers among agents: a policy for those at the heads of the depots' lines, whatever the others do."""
+"""Dispatchers for multi-agent environments: they decide for the first MED waiting at each depot."""
 
 import dataclasses
 from typing import Any
@@ -17,14 +17,14 @@ from medjax.policies.rules import BASELINES
 def of_head(
     env: AgentsEnv, dispatcher: Policy, key: jax.Array, state: Any, params: Any
 ) -> jax.Array:
-    """The actions of all agents, `(A,)` int32, when `dispatcher`, of the highway `env.env`, sends them in."""
+    """Actions of all agents, `(A,)` int32, if `dispatcher`, a policy of the highway `env.env`, sends them."""
     choice = dispatcher(key, env.env.get_obs(state, params), state, params)
     sent = who_is_sent(choice.action, state.meds, env.env.config)
     return jnp.where(sent, choice.action, 0).astype(jnp.int32)
 
 
 def as_team(env: AgentsEnv, dispatcher: Policy) -> Policy:
-    """`dispatcher`, of the highway `env.env`, as a policy of all agents."""
+    """Turns `dispatcher`, a policy of the highway `env.env`, into a policy of all agents."""
 
     def act(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
         """See `of_head`."""
@@ -37,11 +37,11 @@ def as_team(env: AgentsEnv, dispatcher: Policy) -> Policy:
 
 @dataclasses.dataclass(frozen=True)
 class Dispatched(Wrapper):
-    """`env`, whose agents are sent in by a dispatcher; at the depot they have no choice.
+    """`env` with a dispatcher that sends the agents; at a depot, they have no choice.
 
     Attributes:
-        env: of agents.
-        dispatcher: of the highway under it, `env.env`; without a draw of its own.
+        env: multi-agent environment.
+        dispatcher: policy of the highway `env.env`; must be deterministic.
     """
 
     env: AgentsEnv
@@ -55,10 +55,10 @@ class Dispatched(Wrapper):
         return self.env.step_env(key, state, jnp.where(sent > 0, sent, action), params)
 
     def whole(self, policy: Policy) -> Policy:
-        """A policy of `env` that does the same: moves as `policy`, of this environment, and sends as the dispatcher."""
+        """Combines `policy`, of this environment, and the dispatcher into one policy of `env`."""
 
         def act(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
-            """What `policy` does, but where the dispatcher sends."""
+            """Acts as `policy`, except for an agent that the dispatcher sends."""
             choice = policy.act(weights, key, obs, state, params)
             sent = of_head(self.env, self.dispatcher, key, state, params)
             certain = jax.nn.one_hot(sent, self.num_actions, dtype=jnp.float32)
@@ -70,15 +70,15 @@ class Dispatched(Wrapper):
         return Policy(act, policy.weights, policy.world)
 
     def action_mask(self, state: State, params: Params) -> jax.Array:
-        """Of those at the depot action 0 alone."""
+        """Allowed actions without dispatching: an agent at a depot may only take action 0."""
         enters = slice(1, 1 + self.env.config.num_ramps)
         return self.env.action_mask(state, params).at[:, enters].set(False)
 
 
 def rules_of(env: Any) -> dict[str, Policy]:
-    """Every rule of `medjax.policies.rules` by name, for an environment of a dispatcher or of agents.
+    """All rules of `medjax.policies.rules` by name, for a single-dispatcher or multi-agent environment.
 
-    Rules play the highway: where there is none, there are none of them.
+    Empty if the environment has no highway.
     """
     if not hasattr(env, "highway"):
         return {}

@@ -1,1 +1,1 @@
-"""What the world is made of: its numbers (`params`), their ranges, and the state that a step carries."""
+"""The simulated world: its parameters, their allowed ranges, and the state that a step carries."""

@@ -1,4 +1,4 @@
-"""What presets there are, a line each; `--help` shows it without waiting for JAX."""
+"""One line on each preset; `--help` shows it without importing JAX."""
 
 import argparse
 import textwrap
@@ -19,16 +19,16 @@ ABOUT = {
 
 
 def listed(about: Mapping[str, str]) -> str:
-    """Names and what is said of them, a line each."""
+    """Names and descriptions, one per line."""
     width = max(map(len, about), default=0)
     return "\n".join(f"{name:<{width}}  {line}" for name, line in about.items())
 
 
-PRESETS = f"presets:\n{textwrap.indent(listed(ABOUT), '  ')}"  # for the end of --help
+PRESETS = f"presets:\n{textwrap.indent(listed(ABOUT), '  ')}"  # epilog of --help
 
 
 class KeepsLines(argparse.HelpFormatter):
-    """Lines of a parser's description and epilog stay lines."""
+    """Help formatter that keeps the line breaks of a parser's description and epilog."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         return "\n".join(

@@ -1,4 +1,4 @@
-"""The numbers of fleet, charging, link and batteries, each declared once: as `medjax.world.traffic_params`."""
+"""Parameters of fleet, charging, link and vehicle bodies, declared as in `medjax.world.traffic_params`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ JOULES_PER_KWH = 3.6e6
 
 
 class FleetParams(struct.PyTreeNode):
-    """The MEDs and their dispatch."""
+    """MED fleet and dispatch."""
 
     size: jax.Array | int = number(
         15, 0, 64, "", "MEDs in the depot at first, at most `num_meds`; paper", whole=True
@@ -148,9 +148,9 @@ class ChargingParams(struct.PyTreeNode):
 
 
 class LinkParams(struct.PyTreeNode):
-    """Coils and the circuit; the table is `physics.tabulate_inductance` of the coil design."""
+    """Coils and circuit; `physics.tabulate_inductance` makes the table from the coil design."""
 
-    inductance: InductanceTable = None  # type: ignore[assignment]  # of the two coils; `build_link` fills it in
+    inductance: InductanceTable = None  # type: ignore[assignment]  # `build_link` sets it
     panel_gap_m: Scalar = number(
         0.2, 0.05, 1, "m", "distance of docked panels, in the coils' table; SAE J2954 Z3"
     )
@@ -185,11 +185,11 @@ class CoilDesign:
 
 
 def build_link(design: CoilDesign, params: LinkParams | None = None) -> LinkParams:
-    """Link of a coil design; pure in the design's numbers, so that it may run under `jax.vmap`.
+    """Builds the link of a coil design; works under `jax.vmap` over the design's numbers.
 
     Args:
       design: the coils.
-      params: everything else of the link; None takes the defaults.
+      params: all other parameters of the link; None takes the defaults.
     """
     table = tabulate_inductance(
         design.med_coil_radius_m,
@@ -201,7 +201,7 @@ def build_link(design: CoilDesign, params: LinkParams | None = None) -> LinkPara
 
 
 class BodyParams(struct.PyTreeNode):
-    """Road load and drivetrain of one vehicle class, eqs (7)-(8): an EV's, and a MED's."""
+    """Road load and drivetrain of an EV or a MED, eqs (7)-(8)."""
 
     mass_kg: Scalar = number(
         (1636.03, 15076.0), 1, 1e6, "kg", ("Nissan Leaf 30 kWh, fastsim", "reference: a 15 t truck")

@@ -1,4 +1,4 @@
-"""The check of a whole world on the host: each number in its range and shape, and what must go together."""
+"""Host-side checks of config and params: ranges, shapes, and numbers that must fit together."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from medjax.world.params import (
 
 
 def check_numbers(config: EnvConfig, params: EnvParams) -> EnvParams:
-    """Checks everything but the coils' table, and computes nothing.
+    """Checks everything except the coils' table; computes nothing on a device.
 
     Returns:
-      The params, with every number as a NumPy array of its type and shape.
+      The params, with every number as a NumPy array of its declared type and shape.
 
     Raises:
-      InputError: one line that names the field, its value and what is allowed.
+      InputError: names the field, its value and what is allowed.
     """
     validate_config(config)
     _check_type("params", params, EnvParams)
@@ -63,7 +63,7 @@ def check_numbers(config: EnvConfig, params: EnvParams) -> EnvParams:
 
 
 def check_made_for(config: EnvConfig, params: EnvParams) -> None:
-    """Refuses (InputError) params that were made for another config: by shapes, and outside of `jit` by values."""
+    """Raises InputError if params do not fit config: checks shapes and, outside of `jit`, values."""
     shapes = _shapes(config)
     for group, ranges in GROUPS.items():
         for name, limits in ranges.items():
@@ -77,7 +77,7 @@ def check_made_for(config: EnvConfig, params: EnvParams) -> None:
 
 
 def _shapes(config: EnvConfig) -> dict[str, tuple[int, ...]]:
-    """Of a number, by what it is declared to be `per`."""
+    """Shape of a number for each value of `Number.per`."""
     return {
         "": (),
         "kind": (len(KINDS),),
@@ -106,7 +106,7 @@ def _check_road(params: EnvParams) -> None:
             raise InputError(
                 f"ramp_x_m = {x:g}: allowed 0 to {last:g} m (road less one merge lane)"
             )
-    # Who enters at a ramp reaches back by its length, to where others may stand at the end of the lane before.
+    # A vehicle that enters at a ramp extends back by its length, where others may stand at the previous lane's end.
     comes = np.array([share > 0.0 for share in params.demand.class_shares])
     apart_m = lane_m + float(params.drivers.vehicle_length[comes].max())
     if (np.diff(road.ramp_x_m) <= apart_m).any():
@@ -125,7 +125,7 @@ def _check_road(params: EnvParams) -> None:
 
 
 def _check_pairs(config: EnvConfig, params: EnvParams) -> None:
-    """Numbers that another one bounds."""
+    """Checks numbers that another number bounds."""
     demand, charging, fleet = params.demand, params.charging, params.fleet
     pairs: tuple[tuple[str, Any, str, Any], ...] = (
         ("arrival_soc_low", demand.arrival_soc_low, "arrival_soc_high", demand.arrival_soc_high),
@@ -139,10 +139,10 @@ def _check_pairs(config: EnvConfig, params: EnvParams) -> None:
 
 
 def validate(config: EnvConfig, params: EnvParams) -> None:
-    """Checks both on the host, for unbatched params.
+    """Checks config and unbatched params on the host, the coils' table included.
 
     Raises:
-      InputError: one line that names the field, its value and what is allowed.
+      InputError: names the field, its value and what is allowed.
     """
     check_numbers(config, params)
     table = params.link.inductance

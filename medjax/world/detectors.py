@@ -1,4 +1,4 @@
-"""Demand from what detectors counted."""
+"""Demand from detector counts."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from medjax.files import check_input
 
 COLUMNS = ("time_s", "entry", "vehicles_per_h")
 MAIN, RAMPS = "main", "12345678"
-MOST = 1e12  # of a time, which may be counted from 1970, or of a count
+MOST = 1e12  # largest flow, or time (which may count from 1970)
 Counts = dict[tuple[float, int], list[tuple[int, float]]]
-"""Lines and flows of the rows of each time, s, and entry."""
+"""By time, s, and entry: the line number and flow of each row."""
 
 
 def read_detectors(file: str | PathLike[str]) -> dict[str, Any]:
-    """Demand of a file of counts: `medjax.make("corridor", demand=read_detectors("counts.csv"))`.
+    """Reads demand from a file of counts: `medjax.make("corridor", demand=read_detectors("counts.csv"))`.
 
-    A CSV file with a header and, in any order of rows, `time_s` (start of each interval, evenly spaced; all entries at
-    all times), `entry` (`main`, or the number of a ramp from 1; several rows of one entry and time, as of several
-    lanes, are added up: as many at all times) and `vehicles_per_h`. Other columns, as the speed, are not read: drivers
-    bring their desired speeds. A detector in a jam counts what the jam lets through, not the demand.
+    The file is a CSV with a header and rows in any order. `time_s` is the start of an evenly spaced interval; every
+    entry needs every time. `entry` is `main` or a ramp number from 1. Rows of the same entry and time, such as several
+    lanes, are added up; their number must be the same at all times. `vehicles_per_h` is the flow. Other columns, such
+    as speed, are ignored. A detector in a jam counts what the jam lets through, not the demand.
 
     Returns:
-      Numbers by name, as `medjax.make` takes them: mean flows, and a profile of factors of them, a row an interval.
+      Numbers by name for `medjax.make`: mean flows, and a profile of factors on them, one row per interval.
 
     Raises:
-      InputError: one line; no such file, a column or a count is missing, a row is not as long as the header, or a value
-        is no number, or below 0.
+      InputError: the file, a column or a count is missing, a row differs in length from the header, or a value is
+        negative or not a number.
     """
     path = as_path("file", file)
     check_input("file", path)
@@ -62,14 +62,14 @@ def read_detectors(file: str | PathLike[str]) -> dict[str, Any]:
 
 
 def _flow(counted: Sequence[tuple[int, float]]) -> float:
-    """What the rows of one entry and time count together."""
+    """Total flow of the rows of one entry and time."""
     return sum(flow for _, flow in counted)
 
 
 def _read(text: str, place: str) -> float:
     """A number from 0 to MOST."""
     text = text.strip()
-    try:  # Python also takes the digits of every script, and 1_000
+    try:  # `float` also accepts digits of other scripts, and 1_000
         value = float(text) if text.isascii() and "_" not in text else -1.0
     except ValueError:
         value = -1.0
@@ -79,7 +79,7 @@ def _read(text: str, place: str) -> float:
 
 
 def _entry(text: str, place: str) -> int:
-    """0 for the main road, else the number of a ramp."""
+    """0 for the main road, else the ramp number."""
     name = text.strip()
     if name not in (MAIN, *RAMPS):
         raise InputError(f"{place}: entry = {shown(text)}: allowed {MAIN}, or a ramp from 1 to 8")
@@ -87,7 +87,7 @@ def _entry(text: str, place: str) -> int:
 
 
 def _demand(path: Path, counts: Counts) -> dict[str, Any]:
-    """Numbers for `medjax.make` from what was counted."""
+    """Converts counts to numbers for `medjax.make`."""
     times = sorted({time for time, _ in counts})
     entries = range(1 + max(entry for _, entry in counts))
     steps = np.diff(times)

@@ -1,7 +1,7 @@
-"""The kinds of vehicles. A row here, a column in the drivers' numbers, and who drives one: that is a kind.
+"""The kinds of vehicles. A new kind needs a row here, a column in `DriverParams`, and a share of the demand.
 
-Every `(num_kinds,)` array is in the order of `KINDS`: drivers' numbers, tallies. What files, messages and
-metrics say of kinds follows from the table.
+Every `(num_kinds,)` array, such as driver parameters and tallies, is in the order of `KINDS`. Files, messages
+and metrics take the names of kinds from this table.
 """
 
 from __future__ import annotations
@@ -10,20 +10,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-# Classes of slots: a slot belongs to one for good, and to one vehicle of it after the other.
+# Classes of slots: a slot always belongs to the same class and holds one vehicle after another.
 CLASSES = MEDS, EVS, FUELLED = ("MED", "EV", "gas")
 
 
 class Kind(NamedTuple):
-    """One kind of vehicles."""
+    """One kind of vehicle."""
 
-    name: str  # for people
+    name: str  # display name
     slots: str  # class of the slots that hold it, one of CLASSES
-    width_m: float  # of its body
+    width_m: float
 
     @property
     def column(self) -> str:
-        """Name in files, `human_ev`."""
+        """Name in files, such as `human_ev`."""
         return self.name.lower().replace(" ", "_")
 
 
@@ -45,10 +45,10 @@ def kinds_in(*classes: str) -> tuple[int, ...]:
 GAS_KINDS = kinds_in(FUELLED)
 WIDTHS_M = tuple(kind.width_m for kind in KINDS)
 
-# Whether the slots of a class, a column in the order of CLASSES, hold a kind, a row.
+# (num_kinds, 3), 1 where the slots of a class hold a kind.
 _MEMBERS = np.array([[kind.slots == slots for slots in CLASSES] for kind in KINDS], np.float32)
 
 
 def by_class(counts: Any) -> Any:
-    """Counts of each kind `(..., num_kinds)` added up by class, `(..., 3)` in the order of CLASSES."""
+    """Sums counts by kind `(..., num_kinds)` to counts by class `(..., 3)`, in the order of CLASSES."""
     return (counts[..., :, None] * _MEMBERS).sum(-2)

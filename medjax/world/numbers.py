@@ -1,7 +1,7 @@
-"""A number of the world is declared once, by `number`; what it may be, and the one check of all of them.
+"""Declaration (`number`) and check (`read_number`) of every parameter.
 
-The ranges are wide: what they leave out is not meant, is no number in float32, or breaks what the simulator rests on.
-Below, positions stay exact to 2 cm, and vehicles that follow each other are told apart by the sort of the road.
+The ranges are wide. They exclude only values that make no sense, that float32 cannot hold, or that break an assumption
+of the simulator: within them, positions are exact to 2 cm, so sorting the road keeps consecutive vehicles apart.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ Text = str | tuple[str, ...]
 
 @dataclasses.dataclass(frozen=True)
 class Number:
-    """What is declared of a number; docs/parameters.md and the checks read it."""
+    """Declaration of a number, from which the checks and docs/parameters.md are made."""
 
-    default: Any  # that of the preset `paper`
+    default: Any  # of the preset `paper`
     low: float
-    high: float  # both are allowed; inf allows infinity
+    high: float  # both bounds are allowed; inf allows infinity
     unit: str = ""
-    text: Text = ""  # what it is, and where its default comes from
+    text: Text = ""  # description, and the source of the default
     whole: bool = False
     per: str = (
         ""  # "kind" of vehicle, "ramp", "exit" or "period": the field holds one number for each
     )
 
     def __str__(self) -> str:
-        """What is allowed, in a message."""
+        """The allowed values, for messages."""
         return f"{'a whole number' if self.whole else 'a number'} from {self.range}"
 
     @property
     def range(self) -> str:
-        """`0 to 1e+06`, as the documentation has it."""
+        """The range as the documentation writes it, such as `0 to 1e+06`."""
         return " to ".join(
             f"{bound:.10g}" if abs(bound) < 1e6 else f"{bound:g}" for bound in (self.low, self.high)
         )
@@ -51,14 +51,14 @@ def number(
     text: Text = "",
     **more: Any,
 ) -> Any:
-    """A field of a dataclass that holds a number.
+    """A dataclass field that holds a number.
 
     Args:
-      default: that of the preset `paper`. A tuple is one a kind of vehicle, a ramp or an exit, and becomes an array;
-        with a tuple of texts, it is one a body (`BodyParams`), and the field has no default of its own.
+      default: of the preset `paper`. A tuple has one value per vehicle kind, ramp or exit, and becomes an array. If
+        text is a tuple, too, there is one value per body (`BodyParams`), and the field itself has no default.
       low, high: the allowed range, both ends included.
       unit: SI.
-      text: what it is, and where its default comes from.
+      text: description, and the source of the default.
       **more: `whole` and `per` of `Number`.
     """
     declared = Number(default, low, high, unit, text, **more)
@@ -73,7 +73,7 @@ def number(
 
 
 def numbers_of(kind: Any) -> dict[str, Number]:
-    """What is declared of the numbers that a dataclass holds, by name."""
+    """Declarations of the numbers in a dataclass, by name."""
     return {
         field.name: field.metadata["number"]
         for field in dataclasses.fields(kind)
@@ -90,21 +90,21 @@ def read_number(
     fill: bool = False,
     convert: bool = False,
 ) -> np.ndarray:
-    """A field's value, checked; nothing is computed on a device.
+    """Checks a field's value and converts it, without using a device.
 
     Args:
       name: of the field, for the message.
       value: a number, an array or a list of numbers.
-      limits: what is declared of the field.
+      limits: declaration of the field.
       shape: of the field.
-      fill: whether a single number may stand for a whole array.
-      convert: whether 3.0 may stand for a whole number.
+      fill: whether a single number may fill a whole array.
+      convert: whether 3.0 is accepted as a whole number.
 
     Returns:
-      An array of the shape, float32, or int32 where the limits say so.
+      An array of the shape; int32 for whole numbers, else float32.
 
     Raises:
-      InputError: one line that names the field, the value and what is allowed.
+      InputError: names the field, the value and what is allowed.
     """
     is_list = isinstance(value, list | tuple)
     given_shape = _shape_of_list(value) if is_list else getattr(value, "shape", ())
@@ -113,10 +113,10 @@ def read_number(
     given = as_numbers(value)
     if given is None:
         raise InputError(f"{name} = {shown(value)}: allowed {limits}")
-    with np.errstate(over="ignore"):  # what float32 cannot hold is refused below
+    with np.errstate(over="ignore"):  # values beyond float32 are rejected below
         exact = given.astype(np.float64)
         single = exact.astype(np.float32)
-    # A bound in float32 may lie just outside the bound, and is still allowed.
+    # Rounding a bound to float32 may move it outside the range; it stays allowed.
     low = min(limits.low, float(np.float32(limits.low)))
     high = max(limits.high, float(np.float32(limits.high)))
     good = (exact >= low) & (exact <= high)
@@ -129,7 +129,7 @@ def read_number(
 
 
 def as_numbers(value: Any) -> np.ndarray | None:
-    """Real numbers as an array of them, None for anything else; text and booleans are no numbers."""
+    """Converts real numbers to an array; None for anything else, including text and booleans."""
     if isinstance(value, list | tuple):
         shape = _shape_of_list(value)
         items = value if len(shape) == 1 else [item for row in value for item in row]
@@ -142,20 +142,20 @@ def as_numbers(value: Any) -> np.ndarray | None:
         return None
     try:
         array = np.asarray(value)
-    except Exception:  # traced, deleted, or on another machine: nothing that can be looked at
+    except Exception:  # traced, deleted, or on another machine: the values cannot be read
         return None
-    return array if array.dtype.kind in "iuf" else array.astype(np.float32)  # bfloat16
+    return array if array.dtype.kind in "iuf" else array.astype(np.float32)  # from bfloat16
 
 
 def _shape_of_list(value: Any) -> tuple[int, ...]:
-    """Of a list, or of a list of rows that are equally long."""
+    """Shape of a list, or of a list of equally long rows."""
     widths = {len(row) if isinstance(row, list | tuple) else None for row in value}
     width = widths.pop() if len(widths) == 1 else None
     return (len(value),) if width is None else (len(value), width)
 
 
 def _as_number(value: Any) -> int | float | None:
-    """One real number as Python's, None for anything else."""
+    """Converts one real number to Python's int or float; None for anything else."""
     if isinstance(value, np.generic | np.ndarray | jax.Array) and value.ndim == 0:
         if not _is_real(value.dtype):
             return None
@@ -165,7 +165,7 @@ def _as_number(value: Any) -> int | float | None:
             return None
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
-    # Larger ones are in no range, and in no array.
+    # Larger integers exceed every range and overflow NumPy's integers.
     return value if isinstance(value, float) or abs(value) < 2**63 else None
 
 

@@ -1,14 +1,14 @@
-"""What an environment is made of: static sizes (EnvConfig) and traced numbers (EnvParams).
+"""Static sizes (EnvConfig) and traced parameters (EnvParams) of an environment.
 
-EnvConfig holds what changes a compiled program. Every other number is a leaf of EnvParams, so that
+EnvConfig holds everything that changes the compiled program. Every other number is a leaf of EnvParams, so that
 `jax.vmap` can run over demands, reward weights, batteries or coil designs in one program. EnvConfig checks itself;
-`medjax.world.checks.validate` checks both on the host, and `medjax.make` calls it.
+`medjax.make` checks both on the host, as `medjax.world.checks.validate` does.
 
-Each number is declared once, by `number`: here, in `traffic_params` and in `charging_params`. From that come the
-checks, the names that `medjax.make` takes, the preset `paper`, and the tables of docs/parameters.md, which
+Each number is declared once, by `number`: here, in `traffic_params` or in `charging_params`. The declarations define
+the checks, the names that `medjax.make` takes, the preset `paper`, and the tables of docs/parameters.md, which
 `python -m docs.parameters` writes.
 
-The order of vehicle kinds in every `(num_kinds,)` leaf is that of `medjax.world.kinds.KINDS`.
+Every `(num_kinds,)` leaf is in the order of `medjax.world.kinds.KINDS`.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ LEFT, RIGHT, REAR, FRONT = range(4)
 
 @dataclasses.dataclass(frozen=True)
 class EnvConfig:
-    """Sizes and cadences that fix array shapes and loops; hashable, one compiled program each.
+    """Sizes and time steps, which fix array shapes and loops; hashable, one compiled program per config.
 
-    Vehicle slots are ordered MEDs, EVs, gas vehicles, so each class is a plain slice.
+    Vehicle slots are ordered MEDs, EVs, gas vehicles, so each class is a slice.
 
     Raises:
-      InputError: one line that names the field, its value and what is allowed.
+      InputError: names the field, its value and what is allowed.
     """
 
     num_meds: int = number(15, 1, 64, text="the most that the paper sends", whole=True)
@@ -85,7 +85,7 @@ class EnvConfig:
     )
 
     def __post_init__(self) -> None:
-        """Checks the sizes, and keeps them as numbers of Python."""
+        """Checks the values and stores them as Python numbers."""
         for name, declared in numbers_of(self).items():
             value = getattr(self, name)
             read = read_number(name, value, declared)
@@ -104,12 +104,12 @@ class EnvConfig:
 
     @property
     def num_actions(self) -> int:
-        """Action 0 sends none, action r one from ramp r - 1."""
+        """Action 0 sends no MED, action r sends one from ramp r - 1."""
         return 1 + self.num_ramps
 
     @property
     def ramp_depots(self) -> tuple[int, ...]:
-        """The depot of each ramp: as many neighbours each, as far as that goes."""
+        """The depot of each ramp; adjacent ramps share one, and the split is as even as possible."""
         return tuple(ramp * self.num_depots // self.num_ramps for ramp in range(self.num_ramps))
 
     @property
@@ -129,7 +129,7 @@ class EnvConfig:
 
     @property
     def lane_change_groups(self) -> int:
-        """Slots are staggered over this many groups so that each looks both ways once a second."""
+        """Number of groups that consider lane changes in turn, so that each looks both ways once a second."""
         return max(1, round(0.5 / self.tick_s))
 
     @property
@@ -154,21 +154,21 @@ class EnvConfig:
 
     @property
     def traffic_slots(self) -> slice:
-        """Slots of those that come by themselves, EVs before the others: all but MEDs."""
+        """Slots of all vehicles except MEDs: EVs, then gas vehicles."""
         return slice(self.num_meds, self.num_vehicles)
 
     def by_slot(self, meds: ArrayLike, evs: ArrayLike, gas: ArrayLike) -> jax.Array:
-        """Values of the classes' slots, each `(C,)` or one for all of them, as one array `(num_vehicles,)`."""
+        """Joins values of each class, `(C,)` or a scalar for all its slots, into one array `(num_vehicles,)`."""
         parts = ((meds, self.num_meds), (evs, self.num_evs), (gas, self.num_gas))
         return jnp.concatenate([jnp.broadcast_to(part, (size,)) for part, size in parts])
 
 
 def weight(default: float, unit: str, text: str) -> Number:
-    """The weight of a reward term."""
+    """Declares the weight of a reward term."""
     return Number(default, -1e9, 1e9, unit, text)
 
 
-WEIGHT = weight(0.0, "", "off")  # of a term that the preset does not weigh
+WEIGHT = weight(0.0, "", "off")  # of a term to which the preset gives no weight
 WEIGHTS = {
     "depleted": weight(-11.6, "1/EV", "w1 of eq (10), calibrated to Table 2 (docs/paper.md)"),
     "soc": weight(1.02, "1/s", "w2, calibrated but for its proportion to w3 and w4"),
@@ -180,7 +180,7 @@ WEIGHTS = {
     "collisions": WEIGHT,
     "transfer_loss": weight(0.0, "1/kWh", "off"),
 }
-# Of the terms of `medjax.env.reward.MONEY`: prices of 2023, a cost is negative.
+# Weights of the terms in `medjax.env.reward.MONEY`: prices of 2023; costs are negative.
 PRICES = {
     "delay_h": weight(
         -20.0,
@@ -216,7 +216,7 @@ PRICES = {
 
 
 class EnvParams(struct.PyTreeNode):
-    """Every number of the world; a pytree whose leaves may be traced or batched."""
+    """Every parameter of the world; a pytree whose leaves may be traced or batched."""
 
     road: RoadParams = struct.field(default_factory=RoadParams)
     demand: DemandParams = struct.field(default_factory=DemandParams)
@@ -233,7 +233,7 @@ class EnvParams(struct.PyTreeNode):
     )
     reward_weights: dict[str, Scalar] = struct.field(
         default_factory=lambda: {term: weight.default for term, weight in WEIGHTS.items()}
-    )  # one a reward term
+    )  # by reward term
     episode_decisions: Scalar = number(
         600, 1, 10_000_000, "", "until truncation: ten minutes; the paper does not say", whole=True
     )
@@ -250,20 +250,16 @@ class EnvParams(struct.PyTreeNode):
 
 
 def _quotient(numerator: Scalar, denominator: Scalar) -> Scalar:
-    """Numerator / denominator, rounded once: XLA makes x / (a / b) an x b / a where it sees both, not elsewhere."""
+    """Numerator / denominator behind a barrier, or XLA would rewrite x / (a / b) as x b / a in some programs only."""
     return jax.lax.optimization_barrier(numerator / denominator)
 
 
-# `medjax.traffic.neighbours` writes all lanes, the acceleration lane and one for nobody, into one line.
+# `medjax.traffic.neighbours` lays all lanes, the acceleration lane and a lane for empty slots out in one line.
 MOST_PLACES = 2**16
 
 
 def validate_config(config: EnvConfig) -> None:
-    """Checks that config is one; each checked itself when it was built.
-
-    Raises:
-      InputError: one line.
-    """
+    """Raises InputError unless config is an EnvConfig, which checked its own values when built."""
     if not isinstance(config, EnvConfig):
         raise InputError(f"config = {shown(config)}: allowed an EnvConfig")
 
@@ -291,4 +287,4 @@ GROUPS = {
     for name, kind in get_type_hints(EnvParams).items()
     if dataclasses.is_dataclass(kind)
 }
-"""What is declared of every number, by its name and its group's; those of no group are in OTHERS."""
+"""Declarations of all numbers by group and name; OTHERS holds those that belong to no group."""

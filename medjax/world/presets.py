@@ -1,6 +1,6 @@
-"""Named presets: `paper` is the default of every number, another one says what it has otherwise.
+"""Named presets: `paper` is the default of every number, and the others list their differences from it.
 
-The names by which numbers are changed are here, too; `medjax.make` takes the same.
+`PLACES` holds the names by which presets and `medjax.make` change numbers.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from medjax.world.params import GROUPS, OTHERS, EnvConfig, EnvParams
 def _places() -> dict[str, tuple[str, str]]:
     """Group and name of every number, by the names that an override may use.
 
-    A number's own name serves where it is the only one of that name (`cooldown_s`), else it needs its group's
-    (`ev.mass_kg`).
+    A unique name stands alone (`cooldown_s`); others need their group (`ev.mass_kg`).
     """
     found = {name: [("", name)] for name in OTHERS}
     for group, numbers in GROUPS.items():
@@ -33,12 +32,12 @@ def _places() -> dict[str, tuple[str, str]]:
 
 PLACES = _places()
 
-# Where exits are asked for by their number or places alone: an interchange every 6 km, ways of 60 km on the road.
+# Default where only the number or places of exits are given: an interchange every 6 km and mean trips of 60 km.
 EXIT_SHARE = 0.1
 
 
 def _put(params: EnvParams, place: tuple[str, str], value: Any) -> EnvParams:
-    """Params with one number replaced, unchecked."""
+    """Replaces one number without checking it."""
     group, name = place
     if not group:
         return params.replace(**{name: value})
@@ -46,10 +45,10 @@ def _put(params: EnvParams, place: tuple[str, str], value: Any) -> EnvParams:
 
 
 def change_numbers(params: EnvParams, overrides: Mapping[str, Any]) -> EnvParams:
-    """Params with numbers replaced, by the names of `PLACES`; a scalar given for an array fills it.
+    """Replaces numbers by the names of `PLACES`; a scalar fills a whole array.
 
     Raises:
-      InputError: one line; a value that is not allowed, or a number that is given under both of its names.
+      InputError: a value is not allowed, or a number is given under both of its names.
     """
     names: dict[tuple[str, str], str] = {}
     for key, value in overrides.items():
@@ -64,15 +63,17 @@ def change_numbers(params: EnvParams, overrides: Mapping[str, Any]) -> EnvParams
 
 
 def _profile(given: Any, config: EnvConfig) -> np.ndarray:
-    """The profile for these sizes: its first column, that of the main road, for more ramps than it knows."""
+    """The profile for these sizes: rows repeat from the start, and extra ramps repeat the last column."""
     rows = np.resize(np.float32(given), (config.num_periods, np.shape(given)[1]))
     columns = np.minimum(np.arange(1 + config.num_ramps), rows.shape[1] - 1)
     return rows[:, columns]
 
 
 def _fit(params: EnvParams, config: EnvConfig, own: EnvConfig) -> EnvParams:
-    """Params, of a preset with its `own` sizes, as far as these allow: as many ramps and exits, no more MEDs, a service
-    lane as far from the right one.
+    """Fits params of a preset with sizes `own` to other sizes.
+
+    The number of ramps and exits changes, the fleet shrinks to the MED slots, and on fewer lanes the service lane keeps
+    its distance from the rightmost lane.
     """
     road, demand, fleet = params.road, params.demand, params.fleet
     exits, shares = (np.asarray(x, np.float32) for x in (road.exit_x_m, demand.exit_share))
@@ -98,15 +99,15 @@ def _fit(params: EnvParams, config: EnvConfig, own: EnvConfig) -> EnvParams:
 
 @dataclasses.dataclass(frozen=True)
 class Scenario:
-    """A preset: static sizes, numbers in which it differs from `paper`, by the names of `PLACES`, and a reward."""
+    """A preset: sizes, numbers that differ from `paper` (by the names of `PLACES`), and a reward."""
 
-    about: str  # in a line
+    about: str  # one-line description
     config: EnvConfig = dataclasses.field(default_factory=EnvConfig)
     numbers: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    reward: str = "paper"  # of `medjax.env.reward.REWARDS`
+    reward: str = "paper"  # name in `medjax.env.reward.REWARDS`
 
     def params(self, config: EnvConfig) -> EnvParams:
-        """The numbers for these sizes, all but the coils' table."""
+        """The numbers for these sizes, without the coils' table."""
         params = EnvParams()
         for name, value in self.numbers.items():
             params = _put(params, PLACES[name], value)
@@ -114,7 +115,7 @@ class Scenario:
 
 
 class Presets(dict[str, Scenario]):
-    """Presets by name; as text, a line each."""
+    """Presets by name; printed as one line each."""
 
     def __repr__(self) -> str:
         return listed({name: preset.about for name, preset in self.items()})
@@ -147,8 +148,8 @@ SCENARIOS = Presets(
     ),
 )
 
-# Of a day's vehicles, those of each hour: Interstate 94 at Minneapolis, westbound, 653 days from Monday to Thursday
-# (Metro Interstate Traffic Volume, UCI); as factors of the busiest hour.
+# Share of a day's vehicles in each hour: Interstate 94 at Minneapolis, westbound, 653 days from Monday to Thursday
+# (Metro Interstate Traffic Volume, UCI). The preset scales them to the busiest hour.
 HOURS = np.array(
     [
         *(0.0072, 0.0044, 0.0034, 0.0042, 0.0100, 0.0328, 0.0647, 0.0722),
@@ -220,13 +221,12 @@ SCENARIOS["corridor"] = Scenario(  # docs/parameters.md has the reasons
 
 @dataclasses.dataclass(frozen=True)
 class Recipe:
-    """How `medjax.make` was called: enough to call it again."""
+    """Arguments of a call to `medjax.make`, enough to repeat it."""
 
     scenario: str
-    overrides: Mapping[
-        str, Any
-    ]  # by name; numbers, lists of numbers and `reward_weights`, as JSON has them
+    # By name; numbers, lists of numbers and `reward_weights`, in JSON types.
+    overrides: Mapping[str, Any]
     reward: Any  # as given
-    observation: Any  # as given: a name, or one of one's own
+    observation: Any  # as given: a name or an object
     following: Any = None  # as given
     coupling: Any = None  # as given

@@ -1,6 +1,6 @@
-"""The numbers of road, demand and drivers, each declared once: default, range, unit, what it is and its source.
+"""Parameters of road, demand and drivers, each declared once with default, range, unit, description and source.
 
-Numbers in a row are one a kind of vehicle, in the order of `medjax.world.kinds.KINDS`.
+A default per vehicle kind is a tuple in the order of `medjax.world.kinds.KINDS`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Scalar = jax.Array | float
 
 
 class RoadParams(struct.PyTreeNode):
-    """Geometry of the highway; positions are metres from its left end."""
+    """Geometry of the highway; positions are in metres from its left end."""
 
     length_m: Scalar = number(4000.0, 100, 200e3, "m", 'paper, "Experiment settings"')
     lane_width_m: Scalar = number(
@@ -57,7 +57,7 @@ class RoadParams(struct.PyTreeNode):
 
 
 class DemandParams(struct.PyTreeNode):
-    """Traffic that asks to enter."""
+    """Traffic demand at the entries, and its mix of vehicles."""
 
     mainline_per_h: Scalar = number(
         2600.0, 0, 100e3, "1/h", "all lanes; chosen: 650 an hour and lane, free flow with platoons"
@@ -99,7 +99,7 @@ class DemandParams(struct.PyTreeNode):
     ramp_speed: Scalar = number(20.0, 1, 60, "m/s", "at the start of the acceleration lane; chosen")
 
     def flows(self, time_s: Scalar) -> tuple[jax.Array, jax.Array]:
-        """Vehicles per hour on the main road `()` and at each ramp `(num_ramps,)`, so long after an episode's start."""
+        """Demand on the main road `()` and at each ramp `(num_ramps,)`, 1/h, at time_s after the episode's start."""
         period = jnp.floor((self.start_s + time_s) / self.period_s).astype(jnp.int32)
         factor = jnp.asarray(self.profile)[jnp.minimum(period, self.profile.shape[0] - 1)]
         return self.mainline_per_h * factor[0], self.ramp_per_h * factor[1:]
@@ -112,7 +112,7 @@ class DemandParams(struct.PyTreeNode):
 
 
 class DriverParams(struct.PyTreeNode):
-    """Car-following and body parameters, each `(num_kinds,)`; and how EVs' drivers answer a low charge."""
+    """Car-following and body parameters, each `(num_kinds,)`, and the response of EV drivers to low charge."""
 
     desired_speed: jax.Array = number(
         (22.0, 30.0, 30.0, 30.0, 23.6),
@@ -187,7 +187,7 @@ class DriverParams(struct.PyTreeNode):
 
 
 class MotionParams(struct.PyTreeNode):
-    """Limits and noise shared by all vehicles."""
+    """Motion limits and noise that all vehicles share."""
 
     max_braking: Scalar = number(9.0, 1, 50, "m/s2", "the tyres' limit; dry road")
     noise_time_s: Scalar = number(

@@ -1,6 +1,6 @@
-"""Wrappers around environments: auto-reset of a batch, episode log, gymnax's old step.
+"""Wrappers of environments: batched auto-reset, episode log, random demand, gymnax's old step and others.
 
-`medjax.wrappers.gymnasium` is imported by itself: it needs the library.
+Import `medjax.wrappers.gymnasium` separately, because it needs Gymnasium.
 """
 
 from medjax.env.contract import BatchEnvironment, Environment

@@ -1,7 +1,7 @@
-"""`make_agents`: every MED an agent, in JaxMARL's interface, which JaxMARL's wrappers and learners take as it is.
+"""`make_agents`: every MED is an agent, with an interface that JaxMARL's wrappers and learners accept directly.
 
-Agents have names, and what belongs to them is in dicts by name; the contract is that of `MultiAgentEnv` of JaxMARL 0.2
-(Rutherford et al. 2024, arXiv:2311.10090), which this module does not import.
+Observations, actions and rewards are dicts by agent name, as in `MultiAgentEnv` of JaxMARL 0.2 (Rutherford et al. 2024,
+arXiv:2311.10090). This module does not import JaxMARL.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ def make_agents(
 ) -> NamedAgents:
     """Builds a preset in which every MED is an agent.
 
-    A step is a decision of the preset: 10 s on `corridor`; where that comes more often than every 4 s, as in `paper`,
-    decisions here are of several rounds, 4 s or more together, and an episode has as many fewer, unless
-    `rounds_per_decision` or `episode_decisions` say otherwise. There are as many agents as MEDs in the fleet.
+    A step is one decision of the preset, 10 s on `corridor`. If the preset decides more often than every 4 s, as
+    `paper` does, several rounds form one decision of at least 4 s, and an episode has proportionally fewer decisions,
+    unless `rounds_per_decision` or `episode_decisions` are given. Each MED of the fleet is one agent.
 
     Args:
       name: one of `medjax.SCENARIOS`.
-      speeds: m/s, that an agent may choose from in service; the fleet's own service speed joins them.
-      credit: "team", all get the reward of the preset; or "own", see `AgentsEnv`.
-      **overrides: as of `medjax.make`.
+      speeds: m/s, the choices of an agent in service; the fleet's service speed is added.
+      credit: "team", everyone receives the reward of the preset; or "own", see `AgentsEnv`.
+      **overrides: as in `medjax.make`.
 
     Raises:
-      InputError: one line; as `medjax.make`, or a speed or credit that is not allowed.
+      InputError: as in `medjax.make`, or a speed or credit is not allowed.
     """
     if reserved := sorted({"build", "central"} & overrides.keys()):
         raise InputError(f"unknown option {reserved[0]!r}: allowed those of medjax.make")
@@ -52,17 +52,17 @@ def make_agents(
 
 
 class NamedAgents:
-    """`AgentsEnv` with its parameters, its agents by name; methods jit, and batch with `jax.vmap`.
+    """`AgentsEnv` bound to its params, with dicts by agent; methods work under `jax.jit` and `jax.vmap`.
 
     Args:
-      env: of one highway, an `AgentsEnv`.
-      params: its numbers.
+      env: of one highway.
+      params: its parameters.
 
     Raises:
-      InputError: another environment.
+      InputError: env is not an `AgentsEnv`.
 
     Attributes:
-      agents: names, `med_0` and so on, of the MEDs by slot.
+      agents: names of the MEDs by slot, `med_0` and so on.
     """
 
     def __init__(self, env: AgentsEnv, params: EnvParams) -> None:
@@ -74,7 +74,7 @@ class NamedAgents:
         self._reset, self._step_env = jax.jit(env.reset), jax.jit(env.step_env)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Compiled programs do not pickle: a copy makes its own."""
+        """Rebuilds copies from env and params, since compiled programs do not pickle."""
         return type(self), (self.env, self.params)
 
     def __repr__(self) -> str:
@@ -82,39 +82,39 @@ class NamedAgents:
 
     @property
     def name(self) -> str:
-        """That of the preset."""
+        """Name of the preset."""
         return self.env.env.name
 
     @property
     def agent_classes(self) -> dict[str, list[str]]:
-        """All are alike."""
+        """One class that holds all agents."""
         return {"med": list(self.agents)}
 
     @property
     def observation_spaces(self) -> Named:
-        """Boxes by agent."""
+        """A box for each agent."""
         return dict.fromkeys(self.agents, _as_theirs(self.env.observation_space()))
 
     @property
     def action_spaces(self) -> Named:
-        """Discrete, by agent."""
+        """A discrete space for each agent."""
         return dict.fromkeys(self.agents, _as_theirs(self.env.action_space()))
 
     def reset(self, key: jax.Array) -> tuple[Named, EnvState]:
-        """Starts an episode: observations `(size,)` float32 by agent, and the state."""
+        """Starts an episode; returns observations `(size,)` float32 by agent, and the state."""
         obs, state = self._reset(key, self.params)
         return self._by_name(obs), state
 
     def step(
         self, key: jax.Array, state: EnvState, actions: Named, reset_state: EnvState | None = None
     ) -> tuple[Named, EnvState, Named, Named, Named]:
-        """One decision, and a reset in the same step when the episode ends, to `reset_state` if there is one.
+        """Takes one decision and, when the episode ends, resets in the same step, to `reset_state` if given.
 
         Returns:
-          as `step_env`; observations and state are those of the next episode where this one ended.
+          as in `step_env`; if the episode ended, observations and state belong to the next one.
 
         Raises:
-          InputError: as `step_env`.
+          InputError: as in `step_env`.
         """
         key, reset_key = jax.random.split(key)
         obs, after, rewards, dones, infos = self.step_env(key, state, actions)
@@ -133,20 +133,20 @@ class NamedAgents:
     def step_env(
         self, key: jax.Array, state: EnvState, actions: Named
     ) -> tuple[Named, EnvState, Named, Named, Named]:
-        """One decision without a reset.
+        """Takes one decision without resetting.
 
         Args:
-          key: of what drivers do.
+          key: randomness of driver behaviour.
           state: of one highway.
-          actions: () integer for each agent, or (1,), as JaxMARL's own learners give it; one that its mask forbids
-            counts as 0, and is counted.
+          actions: () integer for each agent, or (1,), as JaxMARL's learners pass it; a masked action counts as 0 and
+            as invalid in the metrics.
 
         Returns:
-          (observations, state, rewards () float32, dones () bool, infos); dones have `__all__`, infos the metrics of
-          the episode so far, `(num_agents,)` float32 each, all entries alike, as JaxMARL's learners want them.
+          (observations, state, rewards () float32, dones () bool, infos). dones includes `__all__`. infos holds the
+          metrics of the episode so far, `(num_agents,)` float32 each with equal entries, as JaxMARL's learners expect.
 
         Raises:
-          InputError: one line: agents that are not there, missing or surplus, or an action that is none of the space's.
+          InputError: an agent is missing or unknown, or an action is outside its space.
         """
         folded = jnp.stack(self._checked(actions)).astype(jnp.int32)
         obs, after, _, terminated, truncated, info = self._step_env(key, state, folded, self.params)
@@ -161,31 +161,31 @@ class NamedAgents:
         return self._by_name(self.env.get_obs(state, self.params))
 
     def get_avail_actions(self, state: EnvState) -> Named:
-        """Allowed actions `(num_actions,)` bool by agent; action 0 always is."""
+        """Allowed actions `(num_actions,)` bool by agent; action 0 is always allowed."""
         return self._by_name(self.env.action_mask(state, self.params))
 
     def world_state(self, state: EnvState) -> jax.Array:
-        """The whole road for a central critic, `(G,)` float32."""
+        """Observation of the whole road for a central critic, `(G,)` float32."""
         return self.env.global_state(state, self.params)
 
     def observation_space(self, agent: str) -> Any:
-        """A box of float32.
+        """The agent's box of float32.
 
         Raises:
-          InputError: no such agent.
+          InputError: the agent is unknown.
         """
         return self.observation_spaces[self._known(agent)]
 
     def action_space(self, agent: str) -> Any:
-        """Discrete.
+        """The agent's discrete space.
 
         Raises:
-          InputError: no such agent.
+          InputError: the agent is unknown.
         """
         return self.action_spaces[self._known(agent)]
 
     def _by_name(self, values: jax.Array) -> Named:
-        """Rows by agent."""
+        """Splits axis 0 into a dict by agent."""
         return {agent: values[index] for index, agent in enumerate(self.agents)}
 
     def _known(self, agent: Any) -> str:
@@ -200,7 +200,7 @@ class NamedAgents:
         """The actions, () each, in the order of the agents.
 
         Raises:
-          InputError: see `step_env`; values are looked at outside of jit only.
+          InputError: see `step_env`; values are checked only outside of jit.
         """
         if not isinstance(actions, Mapping):
             raise InputError(f"actions = {shown(actions)}: allowed an integer by agent")
@@ -219,22 +219,22 @@ class NamedAgents:
 
 
 def _as_array(given: Any) -> Any:
-    """An array of JAX as it is, anything else as one of NumPy, which takes all and cuts no number off."""
+    """Keeps JAX arrays and converts anything else with NumPy, which never truncates a number."""
     if isinstance(given, jax.Array):
         return given
     try:
         return np.asarray(given)
-    except Exception:  # lists of several lengths, or what a stranger's object raises
+    except Exception:  # ragged lists, or whatever a user's object raises
         return np.asarray(None)
 
 
 def _is_known(value: Any) -> bool:
-    """Whether it is a number already, and not one of a program that is being traced."""
+    """Whether value is concrete rather than traced."""
     return not isinstance(value, jax.core.Tracer)
 
 
 def _as_theirs(space: Box | Discrete) -> Any:
-    """The space, as JaxMARL's own where JaxMARL has been imported: its wrappers ask for their classes."""
+    """Converts the space to JaxMARL's class if JaxMARL is imported, since its wrappers check classes."""
     theirs = sys.modules.get("jaxmarl.environments.spaces")
     if theirs is None:
         return space

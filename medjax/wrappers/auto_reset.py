@@ -1,4 +1,4 @@
-"""Many copies of an environment, restarted within the step in which they finish."""
+"""A batch of environment copies, each reset in the step in which its episode ends."""
 
 import dataclasses
 from functools import partial
@@ -19,33 +19,33 @@ class BatchState:
     """State of `BatchAutoReset`."""
 
     env: Any  # states of the copies, every leaf (num_envs, ...)
-    # (num_envs,) int32, decisions until the first episode is cut short; 0: it is not
+    # (num_envs,) int32, decisions until the first episode is cut short; 0: no cut
     cut_in: jax.Array
 
 
 @dataclasses.dataclass(frozen=True)
 class BatchAutoReset:
-    """Copies of `env`, any number of them, with same-step auto-reset.
+    """Any number of copies of `env`, with same-step auto-reset.
 
-    A finished copy returns the first observation of its next episode; the last one of the episode that ended is in
-    `info["final_observation"]`, which is what a truncated episode must be bootstrapped from. Finished copies take
-    fresh states from a pool of `reset_pool_size`, drawn only in steps in which any copy finished, and drawn again
-    until all are served: the resets computed follow the episodes ended, not the number of copies.
+    A finished copy returns the first observation of its next episode; `info["final_observation"]` holds the last one of
+    the ended episode, from which a truncated episode must be bootstrapped. Fresh states are computed in pools of
+    `reset_pool_size`, as many pools as the finished copies need and none if no copy finished. The cost of resets thus
+    grows with the number of ended episodes, not of copies.
 
-    Each copy has a key of its own, so that it takes the same course beside any others, on any device
+    Each copy has its own key, so its course does not depend on the other copies or the device
     (`medjax.wrappers.on_devices`).
 
     Attributes:
         env: environment to copy.
-        reset_pool_size: resets that are computed together; 0 takes a 128th of the copies, at least 1.
-        stagger: cuts each copy's first episode after a random number of decisions in 1..stagger, so that copies with
-            episodes of one length do not all end together; 0 does not. A cut is an ordinary truncation, marked in
-            `info["cut_short"]` because such an episode says nothing about a whole one's return.
-        group: this many copies side by side begin the same episodes, as long as these end together: the same vehicles
-            come, and drivers' noise is each copy's own. The number of copies must be a multiple of it.
+        reset_pool_size: resets computed together; 0 takes a 128th of the copies, at least 1.
+        stagger: cuts each copy's first episode after a random number of decisions in 1..stagger, so that episodes of
+            equal length do not all end together; 0 disables it. A cut is an ordinary truncation, marked in
+            `info["cut_short"]` because its return is not that of a whole episode.
+        group: this many adjacent copies start the same episodes as long as their episodes end together: they share
+            arrivals, but each has its own driver noise. The number of copies must be a multiple of it.
 
     Raises:
-        InputError: a number out of its range.
+        InputError: a number is out of its range.
     """
 
     env: Environment
@@ -64,7 +64,7 @@ class BatchAutoReset:
         return self.env.num_actions
 
     def reset(self, keys: jax.Array, params: Params) -> tuple[Observation, BatchState]:
-        """Starts a copy for each of the keys `(num_envs,)`, with the same params; observations `(num_envs, ...)`."""
+        """Starts a copy for each key `(num_envs,)`, all with the same params; observations are `(num_envs, ...)`."""
         reset_keys, stagger_keys = split_each(self._shared(keys))
         obs, env_state = self._reset(reset_keys, params)
         cut_in = jnp.zeros(keys.shape, jnp.int32)
@@ -76,11 +76,11 @@ class BatchAutoReset:
     def step(
         self, keys: jax.Array, state: BatchState, actions: jax.Array, params: Params
     ) -> StepResult:
-        """One decision in every copy; keys `(num_envs,)`, actions `(num_envs,)` int32, params the same for all.
+        """Takes one decision in every copy; keys `(num_envs,)`, actions `(num_envs,)` int32, the same params for all.
 
         Returns:
-            obs, state, reward, terminated, truncated, info; every leaf `(num_envs, ...)`. Besides what the environment
-            reports, info holds `final_observation` (the observation before any reset) and `cut_short` (see `stagger`).
+            obs, state, reward, terminated, truncated, info; every leaf `(num_envs, ...)`. In addition to the
+            environment's info: `final_observation` (before any reset) and `cut_short` (see `stagger`).
         """
         step_keys, reset_keys = split_each(keys)
         step = jax.vmap(self.env.step_env, (0, 0, 0, None))
@@ -100,7 +100,7 @@ class BatchAutoReset:
         return jax.vmap(self.env.action_mask, (0, None))(state.env, params)
 
     def _shared(self, keys: jax.Array) -> jax.Array:
-        """For each of `keys` `(num_envs,)`, that of the first copy of its group."""
+        """Replaces each of `keys` `(num_envs,)` by the key of the first copy in its group."""
         if keys.shape[0] % self.group:
             raise InputError(
                 f"num_envs is {keys.shape[0]}, must be a multiple of group = {self.group}"
@@ -114,7 +114,7 @@ class BatchAutoReset:
     def _restart(
         self, keys: jax.Array, done: jax.Array, obs: Observation, state: State, params: Params
     ) -> tuple[Observation, State]:
-        """Puts an own fresh episode into every copy that is done; keys, done `(num_envs,)`."""
+        """Starts a new episode in every copy that is done; keys and done are `(num_envs,)`."""
         pool_size = min(done.shape[0], self.reset_pool_size or max(1, done.shape[0] // 128))
 
         def serve(_: jax.Array, rows: jax.Array, current: Any) -> Any:
@@ -125,6 +125,6 @@ class BatchAutoReset:
 
 
 def split_each(keys: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Two keys for each of `keys` `(num_envs,)`."""
+    """Splits each of `keys` `(num_envs,)` in two."""
     pairs = jax.vmap(jax.random.split)(keys)
     return pairs[:, 0], pairs[:, 1]

@@ -1,4 +1,4 @@
-"""Choices that stand for several decisions."""
+"""Choices that last for several decisions."""
 
 import dataclasses
 from typing import Any
@@ -15,9 +15,9 @@ from medjax.env.wrapper import Wrapper, whole_number_of
 class DecideEvery(Wrapper):
     """`env` for a policy that chooses at every `interval`-th decision; action 0 is taken in between.
 
-    A step is a choice and the decisions up to the next one, as in a semi-Markov decision process (Sutton, Precup and
-    Singh 1999): to wait then means to wait for the whole interval. Where waiting pays only if the next decisions wait
-    too, a policy that may change its mind at each of them gains next to nothing by it, and does not learn to wait.
+    A step covers a choice and all decisions up to the next one, as in a semi-Markov decision process (Sutton, Precup
+    and Singh 1999), so waiting means waiting for the whole interval. If waiting pays only over several decisions, a
+    policy that chooses at each of them sees almost no gain from a single wait, and does not learn to wait.
 
     Attributes:
         interval: decisions from one choice to the next, at least 1.
@@ -34,17 +34,18 @@ class DecideEvery(Wrapper):
 
     @property
     def decisions_per_step(self) -> int:
-        """Decisions of the highway from one choice to the next."""
+        """Highway decisions from one choice to the next."""
         return self.interval * self.env.decisions_per_step
 
     def step_env(
         self, key: jax.Array, state: State, action: jax.Array, params: Params
     ) -> StepResult:
-        """The action, then action 0, until the next choice or the end of the episode.
+        """Takes the action, then action 0 until the next choice or the end of the episode.
 
         Returns:
-            obs, state, reward, terminated, truncated, info of the last decision; but the reward and what of info adds
-            up are sums over all, and what a probe reports is of all, which after the end of an episode means nothing.
+            obs, state, reward, terminated, truncated, info of the last decision. The reward and the entries ADDED of
+            info are sums over all decisions. The probe's entries cover all decisions; after the end of an episode
+            they are meaningless.
         """
         action = jnp.asarray(action, jnp.int32)
         actions = jnp.zeros((self.interval, *action.shape), jnp.int32).at[0].set(action)
@@ -56,7 +57,7 @@ class DecideEvery(Wrapper):
         def decide(
             before: StepResult, step: tuple[jax.Array, jax.Array]
         ) -> tuple[StepResult, Info]:
-            """One decision; what is over stays as it is."""
+            """Takes one decision; a finished episode stays unchanged."""
             _, state, total, terminated, truncated, sums = before
             obs, state, reward, *ends, info = self.env.step_env(step[0], state, step[1], params)
             probed = _split(info)
@@ -72,10 +73,10 @@ class DecideEvery(Wrapper):
         return *last, info | joined
 
 
-ADDED = ("reward_terms", "tally", "rewards")  # of info: sums over decisions
-PROBED = ("begun", "ticks")  # of info: those of all, one after the other
+ADDED = ("reward_terms", "tally", "rewards")  # entries of info that are summed over decisions
+PROBED = ("begun", "ticks")  # entries of info that are concatenated over decisions
 
 
 def _split(info: Info) -> Info:
-    """What a probe reports, taken out of `info`."""
+    """Removes the probe's entries from `info` and returns them."""
     return {name: info.pop(name) for name in PROBED if name in info}

@@ -1,4 +1,4 @@
-"""Episodes of different demand, so that what is learned holds for more than one."""
+"""Random demand per episode, so that policies generalise over demand."""
 
 import dataclasses
 import math
@@ -14,8 +14,8 @@ from medjax.errors import InputError, shown
 from medjax.world.numbers import as_numbers
 from medjax.world.params import Scalar
 
-# Folded into the key of a reset, which goes on to the environment as it is: with a factor of 1 an episode
-# is the one that would have been without the wrapper.
+# Folded into the reset key to draw the factor. The environment gets the original key, so that a factor of 1
+# reproduces the episode without the wrapper.
 FACTOR = 0xDE3A4D
 
 
@@ -24,7 +24,7 @@ class RandomDemandState:
     """State of `RandomDemand`."""
 
     env: Any  # state of the environment
-    factor: jax.Array  # () float32, of the demand, the same for the whole episode
+    factor: jax.Array  # () float32, multiplies the demand for the whole episode
 
     @property
     def time(self) -> jax.Array:
@@ -33,7 +33,7 @@ class RandomDemandState:
 
 
 def scale_demand(params: Params, factor: Scalar) -> Params:
-    """`params`, with `demand` in them, with `factor` () times the vehicles asking to enter, at every entry alike."""
+    """Multiplies the demand in `params` by `factor` () at every entry."""
     flows = ("mainline_per_h", "ramp_per_h")
     scaled = {name: getattr(params.demand, name) * factor for name in flows}
     return params.replace(demand=params.demand.replace(**scaled))
@@ -41,12 +41,12 @@ def scale_demand(params: Params, factor: Scalar) -> Params:
 
 @dataclasses.dataclass(frozen=True)
 class RandomDemand(Wrapper):
-    """`env` with a demand that is drawn for each episode (domain randomisation, Tobin et al. 2017, arXiv:1703.06907).
+    """`env` with random demand per episode (domain randomisation, Tobin et al. 2017, arXiv:1703.06907).
 
-    A reset draws a factor, uniformly; the whole episode then has so many times the vehicles asking to enter that the
-    parameters say. All that reads the parameters sees the demand drawn, observations that forecast it included.
+    A reset draws a uniform factor that multiplies the demand for the whole episode. Everything that reads the
+    parameters, including observations that forecast demand, sees the drawn demand.
 
-    The road has the slots of its `EnvConfig` at any demand: who finds none free waits in the queue of an entry.
+    The number of vehicle slots stays that of `EnvConfig`: a vehicle without a free slot waits in its entry's queue.
 
     Attributes:
         low: smallest factor, at least 0.
@@ -67,15 +67,15 @@ class RandomDemand(Wrapper):
             raise InputError(f"{given}, must be at least 0 and ascending")
 
     def inner(self, state: RandomDemandState, params: Params) -> tuple[State, Params]:
-        """State of the environment, and the parameters at the demand of the episode (None stays None)."""
+        """State of the environment, and parameters with the episode's demand (None stays None)."""
         return state.env, None if params is None else scale_demand(params, state.factor)
 
     def outer(self, state: RandomDemandState, inner: State) -> RandomDemandState:
-        """The same demand to the end of the episode."""
+        """Keeps the factor until the end of the episode."""
         return RandomDemandState(inner, state.factor)
 
     def reset(self, key: jax.Array, params: Params) -> tuple[Observation, RandomDemandState]:
-        """Starts an episode of another demand."""
+        """Draws a demand and starts an episode with it."""
         own = jax.random.fold_in(key, FACTOR)
         factor = jax.random.uniform(own, (), jnp.float32, self.low, self.high)
         obs, state = self.env.reset(key, scale_demand(params, factor))

@@ -17,25 +17,22 @@ class EpisodeLogState:
     """State of `EpisodeLog`; every array is `(num_envs,)`."""
 
     env: Any  # state of the wrapped batch
-    episode_return: jax.Array  # float32, undiscounted sum of rewards of the running episode
-    episode_length: jax.Array  # int32, decisions of the running episode
-    episode_parts: dict[
-        str, jax.Array
-    ]  # float32, what each weighted term of the reward adds to the return
+    episode_return: jax.Array  # float32, undiscounted return of the running episode so far
+    episode_length: jax.Array  # int32, decisions of the running episode so far
+    episode_parts: dict[str, jax.Array]  # float32, return so far by weighted reward term
 
 
 @dataclasses.dataclass(frozen=True)
 class EpisodeLog:
     """Adds `info["episode"]` to a batch of environments.
 
-    `info["episode"]` holds, each `(num_envs,)`: `finished` (bool, an episode ended in this step), `complete` (bool, and
-    it was not cut short by staggering), and `return`, `length` and `metrics` (a dict) of the episode that the step
-    belongs to, up to and with this step: those of the whole episode where it `finished`. Among the metrics are
-    `reward_NAME`, what each weighted term of the reward adds to the return, for the terms that `params.reward_weights`
-    has.
+    It holds, each `(num_envs,)`: `finished` (bool, the episode ended in this step), `complete` (bool, it ended and was
+    not cut short by staggering), and `return`, `length` and `metrics` (a dict) of the step's episode up to and
+    including this step. The metrics include `reward_NAME`, the return by weighted reward term, for each term in
+    `params.reward_weights`.
 
     Raises:
-        InputError: `env` is no environment.
+        InputError: `env` is not an environment.
     """
 
     env: BatchAutoReset
@@ -58,7 +55,7 @@ class EpisodeLog:
     def step(
         self, keys: jax.Array, state: EpisodeLogState, actions: jax.Array, params: Params
     ) -> StepResult:
-        """One decision in every copy; see `BatchAutoReset.step`."""
+        """Takes one decision in every copy; see `BatchAutoReset.step`."""
         result = self.env.step(keys, state.env, actions, params)
         obs, env_state, reward, terminated, truncated, info = result
         done = terminated | truncated

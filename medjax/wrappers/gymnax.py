@@ -1,4 +1,4 @@
-"""An environment as gymnax's own wrappers and rollouts ask for it."""
+"""Adapter for gymnax's wrappers and rollouts."""
 
 from typing import Any
 
@@ -10,12 +10,13 @@ from medjax.env.wrapper import check_environment
 
 
 class GymnaxEnv:
-    """`env` with gymnax's spaces, which gymnax's wrappers tell by their classes, and with parameters that it knows.
+    """`env` with default params and gymnax's own space classes, which gymnax's wrappers check.
 
-    Its steps are those of `env`. To be put around all wrappers of medjax.
+    Apply it after all wrappers of medjax.
 
     Args:
-      env: a single environment; default_params: its parameters, where a call gives none.
+      env: a single environment.
+      default_params: its parameters, for calls that pass none.
     """
 
     def __init__(self, env: Any, default_params: Any) -> None:
@@ -24,7 +25,7 @@ class GymnaxEnv:
         self.default_params = default_params
 
     def __getattr__(self, name: str) -> Any:
-        if name == "env" or name.startswith("__"):  # a copy that is being made has none yet
+        if name == "env" or name.startswith("__"):  # during copying, `env` is not set yet
             raise AttributeError(name)
         return getattr(self.env, name)
 
@@ -39,7 +40,7 @@ class GymnaxEnv:
     def step(
         self, key: jax.Array, state: State, action: jax.Array, params: Params = None
     ) -> StepResult:
-        """One decision, and a reset in the same step when the episode ends."""
+        """Takes one decision and resets in the same step when the episode ends."""
         stepped: StepResult = self.env.step(key, state, action, self._params(params))
         return stepped
 

@@ -1,4 +1,4 @@
-"""The five-value step of gymnax before 1.0, for code that was written for it, as PureJaxRL was."""
+"""The five-value step of gymnax before 1.0, for code written for it, such as PureJaxRL."""
 
 import dataclasses
 
@@ -10,22 +10,21 @@ from medjax.env.wrapper import Wrapper
 
 @dataclasses.dataclass(frozen=True)
 class LegacyStep(Wrapper):
-    """`env` whose step returns one flag, `done`, for an episode that terminated or was truncated.
+    """`env` whose step returns one flag, `done`, for both termination and truncation.
 
-    What is lost: an episode of medjax ends by its time limit, and code that reads `done` takes the value of what comes
-    after it for 0, as if the road were empty then. That is right for a dispatcher that sees the time left, as both
-    observations of medjax show it (Pardo et al. 2018, arXiv:1712.00378, "time awareness"), and biased for one that
-    does not, or whose road goes on. To bootstrap all the same: `info["terminated"]` and `info["truncated"]` tell the
-    two ends apart, and `info["final_observation"]` is what the ended episode led to, where `done`; the observation
-    returned is then the first of the next episode.
+    Episodes of medjax end by a time limit, after which code that reads only `done` assumes a value of 0. That is
+    correct for a policy that observes the time left, as both observations of medjax provide (Pardo et al. 2018,
+    arXiv:1712.00378, "time awareness"), and biased otherwise. To bootstrap anyway, use `info["terminated"]` and
+    `info["truncated"]` to tell the two apart, and `info["final_observation"]` where `done`; the returned observation is
+    then the first of the next episode.
 
-    To be put around all other wrappers, which hand on the raw step only.
+    Apply it after all other wrappers, because they do not forward this `step`.
     """
 
     def step(  # type: ignore[override]
         self, key: jax.Array, state: State, action: jax.Array, params: Params
     ) -> tuple[Observation, State, jax.Array, jax.Array, Info]:
-        """One decision, and a reset in the same step when the episode ends.
+        """Takes one decision and resets in the same step when the episode ends.
 
         Returns:
             (observation (size,) float32, state, reward () float32, done () bool, info); see `step_with_reset`.

@@ -1,4 +1,4 @@
-"""PettingZoo's parallel API of `medjax.make_agents`, for what does not know JAX."""
+"""PettingZoo's parallel API for `medjax.make_agents`, for code without JAX."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from pettingzoo import ParallelEnv
 
 from medjax.wrappers.agents import NamedAgents
 
-# Its checkers take infinite bounds for a mistake; observations have none, and stay below some tens.
+# PettingZoo's checks reject infinite bounds. Observations are unbounded, but stay below about a hundred.
 BOUND = 1e6
 
 
 class ParallelAgents(ParallelEnv):  # type: ignore[misc]
-    """Named agents, with NumPy at the border; `infos` have an agent's `action_mask` and the episode's metrics so far.
+    """`NamedAgents` with NumPy arrays; `infos` hold each agent's `action_mask` and the episode's metrics so far.
 
-    An episode ends for all agents at once, by its time limit: a truncation.
+    The time limit truncates an episode for all agents at once.
 
     Args:
-      env: of `medjax.make_agents`.
+      env: from `medjax.make_agents`.
     """
 
     def __init__(self, env: NamedAgents) -> None:
@@ -40,17 +40,17 @@ class ParallelAgents(ParallelEnv):  # type: ignore[misc]
         self._state: Any = None
 
     def observation_space(self, agent: str) -> Box:
-        """That of every agent."""
+        """The space that all agents share."""
         return self._box
 
     def action_space(self, agent: str) -> Discrete:
-        """An agent's own, so that each samples for itself."""
+        """The agent's own space, so that agents sample independently."""
         return self._discrete[agent]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Starts an episode, that of the seed if there is one, else a new one; observations and infos by agent."""
+        """Starts the episode of the seed, or a new one without a seed; returns observations and infos by agent."""
         if seed is not None:
             self._key = jax.random.key(seed)
         self._key, key = jax.random.split(self._key)
@@ -59,14 +59,14 @@ class ParallelAgents(ParallelEnv):  # type: ignore[misc]
         return _own(obs), self._infos({})
 
     def step(self, actions: dict[str, Any]) -> tuple[dict[str, Any], ...]:
-        """One decision.
+        """Takes one decision.
 
         Returns:
           observations, rewards, terminations, truncations, infos, by agent
 
         Raises:
           gymnasium.error.ResetNeeded: no episode is under way.
-          InputError: as `NamedAgents.step_env`.
+          InputError: as in `NamedAgents.step_env`.
         """
         if self._state is None:
             raise ResetNeeded("step() without an episode under way: call reset() first")
@@ -90,10 +90,10 @@ class ParallelAgents(ParallelEnv):  # type: ignore[misc]
 
 @functools.partial(jax.jit, static_argnums=0)
 def _masks(env: NamedAgents, state: Any) -> dict[str, jax.Array]:
-    """Allowed actions by agent; a program of the module's, since one of an environment's would not pickle."""
+    """Allowed actions by agent; jitted at module level, since a compiled attribute would not pickle."""
     return env.get_avail_actions(state)
 
 
 def _own(obs: dict[str, jax.Array]) -> dict[str, np.ndarray]:
-    """Observations as the caller's, to keep or to change."""
+    """Copies observations to NumPy arrays that the caller may keep and modify."""
     return {agent: np.array(values) for agent, values in obs.items()}

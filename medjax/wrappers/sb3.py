@@ -1,4 +1,4 @@
-"""Many highways for Stable-Baselines3, in one compiled program; `make_vec_env` would step them one by one."""
+"""Many highways for Stable-Baselines3 in one compiled program; `make_vec_env` would step them one by one."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ Copies = int | Iterable[int] | None
 
 
 class ChargingVecEnv(VecEnv):  # type: ignore[misc]
-    """`ChargingVectorEnv` as a `VecEnv`, action masks for sb3-contrib included.
+    """`ChargingVectorEnv` as a `VecEnv`, with action masks for sb3-contrib.
 
-    Where an episode ended, the observation is the first of the next one, and the copy's info has its
-    "terminal_observation", "TimeLimit.truncated" and the episode's "metrics"; elsewhere infos are empty, since a dict
-    for each copy and step costs more than the step. `VecMonitor` counts returns and lengths.
+    When an episode ends, the observation is the first of the next one, and the copy's info holds
+    "terminal_observation", "TimeLimit.truncated" and the episode's "metrics". Otherwise infos are empty, since filling
+    a dict per copy and step would cost more than the step. `VecMonitor` records returns and lengths.
 
     Args:
       num_envs: copies, at least 1.
       **options: of `ChargingVectorEnv`.
 
     Raises:
-      InputError: as `ChargingVectorEnv`.
+      InputError: as in `ChargingVectorEnv`.
     """
 
     def __init__(self, num_envs: int, **options: Any) -> None:
@@ -36,18 +36,18 @@ class ChargingVecEnv(VecEnv):  # type: ignore[misc]
         super().__init__(num_envs, *spaces)
 
     def reset(self) -> np.ndarray:
-        """Starts an episode in every copy, those of the seeds if `seed` was called since the last one."""
+        """Starts an episode in every copy, with the seeds if `seed` was called since the last reset."""
         obs, _ = self.envs.reset(seed=self._seeds)
         self._reset_seeds()
         self._reset_options()
         return obs
 
     def step_async(self, actions: np.ndarray) -> None:
-        """What `step_wait` does."""
+        """Stores the actions for `step_wait`."""
         self.actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """One step in every copy: observations, rewards, whether the episode ended, and infos."""
+        """Steps every copy; returns observations, rewards, dones and infos."""
         obs, rewards, terminated, truncated, seen = self.envs.step(self.actions)
         done = terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -69,22 +69,22 @@ class ChargingVecEnv(VecEnv):  # type: ignore[misc]
         return self.envs.action_masks()
 
     def get_images(self) -> Sequence[np.ndarray]:
-        """The roads of all copies, `(H, W, 3)` uint8 each, with `render_mode="rgb_array"`."""
+        """Pictures of all copies, `(H, W, 3)` uint8 each, with `render_mode="rgb_array"`."""
         return self.envs.render() or ()
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Does nothing, since nothing is open."""
 
     def get_attr(self, attr_name: str, indices: Copies = None) -> list[Any]:
-        """An attribute of the copies, which have theirs in common."""
+        """An attribute, once for each copy; all copies share it."""
         value = getattr(self if attr_name == "action_masks" else self.envs, attr_name)
         return [value for _ in self._copies(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Copies = None) -> None:
-        """Sets it for all; copies have none of their own.
+        """Sets an attribute that all copies share.
 
         Raises:
-          InputError: for some of them.
+          InputError: indices select only some copies.
         """
         if len(self._copies(indices)) < self.num_envs:
             raise InputError(f"{attr_name}: copies share it, allowed: set for all of them")
@@ -93,12 +93,12 @@ class ChargingVecEnv(VecEnv):  # type: ignore[misc]
     def env_method(
         self, method_name: str, *args: Any, indices: Copies = None, **options: Any
     ) -> list[Any]:
-        """What a method of `ChargingVectorEnv` gives each copy, one entry a copy."""
+        """Calls a method of `ChargingVectorEnv`; returns its result for each copy."""
         given = getattr(self.envs, method_name)(*args, **options)
         return [given[copy] for copy in self._copies(indices)]
 
     def env_is_wrapped(self, wrapper_class: type, indices: Copies = None) -> list[bool]:
-        """None is wrapped by Gymnasium."""
+        """Always False: no copy has a Gymnasium wrapper."""
         return [False for _ in self._copies(indices)]
 
     def _copies(self, indices: Copies) -> Sequence[int]:

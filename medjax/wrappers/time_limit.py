@@ -1,4 +1,4 @@
-"""Time limits that a policy sees coming."""
+"""Time limits that a policy can observe."""
 
 import dataclasses
 
@@ -11,11 +11,10 @@ from medjax.env.wrapper import Wrapper
 
 @dataclasses.dataclass(frozen=True)
 class TimeLimitAsEnd(Wrapper):
-    """`env` whose episodes terminate where it truncates them.
+    """`env` with truncations turned into terminations.
 
-    For a learner whose policy sees the time left: nothing that it could do comes after the time limit, which is then
-    a part of its task (Pardo et al. 2018, arXiv:1712.00378). Cuts by `BatchAutoReset`, which nobody sees coming, stay
-    truncations.
+    For a learner whose policy observes the time left: the time limit is then part of the task, and nothing follows it
+    (Pardo et al. 2018, arXiv:1712.00378). Cuts by `BatchAutoReset`, which a policy cannot foresee, stay truncations.
     """
 
     def step_env(
