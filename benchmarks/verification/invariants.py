@@ -126,7 +126,7 @@ def stands_open(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Ar
     gap = jnp.min(jnp.where(ahead, rear, jnp.inf), axis=1) - vehicles.x
     evs, charging, slots = state.evs, params.charging, config.ev_slots
     powered = jnp.ones_like(vehicles.active).at[slots].set(~evs.is_depleted)
-    # Acceleration from standstill: the driver's, or for a booked EV the slot controller's at its slowest approach.
+    # Acceleration from standstill: the driver's, limited for a booked EV by the slot controller at its slowest.
     starts = params.drivers.max_acceleration[vehicles.kind]
     slowest = charging.slowest_share * params.fleet.service_speed
     booked = evs.med != NOT_BOOKED
