@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 def benchmark_parser(name: str, description: str | None) -> OneLineParser:
-    """The parser of `python -m benchmarks.NAME`, with `--json FILE`."""
+    """Parser of `python -m benchmarks.NAME` with `--json FILE`."""
     parser = OneLineParser(
         prog=f"python -m benchmarks.{name}",
         description=description,
@@ -39,18 +39,15 @@ def run_command(
     arguments: list[str] | None = None,
     plot: Callable[[Path, Any], None] | None = None,
 ) -> Any:
-    """Runs a command from its arguments to its output files.
+    """Runs a command and returns the result of `measure`.
 
     Bad input ends the process with one line and exit code 2, a signal with one line and 128 + signal.
 
     Args:
       parser: of `benchmark_parser`.
-      measure: measures, prints the results, and returns what `--json` writes; its InputError is bad input.
-      arguments: of the command; None uses those of the process.
-      plot: draws the results of `measure` to the PNG of `--plot`.
-
-    Returns:
-      The results of `measure`.
+      measure: measures, prints, and returns what `--json` writes; its InputError is bad input.
+      arguments: None uses those of the process.
+      plot: draws the result to the PNG of `--plot`.
     """
     results = []
 

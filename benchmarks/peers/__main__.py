@@ -1,8 +1,7 @@
 """`python -m benchmarks.peers`: compares the speed of medjax with other simulators on the same road.
 
-The figure is active vehicle updates per second: vehicles on the road, summed over ticks, per wall time, with all
-cores in use. Rounds alternate between the simulators, so that a slowdown of the machine affects all alike. Medians
-over rounds are compared.
+The figure is active vehicle updates per second: vehicles on the road, summed over ticks, per wall time on all cores.
+Rounds alternate between the simulators, so that a slowdown of the machine affects all alike; medians are compared.
 """
 
 import argparse
@@ -115,8 +114,8 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
         else:
             present.append(peer)
     env, params = medjax.make(SCENARIO)
-    # Like SUMO, medjax warms up for one episode and is timed over another. Parts of episodes would not do:
-    # MEDs enter over an episode, so its beginning holds fewer vehicles.
+    # As with SUMO, one episode is warm-up and another is timed. A part of an episode would not do, since MEDs
+    # enter over its course.
     decisions = int(params.episode_decisions)
     cores = cpu_cores()
     say(f"counting vehicles in {COUNTED_ROADS} roads of medjax")

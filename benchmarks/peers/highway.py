@@ -91,7 +91,7 @@ def _work(traffic: Traffic, seed: int) -> Rate:
 
 
 class HighwayEnv(Peer):
-    """highway-env's road physics, one process a core at the same time."""
+    """highway-env's road physics in one process per core."""
 
     name = "highway-env"
     package = "highway-env"

@@ -1,9 +1,9 @@
 """`python -m benchmarks.kernels`: time and worst error of the kernels of a tick.
 
-The kernels are the elliptic integrals, mutual inductance by its integral and by its table, the sort along the road, and
-the neighbour search. Each runs at the size that the preset has on `--roads` roads and is checked against a reference
-that shares no code with it. The plain alternatives to the sort and the neighbour search are timed as well. With few
-roads, times include a noticeable cost of launching a program.
+The kernels are the elliptic integrals, mutual inductance by integral and by table, the sort along the road, and the
+neighbour search. Each has the preset's size on `--roads` roads and is checked against a reference that shares no code
+with it. Plain alternatives to the sort and the neighbour search are timed too. With few roads, the cost of launching a
+program shows.
 """
 
 import argparse
@@ -42,7 +42,7 @@ except ImportError:  # `main` says what to install
     special = None
 
 SCENARIO = "paper"
-# The integral and its table guarantee no accuracy when the two wires are closer than this (see their docstrings).
+# With wires closer than this, the integral and its table guarantee no accuracy (their docstrings).
 INTEGRAL_GAP_M, TABLE_GAP_M = 0.05, 0.03
 CHECKED_PAIRS = 1000  # the reference takes two milliseconds per pair
 ALL_PAIRS_ROADS = 64  # enough, since its time per slot grows with the slots, not with the roads

@@ -97,13 +97,13 @@ def draw_traffic(config: EnvConfig, length_m: float, roads: int) -> Traffic:
     active = random.random(shape) < 0.75
     before = x - random.uniform(20.0, 30.0, shape) * config.tick_s
     lane = random.integers(0, config.num_lanes + 1, shape)
-    # A vehicle on an outermost lane can only straddle the line on its inner side.
+    # Outermost lanes have only an inner line.
     inwards = np.where(
         lane == 0, 1, np.where(lane == config.num_lanes, -1, random.choice([-1, 1], shape))
     )
     straddles = np.where(random.random(shape) < STRADDLING, inwards, 0)
     other = np.where(straddles == 0, NOWHERE, lane + straddles)
-    # In one tick all vehicles of a road look to the same side, except those that straddle a line.
+    # In a tick all vehicles of a road look to one side, except straddling ones.
     side = random.choice([-1, 1], (roads, 1))
     target = lane + np.where(straddles == 0, side, straddles)
     return Traffic(
@@ -117,7 +117,7 @@ def draw_traffic(config: EnvConfig, length_m: float, roads: int) -> Traffic:
 
 
 def road_order(x: np.ndarray, active: np.ndarray) -> np.ndarray:
-    """Slots from the rearmost to the foremost vehicle; ties are by slot, and inactive slots come last."""
+    """Slots from the rearmost to the foremost vehicle; ties by slot, inactive slots last."""
     return np.argsort(np.where(active, x, np.inf), axis=-1, kind="stable")
 
 

@@ -1,7 +1,7 @@
 """`python -m benchmarks.scaling`: whether the cost per vehicle stays constant as the workload grows.
 
-The command varies the number of environments, the number of vehicles on a road (longer roads at the same demand), and
-the number of devices (cores of a CPU). It also reports the cost of a reset and the memory of an environment.
+It varies the number of environments, of vehicles on a road (longer roads at the same demand), and of devices (on a CPU,
+cores). It also reports the cost of a reset and the memory of an environment.
 """
 
 import argparse
@@ -63,7 +63,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         return results
 
     def sized(num_envs: int, **changes: Any) -> Workload:
-        # The total number of decisions is about constant, so that all measurements take about as long.
+        # A constant total of decisions makes all measurements take about as long.
         return Workload(num_envs, max(4, 50 * most // num_envs), scenario=scenario, **changes)
 
     tables = {"envs": compare("over environments", "environments", {n: sized(n) for n in ENVS})}

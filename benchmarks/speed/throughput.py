@@ -25,7 +25,7 @@ def show(result: Measurement) -> None:
 
 
 def show_stages(times: dict[str, float]) -> None:
-    """Prints each stage's share of the time that all cores spent in operations."""
+    """Prints each stage's share of the time of all cores."""
     total = sum(times.values())
     print("\nstage                 share")
     for name, seconds in sorted(times.items(), key=lambda item: -item[1]):
@@ -37,7 +37,7 @@ def cases_of(options: argparse.Namespace) -> list[tuple[int, dict[str, Any]]]:
     if options.sweep == "envs":
         return [(num_envs, {}) for num_envs in ENVS]
     if options.sweep == "vehicles":
-        # The total number of vehicles is about constant, so that only the length of a road differs.
+        # With a constant total of vehicles only the length of a road differs.
         most, scenario = options.num_envs[0] * VEHICLES[0], options.scenario
         return [(max(1, most // count), road_for(count, scenario)) for count in VEHICLES]
     return [(num_envs, {}) for num_envs in options.num_envs]

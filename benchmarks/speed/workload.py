@@ -15,7 +15,7 @@ from medjax.numerics.memory import check_memory, tree_bytes
 from medjax.scenarios import prepare
 from medjax.wrappers import BatchAutoReset, environment_mesh, on_devices
 
-# Approximate number of vehicles on the road of the presets in SCALED, and the sizes of sweeps.
+# Approximate number of vehicles on the road of SCALED presets, and the sizes of sweeps.
 PRESET_VEHICLES = 140
 SCALED = ("paper", "realistic")
 ENVS = (64, 256, 1024, 4096, 8192)

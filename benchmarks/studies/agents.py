@@ -1,8 +1,8 @@
 """`python -m benchmarks.agents`: how agents act, from a policy's file (`policy.zip` of a run with `--agents`).
 
-The command plays whole episodes and looks at every decision of MEDs in service. It reports the commanded speed by the
-distance to the nearest requesting EV, ahead or behind. It also reports how often an agent accepts the EV that it would
-be granted, by the energy that this EV lacks to reach its destination.
+Over whole episodes and all decisions of MEDs in service, it reports the commanded speed by the distance to the nearest
+requesting EV, ahead or behind. It also reports how often an agent accepts the EV that it would be granted, by the
+energy that this EV lacks to reach its destination.
 """
 
 import argparse
@@ -33,16 +33,12 @@ from train.evaluation.tables import format_rows
 from train.reporting.figures import new_figure, save
 
 VIEW_M = 400.0
-GAPS_M = np.linspace(
-    -VIEW_M, VIEW_M, 17
-)  # edges of bins; one more bin is for decisions without a requesting EV
-LACKS = np.array(
-    [0.0, 0.05, 0.1, 0.15, 0.2, 0.3]
-)  # packs, edges of bins; an EV below the first lacks nothing
+GAPS_M = np.linspace(-VIEW_M, VIEW_M, 17)  # edges of bins; the last bin is for no requesting EV
+LACKS = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3])  # packs, edges; below the first: lacks nothing
 
 
 class Seen(struct.PyTreeNode):
-    """Sums over decisions of MEDs in service, by bin of distance (gaps) or of lacking energy (lacks)."""
+    """Sums over decisions of MEDs in service, by bin."""
 
     decisions: jax.Array  # (gaps,)
     told_m_per_s: jax.Array  # (gaps,)
@@ -162,7 +158,7 @@ def draw(path: Path, result: dict[str, Any]) -> None:
     gaps, told = np.array(result["gap_m"]), np.array(result["told_m_per_s"])
     speed.plot(gaps[there], told[:-1][there], "o-", color="#00796b", label="an EV asks")
     speed.axhline(told[-1], color="#e65100", linestyle="--", label="nobody asks")
-    # The axis spans all speeds that can be told, so that small differences look small.
+    # The axis spans all speeds, so that small differences look small.
     speed.set(ylim=(min(result["speeds"]) - 1.0, max(result["speeds"]) + 1.0))
     speed.set(xlabel="way to the nearest EV that asks, m", ylabel="told speed, m/s")
     speed.legend(frameon=False)

@@ -159,7 +159,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Prints the tables.
 
     Raises:
-        InputError: of `load_runs`.
+        InputError: as in `load_runs`.
     """
     enable_compilation_cache()
     runs, on_other = load_runs([Path(os.path.abspath(given)) for given in options.run_dir])

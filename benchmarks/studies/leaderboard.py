@@ -1,9 +1,9 @@
 """Compares policies on the fixed episodes of a leaderboard.
 
-The command prints the board. `--add NAME --policy P` plays all of its episodes with a policy, writes the new row into
-the file and prints the board. A row keeps the return of every episode, so that later policies are compared with it on
-the same episodes. The file holds the seed of these episodes; no policy may be trained on them. For the project's own
-board the command also writes the means that the player shows (`medjax.render.story.known_evaluation`).
+The command prints the board. `--add NAME --policy P` first plays all of its episodes with a policy and writes the new
+row into the file. A row keeps the return of every episode, so that later policies are compared on the same episodes.
+The file holds their seed; no policy may be trained on them. For the project's own board the command also writes the
+means that the player shows (`medjax.render.story.known_evaluation`).
 
     python -m benchmarks.leaderboard
     python -m benchmarks.leaderboard --add mine --policy runs/mine/policy.zip --about "PPO, 1.5 M decisions"

@@ -1,8 +1,8 @@
 """`python -m benchmarks.motion`: what MEDs could gain by other rules of motion, before anything is learned.
 
-A rule dispatches MEDs, and in service each MED follows a rule of motion. All rules of motion play the same episodes and
-are compared with the default: keep the fleet's speed and lane, accept every request, and drive to the end of the trip.
-Decisions are those of `medjax.make_agents`.
+A rule dispatches MEDs, and in service they follow a rule of motion. It is compared on the same episodes with the
+default: keep the fleet's speed and lane, accept every request, drive to the end of the trip. Decisions are those of
+`medjax.make_agents`.
 """
 
 import argparse
@@ -63,7 +63,7 @@ def _at(speed: float, accept: int = 1) -> Motion:
 
 
 def _towards(per_s: float) -> Motion:
-    """The fleet's speed plus `per_s` (1/s) times the distance to the nearest requesting EV, negative behind."""
+    """The fleet's speed plus `per_s`, 1/s, of the distance to the nearest requesting EV, negative behind."""
 
     def move(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
         config, usual = agents.env.config, _usual(agents, state, params)
@@ -224,7 +224,7 @@ def play(options: argparse.Namespace) -> dict[str, Scores]:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Prints one row per rule of motion: means, and its return minus that of the default."""
+    """Prints a row per rule of motion: means, and return minus the default's."""
     played = play(options)
     rows: list[dict[str, Any]] = []
     for name, score in played.items():

@@ -10,7 +10,7 @@ Castanon 1999).
 It would take hundreds of whole episodes to show the gain. The command instead sums the advantage of each choice over
 the policy's along the planner's episodes. The difference of two policies' returns is the expected sum of the one's
 advantages over the other at the states that the one visits (performance difference lemma, Kakade and Langford 2002).
-Each advantage is measured in further futures that did not select the choice, so that luck in selection does not count.
+Each advantage is measured in further futures, which did not select the choice, so luck does not count.
 """
 
 import argparse

@@ -1,9 +1,9 @@
 """`python -m benchmarks.tune`: finds the best settings of the rules that have any.
 
-The rules that PPO has to beat should be as good as their kind can be. `medjax.policies.paced` is played with every
-interval and ramp, and `medjax.policies.forecast` with every window and threshold. All play the same episodes, whose
-seed no evaluation uses by default. `medjax.policies.budgeted` has too many numbers for a grid. It starts as `forecast`
-and climbs the surface of its returns (`benchmarks.studies.response`), on new episodes in every round. The last line
+The rules that PPO has to beat should be as good as they can be. `medjax.policies.paced` is played with every interval
+and ramp, `medjax.policies.forecast` with every window and threshold. All play the same episodes, whose seed no
+evaluation uses by default. `medjax.policies.budgeted` has too many numbers for a grid. It starts as `forecast` and
+climbs the surface of its returns (`benchmarks.studies.response`), on new episodes in every round. The last line
 compares it with `forecast` on the episodes of the grids.
 """
 
@@ -67,7 +67,7 @@ def play_grid(env: Environment, params: Any, rule: str, options: argparse.Namesp
 
 
 def climb(env: Environment, params: Any, options: argparse.Namespace) -> Any:
-    """Tunes `budgeted`; prints the numbers after every round, and the final gain on `forecast`."""
+    """Tunes `budgeted`; prints its numbers after every round and the gain on `forecast`."""
     responses = Responses(env, params, budgeted(env), GROUP * options.groups)
     numbers, spread = responses.numbers_of(AS_FORECAST), responses.numbers_of(SPREAD)
     rng, rounds = np.random.default_rng(options.seed), []

@@ -7,9 +7,8 @@ The command reports:
 - the share of the returns' variance that is due to demand;
 - the correlation of two policies' returns over episodes, and over noise streams at one demand;
 - relief: the return, with one depleted EV's penalty refunded for each EV that arrives without enough charge for its
-  trip. Potential-based shaping by that need sums to the same over an episode (Ng, Harada and Russell 1999), with the
-  contribution of arrivals taken out (Mao et al. 2018, arXiv:1807.02264). Beside it stands the spread that remains with
-  the best weight by least squares.
+  trip. Potential-based shaping by that need sums to the same over an episode (Ng, Harada and Russell 1999; arrivals
+  taken out as in Mao et al. 2018, arXiv:1807.02264). Beside it stands the spread with the best weight by least squares.
 """
 
 import argparse
@@ -157,7 +156,7 @@ def _shown(found: Mapping[str, Any]) -> str:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Prints the results of each policy, and of pairs of policies."""
+    """Prints the results of policies and of pairs."""
     env, params = make()
     policies = {PRETRAINED: pretrained(env)} | {name: BASELINES[name](env) for name in RULES}
     sizes, seed = (options.demands, options.streams), options.seed

@@ -18,7 +18,7 @@ BOUND = {
     "fleet": ("size", "service_lane"),
     "charging": ("request_soc", "target_soc", "depleted_blocks"),
 }
-# Groups of driving behaviour depend on each other, so they are strange together; any other group is strange by itself.
+# Groups of driving behaviour are strange together, other groups independently.
 DRIVING = ("drivers", "motion", "lane_change")
 ORDERS = 4.0  # orders of magnitude to cover below the upper end of a range from 0
 VAST = 1e9  # largest finite number drawn where infinity is allowed
@@ -27,8 +27,7 @@ VAST = 1e9  # largest finite number drawn where infinity is allowed
 def with_anything(draw: Draw, params: EnvParams) -> EnvParams:
     """Replaces some groups of numbers by any allowed ones in half of the worlds.
 
-    Orders of magnitude are equally likely. Drivers, motion and lane changes count as one group, and so does
-    `battery_scale` by itself.
+    Orders of magnitude are equally likely. DRIVING counts as one group, and `battery_scale` as another.
     """
     strange, driving = draw(0.0, 1.0) < 0.5, draw(0.0, 1.0) < 0.5
 
@@ -47,7 +46,7 @@ def with_anything(draw: Draw, params: EnvParams) -> EnvParams:
         changed[group] = member.replace(**drawn)
     any_scale = any_of(draw, OTHERS["battery_scale"])
     changed["battery_scale"] = in_worlds(anyhow("battery_scale"), any_scale, params.battery_scale)
-    # A vehicle from a ramp must be able to stop at the end of its acceleration lane.
+    # Vehicles from a ramp must be able to stop within the acceleration lane.
     most = 0.999 * np.sqrt(2.0 * changed["motion"].max_braking * params.road.acceleration_lane_m)
     changed["demand"] = changed["demand"].replace(
         ramp_speed=np.minimum(changed["demand"].ramp_speed, most)

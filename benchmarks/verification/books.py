@@ -73,7 +73,7 @@ def entry_books(before: EnvState, begun: EnvState, length_m: Any) -> Books:
 
 
 def ways_home(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Energy of each MED's trip from where it left the road to its depot, (M,) J, at steady speed on the level."""
+    """Energy of each MED's trip from the road to its depot, (M,) J, at steady speed on the level."""
     if config.num_depots == 1:
         return jnp.zeros((config.num_meds,))
     speed, slots = params.fleet.return_speed, config.med_slots
@@ -112,7 +112,7 @@ def tick_books(
     bound = (new.destination[:, None] == params.road.exit_x_m).any(axis=1)[config.ev_slots]
     travelled = jnp.where(old.active, new.x - old.x, 0.0)
     soc = evs.energy_j / params.ev_capacity_j
-    # A vehicle that leaves in a tick still counts as present during it.
+    # A vehicle that leaves counts in its last tick.
     there, gas = sums_by_class(old.active, config), jnp.array(GAS_KINDS)
     distance = sums_by_class(travelled, config)
     lost = jnp.where(old.active, dt - travelled / old.desired_speed, 0.0)

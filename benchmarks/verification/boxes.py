@@ -21,13 +21,11 @@ DEEP_M = 0.1  # along and across; a smaller overlap is rounding or a mirror
 def overlapping(x: Any, lateral: Any, length: Any, width: Any, there: Any) -> Any:
     """Pairs of boxes that overlap by at least DEEP_M along and across, `(..., N, N)` bool, each pair once.
 
-    All arrays are NumPy's or all are JAX's, and all have one shape.
-
     Args:
-      x: (..., N) m, front bumpers.
+      x: (..., N) m, front bumpers; arrays are all NumPy's or all JAX's.
       lateral: (..., N) m, centres, from any origin.
       length, width: (..., N) m.
-      there: (..., N) bool, whether a slot holds a vehicle.
+      there: (..., N) bool, occupied slots.
     """
     middle = x - 0.5 * length
     deep = (

@@ -61,7 +61,7 @@ def random_action(key: jax.Array, mask: jax.Array, wild: jax.Array) -> jax.Array
 def told(
     key: jax.Array, index: Any, state: EnvState, config: EnvConfig, params: EnvParams
 ) -> EnvState:
-    """The state that a decision starts from; in every other pair of environments MEDs get random orders as agents."""
+    """The state that a decision starts from; in every other pair of environments MEDs get random orders."""
     ordered = told_at_random(jax.random.fold_in(key, 1), state, config, params)
     agents = index % 4 >= 2
     return jax.tree.map(lambda new, old: jnp.where(agents, new, old), ordered, state)
@@ -73,7 +73,7 @@ def environment_keys(key: jax.Array, index: Any) -> jax.Array:
 
 
 def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
-    """Returns a program `(params, key, decisions)` to `Played`, which plays and checks the start of an episode.
+    """A program `(params, key, decisions)` to `Played` that plays and checks the start of an episode.
 
     Args of the program:
       params: NumPy leaves (B, ...), except the coils' table, which all environments share.
@@ -215,11 +215,11 @@ def violations_of(case: Case, episode: int, played: Played) -> list[Violation]:
 
 
 def run_case(case: Case, updates: float) -> Iterator[tuple[int, list[Violation]]]:
-    """Plays episodes of a case until it reaches this many updates; yields updates and violations of each."""
+    """Plays episodes of a case up to this many updates; yields updates and violations of each."""
     done, episode = 0, 0
     while done < updates:
         played = case.play(episode)
         moved = int(played.updates.sum(dtype=np.int64))
         yield moved, violations_of(case, episode, played)
-        # A case without demand and MEDs moves nobody; the floor ends its loop.
+        # The floor ends cases without demand and MEDs, which move nobody.
         done, episode = done + max(moved, case.num_envs), episode + 1

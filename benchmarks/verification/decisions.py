@@ -66,7 +66,7 @@ def check_decision(decision: Decision, config: EnvConfig, params: EnvParams) -> 
 
 
 def with_means(books: Books, last: EnvState, config: EnvConfig, params: EnvParams) -> Books:
-    """Adds a round's part of the time integrals of EVs' mean charge, taken at its last state, and mean speed."""
+    """Adds a round's time integrals of EVs' mean charge, by its last state, and mean speed."""
     on_road = last.vehicles.active[config.ev_slots]
     charge = jnp.where(on_road, last.evs.energy_j / params.ev_capacity_j, 0.0)
     soc = jnp.sum(charge) / jnp.maximum(jnp.sum(on_road), 1)
@@ -106,7 +106,7 @@ def check_closing(
 
 
 def differs(ours: jax.Array, theirs: jax.Array, scale: Any = 0.0) -> jax.Array:
-    """Whether two numbers differ by more than rounding, relative to the larger one or to `scale`."""
+    """Whether numbers differ by more than rounding, relative to the larger one or to `scale`."""
     most = jnp.maximum(jnp.maximum(jnp.abs(ours), jnp.abs(theirs)), scale)
     return ~(jnp.abs(ours - theirs) <= ROUNDING * most)
 
@@ -132,8 +132,8 @@ def tally_mistakes(
     """Flags where the tally, the reward or the number of vehicles differs from the books, by invariant and name."""
     tally, way = decision.info["tally"], resolved_way(books, config, params)
     scales = {name: way if name.endswith("_m") else 1e-3 for name in Books.__dataclass_fields__}
-    # Delays are small differences of times on the road, so they are only as exact as those. Desired speeds are at
-    # least 1 m/s, so an error in distance gives at most that error in time.
+    # Delays are small differences, only as exact as the times on the road. Desired speeds of at least 1 m/s turn an
+    # error in distance into at most that error in time.
     ticks = books.vehicle_ticks + jnp.sum(books.left)  # leavers were there, too
     scales |= dict.fromkeys(("ev_delay_s", "gas_delay_s"), ticks * config.tick_s + way)
     counted = {

@@ -115,8 +115,8 @@ class Held(NamedTuple):
 
     lost: Flow
     slack: jax.Array  # J, error bound
-    less: jax.Array  # bool, driving may have taken less than the formula says
-    more: jax.Array  # bool, driving may have taken more than the formula says
+    less: jax.Array  # bool, driving may have taken less than by the formula
+    more: jax.Array  # bool, driving may have taken more
 
 
 def _held(driven: tuple[jax.Array, jax.Array], held: Held) -> Flow:

@@ -90,8 +90,7 @@ def rollout(env: Any, decisions: int) -> Callable[[Any, int], dict[str, np.ndarr
     """A program that plays random allowed actions in environments side by side.
 
     Returns:
-      A function of `(params, num_envs)` that returns arrays by name, (num_envs, decisions, ...) each: the results of
-      `step`, and STATE after it.
+      `(params, num_envs)` to arrays by name, (num_envs, decisions, ...) each: results of `step`, and STATE after it.
     """
 
     def one(key: jax.Array, params: Any) -> dict[str, jax.Array]:
@@ -203,7 +202,7 @@ def _how(a: np.ndarray, b: np.ndarray) -> str:
 
 
 def numbers() -> dict[str, Any]:
-    """Of SHORT: rewards of all decisions, metrics and state after the last; of who is on the road only."""
+    """Of SHORT: rewards of all decisions, and metrics and state after the last, for vehicles on the road."""
     found = {}
     for world, (preset, decisions, overrides) in SHORT.items():
         env, params = medjax.make(preset, **overrides)

@@ -92,7 +92,7 @@ def _road(road: Roadway, params: EnvParams) -> dict[str, Any]:
 
 
 def _add_frames(packer: Packer, timeline: Timeline) -> None:
-    """Adds what changes from frame to frame, each `(slots, F)`; empty slots are 0."""
+    """Adds values per frame, `(slots, F)` each; empty slots are 0."""
     frames, road = timeline.recording.frames, timeline.roadway
     active = np.asarray(frames.active)
     y = lateral_position(frames.lane, frames.lateral_offset, road.lane_width_m)
@@ -114,7 +114,7 @@ def _add_frames(packer: Packer, timeline: Timeline) -> None:
 
 
 def _add_decisions(packer: Packer, recording: Recording) -> None:
-    """Adds what changes from decision to decision, each `(rows, T)`."""
+    """Adds values per decision, `(rows, T)` each."""
     decisions = recording.decisions
     packer.add("action", decisions.action[None])
     packer.add("sent", decisions.sent[None])

@@ -12,8 +12,8 @@ Box = tuple[float, float, float, float]  # px: left, top, right, bottom
 SIZE = (1280, 480)  # px, default width and height
 SMALLEST = (160, 120)  # px; below this not even the clock fits
 LARGEST = 8192  # px
-SPAN_M = (120.0, 400.0)  # default range of the length of road in the camera's view
-EXAGGERATION = 1.6  # of the lateral scale in the camera's view, where there is room
+SPAN_M = (120.0, 400.0)  # default limits of the camera's stretch
+EXAGGERATION = 1.6  # of the camera's lateral scale, where there is room
 
 
 def check_size(width: int, height: int) -> None:
@@ -30,7 +30,7 @@ def font_size(width: int, height: int) -> int:
 
 @dataclasses.dataclass(frozen=True)
 class View:
-    """A window onto the road, which maps metres to pixels."""
+    """A window onto the road: metres to pixels."""
 
     box: Box
     start_m: float  # along the road, at the left edge
@@ -87,7 +87,7 @@ class Layout:
         return View(box, 0.0, road.length_m, top_m, (bottom - top) / height_m)
 
     def camera_view(self, road: Roadway, center_m: float, span_m: float | None) -> View:
-        """View of a stretch around `center_m`, shifted to stay on the road, with room for a line of text below."""
+        """View of a stretch around `center_m`, kept on the road, with room for a line of text below."""
         left, top, right, bottom = self.camera
         top, bottom = top + 0.6 * self.font, bottom - 1.8 * self.font
         top_m, height_m = _across(road)
@@ -95,7 +95,7 @@ class Layout:
         if span_m is None:
             span_m = min(max((right - left) / per_m * EXAGGERATION, SPAN_M[0]), SPAN_M[1])
         span_m = min(span_m, road.length_m)
-        # Limits the lateral scale, or a tall picture of a short stretch would draw cars as towers.
+        # Otherwise a tall picture of a short stretch would draw cars as towers.
         limit = 3.0 * (right - left) / span_m
         if per_m > limit:
             spare = (per_m - limit) * height_m

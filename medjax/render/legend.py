@@ -1,4 +1,4 @@
-"""The legend of colours and lines, and the header with its clock and counters."""
+"""The legend, and the header with its clock and counters."""
 
 from itertools import pairwise
 
@@ -72,7 +72,7 @@ def _symbol(canvas: Canvas, name: str, x: float, y: float, width: float, font: i
 
 
 def link(canvas: Canvas, ends: Points, font: int, *, charges: bool) -> None:
-    """Draws the line between a MED and an EV: solid if it charges, dashed if it is booked."""
+    """Draws the line from a MED to an EV, dashed unless it charges."""
     if charges:
         canvas.line(ends, colors.PAPER, 0.5 * font)
         canvas.line(ends, colors.LINK, 0.28 * font)

@@ -40,7 +40,7 @@ class Packer:
             raise InputError(f"{name} holds {most:g}: allowed {2**31 * step:g}")
         whole = np.where(np.isnan(steps), MISSING, steps).astype(np.int64).astype(np.int32)
         for _ in range(order):
-            whole = np.diff(whole, axis=1, prepend=np.int32(0))  # may overflow; so does the sum
+            whole = np.diff(whole, axis=1, prepend=np.int32(0))  # sums wrap around, too
         signed = whole.ravel()
         folded = ((signed << 1) ^ (signed >> 31)).astype("<u4")  # zigzag: small for either sign
         self._planes.append(folded.view(np.uint8).reshape(-1, 4).T.tobytes())

@@ -16,7 +16,7 @@ class Roadway:
     """Geometry of the road and of vehicles."""
 
     length_m: float
-    num_lanes: int  # without acceleration lanes, which have the index num_lanes
+    num_lanes: int  # without acceleration lanes, whose index is num_lanes
     lane_width_m: float
     ramp_x_m: tuple[float, ...]  # where each acceleration lane starts
     acceleration_lane_m: float

@@ -1,4 +1,4 @@
-"""The player's texts: what the policies are and how the episode ends. Also the time at which it opens."""
+"""The player's texts on policies and the episode's end, and the time at which it opens."""
 
 import json
 import re
@@ -46,7 +46,7 @@ def first_charge_s(recordings: Sequence[Recording]) -> float:
 
 
 def verdict(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
-    """Rows that compare whole episodes; `better` is 1 if more is better, -1 if less is, and 0 if neither."""
+    """Rows that compare whole episodes; `better` is 1 if more is better, -1 if less, 0 if neither."""
     found = [_metrics(each) for each in recordings]
     return [
         {
@@ -99,7 +99,7 @@ def own_evaluation(path: Path, scenario: str, policy: str) -> dict[str, Any] | N
     """A run's closing evaluation; None if there is none for this scenario and policy."""
     try:
         found = read_evaluation(path)
-    except InputError:  # not an error, since the user did not name this file
+    except InputError:  # no error: the user did not name this file
         return None
     return found if found["scenario"] == scenario and policy in found["policies"] else None
 

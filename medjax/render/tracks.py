@@ -42,10 +42,10 @@ def class_of(slot: int, config: EnvConfig) -> str:
 
 
 def tracks_of(recording: Recording) -> list[Track]:
-    """All vehicles in the order of entry; those that enter together are in the order of their slots."""
+    """All vehicles in the order of entry, and by slot among those that enter together."""
     ids = recording.vehicle_ids()
     frames, slots = np.nonzero(ids >= 0)
-    # Frames ascend, and a vehicle keeps its slot without gaps, so its count is the length of its stay.
+    # Frames ascend, and a vehicle keeps its slot without gaps, so the count is its stay.
     _, entry, stay = np.unique(ids[frames, slots], return_index=True, return_counts=True)
     seen: Counter[str] = Counter()
     tracks = []
@@ -61,7 +61,7 @@ def ran_out(recording: Recording) -> list[RanOut]:
     frames, slots = recording.frames, recording.config.ev_slots
     empty = np.asarray(frames.active)[:, slots] & (np.asarray(frames.ev_soc) <= 0.0)
     change = np.diff(empty, axis=0, prepend=False, append=False)
-    # An empty EV never recovers, so in each slot the changes alternate between running out and leaving.
+    # An empty EV stays empty, so changes in a slot alternate between running out and leaving.
     ev, frame = np.nonzero(change.T)
     stops = zip(ev[::2].tolist(), frame[::2].tolist(), frame[1::2].tolist(), strict=True)
     found = [

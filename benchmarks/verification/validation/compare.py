@@ -1,8 +1,8 @@
 """`python -m benchmarks.validation`: compares traffic of medjax and SUMO on the same road with published ranges.
 
-The road is that of `paper`, under demands from free flow to overload and one that rises until traffic breaks down. The
-same functions measure the trajectories of both simulators. Each figure stands with its 95 % interval over episodes
-beside the range that it should lie in, and the range's source.
+Demands on the road of `paper` range from free flow to overload, and one rises until traffic breaks down. The same
+functions measure both simulators' trajectories. Each figure, with its 95 % interval over episodes, stands beside the
+range that it should lie in and its source.
 """
 
 from __future__ import annotations

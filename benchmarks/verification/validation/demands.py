@@ -16,8 +16,7 @@ from medjax.world.params import EnvConfig, EnvParams
 
 WARM_UP_MINUTES = 5  # until the road has filled and the transient is over
 
-# The same for all demands, which then share one program: compiling takes longer than playing. Queues hold some 80
-# vehicles per km and lane.
+# All demands share one program, since compiling takes longer than playing. Queues hold some 80 vehicles/km/lane.
 SLOTS = 1400
 
 

@@ -30,13 +30,11 @@ def _probe(state: EnvState) -> dict[str, jax.Array]:
     return seen | {name: seen[name].astype(jnp.int8) for name in ("lane", "kind")}
 
 
-@functools.lru_cache(maxsize=2)  # all demands of a car-following model share a program
+@functools.lru_cache(maxsize=2)  # demands share one
 def program(env: ChargingEnv, policy: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Compiled functions that start episodes and play them for a minute.
+    """Functions that start episodes, `(keys, params)`, and play a minute, `(episodes, its number, params)`.
 
-    Returns:
-      `(keys, params)` to episodes, and `(episodes, number of the minute, params)` to episodes and ticks, which are
-      `(decisions, episodes, ticks, N)` by the names of SEEN.
+    The latter returns (episodes, ticks); ticks are `(decisions, episodes, ticks, N)` by the names of SEEN.
     """
     player = Player(env.with_probe(_probe), [medjax.BASELINES[policy](env)])
     decisions = round(60.0 / env.config.decision_s)
@@ -52,8 +50,8 @@ def program(env: ChargingEnv, policy: str) -> tuple[Callable[..., Any], Callable
         def decide(playing: Episodes, index: jax.Array) -> tuple[Episodes, Any]:
             playing, made = player.decide(playing, index, weights, params)
             begun, ticks = made.info["begun"], made.info["ticks"]
-            # A new vehicle must first be seen where it entered, since its first tick may end in another lane. So each
-            # round is recorded from its start; the state after its last tick starts the next round.
+            # A new vehicle must first be seen where it entered, since its first tick may end in another lane. So
+            # rounds are recorded from their start; the state after the last tick starts the next one.
             return playing, jax.tree.map(joined, begun, ticks)
 
         return jax.lax.scan(decide, playing, number * decisions + jnp.arange(decisions))
@@ -69,8 +67,7 @@ def trajectories(
     Args:
       env: the highway, with enough slots for the queues.
       schedule: of every episode.
-      episodes: number of episodes.
-      seed: of the episodes.
+      episodes, seed: how many, and which.
       policy: a name in `medjax.BASELINES`.
     """
     params_at = schedule.params_at
@@ -105,7 +102,7 @@ def of_slots(
     rows = np.nonzero(by_slot["active"])
     slot, tick = (each.astype(np.int32) for each in rows)
     x, lane = by_slot["x"][rows].astype(float), by_slot["lane"][rows].astype(np.int32)
-    # A jump in position shows that a slot was refilled at once: no vehicle reverses or drives that far in a tick.
+    # A jump shows that a slot was refilled at once: no vehicle reverses or drives that far in a tick.
     new = (np.diff(slot) != 0) | (np.diff(tick) != 1)
     new |= (np.diff(x) < -1.0) | (np.diff(x) > FASTEST * tick_s)
     vehicle = np.r_[0, np.cumsum(new)].astype(np.int32)[: len(x)]

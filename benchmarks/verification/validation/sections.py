@@ -33,7 +33,7 @@ def detectors(road: Road) -> list[float]:
 
 @dataclasses.dataclass(frozen=True)
 class Diagram:
-    """Counts of D detectors in each minute."""
+    """Counts of D detectors by minute."""
 
     x_m: np.ndarray  # (D,)
     flow: np.ndarray  # (minutes, D, num_lanes) vehicles/h
@@ -51,7 +51,7 @@ class Diagram:
 
 
 def diagram(seen: Trajectories) -> Diagram:
-    """Flow and density by Edie's definitions (1963): distance and time spent in a section, per lane and minute.
+    """Flow and density by Edie's definitions (1963): distance and time in a section of a lane, over its area.
 
     Flow divided by density is then the space-mean speed, also where vehicles stand.
     """
@@ -66,7 +66,7 @@ def diagram(seen: Trajectories) -> Diagram:
         cell, count = minute[rows] * lanes + seen.lane[rows], minutes * lanes
         ticks = np.bincount(cell, minlength=count).reshape(minutes, lanes)
         speeds = np.bincount(cell, seen.speed[rows], count).reshape(minutes, lanes)
-        share = seen.tick_s / 60.0 / SECTION_M  # a vehicle's tick per minute and metre of section
+        share = seen.tick_s / 60.0 / SECTION_M  # tick as a share of a minute, per metre
         density[:, place], flow[:, place] = 1e3 * share * ticks, 3600.0 * share * speeds
     return Diagram(x_m, flow, density)
 
@@ -107,7 +107,7 @@ def breakdown(counted: Diagram, free_speed: float) -> Breakdown:
     if not len(begins):
         return Breakdown(None, np.nan, np.nan, np.nan, np.nan)
     minute = int(begins[0])
-    # Of several sections at once the last one counts, since queues grow backwards.
+    # The last of several sections, since queues grow backwards.
     place = int(np.nonzero(stays[:, minute])[0][-1])
     late = np.arange(len(flow)) >= minute + FLOW_MINUTES
     active = late & slow[:, place] & ~slow[:, place + 1]
