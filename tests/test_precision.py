@@ -15,7 +15,7 @@ from medjax.traffic.motion import ballistic_step
 from medjax.traffic.step import drivers_of
 from medjax.world.kinds import AUTONOMOUS_EV, MED
 from medjax.world.params import FRONT, LEFT, PANELS
-from medjax.world.state import IN_SERVICE, Tally
+from medjax.world.state import IN_SERVICE, EpisodeStats
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -108,32 +108,32 @@ def test_the_coil_hardly_sees_it(long):
 # Sums and clocks ---------------------------------------------------------------------------------
 
 
-def summed(happened, decisions):
+def summed(step_stats, decisions):
     """The tally of so many equal decisions."""
-    add = lambda tally, _: (tally + happened, None)  # noqa: E731
-    return jax.lax.scan(add, Tally.zeros(), length=decisions)[0]
+    add = lambda tally, _: (tally + step_stats, None)  # noqa: E731
+    return jax.lax.scan(add, EpisodeStats.zeros(), length=decisions)[0]
 
 
 @pytest.mark.parametrize("decisions", [3600, 86_400, 604_800])
 def test_sums_of_an_episode(decisions):
     """An hour, a day, a week: off by half a unit a decision at most; counts are exact up to 2^24."""
-    happened = Tally.zeros().replace(
+    step_stats = EpisodeStats.zeros().replace(
         ev_distance_m=jnp.float32(5872.3),
         soc_seconds=jnp.float32(81.37),
         energy_sent_j=jnp.float32(3.9e6),
         depleted=jnp.float32(1.0),
         vehicle_ticks=jnp.float32(8001.0),
     )
-    tally = summed(happened, decisions)
+    tally = summed(step_stats, decisions)
     for name in ("ev_distance_m", "soc_seconds", "energy_sent_j", "vehicle_ticks"):
-        exact = decisions * np.float64(getattr(happened, name))
+        exact = decisions * np.float64(getattr(step_stats, name))
         assert abs(float(getattr(tally, name)) / exact - 1.0) <= decisions * ROUNDING, name
     assert float(tally.depleted) == decisions
 
 
 def test_sums_stop_growing_after_2_to_the_24_decisions():
     """Half a year of seconds: one more of what has been summed so often is lost."""
-    one = Tally.zeros().replace(ev_distance_m=jnp.float32(450.0))
+    one = EpisodeStats.zeros().replace(ev_distance_m=jnp.float32(450.0))
     before = one.replace(ev_distance_m=jnp.float32(450.0 * 2**25))
     assert float((before + one).ev_distance_m) == float(before.ev_distance_m)
     before = one.replace(ev_distance_m=jnp.float32(450.0 * 2**23))
@@ -218,8 +218,8 @@ def played(env, params, state, ticks, float_type):
         drivers = drivers_of(state, env.config, params)
 
         def tick(state, number):
-            state, happened = physics_tick(state, drivers, number, env.config, params)
-            return state, (state, happened)
+            state, step_stats = physics_tick(state, drivers, number, env.config, params)
+            return state, (state, step_stats)
 
         return jax.lax.scan(tick, state, jnp.arange(ticks, dtype=jnp.int32))[1]
 

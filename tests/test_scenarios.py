@@ -118,7 +118,7 @@ def test_bad_input_is_one_clear_line(overrides, field):
 
 def test_a_term_without_a_weight(monkeypatch):
     """One of medjax's own weighs nothing where the preset does not say how much, one's own weighs 1."""
-    monkeypatch.setitem(medjax.TERMS, "new", lambda outcome: outcome.happened.depleted)
+    monkeypatch.setitem(medjax.TERMS, "new", lambda outcome: outcome.step_stats.depleted)
     _, params = medjax.make(reward={**medjax.TERMS, "mine": lambda outcome: 1.0})
     assert float(params.reward_weights["new"]) == 0.0
     assert float(params.reward_weights["mine"]) == 1.0

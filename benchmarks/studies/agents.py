@@ -22,7 +22,7 @@ from medjax.env.agents.environment import AgentsEnv
 from medjax.env.agents.view import requests
 from medjax.env.forecast import lacking_j
 from medjax.episodes.keys import episode_keys
-from medjax.episodes.player import Player, episode_steps
+from medjax.episodes.runner import EpisodeRunner, episode_steps
 from medjax.errors import InputError
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.policies.policy import Policy
@@ -81,7 +81,7 @@ def watch(
     env: AgentsEnv, params: EnvParams, policy: Policy, episodes: int, seed: int
 ) -> tuple[Seen, float]:
     """Sums over whole episodes, and the mean return."""
-    player, steps = Player(env, [policy]), episode_steps(env, params)
+    runner, steps = EpisodeRunner(env, [policy]), episode_steps(env, params)
 
     def play(keys: jax.Array, params: EnvParams) -> tuple[Seen, jax.Array]:
         """Plays some episodes; returns the sums and the return of each."""
@@ -90,14 +90,14 @@ def watch(
         def decide(carry: Any, number: jax.Array) -> tuple[Any, None]:
             """Plays one decision in every episode."""
             playing, sums = carry
-            after, made = player.decide(playing, number, weights, params)
+            after, made = runner.decide(playing, number, weights, params)
             see = jax.vmap(functools.partial(look, env), (0, None, 0))
             seen = see(playing.state, params, made.action)
             return (after, jax.tree.map(jnp.add, sums, seen)), None
 
         rows, gaps, lacks = len(keys), len(GAPS_M), len(LACKS) + 1
         none = Seen(*(jnp.zeros((rows, size)) for size in (gaps, gaps, lacks, lacks)))
-        start = player.start(keys, params), none
+        start = runner.start(keys, params), none
         numbers = jnp.arange(steps, dtype=jnp.int32)
         (ended, sums), _ = lax.scan(decide, start, numbers)
         return sums, ended.scores["return"]

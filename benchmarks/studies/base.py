@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from benchmarks.command import a_path
-from medjax.episodes.player import Episodes, Player
+from medjax.episodes.runner import EpisodeRunner, Episodes
 from medjax.errors import InputError
 from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
@@ -52,7 +52,7 @@ def load(options: argparse.Namespace) -> tuple[str, Any, Any, str, dict[str, Pol
 
 
 def follow(
-    player: Player,
+    runner: EpisodeRunner,
     weights: Any,
     rows: tuple[Episodes, jax.Array],
     first: jax.Array,
@@ -73,10 +73,10 @@ def follow(
     (played, plans), (last, hold) = rows, ends
 
     def decide(number: jax.Array, played: Episodes) -> Episodes:
-        choice = player.choose(played, number, [weights], params)
+        choice = runner.choose(played, number, [weights], params)
         follows = (plans == AS_BASE) | (number >= first + hold)
         own = jnp.where(number == first, plans, 0)
         held = choice._replace(action=jnp.where(follows, choice.action, own))
-        return player.go_on(played, number, held, params)[0]
+        return runner.go_on(played, number, held, params)[0]
 
     return lax.fori_loop(first, last, decide, played)

@@ -26,7 +26,7 @@ from benchmarks.command import episodes_parser, positive, run_command, whole_num
 from benchmarks.studies.base import AS_BASE, add_base, follow, load
 from medjax.env.contract import Environment
 from medjax.episodes.keys import RESET, episode_keys
-from medjax.episodes.player import Episodes, Player, episode_steps
+from medjax.episodes.runner import EpisodeRunner, Episodes, episode_steps
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.policies.policy import Policy
 from medjax.traffic.arrivals import redraw
@@ -60,12 +60,12 @@ class Futures:
             (base.weights, params),
             episode_steps(env, params),
         )
-        player = Player(env, [base])
+        runner = EpisodeRunner(env, [base])
 
         def to_end(rows: Any, same: Any) -> jax.Array:
             """Returns of whole episodes that are played on from the state."""
             first, steps, (weights, params) = same
-            return follow(player, weights, rows, first, (steps, hold), params).scores["return"]
+            return follow(runner, weights, rows, first, (steps, hold), params).scores["return"]
 
         self._to_end = jax.jit(on_devices(environment_mesh(rows), to_end))
         self._branch = jax.jit(self._branched)
@@ -126,7 +126,10 @@ class Played(NamedTuple):
 def play(env: Environment, params: Any, policy: Policy, options: argparse.Namespace) -> Played:
     """Plays episodes with the planner and with the policy alone; `options` are the command's."""
     hold, episodes = options.hold, options.episodes
-    futures, player = Futures(env, params, policy, hold, options.futures), Player(env, [policy])
+    futures, runner = (
+        Futures(env, params, policy, hold, options.futures),
+        EpisodeRunner(env, [policy]),
+    )
     firsts = range(0, episode_steps(env, params), hold)
     root = jax.random.fold_in(jax.random.key(options.seed), FUTURES)
     mask = jax.jit(jax.vmap(env.action_mask, (0, None)))
@@ -135,9 +138,9 @@ def play(env: Environment, params: Any, policy: Policy, options: argparse.Namesp
     def go_on(rows: tuple[Episodes, jax.Array], first: jax.Array, same: Any) -> Episodes:
         """Follows the plans up to the next state in which the planner is asked."""
         weights, params = same
-        return follow(player, weights, rows, first, (first + hold, hold), params)
+        return follow(runner, weights, rows, first, (first + hold, hold), params)
 
-    alone = played = jax.jit(player.start)(episode_keys(options.seed, episodes), params)
+    alone = played = jax.jit(runner.start)(episode_keys(options.seed, episodes), params)
     found: list[list[Found]] = [[] for _ in range(episodes)]
     for first in tqdm(firsts, "planning", disable=None, leave=False):
         plans = np.full(episodes, AS_BASE, np.int32)

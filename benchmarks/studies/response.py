@@ -15,7 +15,7 @@ from jax.flatten_util import ravel_pytree
 
 from medjax.env.contract import Environment
 from medjax.episodes.keys import episode_keys
-from medjax.episodes.player import Player, episode_steps
+from medjax.episodes.runner import EpisodeRunner, episode_steps
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.policies.policy import Policy
 
@@ -36,16 +36,16 @@ class Responses:
     def __init__(self, env: Environment, params: Any, policy: Policy, plays: int) -> None:
         self.plays, self.params = plays, params
         self._weights_of = ravel_pytree(policy.weights)[1]
-        player, steps = Player(env, [policy]), episode_steps(env, params)
+        runner, steps = EpisodeRunner(env, [policy]), episode_steps(env, params)
 
         def play(row: tuple[jax.Array, jax.Array], params: Any) -> jax.Array:
             numbers, key = row
             weights = [self._weights_of(numbers)]
 
             def decide(number: jax.Array, episodes: Any) -> Any:
-                return player.decide(episodes, number, weights, params)[0]
+                return runner.decide(episodes, number, weights, params)[0]
 
-            start = player.start(key[None], params)
+            start = runner.start(key[None], params)
             return jax.lax.fori_loop(0, steps, decide, start).scores["return"][0]
 
         def all_rows(rows: Any, params: Any) -> jax.Array:

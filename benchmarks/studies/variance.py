@@ -26,7 +26,7 @@ from medjax.env.contract import Environment
 from medjax.env.forecast import lacking_j
 from medjax.env.reward import TERMS, Outcome
 from medjax.episodes.keys import episode_keys
-from medjax.episodes.player import Player, episode_steps
+from medjax.episodes.runner import EpisodeRunner, episode_steps
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.numerics.rows import CACHED_ROWS
 from medjax.policies.policy import Policy
@@ -77,18 +77,18 @@ def play(
         seed: of demands and noise.
     """
     demands, streams = sizes
-    player, steps = Player(env, [*policies.values()]), episode_steps(env, params)
+    runner, steps = EpisodeRunner(env, [*policies.values()]), episode_steps(env, params)
     own = episode_keys(seed, demands * streams)
     of_demand = jnp.repeat(own[::streams], streams)  # keys of the reset, which seeds all arrivals
 
     def whole(rows: Any, same: Any) -> tuple[jax.Array, jax.Array]:
         """Plays some episodes with all policies; results are `(rows, policies)`."""
         (of_demand, own), (weights, params) = rows, same
-        begun = player.start(of_demand, params)
+        begun = runner.start(of_demand, params)
         there = jax.vmap(needy, (0, None, None))(begun.state, env.config, params)
         split = jax.vmap(jax.random.split, (0, None))(own, 3)
         begun = begun.replace(streams=jnp.repeat(split, len(policies), axis=0))
-        scores = player.to_end(begun, weights, params, steps).scores
+        scores = runner.to_end(begun, weights, params, steps).scores
         came = scores[f"reward_{CAME}"]
         found = scores["return"] - came, came + jnp.sum(there, axis=1)
         return jax.tree.map(lambda each: each.reshape(-1, len(policies)), found)

@@ -77,7 +77,7 @@ def unserved(energy_j: jax.Array, complies: jax.Array) -> EVs:
     )
 
 
-def welcome(evs: EVs, newcomers: Newcomers, config: EnvConfig, params: EnvParams) -> EVs:
+def init_new_evs(evs: EVs, newcomers: Newcomers, config: EnvConfig, params: EnvParams) -> EVs:
     """Writes newcomers into the EV slots that they took."""
     demand, entry = params.demand, newcomers.entry[config.ev_slots]
     span = demand.arrival_soc_high - demand.arrival_soc_low

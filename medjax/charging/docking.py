@@ -97,12 +97,12 @@ def plan_approach(
     slot = panel_x(panel, med, ev_length, params.dock_gap_m)
     goal = jnp.where(crossing, behind - CROSSING_ROOM_M, slot)
 
-    way = jnp.abs(x - goal)
+    distance = jnp.abs(x - goal)
     direction = jnp.sign(wanted - lane)
     clear = jnp.where(panel == FRONT, x - ev_length > med.x, x < med.x - med.length)
-    is_near = way < ENTRY_ROOM_M
+    is_near = distance < ENTRY_ROOM_M
     leads = (lane == med.lane) & (x > med.x)
-    urgency = jnp.maximum(1.0 - way / (VIEW_M * jnp.maximum(jnp.abs(wanted - lane), 1)), 0.0)
+    urgency = jnp.maximum(1.0 - distance / (VIEW_M * jnp.maximum(jnp.abs(wanted - lane), 1)), 0.0)
     urgency = jnp.where(leads, 1.0, urgency)
     urgency = jnp.where(lane + direction == med.lane, clear & is_near, urgency)
     return Approach(goal, PRESSING_DESIRE * urgency * direction, is_near, leads)

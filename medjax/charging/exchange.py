@@ -13,7 +13,7 @@ from medjax.numerics.gathers import read
 from medjax.numerics.sums import sum_pairwise
 from medjax.physics import change_battery
 from medjax.world.params import BodyParams, EnvConfig, EnvParams, RoadParams
-from medjax.world.state import EnvState, EVs, MEDs, Tally, Vehicles
+from medjax.world.state import EnvState, EpisodeStats, EVs, MEDs, Vehicles
 
 
 class Transfer(NamedTuple):
@@ -75,8 +75,8 @@ def _cruised(
     before: Vehicles, after: Vehicles, slots: slice, body: BodyParams, road: RoadParams
 ) -> jax.Array:
     """Driving energy for a tick's distance at each vehicle's desired speed, J; 0 off the road."""
-    way = after.x[slots] - before.x[slots]
-    energy = way * per_metre(before.desired_speed[slots], body, road)
+    distance = after.x[slots] - before.x[slots]
+    energy = distance * per_metre(before.desired_speed[slots], body, road)
     return jnp.where(before.active[slots], energy, 0.0)
 
 
@@ -87,7 +87,7 @@ def exchange(
     state: EnvState,
     config: EnvConfig,
     params: EnvParams,
-) -> tuple[EVs, MEDs, Tally]:
+) -> tuple[EVs, MEDs, EpisodeStats]:
     """Transfer and driving energy of one tick.
 
     The tally excludes braking energy that a full battery cannot take, and driving energy beyond what an EV's battery
@@ -123,7 +123,7 @@ def exchange(
     least, most = evs.energy_j - params.ev_capacity_j, evs.energy_j + flow.received_j
     med_room = params.med_capacity_j - (meds.energy_j - flow.drawn_j)
     cruising_j = jnp.maximum(_cruised(before, after, config.ev_slots, params.ev, road), least)
-    tally = Tally.zeros().replace(
+    tally = EpisodeStats.zeros().replace(
         energy_sent_j=sum_pairwise(flow.sent_j),
         energy_received_j=sum_pairwise(flow.received_j),
         ev_driving_j=sum_pairwise(jnp.clip(ev_use, least, most)),

@@ -61,7 +61,7 @@ def lasting_speed(
     return jnp.minimum(speed, desired_speed)
 
 
-def answering(state: EnvState, config: EnvConfig, params: EnvParams) -> EnvState:
+def apply_eco_speed(state: EnvState, config: EnvConfig, params: EnvParams) -> EnvState:
     """The state with desired speeds adapted to EVs' charge.
 
     Compliant drivers slow down once their charge is below `eco_soc` and does not last for `way_to_go`. Drivers of

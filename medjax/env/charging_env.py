@@ -14,9 +14,9 @@ import jax
 import jax.numpy as jnp
 
 from medjax import hooks
-from medjax.charging.booking import book, welcome
+from medjax.charging.booking import book, init_new_evs
 from medjax.charging.link import Coupling, couple
-from medjax.charging.range import answering
+from medjax.charging.range import apply_eco_speed
 from medjax.env.contract import step_with_reset
 from medjax.env.dispatch import action_mask, advance_clocks, dispatch
 from medjax.env.metrics import episode_metrics
@@ -40,7 +40,7 @@ from medjax.traffic.step import drivers_of, perturb
 from medjax.world.checks import check_made_for
 from medjax.world.params import EnvConfig, EnvParams, validate_config
 from medjax.world.presets import Recipe
-from medjax.world.state import EnvState, Tally
+from medjax.world.state import EnvState, EpisodeStats
 
 Step = tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, dict[str, Any]]
 
@@ -152,11 +152,11 @@ class ChargingEnv:
         before = state
         with jax.named_scope("dispatch"):
             state, dispatched = dispatch(state, action, self.config, params)
-        state, happened, probed = self._rounds(key, state, dispatched, params)
+        state, step_stats, probed = self._rounds(key, state, dispatched, params)
         state, given = advance_clocks(state, self.config, params)
-        happened += given
-        state = state.replace(tally=state.tally + happened)
-        outcome = Outcome(before, state, happened, params, self.config)
+        step_stats += given
+        state = state.replace(tally=state.tally + step_stats)
+        outcome = Outcome(before, state, step_stats, params, self.config)
         with jax.named_scope("reward"):
             reward, terms = total_reward(outcome, self.reward)
         with jax.named_scope("metrics"):
@@ -168,15 +168,15 @@ class ChargingEnv:
             "metrics": metrics,
             "reward_terms": terms,
             "action_mask": self.action_mask(state, params),
-            "tally": happened,
+            "tally": step_stats,
             "begun": probed.begun,
             "ticks": probed.ticks,
         }
         return obs, state, reward, jnp.zeros((), bool), truncated, info
 
     def _rounds(
-        self, key: jax.Array, state: EnvState, happened: Tally, params: EnvParams
-    ) -> tuple[EnvState, Tally, Probed]:
+        self, key: jax.Array, state: EnvState, step_stats: EpisodeStats, params: EnvParams
+    ) -> tuple[EnvState, EpisodeStats, Probed]:
         """Simulates all rounds of a decision, and collects the probe at each round's start and after each tick."""
         config = self.config
         rounds, ticks = config.rounds_per_decision, config.ticks_per_decision
@@ -186,28 +186,28 @@ class ChargingEnv:
         first = state.time * rounds
 
         def play(
-            carry: tuple[EnvState, Tally], given: tuple[jax.Array, jax.Array, jax.Array]
-        ) -> tuple[tuple[EnvState, Tally], Probed]:
+            carry: tuple[EnvState, EpisodeStats], given: tuple[jax.Array, jax.Array, jax.Array]
+        ) -> tuple[tuple[EnvState, EpisodeStats], Probed]:
             """One round."""
-            (state, happened), (number, key, ticks) = carry, given
+            (state, step_stats), (number, key, ticks) = carry, given
             state, entered = self._begin(key, state, first + number, params)
             begun = self.probe(state) if self.probe else None
-            state, happened, seen = self._drive(state, happened + entered, ticks, params)
-            return (state, happened), Probed(begun, seen)
+            state, step_stats, seen = self._drive(state, step_stats + entered, ticks, params)
+            return (state, step_stats), Probed(begun, seen)
 
         given = jnp.arange(rounds, dtype=jnp.int32), keys, self._first_tick(state) + indices
-        (state, happened), probed = jax.lax.scan(play, (state, happened), given)
+        (state, step_stats), probed = jax.lax.scan(play, (state, step_stats), given)
         seen = jax.tree.map(lambda each: each.reshape(ticks, *each.shape[2:]), probed.ticks)
-        return state, happened, probed._replace(ticks=seen)
+        return state, step_stats, probed._replace(ticks=seen)
 
     def _begin(
         self, key: jax.Array, state: EnvState, number: jax.Array, params: EnvParams
-    ) -> tuple[EnvState, Tally]:
+    ) -> tuple[EnvState, EpisodeStats]:
         """Starts a round: entries, trip plans, bookings and driver noise; `number` counts rounds since reset."""
         config = self.config
         with jax.named_scope("entry"):
             state, newcomers, entered = admit(state, number, config, params)
-            evs = welcome(state.evs, newcomers, config, params)
+            evs = init_new_evs(state.evs, newcomers, config, params)
             state = state.replace(evs=evs)
         if config.num_exits:
             with jax.named_scope("trips"):
@@ -220,29 +220,29 @@ class ChargingEnv:
         return state, entered
 
     def _drive(
-        self, state: EnvState, happened: Tally, ticks: jax.Array, params: EnvParams
-    ) -> tuple[EnvState, Tally, Any]:
+        self, state: EnvState, step_stats: EpisodeStats, ticks: jax.Array, params: EnvParams
+    ) -> tuple[EnvState, EpisodeStats, Any]:
         """Simulates a round's ticks; returns the state, the updated tally and the probe output after each tick."""
         config = self.config
-        drivers = drivers_of(answering(state, config, params), config, params)
+        drivers = drivers_of(apply_eco_speed(state, config, params), config, params)
 
         def tick(
-            carry: tuple[EnvState, Tally], index: jax.Array
-        ) -> tuple[tuple[EnvState, Tally], Any]:
+            carry: tuple[EnvState, EpisodeStats], index: jax.Array
+        ) -> tuple[tuple[EnvState, EpisodeStats], Any]:
             """One physics tick, then the probe."""
-            state, happened = carry
+            state, step_stats = carry
             state, more = physics_tick(
                 state, drivers, index, config, params, self.following, self.coupling
             )
-            return (state, happened + more), self.probe(state) if self.probe else None
+            return (state, step_stats + more), self.probe(state) if self.probe else None
 
-        begun, before_s = state.vehicles, happened.ev_seconds
-        (state, happened), seen = jax.lax.scan(tick, (state, happened), ticks)
+        begun, before_s = state.vehicles, step_stats.ev_seconds
+        (state, step_stats), seen = jax.lax.scan(tick, (state, step_stats), ticks)
         with jax.named_scope("tally"):
             driven = ways(begun, state.vehicles, config)
-            seconds = happened.ev_seconds - before_s
-            happened += driven + means(state, driven.ev_distance_m, seconds, config, params)
-        return state, happened, seen
+            seconds = step_stats.ev_seconds - before_s
+            step_stats += driven + means(state, driven.ev_distance_m, seconds, config, params)
+        return state, step_stats, seen
 
     def action_mask(self, state: EnvState, params: EnvParams) -> jax.Array:
         """Allowed actions, `(num_actions,)` bool; action 0 is always allowed."""

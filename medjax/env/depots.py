@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from medjax.charging.energy import per_metre
-from medjax.numerics.sums import in_units
+from medjax.numerics.sums import scale_by
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import AT_DEPOT, RETIRED, MEDs
 
@@ -67,7 +67,7 @@ def shares_at_depots(meds: MEDs, config: EnvConfig, params: EnvParams) -> jax.Ar
     """Share of the fleet that waits at each depot, `(distinct_depots,)`."""
     waits = (meds.status == AT_DEPOT)[:, None]
     here = waits & (meds.depot[:, None] == jnp.arange(distinct_depots(config)))
-    return in_units(jnp.sum(here, axis=0, dtype=jnp.int32), jnp.maximum(params.fleet.size, 1))
+    return scale_by(jnp.sum(here, axis=0, dtype=jnp.int32), jnp.maximum(params.fleet.size, 1))
 
 
 def depot_places(config: EnvConfig, params: EnvParams) -> jax.Array:
@@ -86,6 +86,6 @@ def way_home(
     """
     if config.num_depots == 1:
         return jnp.zeros_like(x), jnp.zeros_like(x)
-    way = jnp.abs(x - depot_places(config, params)[meds.depot])
+    distance = jnp.abs(x - depot_places(config, params)[meds.depot])
     speed = jnp.asarray(params.fleet.return_speed)
-    return way / speed, way * per_metre(speed, params.med, params.road.replace(slope=0.0))
+    return distance / speed, distance * per_metre(speed, params.med, params.road.replace(slope=0.0))

@@ -15,8 +15,8 @@ from medjax.world.state import (
     QUEUED,
     RETIRED,
     EnvState,
+    EpisodeStats,
     MEDs,
-    Tally,
     Vehicles,
 )
 
@@ -49,7 +49,7 @@ def is_allowed(choice: jax.Array, mask: jax.Array) -> jax.Array:
 
 def dispatch(
     state: EnvState, action: jax.Array, config: EnvConfig, params: EnvParams
-) -> tuple[EnvState, Tally]:
+) -> tuple[EnvState, EpisodeStats]:
     """Sends a MED to a ramp, where it waits for a safe gap.
 
     Args:
@@ -68,7 +68,7 @@ def dispatch(
         ramp=jnp.where(chosen, action - 1, meds.ramp),
     )
     cooldown = jnp.where(sent, params.fleet.cooldown_s, state.cooldown_s)
-    tally = Tally.zeros(0 * state.time).replace(  # a loop carry, see `Tally.zeros`
+    tally = EpisodeStats.zeros(0 * state.time).replace(  # a loop carry, see `EpisodeStats.zeros`
         meds_dispatched=sent.astype(jnp.float32), invalid_actions=(~allowed).astype(jnp.float32)
     )
     return state.replace(meds=meds, cooldown_s=cooldown), tally
@@ -103,7 +103,9 @@ def on_the_road(
     )
 
 
-def advance_clocks(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[EnvState, Tally]:
+def advance_clocks(
+    state: EnvState, config: EnvConfig, params: EnvParams
+) -> tuple[EnvState, EpisodeStats]:
     """Counts the decision, advances the cooldown, and returns fully charged MEDs to their depots.
 
     Returns:
@@ -128,4 +130,4 @@ def advance_clocks(state: EnvState, config: EnvConfig, params: EnvParams) -> tup
     cooldown_s = count_down(state.cooldown_s, dt)
     state = state.replace(meds=meds, cooldown_s=cooldown_s, time=state.time + 1)
     energies = {"depot_energy_j": sum_pairwise(given_j), "med_driving_j": sum_pairwise(home_j)}
-    return state, Tally.zeros().replace(**energies)
+    return state, EpisodeStats.zeros().replace(**energies)

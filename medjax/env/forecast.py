@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from medjax.charging.booking import can_serve, panel_flags
 from medjax.charging.docking import slots_on_road
 from medjax.charging.energy import cruising
-from medjax.numerics.sums import in_units, rounded, sum_pairwise
+from medjax.numerics.sums import block_fma, scale_by, sum_pairwise
 from medjax.traffic.demand import entries, entry_rates
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, MERGING, NOT_BOOKED, QUEUED, EnvState
@@ -37,8 +37,8 @@ def lacking_j(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Arra
     """Energy that each EV lacks to reach its destination at cruising speed, `(E,)` J; negative means a surplus."""
     cruise, power_w = cruising(params)
     x = state.vehicles.x[config.ev_slots]
-    way = state.vehicles.destination[config.ev_slots] - x
-    return way * (power_w / cruise) - state.evs.energy_j
+    distance = state.vehicles.destination[config.ev_slots] - x
+    return distance * (power_w / cruise) - state.evs.energy_j
 
 
 class Need(NamedTuple):
@@ -73,9 +73,9 @@ def expected_need(
     lacks_j = lacking_j(state, config, params)
     waits = (state.evs.med == NOT_BOOKED) & ~state.evs.is_depleted
     needy = state.vehicles.active[config.ev_slots] & (lacks_j > 0.0) & waits
-    way = ahead_of(x)
-    meets = needy & (way <= window_m) & (way >= -params.charging.reach_behind_m)
-    lacks = jnp.where(meets, rounded(in_units(lacks_j, params.ev_capacity_j)), 0.0)
+    distance = ahead_of(x)
+    meets = needy & (distance <= window_m) & (distance >= -params.charging.reach_behind_m)
+    lacks = jnp.where(meets, block_fma(scale_by(lacks_j, params.ev_capacity_j)), 0.0)
 
     where = entries(road, config.num_lanes)
     charge = (road.length_m - where.x) * per_metre / params.ev_capacity_j  # to the end of the road
@@ -86,9 +86,9 @@ def expected_need(
         * demand.ev_share
         * share
     )
-    way = ahead_of(where.x)
+    distance = ahead_of(where.x)
     # An EV that enters upstream of the ramp must do so early enough to catch up.
-    time = jnp.where(way >= 0.0, jnp.maximum(window_s - way / closing, 0.0), 0.0)
+    time = jnp.where(distance >= 0.0, jnp.maximum(window_s - distance / closing, 0.0), 0.0)
 
     meds = state.meds
     comes = (meds.status == QUEUED) | (meds.status == MERGING)
@@ -97,7 +97,7 @@ def expected_need(
     return Need(
         there=jnp.sum(meets, axis=1).astype(jnp.float32),
         shortfall=sum_pairwise(lacks),
-        coming=sum_pairwise(rounded(rate * time)),
+        coming=sum_pairwise(block_fma(rate * time)),
         free=jnp.sum(jnp.where(near, free_slots(state, config), 0), axis=1).astype(jnp.float32),
     )
 

@@ -6,13 +6,13 @@ import jax
 import jax.numpy as jnp
 
 from medjax.world.kinds import CLASSES, EVS, by_class
-from medjax.world.state import Tally
+from medjax.world.state import EpisodeStats
 
 JOULES_PER_KWH = 3.6e6
 SECONDS_PER_HOUR = 3600.0
 
 
-def episode_metrics(tally: Tally) -> dict[str, jax.Array]:
+def episode_metrics(tally: EpisodeStats) -> dict[str, jax.Array]:
     """Metrics since reset, float32 scalars by name.
 
     depleted_share and mean_range_m (distance driven) are per EV that was on the road. mean_soc averages

@@ -18,7 +18,7 @@ from medjax.charging.booking import panel_flags
 from medjax.env.depots import distinct_depots, shares_at_depots
 from medjax.env.forecast import Need, expected_need, free_slots, med_places
 from medjax.errors import InputError, shown
-from medjax.numerics.sums import in_units
+from medjax.numerics.sums import scale_by
 from medjax.traffic.road import lateral_position
 from medjax.world.kinds import GAS, HUMAN_EV
 from medjax.world.params import PANELS, EnvConfig, EnvParams
@@ -52,10 +52,10 @@ def clock_features(state: EnvState, params: EnvParams) -> jax.Array:
     """`Observation.clock`, (4,) float32."""
     fleet = jnp.maximum(params.fleet.size, 1)
     clock = [
-        in_units(params.episode_decisions - state.time, params.episode_decisions),
+        scale_by(params.episode_decisions - state.time, params.episode_decisions),
         state.cooldown_s / COOLDOWN_UNIT_S,
-        in_units(jnp.sum(state.meds.status == AT_DEPOT, dtype=jnp.int32), fleet),
-        in_units(jnp.sum(state.meds.status == QUEUED, dtype=jnp.int32), fleet),
+        scale_by(jnp.sum(state.meds.status == AT_DEPOT, dtype=jnp.int32), fleet),
+        scale_by(jnp.sum(state.meds.status == QUEUED, dtype=jnp.int32), fleet),
     ]
     return jnp.stack(clock).astype(jnp.float32)
 
@@ -72,10 +72,10 @@ def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observatio
     y = lateral_position(vehicles.lane, vehicles.lateral_offset, params.road.lane_width_m)
     motion = jnp.stack(
         [
-            in_units(vehicles.x, params.road.length_m),
-            in_units(y, width),
-            in_units(vehicles.speed, cruise),
-            in_units(vehicles.lateral_speed, params.road.lane_width_m),
+            scale_by(vehicles.x, params.road.length_m),
+            scale_by(y, width),
+            scale_by(vehicles.speed, cruise),
+            scale_by(vehicles.lateral_speed, params.road.lane_width_m),
         ],
         axis=-1,
     )
@@ -85,7 +85,7 @@ def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observatio
     med_rows = jnp.concatenate(
         [
             motion[config.med_slots],
-            in_units(meds.energy_j, params.med_capacity_j)[:, None],
+            scale_by(meds.energy_j, params.med_capacity_j)[:, None],
             (meds.status == IN_SERVICE)[:, None],
             booked,
             charging,
@@ -95,7 +95,7 @@ def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observatio
     )
     own = jnp.stack(
         [
-            in_units(evs.energy_j, params.ev_capacity_j),
+            scale_by(evs.energy_j, params.ev_capacity_j),
             (vehicles.kind[config.ev_slots] == HUMAN_EV).astype(jnp.float32),
             evs.is_charging.astype(jnp.float32),
             (evs.med + 1) / config.num_meds,
@@ -211,12 +211,12 @@ class RoadProfile:
         vehicles, evs, meds = state.vehicles, state.evs, state.meds
         on_road = vehicles.active[config.ev_slots]
         free = (on_road & (evs.med == NOT_BOOKED) & ~evs.is_depleted)[:, None]
-        charge = hat_weights(in_units(evs.energy_j, params.ev_capacity_j), self.soc_nodes)
+        charge = hat_weights(scale_by(evs.energy_j, params.ev_capacity_j), self.soc_nodes)
         booked = on_road & (evs.med != NOT_BOOKED)
         ev_columns = jnp.concatenate(
             [jnp.where(free, charge, 0.0), booked[:, None], evs.is_charging[:, None]], axis=1
         )
-        ev_place = in_units(vehicles.x[config.ev_slots], params.road.length_m)
+        ev_place = scale_by(vehicles.x[config.ev_slots], params.road.length_m)
 
         med_x = med_places(state, config, params)
         serves = meds.status == IN_SERVICE
@@ -224,12 +224,12 @@ class RoadProfile:
             [
                 (meds.status == QUEUED) | (meds.status == MERGING),
                 serves,
-                jnp.where(serves, in_units(meds.energy_j, params.med_capacity_j), 0.0),
+                jnp.where(serves, scale_by(meds.energy_j, params.med_capacity_j), 0.0),
                 jnp.where(serves, free_slots(state, config), 0),
             ],
             axis=1,
         )
-        med_place = in_units(med_x, params.road.length_m)
+        med_place = scale_by(med_x, params.road.length_m)
         ahead_km = (med_x[:, None] - params.road.ramp_x_m) / 1000.0
         clock = clock_features(state, params)
         time_left, _, at_depot, _ = clock

@@ -15,7 +15,7 @@ from medjax.traffic.exits import draw_destinations, draw_entries, last_exit
 from medjax.traffic.road import keeps_lane
 from medjax.world.kinds import MED, WIDTHS_M
 from medjax.world.params import EnvConfig, EnvParams
-from medjax.world.state import EnvState, Tally, Vehicles, count_kinds
+from medjax.world.state import EnvState, EpisodeStats, Vehicles, count_kinds
 
 
 def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvState:
@@ -39,11 +39,11 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     speed, power_w = cruising(params)
     x = vehicles.x[config.ev_slots]
     drawn = jax.random.uniform(jax.random.fold_in(soc_key, 0), x.shape, jnp.float32)
-    way = x - draw_entries(drawn, x, demand, params.road)
-    energy = arrival * params.ev_capacity_j - way * (power_w / speed)
+    distance = x - draw_entries(drawn, x, demand, params.road)
+    energy = arrival * params.ev_capacity_j - distance * (power_w / speed)
     stayed = energy > 0.0
     if config.num_exits:
-        stayed &= ~_left_before(vehicles, way, energy, config, params)
+        stayed &= ~_left_before(vehicles, distance, energy, config, params)
     alive = config.by_slot(True, stayed, True)[slots]
     # Filter traffic slots only. XLA recomputes the energy for the observation in one kernel with this filter, and the
     # rest of that kernel decides its last bits: filtering the whole array would break reproduction of recorded runs.
@@ -57,7 +57,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
         arrivals=new_seed(arrivals_key),
         cooldown_s=jnp.zeros((), jnp.float32),
         time=jnp.zeros((), jnp.int32),
-        tally=Tally.zeros().replace(entered=count_kinds(active, vehicles.kind, config)),
+        tally=EpisodeStats.zeros().replace(entered=count_kinds(active, vehicles.kind, config)),
     )
 
 

@@ -8,6 +8,7 @@ Weights are leaves of `EnvParams.reward_weights`, by the same names; those of `M
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -18,7 +19,7 @@ from flax import struct
 from medjax.errors import InputError, shown
 from medjax.world.kinds import GAS_KINDS
 from medjax.world.params import EnvConfig, EnvParams
-from medjax.world.state import EnvState, Tally
+from medjax.world.state import EnvState, EpisodeStats
 
 
 class Outcome(struct.PyTreeNode):
@@ -26,9 +27,15 @@ class Outcome(struct.PyTreeNode):
 
     before: EnvState
     after: EnvState
-    happened: Tally  # sums over the ticks of this decision
+    step_stats: EpisodeStats  # sums over the ticks of this decision
     params: EnvParams
     config: EnvConfig = struct.field(pytree_node=False)
+
+    @property
+    def happened(self) -> EpisodeStats:
+        """Former name of `step_stats`."""
+        warnings.warn("Outcome.happened is now Outcome.step_stats", DeprecationWarning, 2)
+        return self.step_stats
 
 
 RewardTerm = Callable[[Outcome], jax.Array]
@@ -36,49 +43,49 @@ RewardTerm = Callable[[Outcome], jax.Array]
 
 def depleted(outcome: Outcome) -> jax.Array:
     """EVs that ran out in this decision: the paper's P_depleted; its weight should be negative."""
-    return outcome.happened.depleted
+    return outcome.step_stats.depleted
 
 
 def soc(outcome: Outcome) -> jax.Array:
     """Mean state of charge of the EVs on the road, R_SoC, times the decision's seconds; 0 on a road without EVs."""
-    return outcome.happened.mean_soc_s
+    return outcome.step_stats.mean_soc_s
 
 
 def distance(outcome: Outcome) -> jax.Array:
     """Kilometres covered by all EVs in this decision, R_d."""
-    return outcome.happened.ev_distance_m * 1e-3
+    return outcome.step_stats.ev_distance_m * 1e-3
 
 
 def speed(outcome: Outcome) -> jax.Array:
     """Mean speed of the EVs, R_v, in 30 m/s, times the decision's seconds; 0 on a road without EVs."""
-    return outcome.happened.mean_speed_m / 30.0
+    return outcome.step_stats.mean_speed_m / 30.0
 
 
 def dispatches(outcome: Outcome) -> jax.Array:
     """MEDs sent in this decision."""
-    return outcome.happened.meds_dispatched
+    return outcome.step_stats.meds_dispatched
 
 
 def gas_delay(outcome: Outcome) -> jax.Array:
     """Delay of gas vehicles relative to the mean desired speed of their kind, vehicle-seconds; negative: a gain."""
-    happened = outcome.happened
+    step_stats = outcome.step_stats
     cruise = outcome.params.drivers.desired_speed[jnp.array(GAS_KINDS)]
-    return jnp.sum(happened.gas_seconds - happened.gas_distance_m / cruise)
+    return jnp.sum(step_stats.gas_seconds - step_stats.gas_distance_m / cruise)
 
 
 def lane_changes(outcome: Outcome) -> jax.Array:
     """Lane changes of all vehicles in this decision."""
-    return outcome.happened.lane_changes
+    return outcome.step_stats.lane_changes
 
 
 def collisions(outcome: Outcome) -> jax.Array:
     """Vehicles that overlap their leader, summed over ticks; 0 in a sound simulation."""
-    return outcome.happened.collisions
+    return outcome.step_stats.collisions
 
 
 def transfer_loss(outcome: Outcome) -> jax.Array:
     """Energy lost in transfer from MEDs to EVs in this decision, kWh."""
-    return (outcome.happened.energy_sent_j - outcome.happened.energy_received_j) / 3.6e6
+    return (outcome.step_stats.energy_sent_j - outcome.step_stats.energy_received_j) / 3.6e6
 
 
 TERMS: Mapping[str, RewardTerm] = {
@@ -102,33 +109,33 @@ def delay_h(outcome: Outcome) -> jax.Array:
 
     MEDs count only while they wait at a ramp (`queue_vehicle_s`); `med_h` includes that time, too.
     """
-    happened = outcome.happened
-    return (happened.ev_delay_s + happened.gas_delay_s + happened.queue_seconds) / 3600.0
+    step_stats = outcome.step_stats
+    return (step_stats.ev_delay_s + step_stats.gas_delay_s + step_stats.queue_seconds) / 3600.0
 
 
 def depot_kwh(outcome: Outcome) -> jax.Array:
     """Energy that MEDs used to drive and sent to EVs, which depots replace, kWh."""
-    return (outcome.happened.med_driving_j + outcome.happened.energy_sent_j) / 3.6e6
+    return (outcome.step_stats.med_driving_j + outcome.step_stats.energy_sent_j) / 3.6e6
 
 
 def ev_kwh(outcome: Outcome) -> jax.Array:
     """Energy that EVs used to drive minus what they received from MEDs, kWh; they buy it at their next long stop."""
-    return (outcome.happened.ev_driving_j - outcome.happened.energy_received_j) / 3.6e6
+    return (outcome.step_stats.ev_driving_j - outcome.step_stats.energy_received_j) / 3.6e6
 
 
 def med_h(outcome: Outcome) -> jax.Array:
     """MED and driver hours, from dispatch until the MED leaves at an exit or the end of the road."""
-    return outcome.happened.med_seconds / 3600.0
+    return outcome.step_stats.med_seconds / 3600.0
 
 
 def tows(outcome: Outcome) -> jax.Array:
     """EVs that ran out."""
-    return outcome.happened.depleted
+    return outcome.step_stats.depleted
 
 
 def charging_stops(outcome: Outcome) -> jax.Array:
     """EVs that left for a charger at an exit, or passed the end of the road with less than `request_soc`."""
-    return outcome.happened.low_exits
+    return outcome.step_stats.low_exits
 
 
 MONEY: Mapping[str, RewardTerm] = {

@@ -11,14 +11,14 @@ from medjax.charging.exchange import exchange
 from medjax.charging.link import Coupling, couple, links
 from medjax.charging.stranded import leaves_road, run_out, without_motor
 from medjax.env.dispatch import on_the_road
-from medjax.numerics.sums import in_units, rounded, sum_pairwise
+from medjax.numerics.sums import block_fma, scale_by, sum_pairwise
 from medjax.traffic.exits import takes_exit
 from medjax.traffic.following import CarFollowing, Drivers
 from medjax.traffic.idm import IDM_PLUS
 from medjax.traffic.step import move
 from medjax.world.kinds import GAS_KINDS
 from medjax.world.params import EnvConfig, EnvParams
-from medjax.world.state import AT_DEPOT, RETIRED, EnvState, EVs, Tally, Vehicles, count_kinds
+from medjax.world.state import AT_DEPOT, RETIRED, EnvState, EpisodeStats, EVs, Vehicles, count_kinds
 
 
 def physics_tick(
@@ -29,7 +29,7 @@ def physics_tick(
     params: EnvParams,
     following: CarFollowing = IDM_PLUS,
     coupling: Coupling = couple,
-) -> tuple[EnvState, Tally]:
+) -> tuple[EnvState, EpisodeStats]:
     """Advances one environment by `config.tick_s`.
 
     Args:
@@ -67,8 +67,8 @@ def physics_tick(
         sent = (state.meds.status != AT_DEPOT) & (state.meds.status != RETIRED)
         flow = _flow(before, after, evs, sent, left, config, params)
         flow = flow.replace(depleted=jnp.sum(ran_out, dtype=jnp.float32))
-        happened = moved + exchanged + flow
-    return state.replace(vehicles=after, evs=evs, meds=meds), happened
+        step_stats = moved + exchanged + flow
+    return state.replace(vehicles=after, evs=evs, meds=meds), step_stats
 
 
 def _flow(
@@ -79,7 +79,7 @@ def _flow(
     left: jax.Array,
     config: EnvConfig,
     params: EnvParams,
-) -> Tally:
+) -> EpisodeStats:
     """Occupancy, charge and departures of one tick.
 
     A vehicle that `left` `(N,)` in the tick counts for all of it, since its distance counts in full. `sent` `(M,)`
@@ -87,14 +87,14 @@ def _flow(
     on the shoulder or towed.
     """
     ev_slots, gas_slots, on_road = config.ev_slots, config.gas_slots, before.active
-    soc = rounded(in_units(evs.energy_j, params.ev_capacity_j))
+    soc = block_fma(scale_by(evs.energy_j, params.ev_capacity_j))
     low = evs.energy_j < params.charging.request_soc * params.ev_capacity_j
     goes_on = after.destination[ev_slots] >= params.road.length_m
 
     def seconds(there: jax.Array) -> jax.Array:
         return jnp.sum(there, dtype=jnp.float32) * config.tick_s
 
-    return Tally.zeros().replace(
+    return EpisodeStats.zeros().replace(
         left=count_kinds(left, before.kind, config),
         ev_seconds=seconds(on_road[ev_slots]),
         soc_seconds=sum_pairwise(jnp.where(on_road[ev_slots], soc, 0.0)) * config.tick_s,
@@ -110,7 +110,7 @@ def _flow(
     )
 
 
-def ways(before: Vehicles, after: Vehicles, config: EnvConfig) -> Tally:
+def ways(before: Vehicles, after: Vehicles, config: EnvConfig) -> EpisodeStats:
     """Distances driven in a round; subtracts their duration at desired speed from the delays.
 
     Args:
@@ -118,7 +118,7 @@ def ways(before: Vehicles, after: Vehicles, config: EnvConfig) -> Tally:
     """
     travelled = after.x - before.x
     free_s = travelled / before.desired_speed
-    return Tally.zeros().replace(
+    return EpisodeStats.zeros().replace(
         ev_distance_m=sum_pairwise(travelled[config.ev_slots]),
         gas_distance_m=jnp.stack([sum_pairwise(x) for x in _of_gas(travelled, before, config)]),
         ev_delay_s=-sum_pairwise(free_s[config.ev_slots]),
@@ -128,7 +128,7 @@ def ways(before: Vehicles, after: Vehicles, config: EnvConfig) -> Tally:
 
 def means(
     state: EnvState, metres: jax.Array, ev_seconds: jax.Array, config: EnvConfig, params: EnvParams
-) -> Tally:
+) -> EpisodeStats:
     """One round's contribution to the integrals of the EVs' mean charge and mean speed; 0 on a road without EVs.
 
     Working by round makes the totals independent of the number of rounds per decision.
@@ -138,12 +138,12 @@ def means(
       metres, ev_seconds: () distance and time that EVs spent on the road in it.
     """
     on_road = state.vehicles.active[config.ev_slots]
-    charge = rounded(in_units(state.evs.energy_j, params.ev_capacity_j))
+    charge = block_fma(scale_by(state.evs.energy_j, params.ev_capacity_j))
     soc = sum_pairwise(jnp.where(on_road, charge, 0.0)) / jnp.maximum(
         on_road.sum(dtype=jnp.int32), 1
     )
     speed = jnp.where(ev_seconds > 0.0, metres / jnp.maximum(ev_seconds, 1e-6), 0.0)
-    return Tally.zeros().replace(
+    return EpisodeStats.zeros().replace(
         mean_soc_s=soc * config.round_s, mean_speed_m=speed * config.round_s
     )
 

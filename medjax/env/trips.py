@@ -9,7 +9,7 @@ from medjax.charging.energy import cruising
 from medjax.numerics.gathers import read
 from medjax.traffic.exits import missed, next_exit, prepares
 from medjax.world.params import EnvConfig, EnvParams
-from medjax.world.state import IN_SERVICE, LEAVING, NOT_BOOKED, EnvState, Tally, Vehicles
+from medjax.world.state import IN_SERVICE, LEAVING, NOT_BOOKED, EnvState, EpisodeStats, Vehicles
 
 
 def lacks_charge(
@@ -72,7 +72,9 @@ def leaving_early(
     return vehicles.destination.at[slots].set(early)
 
 
-def plan_trips(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[EnvState, Tally]:
+def plan_trips(
+    state: EnvState, config: EnvConfig, params: EnvParams
+) -> tuple[EnvState, EpisodeStats]:
     """Revises destinations: the next exit after a missed one, a charger for low EVs, a depot for MEDs at their reserve.
 
     An EV that makes for its exit, or whose MED does, gives up its booking and requests no other.
@@ -105,4 +107,4 @@ def plan_trips(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[E
             stops=evs.stops | stops,
         ),
     )
-    return state, Tally.zeros().replace(missed_exits=jnp.sum(past, dtype=jnp.float32))
+    return state, EpisodeStats.zeros().replace(missed_exits=jnp.sum(past, dtype=jnp.float32))

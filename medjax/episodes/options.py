@@ -9,8 +9,8 @@ from typing import Any
 
 from medjax.commandline import add_set_option, as_path, parse_overrides, whole_number
 from medjax.env.charging_env import ChargingEnv
-from medjax.episodes.player import episode_decisions
 from medjax.episodes.recording import Recording, record_episode, record_pieces
+from medjax.episodes.runner import episode_decisions
 from medjax.errors import InputError, shown
 from medjax.numerics.memory import check_memory
 from medjax.policies.given import FILE, as_policy, check_policy

@@ -16,10 +16,10 @@ from flax import struct
 
 from medjax.env.contract import Environment
 from medjax.episodes.keys import episode_keys
-from medjax.episodes.player import Episodes, Player, episode_decisions, episode_steps
+from medjax.episodes.runner import EpisodeRunner, Episodes, episode_decisions, episode_steps
 from medjax.policies.policy import Policy
 from medjax.world.params import EnvConfig, EnvParams
-from medjax.world.state import EnvState, Tally
+from medjax.world.state import EnvState, EpisodeStats
 
 SLOTS_OF_A_PIECE = 1_000_000  # vehicle slots times frames in a piece: about 100 MB
 
@@ -63,7 +63,7 @@ class Decisions(struct.PyTreeNode):
     probabilities: Any  # (T, A) of the policy; 0 and 1 for a rule
     reward: Any  # (T,)
     reward_terms: dict[str, Any]  # (T,) each, weighted
-    tally: Tally  # (T, ...) sums over the decision
+    tally: EpisodeStats  # (T, ...) sums over the decision
     queue: Any  # (T, num_entries) int32, vehicles waiting at each entry after the decision
     cooldown_s: Any  # (T,) after the decision
 
@@ -208,8 +208,8 @@ class _Same:
 @functools.lru_cache(maxsize=8)
 def _programs(same: _Same, policy: Policy, steps_a_piece: int) -> tuple[Any, Any]:
     """Jitted programs for a start and a piece, cached by environment and policy for all episodes."""
-    player = Player(same.env.with_probe(lambda state: state), [policy])
-    return jax.jit(partial(_begin, player)), jax.jit(partial(_go_on, player, steps_a_piece))
+    runner = EpisodeRunner(same.env.with_probe(lambda state: state), [policy])
+    return jax.jit(partial(_begin, runner)), jax.jit(partial(_go_on, runner, steps_a_piece))
 
 
 def _after(start: np.ndarray, rest: np.ndarray, most: int) -> np.ndarray:
@@ -222,24 +222,26 @@ def _joined(parts: list[Any]) -> Any:
     return parts[0] if len(parts) == 1 else jax.tree.map(lambda *each: np.concatenate(each), *parts)
 
 
-def _begin(player: Player, key: jax.Array, params: Any) -> tuple[Episodes, Frames, EnvParams]:
+def _begin(
+    runner: EpisodeRunner, key: jax.Array, params: Any
+) -> tuple[Episodes, Frames, EnvParams]:
     """Resets one episode; returns it with its first frame and the highway's params."""
-    begun = player.start(key, params)
-    state, road = player.env.highway(_row(begun.state), player.policies[0].world(params))
+    begun = runner.start(key, params)
+    state, road = runner.env.highway(_row(begun.state), runner.policies[0].params_transform(params))
     return begun, frame_of(state, road), road
 
 
 def _go_on(
-    player: Player, steps: int, weights: Any, begun: Episodes, start: jax.Array, params: Any
+    runner: EpisodeRunner, steps: int, weights: Any, begun: Episodes, start: jax.Array, params: Any
 ) -> tuple[Episodes, tuple[Frames, Decisions]]:
     """Plays `steps` steps from number `start`; returns the episode, frames `(steps, ticks, ...)` and decisions."""
-    numbers = player.policies[0].world(params)
+    numbers = runner.policies[0].params_transform(params)
 
     def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
         """Takes one decision; returns the frames of its ticks and its record."""
-        episodes, rows = player.decide(episodes, number, [weights], params)
-        after, road = player.env.highway(_row(episodes.state), numbers)
-        made = _row(rows.of_dispatcher(player.env.config.num_actions))
+        episodes, rows = runner.decide(episodes, number, [weights], params)
+        after, road = runner.env.highway(_row(episodes.state), numbers)
+        made = _row(rows.of_dispatcher(runner.env.config.num_actions))
         tally = made.info["tally"]
         decision = Decisions(
             action=made.action,

@@ -13,7 +13,7 @@ from medjax.commandline import SECONDS_PER_LINE, time_left
 from medjax.env.contract import Environment
 from medjax.episodes.duration import reckoned_time
 from medjax.episodes.keys import episode_keys
-from medjax.episodes.player import Player, episode_decisions
+from medjax.episodes.runner import EpisodeRunner, episode_decisions
 from medjax.errors import InputError
 from medjax.numerics.compilation import compiled, computed
 from medjax.numerics.devices import environment_mesh, on_devices
@@ -32,13 +32,13 @@ def make_runner(
 
     `worlds` is the number of params over which `jax.vmap` will map it; blocks shrink accordingly.
     """
-    player = Player(env, [*policies.values()])
-    count = len(player.policies)
+    runner = EpisodeRunner(env, [*policies.values()])
+    count = len(runner.policies)
 
     def play(keys: jax.Array, same: tuple[Any, Any]) -> dict[str, jax.Array]:
         """Scores `(episodes, policies)`."""
         weights, params = same
-        end = player.to_end(player.start(keys, params), weights, params, max_decisions)
+        end = runner.to_end(runner.start(keys, params), weights, params, max_decisions)
         return {name: values.reshape(-1, count) for name, values in end.scores.items()}
 
     def run(weights: Any, keys: jax.Array, params: Any) -> dict[str, jax.Array]:

@@ -15,7 +15,7 @@ def sum_pairwise(values: jax.Array, axis: int = -1) -> jax.Array:
     (Higham 1993, The accuracy of floating point summation).
 
     Args:
-      values: `(..., n, ...)`, floats; pass products through `rounded` first.
+      values: `(..., n, ...)`, floats; pass products through `block_fma` first.
 
     Returns:
       `(..., ...)`.
@@ -34,7 +34,7 @@ def sum_pairwise(values: jax.Array, axis: int = -1) -> jax.Array:
     return jnp.squeeze(values, axis)
 
 
-def rounded(product: jax.Array) -> jax.Array:
+def block_fma(product: jax.Array) -> jax.Array:
     """Returns non-negative products `(...)` unchanged, but rounded before they are summed.
 
     A processor can add a product without rounding it first (fused multiply-add). XLA uses this where the sum follows
@@ -52,7 +52,7 @@ def count_down(clock_s: jax.Array, dt: float) -> jax.Array:
     return jnp.where(left > 0.01 * dt, left, 0.0)
 
 
-def in_units(values: jax.Array, unit: jax.Array | float) -> jax.Array:
+def scale_by(values: jax.Array, unit: jax.Array | float) -> jax.Array:
     """Values `(...)` / unit `()`, by multiplication with the unit's reciprocal.
 
     XLA does this itself where it sees a scalar divisor, but divides in other programs. The barrier keeps it from

@@ -26,7 +26,9 @@ class Policy(struct.PyTreeNode, eq=False):
     act: Callable[[Any, jax.Array, Any, Any, Any], Choice] = struct.field(pytree_node=False)
     weights: Any = ()  # arrays, the first argument of `act`; most rules have none
     # Maps the environment's params to those that the policy plays in; a control such as `slow` changes the drivers.
-    world: Callable[[Any], Any] = struct.field(pytree_node=False, default=lambda params: params)
+    params_transform: Callable[[Any], Any] = struct.field(
+        pytree_node=False, default=lambda params: params
+    )
 
     def __repr__(self) -> str:
         numbers = sum(jnp.size(leaf) for leaf in jax.tree.leaves(self.weights))
@@ -60,4 +62,4 @@ def every(policy: Policy, interval: int) -> Policy:
         wait = Choice(nothing, jax.nn.one_hot(nothing, num_actions, dtype=jnp.float32))
         return jax.tree.map(lambda now, later: jnp.where(asked, now, later), choice, wait)
 
-    return Policy(choose, policy.weights, policy.world)
+    return Policy(choose, policy.weights, policy.params_transform)

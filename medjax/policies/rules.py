@@ -47,8 +47,8 @@ def slow(env: Environment) -> Policy:
     A control that isolates the effect of driving slowly from the effect of charging.
     """
 
-    def world(params: EnvParams) -> EnvParams:
-        """Makes every driver of a low EV slow down, through `medjax.charging.range.answering`."""
+    def params_transform(params: EnvParams) -> EnvParams:
+        """Makes every driver of a low EV slow down, through `medjax.charging.range.apply_eco_speed`."""
         drivers = params.drivers.replace(
             eco_compliance=1.0,
             eco_speed=params.fleet.service_speed,
@@ -57,7 +57,7 @@ def slow(env: Environment) -> Policy:
         )
         return params.replace(drivers=drivers)
 
-    return none(env).replace(world=world)
+    return none(env).replace(params_transform=params_transform)
 
 
 def random(env: Environment) -> Policy:

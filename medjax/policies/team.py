@@ -32,7 +32,7 @@ def as_team(env: AgentsEnv, dispatcher: Policy) -> Policy:
         action = of_head(env, own, key, state, params)
         return Choice(action, jax.nn.one_hot(action, env.num_actions, dtype=jnp.float32))
 
-    return Policy(act, dispatcher.weights, dispatcher.world)
+    return Policy(act, dispatcher.weights, dispatcher.params_transform)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Dispatched(Wrapper):
                 jnp.where(sent[:, None] > 0, certain, choice.probabilities),
             )
 
-        return Policy(act, policy.weights, policy.world)
+        return Policy(act, policy.weights, policy.params_transform)
 
     def action_mask(self, state: State, params: Params) -> jax.Array:
         """Allowed actions without dispatching: an agent at a depot may only take action 0."""

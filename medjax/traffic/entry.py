@@ -24,7 +24,7 @@ from medjax.traffic.road import NOWHERE, other_lane
 from medjax.traffic.safety import Tyres
 from medjax.world.kinds import MED, WIDTHS_M
 from medjax.world.params import EnvConfig, EnvParams
-from medjax.world.state import MERGING, QUEUED, EnvState, Tally, Vehicles, count_kinds
+from medjax.world.state import MERGING, QUEUED, EnvState, EpisodeStats, Vehicles, count_kinds
 
 
 def _waiting_meds(state: EnvState, config: EnvConfig) -> tuple[jax.Array, jax.Array]:
@@ -81,11 +81,11 @@ def _safe_speed(
     wanted = jnp.where(on_ramp, jnp.minimum(desired, params.demand.ramp_speed), desired)
     min_gap, braking = by_kind(kind, drivers.min_gap), params.motion.max_braking
     speed, safe = entry_speed(wanted, ahead, next_up.time_headway, min_gap, braking)
-    most = by_kind(vehicles.kind, drivers.max_acceleration)
+    max_acceleration = by_kind(vehicles.kind, drivers.max_acceleration)
     other = jnp.where(vehicles.active, other, NOWHERE)
     own_length = by_kind(kind, drivers.vehicle_length)
     tyres = Tyres(braking, config.tick_s)
-    cuts = cut_off(where, own_length, vehicles.x, other, vehicles.speed, most, tyres)
+    cuts = cut_off(where, own_length, vehicles.x, other, vehicles.speed, max_acceleration, tyres)
     return speed, safe & ~cuts
 
 
@@ -126,7 +126,7 @@ def _put_on_road(
 
 def admit(
     state: EnvState, number: jax.Array, config: EnvConfig, params: EnvParams
-) -> tuple[EnvState, Newcomers, Tally]:
+) -> tuple[EnvState, Newcomers, EpisodeStats]:
     """One round of entries: at most one vehicle per entry, MEDs first.
 
     An arrival without a safe gap or a free slot of its class waits in the queue. The caller initialises what EVs have
@@ -166,7 +166,7 @@ def admit(
     placed = ev_placed | gas_placed
     queue = queue - placed
     queued_meds = jnp.sum(status == QUEUED, dtype=jnp.int32)
-    tally = Tally.zeros().replace(
+    tally = EpisodeStats.zeros().replace(
         entered=count_kinds(entry >= 0, vehicles.kind, config),
         queue_seconds=(jnp.sum(queue, dtype=jnp.int32) + queued_meds).astype(jnp.float32)
         * config.round_s,

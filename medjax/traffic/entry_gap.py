@@ -55,7 +55,7 @@ def cut_off(
     x: jax.Array,
     other: jax.Array,
     speed: jax.Array,
-    most: jax.Array,
+    max_acceleration: jax.Array,
     tyres: Tyres,
 ) -> jax.Array:
     """Whether a vehicle that straddles an entry's lane from behind could not stop for a newcomer, `(K,)` bool.
@@ -64,12 +64,14 @@ def cut_off(
 
     Args:
       where: (K,) each; length: (K,) m, of the newcomers.
-      x, speed, most: (N,) m, m/s, highest acceleration m/s^2.
+      x, speed, max_acceleration: (N,) m, m/s, highest acceleration m/s^2.
       other: (N,) int32, as in `next_ahead`; NOWHERE for inactive slots.
     """
     rear = where.x - length
     comes = (other == where.lane[:, None]) & (x < where.x[:, None])
-    stops = keeps_clear(speed, most, rear[:, None] - x, jnp.zeros((), jnp.float32), tyres)
+    stops = keeps_clear(
+        speed, max_acceleration, rear[:, None] - x, jnp.zeros((), jnp.float32), tyres
+    )
     return (comes & ~stops).any(axis=1)
 
 

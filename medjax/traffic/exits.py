@@ -56,12 +56,12 @@ def draw_destinations(
 
 def mean_way(x: jax.Array, demand: DemandParams, road: RoadParams) -> jax.Array:
     """Mean trip length of vehicles that enter at these positions, m; of the shape of x, m."""
-    way, stays = road.length_m - x, jnp.ones_like(x)
+    distance, stays = road.length_m - x, jnp.ones_like(x)
     for index in range(road.exit_x_m.shape[0]):
         leaves = stays * _leave_at(index, x, demand, road)
-        way = way - leaves * (road.length_m - road.exit_x_m[index])
+        distance = distance - leaves * (road.length_m - road.exit_x_m[index])
         stays = stays - leaves
-    return way
+    return distance
 
 
 def draw_entries(
@@ -106,8 +106,8 @@ def exit_desire(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax
     """
     lanes = _lanes_to_go(vehicles, config)
     view = jnp.maximum(lanes, 1) * params.lane_change.exit_view_m
-    way = jnp.minimum(_to_lane(vehicles, config, params), view)  # finite, for gradients
-    desire = jnp.clip(1.0 - way / view, 0.0, 1.0)
+    distance = jnp.minimum(_to_lane(vehicles, config, params), view)  # finite, for gradients
+    desire = jnp.clip(1.0 - distance / view, 0.0, 1.0)
     return jnp.where((lanes > 0) & (vehicles.lane < config.num_lanes), desire, 0.0)
 
 
@@ -127,8 +127,8 @@ def prepares(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Ar
 
 def takes_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
     """Whether each vehicle leaves the road now, `(N,)` bool: settled in the rightmost lane, beside its exit lane."""
-    way = _to_lane(vehicles, config, params)
-    along = (way <= 0.0) & (way >= -params.road.exit_lane_m)
+    distance = _to_lane(vehicles, config, params)
+    along = (distance <= 0.0) & (distance >= -params.road.exit_lane_m)
     settled = jnp.abs(vehicles.lateral_offset) < 0.25 * params.road.lane_width_m
     return vehicles.active & along & settled & (vehicles.lane == config.num_lanes - 1)
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 
 from medjax.numerics.gathers import read
-from medjax.numerics.sums import rounded
+from medjax.numerics.sums import block_fma
 from medjax.traffic.neighbours import NOBODY
 from medjax.world.kinds import WIDTHS_M
 from medjax.world.params import DriverParams, LaneChangeParams, Scalar
@@ -174,7 +174,7 @@ def relaxed_headway(
     there = jnp.minimum(spare, usual)
     short = jnp.minimum(headway, usual)
     share = jnp.minimum(dt / params.relaxation_s, 1.0)  # of the missing headway
-    grown = short + rounded((usual - short) * share)
+    grown = short + block_fma((usual - short) * share)
     taken = jnp.maximum(there, jnp.minimum(params.accepted_headway, usual))
     return jnp.where(is_new, taken, jnp.maximum(grown, there))
 

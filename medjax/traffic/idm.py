@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 
-from medjax.numerics.sums import rounded
+from medjax.numerics.sums import block_fma
 from medjax.traffic.following import Drivers, Follower, braking_weight
 
 # Lower bound of the gap s in s*/s, so that an overlap brakes hard instead of dividing by 0.
@@ -82,13 +82,13 @@ def wanted_gap(
 ) -> jax.Array:
     """IDM's desired gap s*, m; `braking_weight` as from `following.braking_weight`."""
     braking = jnp.multiply(braking_weight, speed * (speed - leader_speed))
-    return jnp.add(min_gap, jnp.maximum(0.0, rounded(speed * time_headway) + braking))
+    return jnp.add(min_gap, jnp.maximum(0.0, block_fma(speed * time_headway) + braking))
 
 
 def interaction(wanted: jax.Array, gap: ArrayLike, max_acceleration: ArrayLike) -> jax.Array:
     """IDM's interaction term A (s*/s)^2, m/s^2."""
     ratio = wanted / jnp.maximum(gap, SMALLEST_GAP_M)
-    return rounded(jnp.multiply(max_acceleration, jnp.square(ratio)))
+    return block_fma(jnp.multiply(max_acceleration, jnp.square(ratio)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,8 +149,10 @@ class IDMPlus(IDM):
             min_gap=follower.min_gap,
             braking_weight=follower.closing,
         )
-        most = follower.max_acceleration
-        return jnp.minimum(follower.prepared, most - interaction(wanted, gap, most))
+        max_acceleration = follower.max_acceleration
+        return jnp.minimum(
+            follower.prepared, max_acceleration - interaction(wanted, gap, max_acceleration)
+        )
 
 
 IDM_PLUS = IDMPlus()  # the default model

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 
-from medjax.numerics.sums import rounded
+from medjax.numerics.sums import block_fma
 from medjax.traffic.following import Follower, Leader, gap_between, of_slots
 from medjax.traffic.mobil import is_safe, mobil_incentive
 from medjax.traffic.neighbours import NOBODY, Neighbours
@@ -39,7 +39,7 @@ class Wish(NamedTuple):
     may: jax.Array  # bool: only traffic can prevent a change to the side looked at
 
 
-class Turn(NamedTuple):
+class LaneChangePhase(NamedTuple):
     """Which of the `groups` equal parts of the slots looks to which side in a tick."""
 
     direction: jax.Array  # () int32, -1 left or +1 right
@@ -47,33 +47,33 @@ class Turn(NamedTuple):
     groups: int
 
 
-def whose_turn(tick: jax.Array, groups: int) -> Turn:
+def lane_change_phase(tick: jax.Array, groups: int) -> LaneChangePhase:
     """Even ticks look left, odd ticks right; the active group changes every two ticks.
 
     Each vehicle thus looks once to either side in 2 * groups ticks, and a tick evaluates only one group.
     """
-    return Turn(jnp.where(tick % 2 == 0, -1, 1), tick // 2 % groups, groups)
+    return LaneChangePhase(jnp.where(tick % 2 == 0, -1, 1), tick // 2 % groups, groups)
 
 
-def pick_group(tree: T, turn: Turn) -> T:
+def pick_group(tree: T, phase: LaneChangePhase) -> T:
     """Selects the active group: leaves (N,) to (ceil(N / groups),), padded with zeros."""
 
     def pick(values: jax.Array) -> jax.Array:
-        parts = jnp.pad(values, (0, -values.shape[0] % turn.groups)).reshape(turn.groups, -1)
-        return jax.lax.dynamic_index_in_dim(parts, turn.group, keepdims=False)
+        parts = jnp.pad(values, (0, -values.shape[0] % phase.groups)).reshape(phase.groups, -1)
+        return jax.lax.dynamic_index_in_dim(parts, phase.group, keepdims=False)
 
     return jax.tree.map(pick, tree)
 
 
-def place_group(values: jax.Array, turn: Turn, others: jax.Array) -> jax.Array:
+def place_group(values: jax.Array, phase: LaneChangePhase, others: jax.Array) -> jax.Array:
     """Scatters the active group's values into those of the others, `(N,)`.
 
     This is a write rather than a select because XLA does not fuse through a write. It would fuse a select into each
     of its readers and recompute the whole decision for each.
     """
     num_vehicles = others.shape[0]
-    parts = jnp.pad(others, (0, -num_vehicles % turn.groups)).reshape(turn.groups, -1)
-    parts = jax.lax.dynamic_update_index_in_dim(parts, values, turn.group, axis=0)
+    parts = jnp.pad(others, (0, -num_vehicles % phase.groups)).reshape(phase.groups, -1)
+    parts = jax.lax.dynamic_update_index_in_dim(parts, values, phase.group, axis=0)
     return parts.reshape(-1)[:num_vehicles]
 
 
@@ -100,7 +100,7 @@ GOES = -jnp.inf
 def _for_the_desire(usual: jax.Array, desire: jax.Array, params: LaneChangeParams) -> jax.Array:
     """Headway accepted at this urgency, s: LMRS, eq (10)."""
     shortest = jnp.minimum(params.accepted_headway, usual)
-    return usual - rounded((usual - shortest) * desire)
+    return usual - block_fma((usual - shortest) * desire)
 
 
 def _courtesy(
@@ -149,12 +149,16 @@ class Look(NamedTuple):
 
 
 def _look(
-    situation: Situation, desire: jax.Array, turn: Turn, follow: Follow, params: LaneChangeParams
+    situation: Situation,
+    desire: jax.Array,
+    phase: LaneChangePhase,
+    follow: Follow,
+    params: LaneChangeParams,
 ) -> Look:
     """What the active group sees in the target lane; desire `(N,)` is positive towards the side looked at."""
     leaders, followers, usual, neighbours, clearing_s, following, _ = situation
     mine = followers, usual, leaders, neighbours, clearing_s
-    own, own_usual, seen, neighbours, clearing_s = pick_group(mine, turn)
+    own, own_usual, seen, neighbours, clearing_s = pick_group(mine, phase)
     leader, leader_desire = of_slots((leaders, desire), neighbours.target_leader)
     old_leader = of_slots(leaders, neighbours.leader)
     behind = (followers, usual, following)
@@ -169,7 +173,7 @@ def _look(
             neighbours.follower,
         )
     )
-    desire = pick_group(desire, turn)
+    desire = pick_group(desire, phase)
     wanted = jnp.maximum(desire, 0.0)
     # The target leader can come over into the gap in front of this vehicle.
     open_to = has_leader & ~(has_old_leader & (old_leader.rear < leader.rear))
@@ -243,7 +247,7 @@ def _is_safe(look: Look, params: LaneChangeParams, tyres: Tyres) -> jax.Array:
 def decide(
     situation: Situation,
     wish: Wish,
-    turn: Turn,
+    phase: LaneChangePhase,
     follow: Follow,
     params: LaneChangeParams,
     tyres: Tyres,
@@ -261,15 +265,15 @@ def decide(
       GOES where the vehicle changes lanes now. Elsewhere the courtesy limit on its acceleration, m/s^2, towards the
       leader in that lane, inf for none. One array, because XLA would compute two one after the other.
     """
-    look = _look(situation, wish.desire * turn.direction, turn, follow, params)
-    acceleration, wish = pick_group((situation.acceleration, wish), turn)
+    look = _look(situation, wish.desire * phase.direction, phase, follow, params)
+    acceleration, wish = pick_group((situation.acceleration, wish), phase)
     own, desire = look.own, look.desire
 
     incentive = mobil_incentive(
         acceleration, look.own_after, *look.others, politeness=params.politeness
     )
     urgent = params.mandatory_bias + desire * params.urgency_bias
-    bias = jnp.where(desire > 0.0, urgent, params.right_bias * turn.direction)
+    bias = jnp.where(desire > 0.0, urgent, params.right_bias * phase.direction)
     wants = (incentive + bias > params.threshold) & jnp.where(
         wish.stay, desire > 0.0, desire >= 0.0
     )

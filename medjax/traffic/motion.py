@@ -79,20 +79,25 @@ def lateral_step(
       (offset, lateral_speed) after the tick.
     """
     ahead = offset + 0.5 * dt * lateral_speed  # half a tick ahead, or coarse ticks would overshoot
-    way = aim - ahead
-    most = steering.acceleration * dt
-    stops = jnp.sqrt(jnp.square(0.5 * most) + steering.acceleration * jnp.abs(way)) - 0.5 * most
+    distance = aim - ahead
+    max_change = steering.acceleration * dt
+    stops = (
+        jnp.sqrt(jnp.square(0.5 * max_change) + steering.acceleration * jnp.abs(distance))
+        - 0.5 * max_change
+    )
     fastest = jnp.minimum(steering.speed, stops)
-    wanted = jnp.clip(0.5 * steering.rate * way, -fastest, fastest)
-    gained = jnp.clip((wanted - lateral_speed) * -jnp.expm1(-2.0 * steering.rate * dt), -most, most)
+    wanted = jnp.clip(0.5 * steering.rate * distance, -fastest, fastest)
+    gained = jnp.clip(
+        (wanted - lateral_speed) * -jnp.expm1(-2.0 * steering.rate * dt), -max_change, max_change
+    )
     # Longitudinal speed may fall faster than lateral comfort allows, and a standing vehicle must not slide.
     after = jnp.clip(lateral_speed + gained, -steering.speed, steering.speed)
     return offset + 0.5 * (lateral_speed + after) * dt, after
 
 
-def crossing_s(way: jax.Array, steering: Steering) -> jax.Array:
-    """Time to move sideways by `way`, m, from straight driving, s, of the shape of the steering's speed."""
-    return way / steering.speed + 0.5 * steering.speed / steering.acceleration
+def crossing_s(distance: jax.Array, steering: Steering) -> jax.Array:
+    """Time to move sideways by `distance`, m, from straight driving, s, of the shape of the steering's speed."""
+    return distance / steering.speed + 0.5 * steering.speed / steering.acceleration
 
 
 def turn_between(

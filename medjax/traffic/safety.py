@@ -40,13 +40,17 @@ def safe_acceleration(speed: jax.Array, room: jax.Array, tyres: Tyres) -> jax.Ar
 
 
 def keeps_clear(
-    speed: jax.Array, most: jax.Array, gap: jax.Array, leader_speed: jax.Array, tyres: Tyres
+    speed: jax.Array,
+    max_acceleration: jax.Array,
+    gap: jax.Array,
+    leader_speed: jax.Array,
+    tyres: Tyres,
 ) -> jax.Array:
-    """Whether a vehicle that may accelerate at `most`, m/s^2, can become this leader's follower in this tick, bool."""
-    after = speed + most * tyres.tick_s
-    way = 0.5 * tyres.tick_s * (speed + after)
+    """Whether a vehicle can become this leader's follower in this tick, bool; max_acceleration in m/s^2."""
+    after = speed + max_acceleration * tyres.tick_s
+    distance = 0.5 * tyres.tick_s * (speed + after)
     braked = (jnp.square(after) - jnp.square(leader_speed)) * (0.5 / tyres.braking)
-    return gap - CLEARANCE_M >= way + braked
+    return gap - CLEARANCE_M >= distance + braked
 
 
 def safe_speed(gap: jax.Array, leader_speed: jax.Array, braking: Scalar) -> jax.Array:

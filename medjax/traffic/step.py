@@ -29,13 +29,13 @@ from medjax.traffic.lane_change import (
     CRAWL_M_PER_S,
     GOES,
     Follow,
+    LaneChangePhase,
     Situation,
-    Turn,
     Wish,
     decide,
+    lane_change_phase,
     place_group,
     straddling_gap,
-    whose_turn,
 )
 from medjax.traffic.motion import (
     Steering,
@@ -50,7 +50,7 @@ from medjax.traffic.road import NOWHERE, keeps_lane, merge_distance, other_lane,
 from medjax.traffic.safety import Tyres, safe_acceleration, stopping_room
 from medjax.traffic.wishes import Orders, wishes
 from medjax.world.params import EnvConfig, EnvParams, MotionParams
-from medjax.world.state import IN_SERVICE, EnvState, Tally, Vehicles
+from medjax.world.state import IN_SERVICE, EnvState, EpisodeStats, Vehicles
 
 
 def drivers_of(state: EnvState, config: EnvConfig, params: EnvParams) -> Drivers:
@@ -85,7 +85,7 @@ def _lane_changes(
     vehicles: Vehicles,
     situation: Situation,
     wish: Wish,
-    turn: Turn,
+    phase: LaneChangePhase,
     follow: Follow,
     config: EnvConfig,
     params: EnvParams,
@@ -95,9 +95,9 @@ def _lane_changes(
     The courtesy limit of a side holds until the vehicle looks there again.
     """
     tyres = _tyres(config, params)
-    decided = decide(situation, wish, turn, follow, params.lane_change, tyres)
-    left, right, is_left = vehicles.courtesy_left, vehicles.courtesy_right, turn.direction < 0
-    seen = place_group(decided, turn, jnp.where(is_left, left, right))
+    decided = decide(situation, wish, phase, follow, params.lane_change, tyres)
+    left, right, is_left = vehicles.courtesy_left, vehicles.courtesy_right, phase.direction < 0
+    seen = place_group(decided, phase, jnp.where(is_left, left, right))
     changes = seen == GOES
     recovery_s = jnp.where(changes, params.lane_change.recovery_s, vehicles.recovery_s)
     vehicles = vehicles.replace(
@@ -105,7 +105,7 @@ def _lane_changes(
         courtesy_right=jnp.where(changes, jnp.inf, jnp.where(is_left, right, seen)),
         recovery_s=recovery_s,
     )
-    return turn.direction * changes, vehicles
+    return phase.direction * changes, vehicles
 
 
 def _step(
@@ -176,7 +176,7 @@ def _in_other_lane(
     return _Ahead(gap, speed, straddling_gap(followers))
 
 
-def _most(
+def _highest_safe(
     vehicles: Vehicles,
     ahead: tuple[_Ahead, _Ahead],
     to_end: jax.Array,
@@ -193,7 +193,11 @@ def _most(
 
 
 def _look_around(
-    vehicles: Vehicles, drivers: Drivers, turn: Turn, config: EnvConfig, params: EnvParams
+    vehicles: Vehicles,
+    drivers: Drivers,
+    phase: LaneChangePhase,
+    config: EnvConfig,
+    params: EnvParams,
 ) -> tuple[jax.Array, Neighbours]:
     """Slots in road order, `(N,)`, and everyone's neighbours.
 
@@ -202,7 +206,7 @@ def _look_around(
     x, lane, active, width = vehicles.x, vehicles.lane, vehicles.active, params.road.lane_width_m
     order = sort_by_road(x, active, params.road.length_m, vehicles.road_order)
     other = other_lane(lane, vehicles.lateral_offset, drivers.width, width)
-    target = jnp.where(other != NOWHERE, other, lane + turn.direction)
+    target = jnp.where(other != NOWHERE, other, lane + phase.direction)
     return order, find_neighbours(order, lane, other, target, active, config.num_lanes + 1)
 
 
@@ -214,7 +218,7 @@ def move(
     config: EnvConfig,
     params: EnvParams,
     model: CarFollowing,
-) -> tuple[Vehicles, Tally]:
+) -> tuple[Vehicles, EpisodeStats]:
     """Moves all vehicles by one tick; the caller removes those that leave the road.
 
     Args:
@@ -223,9 +227,9 @@ def move(
       tick: () int32; its parity decides to which side drivers look.
     """
     leaders, followers = roles(drivers, vehicles.x, vehicles.speed, orders.platoon, model)
-    turn = whose_turn(tick, config.lane_change_groups)
+    phase = lane_change_phase(tick, config.lane_change_groups)
     with jax.named_scope("neighbours"):
-        order, neighbours = _look_around(vehicles, drivers, turn, config, params)
+        order, neighbours = _look_around(vehicles, drivers, phase, config, params)
         straddles = neighbours.in_target()
 
     follow = functools.partial(following_acceleration, platooning=orders.platooning, model=model)
@@ -245,24 +249,24 @@ def move(
         gap = jnp.where(has_leader, gap_between(followers, leader), FREE_GAP_M)
         beside = _in_other_lane(followers, leaders, neighbours.target_leader, straddles)
         ahead = _Ahead(gap, leader.speed, 0.0), beside
-        most = _most(vehicles, ahead, to_end - followers.min_gap, config, params)
+        safe = _highest_safe(vehicles, ahead, to_end - followers.min_gap, config, params)
         courtesy = jnp.minimum(vehicles.courtesy_left, vehicles.courtesy_right)
-        acceleration = jnp.minimum(jnp.minimum(following, most), courtesy)
+        acceleration = jnp.minimum(jnp.minimum(following, safe), courtesy)
 
     with jax.named_scope("lane_changes"):
         seen = neighbours.without_target(straddles)
         clearing_s = _clearing_s(vehicles.speed, drivers.width, params)
         situation = Situation(leaders, followers, usual, seen, clearing_s, following, acceleration)
-        wish = wishes(vehicles, orders, to_end, straddles, turn.direction, config, params)
-        steps, vehicles = _lane_changes(vehicles, situation, wish, turn, follow, config, params)
+        wish = wishes(vehicles, orders, to_end, straddles, phase.direction, config, params)
+        steps, vehicles = _lane_changes(vehicles, situation, wish, phase, follow, config, params)
 
     with jax.named_scope("motion"):
         command = jnp.minimum(acceleration, orders.acceleration)
-        command = jnp.minimum(command + vehicles.acceleration_noise, most)  # bounds noise, too
+        command = jnp.minimum(command + vehicles.acceleration_noise, safe)  # bounds noise, too
         command = jnp.clip(command, -params.motion.max_braking, followers.max_acceleration)
         vehicles = vehicles.replace(road_order=order, headway=headway)
         moved = _step(vehicles, command, steps, drivers.width, config, params)
-    tally = Tally.zeros().replace(
+    tally = EpisodeStats.zeros().replace(
         lane_changes=jnp.sum(jnp.abs(steps), dtype=jnp.float32),
         collisions=jnp.sum((gap < 0.0) | (beside.gap < 0.0), dtype=jnp.float32),
     )

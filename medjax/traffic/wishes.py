@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.numerics.sums import in_units, rounded
+from medjax.numerics.sums import block_fma, scale_by
 from medjax.traffic.exits import exit_desire, prepares
 from medjax.traffic.following import Platooning
 from medjax.traffic.lane_change import COURTEOUS_DESIRE, Wish
@@ -42,7 +42,7 @@ def wishes(
     target = vehicles.lane + direction
     merging = vehicles.lane == config.num_lanes
     view_m = params.lane_change.view_m
-    far = rounded(in_units(jnp.minimum(to_end, view_m), view_m))  # finite, for gradients
+    far = block_fma(scale_by(jnp.minimum(to_end, view_m), view_m))  # finite, for gradients
     urgency = jnp.clip(1.0 - far, ORDERED_DESIRE, 1.0)
     there = vehicles.active & (target >= 0) & (target < config.num_lanes)
     wanted = orders.desire

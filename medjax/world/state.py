@@ -71,7 +71,7 @@ class MEDs(struct.PyTreeNode):
     accepts: jax.Array  # (M,) bool, accepts new bookings
 
 
-class Tally(struct.PyTreeNode):
+class EpisodeStats(struct.PyTreeNode):
     """Sums over time from which metrics and rewards are computed; all float32."""
 
     entered: jax.Array  # (num_kinds,) vehicles of each kind, including those on the road at reset
@@ -111,7 +111,7 @@ class Tally(struct.PyTreeNode):
     left_early: jax.Array  # () MEDs that chose to leave before they had to
 
     @classmethod
-    def zeros(cls, zero: jax.Array | int = 0) -> Tally:
+    def zeros(cls, zero: jax.Array | int = 0) -> EpisodeStats:
         """An empty tally.
 
         Args:
@@ -124,7 +124,7 @@ class Tally(struct.PyTreeNode):
         gas = jnp.full((len(GAS_KINDS),), number)
         return cls(**scalars | kinds | {"gas_seconds": gas, "gas_distance_m": gas})
 
-    def __add__(self, other: Tally) -> Tally:
+    def __add__(self, other: EpisodeStats) -> EpisodeStats:
         return jax.tree.map(jnp.add, self, other)
 
 
@@ -148,4 +148,4 @@ class EnvState(struct.PyTreeNode):
     arrivals: jax.Array  # (2,) uint32, seed of the arrivals (`medjax.traffic.arrivals`)
     cooldown_s: jax.Array  # () until the next dispatch is allowed
     time: jax.Array  # () int32, decisions taken
-    tally: Tally  # since reset
+    tally: EpisodeStats  # since reset

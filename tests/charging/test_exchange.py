@@ -10,7 +10,7 @@ from medjax.charging.exchange import taper, transfer
 from medjax.env.metrics import episode_metrics
 from medjax.env.tick import physics_tick, ways
 from medjax.traffic.step import drivers_of
-from medjax.world.state import IN_SERVICE, MERGING, QUEUED, Tally
+from medjax.world.state import IN_SERVICE, MERGING, QUEUED, EpisodeStats
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -184,7 +184,7 @@ def test_tallies_of_time(played):
 def test_metrics_of_energy():
     """Two EVs, a MED: what is drawn, what comes of it, and what each EV saved and got."""
     kwh = 3.6e6
-    tally = Tally.zeros().replace(
+    tally = EpisodeStats.zeros().replace(
         entered=jnp.array([1.0, 1.0, 1.0, 4.0, 1.0]),
         energy_sent_j=jnp.float32(4.0 * kwh),
         energy_received_j=jnp.float32(3.0 * kwh),

@@ -7,7 +7,7 @@ import pytest
 
 import medjax
 from medjax.charging.energy import drive_energy
-from medjax.charging.range import answering, lasting_speed, way_to_go
+from medjax.charging.range import apply_eco_speed, lasting_speed, way_to_go
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -87,14 +87,16 @@ def test_who_answers(started, paper):
     state = state.replace(evs=evs, vehicles=state.vehicles.replace(x=x))
     np.testing.assert_allclose(way_to_go(state.vehicles, config, params), 1000.0)
     own = np.asarray(state.vehicles.desired_speed)
-    ours = np.asarray(jax.jit(lambda s: answering(s, config, params))(state).vehicles.desired_speed)
+    ours = np.asarray(
+        jax.jit(lambda s: apply_eco_speed(s, config, params))(state).vehicles.desired_speed
+    )
     slower = np.flatnonzero(ours < own)
     # 0.39 of a pack of 1 kWh is enough for a kilometre; 0.01 is not.
     expected = set(range(config.num_evs)) - {1, 2, 3, 4}
     assert set(slower - slots.start) == expected
     np.testing.assert_allclose(ours[slower], np.minimum(own[slower], 18.0))
     further = params.replace(drivers=params.drivers.replace(eco_horizon_m=jnp.float32(1e9)))
-    far = np.asarray(answering(state, config, further).vehicles.desired_speed)
+    far = np.asarray(apply_eco_speed(state, config, further).vehicles.desired_speed)
     assert set(np.flatnonzero(far < own) - slots.start) == expected | {1}
 
 

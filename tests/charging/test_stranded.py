@@ -12,7 +12,7 @@ from medjax.charging.stranded import SETTLED_M, coasting
 from medjax.env.tick import physics_tick
 from medjax.traffic.step import drivers_of
 from medjax.world.params import LEFT
-from medjax.world.state import NOT_BOOKED, Tally
+from medjax.world.state import NOT_BOOKED, EpisodeStats
 from tests.charging.scene import scene
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -34,7 +34,7 @@ def played(config, params, state, ticks):
         state, more = physics_tick(state, drivers, index, config, params)
         return (state, tally + more), state
 
-    start = state, Tally.zeros()
+    start = state, EpisodeStats.zeros()
     (_, tally), states = jax.lax.scan(tick, start, jnp.arange(ticks, dtype=jnp.int32))
     return tally, states
 

@@ -7,14 +7,14 @@ import pytest
 import medjax
 from medjax.env.reward import MONEY, Outcome, total_reward
 from medjax.errors import InputError
-from medjax.world.state import Tally
+from medjax.world.state import EpisodeStats
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
 def test_each_term_is_what_it_says():
     """In hours, kWh and numbers, from a tally in seconds and joules."""
-    happened = Tally.zeros().replace(
+    step_stats = EpisodeStats.zeros().replace(
         ev_delay_s=jnp.float32(1800.0),
         gas_delay_s=jnp.float32(3600.0),
         queue_seconds=jnp.float32(900.0),
@@ -27,7 +27,7 @@ def test_each_term_is_what_it_says():
         low_exits=jnp.float32(3.0),
     )
     env, params = medjax.make("paper", reward="money")
-    outcome = Outcome(None, None, happened, params, env.config)
+    outcome = Outcome(None, None, step_stats, params, env.config)
     expected = {
         "delay_h": 1.75 * -20.0,
         "depot_kwh": 3.0 * -0.22,
@@ -87,3 +87,10 @@ def test_eq_10_stays_the_default():
     assert not set(medjax.TERMS) & set(MONEY)
     with pytest.raises(ValueError, match="unknown reward 'gold': allowed money, paper"):
         medjax.make(reward="gold")
+
+
+def test_the_former_name_of_step_stats(paper):
+    """It works for one version, and says what it is now."""
+    outcome = Outcome("before", "after", "sums", paper[1], paper[0].config)
+    with pytest.warns(DeprecationWarning, match="Outcome.step_stats"):
+        assert outcome.happened == "sums"

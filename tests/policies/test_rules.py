@@ -244,5 +244,5 @@ def test_slow_is_a_control_without_meds_on_the_same_seeds():
             np.testing.assert_allclose(both[name][metric], values, rtol=1e-4, atol=1e-4)
     assert (both["slow"]["meds_dispatched"] == 0.0).all()
     assert both["slow"]["ev_saved_kwh"].mean() > both["none"]["ev_saved_kwh"].mean() + 0.01
-    again = rules["slow"].world(rules["slow"].world(params))
+    again = rules["slow"].params_transform(rules["slow"].params_transform(params))
     np.testing.assert_array_equal(again.drivers.eco_speed, params.fleet.service_speed)

@@ -9,7 +9,7 @@ import medjax
 from medjax.episodes.recording import Decisions, Frames, Recording
 from medjax.episodes.verdict import NAMES
 from medjax.world.kinds import AUTONOMOUS_EV, GAS, MED
-from medjax.world.state import AT_DEPOT, IN_SERVICE, Tally
+from medjax.world.state import AT_DEPOT, IN_SERVICE, EpisodeStats
 
 TICKS = 4
 
@@ -34,7 +34,7 @@ def blank(frames, **overrides):
     mask = np.ones((decisions, env.num_actions), bool)
     zeros = np.zeros(decisions, np.float32)
     tally = jax.tree.map(
-        lambda leaf: np.zeros((decisions, *np.shape(leaf)), np.float32), Tally.zeros()
+        lambda leaf: np.zeros((decisions, *np.shape(leaf)), np.float32), EpisodeStats.zeros()
     )
     decided = Decisions(
         action=np.zeros(decisions, np.int32),

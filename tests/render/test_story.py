@@ -63,8 +63,8 @@ def test_verdict_is_of_the_whole_episode(recording, other):
 
 def test_cost_is_what_the_terms_of_money_say(recording):
     """Sums over the episode, weighed with the prices of the preset."""
-    happened = jax.tree.map(lambda each: np.sum(each, axis=0), recording.decisions.tally)
-    outcome = Outcome(before=None, after=None, happened=happened, params=None, config=None)
+    step_stats = jax.tree.map(lambda each: np.sum(each, axis=0), recording.decisions.tally)
+    outcome = Outcome(before=None, after=None, step_stats=step_stats, params=None, config=None)
     paid = -sum(PRICES[name].default * float(term(outcome)) for name, term in MONEY.items())
     rows = {row["title"]: row["values"] for row in verdict([recording])}
     assert rows["cost, EUR"][0] == pytest.approx(paid, rel=1e-5)

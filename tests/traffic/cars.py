@@ -12,7 +12,7 @@ from medjax.traffic.following import (
     of_slots,
     roles,
 )
-from medjax.traffic.lane_change import Situation, Turn, decide
+from medjax.traffic.lane_change import LaneChangePhase, Situation, decide
 from medjax.traffic.neighbours import NOBODY, Neighbours
 from medjax.traffic.safety import Tyres
 from medjax.world.params import DriverParams
@@ -73,5 +73,5 @@ def decided(their, x, speed, wish, params, there, model):
         following=following,
         acceleration=following,
     )
-    turn, tyres = Turn(jnp.asarray(1), jnp.asarray(0), 1), Tyres(9.0, 0.25)
-    return decide(situation, wish, turn, follow, params, tyres)[EGO]
+    phase, tyres = LaneChangePhase(jnp.asarray(1), jnp.asarray(0), 1), Tyres(9.0, 0.25)
+    return decide(situation, wish, phase, follow, params, tyres)[EGO]

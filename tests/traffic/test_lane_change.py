@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from medjax.traffic.lane_change import whose_turn
+from medjax.traffic.lane_change import lane_change_phase
 from medjax.world.kinds import MED, by_class
 from medjax.world.params import EnvConfig
 from medjax.world.state import MERGING
@@ -173,13 +173,13 @@ def test_everyone_looks_both_ways_once_a_second(tick_s):
     config, slots = EnvConfig(tick_s=tick_s), 13
     period = 2 * config.lane_change_groups
     assert abs(period * tick_s - 1.0) <= tick_s + 1e-9
-    seen = [whose_turn(jnp.asarray(t), config.lane_change_groups) for t in range(3 * period)]
-    direction = np.array([turn.direction for turn in seen])
-    turn = np.array([np.arange(slots) % turn.groups == turn.group for turn in seen])
+    seen = [lane_change_phase(jnp.asarray(t), config.lane_change_groups) for t in range(3 * period)]
+    direction = np.array([phase.direction for phase in seen])
+    phase = np.array([np.arange(slots) % phase.groups == phase.group for phase in seen])
     for start in range(2 * period):
         window = slice(start, start + period)
         for side in (-1, 1):
-            looks = turn[window] & (direction[window] == side)[:, None]
+            looks = phase[window] & (direction[window] == side)[:, None]
             np.testing.assert_array_equal(looks.sum(axis=0), 1)
 
 

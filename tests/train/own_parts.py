@@ -7,7 +7,7 @@ from tests.train.probe_envs import Probe
 
 def served(outcome):
     """EVs that began to charge for the first time."""
-    return outcome.happened.evs_served
+    return outcome.step_stats.evs_served
 
 
 def generous(env):

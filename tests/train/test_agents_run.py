@@ -97,7 +97,7 @@ def test_dispatchers_are_rules_without_a_draw():
     policies = {name: medjax.BASELINES[name](env) for name in DISPATCHERS}
     acts = jax.jit(lambda key: {n: p(key, obs, state, params).action for n, p in policies.items()})
     assert acts(jax.random.key(1)) == acts(jax.random.key(2))
-    assert all(policy.world(params) is params for policy in policies.values())
+    assert all(policy.params_transform(params) is params for policy in policies.values())
 
 
 @pytest.mark.parametrize("central", [False, True])

@@ -42,7 +42,7 @@ class Weighted:
     weight: float
 
     def __call__(self, outcome):
-        return self.weight * outcome.happened.depleted
+        return self.weight * outcome.step_stats.depleted
 
 
 @pytest.mark.parametrize(

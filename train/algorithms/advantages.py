@@ -53,17 +53,17 @@ def generalized_advantages(
     return advantage, advantage + value
 
 
-def asks_everywhere(steps: Steps, gae_lambda: float) -> jax.Array:
+def needs_bootstrap(steps: Steps, gae_lambda: float) -> jax.Array:
     """Whether the advantages of rollouts also depend on the values of other steps; `(...)` bool.
 
     With lambda 1 those values cancel out, except the ones that are bootstrapped after a cut. This holds for the output
-    of `generalized_advantages`; `less_others` then reads the values of other environments at the same step.
+    of `generalized_advantages`; `leave_one_out_baseline` then reads the values of other environments at the same step.
     """
     cut = ~steps.terminated[-1] | jnp.any(steps.truncated & ~steps.terminated, axis=0)
     return cut | (gae_lambda < 1.0)
 
 
-def less_others(advantage: jax.Array, group: int) -> jax.Array:
+def leave_one_out_baseline(advantage: jax.Array, group: int) -> jax.Array:
     """Subtracts the mean advantage of the other members of the group at the same step.
 
     A group meets the same demand, so this removes the luck that its members share. The expected gradient is unchanged

@@ -13,7 +13,7 @@ from medjax.env.contract import Environment
 from medjax.env.observation import OBSERVATIONS
 from medjax.env.reward import REWARDS
 from medjax.env.wrapper import check_environment as check_is_environment
-from medjax.episodes.player import episode_decisions
+from medjax.episodes.runner import episode_decisions
 from medjax.errors import InputError
 from medjax.numerics.devices import environment_mesh
 from medjax.policies.about import about_of

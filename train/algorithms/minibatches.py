@@ -85,10 +85,10 @@ def mean_in_blocks(function: Callable[[jax.Array], Result], teaches: jax.Array) 
     )
 
 
-def slope(
+def minibatch_gradient(
     loss: Loss, params: Any, seen: Any, minibatch: tuple[jax.Array, jax.Array, Any]
 ) -> tuple[Any, dict[str, jax.Array]]:
-    """Gradient of a minibatch's mean loss, and the scalars that describe the loss; arguments as in `descend`."""
+    """Gradient of a minibatch's mean loss, and the scalars that describe the loss; arguments as in `run_epochs`."""
     environments, teaches, samples = minibatch
     shape = jax.tree.leaves(seen)[0].shape[: teaches.ndim]
     number = jnp.swapaxes(jnp.arange(math.prod(shape)).reshape(shape), 0, 1)
@@ -104,7 +104,7 @@ def slope(
     return mean_in_blocks(of_rows, teaches.ravel())
 
 
-def descend(
+def run_epochs(
     loss: Loss,
     optimizer: optax.GradientTransformation,
     start: tuple[Any, Any],
@@ -141,7 +141,7 @@ def descend(
     ) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
         """One gradient step: a device reads its own samples of the minibatch, and the update is the same on all."""
         params, opt_state = carry
-        own, restore = ravel_pytree(slope(loss, params, seen, batch))
+        own, restore = ravel_pytree(minibatch_gradient(loss, params, seen, batch))
         gradient, metrics = restore(lax.pmean(own, mesh.axis_names))
         squares = (jnp.sum(jnp.square(leaf)) for leaf in jax.tree.leaves(gradient))
         metrics["grad_norm"] = jnp.sqrt(sum(squares))

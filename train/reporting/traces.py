@@ -18,7 +18,7 @@ from medjax.env.contract import Environment
 from medjax.env.forecast import forecast_need
 from medjax.env.observation import NEED_WINDOW_S
 from medjax.episodes.keys import episode_keys
-from medjax.episodes.player import Episodes, Player, episode_decisions, episode_steps
+from medjax.episodes.runner import EpisodeRunner, Episodes, episode_decisions, episode_steps
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.numerics.rows import CACHED_ROWS
 from medjax.policies.policy import Policy
@@ -87,8 +87,8 @@ def _recorder(
 ) -> Callable[[Any, jax.Array, EnvParams], Trace]:
     """The jitted program `(weights, keys (episodes,), params) -> traces (episodes, policies, ...)`."""
     config = env.config
-    player = Player(env.with_probe(partial(_frame, config)), [*policies.values()])
-    count, num_frames = len(player.policies), 1 + decisions * config.rounds_per_decision
+    runner = EpisodeRunner(env.with_probe(partial(_frame, config)), [*policies.values()])
+    count, num_frames = len(runner.policies), 1 + decisions * config.rounds_per_decision
     ends = slice(config.ticks_per_round - 1, None, config.ticks_per_round)
 
     def play(keys: jax.Array, same: tuple[Any, EnvParams]) -> Trace:
@@ -107,15 +107,15 @@ def _recorder(
             return forecast_need(highway, config, numbers, NEED_WINDOW_S)
 
         def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
-            after, made = player.decide(episodes, number, weights, params)
+            after, made = runner.decide(episodes, number, weights, params)
             made = made.of_dispatcher(config.num_actions)
-            happened = made.info["tally"]
-            sent = jnp.where(happened.meds_dispatched > 0.0, made.action, 0)
+            step_stats = made.info["tally"]
+            sent = jnp.where(step_stats.meds_dispatched > 0.0, made.action, 0)
             seen = jax.tree.map(lambda ticks: ticks[:, ends], made.info["ticks"])
             need = jax.vmap(need_at)(episodes.state)
-            return after, (seen, sent, need, made.reward, happened.depleted)
+            return after, (seen, sent, need, made.reward, step_stats.depleted)
 
-        first = player.start(keys, params)
+        first = runner.start(keys, params)
         _, made = lax.scan(decide, first, jnp.arange(steps, dtype=jnp.int32))
         rounds, *decided = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), made)
         # The last step may cover decisions past the end of the episode.

@@ -14,7 +14,7 @@ from jax import lax
 from tqdm import tqdm
 
 from medjax.episodes.keys import episode_keys
-from medjax.episodes.player import episode_decisions
+from medjax.episodes.runner import episode_decisions
 from medjax.episodes.scores import MAX_DECISIONS, Scores, make_runner
 from medjax.numerics.rows import CACHED_ROWS, in_blocks
 from medjax.policies.policy import Policy

@@ -16,7 +16,7 @@ from benchmarks.verification.validation.measures import Findings, find, summaris
 from benchmarks.verification.validation.trajectories import Road, Trajectories
 from medjax.env.charging_env import ChargingEnv
 from medjax.episodes.keys import episode_keys
-from medjax.episodes.player import Episodes, Player
+from medjax.episodes.runner import EpisodeRunner, Episodes
 from medjax.world.kinds import WIDTHS_M
 from medjax.world.params import EnvParams
 from medjax.world.state import EnvState
@@ -36,9 +36,9 @@ def program(env: ChargingEnv, policy: str) -> tuple[Callable[..., Any], Callable
 
     The latter returns (episodes, ticks); ticks are `(decisions, episodes, ticks, N)` by the names of SEEN.
     """
-    player = Player(env.with_probe(_probe), [medjax.BASELINES[policy](env)])
+    runner = EpisodeRunner(env.with_probe(_probe), [medjax.BASELINES[policy](env)])
     decisions = round(60.0 / env.config.decision_s)
-    weights = [player.policies[0].weights]
+    weights = [runner.policies[0].weights]
 
     def joined(begun: jax.Array, ticks: jax.Array) -> jax.Array:
         """Joins (episodes, rounds, N) and (episodes, ticks, N) to (episodes, ticks, N)."""
@@ -48,7 +48,7 @@ def program(env: ChargingEnv, policy: str) -> tuple[Callable[..., Any], Callable
     @jax.jit
     def minute(playing: Episodes, number: jax.Array, params: EnvParams) -> tuple[Episodes, Any]:
         def decide(playing: Episodes, index: jax.Array) -> tuple[Episodes, Any]:
-            playing, made = player.decide(playing, index, weights, params)
+            playing, made = runner.decide(playing, index, weights, params)
             begun, ticks = made.info["begun"], made.info["ticks"]
             # A new vehicle must first be seen where it entered, since its first tick may end in another lane. So
             # rounds are recorded from their start; the state after the last tick starts the next one.
@@ -56,7 +56,7 @@ def program(env: ChargingEnv, policy: str) -> tuple[Callable[..., Any], Callable
 
         return jax.lax.scan(decide, playing, number * decisions + jnp.arange(decisions))
 
-    return jax.jit(player.start), minute
+    return jax.jit(runner.start), minute
 
 
 def trajectories(

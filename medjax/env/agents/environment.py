@@ -15,9 +15,9 @@ from medjax.env.dispatch import is_allowed
 from medjax.env.observation import RoadProfile, of_shape
 from medjax.env.spaces import Box, Discrete
 from medjax.env.wrapper import Wrapper
-from medjax.numerics.sums import in_units
+from medjax.numerics.sums import scale_by
 from medjax.world.params import EnvParams
-from medjax.world.state import IN_SERVICE, NOT_BOOKED, EnvState, Tally
+from medjax.world.state import IN_SERVICE, NOT_BOOKED, EnvState, EpisodeStats
 
 CREDITS = ("team", "own")
 ROAD = RoadProfile()
@@ -132,7 +132,7 @@ class AgentsEnv(Wrapper):
         agents = jnp.arange(self.num_agents)[:, None]
         stayed = before.vehicles.active[slots] & after.vehicles.active[slots]
         ours = [(each.evs.med == agents) & (each.evs.med != NOT_BOOKED) for each in (before, after)]
-        change = in_units(after.evs.energy_j - before.evs.energy_j, params.ev_capacity_j)
+        change = scale_by(after.evs.energy_j - before.evs.energy_j, params.ev_capacity_j)
         return jnp.sum(jnp.where((ours[0] | ours[1]) & stayed, change, 0.0), axis=1)
 
     def action_mask(self, state: EnvState, params: EnvParams) -> jax.Array:
@@ -153,7 +153,7 @@ class AgentsEnv(Wrapper):
         return ROAD(state, self.env.config, params)
 
 
-def agents_metrics(tally: Tally) -> dict[str, jax.Array]:
+def agents_metrics(tally: EpisodeStats) -> dict[str, jax.Array]:
     """What agents decided since reset, float32 scalars by name.
 
     Of the time that MEDs were in service: told_speed, the mean of the speeds they were told, m/s, and refusing_share,
@@ -167,13 +167,13 @@ def agents_metrics(tally: Tally) -> dict[str, jax.Array]:
     }
 
 
-def _told(before: EnvState, ordered: EnvState, decision_s: float) -> Tally:
+def _told(before: EnvState, ordered: EnvState, decision_s: float) -> EpisodeStats:
     """What the orders of a decision add to the tally."""
     meds = ordered.meds
     serves = jnp.where(meds.status == IN_SERVICE, jnp.float32(decision_s), 0.0)
     slots = slice(meds.status.shape[0])
     leaves = ordered.vehicles.destination[slots] != before.vehicles.destination[slots]
-    return Tally.zeros().replace(
+    return EpisodeStats.zeros().replace(
         told_seconds=jnp.sum(serves),
         told_speed_m=jnp.sum(serves * meds.service_speed),
         refusing_seconds=jnp.sum(jnp.where(meds.accepts, 0.0, serves)),

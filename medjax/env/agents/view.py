@@ -18,7 +18,7 @@ from medjax.env.observation import (
     outlook_in,
     show_need,
 )
-from medjax.numerics.sums import in_units
+from medjax.numerics.sums import scale_by
 from medjax.traffic.exits import next_exit
 from medjax.world.params import PANELS, EnvConfig, EnvParams
 from medjax.world.state import (
@@ -155,8 +155,8 @@ def _evs(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
         vehicles.x[slots],
         vehicles.speed[slots],
         vehicles.lane[slots],
-        in_units(evs.energy_j, params.ev_capacity_j),
-        in_units(lacks_j, params.ev_capacity_j),
+        scale_by(evs.energy_j, params.ev_capacity_j),
+        scale_by(lacks_j, params.ev_capacity_j),
         requests.asks,
         evs.med,
         evs.is_charging,
@@ -212,9 +212,9 @@ def _itself(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
     lane = _lanes(state, config)
     columns = [
         *(status == number for number in range(len(STATUS_NAMES))),
-        jnp.where(_on_road(state, config), in_units(x, road.length_m), 0.0),
+        jnp.where(_on_road(state, config), scale_by(x, road.length_m), 0.0),
         _speeds(state, config) / SPEED_UNIT,
-        in_units(meds.energy_j, params.med_capacity_j),
+        scale_by(meds.energy_j, params.med_capacity_j),
         lane / config.num_lanes,
         jnp.where(drives, meds.service_lane - lane, 0.0),
         meds.service_speed / SPEED_UNIT,

@@ -13,7 +13,7 @@ import medjax
 from benchmarks.studies import planner
 from benchmarks.studies.base import AS_BASE
 from medjax.episodes.keys import episode_keys
-from medjax.episodes.player import Player
+from medjax.episodes.runner import EpisodeRunner
 from medjax.episodes.scores import evaluate_policies
 from medjax.policies.rules import none, paced
 from tests.benchmarks.refusal import refused
@@ -40,7 +40,7 @@ def paying(pay, **numbers):
 def futures_of(pay):
     """Environment, futures of a policy that never sends where a MED pays so much, and an episode's first state."""
     env, params = paying(pay)
-    played = Player(env, [none(env)]).start(episode_keys(0, 1), params)
+    played = EpisodeRunner(env, [none(env)]).start(episode_keys(0, 1), params)
     one = jax.tree.map(lambda leaf: leaf[0], played)
     return env, planner.Futures(env, params, none(env), HOLD, ROWS), one
 

@@ -20,7 +20,7 @@ from benchmarks.verification.invariants import (
 )
 from medjax.world.kinds import GAS, KINDS
 from medjax.world.params import EnvConfig
-from medjax.world.state import AT_DEPOT, IN_SERVICE, NOT_BOOKED, Tally
+from medjax.world.state import AT_DEPOT, IN_SERVICE, NOT_BOOKED, EpisodeStats
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -59,7 +59,7 @@ def still():
     meds = meds.replace(status=meds.status.at[0].set(IN_SERVICE))
     entered = jnp.zeros((len(KINDS),)).at[vehicles.kind[slots]].add(1.0)
     state = state.replace(vehicles=vehicles, evs=evs, meds=meds, queue=jnp.zeros_like(state.queue))
-    return state.replace(tally=Tally.zeros().replace(entered=entered)), env.config, params
+    return state.replace(tally=EpisodeStats.zeros().replace(entered=entered)), env.config, params
 
 
 @functools.cache
@@ -220,7 +220,7 @@ def closing(still, after=None, obs=0.0, reward=0.0, terms=None, tally=None, shar
     state, config, params = still
     params = params.replace(reward_weights=dict.fromkeys(params.reward_weights, 0.0))
     books = entry_books(state, state, params.road.length_m)
-    tally = Tally.zeros().replace(**tally or {})
+    tally = EpisodeStats.zeros().replace(**tally or {})
     after = after or state.replace(tally=state.tally + tally)
     terms = dict.fromkeys(params.reward_weights, jnp.zeros(())) | (terms or {})
     info = {"tally": tally, "reward_terms": terms, "metrics": dict.fromkeys(SHARES, share)}

@@ -7,7 +7,7 @@ import pytest
 
 import medjax
 from medjax.env.agents.orders import give_orders
-from medjax.episodes.player import Decision
+from medjax.episodes.runner import Decision
 from medjax.world.state import AT_DEPOT, IN_SERVICE, RETIRED
 from tests.env.agents.conftest import TRIPS, World
 

@@ -7,7 +7,7 @@ import pytest
 
 from medjax.env.agents.environment import AgentsEnv
 from medjax.traffic.exits import next_exit
-from medjax.world.state import AT_DEPOT, IN_SERVICE, RETIRED, Tally
+from medjax.world.state import AT_DEPOT, IN_SERVICE, RETIRED, EpisodeStats
 from tests.env.agents.conftest import World
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -141,7 +141,7 @@ def test_own_reward_by_hand(trips, busy):
 def test_metrics_of_what_agents_were_told_by_hand(trips, busy):
     """Two decisions at other speeds, refusing in the second: means over MEDs in service, as a loop counts them."""
     seconds = metres = refusing = 0.0
-    state = busy.replace(tally=Tally.zeros())
+    state = busy.replace(tally=EpisodeStats.zeros())
     speeds = np.asarray(trips.actions.speeds)
     for number, (speed, accept) in enumerate([(0, 1), (2, 0)]):
         serves = int((state.meds.status == IN_SERVICE).sum())
@@ -157,7 +157,9 @@ def test_metrics_of_what_agents_were_told_by_hand(trips, busy):
     assert metrics["left_early"] == 0.0
     # Who is bound for the end makes for an exit before it, once.
     bound = busy.vehicles.destination.at[:4].set(trips.params.road.length_m)
-    bound = busy.replace(tally=Tally.zeros(), vehicles=busy.vehicles.replace(destination=bound))
+    bound = busy.replace(
+        tally=EpisodeStats.zeros(), vehicles=busy.vehicles.replace(destination=bound)
+    )
     leaving = play(trips, bound, 2, leave=1)
     changed = np.asarray(leaving.vehicles.destination != bound.vehicles.destination)[:4]
     stays = np.asarray(leaving.meds.status == IN_SERVICE)

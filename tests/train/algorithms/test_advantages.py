@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from train.algorithms.advantages import (
     Steps,
-    asks_everywhere,
     generalized_advantages,
-    less_others,
+    leave_one_out_baseline,
+    needs_bootstrap,
 )
 
 STEPS = 24
@@ -91,14 +91,16 @@ def test_less_others_takes_out_what_a_group_has_in_common():
     """By loops; and whatever is added to a whole group at a step changes nothing."""
     rng = np.random.default_rng(0)
     advantage = rng.normal(size=(6, 4)).astype(np.float32)
-    got = np.asarray(less_others(jnp.asarray(advantage), 3))
+    got = np.asarray(leave_one_out_baseline(jnp.asarray(advantage), 3))
     for env in range(6):
         first = env // 3 * 3
         others = [advantage[other] for other in range(first, first + 3) if other != env]
         np.testing.assert_allclose(got[env], advantage[env] - np.mean(others, axis=0), atol=1e-6)
     luck = np.repeat(10.0 * rng.normal(size=(2, 4)), 3, axis=0)
-    np.testing.assert_allclose(less_others(jnp.asarray(advantage + luck), 3), got, atol=1e-5)
-    np.testing.assert_array_equal(less_others(jnp.asarray(advantage), 1), advantage)
+    np.testing.assert_allclose(
+        leave_one_out_baseline(jnp.asarray(advantage + luck), 3), got, atol=1e-5
+    )
+    np.testing.assert_array_equal(leave_one_out_baseline(jnp.asarray(advantage), 1), advantage)
 
 
 def test_values_of_other_steps_are_asked_for_where_they_do_not_cancel_out():
@@ -118,7 +120,7 @@ def test_values_of_other_steps_are_asked_for_where_they_do_not_cancel_out():
         return estimate[0] + jnp.where(own, 0.0, asked.value)[0], estimate[3]
 
     for gae_lambda in (0.5, 1.0):
-        everywhere = asks_everywhere(steps, gae_lambda)
+        everywhere = needs_bootstrap(steps, gae_lambda)
         first, chosen = advantage(jnp.zeros(4), 0.0, gae_lambda)
         other_first, other_chosen = advantage(jnp.ones(4), 1.0, gae_lambda)
         depends = np.abs(other_chosen - chosen) > 1e-5

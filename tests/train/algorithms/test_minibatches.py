@@ -10,7 +10,7 @@ import pytest
 
 from medjax.numerics.devices import environment_mesh
 from train.algorithms import minibatches
-from train.algorithms.minibatches import descend, split_environments
+from train.algorithms.minibatches import run_epochs, split_environments
 
 
 def test_each_sample_is_in_exactly_one_minibatch():
@@ -55,7 +55,7 @@ def fit(num_devices, teaches=None):
         teaches, small = batches[0], dict(batches[1])
         x = small.pop("x")
         seen = jnp.zeros((2, 24, 5)).at[:, numbers].set(jnp.moveaxis(x, 2, 0))  # as acted
-        return descend(loss, optimizer, began, seen, (numbers, teaches, small), 60, mesh)
+        return run_epochs(loss, optimizer, began, seen, (numbers, teaches, small), 60, mesh)
 
     return run, (teaches, samples)
 

@@ -14,14 +14,14 @@ from medjax.env.contract import Environment
 from medjax.numerics.devices import environment_mesh, on_devices
 from train.algorithms.advantages import (
     Steps,
-    asks_everywhere,
     generalized_advantages,
-    less_others,
+    leave_one_out_baseline,
+    needs_bootstrap,
 )
 from train.algorithms.algorithm import Algorithm, Metrics, TrainState, first_weights
 from train.algorithms.environments import training_batch
 from train.algorithms.finite import BAD, first_bad
-from train.algorithms.minibatches import descend, split_environments
+from train.algorithms.minibatches import run_epochs, split_environments
 from train.algorithms.networks import PolicyWeights, apply_policy, build_network
 from train.algorithms.normalization import (
     RunningStats,
@@ -149,7 +149,7 @@ class PPOLearner:
             steps, last_value, gamma=self.config.gamma, gae_lambda=self.config.gae_lambda
         )
         chosen = leaves_choice(trajectory.mask)
-        everywhere = asks_everywhere(steps, self.config.gae_lambda)
+        everywhere = needs_bootstrap(steps, self.config.gae_lambda)
         batch = Batch(
             action=trajectory.action,
             log_prob=trajectory.log_prob,
@@ -160,7 +160,7 @@ class PPOLearner:
             value_weight=(chosen | everywhere).astype(jnp.float32),
         )
         batch = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), batch)
-        of_demand = less_others(batch.advantage, self.config.same_demand)
+        of_demand = leave_one_out_baseline(batch.advantage, self.config.same_demand)
         return dataclasses.replace(batch, advantage=of_demand)
 
     def _learn(
@@ -187,7 +187,7 @@ class PPOLearner:
             )
             return ppo_loss(policy, value, batch, self.config)
 
-        return descend(
+        return run_epochs(
             loss_fn,
             self.optimizer,
             (weights.params, opt_state),

@@ -62,7 +62,7 @@ class Decision(struct.PyTreeNode):
         return self.replace(action=action, probabilities=probabilities, mask=mask)
 
 
-class Player:
+class EpisodeRunner:
     """Plays several policies in one batch: policy `r % len(policies)` plays row r.
 
     The environment compiles once for all policies, and a decision's fixed cost is paid once. Weights are passed to
@@ -70,7 +70,7 @@ class Player:
 
     Args:
         env: a single environment.
-        policies: at least one; their own weights are not read. Each plays in its own `Policy.world`.
+        policies: at least one; their own weights are not read. Each plays in its own `Policy.params_transform`.
     """
 
     def __init__(self, env: Environment, policies: Sequence[Policy]) -> None:
@@ -118,7 +118,9 @@ class Player:
         choices = []
         for index, (policy, own) in enumerate(zip(self.policies, weights, strict=True)):
             mine = jax.tree.map(lambda leaf, index=index: leaf[index::count], rows)
-            choices.append(_over_rows(partial(policy.act, own))(*mine, policy.world(params)))
+            choices.append(
+                _over_rows(partial(policy.act, own))(*mine, policy.params_transform(params))
+            )
 
         shapes = {choice.action.shape[1:] for choice in choices}
         if len(shapes) > 1:
@@ -191,7 +193,7 @@ class Player:
         def mapped(*given: Any) -> Any:
             """Takes leaves `(rows, ...)`, then the environment's params."""
             *rows, params = given
-            first, *others = (policy.world(params) for policy in self.policies)
+            first, *others = (policy.params_transform(params) for policy in self.policies)
             turns = jax.tree.leaves(rows)[0].shape[0] // len(self.policies)
             # Batch only the numbers that differ between worlds; the coils' table, for one, stays shared.
             numbers = jax.tree.map(lambda *leaves: _in_turn(leaves, turns), first, *others)
