@@ -239,8 +239,7 @@ def move(
         is_new = straddles | has_leader & it_straddles
         spare = spare_headway(followers, leader, has_leader)
         usual, dt = drivers.time_headway, config.tick_s
-        kept = vehicles.headway, usual, spare
-        headway = relaxed_headway(*kept, is_new, dt, params.lane_change)
+        headway = relaxed_headway(vehicles.headway, usual, spare, is_new, dt, params.lane_change)
         together = same_platoon(followers, leader, has_leader)
         headway = jnp.where(together, orders.platooning.time_headway, headway)
         followers = followers._replace(time_headway=headway)
