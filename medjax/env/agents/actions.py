@@ -84,7 +84,7 @@ class AgentActions:
         return jnp.concatenate([enter, joint], axis=-1)
 
     def fold(self, parts: Parts[jax.Array], serves: jax.Array) -> jax.Array:
-        """Folds choices into actions `(A,)` int32; `serves` `(A,)` bool marks MEDs that were sent, whose `enter` is 0."""
+        """Folds choices into actions, `(A,)` int32; `serves` `(A,)` bool marks sent MEDs, whose `enter` is 0."""
         enter, *spaces = self.parts
         place = jnp.zeros_like(parts.speed)
         for space, choice in zip(spaces, parts[1:], strict=True):
@@ -120,8 +120,8 @@ class AgentActions:
 
         Only the first MED in a depot's queue may enter, from a ramp of that depot, once the cooldown is over. A MED
         that waits at a ramp or merges may refuse EVs. A MED in service keeps its lane while an EV is booked on it,
-        because EVs beside it would be in its way. It may leave once, at an exit before its destination, which becomes its
-        destination. It may change its depot as long as it can still take its exit, or until the road's end.
+        because EVs beside it would be in its way. It may leave once, at an exit before its destination; that exit
+        becomes its destination. It may change its depot while it can still take its exit, or until the road's end.
         """
         status = state.meds.status
         in_service = status == IN_SERVICE
