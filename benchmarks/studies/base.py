@@ -24,10 +24,10 @@ AS_BASE = -1  # a plan: the base goes on
 def add_base(parser: argparse.ArgumentParser) -> None:
     """The options that `load` reads."""
     parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
-    improved = "run whose first learner is improved on"
+    improved = "run whose first learner the study improves on"
     parser.add_argument("--run-dir", type=a_path, metavar="DIR", help=improved)
     rules = sorted({*BASELINES} - {"slow"})
-    rule = "rule that is improved on (default: budgeted)"
+    rule = "rule that the study improves on (default: budgeted)"
     parser.add_argument("--base", choices=rules, help=rule)
 
 
