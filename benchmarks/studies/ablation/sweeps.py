@@ -47,7 +47,7 @@ SWEEPS = {
         "link.misalignment_scale",
         (0, 0.5, 1, 2),
         "share of the misalignment that coils see",
-        "Varies the coils' misalignment: none (0, every link at its nominal place), as simulated (1), and twice that (2).",
+        "Varies the coils' misalignment: none (0, all links at their nominal place), as simulated (1), twice that (2).",
     ),
     "humans": Sweep(
         "demand.human_share",
