@@ -199,7 +199,7 @@ PRICES = {
     "delay_h": weight(
         -20.0,
         "EUR/h",
-        "time of a car; UK TAG 2022: 16.83 GBP per vehicle-hour; other guidance: 12-30",
+        "value of a car's time; UK TAG 2022: 16.83 GBP per vehicle-hour; other guidance: 12-30",
     ),
     "depot_kwh": weight(
         -0.22,
