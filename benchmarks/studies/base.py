@@ -1,4 +1,4 @@
-"""The policy that a study improves on: the options that choose it, and how plans leave it."""
+"""The base policy that a study improves on: its options, and plans that deviate from it."""
 
 import argparse
 from typing import Any
@@ -18,12 +18,12 @@ from train.runs.policies import load_policies
 from train.runs.run_directory import RunDir
 from train.runs.trained_run import to_play
 
-AS_BASE = -1  # a plan: the base goes on
+AS_BASE = -1  # the plan to go on with the base policy
 
 
 def add_base(parser: argparse.ArgumentParser) -> None:
-    """The options that `load` reads."""
-    parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
+    """Adds the options that `load` reads."""
+    parser.set_defaults(scenario=None)  # the run's, else the default of train.ppo
     improved = "run whose first learner the study improves on"
     parser.add_argument("--run-dir", type=a_path, metavar="DIR", help=improved)
     rules = sorted({*BASELINES} - {"slow"})
@@ -32,10 +32,10 @@ def add_base(parser: argparse.ArgumentParser) -> None:
 
 
 def load(options: argparse.Namespace) -> tuple[str, Any, Any, str, dict[str, Policy]]:
-    """Scenario, environment, parameters, name of the base, and all policies by name.
+    """Scenario, environment, parameters, name of the base policy, and all policies by name.
 
     Raises:
-      InputError: the run cannot be read, is of agents, or a base is given too.
+      InputError: the run cannot be read or is of agents, or --base is given too.
     """
     if not options.run_dir:
         config = to_play(PPOConfig(), options.scenario)
@@ -59,15 +59,15 @@ def follow(
     ends: tuple[jax.Array | int, int],
     params: Any,
 ) -> Episodes:
-    """Plays on as was planned, and then as the base does.
+    """Plays episodes on: first by their plans, then by the base policy.
 
     Args:
-      player: of the base.
-      weights: the base's.
-      rows: where the episodes stand, and what was planned for each, (rows,) int32: AS_BASE, or an action that
-        is taken once and stands, action 0 following it.
-      first: () int32, the decision for which it was planned.
-      ends: the decision that is no longer played, and for how many decisions plans stand.
+      player: of the base policy.
+      weights: of the base policy.
+      rows: the episodes so far, and the plan of each, (rows,) int32: AS_BASE, or an action that is taken
+        once and followed by action 0 for the rest of the plan.
+      first: () int32, the decision at which the plans start.
+      ends: the decision to stop before, and the length of the plans in decisions.
       params: of the environment.
     """
     (played, plans), (last, hold) = rows, ends
