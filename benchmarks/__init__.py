@@ -1,4 +1,4 @@
-"""Measurements: each module is a command that prints a table and can write JSON."""
+"""Benchmarks: each module is a command that prints a table and can write JSON."""
 
 import sys
 from importlib.util import find_spec
@@ -9,7 +9,7 @@ from medjax.early import command_name
 
 
 def _check_train(command: str) -> None:
-    """Ends a command where importing `train` would run somebody's own train.py: the current folder comes first."""
+    """Ends the command if a train.py in the current folder, which Python searches first, would shadow our `train`."""
     found = find_spec("train")
     if found and found.origin:
         ours = Path(__file__).resolve().parents[1] / "train"

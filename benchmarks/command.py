@@ -1,4 +1,4 @@
-"""What the benchmarks' commands share: their options, and what becomes of what they measure."""
+"""Shared code of the benchmark commands: options, error handling and output."""
 
 import argparse
 import json
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 def benchmark_parser(name: str, description: str | None) -> OneLineParser:
-    """The parser of `python -m benchmarks.NAME`, with `--json FILE`."""
+    """Parser of `python -m benchmarks.NAME` with `--json FILE`."""
     parser = OneLineParser(
         prog=f"python -m benchmarks.{name}",
         description=description,
@@ -39,21 +39,21 @@ def run_command(
     arguments: list[str] | None = None,
     plot: Callable[[Path, Any], None] | None = None,
 ) -> Any:
-    """A command from its arguments to the files that are asked for.
+    """Runs a command and returns the result of `measure`.
 
-    Bad input ends it in one line and exit code 2, a signal in one line and 128 + signal.
+    Bad input ends the process with one line and exit code 2, a signal with one line and 128 + signal.
 
     Args:
       parser: of `benchmark_parser`.
-      measure: does it, prints what it finds, and returns what `--json` writes; an InputError of it is bad input.
-      arguments: None: those of the process.
-      plot: draws what `measure` returned, which is returned here too, to the PNG of `--plot`.
+      measure: measures, prints, and returns what `--json` writes; its InputError is bad input.
+      arguments: None uses those of the process.
+      plot: draws the result to the PNG of `--plot`.
     """
     results = []
 
     @commandline.command
     def run(argv: Sequence[str] | None) -> int:
-        """All of it; what was measured is in `results`."""
+        """Runs the command and leaves what it measured in `results`."""
         options = parser.parse_args(argv)
         prepare_cpu()
         try:
@@ -72,14 +72,14 @@ def run_command(
 
 
 def _write_json(path: Path, result: Any) -> None:
-    """Writes what was measured, numbers that are none included."""
+    """Writes the results as JSON; NaN is allowed."""
     write_text(path, json.dumps(result, indent=2) + "\n")
 
 
 def _write(
     parser: OneLineParser, path: Path, write: Callable[[Path, Any], None], result: Any
 ) -> None:
-    """Writes a file; where that fails, the command ends in a line and exit code 1."""
+    """Writes a file; on failure the process ends with one line and exit code 1."""
     try:
         write(path, result)
     except OSError as error:
@@ -87,7 +87,7 @@ def _write(
 
 
 def machine() -> dict[str, str]:
-    """What figures of speed depend on, as every report names it."""
+    """The backend, device and JAX version that a measured speed depends on."""
     return {
         "backend": jax.default_backend(),
         "device": jax.devices()[0].device_kind,
@@ -96,12 +96,12 @@ def machine() -> dict[str, str]:
 
 
 def say(line: str) -> None:
-    """Progress, on stderr."""
+    """Prints progress to stderr."""
     print(line, file=sys.stderr, flush=True)
 
 
 def argument(read: Callable[[str, str], T]) -> Callable[[str], T]:
-    """`read(name, text)` as a type of argument: argparse names the option, and shows only its own error's words."""
+    """Adapts `read(name, text)` to an argparse type, whose errors keep their message."""
 
     def parse(text: str) -> T:
         try:
@@ -113,7 +113,7 @@ def argument(read: Callable[[str, str], T]) -> Callable[[str], T]:
 
 
 def whole_number(least: int = 1, most: int = 10**7) -> Callable[[str], int]:
-    """A type of argument: whole numbers from `least` to `most`."""
+    """An argparse type of whole numbers from `least` to `most`."""
     return argument(partial(commandline.whole_number, least=least, most=most))
 
 
@@ -123,7 +123,7 @@ a_seed = whole_number(least=0, most=2**32 - 1)
 
 
 def a_number(allowed: str, is_allowed: Callable[[float], bool]) -> Callable[[str], float]:
-    """A type of argument: finite numbers, such as 1e9, that are allowed; `allowed` says which."""
+    """An argparse type of finite numbers that `is_allowed` accepts; `allowed` describes them in the error."""
 
     def parse(text: str) -> float:
         try:
@@ -151,7 +151,7 @@ def add_scenario(parser: OneLineParser) -> None:
 
 
 def episodes_parser(name: str, description: str | None, episodes: int, seed: int) -> OneLineParser:
-    """`benchmark_parser` of a command that plays whole episodes, with these defaults."""
+    """`benchmark_parser` with options of episodes, seed and scenario, for commands that play whole episodes."""
     parser = benchmark_parser(name, description)
     number = whole_number(least=2)
     parser.add_argument("--episodes", type=number, default=episodes, help="episodes per policy")
@@ -165,7 +165,7 @@ a_path = argument(as_path)
 
 @argument
 def output_file(name: str, text: str) -> Path:
-    """A type of argument: a file that can be written, checked before anything is measured."""
+    """An argparse type of files that can be written, checked before anything is measured."""
     path = as_path(name, text)
     check_output(name, path)
     return path
@@ -179,7 +179,7 @@ def add_plot(parser: OneLineParser, what: str) -> None:
 
 
 def picture(text: str) -> Path:
-    """A type of argument: a PNG file that can be written."""
+    """An argparse type of PNG files that can be written."""
     if not text.endswith(".png"):
         raise argparse.ArgumentTypeError(f"{shown(text)}: allowed a name that ends in .png")
     return output_file(text)

@@ -1,6 +1,6 @@
-"""medjax beside other traffic simulators, on the same road, in one run: `python -m benchmarks.peers`.
+"""Compares the speed of medjax with other traffic simulators on the same road: `python -m benchmarks.peers`.
 
-A peer is one module with one `Peer`, and an entry in `PEERS` of `__main__`.
+To add a peer, write a module with a `Peer` and list it in `PEERS` of `__main__`.
 """
 
 import abc
@@ -13,20 +13,20 @@ from medjax.world.params import EnvConfig, EnvParams
 
 @dataclasses.dataclass(frozen=True)
 class Rate:
-    """What one measurement gives."""
+    """Result of one measurement."""
 
-    active_vehicle_updates_per_s: float  # vehicles on the road, summed over ticks, by wall time
+    active_vehicle_updates_per_s: float  # vehicles on the road, summed over ticks, per wall time
     mean_active_vehicles: float  # on one road
 
 
 @dataclasses.dataclass(frozen=True)
 class World:
-    """The world that every simulator is given."""
+    """The world that every simulator gets."""
 
     config: EnvConfig
     params: EnvParams
-    num_vehicles: int  # on the road; what medjax's traffic comes to
-    cores: int  # processes of a simulator that uses one core
+    num_vehicles: int  # mean number on the road in medjax
+    cores: int  # number of processes of a single-core simulator
     folder: Path  # for files; deleted after the run
 
     @property
@@ -36,12 +36,12 @@ class World:
 
 
 class Peer(abc.ABC):
-    """A simulator that is timed; its package may be missing until it is built with a World."""
+    """A simulator to time; only building one with a World needs its package."""
 
     name: ClassVar[str]
     package: ClassVar[str]  # distribution that must be installed
-    differences: ClassVar[tuple[str, ...]]  # sentences: what it does more, less or otherwise
+    differences: ClassVar[tuple[str, ...]]  # sentences on what it does differently
 
     @abc.abstractmethod
     def measure(self) -> Rate:
-        """One measurement on all cores; set-up, loading and warm-up are not timed."""
+        """Measures once on all cores; set-up, loading and warm-up are not timed."""

@@ -1,8 +1,7 @@
-"""`python -m benchmarks.peers`: medjax and other simulators on the same road, in one run.
+"""`python -m benchmarks.peers`: compares the speed of medjax with other simulators on the same road.
 
-The figure is active vehicle updates a second: vehicles really on the road, summed over ticks, by wall
-time, all cores at work. Rounds alternate between the simulators, so that a machine that slows down slows
-all of them; medians over rounds are compared.
+The figure is active vehicle updates per second: vehicles on the road, summed over ticks, per wall time on all cores.
+Rounds alternate between the simulators, so that a slowdown of the machine affects all alike; medians are compared.
 """
 
 import argparse
@@ -24,7 +23,7 @@ from benchmarks.speed.workload import measure
 from medjax.commandline import OneLineParser
 from medjax.numerics.devices import cpu_cores
 
-PEERS: tuple[type[Any], ...] = (Sumo, HighwayEnv)  # each built with a World
+PEERS: tuple[type[Any], ...] = (Sumo, HighwayEnv)  # each is built with a World
 SCENARIO = "paper"
 COUNTED_ROADS = 64  # enough to know the mean number of vehicles to 1 %
 
@@ -45,20 +44,20 @@ class Medjax(Peer):
         self.decisions = decisions
 
     def measure(self) -> Rate:
-        """All roads over `decisions`, after as many for warm-up."""
+        """Times `decisions` decisions on all roads, after as many for warm-up."""
         result = measure(self.num_envs, steps=self.decisions, repeats=1, scenario=SCENARIO)
         return Rate(result.active_vehicle_updates_per_s, result.mean_active_vehicles)
 
 
 @dataclasses.dataclass(frozen=True)
 class Result:
-    """A simulator's line of the table."""
+    """A simulator's row of the table."""
 
     version: str
     active_vehicle_updates_per_s: float  # median over rounds
     mean_active_vehicles: float  # median over rounds
-    medjax_ratio: float  # medjax's figure by this one
-    rounds: list[float]  # active vehicle updates a second in each
+    medjax_ratio: float  # medjax's figure divided by this one
+    rounds: list[float]  # active vehicle updates per second, by round
     differences: tuple[str, ...]
 
 
@@ -71,7 +70,7 @@ def installed_version(package: str) -> str | None:
 
 
 def alternate(simulators: Sequence[Peer], rounds: int) -> dict[str, list[Rate]]:
-    """Measures every simulator once a round, in the order given."""
+    """Measures every simulator once per round, in the given order."""
     rates: dict[str, list[Rate]] = {simulator.name: [] for simulator in simulators}
     for number in range(1, rounds + 1):
         for simulator in simulators:
@@ -85,7 +84,7 @@ def alternate(simulators: Sequence[Peer], rounds: int) -> dict[str, list[Rate]]:
 
 
 def summarise(simulators: Sequence[Peer], rates: dict[str, list[Rate]]) -> dict[str, Result]:
-    """Medians over rounds, and the ratio of medjax's (the first simulator's) to each."""
+    """Medians over rounds, and the ratio of the first simulator's, medjax's, to each."""
     medians = {
         name: statistics.median(rate.active_vehicle_updates_per_s for rate in measured)
         for name, measured in rates.items()
@@ -106,7 +105,7 @@ def summarise(simulators: Sequence[Peer], rates: dict[str, list[Rate]]) -> dict[
 
 
 def compare(options: argparse.Namespace) -> dict[str, Any]:
-    """The whole run; prints the table and what differs."""
+    """Measures everything; prints the table and the differences."""
     present, skipped = [], []
     for peer in PEERS:
         if installed_version(peer.package) is None:
@@ -115,8 +114,8 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
         else:
             present.append(peer)
     env, params = medjax.make(SCENARIO)
-    # An episode for warm-up and an episode that is timed, as SUMO: traffic changes within an episode,
-    # since MEDs come, so a part of one would hold fewer vehicles.
+    # As with SUMO, one episode is warm-up and another is timed. A part of an episode would not do, since MEDs
+    # enter over its course.
     decisions = int(params.episode_decisions)
     cores = cpu_cores()
     say(f"counting vehicles in {COUNTED_ROADS} roads of medjax")
@@ -143,7 +142,7 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def report(comparison: dict[str, Any]) -> str:
-    """The table, and what differs."""
+    """Formats the table and the differences."""
     lines = [
         f"Active vehicle updates a second, medians of {comparison['rounds']} alternating rounds; "
         f"{comparison['cores']} cores, medjax on {comparison['backend']} ({comparison['device']})",

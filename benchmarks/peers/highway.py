@@ -14,15 +14,15 @@ import numpy as np
 from benchmarks.peers import Peer, Rate, World
 from medjax.world.kinds import GAS
 
-SPAN_S = 10.0  # simulated; the 600 s of an episode would take minutes, and cost a tick the same
+SPAN_S = 10.0  # simulated; an episode's 600 s would take minutes at the same cost per tick
 WARM_UP_S = 1.0
-PATIENCE_S = 120.0  # for all workers to be ready
-START_SPEED = 25.0  # m/s, of highway-env's own HighwayEnv
+PATIENCE_S = 120.0  # limit for all workers to be ready
+START_SPEED = 25.0  # m/s, as in highway-env's own HighwayEnv
 
 
 @dataclasses.dataclass(frozen=True)
 class Traffic:
-    """What a worker process needs to know; plain numbers."""
+    """The plain numbers that a worker process needs."""
 
     length_m: float
     num_lanes: int
@@ -33,10 +33,9 @@ class Traffic:
 
 
 def build_road(traffic: Traffic, seed: int) -> Any:
-    """A straight road with IDM vehicles at even spacings with jitter, lanes in turn.
+    """A straight road with IDM vehicles at jittered even spacings, one lane after the other.
 
-    They start far enough from its end that none leaves while they are timed, since highway-env brings no
-    new ones.
+    They start far enough from the end that none leaves while they are timed, since highway-env adds no new ones.
     """
     from highway_env.road.road import Road, RoadNetwork
     from highway_env.vehicle.behavior import IDMVehicle
@@ -62,7 +61,7 @@ def build_road(traffic: Traffic, seed: int) -> Any:
 
 
 def move(road: Any, traffic: Traffic, ticks: int) -> int:
-    """Moves the road and returns the vehicle updates: vehicles on it, summed over ticks."""
+    """Moves the road; returns the vehicle updates, which are the vehicles on it summed over ticks."""
     updates = 0
     for _ in range(ticks):
         updates += sum(0.0 <= vehicle.position[0] <= traffic.length_m for vehicle in road.vehicles)
@@ -80,7 +79,7 @@ def _join(barrier: multiprocessing.synchronize.Barrier) -> None:
 
 
 def _work(traffic: Traffic, seed: int) -> Rate:
-    """One worker's measurement, begun together with all others."""
+    """One worker's measurement; all workers start together."""
     road = build_road(traffic, seed)
     move(road, traffic, round(WARM_UP_S / traffic.tick_s))
     if _together is not None:
@@ -92,7 +91,7 @@ def _work(traffic: Traffic, seed: int) -> Rate:
 
 
 class HighwayEnv(Peer):
-    """highway-env's road physics, one process a core at the same time."""
+    """highway-env's road physics in one process per core."""
 
     name = "highway-env"
     package = "highway-env"
@@ -111,7 +110,7 @@ class HighwayEnv(Peer):
     )
 
     def __init__(self, workload: World) -> None:
-        """Takes the plain numbers from medjax's."""
+        """Takes the plain numbers of medjax's world."""
         road, drivers = workload.params.road, workload.params.drivers
         self.cores = workload.cores
         self.traffic = Traffic(
@@ -124,11 +123,11 @@ class HighwayEnv(Peer):
         )
 
     def measure(self) -> Rate:
-        """One span of all roads at the same time."""
-        # Spawned, not forked: a fork of a process with JAX's threads may hang.
+        """Times one span of all roads at the same time."""
+        # Processes are spawned, since forking a process with JAX's threads may hang.
         context = multiprocessing.get_context("spawn")
         barrier = context.Barrier(self.cores)
-        # An executor raises if a worker dies, where a Pool would start new ones for ever.
+        # An executor raises if a worker dies; a Pool would start new ones forever.
         with ProcessPoolExecutor(
             self.cores, mp_context=context, initializer=_join, initargs=(barrier,)
         ) as pool:

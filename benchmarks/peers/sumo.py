@@ -1,4 +1,4 @@
-"""SUMO on the road of medjax: a network of netconvert, IDM, the same demand, tick and time span."""
+"""SUMO on the road of medjax: netconvert's network, IDM, and the same demand, tick and time span."""
 
 import math
 import statistics
@@ -11,7 +11,7 @@ from benchmarks.peers.sumo_road import RAMP_M, Period, build_demand, build_netwo
 
 
 class Sumo(Peer):
-    """The `sumo` program, one process a core at the same time, each with a road of its own."""
+    """The `sumo` program in one process per core, each with its own road."""
 
     name = "SUMO"
     package = "eclipse-sumo"
@@ -35,7 +35,7 @@ class Sumo(Peer):
         whole = Period(0.0, 2.0 * workload.span_s + 1.0, params)
         self.network = build_network(config, params, folder)
         self.demand = build_demand(config, [whole], folder)
-        # A state is saved at the start of a step, so one more step has to follow.
+        # SUMO saves a state at the start of a step, so one more step has to follow.
         span, tick = workload.span_s, workload.config.tick_s
         self._together(
             [
@@ -54,18 +54,18 @@ class Sumo(Peer):
         return self.workload.folder / f"road{seed}.{name}"
 
     def start(self, seed: int, begin: float, end: float, *options: str) -> subprocess.Popen[str]:
-        """Starts SUMO on road `seed` from `begin` to `end` (s); the result goes to its summary."""
+        """Starts SUMO on road `seed` from `begin` to `end` (s); its statistics go to the road's file."""
         command = ["sumo", "--net-file", str(self.network), "--route-files", str(self.demand)]
         command += ["--begin", str(begin), "--end", str(end), "--seed", str(seed)]
         command += ["--step-length", str(self.workload.config.tick_s)]
-        command += ["--step-method.ballistic", "true"]  # the update of medjax
-        command += ["--time-to-teleport", "-1"]  # nobody is taken off the road for waiting
+        command += ["--step-method.ballistic", "true"]  # as in medjax
+        command += ["--time-to-teleport", "-1"]  # never removes waiting vehicles
         command += ["--no-step-log", "true", "--no-warnings", "true"]
         command += ["--statistic-output", str(self._file(seed, "statistics.xml")), *options]
         return start(command)
 
     def resume(self, seed: int, *options: str) -> subprocess.Popen[str]:
-        """Starts SUMO on the filled road `seed`, for one episode."""
+        """Starts SUMO for one episode on the filled road `seed`."""
         span = self.workload.span_s
         state = str(self._file(seed, "state.xml.gz"))
         return self.start(seed, span, 2.0 * span, "--load-state", state, *options)
@@ -79,18 +79,18 @@ class Sumo(Peer):
                 process.kill()
 
     def read(self, seed: int) -> Rate:
-        """The rate that SUMO itself counted on road `seed`, of vehicles running in each step."""
+        """The rate that SUMO itself reports for road `seed`, of vehicles running in each step."""
         statistics_of_run = ElementTree.parse(self._file(seed, "statistics.xml")).getroot()
         performance = statistics_of_run.find("performance")
         if performance is None:
             raise RuntimeError("SUMO's statistics have no performance")
         rate = float(performance.attrib["vehicleUpdatesPerSecond"])
-        # Wall time is given to 0.01 s only; simulated time by the real time factor is finer.
+        # SUMO reports wall time to 0.01 s only, so the finer real-time factor gives the step rate.
         steps_per_s = float(performance.attrib["realTimeFactor"]) / self.workload.config.tick_s
         return Rate(rate, rate / steps_per_s)
 
     def measure(self) -> Rate:
-        """One episode of all roads at the same time."""
+        """Times one episode of all roads at the same time."""
         seeds = range(self.workload.cores)
         self._together([self.resume(seed) for seed in seeds])
         rates = [self.read(seed) for seed in seeds]

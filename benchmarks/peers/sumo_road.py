@@ -1,4 +1,4 @@
-"""The road of medjax as SUMO loads it, and the traffic that asks to enter."""
+"""The road and the demand of medjax as files for SUMO."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from medjax.traffic.demand import SPEED_SPREAD, entry_rates
 from medjax.world.kinds import EVS, GAS, GAS_KINDS, kinds_in
 from medjax.world.params import EnvConfig, EnvParams
 
-# medjax's vehicles start on the acceleration lane; SUMO's start this much before it, on a ramp.
+# Length of the ramp on which SUMO's vehicles start; medjax's start on the acceleration lane itself.
 RAMP_M = 20.0
 
 
@@ -44,7 +44,7 @@ def _cuts(params: EnvParams) -> list[float]:
 
 
 class Period(NamedTuple):
-    """A demand for a time."""
+    """A demand and the time that it lasts."""
 
     begin_s: float
     end_s: float
@@ -56,7 +56,7 @@ Network = tuple[Elements, Elements, Elements]  # nodes, edges and connections
 
 
 def _main_road(params: EnvParams, num_lanes: int, common: Mapping[str, Any]) -> Network:
-    """Edges from cut to cut, named by the position of their left end, with an acceleration lane behind each ramp."""
+    """Edges from cut to cut, named by the position of their left end; those at ramps have an acceleration lane."""
     ramps, cuts = _ramps(params), _cuts(params)
     nodes = [_element("node", id=f"x{x:g}", x=x, y=0) for x in cuts]
     edges, connections = [], []
@@ -77,13 +77,13 @@ def _main_road(params: EnvParams, num_lanes: int, common: Mapping[str, Any]) -> 
 
 
 def _on_ramps(params: EnvParams, y: float, common: Mapping[str, Any]) -> Network:
-    """A short edge to each ramp's acceleration lane, at `y` beside the road so that no two connections cross."""
+    """A short edge to each acceleration lane, at `y` beside the road so that no connections cross."""
     nodes, edges, connections = [], [], []
     for x in _ramps(params):
         name, end = f"ramp{x:g}", f"x{x:g}"
         shape = f"{x - RAMP_M},{y} {x},{y}"
         nodes.append(_element("node", id=name, x=x - RAMP_M, y=y))
-        # Its length is given, since netconvert leads the shape on to the middle of the node.
+        # An explicit length, since netconvert extends the shape to the middle of the node.
         of_ramp = {"numLanes": 1, "shape": shape, "length": RAMP_M}
         edges.append(_element("edge", id=name, from_=name, to=end, **of_ramp, **common))
         connections.append(
@@ -93,7 +93,7 @@ def _on_ramps(params: EnvParams, y: float, common: Mapping[str, Any]) -> Network
 
 
 def build_network(config: EnvConfig, params: EnvParams, folder: Path) -> Path:
-    """The road as netconvert makes it.
+    """Builds the road with netconvert and returns its file.
 
     SUMO counts lanes from the right, so the acceleration lane is lane 0 of its edge.
     """
@@ -107,14 +107,14 @@ def build_network(config: EnvConfig, params: EnvParams, folder: Path) -> Path:
     for kind, parts in zip(("node", "edge", "connection"), zip(*road, strict=True), strict=True):
         file = _write(folder / f"road.{kind}.xml", f"{kind}s", itertools.chain(*parts))
         command += [f"--{kind}-files", str(file)]
-    # Edges then meet without lanes of a junction between them: lengths are exact, and SUMO is faster.
+    # Without internal junction lanes, lengths are exact and SUMO is faster.
     command += ["--no-internal-links", "true", "--output-file", str(network)]
     finish(start(command))
     return network
 
 
 def lanes_of_network(config: EnvConfig, params: EnvParams) -> dict[str, tuple[float, int]]:
-    """Where each lane of `build_network` starts, m, and which of medjax's it is, by SUMO's name."""
+    """The start (m) and medjax's number of each lane of `build_network`, by SUMO's name of the lane."""
     ramps, num_lanes = _ramps(params), config.num_lanes
     found = {f"ramp{x:g}_0": (x - RAMP_M, num_lanes) for x in ramps}
     for left in _cuts(params)[:-1]:
@@ -124,9 +124,9 @@ def lanes_of_network(config: EnvConfig, params: EnvParams) -> dict[str, tuple[fl
 
 
 def _kinds(params: EnvParams) -> ElementTree.Element:
-    """Drivers of medjax's kinds, as likely as they are there."""
+    """Vehicle types for medjax's kinds, with the same shares."""
     demand, drivers = params.demand, params.drivers
-    limit = float(drivers.desired_speed[GAS])  # desired speeds are factors of the road's limit
+    limit = float(drivers.desired_speed[GAS])  # SUMO wants desired speeds as factors of the limit
     of_class, ev = demand.class_shares, float(demand.ev_share)
     shares = {kind: ev * float(of_class[kind]) for kind in kinds_in(EVS)}
     shares |= {kind: (1.0 - ev) * float(of_class[kind]) for kind in GAS_KINDS}
@@ -148,17 +148,17 @@ def _kinds(params: EnvParams) -> ElementTree.Element:
                 emergencyDecel=float(params.motion.max_braking),
                 length=float(drivers.vehicle_length[kind]),
                 speedFactor=f"normc({mean:.6f},{spread:.6f},{low:.6f},{high:.6f})",
-                lcKeepRight=0,  # medjax's traffic has no duty to keep right either
+                lcKeepRight=0,  # as in medjax, nobody has to keep right
             )
         )
     return kinds
 
 
 def _flows(config: EnvConfig, period: Period) -> list[ElementTree.Element]:
-    """Poisson arrivals at each entry in a period; SUMO wants flows in the order of their beginnings."""
+    """Poisson arrivals at each entry in a period; SUMO wants flows in the order of their start times."""
     demand = period.params.demand
-    # "last": as fast as the vehicle ahead. Of "max" SUMO lets in 1,000 an hour and lane at most, some of them at a
-    # crawl, which then hold up others.
+    # "last" enters as fast as the vehicle ahead. With "max" SUMO admits at most 1,000 vehicles per hour and lane, some
+    # of them at a crawl, which then hold up others.
     entries = [("main0", lane, "last") for lane in range(config.num_lanes)]
     entries += [(f"ramp{x:g}", 0, str(float(demand.ramp_speed))) for x in _ramps(period.params)]
     rates = np.asarray(entry_rates(demand, config.num_lanes, 0.0), np.float64)
@@ -180,10 +180,10 @@ def _flows(config: EnvConfig, period: Period) -> list[ElementTree.Element]:
 
 
 def build_demand(config: EnvConfig, periods: Sequence[Period], folder: Path) -> Path:
-    """Drivers of medjax's kinds, and Poisson flows into each lane at x = 0 and onto each ramp.
+    """Writes medjax's kinds of vehicles, and Poisson flows into each lane at x = 0 and onto each ramp.
 
     Args:
-      periods: one after the other, of one road and its drivers; their demands may differ.
+      periods: consecutive periods with the same road and drivers; their demands may differ.
       folder: for the file.
     """
     params = periods[0].params
@@ -198,8 +198,8 @@ def build_demand(config: EnvConfig, periods: Sequence[Period], folder: Path) -> 
 
 
 def start(command: list[str]) -> subprocess.Popen[str]:
-    """Starts a program of SUMO, its messages kept from the screen."""
-    import sumo  # the package of PyPI; sets SUMO_HOME, where its programs look for their schemas
+    """Starts one of SUMO's programs without printing its messages."""
+    import sumo  # PyPI's package; sets SUMO_HOME, where the programs look for their schemas
 
     program = Path(sumo.SUMO_HOME) / "bin" / command[0]
     return subprocess.Popen(
@@ -211,7 +211,7 @@ def start(command: list[str]) -> subprocess.Popen[str]:
 
 
 def finish(process: subprocess.Popen[str]) -> None:
-    """Waits for it; a failure is a RuntimeError with its words."""
+    """Waits for a process; raises RuntimeError with its message if it fails."""
     _, errors = process.communicate()
     if process.returncode:
         raise RuntimeError(f"SUMO failed with exit code {process.returncode}: {errors.strip()}")

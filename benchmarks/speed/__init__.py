@@ -1,1 +1,1 @@
-"""How fast: throughput, scaling, kernels, training."""
+"""Benchmarks of speed: throughput, scaling, kernels, training."""

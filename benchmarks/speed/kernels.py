@@ -1,9 +1,9 @@
-"""`python -m benchmarks.kernels`: time and worst error of the kernels that a tick is made of.
+"""`python -m benchmarks.kernels`: time and worst error of the kernels of a tick.
 
-Elliptic integrals, mutual inductance by the integral and by its table, the sort along the road and the
-neighbours, each at the size that the preset gives it on `--roads` roads, beside a reference that shares no
-code with it. What the sort and the neighbours replace is timed as well. With few roads the launch of a
-program shows in its time.
+The kernels are the elliptic integrals, mutual inductance by integral and by table, the sort along the road, and the
+neighbour search. Each has the preset's size on `--roads` roads and is checked against a reference that shares no code
+with it. Plain alternatives to the sort and the neighbour search are timed too. With few roads, the cost of launching a
+program shows.
 """
 
 import argparse
@@ -42,30 +42,30 @@ except ImportError:  # `main` says what to install
     special = None
 
 SCENARIO = "paper"
-# Below these distances of the two wires, the integral and its table promise nothing (their docstrings).
+# With wires closer than this, the integral and its table guarantee no accuracy (their docstrings).
 INTEGRAL_GAP_M, TABLE_GAP_M = 0.05, 0.03
-CHECKED_PAIRS = 1000  # two milliseconds of reference each
-ALL_PAIRS_ROADS = 64  # its time grows with the square of the slots, not with the roads
-MOST = 65_536  # roads, which fit into the indices of `medjax.numerics.gathers`; and repeats
+CHECKED_PAIRS = 1000  # the reference takes two milliseconds per pair
+ALL_PAIRS_ROADS = 64  # enough, since its time per slot grows with the slots, not with the roads
+MOST = 65_536  # repeats, and roads, whose indices must fit `medjax.numerics.gathers`
 
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """A kernel's line of the table."""
+    """A kernel's row of the table."""
 
     kernel: str
     element: str  # what is counted: value, pair or slot
     elements: int  # in one call
-    ns_per_element: float  # median over repeats, compilation left out
+    ns_per_element: float  # median over repeats, without compilation
     compile_s: float
     worst_error: float
-    against: str  # what the error is, and from which reference
+    against: str  # the kind of error and the reference
 
 
 def time_calls(
     function: Callable[..., Any], *arguments: Any, repeats: int, elements: int
 ) -> tuple[Any, dict[str, Any]]:
-    """Output of one compiled call, and the figures of `Row` that come from timing it."""
+    """Output of one compiled call, and its timing figures for `Row`."""
     start = time.perf_counter()
     program = jax.jit(function).lower(*arguments).compile()
     compile_s = time.perf_counter() - start
@@ -81,7 +81,7 @@ def time_calls(
 
 
 def elliptic_rows(count: int, repeats: int) -> list[Row]:
-    """K and E of `count` parameters, one half of them ever nearer 1 on a logarithmic scale."""
+    """Rows of K and E at `count` parameters, half of which approach 1 on a logarithmic scale."""
     random = np.random.default_rng(0)
     near_one = 1 - 10.0 ** random.uniform(-7.2, 0.0, count // 2)
     m = np.concatenate([random.uniform(0.0, 1.0, count - len(near_one)), near_one])
@@ -97,7 +97,7 @@ def elliptic_rows(count: int, repeats: int) -> list[Row]:
 
 
 def coil_rows(link: LinkParams, count: int, repeats: int) -> list[Row]:
-    """The integral and its table at `count` positions all over the table's limits."""
+    """Rows of the integral and its table at `count` positions within the table's limits."""
     position = draw_positions(link, count)
     checked = min(count, CHECKED_PAIRS)
     exact, gap = np.transpose([neumann(*each) for each in position[:, :checked].T.tolist()])
@@ -119,7 +119,7 @@ def coil_rows(link: LinkParams, count: int, repeats: int) -> list[Row]:
     calls = {"repeats": repeats, "elements": count}
     arguments = [jnp.asarray(x) for x in position]
     value, integrating = time_calls(integral, *arguments, **calls)
-    # M passes through zero, so its error is measured by what M is at that distance without offset.
+    # M passes through zero, so its error is relative to the coaxial M at the same axial distance.
     coaxial = np.array([neumann(float(axial), 0.0, 0.0)[0] for axial in position[0, :checked]])
     error = np.abs(np.asarray(value, np.float64)[:checked] - exact) / coaxial
     _, reading = time_calls(interpolate_inductance, link.inductance, *arguments, **calls)
@@ -135,7 +135,7 @@ def coil_rows(link: LinkParams, count: int, repeats: int) -> list[Row]:
 def all_pairs_leader(
     x: jax.Array, lane: jax.Array, other: jax.Array, active: jax.Array
 ) -> jax.Array:
-    """Slots next ahead in the own lane by a masked argmin, `(N,)`; what `find_neighbours` avoids."""
+    """Next slots ahead in the same lane, `(N,)`, by a masked argmin over all pairs, which `find_neighbours` avoids."""
     slots = jnp.arange(x.shape[0])
     gap = x - x[:, None]
     is_ahead = (gap > 0) | ((gap == 0) & (slots > slots[:, None]))
@@ -146,7 +146,7 @@ def all_pairs_leader(
 
 
 def neighbour_rows(config: EnvConfig, length_m: float, roads: int, repeats: int) -> list[Row]:
-    """The sort and the neighbours, and a plain way to do each."""
+    """Rows of the sort and the neighbour search, and of a plain alternative to each."""
     traffic = draw_traffic(config, length_m, roads)
     x, lane, other, target, active, previous = traffic
     expected = road_order(np.asarray(x, np.float64), np.asarray(active))
@@ -191,10 +191,10 @@ def neighbour_rows(config: EnvConfig, length_m: float, roads: int, repeats: int)
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Times all kernels at the preset's sizes, and prints the table.
+    """Times all kernels at the preset's sizes and prints the table.
 
     Raises:
-      InputError: there is no SciPy.
+      InputError: SciPy is not installed.
     """
     if special is None:
         raise InputError('SciPy, the reference, is not installed: pip install -e ".[train,test]"')
@@ -202,7 +202,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     env, params = medjax.make(SCENARIO)
     rows = [
         *elliptic_rows(roads * env.config.num_vehicles, repeats),
-        # In every tick each EV slot asks for its pair's inductance.
+        # Every tick evaluates one inductance per EV slot.
         *coil_rows(params.link, roads * env.config.num_evs, repeats),
         *neighbour_rows(env.config, float(params.road.length_m), roads, repeats),
     ]
@@ -215,7 +215,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def report(result: dict[str, Any]) -> str:
-    """The table."""
+    """Formats the table."""
     lines = [
         f"{result['roads']} roads of preset {result['scenario']}, medians of {result['repeats']} repeats; "
         f"JAX {result['jax_version']} on {result['backend']} ({result['device']})",

@@ -1,6 +1,6 @@
-"""What the kernels are held against: coils and neighbours as `benchmarks.speed.kernels` draws them, and exact answers.
+"""Test inputs and exact references for `benchmarks.speed.kernels`.
 
-No reference shares code with the kernel that it judges.
+No reference shares code with the kernel that it checks.
 """
 
 from typing import NamedTuple
@@ -14,19 +14,20 @@ from medjax.traffic.neighbours import NOBODY, Neighbours
 from medjax.traffic.road import NOWHERE
 from medjax.world.params import EnvConfig, LinkParams
 
-COILS = CoilDesign()  # what the preset tabulates
+COILS = CoilDesign()  # the design in the preset's table
 CHECKED_ROADS = 8
-STRADDLING = 0.1  # of the vehicles drawn straddle a line
+STRADDLING = 0.1  # share of vehicles that straddle a lane line
 
 
 def neumann(axial: float, lateral: float, tilt: float, num_nodes: int = 256) -> tuple[float, float]:
     """Mutual inductance of `COILS` by Neumann's double integral, in float64.
 
-    The trapezoid rule around both rims; no elliptic integral and no code of `mutual_inductance`. It is
+    The trapezoid rule around both rims needs no elliptic integral and no code of `mutual_inductance`. It is
     exact to 1e-9 at 0.03 m between the wires and to rounding at 0.05 m.
 
     Args:
-      axial, lateral: m; tilt: rad; the convention is `mutual_inductance`'s.
+      axial, lateral: m, by the convention of `mutual_inductance`.
+      tilt: rad, by the same convention.
 
     Returns:
       (M in H, shortest distance between the wires in m).
@@ -39,7 +40,7 @@ def neumann(axial: float, lateral: float, tilt: float, num_nodes: int = 256) -> 
     across = radius_2 * sin_2 - radius_1 * sin_1
     height = axial + radius_2 * cos_2 * np.sin(tilt)
     distance = np.sqrt(along**2 + across**2 + height**2)
-    # Product of the two wires' directions, each a rim point's derivative by its angle over the radius.
+    # Dot product of the wires' unit tangents.
     product = sin_1 * sin_2 * np.cos(tilt) + cos_1 * cos_2
     turns = COILS.med_coil_turns * COILS.ev_coil_turns
     element = radius_1 * radius_2 * (2 * np.pi / num_nodes) ** 2
@@ -49,7 +50,7 @@ def neumann(axial: float, lateral: float, tilt: float, num_nodes: int = 256) -> 
 def draw_positions(link: LinkParams, count: int) -> np.ndarray:
     """Axial and lateral distance (m) and tilt (rad), `(3, count)` float32, within the table's limits.
 
-    One half is in the nearest quarter of the axial range, where M changes most.
+    Half of the draws come from the nearest quarter of the axial range, where M changes most.
     """
     table = link.inductance
     num_axial, num_lateral, _ = table.values.shape
@@ -66,7 +67,7 @@ def draw_positions(link: LinkParams, count: int) -> np.ndarray:
 
 
 def exact_efficiency(inductance: np.ndarray, link: LinkParams) -> np.ndarray:
-    """Eq (6) in its circuit form, in float64; inductance in H."""
+    """Link efficiency by the circuit form of eq (6), in float64; inductance in H."""
     load, primary = float(link.load_ohm), float(link.med_resistance_ohm)
     secondary, omega = float(link.ev_resistance_ohm), float(link.angular_frequency)
     total = secondary + load
@@ -74,21 +75,21 @@ def exact_efficiency(inductance: np.ndarray, link: LinkParams) -> np.ndarray:
 
 
 class Traffic(NamedTuple):
-    """Vehicles of many roads, each `(roads, slots)`."""
+    """Vehicles of many roads, `(roads, slots)` each."""
 
     x: jax.Array  # m
     lane: jax.Array
-    other_lane: jax.Array  # the second one of those who straddle a line, else NOWHERE
-    target_lane: jax.Array  # the lane looked at, one to a side; it may be off the road
+    other_lane: jax.Array  # second lane of a vehicle that straddles a line, else NOWHERE
+    target_lane: jax.Array  # adjacent lane that the vehicle considers; may be off the road
     active: jax.Array
-    previous_order: jax.Array  # slots along the road a tick ago
+    previous_order: jax.Array  # slots in road order one tick ago
 
 
 def draw_traffic(config: EnvConfig, length_m: float, roads: int) -> Traffic:
     """Roads three quarters full, as in the preset, whose vehicles drove 20 to 30 m/s in the last tick.
 
-    Positions are whole quarters of a metre: some tie, and none are closer than the sort resolves, where
-    order along the road is by slot.
+    Positions are multiples of 0.25 m. Some tie, and their road order is by slot; all others are far enough apart
+    for the sort to resolve.
     """
     random = np.random.default_rng(0)
     shape = (roads, config.num_vehicles)
@@ -96,13 +97,13 @@ def draw_traffic(config: EnvConfig, length_m: float, roads: int) -> Traffic:
     active = random.random(shape) < 0.75
     before = x - random.uniform(20.0, 30.0, shape) * config.tick_s
     lane = random.integers(0, config.num_lanes + 1, shape)
-    # From the outermost lanes inwards.
+    # Outermost lanes have only an inner line.
     inwards = np.where(
         lane == 0, 1, np.where(lane == config.num_lanes, -1, random.choice([-1, 1], shape))
     )
     straddles = np.where(random.random(shape) < STRADDLING, inwards, 0)
     other = np.where(straddles == 0, NOWHERE, lane + straddles)
-    # A whole road looks to one side in a tick, but for those who straddle a line.
+    # In a tick all vehicles of a road look to one side, except straddling ones.
     side = random.choice([-1, 1], (roads, 1))
     target = lane + np.where(straddles == 0, side, straddles)
     return Traffic(
@@ -116,37 +117,39 @@ def draw_traffic(config: EnvConfig, length_m: float, roads: int) -> Traffic:
 
 
 def road_order(x: np.ndarray, active: np.ndarray) -> np.ndarray:
-    """Slots from the rearmost to the foremost, ties by slot, the inactive last."""
+    """Slots from the rearmost to the foremost vehicle; ties by slot, inactive slots last."""
     return np.argsort(np.where(active, x, np.inf), axis=-1, kind="stable")
 
 
 def search_all_pairs(
     x: np.ndarray, lane: np.ndarray, other: np.ndarray, wanted: np.ndarray, active: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Slots next ahead and behind in the lane `wanted`, NOBODY where there is none, of one road.
+    """Next slots ahead and behind in the lane `wanted` of one road; NOBODY if there is none.
 
-    All pairs are compared in float64; of vehicles that are abreast, the higher slot is ahead.
+    All pairs are compared in float64. Of vehicles at the same place, the higher slot is ahead.
 
     Args:
-      x: (N,) m; lane, other, wanted: (N,) int; active: (N,) bool.
+      x: (N,) m.
+      lane, other, wanted: (N,) int.
+      active: (N,) bool.
     """
     slots = np.arange(len(x))
-    gap = x.astype(np.float64) - x.astype(np.float64)[:, None]  # of the column's from the row's
+    gap = x.astype(np.float64) - x.astype(np.float64)[:, None]  # column minus row
     covers = (lane == wanted[:, None]) | (other == wanted[:, None])
     seen = active & active[:, None] & covers
     is_ahead = seen & ((gap > 0) | ((gap == 0) & (slots > slots[:, None])))
     is_behind = seen & ((gap < 0) | ((gap == 0) & (slots < slots[:, None])))
     ahead = np.argmin(np.where(is_ahead, gap, np.inf), axis=1)
-    # argmin takes the first of equals; behind, the last is nearest.
+    # Of ties behind, the last slot is nearest, but argmin takes the first; hence the reversal.
     behind = len(x) - 1 - np.argmin(np.where(is_behind, -gap, np.inf)[:, ::-1], axis=1)
     ahead = np.where(is_ahead.any(axis=1), ahead, NOBODY)
     return ahead, np.where(is_behind.any(axis=1), behind, NOBODY)
 
 
 def count_wrong(found: Neighbours, traffic: Traffic, roads: int = CHECKED_ROADS) -> int:
-    """Neighbours, of four a slot, that are not those of `search_all_pairs`, on the first `roads`.
+    """Number of neighbours, four per slot, that differ from `search_all_pairs` on the first `roads`.
 
-    Who straddles a line finds itself behind itself in the other lane: nobody asks.
+    A vehicle that straddles the line to its target lane is its own follower there, as `Neighbours` has it.
     """
     wrong = 0
     for road in range(min(roads, len(traffic.x))):

@@ -1,7 +1,7 @@
-"""`python -m benchmarks.scaling`: does the cost of a vehicle stay the same from small to large?
+"""`python -m benchmarks.scaling`: whether the cost per vehicle stays constant as the workload grows.
 
-Over the number of environments, over the number of vehicles on a road (longer roads at the same demand),
-and over devices (on a CPU, cores); and what a reset and the memory of an environment cost.
+It varies the number of environments, of vehicles on a road (longer roads at the same demand), and of devices (on a CPU,
+cores). It also reports the cost of a reset and the memory of an environment.
 """
 
 import argparse
@@ -17,18 +17,18 @@ from benchmarks.speed.workload import ENVS, VEHICLES, Measurement, Workload, alt
 
 
 def cost_ns(result: Measurement) -> float:
-    """Nanoseconds of wall time an active vehicle and tick."""
+    """Wall time per active vehicle and tick, ns."""
     return 1e9 / result.active_vehicle_updates_per_s
 
 
 def spread(results: list[Measurement]) -> float:
-    """The dearest vehicle's cost by the cheapest one's."""
+    """Ratio of the highest to the lowest cost per vehicle."""
     costs = [cost_ns(result) for result in results]
     return max(costs) / min(costs)
 
 
 def reset_in_decisions(num_envs: int, repeats: int, scenario: str) -> float:
-    """Time to reset all environments by the time of one decision in all of them."""
+    """Time to reset all environments, relative to one decision in all of them."""
     work = Workload(num_envs, steps=20, scenario=scenario)
     work.play()
     decision_s = statistics.median(work.play()[0] for _ in range(repeats)) / work.steps
@@ -41,7 +41,7 @@ def reset_in_decisions(num_envs: int, repeats: int, scenario: str) -> float:
 
 
 def show(title: str, column: str, rows: list[tuple[Any, Measurement]]) -> None:
-    """A table, and how far its costs are apart."""
+    """Prints a table and the spread of its costs."""
     headings = "environments  vehicles a road  M updates/s  ns a vehicle and tick"
     print(f"\n{title}\n{column:>12}  {headings}")
     for name, result in rows:
@@ -53,7 +53,7 @@ def show(title: str, column: str, rows: list[tuple[Any, Measurement]]) -> None:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Prints the tables, and returns all figures."""
+    """Prints the tables and returns all figures."""
     most, scenario = options.num_envs, options.scenario
     lengths = {count: road_for(count, scenario) for count in VEHICLES}
 
@@ -63,7 +63,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         return results
 
     def sized(num_envs: int, **changes: Any) -> Workload:
-        # As many decisions in all, so that every measurement takes about as long.
+        # A constant total of decisions makes all measurements take about as long.
         return Workload(num_envs, max(4, 50 * most // num_envs), scenario=scenario, **changes)
 
     tables = {"envs": compare("over environments", "environments", {n: sized(n) for n in ENVS})}

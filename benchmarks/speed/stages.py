@@ -1,4 +1,4 @@
-"""Where the time of a decision goes: XLA's own trace, sorted by the named scopes of the step."""
+"""Time of a decision by stage: XLA's trace, grouped by the named scopes of the step."""
 
 import collections
 import re
@@ -30,19 +30,19 @@ STAGES = (
     "auto_reset",
 )
 _INSTRUCTION = re.compile(r"^\s*(?:ROOT )?%?([\w.\-]+) = .*? ([\w\-]+)\(", re.MULTILINE)
-# These run other instructions, which are counted themselves.
+# These run other instructions, which are counted on their own.
 _CONTAINERS = {"while", "call", "conditional"}
 
 
 def stage_of(op_name: str) -> str:
-    """The innermost stage in the name that JAX gives an operation, "other" if there is none."""
-    # "vmap(entry)" and "entry" are the same scope, with and without vmap around.
+    """The innermost stage in an operation's name in JAX, or "other"."""
+    # Under vmap, the scope "entry" is named "vmap(entry)".
     words = re.split(r"[/()]", op_name)
     return next((word for word in reversed(words) if word in STAGES), "other")
 
 
 def instruction_stages(program: str) -> dict[str, str]:
-    """Stage of each instruction of a compiled program's text."""
+    """Stage of each instruction in the text of a compiled program."""
     stages = {}
     for line in program.splitlines():
         match = _INSTRUCTION.match(line)
@@ -53,9 +53,9 @@ def instruction_stages(program: str) -> dict[str, str]:
 
 
 def stage_times(work: Workload) -> dict[str, float]:
-    """Seconds that all cores together spent in each stage in one call of the workload.
+    """Seconds that all cores together spend in each stage during one call of the workload.
 
-    Tracing adds about a microsecond to every operation, so that small ones weigh a little too much.
+    Tracing adds about a microsecond to every operation, so stages with many small operations look a little too slow.
     """
     stages = instruction_stages(work.program.as_text() or "")
     work.play()

@@ -1,7 +1,7 @@
-"""`python -m benchmarks.throughput`: how many active vehicles medjax moves a second.
+"""`python -m benchmarks.throughput`: how many active vehicle updates medjax computes per second.
 
-The complete default step is timed: dispatch, entries, booking, ticks, observation, reward, metrics and
-auto-reset, under uniformly random actions. Only vehicles really on the road are counted.
+The command times the complete default step under uniformly random actions: dispatch, entries, booking, ticks,
+observation, reward, metrics and auto-reset. Only vehicles that are on the road count.
 """
 
 import argparse
@@ -15,7 +15,7 @@ from medjax.wrappers import environment_mesh
 
 
 def show(result: Measurement) -> None:
-    """One line a measurement."""
+    """Prints a measurement in one line."""
     print(
         f"{result.num_envs:6d} environments: {result.active_vehicle_updates_per_s / 1e6:6.2f} M active "
         f"vehicle updates/s, {result.env_steps_per_s:8.0f} decisions/s, "
@@ -25,7 +25,7 @@ def show(result: Measurement) -> None:
 
 
 def show_stages(times: dict[str, float]) -> None:
-    """Shares of the time that all cores spent in operations."""
+    """Prints each stage's share of the time of all cores."""
     total = sum(times.values())
     print("\nstage                 share")
     for name, seconds in sorted(times.items(), key=lambda item: -item[1]):
@@ -33,21 +33,21 @@ def show_stages(times: dict[str, float]) -> None:
 
 
 def cases_of(options: argparse.Namespace) -> list[tuple[int, dict[str, Any]]]:
-    """Environments and overrides of each measurement that is asked for."""
+    """Number of environments and overrides of each requested measurement."""
     if options.sweep == "envs":
         return [(num_envs, {}) for num_envs in ENVS]
     if options.sweep == "vehicles":
-        # As many vehicles in all, so that only the length of a road differs.
+        # With a constant total of vehicles only the length of a road differs.
         most, scenario = options.num_envs[0] * VEHICLES[0], options.scenario
         return [(max(1, most // count), road_for(count, scenario)) for count in VEHICLES]
     return [(num_envs, {}) for num_envs in options.num_envs]
 
 
 def time_cases(options: argparse.Namespace) -> Any:
-    """Prints one line a measurement, and returns the only one, or all of several."""
+    """Prints one line per measurement; returns the result, or a list if there are several."""
     cases = cases_of(options)
     common = {"scenario": options.scenario, "num_devices": options.num_devices}
-    for num_envs, _ in cases:  # refuses what is not allowed before anything is compiled
+    for num_envs, _ in cases:  # refuses bad sizes before anything is compiled
         environment_mesh(num_envs, options.num_devices)
     results, steps, repeats = [], options.steps, options.repeats
     for num_envs, overrides in cases:

@@ -1,20 +1,20 @@
-"""`python -m benchmarks.training`: how long the training command takes, and what it keeps of the simulator's speed.
+"""`python -m benchmarks.training`: wall time of training, and its speed relative to the simulator alone.
 
-The real command, `python -m train.ppo`, runs in a process of its own as a user would start it, one process at a
-time: first cold, with an empty persistent cache of compiled programs, then warm, from the cache that the cold start
-left. Then `python -m benchmarks.throughput` with as many environments. `--repeats` does all three again, each time with
-a new cache; figures are medians, column by column.
+The command starts `python -m train.ppo` in its own process, as a user would, one process at a time. The first start is
+cold, with an empty persistent compilation cache; the second is warm, from the cache that the first one left. Then
+`python -m benchmarks.throughput` runs with the same number of environments. `--repeats` repeats all three, each time
+with a new cache; figures are medians, column by column.
 
 Seconds of wall time:
-- total: from starting the process to its end, so imports, compilation, training, evaluation and report.
-- compile, training: what the run itself says (compile_s and train_s of summary.json). Compile is of the training
-  programs; the evaluation's goes on beside the first updates, and what is left of it then is a part of evaluation.
+- total: the whole process, with imports, compilation, training, evaluation and report.
+- compile, training: as the run reports them (compile_s and train_s of summary.json). Compile covers the training
+  programs only: the evaluation compiles beside the first updates, and any remainder counts as evaluation.
   Training includes writing the checkpoints.
 - evaluation: the closing evaluation of the learned and the other policies, and the picture (evaluation_s).
-- other: the rest: starting Python, imports, building the environment, ending.
+- other: the rest: starting Python, imports, building the environment, exiting.
 
-Decisions/s are those of the middle one of the updates: while the first run, the closing evaluation is still being
-compiled beside them.
+Decisions/s is the median over updates, since the first updates share the machine with the compilation of the closing
+evaluation.
 """
 
 import argparse
@@ -37,31 +37,31 @@ from train.runs.arguments import settings_from_text
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig, from_json
 
-OWN = ("repeats", "json")  # options that are no settings
+OWN = ("repeats", "json")  # options that are not training settings
 HEADINGS = ("total", "compile", "training", "evaluation", "other")
 
 
 def settings(given: Mapping[str, str]) -> TrainConfig:
-    """Settings of the command from the text of the options.
+    """Training settings from the text of the options.
 
     Raises:
-        InputError: a value out of its range.
+        InputError: a value is out of range.
     """
     return from_json(settings_from_text(PPOConfig, dict(given)), PPOConfig)
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """All runs; prints the table.
+    """Runs everything and prints the table.
 
     Raises:
-        InputError: of `settings`.
+        InputError: as in `settings`.
         CommandError: a run failed.
     """
     given = {name: value for name, value in vars(options).items() if name not in OWN}
     config, repeats = settings(given), options.repeats
     walls: dict[str, list[Wall]] = {"cold": [], "warm": []}
     speeds: list[float] = []
-    # Nothing here may start JAX before the last run has ended: on a GPU it would take the memory from them.
+    # This process must not start JAX before the last run has ended: on a GPU it would take up their memory.
     with tempfile.TemporaryDirectory() as folder:
         for number in range(1, repeats + 1):
             place = Path(folder) / str(number)
@@ -90,7 +90,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def report(result: Mapping[str, Any]) -> str:
-    """The table of what `measure` returned, and training beside the simulator alone."""
+    """Formats the result of `measure`, and the speed of training beside the simulator alone."""
     lines = [
         f"{result['env_steps']:,} decisions of {result['scenario']}, {result['num_envs']} environments, "
         f"{result['backend']} ({result['device']}); seconds, medians of {result['repeats']}",
@@ -113,7 +113,7 @@ def main(arguments: list[str] | None = None) -> int:
     Returns:
         The exit code: 0 done, 1 the training command failed.
     """
-    # The options; those of the settings stay text, which `settings` checks in the words of train.ppo.
+    # Training settings stay text, so that `settings` reports errors in the words of train.ppo.
     parser = benchmark_parser("training", __doc__)
     add = partial(parser.add_argument, metavar="N")
     add("--num-envs", default="256", help="environments side by side (default: 256)")

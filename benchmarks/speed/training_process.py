@@ -1,4 +1,4 @@
-"""One start of `python -m train.ppo`, or of the simulator alone, in a process of its own, and its wall time."""
+"""Runs `python -m train.ppo`, or the simulator alone, in its own process and takes the wall time."""
 
 import dataclasses
 import json
@@ -15,32 +15,32 @@ from train.runs.logs import read_rows
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig
 
-# Settings that the command is given.
+# Settings passed to the command.
 PASSED_ON = ("scenario", "num_envs", "total_timesteps", "seed")
 ROOT = Path(__file__).resolve().parents[2]  # where `-m train.ppo` is found, wherever this is called
 
 
 class CommandError(RuntimeError):
-    """A command failed; the message is its last line."""
+    """A command failed; the message holds the last line of its output."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Wall:
-    """What one start took, in seconds; `benchmarks.speed.training` says what is in each."""
+    """Wall times of one start, explained in `benchmarks.speed.training`."""
 
     total_s: float
     compile_s: float
     train_s: float
     evaluation_s: float
     other_s: float
-    decisions_per_s: float  # of the middle one of the updates
+    decisions_per_s: float  # median over updates
 
 
 def start(config: TrainConfig, run_dir: RunDir, cache: Path) -> Wall:
-    """Runs the training command to its end; its results go to `run_dir`, its compiled programs to `cache`.
+    """Runs the training command to its end; results go to `run_dir`, compiled programs to `cache`.
 
     Raises:
-        CommandError: it failed.
+        CommandError: the command failed.
     """
     given = [f"--{name.replace('_', '-')}={getattr(config, name)}" for name in PASSED_ON]
     began = time.perf_counter()
@@ -54,7 +54,7 @@ def throughput(config: TrainConfig, file: Path) -> float:
     """Decisions/s of `python -m benchmarks.throughput` with as many environments; its JSON goes to `file`.
 
     Raises:
-        CommandError: it failed.
+        CommandError: the command failed.
     """
     given = [f"--num-envs={config.num_envs}", f"--scenario={config.scenario}", f"--json={file}"]
     _run(["benchmarks.throughput", *given])
@@ -62,10 +62,10 @@ def throughput(config: TrainConfig, file: Path) -> float:
 
 
 def _run(command: Sequence[str], **environment: str) -> None:
-    """`python -m` a command, to its end.
+    """Runs `python -m` with a command to its end.
 
     Raises:
-        CommandError: it failed.
+        CommandError: the command failed.
     """
     ended = subprocess.run(
         [sys.executable, "-m", *command],
@@ -82,7 +82,7 @@ def _run(command: Sequence[str], **environment: str) -> None:
 
 
 def split(summary: Mapping[str, Any], paces: Sequence[float], total_s: float) -> Wall:
-    """Parts of the wall time of one process.
+    """Splits the wall time of one process.
 
     Args:
         summary: its summary.json.
@@ -97,6 +97,6 @@ def split(summary: Mapping[str, Any], paces: Sequence[float], total_s: float) ->
 
 
 def median(walls: Sequence[Wall]) -> Wall:
-    """Median of each figure by itself; so the parts need not add up to the total."""
+    """Median of each figure on its own, so the parts need not add up to the total."""
     columns = zip(*map(dataclasses.astuple, walls), strict=True)
     return Wall(*map(statistics.median, columns))

@@ -15,17 +15,17 @@ from medjax.numerics.memory import check_memory, tree_bytes
 from medjax.scenarios import prepare
 from medjax.wrappers import BatchAutoReset, environment_mesh, on_devices
 
-# What the road of these presets holds, about; and the sizes that sweeps go through.
+# Approximate number of vehicles on the road of SCALED presets, and the sizes of sweeps.
 PRESET_VEHICLES = 140
 SCALED = ("paper", "realistic")
 ENVS = (64, 256, 1024, 4096, 8192)
 VEHICLES = (64, PRESET_VEHICLES, 256, 512, 1024)
-STATES_AT_ONCE = 2  # at least: a new one beside that of before
+STATES_AT_ONCE = 2  # at least the old state and the new one
 
 
 @dataclasses.dataclass(frozen=True)
 class Measurement:
-    """Figures of one number of environments; medians over repeats."""
+    """Figures for one number of environments; medians over repeats."""
 
     active_vehicle_updates_per_s: float
     env_steps_per_s: float
@@ -36,22 +36,23 @@ class Measurement:
     num_devices: int
     repeats: int
     state_bytes_per_env: int
-    work_bytes_per_env: int  # what a step needs beside the state
+    work_bytes_per_env: int  # memory that a step needs besides the state
     backend: str = dataclasses.field(default_factory=jax.default_backend)
     device: str = dataclasses.field(default_factory=lambda: jax.devices()[0].device_kind)
     jax_version: str = jax.__version__
 
 
 class Workload:
-    """`steps` decisions in each of `num_envs` environments, compiled, with episodes well mixed.
+    """A compiled program of `steps` decisions in each of `num_envs` environments.
 
-    The first episode of each is cut at a random place, so that resets happen at their usual rate from then on.
+    The first episode of each environment ends at a random decision, so that resets come at their usual rate.
 
     Args:
-      num_envs: environments, on `num_devices` devices; 0: all.
-      steps: decisions in a call.
+      num_envs: number of environments.
+      steps: decisions per call.
       seed: of all draws.
-      scenario, overrides: as for `medjax.make`.
+      scenario, overrides: as in `medjax.make`.
+      num_devices: devices that share the environments; 0 uses all.
     """
 
     def __init__(
@@ -88,14 +89,14 @@ class Workload:
     def _play_some(
         self, rows: tuple[jax.Array, Any], params: Any
     ) -> tuple[Any, tuple[jax.Array, jax.Array]]:
-        """Some of the environments: their state, vehicles on the road, and a sum of all results, `(rows,)` each."""
+        """Plays some environments; returns state, and `(rows,)` vehicles on the road and sums of all results."""
         keys, state = rows
 
         def step(state: Any, keys: jax.Array) -> tuple[Any, tuple[jax.Array, jax.Array]]:
             choose = jax.vmap(lambda key: jax.random.randint(key, (), 0, self.env.num_actions))
             actions = choose(keys[:, 1])
             obs, state, reward, *_, info = self.batch.step(keys[:, 0], state, actions, params)
-            # A sum over all that a step returns keeps XLA from leaving any of it out.
+            # Summing everything that a step returns keeps XLA from optimising any of it away.
             results = jax.tree.leaves((obs, reward, info["reward_terms"], info["metrics"]))
             sums = (leaf.reshape(keys.shape[0], -1).sum(1) for leaf in results)
             return state, (info["tally"].vehicle_ticks, sum(sums, jnp.zeros(())))
@@ -105,7 +106,7 @@ class Workload:
         return state, jax.tree.map(lambda values: jnp.sum(values, axis=0), sums)
 
     def play(self) -> tuple[float, float]:
-        """(seconds of one call, vehicles on the road summed over its ticks)."""
+        """Makes one call; returns its seconds, and the vehicles on the road summed over its ticks."""
         self.key, key = jax.random.split(self.key)
         start = time.perf_counter()
         self.state, (active, _) = jax.block_until_ready(self.program(key, self.state))
@@ -113,12 +114,12 @@ class Workload:
 
 
 def measure(num_envs: int, *, steps: int = 50, repeats: int = 5, **options: Any) -> Measurement:
-    """Times one `Workload` of these options, `repeats` times, after warm-up."""
+    """Times a `Workload` with these options `repeats` times after a warm-up."""
     return alternate([Workload(num_envs, steps, **options)], repeats)[0]
 
 
 def alternate(works: list[Workload], repeats: int) -> list[Measurement]:
-    """Times all workloads in turn, after warm-up: a machine that slows down for a while slows all of them alike."""
+    """Times all workloads in turn after a warm-up, so that a temporary slowdown of the machine affects all alike."""
     for work in works:
         work.play()
     rounds = [[work.play() for work in works] for _ in range(repeats)]
@@ -126,7 +127,7 @@ def alternate(works: list[Workload], repeats: int) -> list[Measurement]:
 
 
 def summarize(work: Workload, calls: list[tuple[float, float]]) -> Measurement:
-    """Medians of what `Workload.play` returned."""
+    """Medians of the results of `Workload.play`."""
     num_envs, decisions = work.num_envs, work.num_envs * work.steps
     ticks = work.env.config.ticks_per_decision
     plan: Any = work.program.memory_analysis()
@@ -140,18 +141,18 @@ def summarize(work: Workload, calls: list[tuple[float, float]]) -> Measurement:
         num_devices=work.mesh.size,
         repeats=len(calls),
         state_bytes_per_env=sum(x.nbytes for x in jax.tree.leaves(work.state)) // num_envs,
-        # XLA counts one device, which holds its share of the environments.
+        # XLA reports the memory of one device, which holds its share of the environments.
         work_bytes_per_env=int(plan.temp_size_in_bytes) * work.mesh.size // num_envs,
     )
 
 
 def road_for(num_vehicles: int, scenario: str = "paper") -> dict[str, Any]:
-    """Overrides that make the road so long, at the same demand, that it holds about num_vehicles.
+    """Overrides that scale the road, at the same demand, so that it holds about num_vehicles.
 
-    Ramps keep their places along it, slots their share of spare ones, and batteries last as far along the road.
+    Relative ramp positions, the share of spare slots, and the share of the road that a battery lasts stay the same.
 
     Raises:
-      InputError: a preset whose road holds another number of them, and that has exits, or no room for shorter ways.
+      InputError: the preset is not in SCALED, such as one with exits.
     """
     if scenario not in SCALED:
         allowed = f"allowed {', '.join(SCALED)}, whose road can be longer or shorter"

@@ -1,1 +1,1 @@
-"""What a number of the world, a rule or a learner comes to."""
+"""Studies of how parameters of the world, rules and learners affect results."""

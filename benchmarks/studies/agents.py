@@ -1,8 +1,8 @@
-"""`python -m benchmarks.agents`: what agents do where, by a policy's file (`policy.zip` of a run with `--agents`).
+"""`python -m benchmarks.agents`: how agents act, from a policy's file (`policy.zip` of a run with `--agents`).
 
-Over whole episodes, of MEDs in service at every decision: the speed that they are told by the way to the nearest EV
-that asks, ahead or behind; and how often they take the EV that would be granted to them by what it lacks to its
-destination.
+Over whole episodes and all decisions of MEDs in service, it reports the commanded speed by the distance to the nearest
+requesting EV, ahead or behind. It also reports how often an agent accepts the EV that it would be granted, by the
+energy that this EV lacks to reach its destination.
 """
 
 import argparse
@@ -33,12 +33,8 @@ from train.evaluation.tables import format_rows
 from train.reporting.figures import new_figure, save
 
 VIEW_M = 400.0
-GAPS_M = np.linspace(
-    -VIEW_M, VIEW_M, 17
-)  # edges of bins; the last bin of all is for nobody who asks
-LACKS = np.array(
-    [0.0, 0.05, 0.1, 0.15, 0.2, 0.3]
-)  # packs, edges; below the first: it lacks nothing
+GAPS_M = np.linspace(-VIEW_M, VIEW_M, 17)  # edges of bins; the last bin is for no requesting EV
+LACKS = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3])  # packs, edges; below the first: lacks nothing
 
 
 class Seen(struct.PyTreeNode):
@@ -56,7 +52,7 @@ def _into(bins: jax.Array, count: int, values: jax.Array) -> jax.Array:
 
 
 def look(env: AgentsEnv, state: EnvState, params: EnvParams, action: jax.Array) -> Seen:
-    """What agents that take these actions `(A,)` are told, and where."""
+    """Bins one decision of all agents with actions `(A,)`."""
     config = env.env.config
     parts = env.actions.unfold(action, env.actions.by_rule(state, params))
     serves = (state.meds.status == IN_SERVICE).astype(jnp.float32)
@@ -84,15 +80,15 @@ def look(env: AgentsEnv, state: EnvState, params: EnvParams, action: jax.Array) 
 def watch(
     env: AgentsEnv, params: EnvParams, policy: Policy, episodes: int, seed: int
 ) -> tuple[Seen, float]:
-    """The sums over whole episodes, and their mean return."""
+    """Sums over whole episodes, and the mean return."""
     player, steps = Player(env, [policy]), episode_steps(env, params)
 
     def play(keys: jax.Array, params: EnvParams) -> tuple[Seen, jax.Array]:
-        """Some episodes; sums of each."""
+        """Plays some episodes; returns the sums and the return of each."""
         weights = (policy.weights,)
 
         def decide(carry: Any, number: jax.Array) -> tuple[Any, None]:
-            """One decision in every episode."""
+            """Plays one decision in every episode."""
             playing, sums = carry
             after, made = player.decide(playing, number, weights, params)
             see = jax.vmap(functools.partial(look, env), (0, None, 0))
@@ -113,7 +109,7 @@ def watch(
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Prints a row a bin: what MEDs in service are told, and whom they take."""
+    """Prints one row per bin: the speeds that MEDs in service are told, and the EVs that they accept."""
     saved = load_policy(options.policy)
     if not saved.about.agents:
         raise InputError(f"policy {options.policy} is a dispatcher's: allowed one of agents")
@@ -155,14 +151,14 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def draw(path: Path, result: dict[str, Any]) -> None:
-    """Both tables as a PNG."""
+    """Draws both tables as a PNG."""
     figure = new_figure(10.0, 4.0)
     speed, taken = figure.subplots(1, 2)
     there = np.array(result["decisions"][:-1]) > 0
     gaps, told = np.array(result["gap_m"]), np.array(result["told_m_per_s"])
     speed.plot(gaps[there], told[:-1][there], "o-", color="#00796b", label="an EV asks")
     speed.axhline(told[-1], color="#e65100", linestyle="--", label="nobody asks")
-    # All that they could be told, or a tenth of a metre a second would look like much.
+    # The axis spans all speeds, so that small differences look small.
     speed.set(ylim=(min(result["speeds"]) - 1.0, max(result["speeds"]) + 1.0))
     speed.set(xlabel="way to the nearest EV that asks, m", ylabel="told speed, m/s")
     speed.legend(frameon=False)

@@ -1,8 +1,8 @@
-"""`python -m benchmarks.calibrate`: the reward weights that give the paper's Table 2 without PPO.
+"""`python -m benchmarks.calibrate`: the reward weights that reproduce the paper's Table 2, without PPO.
 
-The paper prints neither weights nor penalty. Table 2 has the mean episode reward of "no action" and of "random choice":
-two numbers, for two unknowns, the penalty w1 of a depleted EV and a common factor of the other weights of eq (10).
-Returns are linear in the weights, so both follow from the episodes of these two policies. PPO is never looked at.
+The paper prints neither the weights nor the penalty. Table 2 gives the mean episode reward of "no action" and "random
+choice". These two numbers determine two unknowns: the penalty w1 of a depleted EV, and a common factor of the other
+weights of eq (10). Returns are linear in the weights, so both follow from episodes of these two policies.
 """
 
 import argparse
@@ -21,14 +21,16 @@ TABLE_2 = {name: PAPER_TABLE_2[name] for name in ("none", "random")}
 
 
 def without_penalty(score: Scores, penalty: float) -> np.ndarray:
-    """Returns of the episodes `(episodes,)` less what depleted EVs cost at `penalty` each."""
+    """Returns `(episodes,)` without the cost of depleted EVs, which is `penalty` each."""
     return score["return"] + penalty * score["evs_depleted"]
 
 
 def solve(scores: dict[str, Scores], penalty: float) -> tuple[float, float]:
-    """The factor of the other weights, and w1, with which both means are the paper's.
+    """The factor of the other weights, and w1, for which both means equal the paper's.
 
-    From scores of episodes under some weights, among which w1 is `penalty`, positive.
+    Args:
+      scores: of episodes played under known weights.
+      penalty: w1 among these weights, positive.
     """
     rows = [
         [without_penalty(scores[name], penalty).mean(), -scores[name]["evs_depleted"].mean()]
@@ -39,7 +41,7 @@ def solve(scores: dict[str, Scores], penalty: float) -> tuple[float, float]:
 
 
 def compare(scores: dict[str, Scores]) -> list[dict[str, Any]]:
-    """Beside the paper's mean and deviation: ours, and how many of its deviations the means are apart."""
+    """The paper's mean and deviation beside ours, and the distance of the means in the paper's deviations."""
     table: list[dict[str, Any]] = []
     for name, (mean, std) in TABLE_2.items():
         returns = scores[name]["return"]
@@ -51,7 +53,7 @@ def compare(scores: dict[str, Scores]) -> list[dict[str, Any]]:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Prints the weights that fit, and how the preset's own weights do on other episodes."""
+    """Prints the fitted weights, and Table 2 for the preset's own weights on other episodes."""
     env, params = medjax.make(options.scenario)
     policies = {name: medjax.BASELINES[name](env) for name in TABLE_2}
     weights = {name: float(value) for name, value in params.reward_weights.items()}

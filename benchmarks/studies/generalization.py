@@ -1,6 +1,6 @@
-"""`python -m benchmarks.generalization`: dispatchers at other demands than the one they were made for.
+"""`python -m benchmarks.generalization`: dispatchers at demands that they were not made for.
 
-Trained runs and rules play the same episodes of `paper` at several multiples of its demand, and of `realistic`. The
+Trained runs and rules play the same episodes of `paper`, at several multiples of its demand, and of `realistic`. The
 runs take their most probable actions, whatever presets and demands they were trained on.
 """
 
@@ -35,17 +35,17 @@ FACTORS = (0.5, 0.75, 1.0, 1.25, 1.5)  # of MAIN's demand
 AT_FACTORS = tuple(f"{MAIN} x {factor:g}" for factor in FACTORS)
 RULES = ("budgeted", "forecast", "paced", "greedy", "slow", "none")
 REFERENCE, NO_ACTION = "budgeted", "none"
-# For trained runs; of Okabe and Ito (2008) those that train.reporting.figures gives to few rules; markers differ too.
+# Colours of trained runs, from Okabe and Ito (2008); markers tell them from rules of the same colour.
 RUN_COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#000000")
-# At 1.5 times its demand the preset's slots are taken, and who comes would wait outside.
+# At 1.5 times the demand the preset's slots would fill up, and arrivals would wait off the road.
 SIZES: dict[str, Any] = {"num_gas": 288}
 
 
 def load_run(path: Path, scenario: str) -> dict[str, Policy]:
-    """The trained policies of a run, one a seed, named after its directory, in the preset that they are to play.
+    """The trained policies of a run, one per seed and named after its directory, ready to play a preset.
 
     Raises:
-        InputError: this is no run, or its network does not fit the preset.
+        InputError: the path is no run, or its network does not fit the preset.
     """
     config = RunDir(path).load_config()
     config = dataclasses.replace(config, scenario=scenario, overrides=SIZES, num_devices=0)
@@ -58,7 +58,7 @@ def load_run(path: Path, scenario: str) -> dict[str, Policy]:
 
 
 def _with_own_eyes(env: medjax.ChargingEnv, policy: Policy) -> Policy:
-    """`policy` with the observation of `env`, whichever that of the environment it plays in is."""
+    """Makes `policy` observe through `env`, whatever environment it plays in."""
 
     def act(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
         """See `Policy.act`."""
@@ -70,12 +70,12 @@ def _with_own_eyes(env: medjax.ChargingEnv, policy: Policy) -> Policy:
 def play(
     scenario: str, factors: Sequence[float], runs: Mapping[str, Policy], episodes: int, seed: int
 ) -> list[dict[str, Scores]]:
-    """The same episodes with all policies at each demand, in one compiled program.
+    """Plays the same episodes with all policies at each demand, in one compiled program.
 
     Args:
         scenario: preset.
-        factors: of its demand.
-        runs: trained policies by name; those of RULES join them.
+        factors: multiples of its demand.
+        runs: trained policies by name, to which those of RULES are added.
         episodes, seed: as in `medjax.episodes.scores`.
     """
     env, params = medjax.make(scenario, **SIZES)
@@ -88,10 +88,10 @@ def play(
 
 
 def summary(scores: Mapping[str, Scores], world: str, seed: int) -> dict[str, Any]:
-    """What `--json` writes of a world.
+    """What `--json` writes for one world.
 
     Returns:
-        `policies` as `train.evaluation.summary.summarize` has them, and for each policy `minus_budgeted` and
+        `policies` as in `train.evaluation.summary.summarize`, and for each policy `minus_budgeted` and
         `minus_none`, the paired differences of the returns (`mean`, `ci95`).
     """
 
@@ -108,10 +108,10 @@ def summary(scores: Mapping[str, Scores], world: str, seed: int) -> dict[str, An
 
 
 def tables(worlds: Mapping[str, Any], runs: Sequence[str]) -> str:
-    """Returns, depleted shares, and what the runs gain on REFERENCE; worlds, each of `summary`, are columns."""
+    """Tables of returns, depleted shares, and gains of the runs on REFERENCE, with a column for each world."""
 
     def table(head: str, kind: str, names: Sequence[str], cell: Callable[[Any], str]) -> str:
-        """A row a policy, with a dash where it did not play."""
+        """A table with a row per policy, and a dash where a policy did not play."""
         rows = [[head, *worlds]]
         for name in names:
             entries = [world[kind].get(name) for world in worlds.values()]
@@ -135,10 +135,10 @@ def tables(worlds: Mapping[str, Any], runs: Sequence[str]) -> str:
 
 
 def load_runs(paths: Sequence[Path]) -> tuple[dict[str, Policy], dict[str, Policy]]:
-    """The trained policies on MAIN and, of those that fit it, on OTHER; a line for each run that does not.
+    """The trained policies for MAIN, and for OTHER where they fit it; prints a line for each run that does not.
 
     Raises:
-        InputError: a run cannot be played on MAIN, or its name is taken.
+        InputError: a run does not fit MAIN, or its name is taken.
     """
     main: dict[str, Policy] = {}
     for path in paths:
@@ -159,7 +159,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Prints the tables.
 
     Raises:
-        InputError: of `load_runs`.
+        InputError: as in `load_runs`.
     """
     enable_compilation_cache()
     runs, on_other = load_runs([Path(os.path.abspath(given)) for given in options.run_dir])
@@ -174,7 +174,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def plot(path: Path, report: dict[str, Any]) -> None:
-    """Draws the report of `measure` as a PNG: what each policy gains on no action over the demand, rules dashed."""
+    """Draws the report of `measure` as a PNG: each policy's gain on no action by demand, with rules dashed."""
     demand = medjax.make(MAIN)[1].demand
     vehicles_per_h = float(demand.mainline_per_h + demand.ramp_per_h.sum())
     worlds = [report["worlds"][name]["minus_none"] for name in AT_FACTORS]

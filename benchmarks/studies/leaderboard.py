@@ -1,9 +1,9 @@
-"""Policies on the fixed episodes of a board; a row is added by playing them.
+"""Compares policies on the fixed episodes of a leaderboard.
 
-Prints the board. `--add NAME --policy P` plays all of its episodes with a policy, prints the board with the new row and
-writes it into the file: the return of every episode, so that a later policy is compared with it in the same ones.
-Whatever is trained must not see the board's episodes; their seed is in its file. Of the project's own board also what
-the player says of many episodes is written (`medjax.render.story.known_evaluation`): the same means.
+The command prints the board. `--add NAME --policy P` first plays all of its episodes with a policy and writes the new
+row into the file. A row keeps the return of every episode, so that later policies are compared on the same episodes.
+The file holds their seed; no policy may be trained on them. For the project's own board the command also writes the
+means that the player shows (`medjax.render.story.known_evaluation`).
 
     python -m benchmarks.leaderboard
     python -m benchmarks.leaderboard --add mine --policy runs/mine/policy.zip --about "PPO, 1.5 M decisions"
@@ -40,15 +40,15 @@ from train.runs.versions import versions
 
 BOARD = Path(__file__).parents[2] / "docs" / "leaderboard.json"
 SHOWN = {"depleted": "depleted_share", "mean SoC": "mean_soc", "MEDs sent": "meds_dispatched"}
-MEANS = sorted({*SHOWN.values(), *NAMES} - {"return_mean"})  # that are kept of a row
-DIGITS = 3  # of what is kept of a return
+MEANS = sorted({*SHOWN.values(), *NAMES} - {"return_mean"})  # metrics that a row keeps
+DIGITS = 3  # after the point of returns that a row keeps
 
 
 def read_board(path: Path) -> dict[str, Any]:
-    """A board: preset, seed and number of its episodes, and rows.
+    """Reads a board: its preset, seed, number of episodes, and rows.
 
     Raises:
-      InputError: no such file, or not a board.
+      InputError: there is no such file, or it is not a board.
     """
     check_input("--file", path)
     try:
@@ -69,11 +69,13 @@ def read_board(path: Path) -> dict[str, Any]:
 
 
 def play(board: Mapping[str, Any], name: str, policy: str, about: str) -> dict[str, Any]:
-    """A row: a policy on the board's episodes.
+    """Plays the board's episodes with a policy and returns its row.
 
     Args:
-      board: which episodes.
-      name: of the row; policy: as `medjax.policies.given.as_policy` takes it by name; about: for people.
+      board: gives the episodes.
+      name: of the row.
+      policy: a name that `medjax.policies.given.as_policy` accepts.
+      about: a description for readers.
     """
     scenario, episodes, seed = (board[key] for key in ("scenario", "episodes", "seed"))
     say(f"{name}: {episodes} episodes of {scenario} ...")
@@ -94,7 +96,7 @@ def play(board: Mapping[str, Any], name: str, policy: str, about: str) -> dict[s
 
 
 def rows_of(board: Mapping[str, Any]) -> list[list[str]]:
-    """The board as a table, best mean return first; each beside the first one, in the same episodes."""
+    """The board as a table, best mean return first, with paired differences from the best row."""
     rows = sorted(board["rows"], key=lambda row: -np.mean(row["returns"]))
     table = [["policy", "return", "95 % CI", *SHOWN, "below the first by, 95 % CI", "what"]]
     for row in rows:
@@ -109,13 +111,13 @@ def rows_of(board: Mapping[str, Any]) -> list[list[str]]:
 
 
 def with_row(board: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, Any]:
-    """The board with a row, in place of one of the same name."""
+    """The board with a row added, or replaced if it has one of the same name."""
     others = [other for other in board["rows"] if other["name"] != row["name"]]
     return {**board, "rows": [*others, row]}
 
 
 def write_board(path: Path, board: Mapping[str, Any]) -> None:
-    """Writes a board, a row a line, so that a new one is a line of a difference; see `_write`."""
+    """Writes a board with one row per line, so that diffs are short; see `_write`."""
     head = {key: value for key, value in board.items() if key != "rows"}
     rows = ",\n".join("  " + json.dumps(row) for row in board["rows"])
     text = json.dumps(head, indent=1).removesuffix("\n}")
@@ -123,7 +125,7 @@ def write_board(path: Path, board: Mapping[str, Any]) -> None:
 
 
 def _write(path: Path, text: str) -> None:
-    """Writes text in full; where that fails, the command ends in a line and exit code 1."""
+    """Writes a text; on failure the process ends with one line and exit code 1."""
     try:
         write_text(path, text)
     except OSError as error:
@@ -131,7 +133,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def known_of(board: Mapping[str, Any]) -> dict[str, Any]:
-    """What the player says of many episodes with the policies of medjax, as `train.evaluate --json` has it."""
+    """The evaluation of medjax's own policies for the player, in the format of `train.evaluate --json`."""
     rows = [row for row in board["rows"] if row["policy"] in (PRETRAINED, *BASELINES)]
     policies = {}
     for row in sorted(rows, key=lambda row: -np.mean(row["returns"])):
@@ -164,7 +166,7 @@ def build_parser() -> Any:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Plays what is asked for, writes it, prints the board and returns it.
+    """Plays the requested policies, writes their rows, prints the board and returns it.
 
     Raises:
       InputError: bad input.
@@ -188,7 +190,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         check_policy(policy)
     for name, policy, about in todo:
         row = play(board, name, policy, about)
-        board = with_row(read_board(options.file), row)  # somebody else may have added one
+        board = with_row(read_board(options.file), row)  # others may have added rows meanwhile
         write_board(options.file, board)
     if todo and options.file.resolve() == BOARD:
         known = json.dumps(known_of(board), indent=1)

@@ -1,7 +1,8 @@
-"""`python -m benchmarks.motion`: what MEDs could win by moving otherwise, before anyone learns to.
+"""`python -m benchmarks.motion`: what MEDs could gain by other rules of motion, before anything is learned.
 
-A rule dispatches; in service every MED moves by a rule of motion, on the same episodes as with the default one: the
-fleet's speed, its lane, taking whoever asks, to the end of its trip. Decisions are those of `medjax.make_agents`.
+A rule dispatches MEDs, and in service they follow a rule of motion. It is compared on the same episodes with the
+default: keep the fleet's speed and lane, accept every request, drive to the end of the trip. Decisions are those of
+`medjax.make_agents`.
 """
 
 import argparse
@@ -38,18 +39,18 @@ from train.evaluation.tables import format_rows, interval, short
 Motion = Callable[[AgentsEnv, EnvState, EnvParams], Parts[jax.Array]]
 
 SPEEDS = tuple(map(float, range(14, 26)))  # m/s
-VIEW_M = 400.0  # of unserved EVs
-DISPATCHERS = {"paper": "budgeted", "corridor": "greedy"}  # the best rule, one that sends at all
+VIEW_M = 400.0  # farthest requesting EV that a MED reacts to
+DISPATCHERS = {"paper": "budgeted", "corridor": "greedy"}  # best rule; one that sends at all
 COLUMNS = ("return", "depleted_share", "ev_received_kwh", "ev_delay_h", "gas_delay_h")
 
 
 def _usual(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
-    """As the fleet is used to."""
+    """The fleet's default motion."""
     return agents.actions.by_rule(state, params)
 
 
 def _at(speed: float, accept: int = 1) -> Motion:
-    """Everyone in service at this speed, m/s, and taking EVs or, with accept 0, none."""
+    """All MEDs in service drive at this speed, m/s, and accept EVs, or none if `accept` is 0."""
 
     def move(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
         usual, serves = _usual(agents, state, params), state.meds.status == IN_SERVICE
@@ -62,7 +63,7 @@ def _at(speed: float, accept: int = 1) -> Motion:
 
 
 def _towards(per_s: float) -> Motion:
-    """The fleet's speed, and so much of the way to the nearest EV that asks, 1/s; slower for one behind."""
+    """The fleet's speed plus `per_s`, 1/s, of the distance to the nearest requesting EV, negative behind."""
 
     def move(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
         config, usual = agents.env.config, _usual(agents, state, params)
@@ -80,7 +81,7 @@ def _towards(per_s: float) -> Motion:
 
 
 def _slow_until(evs: int, speed: float) -> Motion:
-    """At this speed, m/s, until so many EVs are booked on it."""
+    """Each MED drives at this speed, m/s, until that many EVs have booked it."""
 
     def move(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
         usual = _usual(agents, state, params)
@@ -93,7 +94,7 @@ def _slow_until(evs: int, speed: float) -> Motion:
 
 
 def _only_who_needs_it(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
-    """Refuses an EV that comes to its destination anyway."""
+    """Refuses EVs that reach their destination without charging."""
     config, usual = agents.env.config, _usual(agents, state, params)
     request = requests(state, config, params)
     lacks = lacking_j(state, config, params)[jnp.maximum(request, 0)] > 0.0
@@ -101,7 +102,7 @@ def _only_who_needs_it(agents: AgentsEnv, state: EnvState, params: EnvParams) ->
 
 
 def _home_when_idle(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
-    """Leaves at the next exit when nobody is booked on it or asks nearby."""
+    """A MED leaves at the next exit when no EV has booked it or asks nearby."""
     config, usual = agents.env.config, _usual(agents, state, params)
     asks = ask(state, config, params)[0].asks
     way = state.vehicles.x[config.ev_slots] - state.vehicles.x[config.med_slots, None]
@@ -116,7 +117,7 @@ Places = Callable[[AgentsEnv, EnvState, EnvParams], jax.Array]
 
 
 def _going_to(worth: Places) -> Motion:
-    """From where it leaves the road anyway to the depot that is worth most, `worth` `(num_meds, num_depots)`."""
+    """A MED leaves where its trip ends, but for the depot with the highest `worth` `(num_meds, num_depots)`."""
 
     def move(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
         config, usual = agents.env.config, _usual(agents, state, params)
@@ -131,14 +132,14 @@ def _going_to(worth: Places) -> Motion:
 
 
 def _nearness(agents: AgentsEnv, state: EnvState, params: EnvParams) -> jax.Array:
-    """Of each depot to each MED's exit."""
+    """Minus the distance from each MED's exit to each depot."""
     config = agents.env.config
     ends = state.vehicles.destination[config.med_slots, None]
     return -jnp.abs(ends - depot_places(config, params))
 
 
 def _room(agents: AgentsEnv, state: EnvState, params: EnvParams) -> jax.Array:
-    """The fewer other MEDs are there, or on their way there, the more."""
+    """Minus the number of other MEDs at each depot or on their way to it."""
     meds, config = state.meds, agents.env.config
     theirs = (meds.depot[:, None] == jnp.arange(config.num_depots)) & (
         jnp.arange(config.num_meds) < params.fleet.size
@@ -147,7 +148,7 @@ def _room(agents: AgentsEnv, state: EnvState, params: EnvParams) -> jax.Array:
 
 
 def _need(agents: AgentsEnv, state: EnvState, params: EnvParams) -> jax.Array:
-    """EVs that lack charge near the depot's ramps, those that come included, less the slots that they will find."""
+    """EVs in need at each depot's ramps, now and soon, less the free slots that they will find."""
     config = agents.env.config
     need = expected_need(state, config, params, NEED_WINDOW_S)
     of_ramps = need.there + need.coming - need.free
@@ -157,7 +158,7 @@ def _need(agents: AgentsEnv, state: EnvState, params: EnvParams) -> jax.Array:
 
 
 def _other_lane(agents: AgentsEnv, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
-    """In the leftmost lane that allows four slots."""
+    """All MEDs in service take the leftmost lane that allows four slots."""
     usual = _usual(agents, state, params)
     return usual._replace(lane=jnp.where(state.meds.status == IN_SERVICE, 0, usual.lane))
 
@@ -166,7 +167,7 @@ DEPOTS = {"nearest depot": _nearness, "emptiest depot": _room, "depot in need": 
 MOTIONS: dict[str, Motion] = {
     "default": _usual,
     **{f"{speed:g} m/s": _at(speed) for speed in (14.0, 16.0, 18.0, 20.0, 22.0, 24.0, 25.0)},
-    # What slow lorries do by themselves, since the drivers behind them save energy.
+    # Isolate the effect of slow lorries, since drivers behind them save energy.
     **{f"{speed:g} m/s, refuses all": _at(speed, accept=0) for speed in (14.0, 18.0, 22.0)},
     "0.02/s x gap": _towards(0.02),
     "0.05/s x gap": _towards(0.05),
@@ -181,7 +182,7 @@ MOTIONS: dict[str, Motion] = {
 
 @dataclasses.dataclass(frozen=True)
 class Moved(Wrapper):
-    """`env`, whose MEDs in service move by a rule; its action is the dispatcher's."""
+    """`env` with MEDs in service that move by a rule; the action is the dispatcher's."""
 
     agents: AgentsEnv
     motion: Motion
@@ -189,7 +190,7 @@ class Moved(Wrapper):
     def step_env(
         self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
     ) -> StepResult:
-        """One decision."""
+        """Plays one decision."""
         head = who_is_sent(action, state.meds, self.env.config)
         parts = self.motion(self.agents, state, params)
         parts = parts._replace(enter=jnp.where(head, action, 0).astype(jnp.int32))
@@ -198,7 +199,7 @@ class Moved(Wrapper):
 
 
 def play(options: argparse.Namespace) -> dict[str, Scores]:
-    """Scores of each rule of motion on the same episodes."""
+    """Scores of all rules of motion on the same episodes."""
     overrides = parse_overrides(options.overrides)
     if "speeds" in overrides:
         raise InputError(
@@ -223,7 +224,7 @@ def play(options: argparse.Namespace) -> dict[str, Scores]:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Prints a row a rule of motion: means, and its return less that of the default."""
+    """Prints a row per rule of motion: means, and return minus the default's."""
     played = play(options)
     rows: list[dict[str, Any]] = []
     for name, score in played.items():

@@ -1,15 +1,16 @@
-"""`python -m benchmarks.planner`: what a dispatcher that owns a simulator gains on a policy.
+"""`python -m benchmarks.planner`: what a dispatcher gains on a policy by planning with the simulator.
 
-Every `hold` decisions, where a MED may be sent, the planner plays futures of the state: the policy goes on, nothing is
-sent for `hold` decisions, or a MED from one of the ramps and then nothing; behind that the policy decides again, to the
-end of the episode. Futures are drawn by keys that the candidates share, and are never the episode's own. Candidates
-are halved (sequential halving, Karnin et al. 2013); where the last one still seems better than the policy, the planner
-does it: one step of policy improvement (rollout algorithms, Bertsekas and Castanon 1999).
+Every `hold` decisions, if a MED may be sent, the planner plays futures of the state. The candidates are: the policy
+goes on; no MED is sent for `hold` decisions; or one MED is sent from one of the ramps and none after it. After `hold`
+decisions the policy decides again, to the end of the episode. All candidates share the keys of the futures, which are
+never the episode's own. Candidates are halved (sequential halving, Karnin et al. 2013). If the last one still seems
+better than the policy, the planner follows it: one step of policy improvement (rollout algorithms, Bertsekas and
+Castanon 1999).
 
-What it gains is not read off whole episodes, of which hundreds would be needed, but is the sum of what each of its
-choices pays over the policy's, along its own episodes: the difference of two policies' returns is the expected sum of
-one's advantages over the other at the states that the one comes to (performance difference lemma, Kakade and Langford
-2002). What a choice pays is measured in further futures, which chose nothing, so that its luck is not counted.
+It would take hundreds of whole episodes to show the gain. The command instead sums the advantage of each choice over
+the policy's along the planner's episodes. The difference of two policies' returns is the expected sum of the one's
+advantages over the other at the states that the one visits (performance difference lemma, Kakade and Langford 2002).
+Each advantage is measured in further futures, which did not select the choice, so luck does not count.
 """
 
 import argparse
@@ -31,26 +32,26 @@ from medjax.policies.policy import Policy
 from medjax.traffic.arrivals import redraw
 from train.evaluation.statistics import bootstrap_ci95
 
-FUTURES = 0xF07  # folded into the seed's key: no future is an episode that is evaluated
+FUTURES = 0xF07  # folded into the seed's key, so that no future is an evaluated episode
 
 
 class Found(NamedTuple):
-    """What is found of one state."""
+    """The planner's choice in one state."""
 
-    plan: int  # what is done in it; AS_BASE where the policy goes on
-    gain: float  # of that over the policy, in futures that did not choose it; 0 where the policy goes on
-    spread: float  # standard deviation of that difference from future to future, NaN where none was confirmed
+    plan: int  # the action, or AS_BASE if the policy goes on
+    gain: float  # advantage over the policy, in futures that did not select it; 0 if the policy goes on
+    spread: float  # standard deviation of the advantage over futures; NaN if the policy goes on
 
 
 class Futures:
-    """Plays futures of a state, compiled when first asked.
+    """Plays futures of a state, compiled at the first call.
 
     Args:
         env: a single environment.
         params: its parameters.
         base: the policy.
-        hold: decisions for which a candidate stands.
-        rows: futures played at once; candidates share them.
+        hold: length of a candidate's plan in decisions.
+        rows: futures played at once, divided among the candidates.
     """
 
     def __init__(self, env: Environment, params: Any, base: Policy, hold: int, rows: int) -> None:
@@ -62,7 +63,7 @@ class Futures:
         player = Player(env, [base])
 
         def to_end(rows: Any, same: Any) -> jax.Array:
-            """Returns from the state on, and what was had before."""
+            """Returns of whole episodes that are played on from the state."""
             first, steps, (weights, params) = same
             return follow(player, weights, rows, first, (steps, hold), params).scores["return"]
 
@@ -70,7 +71,7 @@ class Futures:
         self._branch = jax.jit(self._branched)
 
     def _branched(self, key: jax.Array, played: Episodes, each: jax.Array) -> Episodes:
-        """An episode `rows` times, each going on in the future of its number `each` (rows,)."""
+        """Copies an episode `rows` times; each copy continues in the future numbered by `each` (rows,)."""
         streams = jax.vmap(lambda number: jax.random.split(jax.random.fold_in(key, number), 3))(
             each
         )
@@ -81,13 +82,13 @@ class Futures:
     def returns(
         self, key: jax.Array, played: Episodes, first: int, candidates: list[int]
     ) -> np.ndarray:
-        """Returns `(futures, candidates)`, the same futures for each.
+        """Returns `(futures, candidates)`, with the same futures for all candidates.
 
         Args:
             key: of the futures.
-            played: one episode, leaves without an axis of rows.
+            played: one episode, whose leaves have no axis of rows.
             first: its next decision.
-            candidates: plans, as `benchmarks.studies.base.follow` has them.
+            candidates: plans as in `benchmarks.studies.base.follow`.
         """
         count = len(candidates)
         each = jnp.arange(self.rows) // count
@@ -98,7 +99,7 @@ class Futures:
         return np.asarray(returns, np.float64)[: futures * count].reshape(futures, count)
 
     def find(self, key: jax.Array, played: Episodes, first: int, num_actions: int) -> Found:
-        """The candidate that is left of all, and what it pays."""
+        """The candidate that remains after halving, and its gain."""
         others, total, futures, number = np.arange(num_actions), np.zeros(num_actions), 0, 0
         while len(others):
             returns = self.returns(
@@ -115,15 +116,15 @@ class Futures:
 
 
 class Played(NamedTuple):
-    """What came of some episodes."""
+    """Results of some episodes."""
 
     returns: np.ndarray  # (episodes,) of the planner
-    of_policy: np.ndarray  # (episodes,) of the policy, the same episodes
-    found: list[list[Found]]  # of each episode, the states in which the planner was asked
+    of_policy: np.ndarray  # (episodes,) of the policy in the same episodes
+    found: list[list[Found]]  # by episode, the planner's choices
 
 
 def play(env: Environment, params: Any, policy: Policy, options: argparse.Namespace) -> Played:
-    """Episodes of the planner, and of the policy alone; `options` are the command's."""
+    """Plays episodes with the planner and with the policy alone; `options` are the command's."""
     hold, episodes = options.hold, options.episodes
     futures, player = Futures(env, params, policy, hold, options.futures), Player(env, [policy])
     firsts = range(0, episode_steps(env, params), hold)
@@ -132,7 +133,7 @@ def play(env: Environment, params: Any, policy: Policy, options: argparse.Namesp
 
     @jax.jit
     def go_on(rows: tuple[Episodes, jax.Array], first: jax.Array, same: Any) -> Episodes:
-        """As planned, to the next state that is looked at."""
+        """Follows the plans up to the next state in which the planner is asked."""
         weights, params = same
         return follow(player, weights, rows, first, (first + hold, hold), params)
 
@@ -153,10 +154,10 @@ def play(env: Environment, params: Any, policy: Policy, options: argparse.Namesp
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Prints what the planner gains on the policy.
+    """Prints the planner's gain on the policy.
 
     Raises:
-      InputError: of `benchmarks.studies.base.load`.
+      InputError: as in `benchmarks.studies.base.load`.
     """
     scenario, env, params, name, policies = load(options)
     played = play(env, params, policies[name], options)

@@ -1,9 +1,9 @@
-"""How a rule's numbers are tuned: by the returns of many rules like it, each played on one episode.
+"""Tunes a rule's numbers by the returns of many variants, each played on one episode.
 
-Every episode is played by a group of rules, in pairs that differ from the middle by opposite steps (antithetic
-sampling, as evolution strategies use it: Salimans et al. 2017, arXiv:1703.03864). Returns less their group's mean are
-free of what the episode's demand does to all, which is most of their variance; a quadratic of all numbers is fitted
-to them by least squares (response surface method, Box and Wilson 1951), and the middle moves to its top.
+A group of variants plays each episode, in pairs that take opposite steps from a centre (antithetic sampling, as in
+evolution strategies: Salimans et al. 2017, arXiv:1703.03864). Subtracting the group's mean return removes the effect
+of the episode's demand, which is most of the variance. A quadratic in all numbers is fitted to the rest by least
+squares (response surface method, Box and Wilson 1951), and the centre moves to its top.
 """
 
 from typing import Any
@@ -19,18 +19,18 @@ from medjax.episodes.player import Player, episode_steps
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.policies.policy import Policy
 
-GROUP = 16  # rules that play one episode
-LEAST_CURVATURE = 4.0  # of the return, a step squared: steps are short where no top shows
+GROUP = 16  # variants that play one episode
+LEAST_CURVATURE = 4.0  # of the return per step squared; keeps steps short where the fit has no top
 
 
 class Responses:
-    """Returns of rules with numbers of their own, compiled when built.
+    """Plays variants of a rule, each with its own numbers.
 
     Args:
         env: a single environment.
         params: its parameters.
-        policy: of any numbers; its weights are a pytree of floats.
-        plays: rules played at once, a multiple of GROUP.
+        policy: any variant; its weights are a pytree of floats.
+        plays: variants played at once, a multiple of GROUP.
     """
 
     def __init__(self, env: Environment, params: Any, policy: Policy, plays: int) -> None:
@@ -54,23 +54,23 @@ class Responses:
         self._play = jax.jit(on_devices(environment_mesh(plays), all_rows))
 
     def of(self, numbers: np.ndarray, seed: int) -> np.ndarray:
-        """Returns `(groups, GROUP)` of rules of numbers `(groups, GROUP, n)`, an episode of the seed for each group."""
+        """Returns `(groups, GROUP)` of variants `(groups, GROUP, n)`, with one episode of the seed per group."""
         keys = jnp.repeat(episode_keys(seed, numbers.shape[0]), GROUP)
         rows = jnp.asarray(numbers, jnp.float32).reshape(self.plays, -1), keys
         return np.asarray(self._play(rows, self.params), np.float64).reshape(numbers.shape[:2])
 
     @staticmethod
     def numbers_of(weights: Any) -> np.ndarray:
-        """Numbers `(n,)` float64 of a pytree of weights."""
+        """A pytree of weights as numbers `(n,)` float64."""
         return np.asarray(ravel_pytree(weights)[0], np.float64)
 
     def policy_weights(self, numbers: np.ndarray) -> Any:
-        """The pytree of weights of numbers `(n,)`."""
+        """Numbers `(n,)` as a pytree of weights."""
         return self._weights_of(jnp.asarray(numbers, jnp.float32))
 
 
 def directions(rng: np.random.Generator, groups: int, size: int) -> np.ndarray:
-    """Standard normal steps `(groups, GROUP, size)`, the second half of a group the first one's opposites."""
+    """Standard normal steps `(groups, GROUP, size)`; the second half of each group negates the first."""
     half = rng.standard_normal((groups, GROUP // 2, size))
     return np.concatenate([half, -half], axis=1)
 
@@ -97,7 +97,7 @@ def fit(steps: np.ndarray, returns: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
 
 def step_to_top(slope: np.ndarray, curvature: np.ndarray) -> np.ndarray:
-    """The step `(n,)` to the top of the fitted surface, at most 1 in each number."""
+    """The step `(n,)` to the top of the fitted surface, scaled down to at most 1 in each number."""
     bend, axes = np.linalg.eigh(curvature)
     along = (axes.T @ slope) / np.maximum(-bend, LEAST_CURVATURE)
     step = axes @ along

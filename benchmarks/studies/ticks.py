@@ -1,7 +1,7 @@
-"""`python -m benchmarks.ticks`: whether the length of a tick decides anything.
+"""`python -m benchmarks.ticks`: whether the length of a tick affects results.
 
-Rules play the same episodes at several ticks. Arrivals, drivers' noise and actions are drawn once a decision, so that
-episodes are paired; traffic that is dense forgets them within a minute, and what is compared are means.
+Rules play the same episodes at several ticks. Arrivals, drivers' noise and actions are drawn once per decision, so that
+episodes are paired. Dense traffic forgets this pairing within a minute, so the comparison is of means.
 """
 
 import argparse
@@ -31,10 +31,10 @@ COLUMNS = (
 
 
 def play(scenario: str, tick_s: float, episodes: int, seed: int) -> dict[str, Scores]:
-    """Scores of the rules at this tick, with rounds of entries as long as the preset's.
+    """Scores of the rules at this tick, with entry rounds as long as the preset's.
 
     Raises:
-      InputError: they are no whole number of such ticks.
+      InputError: a round is not a whole number of ticks.
     """
     config = medjax.SCENARIOS[scenario].config
     ticks = round(config.round_s / tick_s)
@@ -48,7 +48,7 @@ def play(scenario: str, tick_s: float, episodes: int, seed: int) -> dict[str, Sc
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Prints a row a rule and tick; what differs from the first tick given, with its interval."""
+    """Prints one row per rule and tick, and the difference from the first tick with its interval."""
     ticks, seed = options.ticks, options.seed
     played = [play(options.scenario, tick, options.episodes, seed) for tick in ticks]
     rows = []

@@ -1,10 +1,10 @@
-"""`python -m benchmarks.tune`: the best settings of the rules that have any.
+"""`python -m benchmarks.tune`: finds the best settings of the rules that have any.
 
-What PPO has to beat should be as good as its kind can be. `medjax.policies.paced` is played with every interval and
-ramp, `medjax.policies.forecast` with every window and threshold, all on the same episodes, whose seed no evaluation
-uses by default. `medjax.policies.budgeted` has too many numbers for that: it begins as `forecast` and climbs the
-surface of its returns (`benchmarks.studies.response`), on other episodes in every round; the last line compares it with
-`forecast` on the episodes of the grids.
+The rules that PPO has to beat should be as good as they can be. `medjax.policies.paced` is played with every interval
+and ramp, `medjax.policies.forecast` with every window and threshold. All play the same episodes, whose seed no
+evaluation uses by default. `medjax.policies.budgeted` has too many numbers for a grid. It starts as `forecast` and
+climbs the surface of its returns (`benchmarks.studies.response`), on new episodes in every round. The last line
+compares it with `forecast` on the episodes of the grids.
 """
 
 import argparse
@@ -42,16 +42,16 @@ GRID: dict[str, list[dict[str, Any]]] = {
 }
 
 
-CLIMB_SEED = 1_000_000  # of the first round's episodes; later rounds count on
-LEAST_GROUPS = 8  # that tell the 54 terms of a quadratic of nine numbers apart
+CLIMB_SEED = 1_000_000  # of the first round's episodes; each later round adds 1
+LEAST_GROUPS = 8  # enough to fit the 54 terms of a quadratic in nine numbers
 
-# As `forecast` does it, and how far the rules of a round go from there.
+# The numbers that make `budgeted` act as `forecast`, and the spread of a round's variants.
 AS_FORECAST = Budget(pack=0.0, coming=1.0, free=-1.0, ahead=0.0, time_left=0.0, ramp=(-5.0,) * 4)
 SPREAD = Budget(pack=1.5, coming=0.15, free=0.15, ahead=4.0, time_left=1.0, ramp=(0.8,) * 4)
 
 
 def play_grid(env: Environment, params: Any, rule: str, options: argparse.Namespace) -> Any:
-    """Prints a line for each setting, and the best one."""
+    """Plays every setting of a grid; prints a line for each, and the best one."""
     named = {", ".join(f"{k} {v:g}" for k, v in row.items()): row for row in GRID[rule]}
     policies = {name: RULES[rule](env, **row) for name, row in named.items()}
     scores = evaluate_policies(env, params, policies, options.episodes, options.seed, batch=32)
@@ -67,7 +67,7 @@ def play_grid(env: Environment, params: Any, rule: str, options: argparse.Namesp
 
 
 def climb(env: Environment, params: Any, options: argparse.Namespace) -> Any:
-    """Prints where every round of `budgeted` leads, and what the last one is worth."""
+    """Tunes `budgeted`; prints its numbers after every round and the gain on `forecast`."""
     responses = Responses(env, params, budgeted(env), GROUP * options.groups)
     numbers, spread = responses.numbers_of(AS_FORECAST), responses.numbers_of(SPREAD)
     rng, rounds = np.random.default_rng(options.seed), []
@@ -97,14 +97,14 @@ def climb(env: Environment, params: Any, options: argparse.Namespace) -> Any:
 
 
 def _shown(numbers: np.ndarray) -> str:
-    """The numbers of a `Budget` by name, in the order of its leaves."""
+    """The numbers of a `Budget` with their names, in the order of its leaves."""
     names = [*(name for name in Budget.__dataclass_fields__ if name != "ramp")]
     names += [f"ramp {number}" for number in range(1, len(numbers) - len(names) + 1)]
     return ", ".join(f"{name} {value:.2f}" for name, value in zip(names, numbers, strict=True))
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Prints what is found of each rule."""
+    """Tunes each rule and prints the results."""
     env, params = medjax.make(options.scenario, **parse_overrides(options.overrides))
     return {
         rule: play_grid(env, params, rule, options) if rule in GRID else climb(env, params, options)

@@ -1,14 +1,14 @@
-"""`python -m benchmarks.variance`: what the spread of returns on `paper` is made of, and what takes it away.
+"""`python -m benchmarks.variance`: what makes up the spread of returns on `paper`, and what reduces it.
 
-A demand is who is on the road at the start, and who comes and when; it is played with several streams of drivers'
-noise. Told apart by the analysis of variance of one random factor (Searle, Casella and McCulloch 1992, chapter 3):
+A demand is the initial traffic together with all later arrivals. Each demand is played with several streams of drivers'
+noise. An analysis of variance with one random factor separates the two (Searle, Casella and McCulloch 1992, chapter 3).
+The command reports:
 
-- the share of the returns' variance that is demand's;
-- how alike two policies' returns are, on the same demand and stream, and from stream to stream at one demand;
-- relief: the return without what EVs bring along, the weight of a depleted EV for each one that comes without the
-  charge for its way. Potential shaping by that need comes to it over an episode (Ng, Harada and Russell 1999; what
-  arrivals add is taken out, Mao et al. 2018, arXiv:1807.02264). Beside it what is left of the spread with the best
-  weight in place of that one, by least squares.
+- the share of the returns' variance that is due to demand;
+- the correlation of two policies' returns over episodes, and over noise streams at one demand;
+- relief: the return, with one depleted EV's penalty refunded for each EV that arrives without enough charge for its
+  trip. Potential-based shaping by that need sums to the same over an episode (Ng, Harada and Russell 1999; arrivals
+  taken out as in Mao et al. 2018, arXiv:1807.02264). Beside it stands the spread with the best weight by least squares.
 """
 
 import argparse
@@ -38,29 +38,29 @@ from train.evaluation.statistics import bootstrap_ci95
 from train.evaluation.tables import format_rows, interval, short
 
 PRESET = "paper"
-COMPARED = "forecast"  # whose returns those of the others are compared with
-CAME = "came_needy"  # the term below
+COMPARED = "forecast"  # the policy that the others are correlated with
+CAME = "came_needy"  # name of the reward term below
 RULES = ("budgeted", COMPARED, "none")
 
 
 def needy(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """EVs on the road without the charge for their way at cruising speed, `(E,)` bool."""
+    """EVs on the road without enough charge for their trip at cruising speed, `(E,)` bool."""
     on_road = state.vehicles.active[config.ev_slots]
     return on_road & (lacking_j(state, config, params) > 0.0)
 
 
 def came_needy(outcome: Outcome) -> jax.Array:
-    """A term: EVs that came onto the road in this decision without the charge for their way."""
+    """A reward term: EVs that entered in this decision without enough charge for their trip."""
     slots = outcome.config.ev_slots
     before, after = outcome.before.vehicles, outcome.after.vehicles
-    # Else its slot is another's.
+    # A smaller position means that another EV has taken the slot.
     goes_on = before.active[slots] & (after.x[slots] >= before.x[slots])
     come = needy(outcome.after, outcome.config, outcome.params) & ~goes_on
     return jnp.sum(come, dtype=jnp.float32)
 
 
 def make(**numbers: Any) -> tuple[Environment, Any]:
-    """The preset, with numbers of one's own, which counts those who come in need on top of its reward."""
+    """The preset with overrides, whose reward also counts EVs that enter in need."""
     weight: dict[str, Any] = {f"reward_weights.{CAME}": 1.0}
     return medjax.make(PRESET, reward={**TERMS, CAME: came_needy}, **weight, **numbers)
 
@@ -68,21 +68,21 @@ def make(**numbers: Any) -> tuple[Environment, Any]:
 def play(
     env: Environment, params: Any, policies: Mapping[str, Policy], sizes: tuple[int, int], seed: int
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Returns, and EVs that came in need, `(demands, streams)` each, of every policy in the same episodes.
+    """Returns and numbers of EVs that entered in need, `(demands, streams)` each, of all policies in the same episodes.
 
     Args:
-        env: of `make`, and params.
+        env, params: of `make`.
         policies: by name.
-        sizes: demands, and streams of noise of each.
-        seed: of both.
+        sizes: number of demands, and of noise streams for each.
+        seed: of demands and noise.
     """
     demands, streams = sizes
     player, steps = Player(env, [*policies.values()]), episode_steps(env, params)
     own = episode_keys(seed, demands * streams)
-    of_demand = jnp.repeat(own[::streams], streams)  # of the reset, which draws all arrivals' seed
+    of_demand = jnp.repeat(own[::streams], streams)  # keys of the reset, which seeds all arrivals
 
     def whole(rows: Any, same: Any) -> tuple[jax.Array, jax.Array]:
-        """Of episodes and policies, `(rows, policies)`."""
+        """Plays some episodes with all policies; results are `(rows, policies)`."""
         (of_demand, own), (weights, params) = rows, same
         begun = player.start(of_demand, params)
         there = jax.vmap(needy, (0, None, None))(begun.state, env.config, params)
@@ -102,19 +102,19 @@ def play(
 
 
 def within(values: np.ndarray) -> np.ndarray:
-    """Variance from stream to stream at one demand, `(rows, demands, streams)` to `(rows,)`."""
+    """Variance over streams within a demand, `(rows, demands, streams)` to `(rows,)`."""
     return np.asarray(np.mean(np.var(values, axis=2, ddof=1), axis=1))
 
 
 def demands_share(values: np.ndarray) -> np.ndarray:
-    """Share of the variance that is demand's, `(rows, demands, streams)` to `(rows,)`; below 0 by chance only."""
+    """Share of the variance due to demand, `(rows, demands, streams)` to `(rows,)`; below 0 only by chance."""
     inside = within(values)
     between = np.var(np.mean(values, axis=2), axis=1, ddof=1) - inside / values.shape[2]
     return np.asarray(between / (between + inside))
 
 
 def correlation(pairs: np.ndarray) -> np.ndarray:
-    """Of two policies' returns, `(rows, demands, streams, 2)` to `(rows,)`."""
+    """Correlation of two policies' returns, `(rows, demands, streams, 2)` to `(rows,)`."""
     apart = pairs - pairs.mean(axis=(1, 2), keepdims=True)
     first, second = apart[..., 0], apart[..., 1]
     both, one, other = (
@@ -124,20 +124,20 @@ def correlation(pairs: np.ndarray) -> np.ndarray:
 
 
 def correlation_within(pairs: np.ndarray) -> np.ndarray:
-    """The same from stream to stream at one demand."""
+    """The same over streams within a demand."""
     return correlation(pairs - pairs.mean(axis=2, keepdims=True))
 
 
 def estimate(
     statistic: Callable[[np.ndarray], np.ndarray], samples: np.ndarray, seed: int
 ) -> dict[str, Any]:
-    """A statistic of demands `(demands, streams, ...)`, and its interval from demand to demand."""
+    """A statistic of samples `(demands, streams, ...)`, and its interval by resampling demands."""
     value = float(statistic(samples[None])[0])
     return {"value": value, "ci95": list(bootstrap_ci95(samples, seed, statistic=statistic))}
 
 
 def describe(returns: np.ndarray, came: np.ndarray, weight: float, seed: int) -> dict[str, Any]:
-    """What a policy's spread of returns is made of; `weight` is that of a depleted EV."""
+    """The parts of a policy's spread of returns; `weight` is that of a depleted EV."""
     apart = came - came.mean()
     best = float(np.sum(apart * returns) / max(np.sum(apart**2), 1e-12))
     return {
@@ -156,7 +156,7 @@ def _shown(found: Mapping[str, Any]) -> str:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Prints what is found of each policy, and of pairs of them."""
+    """Prints the results of policies and of pairs."""
     env, params = make()
     policies = {PRETRAINED: pretrained(env)} | {name: BASELINES[name](env) for name in RULES}
     sizes, seed = (options.demands, options.streams), options.seed

@@ -1,1 +1,1 @@
-"""What must hold whatever happens: invariants, books, random worlds."""
+"""Verification of the simulator: invariants, independent bookkeeping and random worlds."""

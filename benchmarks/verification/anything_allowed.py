@@ -1,4 +1,4 @@
-"""Worlds of any numbers that are allowed, ends included, but for those that others bound."""
+"""Worlds with any allowed numbers, ends of ranges included, except numbers that other numbers bound."""
 
 import math
 from typing import Any
@@ -9,8 +9,8 @@ from benchmarks.verification.draws import Draw, in_worlds
 from medjax.world.numbers import Number
 from medjax.world.params import GROUPS, OTHERS, EnvParams
 
-# Drawn in `random_worlds` from all that the other numbers leave: places along the road, a charge that is to be above
-# another one, and whole numbers.
+# `random_worlds` draws these numbers from the range that the other numbers leave: places along the road, a state of
+# charge that must be above another one, and whole numbers.
 BOUND = {
     "road": ("length_m", "ramp_x_m", "acceleration_lane_m", "exit_x_m", "exit_lane_m"),
     "demand": ("arrival_soc_low", "arrival_soc_high"),
@@ -18,22 +18,21 @@ BOUND = {
     "fleet": ("size", "service_lane"),
     "charging": ("request_soc", "target_soc", "depleted_blocks"),
 }
-# What drivers do hangs together; any other group alone is enough to make a world a strange one.
+# Groups of driving behaviour are strange together, other groups independently.
 DRIVING = ("drivers", "motion", "lane_change")
-ORDERS = 4.0  # of magnitude below the end of a range that begins at 0
-VAST = 1e9  # before infinity, where that is allowed
+ORDERS = 4.0  # orders of magnitude to cover below the upper end of a range from 0
+VAST = 1e9  # largest finite number drawn where infinity is allowed
 
 
 def with_anything(draw: Draw, params: EnvParams) -> EnvParams:
-    """The worlds, in half of which some groups of numbers are any that are allowed.
+    """Replaces some groups of numbers by any allowed ones in half of the worlds.
 
-    Orders of magnitude are equally likely. Drivers, motion and lane changes are of one group here, `battery_scale` is
-    one by itself.
+    Orders of magnitude are equally likely. DRIVING counts as one group, and `battery_scale` as another.
     """
     strange, driving = draw(0.0, 1.0) < 0.5, draw(0.0, 1.0) < 0.5
 
     def anyhow(group: str) -> Any:
-        """In which worlds a group is strange."""
+        """Worlds in which a group is strange."""
         own = draw(0.0, 1.0) < 0.5
         return strange & (driving if group in DRIVING else own)
 
@@ -47,7 +46,7 @@ def with_anything(draw: Draw, params: EnvParams) -> EnvParams:
         changed[group] = member.replace(**drawn)
     any_scale = any_of(draw, OTHERS["battery_scale"])
     changed["battery_scale"] = in_worlds(anyhow("battery_scale"), any_scale, params.battery_scale)
-    # Who comes down a ramp can stop at the end of its lane.
+    # Vehicles from a ramp must be able to stop within the acceleration lane.
     most = 0.999 * np.sqrt(2.0 * changed["motion"].max_braking * params.road.acceleration_lane_m)
     changed["demand"] = changed["demand"].replace(
         ramp_speed=np.minimum(changed["demand"].ramp_speed, most)
@@ -56,7 +55,7 @@ def with_anything(draw: Draw, params: EnvParams) -> EnvParams:
 
 
 def any_of(draw: Draw, number: Number, *shape: int) -> Any:
-    """Numbers of a range, orders of magnitude equally likely where it has one sign, `(batch, *shape)`."""
+    """Numbers of a range, `(batch, *shape)`; orders of magnitude are equally likely if the range has one sign."""
     low, high = number.low, min(number.high, VAST)
     if low < 0.0:
         return draw(low, high, *shape)

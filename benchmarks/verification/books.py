@@ -1,4 +1,4 @@
-"""Books of what happened, kept from states alone; those of energy are in `flows`."""
+"""Independent bookkeeping of what happened, from states alone; that of energy is in `flows`."""
 
 from typing import Any
 
@@ -12,12 +12,12 @@ from medjax.world.kinds import GAS_KINDS, KINDS
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import AT_DEPOT, RETIRED, EnvState, Vehicles
 
-# Positions are float32 of up to thousands.
+# Positions are float32 numbers of up to thousands of metres.
 ROUNDING_M = 2e-3
 
 
 class Books(struct.PyTreeNode):
-    """What happened in a decision, added up from states; float32, () unless said."""
+    """Totals of a decision, added up from states; float32, () unless noted."""
 
     entered: jax.Array  # (num_kinds,)
     left: jax.Array  # (num_kinds,)
@@ -40,7 +40,7 @@ class Books(struct.PyTreeNode):
     lane_changes: jax.Array
     missed_exits: jax.Array
     charging_stops: jax.Array
-    sent_j: jax.Array  # (2,) at least, at most
+    sent_j: jax.Array  # (2,) lower and upper bound
     received_j: jax.Array  # (2,)
     ev_driving_j: jax.Array  # (2,)
     ev_cruising_j: jax.Array  # (2,)
@@ -58,7 +58,7 @@ def sums_by_kind(values: jax.Array, kind: jax.Array) -> jax.Array:
 
 
 def entry_books(before: EnvState, begun: EnvState, length_m: Any) -> Books:
-    """Of dispatch, entries, and exits driven past."""
+    """Books of dispatch, entries and missed exits."""
     past = before.vehicles.active & (before.vehicles.x > before.vehicles.destination)
     sent = (before.meds.status == AT_DEPOT) & (begun.meds.status != AT_DEPOT)
     come = begun.vehicles.active & ~before.vehicles.active
@@ -73,7 +73,7 @@ def entry_books(before: EnvState, begun: EnvState, length_m: Any) -> Books:
 
 
 def ways_home(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Energy that the way from where each MED left the road to its depot takes, (M,) J: steady, on the level."""
+    """Energy of each MED's trip from the road to its depot, (M,) J, at steady speed on the level."""
     if config.num_depots == 1:
         return jnp.zeros((config.num_meds,))
     speed, slots = params.fleet.return_speed, config.med_slots
@@ -89,7 +89,7 @@ def ways_home(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Arra
 
 
 def at_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Who is in the rightmost lane, beside the deceleration lane of an exit that is its destination, `(N,)` bool."""
+    """Vehicles in the rightmost lane beside the deceleration lane of their own exit, `(N,)` bool."""
     road = params.road
     before = road.exit_x_m[None, :] - vehicles.x[:, None]
     beside = (before >= -ROUNDING_M) & (before <= road.exit_lane_m + ROUNDING_M)
@@ -101,7 +101,7 @@ def at_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Arr
 def tick_books(
     before: EnvState, after: EnvState, config: EnvConfig, params: EnvParams
 ) -> tuple[dict[str, jax.Array], Books]:
-    """Books of one tick, and flags for flows that cannot be, by what is wrong."""
+    """Flags of impossible energy flows, by what is wrong, and the books of one tick."""
     old, new, dt = before.vehicles, after.vehicles, config.tick_s
     evs, was = after.evs, before.evs
     wrong, flows = tick_flows(before, after, config, params)
@@ -112,7 +112,7 @@ def tick_books(
     bound = (new.destination[:, None] == params.road.exit_x_m).any(axis=1)[config.ev_slots]
     travelled = jnp.where(old.active, new.x - old.x, 0.0)
     soc = evs.energy_j / params.ev_capacity_j
-    # Who leaves in a tick was there for it, too.
+    # A vehicle that leaves counts in its last tick.
     there, gas = sums_by_class(old.active, config), jnp.array(GAS_KINDS)
     distance = sums_by_class(travelled, config)
     lost = jnp.where(old.active, dt - travelled / old.desired_speed, 0.0)

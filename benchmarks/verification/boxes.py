@@ -1,7 +1,7 @@
-"""Vehicles in one place: every pair's boxes against each other, whoever simulated them.
+"""Finds overlapping vehicles by checking all pairs of boxes, for any simulator.
 
-Nothing here knows lanes, leaders or lane changes, since a check that shares the simulator's idea of who is where shares
-its faults. Bodies are boxes along the road; their small turns in a lane change are left out.
+The check uses no leaders or lane changes, because sharing the simulator's view of positions would share its faults.
+Bodies are boxes aligned with the road; their small turns in a lane change are ignored.
 """
 
 from typing import Any, NamedTuple
@@ -15,15 +15,17 @@ from medjax.world.kinds import WIDTHS_M
 from medjax.world.params import EnvParams
 from medjax.world.state import Vehicles
 
-DEEP_M = 0.1  # along and across; less is rounding, and a mirror
+DEEP_M = 0.1  # along and across; a smaller overlap is rounding or a mirror
 
 
 def overlapping(x: Any, lateral: Any, length: Any, width: Any, there: Any) -> Any:
-    """Whether two boxes are in one place by DEEP_M or more along and across, `(..., N, N)` bool, each pair once.
+    """Pairs of boxes that overlap by at least DEEP_M along and across, `(..., N, N)` bool, each pair once.
 
     Args:
-      x: (..., N) m, front bumpers; lateral: (..., N) m, of the centres, any origin.
-      length, width: (..., N) m; there: (..., N) bool. NumPy's arrays or JAX's, all of one shape.
+      x: (..., N) m, front bumpers; arrays are all NumPy's or all JAX's.
+      lateral: (..., N) m, centres, from any origin.
+      length, width: (..., N) m.
+      there: (..., N) bool, occupied slots.
     """
     middle = x - 0.5 * length
     deep = (
@@ -38,9 +40,9 @@ def overlapping(x: Any, lateral: Any, length: Any, width: Any, there: Any) -> An
 
 
 class _Bodies(NamedTuple):
-    """Of all slots of a road, `(N,)` m each."""
+    """Bodies in all slots of a road, `(N,)` m each."""
 
-    lateral: jax.Array  # of the centre, right of the leftmost lane's
+    lateral: jax.Array  # of the centre, to the right of the leftmost lane's centre
     length: jax.Array
     width: jax.Array
 
@@ -55,14 +57,14 @@ def _bodies(vehicles: Vehicles, params: EnvParams) -> _Bodies:
 
 
 def overlapping_vehicles(vehicles: Vehicles, params: EnvParams) -> jax.Array:
-    """`overlapping` of the vehicles on a road, `(N, N)` bool."""
+    """`overlapping` for the vehicles on a road, `(N, N)` bool."""
     bodies = _bodies(vehicles, params)
     pairs: jax.Array = overlapping(vehicles.x, *bodies, vehicles.active)
     return pairs
 
 
 def lanes_covered(vehicles: Vehicles, params: EnvParams) -> tuple[jax.Array, jax.Array]:
-    """The leftmost and the rightmost lane that each body reaches into by more than a millimetre, `(N,)` each."""
+    """Leftmost and rightmost lane that each body reaches into by more than a millimetre, `(N,)` each."""
     bodies = _bodies(vehicles, params)
     reach = 0.5 * bodies.width - 1e-3
     lane_width = params.road.lane_width_m

@@ -1,4 +1,4 @@
-"""Cases of the soak: random worlds side by side in one compiled program that plays and checks them."""
+"""Cases of the soak test: each plays and checks random worlds side by side in one compiled program."""
 
 import dataclasses
 import math
@@ -42,7 +42,7 @@ class Played(struct.PyTreeNode):
     updates: jax.Array  # (B,) int32, vehicles on the road, summed over ticks
     violations: jax.Array  # (B, len(INVARIANTS)) int32
     first: jax.Array  # (B,) int32, decision of the first violation; -1: at reset; NEVER: none
-    stood_s: jax.Array  # (B, N) s, for how long each vehicle has stood on an open road
+    stood_s: jax.Array  # (B, N) s, how long each vehicle has stood with open road ahead
 
 
 def in_order(counts: Counts) -> jax.Array:
@@ -51,7 +51,7 @@ def in_order(counts: Counts) -> jax.Array:
 
 
 def random_action(key: jax.Array, mask: jax.Array, wild: jax.Array) -> jax.Array:
-    """Any action, out of range and masked ones among them, or one that is allowed, () int32."""
+    """If `wild`, any action, even a masked or out-of-range one; else an allowed one; () int32."""
     any_key, allowed_key = jax.random.split(key)
     anything = jax.random.randint(any_key, (), -1, mask.shape[0] + 1)
     allowed = jax.random.randint(allowed_key, (), 0, mask.shape[0])
@@ -61,29 +61,29 @@ def random_action(key: jax.Array, mask: jax.Array, wild: jax.Array) -> jax.Array
 def told(
     key: jax.Array, index: Any, state: EnvState, config: EnvConfig, params: EnvParams
 ) -> EnvState:
-    """The state that a decision begins with: in every other pair of environments MEDs are agents."""
+    """The state that a decision starts from; in every other pair of environments MEDs get random orders."""
     ordered = told_at_random(jax.random.fold_in(key, 1), state, config, params)
     agents = index % 4 >= 2
     return jax.tree.map(lambda new, old: jnp.where(agents, new, old), ordered, state)
 
 
 def environment_keys(key: jax.Array, index: Any) -> jax.Array:
-    """Keys of an environment's reset and of its decisions, in an episode with this key."""
+    """Keys of an environment's reset and decisions in the episode of this key."""
     return jax.random.split(jax.random.fold_in(key, index))
 
 
 def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
-    """`(params, key, decisions)` to `Played`: the first decisions of the key's episode in each environment, checked.
+    """A program `(params, key, decisions)` to `Played` that plays and checks the start of an episode.
 
     Args of the program:
-      params: NumPy leaves (B, ...), but the coils' table, which all share.
+      params: NumPy leaves (B, ...), except the coils' table, which all environments share.
       key: of the episode.
-      decisions: () int32, traced: one program plays to any decision, bit for bit the same way.
+      decisions: () int32, number of decisions; it is traced, so any number plays bit for bit the same way.
     """
     env = ChargingEnv(config).with_probe(lambda state: state)
 
     def play(index: jax.Array, params: EnvParams, key: jax.Array, decisions: jax.Array) -> Played:
-        """One environment."""
+        """Plays one environment."""
         reset_key, key = environment_keys(key, index)
         _, state = env.reset(reset_key, params)
         found = in_order(count(check_standing(state, config, params)))
@@ -96,7 +96,7 @@ def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
             obs, state, reward, _, _, info = env.step_env(step_key, before, action, params)
             decided = Decision(before, state, obs, reward, info)
             stands = stands_open(before, config, params) & stands_open(state, config, params)
-            # Who stops and goes, as to let somebody in, does not stand.
+            # A vehicle in stop-and-go, such as to let another one in, is not standing.
             way = jnp.abs(state.vehicles.x - before.vehicles.x)
             stands &= way <= STANDS_M_PER_S * config.decision_s
             stood_s = jnp.where(stands, played.stood_s + config.decision_s, 0.0)
@@ -133,14 +133,14 @@ def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
 
 
 def compiled(config: EnvConfig, *args: Any) -> Any:
-    """The program of these sizes, for arguments of these shapes."""
+    """`episode_program` of these sizes, compiled for arguments of these shapes."""
     return episode_program(config).lower(*args).compile()
 
 
 class Case:
-    """Case number `number` of a seed: sizes, the numbers of each environment, and the compiled program.
+    """Case `number` of a seed: sizes, the numbers of each environment, and the compiled program.
 
-    With another number of environments they play otherwise. `config` is sizes instead of those drawn.
+    Another `num_envs` changes what is played. `config` replaces the drawn sizes.
     """
 
     def __init__(
@@ -157,12 +157,12 @@ class Case:
         self.compile_s = time.perf_counter() - start
 
     def key(self, episode: int) -> jax.Array:
-        """Of an episode."""
+        """Key of an episode."""
         of_case = jax.random.fold_in(jax.random.key(self.seed), self.number)
         return jax.random.fold_in(of_case, episode)
 
     def play(self, episode: int, decisions: int | None = None) -> Played:
-        """An episode in every environment, or its first decisions, as NumPy arrays."""
+        """Plays an episode, or its first decisions, in every environment; returns NumPy arrays."""
         count = np.int32(self.decisions if decisions is None else decisions)
         return jax.device_get(self.program(self.params, self.key(episode), count))
 
@@ -186,7 +186,7 @@ class Violation:
     counts: dict[str, int]  # in the whole episode
 
     def command(self) -> str:
-        """What shows it again."""
+        """The command that reproduces it."""
         words = ["python -m benchmarks.soak", f"--seed {self.case.seed}"]
         words += [f"--case {self.case.number}", f"--environment {self.environment}"]
         if self.episode:
@@ -205,7 +205,7 @@ class Violation:
 
 
 def violations_of(case: Case, episode: int, played: Played) -> list[Violation]:
-    """Of an episode, one an environment."""
+    """The violations of an episode, at most one per environment."""
     found = []
     for row in np.flatnonzero(played.first < NEVER).tolist():
         of_all = zip(INVARIANTS, played.violations[row].tolist(), strict=True)
@@ -215,11 +215,11 @@ def violations_of(case: Case, episode: int, played: Played) -> list[Violation]:
 
 
 def run_case(case: Case, updates: float) -> Iterator[tuple[int, list[Violation]]]:
-    """Episodes of a case until it has moved so many vehicles: updates and violations of each."""
+    """Plays episodes of a case up to this many updates; yields updates and violations of each."""
     done, episode = 0, 0
     while done < updates:
         played = case.play(episode)
         moved = int(played.updates.sum(dtype=np.int64))
         yield moved, violations_of(case, episode, played)
-        # A case without demand and MEDs never moves anyone; others always do.
+        # The floor ends cases without demand and MEDs, which move nobody.
         done, episode = done + max(moved, case.num_envs), episode + 1

@@ -1,4 +1,4 @@
-"""One whole decision against the invariants: its entries, every tick, and what it returns."""
+"""Checks a whole decision against the invariants: its entries, every tick, and its results."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -24,13 +24,13 @@ from medjax.world.kinds import GAS_KINDS, by_class
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import AT_DEPOT, RETIRED, EnvState
 
-ROUNDING = 2e-5  # relative, of sums of a decision
+ROUNDING = 2e-5  # relative, of sums over a decision
 DRIVING = ("ev_driving_j", "ev_cruising_j", "med_driving_j")
-SHARES = ("depleted_share", "mean_soc", "exit_soc", "system_efficiency")  # of the metrics
+SHARES = ("depleted_share", "mean_soc", "exit_soc", "system_efficiency")  # metrics in [0, 1]
 
 
 class Decision(NamedTuple):
-    """A call of `env.step_env`, of an environment whose probe reports the whole state, and what it returned."""
+    """Input and results of `env.step_env`, where the environment's probe reports the whole state."""
 
     before: EnvState
     after: EnvState
@@ -40,7 +40,7 @@ class Decision(NamedTuple):
 
 
 def check_decision(decision: Decision, config: EnvConfig, params: EnvParams) -> Counts:
-    """Violations in one whole decision by invariant, `()` int32 each."""
+    """Violations in one decision by invariant, `()` int32 each."""
 
     def look(carry: tuple[EnvState, Counts, Books], state: EnvState) -> tuple[Any, None]:
         last, counts, books = carry
@@ -51,7 +51,7 @@ def check_decision(decision: Decision, config: EnvConfig, params: EnvParams) -> 
     def play(
         last: EnvState, seen: tuple[EnvState, EnvState]
     ) -> tuple[EnvState, tuple[Counts, Books]]:
-        """A round of entries and its ticks."""
+        """Checks a round of entries and its ticks."""
         begun, ticks = seen
         entered, books = check_entry(last, begun, config, params)
         counts = count(entered, check_standing(begun, config, params))
@@ -66,7 +66,7 @@ def check_decision(decision: Decision, config: EnvConfig, params: EnvParams) -> 
 
 
 def with_means(books: Books, last: EnvState, config: EnvConfig, params: EnvParams) -> Books:
-    """The books of a round, and its part of the integrals of the EVs' mean charge, as of its last state, and speed."""
+    """Adds a round's time integrals of EVs' mean charge, by its last state, and mean speed."""
     on_road = last.vehicles.active[config.ev_slots]
     charge = jnp.where(on_road, last.evs.energy_j / params.ev_capacity_j, 0.0)
     soc = jnp.sum(charge) / jnp.maximum(jnp.sum(on_road), 1)
@@ -76,7 +76,7 @@ def with_means(books: Books, last: EnvState, config: EnvConfig, params: EnvParam
 
 
 def by_round(ticks: Any, config: EnvConfig) -> Any:
-    """What a probe saw of a decision's ticks, (ticks, ...), by rounds of entries: (rounds, ticks in each, ...)."""
+    """Splits what a probe reports of a decision's ticks by entry rounds: (ticks, ...) to (rounds, ticks, ...)."""
     return jax.tree.map(
         lambda each: each.reshape(-1, config.ticks_per_round, *each.shape[1:]), ticks
     )
@@ -85,9 +85,9 @@ def by_round(ticks: Any, config: EnvConfig) -> Any:
 def check_closing(
     last: EnvState, decision: Decision, books: Books, config: EnvConfig, params: EnvParams
 ) -> Flags:
-    """What a decision returns, against the state after its last tick and the books of its ticks."""
+    """Checks the results of a decision against the state after its last tick and the books of its ticks."""
     after, info = decision.after, decision.info
-    # After the last tick the clock moves on, and MEDs may come home and are filled up.
+    # After the last tick the clock advances, and MEDs may reach their depots and be recharged.
     home = (last.meds.status == RETIRED) & (after.meds.status == AT_DEPOT)
     refilled = jnp.where(home, params.med_capacity_j, last.meds.energy_j)
     same = jax.tree.map(lambda a, b: a != b, (last.vehicles, last.evs), (after.vehicles, after.evs))
@@ -106,21 +106,21 @@ def check_closing(
 
 
 def differs(ours: jax.Array, theirs: jax.Array, scale: Any = 0.0) -> jax.Array:
-    """Whether they are apart by more than rounding of numbers of that scale."""
+    """Whether numbers differ by more than rounding, relative to the larger one or to `scale`."""
     most = jnp.maximum(jnp.maximum(jnp.abs(ours), jnp.abs(theirs)), scale)
     return ~(jnp.abs(ours - theirs) <= ROUNDING * most)
 
 
 def outside(bounds: jax.Array, value: jax.Array) -> jax.Array:
-    """Whether a flow of energy is not within (2,) bounds."""
+    """Whether an energy flow is outside its bounds (2,)."""
     slack = OF_FLOW * jnp.abs(value)
     return ~((bounds[0] - slack <= value) & (value <= bounds[1] + slack))
 
 
 def resolved_way(books: Books, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """A way that `differs` by what positions round: each is exact to half a unit in the last place.
+    """The scale for `differs` of distances that allows for rounding of positions to half a unit in the last place.
 
-    Of all vehicles, and of one that is there in a single tick of a round, and is the mean of all of it.
+    It covers all vehicles, and a vehicle present in a single tick of a round, which is then the round's mean.
     """
     ticks = books.vehicle_ticks + config.ticks_per_round
     return ticks * 1e-7 * params.road.length_m / ROUNDING
@@ -129,11 +129,12 @@ def resolved_way(books: Books, config: EnvConfig, params: EnvParams) -> jax.Arra
 def tally_mistakes(
     books: Books, decision: Decision, config: EnvConfig, params: EnvParams
 ) -> dict[str, dict[str, jax.Array]]:
-    """Flags where tally, reward and conservation of vehicles differ from the books, by invariant and name."""
+    """Flags where the tally, the reward or the number of vehicles differs from the books, by invariant and name."""
     tally, way = decision.info["tally"], resolved_way(books, config, params)
     scales = {name: way if name.endswith("_m") else 1e-3 for name in Books.__dataclass_fields__}
-    # What differs from the time on the road by little is as exact as that is; nobody means to drive below 1 m/s.
-    ticks = books.vehicle_ticks + jnp.sum(books.left)  # who leaves in a tick was there for it, too
+    # Delays are small differences, only as exact as the times on the road. Desired speeds of at least 1 m/s turn an
+    # error in distance into at most that error in time.
+    ticks = books.vehicle_ticks + jnp.sum(books.left)  # leavers were there, too
     scales |= dict.fromkeys(("ev_delay_s", "gas_delay_s"), ticks * config.tick_s + way)
     counted = {
         name: differs(getattr(books, name), getattr(tally, name), scale)
@@ -146,7 +147,7 @@ def tally_mistakes(
     lost = by_class(total.entered - total.left) - jnp.zeros((3,)).at[1].set(total.depleted)
     after = decision.after
     stranded = total_of(after.vehicles.active[config.ev_slots] & after.evs.is_depleted)
-    lost += jnp.zeros((3,)).at[1].set(stranded)  # counted, and still on the road
+    lost += jnp.zeros((3,)).at[1].set(stranded)  # counted as depleted but still on the road
     lost = lost != sums_by_class(after.vehicles.active, config)
     return {
         "tally": {
@@ -168,7 +169,7 @@ def tally_mistakes(
 def reward_mistakes(
     books: Books, decision: Decision, config: EnvConfig, params: EnvParams
 ) -> dict[str, jax.Array]:
-    """Flags where the reward is not the sum of its terms, and a term not what the books say."""
+    """Flags where the reward is not the sum of its terms, or a term differs from the books."""
     tally = decision.info["tally"]
     way = resolved_way(books, config, params)
     weights, terms = params.reward_weights, decision.info["reward_terms"]

@@ -1,4 +1,4 @@
-"""One decision of a violation, tick by tick: which check failed, and the numbers of the vehicles concerned."""
+"""Explains a violation tick by tick: which check failed, and the numbers of the vehicles concerned."""
 
 import operator
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ MOST_SHOWN = 4  # of each check
 def explain(
     env: ChargingEnv, params: EnvParams, key: jax.Array, before: EnvState, action: Any
 ) -> Iterator[str]:
-    """Lines that say what goes wrong in a decision of one environment, whose probe reports the whole state."""
+    """Lines on what goes wrong in a decision of one environment, whose probe must report the whole state."""
     config = env.config
     obs, after, reward, _, _, info = jax.jit(env.step_env)(key, before, action, params)
     last, books = before, []
@@ -63,7 +63,7 @@ def _lines(
     params: EnvParams,
     *checks: Flags,
 ) -> Iterator[str]:
-    """What each failed check found."""
+    """Lines on the findings of each failed check."""
     vehicles = after.vehicles
     lane = np.where(vehicles.active, vehicles.lane, np.iinfo(np.int32).max)
     order = np.lexsort((vehicles.x, lane))
@@ -82,7 +82,7 @@ def _lines(
 def _slots(
     invariant: str, shape: tuple[int, ...], place: np.ndarray, order: np.ndarray, config: EnvConfig
 ) -> list[int]:
-    """Slots of the vehicles that a flag at this place speaks of; none where it speaks of no vehicle."""
+    """Slots of the vehicles that a flag at this place concerns, if any."""
     if invariant in ("overlap", "passed"):
         return order[place[0] : place[0] + 2].tolist()
     if shape == (config.num_evs,):
@@ -93,7 +93,7 @@ def _slots(
 def _vehicle(
     slot: int, before: EnvState, after: EnvState, config: EnvConfig, params: EnvParams
 ) -> str:
-    """A vehicle before and after."""
+    """A line on a vehicle before and after."""
     kind = int(after.vehicles.kind[slot])
     length = float(params.drivers.vehicle_length[kind])
     texts = []
@@ -109,12 +109,12 @@ def _vehicle(
     return f"slot {slot}, {KINDS[kind].name}, {length:.2f} m: {texts[0]} -> {texts[1]}"
 
 
-# What the tally calls otherwise than the books do.
+# Names in the books that differ in the tally.
 TALLY_NAMES = {"sent_j": "energy_sent_j", "received_j": "energy_received_j"}
 
 
 def _sums(books: Books, info: Any) -> Iterator[str]:
-    """The books beside the tally."""
+    """Lines with the books beside the tally."""
     for name in Books.__dataclass_fields__:
         theirs = getattr(info["tally"], TALLY_NAMES.get(name, name))
         yield f"    {name}: {np.asarray(getattr(books, name))}, tally {np.asarray(theirs)}"

@@ -1,9 +1,9 @@
-"""Energy that flowed in a tick, from states alone.
+"""Energy flows of a tick, from states alone.
 
-What a battery took in is what it holds more than before, plus what driving cost it. That cost is worked out here by the
-work of eqs (7)-(8) in another form: forces times the way, and the change of kinetic energy. A battery that is
-full or empty hides a part of what flowed, so flows are intervals, `Flow`. What driving is said to have cost is held
-against the batteries, too: a formula alone would agree with a simulator that pays for energy that nothing took.
+The intake of a battery is its gain plus the energy that driving took. The driving energy follows from eqs (7)-(8) in
+another form: forces times distance, plus the change of kinetic energy. A full or empty battery hides part of a flow, so
+flows are intervals (`Flow`). The driving energy is also checked against the batteries, since the formula alone would
+accept a simulator that books energy without taking it from a battery.
 """
 
 from typing import Any, NamedTuple
@@ -15,22 +15,22 @@ from medjax.world.params import BodyParams, EnvConfig, EnvParams, RoadParams
 from medjax.world.state import NOT_BOOKED, EnvState, Vehicles
 
 GRAVITY = 9.81  # m/s^2
-# Energies are float32 numbers of up to a full battery and change twice a tick: each change rounds by at most half a
-# unit in the last place, 6e-8 of the capacity. Ten times that is a twentieth of what a tick of driving costs.
+# Energies are float32 numbers of up to a full battery and change twice per tick. Each change rounds by at most half a
+# unit in the last place, 6e-8 of the capacity. Ten times that is a twentieth of the energy of a tick of driving.
 OF_CAPACITY = 1e-6
-# What flows in a tick is the result of a dozen float32 operations.
+# The flow of a tick results from a dozen float32 operations.
 OF_FLOW = 1e-5
 
 
 class Flow(NamedTuple):
-    """At least and at most so much, J."""
+    """Lower and upper bound of a flow, J."""
 
     low: jax.Array
     high: jax.Array
 
 
 def total(values: jax.Array) -> jax.Array:
-    """Sum, () float32."""
+    """Sum as () float32."""
     return jnp.sum(values, dtype=jnp.float32)
 
 
@@ -42,7 +42,7 @@ def driving(
     road: RoadParams,
     dt: float,
 ) -> tuple[jax.Array, jax.Array]:
-    """Energy that a tick of driving takes from each battery, and how far float32 may be off it, (C,) J each."""
+    """Energy that a tick of driving takes from each battery, and its float32 error bound, (C,) J each."""
     v0, v1 = before.speed[slots], after.speed[slots]
     way = 0.5 * (v0 + v1) * dt
     rolling = body.mass_kg * GRAVITY * body.rolling_resistance * way
@@ -56,7 +56,7 @@ def driving(
     auxiliary = body.auxiliary_w * dt
     used, regained = wheels / body.drivetrain_efficiency, wheels * body.regeneration_efficiency
     battery = jnp.where(wheels > 0.0, used, regained) + auxiliary
-    # The difference of two speeds is as exact as they are.
+    # The last term covers the rounding of the difference of two speeds.
     gross = (
         rolling
         + jnp.abs(climbing)
@@ -75,26 +75,26 @@ Change = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
 def _change(
     before_j: jax.Array, after_j: jax.Array, driven: tuple[jax.Array, jax.Array], capacity: Any
 ) -> Change:
-    """What batteries gained but for driving, how far float32 may be off it, J, and who is full and empty; (C,) each."""
+    """Gain of batteries apart from driving and its float32 error bound, J, and which are full and empty; (C,) each."""
     gain = after_j - before_j + driven[0]
     slack = OF_CAPACITY * capacity + driven[1] + OF_FLOW * jnp.abs(gain)
     return gain, slack, after_j >= capacity, after_j <= 0.0
 
 
 def _received(change: Change, most: jax.Array) -> Flow:
-    """What came into EVs' batteries, (E,) each, `most` at most."""
+    """Energy that EVs' batteries received, (E,) each, at most `most`."""
     gain, slack, full, empty = change
-    # A full battery takes no charge beyond its room, so a lack there is braking energy that found none. An empty one
-    # may have got something, and spent it.
+    # A negative gain of a full battery is braking energy that found no room. An empty battery may have received energy
+    # and spent it.
     low = jnp.where(full, jnp.maximum(gain, 0.0), jnp.where(empty, jnp.minimum(gain, 0.0), gain))
     high = jnp.where(full, jnp.maximum(gain, 0.0), jnp.where(empty, jnp.minimum(gain, most), gain))
     return Flow(low - slack, high + slack)
 
 
 def _sent(change: Change, most: jax.Array) -> Flow:
-    """What MEDs gave, (M,) each, `most` at most."""
+    """Energy that MEDs sent, (M,) each, at most `most`."""
     gain, slack, full, empty = change
-    # A full one may have lost braking energy that found no room; an empty one drives on what it does not have.
+    # A full MED may have lost braking energy that found no room. An empty MED drives on without energy.
     low = jnp.where(full, jnp.minimum(-gain, 0.0), -gain)
     high = jnp.where(empty, jnp.maximum(-gain, most), -gain)
     return Flow(low - slack, high + slack)
@@ -103,7 +103,7 @@ def _sent(change: Change, most: jax.Array) -> Flow:
 def cruising(
     before: Vehicles, after: Vehicles, slots: slice, body: BodyParams, road: RoadParams
 ) -> tuple[jax.Array, jax.Array]:
-    """As `driving`, what the way of a tick takes at everyone's own desired speed, (C,) J each."""
+    """Like `driving`, but for covering the tick's distance at the desired speed, (C,) J each."""
     steady = before.replace(speed=before.desired_speed)
     seconds = (after.x - before.x)[slots] / before.desired_speed[slots]
     power, off = driving(steady, steady, slots, body, road, 1.0)
@@ -111,16 +111,16 @@ def cruising(
 
 
 class Held(NamedTuple):
-    """What a battery lost, whatever went in or out besides, and where the formula need not agree; (C,) each."""
+    """Bounds of what a battery lost to driving, and exceptions from the formula; (C,) each."""
 
     lost: Flow
-    slack: jax.Array  # J, how far it may be off
-    less: jax.Array  # bool, driving may have taken less than the formula says
-    more: jax.Array  # bool, or more
+    slack: jax.Array  # J, error bound
+    less: jax.Array  # bool, driving may have taken less than by the formula
+    more: jax.Array  # bool, driving may have taken more
 
 
 def _held(driven: tuple[jax.Array, jax.Array], held: Held) -> Flow:
-    """What driving took: as the formula says (`driving`), as far as batteries lost it; (C,) J each."""
+    """Energy of driving by the formula (`driving`), limited to what batteries lost; (C,) J each."""
     (value, off), slack = driven, held.slack
     low, high = held.lost.low - slack, held.lost.high + slack
     least = jnp.clip(value - off, low, high - 2.0 * slack)
@@ -131,11 +131,11 @@ def _held(driven: tuple[jax.Array, jax.Array], held: Held) -> Flow:
 def tick_flows(
     before: EnvState, after: EnvState, config: EnvConfig, params: EnvParams
 ) -> tuple[dict[str, jax.Array], dict[str, jax.Array]]:
-    """Energy that flowed in one tick: flags for what cannot be, and (2,) J at least and at most, by name."""
+    """Energy flows of one tick: flags of what is impossible, and bounds (2,) J, by name."""
     old, new, dt = before.vehicles, after.vehicles, config.tick_s
     evs, was, link = after.evs, before.evs, params.link
     slot = params.charging.slot_power_w * dt
-    # Losses in the EV's own coil remain however strong the coupling.
+    # The EV's own coil has losses however strong the coupling is.
     best = link.load_ohm / (link.load_ohm + link.ev_resistance_ohm)
     charges = (was.med != NOT_BOOKED) & evs.served
     takes = jnp.where(charges, best * slot, 0.0)
@@ -153,7 +153,7 @@ def tick_flows(
     change = _change(was.energy_j, evs.energy_j, of_evs, params.ev_capacity_j)
     received, (_, slack, full, empty) = _received(change, takes), change
     lost = was.energy_j - evs.energy_j
-    # Who runs out is driven by what there was; braking energy that finds no room is nobody's.
+    # An EV that runs out spends only what it had, and a full one loses braking energy that finds no room.
     taken = _held(of_evs, Held(Flow(lost, lost + takes), slack, empty, full))
     least = was.energy_j - params.ev_capacity_j
     value, off = at_cruise
@@ -162,7 +162,7 @@ def tick_flows(
     change = _change(before.meds.energy_j, after.meds.energy_j, of_meds, capacity)
     sent, (_, slack, full, empty) = _sent(change, gives), change
     lost = before.meds.energy_j - after.meds.energy_j
-    # An empty one drives on what it does not have, and that counts.
+    # An empty MED drives on without energy, and the tally counts what it would have used.
     most = jnp.where(empty, jnp.maximum(of_meds[0], lost), lost)
     given = _held(of_meds, Held(Flow(lost - gives, most), slack, jnp.zeros_like(empty), full))
     driven = {"ev_driving_j": taken, "ev_cruising_j": steady, "med_driving_j": given}

@@ -1,12 +1,12 @@
-"""`python -m benchmarks.verification.golden`: what a tree computes, to compare it bit for bit with another one.
+"""`python -m benchmarks.verification.golden`: records the results of a source tree for bitwise comparison with another.
 
     python -m benchmarks.verification.golden --out old.npz           in the one tree
     python -m benchmarks.verification.golden --out new.npz           in the other
     python -m benchmarks.verification.golden --compare old.npz new.npz
 
-A file holds the presets, rollouts of several worlds under random allowed actions, and with `--training` what short
-runs of train.ppo logged, scored and learned, and what train.evaluate and short studies printed. Both must come from
-one machine and one version of JAX: others round differently.
+A file holds the presets, and rollouts of several worlds under random allowed actions. With `--training` it also holds
+the logs, scores and weights of short runs of train.ppo, and the output of train.evaluate and of short studies. Both
+files must come from the same machine and version of JAX, since rounding differs between them.
 """
 
 import argparse
@@ -36,7 +36,7 @@ ROOT = Path(__file__).resolve().parents[2]  # where `-m train.ppo` is found, whe
 SEED, ENVS = 7, 4
 PROFILE = {"observation": "profile", "episode_decisions": 60, "turnaround_s": 20.0}
 ODD = {"num_meds": 6, "num_evs": 33, "num_gas": 100, "num_lanes": 3, "ramp_x_m": [200, 1500]}
-# By name: preset, decisions, overrides. Together they come to everything that a decision may do.
+# By name: preset, decisions, overrides. Together they exercise everything that a decision can do.
 WORLDS: dict[str, tuple[str, int, dict[str, Any]]] = {
     "paper": ("paper", 90, {}),
     "profile": ("paper", 90, PROFILE),
@@ -48,7 +48,7 @@ STATE = (
     *("vehicles.lateral_offset", "evs.energy_j", "evs.med", "evs.panel", "evs.is_charging"),
     *("meds.energy_j", "meds.status", "queue"),
 )
-# Options of short runs of train.ppo, by name: of a dispatcher, and of agents.
+# Options of short runs of train.ppo, by name: a dispatcher's and agents'.
 BATCHES = {"--num-envs": 64, "--num-minibatches": 8, "--total-timesteps": 65536, "--seed": 3}
 ROUNDS = {"--num-envs": 8, "--num-minibatches": 2, "--rollout-length": 60, "--total-timesteps": 960}
 TRAINING: dict[str, dict[str, Any]] = {
@@ -60,14 +60,14 @@ TRAINING: dict[str, dict[str, Any]] = {
         "--set": "episode_decisions=60",
     },
 }
-# Options of train.evaluate, on each of them.
+# Options of train.evaluate on each run.
 EVALUATED = ("--episodes=3", "--seed=5", "--policies=ppo,budgeted,none", "--baseline=none")
-# Studies of `paper` that are played so shortly that an edit of them costs no day of printing.
+# Short versions of studies of `paper`.
 STUDIES = {"planner": ("benchmarks.planner", "--episodes=2", "--futures=12", "--hold=60")}
-CLOCKS = ("wall_s", "env_steps_per_s")  # of a row of metrics.jsonl
+CLOCKS = ("wall_s", "env_steps_per_s")  # timings in metrics.jsonl, never reproducible
 QUIET = {"num_meds": 2, "num_evs": 6, "num_gas": 4, "mainline_per_h": 300, "ramp_per_h": 0}
 BUSY = {"ev_share": 0.8, "arrival_soc_high": 0.4, "ramp_x_m": [300.0], "ramp_per_h": [0.0]}
-# A piece of `corridor` so small and full that everything in it happens within a minute or two.
+# A piece of `corridor` so short and busy that everything happens within a minute or two.
 EXITS = {"exit_x_m": [900.0, 1900.0], "exit_notice_m": 500.0, "exit_view_m": 100.0}
 PIECE = {**EXITS, "length_m": 2500.0, "ramp_x_m": [50.0, 1300.0], "slope": 0.01}
 CROWD = {"num_evs": 24, "num_gas": 24, "mainline_per_h": 2400.0, "ramp_per_h": 300.0}
@@ -76,9 +76,9 @@ FLEET = {"num_meds": 4, "size": 4, "cooldown_s": 5.0, "trip_m": 1200.0, "turnaro
 PACE = {"period_s": 40.0, "battery_scale": 20.0, "rounds_per_decision": 2}
 TRIPS = {**PIECE, **CROWD, **NEED, **FLEET, **PACE}
 WORLDS["trips"] = ("corridor", 60, TRIPS)
-AGENTS = {"agents": ("corridor", 60, TRIPS)}  # and such in which every MED is an agent
-# The worlds of the golden test: full traffic for a few decisions, a MED that charges EVs on a quiet road, and exits. In
-# the quiet one few vehicles decide anything, so that rounding stays rounding for long.
+AGENTS = {"agents": ("corridor", 60, TRIPS)}  # worlds in which every MED is an agent
+# Worlds of the golden test: full traffic for a few decisions, a MED that charges EVs on a quiet road, and exits. On the
+# quiet road few vehicles make decisions, so rounding errors stay small for long.
 SHORT: dict[str, tuple[str, int, dict[str, Any]]] = {
     "paper": ("paper", 24, {}),
     "quiet": ("paper", 80, {**QUIET, **BUSY}),
@@ -87,10 +87,10 @@ SHORT: dict[str, tuple[str, int, dict[str, Any]]] = {
 
 
 def rollout(env: Any, decisions: int) -> Callable[[Any, int], dict[str, np.ndarray]]:
-    """Random allowed actions in environments side by side, in one program.
+    """A program that plays random allowed actions in environments side by side.
 
     Returns:
-      `(params, num_envs)` to arrays by name, (num_envs, decisions, ...) each: what `step` returned, and STATE after it.
+      `(params, num_envs)` to arrays by name, (num_envs, decisions, ...) each: results of `step`, and STATE after it.
     """
 
     def one(key: jax.Array, params: Any) -> dict[str, jax.Array]:
@@ -119,7 +119,7 @@ def rollout(env: Any, decisions: int) -> Callable[[Any, int], dict[str, np.ndarr
 
 
 def rollouts() -> dict[str, np.ndarray]:
-    """What is played of WORLDS and AGENTS, as WORLD/NAME; and the presets themselves, since the worlds change them."""
+    """Rollouts of WORLDS and AGENTS as WORLD/NAME, and the presets themselves, since the worlds override them."""
     found = {
         f"{name}/preset": np.array(repr((preset.config, preset.numbers, preset.reward)))
         for name, preset in medjax.SCENARIOS.items()
@@ -133,7 +133,7 @@ def rollouts() -> dict[str, np.ndarray]:
 
 
 def train(run_name: str) -> dict[str, np.ndarray]:
-    """What one of the runs of TRAINING logs, scores and learns, as its name/NAME."""
+    """Logs, scores and weights of a run of TRAINING, as RUN_NAME/NAME."""
     with tempfile.TemporaryDirectory() as folder:
         run = Path(folder) / "run"
         words = [f"{name}={value}" for name, value in TRAINING[run_name].items()]
@@ -152,7 +152,7 @@ def train(run_name: str) -> dict[str, np.ndarray]:
 
 
 def entries(name: str, value: Any) -> dict[str, np.ndarray]:
-    """Each number and word of what was JSON, as name/KEY/..."""
+    """Each leaf of a JSON value as text, named name/KEY/..."""
     leaves = jax.tree.leaves_with_path(value, is_leaf=lambda leaf: leaf is None)
     return {
         f"{name}/{jax.tree_util.keystr(path, simple=True, separator='/')}": np.array(str(leaf))
@@ -161,14 +161,14 @@ def entries(name: str, value: Any) -> dict[str, np.ndarray]:
 
 
 def printed_by(*words: str) -> np.ndarray:
-    """What a command of this tree prints."""
+    """Output of a command of this tree."""
     command = [sys.executable, "-m", *words]
     done = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE)
     return np.array(done.stdout.decode())
 
 
 def preset_of(name: str) -> str:
-    """The preset that an array, by its name in a file, was played in."""
+    """The preset in which the array of this name was played."""
     world = name.partition("/")[0]
     if world in medjax.SCENARIOS:
         return world
@@ -176,7 +176,7 @@ def preset_of(name: str) -> str:
 
 
 def differences(old: Mapping[str, np.ndarray], new: Mapping[str, np.ndarray]) -> Iterator[str]:
-    """A line for each name whose bits differ, or that only one of them has."""
+    """A line for each name whose bits differ or that only one file has."""
     for name in sorted({*old} | {*new}):
         if name not in new or name not in old:
             yield f"{name}: only in the {'old' if name in old else 'new'} file"
@@ -189,7 +189,7 @@ def differences(old: Mapping[str, np.ndarray], new: Mapping[str, np.ndarray]) ->
 
 
 def _how(a: np.ndarray, b: np.ndarray) -> str:
-    """How arrays of one shape and type differ."""
+    """How two arrays of the same shape and type differ."""
     if a.dtype.kind not in "biuf":
         return "differs"
     unlike = (a != b) & ~((a != a) & (b != b))
@@ -202,7 +202,7 @@ def _how(a: np.ndarray, b: np.ndarray) -> str:
 
 
 def numbers() -> dict[str, Any]:
-    """Of SHORT: rewards of all decisions, metrics and state after the last; of who is on the road only."""
+    """Of SHORT: rewards of all decisions, and metrics and state after the last, for vehicles on the road."""
     found = {}
     for world, (preset, decisions, overrides) in SHORT.items():
         env, params = medjax.make(preset, **overrides)
@@ -232,7 +232,7 @@ def _few_digits(values: np.ndarray) -> Any:
 
 
 def write_numbers(path: Path) -> None:
-    """Writes `numbers` as JSON, a line a name."""
+    """Writes `numbers` as JSON with one name per line."""
     worlds = {
         world: ",\n".join(f"  {json.dumps(name)}: {json.dumps(each)}" for name, each in own.items())
         for world, own in numbers().items()
@@ -242,10 +242,10 @@ def write_numbers(path: Path) -> None:
 
 
 def archive(name: str, text: str) -> dict[str, np.ndarray]:
-    """Arrays of a file that `--out` wrote.
+    """Reads the arrays of a file that `--out` wrote.
 
     Raises:
-      InputError: it cannot be read.
+      InputError: the file cannot be read.
     """
     path = as_path(name, text)
     try:
@@ -256,12 +256,12 @@ def archive(name: str, text: str) -> dict[str, np.ndarray]:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Writes what is asked for, or prints what differs."""
+    """Writes the requested file, or prints the differences."""
     if options.compare:
         old, new = options.compare
         lines = list(differences(old, new))
         print(*lines, f"{len(lines)} of {len({*old} | {*new})} differ", sep="\n")
-        # What is told on top of what was told before changes nothing of that.
+        # Arrays that only the new file has do not count as changes of a preset.
         told = {name: values for name, values in new.items() if name in old}
         presets = sorted({preset_of(line) for line in differences(old, told)})
         return {"differ": lines, "presets": presets}
@@ -280,7 +280,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command; it ends with exit code 1 where files differ."""
+    """The command; its exit code is 1 if the files differ."""
     parser = benchmark_parser("verification.golden", __doc__)
     what = parser.add_mutually_exclusive_group(required=True)
     file = partial(what.add_argument, metavar="FILE.npz")

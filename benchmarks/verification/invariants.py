@@ -1,11 +1,11 @@
-"""What must hold whatever happens on the road, counted from states alone.
+"""Invariants that must hold whatever happens on the road, checked from states alone.
 
-Nothing here uses the simulator's neighbour search, energy formulas or tallies but to hold them against its own:
-vehicles are put in order by a sort of their own, energies follow from work and kinetic energy (`books`),
-sums are added up from the states that a probe reports after every tick (`ChargingEnv.with_probe`).
+The checks do not rely on the simulator's neighbour search, energy formulas or tallies. They sort vehicles on their own,
+derive energies from work and kinetic energy (`books`), and add up sums from the states that a probe reports after
+every tick (`ChargingEnv.with_probe`).
 
-Every check returns flags, True where something is wrong, by invariant (`INVARIANTS`) and by what it looked at; `count`
-makes one number of each invariant, so that thousands of environments are checked under `jax.vmap` at speed.
+Every check returns flags, True where something is wrong, by invariant (`INVARIANTS`) and by what it looked at. `count`
+reduces them to one number per invariant, so that `jax.vmap` can check thousands of environments fast.
 """
 
 from typing import Any
@@ -47,15 +47,14 @@ INVARIANTS = {
     "tally": "the simulator counts what happened",
 }
 Flags = dict[str, dict[str, jax.Array]]  # by invariant, by what was looked at; True: violated
-Counts = dict[str, jax.Array]  # () int32 by invariant, of all of INVARIANTS
+Counts = dict[str, jax.Array]  # () int32 by invariant, for all of INVARIANTS
 
-# What rounding makes of positions and speeds in a tick is far below `ROUNDING_M` and this.
-# Who stands so long with so much road ahead waits for nothing.
+# A vehicle below this speed, with this much open road ahead, has no reason to stand for this long.
 STANDS_M_PER_S, OPEN_M, STANDS_S = 0.5, 60.0, 5.0
-ROUNDING = 1e-5  # relative
-OF_PLACE = (
-    2.0**-23
-)  # relative, a unit in the last place: 8 mm at 100 km, far along the road above `ROUNDING_M`
+# Rounding of positions and speeds within a tick is far below `ROUNDING_M` and this relative bound.
+ROUNDING = 1e-5
+# Relative, a unit in the last place: 8 mm at 100 km, so far along the road it exceeds `ROUNDING_M`.
+OF_PLACE = 2.0**-23
 
 
 def count(*checks: Flags) -> Counts:
@@ -69,7 +68,7 @@ def count(*checks: Flags) -> Counts:
 
 
 def not_finite(tree: Any) -> dict[str, jax.Array]:
-    """Where the floating leaves of a tree are not finite, by their paths."""
+    """Where the float leaves of a tree are not finite, by their paths."""
     return {
         jax.tree_util.keystr(path, simple=True, separator="."): ~jnp.isfinite(leaf)
         for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
@@ -78,7 +77,7 @@ def not_finite(tree: Any) -> dict[str, jax.Array]:
 
 
 def with_finite_waits(state: EnvState) -> EnvState:
-    """The state but for what is infinite on purpose: waits of MEDs that never return, courtesy where none is asked."""
+    """The state with intentional infinities set to 0: waits of MEDs that never return, and courtesy not asked for."""
     vehicles, meds = state.vehicles, state.meds
     waits = meds.ready_in_s, vehicles.courtesy_left, vehicles.courtesy_right
     ready, left, right = (jnp.where(values == jnp.inf, 0.0, values) for values in waits)
@@ -92,10 +91,10 @@ def lengths_of(state: EnvState, params: EnvParams) -> jax.Array:
 
 
 def check_lanes(before: Vehicles, after: Vehicles, length: jax.Array) -> Flags:
-    """Overlaps in a lane, and who was passed there, by the order in which they stand after the tick; length (N,) m."""
+    """Checks overlaps and passing within a lane, in the road order after the tick; length (N,) m."""
     slots = after.x.shape[0]
-    # One packed word sorts ten times as fast as several arrays: lane, place along the road, slot. Places are cut to
-    # some millimetres; two vehicles of a lane that are so near to each other overlap in either order.
+    # One packed word of lane, place and slot sorts ten times as fast as several arrays. Places are truncated to a few
+    # millimetres; two vehicles that close in a lane overlap in either order.
     slot_bits = (slots - 1).bit_length()
     places = 2 ** (29 - slot_bits)
     scale = places / (1.0 + jnp.max(jnp.where(after.active, after.x, 0.0)))
@@ -116,18 +115,18 @@ def check_lanes(before: Vehicles, after: Vehicles, length: jax.Array) -> Flags:
 
 
 def stands_open(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Who stands on a main lane with OPEN_M of road ahead, (N,) bool, though it has energy and means to drive."""
+    """Vehicles that stand on a main lane with OPEN_M of road ahead, although they can and want to drive, (N,) bool."""
     vehicles = state.vehicles
     rear = vehicles.x - lengths_of(state, params)
     first, last = lanes_covered(vehicles, params)
-    # Who has begun to change is in the way in the lane that it changes to, too.
+    # A vehicle that has begun to change lanes blocks its new lane as well.
     first, last = jnp.minimum(first, vehicles.lane), jnp.maximum(last, vehicles.lane)
     ahead = vehicles.active & (first <= last[:, None]) & (last >= first[:, None])
     ahead &= vehicles.x > vehicles.x[:, None]
     gap = jnp.min(jnp.where(ahead, rear, jnp.inf), axis=1) - vehicles.x
     evs, charging, slots = state.evs, params.charging, config.ev_slots
     powered = jnp.ones_like(vehicles.active).at[slots].set(~evs.is_depleted)
-    # What starts who stands: its drive, or the control to a slot that falls back on the move, at the slowest.
+    # Acceleration from standstill: the driver's, limited for a booked EV by the slot controller at its slowest.
     starts = params.drivers.max_acceleration[vehicles.kind]
     slowest = charging.slowest_share * params.fleet.service_speed
     booked = evs.med != NOT_BOOKED
@@ -146,7 +145,7 @@ def stands_open(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Ar
 
 
 def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
-    """What holds at every instant, but for overlaps (`check_lanes`)."""
+    """Checks what holds at every instant, except overlaps (`check_lanes`)."""
     vehicles, evs, meds = state.vehicles, state.evs, state.meds
     active, lane, x, road = vehicles.active, vehicles.lane, vehicles.x, params.road
     ev_active, med_active = active[config.ev_slots], active[config.med_slots]
@@ -190,7 +189,7 @@ def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
             "charges unbooked": evs.is_charging & ~booked,
         },
         "soc": {
-            # As energies: a division may round to just above 1.
+            # Compared as energies, since a division may round to just above 1.
             "EV": (evs.energy_j < 0.0) | (evs.energy_j > params.ev_capacity_j),
             "MED": (meds.energy_j < 0.0) | (meds.energy_j > med_capacity),
             "depleted, with energy": ev_active & evs.is_depleted & (evs.energy_j > 0.0),
@@ -200,7 +199,7 @@ def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
 
 
 def check_standing(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
-    """What holds at every instant, overlaps too."""
+    """Checks what holds at every instant, including overlaps."""
     vehicles = state.vehicles
     lanes = check_lanes(vehicles, vehicles, lengths_of(state, params))
     return {**lanes, **check_state(state, config, params)}
@@ -209,7 +208,7 @@ def check_standing(state: EnvState, config: EnvConfig, params: EnvParams) -> Fla
 def check_entry(
     before: EnvState, begun: EnvState, config: EnvConfig, params: EnvParams
 ) -> tuple[Flags, Books]:
-    """From a decision's state to the one that its first tick starts from: entries and new bookings, nothing else."""
+    """Checks that before the first tick of a round only entries and new bookings happen."""
     old, new = before.vehicles, begun.vehicles
     enters = new.active & ~old.active
     where = entries(params.road, config.num_lanes)
@@ -226,7 +225,7 @@ def check_entry(
     served = jnp.array([*config.ramp_depots, -1])[begun.meds.ramp]
     waited = (before.meds.status == QUEUED) | (before.meds.status == AT_DEPOT)
     to_exit = new.destination - new.x - params.road.exit_lane_m
-    lanes = jnp.maximum(config.num_lanes - new.lane, 1)  # to cross, and one more
+    lanes = jnp.maximum(config.num_lanes - new.lane, 1)  # lanes to cross, plus one
     crosses = lanes * params.lane_change.exit_view_m
     bound = (new.destination < params.road.length_m) & (to_exit < crosses)
     departs = begun.meds.status == LEAVING
@@ -257,7 +256,7 @@ def check_entry(
 def check_tick(
     before: EnvState, after: EnvState, config: EnvConfig, params: EnvParams
 ) -> tuple[Flags, Books]:
-    """One tick: everyone moves as bodies do, goes only by a way out, and energy goes from one battery to another."""
+    """Checks one tick: bodies move plausibly, vehicles leave only by a way out, and energy is conserved."""
     old, new, dt = before.vehicles, after.vehicles, config.tick_s
     both, travel = old.active & new.active, new.x - old.x
     farthest = 0.5 * (old.speed + new.speed) * dt

@@ -1,4 +1,4 @@
-"""Agents of the soak: MEDs that are told anything that one may be told, at random moments."""
+"""Random agents of the soak test: MEDs that get any allowed orders at random times."""
 
 import jax
 import jax.numpy as jnp
@@ -9,14 +9,14 @@ from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState
 
 SPEEDS = (5.0, 14.0, 22.0, 30.0)  # m/s
-TOLD = 0.1  # chance that a MED is told something new at a decision
-LEAVES = 0.05  # and of these that it is to leave
+TOLD = 0.1  # chance that a MED gets new orders at a decision
+LEAVES = 0.05  # chance that new orders are to leave
 
 
 def told_at_random(
     key: jax.Array, state: EnvState, config: EnvConfig, params: EnvParams
 ) -> EnvState:
-    """The state with new orders for some MEDs, wherever they are; what a mask forbids they are not told."""
+    """The state with new orders for some MEDs, wherever they are; masks remove orders that are not allowed."""
     exits = config.num_exits > 0
     lanes = tuple(range(config.num_lanes))
     actions = AgentActions(SPEEDS, lanes, config.num_ramps, exits, depots=config.num_depots)

@@ -1,7 +1,7 @@
-"""Random valid worlds: sizes and numbers drawn over all that medjax is meant to bear, by seed.
+"""Random valid worlds: draws sizes and numbers from the whole range that medjax supports, by seed.
 
-Half of the worlds are such as a road could have: everything between bounds written here, ends included and met often.
-In the others groups of numbers are drawn from all that `medjax.world.params` allows.
+Half of the worlds could be real roads: all numbers lie within the bounds below and often on them. In the others, groups
+of numbers are drawn from everything that `medjax.world.params` allows.
 """
 
 import dataclasses
@@ -22,11 +22,11 @@ from medjax.world.checks import validate
 from medjax.world.kinds import KINDS
 from medjax.world.params import EnvConfig, EnvParams
 
-# Vehicles that ask to enter, at most, per hour and lane or ramp: no lane takes more.
+# Highest demand per hour and lane or ramp: no lane can take more.
 SATURATED_PER_H = 3000.0
 J_PER_KWH = 3.6e6
 ROAD, LENGTH = groups.GROUPS["road"], groups.GROUPS["drivers"]["vehicle_length"]
-# Irrational steps through the unit cube (Roberts' R-sequence in 7 dimensions): any few successive cases spread over it.
+# Irrational steps through the unit cube (Roberts' R-sequence in 7 dimensions): successive cases spread evenly over it.
 _PHI = 1.0923077
 for _ in range(60):
     _PHI = (1.0 + _PHI) ** (1.0 / 8.0)
@@ -34,7 +34,7 @@ STEPS = _PHI ** -np.arange(1.0, 8.0)
 
 
 def draw_config(seed: int, case: int) -> EnvConfig:
-    """Sizes of case 0, 1, ... of a seed: 1-6 lanes, 0-8 ramps, 0-8 exits, 0.02-0.5 s, 1-40 MEDs, evenly."""
+    """Sizes of case 0, 1, ... of a seed, spread evenly: 1-6 lanes, 0-8 ramps, 0-8 exits, 0.02-0.5 s, 1-40 MEDs."""
     start = np.random.default_rng(seed).random(len(STEPS))
     lanes, ramps, tick, ticks, meds, evs, gas = (start + case * STEPS) % 1.0
     num_lanes, num_ramps = 1 + int(6 * lanes), int(9 * ramps)
@@ -63,7 +63,7 @@ def _road(draw: Draw, config: EnvConfig) -> groups.RoadParams:
     order = np.arange(config.num_ramps)
     lane = ROAD["exit_lane_m"]
     leave = draw(lane.low, np.minimum(0.5 * length, lane.high))
-    # One in each part of the road, so that no two are at one place.
+    # Each exit has its own part of the road, so that no two coincide.
     exits = (np.arange(config.num_exits) + draw(0.0, 0.9, config.num_exits)) / config.num_exits
     places = np.sort(draw(0.0, 1.0, config.num_ramps), axis=-1) * np.maximum(spare, 0.0)
     return groups.RoadParams(
@@ -160,12 +160,12 @@ def _body(draw: Draw, mass: tuple[float, float], area: float, pack: float) -> gr
 
 
 def _sometimes(draw: Draw, strange: Any, usual: Any) -> Any:
-    """The first of two in one of ten worlds, `(batch, ...)` float32."""
+    """`strange` in one world in ten, else `usual`, `(batch, ...)` float32."""
     return in_worlds(draw(0.0, 1.0) < 0.1, strange, usual)
 
 
 def _or_inf(draw: Draw, value: Any) -> Any:
-    """The value, or infinity in three of ten worlds."""
+    """Infinity in three worlds in ten, else the value."""
     return np.where(draw(0.0, 1.0) < 0.3, np.float32(math.inf), value)
 
 
@@ -198,9 +198,9 @@ def _lane_change(draw: Draw) -> groups.LaneChangeParams:
 
 
 def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvParams:
-    """Every number of a world, NumPy arrays with the units' batch axes first; the table is taken as it is."""
+    """All numbers of a batch of worlds, as NumPy arrays with the batch axes of `units`; `table` is used as it is."""
     draw = Draw(units)
-    once = draw(0.0, 1.0) < 0.5  # half of the fleets; the others come back
+    once = draw(0.0, 1.0) < 0.5  # in half of the worlds MEDs never return to service
     turnaround: Any = np.where(once, np.float32(math.inf), draw(0.0, 120.0))
     params = EnvParams(
         road=_road(draw, config),
@@ -235,7 +235,7 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
         med=_body(draw, (4000.0, 40000.0), 12.0, 600.0),
         battery_scale=draw(1.0, 100.0),
         reward_weights={term: draw(-20.0, 20.0) for term in TERMS},
-        # Longer than anyone plays: an episode ends where its player stops.
+        # Longer than any play, so that episodes end only where their player stops.
         episode_decisions=draw.whole(10**6, 10**6),
     )
     return with_anything(draw, params)
@@ -252,7 +252,7 @@ def world_of(params: EnvParams, index: int) -> EnvParams:
 
 
 def as_overrides(config: EnvConfig, params: EnvParams) -> dict[str, Any]:
-    """Keyword arguments with which `medjax.make("paper", ...)` builds this world, to the last bit."""
+    """Keyword arguments with which `medjax.make("paper", ...)` rebuilds this world bit for bit."""
 
     def plain(value: Any) -> Any:
         value = np.asarray(value)
@@ -268,15 +268,15 @@ def as_overrides(config: EnvConfig, params: EnvParams) -> dict[str, Any]:
 
 
 def as_settings(config: EnvConfig, params: EnvParams) -> list[str]:
-    """The same as texts `NAME=VALUE` for `--set`."""
+    """`as_overrides` as texts `NAME=VALUE` for `--set`."""
     return [f"{name}={json.dumps(value)}" for name, value in as_overrides(config, params).items()]
 
 
 def validated(config: EnvConfig, params: EnvParams, worlds: int | None = None) -> EnvParams:
-    """The batch, every world of which `medjax.world.checks.validate` has found valid, or the first so many.
+    """Returns the batch after validating all its worlds, or the first `worlds`.
 
     Raises:
-      InputError: one is not.
+      InputError: a world is not valid (`medjax.world.checks.validate`).
     """
     for index in range(worlds or len(np.asarray(params.battery_scale))):
         world = world_of(params, index)

@@ -1,10 +1,9 @@
-"""`python -m benchmarks.soak`: random play in random worlds, where every invariant is checked after every tick.
+"""`python -m benchmarks.soak`: plays random worlds at random and checks every invariant after every tick.
 
-Each case is one compiled program: sizes drawn by `random_worlds`, and environments side by side, each with numbers
-of its own, that play under random actions: allowed ones in one half of them, any in the other; in one half of either
-MEDs are told at random how to move, whom to take and when to leave, as agents are (`medjax.make_agents`). Vehicle
-updates are counted as vehicles really on the road. A violation prints the one command that plays up to it again and
-shows it.
+Each case is one compiled program with sizes drawn by `random_worlds`. It holds environments side by side, each with its
+own numbers. Half of them play random allowed actions, the other half any actions. In half of each, MEDs also get random
+orders on how to move, which EVs to accept and when to leave, as agents do (`medjax.make_agents`). Vehicle updates count
+only vehicles on the road. A violation prints the command that replays the episode up to it and explains it.
 """
 
 import argparse
@@ -34,12 +33,12 @@ from benchmarks.verification.random_worlds import as_settings, world_of
 from medjax.env.charging_env import ChargingEnv
 from medjax.errors import InputError
 
-CASES = 16  # that the updates are shared among
-MOST_SHOWN = 5  # violations of an episode
+CASES = 16  # share the updates among them
+MOST_SHOWN = 5  # violations shown per episode
 
 
 def show(case: Case, environment: int, episode: int) -> Iterator[str]:
-    """Plays an episode up to its first violation in one environment, by the same program, and says what happened."""
+    """Replays an episode up to its first violation in one environment, with the same program, and explains it."""
     world = world_of(case.params, environment)
     yield f"case {case.number} of seed {case.seed}: {case}"
     played = case.play(episode)
@@ -63,12 +62,12 @@ def show(case: Case, environment: int, episode: int) -> Iterator[str]:
 
 
 def _pass(line: str) -> None:
-    """Progress that the next line overwrites, on stderr."""
+    """Prints progress to stderr, to be overwritten by the next line."""
     print(line, end="\r", file=sys.stderr, flush=True)
 
 
 class Soak:
-    """Cases one after the other, and what they came to."""
+    """Plays cases one after the other and collects their results."""
 
     def __init__(self, seed: int, updates: float, num_envs: int, cases: int) -> None:
         self.seed, self.updates, self.num_envs, self.cases = seed, updates, num_envs, cases
@@ -78,7 +77,7 @@ class Soak:
         self.start = time.perf_counter()
 
     def run(self) -> None:
-        """Prints a line a case, and every case's first violations."""
+        """Plays all cases; prints a line for each, and its first violations."""
         for number in range(self.cases):
             _pass(f"case {number}: compiling ...")
             self._play(Case(self.seed, number, self.num_envs), self.updates / self.cases)
@@ -107,7 +106,7 @@ class Soak:
         )
 
     def report(self) -> dict[str, Any]:
-        """Totals, by invariant and by case."""
+        """Totals by invariant and by case."""
         counts = [violation.counts for violation in self.found]
         totals = {name: sum(each.get(name, 0) for each in counts) for name in INVARIANTS}
         return {
@@ -123,7 +122,7 @@ class Soak:
 
 
 def show_again(options: argparse.Namespace) -> NoReturn:
-    """Prints the first violation of one environment.
+    """Prints the first violation of one environment and ends the process.
 
     Raises:
       InputError: there is no such environment.
@@ -140,7 +139,7 @@ def show_again(options: argparse.Namespace) -> NoReturn:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Plays all cases, and prints what they came to."""
+    """Plays all cases and prints the totals."""
     if options.case is not None or options.environment is not None:
         show_again(options)
     soak = Soak(options.seed, options.updates, options.num_envs, options.cases)
@@ -156,7 +155,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command; it ends with exit code 1 if anything was violated."""
+    """The command; its exit code is 1 if anything was violated."""
     parser = benchmark_parser("soak", __doc__)
     above_0 = a_number("a number above 0", lambda value: value > 0.0)
     parser.add_argument("--updates", type=above_0, default=1e9, help="total vehicle updates")

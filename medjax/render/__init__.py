@@ -1,9 +1,9 @@
-"""Pictures, videos and a player of one highway.
+"""Pictures, videos and an HTML player of one highway.
 
 - `env.render`, `medjax.render.frame`: one state as an RGB array (Pillow).
-- `medjax.render.video`: a recording as .mp4, .gif or .png (Pillow, and ffmpeg as imageio-ffmpeg brings it).
-- `medjax.render.player`: a recording, or two side by side, as one HTML file that needs nothing else.
+- `medjax.render.video`: a recording as .mp4, .gif or .png (Pillow, and the ffmpeg of imageio-ffmpeg).
+- `medjax.render.player`: one recording, or two side by side, as a self-contained HTML file.
 - `python -m medjax.render`: all three from a shell.
 
-Nothing here is imported by `import medjax`, and Pillow only where it is needed.
+`import medjax` imports nothing from here, and Pillow is imported only where it is needed.
 """

@@ -1,6 +1,6 @@
 """The command `python -m medjax.render --policy NAME | --run-dir DIR --out episode.mp4|.gif|.png|.html`.
 
-What is asked for is refused before anything is simulated. Exit code 2 on bad input.
+Bad input is refused before anything is simulated, with exit code 2.
 """
 
 import argparse
@@ -31,26 +31,26 @@ from medjax.world.catalogue import PRESETS, KeepsLines
 from medjax.world.params import EnvParams
 
 PROG = "python -m medjax.render"
-MOST = 1e9  # seconds or metres: more than there are
+MOST = 1e9  # seconds or metres, beyond any episode or road
 FOR_VIDEO = {"PIL": "Pillow", "imageio_ffmpeg": "imageio-ffmpeg", "tqdm": "tqdm"}
 LIBRARIES = {".mp4": FOR_VIDEO, ".gif": FOR_VIDEO, ".png": {"PIL": "Pillow"}, ".html": {}}
-"""What each kind of file is written with: module, and name of the package."""
+"""The modules that each kind of file needs, with the names of their packages."""
 SUFFIXES = ", ".join(LIBRARIES)
 
 
 @dataclasses.dataclass(frozen=True)
 class Request:
-    """What to play and what to write; checked as far as that needs no environment."""
+    """What to play and what to write, checked as far as possible without an environment."""
 
     out: Path
     played: EpisodeRequest
     shot: Shot
     evaluation: dict[str, Any] | None = None
-    grid: int = 0  # episodes to choose three from; 0: the one that is asked for is shown
+    grid: int = 0  # number of episodes to choose three from; 0 shows the requested episode
 
 
 def build_parser() -> OneLineParser:
-    """The parser; values stay text here, so that all errors are worded in one place."""
+    """Builds the parser. It leaves values as text, so that all errors are worded in one place."""
     parser = OneLineParser(
         prog=PROG,
         description="Plays an episode and writes it as a video, a picture or an HTML file with a player.",
@@ -88,10 +88,10 @@ def build_parser() -> OneLineParser:
 
 @command
 def main(argv: Sequence[str] | None = None) -> int:
-    """Does what the command line says.
+    """Runs the command.
 
     Args:
-      argv: arguments; None takes those of the process.
+      argv: arguments; None uses those of the process.
 
     Returns:
       The exit code.
@@ -112,7 +112,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             _write_grid(request, env, params, chosen)
         else:
             _write(request, request.played.record(env, params, chosen))
-    except (InputError, OSError) as error:  # a vehicle that never came, a disk that is full
+    except (InputError, OSError) as error:  # the followed vehicle never came, or the disk is full
         return fail(PROG, error)
     size = request.out.stat().st_size
     print(f"{request.out}: " + (f"{size / 1e6:.1f} MB" if size > 1e5 else f"{size / 1e3:.1f} kB"))
@@ -154,7 +154,7 @@ def _request(given: argparse.Namespace) -> Request:
 def _evaluation(
     request: Request, env: ChargingEnv, policies: Sequence[str]
 ) -> dict[str, Any] | None:
-    """The one that was given, a run's own, or what is known of a preset; of a world that nothing was changed of."""
+    """The given evaluation, else the run's own, else that of an unchanged preset; None if there is none."""
     if request.evaluation or request.out.suffix != ".html":
         return request.evaluation
     played = request.played
@@ -174,7 +174,7 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _number(name: str, text: str | None, *, zero: bool = False) -> float | None:
-    """The number that an option gives, `zero` among what is allowed; None where it is not given."""
+    """The number that an option gives; None where it is not given. `zero` allows 0."""
     if text is None:
         return None
     value = as_number(text)
@@ -185,9 +185,9 @@ def _number(name: str, text: str | None, *, zero: bool = False) -> float | None:
 
 
 def _check(request: Request, env: ChargingEnv, params: EnvParams) -> None:
-    """Raises InputError for a place or time that the episode will not have."""
+    """Raises InputError for a place off the road or a time outside the episode."""
     follow, start_s = request.shot.follow, request.shot.start_s
-    place_m, length_m = as_number(follow), float(params.road.length_m)  # nan: it is a vehicle
+    place_m, length_m = as_number(follow), float(params.road.length_m)  # nan names a vehicle
     seconds = int(params.episode_decisions) * env.config.decision_s
     if place_m < 0.0 or place_m > length_m:
         raise InputError(f"--follow {follow}: allowed 0 to {length_m:g} m")
@@ -198,7 +198,7 @@ def _check(request: Request, env: ChargingEnv, params: EnvParams) -> None:
 def _write_grid(
     request: Request, env: ChargingEnv, params: EnvParams, chosen: Mapping[str, Policy]
 ) -> None:
-    """Plays all episodes with the first policy, then three of them again with all, and writes these."""
+    """Plays all episodes with the first policy, then replays three of them with all policies and writes these."""
     first = next(iter(chosen))
     played = {first: chosen[first]}
     print(f"compiling and playing {request.grid} episodes with {first} ...", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""What does not move: lanes, acceleration lanes, the ramps that lead to them, and a ruler."""
+"""Draws what does not move: lanes, acceleration lanes, on-ramps, and a ruler."""
 
 import numpy as np
 
@@ -8,12 +8,12 @@ from medjax.render.colors import Color
 from medjax.render.layout import View
 from medjax.render.roadway import Roadway
 
-DASH_M, PERIOD_M = 6.0, 18.0  # of lane markings, as on motorways
+DASH_M, PERIOD_M = 6.0, 18.0  # lane markings, as on motorways
 RULER_STEPS_M = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 
 
 def draw_asphalt(canvas: Canvas, view: View, road: Roadway, *, marked: bool) -> None:
-    """Draws the road in a view; `marked` adds lane markings."""
+    """Draws the road in a view, with lane markings if `marked`."""
     left, _, right, _ = view.box
     canvas.box(view.box, colors.GRASS)
     for ramp in road.ramp_x_m:
@@ -30,7 +30,7 @@ def draw_asphalt(canvas: Canvas, view: View, road: Roadway, *, marked: bool) -> 
             _draw_stripe(canvas, view, y_m, dash, colors.MARKING)
     for y_m in (road.left_m, road.right_m):
         _draw_stripe(canvas, view, y_m, (0.0, road.length_m), colors.EDGE)
-    for ramp in road.ramp_x_m:  # the edge of the road is broken where one may cross it
+    for ramp in road.ramp_x_m:  # the edge line is broken where vehicles may cross it
         merge = ramp, ramp + road.acceleration_lane_m
         _draw_stripe(canvas, view, road.right_m, merge, colors.ASPHALT)
         for x in np.arange(*merge, 0.5 * PERIOD_M):
@@ -40,14 +40,14 @@ def draw_asphalt(canvas: Canvas, view: View, road: Roadway, *, marked: bool) -> 
 def _draw_stripe(
     canvas: Canvas, view: View, y_m: float, along_m: tuple[float, float], color: Color
 ) -> None:
-    """A line along the road."""
+    """Draws a line along the road."""
     left, _, right, _ = view.box
     y, (start, end) = view.py(y_m), map(view.px, along_m)
     canvas.box((max(left, start), y - 1, min(right, end), y + 1), color)
 
 
 def _draw_ramp(canvas: Canvas, view: View, road: Roadway, ramp: float, *, marked: bool) -> None:
-    """An acceleration lane, and the access road, which is drawn but not simulated."""
+    """Draws an acceleration lane and its access road, which is not simulated."""
     left, _, right, bottom = view.box
     start, end = view.px(ramp), view.px(ramp + road.acceleration_lane_m)
     lane = road.lane_width_m * view.per_m
@@ -61,7 +61,7 @@ def _draw_ramp(canvas: Canvas, view: View, road: Roadway, ramp: float, *, marked
 
 
 def draw_ruler(canvas: Canvas, view: View, road: Roadway, font: int) -> None:
-    """Metres along the road, under a view, and how much wider than long a metre is drawn."""
+    """Draws a scale of metres along the road under a view."""
     left, _, right, bottom = view.box
     fits = [step for step in RULER_STEPS_M if step * view.along > 6.0 * font]
     step = fits[0] if fits else RULER_STEPS_M[-1]

@@ -1,4 +1,4 @@
-"""Where the camera looks: a vehicle, a place, or wherever most is going on."""
+"""Where the camera looks: at a vehicle, at a place, or at the busiest MED."""
 
 import dataclasses
 import math
@@ -13,25 +13,25 @@ from medjax.render.scene import Scene, Timeline
 from medjax.render.tracks import Track
 from medjax.world.kinds import CLASSES
 
-AUTO = "auto"  # with the MED that charges most EVs
-HOLD_S = 10.0  # that the camera stays with a MED before it goes to a busier one
+AUTO = "auto"  # follows the MED that charges most EVs
+HOLD_S = 10.0  # least time with one MED before the camera moves to a busier one
 FORMS = "auto, MED:NUMBER, EV:NUMBER, gas:NUMBER, or a position in m"
 
 
 @dataclasses.dataclass(frozen=True)
 class Shot:
-    """What of a recording is filmed, and how."""
+    """Which part of a recording is filmed, and how."""
 
     follow: str = AUTO  # see `camera_path`
     start_s: float | None = None  # None: the start for .mp4, else where most EVs charge
     duration_s: float | None = None  # None: to the end for .mp4, 20 s for .gif
     width: int = SIZE[0]  # px
     height: int = SIZE[1]
-    span_m: float | None = None  # of road that the camera shows; None: as lanes are high
+    span_m: float | None = None  # length of road in view; None derives it from the lane height
 
 
 def busiest_place(scene: Scene, road: Roadway) -> float:
-    """Where the MED is that charges most EVs, m; the middle of the road where there is none."""
+    """Position of the MED that charges most EVs, m; the middle of the road if there is no MED."""
     meds = scene.active[: scene.num_meds]
     if not meds.any():
         return 0.5 * road.length_m
@@ -41,7 +41,7 @@ def busiest_place(scene: Scene, road: Roadway) -> float:
 
 
 def busiest_time(timeline: Timeline) -> float:
-    """The first time at which most EVs charge, s."""
+    """The first time at which the number of charging EVs peaks, s."""
     recording = timeline.recording
     on_road = recording.frames.active[:, recording.config.ev_slots]
     charging = (recording.frames.ev_is_charging & on_road).sum(axis=1)
@@ -51,11 +51,11 @@ def busiest_time(timeline: Timeline) -> float:
 def camera_path(timeline: Timeline, follow: str) -> np.ndarray:
     """Middle of the camera's stretch at each frame, `(F,)` m.
 
-    A vehicle that has not come yet or is gone is waited for, or looked after, where it came or went.
-    With `auto` it is with the MED that charges most EVs, for HOLD_S at least.
+    Before a followed vehicle enters, and after it leaves, the camera stays where it enters or leaves.
+    With `auto` the camera follows the MED that charges most EVs and stays for at least HOLD_S.
 
     Raises:
-      InputError: one line, `follow` names nothing that there is.
+      InputError: one line; `follow` names nothing in the recording.
     """
     if follow == AUTO:
         return _auto_path(timeline)
@@ -72,13 +72,13 @@ def camera_path(timeline: Timeline, follow: str) -> np.ndarray:
 
 
 def check_follow(text: str) -> None:
-    """Raises InputError for what can be followed in no recording."""
+    """Raises InputError for a text that no recording can follow."""
     if text != AUTO and vehicle_named(text) is None and not math.isfinite(as_number(text)):
         raise InputError(f"follow = {shown(text)}: allowed {FORMS}")
 
 
 def as_number(text: str) -> float:
-    """The number that a text is; nan if it is none, or in the digits of another script."""
+    """Parses a number; nan if the text is not one or is not ASCII."""
     try:
         return float(text) if text.isascii() else math.nan
     except ValueError:
@@ -86,7 +86,7 @@ def as_number(text: str) -> float:
 
 
 def vehicle_named(text: str) -> tuple[str, int] | None:
-    """Class and number of `ev:27`, whether there is one or not; None of what names no vehicle."""
+    """Class and number of a name such as `ev:27`, which need not exist; None if it is no vehicle's name."""
     found = re.fullmatch(r"([A-Za-z]+)[: ]?([0-9]{1,9})", text.strip())
     names = {name.lower(): name for name in CLASSES}
     if found is None or found[1].lower() not in names:
@@ -95,7 +95,7 @@ def vehicle_named(text: str) -> tuple[str, int] | None:
 
 
 def find_track(timeline: Timeline, text: str) -> Track:
-    """The vehicle that `MED:3` names; raises InputError where there is none."""
+    """The vehicle of a name such as `MED:3`; raises InputError if there is none."""
     check_follow(text)
     kind, number = vehicle_named(text) or ("", 0)
     same = [track for track in timeline.tracks if track.kind == kind]
@@ -106,7 +106,7 @@ def find_track(timeline: Timeline, text: str) -> Track:
 
 
 def _auto_path(timeline: Timeline) -> np.ndarray:
-    """With the MED that charges most, for HOLD_S at least; before one comes, it waits where the next one will."""
+    """`camera_path` of `auto`. While no MED is on the road, the camera waits where the next one will enter."""
     recording = timeline.recording
     frames, meds = recording.frames, recording.config.med_slots
     on_road, x = np.asarray(frames.active)[:, meds], np.asarray(frames.x)[:, meds]

@@ -1,4 +1,4 @@
-"""A picture under construction: smooth shapes in pixels of the result, crisp text on top of them."""
+"""A picture under construction: antialiased shapes with crisp text on top, in pixels of the result."""
 
 import functools
 from collections.abc import Sequence
@@ -17,22 +17,22 @@ except ImportError:
 
 Points = Sequence[tuple[float, float]]  # px
 
-FINE = 2  # shapes are drawn so much larger and averaged: Pillow's own edges are jagged
+FINE = 2  # supersampling factor: Pillow's own edges are jagged
 
 
 @functools.cache
 def _font(size: int) -> Any:
-    """The font that Pillow brings along, so that pictures look alike on every machine."""
+    """Pillow's bundled font, so that pictures look the same on every machine."""
     return ImageFont.load_default(size)
 
 
 def text_width(text: str, size: int) -> float:
-    """Pixels that a line takes."""
+    """Width of a line of text, px."""
     return float(_font(size).getlength(text))
 
 
 class Canvas:
-    """Shapes are drawn at once, text when the picture is finished."""
+    """A picture that draws shapes at once, and text when it is finished."""
 
     def __init__(self, width: int, height: int, background: Color) -> None:
         self.width, self.height = width, height
@@ -43,7 +43,7 @@ class Canvas:
     def box(
         self, box: Box, fill: Color | None, outline: Color | None = None, line: float = 1.0
     ) -> None:
-        """A rectangle; `line` is the width of its outline, which lies inside."""
+        """Draws a rectangle; `line` is the width of its outline, which lies inside."""
         left, top, right, bottom = (value * FINE for value in box)
         if right - left < 1.0 or bottom - top < 1.0:
             return
@@ -51,11 +51,13 @@ class Canvas:
         self._draw.rectangle(corners, fill, outline, max(1, round(line * FINE)))
 
     def body(self, box: Box, slope: tuple[float, float], fill: Color, outline: Color) -> None:
-        """A vehicle that drives to the right, seen from above; its window is of the outline's colour.
+        """Draws a vehicle that drives to the right, seen from above, with a window in the outline's colour.
 
         Args:
-          box: its outline, were it to drive straight on.
-          slope: px down for each px along its length, and px along for each px down its width, as it is turned.
+          box: its outline before it is turned.
+          slope: shear of the turn: px down for each px of length, and px along for each px of width.
+          fill: colour of the body.
+          outline: colour of the outline.
         """
         left, top, right, bottom = (round(value * FINE) for value in box)
         width, height = right - left - 1, bottom - top - 1
@@ -63,7 +65,7 @@ class Canvas:
             return
 
         def place(x: float, y: float) -> tuple[float, float]:
-            """A point of the body, from its middle, on the canvas."""
+            """Maps a point given from the body's middle to the canvas."""
             middle = left + 0.5 * width, top + 0.5 * height
             return middle[0] + x + slope[1] * y, middle[1] + slope[0] * x + y
 
@@ -86,12 +88,12 @@ class Canvas:
             self._draw.polygon([place(*corner) for corner in corners], outline)
 
     def line(self, points: Points, color: Color, width: float) -> None:
-        """A line through points."""
+        """Draws a line through points."""
         fine = [(x * FINE, y * FINE) for x, y in points]
         self._draw.line(fine, color, max(1, round(width * FINE)), joint="curve")
 
     def dashes(self, ends: Points, color: Color, width: float, on: float, off: float) -> None:
-        """A dashed line."""
+        """Draws a dashed line."""
         (x0, y0), (x1, y1) = ends
         length = max(np.hypot(x1 - x0, y1 - y0), 1e-6)
         ux, uy = (x1 - x0) / length, (y1 - y0) / length
@@ -100,24 +102,24 @@ class Canvas:
             self.line([(x0 + ux * at, y0 + uy * at) for at in dash], color, width)
 
     def polygon(self, points: Points, fill: Color) -> None:
-        """A filled polygon."""
+        """Draws a filled polygon."""
         self._draw.polygon([(x * FINE, y * FINE) for x, y in points], fill)
 
     def cross(self, x: float, y: float, radius: float, color: Color, width: float) -> None:
-        """An x."""
+        """Draws an x."""
         for dy in (-radius, radius):
             self.line([(x - radius, y - dy), (x + radius, y + dy)], color, width)
 
     def text(
         self, x: float, y: float, text: str, size: int, color: Color, anchor: str = "lm"
     ) -> None:
-        """A line of text; `anchor` as in Pillow: l, m or r, then a, m or s of the point's place."""
+        """Adds a line of text; `anchor` is Pillow's: l, m or r across, then a, m or s down."""
         self._texts.append((x, y, text, size, color, anchor))
 
     def labels(
         self, places: Sequence[tuple[float, str]], y: float, size: int, left: float, right: float
     ) -> None:
-        """Faint texts centred at places `(x, text)` from left to right; one that has no room is left out."""
+        """Adds faint texts centred at `(x, text)`, from left to right, and drops those without room."""
         free = left
         for place, text in places:
             half = 0.5 * text_width(text, size)

@@ -1,7 +1,7 @@
-"""Colours of pictures and player, told apart with any colour vision: shape and pattern differ as well.
+"""Colours of the pictures and the player. Shape and pattern differ as well, so any colour vision suffices.
 
-State of charge runs from dark blue (empty) over magenta to yellow (full), the way of matplotlib's plasma: even steps of
-lightness, and neither the green of MEDs nor the gray of gas vehicles on it.
+State of charge runs from dark blue (empty) over magenta to yellow (full), like matplotlib's plasma. Its lightness
+rises in even steps, and it avoids the green of MEDs and the grey of gas vehicles.
 """
 
 from medjax.world.kinds import EVS, KINDS, MED
@@ -16,7 +16,7 @@ ASPHALT: Color = (224, 227, 231)
 MARKING: Color = (122, 128, 137)
 EDGE: Color = (120, 127, 136)
 
-MED_COLOR: Color = (21, 135, 57)  # white on it: 4.6:1
+MED_COLOR: Color = (21, 135, 57)  # white text on it has a contrast of 4.6:1
 GAS_COLOR: Color = (112, 119, 128)
 LINK: Color = MED_COLOR  # solid: energy flows
 BOOKED: Color = INK  # dashed
@@ -35,11 +35,11 @@ SOC_SCALE: tuple[Color, ...] = (
     (253, 197, 39),
     (240, 249, 33),
 )
-"""Colours at equal steps of the state of charge from 0 to 1; linear between them."""
+"""Colours at equal steps of the state of charge from 0 to 1, interpolated linearly."""
 
 
 def soc_color(soc: float) -> Color:
-    """Colour of a state of charge; below 0 and above 1 that of the end."""
+    """Colour of a state of charge, which is clipped to [0, 1]."""
     place = min(max(soc, 0.0), 1.0) * (len(SOC_SCALE) - 1)
     index = min(int(place), len(SOC_SCALE) - 2)
     share = place - index
@@ -49,18 +49,18 @@ def soc_color(soc: float) -> Color:
 
 
 def vehicle_color(kind: int, soc: float) -> Color:
-    """Fill of a vehicle; `soc` counts for EVs alone."""
+    """Fill of a vehicle; `soc` matters for EVs only."""
     if KINDS[kind].slots == EVS:
         return soc_color(soc)
     return MED_COLOR if kind == MED else GAS_COLOR
 
 
 def text_color(background: Color) -> Color:
-    """Black or white, whichever is easier to read on `background`: 4.5:1 or more on all of `SOC_SCALE`."""
+    """Black or white, whichever reads better on `background`; the contrast is at least 4.5:1 on `SOC_SCALE`."""
     red, green, blue = background
     return (0, 0, 0) if 0.299 * red + 0.587 * green + 0.114 * blue > 112 else PAPER
 
 
 def css(color: Color) -> str:
-    """`#rrggbb`."""
+    """The colour as `#rrggbb`."""
     return "#{:02x}{:02x}{:02x}".format(*color)

@@ -1,4 +1,4 @@
-"""Pictures into a video file, through the ffmpeg that imageio-ffmpeg brings along."""
+"""Encodes pictures into a video file with the ffmpeg of imageio-ffmpeg."""
 
 import contextlib
 import subprocess
@@ -15,7 +15,7 @@ _H264 = ("-c:v", "libx264", "-crf", "20", "-pix_fmt", "yuv420p", "-movflags", "+
 
 
 def ffmpeg_program() -> str:
-    """Path of ffmpeg; raises MissingLibrary where imageio-ffmpeg is not installed."""
+    """Path of ffmpeg; raises MissingLibrary if imageio-ffmpeg is not installed."""
     try:
         import imageio_ffmpeg
     except ImportError:
@@ -27,21 +27,21 @@ def ffmpeg_program() -> str:
 def encode(
     path: Path, rate: Fraction, size: tuple[int, int], samples: Sequence[np.ndarray]
 ) -> Iterator[Callable[[np.ndarray], object]]:
-    """A function that adds a picture, `(height, width, 3)` uint8, to the video at path.
+    """Yields a function that adds a picture, `(height, width, 3)` uint8, to the video at path.
 
     Args:
-      path: file to write; .mp4 or .gif decides the format.
-      rate: pictures a second.
+      path: file to write; its ending, .mp4 or .gif, decides the format.
+      rate: pictures per second.
       size: width and height, even for .mp4.
-      samples: pictures that the 256 colours of a GIF are chosen from.
+      samples: pictures from which the 256 colours of a GIF are chosen.
 
     Raises:
-      OSError: ffmpeg could not write it; its own words.
+      OSError: ffmpeg could not write the file; quotes its message.
     """
     with tempfile.TemporaryDirectory() as scratch, tempfile.TemporaryFile() as log:
         form: Sequence[str] = _H264
         if path.suffix == ".gif":
-            # One palette for all pictures: what has not changed between two of them costs nothing.
+            # One palette for all pictures, so that unchanged areas cost nothing.
             _save_palette(Path(scratch) / "palette.png", samples)
             use = "movie=palette.png[p];[0:v][p]paletteuse=dither=none:diff_mode=rectangle"
             form = ("-filter_complex", use)
@@ -49,7 +49,7 @@ def encode(
         ways = ("-r", str(rate), "-i", "-", *form, str(path.resolve()))
         process = subprocess.Popen(
             [ffmpeg_program(), "-y", "-loglevel", "error", *raw, *ways],
-            cwd=scratch,  # a filter's text takes no path with a colon in it
+            cwd=scratch,  # a filter cannot take a path with a colon in it
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=log,
@@ -57,7 +57,7 @@ def encode(
         pipe = process.stdin
         assert pipe is not None
         try:
-            with contextlib.suppress(BrokenPipeError):  # its log says more
+            with contextlib.suppress(BrokenPipeError):  # ffmpeg's log says more
                 yield lambda picture: pipe.write(np.ascontiguousarray(picture).data)
                 pipe.close()
             process.wait()
@@ -72,7 +72,7 @@ def encode(
 
 
 def _save_palette(path: Path, pictures: Sequence[np.ndarray]) -> None:
-    """The 256 colours that show all pictures best, as the square of pixels that ffmpeg reads."""
+    """Saves the 256 colours that fit all pictures best, as the 16 x 16 image that ffmpeg reads."""
     from PIL import Image
 
     together = Image.fromarray(np.concatenate(pictures))

@@ -1,4 +1,4 @@
-"""What the player's page must know of a recording: `web/episode.js` reads it."""
+"""Packs a recording for the player's page, where `web/episode.js` reads it."""
 
 import dataclasses
 import warnings
@@ -21,7 +21,7 @@ from medjax.world.state import IN_SERVICE, LEAVING, STATUS_NAMES
 
 
 def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
-    """Facts for JSON, and the arrays as text (`Packer`)."""
+    """The episode's facts for JSON, and its arrays as text (`Packer`)."""
     recording, road = timeline.recording, timeline.roadway
     config, params, decisions = recording.config, recording.params, recording.decisions
     charts = charts_of(recording)
@@ -77,7 +77,7 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
 
 
 def _road(road: Roadway, params: EnvParams) -> dict[str, Any]:
-    """What does not move, m."""
+    """Geometry of the road, m."""
     return {
         "length": road.length_m,
         "lanes": road.num_lanes,
@@ -92,7 +92,7 @@ def _road(road: Roadway, params: EnvParams) -> dict[str, Any]:
 
 
 def _add_frames(packer: Packer, timeline: Timeline) -> None:
-    """What moves, each `(slots, F)`; 0 where nobody is."""
+    """Adds values per frame, `(slots, F)` each; empty slots are 0."""
     frames, road = timeline.recording.frames, timeline.roadway
     active = np.asarray(frames.active)
     y = lateral_position(frames.lane, frames.lateral_offset, road.lane_width_m)
@@ -114,7 +114,7 @@ def _add_frames(packer: Packer, timeline: Timeline) -> None:
 
 
 def _add_decisions(packer: Packer, recording: Recording) -> None:
-    """What was decided, each `(rows, T)`."""
+    """Adds values per decision, `(rows, T)` each."""
     decisions = recording.decisions
     packer.add("action", decisions.action[None])
     packer.add("sent", decisions.sent[None])
@@ -129,23 +129,23 @@ def _add_decisions(packer: Packer, recording: Recording) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class Chart:
-    """A chart of one or two lines; T decisions."""
+    """A chart of one or two lines over T decisions."""
 
     title: str
     unit: str
     digits: int  # after the point
     labels: tuple[str, ...]
     values: np.ndarray  # (lines, T + 1), NaN where there is nothing to average
-    least: float  # range of the axis, so that what hardly changes looks it
+    least: float  # least range of the axis, so that small changes look small
 
     def about(self) -> dict[str, Any]:
-        """All but the values, for JSON."""
+        """All fields but the values, for JSON."""
         fields = dataclasses.fields(self)
         return {field.name: getattr(self, field.name) for field in fields if field.name != "values"}
 
 
 def charts_of(recording: Recording) -> list[Chart]:
-    """Charts of an episode; their first point is the reset, the next one follows the first decision."""
+    """Charts of an episode. The first point is the reset, the second follows the first decision."""
     config, frames, decisions = recording.config, recording.frames, recording.decisions
     now = recording.decision_frames
     active, speed = np.asarray(frames.active)[now], np.asarray(frames.speed)[now]
@@ -168,12 +168,12 @@ def charts_of(recording: Recording) -> list[Chart]:
 
 
 def _so_far(values: Any) -> np.ndarray:
-    """Sums `(T + 1,)` of what happened in each decision, `(T,)`."""
+    """Cumulative sums `(T + 1,)`, from 0, of values per decision `(T,)`."""
     return np.concatenate([[0.0], np.cumsum(np.asarray(values, np.float64))])
 
 
 def _mean(values: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """Means over the second axis of those that are there; NaN of none."""
+    """Means over the second axis where `there` is true; NaN if it is nowhere."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         return np.nanmean(np.where(there, np.asarray(values, np.float64), np.nan), axis=1)

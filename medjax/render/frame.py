@@ -1,4 +1,4 @@
-"""One instant as an RGB array: the whole road as a strip, and a camera on a stretch of it."""
+"""One instant as an RGB array: the whole road as a strip, and a camera's view of a stretch of it."""
 
 import functools
 
@@ -32,17 +32,17 @@ def draw(
 
     Args:
       scene: what is on the road.
-      road: it.
-      center_m: middle of the stretch that the camera shows, moved so that all of it is road.
+      road: the road.
+      center_m: middle of the camera's stretch, which is shifted to stay on the road.
       width: px.
       height: px.
-      span_m: length of that stretch; None: 120 to 400 m, as lanes are high.
+      span_m: length of that stretch; None chooses 120 to 400 m by the height of the lanes.
 
     Returns:
       `(height, width, 3)` uint8.
 
     Raises:
-      InputError: a size that no picture can have.
+      InputError: the size is out of range, or span_m is not positive.
     """
     check_size(width, height)
     if span_m is not None and not span_m > 0.0:
@@ -69,13 +69,13 @@ def render_state(
     width: int = SIZE[0],
     height: int = SIZE[1],
 ) -> np.ndarray:
-    """Draws a state of one environment, the camera where most EVs charge.
+    """Draws a state of one environment, with the camera where most EVs charge.
 
     Args:
-      state: what is drawn.
+      state: the state.
       config: of its environment.
-      params: of it; None takes those of the preset `name`, right where `medjax.make` was given no other numbers.
-      name: of the environment; the title.
+      params: of its environment; None uses the preset `name`, which is right if `medjax.make` overrode nothing.
+      name: of the environment, shown as the title.
       width: px.
       height: px.
 
@@ -83,7 +83,7 @@ def render_state(
       `(height, width, 3)` uint8.
 
     Raises:
-      InputError: one line; a size that no picture can have, no preset of that name, or a state that is of another one.
+      InputError: one line; the size is out of range, no preset has that name, or its batteries do not fit the state.
     """
     if params is None:
         params = _preset(name, config)
@@ -104,7 +104,7 @@ def _preset(name: str, config: EnvConfig) -> EnvParams:
 def _draw_strip(
     canvas: Canvas, strip: View, scene: Scene, road: Roadway, camera: View, font: int
 ) -> None:
-    """All of the road, and lines from the camera's stretch down to the camera."""
+    """Draws the whole road, and a frame around the camera's stretch."""
     draw_asphalt(canvas, strip, road, marked=False)
     draw_far(canvas, strip, scene, road, font)
     left, right = strip.px(camera.start_m), strip.px(camera.start_m + camera.span_m)

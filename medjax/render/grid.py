@@ -1,4 +1,4 @@
-"""Best, median and worst of many episodes of one policy, as players one above the other in one page."""
+"""One page with players of a policy's best, median and worst episode, one above the other."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STYLE = (
 
 
 def pick(returns: np.ndarray) -> dict[str, int]:
-    """Which episodes to show of those with these returns `(N,)`; of an even number the upper median."""
+    """The best, median and worst episode of returns `(N,)`; an even number has its upper median."""
     order = np.argsort(returns, kind="stable")
     places = {"best": order[-1], "median": order[len(order) // 2], "worst": order[0]}
     return {name: int(episode) for name, episode in places.items()}
@@ -33,12 +33,12 @@ def write_grid(
 
     Args:
       path: file to write, in full or not at all.
-      shown: recordings of each episode of `pick`, by its name; one, or two policies side by side.
-      returns: (N,) of the first policy in all of the episodes.
-      how: as `medjax.render.player.write_player`.
+      shown: by the names of `pick`, an episode's recordings: one, or those of two policies to show side by side.
+      returns: (N,) of the first policy in all episodes.
+      how: as in `medjax.render.player.write_player`.
 
     Raises:
-      InputError, OSError: as `write_player`.
+      InputError, OSError: as in `write_player`.
     """
     count, policy = len(returns), next(iter(shown.values()))[0].policy
     title = f"{policy}: best, median and worst of {count} episodes"

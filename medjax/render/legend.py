@@ -1,4 +1,4 @@
-"""What the colours and lines mean, and the line of counters."""
+"""The legend, and the header with its clock and counters."""
 
 from itertools import pairwise
 
@@ -7,7 +7,7 @@ from medjax.render.canvas import Canvas, Points, text_width
 from medjax.render.layout import Box, Layout
 from medjax.render.scene import Scene
 
-# What symbols mean, and their widths in font sizes.
+# Label of each symbol, and its width in font sizes.
 ENTRIES = {
     "med": ("MED", 2.4),
     "gas": ("gas vehicle", 1.8),
@@ -20,7 +20,7 @@ ENTRIES = {
 
 
 def legend_rows(width: float, font: int) -> list[list[str]]:
-    """Entries that fit beside each other."""
+    """Arranges the entries in rows that fit the width."""
     rows: list[list[str]] = [[]]
     used = 0.0
     for name, (label, symbol) in ENTRIES.items():
@@ -72,7 +72,7 @@ def _symbol(canvas: Canvas, name: str, x: float, y: float, width: float, font: i
 
 
 def link(canvas: Canvas, ends: Points, font: int, *, charges: bool) -> None:
-    """The line between a MED and an EV."""
+    """Draws the line from a MED to an EV, dashed unless it charges."""
     if charges:
         canvas.line(ends, colors.PAPER, 0.5 * font)
         canvas.line(ends, colors.LINK, 0.28 * font)
@@ -81,7 +81,7 @@ def link(canvas: Canvas, ends: Points, font: int, *, charges: bool) -> None:
 
 
 def mark_free(canvas: Canvas, box: Box) -> None:
-    """The dashed outline of a free slot."""
+    """Draws the dashed outline of a free slot."""
     left, top, right, bottom = box
     corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)]
     for side in pairwise(corners):
@@ -89,19 +89,19 @@ def mark_free(canvas: Canvas, box: Box) -> None:
 
 
 def mark_ran_out(canvas: Canvas, x: float, y: float, radius: float) -> None:
-    """The mark of an EV without energy."""
+    """Marks an EV without energy."""
     canvas.cross(x, y, radius, colors.PAPER, 0.9 * radius)
     canvas.cross(x, y, radius, colors.RAN_OUT, 0.5 * radius)
 
 
 def _clock(time_s: float) -> str:
-    """`mm:ss.t`."""
+    """The time as `m:ss.t`."""
     tenths = int(time_s * 10.0 + 1e-6)
     return f"{tenths // 600}:{tenths // 10 % 60:02d}.{tenths % 10}"
 
 
 def draw_header(canvas: Canvas, layout: Layout, scene: Scene) -> None:
-    """The clock, counters, and the title; what does not fit is left out, from the right."""
+    """Draws the clock, the counters and the title, as many from the left as fit."""
     left, top, right, bottom = layout.header
     font, middle, large = layout.font, 0.5 * (top + bottom), round(1.25 * layout.font)
     on_road = scene.evs_on_road

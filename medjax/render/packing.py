@@ -1,8 +1,8 @@
-"""Arrays of an episode as one short text, for the player.
+"""Packs the arrays of an episode into one short text for the player.
 
-Numbers are rounded to whole multiples of a step. Along time they are replaced by differences (of differences), which
-are small; these are written byte plane by byte plane, so that the many zero bytes lie together, and compressed.
-`web/packing.js` undoes it.
+Numbers are rounded to whole multiples of a step. They are then differenced along time once or more, which makes them
+small. The differences are written byte plane by byte plane, so that the many zero bytes lie together, and compressed.
+`web/packing.js` reverses this.
 """
 
 import base64
@@ -12,11 +12,11 @@ import numpy as np
 
 from medjax.errors import InputError
 
-MISSING = -(2**31)  # what stands for a number that is not there (NaN)
+MISSING = -(2**31)  # stands for NaN
 
 
 class Packer:
-    """Collects arrays; their order in the text is that of `add`."""
+    """Collects arrays in the order of `add`."""
 
     def __init__(self) -> None:
         self.index: list[dict[str, object]] = []
@@ -27,12 +27,12 @@ class Packer:
 
         Args:
           name: of the array.
-          values: `(rows, times)`; NaN where there is none.
-          step: what numbers are rounded to.
-          order: how often differences along time are taken.
+          values: `(rows, times)`, NaN where missing.
+          step: numbers are rounded to its multiples.
+          order: how often the values are differenced along time.
 
         Raises:
-          InputError: a number too large for its step.
+          InputError: a number is too large for the step.
         """
         steps = np.round(np.asarray(values, np.float64) / step)
         if np.nanmax(np.abs(steps), initial=0.0) >= 2**31:
@@ -40,15 +40,15 @@ class Packer:
             raise InputError(f"{name} holds {most:g}: allowed {2**31 * step:g}")
         whole = np.where(np.isnan(steps), MISSING, steps).astype(np.int64).astype(np.int32)
         for _ in range(order):
-            whole = np.diff(whole, axis=1, prepend=np.int32(0))  # wraps around, as its sum does
+            whole = np.diff(whole, axis=1, prepend=np.int32(0))  # sums wrap around, too
         signed = whole.ravel()
-        folded = ((signed << 1) ^ (signed >> 31)).astype("<u4")  # small numbers of either sign
+        folded = ((signed << 1) ^ (signed >> 31)).astype("<u4")  # zigzag: small for either sign
         self._planes.append(folded.view(np.uint8).reshape(-1, 4).T.tobytes())
         rows, times = values.shape
         entry = {"name": name, "rows": rows, "times": times, "step": step, "order": order}
         self.index.append(entry)
 
     def text(self) -> str:
-        """Everything, gzip in base64."""
-        # No time stamp: the same recording gives the same file.
+        """All arrays, gzipped and in base64."""
+        # No time stamp, so that the same recording gives the same file.
         return base64.b64encode(gzip.compress(b"".join(self._planes), 9, mtime=0)).decode("ascii")

@@ -1,6 +1,6 @@
-"""A recording, or two of the same episode, as one HTML file that plays in any browser, without a network.
+"""One recording, or two of the same episode, as one HTML file that plays in any browser without a network.
 
-The page is written in plain JavaScript under `web/`; this module puts the recordings into it.
+The page under `web/` is plain JavaScript; this module puts the recordings into it.
 """
 
 import json
@@ -19,7 +19,7 @@ from medjax.render.episode_data import pack_episode
 from medjax.render.scene import Timeline
 from medjax.render.story import ending, first_charge_s, means, verdict, words_for
 
-# In the order in which they build on each other.
+# Each script may use those before it.
 SCRIPTS = (
     "packing theme episode colours things road bodies charts vehicle dispatch events ways clock story "
     "player pointer input"
@@ -27,13 +27,13 @@ SCRIPTS = (
 
 
 class Shown:
-    """The player in a notebook: a cell whose last line it is shows it."""
+    """The player in a notebook; a cell that ends with it shows it."""
 
     def __init__(self, page: str, height: int) -> None:
         self.page, self.height = page, height
 
     def _repr_html_(self) -> str:
-        """The page in a frame of its own; nothing is written, nothing is fetched."""
+        """The page in a frame of its own; nothing is written or fetched."""
         frame = 'style="width: 100%; border: 1px solid #d4d8dd"'
         return f'<iframe srcdoc="{escape(self.page)}" height="{self.height}" {frame}></iframe>'
 
@@ -42,7 +42,9 @@ def show(*recordings: Recording, height: int = 860, **how: Any) -> Shown:
     """The player of one recording, or of two of the same episode, for a notebook.
 
     Args:
-      recordings: as `write_player`; height: px; how: `follow`, `start_s` and `evaluation` of `write_player`.
+      recordings: as in `write_player`.
+      height: px.
+      how: `follow`, `start_s` and `evaluation` of `write_player`.
     """
     return Shown(player_page(recordings, **how), height)
 
@@ -59,13 +61,13 @@ def write_player(
 
     Args:
       path: file to write, in full or not at all.
-      recordings: one, or two policies' of the same episode, which then share one clock.
-      follow: a vehicle of the first recording that is selected at the start, as in `camera_path`.
-      start_s: where the clock stands at the start; None: just before an EV is first charged.
-      evaluation: of many episodes, whose means stand beside this one's numbers (`medjax.render.story.read_evaluation`).
+      recordings: one, or those of two policies in the same episode, which then share one clock.
+      follow: what to follow in the first recording at the start, as in `camera_path`.
+      start_s: initial time of the clock; None is just before an EV is first charged.
+      evaluation: of many episodes, shown as means beside this episode (`medjax.render.story.read_evaluation`).
 
     Raises:
-      InputError: one line; recordings of different episodes, a vehicle or time that there is not.
+      InputError: one line; the recordings are of different episodes, or there is no such vehicle or time.
       OSError: path cannot be written.
     """
     page = player_page(recordings, follow=follow, start_s=start_s, evaluation=evaluation)
@@ -124,7 +126,7 @@ def player_page(
 
 
 def check_comparable(recordings: Sequence[Recording]) -> None:
-    """Raises InputError unless these are one recording, or two of the same episode of the same world."""
+    """Raises InputError unless there is one recording, or two of the same episode of the same world."""
     if not 1 <= len(recordings) <= 2:
         raise InputError(f"{len(recordings)} recordings: allowed 1 or 2")
     first, last = recordings[0], recordings[-1]
@@ -138,15 +140,15 @@ def check_comparable(recordings: Sequence[Recording]) -> None:
 
 
 def _follow(timeline: Timeline, follow: str) -> dict[str, Any]:
-    """What the camera does at the start: which vehicle, or which place."""
-    path = camera_path(timeline, follow)  # refuses what there is not
+    """The vehicle or place that the camera starts with."""
+    path = camera_path(timeline, follow)  # refuses a vehicle or place that does not exist
     if vehicle_named(follow):
         return {"mode": "selected", "track": timeline.tracks.index(find_track(timeline, follow))}
     return {"mode": "auto"} if follow == AUTO else {"mode": "free", "x": float(path[0])}
 
 
 def _root_style() -> str:
-    """The colours of pictures as properties of the style sheet, which may darken some of them."""
+    """The colours as CSS properties, some of which the style sheet overrides in dark mode."""
     names = {
         "paper": colors.PAPER,
         "ink": colors.INK,

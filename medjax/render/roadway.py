@@ -1,4 +1,4 @@
-"""The road and its vehicles' sizes as plain numbers, for drawing."""
+"""The road and the sizes of vehicles as plain numbers, for drawing."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from medjax.world.params import EnvConfig, EnvParams
 
 @dataclasses.dataclass(frozen=True)
 class Roadway:
-    """What does not move."""
+    """Geometry of the road and of vehicles."""
 
     length_m: float
-    num_lanes: int  # acceleration lanes, index num_lanes, not among them
+    num_lanes: int  # without acceleration lanes, whose index is num_lanes
     lane_width_m: float
     ramp_x_m: tuple[float, ...]  # where each acceleration lane starts
     acceleration_lane_m: float
     vehicle_length_m: tuple[float, ...]  # by kind
-    # By panel: an EV's front bumper in its slot, from that of the MED; to the right.
+    # By panel: an EV's front bumper in its slot relative to the MED's, ahead and to the right.
     slots_m: tuple[tuple[float, float], ...]
 
     @classmethod
     def of(cls, config: EnvConfig, params: EnvParams) -> Roadway:
-        """The road of an environment; params of one, not of a batch."""
+        """The road of one environment; `params` must not be batched."""
         road, lengths = params.road, np.asarray(params.drivers.vehicle_length)
         med = Partner(x=0.0, speed=0.0, lane=0, length=lengths[MED])  # type: ignore[arg-type]
         panels, gap = np.arange(len(PANEL_LANE)), params.charging.dock_gap_m
@@ -44,7 +44,7 @@ class Roadway:
 
     @property
     def left_m(self) -> float:
-        """Left edge of the asphalt, m right of the leftmost lane's centre."""
+        """Left edge of the asphalt, in m to the right of the leftmost lane's centre."""
         return -0.5 * self.lane_width_m
 
     @property
@@ -54,6 +54,6 @@ class Roadway:
 
     @property
     def shoulder_m(self) -> float:
-        """Lateral place of those that ran out: right of everything that drives."""
+        """Where EVs that ran out are marked, to the right of all traffic."""
         acceleration_lane = self.lane_width_m if self.ramp_x_m else 0.0
         return self.right_m + acceleration_lane + 0.4 * self.lane_width_m

@@ -1,4 +1,4 @@
-"""One instant of the road as a picture needs it, from a recording or from a state."""
+"""One instant of the road for drawing, from a recording or from a state."""
 
 import dataclasses
 
@@ -15,7 +15,7 @@ from medjax.world.state import NOT_BOOKED, EnvState
 
 @dataclasses.dataclass(frozen=True)
 class Scene:
-    """V vehicle slots, E of them EVs, M of them MEDs; MEDs come first, then EVs."""
+    """V vehicle slots: first M of MEDs, then E of EVs, then the others."""
 
     x: np.ndarray  # (V,) m, front bumper
     y: np.ndarray  # (V,) m right of the leftmost lane's centre
@@ -30,24 +30,22 @@ class Scene:
     ev_is_charging: np.ndarray  # (E,) bool
     med_soc: np.ndarray  # (M,)
     med_status: np.ndarray  # (M,) int
-    ran_out_x: (
-        np.ndarray
-    )  # (D,) m, where EVs without energy left the road so far, as far as it is known
-    ran_out: int  # how many did
+    ran_out_x: np.ndarray  # (D,) m, where EVs without energy left the road so far, where known
+    ran_out: int  # EVs that ran out so far
     sent: int  # MEDs dispatched so far
-    fleet: int  # MEDs there are
+    fleet: int  # size of the fleet
     time_s: float
     title: str
     names: tuple[str, ...]  # of the vehicle in each slot
 
     @property
     def num_meds(self) -> int:
-        """M; the slot of the first EV."""
+        """M, which is also the slot of the first EV."""
         return len(self.med_soc)
 
     @property
     def evs_on_road(self) -> np.ndarray:
-        """(E,) bool."""
+        """Which EVs are on the road, (E,) bool."""
         return self.active[self.num_meds : self.num_meds + len(self.ev_soc)]
 
     @property
@@ -57,20 +55,20 @@ class Scene:
 
 
 def _scene_of(frame: Frames, params: EnvParams, **told: object) -> Scene:
-    """What a frame without its axis of time shows; `told` fills the fields that it does not know."""
+    """The scene of a single frame without a time axis; `told` adds the fields that a frame lacks."""
     y = lateral_position(frame.lane, frame.lateral_offset, params.road.lane_width_m)
     shown = {field.name for field in dataclasses.fields(Scene)}
     known: dict[str, object] = {
         name: np.asarray(values) for name, values in vars(frame).items() if name in shown
     }
-    # A crawl does not turn a vehicle, as for its coils (`medjax.traffic.motion.turn_between`).
+    # The floor keeps crawling vehicles straight, as in `medjax.traffic.motion.turn_between`.
     heading = np.arctan2(np.asarray(frame.lateral_speed), np.maximum(frame.speed, 1.0))
     known |= {"x": np.asarray(frame.x, np.float64), "y": np.asarray(y), "heading": heading}
     return Scene(**known | told, fleet=int(params.fleet.size))  # type: ignore[arg-type]
 
 
 def scene_of_state(state: EnvState, config: EnvConfig, params: EnvParams, title: str) -> Scene:
-    """What a state of one environment shows; it knows how many EVs ran out, not where."""
+    """The scene of one environment's state, which knows how many EVs ran out but not where."""
     return _scene_of(
         frame_of(state, params),
         params,
@@ -84,18 +82,18 @@ def scene_of_state(state: EnvState, config: EnvConfig, params: EnvParams, title:
 
 
 class Timeline:
-    """A recording that can be looked at at any time, between ticks as well."""
+    """A recording that can be viewed at any time, between ticks as well."""
 
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
         self.roadway = Roadway.of(recording.config, recording.params)
         self.tracks = tracks_of(recording)
         self.ran_out = ran_out(recording)
-        self._track_at = recording.vehicle_ids()  # index into `tracks`, (F, V); -1 for nobody
+        self._track_at = recording.vehicle_ids()  # (F, V) index into `tracks`; -1 is an empty slot
 
     @property
     def duration_s(self) -> float:
-        """From the first frame to the last."""
+        """Time from the first frame to the last."""
         return (len(self.recording.frames.x) - 1) * self.recording.config.tick_s
 
     def frame_at(self, time_s: float) -> int:
@@ -104,9 +102,9 @@ class Timeline:
         return min(max(index, 0), len(self.recording.frames.x) - 1)
 
     def at(self, time_s: float) -> Scene:
-        """The scene at a time in s: that of the last tick, with vehicles moved on toward the next one.
+        """The scene at a time in s: that of the last tick, with positions moved on toward the next tick.
 
-        Between two ticks a position is linear in time. A vehicle without a next tick goes on at its speed.
+        Positions are interpolated linearly. A vehicle that is gone by the next tick goes on at its speed.
         """
         recording, frames = self.recording, self.recording.frames
         now = self.frame_at(time_s)

@@ -1,4 +1,4 @@
-"""What the player says in words: who the policies are, where it opens, and how the episode ends."""
+"""The player's texts on policies and the episode's end, and the time at which it opens."""
 
 import json
 import re
@@ -21,24 +21,23 @@ LEARNED = {
     "ppo": "Learned by trial and error in simulation (PPO).",
     PRETRAINED: "Comes with medjax, learned by trial and error in simulation (PPO).",
 }
-BEFORE_S = 3.0  # the first charge
-KNOWN = Path(__file__).parent / "known"  # evaluations of presets, by their names
+BEFORE_S = 3.0  # the player opens this long before the first charge
+KNOWN = Path(__file__).parent / "known"  # evaluations of presets, by name
 
 
 def words_for(policy: str) -> str:
-    """A sentence on a policy, "" of one that is not known: of a rule the first of its documentation."""
+    """A sentence on a policy, for a rule the first line of its docstring; "" if the policy is unknown."""
     rule = BASELINES.get(policy)
     if rule is None:
         return LEARNED.get(policy.split("_")[0], "")
     first = (rule.__doc__ or "").split("\n")[0]
-    plain = re.sub(
-        r" \(`[^`]*`\)|_s\b", "", first
-    )  # functions and units of arguments are for programmers
+    # Functions and units of arguments are for programmers only.
+    plain = re.sub(r" \(`[^`]*`\)|_s\b", "", first)
     return plain.replace("`", "")
 
 
 def first_charge_s(recordings: Sequence[Recording]) -> float:
-    """Just before an EV is first charged in one of them, s; 0 where none is."""
+    """A time just before any recording's first charge, s; 0 if nobody is charged."""
     found = [
         np.flatnonzero(np.asarray(each.frames.ev_is_charging).any(axis=1)) for each in recordings
     ]
@@ -47,7 +46,7 @@ def first_charge_s(recordings: Sequence[Recording]) -> float:
 
 
 def verdict(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
-    """Rows on whole episodes: what, digits after the point, which way is better (-1, 1; 0: neither), and values."""
+    """Rows that compare whole episodes; `better` is 1 if more is better, -1 if less, 0 if neither."""
     found = [_metrics(each) for each in recordings]
     return [
         {
@@ -62,7 +61,7 @@ def verdict(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
 
 
 def _metrics(recording: Recording) -> dict[str, float]:
-    """Metrics of the whole episode, and its return."""
+    """Metrics and return of the whole episode."""
     decisions = recording.decisions
     total = jax.tree.map(lambda each: np.sum(each, axis=0, dtype=np.float64), decisions.tally)
     metrics = {name: float(value) for name, value in episode_metrics(total).items()}
@@ -70,7 +69,7 @@ def _metrics(recording: Recording) -> dict[str, float]:
 
 
 def ending(recordings: Sequence[Recording], evaluation: Mapping[str, Any] | None) -> str:
-    """How the episode ends, in a line: who loses how many EVs, and that one episode may say the opposite of many."""
+    """A line on how many EVs run out with each policy, beside the mean of many episodes if that is known."""
     crosses = [_metrics(each)["evs_depleted"] for each in recordings]
     names = [each.policy for each in recordings]
     if len(names) == 1:
@@ -85,9 +84,9 @@ def ending(recordings: Sequence[Recording], evaluation: Mapping[str, Any] | None
 
 
 def known_evaluation(scenario: str, policies: Sequence[str]) -> dict[str, Any] | None:
-    """Means of many episodes of a preset as it is; None unless all of the policies come with medjax.
+    """Means of many episodes of an unchanged preset; None unless they cover all of the policies.
 
-    They are of the leaderboard's episodes: `python -m benchmarks.leaderboard --again` writes both.
+    The episodes are those of the leaderboard: `python -m benchmarks.leaderboard --again` writes both.
     """
     path = KNOWN / f"{scenario}.json"
     if not path.is_file():
@@ -97,19 +96,19 @@ def known_evaluation(scenario: str, policies: Sequence[str]) -> dict[str, Any] |
 
 
 def own_evaluation(path: Path, scenario: str, policy: str) -> dict[str, Any] | None:
-    """What a run's closing evaluation found; None where there was none, or none that tells of this policy."""
+    """A run's closing evaluation; None if there is none for this scenario and policy."""
     try:
         found = read_evaluation(path)
-    except InputError:  # nobody has asked for it
+    except InputError:  # no error: the user did not name this file
         return None
     return found if found["scenario"] == scenario and policy in found["policies"] else None
 
 
 def read_evaluation(path: Path) -> dict[str, Any]:
-    """What `python -m train.evaluate --json` wrote.
+    """Reads what `python -m train.evaluate --json` wrote.
 
     Raises:
-      InputError: one line; no such file, or another one.
+      InputError: one line; there is no such file, or it is not an evaluation.
     """
     check_input("--evaluation", path)
     try:
@@ -131,10 +130,10 @@ def read_evaluation(path: Path) -> dict[str, Any]:
 
 
 def means(evaluation: Mapping[str, Any], recordings: Sequence[Recording]) -> list[Any]:
-    """The verdict over many episodes: of each recording's policy a row of texts, None of one that was not evaluated.
+    """The verdict over many episodes: a row of texts for each recording's policy, None if it was not evaluated.
 
     Raises:
-      InputError: it is of another world, or of none of the policies.
+      InputError: the evaluation is of another world, or of none of the policies.
     """
     world, own = evaluation["scenario"], recordings[0].scenario
     if world != own:
@@ -156,6 +155,6 @@ def means(evaluation: Mapping[str, Any], recordings: Sequence[Recording]) -> lis
 
 
 def _cell(mean: float, ends: Sequence[float] | None, digits: int) -> str:
-    """A mean, with its 95 % interval where there is one."""
+    """A mean, with its 95 % interval if there is one."""
     cell = f"{mean:.{digits}f}"
     return f"{cell} [{ends[0]:.{digits}f}, {ends[1]:.{digits}f}]" if ends else cell

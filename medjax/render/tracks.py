@@ -1,4 +1,4 @@
-"""Vehicles through time: who was in which slot for how long, and where EVs ran out."""
+"""Vehicles over time: which one held which slot and when, and where EVs ran out."""
 
 import dataclasses
 from collections import Counter
@@ -14,14 +14,14 @@ class Track:
     """One vehicle's stay on the road."""
 
     slot: int
-    first: int  # frame that it is first seen in
-    last: int  # and last seen in
+    first: int  # first frame with it
+    last: int  # last frame with it
     kind: str  # of `medjax.world.kinds.CLASSES`
-    number: int  # of its class, from 1, in the order of entry
+    number: int  # within its class, from 1, in the order of entry
 
     @property
     def name(self) -> str:
-        """`MED 3`, `EV 27`."""
+        """A name such as `MED 3` or `EV 27`."""
         return f"{self.kind} {self.number}"
 
 
@@ -30,9 +30,9 @@ class RanOut:
     """An EV that ran out of energy."""
 
     slot: int
-    frame: int  # the first without it
-    gone: int  # frame that it is no longer on the road in; that after the last one, if it still is
-    x_m: float  # where it was last
+    frame: int  # the first without energy
+    gone: int  # the first after it left the road; the number of frames if it never does
+    x_m: float  # its last position
 
 
 def class_of(slot: int, config: EnvConfig) -> str:
@@ -42,10 +42,10 @@ def class_of(slot: int, config: EnvConfig) -> str:
 
 
 def tracks_of(recording: Recording) -> list[Track]:
-    """All vehicles in the order of entry, by slot among those that enter at once."""
+    """All vehicles in the order of entry, and by slot among those that enter together."""
     ids = recording.vehicle_ids()
     frames, slots = np.nonzero(ids >= 0)
-    # Rows are in the order of time, and a vehicle keeps its slot and leaves no gap.
+    # Frames ascend, and a vehicle keeps its slot without gaps, so the count is its stay.
     _, entry, stay = np.unique(ids[frames, slots], return_index=True, return_counts=True)
     seen: Counter[str] = Counter()
     tracks = []
@@ -61,7 +61,7 @@ def ran_out(recording: Recording) -> list[RanOut]:
     frames, slots = recording.frames, recording.config.ev_slots
     empty = np.asarray(frames.active)[:, slots] & (np.asarray(frames.ev_soc) <= 0.0)
     change = np.diff(empty, axis=0, prepend=False, append=False)
-    # By slot and time every second change is one back: a vehicle without energy stays so.
+    # An empty EV stays empty, so changes in a slot alternate between running out and leaving.
     ev, frame = np.nonzero(change.T)
     stops = zip(ev[::2].tolist(), frame[::2].tolist(), frame[1::2].tolist(), strict=True)
     found = [

@@ -1,4 +1,4 @@
-"""Vehicles, their slots and the links between them: as marks from far, as bodies from close."""
+"""Draws vehicles, charging slots and links: as marks on the strip, as bodies in the camera's view."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from medjax.render.scene import Scene
 from medjax.world.kinds import EVS, FUELLED, GAS, KINDS, MED, MEDS
 from medjax.world.state import IN_SERVICE
 
-# Least length of a mark, and its share of a lane, by class of slots.
+# Least length of a mark in px, and its width as a share of a lane, by class of slots.
 FAR_PX = {MEDS: (9.0, 1.0), EVS: (5.0, 0.8), FUELLED: (3.0, 0.6)}
 
 
@@ -21,12 +21,12 @@ def _soc(scene: Scene, slot: int) -> float:
 
 
 def _back_to_front(scene: Scene) -> np.ndarray:
-    """Slots on the road; MEDs and EVs come last and so lie on top."""
+    """Occupied slots in drawing order; MEDs and EVs come last and so lie on top."""
     return np.nonzero(scene.active)[0][::-1]
 
 
 def draw_far(canvas: Canvas, view: View, scene: Scene, road: Roadway, font: int) -> None:
-    """Marks on the strip, too long and too wide for the scale."""
+    """Draws vehicles on the strip, larger than to scale."""
     lane = road.lane_width_m * view.per_m
     for slot in _back_to_front(scene):
         kind = int(scene.kind[slot])
@@ -53,7 +53,7 @@ def _middle(box: Box) -> tuple[float, float]:
 
 
 def draw_close(canvas: Canvas, view: View, scene: Scene, road: Roadway, font: int) -> None:
-    """Free slots, links, bodies with their charge, and those that ran out."""
+    """Draws free slots, links, bodies with their charge, and marks of EVs that ran out."""
     left, _, right, _ = view.box
     bodies = {int(slot): _body(view, scene, road, slot) for slot in _back_to_front(scene)}
     _draw_slots(canvas, view, scene, road)
@@ -75,7 +75,7 @@ def draw_close(canvas: Canvas, view: View, scene: Scene, road: Roadway, font: in
 
 
 def _draw_slots(canvas: Canvas, view: View, scene: Scene, road: Roadway) -> None:
-    """The places around MEDs in service where an EV may charge and none has booked."""
+    """Draws the free slots on the road around MEDs in service."""
     booked = scene.is_booked
     taken = set(zip(scene.ev_med[booked], scene.ev_panel[booked], strict=True))
     length, half = road.vehicle_length_m[GAS], 0.5 * KINDS[GAS].width_m * view.per_m
@@ -92,7 +92,7 @@ def _draw_slots(canvas: Canvas, view: View, scene: Scene, road: Roadway) -> None
 def _draw_body(
     canvas: Canvas, box: Box, slope: tuple[float, float], scene: Scene, slot: int, font: int
 ) -> None:
-    """A vehicle; the charge is written on EVs and MEDs that are long enough."""
+    """Draws a vehicle; EVs and MEDs that are long enough show their charge."""
     kind = int(scene.kind[slot])
     fill = colors.vehicle_color(kind, _soc(scene, slot))
     has_charge = KINDS[kind].slots != FUELLED
@@ -102,7 +102,7 @@ def _draw_body(
     soc = float(scene.med_soc[slot]) if kind == MED else _soc(scene, slot)
     number = f"{100.0 * soc:.0f}"
     height = box[3] - box[1]
-    width = box[2] - box[0] - 0.45 * height  # the window stays free
+    width = box[2] - box[0] - 0.45 * height  # keeps the window free
     x, y = _middle(box)
     large, small = min(font, round(0.8 * height)), min(font, round(0.6 * height))
     full, percent = f"{scene.names[slot]}: {number} %", f"{number} %"

@@ -1,8 +1,7 @@
 """A recording as .mp4, .gif or .png, at true speed.
 
-Every physics tick is a picture of its own, and in between as many more as make about 20 a second: a tick of 0.25 s
-gives 5 pictures, at which a GIF's clock of 1/100 s is exact as well. Between two ticks positions are linear in time
-(`Timeline.at`).
+Every physics tick gets a picture, and interpolated pictures between ticks bring the rate to about 20 a second
+(`Timeline.at`). A tick of 0.25 s gives 5 pictures, 0.05 s apart, which a GIF's clock of 1/100 s shows exactly.
 """
 
 import dataclasses
@@ -20,20 +19,20 @@ from medjax.render.encoder import encode, ffmpeg_program
 from medjax.render.frame import draw
 from medjax.render.scene import Timeline
 
-SMOOTH_HZ = 20.0  # pictures a second, about
-EXCERPT_S = 20.0  # of a GIF, unless it is told: they are large
-FASTEST_M_PER_S = 100.0  # no vehicle drives so fast
-PALETTE_PICTURES = 8  # that the 256 colours of a GIF are chosen from: all show the same few
+SMOOTH_HZ = 20.0  # approximate pictures per second
+EXCERPT_S = 20.0  # default length of a GIF, short because GIFs are large
+FASTEST_M_PER_S = 100.0  # faster than any vehicle
+PALETTE_PICTURES = 8  # sampled for the 256 colours of a GIF; all pictures use the same few colours
 AS_FITS = Shot()
 
 
 def per_tick(tick_s: float) -> int:
-    """Pictures for each physics tick."""
+    """Pictures per physics tick."""
     return max(1, round(SMOOTH_HZ * tick_s))
 
 
 def picture_times(timeline: Timeline, start_s: float, duration_s: float) -> np.ndarray:
-    """Times of all pictures, s; the first is a tick's."""
+    """Times of all pictures, s, the first one on a tick."""
     recording = timeline.recording
     tick_s, pictures = recording.config.tick_s, per_tick(recording.config.tick_s)
     first = timeline.frame_at(start_s)
@@ -42,10 +41,10 @@ def picture_times(timeline: Timeline, start_s: float, duration_s: float) -> np.n
 
 
 def write_png(path: Path, recording: Recording, shot: Shot = AS_FITS) -> None:
-    """Writes one picture, of `shot.start_s`.
+    """Writes one picture, of the time `shot.start_s`.
 
     Raises:
-      InputError: a size, time or vehicle that there is not.
+      InputError: the size, time or vehicle is not allowed.
       OSError: path cannot be written.
     """
     from PIL import Image
@@ -61,11 +60,11 @@ def write_png(path: Path, recording: Recording, shot: Shot = AS_FITS) -> None:
 
 
 def write_video(path: Path, recording: Recording, shot: Shot = AS_FITS) -> None:
-    """Writes .mp4 (H.264) or .gif, as path ends; a bar shows how far it is, on a terminal.
+    """Writes .mp4 (H.264) or .gif by the ending of path; a terminal shows a progress bar.
 
     Raises:
       MissingLibrary: imageio-ffmpeg is not installed.
-      InputError: another ending; a size, time or vehicle that there is not.
+      InputError: the ending, size, time or vehicle is not allowed.
       OSError: path cannot be written.
     """
     from tqdm import tqdm
@@ -76,7 +75,7 @@ def write_video(path: Path, recording: Recording, shot: Shot = AS_FITS) -> None:
     timeline = Timeline(recording)
     start, duration = _stretch(timeline, shot, whole=path.suffix == ".mp4")
     times = picture_times(timeline, start, duration)
-    # H.264 halves the resolution of colour: sizes are even.
+    # yuv420p halves the resolution of colour, so sizes must be even.
     shot = dataclasses.replace(shot, width=shot.width // 2 * 2, height=shot.height // 2 * 2)
     rate = Fraction(per_tick(recording.config.tick_s)) / Fraction(str(recording.config.tick_s))
     some = times[np.linspace(0, len(times) - 1, PALETTE_PICTURES).round().astype(int)]
@@ -100,7 +99,7 @@ def _picture(timeline: Timeline, shot: Shot, time: float, place: float) -> np.nd
 
 
 def _place(timeline: Timeline, path: np.ndarray, time: float) -> float:
-    """Where the camera is between two ticks; when it goes to another MED it jumps, and does not race there."""
+    """Position of the camera between two ticks; it jumps to another MED instead of racing there."""
     now = timeline.frame_at(time)
     then = min(now + 1, len(path) - 1)
     tick_s = timeline.recording.config.tick_s

@@ -1,5 +1,5 @@
-"""Traffic held against published ranges, medjax beside SUMO on the same road: `python -m benchmarks.validation`.
+"""Compares traffic of medjax and SUMO on the same road with published ranges: `python -m benchmarks.validation`.
 
-Both are measured from trajectories alone (`trajectories`), by the same functions of NumPy (`sections`, `merging`,
-`lanes`, `measures`).
+The same NumPy functions (`sections`, `merging`, `lanes`, `measures`) measure both from trajectories alone
+(`trajectories`).
 """

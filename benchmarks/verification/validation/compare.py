@@ -1,8 +1,8 @@
-"""`python -m benchmarks.validation`: traffic against published ranges, medjax beside SUMO on the same road.
+"""`python -m benchmarks.validation`: compares traffic of medjax and SUMO on the same road with published ranges.
 
-The road of `paper` under demands from free to overloaded, and one that rises until it breaks down. Trajectories of both
-are measured by the same functions; each figure, with its 95 % interval over episodes, stands beside the range that it
-should lie in, and its source.
+Demands on the road of `paper` range from free flow to overload, and one rises until traffic breaks down. The same
+functions measure both simulators' trajectories. Each figure, with its 95 % interval over episodes, stands beside the
+range that it should lie in and its source.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ from benchmarks.verification.validation.sumo_side import SumoRun
 from medjax.commandline import OneLineParser
 from medjax.traffic.idm import IDM_PLUS, STANDARD_IDM
 
-# SUMO drives IDM, medjax IDM+ by default: what is compared with SUMO is medjax's IDM.
+# SUMO drives IDM and medjax drives IDM+ by default, so medjax's IDM is the one to compare with SUMO.
 MODELS = {"medjax": IDM_PLUS, "medjax IDM": STANDARD_IDM}
 PACKAGES = {**dict.fromkeys(MODELS, "medjax"), "SUMO": "eclipse-sumo"}
 
 
 def both_sides(demand: Demand, options: argparse.Namespace) -> dict[str, list[Findings]]:
-    """What each simulator's episodes show under a demand; SUMO runs in processes of its own meanwhile."""
+    """Findings of each simulator's episodes under a demand; SUMO runs in parallel in its own processes."""
     _, schedule = world(demand, options.minutes)
 
     def ours() -> dict[str, list[Findings]]:
@@ -68,7 +68,7 @@ def both_sides(demand: Demand, options: argparse.Namespace) -> dict[str, list[Fi
 
 
 def compare(options: argparse.Namespace) -> dict[str, Any]:
-    """The whole run; prints its tables."""
+    """Measures everything and prints the tables."""
     found: dict[str, dict[str, list[Findings]]] = {}
     for name in options.demands:
         say(f"{name}: {options.episodes} episodes")
@@ -103,7 +103,7 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _each(found: dict[str, dict[str, list[Findings]]], of: Any) -> dict[str, dict[str, Any]]:
-    """`of(findings)` by demand and simulator."""
+    """Applies `of` to the findings of each demand and simulator."""
     return {
         demand: {name: of(findings) for name, findings in sides.items()}
         for demand, sides in found.items()

@@ -1,4 +1,4 @@
-"""Changes of lanes on the main road, what becomes of them, and how fast vehicles move sideways."""
+"""Lane changes on the main road, how many are undone, and lateral accelerations."""
 
 from __future__ import annotations
 
@@ -8,23 +8,21 @@ import numpy as np
 
 from benchmarks.verification.validation.trajectories import Trajectories
 
-UNDONE_S = 6.0  # a change that is taken back within this was none
+UNDONE_S = 6.0  # a change that is reversed within this time counts as undone
 
 
 @dataclasses.dataclass(frozen=True)
 class LaneChanges:
-    """Changes between lanes of the main road; merges are not among them."""
+    """Changes between lanes of the main road, without merges."""
 
     changes: int
     undone: int  # changed back within UNDONE_S
     vehicle_km: float  # on the main road
-    lateral_acceleration: (
-        np.ndarray
-    )  # (V,) m/s2, the largest of each vehicle; empty where nothing is known
+    lateral_acceleration: np.ndarray  # (V,) m/s2, each vehicle's largest; empty if unknown
 
 
 def lane_changes(seen: Trajectories) -> LaneChanges:
-    """All of them."""
+    """Counts all lane changes."""
     main = ~seen.on_ramp
     both = seen.goes_on & main[1:] & main[:-1]
     step = np.where(both, np.diff(seen.lane), 0)
@@ -41,7 +39,7 @@ def lane_changes(seen: Trajectories) -> LaneChanges:
 
 
 def _lateral_acceleration(seen: Trajectories) -> np.ndarray:
-    """Largest of each vehicle seen for three ticks, m/s2: second differences of where it is across the road."""
+    """Largest of each vehicle seen for at least three ticks, m/s2, by second differences of its lateral position."""
     if seen.lateral is None:
         return np.zeros(0)
     second = np.abs(np.diff(seen.lateral, 2)) / seen.tick_s**2

@@ -1,4 +1,4 @@
-"""All that is measured of trajectories, and the figures that many episodes come to."""
+"""All measurements of trajectories, and their summary over many episodes."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from benchmarks.verification.validation.trajectories import (
     neighbours,
 )
 
-FREE_AHEAD_M = 60.0  # who stands with as much room ahead has no reason to
-OVERLAP_M = 0.02  # less is rounding
-ENDS_M = 40.0  # who is first and last seen this near the ends drove all the way
+FREE_AHEAD_M = 60.0  # a vehicle with this much room ahead has no reason to stand
+OVERLAP_M = 0.02  # a smaller overlap is rounding
+ENDS_M = 40.0  # vehicles first and last seen this near the ends drove the whole road
 
 
 @dataclasses.dataclass(frozen=True)
 class Findings:
-    """What one episode shows."""
+    """Measurements of one episode."""
 
     span_s: float
     entered_main: int
@@ -44,19 +44,19 @@ class Findings:
     broke_down: Breakdown
     merged: Merges
     changed: LaneChanges
-    travel_s: np.ndarray  # (V,) s, of those who drove the whole main road
-    idle_s: float  # standing on the main road with FREE_AHEAD_M free ahead, vehicles' seconds
-    standing_s: float  # on the main road, vehicles' seconds
+    travel_s: np.ndarray  # (V,) s, of vehicles that drove the whole main road
+    idle_s: float  # vehicle-seconds of standing on the main road with FREE_AHEAD_M free ahead
+    standing_s: float  # vehicle-seconds of standing on the main road
     collisions: int  # vehicles that overlap the one ahead in their lane, summed over ticks
-    in_one_place: int  # pairs of bodies that overlap, whatever their lanes, once a second
+    in_one_place: int  # pairs of overlapping bodies in any lanes, counted once per second
 
 
 def find(seen: Trajectories, free_speed: float) -> Findings:
     """Measures one episode.
 
     Args:
-      seen: from when the road had filled.
-      free_speed: m/s, of free traffic.
+      seen: trajectories after the warm-up.
+      free_speed: speed of free traffic, m/s.
     """
     beside = neighbours(seen)
     counted = diagram(seen)
@@ -89,7 +89,7 @@ def _ends(seen: Trajectories) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _travel_times(seen: Trajectories, first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Of the vehicles that drove the whole main road while it was watched, s, for its length."""
+    """Travel times over the main road's length, s, of vehicles that were observed on all of it."""
     whole = (seen.tick[first] > 0) & (seen.x[first] <= ENDS_M) & ~seen.on_ramp[first]
     whole &= seen.x[last] >= seen.road.length_m - ENDS_M
     first, last = first[whole], last[whole]
@@ -102,9 +102,9 @@ def _overlapping(beside: Neighbours) -> int:
 
 
 def _in_one_place(seen: Trajectories) -> int:
-    """Pairs that `boxes.overlapping` finds, once a second: every pair of bodies, whatever lanes these count to.
+    """Pairs that `boxes.overlapping` finds among all bodies, counted once per second.
 
-    Where SUMO's vehicles are across the road is not known, since they jump from lane to lane: in the middle of one.
+    SUMO's vehicles jump from lane to lane, so they count as centred in a lane.
     """
     lateral = seen.lane * seen.road.lane_width_m if seen.lateral is None else seen.lateral
     order = np.argsort(seen.tick, kind="stable")
@@ -121,7 +121,7 @@ def _in_one_place(seen: Trajectories) -> int:
 
 
 def percentile(values: np.ndarray, percent: float) -> float:
-    """Of those that are numbers; NaN if none is."""
+    """Percentile of the finite values; NaN if there are none."""
     values = values[np.isfinite(values)]
     return float(np.percentile(values, percent)) if len(values) else np.nan
 
@@ -131,9 +131,9 @@ def _share(part: float, whole: float) -> float:
 
 
 def summarise(findings: Sequence[Findings]) -> dict[str, Any]:
-    """The figures of some episodes together, floats by name, each with its unit; NaN: nothing to measure.
+    """Figures of some episodes together, as floats by name; NaN if there was nothing to measure.
 
-    Means and percentiles are over all vehicles, merges, minutes of all episodes alike.
+    Means and percentiles are over the pooled vehicles, merges or minutes of all episodes.
     """
     hours = sum(found.span_s for found in findings) / 3600.0
     return {
@@ -150,7 +150,7 @@ def summarise(findings: Sequence[Findings]) -> dict[str, Any]:
     }
 
 
-# Student's t for 95 % and so many degrees of freedom, from 1 on; beyond them less than 4 % are left to the normal's.
+# Student's t at 95 % by degrees of freedom from 1; the last one serves for more, which is less than 9 % too wide.
 STUDENT_T = (
     12.71,
     4.303,
@@ -171,7 +171,7 @@ STUDENT_T = (
 
 
 def half_widths(findings: Sequence[Findings]) -> dict[str, float]:
-    """Half of the 95 % interval of each figure of `summarise` over episodes, by Student's t; NaN for a single one."""
+    """Half-width of each figure's 95 % interval over episodes, by Student's t; NaN for a single episode."""
     each = [summarise([found]) for found in findings]
     episodes = len(each)
     if episodes < 2:
@@ -254,13 +254,13 @@ def _of_flow(findings: Sequence[Findings]) -> dict[str, Any]:
 
 
 def _mean(values: np.ndarray) -> float:
-    """Of those that are numbers; NaN if none is."""
+    """Mean of the finite values; NaN if there are none."""
     values = values[np.isfinite(values)]
     return float(values.mean()) if len(values) else np.nan
 
 
 def _five_minutes(counted: Diagram) -> tuple[float, float]:
-    """Highest flow of 5 minutes behind the last ramp, vehicles/h/lane, and the density then, vehicles/km/lane."""
+    """Highest 5-minute flow behind the last ramp, vehicles/h/lane, and its density, vehicles/km/lane."""
     flow, density = counted.flow.mean(axis=-1)[:, -1], counted.density.mean(axis=-1)[:, -1]
     spans = [slice(at, at + FLOW_MINUTES) for at in range(max(1, len(flow) - FLOW_MINUTES + 1))]
     return max((float(flow[span].mean()), float(density[span].mean())) for span in spans)

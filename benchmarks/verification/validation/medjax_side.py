@@ -1,4 +1,4 @@
-"""medjax's trajectories: episodes side by side, every tick of them."""
+"""medjax's trajectories: every tick of episodes that are played side by side."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from medjax.world.kinds import WIDTHS_M
 from medjax.world.params import EnvParams
 from medjax.world.state import EnvState
 
-FASTEST = 80.0  # m/s; nobody drives so
+FASTEST = 80.0  # m/s, faster than any vehicle
 SEEN = ("x", "speed", "lane", "lateral_offset", "active", "kind")
 
 
@@ -32,15 +32,16 @@ def _probe(state: EnvState) -> dict[str, jax.Array]:
 
 @functools.lru_cache(maxsize=2)  # demands share one
 def program(env: ChargingEnv, policy: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """How episodes start, `(keys, params)`, and go on for a minute: `(episodes, its number, params)` to (episodes,
-    ticks), each `(decisions, episodes, ticks, N)` by the names of SEEN.
+    """Functions that start episodes, `(keys, params)`, and play a minute, `(episodes, its number, params)`.
+
+    The latter returns (episodes, ticks); ticks are `(decisions, episodes, ticks, N)` by the names of SEEN.
     """
     player = Player(env.with_probe(_probe), [medjax.BASELINES[policy](env)])
     decisions = round(60.0 / env.config.decision_s)
     weights = [player.policies[0].weights]
 
     def joined(begun: jax.Array, ticks: jax.Array) -> jax.Array:
-        """(episodes, rounds, N) and (episodes, ticks, N) to (episodes, ticks, N)."""
+        """Joins (episodes, rounds, N) and (episodes, ticks, N) to (episodes, ticks, N)."""
         rounds = ticks.reshape(*begun.shape[:2], -1, begun.shape[2])
         return jnp.concatenate([begun[:, :, None], rounds[:, :, :-1]], 2).reshape(ticks.shape)
 
@@ -49,8 +50,8 @@ def program(env: ChargingEnv, policy: str) -> tuple[Callable[..., Any], Callable
         def decide(playing: Episodes, index: jax.Array) -> tuple[Episodes, Any]:
             playing, made = player.decide(playing, index, weights, params)
             begun, ticks = made.info["begun"], made.info["ticks"]
-            # Who has just entered is first seen where it entered, not after its first tick, which may end in
-            # another lane; what the last tick leads to, the next decision begins with.
+            # A new vehicle must first be seen where it entered, since its first tick may end in another lane. So
+            # rounds are recorded from their start; the state after the last tick starts the next one.
             return playing, jax.tree.map(joined, begun, ticks)
 
         return jax.lax.scan(decide, playing, number * decisions + jnp.arange(decisions))
@@ -64,9 +65,9 @@ def trajectories(
     """Plays episodes side by side and keeps every tick after the warm-up.
 
     Args:
-      env: the highway; its slots must suffice for the queues.
+      env: the highway, with enough slots for the queues.
       schedule: of every episode.
-      seed: whose episodes.
+      episodes, seed: how many, and which.
       policy: a name in `medjax.BASELINES`.
     """
     params_at = schedule.params_at
@@ -84,24 +85,24 @@ def trajectories(
 
 
 def _ticks(parts: list[np.ndarray]) -> np.ndarray:
-    """(ticks, N) of parts (decisions, ticks, N)."""
+    """Joins parts (decisions, ticks, N) to (ticks, N)."""
     return np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts])
 
 
 def of_slots(
     slots: dict[str, np.ndarray], road: Road, tick_s: float, lengths: np.ndarray
 ) -> Trajectories:
-    """Rows of vehicles from slots that hold one vehicle after the other.
+    """Trajectories of vehicles from slots, each of which holds one vehicle after the other.
 
     Args:
       slots: (ticks, N) by the names of SEEN.
-      lengths: (num_kinds,) m.
+      lengths: (num_kinds,) m, of vehicles.
     """
     by_slot = {name: values.T for name, values in slots.items()}  # rows by slot, then by tick
     rows = np.nonzero(by_slot["active"])
     slot, tick = (each.astype(np.int32) for each in rows)
     x, lane = by_slot["x"][rows].astype(float), by_slot["lane"][rows].astype(np.int32)
-    # A slot that is filled anew at once is told by its place: no vehicle goes back, or as far in a tick.
+    # A jump shows that a slot was refilled at once: no vehicle reverses or drives that far in a tick.
     new = (np.diff(slot) != 0) | (np.diff(tick) != 1)
     new |= (np.diff(x) < -1.0) | (np.diff(x) > FASTEST * tick_s)
     vehicle = np.r_[0, np.cumsum(new)].astype(np.int32)[: len(x)]
@@ -131,8 +132,9 @@ def measure(
     """The figures of `measures.summarise` for one world, after the warm-up.
 
     Args:
-      env, params: of `medjax.make`; its slots must suffice for the queues (`num_gas=...`).
-      episodes: side by side, in memory together; minutes: of each that are measured.
+      env, params: of `medjax.make`, with enough slots for the queues (`num_gas=...`).
+      episodes: number of episodes, which are in memory together.
+      minutes: measured minutes of each.
       policy: a name in `medjax.BASELINES`.
     """
     schedule = Schedule(env.config, lambda _: params, minutes)
@@ -142,6 +144,6 @@ def measure(
 def observe(
     env: ChargingEnv, schedule: Schedule, episodes: int, seed: int, policy: str = "none"
 ) -> list[Findings]:
-    """`measures.find` of each episode, as `trajectories`."""
+    """`measures.find` of each episode of `trajectories`."""
     speed = free_speed(schedule)
     return [find(seen, speed) for seen in trajectories(env, schedule, episodes, seed, policy)]

@@ -1,4 +1,4 @@
-"""How vehicles get from acceleration lanes onto the main road, and what that costs those already there."""
+"""How vehicles merge from acceleration lanes, and how that affects vehicles on the main road."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from benchmarks.verification.validation.trajectories import (
     Trajectories,
 )
 
-ANSWER_S = 5.0  # a new follower's answer to a merge is looked for as long
-NEAR_M = 100.0  # a follower further behind is none
+ANSWER_S = 5.0  # time in which a new follower reacts to a merge
+NEAR_M = 100.0  # farthest follower that counts
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,19 +23,17 @@ class Merges:
     """K changes from an acceleration lane to the right lane, and U vehicles seen on acceleration lanes."""
 
     speed: np.ndarray  # (K,) m/s, at the first tick on the right lane
-    relative_speed: (
-        np.ndarray
-    )  # (K,) by the right lane's mean beside the acceleration lane, that minute
-    share_used: np.ndarray  # (K,) of the acceleration lane, before it was left
-    accepted_gap_s: (
-        np.ndarray
-    )  # (K,) rear of the new leader to front of the new follower, by the latter's speed
-    follower_acceleration: np.ndarray  # (K,) m/s2, the new follower's least within ANSWER_S
-    standing_s: np.ndarray  # (U,) s that each stood on the acceleration lane
+    # (K,) speed divided by that minute's mean in the right lane beside the acceleration lane
+    relative_speed: np.ndarray
+    share_used: np.ndarray  # (K,) share of the acceleration lane used before the merge
+    # (K,) from the new leader's rear to the new follower's front, divided by the follower's speed
+    accepted_gap_s: np.ndarray
+    follower_acceleration: np.ndarray  # (K,) m/s2, the new follower's minimum within ANSWER_S
+    standing_s: np.ndarray  # (U,) s, standing time on the acceleration lane
 
 
 def merges(seen: Trajectories, beside: Neighbours) -> Merges:
-    """All merges; NaN where there is nobody to compare with."""
+    """Measures all merges; NaN where there is no vehicle to compare with."""
     onto = seen.road.num_lanes - 1
     left = seen.goes_on & seen.on_ramp[:-1] & (seen.lane[1:] == onto)
     row = 1 + np.nonzero(left)[0]
@@ -58,24 +56,24 @@ def merges(seen: Trajectories, beside: Neighbours) -> Merges:
 
 
 def _ramp_at(road: Road, x: np.ndarray) -> np.ndarray:
-    """Number of the ramp whose acceleration lane x is on or behind, `x.shape` int."""
+    """Number of the last ramp at or before x, `x.shape` int."""
     return np.maximum(np.searchsorted(road.ramp_x_m, x, side="right") - 1, 0)
 
 
 def _minute(seen: Trajectories) -> np.ndarray:
-    """Of each row, (R,) int."""
+    """Minute of each row, (R,) int."""
     minute: np.ndarray = (seen.tick * seen.tick_s // 60.0).astype(np.int64)
     return minute
 
 
 def _right_lane_speed(seen: Trajectories) -> np.ndarray:
-    """Mean beside each acceleration lane, (minutes, ramps) m/s, of those who did not come from there; NaN: nobody."""
+    """Mean speed beside each acceleration lane, (minutes, ramps) m/s, of vehicles not from that ramp; NaN if none."""
     road = seen.road
     ramp = _ramp_at(road, seen.x)
     start = np.asarray(road.ramp_x_m)[ramp]
     came_from = np.full(seen.vehicle.max(initial=0) + 1, NOBODY)
     rows = np.nonzero(seen.on_ramp)[0]
-    # A vehicle on an acceleration lane is nearer to its start than to any other ramp's, also just before it.
+    # The nearest acceleration lane also identifies the ramp of a vehicle that is just before its start.
     middle = seen.x[rows] - 0.5 * road.acceleration_lane_m
     distance = np.abs(np.asarray(road.ramp_x_m)[:, None] - middle)
     came_from[seen.vehicle[rows]] = distance.argmin(axis=0)
@@ -90,7 +88,7 @@ def _right_lane_speed(seen: Trajectories) -> np.ndarray:
 
 
 def _least_acceleration(seen: Trajectories, row: np.ndarray) -> np.ndarray:
-    """Within ANSWER_S after these rows, of the same vehicle, `row.shape` m/s2; NaN where it is not seen again."""
+    """Minimum of a row's vehicle within the next ANSWER_S, `row.shape` m/s2; NaN if it is not seen again."""
     ticks = np.arange(1, round(ANSWER_S / seen.tick_s) + 1)
     later = np.minimum(row[:, None] + ticks, len(seen.x) - 1)
     same = (seen.vehicle[later] == seen.vehicle[row][:, None]) & (later > row[:, None])
@@ -99,7 +97,7 @@ def _least_acceleration(seen: Trajectories, row: np.ndarray) -> np.ndarray:
 
 
 def _standing(seen: Trajectories) -> np.ndarray:
-    """Seconds that each vehicle stood on an acceleration lane, of all that were on one."""
+    """Standing time of each vehicle that was on an acceleration lane, s."""
     rows = np.nonzero(seen.on_ramp)[0]
     _, who = np.unique(seen.vehicle[rows], return_inverse=True)
     return np.bincount(who, seen.speed[rows] < STANDING) * seen.tick_s

@@ -13,7 +13,7 @@ COLORS = {"medjax": "#00796b", "medjax IDM": "#5e92f3", "SUMO": "#e65100"}
 
 
 def draw(path: Path, result: dict[str, Any]) -> None:
-    """Fundamental diagram, the rising demand, and merging, to a PNG.
+    """Draws the fundamental diagram, the rising demand and merging as a PNG.
 
     Args:
       path: of the file.
@@ -44,14 +44,14 @@ def draw(path: Path, result: dict[str, Any]) -> None:
         xlabel="demand", ylabel="merging speed / right lane's", title="median and 5th percentile"
     )
     for axes in (by_density, rising, merging):
-        if axes.has_data():  # the rising demand may not be among them
+        if axes.has_data():  # the rising demand may not be measured
             axes.legend(frameon=False)
     with replacing(path) as partial:
         figure.savefig(partial, dpi=110)
 
 
 def _points(result: dict[str, Any], name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Flow and density of all demands, where anybody was."""
+    """Flow and density of all demands, where there were vehicles."""
     diagrams = [of[name] for of in result["diagram"].values()]
     flow = np.concatenate([np.ravel(each["flow"]) for each in diagrams])
     density = np.concatenate([np.ravel(each["density"]) for each in diagrams])

@@ -1,4 +1,4 @@
-"""What traffic on real roads shows, and what this simulator is to reach; each range with its source."""
+"""Ranges observed on real roads and goals of this simulator, each with its source."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclasses.dataclass(frozen=True)
 class Range:
-    """Where a figure under a demand should lie, both ends included."""
+    """The range in which a figure under a demand should lie, both ends included."""
 
     figure: str  # of `measures.summarise`
     demand: str  # a name in `demands.DEMANDS`
@@ -20,16 +20,16 @@ class Range:
 
     @property
     def is_goal(self) -> bool:
-        """Whether this project set it for itself."""
+        """Whether this project set the range itself."""
         return self.source.startswith("a goal")
 
     def holds(self, value: float) -> bool | None:
-        """Whether it lies there; None where there is no figure."""
+        """Whether a value lies in the range; None if it is NaN."""
         return None if math.isnan(value) else self.low <= value <= self.high
 
 
 ANY, GOAL = math.inf, "a goal of this project"
-# Read of each source was its abstract, or a table quoted from it; nothing of those marked "from memory".
+# Of each source we read the abstract or a quoted table; of those marked "from memory" we read nothing.
 MERGING = (
     ("paper", "at the preset's demand"),
     ("merging", "4,500 and 4 x 300 vehicles/h"),
@@ -170,16 +170,16 @@ RANGES = (
 def checks(
     figures: dict[str, dict[str, dict[str, Any]]], widths: dict[str, dict[str, dict[str, float]]]
 ) -> list[dict[str, Any]]:
-    """Every range beside what was measured.
+    """Compares measurements with every range.
 
-    Goals that this project set itself are for what medjax drives by default; nothing else is marked by them.
+    The project's own goals apply only to medjax's default car following.
 
     Args:
       figures: of `measures.summarise`, by demand, by simulator.
       widths: of `measures.half_widths`, likewise.
 
     Returns:
-      One a range whose demand was measured: the range, and by simulator `value`, `half_width` and `holds`.
+      An entry for each range whose demand was measured: the range, and by simulator `value`, `half_width` and `holds`.
     """
     found = []
     for each in RANGES:

@@ -1,4 +1,4 @@
-"""What was found, as tables for people and as numbers for JSON."""
+"""Reports the findings as tables for readers and as numbers for JSON."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.verification.validation.measures import Findings
 from benchmarks.verification.validation.sections import FLOW_MINUTES
 
-# Rows of the table by demand: a figure of `measures.summarise`, its name, its digits, its factor.
+# Rows of the table by demand: a figure of `measures.summarise`, its title, its digits, its factor.
 ROWS = (
     ("asked_main_per_h", "ask to enter at x = 0, /h", 0, 1.0),
     ("asked_ramps_per_h", "ask to enter by ramps, /h", 0, 1.0),
@@ -48,12 +48,12 @@ ROWS = (
 
 
 def shown(value: float, digits: int) -> str:
-    """A number, or a dash where there is none."""
+    """Formats a number; NaN is a dash."""
     return "-" if math.isnan(value) else f"{value:,.{digits}f}"
 
 
 def table_by_demand(figures: dict[str, dict[str, dict[str, Any]]]) -> list[str]:
-    """Lines of a Markdown table: a figure a row, a demand and simulator a column."""
+    """Lines of a Markdown table with a row per figure and a column per demand and simulator."""
     columns = [(demand, name) for demand, of in figures.items() for name in of]
     lines = ["| | " + " | ".join(f"{demand}, {name}" for demand, name in columns) + " |"]
     lines.append("|---" + "|---:" * len(columns) + "|")
@@ -64,7 +64,7 @@ def table_by_demand(figures: dict[str, dict[str, dict[str, Any]]]) -> list[str]:
 
 
 def table_of_ranges(checks: Sequence[dict[str, Any]], simulators: Sequence[str]) -> list[str]:
-    """Lines of a Markdown table: what was measured beside where it should lie; a miss is marked."""
+    """Lines of a Markdown table of measurements beside their ranges; misses are marked."""
     lines = [f"| | {' | '.join(simulators)} | range | source |"]
     lines.append("|---" + "|---:" * len(simulators) + "|---|---|")
     for check in checks:
@@ -87,10 +87,10 @@ def _cell(measured: dict[str, Any]) -> str:
 
 
 def diagram_points(findings: Sequence[Findings]) -> dict[str, Any]:
-    """The fundamental diagram: means of 5 minutes of each detector and lane.
+    """The fundamental diagram: 5-minute means of each detector and lane.
 
     Returns:
-      x_m: (D,); flow (vehicles/h) and density (vehicles/km): (spans, D, lanes), rounded, lists all.
+      Lists `x_m` (D,), and `flow` (vehicles/h) and `density` (vehicles/km), (spans, D, lanes), rounded.
     """
     flow = np.concatenate([_spans(found.counted.flow) for found in findings])
     density = np.concatenate([_spans(found.counted.density) for found in findings])
@@ -102,7 +102,7 @@ def diagram_points(findings: Sequence[Findings]) -> dict[str, Any]:
 
 
 def _spans(values: np.ndarray) -> np.ndarray:
-    """Means of FLOW_MINUTES at a time, or of all where there are fewer."""
+    """Means of successive FLOW_MINUTES, or of all minutes if there are fewer."""
     span = min(FLOW_MINUTES, len(values))
     count = len(values) // span
     means: np.ndarray = values[: count * span].reshape(count, span, *values.shape[1:]).mean(axis=1)
@@ -110,7 +110,7 @@ def _spans(values: np.ndarray) -> np.ndarray:
 
 
 def history(findings: Sequence[Findings]) -> dict[str, Any]:
-    """Minute by minute, means of episodes: flow behind the last ramp, and the lowest speed at a detector before it."""
+    """Means over episodes by minute: flow behind the last ramp, and the lowest speed at any detector before it."""
     flow = np.mean([found.counted.flow_a_lane()[:, -1] for found in findings], axis=0)
     speeds = np.stack([found.counted.speed()[:, :-1] for found in findings])
     slowest = np.where(np.isnan(speeds), np.inf, speeds).min(axis=-1).mean(axis=0)
@@ -118,7 +118,7 @@ def history(findings: Sequence[Findings]) -> dict[str, Any]:
 
 
 def for_json(value: Any) -> Any:
-    """The same with None for what is no number, which JSON does not have."""
+    """Replaces NaN and infinity, which JSON lacks, by None."""
     if isinstance(value, dict):
         return {name: for_json(each) for name, each in value.items()}
     if isinstance(value, list | tuple):

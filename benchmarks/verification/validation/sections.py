@@ -1,4 +1,4 @@
-"""Flow, density and speed at places of the road, and what becomes of them when it breaks down."""
+"""Flow, density and speed at detectors, and how they change when traffic breaks down."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 
 from benchmarks.verification.validation.trajectories import Road, Trajectories
 
-SECTION_M = 100.0  # of road that a detector looks at
-# Of the free speed, over 5 minutes: 18 of 30 m/s. The HCM's 25 % less over 15 minutes is what IDM drives at capacity;
-# German practice is 70 km/h (Brilon, Geistefeldt, Regler 2005, from memory).
+SECTION_M = 100.0  # length of road that a detector covers
+# Share of the free speed, over 5 minutes: 18 of 30 m/s. The HCM's 25 % less over 15 minutes is what IDM drives at
+# capacity. German practice is 70 km/h (Brilon, Geistefeldt, Regler 2005, from memory).
 BREAKDOWN = 0.6
-FLOW_MINUTES = 5  # minutes that a flow is the mean of
+FLOW_MINUTES = 5  # averaging interval of flows
 
 
 def detectors(road: Road) -> list[float]:
-    """Middles of the sections: before each acceleration lane, half way between two, and behind the last.
+    """Middles of the sections: before each acceleration lane, half-way between two, and behind the last.
 
-    The last one is where discharge is counted. Sections neither overlap an acceleration lane nor the road's ends.
+    The last section measures the discharge. Sections overlap neither acceleration lanes nor the road's ends.
     """
     half = 0.5 * SECTION_M
     places, free_from = [], 0.0
@@ -33,7 +33,7 @@ def detectors(road: Road) -> list[float]:
 
 @dataclasses.dataclass(frozen=True)
 class Diagram:
-    """What detectors counted in each minute, D detectors."""
+    """Counts of D detectors by minute."""
 
     x_m: np.ndarray  # (D,)
     flow: np.ndarray  # (minutes, D, num_lanes) vehicles/h
@@ -45,15 +45,15 @@ class Diagram:
         return mean
 
     def speed(self) -> np.ndarray:
-        """Of all lanes together, (minutes, D) m/s: of vehicles in space; NaN where nobody was."""
+        """Space-mean speed over all lanes, (minutes, D) m/s; NaN where there were no vehicles."""
         flow, density = self.flow.sum(axis=-1), self.density.sum(axis=-1)
         return np.where(density > 0.0, flow / np.maximum(density, 1e-9), np.nan) / 3.6
 
 
 def diagram(seen: Trajectories) -> Diagram:
-    """By Edie's definitions (1963): time and way spent on a section of a lane in a minute, by its area.
+    """Flow and density by Edie's definitions (1963): distance and time in a section of a lane, over its area.
 
-    Speed in space is then flow by density, also where vehicles stand.
+    Flow divided by density is then the space-mean speed, also where vehicles stand.
     """
     x_m, lanes = np.array(detectors(seen.road)), seen.road.num_lanes
     minutes = int(seen.span_s // 60.0)
@@ -66,41 +66,40 @@ def diagram(seen: Trajectories) -> Diagram:
         cell, count = minute[rows] * lanes + seen.lane[rows], minutes * lanes
         ticks = np.bincount(cell, minlength=count).reshape(minutes, lanes)
         speeds = np.bincount(cell, seen.speed[rows], count).reshape(minutes, lanes)
-        share = (
-            seen.tick_s / 60.0 / SECTION_M
-        )  # of the section's minute that a vehicle's tick takes
+        share = seen.tick_s / 60.0 / SECTION_M  # tick as a share of a minute, per metre
         density[:, place], flow[:, place] = 1e3 * share * ticks, 3600.0 * share * speeds
     return Diagram(x_m, flow, density)
 
 
 @dataclasses.dataclass(frozen=True)
 class Breakdown:
-    """The bottleneck that breaks down first, and what it costs; flows in vehicles/h/lane, NaN: none."""
+    """The bottleneck that breaks down first, and its flows in vehicles/h/lane; NaN if there is none."""
 
-    minute: int | None  # the first one of the breakdown; None: it never came
-    x_m: float  # the detector that it was seen at; flows are of the next one
-    highest_before: float  # over 5 minutes, before the breakdown
-    after: float  # mean while it is active: a queue at the detector, none at the next, from 5 minutes after on
-    discharge: float  # mean at the last detector while a queue stands anywhere before it, from 5 minutes after on
+    minute: int | None  # the first minute of the breakdown; None if there was none
+    x_m: float  # the detector that saw it; flows are of the next one
+    highest_before: float  # highest 5-minute flow before the breakdown
+    # Both means leave out the first 5 minutes of the breakdown.
+    after: float  # mean while the bottleneck is active: queue at the detector, none at the next
+    discharge: float  # mean at the last detector while there is a queue anywhere before it
 
     @property
     def capacity_drop(self) -> float:
-        """Share of the flow that is lost."""
+        """Share of the flow that is lost after the breakdown."""
         return 1.0 - self.after / self.highest_before
 
 
 def _means(values: np.ndarray) -> np.ndarray:
-    """Of FLOW_MINUTES at a time, (minutes - 4,); none if it was shorter."""
+    """Moving means over FLOW_MINUTES, (minutes - 4,); empty if there are fewer minutes."""
     if len(values) < FLOW_MINUTES:
         return np.zeros(0)
     return np.convolve(values, np.full(FLOW_MINUTES, 1.0 / FLOW_MINUTES), mode="valid")
 
 
 def breakdown(counted: Diagram, free_speed: float) -> Breakdown:
-    """Where and when traffic breaks down first, and what the road then carries.
+    """Where and when traffic breaks down first, and the flow that the road then carries.
 
-    Broken down is a section whose speed stays below BREAKDOWN of `free_speed` (m/s) for FLOW_MINUTES. A bottleneck is
-    active while the queue ends between two detectors (Cassidy and Bertini 1999: no influence from downstream).
+    A section has broken down when its speed stays below BREAKDOWN of `free_speed` (m/s) for FLOW_MINUTES. A bottleneck
+    is active while the queue ends between two detectors (Cassidy and Bertini 1999: no influence from downstream).
     """
     flow, slow = counted.flow_a_lane(), counted.speed() < BREAKDOWN * free_speed
     stays = np.array([_means(column) for column in slow[:, :-1].T.astype(float)]) > 1.0 - 1e-9
@@ -108,9 +107,8 @@ def breakdown(counted: Diagram, free_speed: float) -> Breakdown:
     if not len(begins):
         return Breakdown(None, np.nan, np.nan, np.nan, np.nan)
     minute = int(begins[0])
-    place = int(
-        np.nonzero(stays[:, minute])[0][-1]
-    )  # of several at once the last: queues grow backwards
+    # The last of several sections, since queues grow backwards.
+    place = int(np.nonzero(stays[:, minute])[0][-1])
     late = np.arange(len(flow)) >= minute + FLOW_MINUTES
     active = late & slow[:, place] & ~slow[:, place + 1]
     queue = late & slow[:, :-1].any(axis=1)
@@ -128,6 +126,6 @@ def _mean(values: np.ndarray) -> float:
 
 
 def _highest(flow: np.ndarray) -> float:
-    """Of FLOW_MINUTES, NaN if it was shorter."""
+    """Highest mean over FLOW_MINUTES; NaN if there are fewer minutes."""
     means = _means(flow)
     return float(means.max()) if len(means) else np.nan

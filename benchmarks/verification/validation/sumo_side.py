@@ -1,4 +1,4 @@
-"""SUMO's trajectories, on medjax's road under medjax's demand: one process an episode, each of them written out."""
+"""SUMO's trajectories on medjax's road under medjax's demand, from one process and one file per episode."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from medjax.world.kinds import WIDTHS_M
 
 
 class SumoRun:
-    """Episodes of one schedule, played from when this is built; `trajectories` waits for them."""
+    """Episodes of one schedule, which start when this is built; `trajectories` waits for them."""
 
     def __init__(self, schedule: Schedule, episodes: int, seed: int, folder: Path) -> None:
         """Starts a process for each episode; `folder` is for their files and must exist."""
@@ -46,30 +46,30 @@ class SumoRun:
         command = ["sumo", "--net-file", str(network), "--route-files", str(demand)]
         command += ["--begin", "0", "--end", str(end), "--seed", str(seed)]
         command += ["--step-length", str(self.schedule.config.tick_s)]
-        command += ["--step-method.ballistic", "true"]  # the update of medjax
-        command += ["--time-to-teleport", "-1"]  # nobody is taken off the road for waiting,
-        command += ["--collision.action", "warn"]  # nor for a collision
+        command += ["--step-method.ballistic", "true"]  # as in medjax
+        command += ["--time-to-teleport", "-1"]  # never removes waiting vehicles,
+        command += ["--collision.action", "warn"]  # nor vehicles that collide
         command += ["--no-step-log", "true", "--no-warnings", "true"]
         command += ["--fcd-output", str(file), "--device.fcd.begin", str(begin)]
         command += ["--fcd-output.attributes", "id,type,speed,pos,lane"]
         return start(command)
 
     def trajectories(self) -> Iterator[Trajectories]:
-        """After the warm-up, of each episode."""
+        """The trajectories of each episode after the warm-up."""
         for process, file in zip(self.processes, self.files, strict=True):
             finish(process)
             yield read(file, self.schedule)
 
     def stop(self) -> None:
-        """Ends what still runs."""
+        """Ends processes that still run."""
         for process in self.processes:
             process.kill()
 
 
 def read(file: Path, schedule: Schedule) -> Trajectories:
-    """SUMO's table of floating cars (a CSV file) as rows after the warm-up.
+    """Reads SUMO's floating car data (a CSV file), without the warm-up.
 
-    Vehicles jump from lane to lane there, so where they are across the road is not known.
+    SUMO's vehicles jump from lane to lane, so their lateral positions are unknown.
     """
     params, tick_s = schedule.params_at(0), schedule.config.tick_s
     lanes = lanes_of_network(schedule.config, params)
@@ -82,7 +82,7 @@ def read(file: Path, schedule: Schedule) -> Trajectories:
         next(lines)
         for line in lines:
             time_s, name, type_name, velocity, place, lane_name = line.rstrip("\n").split(";")
-            if not name:  # a step with nobody to write of
+            if not name:  # a step without vehicles
                 continue
             start_m, lane_number = lanes[lane_name]
             tick.append(round(float(time_s) / tick_s) - first)

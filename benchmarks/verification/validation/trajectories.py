@@ -1,4 +1,4 @@
-"""Who was where at each tick, whoever simulated it: the one thing that is measured."""
+"""Positions of vehicles at each tick, from any simulator: the input of all measurements."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from medjax.world.params import EnvConfig, EnvParams
 
 NOBODY = -1
-STANDING = 0.5  # m/s; who is slower stands
+STANDING = 0.5  # m/s; slower vehicles stand
 
 
 @dataclasses.dataclass(frozen=True)
 class Road:
-    """The road that vehicles were seen on; lanes 0 (leftmost) to num_lanes - 1, num_lanes beside a ramp."""
+    """The road; lanes are 0 (leftmost) to num_lanes - 1, and num_lanes is an acceleration lane."""
 
     length_m: float
     num_lanes: int
@@ -38,39 +38,38 @@ class Road:
 
 @dataclasses.dataclass(frozen=True)
 class Trajectories:
-    """Rows, one a vehicle and tick, sorted by vehicle and then by tick; R rows.
+    """R rows, one per vehicle and tick, sorted by vehicle and then by tick.
 
-    A vehicle's ticks follow each other without a hole. The front bumper is what x is of.
+    A vehicle's ticks have no gaps. Positions x are of the front bumper.
     """
 
     road: Road
     tick_s: float
-    num_ticks: int  # seen, whether anybody was there or not
+    num_ticks: int  # observed, including ticks without vehicles
     tick: np.ndarray  # (R,) int32, from 0
-    vehicle: np.ndarray  # (R,) int32, one number a vehicle
+    vehicle: np.ndarray  # (R,) int32, one number per vehicle
     lane: np.ndarray  # (R,) int32
     x: np.ndarray  # (R,) float64, m
     speed: np.ndarray  # (R,) float64, m/s
     length: np.ndarray  # (R,) float64, m, of the vehicle
     width: np.ndarray  # (R,) float64, m
-    lateral: (
-        np.ndarray | None
-    )  # (R,) float64, m right of the leftmost lane's centre; None: not known
+    # (R,) float64, m to the right of the leftmost lane's centre; None if unknown
+    lateral: np.ndarray | None
 
     @property
     def span_s(self) -> float:
-        """Time that was watched, s."""
+        """Observed time, s."""
         return self.num_ticks * self.tick_s
 
     @property
     def goes_on(self) -> np.ndarray:
-        """Whether row i + 1 is of the same vehicle as row i, (R - 1,) bool."""
+        """Whether rows i and i + 1 are of the same vehicle, (R - 1,) bool."""
         goes_on: np.ndarray = self.vehicle[1:] == self.vehicle[:-1]
         return goes_on
 
     @property
     def on_ramp(self) -> np.ndarray:
-        """On an acceleration lane, (R,) bool."""
+        """Whether each row is on an acceleration lane, (R,) bool."""
         on_ramp: np.ndarray = self.lane == self.road.num_lanes
         return on_ramp
 
@@ -82,7 +81,7 @@ class Trajectories:
         return acceleration
 
     def after(self, seconds: float) -> Trajectories:
-        """What was seen from then on, tick 0 then."""
+        """The trajectories from a time on, which becomes tick 0."""
         first = round(seconds / self.tick_s)
         keep = self.tick >= first
         names = ("vehicle", "lane", "x", "speed", "length", "width", "lateral")
@@ -96,17 +95,15 @@ class Trajectories:
 
 @dataclasses.dataclass(frozen=True)
 class Neighbours:
-    """Rows of the vehicles ahead of and behind each row in its lane, at its tick."""
+    """Rows of the vehicles ahead of and behind each row, in its lane and tick."""
 
     ahead: np.ndarray  # (R,) int64, row, or NOBODY
     behind: np.ndarray  # (R,) int64, row, or NOBODY
-    gap: (
-        np.ndarray
-    )  # (R,) m from the front bumper to the rear of the one ahead, inf where there is nobody
+    gap: np.ndarray  # (R,) m from the front bumper to the leader's rear, inf without a leader
 
 
 def neighbours(seen: Trajectories) -> Neighbours:
-    """Of every row, by one sort of all rows."""
+    """Finds the neighbours of all rows with one sort."""
     order = np.lexsort((seen.x, seen.tick * (seen.road.num_lanes + 1) + seen.lane))
     here, next_up = order[:-1], order[1:]
     together = (seen.tick[here] == seen.tick[next_up]) & (seen.lane[here] == seen.lane[next_up])
