@@ -28,7 +28,7 @@ def benchmark_parser(name: str, description: str | None) -> OneLineParser:
         description=description,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    figures = "write the figures here too"
+    figures = "also write the figures to this file"
     parser.add_argument("--json", type=output_file, metavar="FILE", help=figures)
     return parser
 
@@ -143,7 +143,10 @@ non_negative = a_number("a number from 0", lambda value: value >= 0.0)
 def add_scenario(parser: OneLineParser) -> None:
     """Adds `--scenario NAME`."""
     parser.add_argument(
-        "--scenario", default="paper", choices=list(medjax.SCENARIOS), help="default: paper"
+        "--scenario",
+        default="paper",
+        choices=list(medjax.SCENARIOS),
+        help="preset (default: paper)",
     )
 
 
@@ -151,8 +154,8 @@ def episodes_parser(name: str, description: str | None, episodes: int, seed: int
     """`benchmark_parser` with options of episodes, seed and scenario, for commands that play whole episodes."""
     parser = benchmark_parser(name, description)
     number = whole_number(least=2)
-    parser.add_argument("--episodes", type=number, default=episodes, help="of each policy")
-    parser.add_argument("--seed", type=a_seed, default=seed, help="which episodes")
+    parser.add_argument("--episodes", type=number, default=episodes, help="episodes per policy")
+    parser.add_argument("--seed", type=a_seed, default=seed, help="seed of the episodes")
     add_scenario(parser)
     return parser
 
@@ -170,7 +173,9 @@ def output_file(name: str, text: str) -> Path:
 
 def add_plot(parser: OneLineParser, what: str) -> None:
     """Adds `--plot FILE.png`."""
-    parser.add_argument("--plot", type=picture, metavar="FILE.png", help=f"draw {what} here")
+    parser.add_argument(
+        "--plot", type=picture, metavar="FILE.png", help=f"draw {what} to this file"
+    )
 
 
 def picture(text: str) -> Path:

@@ -25,11 +25,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Records and writes an episode; returns the exit code."""
     parser = OneLineParser(
         prog=PROG,
-        description="Plays an episode and writes a row for each vehicle and physics tick.",
+        description="Plays an episode and writes one row per vehicle and physics tick.",
         epilog=f"{PRESETS}\n\nExample: {PROG} --policy paced --set cooldown_s=30 --out paced.parquet",
         formatter_class=KeepsLines,
     )
-    out_text = "ends in .parquet, .csv or .fcd.xml (SUMO)"
+    out_text = "file to write, ending in .parquet, .csv or .fcd.xml (SUMO)"
     parser.add_argument("--out", required=True, metavar="FILE", help=out_text)
     add_episode_options(parser.add_argument_group("episode"))
     given = parser.parse_args(argv)

@@ -165,13 +165,15 @@ def report(comparison: dict[str, Any]) -> str:
 def build_parser() -> OneLineParser:
     """The command line."""
     parser = benchmark_parser("peers", __doc__)
-    parser.add_argument("--rounds", type=positive, default=3, metavar="N", help="default: 3")
+    parser.add_argument(
+        "--rounds", type=positive, default=3, metavar="N", help="timed rounds (default: 3)"
+    )
     parser.add_argument(
         "--num-envs",
         type=positive,
         default=1024,
         metavar="N",
-        help="roads of medjax; default: 1024",
+        help="roads that medjax simulates at once (default: 1024)",
     )
     return parser
 

@@ -235,6 +235,10 @@ def report(result: dict[str, Any]) -> str:
 def main(arguments: list[str] | None = None) -> None:
     parser = benchmark_parser("kernels", __doc__)
     count = whole_number(most=MOST)
-    parser.add_argument("--roads", type=count, default=1024, metavar="N", help="default: 1024")
-    parser.add_argument("--repeats", type=count, default=7, metavar="N", help="default: 7")
+    parser.add_argument(
+        "--roads", type=count, default=1024, metavar="N", help="number of roads (default: 1024)"
+    )
+    parser.add_argument(
+        "--repeats", type=count, default=7, metavar="N", help="timings per kernel (default: 7)"
+    )
     run_command(parser, measure, arguments)

@@ -89,7 +89,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 def main(arguments: list[str] | None = None) -> None:
     parser = benchmark_parser("scaling", __doc__)
-    parser.add_argument("--num-envs", type=positive, default=1024, metavar="N", help="side by side")
-    parser.add_argument("--repeats", type=positive, default=5, help="timings of each")
+    parser.add_argument(
+        "--num-envs", type=positive, default=1024, metavar="N", help="environments side by side"
+    )
+    parser.add_argument("--repeats", type=positive, default=5, help="timings per case")
     add_scenario(parser)
     run_command(parser, measure, arguments)

@@ -64,16 +64,20 @@ def time_cases(options: argparse.Namespace) -> Any:
 
 def main(arguments: list[str] | None = None) -> None:
     parser = benchmark_parser("throughput", __doc__)
-    shown = "side by side; several: one after the other (default: 1024)"
+    shown = (
+        "environments side by side; several numbers are timed one after the other (default: 1024)"
+    )
     parser.add_argument(
         "--num-envs", type=positive, default=[1024], nargs="+", metavar="N", help=shown
     )
-    shown = f"go through {ENVS} environments, or through roads of {VEHICLES} vehicles"
+    shown = f"time {ENVS} environments, or roads of {VEHICLES} vehicles"
     parser.add_argument("--sweep", choices=("envs", "vehicles"), help=shown)
-    parser.add_argument("--stages", action="store_true", help="show where a decision's time goes")
-    parser.add_argument("--steps", type=positive, default=50, help="decisions in a repeat")
-    parser.add_argument("--repeats", type=positive, default=5, help="timings of each")
+    parser.add_argument(
+        "--stages", action="store_true", help="show how a decision's time splits into stages"
+    )
+    parser.add_argument("--steps", type=positive, default=50, help="decisions per timing")
+    parser.add_argument("--repeats", type=positive, default=5, help="timings per case")
     add_scenario(parser)
-    shown = "devices or CPU cores; 0: all"
+    shown = "number of devices or CPU cores; 0: all"
     parser.add_argument("--num-devices", type=natural, default=0, metavar="N", help=shown)
     run_command(parser, time_cases, arguments)

@@ -116,14 +116,19 @@ def main(arguments: list[str] | None = None) -> int:
     # Training settings stay text, so that `settings` reports errors in the words of train.ppo.
     parser = benchmark_parser("training", __doc__)
     add = partial(parser.add_argument, metavar="N")
-    add("--num-envs", default="256", help="default: 256")
-    rounded = "decisions, rounded up to updates; default: 400000"
+    add("--num-envs", default="256", help="environments side by side (default: 256)")
+    rounded = "decisions, rounded up to whole updates (default: 400000)"
     add("--total-timesteps", default="400000", help=rounded)
     parser.add_argument(
-        "--scenario", default="paper", choices=list(medjax.SCENARIOS), help="default: paper"
+        "--scenario",
+        default="paper",
+        choices=list(medjax.SCENARIOS),
+        help="preset (default: paper)",
     )
-    add("--seed", default="0", help="default: 0")
-    add("--repeats", type=positive, default=1, help="cold and warm starts each; default: 1")
+    add("--seed", default="0", help="seed of the training (default: 0)")
+    add(
+        "--repeats", type=positive, default=1, help="number of cold and of warm starts (default: 1)"
+    )
     try:
         run_command(parser, measure, arguments)
     except CommandError as error:

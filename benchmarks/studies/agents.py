@@ -173,10 +173,10 @@ def main(arguments: list[str] | None = None) -> None:
     """The command."""
     parser = benchmark_parser("agents", __doc__)
     parser.add_argument(
-        "--policy", type=a_path, required=True, metavar="FILE.zip", help="of agents"
+        "--policy", type=a_path, required=True, metavar="FILE.zip", help="trained policy of agents"
     )
     number = whole_number(least=2)
-    parser.add_argument("--episodes", type=number, default=64, help="whole ones")
-    parser.add_argument("--seed", type=a_seed, default=0, help="which episodes")
+    parser.add_argument("--episodes", type=number, default=64, help="number of whole episodes")
+    parser.add_argument("--seed", type=a_seed, default=0, help="seed of the episodes")
     add_plot(parser, "speed by gap and acceptance by need")
     run_command(parser, measure, arguments, draw)

@@ -24,10 +24,10 @@ AS_BASE = -1  # the plan to go on with the base policy
 def add_base(parser: argparse.ArgumentParser) -> None:
     """Adds the options that `load` reads."""
     parser.set_defaults(scenario=None)  # the run's, else the default of train.ppo
-    improved = "run whose first learner is improved on"
+    improved = "run whose first learner the study improves on"
     parser.add_argument("--run-dir", type=a_path, metavar="DIR", help=improved)
     rules = sorted({*BASELINES} - {"slow"})
-    rule = "rule that is improved on (default: budgeted)"
+    rule = "rule that the study improves on (default: budgeted)"
     parser.add_argument("--base", choices=rules, help=rule)
 
 

@@ -199,9 +199,9 @@ def plot(path: Path, report: dict[str, Any]) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     parser = benchmark_parser("generalization", __doc__)
-    add, a_run = parser.add_argument, "that train.ppo wrote"
+    add, a_run = parser.add_argument, "directories that train.ppo wrote"
     add("--run-dir", type=a_path, nargs="+", required=True, metavar="DIR", help=a_run)
-    add("--episodes", type=whole_number(least=2), default=256, help="of each policy and world")
-    add("--seed", type=a_seed, default=0, help="which episodes")
+    add("--episodes", type=whole_number(least=2), default=256, help="episodes per policy and world")
+    add("--seed", type=a_seed, default=0, help="seed of the episodes")
     add_plot(parser, "the gains")
     run_command(parser, measure, arguments, plot)

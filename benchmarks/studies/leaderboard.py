@@ -151,12 +151,16 @@ def known_of(board: Mapping[str, Any]) -> dict[str, Any]:
 def build_parser() -> Any:
     """The command line."""
     parser = benchmark_parser("leaderboard", __doc__)
-    parser.add_argument("--file", type=a_path, default=BOARD, metavar="FILE", help="the board")
-    parser.add_argument("--add", metavar="NAME", help="play a policy, and add a row of this name")
-    which = "a rule, pretrained, a file that ends in .zip, or module:function (default: NAME)"
+    parser.add_argument(
+        "--file", type=a_path, default=BOARD, metavar="FILE", help="file of the leaderboard"
+    )
+    parser.add_argument("--add", metavar="NAME", help="play a policy and add a row under this name")
+    which = "a rule, pretrained, a .zip file, or module:function (default: NAME)"
     parser.add_argument("--policy", metavar="P", help=which)
-    parser.add_argument("--about", default="", metavar="TEXT", help="what it is, for people")
-    again = "play every row anew, as after a change of the world"
+    parser.add_argument(
+        "--about", default="", metavar="TEXT", help="description of the policy for readers"
+    )
+    again = "replay every row, as needed after a change of the simulator"
     parser.add_argument("--again", action="store_true", help=again)
     return parser
 

@@ -250,7 +250,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 def main(arguments: list[str] | None = None) -> None:
     parser = episodes_parser("motion", __doc__, episodes=256, seed=0)
-    shown = f"of {', '.join(MOTIONS)} (default: all)"
+    shown = f"some of {', '.join(MOTIONS)} (default: all)"
     parser.add_argument("--motions", nargs="+", choices=list(MOTIONS), metavar="NAME", help=shown)
-    add_set_option(parser, "set a number of the environment; repeatable")
+    add_set_option(parser, "set a parameter of the environment; repeatable")
     run_command(parser, measure, arguments)

@@ -189,10 +189,10 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 def main(arguments: list[str] | None = None) -> None:
     parser = episodes_parser("planner", __doc__, episodes=16, seed=0)
     add_base(parser)
-    at_once = "futures of a state played at once, shared by the candidates (default %(default)s)"
-    parser.add_argument("--futures", type=whole_number(least=12), default=384, help=at_once)
-    between = (
-        "decisions from state to state, and for which a candidate stands (default %(default)s)"
+    at_once = (
+        "futures of a state played at once, shared among the candidates (default: %(default)s)"
     )
+    parser.add_argument("--futures", type=whole_number(least=12), default=384, help=at_once)
+    between = "decisions between two plans, for which a candidate holds (default: %(default)s)"
     parser.add_argument("--hold", type=positive, default=16, metavar="N", help=between)
     run_command(parser, measure, arguments)

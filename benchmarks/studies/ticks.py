@@ -68,6 +68,6 @@ def main(arguments: list[str] | None = None) -> None:
         nargs="+",
         default=list(TICKS_S),
         metavar="S",
-        help=f"lengths of a tick, s (default: {' '.join(map(str, TICKS_S))})",
+        help=f"tick lengths, s (default: {' '.join(map(str, TICKS_S))})",
     )
     run_command(parser, measure, arguments)

@@ -115,9 +115,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 def main(arguments: list[str] | None = None) -> None:
     parser = episodes_parser("tune", __doc__, episodes=256, seed=31)
     parser.add_argument("--rules", nargs="+", default=list(RULES), choices=list(RULES))
-    add_set_option(parser, "set a number of the environment; repeatable")
-    rounds = "of climbing (default %(default)s)"
+    add_set_option(parser, "set a parameter of the environment; repeatable")
+    rounds = "rounds of hill climbing (default: %(default)s)"
     parser.add_argument("--rounds", type=positive, default=10, help=rounds)
-    groups = f"episodes a round of climbing, each for {GROUP} rules (default %(default)s)"
+    groups = f"episodes per round of hill climbing, each for {GROUP} rules (default: %(default)s)"
     parser.add_argument("--groups", type=whole_number(LEAST_GROUPS), default=96, help=groups)
     run_command(parser, measure, arguments)

@@ -186,8 +186,10 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 def main(arguments: list[str] | None = None) -> None:
     parser = benchmark_parser("variance", __doc__)
     several = whole_number(least=2, most=4096)
-    parser.add_argument("--demands", type=several, default=64, help="(default %(default)s)")
-    of_each = "of drivers' noise for each demand (default %(default)s)"
+    parser.add_argument(
+        "--demands", type=several, default=64, help="number of demands (default: %(default)s)"
+    )
+    of_each = "streams of driver noise per demand (default: %(default)s)"
     parser.add_argument("--streams", type=several, default=16, help=of_each)
-    parser.add_argument("--seed", type=a_seed, default=0, help="of demands and noise")
+    parser.add_argument("--seed", type=a_seed, default=0, help="seed of demands and noise")
     run_command(parser, measure, arguments)

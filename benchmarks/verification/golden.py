@@ -284,11 +284,11 @@ def main(arguments: list[str] | None = None) -> None:
     parser = benchmark_parser("verification.golden", __doc__)
     what = parser.add_mutually_exclusive_group(required=True)
     file = partial(what.add_argument, metavar="FILE.npz")
-    file("--out", type=output_file, help="write rollouts here")
-    file("--compare", type=argument(archive), nargs=2, help="two such files")
-    few = "write the few numbers that the golden test expects: tests/data/golden.json"
+    file("--out", type=output_file, help="write the results of this tree to this file")
+    file("--compare", type=argument(archive), nargs=2, help="compare two such files")
+    few = "write the numbers that the golden test expects (tests/data/golden.json)"
     what.add_argument("--numbers", type=output_file, metavar="FILE.json", help=few)
-    longer = "with --out: train for a minute or two, too"
+    longer = "with --out: also train, for a minute or two"
     parser.add_argument("--training", action="store_true", help=longer)
     sys.exit(bool(run_command(parser, measure, arguments)["differ"]))
 

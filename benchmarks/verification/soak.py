@@ -158,13 +158,17 @@ def main(arguments: list[str] | None = None) -> None:
     """The command; its exit code is 1 if anything was violated."""
     parser = benchmark_parser("soak", __doc__)
     above_0 = a_number("a number above 0", lambda value: value > 0.0)
-    parser.add_argument("--updates", type=above_0, default=1e9, help="vehicle updates in all")
-    parser.add_argument("--seed", type=natural, default=0, help="which worlds")
-    parser.add_argument("--num-envs", type=positive, default=NUM_ENVS, help="of a case")
-    parser.add_argument("--cases", type=positive, default=CASES, help="that share the updates")
-    again = parser.add_argument_group("to see one environment's first violation again")
-    again.add_argument("--case", type=natural, metavar="C", help="its number")
-    again.add_argument("--environment", type=natural, metavar="E", help="of the case")
-    again.add_argument("--episode", type=natural, default=0, help="of the environment")
+    parser.add_argument("--updates", type=above_0, default=1e9, help="total vehicle updates")
+    parser.add_argument("--seed", type=natural, default=0, help="seed of the random worlds")
+    parser.add_argument("--num-envs", type=positive, default=NUM_ENVS, help="environments per case")
+    parser.add_argument(
+        "--cases", type=positive, default=CASES, help="cases that share the updates"
+    )
+    again = parser.add_argument_group("to replay one environment's first violation")
+    again.add_argument("--case", type=natural, metavar="C", help="number of the case")
+    again.add_argument(
+        "--environment", type=natural, metavar="E", help="index of the environment in the case"
+    )
+    again.add_argument("--episode", type=natural, default=0, help="episode of the environment")
     report = run_command(parser, measure, arguments)
     sys.exit(bool(report["commands"]))

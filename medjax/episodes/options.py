@@ -30,19 +30,19 @@ EVALUATION = "evaluation.json"  # final evaluation in a run directory, if there 
 def add_episode_options(group: Any) -> None:
     """Adds the options to a parser's group; values stay text, so that `requested_episode` words all errors."""
     whose = (
-        f"a rule ({', '.join(BASELINES)}), pretrained (the policy that comes with medjax), module:function that builds "
-        "one, or a file that ends in .zip"
+        f"a rule ({', '.join(BASELINES)}), pretrained (shipped with medjax), module:function that builds a policy, or "
+        "a .zip file"
     )
     group.add_argument("--policy", metavar="NAME", help=f"{whose} (default: {RULE})")
     group.add_argument(
-        "--run-dir", metavar="DIR", help="instead: the policy that train.ppo left in DIR"
+        "--run-dir", metavar="DIR", help="play the policy that train.ppo trained in DIR instead"
     )
-    scenario = "preset (default: that of the trained policy, or paper)"
+    scenario = "preset (default: the one that the policy was trained on, or paper)"
     group.add_argument("--scenario", metavar="NAME", help=scenario)
-    numbers = "set a number of the environment, over those of the training; repeatable"
+    numbers = "set a parameter of the environment, in place of the training's value; repeatable"
     add_set_option(group, numbers)
-    group.add_argument("--seed", metavar="N", default="0", help="whose episodes (default: 0)")
-    which = "which of them, as in train.evaluate (default: 0)"
+    group.add_argument("--seed", metavar="N", default="0", help="seed of the episodes (default: 0)")
+    which = "index of the episode for this seed, as in train.evaluate (default: 0)"
     group.add_argument("--episode", metavar="N", default="0", help=which)
 
 

@@ -53,33 +53,35 @@ def build_parser() -> OneLineParser:
     """Builds the parser. It leaves values as text, so that all errors are worded in one place."""
     parser = OneLineParser(
         prog=PROG,
-        description="Plays one episode and writes it as a video, a picture or a player in one HTML file.",
+        description="Plays an episode and writes it as a video, a picture or an HTML file with a player.",
         epilog=f"{PRESETS}\n\nExample: {PROG} --policy forecast --compare none --out episode.html",
         formatter_class=lambda prog: KeepsLines(prog, max_help_position=28, width=100),
     )
     play = parser.add_argument_group("what is played")
     add_episode_options(play)
-    compare = "a rule on the same episode beside it; .html"
+    compare = "also play this rule on the same episode and show both; .html only"
     play.add_argument("--compare", metavar="NAME", help=compare)
     evaluation = (
-        "what train.evaluate --json wrote: its means stand beside the episode's numbers; .html "
-        "(default: those of the run, or known of a preset, as it is)"
+        "file of train.evaluate --json, whose means are shown beside the episode's numbers; .html only "
+        "(default: the evaluation of the run, or the known one of an unchanged preset)"
     )
     play.add_argument("--evaluation", metavar="FILE.json", help=evaluation)
-    play.add_argument("--force", action="store_true", help="begin although memory is not there")
+    play.add_argument("--force", action="store_true", help="start even if memory is short")
     show = parser.add_argument_group("what is written")
-    show.add_argument("--out", metavar="FILE", required=True, help=f"FILE ends in {SUFFIXES}")
-    follow = f"camera: {FORMS} (default: {AUTO}, the busiest MED)"
+    show.add_argument(
+        "--out", metavar="FILE", required=True, help=f"file to write, ending in {SUFFIXES}"
+    )
+    follow = f"what the camera follows: {FORMS} (default: {AUTO}, the busiest MED)"
     show.add_argument("--follow", metavar="WHAT", default=AUTO, help=follow)
-    start = "first second shown (default: the first charge for .html, 0 for a whole .mp4, else where most EVs charge)"
+    start = "first second to show (default: .html at the first charge, a whole .mp4 at 0, others when most EVs charge)"
     show.add_argument("--start", metavar="S", help=start)
-    duration = "seconds of .mp4 (default: to the end) or .gif (default: 20)"
+    duration = "seconds to show in .mp4 (default: to the end) or .gif (default: 20)"
     show.add_argument("--duration", metavar="S", help=duration)
-    size = "px, of video and picture (default: 1280x480)"
+    size = "size of video or picture in pixels (default: 1280x480)"
     show.add_argument("--size", metavar="WxH", default="1280x480", help=size)
-    span = "metres of road that the camera shows (default: as fits)"
+    span = "metres of road that the camera shows (default: chosen to fit)"
     show.add_argument("--span", metavar="M", help=span)
-    grid = "instead of one episode the best, the median and the worst of N; .html"
+    grid = "show the best, the median and the worst of N episodes instead of one; .html only"
     show.add_argument("--grid", metavar="N", help=grid)
     return parser
 

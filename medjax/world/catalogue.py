@@ -5,15 +5,15 @@ import textwrap
 from collections.abc import Mapping
 
 ABOUT = {
-    "paper": "the paper's corridor: batteries scaled so that charge matters within 4 km",
+    "paper": "the paper's road: 4 km, with batteries so small that charge matters",
     "realistic": (
-        "true packs: EVs arrive with little energy left above empty, so some cannot cross 4 km"
+        "true battery capacities: EVs arrive nearly empty, and some cannot drive the 4 km"
     ),
     "long": (
-        "a motorway of 100 km with true packs: the way takes a Leaf 19 kWh, and charging it 50 km"
+        "100 km of motorway, true battery capacities: a Leaf uses 19 kWh on it and charges within 50 km"
     ),
     "corridor": (
-        "30 km in the afternoon: true packs, powers, lorries and speeds, chargers at every exit; in money"
+        "30 km in the afternoon: true capacities, powers, lorries and speeds; a charger at every exit; reward in euros"
     ),
 }
 

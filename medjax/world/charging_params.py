@@ -19,79 +19,89 @@ class FleetParams(struct.PyTreeNode):
     """MED fleet and dispatch."""
 
     size: jax.Array | int = number(
-        15, 0, 64, "", "MEDs in the depot at first, at most `num_meds`; paper", whole=True
+        15, 0, 64, "", "number of MEDs, at most `num_meds`; all start at a depot; paper", whole=True
     )
     cooldown_s: Scalar = number(
-        20.0, 0, 1e6, "s", "between two dispatches; chosen; the paper leaves its length to the user"
+        20.0, 0, 1e6, "s", "time between two dispatches; chosen, the paper leaves it to the user"
     )
     turnaround_s: Scalar = number(
         math.inf,
         0,
         math.inf,
         "s",
-        "from the road to a depot's charger, and from there to its ramp; inf: each MED is sent once",
+        "time from the road to a depot's charger, plus from there to its ramp; inf: each MED is sent once",
     )
     depot_power_w: Scalar = number(
-        math.inf, 1.0, math.inf, "W", "at which a MED is charged at a depot; inf: at once; paper"
+        math.inf,
+        1.0,
+        math.inf,
+        "W",
+        "charging power of a MED at a depot; inf: charged at once; paper",
     )
     return_speed: Scalar = number(
-        22.0, 1, 100, "m/s", "from the road to its depot, where there are several; a lorry's"
+        22.0,
+        1,
+        100,
+        "m/s",
+        "speed of a MED on the way from the road to its depot, if there are several; a lorry's speed",
     )
     trip_m: Scalar = number(
         math.inf,
         0,
         math.inf,
         "m",
-        "a MED leaves at the first exit after so long a way; inf: at the road's end, or when it is empty",
+        "a MED leaves at the first exit after this distance; inf: at the road's end, or when it is empty",
     )
     service_speed: Scalar = number(
         22.0,
         1,
         100,
         "m/s",
-        "a lorry's; with it the best rule does what the paper claims (docs/paper.md)",
+        "a lorry's speed; with it, the best rule achieves what the paper claims (docs/paper.md)",
     )
     service_lane: jax.Array | int = number(
-        2, 0, 5, "", "one with a lane on either side has four slots", whole=True
+        2, 0, 5, "", "a MED with a lane on either side has four slots", whole=True
     )
-    reserve_soc: Scalar = number(0.1, 0, 1, "", "a MED keeps this for its way home; chosen")
+    reserve_soc: Scalar = number(0.1, 0, 1, "", "charge that a MED keeps for its way home; chosen")
 
 
 class ChargingParams(struct.PyTreeNode):
     """Requests, booking and docking."""
 
-    request_soc: Scalar = number(0.4, 0, 1, "", "an EV below this asks; chosen")
+    request_soc: Scalar = number(0.4, 0, 1, "", "an EV with less charge requests a slot; chosen")
     stop_soc: Scalar = number(
         0.1,
         0,
         1,
         "",
-        "who would come to the next charger with less leaves at the exit ahead for one; chosen",
+        "an EV that would have less at the charger beyond the next exit takes that exit to charge; chosen",
     )
-    target_soc: Scalar = number(0.8, 0, 1, "", "and leaves its slot at this; chosen")
+    target_soc: Scalar = number(0.8, 0, 1, "", "an EV leaves its slot at this charge; chosen")
     reach_ahead_m: Scalar = number(
-        400.0, 0, 200e3, "m", "how far ahead of the EV a MED may be asked; chosen"
+        400.0, 0, 200e3, "m", "how far ahead of an EV a MED may be booked; chosen"
     )
-    reach_behind_m: Scalar = number(100.0, 0, 200e3, "m", "how far behind it; chosen")
+    reach_behind_m: Scalar = number(
+        100.0, 0, 200e3, "m", "how far behind an EV a MED may be booked; chosen"
+    )
     patience_s: Scalar = number(
         60.0,
         0.1,
         1e6,
         "s",
-        "until a booking not docked lapses; reach over approach speed, and 10 s",
+        "time after which a booking lapses if the EV has not docked; reach over approach speed, plus 10 s",
     )
     retry_s: Scalar = number(
-        10.0, 0, 1e6, "s", "then the EV waits so long before it asks again; chosen"
+        10.0, 0, 1e6, "s", "time from a lapsed booking to the EV's next request; chosen"
     )
     approach_speed: Scalar = number(
-        8.0, 0.1, 50, "m/s", "chosen: how much faster than the MED an EV closes up, at most"
+        8.0, 0.1, 50, "m/s", "highest speed relative to the MED at which an EV closes up; chosen"
     )
     slowest_share: Scalar = number(
         0.75,
         0.1,
         1,
         "",
-        "chosen: of the service speed, below which no EV slows down to fall back to its slot",
+        "an EV that falls back to its slot keeps at least this share of the service speed; chosen",
     )
     approach_rate: Scalar = number(
         0.35, 0.01, 10, "1/s", "relative speed per metre to go; chosen: slightly underdamped"
@@ -100,27 +110,41 @@ class ChargingParams(struct.PyTreeNode):
         1.0, 0.01, 20, "1/s", "acceleration per m/s of relative speed error; chosen"
     )
     platoon_headway: Scalar = number(
-        0.3, 0.01, 10, "s", "of a MED and the EVs booked on it; as in truck platooning tests"
+        0.3,
+        0.01,
+        10,
+        "s",
+        "time headway between a MED and the EVs booked on it; as in truck platooning tests",
     )
-    platoon_min_gap: Scalar = number(2.0, 0.1, 20, "m", "as `drivers.min_gap`")
+    platoon_min_gap: Scalar = number(
+        2.0, 0.1, 20, "m", "standstill gap in a platoon; as `drivers.min_gap`"
+    )
     dock_gap_m: Scalar = number(
         12.0, 0.1, 100, "m", "bumper to bumper; chosen: above the platoon's gap at 22 m/s, 8.6 m"
     )
     dock_tolerance_m: Scalar = number(
-        0.3, 0.001, 10, "m", "charging starts within this; chosen: efficiency stays above 0.9"
+        0.3,
+        0.001,
+        10,
+        "m",
+        "charging starts within this distance of the slot; chosen: efficiency stays above 0.9",
     )
     dock_speed_tolerance: Scalar = number(
-        0.5, 0.001, 10, "m/s", "and within this of the MED's speed; chosen"
+        0.5, 0.001, 10, "m/s", "charging starts within this of the MED's speed; chosen"
     )
     hold_tolerance_m: Scalar = number(
-        0.6, 0.001, 10, "m", "beyond this it stops; chosen: the coils' null is at 0.58 m"
+        0.6,
+        0.001,
+        10,
+        "m",
+        "charging stops beyond this distance; chosen: the coils' null is at 0.58 m",
     )
     depleted_blocks: jax.Array | int = number(
         0,
         0,
         1,
         "",
-        "an EV that runs out makes for the right shoulder (0), or keeps its lane (1); chosen",
+        "a depleted EV makes for the right shoulder (0) or stays in its lane (1); chosen",
         whole=True,
     )
     tow_s: Scalar = number(
@@ -128,14 +152,14 @@ class ChargingParams(struct.PyTreeNode):
         0,
         1e6,
         "s",
-        "until one that stands on a lane is towed; HCM 7, ex. 11-22, read second-hand: 34.6 min",
+        "time until a depleted EV that stands in a lane is towed; HCM 7, ex. 11-22, read second-hand: 34.6 min",
     )
     slot_power_w: Scalar = number(
         40e3,
         0,
         10e6,
         "W",
-        "drawn from the MED for each charging slot, at most; chosen between dynamic demonstrators (20 kW) and "
+        "highest power drawn from the MED per charging slot; chosen between dynamic demonstrators (20 kW) and "
         "static heavy duty (120 kW)",
     )
     taper_soc: Scalar = number(
@@ -143,7 +167,7 @@ class ChargingParams(struct.PyTreeNode):
         0,
         1,
         "",
-        "above this an EV takes less, down to nothing when full; usual of fast charging",
+        "above this charge an EV takes less power, down to zero when full; usual for fast charging",
     )
 
 
@@ -152,21 +176,29 @@ class LinkParams(struct.PyTreeNode):
 
     inductance: InductanceTable = None  # type: ignore[assignment]  # `build_link` sets it
     panel_gap_m: Scalar = number(
-        0.2, 0.05, 1, "m", "distance of docked panels, in the coils' table; SAE J2954 Z3"
+        0.2, 0.05, 1, "m", "distance between docked panels, within the coils' table; SAE J2954 Z3"
     )
     misalignment_scale: Scalar = number(
-        1.0, 0, 10, "", "share of the misalignment that coils see; 0: none, 1: as vehicles drive"
+        1.0,
+        0,
+        10,
+        "",
+        "share of the vehicles' misalignment that the coils see; 0: none, 1: all of it",
     )
     permeability: Scalar = number(
-        1.0, 1e-3, 1e4, "", "relative, of what the coils stand in; multiplies their inductance; air"
+        1.0,
+        1e-3,
+        1e4,
+        "",
+        "relative permeability around the coils; multiplies their inductance; air",
     )
     max_current_a: Scalar = number(
         70.0,
         0,
         1e6,
         "A",
-        "RMS, of a MED's coil; a 50 kW, 85 kHz inverter on 800 V feeds 69 A (50 kW over 0.9 x 800 V); 42 A send 40 kW "
-        "at nominal alignment",
+        "RMS limit of a MED's coil; a 50 kW, 85 kHz inverter on 800 V feeds 69 A (50 kW over 0.9 x 800 V); 42 A send "
+        "40 kW at nominal alignment",
     )
     load_ohm: Scalar = number(10.0, 1e-3, 1e6, "ohm", "reference")
     med_resistance_ohm: Scalar = number(0.159, 1e-6, 10e3, "ohm", "reference")
@@ -206,14 +238,20 @@ class BodyParams(struct.PyTreeNode):
     mass_kg: Scalar = number(
         (1636.03, 15076.0), 1, 1e6, "kg", ("Nissan Leaf 30 kWh, fastsim", "reference: a 15 t truck")
     )
-    drag_coefficient: Scalar = number((0.315, 0.8), 1e-3, 10, "", ("the same", "the same"))
-    frontal_area_m2: Scalar = number((2.755, 10.0), 0.01, 100, "m2", ("the same", "the same"))
-    rolling_resistance: Scalar = number((0.008, 0.0092), 1e-4, 1, "", ("the same", "the same"))
+    drag_coefficient: Scalar = number(
+        (0.315, 0.8), 1e-3, 10, "", ("source as for `mass_kg`", "source as for `mass_kg`")
+    )
+    frontal_area_m2: Scalar = number(
+        (2.755, 10.0), 0.01, 100, "m2", ("source as for `mass_kg`", "source as for `mass_kg`")
+    )
+    rolling_resistance: Scalar = number(
+        (0.008, 0.0092), 1e-4, 1, "", ("source as for `mass_kg`", "source as for `mass_kg`")
+    )
     rotational_inertia_factor: Scalar = number(
-        (1.01765, 1.01765), 1, 10, "", ("the same", "as the EV")
+        (1.01765, 1.01765), 1, 10, "", ("source as for `mass_kg`", "as for the EV")
     )
     drivetrain_efficiency: Scalar = number(
-        (0.90, 0.90), 0.01, 1, "", ("reference, steady speed columns", "as the EV")
+        (0.90, 0.90), 0.01, 1, "", ("reference, steady speed columns", "as for the EV")
     )
     regeneration_efficiency: Scalar = number((0.6, 0.6), 0, 1, "", ("chosen", "chosen"))
     auxiliary_w: Scalar = number(
@@ -224,7 +262,7 @@ class BodyParams(struct.PyTreeNode):
         3.6e3,
         3.6e12,
         "J",
-        ("true battery capacity: 30 kWh", "true battery capacity: 400 kWh"),
+        ("true capacity: 30 kWh", "true capacity: 400 kWh"),
     )
 
 

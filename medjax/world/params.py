@@ -56,32 +56,46 @@ class EnvConfig:
       InputError: names the field, its value and what is allowed.
     """
 
-    num_meds: int = number(15, 1, 64, text="the most that the paper sends", whole=True)
+    num_meds: int = number(15, 1, 64, text="MED slots; the most that the paper sends", whole=True)
     num_evs: int = number(
         40,
         1,
         4096,
-        text="chosen: 2.8 times the number at 30 m/s; who charges stays longer",
+        text="EV slots; chosen: 2.8 times the number at 30 m/s, because EVs that charge stay longer",
         whole=True,
     )
-    num_gas: int = number(153, 0, 4096, text="chosen: 1.5 times the number at 30 m/s", whole=True)
-    num_lanes: int = number(4, 1, 6, text="paper", whole=True)
-    num_ramps: int = number(4, 0, 8, text="paper", whole=True)
+    num_gas: int = number(
+        153, 0, 4096, text="gas vehicle slots; chosen: 1.5 times the number at 30 m/s", whole=True
+    )
+    num_lanes: int = number(4, 1, 6, text="main lanes; paper", whole=True)
+    num_ramps: int = number(4, 0, 8, text="on-ramps; paper", whole=True)
     num_exits: int = number(0, 0, 8, text="off-ramps; paper: none", whole=True)
     num_depots: int = number(
         1,
         1,
         8,
-        text="from which MEDs come; ramps are shared out among them; paper: one",
+        text="depots of MEDs, which share the ramps as evenly as possible; paper: one",
         whole=True,
     )
-    num_periods: int = number(1, 1, 1000, text="of `demand.profile`; paper: one", whole=True)
-    tick_s: float = number(
-        0.25, 0.02, 0.5, "s", "chosen: half of what the ballistic update is stable up to"
+    num_periods: int = number(
+        1, 1, 1000, text="periods of `demand.profile`; paper: one", whole=True
     )
-    ticks_per_round: int = number(4, 1, 100, text="chosen: a round of entries a second", whole=True)
+    tick_s: float = number(
+        0.25,
+        0.02,
+        0.5,
+        "s",
+        "physics time step; chosen: half the stability limit of the ballistic update",
+    )
+    ticks_per_round: int = number(
+        4, 1, 100, text="ticks per round; chosen: one round of entries per second", whole=True
+    )
     rounds_per_decision: int = number(
-        1, 1, 100, text="of entries, bookings, plans and their ticks", whole=True
+        1,
+        1,
+        100,
+        text="rounds per decision; a round is entries, bookings, trip plans and its ticks",
+        whole=True,
     )
 
     def __post_init__(self) -> None:
@@ -170,10 +184,10 @@ def weight(default: float, unit: str, text: str) -> Number:
 
 WEIGHT = weight(0.0, "", "off")  # of a term to which the preset gives no weight
 WEIGHTS = {
-    "depleted": weight(-11.6, "1/EV", "w1 of eq (10), calibrated to Table 2 (docs/paper.md)"),
-    "soc": weight(1.02, "1/s", "w2, calibrated but for its proportion to w3 and w4"),
-    "distance": weight(0.102, "1/km", "w3, the same"),
-    "speed": weight(0.102, "1/s", "w4, of speed in 30 m/s, the same"),
+    "depleted": weight(-11.6, "1/EV", "w1 of eq (10); calibrated to Table 2 (docs/paper.md)"),
+    "soc": weight(1.02, "1/s", "w2; calibrated, except for its ratio to w3 and w4"),
+    "distance": weight(0.102, "1/km", "w3; calibrated as w2"),
+    "speed": weight(0.102, "1/s", "w4, of speed in units of 30 m/s; calibrated as w2"),
     "dispatches": weight(0.0, "1/MED", "off"),
     "gas_delay": weight(0.0, "1/s", "off"),
     "lane_changes": WEIGHT,
@@ -185,32 +199,32 @@ PRICES = {
     "delay_h": weight(
         -20.0,
         "EUR/h",
-        "a car's time; UK TAG 2022, 16.83 GBP a vehicle-hour; 12-30 in other guidance",
+        "value of a car's time; UK TAG 2022: 16.83 GBP per vehicle-hour; other guidance: 12-30",
     ),
     "depot_kwh": weight(
         -0.22,
         "EUR/kWh",
-        "0.20 for firms in the EU (Eurostat 2023), over the charger's efficiency, 0.92",
+        "0.20 for firms in the EU (Eurostat 2023), divided by the charger's efficiency, 0.92",
     ),
     "ev_kwh": weight(
         -0.285,
         "EUR/kWh",
-        "at home, EU (Eurostat 2023); what fast chargers cost more is in `charging_stops`",
+        "charged at home, EU (Eurostat 2023); `charging_stops` has the extra cost of fast chargers",
     ),
     "med_h": weight(
         -70.0,
         "EUR/h",
-        "truck and driver without energy, 66 (ATRI 2025), and 5 for the pack; coils not",
+        "truck and driver without energy, 66 (ATRI 2025), plus 5 for the pack; coils not included",
     ),
     "tows": weight(
         -250.0,
         "EUR",
-        "200 for the tow (120-270 in Germany), two hours of the driver; others' delay is in `delay_h`",
+        "200 for the tow (120-270 in Germany), plus two hours of the driver; `delay_h` has the delay of others",
     ),
     "charging_stops": weight(
         -18.0,
         "EUR",
-        "30 min of the driver (EnBW 2024: 27 min), and 25.7 kWh at 0.60, not 0.285 (Fastned 2023)",
+        "30 min of the driver (EnBW 2024: 27 min), plus 25.7 kWh at 0.60 instead of 0.285 (Fastned 2023)",
     ),
 }
 
@@ -229,13 +243,18 @@ class EnvParams(struct.PyTreeNode):
     ev: BodyParams = NISSAN_LEAF
     med: BodyParams = TRUCK
     battery_scale: Scalar = number(
-        30.0, 1e-3, 1e6, "", "divides every battery capacity, never a power"
+        30.0, 1e-3, 1e6, "", "divides every battery capacity, but no power"
     )
     reward_weights: dict[str, Scalar] = struct.field(
         default_factory=lambda: {term: weight.default for term, weight in WEIGHTS.items()}
     )  # by reward term
     episode_decisions: Scalar = number(
-        600, 1, 10_000_000, "", "until truncation: ten minutes; the paper does not say", whole=True
+        600,
+        1,
+        10_000_000,
+        "",
+        "decisions until truncation, ten minutes; the paper gives none",
+        whole=True,
     )
 
     @property

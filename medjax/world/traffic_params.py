@@ -21,82 +21,101 @@ class RoadParams(struct.PyTreeNode):
 
     length_m: Scalar = number(4000.0, 100, 200e3, "m", 'paper, "Experiment settings"')
     lane_width_m: Scalar = number(
-        4.0, 2.75, 10, "m", "paper (highway-env's lane); a lorry is 2.55 m wide"
+        4.0, 2.75, 10, "m", "paper (lane width of highway-env); a lorry is 2.55 m wide"
     )
     ramp_x_m: jax.Array = number(
         (100.0, 1200.0, 2100.0, 3200.0),
         0,
         200e3,
         "m",
-        "where each acceleration lane starts, `(num_ramps,)`; paper",
+        "start of each acceleration lane, `(num_ramps,)`; paper",
         per="ramp",
     )
-    acceleration_lane_m: Scalar = number(250.0, 10, 5000, "m", "chosen; usual for motorways")
+    acceleration_lane_m: Scalar = number(250.0, 10, 5000, "m", "chosen: usual for motorways")
     exit_x_m: jax.Array = number(
         (),
         0,
         200e3,
         "m",
-        "where each deceleration lane ends, and its off-ramp begins, `(num_exits,)`; paper: none",
+        "end of each deceleration lane, where the off-ramp begins, `(num_exits,)`; paper: none",
         per="exit",
     )
     exit_lane_m: Scalar = number(
-        250.0, 10, 5000, "m", "deceleration lanes; German guidelines (RAA): 250"
+        250.0, 10, 5000, "m", "length of deceleration lanes; German guidelines (RAA): 250"
     )
     exit_notice_m: Scalar = number(
         1000.0,
         0,
         10e3,
         "m",
-        "the first sign before an exit; usual for motorways; who enters nearer to it does not take it",
+        "distance of the first sign before an exit, usual for motorways; vehicles that enter nearer do not take it",
     )
     slope: Scalar = number(
-        0.0, -0.2, 0.2, "rad", "positive uphill, the same all along; motorways stay below 0.06"
+        0.0, -0.2, 0.2, "rad", "positive uphill, constant along the road; motorways stay below 0.06"
     )
-    air_density: Scalar = number(1.2, 0.1, 10, "kg/m3", "reference; 20 C at sea level")
+    air_density: Scalar = number(1.2, 0.1, 10, "kg/m3", "reference: 20 C at sea level")
 
 
 class DemandParams(struct.PyTreeNode):
     """Traffic demand at the entries, and its mix of vehicles."""
 
     mainline_per_h: Scalar = number(
-        2600.0, 0, 100e3, "1/h", "all lanes; chosen: 650 an hour and lane, free flow with platoons"
+        2600.0,
+        0,
+        100e3,
+        "1/h",
+        "sum over all lanes; chosen: 650 per hour and lane, free flow with platoons",
     )
     ramp_per_h: jax.Array = number(
-        (250.0,) * 4, 0, 100e3, "1/h", "at each ramp, `(num_ramps,)`; chosen", per="ramp"
+        (250.0,) * 4, 0, 100e3, "1/h", "demand at each ramp, `(num_ramps,)`; chosen", per="ramp"
     )
     profile: jax.Array = number(
         ((1.0,) * 5,),
         0,
         100,
         "",
-        "factor of `mainline_per_h` and of each `ramp_per_h` over the day, `(num_periods, 1 + num_ramps)`, one row a "
-        "period; the last one stays; paper: always 1",
+        "factors of `mainline_per_h` and of each `ramp_per_h` over the day, `(num_periods, 1 + num_ramps)`, one row "
+        "per period; the last row stays in force; paper: always 1",
         per="period",
     )
-    period_s: Scalar = number(3600.0, 1, 1e6, "s", "how long each period is")
-    start_s: Scalar = number(0.0, 0, 1e9, "s", "where in the profile an episode starts")
+    period_s: Scalar = number(3600.0, 1, 1e6, "s", "length of a period of the profile")
+    start_s: Scalar = number(0.0, 0, 1e9, "s", "time in the profile at which an episode starts")
     exit_share: jax.Array = number(
-        (), 0, 1, "", "of those who pass an exit, who leave there, `(num_exits,)`", per="exit"
+        (),
+        0,
+        1,
+        "",
+        "share of vehicles reaching an exit that leave there, `(num_exits,)`",
+        per="exit",
     )
     ev_share: Scalar = number(
-        0.12, 0, 1, "", "EVs among arrivals; chosen: so many that fifteen MEDs can serve most"
+        0.12,
+        0,
+        1,
+        "",
+        "share of EVs among arrivals; chosen so that fifteen MEDs can serve most of them",
     )
     human_share: Scalar = number(
-        0.5, 0, 1, "", "share of EVs driven by a human; chosen, the paper has both kinds of drivers"
+        0.5,
+        0,
+        1,
+        "",
+        "share of EVs with a human driver; chosen, the paper has both kinds of drivers",
     )
     lorry_share: Scalar = number(
-        0.0, 0, 1, "", "lorries among the vehicles with fuel; paper: none; German motorways: 0.15"
+        0.0, 0, 1, "", "share of lorries among gas vehicles; paper: none; German motorways: 0.15"
     )
     arrival_soc_low: Scalar = number(
         0.2,
         0,
         1,
         "",
-        "charge on arrival, at least; chosen with `battery_scale`: most run out unaided",
+        "lowest charge on arrival; chosen with `battery_scale` so that most EVs run out unaided",
     )
-    arrival_soc_high: Scalar = number(0.7, 0, 1, "", "charge on arrival, at most; chosen")
-    ramp_speed: Scalar = number(20.0, 1, 60, "m/s", "at the start of the acceleration lane; chosen")
+    arrival_soc_high: Scalar = number(0.7, 0, 1, "", "highest charge on arrival; chosen")
+    ramp_speed: Scalar = number(
+        20.0, 1, 60, "m/s", "speed at the start of the acceleration lane; chosen"
+    )
 
     def flows(self, time_s: Scalar) -> tuple[jax.Array, jax.Array]:
         """Demand on the main road `()` and at each ramp `(num_ramps,)`, 1/h, at time_s after the episode's start."""
@@ -119,7 +138,7 @@ class DriverParams(struct.PyTreeNode):
         1,
         100,
         "m/s",
-        "mean of the kind; paper: about 110 km/h; a MED drives `fleet.service_speed` once it is in service; a lorry: "
+        "mean of each kind; paper: about 110 km/h; a MED in service drives at `fleet.service_speed` instead; lorries: "
         "85 km/h, std 2.5 (Schakel, Knoop, van Arem 2012)",
         per="kind",
     )
@@ -140,7 +159,12 @@ class DriverParams(struct.PyTreeNode):
         per="kind",
     )
     min_gap: jax.Array = number(
-        (3, 2, 2, 2, 4), 0.1, 20, "m", "bumper to bumper; Treiber et al. 2000: 2", per="kind"
+        (3, 2, 2, 2, 4),
+        0.1,
+        20,
+        "m",
+        "at standstill, bumper to bumper; Treiber et al. 2000: 2",
+        per="kind",
     )
     max_acceleration: jax.Array = number(
         (1, 1.4, 1.4, 1.4, 0.5),
@@ -151,7 +175,7 @@ class DriverParams(struct.PyTreeNode):
         per="kind",
     )
     comfortable_deceleration: jax.Array = number(
-        (2.0, 2.0, 2.0, 2.0, 2.0), 0.1, 20, "m/s2", "the same", per="kind"
+        (2.0, 2.0, 2.0, 2.0, 2.0), 0.1, 20, "m/s2", "source as for `max_acceleration`", per="kind"
     )
     acceleration_noise: jax.Array = number(
         (0.02, 0.10, 0.01, 0.10, 0.05), 0, 5, "m/s2", "standard deviation; chosen", per="kind"
@@ -169,45 +193,57 @@ class DriverParams(struct.PyTreeNode):
         2,
         50,
         "m",
-        "paper (highway-env's car); a rigid truck; an articulated lorry (Directive 96/53/EC)",
+        "cars: paper (highway-env); MED: a rigid truck; lorry: articulated (Directive 96/53/EC)",
         per="kind",
     )
     eco_compliance: Scalar = number(
-        0.0, 0, 1, "", "share of EVs' drivers who slow down to save charge; paper: none does"
+        0.0, 0, 1, "", "share of EV drivers who slow down to save charge; paper: none"
     )
-    eco_speed: Scalar = number(22.0, 1, 100, "m/s", "they do not drive slower than a lorry; chosen")
+    eco_speed: Scalar = number(
+        22.0, 1, 100, "m/s", "lowest speed to save charge, no slower than a lorry; chosen"
+    )
     eco_horizon_m: Scalar = number(
         30e3,
         0,
         math.inf,
         "m",
-        "charge is to last for this, or to the road's end if that is further",
+        "EVs bound for the road's end make their charge last at least this far",
     )
-    eco_soc: Scalar = number(1.0, 0, 1, "", "who has more charge does not think of it")
+    eco_soc: Scalar = number(
+        1.0, 0, 1, "", "drivers with more charge than this do not slow down to save it"
+    )
 
 
 class MotionParams(struct.PyTreeNode):
     """Motion limits and noise that all vehicles share."""
 
-    max_braking: Scalar = number(9.0, 1, 50, "m/s2", "the tyres' limit; dry road")
+    max_braking: Scalar = number(9.0, 1, 50, "m/s2", "limit of the tyres on a dry road")
     noise_time_s: Scalar = number(
         5.0, 0.1, 10e3, "s", "correlation time of acceleration noise and lateral wander; chosen"
     )
     lateral_rate: Scalar = number(
-        2.0, 0.1, 4, "1/s", "of steering; half of it is what is left of an offset once it is small"
+        2.0,
+        0.1,
+        4,
+        "1/s",
+        "steering rate; a small offset is corrected at half the rate times the offset",
     )
     lateral_acceleration: Scalar = number(
-        2.0, 0.1, 20, "m/s2", "sideways, at most; comfortable steering"
+        2.0, 0.1, 20, "m/s2", "highest lateral acceleration; comfortable steering"
     )
     lateral_speed: Scalar = number(
         1.5,
         0.1,
         10,
         "m/s",
-        "sideways, at most: a lane in 4 s; Toledo, Zohar 2007: 4.6 s on average",
+        "highest lateral speed, a lane in 4 s; Toledo, Zohar 2007: 4.6 s on average",
     )
     lateral_slope: Scalar = number(
-        0.2, 0.01, 1, "", "sideways speed over the speed along, at most: nobody slides; chosen"
+        0.2,
+        0.01,
+        1,
+        "",
+        "highest ratio of lateral to longitudinal speed, so that no vehicle slides; chosen",
     )
 
 
@@ -215,42 +251,58 @@ class LaneChangeParams(struct.PyTreeNode):
     """MOBIL (Kesting, Treiber, Helbing 2007)."""
 
     politeness: Scalar = number(0.2, 0, 1, "", "Kesting, Treiber, Helbing 2007: 0.2-0.5")
-    threshold: Scalar = number(0.2, 0, 100, "m/s2", "the same: 0.1-0.2")
+    threshold: Scalar = number(0.2, 0, 100, "m/s2", "Kesting, Treiber, Helbing 2007: 0.1-0.2")
     right_bias: Scalar = number(
-        0.0, -100, 100, "m/s2", "in favour of the right lane; symmetric rules, as in the USA"
+        0.0, -100, 100, "m/s2", "incentive to change right; 0: symmetric rules, as in the USA"
     )
     safe_braking: Scalar = number(
-        4.0, 0.1, 50, "m/s2", "imposed on the new follower or on oneself, at most; the same"
+        4.0,
+        0.1,
+        50,
+        "m/s2",
+        "hardest braking that a change imposes on the follower or the vehicle itself; Kesting, Treiber, Helbing 2007",
     )
     mandatory_bias: Scalar = number(
-        10.0, 0, 1000, "m/s2", "a mandatory change's; chosen: beats any incentive, never safety"
+        10.0,
+        0,
+        1000,
+        "m/s2",
+        "incentive of a mandatory change; chosen: outweighs any other incentive, but never safety",
     )
     urgency_bias: Scalar = number(
-        10.0, 0, 1000, "m/s2", "more at the end of an acceleration lane; chosen"
+        10.0, 0, 1000, "m/s2", "additional incentive at the end of an acceleration lane; chosen"
     )
     accepted_headway: Scalar = number(
-        0.56, 0.1, 10, "s", "where a change is most urgent; Schakel, Knoop, van Arem 2012"
+        0.56,
+        0.1,
+        10,
+        "s",
+        "headway accepted by the most urgent change; Schakel, Knoop, van Arem 2012",
     )
     relaxation_s: Scalar = number(
-        15.0, 0.1, 1e3, "s", "in which a short headway grows back; Laval, Leclercq 2008: 10-20"
+        15.0, 0.1, 1e3, "s", "time in which a short headway recovers; Laval, Leclercq 2008: 10-20"
     )
     courtesy_braking: Scalar = number(
-        2.0, 0, 20, "m/s2", "for one who must change, at most; Schakel et al. 2012: comfortable"
+        2.0,
+        0,
+        20,
+        "m/s2",
+        "hardest braking to let others change, or to fall in for one's own change; Schakel et al. 2012: comfortable",
     )
     view_m: Scalar = number(
         360.0,
         1,
         10e3,
         "m",
-        "where a change begins to be urgent, before the place where it must be done; and how far others look",
+        "a mandatory change becomes urgent this far before it must be done; courteous drivers look as far",
     )
     exit_view_m: Scalar = number(
         295.0,
         1,
         10e3,
         "m",
-        "the same before a deceleration lane, for each lane to cross; Schakel, Knoop, van Arem 2012: 295",
+        "the same before a deceleration lane, per lane to cross; Schakel, Knoop, van Arem 2012: 295",
     )
     recovery_s: Scalar = number(
-        6.0, 0, 1e3, "s", "from a change to the next one that is only an advantage; chosen"
+        6.0, 0, 1e3, "s", "time from a lane change to the next discretionary one; chosen"
     )

@@ -22,7 +22,7 @@ def build_parser(study: str) -> OneLineParser:
     note = weights.NOTE if study == WEIGHTS else sweeps.SWEEPS[study].note
     parser = episodes_parser(f"ablation {study}", note, episodes=128, seed=0)
     parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
-    add_set_option(parser, "set another number of the environment, as for train.ppo; repeatable")
+    add_set_option(parser, "set another parameter of the environment, as in train.ppo; repeatable")
     add_plot(parser, "the figure")
     shown = "sample the trained policy's actions instead of taking the most probable"
     parser.add_argument("--stochastic", action="store_true", help=shown)
@@ -40,7 +40,9 @@ def main(arguments: list[str] | None = None) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     top.add_argument("study", choices=[WEIGHTS, *sweeps.SWEEPS])
-    top.add_argument("options", nargs=argparse.REMAINDER, help="see STUDY --help")
+    top.add_argument(
+        "options", nargs=argparse.REMAINDER, help="options of the study, see STUDY --help"
+    )
     chosen = top.parse_args(arguments)
     parser, is_weights = build_parser(chosen.study), chosen.study == WEIGHTS
 

@@ -47,31 +47,31 @@ SWEEPS = {
         "link.misalignment_scale",
         (0, 0.5, 1, 2),
         "share of the misalignment that coils see",
-        "Coils without misalignment (0: every link at its nominal place), with it (1), and with twice as much (2).",
+        "Varies the coils' misalignment: none (0, all links at their nominal place), as simulated (1), twice that (2).",
     ),
     "humans": Sweep(
         "demand.human_share",
         (0, 0.25, 0.5, 0.75, 1),
         "share of EVs with a human driver",
-        "EVs that people drive, with their noise, among EVs that drive themselves.",
+        "Varies the share of EVs with human drivers, and their noise, among autonomous EVs.",
     ),
     "cooldown": Sweep(
         "fleet.cooldown_s",
         (5, 10, 20, 30, 40, 60),
         "cooldown after a dispatch (s)",
-        "How long no MED can be sent after one was.",
+        "Varies the time after a dispatch in which no other MED can be sent.",
     ),
     "fleet": Sweep(
         "fleet.size",
         (0, 3, 6, 9, 12, 15),
         "MEDs in the fleet",
-        "How many MEDs there are; where the preset has no places for more: --set num_meds=30 --values 15 20 30.",
+        "Varies the number of MEDs. For more than the preset has slots for: --set num_meds=30 --values 15 20 30.",
     ),
     "power": Sweep(
         "charging.slot_power_w",
         (5e3, 10e3, 20e3, 40e3, 80e3, 160e3),
         "power of each of a MED's slots (W)",
-        "From a quarter to eight times the power that `corridor` has: --scenario corridor.",
+        "Varies the power of a slot from a quarter to eight times that of `corridor`: --scenario corridor.",
     ),
 }
 COLUMNS = (
@@ -92,7 +92,10 @@ def add_options(parser: OneLineParser, study: str) -> None:
         "--values", type=non_negative, nargs="+", default=values, metavar="X", help=shown
     )
     parser.add_argument(
-        "--run-dir", type=a_path, metavar="DIR", help="directory that train.ppo wrote, to play too"
+        "--run-dir",
+        type=a_path,
+        metavar="DIR",
+        help="also play the policy of this directory, which train.ppo wrote",
     )
 
 

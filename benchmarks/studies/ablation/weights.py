@@ -29,8 +29,8 @@ from train.evaluation.tables import format_rows
 from train.reporting.figures import new_figure
 
 NOTE = (
-    "Trains a dispatcher for each cost of a MED without a cost of delay, and for each cost of delay without a cost of "
-    "a MED; weights of eq (10), against that of a depleted EV."
+    "Trains one dispatcher per cost of a MED, without a cost of delay, and one per cost of delay, without a cost of a "
+    "MED. Costs are weights of eq (10), like that of a depleted EV."
 )
 COSTS = {  # by reward term: default values, and what is paid for
     "dispatches": ((0.0, 10.0, 20.0, 30.0), "a MED sent"),
@@ -48,10 +48,10 @@ COLUMNS = (
 def add_options(parser: OneLineParser) -> None:
     """Options of this study only."""
     parser.add_argument(
-        "--decisions", type=positive, default=1_000_000, metavar="N", help="of each learner"
+        "--decisions", type=positive, default=1_000_000, metavar="N", help="decisions per learner"
     )
     for term, (values, paid_for) in COSTS.items():
-        shown = f"of {paid_for} (default: {' '.join(f'{value:g}' for value in values)})"
+        shown = f"costs of {paid_for} (default: {' '.join(f'{value:g}' for value in values)})"
         name = f"--{term.replace('_', '-')}"
         parser.add_argument(
             name, type=non_negative, nargs="*", default=values, metavar="COST", help=shown

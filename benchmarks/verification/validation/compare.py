@@ -113,15 +113,17 @@ def _each(found: dict[str, dict[str, list[Findings]]], of: Any) -> dict[str, dic
 def build_parser() -> OneLineParser:
     """The command line."""
     parser = benchmark_parser("validation", __doc__)
-    parser.add_argument("--episodes", type=whole_number(most=100), default=5, help="of each demand")
+    parser.add_argument(
+        "--episodes", type=whole_number(most=100), default=5, help="episodes per demand"
+    )
     parser.add_argument(
         "--minutes",
         type=whole_number(most=10_000),
         default=20,
-        help="of each, after five to fill the road; twice as many of the rising demand",
+        help="minutes to measure per episode, after five to fill the road; the rising demand takes twice as long",
     )
-    parser.add_argument("--seed", type=a_seed, default=0, help="which episodes")
-    names, shown = list(DEMANDS), f"of {', '.join(DEMANDS)} (default: all)"
+    parser.add_argument("--seed", type=a_seed, default=0, help="seed of the episodes")
+    names, shown = list(DEMANDS), f"some of {', '.join(DEMANDS)} (default: all)"
     parser.add_argument(
         "--demands", nargs="+", choices=names, default=names, metavar="NAME", help=shown
     )

@@ -1,1 +1,1 @@
-"""Every MED an agent: what it may do, what it sees, and the environment of all of them."""
+"""Multi-agent environment: every MED is an agent. Action spaces, observations and the environment itself."""

@@ -1,4 +1,4 @@
-"""What an agent may do: parts, each a space of its own, and the one discrete action that all of them fold into."""
+"""An agent's action: several discrete parts, and the single discrete action that they fold into."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ Each = TypeVar("Each")
 
 
 class Parts(NamedTuple, Generic[Each]):
-    """Something for each part of an agent's action: spaces, choices `(A,)` int32, or masks `(A, n)` bool."""
+    """One item per part of an agent's action: spaces, choices `(A,)` int32, or masks `(A, n)` bool."""
 
-    enter: Each  # 0 waits at the depot, r enters from ramp r
-    speed: Each  # of `AgentActions.speeds`
-    lane: Each  # of `AgentActions.lanes`
-    accept: Each  # 0 takes no EV that asks, 1 takes them
-    leave: Each  # 1 + d makes for the next exit, and for depot d; a road without exits has only 0
+    enter: Each  # 0 waits at the depot, r enters from ramp r, counted from 1
+    speed: Each  # index into `AgentActions.speeds`
+    lane: Each  # index into `AgentActions.lanes`
+    accept: Each  # 0 refuses EVs that request a slot, 1 takes them
+    leave: Each  # 0 stays, 1 + d takes the next exit and goes to depot d; always 0 on a road without exits
 
 
 @dataclasses.dataclass(frozen=True)
 class AgentActions:
-    """The spaces of an agent's action.
+    """Action spaces of an agent.
 
-    Folded, action 0 does as the rule does: waits at the depot, or serves at the fleet's speed, in the fleet's lane,
-    and takes who asks. Actions 1 .. num_ramps enter from that ramp. Those beyond are what a MED that was sent may do,
-    the last part, `leave`, counting fastest.
+    Folded action 0 follows the rule: the MED waits at the depot, or serves at the fleet's speed, in the fleet's lane,
+    and takes every EV that requests a slot. Actions 1 .. num_ramps enter from that ramp. Higher actions are for a MED
+    that was sent; the last part, `leave`, varies fastest.
 
     Attributes:
-      speeds: m/s, that a MED in service may be told to drive.
-      lanes: that it may be told to serve in.
+      speeds: service speeds to choose from, m/s.
+      lanes: service lanes to choose from.
       num_ramps: on-ramps of the road.
-      exits: whether the road has any, by which it may leave early.
-      depots: that it may go to then.
-      usual: places in `speeds` and `lanes` of the preset's own.
+      exits: whether the road has exits, by which a MED may leave early.
+      depots: number of depots that a leaving MED may choose from.
+      usual: indices of the preset's own speed and lane in `speeds` and `lanes`.
     """
 
     speeds: tuple[float, ...]
@@ -56,26 +56,26 @@ class AgentActions:
 
     @property
     def parts(self) -> Parts[Discrete]:
-        """A `Discrete` each."""
+        """The `Discrete` space of each part."""
         leave = 1 + self.depots if self.exits else 1
         sizes = (1 + self.num_ramps, len(self.speeds), len(self.lanes), 2, leave)
         return Parts(*map(Discrete, sizes))
 
     @property
     def num_actions(self) -> int:
-        """Of the folded action."""
+        """Number of folded actions."""
         enter, *others = self.parts
         return enter.n + math.prod(part.n for part in others)
 
     @property
     def num_logits(self) -> int:
-        """Choices of all parts together."""
+        """Number of choices, summed over the parts."""
         return sum(part.n for part in self.parts)
 
     def fold_logits(self, logits: jax.Array) -> jax.Array:
-        """Of the folded action, `(..., num_actions)`, from those of its parts one after the other `(..., num_logits)`.
+        """Logits of the folded action, `(..., num_actions)`, from the parts' concatenated logits `(..., num_logits)`.
 
-        By their softmax the parts of one in service are drawn each by itself.
+        Under the softmax of the result, the parts of a MED in service are independent.
         """
         sizes = itertools.accumulate(part.n for part in self.parts[:-1])
         enter, joint, *others = jnp.split(logits, list(sizes), axis=-1)
@@ -84,7 +84,7 @@ class AgentActions:
         return jnp.concatenate([enter, joint], axis=-1)
 
     def fold(self, parts: Parts[jax.Array], serves: jax.Array) -> jax.Array:
-        """The folded action, `(A,)` int32, of choices; `serves` `(A,)` bool: one that was sent, whose `enter` is 0."""
+        """Folds choices into actions, `(A,)` int32; `serves` `(A,)` bool marks sent MEDs, whose `enter` is 0."""
         enter, *spaces = self.parts
         place = jnp.zeros_like(parts.speed)
         for space, choice in zip(spaces, parts[1:], strict=True):
@@ -92,7 +92,7 @@ class AgentActions:
         return jnp.where(serves, enter.n + place, parts.enter).astype(jnp.int32)
 
     def unfold(self, action: jax.Array, rule: Parts[jax.Array]) -> Parts[jax.Array]:
-        """The choices `(A,)` of folded actions `(A,)`; where these say nothing of a part, those of `rule`."""
+        """Choices `(A,)` of folded actions `(A,)`; parts that an action leaves open take the choice of `rule`."""
         enter, *spaces = self.parts
         serves = action >= enter.n
         place = jnp.maximum(action - enter.n, 0)
@@ -103,7 +103,7 @@ class AgentActions:
         return Parts(jnp.where(serves, 0, action), *reversed(choices))
 
     def by_rule(self, state: EnvState, params: EnvParams) -> Parts[jax.Array]:
-        """What the rule would choose, `(A,)` each: of the speeds and lanes those that come nearest to the fleet's."""
+        """The rule's choices, `(A,)` each: the speeds and lanes nearest to the fleet's."""
         usual = params.fleet
         wait = jnp.zeros(state.meds.status.shape, jnp.int32)
         lane = jnp.where(_is_alone(state), usual.service_lane, state.meds.service_lane)
@@ -116,12 +116,12 @@ class AgentActions:
         )
 
     def masks(self, state: EnvState, config: EnvConfig, params: EnvParams) -> Parts[jax.Array]:
-        """Which choices an agent has in each part, `(A, n)` bool.
+        """Allowed choices in each part, `(A, n)` bool.
 
-        Only the first of a depot's line may enter, from a ramp of that depot, once the cooldown is over. One that waits
-        at a ramp or merges may refuse EVs. A MED in service keeps its lane while an EV is booked on it: those beside it
-        would be in its way. It may leave at an exit that comes before its destination, and once: that is its
-        destination then. Until it is too late for its exit, or to the road's end, it may choose another depot.
+        Only the first MED in a depot's queue may enter, from a ramp of that depot, once the cooldown is over. A MED
+        that waits at a ramp or merges may refuse EVs. A MED in service keeps its lane while an EV is booked on it,
+        because EVs beside it would be in its way. It may leave once, at an exit before its destination; that exit
+        becomes its destination. It may change its depot while it can still take its exit, or until the road's end.
         """
         status = state.meds.status
         in_service = status == IN_SERVICE
@@ -148,7 +148,7 @@ class AgentActions:
         )
 
     def folded_mask(self, masks: Parts[jax.Array]) -> jax.Array:
-        """Which folded actions are allowed, `(A, num_actions)` bool, by the masks of the parts; action 0 always is."""
+        """Allowed folded actions, `(A, num_actions)` bool, from the masks of the parts; action 0 is always allowed."""
         combined = masks.speed
         for part in masks[2:]:
             combined = (combined[:, :, None] & part[:, None, :]).reshape(combined.shape[0], -1)
@@ -156,11 +156,11 @@ class AgentActions:
 
 
 def _is_alone(state: EnvState) -> jax.Array:
-    """MEDs on which nobody is booked, `(A,)` bool."""
+    """MEDs without bookings, `(A,)` bool."""
     return ~jnp.any(state.evs.med[:, None] == jnp.arange(state.meds.status.shape[0]), axis=0)
 
 
 def _nearest(choices: tuple[float, ...], value: jax.Array) -> jax.Array:
-    """The place of the choice that comes nearest to each value, int32 of its shape."""
+    """Index of the choice nearest to each value `(A,)`, int32."""
     apart = jnp.abs(jnp.asarray(choices, jnp.float32) - value[:, None])
     return jnp.argmin(apart, axis=1).astype(jnp.int32)

@@ -1,4 +1,4 @@
-"""The highway with every MED an agent: `ChargingEnv`, whose dispatcher and MEDs in service are told what to do."""
+"""`ChargingEnv` with every MED as an agent, which decides when to enter and how to serve."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ VIEW = AgentView()
 class AgentsEnv(Wrapper):
     """Every MED of a `ChargingEnv` is an agent, at the depot and in service. A = `config.num_meds`.
 
-    One step is one decision of `env`. An agent that does as the rule does (action 0) leaves the highway as it is: with
-    all others at 0, the agent at the head of the depot's line is the dispatcher of `env`, bit for bit. To whatever
-    wraps, plays or learns in environments this is one more, whose observations, masks and actions have an axis of
-    agents first. `medjax.make_agents` puts names and dicts around it.
+    One step is one decision of `env`. Action 0 follows the rule and leaves the highway unchanged: if all other agents
+    choose 0, the agent at the head of the depot's queue acts as the dispatcher of `env`, bit for bit. Wrappers, players
+    and learners use this like any other environment; observations, masks and actions have a leading agent axis.
+    `medjax.make_agents` adds names and dicts.
 
     Attributes:
-      env: of one highway, not wrapped.
-      actions: what an agent may do.
-      credit: what `info["rewards"]` is: "team", the reward of `env` for everyone; or "own", the packs by which the
-        charge of the EVs that are booked on it changed in the decision, those that began booked and those that end so.
-      view: what an agent sees.
+      env: the unwrapped environment of one highway.
+      actions: action spaces of an agent.
+      credit: content of `info["rewards"]`. "team": every agent gets the reward of `env`. "own": an agent gets the
+        change in charge, in packs, of the EVs that are booked on it at the start or at the end of the decision.
+      view: observation of an agent.
     """
 
     actions: AgentActions
@@ -47,29 +47,29 @@ class AgentsEnv(Wrapper):
 
     @property
     def num_agents(self) -> int:
-        """One each slot of a MED."""
+        """One agent per MED slot."""
         return int(self.env.config.num_meds)
 
     @property
     def num_actions(self) -> int:
-        """Of an agent's folded action."""
+        """Number of folded actions of an agent."""
         return self.actions.num_actions
 
     @property
     def observation(self) -> AgentView:
-        """What makes an agent's vector."""
+        """The view that builds an agent's vector."""
         return self.view
 
     def action_space(self, params: EnvParams | None = None) -> Discrete:
-        """Of an agent's folded action; its parts are `actions.parts`."""
+        """Space of an agent's folded action; `actions.parts` has its parts."""
         return Discrete(self.num_actions)
 
     def observation_space(self, params: EnvParams | None = None) -> Box:
-        """Of an agent: a float32 vector without bounds; units are those of `AgentView`."""
+        """Observation space of an agent: an unbounded float32 vector in the units of `AgentView`."""
         return Box(-jnp.inf, jnp.inf, (self.view.size(self.env.config),))
 
     def reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
-        """Starts an episode: what the agents see, `(A, size)` float32, and the state."""
+        """Starts an episode; returns the observations `(A, size)` float32 and the state."""
         _, state = self.env.reset(key, params)
         return self.get_obs(state, params), state
 
@@ -79,14 +79,14 @@ class AgentsEnv(Wrapper):
         """One decision without a reset.
 
         Args:
-          key: as of `ChargingEnv.step_env`.
-          state: of one highway.
-          action: (A,) int32, folded; one that the mask forbids counts as 0, and in `metrics["invalid_actions"]`.
-          params: of the highway.
+          key: as in `ChargingEnv.step_env`.
+          state: state of one highway.
+          action: (A,) int32, folded; a masked action counts as 0, and towards `metrics["invalid_actions"]`.
+          params: parameters of the highway.
 
         Returns:
           (observations (A, size) float32, state, reward of `env` () float32, terminated () bool, truncated () bool,
-          info of `ChargingEnv.step_env`, with "action_mask" (A, num_actions), and "rewards" (A,) float32 of the agents)
+          info of `ChargingEnv.step_env` with "action_mask" (A, num_actions) and the agents' "rewards" (A,) float32)
         """
         rule = self.actions.by_rule(state, params)
         mask = self.action_mask(state, params)
@@ -97,7 +97,7 @@ class AgentsEnv(Wrapper):
     def step_parts(
         self, key: jax.Array, state: EnvState, parts: Parts[jax.Array], params: EnvParams
     ) -> StepResult:
-        """`step_env` by parts `(A,)` int32 each; one that its mask forbids counts as the rule's, and is counted."""
+        """`step_env` for parts, `(A,)` int32 each; the rule's choice replaces a masked one, which counts as invalid."""
         masks = self.actions.masks(state, self.env.config, params)
         rule = self.actions.by_rule(state, params)
         allowed, wrong = allowed_parts(parts, masks, rule)
@@ -111,7 +111,7 @@ class AgentsEnv(Wrapper):
         wrong: jax.Array,
         params: EnvParams,
     ) -> StepResult:
-        """The decision of allowed parts, so many others having been `wrong` ()."""
+        """Plays a decision with allowed parts; `wrong` () is the number of invalid choices that were replaced."""
         ordered, action = give_orders(state, parts, self.actions, self.env.config, params)
         told = _told(state, ordered, self.env.config.decision_s)
         told = told.replace(invalid_actions=wrong.astype(jnp.float32))
@@ -127,7 +127,7 @@ class AgentsEnv(Wrapper):
         return self.get_obs(after, params), after, reward, terminated, truncated, info
 
     def _own(self, before: EnvState, after: EnvState, params: EnvParams) -> jax.Array:
-        """Packs by which the charge of each MED's EVs changed, `(A,)`; of EVs that are on the road at both ends."""
+        """Change in charge of each MED's EVs, `(A,)` packs; counts EVs on the road both before and after."""
         slots = self.env.config.ev_slots
         agents = jnp.arange(self.num_agents)[:, None]
         stayed = before.vehicles.active[slots] & after.vehicles.active[slots]
@@ -136,15 +136,15 @@ class AgentsEnv(Wrapper):
         return jnp.sum(jnp.where((ours[0] | ours[1]) & stayed, change, 0.0), axis=1)
 
     def action_mask(self, state: EnvState, params: EnvParams) -> jax.Array:
-        """Allowed folded actions, `(A, num_actions)` bool; action 0 always is."""
+        """Allowed folded actions, `(A, num_actions)` bool; action 0 is always allowed."""
         return self.actions.folded_mask(self.actions.masks(state, self.env.config, params))
 
     def present(self, state: EnvState, params: EnvParams) -> jax.Array:
-        """Agents that have a choice now, `(A,)` bool."""
+        """Agents with more than one allowed action, `(A,)` bool."""
         return jnp.sum(self.action_mask(state, params), axis=1) > 1
 
     def get_obs(self, state: EnvState, params: EnvParams) -> jax.Array:
-        """What the agents see, `(A, size)` float32."""
+        """Observations, `(A, size)` float32."""
         seen = self.view(state, self.env.config, params)
         return of_shape(seen, (self.num_agents, self.view.size(self.env.config)))
 
@@ -154,10 +154,10 @@ class AgentsEnv(Wrapper):
 
 
 def agents_metrics(tally: EpisodeStats) -> dict[str, jax.Array]:
-    """What agents decided since reset, float32 scalars by name.
+    """Metrics of the agents' decisions since reset, float32 scalars by name.
 
-    Of the time that MEDs were in service: told_speed, the mean of the speeds they were told, m/s, and refusing_share,
-    the share in which they took nobody. left_early counts those that made for an exit on their own.
+    told_speed is the mean ordered speed, m/s, and refusing_share the share of time in which MEDs refuse EVs; both are
+    over the time in service. left_early counts MEDs that chose to leave at an earlier exit.
     """
     seconds = jnp.maximum(tally.told_seconds, 1.0)
     return {
@@ -168,7 +168,7 @@ def agents_metrics(tally: EpisodeStats) -> dict[str, jax.Array]:
 
 
 def _told(before: EnvState, ordered: EnvState, decision_s: float) -> EpisodeStats:
-    """What the orders of a decision add to the tally."""
+    """Tally of the orders of one decision."""
     meds = ordered.meds
     serves = jnp.where(meds.status == IN_SERVICE, jnp.float32(decision_s), 0.0)
     slots = slice(meds.status.shape[0])

@@ -1,4 +1,4 @@
-"""What agents decide, put into the state of the highway: one of them enters, those in service get their orders."""
+"""Applies agents' decisions to the state: one MED enters, and MEDs in service get their orders."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from medjax.world.state import IN_SERVICE, MERGING, QUEUED, EnvState
 def allowed_parts(
     choices: Parts[jax.Array], masks: Parts[jax.Array], rule: Parts[jax.Array]
 ) -> tuple[Parts[jax.Array], jax.Array]:
-    """The choices `(A,)`, with the rule's where a mask forbids one, and how many of each agent's that were, `(A,)`."""
+    """Replaces masked choices `(A,)` by the rule's; also returns how many were replaced for each agent, `(A,)`."""
 
     def check(choice: jax.Array, mask: jax.Array, usual: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """A part's choices, and which of them count as the rule's though they are others."""
+        """Choices of a part, and where the rule's choice replaced a different one."""
         fine = is_allowed(choice, mask)
         return jnp.where(fine, choice, usual), ~fine & (choice != usual)
 
@@ -34,15 +34,15 @@ def give_orders(
     config: EnvConfig,
     params: EnvParams,
 ) -> tuple[EnvState, jax.Array]:
-    """The state with the orders of agents in service, and what the dispatcher does.
+    """Gives the agents in service their orders, and derives the dispatcher's action.
 
     Args:
       parts: allowed choices `(A,)`.
-      actions: their spaces.
+      actions: action spaces of the choices.
 
     Returns:
-      (state, 0 or the ramp that an agent enters from, counted from 1, () int32: of several agents, one a depot, that of
-      the last ramp alone, since one MED enters a decision)
+      (state, dispatcher's action () int32: 0, or the ramp of the agent that enters, counted from 1). Only one MED
+      enters per decision: if agents of several depots enter, the one with the last ramp does.
     """
     vehicles, meds = state.vehicles, state.meds
     serves = meds.status == IN_SERVICE

@@ -1,4 +1,4 @@
-"""What an agent sees: itself, those around it in its own frame, what asks for it, and what is to come."""
+"""Observation of an agent: itself, nearby vehicles in its own frame, its next request, and the expected need."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from medjax.world.state import (
     EnvState,
 )
 
-VIEW_M = 500.0  # a way of 1
+VIEW_M = 500.0  # a distance of 1
 SPEED_UNIT = 30.0  # m/s, a speed of 1
 NOWHERE = 1.0e9
 OF_ITSELF = len(STATUS_NAMES) + 11
@@ -42,23 +42,24 @@ OF_A_RAMP = len(Need._fields)
 
 @dataclasses.dataclass(frozen=True)
 class AgentView:
-    """An agent's observation, a float32 vector for each; nothing in it depends on the order of slots.
+    """Observation of each agent, a float32 vector that does not depend on the order of slots.
 
-    - Itself: its status one-hot; its share of the road, speed, charge, lane, lanes to the one that it serves in, speed
-      that it serves at; whether it takes EVs; free slots; the way to the exit ahead and to its own; whether it is the
-      first at its depot; where there are several, which that is.
-    - The `num_evs` nearest EVs: there, way and speed relative to its own, lanes to it, charge, packs that it lacks to
-      its destination, whether it asks now, is booked on this MED, on another, charges.
-    - The EV that would be granted it now: there, way, relative speed, lanes, charge, packs that it lacks.
-    - The next MED ahead of it and behind it: there, way, relative speed, whether in service, free slots.
-    - Where there are several depots, the share of the fleet at each. Of each ramp what a MED from there would find
+    - Itself: status one-hot; position as a share of the road, speed, charge, lane, lanes to its service lane, service
+      speed; whether it takes EVs; free slots; distance to the next exit and to its own; whether it is first at its
+      depot; with several depots, its depot one-hot.
+    - The `num_evs` nearest EVs: present, distance, relative speed, lanes to it, charge, packs that it lacks to its
+      destination, whether it requests a slot now, is booked on this MED, is booked on another, is charging.
+    - The EV that booking would grant it now: present, distance, relative speed, lanes, charge, packs that it lacks.
+    - The next MED ahead and the next behind: present, distance, relative speed, whether in service, free slots.
+    - With several depots, the share of the fleet at each. For each ramp, what a MED from there would meet
       (`medjax.env.forecast.Need`), and the clock of `medjax.env.observation.Observation`.
 
-    Ways are in 500 m, at most 1; speeds in 30 m/s; slots and EVs in those of a MED. Who is not on the road sees nobody.
+    Distances are in units of 500 m, at most 1; speeds in 30 m/s; slots and EVs in the number of slots of a MED. An
+    agent sees others only on the road or in the queue at a ramp.
 
     Attributes:
-      num_evs: that it sees, at most.
-      road: the whole road, after all that; for a critic, which may see what nobody acts on.
+      num_evs: number of EVs in view, at most.
+      road: profile of the whole road, appended at the end for a critic.
     """
 
     num_evs: int = 8
@@ -69,7 +70,7 @@ class AgentView:
         return self.own_size(config) + (self.road.size(config) if self.road else 0)
 
     def own_size(self, config: EnvConfig) -> int:
-        """Of that the entries that it may act on, which come first."""
+        """Number of leading entries that the agent may act on."""
         nearest = min(self.num_evs, config.num_evs) * OF_AN_EV
         return (
             OF_ITSELF
@@ -82,7 +83,7 @@ class AgentView:
         )
 
     def outlook(self, vector: jax.Array, config: EnvConfig) -> tuple[Need, jax.Array, jax.Array]:
-        """Of `(..., size)`: what a MED from each ramp would find, the share at the depot, and that of time left."""
+        """Reads from vectors `(..., size)` each ramp's need, the share at the depot, and the share of time left."""
         last = self.own_size(config)
         clock = last - CLOCK_FEATURES
         return outlook_in(
@@ -90,7 +91,7 @@ class AgentView:
         )
 
     def __call__(self, state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-        """`(num_meds, size)` float32."""
+        """Observations, `(num_meds, size)` float32."""
         evs = _evs(state, config, params)
         way = jnp.where(
             _on_road(state, config)[:, None], _ways(state, config, params, evs[:, 0]), NOWHERE
@@ -120,34 +121,34 @@ class AgentView:
 
 
 def _on_road(state: EnvState, config: EnvConfig) -> jax.Array:
-    """MEDs that see others, `(A,)` bool: on the road, or waiting at its edge."""
+    """MEDs that see others, `(A,)` bool: on the road, or in the queue at a ramp."""
     return state.vehicles.active[config.med_slots] | (state.meds.status == QUEUED)
 
 
 def _there(state: EnvState, config: EnvConfig) -> jax.Array:
-    """EVs that drive, `(E,)` bool."""
+    """EVs on the road that still have charge, `(E,)` bool."""
     return state.vehicles.active[config.ev_slots] & ~state.evs.is_depleted
 
 
 def _speeds(state: EnvState, config: EnvConfig) -> jax.Array:
-    """Of MEDs, `(A,)` m/s; 0 off the road, where a slot keeps what its last trip ended with."""
+    """Speeds of MEDs, `(A,)` m/s; 0 off the road, where slots keep the values of the last trip."""
     vehicles, slots = state.vehicles, config.med_slots
     return jnp.where(vehicles.active[slots], vehicles.speed[slots], 0.0)
 
 
 def _lanes(state: EnvState, config: EnvConfig) -> jax.Array:
-    """Of MEDs, `(A,)`; 0 off the road, as `_speeds`."""
+    """Lanes of MEDs, `(A,)`; 0 off the road, as in `_speeds`."""
     vehicles, slots = state.vehicles, config.med_slots
     return jnp.where(vehicles.active[slots], vehicles.lane[slots], 0).astype(jnp.float32)
 
 
 def _ways(state: EnvState, config: EnvConfig, params: EnvParams, x: jax.Array) -> jax.Array:
-    """From each MED ahead to each of the places `(n,)` m, `(A, n)` m."""
+    """Signed distance from each MED to the positions `(n,)` m, positive ahead, `(A, n)` m."""
     return x[None, :] - med_places(state, config, params)[:, None]
 
 
 def _evs(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """EVs by themselves, `(E, 8)`: x, speed, lane, charge, packs lacked, asks, MED, charges."""
+    """Absolute features of EVs, `(E, 8)`: x, speed, lane, charge, lacked packs, requests a slot, MED, charging."""
     vehicles, evs, slots = state.vehicles, state.evs, config.ev_slots
     requests, _ = ask(state, config, params)
     lacks_j = jnp.maximum(lacking_j(state, config, params), 0.0)
@@ -167,12 +168,13 @@ def _evs(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
 def _seen(
     frame: jax.Array, way: jax.Array, which: jax.Array, there: jax.Array, evs: jax.Array
 ) -> jax.Array:
-    """Some EVs as a MED sees them, `(k, OF_AN_EV)`; zeros where there is none.
+    """Selected EVs in the frame of a MED, `(k, OF_AN_EV)`; zeros where there is none.
 
     Args:
-      frame: (3,) its speed, lane and index; way: (E,) m to each EV, NOWHERE if it does not see it.
-      which, there: (k,) of the EVs, and whether there is one.
-      evs: of `_evs`.
+      frame: (3,) speed, lane and index of the MED.
+      way: (E,) m, distance to each EV, NOWHERE if the MED does not see it.
+      which, there: (k,) indices of the EVs, and whether each exists.
+      evs: features from `_evs`.
     """
     speed, lane, own = frame
     rows, way = evs[which], way[which]
@@ -195,7 +197,7 @@ def _seen(
 
 
 def requests(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """The EV that each MED would be granted now if it took any, `(A,)` int32, -1 for none."""
+    """The EV that booking would grant each MED now if it took EVs, `(A,)` int32; -1 if there is none."""
     willing = state.replace(meds=state.meds.replace(accepts=jnp.ones_like(state.meds.accepts)))
     requests, offers = ask(willing, config, params)
     med = state.evs.med
@@ -205,7 +207,7 @@ def requests(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array
 
 
 def _itself(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """`(A, OF_ITSELF)`, and a column a depot where there are several."""
+    """Features of each agent itself, `(A, OF_ITSELF)`, plus a column per depot if there are several."""
     vehicles, meds, road, slots = state.vehicles, state.meds, params.road, config.med_slots
     status, drives = meds.status, vehicles.active[slots]
     x = med_places(state, config, params)
@@ -229,7 +231,7 @@ def _itself(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
 
 
 def _other_meds(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """The next MED ahead of each and the next behind it, `(A, 2 * OF_A_MED)`."""
+    """Features of the next MED ahead and the next behind, `(A, 2 * OF_A_MED)`."""
     status, speed = state.meds.status, _speeds(state, config)
     serves = status == IN_SERVICE
     there = serves | (status == MERGING) | (status == QUEUED)

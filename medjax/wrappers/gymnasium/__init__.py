@@ -1,6 +1,6 @@
 """`ChargingEnv` as Gymnasium environments: one highway, or many of them in one compiled program.
 
-Importing this registers both as `medjax/Charging-v0`, as `import medjax` does after Gymnasium:
+Importing this module registers both as `medjax/Charging-v0`. So does `import medjax` if Gymnasium is already imported:
 
     import gymnasium
     import medjax.wrappers.gymnasium
@@ -8,9 +8,9 @@ Importing this registers both as `medjax/Charging-v0`, as `import medjax` does a
     env = gymnasium.make("medjax/Charging-v0", scenario="paper", cooldown_s=30)
     envs = gymnasium.make_vec("medjax/Charging-v0", num_envs=256)
 
-`gymnasium.make("medjax.wrappers.gymnasium:medjax/Charging-v0")` needs no import, and no order. Arguments are those of
-`medjax.make`, or `env` and `params`, an environment of one's own; and `decide_every`. Episodes are truncated after
-`episode_decisions`: no `max_episode_steps` is needed. NumPy arrays come out, and are the caller's to keep or to change.
+`gymnasium.make("medjax.wrappers.gymnasium:medjax/Charging-v0")` needs no import. Arguments are those of `medjax.make`,
+or `env` and `params` for an existing environment, and `decide_every`. Episodes are truncated after `episode_decisions`,
+so `max_episode_steps` is not needed. Results are NumPy arrays that the caller may keep or change.
 """
 
 from medjax.hooks import ENV_ID, register

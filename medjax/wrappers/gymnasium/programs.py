@@ -1,6 +1,6 @@
-"""What both Gymnasium environments run: compiled programs, spaces, randomness, and NumPy at the border.
+"""Shared by both Gymnasium environments: compiled programs, spaces, random keys and conversion to NumPy.
 
-Both split keys as `BatchAutoReset` does, so that one seed starts the same episode in either.
+Both split keys as `BatchAutoReset` does, so a seed starts the same episode in either.
 """
 
 import dataclasses
@@ -26,13 +26,13 @@ from medjax.world.numbers import as_numbers
 from medjax.wrappers.auto_reset import BatchAutoReset, BatchState, split_each
 from medjax.wrappers.decide_every import DecideEvery
 
-FRAMES_PER_S = 10  # a frame a decision: ten times true speed where a decision is a second
+FRAMES_PER_S = 10  # one frame per decision: ten times real time if a decision takes 1 s
 
-# Observations have no bounds, and stay below some tens. Gymnasium's checker takes infinite bounds for a mistake,
-# and what samples the space to try a network would overflow at the largest float.
+# Observations are unbounded, but stay below some tens. Gymnasium's checker warns about infinite bounds, and networks
+# tested on samples of the space would overflow at the largest float.
 BOUND = 1e6
 
-# Keywords of the environments' own and of Gymnasium's; a misspelt one arrives as an option of the scenario.
+# Keywords of the environments and of Gymnasium; a misspelt one arrives as an option of the scenario.
 MEANT = (
     *("num_envs", "scenario", "render_mode", "env", "params", "decide_every"),
     *inspect.signature(gymnasium.make).parameters,
@@ -51,10 +51,10 @@ def chosen(
     decide_every: int,
     overrides: Mapping[str, Any],
 ) -> tuple[Environment, Any]:
-    """The environment that is given, or else the one that is to be made, and its parameters.
+    """Returns the given environment, or makes one, with its parameters.
 
     Raises:
-      InputError: both, or an environment without parameters; or as `medjax.make` and `DecideEvery`.
+      InputError: env is given with a scenario or without params; or as in `medjax.make` and `DecideEvery`.
     """
     check_names(overrides, (*OPTIONS, *KEYWORDS), MEANT)
     whole_number_of("decide_every", decide_every, 1)
@@ -76,7 +76,7 @@ def _named(
 
 
 def alike(env: Environment) -> Environment:
-    """The first of the environments that differ in nothing but their numbers: one program serves all of them."""
+    """Returns the first environment that differs only in its numbers, so that both share one compiled program."""
     if type(env) is DecideEvery:
         return dataclasses.replace(env, env=alike(env.env))
     if type(env) is not ChargingEnv:
@@ -84,29 +84,29 @@ def alike(env: Environment) -> Environment:
     own = env.observation, env.following, env.coupling, env.probe
     try:
         return _FIRST.setdefault((env.config, *env.reward.items(), env.name, *own), env)
-    except TypeError:  # something of one's own has no hash
+    except TypeError:  # a user-defined part is not hashable
         return env
 
 
 def spaces_of(env: Environment, params: Any) -> tuple[Box, Discrete]:
-    """Gymnasium's spaces of observations and actions."""
+    """Gymnasium spaces of observations and actions."""
     seen = env.observation_space(params)
     low, high = max(seen.low, -BOUND), min(seen.high, BOUND)
     return Box(low, high, seen.shape, np.float32), Discrete(env.num_actions)
 
 
 def check_render_mode(render_mode: str | None, metadata: Mapping[str, Any]) -> None:
-    """Raises InputError."""
+    """Raises InputError unless the environment supports the render mode."""
     allowed = metadata["render_modes"]
     if render_mode is not None and render_mode not in allowed:
         raise InputError(f"render_mode = {render_mode!r}: allowed None, {', '.join(allowed)}")
 
 
 def picture(env: Environment, state: Any, params: Any) -> np.ndarray:
-    """The road, `(H, W, 3)` uint8.
+    """Picture of the road, `(H, W, 3)` uint8.
 
     Raises:
-      gymnasium.error.DependencyNotInstalled: a library that draws is missing.
+      gymnasium.error.DependencyNotInstalled: a drawing library is missing.
     """
     try:
         return np.asarray(env.render(state, params))
@@ -115,10 +115,10 @@ def picture(env: Environment, state: Any, params: Any) -> np.ndarray:
 
 
 def as_actions(given: Any, shape: tuple[int, ...], num_actions: int) -> np.ndarray:
-    """Actions of `shape` as int32.
+    """Converts actions of `shape` to int32.
 
     Raises:
-      InputError: another shape, or numbers that are no integers.
+      InputError: the shape differs, or a number is not an integer.
     """
     actions = as_numbers(given)
     if actions is None or actions.shape != shape or (actions != np.trunc(actions)).any():
@@ -130,24 +130,24 @@ def as_actions(given: Any, shape: tuple[int, ...], num_actions: int) -> np.ndarr
 
 
 def draw_words(generator: np.random.Generator) -> np.ndarray:
-    """Randomness of a key, (2,) uint32."""
+    """Draws the words of a key, (2,) uint32."""
     return generator.integers(2**32, size=2, dtype=np.uint32)
 
 
 def as_keys(words: np.ndarray) -> jax.Array:
-    """Keys `(...)` of words `(..., 2)` uint32, whatever generator JAX is set to."""
+    """Keys `(...)` from words `(..., 2)` uint32; independent of JAX's default generator."""
     return jax.random.wrap_key_data(jnp.asarray(words), impl="threefry2x32")
 
 
 def to_numpy(tree: Any) -> Any:
-    """Arrays as NumPy arrays of the caller's own, scalars as Python's."""
+    """Copies arrays to NumPy, and scalars to Python numbers."""
     host = jax.device_get(tree)
     return jax.tree.map(lambda leaf: leaf.item() if leaf.ndim == 0 else np.array(leaf), host)
 
 
 @functools.partial(jax.jit, static_argnums=0)
 def reset_one(env: Environment, key: jax.Array, params: Any) -> Any:
-    """(key, state, (observation, info)) of a new episode."""
+    """Starts an episode; returns (key, state, (observation, info))."""
     key, now = jax.random.split(key)
     obs, state = env.reset(jax.random.split(now)[0], params)
     return key, state, (obs, {"action_mask": env.action_mask(state, params)})
@@ -155,7 +155,7 @@ def reset_one(env: Environment, key: jax.Array, params: Any) -> Any:
 
 @functools.partial(jax.jit, static_argnums=0)
 def step_one(env: Environment, key: jax.Array, state: Any, action: Any, params: Any) -> Any:
-    """(key, state, (observation, reward, terminated, truncated, info)) after a decision."""
+    """Plays a decision; returns (key, state, (observation, reward, terminated, truncated, info))."""
     key, now = jax.random.split(key)
     obs, state, *rest, info = env.step_env(jax.random.split(now)[0], state, action, params)
     return key, state, (obs, *rest, {name: info[name] for name in REPORTED})
@@ -169,7 +169,7 @@ def mask_one(env: Environment, state: Any, params: Any) -> jax.Array:
 
 @functools.partial(jax.jit, static_argnums=0)
 def reset_all(env: Environment, keys: jax.Array, params: Any) -> Any:
-    """`reset_one` for each of the keys `(num_envs,)`."""
+    """`reset_one` for each key `(num_envs,)`."""
     batch = BatchAutoReset(env)
 
     def start(keys: jax.Array, params: Any) -> Any:
@@ -184,11 +184,11 @@ def reset_all(env: Environment, keys: jax.Array, params: Any) -> Any:
 def step_all(
     env: Environment, keys: jax.Array, state: BatchState, actions: Any, params: Any
 ) -> Any:
-    """A decision in every copy, and a new episode where one ended.
+    """Plays a decision in every copy, and starts a new episode where one ended.
 
     Returns:
       (keys, state, (observation, reward, terminated, truncated, mask, info), final observation). Mask and observation
-      fit the returned state; info and final observation are those that the decision led to.
+      belong to the returned state; info and final observation to the state before any reset.
     """
     batch = BatchAutoReset(env)
 

@@ -1,4 +1,4 @@
-"""One highway as a Gymnasium environment, and the window that shows it."""
+"""One highway as a Gymnasium environment, and the window for `render_mode="human"`."""
 
 from typing import Any, ClassVar
 
@@ -15,19 +15,19 @@ from medjax.wrappers.gymnasium import programs
 class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
     """One highway.
 
-    `info["action_mask"]` `(num_actions,)` bool says which actions are allowed next; `action_masks()` is the same for
-    sb3-contrib. After a step there are also `info["metrics"]` of the episode so far and `info["reward_terms"]`, floats
-    by name (`ChargingEnv.step_env`). An action that is not allowed counts as 0.
+    `info["action_mask"]` `(num_actions,)` bool marks the actions allowed next; `action_masks()` returns the same for
+    sb3-contrib. After a step, info also has "metrics" of the episode so far and "reward_terms", floats by name
+    (`ChargingEnv.step_env`). A masked action counts as 0.
 
     Args:
-      scenario: a name of `medjax.SCENARIOS`; None: "paper".
+      scenario: a name in `medjax.SCENARIOS`; None means "paper".
       render_mode: None, "rgb_array" or "human".
-      env, params: instead, an environment, wrapped or of one's own, and its parameters.
-      decide_every: decisions in a step: the action, then 0 (`DecideEvery`).
-      **overrides: of `medjax.make`.
+      env, params: an environment, possibly wrapped or user-defined, and its parameters, instead of a scenario.
+      decide_every: decisions per step: first the action, then 0 (`DecideEvery`).
+      **overrides: arguments of `medjax.make`.
 
     Raises:
-      InputError: a scenario, option, value or render mode that is not allowed.
+      InputError: a scenario, option, value or render mode is not allowed.
     """
 
     metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
@@ -59,11 +59,11 @@ class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Starts an episode; one seed starts the same one always, and so the one after it.
+        """Starts an episode. A seed fixes this episode and all later ones.
 
         Args:
-          seed: None goes on with the generator of the last seed.
-          options: none are known; they are ignored.
+          seed: None continues with the generator of the last seed.
+          options: ignored.
 
         Returns:
           (observation (size,) float32, info)
@@ -76,11 +76,11 @@ class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
         return obs, info
 
     def step(self, action: int | np.int64) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """One decision.
+        """Plays one step.
 
         Raises:
-          gymnasium.error.ResetNeeded: before the first reset.
-          InputError: an action that is no integer.
+          gymnasium.error.ResetNeeded: there was no reset yet.
+          InputError: the action is not an integer.
         """
         if self._key is None:
             raise ResetNeeded("step() before reset(): call reset() first")
@@ -93,17 +93,17 @@ class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
         return obs, reward, terminated, truncated, info
 
     def action_masks(self) -> np.ndarray:
-        """Allowed actions, `(num_actions,)` bool, by the name that sb3-contrib asks for."""
+        """Allowed actions, `(num_actions,)` bool; sb3-contrib expects this name."""
         if self._state is None:
             raise ResetNeeded("action_masks() before reset(): call reset() first")
         return np.array(programs.mask_one(self._program, self._state, self.params))
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
-        """The road as `(H, W, 3)` uint8 where render_mode is "rgb_array"; "human" shows it in a window.
+        """Returns the road as `(H, W, 3)` uint8 if render_mode is "rgb_array"; "human" shows it in a window.
 
         Raises:
-          gymnasium.error.DependencyNotInstalled: what draws or shows pictures is missing.
-          gymnasium.error.ResetNeeded: before the first reset.
+          gymnasium.error.DependencyNotInstalled: a library that draws or shows pictures is missing.
+          gymnasium.error.ResetNeeded: there was no reset yet.
         """
         if self.render_mode is None:
             gymnasium.logger.warn("render() draws nothing: make the environment with a render_mode")
@@ -124,15 +124,15 @@ class ChargingGymEnv(gymnasium.Env[np.ndarray, np.int64]):
             self._window = None
 
     def _show(self) -> None:
-        """Gymnasium's "human" mode shows every step without being asked."""
+        """Shows the step in "human" mode, which Gymnasium expects without a call of `render`."""
         if self.render_mode == "human":
             self.render()
 
 
 class Window:
-    """A window of pygame, as Gymnasium's own environments have; it opens with the first frame, in its size.
+    """A pygame window, as in Gymnasium's own environments; it opens with the first frame and takes its size.
 
-    It shows at most `frames_per_s`: `show` waits for as long as is left of a frame's time.
+    `show` waits so that at most `frames_per_s` are shown.
 
     Raises:
       gymnasium.error.DependencyNotInstalled: pygame is missing.
@@ -163,7 +163,7 @@ class Window:
         pygame.display.flip()
 
     def close(self) -> None:
-        """Closes it; `show` would open it again."""
+        """Closes the window; `show` opens it again."""
         if self._screen is not None:
             self._pygame.display.quit()
             self._screen = None

@@ -17,24 +17,24 @@ from medjax.errors import InputError
 from medjax.wrappers.auto_reset import BatchState
 from medjax.wrappers.gymnasium import programs
 
-# Of environments that reset in the same step: findings/gymnasium-same-step-episode-lengths.sh.
+# RecordEpisodeStatistics miscounts in SAME_STEP mode: findings/gymnasium-same-step-episode-lengths.sh.
 COUNTS_WRONG = tuple(map(int, gymnasium.__version__.split(".")[:2])) < (1, 4)
 
 
 class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Many highways, stepped by one compiled program.
 
-    Autoreset mode is SAME_STEP: a copy whose episode ended returns the first observation of its next one, and
-    `infos["final_obs"]` and `infos["final_info"]` hold what the ended one led to, where `infos["_final_obs"]`. Copy i
-    of `reset(seed=s)` plays the episode that `ChargingGymEnv.reset(seed=s + i)` starts.
+    The autoreset mode is SAME_STEP: a copy whose episode ended returns the first observation of its next one.
+    `infos["final_obs"]` and `infos["final_info"]` hold the end of the last one where `infos["_final_obs"]` is true.
+    After `reset(seed=s)`, copy i plays the episode that `ChargingGymEnv.reset(seed=s + i)` starts.
 
     Args:
-      num_envs: copies, at least 1.
-      scenario, render_mode, env, params, decide_every, **overrides: as of `ChargingGymEnv`; render modes are None and
+      num_envs: number of copies, at least 1.
+      scenario, render_mode, env, params, decide_every, **overrides: as in `ChargingGymEnv`; render_mode is None or
         "rgb_array".
 
     Raises:
-      InputError: a number, scenario, option, value or render mode that is not allowed.
+      InputError: a number, scenario, option, value or render mode is not allowed.
     """
 
     metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
@@ -84,8 +84,8 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Starts an episode in every copy.
 
         Args:
-          seed: copy i takes seed + i, or the i-th of several; None goes on with its generator.
-          options: none are known; they are ignored.
+          seed: copy i takes seed + i, or item i of a sequence; None continues with its generator.
+          options: ignored.
 
         Returns:
           (observations (num_envs, size) float32, infos)
@@ -108,11 +108,11 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def step(
         self, actions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """One decision in every copy, actions `(num_envs,)`.
+        """Plays one step in every copy, with actions `(num_envs,)`.
 
         Raises:
-          gymnasium.error.ResetNeeded: before the first reset.
-          InputError: actions of another shape, or that are no integers.
+          gymnasium.error.ResetNeeded: there was no reset yet.
+          InputError: the shape of the actions is wrong, or an action is not an integer.
         """
         if self._keys is None:
             raise ResetNeeded("step() before reset(): call reset() first")
@@ -138,7 +138,7 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._masks.copy()
 
     def render(self) -> tuple[np.ndarray, ...] | None:  # type: ignore[override]
-        """The road of every copy, each `(H, W, 3)` uint8, where render_mode is "rgb_array"."""
+        """Returns the road of every copy, each `(H, W, 3)` uint8, if render_mode is "rgb_array"."""
         if self.render_mode is None:
             gymnasium.logger.warn("render() draws nothing: make the environment with a render_mode")
             return None
@@ -150,11 +150,11 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
 
 def _with_masks(info: dict[str, Any], where: np.ndarray) -> dict[str, Any]:
-    """A copy of `info` in the form of Gymnasium's vector environments: beside each entry, as `_name`, who has it.
+    """Copies `info` in the form of Gymnasium's vector environments: entry `_name` masks the copies that have `name`.
 
     Args:
       info: arrays `(num_envs, ...)`, or dicts of them, by name.
-      where: `(num_envs,)` bool, the copies that have all of it.
+      where: `(num_envs,)` bool, the copies that have the entries.
     """
     masked = {}
     for name, value in info.items():
