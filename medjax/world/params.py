@@ -77,25 +77,15 @@ class EnvConfig:
         text="depots of MEDs, which share the ramps as evenly as possible; paper: one",
         whole=True,
     )
-    num_periods: int = number(
-        1, 1, 1000, text="periods of `demand.profile`; paper: one", whole=True
-    )
+    num_periods: int = number(1, 1, 1000, text="rows of `demand.profile`; paper: one", whole=True)
     tick_s: float = number(
-        0.25,
-        0.02,
-        0.5,
-        "s",
-        "physics time step; chosen: half the stability limit of the ballistic update",
+        0.25, 0.02, 0.5, "s", "chosen: half the stability limit of the ballistic update"
     )
     ticks_per_round: int = number(
         4, 1, 100, text="ticks per round; chosen: one round of entries per second", whole=True
     )
     rounds_per_decision: int = number(
-        1,
-        1,
-        100,
-        text="rounds per decision; a round is entries, bookings, trip plans and its ticks",
-        whole=True,
+        1, 1, 100, text="rounds of entries, bookings, trip plans and their ticks", whole=True
     )
 
     def __post_init__(self) -> None:

@@ -60,11 +60,7 @@ class DemandParams(struct.PyTreeNode):
     """Traffic demand at the entries, and its mix of vehicles."""
 
     mainline_per_h: Scalar = number(
-        2600.0,
-        0,
-        100e3,
-        "1/h",
-        "sum over all lanes; chosen: 650 per hour and lane, free flow with platoons",
+        2600.0, 0, 100e3, "1/h", "sum over all lanes; chosen: 650 per hour and lane, free flow"
     )
     ramp_per_h: jax.Array = number(
         (250.0,) * 4, 0, 100e3, "1/h", "demand at each ramp, `(num_ramps,)`; chosen", per="ramp"
@@ -222,11 +218,7 @@ class MotionParams(struct.PyTreeNode):
         5.0, 0.1, 10e3, "s", "correlation time of acceleration noise and lateral wander; chosen"
     )
     lateral_rate: Scalar = number(
-        2.0,
-        0.1,
-        4,
-        "1/s",
-        "steering rate; a small offset is corrected at half the rate times the offset",
+        2.0, 0.1, 4, "1/s", "steering rate; a small offset is corrected at half of it"
     )
     lateral_acceleration: Scalar = number(
         2.0, 0.1, 20, "m/s2", "highest lateral acceleration; comfortable steering"
@@ -273,11 +265,7 @@ class LaneChangeParams(struct.PyTreeNode):
         10.0, 0, 1000, "m/s2", "additional incentive at the end of an acceleration lane; chosen"
     )
     accepted_headway: Scalar = number(
-        0.56,
-        0.1,
-        10,
-        "s",
-        "headway accepted by the most urgent change; Schakel, Knoop, van Arem 2012",
+        0.56, 0.1, 10, "s", "accepted by the most urgent change; Schakel, Knoop, van Arem 2012"
     )
     relaxation_s: Scalar = number(
         15.0, 0.1, 1e3, "s", "time in which a short headway recovers; Laval, Leclercq 2008: 10-20"

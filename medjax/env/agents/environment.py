@@ -168,7 +168,7 @@ def agents_metrics(tally: EpisodeStats) -> dict[str, jax.Array]:
 
 
 def _told(before: EnvState, ordered: EnvState, decision_s: float) -> EpisodeStats:
-    """Tally of the orders of one decision."""
+    """Statistics of the orders of one decision."""
     meds = ordered.meds
     serves = jnp.where(meds.status == IN_SERVICE, jnp.float32(decision_s), 0.0)
     slots = slice(meds.status.shape[0])
