@@ -175,10 +175,10 @@ class TrainConfig(abc.ABC):
     @property
     def device_groups(self) -> int:
         """Number of groups of environments; a device holds whole groups."""
-        return self.num_envs // self.same_demand
+        return self.num_envs // self.group_size
 
     @property
-    def same_demand(self) -> int:
+    def group_size(self) -> int:
         """Environments in a group, which meet the same episodes. The default is 1."""
         return 1
 

@@ -140,4 +140,4 @@ def training_batch(
     episode_choices = -(-episode_decisions(params) // config.decide_every)
     stagger = episode_choices if config.stagger else 0
     choices = DecideEvery(env, config.decide_every)
-    return EpisodeLog(BatchAutoReset(choices, stagger=stagger, group=config.same_demand))
+    return EpisodeLog(BatchAutoReset(choices, stagger=stagger, group=config.group_size))

@@ -70,7 +70,7 @@ class PPOLearner:
         """The state before the first update."""
         reset_key, _, next_key = jax.random.split(key, 3)
         keys = jax.random.split(reset_key, self.config.num_envs)
-        start = on_devices(self.mesh, self.collector.start, group=self.config.same_demand)
+        start = on_devices(self.mesh, self.collector.start, group=self.config.group_size)
         rollout = start(keys, env_params)
         weights = first_weights(self.collector.network, key, rollout.obs.shape[-1:])
         opt_state, return_stats = self.optimizer.init(weights.params), init_stats()
@@ -87,7 +87,7 @@ class PPOLearner:
         # The trajectory keeps the layout of the rollout, (steps, environments), because observations are large. They
         # are copied only if a device splits its environments into blocks.
         collect = on_devices(
-            self.mesh, self._collect, out_axes=(0, 1, 0, 0), group=self.config.same_demand
+            self.mesh, self._collect, out_axes=(0, 1, 0, 0), group=self.config.group_size
         )
         rollout, trajectory, last_value, sums = collect(
             (state.rollout, keys), (state.weights, env_params)
@@ -160,7 +160,7 @@ class PPOLearner:
             value_weight=(chosen | everywhere).astype(jnp.float32),
         )
         batch = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), batch)
-        of_demand = leave_one_out_baseline(batch.advantage, self.config.same_demand)
+        of_demand = leave_one_out_baseline(batch.advantage, self.config.group_size)
         return dataclasses.replace(batch, advantage=of_demand)
 
     def _learn(

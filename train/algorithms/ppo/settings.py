@@ -84,6 +84,6 @@ class PPOConfig(TrainConfig):
         return self.rollout_length
 
     @property
-    def same_demand(self) -> int:
+    def group_size(self) -> int:
         """Neighbours that meet the same episodes. Each minibatch gets one of them, and so meets every demand."""
         return self.num_minibatches
