@@ -13,7 +13,7 @@ ABOUT = {
         "100 km of motorway, true battery capacities: a Leaf uses 19 kWh on it and charges within 50 km"
     ),
     "corridor": (
-        "30 km in the afternoon: true capacities, powers, lorries and speeds; a charger at every exit; reward in euros"
+        "30 km in the afternoon: true capacities, powers, lorries and speeds; chargers at exits; in euros"
     ),
 }
 

@@ -87,7 +87,7 @@ def test_lambda_one_gives_discounted_returns_bootstrapped_at_a_truncation():
     np.testing.assert_allclose(target[:, 0], [1.75 + 1.25, 1.5 + 2.5, 1.0 + 5.0])
 
 
-def test_less_others_takes_out_what_a_group_has_in_common():
+def test_leave_one_out_baseline_takes_out_what_a_group_has_in_common():
     """By loops; and whatever is added to a whole group at a step changes nothing."""
     rng = np.random.default_rng(0)
     advantage = rng.normal(size=(6, 4)).astype(np.float32)
