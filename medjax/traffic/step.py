@@ -129,7 +129,7 @@ def _step(
         vehicles.lateral_offset - steps * lane_width,
         vehicles.lateral_speed,
         keeps_lane(vehicles.wander, width, lane_width),
-        _steering(vehicles.speed, params.motion),
+        _steering(speed, params.motion),
         config.tick_s,
     )
     return vehicles.replace(
