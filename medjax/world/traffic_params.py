@@ -155,12 +155,7 @@ class DriverParams(struct.PyTreeNode):
         per="kind",
     )
     min_gap: jax.Array = number(
-        (3, 2, 2, 2, 4),
-        0.1,
-        20,
-        "m",
-        "at standstill, bumper to bumper; Treiber et al. 2000: 2",
-        per="kind",
+        (3, 2, 2, 2, 4), 0.1, 20, "m", "gap at standstill; Treiber et al. 2000: 2", per="kind"
     )
     max_acceleration: jax.Array = number(
         (1, 1.4, 1.4, 1.4, 0.5),

@@ -92,6 +92,7 @@ def _recorder(
     ends = slice(config.ticks_per_round - 1, None, config.ticks_per_round)
 
     def play(keys: jax.Array, same: tuple[Any, EnvParams]) -> Trace:
+        """Traces `(episodes * policies, ...)` of keys `(episodes,)`; same is (weights, params)."""
         weights, params = same
 
         def begun(state: Any) -> Frame:
@@ -107,6 +108,7 @@ def _recorder(
             return forecast_need(highway, config, numbers, NEED_WINDOW_S)
 
         def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
+            """One decision, number () int32, of all episodes: (episodes, what a trace holds of it)."""
             after, made = runner.decide(episodes, number, weights, params)
             made = made.of_dispatcher(config.num_actions)
             step_stats = made.info["tally"]

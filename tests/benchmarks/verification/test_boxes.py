@@ -84,3 +84,45 @@ def test_lanes_that_a_body_covers(road):
         moved = v.replace(lateral_offset=v.lateral_offset.at[first].set(offset))
         covered = lanes_covered(moved, params)
         assert tuple(int(lane[first]) for lane in covered) == lanes
+
+
+def played(preset, rule, num_envs, decisions, seed, **overrides):
+    """Pairs of bodies in one place, and vehicle updates, summed over whole plays under a rule."""
+    env, params = medjax.make(preset, **overrides)
+    policy = medjax.BASELINES[rule](env)
+    probed = env.with_probe(
+        lambda state: (
+            overlapping_vehicles(state.vehicles, params).sum(),
+            state.vehicles.active.sum(),
+        )
+    )
+
+    def one(key):
+        reset_key, key = jax.random.split(key)
+
+        def decide(state, key):
+            act_key, step_key = jax.random.split(key)
+            action = policy(act_key, None, state, params).action
+            _, state, *_, info = probed.step(step_key, state, action, params)
+            return state, jax.tree.map(jnp.sum, info["ticks"])
+
+        return jax.lax.scan(
+            decide, env.reset(reset_key, params)[1], jax.random.split(key, decisions)
+        )[1]
+
+    sums = jax.jit(jax.vmap(one))(jax.random.split(jax.random.key(seed), num_envs))
+    return (int(np.sum(each, dtype=np.int64)) for each in jax.device_get(sums))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [11, 12, 13, 14])
+def test_no_two_bodies_are_in_one_place_where_they_once_were(seed):
+    """The two worlds in which vehicles that straddled a line drove through others; 25 million updates a seed."""
+    crowd = {"mainline_per_h": 7000.0, "ramp_per_h": 450.0, "num_gas": 500}
+    for world, overrides in (
+        (("paper", "none", 16, 400), crowd),
+        (("corridor", "greedy", 8, 60), {}),
+    ):
+        pairs, updates = played(*world, seed, **overrides)
+        assert updates > 8e6
+        assert pairs == 0
