@@ -62,7 +62,7 @@ def follow(
     """Plays episodes on: first by their plans, then by the base policy.
 
     Args:
-      player: of the base policy.
+      runner: of the base policy.
       weights: of the base policy.
       rows: the episodes so far, and the plan of each, (rows,) int32: AS_BASE, or an action that is taken
         once and followed by action 0 for the rest of the plan.

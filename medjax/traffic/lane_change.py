@@ -257,7 +257,7 @@ def decide(
     Args:
       situation: of all vehicles.
       wish: mandatory changes add a bias to the incentive; they never waive safety.
-      turn: the active group and the side looked at.
+      phase: the active group and the side looked at.
       follow: car following between any two vehicles.
       params: of lane changes; tyres: bound on everyone's braking.
 
