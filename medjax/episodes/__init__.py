@@ -1,1 +1,1 @@
-"""Whole episodes: their random keys, the player, recordings and scores."""
+"""Whole episodes: their random keys, the runner, recordings and scores."""

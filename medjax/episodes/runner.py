@@ -1,4 +1,4 @@
-"""The player of whole episodes, shared by evaluation, recordings, traces and studies.
+"""Runs whole episodes, for evaluation, recordings, traces and studies.
 
 Episodes are rows of a batch, and each row uses the random streams of its episode (`medjax.episodes.keys`): decision t
 uses `fold_in(stream, t)`. All policies thus face the same episode, so their scores differ only through their choices.

@@ -1,6 +1,6 @@
 """Records whole episodes: the road in each round, and dispatches and need at each decision.
 
-The episodes are those of `medjax.episodes.scores`, played by the same player.
+The episodes are those of `medjax.episodes.scores`, played by the same `EpisodeRunner`.
 """
 
 from collections.abc import Callable, Iterator, Mapping
