@@ -116,13 +116,7 @@ def _step(
     config: EnvConfig,
     params: EnvParams,
 ) -> Vehicles:
-    """Moves vehicles by one tick.
-
-    Wander never takes a vehicle across a line.
-
-    Args:
-      command: (N,) m/s^2; steps: (N,) lane changes, -1, 0 or 1; width: (N,) m, of the vehicles.
-    """
+    """Moves vehicles by one tick: command m/s^2, steps -1, 0 or 1 lanes, width m, `(N,)` each."""
     lane_width = params.road.lane_width_m
     x, speed = ballistic_step(vehicles.x, vehicles.speed, command, config.tick_s)
     offset, lateral_speed = lateral_step(
@@ -142,7 +136,7 @@ def _step(
 
 
 def _steering(speed: jax.Array, motion: MotionParams) -> Steering:
-    """Steering limits at these speeds, m/s."""
+    """Steering limits at speeds in m/s."""
     sideways = jnp.minimum(motion.lateral_speed, motion.lateral_slope * speed)
     return Steering(motion.lateral_rate, motion.lateral_acceleration, sideways)
 
