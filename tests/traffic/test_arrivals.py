@@ -1,4 +1,4 @@
-"""The n-th vehicle at an entry is the same one, whatever dispatchers and drivers do."""
+"""The n-th vehicle at an entry has the same traits, whatever dispatchers and drivers do."""
 
 import jax
 import jax.numpy as jnp
@@ -54,7 +54,7 @@ def _played(scenario, rules, noises, decisions, **overrides):
 
 
 @pytest.mark.parametrize(("scenario", "decisions"), [("paper", 200), ("corridor", 30)])
-def test_whoever_dispatches_meets_the_same_traffic(scenario, decisions):
+def test_all_dispatchers_meet_the_same_traffic(scenario, decisions):
     """Kind, desired speed, destination, charge and compliance, by entry and number."""
     (calm, _), (busy, sent) = _played(scenario, ("none", "greedy"), (1, 2), decisions)
     assert sent.any()
@@ -65,8 +65,7 @@ def test_whoever_dispatches_meets_the_same_traffic(scenario, decisions):
 
 
 def test_a_med_has_one_driver():
-    """At whatever ramp and time it is sent."""
-    # MEDs too, whom presets give one speed.
+    """At whatever ramp and time it is sent; here MEDs differ, too."""
     unlike = {"desired_speed_std": [2.0, 2.0, 1.0, 2.0, 0.7]}
     played = _played("paper", ("paced", "random"), (1, 1), 120, **unlike)
     sent, again = (speeds for _, speeds in played)
@@ -75,7 +74,7 @@ def test_a_med_has_one_driver():
     np.testing.assert_array_equal(sent[both], again[both])
 
 
-def test_streams_do_not_meet():
+def test_streams_are_independent():
     """Vehicles of an entry, of another, MEDs and rounds draw from streams of their own."""
     seed = new_seed(jax.random.key(0))
     numbers = jnp.arange(500)
@@ -86,7 +85,7 @@ def test_streams_do_not_meet():
     assert drawn.mean() == pytest.approx(0.5, abs=4 * (drawn.size * 12) ** -0.5)
 
 
-def test_another_future_leaves_the_road_as_it_is():
+def test_redraw_leaves_the_road_as_it_is():
     """Also under a wrapper."""
     env, params = medjax.make("paper")
     state = jax.jit(env.reset)(jax.random.key(0), params)[1]

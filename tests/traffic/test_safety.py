@@ -1,4 +1,4 @@
-"""Nobody touches the vehicle ahead, whatever either is told to do, as long as both keep to the bound."""
+"""No vehicle that keeps to the bound touches its leader, whatever both do."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -23,7 +23,7 @@ PAIRS = 64
 
 
 def drive(rng, gap, speed, leader_speed, tyres, most, ticks=200):
-    """Smallest gaps of pairs whose drivers are told anything: in NumPy, float64, by the bound as it is computed."""
+    """Smallest gaps of pairs whose drivers do anything within the package's bound; motion in float64."""
     x, ahead = np.zeros_like(gap), gap.copy()
     smallest = gap.copy()
     brakes_at = rng.integers(0, ticks, gap.shape)  # a leader that brakes for good from some tick on
@@ -48,9 +48,9 @@ def _exact(x, speed, acceleration, dt):
     return x + speed * lasts + 0.5 * acceleration * lasts**2, after
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(SEEDS, BRAKING, TICK, st.floats(0.1, 20.0))
-def test_nobody_touches_the_one_ahead(seed, braking, tick, most):
+def test_nobody_touches_its_leader(seed, braking, tick, most):
     """From the fastest start that the gap allows."""
     rng, tyres = np.random.default_rng(seed), Tyres(braking, tick)
     gap, leader_speed = rng.uniform(0.1, 60.0, PAIRS), rng.uniform(0.0, 60.0, PAIRS)
@@ -61,10 +61,10 @@ def test_nobody_touches_the_one_ahead(seed, braking, tick, most):
     assert smallest.min() < 30.0
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(SEEDS, BRAKING, TICK, st.floats(0.1, 20.0))
-def test_who_keeps_clear_can_fall_in(seed, braking, tick, most):
-    """A tick of the own lane's acceleration, the new leader braking as hard as it can, and still no touch."""
+def test_a_vehicle_that_keeps_clear_can_fall_in(seed, braking, tick, most):
+    """After a tick at full acceleration, with the new leader braking as hard as it can."""
     rng, tyres = np.random.default_rng(seed), Tyres(braking, tick)
     gap, leader_speed = rng.uniform(0.1, 80.0, PAIRS), rng.uniform(0.0, 60.0, PAIRS)
     speed = rng.uniform(0.0, 60.0, PAIRS)
@@ -86,7 +86,7 @@ def test_the_bound_is_tight():
     assert not bool(keeps_clear(speed, 1.0, way + CLEARANCE_M, 0.0, tyres))
 
 
-def test_it_does_not_bind_in_ordinary_traffic():
+def test_the_bound_does_not_bind_in_ordinary_traffic():
     """At 110 km/h and an accepted headway of 0.56 s, the shortest of LMRS, a leader may brake at 4 m/s^2 for a tick."""
     speed = 30.0
     gap = 2.0 + 0.56 * speed
