@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.charging.booking import panel_flags
+from benchmarks.verification.invariants import check_standing, count, not_finite
 from medjax.traffic import find_neighbours, sort_by_road
 from medjax.traffic.demand import expected_vehicles
 from medjax.traffic.road import NOWHERE
@@ -60,28 +60,13 @@ def play(env, params, policy, decisions):
         obs, state, reward, _, _, info = env.step_env(step_key, state, action, params)
         v, tally = state.vehicles, state.tally
         on_road = jnp.stack([v.active[s].sum() for s in slices])
-        length = params.drivers.vehicle_length[v.kind]
-        order = jnp.lexsort((v.x, jnp.where(v.active, v.lane, 99)))
-        lane, x, rear = v.lane[order], v.x[order], (v.x - length)[order]
-        pairs = v.active[order][1:] & v.active[order][:-1] & (lane[1:] == lane[:-1])
-        soc = state.evs.energy_j / params.ev_capacity_j
-        med_soc = state.meds.energy_j / params.med_capacity_j
         # An EV that runs out is counted at once, and stays on the road until it is on the shoulder.
         rolling = jnp.sum(v.active[config.ev_slots] & state.evs.is_depleted)
         lost = by_class(tally.entered - tally.left) - on_road
         lost -= jnp.array([0.0, 1.0, 0.0]) * (tally.depleted - rolling)
-        floats = [leaf for leaf in jax.tree.leaves((obs, state, reward)) if leaf.dtype == x.dtype]
-        seats = panel_flags(state.evs.med, state.evs.panel, state.evs.med >= 0, config.num_meds)
-        wrong = {
-            "nan": sum(jnp.isnan(leaf).sum() for leaf in floats),
-            "overlaps": jnp.sum(pairs & (rear[1:] < x[:-1])),
-            "collisions": info["tally"].collisions,
-            "soc": jnp.sum((soc < 0.0) | (soc > 1.0)) + jnp.sum((med_soc < 0.0) | (med_soc > 1.0)),
-            "reverse": jnp.sum(v.speed < 0.0),
-            "off the road": jnp.sum(v.active & ((v.x < 0.0) | (v.x > params.road.length_m))),
-            "lost": jnp.abs(lost).sum(),
-            "shared slots": jnp.sum(state.evs.med >= 0) - jnp.sum(seats),
-        }
+        results = {"finite": not_finite((obs, reward))}
+        wrong = count(check_standing(state, config, params), results)
+        wrong |= {"collisions": info["tally"].collisions, "lost": jnp.abs(lost).sum()}
         charging_x = jnp.where(state.evs.is_charging, v.x[config.ev_slots], -1.0)
         return state, (wrong, charging_x, on_road)
 

@@ -114,21 +114,6 @@ def played(road):
     return jax.device_get(play(jax.random.split(jax.random.key(1), 6)))
 
 
-def test_vehicles_leave_where_they_are_bound_for(road, played):
-    """In the rightmost lane beside their own deceleration lane, past the end, or out of charge."""
-    _, (begun, ticks) = played
-    active = np.concatenate([begun.active[:, :, None], ticks.active], axis=2)
-    gone = active[:, :, :-1] & ~active[:, :, 1:]
-    x, lane, to = ticks.x[gone], ticks.lane[gone], ticks.destination[gone]
-    is_ev = np.zeros(gone.shape, bool)
-    is_ev[..., road[0].config.ev_slots] = True
-    at_exit = (to < 4000.0) & (lane == 3) & (x <= to) & (x >= to - 250.0)
-    assert (at_exit | (x > 4000.0) | is_ev[gone]).all()
-    assert at_exit.sum() > 300
-    assert np.abs(ticks.lateral_offset[gone][at_exit]).max() < 1.0
-    assert {*EXITS} <= {*to[at_exit]}
-
-
 def test_exits_are_not_missed_and_nobody_collides(played):
     """Under 1 % at 650 vehicles an hour and lane; all that entered are on the road, have left, or ran out."""
     tally, (_, ticks) = played

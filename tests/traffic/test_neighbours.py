@@ -64,7 +64,7 @@ roads = st.tuples(
 @given(roads)
 @pytest.mark.versions
 def test_random_roads_with_ties(road):
-    """Every road, last order and side looked at; lanes -1 and 5 are off the road."""
+    """Every road, last order and side looked at; in lanes -1 and 5, off the road, nobody is found."""
     x, lane, active, previous, direction, straddles = road
     assert_neighbours(x, lane, direction, np.array(active), previous, straddles)
 
@@ -80,24 +80,11 @@ def test_dense_roads(seed):
     assert_neighbours(x, lane, rng.choice([-1, 1]), active, rng.permutation(192), straddles)
 
 
-def test_all_inactive():
-    got = assert_neighbours(np.linspace(0, 100, SLOTS), np.zeros(SLOTS), 1, np.zeros(SLOTS, bool))
-    assert (np.asarray(got) == NOBODY).all()
-
-
-@pytest.mark.parametrize("target", [-1, -7, LANES, LANES + 1, 99])
-def test_no_lane_there(target):
-    """A target outside the road finds nobody."""
-    active = np.arange(SLOTS) % 3 != 0
-    lane = np.zeros(SLOTS, np.int32)
-    x = np.linspace(0, 900, SLOTS, dtype=np.float32)
-    got, _ = found(x, lane, np.full(SLOTS, target, np.int32), active, np.arange(SLOTS))
-    assert (np.asarray([got.target_leader, got.target_follower]) == NOBODY).all()
-    assert (np.asarray(got.leader) != NOBODY).sum() == active.sum() - 1
-
-
 def test_roads_by_hand():
-    """The brute force agrees with these, too: alone in each lane, straddling, the acceleration lane, and ties."""
+    """Nobody, one vehicle a lane, straddling, the acceleration lane, ties; brute force agrees with these, too."""
+    got = assert_neighbours(np.linspace(0, 100, SLOTS), np.zeros(SLOTS), 1, np.zeros(SLOTS, bool))
+    np.testing.assert_array_equal(np.array(got), NOBODY)
+
     x = np.array([50.0, 40.0, 60.0, 30.0, 70.0])
     got = assert_neighbours(x, np.arange(5), 1, np.ones(5, bool))
     np.testing.assert_array_equal([got.leader, got.follower], NOBODY)
@@ -143,17 +130,3 @@ def test_past_the_end_sorts_last_but_before_the_inactive():
     active = np.array([True, True, True, True, False])
     order = sort_by_road(x, active, LENGTH_M, np.arange(5))
     np.testing.assert_array_equal(order, [1, 3, 2, 0, 4])
-
-
-def test_as_many_slots_as_promised():
-    """With the most slots that five lanes allow, the highest ones are found like any other."""
-    slots = 65536 // (LANES + 1) - 2
-    x = np.zeros(slots, np.float32)
-    x[-3:] = [30.0, 10.0, 20.0]
-    active = np.arange(slots) >= slots - 3
-    lane = np.where(np.arange(slots) == slots - 1, 1, 0)
-    got, _ = found(x, lane, lane + 1, active, np.arange(slots))
-    np.testing.assert_array_equal(got.leader[-3:], [NOBODY, slots - 3, NOBODY])
-    np.testing.assert_array_equal(got.follower[-3:], [slots - 2, NOBODY, NOBODY])
-    np.testing.assert_array_equal(got.target_leader[-3:], [NOBODY, slots - 1, NOBODY])
-    np.testing.assert_array_equal(got.target_follower[-3:], [slots - 1, NOBODY, NOBODY])

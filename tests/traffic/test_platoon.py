@@ -175,22 +175,6 @@ def test_discharge_of_a_queue():
     assert np.interp(half, speed[:80, 0], times[:80]) == pytest.approx(12.05897, abs=0.125)
 
 
-def test_column_settles_at_equilibrium_flow():
-    """Behind a leader at 18.77 m/s: gaps s_e, and a lane flow of 1836.4 vehicles an hour."""
-    v, count = 18.77, 12
-    x = -30.0 * np.arange(count)  # too close at first
-    cars = column(x, 15.0, CAR, leader_speed=v)
-    x, speed = map(np.asarray, drive(cars, 0.25, 4000))
-    np.testing.assert_allclose(speed[-1], v, rtol=1e-3)
-    gaps = x[-1, :-1] - LENGTH - x[-1, 1:]
-    np.testing.assert_allclose(gaps, equilibrium_gap(CAR, v), rtol=5e-3)
-    assert 3600 * v / (gaps.mean() + LENGTH) == pytest.approx(1836.4, rel=5e-3)
-    # Counted where they pass: one car each (s_e + L) / v seconds.
-    times, line = 0.25 * np.arange(1, 4001), 15_000.0
-    passing = np.array([np.interp(line, x[:, car], times) for car in range(count)])
-    assert 3600 / np.diff(passing).mean() == pytest.approx(1836.4, rel=5e-3)
-
-
 @pytest.mark.parametrize("v", [3.0, 12.0, 22.0, 32.0])
 def test_idm_plus_flows_at_its_headway(v):
     """Behind a leader at any lower speed a column settles at s0 + v T: v / (s0 + v T + l) vehicles a second."""
