@@ -50,7 +50,7 @@ def moved_to_the_end(state, config, params, x):
 
 
 def play(env, params, policy, decisions):
-    """Jitted (key, state) -> (last state, per decision: what must be 0, who charges where, who is on the road)."""
+    """Jitted (key, state) -> (last state, per decision: counts that must be 0, where EVs charge, vehicles on the road)."""
     config = env.config
     slices = (config.med_slots, config.ev_slots, config.gas_slots)
 

@@ -38,7 +38,13 @@ def ellipk(m: ArrayLike) -> jax.Array:
 
 
 def ellipe(m: ArrayLike) -> jax.Array:
-    """Complete elliptic integral of the second kind, E(m); argument and result as those of `ellipk`, but E(1) = 1.
+    """Complete elliptic integral of the second kind, E(m).
+
+    Args:
+      m: parameter m = k^2 (not the modulus k), at most 1, any shape `(...)`, dimensionless.
+
+    Returns:
+      E(m), shape `(...)`, in the floating type of `m`, with a finite gradient for m < 1. E(1) = 1, nan above 1.
 
     Source: DLMF 19.2.8 (definition), 19.8.6 (arithmetic-geometric mean).
     """

@@ -66,7 +66,7 @@ def pick_group(tree: T, phase: LaneChangePhase) -> T:
 
 
 def place_group(values: jax.Array, phase: LaneChangePhase, others: jax.Array) -> jax.Array:
-    """Scatters the active group's values into those of the others, `(N,)`.
+    """Scatters the active group's values back into `others`, `(N,)`.
 
     XLA would fuse a select into each of its readers and recompute the whole decision there, but not a write.
     """

@@ -207,7 +207,6 @@ def move(
     with jax.named_scope("neighbours"):
         order, neighbours = _look_around(vehicles, drivers, phase, config, params)
         straddles = neighbours.in_target()
-
     follow = functools.partial(following_acceleration, platooning=orders.platooning, model=model)
     with jax.named_scope("car_following"):
         leader, it_straddles = of_slots((leaders, straddles), neighbours.leader)

@@ -19,7 +19,7 @@ from medjax.world.params import DriverParams
 
 LENGTH = 5.0
 CLEARING_S = 2.5  # until a changing vehicle is out of its lane
-# The one that decides, to the right; those before and behind it in its lane; those then before and behind it.
+# The deciding vehicle; the leaders and followers that it has now and after a change to the right.
 EGO, OLD_LEADER, NEW_LEADER, OLD_FOLLOWER, NEW_FOLLOWER = range(5)
 
 
@@ -40,7 +40,7 @@ def decided(their, x, speed, wish, params, there, model):
     Args:
       their: drivers of the five; x: m, front bumpers; speed: m/s; `(5,)`.
       wish: of the five, for changes to the right.
-      there: who of the five exists.
+      there: which of the five exist.
     """
 
     def of(*slots):

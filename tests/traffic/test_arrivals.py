@@ -21,7 +21,7 @@ UNLIKE = {"desired_speed_std": [2.0, 2.0, 1.0, 2.0, 0.7]}
 
 
 def _played(scenario, rules, decisions):
-    """By rule: who came to each entry in turn, a list of rows for each, and desired speeds of MEDs that were sent."""
+    """By rule: traits of the vehicles at each entry in turn, and desired speeds of MEDs that were sent."""
     env, params = medjax.make(scenario, **UNLIKE)
     config, where = env.config, entries(params.road, env.config.num_lanes)
     policies = [BASELINES[rule](env) for rule in rules]

@@ -26,7 +26,7 @@ def found(x, lane, target, active, previous, other=None, num_lanes=LANES):
 
 
 def assert_neighbours(x, lane, direction, active, previous=None, straddles=0):
-    """Compares all four neighbours of every slot; who `straddles`, -1 or 1, looks at the other lane it covers."""
+    """Compares all four neighbours of every slot; one that `straddles`, -1 or 1, looks at its other lane."""
     x, lane = np.asarray(x, np.float32), np.asarray(lane, np.int32)
     active, straddles = np.asarray(active), np.broadcast_to(straddles, lane.shape)
     other = np.where(straddles == 0, NOWHERE, lane + straddles).astype(np.int32)

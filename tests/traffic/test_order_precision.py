@@ -1,4 +1,4 @@
-"""Who is ahead of whom where float32 and packed sort keys resolve no finer; bounds: docs/precision.md."""
+"""The order of vehicles at the resolution of float32 and packed sort keys; bounds: docs/precision.md."""
 
 import jax
 import jax.numpy as jnp
