@@ -50,7 +50,7 @@ def moved_to_the_end(state, config, params, x):
 
 
 def play(env, params, policy, decisions):
-    """Jitted (key, state) -> (last state, per decision: counts that must be 0, where EVs charge, vehicles on the road)."""
+    """(key, state) -> (last state, per decision: counts that must be 0, where EVs charge, vehicles per class)."""
     config = env.config
     slices = (config.med_slots, config.ev_slots, config.gas_slots)
 
