@@ -1,4 +1,6 @@
-"""What random worlds found at the corners of what is valid (`python -m benchmarks.soak`)."""
+"""Faults that random worlds found at the limits of what is allowed (`python -m benchmarks.soak`)."""
+
+import contextlib
 
 import jax
 import jax.numpy as jnp
@@ -18,27 +20,22 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 @pytest.mark.parametrize(
     ("apart", "longest", "valid"), [(262.5, 12.0, True), (261.5, 12.0, False), (262.5, 18.0, False)]
 )
-def test_a_ramp_begins_beyond_those_who_stand_at_the_end_of_the_one_before(apart, longest, valid):
+def test_a_ramp_begins_beyond_a_vehicle_that_stands_at_the_end_of_the_one_before(
+    apart, longest, valid
+):
     """Lanes of 250 m: a newcomer reaches back by its length, at most that of the longest."""
-    overrides = {
-        "ramp_x_m": [100.0, 100.0 + apart],
-        "vehicle_length": [longest, 5.0, 5.0, 5.0, 5.0],
-    }
-    if valid:
-        medjax.make("paper", **overrides)
-        return
-    with pytest.raises(
+    lengths = [longest, 5.0, 5.0, 5.0, 5.0]
+    refused = pytest.raises(
         ValueError, match=f"ramp_x_m = .*longest vehicle_length = {250 + longest:g} m apart"
-    ):
-        medjax.make("paper", **overrides)
+    )
+    with contextlib.nullcontext() if valid else refused:
+        medjax.make("paper", ramp_x_m=[100.0, 100.0 + apart], vehicle_length=lengths)
 
 
 @pytest.mark.parametrize("name", ["ev.drivetrain_efficiency", "med.drivetrain_efficiency"])
-def test_a_drivetrain_lets_something_through(name):
-    """Energy at the wheels is divided by it."""
-    with pytest.raises(
-        ValueError, match=r"drivetrain_efficiency = 0\.0: allowed a number from 0\.01 to 1"
-    ):
+def test_energy_is_not_divided_by_an_efficiency_of_zero(name):
+    allowed = r"drivetrain_efficiency = 0\.0: allowed a number from 0\.01 to 1"
+    with pytest.raises(ValueError, match=allowed):
         medjax.make("paper", **{name: 0.0})
 
 
@@ -51,7 +48,7 @@ def test_rows_may_be_empty():
 
 
 def test_the_shortest_roads_start_without_overlap():
-    """100 m are one vehicle and its room a lane, whatever is left of all lanes together."""
+    """100 m hold one vehicle and its room a lane."""
     env, params = medjax.make(
         "paper", num_meds=1, num_evs=2, num_gas=20, num_lanes=6, num_ramps=0, length_m=100.0,
         vehicle_length=30.0, min_gap=5.0, mainline_per_h=18000.0, ev_share=0.0,
@@ -68,17 +65,14 @@ def test_the_shortest_roads_start_without_overlap():
 
 @pytest.mark.parametrize("headway", [0.1, 0.6])
 def test_nobody_starts_faster_than_tyres_can_brake(headway):
-    """Down to the speed of the one ahead within the gap to it, however short the headway and unlike the drivers."""
+    """To the speed of the vehicle ahead within the gap to it, however short the headway and different the drivers."""
     config = EnvConfig(num_lanes=1, num_ramps=0, num_meds=1, num_evs=12, num_gas=12, tick_s=0.5)
     env, paper = medjax.make("paper", num_meds=1, num_evs=12, num_gas=12, num_lanes=1, num_ramps=0)
     worlds = draw_params(random_units(np.random.default_rng(0), 256), config, None)
-    drivers = worlds.drivers
-    drivers = drivers.replace(
-        time_headway=np.full_like(drivers.time_headway, headway),
-        min_gap=np.full_like(drivers.min_gap, 1.0),
-        vehicle_length=np.full_like(drivers.vehicle_length, 5.0),
-    )
-    worlds = worlds.replace(drivers=drivers)
+    equal = {"time_headway": headway, "min_gap": 1.0, "vehicle_length": 5.0}
+    shape = worlds.drivers.time_headway.shape
+    columns = {name: np.full(shape, value, np.float32) for name, value in equal.items()}
+    worlds = worlds.replace(drivers=worlds.drivers.replace(**columns))
 
     def start(key, params):
         link = params.link.replace(inductance=paper.link.inductance)
@@ -99,8 +93,8 @@ def test_nobody_starts_faster_than_tyres_can_brake(headway):
 
 
 @pytest.mark.parametrize("observation", ["flat", "profile"])
-def test_a_road_may_be_for_evs_alone(observation):
-    """No slot for gas vehicles: those that ask wait outside, EVs come and go, every number is finite."""
+def test_a_road_may_be_for_evs_only(observation):
+    """Without slots for gas vehicles these wait outside, EVs come and go, and every number is finite."""
     env, params = medjax.make("paper", num_gas=0, num_evs=8, num_meds=2, observation=observation)
     _, state = jax.jit(env.reset)(jax.random.key(0), params)
     step = jax.jit(env.step_env)
@@ -110,7 +104,5 @@ def test_a_road_may_be_for_evs_alone(observation):
         numbers = jax.tree.leaves((obs, reward, info["metrics"], info["reward_terms"]))
         assert all(np.isfinite(leaf).all() for leaf in numbers)
     meds, evs, gas = np.asarray(by_class(state.tally.entered))
-    assert meds > 0
-    assert evs > 0
-    assert gas == 0
+    assert min(meds, evs) > 0 == gas
     assert int(state.queue.sum()) > 0

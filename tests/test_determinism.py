@@ -9,6 +9,7 @@ import pytest
 
 import medjax
 from medjax.wrappers import BatchAutoReset, environment_mesh, on_devices
+from tests.compiling import quickly
 
 
 def digest(leaf):
@@ -52,7 +53,8 @@ def assert_same_courses(sizes, decisions, scenario="paper", *, as_constants=Fals
     """
     env, params = medjax.make(scenario, **overrides)
     keys = jax.random.split(jax.random.key(5), max(sizes))
-    _, states = jax.jit(jax.vmap(env.reset, (0, None)))(keys, params)
+    with quickly():  # only where all courses begin
+        _, states = jax.jit(jax.vmap(env.reset, (0, None)))(keys, params)
     play = functools.partial(course, env, decisions)
 
     def played(program, keys, states):
@@ -77,35 +79,31 @@ def test_alone_and_in_a_batch():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("observation", ["flat", "profile"])
-def test_whole_episodes_in_batches_of_all_sizes(observation):
-    """1 to 128 environments at once, six hundred decisions."""
-    assert_same_courses([0, 1, 2, 3, 16, 64, 128], decisions=600, observation=observation)
+@pytest.mark.parametrize(
+    ("sizes", "decisions", "options"),
+    [
+        ([0, 1, 2, 3, 16, 64, 128], 600, {"observation": "flat"}),
+        ([0, 1, 2, 3, 16, 64, 128], 600, {"observation": "profile"}),
+        ([0, 3], 120, {"scenario": "long"}),  # 2512 slots
+        ([0, 2, 64], 300, {"as_constants": True}),
+    ],
+)
+def test_whole_episodes_in_batches_of_all_sizes(sizes, decisions, options):
+    assert_same_courses(sizes, decisions, **options)
 
 
 @pytest.mark.slow
 def test_resets():
-    """Alone and in batches, with the sums that a reset is made of."""
+    """Alone and in batches."""
     env, params = medjax.make("paper")
     keys = jax.random.split(jax.random.key(6), 128)
-    largest = jax.jit(jax.vmap(env.reset, (0, None)))(keys, params)
+    reset = jax.jit(jax.vmap(env.reset, (0, None)))
+    largest = reset(keys, params)
     for size in (1, 3, 64):
-        some = jax.jit(jax.vmap(env.reset, (0, None)))(keys[:size], params)
+        some = reset(keys[:size], params)
         jax.tree.map(lambda a, b: np.testing.assert_array_equal(a, b[: len(a)]), some, largest)
     alone = jax.jit(env.reset)(keys[0], params)
     jax.tree.map(lambda a, b: np.testing.assert_array_equal(a, b[0]), alone, largest)
-
-
-@pytest.mark.slow
-def test_a_long_road_alone_and_in_a_batch():
-    """The same of 2512 slots."""
-    assert_same_courses([0, 3], decisions=120, scenario="long")
-
-
-@pytest.mark.slow
-def test_numbers_of_the_world_as_constants():
-    """Alone and in a batch are equal also where a program is compiled for one world."""
-    assert_same_courses([0, 2, 64], decisions=300, as_constants=True)
 
 
 @pytest.mark.slow

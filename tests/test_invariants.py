@@ -1,4 +1,4 @@
-"""Invariants under fire: random play in random worlds, five million vehicle updates of it."""
+"""Invariants in random play in random worlds, over five million vehicle updates."""
 
 import dataclasses
 import functools
@@ -32,23 +32,16 @@ from medjax.world.numbers import numbers_of
 from medjax.world.params import GROUPS, EnvConfig
 
 NUM_ENVS = 32
-# The corners of what medjax is meant to bear, and sizes between them.
+# Near the limits of what is allowed.
 MOST = EnvConfig(
-    num_lanes=6,
-    num_ramps=8,
-    num_exits=4,
-    num_depots=3,
-    num_meds=40,
-    num_evs=40,
-    num_gas=160,
-    tick_s=0.05,
-    ticks_per_round=20,
+    **{"num_lanes": 6, "num_ramps": 8, "num_exits": 4, "num_depots": 3, "num_meds": 40},
+    **{"num_evs": 40, "num_gas": 160, "tick_s": 0.05, "ticks_per_round": 20},
 )
-
-pytestmark = pytest.mark.usefixtures("quick_compiles")
 LEAST = EnvConfig(
     num_lanes=1, num_ramps=0, num_meds=1, num_evs=12, num_gas=12, tick_s=0.5, ticks_per_round=2
 )
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
 @functools.cache
@@ -58,7 +51,7 @@ def case(config):
 
 
 def assert_sound(case, updates):
-    """Over so many vehicle updates, and what its last episode has more."""
+    """No violation over at least so many vehicle updates."""
     total, found = 0, []
     for moved, violations in run_case(case, updates):
         total, found = total + moved, found + violations
@@ -74,7 +67,7 @@ def test_five_million_updates_in_random_worlds(config, updates):
 
 @pytest.mark.slow
 def test_a_million_updates_of_the_largest_sizes():
-    """All that is declared at its most, but for gas vehicles: more slots than so many are refused."""
+    """All sizes at their limits, and as many gas vehicles as the limit of slots leaves."""
     sizes = {name: int(each.high) for name, each in numbers_of(EnvConfig).items() if "num_" in name}
     ticks = {"tick_s": 0.5, "ticks_per_round": 20}
     with pytest.raises(InputError, match="allowed at most") as refusal:
@@ -100,7 +93,7 @@ def world_from(units, config, table):
 
 @pytest.mark.parametrize("config", [MOST, LEAST])
 def test_any_valid_world_is_sound(config):
-    """Hypothesis looks for a world, the same in all environments, in which 100 ticks of play violate anything."""
+    """Hypothesis looks for a world in which 100 ticks of play in any environment violate an invariant."""
     ours = case(config)
     units = arrays(np.float32, number_of_units(config), elements=st.floats(0.0, 1.0, width=32))
 
@@ -121,7 +114,7 @@ def test_any_valid_world_is_sound(config):
 
 
 def test_cases_reach_all_sizes():
-    """A default soak's cases: every number of lanes, both ends of the rest, and sizes that medjax allows."""
+    """In a default soak."""
     configs = [draw_config(0, number) for number in range(soak.CASES)]
     assert {c.num_lanes for c in configs} == set(range(1, 7))
     assert {0, 8} <= {c.num_ramps for c in configs}
@@ -134,7 +127,7 @@ def test_cases_reach_all_sizes():
 
 
 def test_worlds_reach_the_ends():
-    """Among worlds are some without demand and saturated ones, all human and all autonomous, no MED."""
+    """Some have no demand or are saturated, all human or all autonomous, without a MED."""
     params = draw_params(random_units(np.random.default_rng(0), 256), MOST, None)
     demand, fleet = params.demand, params.fleet
     assert {0.0, 3000.0 * 6} <= set(demand.mainline_per_h.tolist())
@@ -143,7 +136,7 @@ def test_worlds_reach_the_ends():
 
 
 def test_worlds_are_drawn_from_all_that_is_allowed():
-    """Each number that others leave free comes within a hundredth of its range of both ends, or of their logarithms."""
+    """Each number that is free comes within a hundredth of its range of both ends, or of their logarithms."""
     config = dataclasses.replace(LEAST, num_ramps=1, num_exits=1)
     params = draw_params(random_units(np.random.default_rng(0), 2000), config, None)
     for group, numbers in GROUPS.items():
@@ -152,7 +145,7 @@ def test_worlds_are_drawn_from_all_that_is_allowed():
             values = np.asarray(getattr(getattr(params, group), name), np.float64)
             if name == "ramp_speed":  # which the acceleration lane bounds
                 high = 50.0
-            if np.isinf(high):  # the end is met, and the rest is what is finite
+            if np.isinf(high):
                 assert np.isinf(values).any(), f"{group}.{name}"
                 values = values[np.isfinite(values)]
                 high = values.max()
@@ -162,24 +155,21 @@ def test_worlds_are_drawn_from_all_that_is_allowed():
             near = 0.01 * (high - low)
             assert values.min() <= low + near, f"{group}.{name}"
             assert values.max() >= high - near, f"{group}.{name}"
-    assert params.battery_scale.min() <= 2e-3
-    assert params.battery_scale.max() >= 5e5
-    assert params.road.length_m.min() <= 110.0
-    assert params.road.length_m.max() >= 190e3
-    assert params.road.acceleration_lane_m.min() <= 11.0
-    assert params.road.acceleration_lane_m.max() >= 4900.0
-    assert params.drivers.vehicle_length.min() <= 2.5
-    assert params.drivers.vehicle_length.max() >= 49.0
+    for values, low, high in (
+        (params.battery_scale, 2e-3, 5e5),
+        (params.road.length_m, 110.0, 190e3),
+        (params.road.acceleration_lane_m, 11.0, 4900.0),
+        (params.drivers.vehicle_length, 2.5, 49.0),
+    ):
+        assert values.min() <= low
+        assert values.max() >= high
 
 
 def test_make_builds_a_drawn_world():
     """What a report prints gives the same numbers, to the last bit."""
     world = world_of(case(MOST).params, 5)
     _, params = medjax.make("paper", **as_overrides(MOST, world))
-    for name, (ours, theirs) in enumerate(
-        zip(jax.tree.leaves(world), jax.tree.leaves(params), strict=True)
-    ):
-        np.testing.assert_array_equal(ours, theirs, err_msg=str(name))
+    jax.tree.map(np.testing.assert_array_equal, *map(jax.tree.leaves, (world, params)))
     assert "demand.mainline_per_h=" in " ".join(as_settings(MOST, world))
 
 
@@ -192,7 +182,7 @@ def run(argv, capsys):
 
 @pytest.fixture
 def reckless(monkeypatch):
-    """A soak of worlds that are not allowed: everyone brakes far harder than tyres can."""
+    """A soak of worlds that are not allowed, in which vehicles brake far harder than tyres can."""
 
     def braking(units, config, table):
         params = draw_params(units, config, table)
@@ -208,7 +198,7 @@ def reckless(monkeypatch):
 
 
 def test_a_violation_is_shown_again_by_its_command(reckless, tmp_path, capsys):
-    """What is wrong is found, counted and printed; the printed command plays up to the first and shows whose it is."""
+    """Violations are found, counted and printed; the printed command plays up to the first and shows the vehicle."""
     path = tmp_path / "soak.json"
     argv = ["--updates=1", "--seed=3", "--cases=1", f"--num-envs={NUM_ENVS}", f"--json={path}"]
     code, out = run(argv, capsys)
@@ -230,8 +220,8 @@ def test_a_violation_is_shown_again_by_its_command(reckless, tmp_path, capsys):
     assert "--set 'demand.mainline_per_h=" in shown
 
 
-def test_playing_to_a_decision_is_the_start_of_playing_on(reckless):
-    """Bit for bit, or a violation could not be shown again; another episode is another."""
+def test_play_up_to_a_decision_repeats_bit_for_bit(reckless):
+    """Or a violation could not be shown again; another episode differs."""
     ours = Case(3, 0, NUM_ENVS)
     one, again, other = ours.play(0, 7), ours.play(0, 7), ours.play(1, 7)
     jax.tree.map(np.testing.assert_array_equal, one, again)
@@ -243,7 +233,7 @@ def test_playing_to_a_decision_is_the_start_of_playing_on(reckless):
 
 
 def test_counts_are_of_vehicles_on_the_road():
-    """Updates of an episode, against states between its decisions: few come and go in one."""
+    """Against states between decisions, within which few vehicles come and go."""
     ours = case(LEAST)
     totals, on_road = [], []
     for decisions in range(6):

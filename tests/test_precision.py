@@ -1,4 +1,4 @@
-"""Where float32 bends the world: each bound of docs/precision.md, tried where it is reached, against float64."""
+"""Rounding in float32: each bound of docs/precision.md, where it is reached, against float64."""
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ from medjax.env.tick import physics_tick
 from medjax.traffic.motion import ballistic_step
 from medjax.traffic.step import drivers_of
 from medjax.world.kinds import AUTONOMOUS_EV, MED
-from medjax.world.params import FRONT, LEFT, PANELS
+from medjax.world.params import FRONT, LEFT
 from medjax.world.state import IN_SERVICE, EpisodeStats
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -29,11 +29,11 @@ def long():
     return medjax.make("long")
 
 
-# Positions ---------------------------------------------------------------------------------------
+# Positions.
 
 
 def test_a_step_is_off_by_half_a_unit_in_the_last_place():
-    """Of x, and by rounding of the way of the tick: next to nothing."""
+    """Of x; the rounding of the distance itself is negligible."""
     rng = np.random.default_rng(0)
     x = rng.uniform(0.5 * LENGTH_M, LENGTH_M, 20_000).astype(np.float32)
     speed = rng.uniform(10.0, 40.0, x.size).astype(np.float32)
@@ -46,7 +46,7 @@ def test_a_step_is_off_by_half_a_unit_in_the_last_place():
 
 
 def test_drift_over_the_whole_road():
-    """Half a unit a tick at most: a vehicle is never further off than that adds up to."""
+    """At most half a unit a tick."""
     speed = jnp.asarray(np.random.default_rng(1).uniform(15.0, 40.0, 100), jnp.float32)
     ticks = int(LENGTH_M / 15.0 / TICK_S)
 
@@ -56,12 +56,11 @@ def test_drift_over_the_whole_road():
     _, x = jax.lax.scan(tick, jnp.zeros_like(speed), length=ticks)
     x, v = np.asarray(x), np.asarray(speed, np.float64)
     exact = np.arange(ticks)[:, None] * v * TICK_S
-    # The last step's place decides how it was rounded.
     half_units = 0.5 * np.spacing(x).astype(np.float64)
     bound = np.cumsum(half_units + 2 * ROUNDING * v * TICK_S, axis=0)
     on_road = x < LENGTH_M
     assert (np.abs(x - exact) <= bound)[on_road].all()
-    # Over 100 km at 15 m/s that is a thousandth at most: half a unit over the way of a tick.
+    # Over 100 km at 15 m/s that is a thousandth at most.
     assert bound[on_road].max() < LENGTH_M * 0.5 * ULP_M / (15.0 * TICK_S) < 1.1e-3 * LENGTH_M
 
 
@@ -82,8 +81,8 @@ def place_in_slot(start_m, speed, params, x_type):
 
 
 def test_an_ev_stands_in_its_slot_at_the_far_end(long):
-    """Rounding moves both by up to half a unit a tick as if they drove faster; docking answers by
-    standing off by that speed over its rate, well within the tolerance."""
+    """Rounding by up to half a unit a tick is like a speed; docking stands off by that speed over its rate, well within
+    the tolerance."""
     _, params = long
     speed = jnp.linspace(14.0, 25.0, 4001)
     rate = float(params.charging.approach_rate)
@@ -94,8 +93,8 @@ def test_an_ev_stands_in_its_slot_at_the_far_end(long):
     assert np.abs(place_in_slot(1000.0, speed, params, jnp.float32)).max() < 0.01 * bound + 1e-3
 
 
-def test_the_coil_hardly_sees_it(long):
-    """What the offset of the far end takes from a link that stands in its place, in percent at most."""
+def test_that_offset_hardly_changes_the_link(long):
+    """By 5 % at most."""
     _, params = long
     off = ULP_M / (TICK_S * float(params.charging.approach_rate))
     along = jnp.array([0.0, off, -off])
@@ -105,7 +104,7 @@ def test_the_coil_hardly_sees_it(long):
         assert efficiency.min() > 0.95 * efficiency[0]
 
 
-# Sums and clocks ---------------------------------------------------------------------------------
+# Sums and clocks.
 
 
 def summed(step_stats, decisions):
@@ -116,7 +115,7 @@ def summed(step_stats, decisions):
 
 @pytest.mark.parametrize("decisions", [3600, 86_400, 604_800])
 def test_sums_of_an_episode(decisions):
-    """An hour, a day, a week: off by half a unit a decision at most; counts are exact up to 2^24."""
+    """An hour, a day, a week: off by at most half a unit a decision; counts are exact."""
     step_stats = EpisodeStats.zeros().replace(
         ev_distance_m=jnp.float32(5872.3),
         soc_seconds=jnp.float32(81.37),
@@ -132,7 +131,7 @@ def test_sums_of_an_episode(decisions):
 
 
 def test_sums_stop_growing_after_2_to_the_24_decisions():
-    """Half a year of seconds: one more of what has been summed so often is lost."""
+    """Half a year of seconds."""
     one = EpisodeStats.zeros().replace(ev_distance_m=jnp.float32(450.0))
     before = one.replace(ev_distance_m=jnp.float32(450.0 * 2**25))
     assert float((before + one).ev_distance_m) == float(before.ev_distance_m)
@@ -142,9 +141,9 @@ def test_sums_stop_growing_after_2_to_the_24_decisions():
 
 @pytest.mark.parametrize(("tick_s", "ticks"), [(0.25, 4), (0.1, 10), (0.1, 4), (0.02, 3), (0.3, 1)])
 def test_a_clock_runs_down_in_time(tick_s, ticks):
-    """A clock of n decisions is off by n^2 rounding errors of a decision, and a hundredth is let go: it ends with
-    the decision that it should up to 400 of them, up to 4000 with that or the next one; always where a decision
-    is a number of seconds that float32 holds."""
+    """A clock of n decisions is off by n^2 of a decision's rounding errors; a hundredth becomes 0. It ends on time for
+    up to 400 decisions, at most one late for up to 4000, and always on time if float32 holds a decision's seconds.
+    """
     env, params = medjax.make("paper", tick_s=tick_s, ticks_per_round=ticks)
     state = jax.tree.map(
         lambda leaf: jnp.zeros(leaf.shape, leaf.dtype),
@@ -158,15 +157,11 @@ def test_a_clock_runs_down_in_time(tick_s, ticks):
 
     def decision(carry, _):
         clock, count = carry
-        count += clock > 0.0
-        return (
-            advance_clocks(state.replace(cooldown_s=clock), env.config, params)[0].cooldown_s,
-            count,
-        ), None
+        after = advance_clocks(state.replace(cooldown_s=clock), env.config, params)[0]
+        return (after.cooldown_s, count + (clock > 0.0)), None
 
-    (left, counts), _ = jax.lax.scan(
-        decision, (clocks, jnp.zeros(clocks.shape, jnp.int32)), length=3700
-    )
+    start = clocks, jnp.zeros(clocks.shape, jnp.int32)
+    (left, counts), _ = jax.lax.scan(decision, start, length=3700)
     assert (left == 0.0).all()
     late = np.asarray(counts) - whole
     assert ((late == 0) | (late == 1)).all()
@@ -175,11 +170,11 @@ def test_a_clock_runs_down_in_time(tick_s, ticks):
         assert (late == 0).all()
 
 
-# All of it ---------------------------------------------------------------------------------------
+# All of it.
 
 
 def platoon(env, params, x):
-    """A MED in service at x, not in a round number of m/s, and an EV charging in each of its slots."""
+    """A MED in service at x and an EV charging in each of its slots."""
     shapes = jax.eval_shape(env.reset, jax.random.key(0), params)[1]
     state = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
     vehicles = state.vehicles.replace(
@@ -193,9 +188,7 @@ def platoon(env, params, x):
     )
     return state.replace(
         vehicles=vehicles,
-        evs=state.evs.replace(
-            energy_j=np.full(4, 3e7), panel=np.arange(len(PANELS), dtype=np.int32)
-        ),
+        evs=state.evs.replace(energy_j=np.full(4, 3e7), panel=np.arange(4, dtype=np.int32)),
         meds=state.meds.replace(
             energy_j=np.full(1, 1.3e9),
             status=np.full(1, IN_SERVICE, np.int32),
@@ -228,8 +221,8 @@ def played(env, params, state, ticks, float_type):
 
 
 def test_ten_minutes_of_charging_at_the_far_end_against_float64():
-    """The whole tick at 80 to 90 km, computed in both types: the same EVs charge throughout, they stand where
-    docking's bound lets them, and batteries and books agree."""
+    """The whole tick at 80 to 90 km: in both types the same EVs charge throughout, stand within docking's bound, and
+    batteries and tallies agree."""
     env, params = medjax.make("long", num_meds=1, num_evs=4, num_gas=0, service_speed=17.987)
     ticks = 2400
     state = platoon(env, params, 80_000.0)
@@ -251,7 +244,7 @@ def test_ten_minutes_of_charging_at_the_far_end_against_float64():
         flowed = np.abs(other.energy_j[-1] - other.energy_j[0])
         assert (np.abs(one.energy_j[-1] - other.energy_j[-1]) < 5e-3 * flowed)[slots].all()
 
-    # The books of float32 by themselves, summed in float64: what driving takes and what is sent leaves the pack.
+    # In float32 alone, summed in float64: what driving takes and what is sent leaves the pack.
     speed = narrow.vehicles.speed[:, 0].astype(np.float64)
     med = jax.tree.map(float, params.med)
     with jax.enable_x64(True):
@@ -259,5 +252,5 @@ def test_ten_minutes_of_charging_at_the_far_end_against_float64():
     sent = books.energy_sent_j[1:].astype(np.float64).sum()
     spent = float(narrow.meds.energy_j[0, 0]) - float(narrow.meds.energy_j[-1, 0])
     assert spent == pytest.approx(driven + sent, rel=5e-6)
-    # On the way into the slot the coil's current bounds the power, by where exactly the EV is.
+    # On the way into the slot the power depends on where exactly the EV is.
     assert sent == pytest.approx(true.energy_sent_j[1:].sum(), rel=5e-4)

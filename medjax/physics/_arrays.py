@@ -1,4 +1,4 @@
-"""The rule for number types that all formulas of this package share."""
+"""The floating type that the formulas of this package compute in."""
 
 import jax
 import jax.numpy as jnp
@@ -6,11 +6,10 @@ from jax.typing import ArrayLike
 
 
 def as_floats(*values: ArrayLike) -> tuple[jax.Array, ...]:
-    """Converts numbers and arrays to one strong floating type; shapes stay.
+    """Converts numbers and arrays `(...)` to the widest floating type among them; shapes stay.
 
-    The type is the widest among the arrays given: float64 stays float64 where x64 is on. Python numbers and integer
-    arrays count as JAX's default float. The result is never weakly typed, so a formula compiles to the same program
-    for literals and for arrays.
+    Python numbers and integer arrays count as JAX's default float. The result is never weakly typed, so a formula
+    compiles to the same program for literals and for arrays.
     """
     dtype = jnp.result_type(0.0, *values)
     return tuple(jnp.asarray(value, dtype) for value in values)

@@ -21,11 +21,8 @@ def link_efficiency(
     """Share of the primary's input power that reaches the load, by the paper's eq (6).
 
     The form "circuit" is the circuit solution for two series-resonant coils,
-
-        Z_L / {(R_EV + Z_L) [1 + R_MED (R_EV + Z_L) / (w0 M)^2]}.
-
-    The form "paper" has R_MED for R_EV in the first factor, as printed; both agree for equal
-    resistances. All arguments broadcast to the shape of the result, `(...)`.
+    Z_L / {(R_EV + Z_L) [1 + R_MED (R_EV + Z_L) / (w0 M)^2]}. The form "paper" has R_MED for R_EV in the first factor,
+    as printed; both agree for equal resistances. All arguments broadcast to the shape of the result, `(...)`.
 
     Args:
       mutual_inductance: M, H, of either sign.
@@ -36,8 +33,8 @@ def link_efficiency(
       form: "circuit" or "paper".
 
     Returns:
-      The efficiency in [0, 1], 0 with gradient 0 where M = 0 (unless the primary is lossless,
-      where it has no limit). It is in the widest floating type among the arguments.
+      The efficiency in [0, 1], in the widest floating type among the arguments. It is 0 with gradient 0 where M = 0,
+      but has no limit there if the primary is lossless.
 
     Raises:
       InputError: `form` is neither of the two.
@@ -65,8 +62,8 @@ def input_resistance(
 ) -> jax.Array:
     """Input resistance of two series-resonant coils at resonance, R_MED + (w0 M)^2 / (R_EV + Z_L).
 
-    A primary current I (RMS) draws I^2 times this from the source. The coil's current limit therefore bounds the power
-    of a link, the more so the smaller M is. All arguments broadcast, `(...)`; they are those of `link_efficiency`.
+    A primary current I (RMS) draws I^2 times this from the source, so the coil's current limit bounds the power of a
+    link. All arguments broadcast, `(...)`; they are those of `link_efficiency`.
 
     Returns:
       Resistance in ohm, in the widest floating type among the arguments.

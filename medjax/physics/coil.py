@@ -33,22 +33,20 @@ def mutual_inductance(
     the primary. The sign is that of the flux, so it changes where the secondary slides off the primary (the null).
     M(lateral, tilt) = M(-lateral, -tilt), and M(axial, tilt) = M(-axial, -tilt).
 
-    All arguments broadcast to the shape of the result, `(...)`. It is differentiable wherever the wires do not touch,
-    also in the aligned position. Where they touch, the filament model diverges, and the result is meaningless.
+    All arguments broadcast to the shape of the result, `(...)`. It is differentiable except where the wires touch.
 
     Args:
       primary_radius, secondary_radius: m, positive; in the paper R_MED and R_EV.
-      axial: distance of the centres along the primary's axis (c), m.
-      lateral: distance of the centres across the primary's axis (d), m.
+      axial, lateral: distance of the centres along (c) and across (d) the primary's axis, m.
       tilt: angle between the two axes (theta), rad.
       primary_turns, secondary_turns: numbers of turns, concentrated in one filament per side.
       num_nodes: points of the trapezoid rule over half the secondary's rim, at least 2.
       num_agm_steps: steps of the arithmetic-geometric mean at each point.
 
     Returns:
-      M in henry, in the widest floating type among the arguments. With the default nodes and steps the truncation
-      is below 1e-6 of M's coaxial value while the wires are 0.05 m or more apart, for radii of some 0.3 m; 256 nodes
-      leave float64's rounding down to 0.02 m.
+      M in henry, in the widest floating type among the arguments. For radii of some 0.3 m the default nodes and steps
+      truncate less than 1e-6 of M's coaxial value while the wires are 0.05 m or more apart; 256 nodes leave float64's
+      rounding down to 0.02 m.
 
     Raises:
       InputError: fewer than two nodes.
@@ -62,14 +60,17 @@ def mutual_inductance(
         primary_radius, secondary_radius, axial, lateral, tilt, primary_turns, secondary_turns
     )
     pose = radius_2 / radius_1, axial / radius_1, lateral / radius_2, jnp.sin(tilt), jnp.cos(tilt)
-    # The angle phi along the secondary's rim runs along a new last axis.
+    # phi along the secondary's rim is a new last axis.
     alpha, beta, offset, sin_tilt, cos_tilt = (jnp.expand_dims(x, -1) for x in pose)
     cos_phi, sin_phi, weights = (jnp.asarray(x, radius_1.dtype) for x in _half_rim(num_nodes))
 
     # Distances of a rim point in primary radii: squared from the axis, and above the plane.
     axis_sq = alpha**2 * ((cos_phi * cos_tilt - offset) ** 2 + sin_phi**2)
     height = beta - alpha * cos_phi * sin_tilt
-    sum_psi, a = _rim_psi(axis_sq, height, num_agm_steps)
+    # The means of eq (3)'s k after a first step. The root of (1 + axis_sq + height^2)^2 - 4 axis_sq would cancel.
+    b_sq = jnp.sqrt((1 - axis_sq - height**2) ** 2 + 4 * height**2)
+    a_sq = (1 + axis_sq + height**2 + b_sq) / 2
+    sum_psi, a = psi_sum(a_sq, b_sq, axis_sq, num_agm_steps)
     integrand = (cos_tilt - offset * cos_phi) * sum_psi / a
     scale = (VACUUM_PERMEABILITY / 4) * turns_1 * turns_2 * radius_2**2 / radius_1
     return scale * jnp.sum(weights * integrand, axis=-1)
@@ -82,12 +83,3 @@ def _half_rim(num_nodes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     spacing = np.full(num_nodes, math.pi / (num_nodes - 1))
     spacing[[0, -1]] /= 2
     return np.cos(phi), np.sin(phi), spacing
-
-
-def _rim_psi(axis_sq: jax.Array, height: jax.Array, num_steps: int) -> tuple[jax.Array, jax.Array]:
-    """`psi_sum` divided by axis_sq at rim points; axis_sq: squared distance from the axis, in primary radii."""
-    # The means of eq (3)'s k after a first step, which leaves only V^2 of the printed form. Computing b from
-    # the root of (1 + axis_sq + height^2)^2 - 4 axis_sq would cancel.
-    b_sq = jnp.sqrt((1 - axis_sq - height**2) ** 2 + 4 * height**2)
-    a_sq = (1 + axis_sq + height**2 + b_sq) / 2
-    return psi_sum(a_sq, b_sq, axis_sq, num_steps)

@@ -1,16 +1,14 @@
 """Mutual inductance from a table over the relative position of two coils.
 
-Accuracy, for coils of 0.35 and 0.30 m, 10 turns each, at 85 kHz with 0.159 and 0.126 ohm and a load of 10 ohm: within
-the default limits and with the default size, the link efficiency differs from the integral's by at most 9e-4 (7e-5 in
-the mean) as long as the wires are 0.03 m or more apart. In the 0.3 % of positions where they are nearer (axial below
-0.12 m, with a tilt that dips one rim to the other) the error reaches 0.06: M of filaments that touch is unbounded, and
-no grid follows it.
+Accuracy of the default table, for coils of 0.35 and 0.30 m, 10 turns each, at 85 kHz with 0.159 and 0.126 ohm and a
+load of 10 ohm: the link efficiency differs from the integral's by at most 9e-4 (7e-5 in the mean) where the wires are
+0.03 m or more apart. In the other 0.3 % of positions (axial below 0.12 m, one rim tilted to the other) the error
+reaches 0.06, since M of filaments that touch is unbounded.
 """
 
 import functools
 import math
 import operator
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -22,8 +20,8 @@ from medjax.numerics.gathers import read
 from medjax.physics._arrays import as_floats
 from medjax.physics.coil import mutual_inductance
 
-# Points that the interpolation reads along axial, lateral and tilt. M bends most in lateral and tilt, where the rims
-# pass each other; cubics there need a tenth of the table that linear interpolation needs.
+# Points that the interpolation reads along axial, lateral and tilt. M bends most in the latter two, where cubics need a
+# tenth of the table that linear interpolation needs.
 _POINTS = (2, 4, 4)
 
 
@@ -61,8 +59,8 @@ def tabulate_inductance(
 ) -> InductanceTable:
     """Tabulates `mutual_inductance` of one coil pair.
 
-    It is pure, and compiled anew for each grid size. The arguments are scalars; `jax.vmap` tabulates many designs along
-    each leaf's first axis. The module's docstring states the accuracy.
+    The arguments are scalars; `jax.vmap` tabulates many designs along each leaf's first axis. The module's docstring
+    states the accuracy.
 
     Args:
       primary_radius, secondary_radius: m.
@@ -81,16 +79,23 @@ def tabulate_inductance(
     for (name, size), least in zip(sizes.items(), _POINTS, strict=True):
         if size < least:
             raise InputError(f"{name} is {size}, must be at least {least}")
-    limits = as_floats(min_axial, max_axial, max_lateral, max_tilt)
-    nearest, farthest, lateral_limit, tilt_limit = limits
+    nearest, farthest, lateral_limit, tilt_limit = as_floats(
+        min_axial, max_axial, max_lateral, max_tilt
+    )
     log_nearest, log_farthest = jnp.log(nearest), jnp.log(farthest)
     axial = jnp.exp(jnp.linspace(log_nearest, log_farthest, num_axial))
     lateral = jnp.linspace(0.0, lateral_limit, num_lateral)
     tilt = jnp.linspace(-tilt_limit, tilt_limit, num_tilt)
-    pose = axial[:, None, None], lateral[:, None], tilt
-    turns: dict[str, Any] = {"primary_turns": primary_turns, "secondary_turns": secondary_turns}
     return InductanceTable(
-        values=mutual_inductance(primary_radius, secondary_radius, *pose, **turns),
+        values=mutual_inductance(
+            primary_radius,
+            secondary_radius,
+            axial[:, None, None],
+            lateral[:, None],
+            tilt,
+            primary_turns=primary_turns,
+            secondary_turns=secondary_turns,
+        ),
         log_axial_origin=log_nearest,
         log_axial_step=(log_farthest - log_nearest) / (num_axial - 1),
         lateral_step=lateral_limit / (num_lateral - 1),
@@ -104,8 +109,8 @@ def interpolate_inductance(
 ) -> jax.Array:
     """Mutual inductance of the tabulated pair at a relative position.
 
-    Linear in log(axial), cubic (Lagrange, on the four nearest points) in lateral and in tilt;
-    continuous throughout. A position outside the table's limits counts as the nearest one inside.
+    Linear in log(axial), cubic (Lagrange, on the four nearest points) in lateral and in tilt. A position outside the
+    table's limits counts as the nearest one inside.
 
     Args:
       table: of one coil pair, from `tabulate_inductance`.
@@ -123,8 +128,7 @@ def interpolate_inductance(
         jnp.abs(lateral) / table.lateral_step,
         (jnp.where(lateral < 0, -tilt, tilt) - table.tilt_origin) / table.tilt_step,
     )
-    sides = map(_stencil, positions, table.values.shape, _POINTS)
-    axial_side, lateral_side, tilt_side = sides
+    axial_side, lateral_side, tilt_side = map(_stencil, positions, table.values.shape, _POINTS)
     # One flat index per point is the cheapest gather on a CPU.
     _, num_lateral, num_tilt = table.values.shape
     flat = table.values.reshape(-1)

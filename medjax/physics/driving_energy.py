@@ -23,9 +23,8 @@ def tractive_energy(
 ) -> jax.Array:
     """Energy at the wheels over one time step, by one term of the paper's eqs (7)-(8).
 
-    It is the force of rolling resistance, air drag at the mean speed, inertia and slope, times the distance driven.
-    As in eq (7), rolling resistance omits the cosine of the slope. All arguments broadcast to the shape of the result,
-    `(...)`.
+    It is the force of rolling resistance (as in eq (7) without the cosine of the slope), air drag at the mean speed,
+    inertia and slope, times the distance driven. All arguments broadcast to the shape of the result, `(...)`.
 
     Args:
       speed_before: speed at the start of the step (V_{i-1}), m/s, not negative.
@@ -44,10 +43,9 @@ def tractive_energy(
       Energy in J, negative when braking or rolling downhill yields more than resistance takes.
       It is in the widest floating type among the arguments.
     """
-    motion = speed_before, speed_after, dt
     vehicle = mass, drag_coefficient, frontal_area, rolling_resistance, rotational_inertia_factor
     before, after, dt, mass, drag, area, rolling, inertia, slope, density, gravity = as_floats(
-        *motion, *vehicle, slope, air_density, gravity
+        speed_before, speed_after, dt, *vehicle, slope, air_density, gravity
     )
     mean_speed = (before + after) / 2
     force = (
@@ -68,9 +66,8 @@ def battery_energy(
 ) -> jax.Array:
     """Energy that one time step takes out of the battery.
 
-    Driving energy is divided by the drivetrain's efficiency. Braking energy is multiplied by the regeneration's
-    efficiency, which covers all losses from wheels to battery. The defaults give eq (8) of the paper, where the
-    battery supplies exactly what the wheels take. All arguments broadcast to the shape of the result, `(...)`.
+    Driving energy is divided by the drivetrain's efficiency, braking energy multiplied by the regeneration's. The
+    defaults give eq (8) of the paper, without losses. All arguments broadcast to the shape of the result, `(...)`.
 
     Args:
       tractive_energy: energy at the wheels in the step, J, negative when braking.
@@ -80,8 +77,8 @@ def battery_energy(
       auxiliary_power: power of other loads (climate, electronics), W.
 
     Returns:
-      Energy in J, negative when the battery is charged. It is in the widest floating type among
-      the arguments. The caller applies the battery's limits (full, empty, power).
+      Energy in J, negative when the battery is charged, in the widest floating type among the arguments. The caller
+      applies the battery's limits (full, empty, power).
     """
     wheels, dt, drivetrain, regeneration, auxiliary = as_floats(
         tractive_energy, dt, drivetrain_efficiency, regeneration_efficiency, auxiliary_power
@@ -95,8 +92,8 @@ def change_battery(
 ) -> tuple[jax.Array, jax.Array]:
     """Battery energy after a change, within 0 and capacity, by a compensated sum.
 
-    In float32 the energy of a truck's 400 kWh pack is a multiple of 128 J, as much as its electronics take in half a
-    second. Rounding at every time step would lose small loads, so the rounding error is carried to the next step.
+    In float32 the energy of a truck's 400 kWh pack is a multiple of 128 J. Rounding at every time step would lose small
+    loads, so the rounding error is carried to the next step.
 
     Args:
       energy: J, in [0, capacity]; all arguments broadcast, any shape.

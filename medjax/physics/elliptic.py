@@ -6,10 +6,8 @@ The two integrals and their derivatives all have the form
 
 with K = I(m; 1, 1), E = I(m; 1, 1 - m), dK/dm = I(m; 1, 0) / (2 (1 - m)), dE/dm = -I(m; 0, 1) / 2. Landen's
 transformation leaves I unchanged while it brings the two means closer, and p and q with them (Bulirsch, Numer. Math. 7,
-78-90, 1965; the mean itself: DLMF 19.8). Every step adds and multiplies positive numbers, so no digits cancel. The
-textbook form E = K (1 - sum 2^(n-1) c_n^2) subtracts and loses digits as m nears 1.
-
-A third function, `psi_sum`, gives the Psi of two coils; see `medjax.physics.coil`.
+78-90, 1965; the mean itself: DLMF 19.8). Every step adds and multiplies positive numbers, so no digits cancel, as they
+do in the textbook form E = K (1 - sum 2^(n-1) c_n^2) where m nears 1.
 """
 
 import math
@@ -32,8 +30,7 @@ def ellipk(m: ArrayLike) -> jax.Array:
       m: parameter m = k^2 (not the modulus k), at most 1, any shape `(...)`, dimensionless.
 
     Returns:
-      K(m), shape `(...)`, in the floating type of `m`. K(0) = pi/2, K(1) = inf, nan above 1.
-      Its gradient is finite for m < 1.
+      K(m), shape `(...)`, in the floating type of `m`, with a finite gradient for m < 1. K(1) = inf, nan above 1.
 
     Source: DLMF 19.2.8 (definition), 19.8.5 (arithmetic-geometric mean).
     """
@@ -47,16 +44,15 @@ def ellipe(m: ArrayLike) -> jax.Array:
       m: parameter m = k^2 (not the modulus k), at most 1, any shape `(...)`, dimensionless.
 
     Returns:
-      E(m), shape `(...)`, in the floating type of `m`. E(0) = pi/2, E(1) = 1, nan above 1.
-      Its gradient is finite for m < 1.
+      E(m), shape `(...)`, in the floating type of `m`, with a finite gradient for m < 1. E(1) = 1, nan above 1.
 
     Source: DLMF 19.2.8 (definition), 19.8.6 (arithmetic-geometric mean).
     """
     return _ellipe(*as_floats(m))
 
 
-# The derivatives are explicit because that of the square root below, 1 / (2 sqrt(1 - m)), grows without bound towards
-# m = 1, whereas dE/dm hardly does: with autodiff the terms would cancel to noise.
+# Autodiff would go through the square root below, whose derivative grows without bound towards m = 1, whereas dE/dm
+# hardly does: the terms would cancel to noise.
 @jax.custom_jvp
 def _ellipk(m: jax.Array) -> jax.Array:
     return _landen(m, jnp.ones_like(m), jnp.ones_like(m))

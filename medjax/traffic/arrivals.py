@@ -33,14 +33,11 @@ def new_seed(key: jax.Array) -> jax.Array:
 
 def redraw(key: jax.Array, state: Any) -> Any:
     """Redraws future arrivals of an environment's state, wrapped or not; vehicles on the road stay as they are."""
-
-    def is_highway(node: Any) -> bool:
-        return isinstance(node, EnvState)
-
-    def drawn(node: Any) -> Any:
-        return node.replace(arrivals=new_seed(key)) if is_highway(node) else node
-
-    return jax.tree.map(drawn, state, is_leaf=is_highway)
+    return jax.tree.map(
+        lambda node: node.replace(arrivals=new_seed(key)) if isinstance(node, EnvState) else node,
+        state,
+        is_leaf=lambda node: isinstance(node, EnvState),
+    )
 
 
 def _stream(seed: jax.Array, stream: jax.Array | int, number: jax.Array) -> jax.Array:

@@ -25,14 +25,7 @@ def entry_rates(demand: DemandParams, num_lanes: int, time_s: Scalar) -> jax.Arr
 
 
 def poisson_arrivals(uniform: jax.Array, expected: jax.Array) -> jax.Array:
-    """Poisson counts by inversion, int32; one uniform draw per count, no rejection loop.
-
-    Args:
-      uniform: in [0, 1); expected: mean counts; equal shapes.
-
-    Returns:
-      Counts, capped at MOST_ARRIVALS.
-    """
+    """Poisson counts by inversion, int32, capped at MOST_ARRIVALS, from draws in [0, 1) and means of equal shapes."""
     term = jnp.exp(-expected)
     below = term
     count = jnp.zeros(jnp.shape(uniform), jnp.int32)
@@ -64,9 +57,9 @@ def drawn_kinds(uniform: jax.Array, is_ev: jax.Array, shares: Sequence[Scalar]) 
 
     def drawn(kinds: tuple[int, ...]) -> jax.Array | int:
         kind: jax.Array | int = kinds[-1]
-        for place in reversed(range(len(kinds) - 1)):
-            below = sum(shares[index] for index in kinds[: place + 1])
-            kind = jnp.where(uniform < below, kinds[place], kind)
+        for last in range(len(kinds) - 1, 0, -1):
+            below = sum(shares[index] for index in kinds[:last])
+            kind = jnp.where(uniform < below, kinds[last - 1], kind)
         return kind
 
     return jnp.where(is_ev, drawn(kinds_in(EVS)), drawn(GAS_KINDS)).astype(jnp.int32)
@@ -81,16 +74,12 @@ class Entries(NamedTuple):
 
 def entries(road: RoadParams, num_lanes: int) -> Entries:
     """The entries of a road: the start of each lane, then of each acceleration lane."""
-    num_ramps = road.ramp_x_m.shape[0]
-    return Entries(
-        x=jnp.concatenate([jnp.zeros((num_lanes,), jnp.float32), road.ramp_x_m]),
-        lane=jnp.concatenate(
-            [
-                jnp.arange(num_lanes, dtype=jnp.int32),
-                jnp.full((num_ramps,), num_lanes, jnp.int32),
-            ]
-        ),
+    x = jnp.concatenate([jnp.zeros((num_lanes,), jnp.float32), road.ramp_x_m])
+    lanes, ramps = (
+        jnp.arange(num_lanes, dtype=jnp.int32),
+        jnp.full_like(road.ramp_x_m, num_lanes, jnp.int32),
     )
+    return Entries(x, jnp.concatenate([lanes, ramps]))
 
 
 def place(admitted: jax.Array, free: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -139,23 +128,15 @@ def fill_road(
 ) -> Fill:
     """Fills the lanes to match the demand, in closed form and without collisions.
 
-    A Poisson number of vehicles goes to a grid of places, lane by lane, each moved forward by up to half the
-    spacing. One shuffle of the slots mixes EVs and gas vehicles.
+    A Poisson number of vehicles goes to a grid of places, lane by lane, each moved forward by up to half the spacing.
 
     Args:
-      key: random key.
-      is_ev: (C,) bool, class of each slot (EVs and gas vehicles).
-      desired_speed: (C,) m/s.
-
-    Returns:
-      Fill of the C slots.
+      key: random key; is_ev: (C,) bool, EV or gas slot; desired_speed: (C,) m/s.
     """
     count_key, share_key, shuffle_key, jitter_key = jax.random.split(key, 4)
     evs, gas = _drawn_counts((count_key, share_key), is_ev, num_lanes, params)
-    class_rank = (
-        jnp.where(is_ev, jnp.cumsum(is_ev, dtype=jnp.int32), jnp.cumsum(~is_ev, dtype=jnp.int32))
-        - 1
-    )
+    evs_so_far, gas_so_far = (jnp.cumsum(each, dtype=jnp.int32) for each in (is_ev, ~is_ev))
+    class_rank = jnp.where(is_ev, evs_so_far, gas_so_far) - 1
     active = class_rank < jnp.where(is_ev, evs, gas)
 
     position = _shuffled_places(shuffle_key, active)
@@ -229,8 +210,5 @@ def _shuffled_places(key: jax.Array, active: jax.Array) -> jax.Array:
     tickets = jnp.where(active, tickets, jnp.uint32(2**31))
     shuffled = jnp.sort(tickets | jnp.arange(slots, dtype=jnp.uint32))
     order = (shuffled & jnp.uint32(2**bits - 1)).astype(jnp.int32)
-    return (
-        jnp.zeros((slots,), jnp.int32)
-        .at[order]
-        .set(jnp.arange(slots, dtype=jnp.int32), unique_indices=True)
-    )
+    places = jnp.arange(slots, dtype=jnp.int32)
+    return jnp.zeros((slots,), jnp.int32).at[order].set(places, unique_indices=True)

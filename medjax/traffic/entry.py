@@ -92,48 +92,35 @@ def _safe_speed(
 def _put_on_road(
     vehicles: Vehicles, entry: jax.Array, next_up: _NextUp, where: Entries, speed: jax.Array
 ) -> Vehicles:
-    """Writes newcomers into their slots.
-
-    Args:
-      entry: (N,) int32, the entry whose vehicle a slot receives, -1 for none.
-      speed: (K,) m/s, entry speeds.
-    """
+    """Writes newcomers into their slots: `entry` `(N,)` as in `Newcomers`, entry speeds `(K,)` m/s."""
     new, source = entry >= 0, jnp.maximum(entry, 0)
-
-    def fresh(values: jax.Array, old: jax.Array) -> jax.Array:
-        return jnp.where(new, values[source], old)
-
-    still = jnp.zeros_like(where.x)
-    nobody = jnp.full_like(where.x, jnp.inf)
-    return vehicles.replace(
-        x=fresh(where.x, vehicles.x),
-        speed=fresh(speed, vehicles.speed),
-        lane=fresh(where.lane, vehicles.lane),
-        active=vehicles.active | new,
-        kind=fresh(next_up.kind, vehicles.kind),
-        lateral_offset=fresh(still, vehicles.lateral_offset),
-        lateral_speed=fresh(still, vehicles.lateral_speed),
-        desired_speed=fresh(next_up.desired_speed, vehicles.desired_speed),
-        acceleration_noise=fresh(still, vehicles.acceleration_noise),
-        wander=fresh(still, vehicles.wander),
-        headway=fresh(next_up.time_headway, vehicles.headway),
-        courtesy_left=fresh(nobody, vehicles.courtesy_left),
-        courtesy_right=fresh(nobody, vehicles.courtesy_right),
-        recovery_s=fresh(still, vehicles.recovery_s),
-        destination=fresh(next_up.destination, vehicles.destination),
-    )
+    zeros, no_limit = jnp.zeros_like(where.x), jnp.full_like(where.x, jnp.inf)
+    values = {
+        "x": where.x,
+        "speed": speed,
+        "lane": where.lane,
+        "kind": next_up.kind,
+        "desired_speed": next_up.desired_speed,
+        "headway": next_up.time_headway,
+        "destination": next_up.destination,
+        **dict.fromkeys(("lateral_offset", "lateral_speed"), zeros),
+        **dict.fromkeys(("acceleration_noise", "wander", "recovery_s"), zeros),
+        **dict.fromkeys(("courtesy_left", "courtesy_right"), no_limit),
+    }
+    entered = {
+        name: jnp.where(new, value[source], getattr(vehicles, name))
+        for name, value in values.items()
+    }
+    return vehicles.replace(active=vehicles.active | new, **entered)
 
 
 def admit(
     state: EnvState, number: jax.Array, config: EnvConfig, params: EnvParams
 ) -> tuple[EnvState, Newcomers, EpisodeStats]:
-    """One round of entries: at most one vehicle per entry, MEDs first.
+    """One round of entries: at most one vehicle per entry, MEDs first; `number` () int32 counts rounds of the episode.
 
     An arrival without a safe gap or a free slot of its class waits in the queue. The caller initialises what EVs have
     beyond their vehicles.
-
-    Args:
-      number: () int32, rounds since the episode's start.
 
     Returns:
       (state, newcomers, tally of entries and queues)

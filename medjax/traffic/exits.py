@@ -39,11 +39,7 @@ def _leave_at(index: int, x: jax.Array, demand: DemandParams, road: RoadParams) 
 def draw_destinations(
     uniform: jax.Array, x: jax.Array, demand: DemandParams, road: RoadParams
 ) -> jax.Array:
-    """Destinations of vehicles that enter at these positions, m.
-
-    Args:
-      uniform: in [0, 1), one draw per vehicle; x: m, same shape.
-    """
+    """Destinations of vehicles that enter at x, m; uniform draws in [0, 1) and x, m, have the same shape."""
     destination = jnp.full_like(uniform, road.length_m)
     stays = jnp.ones_like(uniform)  # share still on the road
     for index in range(road.exit_x_m.shape[0]):
@@ -67,10 +63,9 @@ def mean_way(x: jax.Array, demand: DemandParams, road: RoadParams) -> jax.Array:
 def draw_entries(
     uniform: jax.Array, x: jax.Array, demand: DemandParams, road: RoadParams
 ) -> jax.Array:
-    """Entries of vehicles that a reset puts at these positions, m, weighted by the flow that each still contributes.
+    """Entries of vehicles that a reset puts at x, m, weighted by the flow that each entry still contributes there.
 
-    Args:
-      uniform: in [0, 1), one draw per vehicle; x: m, same shape.
+    Uniform draws in [0, 1) and x, m, have the same shape.
     """
     mainline, ramps = demand.flows(jnp.zeros((), jnp.float32))
     places = [jnp.zeros((), jnp.float32), *road.ramp_x_m]

@@ -98,11 +98,7 @@ def braking_weight(max_acceleration: ArrayLike, comfortable_deceleration: ArrayL
 
 
 def make_drivers(kind: jax.Array, desired_speed: jax.Array, params: DriverParams) -> Drivers:
-    """Looks up each slot's driver parameters by its kind.
-
-    Args:
-      kind: (N,) int32; desired_speed: (N,) m/s.
-    """
+    """Looks up each slot's driver parameters by its kind, `(N,)` int32; desired_speed `(N,)` m/s."""
     closing = braking_weight(params.max_acceleration, params.comfortable_deceleration)
     return Drivers(
         length=by_kind(kind, params.vehicle_length),
@@ -121,17 +117,8 @@ def roles(
 ) -> tuple[Leader, Follower]:
     """All vehicles as leaders and as followers; every array `(N,)`."""
     leader = Leader(x - drivers.length, speed, platoon)
-    follower = Follower(
-        x=x,
-        speed=speed,
-        time_headway=drivers.time_headway,
-        min_gap=drivers.min_gap,
-        max_acceleration=drivers.max_acceleration,
-        closing=drivers.closing,
-        prepared=model.prepare(drivers, speed),
-        platoon=platoon,
-    )
-    return leader, follower
+    keeps = drivers.time_headway, drivers.min_gap, drivers.max_acceleration, drivers.closing
+    return leader, Follower(x, speed, *keeps, model.prepare(drivers, speed), platoon)
 
 
 def gap_between(follower: Follower, leader: Leader) -> jax.Array:
@@ -186,13 +173,9 @@ def following_acceleration(
     platooning: Platooning,
     model: CarFollowing,
 ) -> jax.Array:
-    """Acceleration of each follower behind its leader, m/s^2, by the follower's parameters.
+    """Acceleration of each follower behind its leader, m/s^2, all of one shape; on a free road without a leader.
 
     Members of a platoon, a MED and the EVs booked on it, keep the platoon's shorter headway and gap to each other.
-
-    Args:
-      follower, leader: equal shapes.
-      has_leader: bool, of the same shape; False means a free road.
     """
     together = same_platoon(follower, leader, has_leader)
     keeps = follower._replace(

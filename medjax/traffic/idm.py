@@ -45,25 +45,15 @@ def idm_acceleration(
     Source: Treiber and Kesting, Traffic Flow Dynamics, eqs (11.14)-(11.15), with s* clipped at s0.
     """
     speed = jnp.asarray(speed)
-    free = free_acceleration(
-        speed, desired_speed=desired_speed, max_acceleration=max_acceleration, exponent=exponent
+    free = free_acceleration(speed, desired_speed, max_acceleration, exponent)
+    closing = braking_weight(max_acceleration, comfortable_deceleration)
+    return free - interaction(
+        speed, gap, leader_speed, time_headway, min_gap, max_acceleration, closing
     )
-    wanted = wanted_gap(
-        speed,
-        leader_speed,
-        time_headway=time_headway,
-        min_gap=min_gap,
-        braking_weight=braking_weight(max_acceleration, comfortable_deceleration),
-    )
-    return free - interaction(wanted, gap, max_acceleration)
 
 
 def free_acceleration(
-    speed: jax.Array,
-    *,
-    desired_speed: ArrayLike,
-    max_acceleration: ArrayLike,
-    exponent: float = 4.0,
+    speed: jax.Array, desired_speed: ArrayLike, max_acceleration: ArrayLike, exponent: float
 ) -> jax.Array:
     """IDM acceleration on a free road: A [1 - (v/v0)^exponent], m/s^2."""
     ratio = speed / desired_speed
@@ -72,23 +62,26 @@ def free_acceleration(
     return jnp.multiply(max_acceleration, 1.0 - power)
 
 
-def wanted_gap(
+def interaction(
     speed: jax.Array,
+    gap: ArrayLike,
     leader_speed: ArrayLike,
-    *,
     time_headway: ArrayLike,
     min_gap: ArrayLike,
-    braking_weight: ArrayLike,
+    max_acceleration: ArrayLike,
+    closing: ArrayLike,
 ) -> jax.Array:
-    """IDM's desired gap s*, m; `braking_weight` as from `following.braking_weight`."""
-    braking = jnp.multiply(braking_weight, speed * (speed - leader_speed))
-    return jnp.add(min_gap, jnp.maximum(0.0, block_fma(speed * time_headway) + braking))
-
-
-def interaction(wanted: jax.Array, gap: ArrayLike, max_acceleration: ArrayLike) -> jax.Array:
-    """IDM's interaction term A (s*/s)^2, m/s^2."""
+    """IDM's interaction term A (s*/s)^2, m/s^2; `closing` as from `following.braking_weight`."""
+    braking = jnp.multiply(closing, speed * (speed - leader_speed))
+    wanted = jnp.add(min_gap, jnp.maximum(0.0, block_fma(speed * time_headway) + braking))
     ratio = wanted / jnp.maximum(gap, SMALLEST_GAP_M)
     return block_fma(jnp.multiply(max_acceleration, jnp.square(ratio)))
+
+
+def _interaction_of(follower: Follower, gap: jax.Array, leader_speed: ArrayLike) -> jax.Array:
+    """`interaction` of followers."""
+    _, speed, time_headway, min_gap, max_acceleration, closing, *_ = follower
+    return interaction(speed, gap, leader_speed, time_headway, min_gap, max_acceleration, closing)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,25 +92,14 @@ class IDM:
 
     def prepare(self, drivers: Drivers, speed: jax.Array) -> jax.Array:
         """The acceleration on a free road, m/s^2."""
-        return free_acceleration(
-            speed,
-            desired_speed=drivers.desired_speed,
-            max_acceleration=drivers.max_acceleration,
-            exponent=self.exponent,
-        )
+        desired_speed, max_acceleration = drivers.desired_speed, drivers.max_acceleration
+        return free_acceleration(speed, desired_speed, max_acceleration, self.exponent)
 
     def acceleration(
         self, follower: Follower, gap: jax.Array, leader_speed: ArrayLike
     ) -> jax.Array:
         """`idm_acceleration`, m/s^2."""
-        wanted = wanted_gap(
-            follower.speed,
-            leader_speed,
-            time_headway=follower.time_headway,
-            min_gap=follower.min_gap,
-            braking_weight=follower.closing,
-        )
-        return follower.prepared - interaction(wanted, gap, follower.max_acceleration)
+        return follower.prepared - _interaction_of(follower, gap, leader_speed)
 
 
 STANDARD_IDM = IDM()  # with the usual exponent
@@ -135,24 +117,14 @@ class IDMPlus(IDM):
 
     def prepare(self, drivers: Drivers, speed: jax.Array) -> jax.Array:
         """The acceleration on a free road, m/s^2."""
-        free = super().prepare(drivers, speed)
-        return jnp.maximum(free, -drivers.comfortable_deceleration)
+        return jnp.maximum(super().prepare(drivers, speed), -drivers.comfortable_deceleration)
 
     def acceleration(
         self, follower: Follower, gap: jax.Array, leader_speed: ArrayLike
     ) -> jax.Array:
         """The smaller of the free and the following acceleration, m/s^2."""
-        wanted = wanted_gap(
-            follower.speed,
-            leader_speed,
-            time_headway=follower.time_headway,
-            min_gap=follower.min_gap,
-            braking_weight=follower.closing,
-        )
-        max_acceleration = follower.max_acceleration
-        return jnp.minimum(
-            follower.prepared, max_acceleration - interaction(wanted, gap, max_acceleration)
-        )
+        interacting = _interaction_of(follower, gap, leader_speed)
+        return jnp.minimum(follower.prepared, follower.max_acceleration - interacting)
 
 
 IDM_PLUS = IDMPlus()  # the default model

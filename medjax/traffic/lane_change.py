@@ -66,10 +66,9 @@ def pick_group(tree: T, phase: LaneChangePhase) -> T:
 
 
 def place_group(values: jax.Array, phase: LaneChangePhase, others: jax.Array) -> jax.Array:
-    """Scatters the active group's values into those of the others, `(N,)`.
+    """Scatters the active group's values back into `others`, `(N,)`.
 
-    This is a write rather than a select because XLA does not fuse through a write. It would fuse a select into each
-    of its readers and recompute the whole decision for each.
+    XLA would fuse a select into each of its readers and recompute the whole decision there, but not a write.
     """
     num_vehicles = others.shape[0]
     parts = jnp.pad(others, (0, -num_vehicles % phase.groups)).reshape(phase.groups, -1)
@@ -115,7 +114,7 @@ def _courtesy(
 
     A vehicle that must change falls in behind that leader, and a vehicle that `yields` lets it in. Both brake within
     comfort only; a vehicle that would have to brake harder passes instead. A yielding vehicle brakes steadily from the
-    start. Car following would brake late and soon need more than comfort allows, so the vehicle would pass after all.
+    start, since car following would brake late and then too hard.
     """
     closing = jnp.maximum(own.speed - leader.speed, 0.0)
     room = gap_between(own, leader) - 0.5 * own.min_gap
@@ -164,14 +163,8 @@ def _look(
     behind = (followers, usual, following)
     follower, new_usual, new_before = of_slots(behind, neighbours.target_follower)
     old_follower, old_before = of_slots((followers, following), neighbours.follower)
-    has_leader, has_follower, has_old_leader, has_old_follower = (
-        slots != NOBODY
-        for slots in (
-            neighbours.target_leader,
-            neighbours.target_follower,
-            neighbours.leader,
-            neighbours.follower,
-        )
+    has_old_leader, has_old_follower, has_leader, has_follower = (
+        slots != NOBODY for slots in neighbours
     )
     desire = pick_group(desire, phase)
     wanted = jnp.maximum(desire, 0.0)
@@ -218,10 +211,9 @@ def _is_safe(look: Look, params: LaneChangeParams, tyres: Tyres) -> jax.Array:
     """Whether each could change lanes safely, `(C,)` bool.
 
     The more urgent a change is, the harder it may make the vehicle and its new follower brake (LMRS's gap acceptance),
-    and the smaller the gaps it accepts: a vehicle that stops to let another in keeps its standing gap, and if no less
-    were accepted, both would wait for ever. However urgent the change, every vehicle must still be able to stop behind
-    the one ahead. The changing vehicle covers both lanes until it has cleared its own; at current speeds it must do so
-    before it reaches its old leader.
+    and the smaller the gaps it accepts: behind a vehicle that stops to let it in, it would else wait for ever. However
+    urgent the change, every vehicle must still be able to stop behind the one ahead. The changing vehicle covers both
+    lanes until it has cleared its own; at current speeds it must do so before it reaches its old leader.
     """
     wanted = jnp.maximum(look.desire, 0.0)
     own, follower = look.own, look.follower

@@ -20,8 +20,8 @@ def mobil_incentive(
     """Incentive of a lane change: own gain plus politeness times the others' gain.
 
     Args:
-      own_before, own_after: acceleration of the changing vehicle in its lane and in the target
-        lane, m/s^2; all arguments broadcast together.
+      own_before, own_after: acceleration of the changing vehicle in its lane and in the target lane, m/s^2; all
+        arguments broadcast together.
       old_follower_before, old_follower_after: of the current follower, before and after the change. Pass equal
         values where there is none.
       new_follower_before, new_follower_after: of the follower in the target lane, likewise.

@@ -20,7 +20,7 @@ def ballistic_step(
       dt: s.
 
     Returns:
-      (x, speed) after the tick; speed >= 0 and x never decreases.
+      (x, speed) after the tick.
 
     Source: Treiber and Kanagaraj 2015, ballistic update with the stop rule.
     """
@@ -108,8 +108,7 @@ def turn_between(
 ) -> jax.Array:
     """Heading of the other vehicle minus that of this one, rad, positive to the right.
 
-    Headings follow from velocities with a longitudinal speed of at least 1 m/s, so that a crawling vehicle does not
-    turn. The result is limited to a right angle.
+    A longitudinal speed of at least 1 m/s keeps a crawling vehicle from turning. The turn is at most a right angle.
     """
     along, other_along = jnp.maximum(speed, 1.0), jnp.maximum(other_speed, 1.0)
     cross = along * other_lateral_speed - lateral_speed * other_along
@@ -123,19 +122,11 @@ def _arctan(x: jax.Array) -> jax.Array:
 
     XLA for CPUs calls the C library for each arctangent; a polynomial vectorises and is thirty times as fast.
     """
-    even = (
-        -0.3333314528,
-        0.1999355085,
-        -0.1420889944,
-        0.1065626393,
-        -0.0752896400,
-        0.0429096138,
-        -0.0161657367,
-        0.0028662257,
-    )
+    even = 0.0028662257, -0.0161657367, 0.0429096138, -0.0752896400
+    even += 0.1065626393, -0.1420889944, 0.1999355085, -0.3333314528
     square = jnp.square(x)
     series = jnp.zeros_like(x)
-    for coefficient in reversed(even):
+    for coefficient in even:
         series = (series + coefficient) * square
     return x + x * series
 

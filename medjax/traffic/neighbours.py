@@ -42,9 +42,8 @@ def sort_by_road(
 ) -> jax.Array:
     """Slots from the rearmost to the foremost vehicle.
 
-    On a CPU, one sort of packed 32-bit keys (position in the high bits, slot in the low bits) costs a tenth of
-    an argsort of floats. The keys are laid out in the last tick's order first: nearly sorted, they sort
-    faster.
+    On a CPU, one sort of packed 32-bit keys (position in the high bits, slot in the low bits) costs a tenth of an
+    argsort of floats, and less where the last tick's order has nearly sorted them.
 
     Args:
       x: (N,) m, 0 to length_m plus one tick's travel.
@@ -79,7 +78,7 @@ def find_neighbours(
 
     A running count per lane, in road order, gives each vehicle's rank in its own lane and between which two vehicles
     of its target lane it drives. All vehicles are written into one array, lane by lane, and each reads the places next
-    to its own and next to its gap in the target lane. There is no search and no loop over vehicles.
+    to its own and next to its gap in the target lane.
 
     Args:
       order: (N,) int32, slots from the rearmost to the foremost (`sort_by_road`).
@@ -127,15 +126,10 @@ def find_neighbours(
 def _places(
     own: jax.Array, other: jax.Array, target: jax.Array, num_lanes: int
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Places in an array of lanes with slots + 2 places each, `(N,)` int32 each.
+    """Own, target and other places in an array of lanes with slots + 2 places each, `(N,)` int32 each, in road order.
 
-    Args:
-      own, other, target: (N,) int32, lanes in road order; a vehicle counts in its own and its other lane.
-
-    Returns:
-      (own place; target place; other place). The own and other places are the vehicle's own in these lanes, from 1.
-      The target place is the vehicle's own if it is in the target lane, else its follower's there, or the lane's
-      place 0 for none.
+    Own and other places are the vehicle's own in these lanes, from 1. The target place is the vehicle's own if it is in
+    the target lane, else its follower's there, or the lane's place 0 for none.
     """
     slots = own.shape[-1]
     # Each float32 packs the counts of several lanes, as many as its 24 bits hold exactly.
@@ -155,10 +149,10 @@ def _places(
             counts = jnp.where(lane < first, counts, word >> (lane - first) * bits)
         return counts & 2**bits - 1
 
-    own_place, target_place, other_place = (
-        lane * (slots + 2) + count(lane) for lane in (own, target, other)
-    )
-    return own_place, target_place, other_place
+    def place(lane: jax.Array) -> jax.Array:
+        return lane * (slots + 2) + count(lane)
+
+    return place(own), place(target), place(other)
 
 
 def _running_sum(values: jax.Array, block: int = 8) -> jax.Array:

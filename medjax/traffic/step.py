@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -116,13 +115,7 @@ def _step(
     config: EnvConfig,
     params: EnvParams,
 ) -> Vehicles:
-    """Moves vehicles by one tick.
-
-    Wander never takes a vehicle across a line.
-
-    Args:
-      command: (N,) m/s^2; steps: (N,) lane changes, -1, 0 or 1; width: (N,) m, of the vehicles.
-    """
+    """Moves vehicles by one tick: command m/s^2, steps -1, 0 or 1 lanes, width m, `(N,)` each."""
     lane_width = params.road.lane_width_m
     x, speed = ballistic_step(vehicles.x, vehicles.speed, command, config.tick_s)
     offset, lateral_speed = lateral_step(
@@ -142,50 +135,34 @@ def _step(
 
 
 def _steering(speed: jax.Array, motion: MotionParams) -> Steering:
-    """Steering limits at these speeds, m/s."""
+    """Steering limits at speeds in m/s."""
     sideways = jnp.minimum(motion.lateral_speed, motion.lateral_slope * speed)
     return Steering(motion.lateral_rate, motion.lateral_acceleration, sideways)
-
-
-def _clearing_s(speed: jax.Array, width: jax.Array, params: EnvParams) -> jax.Array:
-    """Time that each vehicle needs to clear its lane if it changes now, `(N,)` s; speed m/s, width m."""
-    lane_width = params.road.lane_width_m
-    steering = _steering(jnp.maximum(speed, CRAWL_M_PER_S), params.motion)
-    return crossing_s(lane_width - spare_width(width, lane_width), steering)
 
 
 def _tyres(config: EnvConfig, params: EnvParams) -> Tyres:
     return Tyres(params.motion.max_braking, config.tick_s)
 
 
-class _Ahead(NamedTuple):
-    """The next vehicle ahead of each in one lane, `(N,)` each."""
-
-    gap: jax.Array  # m, bumper to bumper; FREE_GAP_M on a free road
-    speed: jax.Array  # m/s
-    kept: jax.Array | float  # m, standing gap that it must keep
-
-
 def _in_other_lane(
     followers: Follower, leaders: Leader, slots: jax.Array, straddles: jax.Array
-) -> _Ahead:
-    """Leaders of straddling vehicles in the second lane that they cover; slots `(N,)` are those leaders."""
+) -> tuple[jax.Array, jax.Array]:
+    """Gap to and speed of leaders, `slots`, in the second lane of straddling vehicles, `(N,)` each."""
     rear, speed = of_slots((leaders.rear, leaders.speed), slots)
     is_there = straddles & (slots != NOBODY)
-    gap = jnp.where(is_there, rear - followers.x, FREE_GAP_M)
-    return _Ahead(gap, speed, straddling_gap(followers))
+    return jnp.where(is_there, rear - followers.x, FREE_GAP_M), speed
 
 
 def _highest_safe(
     vehicles: Vehicles,
-    ahead: tuple[_Ahead, _Ahead],
+    ahead: tuple[tuple[jax.Array, jax.Array], ...],
     to_end: jax.Array,
     config: EnvConfig,
     params: EnvParams,
 ) -> jax.Array:
-    """Highest safe acceleration, m/s^2, before leaders in both lanes and, on an acceleration lane, before its end."""
+    """Highest safe acceleration, m/s^2, behind leaders (gap, speed) and before the end of an acceleration lane."""
     tyres = _tyres(config, params)
-    rooms = (stopping_room(each.gap - each.kept, each.speed, tyres) for each in ahead)
+    rooms = (stopping_room(gap, speed, tyres) for gap, speed in ahead)
     safe = safe_acceleration(vehicles.speed, jnp.minimum(*rooms), tyres)
     braking = jnp.minimum(params.lane_change.safe_braking, tyres.braking)
     stop = stopping_acceleration(vehicles.speed, to_end, braking, config.tick_s)
@@ -222,7 +199,6 @@ def move(
     """Moves all vehicles by one tick; the caller removes those that leave the road.
 
     Args:
-      vehicles: of one environment; drivers: theirs.
       orders: requests to vehicles; car following and safety take precedence.
       tick: () int32; its parity decides to which side drivers look.
     """
@@ -231,14 +207,13 @@ def move(
     with jax.named_scope("neighbours"):
         order, neighbours = _look_around(vehicles, drivers, phase, config, params)
         straddles = neighbours.in_target()
-
     follow = functools.partial(following_acceleration, platooning=orders.platooning, model=model)
     with jax.named_scope("car_following"):
         leader, it_straddles = of_slots((leaders, straddles), neighbours.leader)
         has_leader = neighbours.leader != NOBODY
         is_new = straddles | has_leader & it_straddles
-        spare = spare_headway(followers, leader, has_leader)
         usual, dt = drivers.time_headway, config.tick_s
+        spare = spare_headway(followers, leader, has_leader)
         headway = relaxed_headway(vehicles.headway, usual, spare, is_new, dt, params.lane_change)
         together = same_platoon(followers, leader, has_leader)
         headway = jnp.where(together, orders.platooning.time_headway, headway)
@@ -246,15 +221,17 @@ def move(
         following = follow(followers, leader, has_leader)
         to_end = merge_distance(vehicles.x, params.road)
         gap = jnp.where(has_leader, gap_between(followers, leader), FREE_GAP_M)
-        beside = _in_other_lane(followers, leaders, neighbours.target_leader, straddles)
-        ahead = _Ahead(gap, leader.speed, 0.0), beside
+        aside, speed = _in_other_lane(followers, leaders, neighbours.target_leader, straddles)
+        ahead = (gap, leader.speed), (aside - straddling_gap(followers), speed)
         safe = _highest_safe(vehicles, ahead, to_end - followers.min_gap, config, params)
         courtesy = jnp.minimum(vehicles.courtesy_left, vehicles.courtesy_right)
         acceleration = jnp.minimum(jnp.minimum(following, safe), courtesy)
 
     with jax.named_scope("lane_changes"):
         seen = neighbours.without_target(straddles)
-        clearing_s = _clearing_s(vehicles.speed, drivers.width, params)
+        steering = _steering(jnp.maximum(vehicles.speed, CRAWL_M_PER_S), params.motion)
+        clears_m = params.road.lane_width_m - spare_width(drivers.width, params.road.lane_width_m)
+        clearing_s = crossing_s(clears_m, steering)
         situation = Situation(leaders, followers, usual, seen, clearing_s, following, acceleration)
         wish = wishes(vehicles, orders, to_end, straddles, phase.direction, config, params)
         steps, vehicles = _lane_changes(vehicles, situation, wish, phase, follow, config, params)
@@ -267,6 +244,6 @@ def move(
         moved = _step(vehicles, command, steps, drivers.width, config, params)
     tally = EpisodeStats.zeros().replace(
         lane_changes=jnp.sum(jnp.abs(steps), dtype=jnp.float32),
-        collisions=jnp.sum((gap < 0.0) | (beside.gap < 0.0), dtype=jnp.float32),
+        collisions=jnp.sum((gap < 0.0) | (aside < 0.0), dtype=jnp.float32),
     )
     return moved, tally

@@ -45,14 +45,9 @@ def wishes(
     far = block_fma(scale_by(jnp.minimum(to_end, view_m), view_m))  # finite, for gradients
     urgency = jnp.clip(1.0 - far, ORDERED_DESIRE, 1.0)
     there = vehicles.active & (target >= 0) & (target < config.num_lanes)
-    wanted = orders.desire
-    stay = orders.stay | (vehicles.recovery_s > 0.0)
+    wanted, stay = orders.desire, orders.stay | (vehicles.recovery_s > 0.0)
     if config.num_exits:
         leaves = prepares(vehicles, config, params)
         wanted = jnp.where(leaves, exit_desire(vehicles, config, params), wanted)
         stay |= leaves
-    return Wish(
-        desire=jnp.where(merging, -urgency, wanted),
-        stay=stay,
-        may=there & ~straddles,
-    )
+    return Wish(jnp.where(merging, -urgency, wanted), stay, may=there & ~straddles)

@@ -19,7 +19,7 @@ def long():
 
 
 @pytest.mark.parametrize("use_j", [250.0, 20.0, 14827.3, -37.7])
-def test_a_truck_s_small_loads_add_up(long, use_j):
+def test_small_loads_of_a_truck_add_up(long, use_j):
     """180,000 ticks, an hour of the shortest, in the pack that rounds to 128 J."""
     _, params = long
     capacity = params.med_capacity_j

@@ -31,7 +31,7 @@ def solved_circuit(m, inductance, *, load, primary_resistance, secondary_resista
     return load * abs(secondary) ** 2 / primary.real
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(
     m=st.floats(1e-8, 1e-3),
     sign=st.sampled_from([-1, 1]),
@@ -59,7 +59,7 @@ def test_circuit_form_is_the_solved_circuit(
     assert 0 <= float(single) <= 1
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(
     m=st.floats(1e-8, 1e-3),
     load=st.floats(0.1, 1e3),
@@ -92,14 +92,9 @@ def test_default_coils_give_the_reference_links(axial, lateral, micro_henry, eff
     assert float(m) * 1e6 == pytest.approx(micro_henry, abs=half_digit)
     # The resistances are printed to 0.001 ohm, which leaves the efficiency 8e-4 of freedom; 0.566
     # and 0.323 come out with the primary's nearer 0.1585 than 0.159 ohm, so compare the intervals.
-    lowest, highest = (
-        float(
-            link_efficiency(
-                m, **{**DEFAULTS, "primary_resistance": r_med, "secondary_resistance": r_ev}
-            )
-        )
-        for r_med, r_ev in ((0.1595, 0.1265), (0.1585, 0.1255))
-    )
+    r_med, r_ev = np.float32([0.1595, 0.1585]), np.float32([0.1265, 0.1255])
+    resistances = {"primary_resistance": r_med, "secondary_resistance": r_ev}
+    lowest, highest = link_efficiency(m, **{**DEFAULTS, **resistances})
     assert lowest < efficiency + 5e-4
     assert highest > efficiency - 5e-4
 
@@ -135,22 +130,12 @@ def test_weak_and_strong_coupling_survive_float32():
     assert np.all(np.isfinite(slope))
 
 
-def test_broadcasts_and_maps_over_loads():
-    m = np.array([1e-6, 1e-5], np.float32)
-    load = np.array([[1.0], [10.0], [100.0]], np.float32)
-    rest = {k: v for k, v in DEFAULTS.items() if k != "load"}
-    value = link_efficiency(m, load=load, **rest)
-    assert value.shape == (3, 2)
-    mapped = jax.vmap(lambda z: link_efficiency(m, load=z, **rest))(load[:, 0])
-    np.testing.assert_allclose(mapped, value, rtol=1e-6)
-
-
 def test_unknown_form_is_refused():
     with pytest.raises(ValueError, match="form is 'printed', must be 'circuit' or 'paper'"):
         link_efficiency(1e-6, form="printed", **DEFAULTS)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(
     m=st.floats(1e-8, 1e-3),
     load=st.floats(0.1, 1e3),

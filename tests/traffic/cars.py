@@ -1,4 +1,4 @@
-"""Drivers of named parameter sets, made by the package, and what one of them decides among four others."""
+"""Drivers made by the package from named parameter sets, and what one of them decides among four others."""
 
 import functools
 
@@ -18,8 +18,8 @@ from medjax.traffic.safety import Tyres
 from medjax.world.params import DriverParams
 
 LENGTH = 5.0
-CLEARING_S = 2.5  # until who changes is out of its lane
-# The one that decides, to the right, in its lane those before and behind it, and those then before and behind it.
+CLEARING_S = 2.5  # until a changing vehicle is out of its lane
+# The deciding vehicle; the leaders and followers that it has now and after a change to the right.
 EGO, OLD_LEADER, NEW_LEADER, OLD_FOLLOWER, NEW_FOLLOWER = range(5)
 
 
@@ -27,14 +27,9 @@ def drivers(kinds):
     """One driver of each of `kinds`, parameter sets as in reference.py; cars of 5 m."""
     count = len(kinds)
     columns = {name: jnp.asarray([kind[name] for kind in kinds], jnp.float32) for name in kinds[0]}
-    zeros = jnp.zeros(count)
-    params = DriverParams(
-        **columns,
-        desired_speed_std=zeros,
-        acceleration_noise=zeros,
-        lateral_wander=zeros,
-        vehicle_length=jnp.full(count, LENGTH),
-    )
+    noise = ("desired_speed_std", "acceleration_noise", "lateral_wander")
+    columns |= dict.fromkeys(noise, jnp.zeros(count))
+    params = DriverParams(**columns, vehicle_length=jnp.full(count, LENGTH))
     return make_drivers(jnp.arange(count), params.desired_speed, params)
 
 
@@ -45,24 +40,18 @@ def decided(their, x, speed, wish, params, there, model):
     Args:
       their: drivers of the five; x: m, front bumpers; speed: m/s; `(5,)`.
       wish: of the five, for changes to the right.
-      there: who of the five exists.
+      there: which of the five exist.
     """
 
     def of(*slots):
+        slots += (NOBODY,) * (5 - len(slots))
         return jnp.asarray([slot if slot in there else NOBODY for slot in slots])
 
-    nobody = of(NOBODY, NOBODY, NOBODY, NOBODY, NOBODY)
     # Only the ego asks; what the others see of each other is needed for their accelerations.
     leader = of(OLD_LEADER, NOBODY, NOBODY, EGO, NEW_LEADER)
-    neighbours = Neighbours(
-        leader=leader,
-        follower=of(OLD_FOLLOWER, NOBODY, NOBODY, NOBODY, NOBODY),
-        target_leader=of(NEW_LEADER, NOBODY, NOBODY, NOBODY, NOBODY),
-        target_follower=of(NEW_FOLLOWER, NOBODY, NOBODY, NOBODY, NOBODY),
-    )
-    leaders, followers = roles(their, x, speed, nobody, model)
-    platooning = Platooning(0.3, 2.0)
-    follow = functools.partial(following_acceleration, platooning=platooning, model=model)
+    neighbours = Neighbours(leader, of(OLD_FOLLOWER), of(NEW_LEADER), of(NEW_FOLLOWER))
+    leaders, followers = roles(their, x, speed, of(), model)
+    follow = functools.partial(following_acceleration, platooning=Platooning(0.3, 2.0), model=model)
     following = follow(followers, of_slots(leaders, leader), leader != NOBODY)
     situation = Situation(
         leaders=leaders,

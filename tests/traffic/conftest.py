@@ -8,8 +8,7 @@ import pytest
 import medjax
 from tests.traffic.roads import run
 
-# Whatever the preset is tuned to: the numbers that tests here compute with. Kinds are MED, human EV,
-# autonomous EV, gas vehicle, lorry (none come).
+# The numbers that tests here compute with. Kinds are MED, human EV, autonomous EV, gas vehicle, lorry (none come).
 FIXED = {
     "length_m": 4000.0,
     "ramp_x_m": [100.0, 1200.0, 2100.0, 3200.0],
@@ -32,10 +31,9 @@ MAINLINE_PER_H = np.array([800.0, 2800.0, 2800.0, 4500.0, 4500.0, 8000.0], np.fl
 
 @pytest.fixture(scope="package")
 def quiet():
-    """A road that nobody enters by himself, on which only what must change lanes does.
+    """A road without demand, on which vehicles change lanes only if they must.
 
-    The threshold outweighs any gain of a free choice (at most 1.4 m/s^2 from a standing start plus
-    what safe braking saves), the mandatory bias outweighs the threshold.
+    The threshold outweighs any gain of a free choice, the mandatory bias outweighs the threshold.
     """
     none = {"mainline_per_h": 0.0, "ramp_per_h": 0.0}
     return medjax.make("paper", threshold=15.0, mandatory_bias=40.0, **none, **FIXED)
@@ -67,24 +65,28 @@ def each_tick():
 
 
 @pytest.fixture(scope="package")
-def random_play(each_tick):
-    """States (roads, ticks, ...) of six roads under random actions, from empty to jammed, 300 s."""
-    env, params = each_tick
+def play_randomly(each_tick):
+    """(keys, mainline demands, params) -> states (roads, ticks, ...) of 300 s under random actions."""
+    env, _ = each_tick
 
-    @jax.jit
-    @jax.vmap
-    def go(key, mainline):
-        busy = params.replace(demand=params.demand.replace(mainline_per_h=mainline))
+    def go(key, mainline, params):
+        params = params.replace(demand=params.demand.replace(mainline_per_h=mainline))
         reset_key, key = jax.random.split(key)
-        start = env.reset(reset_key, busy)[1]
+        start = env.reset(reset_key, params)[1]
 
         def step(state, key):
             action_key, key = jax.random.split(key)
             action = jax.random.randint(action_key, (), 0, env.num_actions)
-            state = env.step_env(key, state, action, busy)[1]
+            state = env.step_env(key, state, action, params)[1]
             return state, state
 
         return jax.lax.scan(step, start, jax.random.split(key, 1200))[1]
 
+    return jax.jit(jax.vmap(go, (0, 0, None)))
+
+
+@pytest.fixture(scope="package")
+def random_play(each_tick, play_randomly):
+    """Six roads from empty to jammed."""
     keys = jax.random.split(jax.random.key(7), len(MAINLINE_PER_H))
-    return go(keys, jnp.asarray(MAINLINE_PER_H))
+    return play_randomly(keys, jnp.asarray(MAINLINE_PER_H), each_tick[1])

@@ -1,6 +1,8 @@
-"""IDM and IDM+ in float64 NumPy, and the parameter sets of reference/traffic.md (m, s, m/s)."""
+"""IDM, IDM+ and neighbours in float64 NumPy, and parameter sets of drivers (m, s, m/s)."""
 
 import numpy as np
+
+from medjax.traffic.neighbours import NOBODY
 
 
 def parameters(v0_kmh, T, s0, a, b):
@@ -68,3 +70,26 @@ def sampled_gain(p, v, w, dt):
     position = (dt * speed + dt**2 / 2) / (z - 1)
     leader = 1 / (1j * w)  # position of one unit of the leader's speed
     return abs(speed * (f_s * leader + f_l) / (1 + f_s * position - f_v * speed))
+
+
+def brute_force(x, lane, target, other=None, active=None):
+    """(ahead, behind) of each active vehicle in its target lane, by float64 positions; ties by slot.
+
+    A vehicle is in its lane and, unless it is in none, in its other lane.
+    """
+    slots = np.arange(len(x))
+    active = np.full(len(x), True) if active is None else active
+    other = lane if other is None else other
+    ahead, behind = np.full((2, len(x)), NOBODY)
+    for there in np.unique(target):
+        members = slots[active & ((lane == there) | (other == there))]
+        members = members[np.lexsort((members, x[members]))]
+        looks = np.flatnonzero(active & (target == there))
+        first = np.searchsorted(x[members], x[looks], side="left")
+        for me, count in zip(looks, first, strict=True):
+            # Vehicles abreast to the last bit are ordered by slot.
+            count = count + np.sum((x[members] == x[me]) & (members < me))
+            after = count + (me in members)  # the vehicle itself is in between
+            ahead[me] = members[after] if after < len(members) else NOBODY
+            behind[me] = members[count - 1] if count else NOBODY
+    return ahead, behind

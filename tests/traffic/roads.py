@@ -8,14 +8,9 @@ from medjax.env.tick import physics_tick
 from medjax.traffic.step import drivers_of
 from tests.traffic.reference import idm_plus
 
-KIND_FIELDS = (
-    "time_headway",
-    "min_gap",
-    "max_acceleration",
-    "comfortable_deceleration",
-    "vehicle_length",
-)
-# How urgent it is to a MED to be in its service lane, to an EV to be in its slot.
+KIND_FIELDS = ("time_headway", "min_gap", "max_acceleration")
+KIND_FIELDS += ("comfortable_deceleration", "vehicle_length")
+# Urgency of a MED's change to its service lane, and of an EV's to its slot.
 ORDERED, PRESSING = 0.303, 0.65
 
 
@@ -56,6 +51,12 @@ def run(config, ticks):
         return jax.tree.map(lambda many, one: jnp.concatenate([many, one[None]]), before, last)
 
     return play
+
+
+def records_of(states, config, params):
+    """One Record a road of states (roads, ticks, ...)."""
+    roads = range(len(states.time))
+    return [Record(jax.tree.map(lambda a, i=i: a[i], states), config, params) for i in roads]
 
 
 class Record:
@@ -119,10 +120,7 @@ class Record:
         return idm_plus(values, max(gap, 0.1), *speeds), gap
 
     def desires(self, tick, slot):
-        """How urgent a change may have been, 0 for a free one; what is ordered, at most.
-
-        A merge's is known; a MED goes to its service lane, a booked EV to its slot, a depleted one to the shoulder.
-        """
+        """How urgent a change may have been: 0 for a free one, the most for an ordered one."""
         if self.lane[tick, slot] == self.num_lanes:
             ends = self.lane_ends[self.lane_ends >= self.x[tick, slot] - 1.0]
             return [np.clip(1.0 - (ends.min() - self.x[tick, slot]) / self.view_m, ORDERED, 1.0)]
@@ -134,19 +132,16 @@ class Record:
 
     def next_to(self, tick, slot):
         """(leader, follower) in the lane that a slot changed to, before the tick; None if nobody."""
-        there = self.active[tick] & (self.lane[tick] == self.lane[tick + 1, slot])
-        ahead = [s for s in np.flatnonzero(there) if self.x[tick, s] >= self.x[tick, slot]]
-        behind = [s for s in np.flatnonzero(there) if self.x[tick, s] < self.x[tick, slot]]
-        return (
-            min(ahead, key=lambda s: self.x[tick, s], default=None),
-            max(behind, key=lambda s: self.x[tick, s], default=None),
-        )
+        x = self.x[tick]
+        there = np.flatnonzero(self.active[tick] & (self.lane[tick] == self.lane[tick + 1, slot]))
+        ahead = min(there[x[there] >= x[slot]], key=lambda s: x[s], default=None)
+        return ahead, max(there[x[there] < x[slot]], key=lambda s: x[s], default=None)
 
     def least_to_spare(self):
-        """(m/s^2, m) left at least, over all changes, of the braking and the standing gap that each may ask.
+        """(m/s^2, m): how much of the braking and of the standing gap that a change may ask is left, at least.
 
-        Of the changing vehicle and of the one then behind, each by its own parameters; the more urgent, the more
-        braking, the less headway and the less standing gap. A headway is shorter, too, where the one ahead must come.
+        Of the changing vehicle and of the one then behind, each by its own parameters. A more urgent change may ask
+        more braking and take less headway and standing gap. Where the one ahead must come, the headway is shorter, too.
         """
         braking, room = np.inf, np.inf
         for tick, slot in self.changes():

@@ -1,4 +1,6 @@
-"""The n-th vehicle at an entry is the same one, whatever dispatchers and drivers do."""
+"""The n-th vehicle at an entry has the same traits, whatever dispatchers and drivers do."""
+
+import itertools
 
 import jax
 import jax.numpy as jnp
@@ -14,9 +16,13 @@ from medjax.world.kinds import MED
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
-def _played(scenario, rules, noises, decisions, **overrides):
-    """By rule: who came to each entry in turn, a list of rows for each, and desired speeds of MEDs that were sent."""
-    env, params = medjax.make(scenario, **overrides)
+# MEDs differ, too.
+UNLIKE = {"desired_speed_std": [2.0, 2.0, 1.0, 2.0, 0.7]}
+
+
+def _played(scenario, rules, decisions):
+    """By rule: traits of the vehicles at each entry in turn, and desired speeds of MEDs that were sent."""
+    env, params = medjax.make(scenario, **UNLIKE)
     config, where = env.config, entries(params.road, env.config.num_lanes)
     policies = [BASELINES[rule](env) for rule in rules]
 
@@ -26,10 +32,8 @@ def _played(scenario, rules, noises, decisions, **overrides):
         vehicles = state.vehicles
         here = (vehicles.x == where.x[:, None]) & (vehicles.lane == where.lane[:, None])
         here &= vehicles.active & (vehicles.kind != MED)
-        row = jnp.stack(
-            [vehicles.kind, vehicles.desired_speed, vehicles.destination, energy, complies]
-        )
-        return here.any(axis=1), row[:, jnp.argmax(here, axis=1)].T, state.entered_here
+        traits = vehicles.kind, vehicles.desired_speed, vehicles.destination, energy, complies
+        return jnp.stack(traits)[:, jnp.argmax(here, axis=1)].T, state.entered_here
 
     probed = env.with_probe(seen)
 
@@ -46,36 +50,33 @@ def _played(scenario, rules, noises, decisions, **overrides):
         sent = state.vehicles.desired_speed[config.med_slots]
         return begun, jnp.where(state.vehicles.active[config.med_slots], sent, 0.0)
 
-    for rule, noise in enumerate(noises):
-        (_, rows, count), sent = jax.tree.map(np.asarray, play(rule, jax.random.key(noise)))
+    for rule in range(len(rules)):
+        (rows, count), sent = jax.tree.map(np.asarray, play(rule, jax.random.key(rule)))
         rows, count = rows.reshape(-1, *rows.shape[2:]), count.reshape(-1, count.shape[2])
         new = np.diff(count, axis=0, prepend=0) == 1
         yield [rows[new[:, entry], entry] for entry in range(config.num_entries)], sent
 
 
-@pytest.mark.parametrize(("scenario", "decisions"), [("paper", 200), ("corridor", 30)])
-def test_whoever_dispatches_meets_the_same_traffic(scenario, decisions):
-    """Kind, desired speed, destination, charge and compliance, by entry and number."""
-    (calm, _), (busy, sent) = _played(scenario, ("none", "greedy"), (1, 2), decisions)
-    assert sent.any()
+@pytest.mark.parametrize(
+    ("scenario", "rules", "decisions"),
+    [("paper", ("none", "greedy", "paced", "random"), 200), ("corridor", ("none", "greedy"), 30)],
+)
+def test_all_dispatchers_meet_the_same_traffic(scenario, rules, decisions):
+    """Kind, desired speed, destination, charge and compliance, by entry and number; and each MED has one driver."""
+    (calm, _), *others = _played(scenario, rules, decisions)
     assert sum(map(len, calm)) > 100
-    for first, second in zip(calm, busy, strict=True):
-        both = min(len(first), len(second))
-        np.testing.assert_array_equal(first[:both], second[:both])
+    for busy, sent in others:
+        assert sent.any()
+        for first, second in zip(calm, busy, strict=True):
+            both = min(len(first), len(second))
+            np.testing.assert_array_equal(first[:both], second[:both])
+    for (_, sent), (_, again) in itertools.pairwise(others):
+        both = (sent > 0.0) & (again > 0.0)
+        assert len(np.unique(sent[both])) > 1
+        np.testing.assert_array_equal(sent[both], again[both])
 
 
-def test_a_med_has_one_driver():
-    """At whatever ramp and time it is sent."""
-    # MEDs too, whom presets give one speed.
-    unlike = {"desired_speed_std": [2.0, 2.0, 1.0, 2.0, 0.7]}
-    played = _played("paper", ("paced", "random"), (1, 1), 120, **unlike)
-    sent, again = (speeds for _, speeds in played)
-    both = (sent > 0.0) & (again > 0.0)
-    assert len(np.unique(sent[both])) > 1
-    np.testing.assert_array_equal(sent[both], again[both])
-
-
-def test_streams_do_not_meet():
+def test_streams_are_independent():
     """Vehicles of an entry, of another, MEDs and rounds draw from streams of their own."""
     seed = new_seed(jax.random.key(0))
     numbers = jnp.arange(500)
@@ -86,7 +87,7 @@ def test_streams_do_not_meet():
     assert drawn.mean() == pytest.approx(0.5, abs=4 * (drawn.size * 12) ** -0.5)
 
 
-def test_another_future_leaves_the_road_as_it_is():
+def test_redraw_leaves_the_road_as_it_is():
     """Also under a wrapper."""
     env, params = medjax.make("paper")
     state = jax.jit(env.reset)(jax.random.key(0), params)[1]

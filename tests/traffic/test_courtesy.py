@@ -1,4 +1,4 @@
-"""Room for those who must change lanes: they fall in, others yield, and nobody brakes beyond comfort for it."""
+"""Vehicles that must change lanes fall in, others yield, and nobody brakes beyond comfort for it."""
 
 import functools
 
@@ -18,7 +18,7 @@ from tests.traffic.roads import Record, put
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 SHORTEST, COMFORT, SIGHT = 0.56, 2.0, 360.0
-COURTEOUS, CRAWL = 0.3, 2.0  # what is no more urgent asks nobody, and nobody that hardly moves, m/s
+COURTEOUS, CRAWL = 0.3, 2.0  # least urgency that asks others, least speed of those asked, m/s
 PARAMS = LaneChangeParams(
     accepted_headway=SHORTEST,
     courtesy_braking=COMFORT,
@@ -35,8 +35,7 @@ def five():
 
 
 def courtesy(gap, speed, ahead, *, must=0.0, comes=0.0, between=None):
-    """m/s^2 of an ego that cannot change yet, towards a car so far ahead on the right; `between` is the gap to one in
-    its own lane."""
+    """Limit, m/s^2, of an ego that cannot change yet, for a car on the right; `between`: gap to one in its own lane."""
     desire = jnp.zeros(5).at[EGO].set(must).at[NEW_LEADER].set(-comes)  # to the right
     x = jnp.zeros(5).at[NEW_LEADER].set(gap + LENGTH).at[OLD_LEADER].set((between or 0.0) + LENGTH)
     speeds = jnp.full(5, jnp.float32(speed)).at[NEW_LEADER].set(ahead)
@@ -54,18 +53,18 @@ def courtesy(gap, speed, ahead, *, must=0.0, comes=0.0, between=None):
     st.booleans(),
 )
 def test_within_comfort_or_not_at_all(gap, speed, ahead, urgency, yields):
-    """At most what car following at the accepted headway would do, at most 2 m/s^2; where it would take more, by
-    v^2 / 2 s, or nothing is urgent, or the ego stands, it is nobody's concern: then the one ahead is passed. Nor is
-    what is out of sight. Who makes room brakes by v^2 / 2 s at least, and so by the same all the way."""
+    """Against car following in float64 at the accepted headway, from -2 m/s^2 up; a yielding ego brakes by v^2 / 2 s at
+    least. There is no limit where that would be harder, the leader out of sight, the change not urgent or the ego slow.
+    """
     gap, speed, ahead = map(np.float32, (gap, speed, ahead))
     got = courtesy(gap, speed, ahead, **{"comes" if yields else "must": urgency})
     closing, room = max(speed - ahead, 0.0), gap - 0.5 * CAR["min_gap"]
     margin = closing**2 - 2 * COMFORT * room
-    if abs(margin) < 0.01 or abs(closing - 1.0) < 0.01 or abs(urgency - COURTEOUS) < 1e-6:
+    if min(abs(margin), abs(closing - 1.0), abs(room - SIGHT)) < 0.01:
+        return
+    if abs(urgency - COURTEOUS) < 1e-6:
         return
     asked = urgency > COURTEOUS and speed > CRAWL
-    if abs(room - SIGHT) < 0.01:
-        return
     if not (asked and (closing < 1.0 or (0.0 < room < SIGHT and margin < 0.0))):
         assert got == np.inf
         return
@@ -77,37 +76,27 @@ def test_within_comfort_or_not_at_all(gap, speed, ahead, urgency, yields):
 
 
 def test_only_the_nearest_behind_makes_room():
-    """Who has somebody in its own lane before the gap does not brake for who comes into it."""
+    """A vehicle with somebody ahead in its own lane before the gap does not brake for one that comes into the gap."""
     assert courtesy(12.0, 20.0, 20.0, comes=0.8, between=40.0) < 0.0
     assert courtesy(12.0, 20.0, 20.0, comes=0.8, between=10.0) == np.inf
-    # Unless that one stands: then the first lets it in who can stop for it, 20^2 / 2 / 150 m.
+    # Unless that one stands: then the first that can stop for it lets it in, 20^2 / 2 / 150 m.
     assert courtesy(151.0, 20.0, 0.0, comes=1.0, between=10.0) == pytest.approx(-1.34, abs=0.02)
     assert courtesy(90.0, 20.0, 0.0, comes=1.0, between=10.0) == np.inf
-    # Who must change itself falls in behind it all the same.
+    # If it must change itself, it falls in behind all the same.
     assert courtesy(12.0, 20.0, 20.0, must=0.8, between=10.0) < 0.0
 
 
-RAMP, RIGHT, MERGER, FIRST = (
-    2100.0,
-    3,
-    15,
-    55,
-)  # the third ramp; its lane; slots of an EV and of gas vehicles
+# The third ramp; its lane; slots of an EV and of the first gas vehicle.
+RAMP, RIGHT, MERGER, FIRST = 2100.0, 3, 15, 55
 
 
 def beside(quiet, blank, play, speed, x, merger, params=None):
     """A car on the ramp at (x, speed) beside a column in the right lane, all at `speed`; nobody else."""
     env, usual = quiet
-    params = params or usual
-    count = len(x)
-    state = put(
-        blank,
-        [MERGER, *range(FIRST, FIRST + count)],
-        [merger[0], *x],
-        [4] + [RIGHT] * count,
-        [merger[1]] + [speed] * count,
-        [30.0] + [speed] * count,
-    )
+    params, count = params or usual, len(x)
+    slots, lanes = [MERGER, *range(FIRST, FIRST + count)], [4] + [RIGHT] * count
+    speeds, desired = [merger[1]] + [speed] * count, [30.0] + [speed] * count
+    state = put(blank, slots, [merger[0], *x], lanes, speeds, desired)
     return Record(play(state, params), env.config, params)
 
 
@@ -118,8 +107,8 @@ def when_merged(road):
 
 
 def test_a_gap_is_opened_and_taken(quiet, blank, play):
-    """Beside a column at equilibrium, 17 m apart at 10 m/s, where no gap can be taken: the one behind makes one by
-    braking at 2 m/s^2 at most, and the merger is in it long before the lane ends, without having stopped."""
+    """Beside a column at equilibrium, 17 m apart at 10 m/s, where no gap can be taken: the one behind makes one within
+    comfort, and the merger takes it long before the lane ends, without having stopped."""
     _, params = quiet
     v, steady = 10.0, CAR["min_gap"] + 10.0 * CAR["time_headway"]
     x = RAMP + 150.0 - (steady + LENGTH) * np.arange(60)
@@ -142,7 +131,7 @@ def test_a_gap_is_opened_and_taken(quiet, blank, play):
     assert road.gaps().min() > 0.0
 
 
-def test_nobody_yields_to_one_too_slow(quiet, blank, play):
+def test_nobody_yields_to_a_vehicle_that_is_too_slow(quiet, blank, play):
     """From 28 m/s to 8 within 45 m takes more than 4 m/s^2: the car on the main road passes at its speed."""
     road = beside(quiet, blank, play, 28.0, [RAMP - 50.0], (RAMP, 8.0))
     assert when_merged(road) is not None
@@ -151,24 +140,22 @@ def test_nobody_yields_to_one_too_slow(quiet, blank, play):
     assert road.speed[: passed + 1, FIRST].min() > 27.9
 
 
-def test_one_that_has_come_to_stand_is_let_in(quiet, blank, play):
-    """A column of 34 cars, 60 m apart at 25 m/s, takes 80 s to pass: one that can stop for it in comfort lets it in."""
+def test_a_standing_vehicle_is_let_in(quiet, blank, play):
+    """A column of 34 cars, 60 m apart at 25 m/s, takes 80 s to pass, but one stops for it in comfort."""
     end = RAMP + 250.0 - CAR["min_gap"]
     road = beside(quiet, blank, play, 25.0, end - 50.0 - 60.0 * np.arange(34), (end, 0.0))
     merged = when_merged(road)
     assert merged * 0.25 < 30.0
     _, follower = road.next_to(merged, MERGER)
     assert follower is not None  # with more of the column behind it
-    braking = (
-        np.diff(road.speed[:, FIRST : FIRST + 34], axis=0)[road.active[1:, FIRST : FIRST + 34]]
-        / 0.25
-    )
+    column = slice(FIRST, FIRST + 34)
+    braking = np.diff(road.speed[:, column], axis=0)[road.active[1:, column]] / 0.25
     assert braking.min() > -PARAMS.safe_braking
     assert road.gaps().min() > 0.0
 
 
-def test_who_must_merge_matches_the_gap_behind_the_one_ahead(quiet, blank, play):
-    """Beside a car of equal speed it falls back within comfort, merges behind it, and keeps its speed but for that."""
+def test_a_merging_vehicle_falls_back_to_the_gap(quiet, blank, play):
+    """Beside a car of equal speed it falls back within comfort and merges behind it."""
     v = 22.0
     road = beside(quiet, blank, play, v, [RAMP + 8.0], (RAMP + 5.0, v))
     merged = when_merged(road)

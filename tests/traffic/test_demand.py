@@ -1,4 +1,4 @@
-"""Demand: arrivals against SciPy, entries that never have to crash, and a road filled as asked."""
+"""Demand: arrivals against SciPy, slots for entering vehicles, and a road filled as asked."""
 
 import jax
 import jax.numpy as jnp
@@ -37,61 +37,46 @@ def test_poisson_arrivals(expected):
     assert shares[-1] == pytest.approx(poisson.sf(MOST_ARRIVALS - 1, expected), abs=1e-5)
 
 
-def test_more_than_the_most_is_as_rare_as_said():
-    """With 2 expected, the cut is met less than once in 4000 decisions, and 0 once in never."""
+def test_the_cap_on_arrivals_is_rare():
+    """With 2 expected it cuts less than once in 4000 rounds; with 0 expected nobody arrives."""
     assert poisson.sf(MOST_ARRIVALS, 2.0) < 1 / 4000
     assert int(poisson_arrivals(jnp.float32(1 - 2**-24), jnp.float32(0.0))) == 0
 
 
-def test_entry_rates(asked):
-    """2800 an hour over four lanes, 300 at each ramp."""
-    env, params = asked
-    rates = entry_rates(params.demand, env.config.num_lanes, 0.0)
-    np.testing.assert_allclose(3600 * rates, [700.0] * 4 + [300.0] * 4, rtol=1e-6)
-
-
-def test_entries(asked):
-    """Lanes at x = 0, ramps where they join, on lane index 4."""
-    where = entries(asked[1].road, 4)
+def test_entries_and_their_rates(asked):
+    """Four lanes at x = 0 share 2800 vehicles an hour, ramps, on lane index 4, have 300 each."""
+    _, params = asked
+    where = entries(params.road, 4)
     np.testing.assert_allclose(where.x, [0, 0, 0, 0, 100, 1200, 2100, 3200])
     np.testing.assert_array_equal(where.lane, [0, 1, 2, 3, 4, 4, 4, 4])
+    rates = entry_rates(params.demand, 4, 0.0)
+    np.testing.assert_allclose(3600 * rates, [700.0] * 4 + [300.0] * 4, rtol=1e-6)
 
 
 def test_desired_speeds(asked):
     """Mean and spread of each kind; no draw is further than 2.5 standard deviations."""
-    drivers = asked[1].drivers
     normal = jax.random.normal(jax.random.key(0), (40_000,))
     for kind, (mean, std) in enumerate([(25.0, 0.0), (30.0, 2.0), (30.0, 1.0), (30.0, 2.0)]):
-        speed = np.asarray(desired_speeds(normal, jnp.full(40_000, kind), drivers))
+        speed = np.asarray(desired_speeds(normal, jnp.full(40_000, kind), asked[1].drivers))
         assert speed.mean() == pytest.approx(mean, abs=4 * max(std, 1e-3) / 200)
         assert speed.std() == pytest.approx(std, rel=0.05, abs=1e-4)  # the cut takes 3 %
         assert np.abs(speed - mean).max() <= 2.5 * std + 1e-4
 
 
-@settings(max_examples=200, deadline=None)
-@given(
-    st.lists(st.booleans(), min_size=8, max_size=8),
-    st.lists(st.booleans(), min_size=20, max_size=20),
-)
-def test_place_is_one_to_one(admitted, free):
-    """First entry to first free slot, and so on until either runs out."""
-    entry, placed = place(jnp.array(admitted), jnp.array(free))
-    pairs = list(zip(np.flatnonzero(free), np.flatnonzero(admitted), strict=False))
-    expected = np.full(20, -1)
-    for slot, source in pairs:
-        expected[slot] = source
-    np.testing.assert_array_equal(entry, expected)
-    np.testing.assert_array_equal(np.flatnonzero(placed), [source for _, source in pairs])
-
-
-def test_place_with_few_slots():
-    """Fewer slots than entries, down to none free: the rest stay in the queue."""
-    entry, placed = place(jnp.ones(8, bool), jnp.array([True, False, True]))
-    np.testing.assert_array_equal(entry, [0, -1, 1])
-    assert placed.sum() == 2
-    entry, placed = place(jnp.ones(8, bool), jnp.zeros(3, bool))
-    assert (entry == -1).all()
-    assert not placed.any()
+@settings(max_examples=200)
+@given(st.lists(st.booleans(), min_size=8, max_size=8), st.integers(0, 2**20 - 1))
+def test_place_is_one_to_one(admitted, bits):
+    """The first entry gets the first free slot, and so on until either runs out."""
+    free = np.array([bits >> slot & 1 for slot in range(20)], bool)
+    for slots in (20, 3):
+        free = free[:slots]
+        entry, placed = place(jnp.array(admitted), jnp.array(free))
+        pairs = list(zip(np.flatnonzero(free), np.flatnonzero(admitted), strict=False))
+        expected = np.full(slots, -1)
+        for slot, source in pairs:
+            expected[slot] = source
+        np.testing.assert_array_equal(entry, expected)
+        np.testing.assert_array_equal(np.flatnonzero(placed), [source for _, source in pairs])
 
 
 NUM_LANES = 4
@@ -99,7 +84,7 @@ NUM_LANES = 4
 
 @pytest.fixture(scope="module")
 def fill(asked):
-    """fill_road of `keys` roads with `slots` slots, half of them for EVs."""
+    """fill_road of `keys` roads with `slots` slots, half of them for EVs; and the kinds of the slots."""
     _, params = asked
 
     def run(slots, keys, drivers=params.drivers, **demand):
@@ -132,7 +117,7 @@ def bumper_gaps(filled, length):
 
 @pytest.mark.parametrize("per_h", [500.0, 2800.0, 20_000.0])
 def test_filled_road_has_no_overlap(fill, asked, per_h):
-    """Every headway is safe at the speed that is driven, from sparse to a road that is full."""
+    """Every headway is safe at the speed driven, from a sparse to a full road."""
     filled, kind = fill(800, 40, mainline_per_h=per_h)
     gap, speed = bumper_gaps(filled, np.asarray(asked[1].drivers.vehicle_length)[kind])
     assert (gap >= 2.0 + 1.5 * speed - 1e-2).all()
@@ -143,7 +128,7 @@ def test_filled_road_has_no_overlap(fill, asked, per_h):
 
 
 def test_long_vehicles_do_not_overlap(fill, asked):
-    """Nor where every EV is as long as a bus and the demand is beyond the road's room."""
+    """Even if every EV is as long as a bus and the demand is beyond the road's room."""
     drivers = asked[1].drivers
     length = drivers.vehicle_length.at[1:3].set(12.0)
     filled, kind = fill(1600, 8, drivers.replace(vehicle_length=length), mainline_per_h=60_000.0)
@@ -168,16 +153,15 @@ def test_filled_road_matches_the_demand(fill, asked):
     share = 0.3 * expected
     assert evs.mean() == pytest.approx(share, abs=4 * np.sqrt(share / roads))
     assert evs.var(ddof=1) == pytest.approx(share, rel=4 * np.sqrt(2 / roads))
-    # Lanes and places do not know the class.
-    for lane in range(NUM_LANES):
-        share = (filled.lane[filled.active] == lane).mean()
-        assert share == pytest.approx(0.25, abs=0.01)
+    # Lanes and places do not depend on the class.
+    lanes = np.bincount(filled.lane[filled.active], minlength=NUM_LANES)
+    np.testing.assert_allclose(lanes / lanes.sum(), 0.25, atol=0.01)
     ev_x = filled.x[filled.active & (kind == 1)]
     assert ev_x.mean() == pytest.approx(2000.0, abs=4 * 4000 / np.sqrt(12 * ev_x.size) + 35.0)
 
 
-def test_lorries_are_a_share_of_the_vehicles_with_fuel():
-    """None unless asked for; else so many, slower and longer than cars, and more of them are on the road at once."""
+def test_lorries_are_a_share_of_fuelled_vehicles():
+    """Exactly that share, and no EV is one; a lorry is slower and longer than a car."""
     uniform = jnp.linspace(0.0, 1.0, 10_001)[:-1]
     is_ev = jnp.arange(10_000) % 4 == 0
     for share in (0.0, 0.16, 1.0):
@@ -191,19 +175,16 @@ def test_lorries_are_a_share_of_the_vehicles_with_fuel():
     assert float(drivers.vehicle_length[LORRY]) == 16.5  # Directive 96/53/EC
 
 
-def test_the_filled_road_holds_more_of_who_is_slower():
-    """Of each kind its flow times the time that it takes: where as many lorries arrive as cars, more lorries."""
+def test_the_filled_road_holds_more_slow_vehicles():
+    """Of each kind its flow times its travel time: more lorries than cars, if as many arrive."""
     speed, shares = np.array([30.0, 20.0, 30.0, 23.6]), np.array([0.1, 0.1, 0.4, 0.4])
     env, params = medjax.make(
         "paper",
         lorry_share=0.5,
         ev_share=0.2,
         desired_speed=[22.0, *speed],
-        num_evs=120,
-        num_gas=400,
-        arrival_soc_low=1.0,
-        arrival_soc_high=1.0,
-        battery_scale=1.0,
+        **{"num_evs": 120, "num_gas": 400, "battery_scale": 1.0},
+        **{"arrival_soc_low": 1.0, "arrival_soc_high": 1.0},
     )
     flow_m = 2600.0 * 4000.0 + 250.0 * (3900.0 + 2800.0 + 1900.0 + 800.0)
     expected = flow_m / 3600.0 * shares / speed

@@ -49,8 +49,8 @@ def test_queues_take_what_arrives(asked, blank):
 
 
 @pytest.mark.parametrize("scarce", [{"num_evs": 6}, {"num_gas": 20}])
-def test_the_share_of_evs_is_the_demand_also_where_slots_are_short(scarce):
-    """A class that waits for slots neither loses nor gains its share of who comes to an entry's front."""
+def test_a_class_short_of_slots_keeps_its_share(scarce):
+    """Of all vehicles that come to an entry's front, those still waiting there included."""
     env, params = medjax.make("paper", ev_share=0.3, **scarce)
 
     @jax.jit

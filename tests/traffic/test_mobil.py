@@ -1,4 +1,4 @@
-"""MOBIL: item 7 of reference/traffic.md, safety, and followers judged as the cars that they are."""
+"""MOBIL: a worked example, safety, and followers judged by their own parameters."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,58 +9,26 @@ from medjax.traffic.idm import IDM
 from medjax.traffic.lane_change import GOES, Wish
 from medjax.traffic.mobil import is_safe
 from medjax.world.params import LaneChangeParams
-from tests.traffic.cars import (
-    EGO,
-    LENGTH,
-    NEW_FOLLOWER,
-    NEW_LEADER,
-    OLD_FOLLOWER,
-    OLD_LEADER,
-    decided,
-    drivers,
-)
+from tests.traffic.cars import EGO, LENGTH, OLD_LEADER, decided, drivers
 from tests.traffic.reference import CAR, TRUCK, idm
 
 SHORTEST = 0.56  # s, headway accepted where a change is most urgent
-
-
-def item_7():
-    """Accelerations (before, after) of the ego, the old and the new follower."""
-    behind_both = 30.0 + LENGTH + 30.0  # the old follower's gap once the ego is gone
-    behind_new = 25.0 + LENGTH + 80.0  # the new follower's gap before the ego comes
-    return {
-        "ego": [(25.0, 30.0, 20.0), (25.0, 80.0, 25.0)],
-        "old follower": [(25.0, 30.0, 25.0), (25.0, behind_both, 20.0)],
-        "new follower": [(25.0, behind_new, 25.0), (25.0, 25.0, 25.0)],
-    }
-
-
-def accelerations():
-    pairs = item_7().values()
-    return [float(idm_acceleration(*point, **CAR)) for pair in pairs for point in pair]
-
-
-def test_item_7_accelerations():
-    """What each of the three has before and after the change."""
-    expected = [-8.23017, 0.61573, -1.47002, -1.00001, 0.77651, -2.53793]
-    np.testing.assert_allclose(accelerations(), expected, atol=6e-6)
+# The example: front bumpers and speeds of ego, old leader, new leader, old follower, new follower.
+X = [0.0, 30.0 + LENGTH, 80.0 + LENGTH, -LENGTH - 30.0, -LENGTH - 25.0]
+SPEED = [25.0, 20.0, 25.0, 25.0, 25.0]
 
 
 @pytest.mark.parametrize(("politeness", "incentive"), [(0.0, 8.8459), (0.2, 8.2770), (1.0, 6.0015)])
-def test_item_7_incentive(politeness, incentive):
-    """Before the threshold, selfish, usual and fully polite."""
-    got = mobil_incentive(*accelerations(), politeness=politeness)
+def test_incentive_of_the_example(politeness, incentive):
+    """Selfish, usual and fully polite, with accelerations before and after of ego, old and new follower."""
+    points = [(25.0, 30.0, 20.0), (25.0, 80.0, 25.0)]
+    points += [(25.0, 30.0, 25.0), (25.0, 30.0 + LENGTH + 30.0, 20.0)]  # once the ego is gone
+    points += [(25.0, 25.0 + LENGTH + 80.0, 25.0), (25.0, 25.0, 25.0)]  # before the ego comes
+    accelerations = [float(idm_acceleration(*point, **CAR)) for point in points]
+    expected = [-8.23017, 0.61573, -1.47002, -1.00001, 0.77651, -2.53793]
+    np.testing.assert_allclose(accelerations, expected, atol=6e-6)
+    got = mobil_incentive(*accelerations, politeness=politeness)
     assert float(got) == pytest.approx(incentive, abs=6e-5)
-
-
-@pytest.mark.parametrize(("safe_braking", "safe"), [(4.0, True), (2.0, False)])
-def test_item_7_safety(safe_braking, safe):
-    """The new follower brakes at 2.54: allowed at b_safe 4, not at 2."""
-    _, own, _, _, _, follower = accelerations()
-    got = is_safe(
-        own, follower, 80.0, 25.0, safe_braking=safe_braking, min_gap_ahead=2.0, min_gap_behind=2.0
-    )
-    assert bool(got) is safe
 
 
 @pytest.mark.parametrize(
@@ -83,65 +51,28 @@ def test_safety_criterion(own, follower, ahead, behind, safe):
     assert bool(got) is safe
 
 
-EVERYONE = (EGO, OLD_LEADER, NEW_LEADER, OLD_FOLLOWER, NEW_FOLLOWER)
-
-
-def lane_change(x, speed, kinds, *, there=EVERYONE, desire=0.0, stay=False, **selfish):
+def lane_change(x, speed, kinds, *, there=(0, 1, 2, 3, 4), desire=0.0, stay=False, **params):
     """Whether the ego changes to the right among vehicles of the given kinds, who drive by IDM."""
-    params = LaneChangeParams(
-        politeness=selfish.get("politeness", 0.0),
-        threshold=selfish.get("threshold", 0.2),
-        right_bias=0.0,
-        safe_braking=4.0,
-        mandatory_bias=10.0,
-        urgency_bias=10.0,
-        accepted_headway=SHORTEST,
-    )
+    usual = {"politeness": 0.0, "threshold": 0.2, "right_bias": 0.0, "safe_braking": 4.0}
+    usual |= {"mandatory_bias": 10.0, "urgency_bias": 10.0, "accepted_headway": SHORTEST}
+    params = LaneChangeParams(**usual | params)
     x, speed = jnp.asarray(x, jnp.float32), jnp.asarray(speed, jnp.float32)
     wish = Wish(jnp.zeros(5).at[EGO].set(desire), jnp.full(5, stay), jnp.full(5, True))
     return bool(decided(drivers(kinds), x, speed, wish, params, there, IDM()) == GOES)
 
 
-# Item 7's scene: front bumpers, the ego's at 0.
-X = [0.0, 30.0 + LENGTH, 80.0 + LENGTH, -LENGTH - 30.0, -LENGTH - 25.0]
-SPEED = [25.0, 20.0, 25.0, 25.0, 25.0]
-
-
-@pytest.mark.parametrize(("threshold", "changes"), [(8.84, True), (8.85, False)])
-def test_threshold_decides(threshold, changes):
-    """Item 7's selfish incentive, 8.8459, lies between the two."""
-    assert lane_change(X, SPEED, [CAR] * 5, threshold=threshold) is changes
-
-
-@pytest.mark.parametrize(("threshold", "changes"), [(6.00, True), (6.003, False)])
-def test_threshold_decides_politely(threshold, changes):
-    """Item 7's polite incentive, 6.0015: both followers' changes are counted in full."""
-    assert lane_change(X, SPEED, [CAR] * 5, politeness=1.0, threshold=threshold) is changes
-
-
-@pytest.mark.parametrize("follower", [CAR, TRUCK])
-@pytest.mark.parametrize("ego", [CAR, TRUCK])
-def test_new_follower_is_judged_by_its_own_parameters(ego, follower):
-    """The smallest gap behind that is taken is the one where that follower brakes at 4 m/s^2."""
-    gaps = np.arange(4.5, 40.0, 0.25)
-    braking = idm(follower, gaps, 20.0, 20.0)
-    taken = smallest_taken(gaps, [ego, CAR, CAR, CAR, follower], 0.0)
-    assert taken == gaps[np.argmax(braking >= -4.0)]
-
-
-@pytest.mark.parametrize("desire", [0.1, 0.25, 0.5, 0.75, 1.0])
-def test_the_more_urgent_the_shorter_the_gap_that_is_taken(desire):
-    """LMRS, eqs (8)-(10): the headway accepted behind falls from 1.5 s to 0.56, the braking asked grows to 4 m/s^2."""
-    gaps = np.arange(1.0, 60.0, 0.125)
-    headway = 1.5 + (SHORTEST - 1.5) * desire
-    braking = idm(CAR | {"time_headway": headway}, gaps, 20.0, 20.0)
-    assert braking[0] < -4.0  # it is not the standing gap that decides
-    taken = smallest_taken(gaps, [CAR] * 5, desire)
-    assert taken == gaps[np.argmax(braking >= -4.0 * desire)]
+@pytest.mark.parametrize(
+    ("politeness", "threshold", "changes"),
+    [(0.0, 8.84, True), (0.0, 8.85, False), (1.0, 6.00, True), (1.0, 6.003, False)],
+)
+def test_the_threshold_decides(politeness, threshold, changes):
+    """The example's incentive, selfish 8.8459 and polite 6.0015, lies between two thresholds."""
+    got = lane_change(X, SPEED, [CAR] * 5, politeness=politeness, threshold=threshold)
+    assert got is changes
 
 
 def smallest_taken(gaps, kinds, desire):
-    """The first of ascending gaps behind that the ego takes, all but its slow leader at 20 m/s."""
+    """The first of ascending gaps behind that the ego takes; all drive at 20 m/s but its slow leader."""
     speed = [20.0, 15.0, 20.0, 20.0, 20.0]
 
     def taken(gap):
@@ -157,10 +88,25 @@ def smallest_taken(gaps, kinds, desire):
     return gaps[high]
 
 
-def test_judged_parameters_differ():
-    """The two followers of the test above really need different gaps."""
-    assert idm(CAR, 13.0, 20.0, 20.0) < -4.0 < idm(CAR, 20.0, 20.0, 20.0)
-    assert abs(idm(TRUCK, 20.0, 20.0, 20.0) - idm(CAR, 20.0, 20.0, 20.0)) > 0.1
+@pytest.mark.parametrize("follower", [CAR, TRUCK])
+@pytest.mark.parametrize("ego", [CAR, TRUCK])
+def test_new_follower_is_judged_by_its_own_parameters(ego, follower):
+    """The smallest gap behind that is taken is the one where that follower brakes at 4 m/s^2."""
+    gaps = np.arange(4.5, 40.0, 0.25)
+    braking = idm(follower, gaps, 20.0, 20.0)
+    taken = smallest_taken(gaps, [ego, CAR, CAR, CAR, follower], 0.0)
+    assert taken == gaps[np.argmax(braking >= -4.0)]
+
+
+@pytest.mark.parametrize("desire", [0.1, 0.25, 0.5, 0.75, 1.0])
+def test_an_urgent_change_takes_a_shorter_gap(desire):
+    """LMRS, eqs (8)-(10): the headway accepted behind falls from 1.5 s to 0.56, the braking asked grows to 4 m/s^2."""
+    gaps = np.arange(1.0, 60.0, 0.125)
+    headway = 1.5 + (SHORTEST - 1.5) * desire
+    braking = idm(CAR | {"time_headway": headway}, gaps, 20.0, 20.0)
+    assert braking[0] < -4.0  # it is not the standing gap that decides
+    taken = smallest_taken(gaps, [CAR] * 5, desire)
+    assert taken == gaps[np.argmax(braking >= -4.0 * desire)]
 
 
 @pytest.mark.parametrize(
@@ -168,14 +114,14 @@ def test_judged_parameters_differ():
     [(1.0, False, True), (1.0, True, True), (-1.0, False, False), (0.0, True, False)],
 )
 def test_mandatory_changes_go_first(desire, stay, changes):
-    """One that must go left, or must stay, does not go right for its own gain; who must go does not stay."""
+    """A vehicle that must go left or stay does not go right for its own gain."""
     assert lane_change(X, SPEED, [CAR] * 5, desire=desire, stay=stay) is changes
 
 
 def test_a_mandatory_change_waives_no_safety():
     """It outweighs a loss, but not a follower that would brake at more than 4 m/s^2."""
     worse = [0.0, 500.0, 40.0, -60.0, -60.0]  # a short gap ahead in the target lane
-    speed = [20.0, 20.0, 20.0, 20.0, 20.0]
+    speed = [20.0] * 5
     assert not lane_change(worse, speed, [CAR] * 5)
     assert lane_change(worse, speed, [CAR] * 5, desire=1.0)
     hurried = CAR | {"time_headway": SHORTEST}
@@ -185,7 +131,7 @@ def test_a_mandatory_change_waives_no_safety():
         assert lane_change(close, speed, [CAR] * 5, desire=1.0) is safe
 
 
-def test_empty_lane_needs_nobody():
-    """Without anyone in the target lane a slow leader is enough to leave."""
+def test_an_empty_lane_is_safe():
+    """With nobody in the target lane, a slow leader is enough to leave."""
     assert lane_change(X, SPEED, [CAR] * 5, there=(EGO, OLD_LEADER))
     assert not lane_change(X, SPEED, [CAR] * 5, there=(EGO,))

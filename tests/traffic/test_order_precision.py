@@ -1,4 +1,4 @@
-"""Who is ahead of whom where float32 and packed sort keys resolve no finer; bounds: docs/precision.md."""
+"""The order of vehicles at the resolution of float32 and packed sort keys; bounds: docs/precision.md."""
 
 import jax
 import jax.numpy as jnp
@@ -9,35 +9,12 @@ from medjax.traffic import find_neighbours, sort_by_road
 from medjax.traffic.neighbours import NOBODY
 from medjax.traffic.road import NOWHERE
 from medjax.world.params import EnvConfig, validate_config
+from tests.traffic.reference import brute_force
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 LENGTH_M = 100_000.0
 ULP_M = float(np.spacing(np.float32(LENGTH_M)))  # 7.8 mm
-
-
-def brute_force(x, lane, target, slot_order=True):
-    """(ahead, behind) of each in its target lane, by float64 positions; ties by slot."""
-    slots = np.arange(len(x))
-    ahead, behind = np.full(len(x), NOBODY), np.full(len(x), NOBODY)
-    for there in np.unique(lane):
-        members = slots[lane == there]
-        members = members[np.lexsort((members, x[members]))]
-        looks = np.flatnonzero(target == there)
-        first = np.searchsorted(x[members], x[looks], side="left")
-        # Those abreast to the last bit are ordered by slot.
-        behind_count = np.array(
-            [
-                count + np.sum((x[members] == x[me]) & (members < me))
-                for count, me in zip(first, looks, strict=True)
-            ],
-            int,
-        )
-        for me, count in zip(looks, behind_count, strict=True):
-            after = count + (lane[me] == there)  # oneself stands there
-            ahead[me] = members[after] if after < len(members) else NOBODY
-            behind[me] = members[count - 1] if count else NOBODY
-    return ahead, behind
 
 
 @jax.jit
@@ -62,8 +39,8 @@ def abreast_road(length_m, slots, shift_m, rng, spacing_m=5.0):
 
 @pytest.mark.parametrize("direction", [-1, 1])
 def test_order_on_the_long_road(direction):
-    """100 km and 2510 slots resolve 19 cm. In one's own lane the order is that of float64; in the next
-    lane it may differ for two abreast, between whom no gap is safe in either order."""
+    """100 km and 2510 slots resolve 19 cm. Within a lane the order is that of float64. Towards the next lane it may
+    differ for two vehicles abreast, between which no gap is safe in either order."""
     rng = np.random.default_rng(2)
     resolution = LENGTH_M / 2 ** (31 - 12)
     swapped = 0
@@ -71,31 +48,28 @@ def test_order_on_the_long_road(direction):
         x, lane = abreast_road(LENGTH_M, 2510, 2 * resolution, rng)
         target = lane + direction
         got = found(x, lane, target, LENGTH_M)
-        wide = x.astype(np.float64)
-        own = brute_force(wide, lane, lane)
-        np.testing.assert_array_equal(got.leader, own[0])
-        np.testing.assert_array_equal(got.follower, own[1])
-        exact = brute_force(wide, lane, target)
-        seen = np.asarray(got.target_leader), np.asarray(got.target_follower)
-        wrong = (seen[0] != exact[0]) | (seen[1] != exact[1])
+        x = x.astype(np.float64)
+        np.testing.assert_array_equal([got.leader, got.follower], brute_force(x, lane, lane))
+        exact = np.array(brute_force(x, lane, target))
+        seen = np.array([got.target_leader, got.target_follower])
+        wrong = (seen != exact).any(axis=0)
         swapped += wrong.sum()
 
-        def fits(ahead, behind, wide=wide):
+        def fits(ahead, behind, x=x):
             """Bumper gaps on both sides are positive, for vehicles of 5 m."""
-            front = np.where(ahead == NOBODY, np.inf, wide[ahead] - 5.0 - wide)
-            back = np.where(behind == NOBODY, np.inf, wide - 5.0 - wide[behind])
+            front = np.where(ahead == NOBODY, np.inf, x[ahead] - 5.0 - x)
+            back = np.where(behind == NOBODY, np.inf, x - 5.0 - x[behind])
             return (front > 0.0) & (back > 0.0)
 
         np.testing.assert_array_equal(fits(*seen), fits(*exact))
         assert not fits(*exact)[wrong].any()
-        apart = [np.abs(wide[neighbours[wrong]] - wide[wrong]) for neighbours in (seen[0], seen[1])]
-        nearest = np.minimum(*apart)
+        nearest = np.abs(x[seen] - x)[:, wrong].min(axis=0)
         assert (nearest <= resolution + 2 * ULP_M).all()
     assert swapped > 50  # the case was there
 
 
-def test_order_in_a_lane_is_right_up_to_a_resolution_of_a_vehicle():
-    """And wrong beyond: the bound length_m / 2^(31 - slot bits) < shortest vehicle is the bound."""
+def test_order_in_a_lane_is_right_if_a_vehicle_is_longer_than_the_resolution():
+    """length_m / 2^(31 - slot bits); on a longer road it is wrong."""
     slots, vehicle_m = 2510, 5.0
     longest = vehicle_m * 2 ** (31 - 12)
     assert longest > 20 * LENGTH_M
@@ -105,8 +79,6 @@ def test_order_in_a_lane_is_right_up_to_a_resolution_of_a_vehicle():
         pairs = rng.uniform(0.0, length_m - 100.0, slots // 2)
         x = np.stack([pairs, pairs + vehicle_m + 0.5], axis=1).ravel().astype(np.float32)
         lane = np.zeros(slots, np.int32)
-        near = np.sort(x)
-        assert (np.diff(near)[::2] > 0).all()
         mixed = rng.permutation(slots)
         got = found(x[mixed], lane, lane + 1, length_m)
         ahead, _ = brute_force(x[mixed].astype(np.float64), lane, lane)
@@ -117,12 +89,13 @@ def test_order_in_a_lane_is_right_up_to_a_resolution_of_a_vehicle():
 
 
 def test_the_largest_configuration_fits_its_counters():
-    """Places in 16 bits, slot names in 15, counts in 24: brute force on as many vehicles as may be asked for."""
+    """Places in 16 bits, slot names in 15, counts in 24: brute force on the most vehicles allowed."""
     largest = EnvConfig(num_meds=64, num_evs=4096, num_gas=4096, num_lanes=5, num_ramps=8)
     validate_config(largest)
-    slots, lanes = largest.num_vehicles, largest.num_lanes + 1
-    assert (lanes + 1) * (slots + 2) <= 2**16
-    assert slots < 2**15
+    lanes = largest.num_lanes + 1
+    slots = 2**16 // (lanes + 1) - 2  # the most that `find_neighbours` allows
+    assert largest.num_vehicles <= slots < 2**15
+    find = jax.jit(find_neighbours, static_argnums=5)
     rng = np.random.default_rng(4)
     x = rng.permutation(slots).astype(np.float32) * 20.0
     # All in one lane but a few: the counts of the packed words are as large as they get.
@@ -130,13 +103,10 @@ def test_the_largest_configuration_fits_its_counters():
         lane = np.where(rng.random(slots) < 0.99, crowded, rng.integers(0, lanes, slots))
         lane = lane.astype(np.int32)
         order = jnp.argsort(x).astype(jnp.int32)
-        nowhere = np.full(slots, NOWHERE)
-        got = jax.jit(find_neighbours, static_argnums=5)(
-            order, lane, nowhere, lane + 1, jnp.ones(slots, bool), lanes
-        )
+        nowhere, everyone = np.full(slots, NOWHERE), np.ones(slots, bool)
+        got = find(order, lane, nowhere, lane + 1, everyone, lanes)
         expected = *brute_force(x, lane, lane), *brute_force(x, lane, lane + 1)
-        for one, other in zip(got, expected, strict=True):
-            np.testing.assert_array_equal(one, other)
+        np.testing.assert_array_equal(np.array(got), expected)
 
 
 def test_counting_asks_for_whole_products():

@@ -1,4 +1,4 @@
-"""What a tick of traffic takes from others: drivers of a round, and the car-following model."""
+"""A tick of traffic takes its drivers and its car-following model from the caller."""
 
 import dataclasses
 from typing import Any
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
 def test_a_med_drives_as_its_kind_until_it_is_in_service():
-    """Then at the fleet's service speed; what the state holds stays what it was."""
+    """Then at the fleet's service speed; the state keeps the driver's own."""
     desired_speed = [24.0, 30.0, 30.0, 30.0, 24.0]
     env, params = medjax.make("paper", desired_speed=desired_speed, service_speed=19.0)
     _, state = jax.jit(env.reset)(jax.random.key(0), params)
@@ -36,7 +36,7 @@ def test_a_med_drives_as_its_kind_until_it_is_in_service():
 
 @dataclasses.dataclass(frozen=True)
 class Coasting:
-    """A car-following model: everyone slows down alike, whoever is ahead."""
+    """A car-following model: every vehicle slows down alike."""
 
     deceleration: float
 
@@ -48,8 +48,8 @@ class Coasting:
         return jnp.full(gap.shape, -self.deceleration)
 
 
-def test_a_model_of_ones_own_drives_all_vehicles():
-    """After a decision of a second, everyone is slower by what the model says."""
+def test_a_custom_model_drives_all_vehicles():
+    """After a decision of a second, every vehicle is slower by the model's deceleration."""
     made, params = medjax.make("paper", acceleration_noise=0.0)
     env = ChargingEnv(made.config, following=Coasting(0.5))
     _, state = jax.jit(env.reset)(jax.random.key(0), params)
