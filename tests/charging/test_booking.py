@@ -8,15 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import medjax
-from medjax.charging.booking import (
-    WORTHWHILE_S,
-    Offers,
-    Requests,
-    ask,
-    book,
-    grant,
-    panel_flags,
-)
+from medjax.charging.booking import WORTHWHILE_S, Offers, Requests, ask, book, grant, panel_flags
 from medjax.env.forecast import expected_need, free_slots
 from medjax.world.params import LEFT, PANELS
 from medjax.world.state import IN_SERVICE, LEAVING, MERGING, NOT_BOOKED, QUEUED, RETIRED

@@ -6,8 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from medjax.env.agents.actions import AgentActions, Parts
-from medjax.env.agents.orders import give_orders
+from medjax.env.agents.actions import AgentActions, Parts, give_orders
 from medjax.world.state import AT_DEPOT, IN_SERVICE, MERGING, QUEUED
 from tests.env.agents.conftest import TRIPS
 

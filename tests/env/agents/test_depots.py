@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.env.agents.orders import give_orders
+from medjax.env.agents.actions import give_orders
 from medjax.episodes.runner import Decision
 from medjax.world.state import AT_DEPOT, IN_SERVICE, RETIRED
 from tests.env.agents.conftest import TRIPS, World

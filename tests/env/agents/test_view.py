@@ -112,9 +112,7 @@ def test_a_last_trip_is_not_seen(trips, busy):
     seen = []
     for speed, lane in ((0.0, 0), (23.0, 2)):
         left = vehicles.replace(
-            active=active,
-            speed=vehicles.speed.at[3].set(speed),
-            lane=vehicles.lane.at[3].set(lane),
+            active=active, speed=vehicles.speed.at[3].set(speed), lane=vehicles.lane.at[3].set(lane)
         )
         seen.append(np.asarray(trips.view(state.replace(vehicles=left), trips.params)))
     np.testing.assert_array_equal(seen[0], seen[1])
