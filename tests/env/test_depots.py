@@ -22,28 +22,12 @@ RAMPS, EXIT = (200.0, 900.0, 5200.0), 4000.0
 @pytest.fixture(scope="module")
 def road():
     """Two ramps with one depot, and behind an exit a third with its own; nobody but MEDs, which leave there."""
-    env, params = medjax.make(
-        "paper",
-        num_depots=2,
-        num_meds=3,
-        size=3,
-        length_m=6000.0,
-        ramp_x_m=list(RAMPS),
-        exit_x_m=[EXIT],
-        exit_share=0.0,
-        battery_scale=1.0,
-        mainline_per_h=0,
-        ramp_per_h=0,
-        turnaround_s=TURNAROUND_S,
-        depot_power_w=DEPOT_W,
-        return_speed=RETURN_SPEED,
-        trip_m=2000.0,
-        cooldown_s=5.0,
-        slope=0.01,
-        num_evs=1,
-        num_gas=1,
-        episode_decisions=600,
-    )
+    size = {"num_depots": 2, "num_meds": 3, "size": 3, "num_evs": 1, "num_gas": 1}
+    size |= {"length_m": 6000.0, "ramp_x_m": list(RAMPS), "exit_x_m": [EXIT], "exit_share": 0.0}
+    size |= {"mainline_per_h": 0, "ramp_per_h": 0, "battery_scale": 1.0, "slope": 0.01}
+    size |= {"trip_m": 2000.0, "turnaround_s": TURNAROUND_S, "depot_power_w": DEPOT_W}
+    size |= {"return_speed": RETURN_SPEED, "cooldown_s": 5.0, "episode_decisions": 600}
+    env, params = medjax.make("paper", **size)
     return env, params, jax.jit(env.reset)(jax.random.key(0), params)[1], jax.jit(env.step_env)
 
 
@@ -102,17 +86,14 @@ def test_the_way_home_takes_its_time_and_its_energy(road, depot, middle):
     power = force * RETURN_SPEED / float(body.drivetrain_efficiency) + float(body.auxiliary_w)
     home_j = power * way / RETURN_SPEED
     away_s = TURNAROUND_S + way / RETURN_SPEED + (spent + home_j) / DEPOT_W
-    assert (
-        abs(number - left - away_s - 1.0) <= 1.0
-    )  # leaves within the second, is seen after the last
+    # It leaves within a second, and is seen after the last one.
+    assert abs(number - left - away_s - 1.0) <= 1.0
     assert float(state.tally.med_driving_j) - driven == pytest.approx(home_j, rel=1e-3)
     assert float(state.tally.depot_energy_j) == pytest.approx(spent + home_j, rel=1e-5)
     assert float(state.meds.energy_j[0]) == float(params.med_capacity_j)
     assert state.meds.depot[0] == depot
-    mask = env.action_mask(state, params).tolist()
-    assert mask == [True, True, True, True]
-    sent = who_is_sent(jnp.int32(3), state.meds, env.config)
-    assert bool(sent[0]) == (depot == 1)
+    assert env.action_mask(state, params).all()
+    assert bool(who_is_sent(jnp.int32(3), state.meds, env.config)[0]) == (depot == 1)
 
 
 @pytest.mark.parametrize("name", ["greedy", "forecast", "budgeted"])

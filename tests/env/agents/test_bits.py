@@ -30,12 +30,12 @@ def test_the_dispatcher_is_a_special_case(trips):
         head = int(np.argmax(np.asarray(ours.meds.status) == AT_DEPOT))
         actions = jnp.zeros(4, jnp.int32).at[head].set(ramp)
         key = jax.random.key(number)
-        _, ours, rewards, *_ = trips.step(key, ours, actions, trips.params)
+        _, ours, *_, info = trips.step(key, ours, actions, trips.params)
         _, theirs, reward, *_ = alone(key, theirs, jnp.int32(ramp), trips.params)
         none = {name: jnp.zeros(()) for name in TOLD}
         road = ours.replace(tally=ours.tally.replace(**none))
         jax.tree.map(np.testing.assert_array_equal, road, theirs)
-        np.testing.assert_array_equal(rewards, np.full(4, reward))
+        np.testing.assert_array_equal(info["rewards"], np.full(4, reward))
     assert (ours.meds.status != AT_DEPOT).any()
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from medjax.charging.booking import book
-from medjax.env.agents.environment import ROAD
 from medjax.env.agents.view import OF_AN_EV, OF_ITSELF, AgentView
 from medjax.world.state import IN_SERVICE, QUEUED
 
@@ -125,10 +124,3 @@ def test_who_is_not_on_the_road_sees_nobody(trips):
     assert (around == 0.0).all()
     assert obs.shape == (4, AgentView().size(trips.config))
     assert list(np.asarray(obs)[:, OF_ITSELF - 1]) == [1.0, 0.0, 0.0, 0.0]
-
-
-def test_the_global_state_is_the_road_profile(trips, busy):
-    """One vector for a central critic."""
-    state = np.asarray(trips.global_state(busy, trips.params))
-    assert state.shape == (ROAD.size(trips.config),)
-    assert np.isfinite(state).all()
