@@ -9,23 +9,11 @@ import medjax
 from medjax.policies.policy import Choice, Policy
 from medjax.world.state import IN_SERVICE, MERGING, QUEUED
 
-TRIPS = {
-    "num_evs": 24,
-    "num_gas": 24,
-    "size": 4,
-    "length_m": 3000.0,
-    "ramp_x_m": [50.0, 1300.0],
-    "exit_x_m": [1000.0, 2300.0],
-    "exit_notice_m": 400.0,
-    "mainline_per_h": 2000.0,
-    "ev_share": 0.6,
-    "arrival_soc_high": 0.3,
-    "cooldown_s": 5.0,
-    "trip_m": 2000.0,
-    "turnaround_s": 20.0,
-    "rounds_per_decision": 4,
-    "episode_decisions": 60,
-}
+TRIPS = {"length_m": 3000.0, "ramp_x_m": [50.0, 1300.0], "exit_x_m": [1000.0, 2300.0]}
+TRIPS |= {"num_evs": 24, "num_gas": 24, "size": 4, "exit_notice_m": 400.0}
+TRIPS |= {"mainline_per_h": 2000.0, "ev_share": 0.6, "arrival_soc_high": 0.3}
+TRIPS |= {"cooldown_s": 5.0, "trip_m": 2000.0, "turnaround_s": 20.0}
+TRIPS |= {"rounds_per_decision": 4, "episode_decisions": 60}
 
 
 class World:
