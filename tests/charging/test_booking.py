@@ -69,33 +69,22 @@ def one_to_one(med, panel):
 
 @given(st.integers(0, 2**31))
 @settings(max_examples=100, deadline=None)
-def test_one_to_one(booking, seed):
-    """Old bookings stay, new ones take free slots only, one EV a slot."""
+def test_nearest_ev_wins_its_nearest_med(booking, paper, seed):
+    """Old bookings stay. New ones take free slots, one EV a slot: its nearest MED's, which no nearer EV asks."""
+    _, params = paper
     med, panel, requests, offers = draw(seed)
     new_med, new_panel = (np.asarray(x) for x in booking(med, panel, requests, offers))
     old = np.asarray(med) >= 0
     assert np.array_equal(new_med[old], np.asarray(med)[old])
     assert np.array_equal(new_panel[old], np.asarray(panel)[old])
     assert one_to_one(new_med, new_panel)
-    new = (new_med >= 0) & ~old
+    new = np.flatnonzero((new_med >= 0) & ~old)
     assert np.all(np.asarray(requests.asks)[new])
     assert np.all(np.asarray(offers.free)[new_med[new], new_panel[new]])
-
-
-@given(st.integers(0, 2**31))
-@settings(max_examples=100, deadline=None)
-def test_nearest_ev_wins_its_nearest_med(booking, paper, seed):
-    """Every newly booked EV took its nearest MED with a free slot, and was the nearest to ask it."""
-    _, params = paper
-    med, panel, requests, offers = draw(seed)
-    new_med = np.asarray(booking(med, panel, requests, offers)[0])
     ahead = np.asarray(offers.x)[None] - np.asarray(requests.x)[:, None]
-    reach = (ahead <= float(params.charging.reach_ahead_m)) & (
-        ahead >= -float(params.charging.reach_behind_m)
-    )
-    reach &= np.asarray(offers.free).any(1)[None]
+    reach = np.asarray(offers.free).any(1) & (ahead <= float(params.charging.reach_ahead_m))
+    reach &= ahead >= -float(params.charging.reach_behind_m)
     distance = np.where(reach, np.abs(ahead), np.inf)
-    new = np.flatnonzero((new_med >= 0) & (np.asarray(med) < 0))
     for ev in new:
         m = new_med[ev]
         assert distance[ev, m] == distance[ev].min() < np.inf
@@ -112,7 +101,7 @@ def test_nearest_ev_wins_its_nearest_med(booking, paper, seed):
 
 
 def slot_is_blocked(requests, offers, ev, m):
-    """Whether an EV can reach none of a MED's free slots: it passes neither the MED nor who is booked beside it."""
+    """Whether an EV can reach none of a MED's free slots: it passes neither the MED nor an EV booked beside it."""
     side = int(requests.lane[ev]) - int(offers.lane[m])
     left, right, rear, front = (bool(f) for f in offers.free[m])
     behind = float(requests.x[ev]) < float(offers.x[m]) - 3.5 * (side != 0)
@@ -145,8 +134,8 @@ def test_too_far_or_too_late_is_refused(booking, paper):
 
 
 @pytest.mark.parametrize("exit_x", [2000.0, 4000.0])
-def test_time_ends_where_one_makes_for_its_exit(exit_x):
-    """Before the deceleration lane of 250 m, a lane's 295 m for each lane to go and one more; or at the road's end."""
+def test_requests_and_offers_end_before_the_exit(exit_x):
+    """250 m before it (deceleration lane) and 295 m for each lane to cross and one more; or at the road's end."""
     env, params = medjax.make("paper", exit_x_m=[2000.0], exit_share=0.0)
     config, (_, state) = env.config, jax.jit(env.reset)(jax.random.key(0), params)
     vehicles = state.vehicles
@@ -162,7 +151,7 @@ def test_time_ends_where_one_makes_for_its_exit(exit_x):
 
 
 @pytest.mark.parametrize("approach_speed", [0.5, 2.0, 8.0])
-def test_who_is_ahead_falls_back_no_faster_than_docking_has_it(paper, approach_speed):
+def test_booking_expects_evs_to_fall_back_as_docking_does(paper, approach_speed):
     """At the approach speed at most; at a quarter of the MED's where that is slower."""
     charging = paper[1].charging.replace(approach_speed=approach_speed)
     ahead_m, speed = 60.0, 20.0
@@ -193,7 +182,7 @@ SIDES = {"left": -1, "right": 1, "rear": 0, "front": 0}
 
 @pytest.mark.parametrize("lane", range(4))
 def test_a_slot_off_the_road_is_not_free(lane):
-    """Beside a MED in an outer lane there is one slot less, for EVs, for the forecast and for the dispatcher."""
+    """A MED in an outer lane offers one slot less to EVs, and in the forecast."""
     env, params = medjax.make("paper", service_lane=lane)
     config, state = env.config, scene(env, params, panel=LEFT, ev_x=MED_X - 100.0, ev_lane=1)
     state = put(state, evs={"med": (slice(None), NOT_BOOKED)})
@@ -204,7 +193,7 @@ def test_a_slot_off_the_road_is_not_free(lane):
     np.testing.assert_array_equal(free_slots(state, config), there.sum())
 
 
-def test_who_is_full_is_passed_over():
+def test_a_full_med_is_passed_over():
     """An EV near a MED whose last free slot lies off the road asks the next one."""
     env, params = medjax.make("paper", service_lane=3)
     state = scene(env, params, panel=LEFT, ev_x=MED_X - 100.0, ev_lane=1)
