@@ -152,7 +152,7 @@ def test_requests_and_offers_end_before_the_exit(exit_x):
 
 @pytest.mark.parametrize("approach_speed", [0.5, 2.0, 8.0])
 def test_booking_expects_evs_to_fall_back_as_docking_does(paper, approach_speed):
-    """At the approach speed at most; at a quarter of the MED's where that is slower."""
+    """At most at the approach speed, or at a quarter of the MED's speed where that is slower."""
     charging = paper[1].charging.replace(approach_speed=approach_speed)
     ahead_m, speed = 60.0, 20.0
     pace = min(approach_speed, (1.0 - float(charging.slowest_share)) * speed)

@@ -28,7 +28,7 @@ def quiet():
 
 @pytest.fixture(scope="module")
 def play(quiet):
-    """Runs a scene for TICKS ticks and returns what every tick led to."""
+    """Runs a scene for TICKS ticks; returns the states and tallies of all."""
     env, params = quiet
 
     @jax.jit
@@ -57,7 +57,7 @@ def slot_centre_error(panel, ev_x, med_x):
 def test_docks_and_charges_to_target(quiet, play, panel, ev_x, ev_lane):
     """From anywhere around, an EV docks at its slot, charges to its target, and leaves.
 
-    At every tick whoever is in the MED's lane keeps a standing gap to it.
+    While both are in one lane, they keep a standing gap.
     """
     env, params = quiet
     states, tally = play(scene(env, params, panel=panel, ev_x=ev_x, ev_lane=ev_lane))
@@ -82,7 +82,7 @@ def test_docks_and_charges_to_target(quiet, play, panel, ev_x, ev_lane):
 
 
 def platoon(env, params, ahead_m=0.0):
-    """MED 0 with an EV in each of its slots, all at the service speed, alone; the front one so much too far ahead."""
+    """MED 0 with an EV in each slot, all at the service speed; the front EV is `ahead_m` too far ahead."""
     state = scene(env, params, panel=LEFT, ev_x=MED_X, ev_lane=1)
     first, four = env.config.num_meds, slice(4)
     members = jnp.arange(first, first + 4)
@@ -114,8 +114,8 @@ def test_a_full_platoon_drives_at_the_service_speed(quiet, play, ahead_m):
     assert np.asarray(states.evs.is_charging)[119, :4].all()
 
 
-def test_nobody_waits_for_a_med_that_stands(quiet, play):
-    """EVs around a MED that cannot move drive on, as fast as its service lets them; in its lane they leave it."""
+def test_no_ev_waits_for_a_med_that_stands(quiet, play):
+    """EVs drive past a MED that cannot move; those behind it leave its lane."""
     env, params = quiet
     first = env.config.num_meds
     state = put(
@@ -127,14 +127,14 @@ def test_nobody_waits_for_a_med_that_stands(quiet, play):
     states, _ = play(state)
     slowest = float(params.charging.slowest_share) * float(params.fleet.service_speed)
     others = np.asarray(states.vehicles.speed)[:, [first, first + 1, first + 3]]
-    assert others[:80].min() > slowest - 3.0  # one lets another one in
+    assert others[:80].min() > slowest - 3.0  # one EV lets another in
     assert np.all(others[40:] > slowest - 0.1)
-    # The MED has gone round it by then, and come back.
+    # By then the MED has driven around EV 3 and come back.
     assert states.vehicles.lane[60, first + 3] != states.vehicles.lane[60, 0]
 
 
 def closest(dt, leader_brakes_fully):
-    """Smallest bumper gap of followers, drawn over all that drivers may be, to an EV that falls back to its slot."""
+    """Smallest bumper gap to an EV that falls back to its slot, over followers drawn from all allowed drivers."""
     rng = np.random.default_rng(1)
 
     def draw(low, high):
@@ -167,8 +167,8 @@ def closest(dt, leader_brakes_fully):
 
 
 @pytest.mark.parametrize("dt", [0.05, 0.25, 0.5])
-def test_who_follows_an_ev_that_falls_back_has_room(dt):
-    """Behind a leader that is comfortable, and not behind one that brakes as hard as they can."""
+def test_followers_of_an_ev_that_falls_back_keep_a_gap(dt):
+    """If it brakes comfortably, but not if it brakes as hard as they can."""
     assert closest(dt, leader_brakes_fully=False) > 0.0
     assert closest(dt, leader_brakes_fully=True) < 0.0
 

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 @pytest.fixture(scope="module")
 def play():
-    """300 decisions of a rule: charges when rounds begin and decisions end, and what was paid, by decision."""
+    """300 decisions of a rule: energy at each one's begin and end, the price of EVs' energy, metrics, tally."""
     env, _ = medjax.make("paper", reward="money", num_gas=20)
     env, policy = env.with_probe(lambda state: state.evs), medjax.BASELINES["greedy"](env)
 
@@ -35,8 +35,8 @@ def play():
 
 @pytest.mark.parametrize("slope", [-0.1, -0.05, -0.03, 0.0])
 def test_what_driving_took_is_what_batteries_lost(play, slope):
-    """Over an episode, downhill too, where braking finds full batteries: lost is driven less received, and EVs that
-    arrive full and are not charged pay for energy once. No share leaves [0, 1]."""
+    """Over an episode, batteries lose what driving takes less what they receive, also downhill, where full batteries
+    take no braking energy. EVs pay for energy once. No share leaves [0, 1]."""
     socs = {"arrival_soc_low": 0.1, "arrival_soc_high": 1.0}
     _, params = medjax.make("paper", slope=slope, reward="money", num_gas=20, **socs)
     begun, ended, paid, metrics, tally = jax.device_get(play(jax.random.key(0), params))
@@ -51,7 +51,7 @@ def test_what_driving_took_is_what_batteries_lost(play, slope):
 
 
 def test_metrics_of_energy():
-    """Two EVs, a MED: what is drawn, what comes of it, and what each EV saved and got."""
+    """For two EVs and a MED."""
     kwh = 3.6e6
     energies = {"energy_sent_j": 4, "energy_received_j": 3, "med_driving_j": 6}
     energies |= {"ev_driving_j": 5, "ev_cruising_j": 8}

@@ -1,4 +1,4 @@
-"""How the coils of a pair stand, from first principles, and how efficient they are then."""
+"""Coil geometry, efficiency and power of a docked pair, from first principles."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 @pytest.mark.parametrize("form", ["circuit", "paper"])
 @pytest.mark.parametrize("lateral", [0.0, 0.1, 0.3])
 def test_efficiency_is_that_of_the_coil_integral(paper, lateral, form):
-    """What the simulator uses, by table, is what the integral gives for its coils, by either form of eq (6)."""
+    """The simulator's table agrees with the integral, in either form of eq (6)."""
     _, params = paper
     seen = COUPLINGS[form](Misalignment(jnp.float32(0.21), jnp.float32(lateral), 0.05), params.link)
     inductance = mutual_inductance(
@@ -32,9 +32,9 @@ def test_efficiency_is_that_of_the_coil_integral(paper, lateral, form):
 
 
 @pytest.mark.parametrize("form", ["circuit", "paper"])
-def test_power_falls_with_the_inductance_once_the_coil_s_current_is_reached(paper, form):
-    """At nominal alignment a slot sends its 40 kW, and beyond what 70 A can: |current| of the solved circuit's primary,
-    squared, times what the source gives at one ampere; next to nothing at the null."""
+def test_the_coil_s_current_limits_the_power(paper, form):
+    """A slot sends its 40 kW at nominal alignment, less once 70 A limit it, and next to nothing where coils do not
+    couple, as the solved circuit says."""
     _, params = paper
     link, slot = params.link, float(params.charging.slot_power_w)
     lateral = np.array([0.0, 0.2, 0.3, 0.4, 0.5, 0.58], np.float32)
@@ -52,7 +52,7 @@ def test_power_falls_with_the_inductance_once_the_coil_s_current_is_reached(pape
 
 
 def sent_at(current, m, omega=2 * np.pi * 85e3):
-    """Power from the source of two resonant loops, W, at this RMS current in the primary: Kirchhoff, complex."""
+    """Power into two resonant loops, W, at this RMS current in the primary, by Kirchhoff's laws."""
     secondary = 1j * omega * m * current / (0.126 + 10.0)
     voltage = 0.159 * current - 1j * omega * m * secondary
     return (voltage * np.conj(current)).real

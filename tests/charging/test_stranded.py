@@ -1,4 +1,4 @@
-"""An EV that runs out coasts by physics alone, leaves by the right shoulder or blocks its lane, and is counted once."""
+"""An EV that runs out coasts, leaves by the right shoulder or blocks its lane, and counts once."""
 
 import functools
 
@@ -47,12 +47,12 @@ def played(config, params, state, ticks):
 
 
 def play(env, params, state, ticks=400):
-    """The same on the host; the longest play serves most tests, so that one program does."""
+    """`played`, on the host; most tests share one number of ticks and so one program."""
     return jax.device_get(played(env.config, params, state, ticks))
 
 
 def alone(env, params, lane, speed, energy_j=1.0, x=500.0):
-    """EV 0 with hardly any energy, no booking, and nobody else on the road; noise pushes it on."""
+    """EV 0 alone on the road, with hardly any energy and no booking; noise would push it on."""
     state, ev = scene(env, params, panel=LEFT, ev_x=x, ev_lane=lane), env.config.num_meds
     return put(
         state,
@@ -62,7 +62,7 @@ def alone(env, params, lane, speed, energy_j=1.0, x=500.0):
 
 
 def test_coasting_is_the_decay_of_rolling_and_drag():
-    """Speed under m dv/dt = -(c0 + c2 v^2) is v0 and a tangent in closed form; 60 s of it, within 0.05 m/s."""
+    """60 s agree within 0.05 m/s with the closed form (a tangent) of m dv/dt = -(c0 + c2 v^2)."""
     _, params = quiet()
     body = params.ev
     c0 = float(body.mass_kg * 9.81 * body.rolling_resistance)
@@ -118,8 +118,8 @@ def test_blocks_its_lane_until_it_is_towed():
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.5, 1.0, 2.0, 2.5, 3.0, 4.0, 6.0])
-def test_nobody_comes_to_stand_between_two_lanes(speed):
-    """Who is too slow to come over to the next lane stays in its own, in the middle, until it is towed."""
+def test_no_ev_stops_between_two_lanes(speed):
+    """An EV that is too slow to change lanes stays in the middle of its own until it is towed."""
     env, params = quiet(tow_s=30.0)
     states, _ = play(env, params, alone(env, params, 0, speed))
     ev, vehicles = env.config.num_meds, states.vehicles
@@ -131,8 +131,8 @@ def test_nobody_comes_to_stand_between_two_lanes(speed):
 
 
 @pytest.mark.parametrize(("blocks", "last_lane"), [(0, 3), (1, 0)])
-def test_who_has_run_out_takes_no_exit(blocks, last_lane):
-    """Half a kilometre before its exit it makes for the shoulder at once; or it stands in its lane till towed."""
+def test_a_depleted_ev_takes_no_exit(blocks, last_lane):
+    """Near its exit, it makes for the shoulder at once, or stands in its lane until it is towed."""
     env, params = quiet(exit_x_m=(2000.0,), exit_share=0.0, depleted_blocks=blocks, tow_s=20.0)
     ev, step = env.config.num_meds, compiled(env.config)
     state = alone(env, params, 0, 10.0, x=1250.0)
@@ -148,7 +148,7 @@ def test_who_has_run_out_takes_no_exit(blocks, last_lane):
 
 
 def test_a_booked_ev_that_runs_out_gives_its_slot_back():
-    """It is neither booked nor charged from that tick on, does not ask again, and passes no end twice."""
+    """From that tick on it is neither booked nor charged, and does not ask again."""
     env, params = quiet(depleted_blocks=1)
     state = scene(env, params, panel=LEFT, ev_x=440.0, ev_lane=1)
     state = put(state, evs={"energy_j": (0, 1.0)})
@@ -160,7 +160,7 @@ def test_a_booked_ev_that_runs_out_gives_its_slot_back():
     assert int(book(last, env.config, params).med[0]) == NOT_BOOKED
 
 
-def test_who_ran_out_before_the_end_of_the_road_does_not_arrive():
+def test_a_depleted_ev_does_not_arrive():
     """An EV that coasts past the end counts as depleted, not as one that left."""
     env, params = quiet(depleted_blocks=1)
     states, tally = play(env, params, alone(env, params, 1, 28.0, x=3900.0), 40)

@@ -16,14 +16,14 @@ from tests.charging.scene import MED_SPEED, MED_X, put, scene
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
-SECONDS, LANE = 60, 2  # that are played; of the MED
+SECONDS, LANE = 60, 2  # played; of the MED
 SIDES = {LEFT: (0, 1), RIGHT: (3,)}  # by slot, the lanes on its side
 CASES = list(itertools.product(SIDES, range(4), (-100.0, -40.0, 40.0)))
 
 
 @pytest.fixture(scope="module")
 def road():
-    """Long and empty but for a MED, an EV docked on one of its sides, and another EV that may book."""
+    """Long and empty."""
     size = {"num_meds": 2, "num_evs": 4, "num_gas": 2, "mainline_per_h": 0.0, "ramp_per_h": 0.0}
     return medjax.make("paper", **size, length_m=20_000.0, battery_scale=1.0, target_soc=0.9)
 
@@ -75,8 +75,8 @@ def plays(road):
     return dict(zip(slots, (list(zip(*columns, strict=True)) for columns in each), strict=True))
 
 
-def test_who_is_behind_a_docked_ev_does_not_get_past_it(plays):
-    """Given the front slot it stays behind; given one behind the MED from before it, it takes the docked one along."""
+def test_no_ev_passes_a_docked_ev_in_its_lane(plays):
+    """From behind, it does not reach the front slot; from ahead to the rear, it pushes the docked EV out of its slot."""
     for (docked, lane, ahead_m), front, rear in zip(CASES, plays[FRONT], plays[REAR], strict=True):
         if lane in SIDES[docked] and ahead_m < 0.0:
             assert not front[1], (docked, lane, ahead_m)
@@ -84,8 +84,8 @@ def test_who_is_behind_a_docked_ev_does_not_get_past_it(plays):
             assert rear[2] < 0.6, (docked, lane, ahead_m)
 
 
-def test_what_an_ev_books_it_gets_to(plays):
-    """From every place it docks within the minute, and nobody falls out of a slot for it."""
+def test_an_ev_reaches_the_slot_that_it_books(plays):
+    """From every place, it docks within a minute and does not push EV 0 out of its slot."""
     for case, (slot, docks, other) in zip(CASES, plays[NOT_BOOKED], strict=True):
         assert slot != NOT_BOOKED, case
         assert docks, case

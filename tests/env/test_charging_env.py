@@ -102,7 +102,7 @@ def test_truncates_at_the_time_limit_and_resets_in_the_same_step(reset, raw):
 
 @pytest.mark.parametrize("action", [-1, 5, 99])
 def test_action_out_of_range_counts_as_none(started, step, action):
-    """It sends nothing, is counted, and leads to the very state that action 0 leads to."""
+    """It sends nothing, is counted, and leads to the same state as action 0."""
     _, state = started
     obs, _, _, _, _, info = step(jax.random.key(1), state, action)
     expected, *_ = step(jax.random.key(1), state, 0)
@@ -157,7 +157,7 @@ def test_random_play_is_sound(paper):
 
 
 def test_arrivals_at_a_full_road_wait():
-    """With no slot free, who arrives waits in the queue; nobody is lost and nobody enters."""
+    """Without a free slot, arrivals wait in the queue; none is lost."""
     env, params = medjax.make("paper", num_evs=2, num_gas=2, mainline_per_h=6000.0)
     step = jax.jit(env.step_env)
     _, state = jax.jit(env.reset)(jax.random.key(0), params)

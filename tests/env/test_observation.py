@@ -73,7 +73,7 @@ def motion(vehicles, slot):
     return np.array([x / 4000.0, y / 16.0, speed / 30.0, float(lateral) / 4.0])
 
 
-def test_flat_is_the_structured_one_in_order(busy):
+def test_the_flat_observation_concatenates_the_structured_one(busy):
     """MED rows, EV rows, clock; the clock is an option."""
     env, params, state = busy
     seen = env.observe(state, params)
@@ -91,7 +91,7 @@ def share(place, node, nodes):
 
 
 def in_steps(values):
-    """As the profile has shares, in 128ths."""
+    """Shares rounded to 128ths, as in the profile."""
     return np.round(np.asarray(values) * 128) / 128
 
 
@@ -172,7 +172,7 @@ def test_profile_of_a_road_without_ramps():
 
 
 def test_shares_are_of_the_fleet_and_not_of_its_slots():
-    """Five MEDs in fifteen slots, one of them sent: four of five are at the depot, and the rule sees as much."""
+    """With five MEDs in fifteen slots, of which one is sent, 4 of 5 are at the depot."""
     env, params = medjax.make("paper", observation="profile", size=5)
     _, state = jax.jit(env.reset)(jax.random.key(0), params)
     obs, state, *_ = jax.jit(env.step_env)(jax.random.key(1), state, 1, params)
@@ -181,5 +181,5 @@ def test_shares_are_of_the_fleet_and_not_of_its_slots():
     np.testing.assert_allclose(shares, [0.8, queued / 5], atol=1e-6)
     _, at_depot, _ = RoadProfile().outlook(obs, env.config)
     np.testing.assert_allclose(at_depot, 0.8, atol=1e-6)
-    # A slot without a MED is no full MED that waits to be sent.
+    # Slots without a MED are zero, unlike a full MED that waits.
     np.testing.assert_array_equal(np.asarray(env.observe(state, params).meds)[5:], 0.0)

@@ -1,4 +1,4 @@
-"""Trips: EVs that leave for a charger, MEDs that leave at an exit, and depots that give back what was spent."""
+"""Trips: EVs leave for a charger, MEDs leave at an exit, and depots recharge them."""
 
 import jax
 import jax.numpy as jnp
@@ -93,7 +93,7 @@ def test_a_stop_is_made_and_counted(road, step):
 
 
 def test_a_missed_exit_is_counted_once_and_the_next_one_taken(road):
-    """Also the last one: then the road's end."""
+    """After the last exit, the destination is the road's end."""
     env, params, state = road
     for x, at, then in ((5001.0, 5000.0, 10_000.0), (15_001.0, 15_000.0, 20_000.0)):
         before = with_evs(state, env.config, x, 20.0, destination=at)
@@ -103,8 +103,8 @@ def test_a_missed_exit_is_counted_once_and_the_next_one_taken(road):
         assert float(plan_trips(after, env.config, params)[1].missed_exits) == 0.0
 
 
-def test_an_empty_med_leaves_at_the_next_exit_and_lets_its_evs_go(road):
-    """One that it has been told of in time: from 4500 m the second."""
+def test_an_empty_med_leaves_at_the_next_exit_and_releases_its_evs(road):
+    """At the first exit whose sign is still ahead: from 4500 m, the second."""
     env, params, state = road
     config = env.config
     state = with_evs(state, config, 8000.0, 20.0, med=0)
@@ -130,7 +130,7 @@ def test_an_empty_med_leaves_at_the_next_exit_and_lets_its_evs_go(road):
 
 
 def test_depots_give_back_what_meds_spent(road, step):
-    """A MED leaves after its trip, is charged at the depot's power, and is there again, full; the books balance."""
+    """A MED leaves after its trip, charges at the depot's power, and then waits there, full; energies balance."""
     _, params, state = road
     full = float(params.med_capacity_j)
     left_at, back_at, spent = None, None, None

@@ -1,4 +1,4 @@
-"""Parts of an agent's action, the discrete action that they fold into, and what is allowed when."""
+"""Parts of an agent's action, the discrete action that they fold into, and masks."""
 
 import itertools
 
@@ -95,7 +95,7 @@ def test_a_med_leaves_early_once(trips, busy):
     assert (np.asarray(after.vehicles.destination)[:4][serves] == first).all()
     assert not trips.masks(after, trips.params).leave[:, 1].any()
     assert may_leave(first - 300.0, 3000.0)[1].any()  # too late for the first, not for the other
-    assert not may_leave(first - 300.0, last)[1].any()  # which is where they leave anyway
+    assert not may_leave(first - 300.0, last)[1].any()  # where they leave anyway
     assert not may_leave(last - 300.0, 3000.0)[1].any()
 
 

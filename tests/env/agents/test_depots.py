@@ -1,4 +1,4 @@
-"""Agents of several depots: where they may enter, where they may go, and what they see of it."""
+"""Agents of several depots: entering, leaving, and observations."""
 
 import jax
 import jax.numpy as jnp
@@ -40,8 +40,8 @@ def test_of_two_meds_that_enter_at_once_one_does(depots):
     assert info["metrics"]["invalid_actions"] == 0.0
 
 
-def test_a_recording_tells_who_entered(depots):
-    """Of several heads that of the last ramp, as the environment lets it; a ramp of another depot is no way in."""
+def test_a_recording_shows_the_agent_that_entered(depots):
+    """Of several, the one of the last ramp; none enters by a ramp of another depot."""
     _, state = depots.reset()
     mask = depots.mask(state, depots.params)[None]
     one_hot = jnp.zeros(mask.shape)
@@ -59,7 +59,7 @@ def test_a_recording_tells_who_entered(depots):
 
 
 def at(depots, state, x, destination, depot):
-    """All four in service there, and what they may choose of `leave`."""
+    """The state with all four in service at x, and their mask of `leave`."""
     four = slice(4)
     state = put(
         state,
@@ -69,8 +69,8 @@ def at(depots, state, x, destination, depot):
     return state, depots.masks(state, depots.params).leave[0].tolist()
 
 
-def test_where_it_may_go(depots):
-    """To any depot by an exit that comes sooner; from where it leaves anyway to another one, until it is too late."""
+def test_which_depots_a_med_may_choose(depots):
+    """Any by an exit that comes sooner; another one by its own exit, until it is too late."""
     _, state = depots.reset()
     first, last = TRIPS["exit_x_m"]
     assert depots.actions.parts.leave.n == 3
@@ -88,8 +88,8 @@ def test_where_it_may_go(depots):
     assert (after.vehicles.destination[:4] == first).all()
 
 
-def test_who_is_told_another_depot_enters_from_there(depots):
-    """A MED of the first depot leaves early for the second, and is the next of that line once it is back."""
+def test_a_med_sent_to_another_depot_enters_from_there(depots):
+    """A MED of the first depot leaves early for the second, and is next in its queue once back."""
     params, actions = depots.params, depots.actions
     _, state = depots.reset(1)
     status, told = AT_DEPOT, False
@@ -116,8 +116,8 @@ def test_who_is_told_another_depot_enters_from_there(depots):
     assert mask[:, 0].all()
 
 
-def test_what_it_sees(depots):
-    """Its own depot, and the share of the fleet at each; the outlook that rules go by is where it was."""
+def test_observations_of_depots(depots):
+    """An agent sees its own depot and the share of the fleet at each; `outlook` still finds need and shares."""
     _, state = depots.reset()
     seen, view = np.asarray(depots.view(state, params := depots.params)), depots.env.view
     assert seen.shape == (4, view.size(depots.config))

@@ -1,4 +1,4 @@
-"""Agents on the highway: what their decisions do, what they do not, and what they are paid."""
+"""Agents on the highway: effects of their decisions, rewards and metrics."""
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +31,7 @@ def play(trips, state, decisions, **parts):
 
 
 def test_a_slower_med_is_slower(trips, busy):
-    """After half a minute those in service drive what they were told, or are behind somebody; nobody drives faster."""
+    """After half a minute, no MED in service drives faster than its order."""
     slow = trips.actions.speeds.index(14.0)
     state = play(trips, busy, 8, speed=slow)
     serves = np.asarray((busy.meds.status == IN_SERVICE) & (state.meds.status == IN_SERVICE))
@@ -68,8 +68,8 @@ def test_a_med_changes_its_lane(trips):
     assert float(state.tally.collisions) == 0.0
 
 
-def test_who_refuses_gets_no_booking(trips, busy):
-    """No EV is booked anew on a MED that takes none, where the rule books some."""
+def test_a_med_that_refuses_gets_no_booking(trips, busy):
+    """The rule books some EVs in the same time."""
 
     def booked_anew(**parts):
         state, found = busy, 0
