@@ -76,7 +76,7 @@ def plays(road):
 
 
 def test_no_ev_passes_a_docked_ev_in_its_lane(plays):
-    """From behind, it does not reach the front slot; from ahead to the rear, it pushes the docked EV out of its slot."""
+    """From behind, it does not reach the front slot; from ahead to the rear, it pushes the docked EV away."""
     for (docked, lane, ahead_m), front, rear in zip(CASES, plays[FRONT], plays[REAR], strict=True):
         if lane in SIDES[docked] and ahead_m < 0.0:
             assert not front[1], (docked, lane, ahead_m)
