@@ -15,7 +15,7 @@ from medjax.env.charging_env import ChargingEnv
 from medjax.errors import InputError, shown
 from medjax.scenarios import KEYWORDS, OPTIONS, SCENARIOS, check_names, make, prepare
 from medjax.world.numbers import numbers_of, read_number
-from medjax.world.params import EnvConfig, EnvParams, FleetParams
+from medjax.world.params import EnvParams, FleetParams
 
 SPEEDS = (14.0, 18.0, 22.0, 25.0)  # m/s; the fleet's service speed is added
 CHOICE_S = 4.0  # shortest time between decisions of agents
@@ -53,12 +53,12 @@ def agents_of(
     env, params, *_ = build(name, **overrides)
     allowed = numbers_of(FleetParams)["service_speed"]
     usual_speed, usual_lane = float(params.fleet.service_speed), int(params.fleet.service_lane)
-    chosen = {usual_speed}
     if isinstance(speeds, str) or not np.iterable(speeds):
         raise InputError(f"speeds = {shown(speeds)}: allowed a list of speeds in m/s")
-    for index, speed in enumerate(speeds):
-        chosen.add(float(read_number(f"speeds[{index}]", speed, allowed)))
-    ordered, lanes = tuple(sorted(chosen)), _serving_lanes(env.config, usual_lane)
+    given = (read_number(f"speeds[{i}]", speed, allowed) for i, speed in enumerate(speeds))
+    ordered = tuple(sorted({usual_speed, *map(float, given)}))
+    # A MED has four slots in lanes with neighbours on both sides.
+    lanes = tuple(sorted({*range(1, env.config.num_lanes - 1), usual_lane}))
     actions = AgentActions(
         speeds=ordered,
         lanes=lanes,
@@ -73,15 +73,6 @@ def agents_of(
 def _seldom_enough(env: ChargingEnv, params: EnvParams) -> dict[str, int]:
     """Overrides that make decisions last at least CHOICE_S, with proportionally fewer per episode."""
     times = math.ceil(CHOICE_S / env.config.decision_s)
-    if times == 1:
-        return {}
     decisions = math.ceil(int(params.episode_decisions) / times)
-    return {
-        "rounds_per_decision": times * env.config.rounds_per_decision,
-        "episode_decisions": decisions,
-    }
-
-
-def _serving_lanes(config: EnvConfig, usual: int) -> tuple[int, ...]:
-    """Lanes with neighbours on both sides, where a MED has four slots, and the fleet's own service lane."""
-    return tuple(sorted({*range(1, config.num_lanes - 1), usual}))
+    rounds = times * env.config.rounds_per_decision
+    return {"rounds_per_decision": rounds, "episode_decisions": decisions} if times > 1 else {}

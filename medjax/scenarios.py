@@ -33,12 +33,22 @@ def _check(is_good: bool, name: str, given: Any, allowed: str) -> None:
         raise InputError(f"{name} = {shown(given)}: allowed {allowed}")
 
 
-def _unknown(kind: str, name: Any, allowed: list[str]) -> InputError:
-    close = difflib.get_close_matches(name[:MOST_SHOWN], allowed) if isinstance(name, str) else []
+def _unknown(kind: str, name: Any, allowed: Iterable[str]) -> InputError:
+    known = list(allowed)
+    close = difflib.get_close_matches(name[:MOST_SHOWN], known) if isinstance(name, str) else []
     if close:
         return InputError(f"unknown {kind} {shown(name)}: did you mean {', '.join(close)}?")
-    listed = ", ".join(sorted(allowed)) if len(allowed) < 20 else "the names in docs/parameters.md"
+    listed = ", ".join(sorted(known)) if len(known) < 20 else "the names in docs/parameters.md"
     return InputError(f"unknown {kind} {shown(name)}: allowed {listed}")
+
+
+def _named(kind: str, given: Any, known: Mapping[str, Any]) -> Any:
+    """The value that medjax knows by this name, or what is given if it is no name."""
+    if isinstance(given, str):
+        if given not in known:
+            raise _unknown(kind, given, known)
+        return known[given]
+    return given
 
 
 def _plain(value: Any) -> Any:
@@ -80,27 +90,11 @@ def _sort(overrides: Mapping[str, Any]) -> tuple[dict[Any, Any], ...]:
 
 def _terms(reward: Any) -> Mapping[str, RewardTerm]:
     """The reward terms: a named set of medjax, or user functions."""
-    if isinstance(reward, str):
-        if reward not in REWARDS:
-            raise _unknown("reward", reward, list(REWARDS))
-        return REWARDS[reward]
-    _check(
-        isinstance(reward, Mapping), "reward", reward, f"{', '.join(REWARDS)}, or functions by name"
-    )
-    check_terms(reward)
-    return reward
-
-
-def _observation(given: Any) -> Any:
-    """The observation: looked up by name, or as given."""
-    if isinstance(given, str):
-        if given not in OBSERVATIONS:
-            raise _unknown("observation", given, list(OBSERVATIONS))
-        return OBSERVATIONS[given]
-    _check(
-        given is not None, "observation", given, f"{', '.join(OBSERVATIONS)}, or one of your own"
-    )
-    return given
+    terms = _named("reward", reward, REWARDS)
+    allowed = f"{', '.join(REWARDS)}, or functions by name"
+    _check(isinstance(terms, Mapping), "reward", reward, allowed)
+    check_terms(terms)
+    return terms
 
 
 def _models(following: Any, coupling: Any) -> tuple[CarFollowing, Coupling]:
@@ -149,13 +143,14 @@ def prepare(
       InputError: as in `make`.
     """
     if not isinstance(name, str) or name not in SCENARIOS:
-        raise _unknown("scenario", name, list(SCENARIOS))
+        raise _unknown("scenario", name, SCENARIOS)
     terms = _terms(SCENARIOS[name].reward if reward is None else reward)
-    seen = _observation(observation)
+    own = f"{', '.join(OBSERVATIONS)}, or one of your own"
+    _check(observation is not None, "observation", observation, own)
+    seen = _named("observation", observation, OBSERVATIONS)
     if demand is not None:
-        _check(
-            isinstance(demand, Mapping), "demand", demand, "numbers by name, as of read_detectors"
-        )
+        is_named = isinstance(demand, Mapping)
+        _check(is_named, "demand", demand, "numbers by name, as of read_detectors")
         overrides = {**demand, **overrides}
     sizes, numbers, coils, weights = _sort(overrides)
     for places, size in (("ramp_x_m", "num_ramps"), ("exit_x_m", "num_exits")):
@@ -171,7 +166,7 @@ def prepare(
     known = {term: given.get(term, float(term not in TERMS)) for term in terms}
     for term in weights:
         if term not in known:
-            raise _unknown("reward term", term, list(known))
+            raise _unknown("reward term", term, known)
     params = params.replace(reward_weights=known | weights)
     params = check_numbers(config, change_numbers(params, numbers))
     followed, coupled = _models(following, coupling)

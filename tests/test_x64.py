@@ -1,4 +1,4 @@
-"""Where `JAX_ENABLE_X64=1` is set the world is float32 all the same, to the last bit."""
+"""With `JAX_ENABLE_X64=1`, the world is float32 all the same, to the last bit."""
 
 import os
 import subprocess
@@ -21,18 +21,15 @@ EXITS = {"exit_x_m": [900.0, 2900.0], "exit_notice_m": 500.0, "num_depots": 2}
 
 def wide(tree):
     """Leaves of 64 bits, by name."""
-    numbers = [
-        (path, jnp.asarray(leaf)) for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
-    ]
-    return [
-        jax.tree_util.keystr(path)
-        for path, leaf in numbers
-        if not jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key) and leaf.dtype.itemsize == 8
-    ]
+    leaves = jax.tree_util.tree_leaves_with_path(jax.tree.map(jnp.asarray, tree))
+    keys = jax.dtypes.prng_key
+    narrow = [jnp.issubdtype(x.dtype, keys) or x.dtype.itemsize < 8 for _, x in leaves]
+    named = zip(leaves, narrow, strict=True)
+    return [jax.tree_util.keystr(path) for (path, _), is_narrow in named if not is_narrow]
 
 
 def played():
-    """What a minute under a rule comes to: leaves of what `step` returns, NumPy arrays."""
+    """A minute under a rule: NumPy arrays of all that `step` returns."""
     env, params = medjax.make("paper", **SIZE, observation="profile")
     policy = medjax.BASELINES["budgeted"](env)
 
@@ -52,7 +49,7 @@ def played():
 
 
 def of_agents():
-    """What a decision of agents returns, as shapes and types, on a road with exits, depots and a critic's view."""
+    """Shapes and types of a decision of agents, on a road with exits, depots and a critic's view."""
     env, params = agents_of("paper", **SIZE, **EXITS, central=True)
 
     def decide(key):
@@ -63,32 +60,21 @@ def of_agents():
 
 
 def under_x64(file, run_dir):
-    """All of it where x64 is on: bits into a file, a learner trained and evaluated."""
+    """With x64: writes the bits of `played` to a file, trains and evaluates a learner."""
     assert jax.config.jax_enable_x64
     np.savez(file, *played())
     shapes = jax.tree.leaves(of_agents())
     assert not [leaf for leaf in shapes if leaf.dtype in (np.float64, np.int64)]
-    settings = PPOConfig(
-        scenario="paper",
-        overrides={**SIZE, "episode_decisions": 10},
-        num_envs=4,
-        num_minibatches=2,
-        rollout_length=8,
-        total_timesteps=64,
-        hidden=(8,),
-        eval_episodes=2,
-    )
+    small = {"num_envs": 4, "num_minibatches": 2, "rollout_length": 8, "total_timesteps": 64}
+    small |= {"hidden": (8,), "eval_episodes": 2}
+    overrides = {**SIZE, "episode_decisions": 10}
+    settings = PPOConfig(scenario="paper", overrides=overrides, **small)
     with quickly():
         learned = train(config=settings, run_dir=run_dir, quiet=True)
     assert learned.evaluation.result["policies"]["ppo"]["return_mean"] is not None
     assert not wide(learned.policy), wide(learned.policy)
     # The formulas are as wide as what they are given.
-    body = {
-        "mass": 1000.0,
-        "drag_coefficient": 0.3,
-        "frontal_area": 2.0,
-        "rolling_resistance": 0.01,
-    }
+    body = {"mass": 1e3, "drag_coefficient": 0.3, "frontal_area": 2.0, "rolling_resistance": 0.01}
     for dtype in (np.float32, np.float64):
         assert tractive_energy(jnp.full(3, 10.0, dtype), 10.0, 1.0, **body).dtype == dtype
 
@@ -96,16 +82,10 @@ def under_x64(file, run_dir):
 def test_the_world_is_float32_where_x64_is_on(tmp_path):
     """Reset, decisions of a rule, training and evaluation; the same bits as without, and no leaf of 64."""
     file = tmp_path / "played.npz"
-    code = (
-        f"from tests.test_x64 import under_x64; under_x64({str(file)!r}, {str(tmp_path / 'run')!r})"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        env={**os.environ, "JAX_ENABLE_X64": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    run_dir, wide = str(tmp_path / "run"), {**os.environ, "JAX_ENABLE_X64": "1"}
+    code = f"from tests.test_x64 import under_x64; under_x64({str(file)!r}, {run_dir!r})"
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, env=wide, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
     with np.load(file) as found:
         theirs = [found[name] for name in found.files]

@@ -3,8 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from medjax.env.agents.actions import AgentActions, Parts
-from medjax.env.agents.orders import allowed_parts, give_orders
+from medjax.env.agents.actions import AgentActions, Parts, allowed_parts, give_orders
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState
 

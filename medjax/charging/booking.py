@@ -10,13 +10,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.docking import (
-    Partner,
-    panel_lane,
-    panel_x,
-    plan_approach,
-    slots_on_road,
-)
+from medjax.charging.docking import Partner, panel_lane, panel_x, plan_approach, slots_on_road
 from medjax.charging.energy import cruising
 from medjax.numerics.gathers import read
 from medjax.numerics.sums import count_down
@@ -43,14 +37,10 @@ WORTHWHILE_S = 10.0
 
 
 def panel_flags(med: jax.Array, panel: jax.Array, flag: jax.Array, num_meds: int) -> jax.Array:
-    """Maps the EVs' flags to the MEDs' slots, `(num_meds, 4)` bool.
-
-    Args:
-      med, panel: (E,) int32, NOT_BOOKED where free.
-      flag: (E,) bool, e.g. booked or charging.
-    """
-    where = jnp.where(flag & (med != NOT_BOOKED), med * len(PANELS) + panel, num_meds * len(PANELS))
-    flags = jnp.zeros((num_meds * len(PANELS),), bool).at[where].set(True, mode="drop")
+    """Maps EVs' flags `(E,)`, such as booked or charging, to the MEDs' slots, `(num_meds, 4)` bool."""
+    slots = num_meds * len(PANELS)
+    where = jnp.where(flag & (med != NOT_BOOKED), med * len(PANELS) + panel, slots)
+    flags = jnp.zeros((slots,), bool).at[where].set(True, mode="drop")
     return flags.reshape(num_meds, len(PANELS))
 
 
@@ -143,11 +133,7 @@ def _panel_cost(requests: Requests, offer: Offers, params: ChargingParams) -> ja
 
 
 def grant(
-    med: jax.Array,
-    panel: jax.Array,
-    requests: Requests,
-    offers: Offers,
-    params: ChargingParams,
+    med: jax.Array, panel: jax.Array, requests: Requests, offers: Offers, params: ChargingParams
 ) -> tuple[jax.Array, jax.Array]:
     """One round of booking: each EV asks its nearest MED, each MED takes its nearest EV.
 
@@ -157,11 +143,7 @@ def grant(
     one-to-one by construction.
 
     Args:
-      med, panel: (E,) int32, the map so far.
-      requests: the EVs; offers: the MEDs.
-
-    Returns:
-      (med, panel) with the new bookings.
+      med, panel: (E,) int32, the map so far; returned with the new bookings.
     """
     ahead = offers.x[None, :] - requests.x[:, None]
     within = (ahead <= params.reach_ahead_m) & (ahead >= -params.reach_behind_m)
@@ -212,16 +194,14 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
     )
     lane = vehicles.lane[ev_slots]
     _, power_w = cruising(params)
+    asks = vehicles.active[ev_slots] & (lane < config.num_lanes) & (evs.med == NOT_BOOKED)
+    asks = asks & ~evs.is_depleted & (evs.timer_s <= 0.0)
+    asks &= evs.energy_j < params.charging.request_soc * params.ev_capacity_j
     requests = Requests(
         x=vehicles.x[ev_slots],
         lane=lane,
         length=length[ev_slots],
-        asks=vehicles.active[ev_slots]
-        & (lane < config.num_lanes)
-        & (evs.med == NOT_BOOKED)
-        & ~evs.is_depleted
-        & (evs.timer_s <= 0.0)
-        & (evs.energy_j < params.charging.request_soc * params.ev_capacity_j),
+        asks=asks,
         endurance_s=evs.energy_j / jnp.maximum(power_w, 1.0),  # downhill the power may be negative
         leaves_x=leaves_x[ev_slots],
     )
@@ -240,11 +220,8 @@ def release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params:
     booked = evs.med != NOT_BOOKED
     partner = jnp.maximum(evs.med, 0)
     serves = can_serve(meds, params)
-    timer = jnp.where(
-        booked,
-        jnp.where(evs.is_charging, 0.0, evs.timer_s + config.tick_s),
-        count_down(evs.timer_s, config.tick_s),
-    )
+    waits = jnp.where(evs.is_charging, 0.0, evs.timer_s + config.tick_s)
+    timer = jnp.where(booked, waits, count_down(evs.timer_s, config.tick_s))
     late = booked & (timer > params.charging.patience_s)
     done = evs.energy_j >= params.charging.target_soc * params.ev_capacity_j
     lost = evs.is_depleted | ~vehicles.active[config.ev_slots]

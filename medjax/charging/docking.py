@@ -82,14 +82,10 @@ def plan_approach(
     med: Partner,
     params: ChargingParams,
 ) -> Approach:
-    """Plans where each booked EV drives and which lane it takes next.
+    """Plans where each booked EV drives and which lane it takes next; all arguments have the shape of the EVs.
 
     An EV on the far side of the MED must cross the MED's lane, so it falls back behind the MED first. It enters the
     MED's lane only close to its slot, and ahead of or behind the MED as the slot requires.
-
-    Args:
-      x, lane, ev_length, panel: of the EVs, equal shapes; panel in 0..3.
-      med: their MEDs, same shape.
     """
     wanted = panel_lane(panel, med.lane)
     crossing = (lane - med.lane) * (wanted - med.lane) < 0
@@ -108,27 +104,6 @@ def plan_approach(
     return Approach(goal, PRESSING_DESIRE * urgency * direction, is_near, leads)
 
 
-def platooning_of(params: ChargingParams) -> Platooning:
-    """Headway and gap between a MED and the EVs booked on it."""
-    return Platooning(params.platoon_headway, params.platoon_min_gap)
-
-
-def unhurried(
-    gap: jax.Array, speed: jax.Array, platooning: Platooning, comfort: jax.Array | float
-) -> jax.Array:
-    """Speed by which a MED may exceed its leader's at this gap without slowing down, m/s.
-
-    Three quarters of the solution of IDM's s* = gap, because the leader, an EV, takes a second to reach its wanted
-    speed.
-
-    Args:
-      gap: m, to its leader, a member of its platoon; speed: m/s, its own; equal shapes.
-      comfort: m/s^2, root of its acceleration times its comfortable deceleration.
-    """
-    spare = gap - platooning.min_gap - speed * platooning.time_headway
-    return 1.5 * comfort * jnp.maximum(spare, 0.0) / jnp.maximum(speed, 1.0)
-
-
 def approach_pace(
     ahead_m: jax.Array,
     med_speed: jax.Array,
@@ -136,39 +111,23 @@ def approach_pace(
     slowest: jax.Array | float,
     params: ChargingParams,
 ) -> jax.Array:
-    """Speed at which an EV drives to its slot, m/s: the MED's plus a share of the distance to go, within bounds.
+    """Speed of EVs on the way to their slots `ahead_m`, m/s: the MED's plus a share of the distance, within bounds.
 
-    However slow the MED is, the EV drives no slower than `slowest`, because it may itself be what slows the MED. If
-    the MED does not get faster, the booking lapses.
-
-    Args:
-      ahead_m: m, position of the slot minus that of the EV; med_speed: m/s; most_back: m/s, highest speed of falling
-        back; equal shapes.
-      slowest: m/s, same shape or one for all.
+    An EV falls back by `most_back` m/s at most. However slow the MED is, the EV drives no slower than `slowest`,
+    because it may itself be what slows the MED. If the MED does not get faster, the booking lapses.
     """
     closing = jnp.clip(params.approach_rate * ahead_m, -most_back, params.approach_speed)
     return jnp.maximum(med_speed + closing, slowest)
 
 
 def docking_acceleration(
-    speed: jax.Array,
-    pace: jax.Array,
-    comfortable_deceleration: jax.Array,
-    params: ChargingParams,
+    speed: jax.Array, pace: jax.Array, comfortable_deceleration: jax.Array, params: ChargingParams
 ) -> jax.Array:
-    """Acceleration towards that pace, m/s^2: the inner of two nested proportional loops.
+    """Acceleration towards `approach_pace`, m/s^2, at least `-comfortable_deceleration`.
 
-    With approach_rate k and speed_rate c the position error decays as s^2 + c s + c k = 0. The caller takes the
-    smaller of this and IDM, so that the EV comes no closer to any vehicle than IDM allows.
-
-    No EV brakes harder than is comfortable to reach a slot: IDM followers are safe behind such a leader, but not
-    behind one that brakes as hard as they can.
-
-    Args:
-      speed, comfortable_deceleration: of the EVs, m/s and positive m/s^2; pace: m/s (`approach_pace`); equal shapes.
-
-    Returns:
-      m/s^2, same shape, at least -comfortable_deceleration.
+    It is the inner of two nested proportional loops: with approach_rate k and speed_rate c, the position error decays
+    as s^2 + c s + c k = 0. Traffic takes the smaller of this and IDM. IDM followers are safe behind a leader that
+    brakes comfortably, but not behind one that brakes as hard as they can.
     """
     return jnp.maximum(params.speed_rate * (pace - speed), -comfortable_deceleration)
 
@@ -203,7 +162,9 @@ def _pace(
     """
     charging, drivers = params.charging, params.drivers
     comfort = jnp.sqrt(drivers.max_acceleration[MED] * drivers.comfortable_deceleration[MED])
-    gently = unhurried(x - ev_length - med.x, med.speed, platooning_of(charging), comfort)
+    spare = x - ev_length - med.x - charging.platoon_min_gap - med.speed * charging.platoon_headway
+    # Three quarters of the solution of IDM's s* = gap, because an EV takes a second to reach its wanted speed.
+    gently = 1.5 * comfort * jnp.maximum(spare, 0.0) / jnp.maximum(med.speed, 1.0)
     most_back = jnp.where(plan.leads, gently, charging.approach_speed)
     share = jnp.where(plan.leads & (panel != FRONT), 1.0, charging.slowest_share)
     slowest = share * service_speed
@@ -216,19 +177,18 @@ def approach(state: EnvState, drivers: Drivers, config: EnvConfig, params: EnvPa
     MEDs change to their service lane and stay there while it moves. Booked EVs drive to their slots, in a platoon with
     their MED. Depleted EVs coast and make for the shoulder.
     """
-    vehicles, evs, slots = state.vehicles, state.evs, config.ev_slots
-    booked = evs.med != NOT_BOOKED
+    vehicles, evs, meds, slots = state.vehicles, state.evs, state.meds, config.ev_slots
+    charging, booked = params.charging, evs.med != NOT_BOOKED
     med = partners(vehicles, evs, drivers.length, config)
-    x, lane = vehicles.x[slots], vehicles.lane[slots]
-    plan = plan_approach(x, lane, drivers.length[slots], evs.panel, med, params.charging)
-    service_speed = read(state.meds.service_speed, jnp.maximum(evs.med, 0))
-    pace = _pace(x, drivers.length[slots], evs.panel, med, service_speed, plan, params)
-    docking = docking_acceleration(
-        vehicles.speed[slots], pace, drivers.comfortable_deceleration[slots], params.charging
-    )
+    x, lane, length = vehicles.x[slots], vehicles.lane[slots], drivers.length[slots]
+    plan = plan_approach(x, lane, length, evs.panel, med, charging)
+    service_speed = read(meds.service_speed, jnp.maximum(evs.med, 0))
+    pace = _pace(x, length, evs.panel, med, service_speed, plan, params)
+    comfort = drivers.comfortable_deceleration[slots]
+    docking = docking_acceleration(vehicles.speed[slots], pace, comfort, charging)
     # A MED drives around vehicles that stand in its lane, and then comes back.
-    keeps = vehicles.speed[config.med_slots] > 0.5 * state.meds.service_speed
-    to_service = jnp.sign(state.meds.service_lane - vehicles.lane[config.med_slots])
+    keeps = vehicles.speed[config.med_slots] > 0.5 * meds.service_speed
+    to_service = jnp.sign(meds.service_lane - vehicles.lane[config.med_slots])
     ev_desire = jnp.where(evs.is_depleted, to_the_right(vehicles.speed[slots], params), 0.0)
     ev_desire = jnp.where(booked, plan.desire, ev_desire)
     desire = config.by_slot(ORDERED_DESIRE * to_service, ev_desire, 0.0)
@@ -237,7 +197,7 @@ def approach(state: EnvState, drivers: Drivers, config: EnvConfig, params: EnvPa
     most = jnp.where(evs.is_depleted, coasting(vehicles.speed[slots], params), jnp.inf)
     return Orders(
         platoon=config.by_slot(jnp.arange(config.num_meds, dtype=jnp.int32), evs.med, NOBODY),
-        platooning=platooning_of(params.charging),
+        platooning=Platooning(charging.platoon_headway, charging.platoon_min_gap),
         acceleration=free.at[slots].set(jnp.where(booked, docking, most)),
         desire=desire,
         stay=config.by_slot(keeps, booked & plan.is_near | evs.is_depleted, False),

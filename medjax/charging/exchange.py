@@ -12,7 +12,7 @@ from medjax.charging.link import Link
 from medjax.numerics.gathers import read
 from medjax.numerics.sums import sum_pairwise
 from medjax.physics import change_battery
-from medjax.world.params import BodyParams, EnvConfig, EnvParams, RoadParams
+from medjax.world.params import BodyParams, EnvConfig, EnvParams
 from medjax.world.state import EnvState, EpisodeStats, EVs, MEDs, Vehicles
 
 
@@ -50,34 +50,9 @@ def transfer(
 
 
 def taper(energy_j: jax.Array, params: EnvParams) -> jax.Array:
-    """Share of the power that batteries accept at this energy, `(E,)` J: 1 up to `taper_soc`, down to 0 when full.
-
-    Source: constant current, then constant voltage; see docs/models.md.
-    """
+    """Share of the power that batteries accept at this energy, `(E,)` J: 1 up to `taper_soc`, down to 0 when full."""
     falls_over_j = params.ev_capacity_j * jnp.maximum(1.0 - params.charging.taper_soc, 1e-6)
     return jnp.clip((params.ev_capacity_j - energy_j) / falls_over_j, 0.0, 1.0)
-
-
-def _driven(
-    before: Vehicles,
-    after: Vehicles,
-    slots: slice,
-    body: BodyParams,
-    road: RoadParams,
-    tick_s: float,
-) -> jax.Array:
-    """Driving energy of each battery in a tick, J; 0 off the road."""
-    energy = drive_energy(before.speed[slots], after.speed[slots], body, road, tick_s)
-    return jnp.where(before.active[slots], energy, 0.0)
-
-
-def _cruised(
-    before: Vehicles, after: Vehicles, slots: slice, body: BodyParams, road: RoadParams
-) -> jax.Array:
-    """Driving energy for a tick's distance at each vehicle's desired speed, J; 0 off the road."""
-    distance = after.x[slots] - before.x[slots]
-    energy = distance * per_metre(before.desired_speed[slots], body, road)
-    return jnp.where(before.active[slots], energy, 0.0)
 
 
 def exchange(
@@ -97,14 +72,16 @@ def exchange(
       before, after: the vehicles before and after the tick.
       link: of each EV with its MED, after the tick.
       state: the batteries before the tick.
-
-    Returns:
-      (EVs, MEDs, tally)
     """
-    evs, meds = state.evs, state.meds
-    road, tick_s = params.road, config.tick_s
-    med_use = _driven(before, after, config.med_slots, params.med, road, tick_s)
-    ev_use = _driven(before, after, config.ev_slots, params.ev, road, tick_s)
+    evs, meds, slots, tick_s = state.evs, state.meds, config.ev_slots, config.tick_s
+
+    def driven(slots: slice, body: BodyParams) -> jax.Array:
+        """Driving energy of each battery, J; 0 off the road."""
+        energy = drive_energy(before.speed[slots], after.speed[slots], body, params.road, tick_s)
+        return jnp.where(before.active[slots], energy, 0.0)
+
+    med_use = driven(config.med_slots, params.med)
+    ev_use = driven(slots, params.ev)
     ev_use = jnp.where(evs.is_depleted, 0.0, ev_use)  # its motor is off
     flow = transfer(
         link.efficiency,
@@ -122,7 +99,10 @@ def exchange(
     )
     least, most = evs.energy_j - params.ev_capacity_j, evs.energy_j + flow.received_j
     med_room = params.med_capacity_j - (meds.energy_j - flow.drawn_j)
-    cruising_j = jnp.maximum(_cruised(before, after, config.ev_slots, params.ev, road), least)
+    # The same distance at each EV's desired speed.
+    distance = after.x[slots] - before.x[slots]
+    cruised = distance * per_metre(before.desired_speed[slots], params.ev, params.road)
+    cruising_j = jnp.maximum(jnp.where(before.active[slots], cruised, 0.0), least)
     tally = EpisodeStats.zeros().replace(
         energy_sent_j=sum_pairwise(flow.sent_j),
         energy_received_j=sum_pairwise(flow.received_j),

@@ -34,13 +34,11 @@ def misalignment(
 ) -> Misalignment:
     """Coil geometry of a docked pair from the EV's displacement off its slot.
 
-    Side panels face across the road, so their axial distance changes as the vehicles wander, and their lateral
-    direction lies along the road. Front and rear panels face along the road.
+    Side panels face across the road, front and rear panels along it.
 
     Args:
       panel: int32, any shape.
-      along_m: EV ahead of its slot, m.
-      across_m: EV to the right of its slot, m.
+      along_m, across_m: EV ahead of its slot, and to the right of it, m.
       turn_rad: heading of the EV minus that of the MED, positive to the right.
       panel_gap_m: nominal axial distance; booms give way, so the distance never falls below a quarter of it.
     """
@@ -50,11 +48,8 @@ def misalignment(
     opening = jnp.where(side, away * across_m, outward * along_m)
     # Tilt has the sign of the turn for panels that face right or back, the opposite sign for left and front.
     tilt = jnp.where(side, away, -outward) * turn_rad
-    return Misalignment(
-        axial=jnp.maximum(panel_gap_m + opening, 0.25 * panel_gap_m),
-        lateral=jnp.where(side, along_m, across_m),
-        tilt=tilt,
-    )
+    axial = jnp.maximum(panel_gap_m + opening, 0.25 * panel_gap_m)
+    return Misalignment(axial, jnp.where(side, along_m, across_m), tilt)
 
 
 TINY = 1e-30  # H^2, negligible beside any inductance squared
@@ -118,35 +113,26 @@ def links(
     params: EnvParams,
     coupling: Coupling,
 ) -> Link:
-    """Whether each EV charges, and the efficiency and power of its link.
-
-    Args:
-      length: (N,) m, of the vehicles.
-    """
-    ev_slots, med_slots = config.ev_slots, config.med_slots
+    """Whether each EV charges, and the efficiency and power of its link; `length` `(N,)` m is of the vehicles."""
+    slots, med_slots, charging = config.ev_slots, config.med_slots, params.charging
+    speed, offset, lateral_speed = vehicles.speed, vehicles.lateral_offset, vehicles.lateral_speed
     med = partners(vehicles, evs, length, config)
-    goal = panel_x(evs.panel, med, length[ev_slots], params.charging.dock_gap_m)
-    error = vehicles.x[ev_slots] - goal
-    in_lane = vehicles.lane[ev_slots] == panel_lane(evs.panel, med.lane)
+    goal = panel_x(evs.panel, med, length[slots], charging.dock_gap_m)
+    error = vehicles.x[slots] - goal
+    in_lane = vehicles.lane[slots] == panel_lane(evs.panel, med.lane)
     med_offset, med_lateral_speed = read(
-        (vehicles.lateral_offset[med_slots], vehicles.lateral_speed[med_slots]),
-        jnp.maximum(evs.med, 0),
+        (offset[med_slots], lateral_speed[med_slots]), jnp.maximum(evs.med, 0)
     )
-    across = vehicles.lateral_offset[ev_slots] - med_offset
-    turn = turn_between(
-        med.speed, med_lateral_speed, vehicles.speed[ev_slots], vehicles.lateral_speed[ev_slots]
-    )
+    across = offset[slots] - med_offset
+    turn = turn_between(med.speed, med_lateral_speed, speed[slots], lateral_speed[slots])
+    in_lane &= jnp.abs(across) < 0.25 * params.road.lane_width_m
     is_charging = (evs.med != NOT_BOOKED) & is_docked(
-        error,
-        vehicles.speed[ev_slots] - med.speed,
-        in_lane & (jnp.abs(across) < 0.25 * params.road.lane_width_m),
-        evs.is_charging,
-        params.charging,
+        error, speed[slots] - med.speed, in_lane, evs.is_charging, charging
     )
     seen = params.link.misalignment_scale
     geometry = misalignment(
         evs.panel, seen * error, seen * across, seen * turn, params.link.panel_gap_m
     )
     coupled = coupling(geometry, params.link)
-    power_w = most_power(coupled, params.charging.slot_power_w, params.link.max_current_a)
+    power_w = most_power(coupled, charging.slot_power_w, params.link.max_current_a)
     return Link(is_charging, coupled.efficiency, power_w)

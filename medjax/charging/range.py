@@ -12,10 +12,7 @@ NEWTON_STEPS = 6
 
 
 def way_to_go(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Distance for which each EV's charge should last, `(E,)` m: to its exit.
-
-    An EV that drives to the road's end continues beyond it, so its distance is at least `eco_horizon_m`.
-    """
+    """Distance for which each EV's charge should last, `(E,)` m: to its exit; past the road's end, `eco_horizon_m`."""
     destination = vehicles.destination[config.ev_slots]
     left = destination - vehicles.x[config.ev_slots]
     beyond = jnp.maximum(left, params.drivers.eco_horizon_m)
@@ -32,9 +29,8 @@ def lasting_speed(
 ) -> jax.Array:
     """Highest speed up to the desired one at which the charge lasts, or the most economical speed where none does.
 
-    Energy per metre at a constant speed v, (c + k v^2) / eta + P / v by eq (7) and the drivetrain, decreases with v
-    down to the speed below which auxiliaries outweigh drag. Drivers do not slow down below that speed, nor below
-    `eco_speed`.
+    Energy per metre at a constant speed v is (c + k v^2) / eta + P / v by eq (7) and the drivetrain. Drivers slow down
+    neither below the speed at which auxiliaries outweigh drag, nor below `eco_speed`.
 
     Args:
       energy_j, way_m, desired_speed: (E,) J, m (inf: no charge is enough), m/s.
@@ -67,19 +63,12 @@ def apply_eco_speed(state: EnvState, config: EnvConfig, params: EnvParams) -> En
     Compliant drivers slow down once their charge is below `eco_soc` and does not last for `way_to_go`. Drivers of
     booked EVs do not, because their docking sets their speed.
     """
-    vehicles, evs, slots = state.vehicles, state.evs, config.ev_slots
-    drivers, own = params.drivers, vehicles.desired_speed[slots]
-    speed = lasting_speed(
-        evs.energy_j,
-        way_to_go(vehicles, config, params),
-        own,
-        drivers.eco_speed,
-        params.ev,
-        params.road,
-    )
+    vehicles, evs, drivers = state.vehicles, state.evs, params.drivers
+    everyone = vehicles.desired_speed
+    own, way_m = everyone[config.ev_slots], way_to_go(vehicles, config, params)
+    speed = lasting_speed(evs.energy_j, way_m, own, drivers.eco_speed, params.ev, params.road)
     is_low = evs.energy_j < drivers.eco_soc * params.ev_capacity_j
     slows = evs.complies & is_low & (evs.med == NOT_BOOKED)
-    everyone = vehicles.desired_speed
     desired = config.by_slot(
         everyone[config.med_slots], jnp.where(slows, speed, own), everyone[config.gas_slots]
     )

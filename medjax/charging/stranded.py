@@ -6,6 +6,8 @@ not as arrived.
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 
@@ -38,10 +40,7 @@ def coasting(speed: jax.Array, params: EnvParams) -> jax.Array:
 
 
 def to_the_right(speed: jax.Array, params: EnvParams) -> jax.Array:
-    """How urgently depleted EVs at these speeds, m/s, must go right, as in `medjax.traffic.lane_change.Wish`: 1 or 0.
-
-    An EV that is too slow to complete a lane change stays in its lane, or it would stop between two lanes.
-    """
+    """Urgency, 1 or 0, of depleted EVs at these speeds, m/s, to go right; 0 if they would stop between two lanes."""
     rolling = -coasting(jnp.zeros((), jnp.float32), params)
     # Lateral distance until the EV stops, times 2 * rolling. It must exceed 1.5 lane widths, since a change is slower
     # towards its end.
@@ -57,20 +56,15 @@ def without_motor(vehicles: Vehicles, evs: EVs, config: EnvConfig, params: EnvPa
     has made room.
     """
     slots = config.ev_slots
-    noise = vehicles.acceleration_noise
+    changes: dict[str, Any] = {"acceleration_noise": 0.0}
+    changes |= {"courtesy_left": jnp.inf, "courtesy_right": jnp.inf}
     if config.num_exits:
-        own, end = vehicles.destination, params.road.length_m
-        bound = jnp.where(evs.is_depleted, end, own[slots])
-        vehicles = vehicles.replace(destination=own.at[slots].set(bound))
-
-    def of_depleted(values: jax.Array, value: float) -> jax.Array:
-        return values.at[slots].set(jnp.where(evs.is_depleted, value, values[slots]))
-
-    return vehicles.replace(
-        acceleration_noise=of_depleted(noise, 0.0),
-        courtesy_left=of_depleted(vehicles.courtesy_left, jnp.inf),
-        courtesy_right=of_depleted(vehicles.courtesy_right, jnp.inf),
-    )
+        changes = {"destination": params.road.length_m} | changes
+    for name, value in changes.items():
+        values = getattr(vehicles, name)
+        new = values.at[slots].set(jnp.where(evs.is_depleted, value, values[slots]))
+        vehicles = vehicles.replace(**{name: new})
+    return vehicles
 
 
 def leaves_road(vehicles: Vehicles, evs: EVs, config: EnvConfig, params: EnvParams) -> jax.Array:

@@ -1,14 +1,13 @@
 """ChargingEnv: MEDs dispatched onto a highway to charge EVs as they drive.
 
-Combines traffic, charging, dispatch, observation and reward in the order of the paper's section
-"Experiment settings". `step` follows gymnax 1.0.
+The order within a decision is that of the paper's section "Experiment settings". `step` follows gymnax 1.0.
 """
 
 from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
@@ -17,16 +16,10 @@ from medjax import hooks
 from medjax.charging.booking import book, init_new_evs
 from medjax.charging.link import Coupling, couple
 from medjax.charging.range import apply_eco_speed
-from medjax.env.contract import step_with_reset
+from medjax.env.contract import StepResult, step_with_reset
 from medjax.env.dispatch import action_mask, advance_clocks, dispatch
 from medjax.env.metrics import episode_metrics
-from medjax.env.observation import (
-    FlatObservation,
-    Observation,
-    check_observation,
-    observe,
-    of_shape,
-)
+from medjax.env.observation import FlatObservation, check_observation, observe, of_shape
 from medjax.env.reset import initial_state
 from medjax.env.reward import TERMS, Outcome, RewardTerm, check_terms, total_reward
 from medjax.env.spaces import Box, Discrete
@@ -42,20 +35,14 @@ from medjax.world.params import EnvConfig, EnvParams, validate_config
 from medjax.world.presets import Recipe
 from medjax.world.state import EnvState, EpisodeStats
 
-Step = tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, dict[str, Any]]
-
-
-class Probed(NamedTuple):
-    """Probe outputs of one decision; None without a probe."""
-
-    begun: Any  # (rounds, ...)
-    ticks: Any  # (ticks, ...)
+Driven = tuple[EnvState, EpisodeStats]
 
 
 class ChargingEnv:
-    """The MED dispatching problem on one highway, as a pure-functional environment.
+    """The MED dispatching problem on one highway.
 
     Every method is pure and works under `jax.jit`; batch with `jax.vmap` over keys, states, actions and params.
+
 
     Args:
       config: sizes and time steps; each config compiles its own program.
@@ -126,17 +113,19 @@ class ChargingEnv:
         state = initial_state(key, self.config, params)
         return self.get_obs(state, params), state
 
-    def step(self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams) -> Step:
+    def step(
+        self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
+    ) -> StepResult:
         """Takes one decision and resets in the same step when the episode ends; see `step_with_reset`."""
         return step_with_reset(self, key, state, action, params)
 
     def step_env(
         self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
-    ) -> Step:
+    ) -> StepResult:
         """Takes one decision without resetting.
 
         Args:
-          key: randomness of driver behaviour in this decision; `reset` has already drawn the arrivals.
+          key: randomness of driver behaviour; `reset` has already drawn the arrivals.
           state: of one environment.
           action: () integer; an action that is out of range or masked becomes 0 and is counted in the metrics.
 
@@ -152,7 +141,7 @@ class ChargingEnv:
         before = state
         with jax.named_scope("dispatch"):
             state, dispatched = dispatch(state, action, self.config, params)
-        state, step_stats, probed = self._rounds(key, state, dispatched, params)
+        (state, step_stats), begun, ticks = self._rounds(key, state, dispatched, params)
         state, given = advance_clocks(state, self.config, params)
         step_stats += given
         state = state.replace(tally=state.tally + step_stats)
@@ -169,15 +158,15 @@ class ChargingEnv:
             "reward_terms": terms,
             "action_mask": self.action_mask(state, params),
             "tally": step_stats,
-            "begun": probed.begun,
-            "ticks": probed.ticks,
+            "begun": begun,
+            "ticks": ticks,
         }
         return obs, state, reward, jnp.zeros((), bool), truncated, info
 
     def _rounds(
         self, key: jax.Array, state: EnvState, step_stats: EpisodeStats, params: EnvParams
-    ) -> tuple[EnvState, EpisodeStats, Probed]:
-        """Simulates all rounds of a decision, and collects the probe at each round's start and after each tick."""
+    ) -> tuple[Driven, Any, Any]:
+        """Simulates all rounds of a decision; returns also the probe at each round's start and after each tick."""
         config = self.config
         rounds, ticks = config.rounds_per_decision, config.ticks_per_decision
         # One decision of n rounds then equals n decisions of one round that use the split keys.
@@ -185,24 +174,21 @@ class ChargingEnv:
         indices = jnp.arange(ticks, dtype=jnp.int32).reshape(rounds, -1)
         first = state.time * rounds
 
-        def play(
-            carry: tuple[EnvState, EpisodeStats], given: tuple[jax.Array, jax.Array, jax.Array]
-        ) -> tuple[tuple[EnvState, EpisodeStats], Probed]:
-            """One round."""
+        def play(carry: Driven, given: tuple[jax.Array, ...]) -> tuple[Driven, tuple[Any, Any]]:
             (state, step_stats), (number, key, ticks) = carry, given
             state, entered = self._begin(key, state, first + number, params)
             begun = self.probe(state) if self.probe else None
-            state, step_stats, seen = self._drive(state, step_stats + entered, ticks, params)
-            return (state, step_stats), Probed(begun, seen)
+            driven, seen = self._drive(state, step_stats + entered, ticks, params)
+            return driven, (begun, seen)
 
         given = jnp.arange(rounds, dtype=jnp.int32), keys, self._first_tick(state) + indices
-        (state, step_stats), probed = jax.lax.scan(play, (state, step_stats), given)
-        seen = jax.tree.map(lambda each: each.reshape(ticks, *each.shape[2:]), probed.ticks)
-        return state, step_stats, probed._replace(ticks=seen)
+        driven, (begun, seen) = jax.lax.scan(play, (state, step_stats), given)
+        seen = jax.tree.map(lambda each: each.reshape(ticks, *each.shape[2:]), seen)
+        return driven, begun, seen
 
     def _begin(
         self, key: jax.Array, state: EnvState, number: jax.Array, params: EnvParams
-    ) -> tuple[EnvState, EpisodeStats]:
+    ) -> Driven:
         """Starts a round: entries, trip plans, bookings and driver noise; `number` counts rounds since reset."""
         config = self.config
         with jax.named_scope("entry"):
@@ -221,15 +207,12 @@ class ChargingEnv:
 
     def _drive(
         self, state: EnvState, step_stats: EpisodeStats, ticks: jax.Array, params: EnvParams
-    ) -> tuple[EnvState, EpisodeStats, Any]:
-        """Simulates a round's ticks; returns the state, the updated tally and the probe output after each tick."""
+    ) -> tuple[Driven, Any]:
+        """Simulates a round's ticks; returns also the probe after each tick."""
         config = self.config
         drivers = drivers_of(apply_eco_speed(state, config, params), config, params)
 
-        def tick(
-            carry: tuple[EnvState, EpisodeStats], index: jax.Array
-        ) -> tuple[tuple[EnvState, EpisodeStats], Any]:
-            """One physics tick, then the probe."""
+        def tick(carry: Driven, index: jax.Array) -> tuple[Driven, Any]:
             state, step_stats = carry
             state, more = physics_tick(
                 state, drivers, index, config, params, self.following, self.coupling
@@ -242,7 +225,7 @@ class ChargingEnv:
             driven = ways(begun, state.vehicles, config)
             seconds = step_stats.ev_seconds - before_s
             step_stats += driven + means(state, driven.ev_distance_m, seconds, config, params)
-        return state, step_stats, seen
+        return (state, step_stats), seen
 
     def action_mask(self, state: EnvState, params: EnvParams) -> jax.Array:
         """Allowed actions, `(num_actions,)` bool; action 0 is always allowed."""
@@ -253,19 +236,20 @@ class ChargingEnv:
         seen = self.observation(state, self.config, params)
         return of_shape(seen, (self.observation.size(self.config),))
 
-    def observe(self, state: EnvState, params: EnvParams) -> Observation:
-        """The structured observation: one row per MED, one per EV, and masks."""
+    def observe(self, state: EnvState, params: EnvParams) -> Any:
+        """The structured observation, `medjax.env.observation.Observation`."""
         return observe(state, self.config, params)
 
     def highway(self, state: EnvState, params: EnvParams) -> tuple[EnvState, EnvParams]:
-        """State and params of the highway itself: here the arguments; wrappers strip their own additions."""
+        """State and params of the highway itself; wrappers strip their own additions."""
         return state, params
 
     def with_probe(self, probe: Callable[[EnvState], Any] | None) -> Self:
         """A copy of this environment that reports `probe(state)`; None removes the probe.
 
-        `info["ticks"]`, `(ticks, ...)`, holds its value after every physics tick. `info["begun"]`, `(rounds, ...)`,
-        holds its value at the start of each round, after new entries and bookings.
+        `info["ticks"]`, `(ticks, ...)`, holds its value after every tick; `info["begun"]`, `(rounds, ...)`, at the
+        start of each round, after new entries and bookings.
+
 
         Raises:
           InputError: probe is not a function.
@@ -281,10 +265,7 @@ class ChargingEnv:
         return hooks.viewer(state, self.config, params, name=self.name, **size)
 
     def _first_tick(self, state: EnvState) -> jax.Array | int:
-        """Number of the decision's first tick, which selects the group that may change lanes.
-
-        If a decision covers whole cycles of the groups, the number is the same constant for all environments,
-        so a batch selects the group by slicing instead of gathering.
-        """
+        """Number of the decision's first tick, which selects the group that may change lanes."""
         ticks = self.config.ticks_per_decision
+        # If a decision covers whole cycles of the groups, a constant lets a batch select the group by slicing.
         return 0 if ticks % (2 * self.config.lane_change_groups) == 0 else state.time * ticks

@@ -1,7 +1,6 @@
-"""The environment interface that wrappers, policies, players and learners rely on.
+"""The interface of `ChargingEnv` and of every wrapper, on which policies, players and learners rely.
 
-`medjax.env.charging_env.ChargingEnv` and every wrapper (`medjax.env.wrapper.Wrapper`) implement it, so they are
-interchangeable. Learners need fewer members: `tests/train/probe_envs.py` has minimal environments for them.
+Learners need fewer members: `tests/train/probe_envs.py` has minimal environments for them.
 """
 
 from __future__ import annotations
@@ -19,10 +18,9 @@ StepResult = tuple[Observation, State, jax.Array, jax.Array, jax.Array, Info]
 
 
 class Environment(Protocol):
-    """One environment, written for a single episode and vectorised by the caller with `jax.vmap`.
+    """One environment; the caller vectorises it with `jax.vmap`. Every method except `render` can be jitted.
 
-    A state has `time`, () int32, the decisions taken so far. Every method except `render` is pure and works under
-    `jax.jit`.
+    A state has `time`, () int32, the decisions taken so far.
     """
 
     @property
@@ -80,10 +78,7 @@ class Environment(Protocol):
         """A picture of a state, `(height, width, 3)` uint8."""
 
     def highway(self, state: State, params: Params) -> tuple[Any, Any]:
-        """`EnvState` and `EnvParams` of the simulated highway, without any wrappers.
-
-        The parameters hold for the whole episode.
-        """
+        """`EnvState` and `EnvParams` of the highway, without wrappers; the parameters hold for the whole episode."""
 
     def with_probe(self, probe: Callable[[Any], Any] | None) -> Environment:
         """A copy that reports `probe(state)` of the highway after every tick in `info["ticks"]`."""
@@ -112,9 +107,8 @@ def step_with_reset(
     """Takes one decision and resets in the same step when the episode ends, as gymnax 1.0 does.
 
     Returns:
-      (observation, state, reward, terminated, truncated, info). If the episode ended, observation
-      and state belong to the next one. `info["final_observation"]` is always the observation right
-      after the decision, before any reset. `info["action_mask"]` fits the returned state.
+      (observation, state, reward, terminated, truncated, info). After an episode's end, observation, state and
+      `info["action_mask"]` belong to the next one. `info["final_observation"]` always precedes any reset.
     """
     step_key, reset_key = jax.random.split(key)
     last_obs, last_state, reward, terminated, truncated, info = env.step_env(
@@ -125,8 +119,5 @@ def step_with_reset(
     obs, state = jax.lax.cond(
         ends, lambda: env.reset(reset_key, params), lambda: (last_obs, last_state)
     )
-    info = info | {
-        "final_observation": last_obs,
-        "action_mask": env.action_mask(state, params),
-    }
+    info = info | {"final_observation": last_obs, "action_mask": env.action_mask(state, params)}
     return obs, state, reward, terminated, truncated, info

@@ -1,8 +1,8 @@
 """Depots: which MEDs wait where, which one leaves next, and the trip home.
 
-A depot serves all ramps or, if there are several depots, a group of adjacent ramps (`EnvConfig.ramp_depots`), and lies
-in the middle of them. A MED returns to the depot that it came from, unless told otherwise. A single depot has no
-position: `fleet.turnaround_s` covers the whole trip there and back.
+Each of several depots serves a group of adjacent ramps (`EnvConfig.ramp_depots`) and lies in the middle of them. A MED
+returns to the depot that it came from, unless told otherwise. A single depot has no position: `fleet.turnaround_s`
+covers the whole trip there and back.
 """
 
 from __future__ import annotations
@@ -18,10 +18,7 @@ from medjax.world.state import AT_DEPOT, RETIRED, MEDs
 
 
 def whole_fleet(config: EnvConfig, params: EnvParams) -> MEDs:
-    """The fleet with full batteries, assigned to the depots in turn, with the fleet's default motion.
-
-    Slots beyond `fleet.size` stay retired and empty for good.
-    """
+    """The full fleet, assigned to the depots in turn; slots beyond `fleet.size` stay retired and empty for good."""
     fleet, meds = params.fleet, config.num_meds
     exists = jnp.arange(meds, dtype=jnp.int32) < fleet.size
     return MEDs(

@@ -31,8 +31,7 @@ def action_names(config: EnvConfig, params: EnvParams) -> list[str]:
 def action_mask(state: EnvState, config: EnvConfig) -> jax.Array:
     """Allowed actions, `(1 + num_ramps,)` bool.
 
-    Action 0 sends no MED and is always allowed. Action r sends one from ramp r - 1; it is allowed if no
-    cooldown is running and a MED waits at the depot of that ramp.
+    Action 0 is always allowed; others if no cooldown is running and a MED waits at the depot of that ramp.
     """
     waits = (state.meds.status == AT_DEPOT)[:, None] & own_ramps(state.meds, config)
     can_send = (state.cooldown_s <= 0.0) & jnp.any(waits, axis=0)
@@ -50,22 +49,17 @@ def is_allowed(choice: jax.Array, mask: jax.Array) -> jax.Array:
 def dispatch(
     state: EnvState, action: jax.Array, config: EnvConfig, params: EnvParams
 ) -> tuple[EnvState, EpisodeStats]:
-    """Sends a MED to a ramp, where it waits for a safe gap.
+    """Sends a MED to a ramp, where it waits for a safe gap; returns also the tally of dispatches and invalid actions.
 
     Args:
       action: () integer; one that is out of range or masked counts as 0.
-
-    Returns:
-      (state, tally of dispatches and invalid actions)
     """
-    action = jnp.asarray(action).astype(jnp.int32)
+    action, meds = jnp.asarray(action).astype(jnp.int32), state.meds
     allowed = is_allowed(action, action_mask(state, config))
     sent = allowed & (action > 0)
-    meds = state.meds
     chosen = sent & who_is_sent(action, meds, config)
     meds = meds.replace(
-        status=jnp.where(chosen, QUEUED, meds.status),
-        ramp=jnp.where(chosen, action - 1, meds.ramp),
+        status=jnp.where(chosen, QUEUED, meds.status), ramp=jnp.where(chosen, action - 1, meds.ramp)
     )
     cooldown = jnp.where(sent, params.fleet.cooldown_s, state.cooldown_s)
     tally = EpisodeStats.zeros(0 * state.time).replace(  # a loop carry, see `EpisodeStats.zeros`
@@ -82,13 +76,11 @@ def on_the_road(
     config: EnvConfig,
     params: EnvParams,
 ) -> MEDs:
-    """Updates MEDs after a tick: in service once settled in the service lane, retired once off the road.
+    """MEDs after a tick: in service once settled in the service lane, retired once off the road.
 
     Args:
-      vehicles: of all slots, after the tick.
       left: (N,) bool, left at an exit or the end of the road in this tick.
-      since_s: () s since the decision began. It is added to the time away because `advance_clocks` later subtracts
-        the whole decision from every retired MED.
+      since_s: () s since the decision began, since `advance_clocks` subtracts the whole decision from the time away.
     """
     slots, fleet = config.med_slots, params.fleet
     in_lane = vehicles.lane[slots] == meds.service_lane
@@ -106,11 +98,7 @@ def on_the_road(
 def advance_clocks(
     state: EnvState, config: EnvConfig, params: EnvParams
 ) -> tuple[EnvState, EpisodeStats]:
-    """Counts the decision, advances the cooldown, and returns fully charged MEDs to their depots.
-
-    Returns:
-      (state, tally of energy from the depots and of energy for the trips home)
-    """
+    """Counts the decision and the cooldown, and returns charged MEDs to depots; also returns the tally of energy."""
     meds, dt = state.meds, config.decision_s
     ready_in = jnp.where(meds.status == RETIRED, count_down(meds.ready_in_s, dt), meds.ready_in_s)
     returns = (meds.status == RETIRED) & (ready_in <= 0.0)
@@ -118,16 +106,15 @@ def advance_clocks(
     home_j = jnp.where(returns, home_j, 0.0)
     given_j = jnp.where(returns, params.med_capacity_j - meds.energy_j - meds.rest_j, 0.0) + home_j
     new = whole_fleet(config, params)
+    fresh = ("energy_j", "rest_j", "service_speed", "service_lane")
     meds = meds.replace(
         status=jnp.where(returns, AT_DEPOT, meds.status),
-        energy_j=jnp.where(returns, new.energy_j, meds.energy_j),
-        rest_j=jnp.where(returns, new.rest_j, meds.rest_j),
         ready_in_s=ready_in,
-        service_speed=jnp.where(returns, new.service_speed, meds.service_speed),
-        service_lane=jnp.where(returns, new.service_lane, meds.service_lane),
         accepts=meds.accepts | returns,
+        **{each: jnp.where(returns, getattr(new, each), getattr(meds, each)) for each in fresh},
     )
     cooldown_s = count_down(state.cooldown_s, dt)
     state = state.replace(meds=meds, cooldown_s=cooldown_s, time=state.time + 1)
-    energies = {"depot_energy_j": sum_pairwise(given_j), "med_driving_j": sum_pairwise(home_j)}
-    return state, EpisodeStats.zeros().replace(**energies)
+    return state, EpisodeStats.zeros().replace(
+        depot_energy_j=sum_pairwise(given_j), med_driving_j=sum_pairwise(home_j)
+    )

@@ -56,10 +56,9 @@ def expected_need(
     """EVs that will need a MED from each ramp within the window, and slots that other MEDs offer.
 
     An EV is in need if its charge does not last to its destination at cruising speed. Counted are unbooked EVs that can
-    catch up with the MED within the window, and expected arrivals early enough to do so; arrivals are assumed to drive
-    to the end of the road.
+    catch up with the MED within the window, and expected arrivals early enough to do so, bound for the road's end.
     """
-    road, demand = params.road, params.demand
+    road, demand, meds = params.road, params.demand, state.meds
     cruise, power_w = cruising(params)
     per_metre = power_w / cruise
     closing = jnp.maximum(cruise - params.fleet.service_speed, 1e-3)
@@ -81,16 +80,12 @@ def expected_need(
     charge = (road.length_m - where.x) * per_metre / params.ev_capacity_j  # to the end of the road
     range_of_charge = jnp.maximum(demand.arrival_soc_high - demand.arrival_soc_low, 1e-6)
     share = jnp.clip((charge - demand.arrival_soc_low) / range_of_charge, 0.0, 1.0)
-    rate = (
-        entry_rates(demand, config.num_lanes, state.time * config.decision_s)
-        * demand.ev_share
-        * share
-    )
+    rate = entry_rates(demand, config.num_lanes, state.time * config.decision_s)
+    rate = rate * demand.ev_share * share
     distance = ahead_of(where.x)
     # An EV that enters upstream of the ramp must do so early enough to catch up.
     time = jnp.where(distance >= 0.0, jnp.maximum(window_s - distance / closing, 0.0), 0.0)
 
-    meds = state.meds
     comes = (meds.status == QUEUED) | (meds.status == MERGING)
     serves = (comes | can_serve(meds, params)) & meds.accepts
     near = serves & (jnp.abs(ahead_of(med_places(state, config, params))) <= window_m)

@@ -15,24 +15,17 @@ SECONDS_PER_HOUR = 3600.0
 def episode_metrics(tally: EpisodeStats) -> dict[str, jax.Array]:
     """Metrics since reset, float32 scalars by name.
 
-    depleted_share and mean_range_m (distance driven) are per EV that was on the road. mean_soc averages
-    over EVs and time; exit_soc averages over EVs that finished their trip or ran out. A depleted EV
-    counts as 0: in mean_soc until it is off the road, in exit_soc once.
-
-    In kWh per EV that was on the road: ev_driving_kwh is the energy for driving; ev_saved_kwh is how much more the same
-    distance would take at the EVs' own desired speeds (negative if speeding up cost energy); ev_received_kwh is the
-    energy from MEDs. Delays, in vehicle-hours, are relative to each vehicle's desired speed; time spent waiting to
-    enter is in queue_vehicle_s. energy_drawn_kwh is what MEDs use to drive plus what they send; system_efficiency is
-    the share of it that reaches EV batteries. If MEDs gain energy on balance, by driving downhill, it is the share of
-    the energy sent, so that it never exceeds 1.
+    Per EV that was on the road: depleted_share, mean_range_m (distance driven), and in kWh ev_driving_kwh, ev_saved_kwh
+    (how much more the distance would take at desired speeds) and ev_received_kwh. mean_soc averages over EVs and time;
+    exit_soc over EVs that finished their trip or ran out. A depleted EV counts as 0: in mean_soc until it is off the
+    road, in exit_soc once. Delays, in vehicle-hours, are relative to each vehicle's desired speed; time spent waiting
+    to enter is in queue_vehicle_s. energy_drawn_kwh is what MEDs use to drive plus what they send; system_efficiency is
+    the share of it that reaches EV batteries; of the energy sent, if driving downhill gains MEDs energy on balance.
     """
 
     def ratio(numerator: jax.Array, denominator: jax.Array) -> jax.Array:
         there = denominator > 0.0
         return jnp.where(there, numerator / jnp.where(there, denominator, 1.0), 0.0)
-
-    def per_ev(energy_j: jax.Array) -> jax.Array:
-        return ratio(energy_j / JOULES_PER_KWH, evs)
 
     drawn_j = tally.med_driving_j + tally.energy_sent_j
     gross_j = jnp.maximum(tally.med_driving_j, 0.0) + tally.energy_sent_j
@@ -49,9 +42,9 @@ def episode_metrics(tally: EpisodeStats) -> dict[str, jax.Array]:
         "med_driving_kwh": tally.med_driving_j / JOULES_PER_KWH,
         "energy_drawn_kwh": drawn_j / JOULES_PER_KWH,
         "system_efficiency": ratio(tally.energy_received_j, gross_j),
-        "ev_driving_kwh": per_ev(tally.ev_driving_j),
-        "ev_saved_kwh": per_ev(tally.ev_cruising_j - tally.ev_driving_j),
-        "ev_received_kwh": per_ev(tally.energy_received_j),
+        "ev_driving_kwh": ratio(tally.ev_driving_j / JOULES_PER_KWH, evs),
+        "ev_saved_kwh": ratio((tally.ev_cruising_j - tally.ev_driving_j) / JOULES_PER_KWH, evs),
+        "ev_received_kwh": ratio(tally.energy_received_j / JOULES_PER_KWH, evs),
         "ev_delay_h": tally.ev_delay_s / SECONDS_PER_HOUR,
         "gas_delay_h": tally.gas_delay_s / SECONDS_PER_HOUR,
         "med_hours": tally.med_seconds / SECONDS_PER_HOUR,

@@ -37,8 +37,7 @@ FAR_KM = 2.0  # a MED farther away matters little to a ramp
 class Observation(struct.PyTreeNode):
     """Structured observation with features in the paper's order.
 
-    All features are in [0, 1] except y, speeds and the cooldown. Under random play of `paper` and `corridor`, y is in
-    [-0.1, 1.1], vx in [0, 1.4] and vy in [-0.5, 0.5] (docs/guide.md). The cooldown is in units of COOLDOWN_UNIT_S.
+    All features are in [0, 1] except y, speeds and the cooldown; docs/guide.md has their ranges.
     """
 
     meds: jax.Array  # (M, 14): x, y, vx, vy, SoC, in service, booked x 4, charging x 4
@@ -50,12 +49,11 @@ class Observation(struct.PyTreeNode):
 
 def clock_features(state: EnvState, params: EnvParams) -> jax.Array:
     """`Observation.clock`, (4,) float32."""
-    fleet = jnp.maximum(params.fleet.size, 1)
+    fleet, status = jnp.maximum(params.fleet.size, 1), state.meds.status
     clock = [
         scale_by(params.episode_decisions - state.time, params.episode_decisions),
         state.cooldown_s / COOLDOWN_UNIT_S,
-        scale_by(jnp.sum(state.meds.status == AT_DEPOT, dtype=jnp.int32), fleet),
-        scale_by(jnp.sum(state.meds.status == QUEUED, dtype=jnp.int32), fleet),
+        *(scale_by(jnp.sum(status == each, dtype=jnp.int32), fleet) for each in (AT_DEPOT, QUEUED)),
     ]
     return jnp.stack(clock).astype(jnp.float32)
 
@@ -66,49 +64,33 @@ def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observatio
     Rows of vehicles off the road are zero, except a MED's state of charge: a full MED off the road is at a depot or
     waits at a ramp. The target MED of an EV is (index + 1) / num_meds, 0 for none.
     """
-    vehicles, evs, meds = state.vehicles, state.evs, state.meds
-    width = config.num_lanes * params.road.lane_width_m
+    vehicles, evs, meds, lane_m = state.vehicles, state.evs, state.meds, params.road.lane_width_m
+    width = config.num_lanes * lane_m
     cruise = params.drivers.desired_speed[GAS]
-    y = lateral_position(vehicles.lane, vehicles.lateral_offset, params.road.lane_width_m)
-    motion = jnp.stack(
-        [
-            scale_by(vehicles.x, params.road.length_m),
-            scale_by(y, width),
-            scale_by(vehicles.speed, cruise),
-            scale_by(vehicles.lateral_speed, params.road.lane_width_m),
-        ],
-        axis=-1,
-    )
-    motion = jnp.where(vehicles.active[:, None], motion, 0.0)
+    y = lateral_position(vehicles.lane, vehicles.lateral_offset, lane_m)
+    motion = [
+        scale_by(vehicles.x, params.road.length_m),
+        scale_by(y, width),
+        scale_by(vehicles.speed, cruise),
+        scale_by(vehicles.lateral_speed, lane_m),
+    ]
+    rows = jnp.where(vehicles.active[:, None], jnp.stack(motion, axis=-1), 0.0)
     booked = panel_flags(evs.med, evs.panel, evs.med != NOT_BOOKED, config.num_meds)
     charging = panel_flags(evs.med, evs.panel, evs.is_charging, config.num_meds)
-    med_rows = jnp.concatenate(
-        [
-            motion[config.med_slots],
-            scale_by(meds.energy_j, params.med_capacity_j)[:, None],
-            (meds.status == IN_SERVICE)[:, None],
-            booked,
-            charging,
-        ],
-        axis=-1,
-        dtype=jnp.float32,
-    )
-    own = jnp.stack(
-        [
-            scale_by(evs.energy_j, params.ev_capacity_j),
-            (vehicles.kind[config.ev_slots] == HUMAN_EV).astype(jnp.float32),
-            evs.is_charging.astype(jnp.float32),
-            (evs.med + 1) / config.num_meds,
-        ],
-        axis=-1,
-    )
+    soc, serves = scale_by(meds.energy_j, params.med_capacity_j), meds.status == IN_SERVICE
+    of_meds = [rows[config.med_slots], soc[:, None], serves[:, None], booked, charging]
+    med_rows = jnp.concatenate(of_meds, axis=-1, dtype=jnp.float32)
+    of_evs = [
+        scale_by(evs.energy_j, params.ev_capacity_j),
+        (vehicles.kind[config.ev_slots] == HUMAN_EV).astype(jnp.float32),
+        evs.is_charging.astype(jnp.float32),
+        (evs.med + 1) / config.num_meds,
+    ]
     on_road = vehicles.active[config.ev_slots]
-    ev_rows = jnp.concatenate(
-        [motion[config.ev_slots], jnp.where(on_road[:, None], own, 0.0)], axis=-1
-    )
+    own = jnp.where(on_road[:, None], jnp.stack(of_evs, axis=-1), 0.0)
     return Observation(
         meds=med_rows,
-        evs=ev_rows,
+        evs=jnp.concatenate([rows[config.ev_slots], own], axis=-1),
         med_mask=vehicles.active[config.med_slots],
         ev_mask=on_road,
         clock=clock_features(state, params),
@@ -123,22 +105,15 @@ class FlatObservation:
 
     def size(self, config: EnvConfig) -> int:
         """Length of the vector."""
-        return (
-            MED_FEATURES * config.num_meds
-            + EV_FEATURES * config.num_evs
-            + CLOCK_FEATURES * self.include_clock
-        )
+        rows = MED_FEATURES * config.num_meds + EV_FEATURES * config.num_evs
+        return rows + CLOCK_FEATURES * self.include_clock
 
     def split(self, vector: jax.Array, config: EnvConfig) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Splits `(..., size)` into MEDs `(..., M, 14)`, EVs `(..., E, 8)` and the clock `(..., 4)` or `(..., 0)`."""
         meds, evs = config.num_meds * MED_FEATURES, config.num_evs * EV_FEATURES
         first, second, clock = jnp.split(vector, [meds, meds + evs], axis=-1)
-        shape = vector.shape[:-1]
-        return (
-            first.reshape(*shape, config.num_meds, MED_FEATURES),
-            second.reshape(*shape, config.num_evs, EV_FEATURES),
-            clock,
-        )
+        first = first.reshape(*vector.shape[:-1], config.num_meds, MED_FEATURES)
+        return first, second.reshape(*vector.shape[:-1], config.num_evs, EV_FEATURES), clock
 
     def __call__(self, state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
         """`(size,)` float32."""
@@ -150,11 +125,7 @@ class FlatObservation:
 
 
 def hat_weights(values: jax.Array, num_nodes: int) -> jax.Array:
-    """Linear interpolation weights of values in [0, 1] over evenly spaced nodes.
-
-    Args:
-      values: any shape; values outside [0, 1] are clipped.
-      num_nodes: at least 2.
+    """Linear interpolation weights of values, clipped to [0, 1], over at least 2 evenly spaced nodes.
 
     Returns:
       `(*values.shape, num_nodes)`: at most two nonzero weights per value, which add up to 1.
@@ -181,10 +152,10 @@ def outlook_in(needs: jax.Array, clock: jax.Array) -> tuple[Need, jax.Array, jax
 
 @dataclasses.dataclass(frozen=True)
 class RoadProfile:
-    """Counts of EVs (by charge) and MEDs at evenly spaced nodes along the road.
+    """Counts of EVs (by charge) and MEDs at evenly spaced nodes along the road; no lanes, no speeds.
 
-    Independent of the order of vehicles in their slots, so what is learned of one slot holds for all;
-    a third of the flat observation's size. It leaves out lanes and speeds.
+    It does not depend on the order of vehicles in their slots, and has a third of the flat observation's size.
+
 
     Layout: the share of the fleet at each depot, if there are several. At each node, unbooked EVs by state of charge
     (`soc_nodes`), EVs booked, EVs charging; then MEDs queued (at their ramps) or merging, MEDs in service, their state
@@ -278,10 +249,9 @@ def check_observation(given: Any, config: EnvConfig) -> None:
 
 def of_shape(seen: Any, shape: tuple[int, ...]) -> jax.Array:
     """Returns `seen`; raises InputError unless it has the declared shape and is float32."""
-    got = getattr(seen, "shape", None), str(getattr(seen, "dtype", None))
-    if got != (shape, "float32"):
-        kind = f"shape {got[0]} and type {got[1]}" if got[0] is not None else shown(seen)
-        raise InputError(
-            f"the observation returns {kind}: allowed {shape} and float32, as its size(config) declares"
-        )
+    got, dtype = getattr(seen, "shape", None), str(getattr(seen, "dtype", None))
+    if (got, dtype) != (shape, "float32"):
+        kind = shown(seen) if got is None else f"shape {got} and type {dtype}"
+        allowed = f"{shape} and float32, as its size(config) declares"
+        raise InputError(f"the observation returns {kind}: allowed {allowed}")
     return seen

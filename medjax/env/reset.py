@@ -24,21 +24,16 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     EVs have spent the energy of the distance from where they entered. As in the flow without MEDs, EVs that would have
     run out or left for a charger are absent.
     """
-    demand, slots = params.demand, config.traffic_slots
+    demand, slots, shape = params.demand, config.traffic_slots, (config.num_evs,)
     road_key, soc_key, driver_key, arrivals_key = jax.random.split(key, 4)
     vehicles = _filled(road_key, config, params)
-    arrival = jax.random.uniform(
-        soc_key,
-        (config.num_evs,),
-        jnp.float32,
-        minval=demand.arrival_soc_low,
-        maxval=demand.arrival_soc_high,
-    )
-    luck = jax.random.uniform(driver_key, (config.num_evs,), jnp.float32)
+    low, high = demand.arrival_soc_low, demand.arrival_soc_high
+    arrival = jax.random.uniform(soc_key, shape, jnp.float32, minval=low, maxval=high)
+    luck = jax.random.uniform(driver_key, shape, jnp.float32)
     complies = luck < params.drivers.eco_compliance
     speed, power_w = cruising(params)
     x = vehicles.x[config.ev_slots]
-    drawn = jax.random.uniform(jax.random.fold_in(soc_key, 0), x.shape, jnp.float32)
+    drawn = jax.random.uniform(jax.random.fold_in(soc_key, 0), shape, jnp.float32)
     distance = x - draw_entries(drawn, x, demand, params.road)
     energy = arrival * params.ev_capacity_j - distance * (power_w / speed)
     stayed = energy > 0.0
@@ -62,11 +57,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
 
 
 def _left_before(
-    vehicles: Vehicles,
-    way_m: jax.Array,
-    energy_j: jax.Array,
-    config: EnvConfig,
-    params: EnvParams,
+    vehicles: Vehicles, way_m: jax.Array, energy_j: jax.Array, config: EnvConfig, params: EnvParams
 ) -> jax.Array:
     """EVs that would have left for a charger at the last exit within way_m `(E,)` behind them; `(E,)` bool.
 

@@ -1,8 +1,7 @@
-"""The reward: a weighted sum of named terms, either eq (10) of the paper or the monetary cost of a decision.
+"""The reward: a weighted sum of named terms, either eq (10) of the paper (`TERMS`) or the cost in money (`MONEY`).
 
-A term is a function of `Outcome` that returns a float32 scalar. `REWARDS` holds the sets that come with medjax: `TERMS`
-of eq (10), and `MONEY`. Each term is a count or a time integral, so the total does not depend on the length of a
-decision. Pass your own with `ChargingEnv(reward={**TERMS, "mine": my_term})` or `medjax.make(..., reward=...)`.
+A term is a function of `Outcome` that returns a float32 scalar. Each is a count or a time integral, so the total does
+not depend on the length of a decision. Pass your own with `medjax.make(..., reward={**TERMS, "mine": my_term})`.
 Weights are leaves of `EnvParams.reward_weights`, by the same names; those of `MONEY` are prices.
 """
 
@@ -88,27 +87,8 @@ def transfer_loss(outcome: Outcome) -> jax.Array:
     return (outcome.step_stats.energy_sent_j - outcome.step_stats.energy_received_j) / 3.6e6
 
 
-TERMS: Mapping[str, RewardTerm] = {
-    term.__name__: term
-    for term in (
-        depleted,
-        soc,
-        distance,
-        speed,
-        dispatches,
-        gas_delay,
-        lane_changes,
-        collisions,
-        transfer_loss,
-    )
-}
-
-
 def delay_h(outcome: Outcome) -> jax.Array:
-    """Delay of vehicles relative to their own desired speeds, plus time waiting to enter, vehicle-hours.
-
-    MEDs count only while they wait at a ramp (`queue_vehicle_s`); `med_h` includes that time, too.
-    """
+    """Delay of EVs and gas vehicles relative to desired speeds, plus everyone's wait to enter, vehicle-hours."""
     step_stats = outcome.step_stats
     return (step_stats.ev_delay_s + step_stats.gas_delay_s + step_stats.queue_seconds) / 3600.0
 
@@ -138,10 +118,11 @@ def charging_stops(outcome: Outcome) -> jax.Array:
     return outcome.step_stats.low_exits
 
 
-MONEY: Mapping[str, RewardTerm] = {
-    term.__name__: term for term in (delay_h, depot_kwh, ev_kwh, med_h, tows, charging_stops)
-}
-
+_PAPER = (depleted, soc, distance, speed, dispatches, gas_delay, lane_changes)
+_PAPER += (collisions, transfer_loss)
+TERMS: Mapping[str, RewardTerm] = {term.__name__: term for term in _PAPER}
+_MONEY = (delay_h, depot_kwh, ev_kwh, med_h, tows, charging_stops)
+MONEY: Mapping[str, RewardTerm] = {term.__name__: term for term in _MONEY}
 REWARDS: Mapping[str, Mapping[str, RewardTerm]] = {"paper": TERMS, "money": MONEY}
 """The sets that `medjax.make` knows by name."""
 
@@ -163,22 +144,21 @@ def total_reward(
     Raises:
       InputError: while tracing, if a term has no weight or does not return a scalar.
     """
-    weights = outcome.params.reward_weights
-    if without := [name for name in terms if name not in weights]:
-        said = f"reward_weights have no {shown(without[0])}"
-        raise InputError(f"{said}: allowed a weight for each of {', '.join(terms)}")
+    weights, given = outcome.params.reward_weights, {}
+    for name, term in terms.items():
+        if name not in weights:
+            every = ", ".join(terms)
+            raise InputError(
+                f"reward_weights have no {shown(name)}: allowed a weight for each of {every}"
+            )
+        given[name] = term(outcome)
+        if shape := jnp.shape(given[name]):
+            what = f"reward term {shown(name)} returns shape {shape}"
+            raise InputError(f"{what}: allowed (), a scalar")
     # Without the barrier, XLA would multiply scalar weights with a term's constants first, so that a single environment
     # would round differently from the same one in a batch.
-    given = {name: _scalar(name, term(outcome)) for name, term in terms.items()}
     values = jax.lax.optimization_barrier(given)
     parts = {
         name: jnp.asarray(weights[name] * value, jnp.float32) for name, value in values.items()
     }
     return sum(parts.values(), jnp.zeros((), jnp.float32)), parts
-
-
-def _scalar(name: str, value: jax.Array) -> jax.Array:
-    """Returns a term's value; raises InputError unless it is a scalar."""
-    if shape := jnp.shape(value):
-        raise InputError(f"reward term {shown(name)} returns shape {shape}: allowed (), a scalar")
-    return value

@@ -33,7 +33,6 @@ def physics_tick(
     """Advances one environment by `config.tick_s`.
 
     Args:
-      state: of one environment.
       drivers: of its vehicles; constant within a round.
       tick: () int32, ticks since reset; its parity selects the side to which drivers look.
       following, coupling: as in `ChargingEnv`.
@@ -41,6 +40,7 @@ def physics_tick(
     Returns:
       (state after the tick, tally of the tick). `state.tally` is unchanged.
     """
+    slots = config.ev_slots
     before = without_motor(state.vehicles, state.evs, config, params)
     with jax.named_scope("docking"):
         orders = approach(state, drivers, config, params)
@@ -55,11 +55,9 @@ def physics_tick(
             left |= takes_exit(after, config, params)
         off_road = leaves_road(after, state.evs, config, params)
         stays = before.active & ~left
-        after = after.replace(
-            active=stays.at[config.ev_slots].set(stays[config.ev_slots] & ~off_road)
-        )
+        after = after.replace(active=stays.at[slots].set(stays[slots] & ~off_road))
         evs, ran_out = run_out(after, evs, config)
-        left = left.at[config.ev_slots].set(left[config.ev_slots] & ~evs.is_depleted)
+        left = left.at[slots].set(left[slots] & ~evs.is_depleted)
         since_s = (tick % config.ticks_per_decision + 1) * config.tick_s
         meds = on_the_road(meds, after, left, since_s, config, params)
         evs = release(after, evs, meds, config, params)
@@ -67,8 +65,7 @@ def physics_tick(
         sent = (state.meds.status != AT_DEPOT) & (state.meds.status != RETIRED)
         flow = _flow(before, after, evs, sent, left, config, params)
         flow = flow.replace(depleted=jnp.sum(ran_out, dtype=jnp.float32))
-        step_stats = moved + exchanged + flow
-    return state.replace(vehicles=after, evs=evs, meds=meds), step_stats
+    return state.replace(vehicles=after, evs=evs, meds=meds), moved + exchanged + flow
 
 
 def _flow(
@@ -80,11 +77,9 @@ def _flow(
     config: EnvConfig,
     params: EnvParams,
 ) -> EpisodeStats:
-    """Occupancy, charge and departures of one tick.
+    """Occupancy, charge and departures of one tick; `sent` `(M,)` marks MEDs neither at a depot nor retired.
 
-    A vehicle that `left` `(N,)` in the tick counts for all of it, since its distance counts in full. `sent` `(M,)`
-    marks MEDs that are neither at a depot nor retired. A depleted EV stays on the road with a charge of 0 until it is
-    on the shoulder or towed.
+    A vehicle that `left` `(N,)` in the tick counts for all of it, since its distance counts in full.
     """
     ev_slots, gas_slots, on_road = config.ev_slots, config.gas_slots, before.active
     soc = block_fma(scale_by(evs.energy_j, params.ev_capacity_j))
@@ -111,11 +106,7 @@ def _flow(
 
 
 def ways(before: Vehicles, after: Vehicles, config: EnvConfig) -> EpisodeStats:
-    """Distances driven in a round; subtracts their duration at desired speed from the delays.
-
-    Args:
-      before, after: start and end of the round; a vehicle that left in between stays where it left.
-    """
+    """Distances driven in a round (from its start and end); their duration at desired speed reduces the delays."""
     travelled = after.x - before.x
     free_s = travelled / before.desired_speed
     return EpisodeStats.zeros().replace(
@@ -129,19 +120,15 @@ def ways(before: Vehicles, after: Vehicles, config: EnvConfig) -> EpisodeStats:
 def means(
     state: EnvState, metres: jax.Array, ev_seconds: jax.Array, config: EnvConfig, params: EnvParams
 ) -> EpisodeStats:
-    """One round's contribution to the integrals of the EVs' mean charge and mean speed; 0 on a road without EVs.
-
-    Working by round makes the totals independent of the number of rounds per decision.
+    """A round's part of the integrals of the EVs' mean charge and mean speed; 0 on a road without EVs.
 
     Args:
-      state: after the round.
-      metres, ev_seconds: () distance and time that EVs spent on the road in it.
+      state: after the round; metres, ev_seconds: () distance and time that EVs spent on the road in it.
     """
     on_road = state.vehicles.active[config.ev_slots]
     charge = block_fma(scale_by(state.evs.energy_j, params.ev_capacity_j))
-    soc = sum_pairwise(jnp.where(on_road, charge, 0.0)) / jnp.maximum(
-        on_road.sum(dtype=jnp.int32), 1
-    )
+    evs = jnp.maximum(on_road.sum(dtype=jnp.int32), 1)
+    soc = sum_pairwise(jnp.where(on_road, charge, 0.0)) / evs
     speed = jnp.where(ev_seconds > 0.0, metres / jnp.maximum(ev_seconds, 1e-6), 0.0)
     return EpisodeStats.zeros().replace(
         mean_soc_s=soc * config.round_s, mean_speed_m=speed * config.round_s

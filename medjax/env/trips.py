@@ -20,16 +20,13 @@ def lacks_charge(
     config: EnvConfig,
     params: EnvParams,
 ) -> jax.Array:
-    """EVs that would reach their destination, or the charger after an exit if nearer, with less than `stop_soc`.
+    """EVs that would reach the charger after an exit, or their destination if nearer, with less than `stop_soc`.
 
     EVs drive at cruising speed. Each exit has a charger; beyond the last one, the next is one mean exit spacing away.
 
     Args:
       energy_j, x, destination: of EVs, (E,) J, m, m.
       passed: (E,) m, the exit that each EV passes or has passed.
-
-    Returns:
-      (E,) bool.
     """
     road = params.road
     beyond = next_exit(passed, road)
@@ -42,10 +39,9 @@ def lacks_charge(
 
 
 def needs_charger(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """EVs that leave at the exit ahead for a charger, `(E,)` bool.
+    """EVs without a booking that leave at the exit ahead for a charger because of `lacks_charge`, `(E,)` bool.
 
-    An EV decides so between the exit's first sign and its deceleration lane, if it has no booking and would otherwise
-    pass the exit with too little charge (`lacks_charge`).
+    They decide so between the exit's first sign and its deceleration lane.
     """
     vehicles, evs, road, slots = state.vehicles, state.evs, params.road, config.ev_slots
     x, destination = vehicles.x[slots], vehicles.destination[slots]
@@ -77,23 +73,22 @@ def plan_trips(
 ) -> tuple[EnvState, EpisodeStats]:
     """Revises destinations: the next exit after a missed one, a charger for low EVs, a depot for MEDs at their reserve.
 
-    An EV that makes for its exit, or whose MED does, gives up its booking and requests no other.
-
-    Returns:
-      (state, tally of missed exits)
+    An EV that makes for its exit, or whose MED does, gives up its booking and requests no other. Returns also the tally
+    of missed exits.
     """
     vehicles, meds, evs, road = state.vehicles, state.meds, state.evs, params.road
+    slots = config.ev_slots
     past = missed(vehicles, road)
     ahead = next_exit(vehicles.x, road)
     stops = needs_charger(state, config, params)
     empty = meds.energy_j <= params.fleet.reserve_soc * params.med_capacity_j
     vehicles = vehicles.replace(destination=jnp.where(past, ahead, vehicles.destination))
     destination = leaving_early(vehicles, empty & (meds.status == IN_SERVICE), config, params)
-    of_evs = jnp.where(stops, ahead[config.ev_slots], destination[config.ev_slots])
-    vehicles = vehicles.replace(destination=destination.at[config.ev_slots].set(of_evs))
+    of_evs = jnp.where(stops, ahead[slots], destination[slots])
+    vehicles = vehicles.replace(destination=destination.at[slots].set(of_evs))
     near = prepares(vehicles, config, params)
     leaves = (meds.status == IN_SERVICE) & near[config.med_slots]
-    parts = near[config.ev_slots] | evs.stops | stops
+    parts = near[slots] | evs.stops | stops
     parts |= (evs.med != NOT_BOOKED) & read(leaves, jnp.maximum(evs.med, 0))
     parts &= ~evs.is_depleted  # their timer counts the time until the tow
     state = state.replace(

@@ -17,30 +17,33 @@ def reset(env):
     return jax.jit(env.reset)
 
 
+def put(state, **parts):
+    """The state with values in slots: `put(state, evs={"med": (0, NOT_BOOKED)}, vehicles=...)`."""
+    for part, columns in parts.items():
+        old = getattr(state, part)
+        new = {name: getattr(old, name).at[slots].set(x) for name, (slots, x) in columns.items()}
+        state = state.replace(**{part: old.replace(**new)})
+    return state
+
+
 def scene(env, params, *, panel, ev_x, ev_lane, human=False):
     """A state of `env` with MED 0 in its service lane at MED_X and EV 0 booked on its slot `panel`.
 
     The MED drives at MED_SPEED where that is the fleet's service speed.
     """
     _, state = reset(env)(jax.random.key(0), params)
-    vehicles, med, ev = state.vehicles, 0, env.config.num_meds
-    both = jnp.array([med, ev])
-    still = jnp.zeros_like(vehicles.x)
-    vehicles = vehicles.replace(
-        active=jnp.zeros_like(vehicles.active).at[both].set(True),
-        x=vehicles.x.at[both].set(jnp.array([MED_X, ev_x])),
-        lane=vehicles.lane.at[both].set(jnp.array([params.fleet.service_lane, ev_lane])),
-        speed=vehicles.speed.at[both].set(MED_SPEED),
-        desired_speed=vehicles.desired_speed.at[both].set(jnp.array([MED_SPEED, 30.0])),
-        kind=vehicles.kind.at[ev].set(jnp.where(human, HUMAN_EV, AUTONOMOUS_EV)),
-        lateral_offset=still,
-        acceleration_noise=still,
-        wander=still,
+    ev, both = env.config.num_meds, jnp.array([0, env.config.num_meds])
+    vehicles = {
+        "active": (both, True),
+        "x": (both, jnp.array([MED_X, ev_x])),
+        "lane": (both, jnp.array([params.fleet.service_lane, ev_lane])),
+        "speed": (both, MED_SPEED),
+        "desired_speed": (both, jnp.array([MED_SPEED, 30.0])),
+        "kind": (ev, jnp.where(human, HUMAN_EV, AUTONOMOUS_EV)),
+    }
+    vehicles |= dict.fromkeys(
+        ("lateral_offset", "acceleration_noise", "wander"), (slice(None), 0.0)
     )
-    evs = state.evs.replace(
-        med=state.evs.med.at[0].set(med),
-        panel=state.evs.panel.at[0].set(panel),
-        energy_j=state.evs.energy_j.at[0].set(SOC * params.ev_capacity_j),
-    )
-    meds = state.meds.replace(status=state.meds.status.at[0].set(IN_SERVICE))
-    return state.replace(vehicles=vehicles, evs=evs, meds=meds)
+    state = put(state, vehicles={"active": (slice(None), False)})
+    evs = {"med": (0, 0), "panel": (0, panel), "energy_j": (0, SOC * params.ev_capacity_j)}
+    return put(state, vehicles=vehicles, evs=evs, meds={"status": (0, IN_SERVICE)})

@@ -1,5 +1,7 @@
 """Bookings are a one-to-one map, made by the stated rule, at every decision."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,32 +10,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import medjax
-from medjax.charging.booking import (
-    WORTHWHILE_S,
-    Offers,
-    Requests,
-    ask,
-    book,
-    grant,
-    panel_flags,
-)
+from medjax.charging.booking import WORTHWHILE_S, Offers, Requests, ask, book, grant
 from medjax.env.forecast import expected_need, free_slots
 from medjax.world.params import LEFT, PANELS
 from medjax.world.state import IN_SERVICE, LEAVING, MERGING, NOT_BOOKED, QUEUED, RETIRED
-from tests.charging.scene import MED_X, scene
+from tests.charging.scene import MED_X, put, scene
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 NUM_MEDS, NUM_EVS = 4, 12
+granted, needs = jax.jit(grant), jax.jit(expected_need, static_argnums=1)
 
 
 @pytest.fixture(scope="module")
 def booking(paper):
     """`grant` of the paper's numbers, compiled."""
-    _, params = paper
-    return jax.jit(
-        lambda med, panel, requests, offers: grant(med, panel, requests, offers, params.charging)
-    )
+    return functools.partial(granted, params=paper[1].charging)
 
 
 def draw(seed):
@@ -77,33 +69,22 @@ def one_to_one(med, panel):
 
 @given(st.integers(0, 2**31))
 @settings(max_examples=100, deadline=None)
-def test_one_to_one(booking, seed):
-    """Old bookings stay, new ones take free slots only, one EV a slot."""
+def test_nearest_ev_wins_its_nearest_med(booking, paper, seed):
+    """Old bookings stay. New ones take free slots, one EV a slot: its nearest MED's, which no nearer EV asks."""
+    _, params = paper
     med, panel, requests, offers = draw(seed)
     new_med, new_panel = (np.asarray(x) for x in booking(med, panel, requests, offers))
     old = np.asarray(med) >= 0
     assert np.array_equal(new_med[old], np.asarray(med)[old])
     assert np.array_equal(new_panel[old], np.asarray(panel)[old])
     assert one_to_one(new_med, new_panel)
-    new = (new_med >= 0) & ~old
+    new = np.flatnonzero((new_med >= 0) & ~old)
     assert np.all(np.asarray(requests.asks)[new])
     assert np.all(np.asarray(offers.free)[new_med[new], new_panel[new]])
-
-
-@given(st.integers(0, 2**31))
-@settings(max_examples=100, deadline=None)
-def test_nearest_ev_wins_its_nearest_med(booking, paper, seed):
-    """Every newly booked EV took its nearest MED with a free slot, and was the nearest to ask it."""
-    _, params = paper
-    med, panel, requests, offers = draw(seed)
-    new_med = np.asarray(booking(med, panel, requests, offers)[0])
     ahead = np.asarray(offers.x)[None] - np.asarray(requests.x)[:, None]
-    reach = (ahead <= float(params.charging.reach_ahead_m)) & (
-        ahead >= -float(params.charging.reach_behind_m)
-    )
-    reach &= np.asarray(offers.free).any(1)[None]
+    reach = np.asarray(offers.free).any(1) & (ahead <= float(params.charging.reach_ahead_m))
+    reach &= ahead >= -float(params.charging.reach_behind_m)
     distance = np.where(reach, np.abs(ahead), np.inf)
-    new = np.flatnonzero((new_med >= 0) & (np.asarray(med) < 0))
     for ev in new:
         m = new_med[ev]
         assert distance[ev, m] == distance[ev].min() < np.inf
@@ -120,7 +101,7 @@ def test_nearest_ev_wins_its_nearest_med(booking, paper, seed):
 
 
 def slot_is_blocked(requests, offers, ev, m):
-    """Whether an EV can reach none of a MED's free slots: it passes neither the MED nor who is booked beside it."""
+    """Whether an EV can reach none of a MED's free slots: it passes neither the MED nor an EV booked beside it."""
     side = int(requests.lane[ev]) - int(offers.lane[m])
     left, right, rear, front = (bool(f) for f in offers.free[m])
     behind = float(requests.x[ev]) < float(offers.x[m]) - 3.5 * (side != 0)
@@ -131,24 +112,16 @@ def slot_is_blocked(requests, offers, ev, m):
 
 
 def test_too_far_or_too_late_is_refused(booking, paper):
-    """An EV asks for nothing it cannot reach: out of reach, out of road, or out of energy."""
+    """An EV asks for nothing that it cannot reach: out of reach, out of road, or out of energy."""
     _, params = paper
     med = panel = jnp.full((1,), NOT_BOOKED, jnp.int32)
     free, nobody = jnp.ones((1, 4), bool), jnp.zeros((1, 2), bool)
-    granted = jax.jit(grant)
 
     def accepted(ev_x, med_x, endurance=500.0, leaves_x=4000.0, ev_leaves_x=4000.0):
         med_there = (jnp.array([value]) for value in (med_x, 22.0, 2, 12.0))
         offers = Offers(*med_there, free, jnp.array([leaves_x]), nobody)
-        requests = Requests(
-            jnp.array([ev_x]),
-            jnp.array([1]),
-            jnp.array([5.0]),
-            jnp.array([True]),
-            jnp.array([endurance]),
-            jnp.array([ev_leaves_x]),
-        )
-        got, _ = granted(med, panel, requests, offers, params.charging)
+        asks = (jnp.array([value]) for value in (ev_x, 1, 5.0, True, endurance, ev_leaves_x))
+        got, _ = booking(med, panel, Requests(*asks), offers)
         return int(got[0]) == 0
 
     assert accepted(900.0, 1000.0)
@@ -161,8 +134,8 @@ def test_too_far_or_too_late_is_refused(booking, paper):
 
 
 @pytest.mark.parametrize("exit_x", [2000.0, 4000.0])
-def test_time_ends_where_one_makes_for_its_exit(exit_x):
-    """Before the deceleration lane of 250 m, a lane's 295 m for each lane to go and one more; or at the road's end."""
+def test_requests_and_offers_end_before_the_exit(exit_x):
+    """250 m before it (deceleration lane) and 295 m for each lane to cross and one more; or at the road's end."""
     env, params = medjax.make("paper", exit_x_m=[2000.0], exit_share=0.0)
     config, (_, state) = env.config, jax.jit(env.reset)(jax.random.key(0), params)
     vehicles = state.vehicles
@@ -178,8 +151,8 @@ def test_time_ends_where_one_makes_for_its_exit(exit_x):
 
 
 @pytest.mark.parametrize("approach_speed", [0.5, 2.0, 8.0])
-def test_who_is_ahead_falls_back_no_faster_than_docking_has_it(paper, approach_speed):
-    """At the approach speed at most; at a quarter of the MED's where that is slower."""
+def test_booking_expects_evs_to_fall_back_as_docking_does(paper, approach_speed):
+    """At most at the approach speed, or at a quarter of the MED's speed where that is slower."""
     charging = paper[1].charging.replace(approach_speed=approach_speed)
     ahead_m, speed = 60.0, 20.0
     pace = min(approach_speed, (1.0 - float(charging.slowest_share)) * speed)
@@ -188,45 +161,20 @@ def test_who_is_ahead_falls_back_no_faster_than_docking_has_it(paper, approach_s
     nobody = jnp.full((1,), NOT_BOOKED, jnp.int32)
     patient = {"patience_s": seconds + 0.5}, {"patience_s": seconds - 0.5}
     cases = (-0.5, patient[0], NOT_BOOKED), (0.5, patient[0], 0), (0.5, patient[1], NOT_BOOKED)
-    for spare_s, patience, granted in cases:
+    for spare_s, patience, expected in cases:
         leaves_x = jnp.array([1000.0 + speed * (seconds + WORTHWHILE_S + spare_s)])
         med_there = (jnp.array([value]) for value in (1000.0, speed, 2, 12.0))
         offers = Offers(
             *med_there, jnp.array([[True, False, False, False]]), leaves_x, jnp.zeros((1, 2), bool)
         )
         asks = (jnp.array([value]) for value in (1000.0 + ahead_m, 1, 5.0, True, 1e6, 1e9))
-        got, _ = grant(nobody, nobody, Requests(*asks), offers, charging.replace(**patience))
-        assert int(got[0]) == granted
+        got, _ = granted(nobody, nobody, Requests(*asks), offers, charging.replace(**patience))
+        assert int(got[0]) == expected
 
 
-def test_one_to_one_in_play():
-    """At every decision of 16 busy episodes no slot has two EVs, and flags agree with the map."""
-    env, params = medjax.make("paper", ev_share=0.4, request_soc=0.6, cooldown_s=5.0)
-    policy = medjax.BASELINES["greedy"](env)
-
-    def episode(key):
-        reset_key, key = jax.random.split(key)
-        _, state = env.reset(reset_key, params)
-
-        def step(state, key):
-            _, state, *_ = env.step_env(key, state, policy(key, None, state, params).action, params)
-            flags = panel_flags(
-                state.evs.med, state.evs.panel, state.evs.med >= 0, env.config.num_meds
-            )
-            return state, (state.evs.med, state.evs.panel, state.evs.is_charging, flags.sum())
-
-        return jax.lax.scan(step, state, jax.random.split(key, 200))[1]
-
-    keys = jax.random.split(jax.random.key(11), 16)
-    med, panel, charging, flagged = (np.asarray(x) for x in jax.jit(jax.vmap(episode))(keys))
-    booked = med >= 0
-    assert booked.any(axis=(1, 2)).all()
-    slot = np.where(booked, med * 4 + panel, -np.arange(med.shape[-1]) - 1)
-    slot.sort(axis=-1)
-    assert np.all(np.diff(slot, axis=-1) > 0)
-    assert np.array_equal(booked, panel >= 0)
-    assert not np.any(charging & ~booked)
-    assert np.array_equal(flagged, booked.sum(-1))
+@pytest.fixture(scope="module")
+def one_ramp():
+    return medjax.make("paper", ramp_x_m=[400.0], ramp_per_h=[0.0])
 
 
 SIDES = {"left": -1, "right": 1, "rear": 0, "front": 0}
@@ -234,10 +182,10 @@ SIDES = {"left": -1, "right": 1, "rear": 0, "front": 0}
 
 @pytest.mark.parametrize("lane", range(4))
 def test_a_slot_off_the_road_is_not_free(lane):
-    """Beside a MED in an outer lane there is one slot less, for EVs, for the forecast and for the dispatcher."""
+    """A MED in an outer lane offers one slot less to EVs, and in the forecast."""
     env, params = medjax.make("paper", service_lane=lane)
     config, state = env.config, scene(env, params, panel=LEFT, ev_x=MED_X - 100.0, ev_lane=1)
-    state = state.replace(evs=state.evs.replace(med=jnp.full_like(state.evs.med, NOT_BOOKED)))
+    state = put(state, evs={"med": (slice(None), NOT_BOOKED)})
     there = np.array([0 <= lane + SIDES[side] < config.num_lanes for side in PANELS])
     _, offers = ask(state, config, params)
     np.testing.assert_array_equal(offers.free[0], there)
@@ -245,26 +193,28 @@ def test_a_slot_off_the_road_is_not_free(lane):
     np.testing.assert_array_equal(free_slots(state, config), there.sum())
 
 
-def test_who_is_full_is_passed_over():
+def test_a_full_med_is_passed_over():
     """An EV near a MED whose last free slot lies off the road asks the next one."""
     env, params = medjax.make("paper", service_lane=3)
     state = scene(env, params, panel=LEFT, ev_x=MED_X - 100.0, ev_lane=1)
-    config, vehicles, evs = env.config, state.vehicles, state.evs
-    asking, riders = config.num_meds, np.array([1, 2, 3])  # EV 0, and EVs 1 to 3 on MED 0
-    vehicles = vehicles.replace(
-        active=vehicles.active.at[np.array([1, asking])].set(True),
-        x=vehicles.x.at[1].set(MED_X + 100.0),
-        lane=vehicles.lane.at[1].set(3),
-        destination=vehicles.destination.at[1].set(params.road.length_m),
-        speed=vehicles.speed.at[1].set(22.0),
+    config = env.config
+    asking, riders = config.num_meds, np.array([0, 1, 2, 3])  # EV 0, and EVs 1 to 3 on MED 0
+    panels = [side for side, name in enumerate(PANELS) if name != "right"]
+    now = put(
+        state,
+        vehicles={
+            "active": (np.array([1, asking]), True),
+            "x": (1, MED_X + 100.0),
+            "lane": (1, 3),
+            "destination": (1, params.road.length_m),
+            "speed": (1, 22.0),
+        },
+        evs={
+            "med": (riders, jnp.array([NOT_BOOKED, 0, 0, 0])),
+            "panel": (riders, jnp.array([NOT_BOOKED, *panels])),
+        },
+        meds={"status": (1, IN_SERVICE)},
     )
-    panels = jnp.array([side for side, name in enumerate(PANELS) if name != "right"])
-    evs = evs.replace(
-        med=jnp.full_like(evs.med, NOT_BOOKED).at[riders].set(0),
-        panel=jnp.full_like(evs.panel, NOT_BOOKED).at[riders].set(panels),
-    )
-    meds = state.meds.replace(status=state.meds.status.at[1].set(IN_SERVICE))
-    now = state.replace(vehicles=vehicles, evs=evs, meds=meds)
     after = jax.jit(lambda state: book(state, config, params))(now)
     assert int(after.med[0]) == 1
 
@@ -281,17 +231,17 @@ def test_who_is_full_is_passed_over():
         (RETIRED, 1.0, True, False),
     ],
 )
-def test_the_forecast_counts_slots_of_meds_that_serve(status, charge, accepts, counts):
-    """Or that will soon: not of those that are empty, refuse, or leave."""
-    env, params = medjax.make("paper", ramp_x_m=[400.0], ramp_per_h=[0.0])
-    state = scene(env, params, panel=LEFT, ev_x=MED_X - 100.0, ev_lane=1)
-    meds = state.meds
-    meds = meds.replace(
-        status=meds.status.at[0].set(status),
-        energy_j=meds.energy_j.at[0].set(charge * params.med_capacity_j),
-        accepts=meds.accepts.at[0].set(accepts),
+def test_the_forecast_counts_slots_of_meds_that_serve(one_ramp, status, charge, accepts, counts):
+    """Now or soon: not of those that are empty, refuse, or leave."""
+    env, params = one_ramp
+    state = put(
+        scene(env, params, panel=LEFT, ev_x=MED_X - 100.0, ev_lane=1),
+        meds={
+            "status": (0, status),
+            "energy_j": (0, charge * params.med_capacity_j),
+            "accepts": (0, accepts),
+        },
+        evs={"med": (slice(None), NOT_BOOKED)},
     )
-    evs = state.evs.replace(med=jnp.full_like(state.evs.med, NOT_BOOKED))
-    needs = jax.jit(lambda state: expected_need(state, env.config, params, 60.0))
-    need = needs(state.replace(meds=meds, evs=evs))
+    need = needs(state, env.config, params, 60.0)
     assert float(need.free[0]) == (4.0 if counts else 0.0)

@@ -12,7 +12,7 @@ from medjax.traffic import ballistic_step, idm_acceleration
 from medjax.traffic.step import drivers_of
 from medjax.world.params import FRONT, LEFT, REAR, RIGHT
 from medjax.world.state import MERGING, NOT_BOOKED
-from tests.charging.scene import MED_SPEED, MED_X, scene
+from tests.charging.scene import MED_SPEED, MED_X, put, scene
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -28,7 +28,7 @@ def quiet():
 
 @pytest.fixture(scope="module")
 def play(quiet):
-    """Runs a scene for TICKS ticks and returns what every tick led to."""
+    """Runs a scene for TICKS ticks; returns the states and tallies of all."""
     env, params = quiet
 
     @jax.jit
@@ -45,14 +45,10 @@ def play(quiet):
 
 
 def slot_centre_error(panel, ev_x, med_x):
-    """How far the EV's centre is from the slot's, from the two lengths and the dock gap alone."""
+    """Distance of the EV's centre from the slot's, from the two lengths and the dock gap alone."""
     med_length, ev_length, gap = 12.0, 5.0, 12.0
-    along = {
-        LEFT: 0.0,
-        RIGHT: 0.0,
-        REAR: -(med_length / 2 + gap + ev_length / 2),
-        FRONT: med_length / 2 + gap + ev_length / 2,
-    }[panel]
+    apart = med_length / 2 + gap + ev_length / 2
+    along = {LEFT: 0.0, RIGHT: 0.0, REAR: -apart, FRONT: apart}[panel]
     return (ev_x - ev_length / 2) - (med_x - med_length / 2) - along
 
 
@@ -61,7 +57,7 @@ def slot_centre_error(panel, ev_x, med_x):
 def test_docks_and_charges_to_target(quiet, play, panel, ev_x, ev_lane):
     """From anywhere around, an EV docks at its slot, charges to its target, and leaves.
 
-    At every tick whoever is in the MED's lane keeps a standing gap to it.
+    While both are in one lane, they keep a standing gap.
     """
     env, params = quiet
     states, tally = play(scene(env, params, panel=panel, ev_x=ev_x, ev_lane=ev_lane))
@@ -86,26 +82,25 @@ def test_docks_and_charges_to_target(quiet, play, panel, ev_x, ev_lane):
 
 
 def platoon(env, params, ahead_m=0.0):
-    """MED 0 with an EV in each of its slots, all at the service speed, alone; the front one so much too far ahead."""
+    """MED 0 with an EV in each slot, all at the service speed; the front EV is `ahead_m` too far ahead."""
     state = scene(env, params, panel=LEFT, ev_x=MED_X, ev_lane=1)
-    first, lane = env.config.num_meds, int(params.fleet.service_lane)
+    first, four = env.config.num_meds, slice(4)
     members = jnp.arange(first, first + 4)
-    x = MED_X + jnp.array([-3.5, -3.5, -24.0, 17.0 + ahead_m])
-    vehicles, evs = state.vehicles, state.evs
-    return state.replace(
-        vehicles=vehicles.replace(
-            active=vehicles.active.at[members].set(True),
-            x=vehicles.x.at[members].set(x),
-            lane=vehicles.lane.at[members].set(lane + jnp.array([-1, 1, 0, 0])),
-            speed=vehicles.speed.at[members].set(params.fleet.service_speed),
-            desired_speed=vehicles.desired_speed.at[members].set(30.0),
-        ),
-        evs=evs.replace(
-            med=evs.med.at[:4].set(0),
-            panel=evs.panel.at[:4].set(jnp.arange(4)),
-            energy_j=evs.energy_j.at[:4].set(0.2 * params.ev_capacity_j),
-            is_charging=evs.is_charging.at[:4].set(ahead_m == 0.0),
-        ),
+    return put(
+        state,
+        vehicles={
+            "active": (members, True),
+            "x": (members, MED_X + jnp.array([-3.5, -3.5, -24.0, 17.0 + ahead_m])),
+            "lane": (members, int(params.fleet.service_lane) + jnp.array([-1, 1, 0, 0])),
+            "speed": (members, params.fleet.service_speed),
+            "desired_speed": (members, 30.0),
+        },
+        evs={
+            "med": (four, 0),
+            "panel": (four, jnp.arange(4)),
+            "energy_j": (four, 0.2 * params.ev_capacity_j),
+            "is_charging": (four, ahead_m == 0.0),
+        },
     )
 
 
@@ -119,30 +114,27 @@ def test_a_full_platoon_drives_at_the_service_speed(quiet, play, ahead_m):
     assert np.asarray(states.evs.is_charging)[119, :4].all()
 
 
-def test_nobody_waits_for_a_med_that_stands(quiet, play):
-    """EVs around a MED that cannot move drive on, as fast as its service lets them; in its lane they leave it."""
+def test_no_ev_waits_for_a_med_that_stands(quiet, play):
+    """EVs drive past a MED that cannot move; those behind it leave its lane."""
     env, params = quiet
-    state = platoon(env, params, 10.0)
-    vehicles, first = state.vehicles, env.config.num_meds
-    panel = state.evs.panel.at[3].set(LEFT).at[0].set(FRONT)  # in the way of its MED
-    state = state.replace(
-        vehicles=vehicles.replace(
-            desired_speed=vehicles.desired_speed.at[0].set(0.1), speed=vehicles.speed.at[0].set(0.0)
-        ),
-        evs=state.evs.replace(panel=panel),
-        meds=state.meds.replace(status=state.meds.status.at[0].set(MERGING)),
+    first = env.config.num_meds
+    state = put(
+        platoon(env, params, 10.0),
+        vehicles={"desired_speed": (0, 0.1), "speed": (0, 0.0)},
+        evs={"panel": (jnp.array([3, 0]), jnp.array([LEFT, FRONT]))},  # EV 3 is in its MED's way
+        meds={"status": (0, MERGING)},
     )
     states, _ = play(state)
     slowest = float(params.charging.slowest_share) * float(params.fleet.service_speed)
     others = np.asarray(states.vehicles.speed)[:, [first, first + 1, first + 3]]
-    assert others[:80].min() > slowest - 3.0  # one lets another one in
+    assert others[:80].min() > slowest - 3.0  # one EV lets another in
     assert np.all(others[40:] > slowest - 0.1)
-    # The MED has gone round it by then, and come back.
+    # By then the MED has driven around EV 3 and come back.
     assert states.vehicles.lane[60, first + 3] != states.vehicles.lane[60, 0]
 
 
 def closest(dt, leader_brakes_fully):
-    """Smallest bumper gap of followers, drawn over all that drivers may be, to an EV that falls back to its slot."""
+    """Smallest bumper gap to an EV that falls back to its slot, over followers drawn from all allowed drivers."""
     rng = np.random.default_rng(1)
 
     def draw(low, high):
@@ -175,8 +167,8 @@ def closest(dt, leader_brakes_fully):
 
 
 @pytest.mark.parametrize("dt", [0.05, 0.25, 0.5])
-def test_who_follows_an_ev_that_falls_back_has_room(dt):
-    """Behind a leader that is comfortable, and not behind one that brakes as hard as they can."""
+def test_followers_of_an_ev_that_falls_back_keep_a_gap(dt):
+    """If it brakes comfortably, but not if it brakes as hard as they can."""
     assert closest(dt, leader_brakes_fully=False) > 0.0
     assert closest(dt, leader_brakes_fully=True) < 0.0
 

@@ -1,4 +1,4 @@
-"""On the preset's road nobody waits for a MED, and a booking makes nobody brake hard."""
+"""In the preset, no vehicle waits for a MED, and bookings make no EV brake hard."""
 
 import functools
 
@@ -12,13 +12,13 @@ from benchmarks.verification.invariants import stands_open
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
-# Of rules that send MEDs; `python -m benchmarks.soak` has the same in random worlds.
+# `python -m benchmarks.soak` checks the same in random worlds.
 EPISODES, DECISIONS = 4, 600
 
 
 @pytest.fixture(scope="module")
 def probed():
-    """The preset, which reports speeds, bookings and who is there after every tick."""
+    """The preset with a probe of speeds, bookings and presence."""
     env, params = medjax.make("paper")
 
     def probe(state):
@@ -29,7 +29,7 @@ def probed():
 
 @functools.partial(jax.jit, static_argnums=(0, 2, 4))
 def play(env, params, rule, keys, decisions):
-    """Longest time that anyone stood on an open road, `(episodes,)` s, and what a probe saw of the ticks."""
+    """Longest time that a vehicle stood on an open road, `(episodes,)` s, and the probe's values by tick."""
     policy = medjax.BASELINES[rule](env)
 
     def episode(key):
@@ -70,7 +70,7 @@ def test_no_booking_makes_an_ev_brake_hard(probed, rule):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rule", medjax.BASELINES)
-def test_nobody_stands_on_an_open_road(rule):
+def test_no_vehicle_stands_on_an_open_road(rule):
     """In 100 episodes of any rule no vehicle with energy stands from one second to the next with 60 m free ahead."""
     env, params = medjax.make("paper")
     keys = jax.random.split(jax.random.key(5), 100)

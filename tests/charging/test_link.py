@@ -1,4 +1,4 @@
-"""How the coils of a pair stand, from first principles, and how efficient they are then."""
+"""Coil geometry, efficiency and power of a docked pair, from first principles."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 @pytest.mark.parametrize("form", ["circuit", "paper"])
 @pytest.mark.parametrize("lateral", [0.0, 0.1, 0.3])
 def test_efficiency_is_that_of_the_coil_integral(paper, lateral, form):
-    """What the simulator uses, by table, is what the integral gives for its coils, by either form of eq (6)."""
+    """The simulator's table agrees with the integral, in either form of eq (6)."""
     _, params = paper
     seen = COUPLINGS[form](Misalignment(jnp.float32(0.21), jnp.float32(lateral), 0.05), params.link)
     inductance = mutual_inductance(
@@ -32,9 +32,9 @@ def test_efficiency_is_that_of_the_coil_integral(paper, lateral, form):
 
 
 @pytest.mark.parametrize("form", ["circuit", "paper"])
-def test_power_falls_with_the_inductance_once_the_coil_s_current_is_reached(paper, form):
-    """At nominal alignment a slot sends its 40 kW, and beyond what 70 A can: |current| of the solved circuit's primary,
-    squared, times what the source gives at one ampere; next to nothing at the null."""
+def test_the_coil_s_current_limits_the_power(paper, form):
+    """A slot sends its 40 kW at nominal alignment, less once 70 A limit it, and next to nothing where coils do not
+    couple, as the solved circuit says."""
     _, params = paper
     link, slot = params.link, float(params.charging.slot_power_w)
     lateral = np.array([0.0, 0.2, 0.3, 0.4, 0.5, 0.58], np.float32)
@@ -52,7 +52,7 @@ def test_power_falls_with_the_inductance_once_the_coil_s_current_is_reached(pape
 
 
 def sent_at(current, m, omega=2 * np.pi * 85e3):
-    """Power from the source of two resonant loops, W, at this RMS current in the primary: Kirchhoff, complex."""
+    """Power into two resonant loops, W, at this RMS current in the primary, by Kirchhoff's laws."""
     secondary = 1j * omega * m * current / (0.126 + 10.0)
     voltage = 0.159 * current - 1j * omega * m * secondary
     return (voltage * np.conj(current)).real
@@ -69,28 +69,19 @@ def test_permeability_scales_the_inductance(paper):
     assert (twice.efficiency > air.efficiency).all()
 
 
-def corner_distance(panel, along, across, turn, gap):
-    """Axial and lateral distance of two panels, by turning points in the plane with NumPy.
-
-    The MED's panel is at the origin and faces `normal`; the EV's panel is `gap` away, displaced by
-    (along, across). Along points forward, across to the right.
-    """
-    normal = {LEFT: (0, -1), RIGHT: (0, 1), REAR: (-1, 0), FRONT: (1, 0)}[panel]
-    normal = np.array(normal, float)
-    tangent = np.abs(normal[::-1])
-    offset = gap * normal + np.array([along, across])
-    return offset @ normal, offset @ tangent
+NORMALS = {LEFT: (0, -1, 0), RIGHT: (0, 1, 0), REAR: (-1, 0, 0), FRONT: (1, 0, 0)}
 
 
 @pytest.mark.parametrize("panel", [LEFT, RIGHT, REAR, FRONT])
 def test_misalignment_geometry(panel):
-    """Axial and lateral distance are projections on the panel's normal and its plane."""
-    rng = np.random.default_rng(panel)
-    for along, across, turn in rng.uniform(-0.1, 0.1, (20, 3)):
-        seen = misalignment(jnp.int32(panel), along, across, turn, 0.2)
-        axial, lateral = corner_distance(panel, along, across, turn, 0.2)
-        np.testing.assert_allclose([seen.axial, seen.lateral], [axial, lateral], atol=1e-6)
-        assert abs(float(seen.tilt)) == pytest.approx(abs(turn), rel=1e-5)
+    """Axial and lateral distance are projections on the panel's normal and its plane; forward is x, right is y."""
+    rng, normal = np.random.default_rng(panel), np.array(NORMALS[panel][:2], float)
+    along, across, turn = rng.uniform(-0.1, 0.1, (3, 20))
+    seen = misalignment(jnp.int32(panel), along, across, turn, 0.2)
+    offset = 0.2 * normal + np.stack([along, across], axis=1)
+    np.testing.assert_allclose(seen.axial, offset @ normal, rtol=1e-7, atol=1e-6)
+    np.testing.assert_allclose(seen.lateral, offset @ np.abs(normal[::-1]), rtol=1e-7, atol=1e-6)
+    np.testing.assert_allclose(np.abs(seen.tilt), np.abs(turn), rtol=1e-5)
 
 
 @pytest.mark.parametrize("panel", [LEFT, RIGHT, REAR, FRONT])
@@ -106,17 +97,14 @@ def test_tilt_sign_moves_the_near_edge(panel):
 
 def neumann(panel, along, across, turn, gap):
     """Mutual inductance of the two panels' loops, by Neumann's formula on 400 x 400 chords."""
-    normal = {LEFT: (0, -1, 0), RIGHT: (0, 1, 0), REAR: (-1, 0, 0), FRONT: (1, 0, 0)}[panel]
-    normal = np.array(normal, float)
-    up = np.array([0.0, 0.0, 1.0])
+    normal, up = np.array(NORMALS[panel], float), np.array([0.0, 0.0, 1.0])
     side = np.cross(up, normal)
     angle = np.linspace(0.0, 2.0 * np.pi, 401)
     ring = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * up
     primary = 0.35 * ring
     # Heading turns to the right: forward (1, 0) goes to (cos, sin) with y to the right.
-    rotate = np.array(
-        [[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]]
-    )
+    cos, sin = np.cos(turn), np.sin(turn)
+    rotate = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     secondary = gap * normal + np.array([along, across, 0.0]) + 0.30 * ring @ rotate.T
     first, second = np.diff(primary, axis=0), np.diff(secondary, axis=0)
     middle_1, middle_2 = (primary[1:] + primary[:-1]) / 2, (secondary[1:] + secondary[:-1]) / 2

@@ -1,4 +1,4 @@
-"""What driving takes on another road, and how drivers answer a charge that does not last."""
+"""Driving energy on other roads, and drivers who slow down when their charge does not last."""
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +22,7 @@ def per_metre(speed, body, slope=0.0, density=1.2):
 
 @pytest.mark.parametrize(("slope", "density"), [(0.0, 1.2), (0.04, 1.2), (0.0, 0.9), (0.03, 1.1)])
 def test_slope_and_air_reach_the_batteries(paper, slope, density):
-    """Of EVs and MEDs, by what they change in the energy of a metre."""
+    """Energy per metre of EVs and MEDs, by hand."""
     _, params = medjax.make("paper", slope=slope, air_density=density)
     speed = jnp.array([10.0, 20.0, 30.0])
     for body in (params.ev, params.med):
@@ -34,7 +34,7 @@ def test_slope_and_air_reach_the_batteries(paper, slope, density):
 
 @pytest.mark.parametrize("slope", [0.0, 0.02])
 def test_the_lasting_speed_is_the_fastest_that_lasts(paper, slope):
-    """Beside a search over a grid of speeds in float64: faster does not last; where none does, none takes less."""
+    """A search over a grid of speeds in float64 agrees; where no speed lasts, the most economical one is taken."""
     _, params = medjax.make("paper", slope=slope)
     rng = np.random.default_rng(0)
     own = rng.uniform(15.0, 40.0, 400)
@@ -55,8 +55,8 @@ def test_the_lasting_speed_is_the_fastest_that_lasts(paper, slope):
                 assert per_metre(speed, params.ev, slope) * metres <= takes.min() * (1 + 1e-5)
 
 
-def test_no_charge_is_enough_for_an_endless_way(paper):
-    """Then everybody drives as slowly as is allowed, but not slower than they want to anyway."""
+def test_speed_when_no_charge_is_enough(paper):
+    """Drivers take the lowest allowed speed, or their desired speed if that is lower."""
     _, params = paper
     speed = lasting_speed(
         jnp.full(2, 1e8),
@@ -69,8 +69,8 @@ def test_no_charge_is_enough_for_an_endless_way(paper):
     np.testing.assert_allclose(speed, [18.0, 15.0])
 
 
-def test_who_answers(started, paper):
-    """EVs that comply, have less charge than `eco_soc`, are not booked, and whose charge does not last; nobody else."""
+def test_which_drivers_slow_down(started, paper):
+    """Those of unbooked EVs who comply and whose charge is below `eco_soc` and does not last."""
     env, params = paper
     config, slots = env.config, env.config.ev_slots
     capacity = float(params.ev_capacity_j)
@@ -100,8 +100,8 @@ def test_who_answers(started, paper):
     assert set(np.flatnonzero(far < own) - slots.start) == expected | {1}
 
 
-def test_drivers_who_comply_are_drawn_by_their_share_and_stay_so():
-    """At reset and at entry; over an episode the share holds, and an EV on the road keeps its mind."""
+def test_the_share_of_compliant_drivers():
+    """It holds at reset and at entry; no driver on the road changes."""
     env, params = medjax.make("paper", eco_compliance=0.3, ev_share=0.6, eco_horizon_m=0.0)
 
     def episode(key):

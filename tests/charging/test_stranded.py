@@ -1,4 +1,4 @@
-"""An EV that runs out coasts by physics alone, leaves by the right shoulder or blocks its lane, and is counted once."""
+"""An EV that runs out coasts, leaves by the right shoulder or blocks its lane, and counts once."""
 
 import functools
 
@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 import medjax
+from medjax.charging.booking import book
 from medjax.charging.stranded import SETTLED_M, coasting
 from medjax.env.tick import physics_tick
 from medjax.traffic.step import drivers_of
 from medjax.world.params import LEFT
 from medjax.world.state import NOT_BOOKED, EpisodeStats
-from tests.charging.scene import scene
+from tests.charging.scene import put, scene
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -24,9 +25,15 @@ def quiet(**overrides):
     return medjax.make("paper", mainline_per_h=0.0, ramp_per_h=0.0, **overrides)
 
 
+@functools.cache
+def compiled(config):
+    """A decision on roads of these sizes."""
+    return jax.jit(medjax.ChargingEnv(config).step_env)
+
+
 @functools.partial(jax.jit, static_argnums=(0, 3))
 def played(config, params, state, ticks):
-    """The sum of the tallies, and states `(ticks, ...)` after each tick."""
+    """States `(ticks, ...)` after each tick, and the sum of the tallies."""
 
     def tick(carry, index):
         state, tally = carry
@@ -36,35 +43,26 @@ def played(config, params, state, ticks):
 
     start = state, EpisodeStats.zeros()
     (_, tally), states = jax.lax.scan(tick, start, jnp.arange(ticks, dtype=jnp.int32))
-    return tally, states
-
-
-def play(env, params, state, ticks):
-    """States `(ticks, ...)` after each tick, and the sum of the tallies."""
-    tally, states = jax.device_get(played(env.config, params, state, ticks))
     return states, tally
 
 
+def play(env, params, state, ticks=400):
+    """`played`, on the host; most tests share one number of ticks and so one program."""
+    return jax.device_get(played(env.config, params, state, ticks))
+
+
 def alone(env, params, lane, speed, energy_j=1.0, x=500.0):
-    """EV 0 with hardly any energy, no booking, and nobody else on the road; noise pushes it on."""
-    state = scene(env, params, panel=LEFT, ev_x=x, ev_lane=lane)
-    ev, evs, vehicles = env.config.num_meds, state.evs, state.vehicles
-    return state.replace(
-        evs=evs.replace(
-            energy_j=evs.energy_j.at[0].set(energy_j),
-            med=evs.med.at[0].set(NOT_BOOKED),
-            panel=evs.panel.at[0].set(NOT_BOOKED),
-        ),
-        vehicles=vehicles.replace(
-            active=vehicles.active.at[0].set(False),
-            speed=vehicles.speed.at[ev].set(speed),
-            acceleration_noise=vehicles.acceleration_noise.at[ev].set(0.5),
-        ),
+    """EV 0 alone on the road, with hardly any energy and no booking; noise would push it on."""
+    state, ev = scene(env, params, panel=LEFT, ev_x=x, ev_lane=lane), env.config.num_meds
+    return put(
+        state,
+        evs={"energy_j": (0, energy_j), "med": (0, NOT_BOOKED), "panel": (0, NOT_BOOKED)},
+        vehicles={"active": (0, False), "speed": (ev, speed), "acceleration_noise": (ev, 0.5)},
     )
 
 
 def test_coasting_is_the_decay_of_rolling_and_drag():
-    """Speed under m dv/dt = -(c0 + c2 v^2) is v0 and a tangent in closed form; 60 s of it, within 0.05 m/s."""
+    """60 s agree within 0.05 m/s with the closed form (a tangent) of m dv/dt = -(c0 + c2 v^2)."""
     _, params = quiet()
     body = params.ev
     c0 = float(body.mass_kg * 9.81 * body.rolling_resistance)
@@ -86,7 +84,7 @@ def test_coasting_is_the_decay_of_rolling_and_drag():
 def test_makes_for_the_shoulder_and_is_counted_once(lane):
     """From any lane it is off the road within seconds, never faster than before, without regaining energy."""
     env, params = quiet()
-    states, tally = play(env, params, alone(env, params, lane, 28.0), 160)
+    states, tally = play(env, params, alone(env, params, lane, 28.0))
     ev, vehicles, evs = env.config.num_meds, states.vehicles, states.evs
     on_road = vehicles.active[:, ev]
     assert on_road[0]
@@ -107,7 +105,7 @@ def test_makes_for_the_shoulder_and_is_counted_once(lane):
 def test_blocks_its_lane_until_it_is_towed():
     """It keeps its lane, coasts as far as rolling resistance alone lets it from a walk, stands, and is towed."""
     env, params = quiet(depleted_blocks=1, tow_s=20.0)
-    states, tally = play(env, params, alone(env, params, 1, 2.0), 400)
+    states, tally = play(env, params, alone(env, params, 1, 2.0))
     ev, dt = env.config.num_meds, env.config.tick_s
     x, speed, on_road = (getattr(states.vehicles, name)[:, ev] for name in ("x", "speed", "active"))
     assert np.all(states.vehicles.lane[on_road, ev] == 1)
@@ -120,10 +118,10 @@ def test_blocks_its_lane_until_it_is_towed():
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.5, 1.0, 2.0, 2.5, 3.0, 4.0, 6.0])
-def test_nobody_comes_to_stand_between_two_lanes(speed):
-    """Who is too slow to come over to the next lane stays in its own, in the middle, until it is towed."""
+def test_no_ev_stops_between_two_lanes(speed):
+    """An EV that is too slow to change lanes stays in the middle of its own until it is towed."""
     env, params = quiet(tow_s=30.0)
-    states, _ = play(env, params, alone(env, params, 0, speed), 400)
+    states, _ = play(env, params, alone(env, params, 0, speed))
     ev, vehicles = env.config.num_meds, states.vehicles
     stands = vehicles.active[:, ev] & (vehicles.speed[:, ev] < 0.1)
     assert (np.abs(vehicles.lateral_offset[stands, ev]) < SETTLED_M).all()
@@ -133,18 +131,16 @@ def test_nobody_comes_to_stand_between_two_lanes(speed):
 
 
 @pytest.mark.parametrize(("blocks", "last_lane"), [(0, 3), (1, 0)])
-def test_who_has_run_out_takes_no_exit(blocks, last_lane):
-    """Half a kilometre before its exit it makes for the shoulder at once; or it stands in its lane till towed."""
+def test_a_depleted_ev_takes_no_exit(blocks, last_lane):
+    """Near its exit, it makes for the shoulder at once, or stands in its lane until it is towed."""
     env, params = quiet(exit_x_m=(2000.0,), exit_share=0.0, depleted_blocks=blocks, tow_s=20.0)
+    ev, step = env.config.num_meds, compiled(env.config)
     state = alone(env, params, 0, 10.0, x=1250.0)
-    bound = state.vehicles.destination.at[env.config.num_meds].set(2000.0)
-    state = state.replace(vehicles=state.vehicles.replace(destination=bound))
-    step = jax.jit(env.step_env)
+    state = put(state, vehicles={"destination": (ev, 2000.0)})
     for number in range(150):
         before, (_, state, *_) = state, step(jax.random.key(number), state, 0, params)
-        if not state.vehicles.active[env.config.num_meds]:
+        if not state.vehicles.active[ev]:
             break
-    ev = env.config.num_meds
     assert int(before.vehicles.lane[ev]) == last_lane
     assert not state.vehicles.active[ev]
     assert number < (25 if blocks == 0 else 140)
@@ -152,26 +148,21 @@ def test_who_has_run_out_takes_no_exit(blocks, last_lane):
 
 
 def test_a_booked_ev_that_runs_out_gives_its_slot_back():
-    """It is neither booked nor charged from that tick on, does not ask again, and passes no end twice."""
+    """From that tick on it is neither booked nor charged, and does not ask again."""
     env, params = quiet(depleted_blocks=1)
     state = scene(env, params, panel=LEFT, ev_x=440.0, ev_lane=1)
-    state = state.replace(evs=state.evs.replace(energy_j=state.evs.energy_j.at[0].set(1.0)))
+    state = put(state, evs={"energy_j": (0, 1.0)})
     states, tally = play(env, params, state, 40)
     assert states.evs.is_depleted[:, 0].all()
     assert np.all(states.evs.med[:, 0] == NOT_BOOKED)
     assert float(tally.evs_served) == 0.0
     last = jax.tree.map(lambda leaf: jnp.asarray(leaf[-1]), states)
-    _, after, *_ = jax.jit(env.step_env)(jax.random.key(0), last, 0, params)
-    assert int(after.evs.med[0]) == NOT_BOOKED
+    assert int(book(last, env.config, params).med[0]) == NOT_BOOKED
 
 
-def test_who_ran_out_before_the_end_of_the_road_does_not_arrive():
-    """Coasting past the end it is off the road, counted as depleted and not as one that left."""
+def test_a_depleted_ev_does_not_arrive():
+    """An EV that coasts past the end counts as depleted, not as one that left."""
     env, params = quiet(depleted_blocks=1)
     states, tally = play(env, params, alone(env, params, 1, 28.0, x=3900.0), 40)
     assert not states.vehicles.active[-1, env.config.num_meds]
-    assert (float(tally.depleted), float(tally.left.sum()), float(tally.exit_soc)) == (
-        1.0,
-        0.0,
-        0.0,
-    )
+    assert (float(tally.depleted), float(tally.left.sum()), float(tally.exit_soc)) == (1, 0, 0)

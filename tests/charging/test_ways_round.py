@@ -1,4 +1,4 @@
-"""Which slots an EV can get to where another one is booked beside the MED, in the road that does not know the rule."""
+"""Which slots an EV can reach where another one is booked beside the MED; traffic does not know the booking rule."""
 
 import itertools
 
@@ -12,18 +12,18 @@ from medjax.charging.booking import book
 from medjax.charging.docking import Partner, panel_x
 from medjax.world.params import FRONT, LEFT, PANELS, REAR, RIGHT
 from medjax.world.state import NOT_BOOKED
-from tests.charging.scene import MED_SPEED, MED_X, scene
+from tests.charging.scene import MED_SPEED, MED_X, put, scene
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
-SECONDS, LANE = 60, 2  # that are played; of the MED
+SECONDS, LANE = 60, 2  # played; of the MED
 SIDES = {LEFT: (0, 1), RIGHT: (3,)}  # by slot, the lanes on its side
 CASES = list(itertools.product(SIDES, range(4), (-100.0, -40.0, 40.0)))
 
 
 @pytest.fixture(scope="module")
 def road():
-    """Long and empty but for a MED, an EV docked on one of its sides, and another EV that may book."""
+    """Long and empty."""
     size = {"num_meds": 2, "num_evs": 4, "num_gas": 2, "mainline_per_h": 0.0, "ramp_per_h": 0.0}
     return medjax.make("paper", **size, length_m=20_000.0, battery_scale=1.0, target_soc=0.9)
 
@@ -31,28 +31,22 @@ def road():
 def placed(road, docked, lane, ahead_m):
     """EV 0 is in the slot `docked`, EV 1 in that lane so far ahead of the MED."""
     env, params = road
-    state = scene(env, params, panel=docked, ev_x=MED_X, ev_lane=LANE + (1 if docked else -1))
-    vehicles, first = state.vehicles, env.config.num_meds
     med = Partner(jnp.float32(MED_X), jnp.float32(MED_SPEED), LANE, jnp.float32(12.0))
     slot = panel_x(jnp.int32(docked), med, jnp.float32(5.0), params.charging.dock_gap_m)
-    both = jnp.array([first, first + 1])
-    vehicles = vehicles.replace(
-        x=vehicles.x.at[both].set(jnp.array([slot, MED_X + ahead_m])),
-        lane=vehicles.lane.at[first + 1].set(lane),
-        speed=vehicles.speed.at[first + 1].set(25.0),
-        active=vehicles.active.at[first + 1].set(True),
-        desired_speed=vehicles.desired_speed.at[first + 1].set(30.0),
-        kind=vehicles.kind.at[first + 1].set(vehicles.kind[first]),
-        destination=jnp.full_like(vehicles.destination, params.road.length_m),
-    )
-    energy = jnp.full_like(state.evs.energy_j, 0.35 * params.ev_capacity_j)
-    return state.replace(vehicles=vehicles, evs=state.evs.replace(energy_j=energy))
+    state = scene(env, params, panel=docked, ev_x=slot, ev_lane=LANE + (1 if docked else -1))
+    first, everyone = env.config.num_meds, slice(None)
+    other = {"x": MED_X + ahead_m, "lane": lane, "speed": 25.0, "active": True}
+    other |= {"desired_speed": 30.0, "kind": state.vehicles.kind[first]}
+    vehicles = {name: (first + 1, value) for name, value in other.items()}
+    vehicles["destination"] = (everyone, params.road.length_m)
+    evs = {"energy_j": (everyone, 0.35 * params.ev_capacity_j)}
+    return put(state, vehicles=vehicles, evs=evs)
 
 
 @pytest.fixture(scope="module")
 def plays(road):
-    """By case and slot that EV 1 is given, NOT_BOOKED: what it books itself: its slot, whether it docks, and the share
-    of the time that EV 0 charges."""
+    """By given slot (NOT_BOOKED: EV 1 books one itself) and case: EV 1's slot, whether it docks, and the share of time
+    in which EV 0 charges."""
     env, params = road
     starts = [placed(road, *case) for case in CASES]
     state = jax.tree.map(lambda *each: jnp.stack(each), *starts)
@@ -81,8 +75,8 @@ def plays(road):
     return dict(zip(slots, (list(zip(*columns, strict=True)) for columns in each), strict=True))
 
 
-def test_who_is_behind_a_docked_ev_does_not_get_past_it(plays):
-    """Given the front slot it stays behind; given one behind the MED from before it, it takes the docked one along."""
+def test_no_ev_passes_a_docked_ev_in_its_lane(plays):
+    """From behind, it does not reach the front slot; from ahead to the rear, it pushes the docked EV away."""
     for (docked, lane, ahead_m), front, rear in zip(CASES, plays[FRONT], plays[REAR], strict=True):
         if lane in SIDES[docked] and ahead_m < 0.0:
             assert not front[1], (docked, lane, ahead_m)
@@ -90,8 +84,8 @@ def test_who_is_behind_a_docked_ev_does_not_get_past_it(plays):
             assert rear[2] < 0.6, (docked, lane, ahead_m)
 
 
-def test_what_an_ev_books_it_gets_to(plays):
-    """From every place it docks within the minute, and nobody falls out of a slot for it."""
+def test_an_ev_reaches_the_slot_that_it_books(plays):
+    """From every place, it docks within a minute and does not push EV 0 out of its slot."""
     for case, (slot, docks, other) in zip(CASES, plays[NOT_BOOKED], strict=True):
         assert slot != NOT_BOOKED, case
         assert docks, case
@@ -100,21 +94,17 @@ def test_what_an_ev_books_it_gets_to(plays):
 
 @pytest.mark.parametrize(("docked", "lane"), [(LEFT, 1), (LEFT, 0), (RIGHT, 3)])
 def test_the_front_slot_is_not_granted_from_behind_a_docked_ev(road, docked, lane):
-    """Where only that one is free: from its lane, and those beyond it, to nobody behind; to who is before, it is."""
+    """Where only that one is free, an EV in the docked one's lane or beyond gets it from ahead, but not from behind."""
     env, params = road
     taken = [panel for panel in range(len(PANELS)) if panel not in (FRONT, docked)]
     booking = jax.jit(lambda state: book(state, env.config, params))
 
     def granted(lane, ahead_m):
-        state = placed(road, docked, lane, ahead_m)
-        riders = np.array([2, 3])
-        evs = state.evs
-        evs = evs.replace(
-            med=evs.med.at[1].set(NOT_BOOKED).at[riders].set(0),
-            panel=evs.panel.at[1].set(NOT_BOOKED).at[riders].set(jnp.array(taken)),
-        )
-        # The slots on the other side and behind are booked by EVs that are far away.
-        return int(booking(state.replace(evs=evs)).panel[1])
+        # EVs that are far away have booked the slots on the other side and behind.
+        state, evs = placed(road, docked, lane, ahead_m), np.array([1, 2, 3])
+        booked = {"med": (evs, np.array([NOT_BOOKED, 0, 0]))}
+        booked["panel"] = (evs, np.array([NOT_BOOKED, *taken]))
+        return int(booking(put(state, evs=booked)).panel[1])
 
     assert granted(lane, -60.0) == NOT_BOOKED
     assert granted(lane, 60.0) == FRONT

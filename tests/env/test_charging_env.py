@@ -18,20 +18,26 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 @pytest.fixture(scope="module")
 def raw(paper, quick_compiles):
-    """The preset's raw step, compiled for numbers of any world of its sizes."""
+    """The preset's step without reset, compiled for numbers of any world of its sizes."""
     return jax.jit(paper[0].step_env)
 
 
 @pytest.fixture(scope="module")
 def step(paper, raw):
-    """That of the preset's own numbers."""
+    """The same with the preset's own numbers."""
     return lambda key, state, action: raw(key, state, action, paper[1])
+
+
+@pytest.fixture(scope="module")
+def reset(paper, quick_compiles):
+    """The state at reset in a world of the preset's sizes."""
+    program = jax.jit(paper[0].reset)
+    return lambda params: program(jax.random.key(0), params)[1]
 
 
 def test_spaces_and_shapes(paper, started):
     """Observations and actions fit their spaces; dtypes are fixed at reset."""
-    env, params = paper
-    obs, _ = started
+    (env, params), (obs, _) = paper, started
     assert obs.shape == env.observation_space(params).shape == (15 * 14 + 40 * 8 + 4,)
     assert obs.dtype == jnp.float32
     actions = env.action_space(params)
@@ -41,45 +47,23 @@ def test_spaces_and_shapes(paper, started):
     assert env.name == "paper"
 
 
-def test_step_keeps_the_state_s_types(started, step):
-    """A state can be carried by scan: same tree, shapes, dtypes, and no weak type."""
+def test_step_keeps_types_and_sums_reward_terms(started, step):
+    """Scan can carry the state: no weak types. Depletion costs; charge, distance and speed pay, as in eq (10)."""
     _, state = started
-    after = step(jax.random.key(1), state, 0)[1]
+    _, after, reward, *_, info = step(jax.random.key(4), state, 0)
     chex.assert_trees_all_equal_shapes_and_dtypes(state, after)
     assert not any(leaf.aval.weak_type for leaf in jax.tree.leaves((state, after)))
+    terms = {name: float(value) for name, value in info["reward_terms"].items()}
+    assert float(reward) == pytest.approx(sum(terms.values()), rel=1e-5)
+    assert terms["depleted"] <= 0.0
+    assert min(terms["soc"], terms["distance"], terms["speed"]) > 0.0
 
 
-def test_same_key_same_step(started, step):
-    """Pure: equal arguments give equal results."""
-    _, state = started
-    one, two = (step(jax.random.key(7), state, 2) for _ in range(2))
-    chex.assert_trees_all_equal(one, two)
-    other = step(jax.random.key(8), state, 2)
-    assert not np.array_equal(one[0], other[0])
-
-
-def test_compiles_once(paper):
-    """Other keys, states, actions and parameter values reuse the program."""
+def test_vmap_over_parameters(paper, started):
+    """One program takes several numbers of the world at once; each entry acts on its own number."""
     env, params = paper
-    chex.clear_trace_counter()
-
-    @jax.jit
-    @chex.assert_max_traces(n=1)
-    def step(key, state, action, params):
-        return env.step(key, state, action, params)
-
-    _, state = jax.jit(env.reset)(jax.random.key(0), params)
-    for seed, action in enumerate((0, 3, 1)):
-        changed = params.replace(battery_scale=params.battery_scale + seed)
-        _, state, *_ = step(jax.random.key(seed), state, jnp.int32(action), changed)
-
-
-def test_vmap_over_parameters(paper):
-    """One program sweeps demands, weights and coil designs; each entry acts on its own number."""
-    env, params = paper
-    power = jnp.array([10e3, 40e3])
     batch = params.replace(
-        charging=params.charging.replace(slot_power_w=power),
+        charging=params.charging.replace(slot_power_w=jnp.array([10e3, 40e3])),
         reward_weights={**params.reward_weights, "soc": jnp.array([0.0, 1.0])},
     )
     axes = jax.tree.map(lambda _: None, params)
@@ -87,24 +71,24 @@ def test_vmap_over_parameters(paper):
         charging=axes.charging.replace(slot_power_w=0),
         reward_weights={**axes.reward_weights, "soc": 0},
     )
-    _, state = jax.jit(env.reset)(jax.random.key(0), params)
     step = jax.vmap(env.step_env, (None, None, None, axes))
-    _, _, reward, _, _, info = jax.jit(step)(jax.random.key(1), state, 0, batch)
+    _, _, reward, _, _, info = jax.jit(step)(jax.random.key(1), started[1], 0, batch)
     terms = info["reward_terms"]
     assert float(terms["soc"][0]) == 0.0 < float(terms["soc"][1])
     np.testing.assert_allclose(reward[1] - reward[0], terms["soc"][1], rtol=1e-5)
 
 
-def test_truncates_at_the_time_limit_and_resets_in_the_same_step(raw):
-    """gymnax's contract: the new episode's state, the old episode's final observation."""
+def test_truncates_at_the_time_limit_and_resets_in_the_same_step(reset, raw):
+    """gymnax's contract: the new episode's state, the old episode's final observation. One program serves all calls."""
     env, params = medjax.make("paper", episode_decisions=3)
-    step = jax.jit(env.step)
-    _, state = jax.jit(env.reset)(jax.random.key(0), params)
+    chex.clear_trace_counter()
+    step, state = jax.jit(chex.assert_max_traces(env.step, n=1)), reset(params)
     for count in range(1, 4):
         key = jax.random.key(count)
         step_key, _ = jax.random.split(key)
-        last_obs, last_state, *_ = raw(step_key, state, 1, params)
-        obs, state, _, terminated, truncated, info = step(key, state, 1, params)
+        params = params.replace(battery_scale=params.battery_scale + count)
+        last_obs, last_state, *_ = raw(step_key, state, jnp.int32(1), params)
+        obs, state, _, terminated, truncated, info = step(key, state, jnp.int32(1), params)
         assert not bool(terminated)
         assert bool(truncated) == (count == 3)
         # Another program, which rounds differently.
@@ -118,7 +102,7 @@ def test_truncates_at_the_time_limit_and_resets_in_the_same_step(raw):
 
 @pytest.mark.parametrize("action", [-1, 5, 99])
 def test_action_out_of_range_counts_as_none(started, step, action):
-    """It sends nothing, is counted, and leads to the very state that action 0 leads to."""
+    """It sends nothing, is counted, and leads to the same state as action 0."""
     _, state = started
     obs, _, _, _, _, info = step(jax.random.key(1), state, action)
     expected, *_ = step(jax.random.key(1), state, 0)
@@ -127,11 +111,10 @@ def test_action_out_of_range_counts_as_none(started, step, action):
     assert float(info["metrics"]["meds_dispatched"]) == 0.0
 
 
-def test_cooldown_and_fleet_limit(raw):
+def test_cooldown_and_fleet_limit(reset, raw):
     """A MED every 5 s at most, 3 in all; a masked action sends none and is counted."""
     env, params = medjax.make("paper", cooldown_s=5.0, size=3)
-    _, state = jax.jit(env.reset)(jax.random.key(0), params)
-    sent, allowed = [], []
+    state, sent, allowed = reset(params), [], []
     for decision in range(25):
         allowed.append(bool(env.action_mask(state, params)[2]))
         _, state, _, _, _, info = raw(jax.random.key(decision), state, 2, params)
@@ -142,28 +125,10 @@ def test_cooldown_and_fleet_limit(raw):
     assert np.sum(np.asarray(state.meds.status) == RETIRED) == 12  # those the fleet does not have
 
 
-def test_a_med_returns_after_its_turnaround(raw):
-    """Re-use is a parameter: a MED that left is at the depot again, full, after turnaround_s."""
-    env, params = medjax.make(
-        "paper", turnaround_s=20.0, size=1, mainline_per_h=0.0, ramp_per_h=0.0, cooldown_s=0.0
-    )
-    _, state = jax.jit(env.reset)(jax.random.key(0), params)
-    statuses, energy = [], []
-    for decision in range(120):
-        action = 4 if decision == 0 else 0
-        _, state, *_ = raw(jax.random.key(decision), state, action, params)
-        statuses.append(int(state.meds.status[0]))
-        energy.append(float(state.meds.energy_j[0]))
-    left = statuses.index(RETIRED)
-    back = statuses.index(AT_DEPOT)
-    assert back - left in (19, 20)
-    assert energy[left] < energy[back] == pytest.approx(float(params.med_capacity_j))
-
-
-def test_med_waits_for_a_safe_gap(raw):
+def test_med_waits_for_a_safe_gap(reset, raw):
     """A MED sent onto a ramp that is blocked stays queued and is not lost."""
     env, params = medjax.make("paper", mainline_per_h=0.0, ramp_per_h=0.0)
-    _, state = jax.jit(env.reset)(jax.random.key(0), params)
+    state = reset(params)
     vehicles, slot = state.vehicles, env.config.num_vehicles - 1
     vehicles = vehicles.replace(
         active=jnp.zeros_like(vehicles.active).at[slot].set(True),
@@ -174,17 +139,6 @@ def test_med_waits_for_a_safe_gap(raw):
     _, state, *_ = raw(jax.random.key(0), state.replace(vehicles=vehicles), 1, params)
     assert int(state.meds.status[0]) == QUEUED
     assert not bool(state.vehicles.active[0])
-
-
-def test_reward_is_the_sum_of_its_terms(started, step):
-    """And eq (10)'s signs: depletion costs, charge, distance and speed pay."""
-    _, state = started
-    *_, info = step(jax.random.key(4), state, 0)
-    reward = step(jax.random.key(4), state, 0)[2]
-    terms = {name: float(value) for name, value in info["reward_terms"].items()}
-    assert float(reward) == pytest.approx(sum(terms.values()), rel=1e-5)
-    assert terms["depleted"] <= 0.0
-    assert min(terms["soc"], terms["distance"], terms["speed"]) > 0.0
 
 
 @pytest.mark.slow
@@ -203,7 +157,7 @@ def test_random_play_is_sound(paper):
 
 
 def test_arrivals_at_a_full_road_wait():
-    """With no slot free, who arrives waits in the queue; nobody is lost and nobody enters."""
+    """Without a free slot, arrivals wait in the queue; none is lost."""
     env, params = medjax.make("paper", num_evs=2, num_gas=2, mainline_per_h=6000.0)
     step = jax.jit(env.step_env)
     _, state = jax.jit(env.reset)(jax.random.key(0), params)
@@ -222,8 +176,8 @@ def test_arrivals_at_a_full_road_wait():
     assert float(on_road) == int(state.vehicles.active.sum())
 
 
-def test_the_coupling_is_a_value():
-    """Coils without loss deliver all that is sent; eq (6) as it is printed delivers another share than the circuit."""
+def test_coupling_can_be_replaced():
+    """Coils without loss deliver all that is sent; eq (6) as printed delivers another share than the circuit."""
     made, params = medjax.make("paper", request_soc=0.6, cooldown_s=5.0)
 
     def share(coupling):
@@ -247,8 +201,8 @@ def test_the_coupling_is_a_value():
     assert printed / circuit == pytest.approx(10.126 / 10.159, rel=1e-3)
 
 
-def test_vmap_works_the_ticks_out_once(paper, started):
-    """What is carried through the ticks is each environment's own from the start, and not only after a tick."""
+def test_vmap_traces_the_ticks_once(paper, started):
+    """Every carry of the scan is batched from the start, so that JAX need not trace the ticks again."""
     times = []
 
     @jax.custom_batching.custom_vmap
@@ -271,11 +225,9 @@ def test_vmap_works_the_ticks_out_once(paper, started):
 
 
 def test_a_probe_leaves_the_environment_and_its_class_as_they_are(paper, started):
-    """`with_probe` is a copy with all that a subclass adds; what the probe sees comes tick by tick."""
+    """`with_probe` returns a copy with all that a subclass adds; the probe's values come tick by tick."""
 
     class Named(ChargingEnv):
-        """With something of its own."""
-
         own = None
 
     env = Named(paper[0].config)
@@ -284,7 +236,7 @@ def test_a_probe_leaves_the_environment_and_its_class_as_they_are(paper, started
     assert type(probed) is Named
     assert probed.own == "kept"
     _, state = started
-    *_, info = jax.jit(probed.step_env)(jax.random.key(0), state, 0, paper[1])
+    *_, info = jax.eval_shape(probed.step_env, jax.random.key(0), state, 0, paper[1])
     assert info["ticks"].shape == (env.config.ticks_per_decision,)
     assert env.probe is None
     assert env.highway(state, paper[1]) == (state, paper[1])
@@ -292,9 +244,7 @@ def test_a_probe_leaves_the_environment_and_its_class_as_they_are(paper, started
 
 
 def test_render_draws_with_the_viewer(started, paper, monkeypatch):
-    """Whatever it is."""
-    env, _ = paper
-    told = []
-    monkeypatch.setattr("medjax.hooks.viewer", lambda *a, **how: told.append((a, how)))
-    ChargingEnv(env.config, name="mine").render(started[1], None, width=3)
-    assert told == [((started[1], env.config, None), {"name": "mine", "width": 3})]
+    config, calls = paper[0].config, []
+    monkeypatch.setattr("medjax.hooks.viewer", lambda *a, **how: calls.append((a, how)))
+    ChargingEnv(config, name="mine").render(started[1], None, width=3)
+    assert calls == [((started[1], config, None), {"name": "mine", "width": 3})]

@@ -1,4 +1,4 @@
-"""Several depots: who comes from which, the way home, and what it takes."""
+"""Several depots: their ramps, their MEDs, and the way home."""
 
 import jax
 import jax.numpy as jnp
@@ -22,33 +22,17 @@ RAMPS, EXIT = (200.0, 900.0, 5200.0), 4000.0
 @pytest.fixture(scope="module")
 def road():
     """Two ramps with one depot, and behind an exit a third with its own; nobody but MEDs, which leave there."""
-    env, params = medjax.make(
-        "paper",
-        num_depots=2,
-        num_meds=3,
-        size=3,
-        length_m=6000.0,
-        ramp_x_m=list(RAMPS),
-        exit_x_m=[EXIT],
-        exit_share=0.0,
-        battery_scale=1.0,
-        mainline_per_h=0,
-        ramp_per_h=0,
-        turnaround_s=TURNAROUND_S,
-        depot_power_w=DEPOT_W,
-        return_speed=RETURN_SPEED,
-        trip_m=2000.0,
-        cooldown_s=5.0,
-        slope=0.01,
-        num_evs=1,
-        num_gas=1,
-        episode_decisions=600,
-    )
+    size = {"num_depots": 2, "num_meds": 3, "size": 3, "num_evs": 1, "num_gas": 1}
+    size |= {"length_m": 6000.0, "ramp_x_m": list(RAMPS), "exit_x_m": [EXIT], "exit_share": 0.0}
+    size |= {"mainline_per_h": 0, "ramp_per_h": 0, "battery_scale": 1.0, "slope": 0.01}
+    size |= {"trip_m": 2000.0, "turnaround_s": TURNAROUND_S, "depot_power_w": DEPOT_W}
+    size |= {"return_speed": RETURN_SPEED, "cooldown_s": 5.0, "episode_decisions": 600}
+    env, params = medjax.make("paper", **size)
     return env, params, jax.jit(env.reset)(jax.random.key(0), params)[1], jax.jit(env.step_env)
 
 
-def test_ramps_are_shared_out_among_neighbours():
-    """As evenly as that goes; one depot has them all."""
+def test_adjacent_ramps_share_a_depot():
+    """As evenly as possible; a single depot serves all."""
     shares = {3: (0, 0, 1, 1, 2), 1: (0,) * 5, 5: (0, 1, 2, 3, 4), 2: (0, 0, 0, 1, 1)}
     for depots, expected in shares.items():
         config = EnvConfig(num_ramps=5, num_depots=depots)
@@ -57,8 +41,8 @@ def test_ramps_are_shared_out_among_neighbours():
         EnvConfig(num_depots=5)
 
 
-def test_a_ramp_has_the_meds_of_its_depot(road):
-    """MEDs 0 and 2 stand at the first, 1 at the second; who is sent is the first of that line, and then it is empty."""
+def test_a_ramp_gets_meds_of_its_depot(road):
+    """MEDs 0 and 2 wait at the first depot, 1 at the second; each ramp gets the first of its own."""
     env, params, state, step = road
     assert state.meds.depot.tolist() == [0, 1, 0]
     assert next_to_be_sent(state.meds).tolist() == [True, True, False]
@@ -81,7 +65,7 @@ def test_a_ramp_has_the_meds_of_its_depot(road):
 
 @pytest.mark.parametrize(("depot", "middle"), [(0, (RAMPS[0] + RAMPS[1]) / 2), (1, RAMPS[2])])
 def test_the_way_home_takes_its_time_and_its_energy(road, depot, middle):
-    """Eqs (7)-(8) at a steady speed on the level, by hand in float64, wherever the MED goes; and then it is there."""
+    """By hand in float64, by eqs (7)-(8) at a steady speed on the level; then the MED waits there."""
     env, params, state, step = road
     state = step(jax.random.key(0), state, 2, params)[1]
     state = state.replace(meds=state.meds.replace(depot=state.meds.depot.at[0].set(depot)))
@@ -102,22 +86,19 @@ def test_the_way_home_takes_its_time_and_its_energy(road, depot, middle):
     power = force * RETURN_SPEED / float(body.drivetrain_efficiency) + float(body.auxiliary_w)
     home_j = power * way / RETURN_SPEED
     away_s = TURNAROUND_S + way / RETURN_SPEED + (spent + home_j) / DEPOT_W
-    assert (
-        abs(number - left - away_s - 1.0) <= 1.0
-    )  # leaves within the second, is seen after the last
+    # It leaves within a second, and is seen after the last one.
+    assert abs(number - left - away_s - 1.0) <= 1.0
     assert float(state.tally.med_driving_j) - driven == pytest.approx(home_j, rel=1e-3)
     assert float(state.tally.depot_energy_j) == pytest.approx(spent + home_j, rel=1e-5)
     assert float(state.meds.energy_j[0]) == float(params.med_capacity_j)
     assert state.meds.depot[0] == depot
-    mask = env.action_mask(state, params).tolist()
-    assert mask == [True, True, True, True]
-    sent = who_is_sent(jnp.int32(3), state.meds, env.config)
-    assert bool(sent[0]) == (depot == 1)
+    assert env.action_mask(state, params).all()
+    assert bool(who_is_sent(jnp.int32(3), state.meds, env.config)[0]) == (depot == 1)
 
 
 @pytest.mark.parametrize("name", ["greedy", "forecast", "budgeted"])
-def test_rules_send_from_where_they_may(road, name, monkeypatch):
-    """Of ramps in need from one whose depot is not empty."""
+def test_rules_choose_a_ramp_whose_depot_has_meds(road, name, monkeypatch):
+    """The one with the greatest need."""
     env, params, state, _ = road
     need = jnp.array([1.0, 2.0, 9.0]) * 100.0
     monkeypatch.setattr("medjax.policies.rules.stranded_need", lambda *_: need)
@@ -135,8 +116,8 @@ def test_rules_send_from_where_they_may(road, name, monkeypatch):
     assert acts([QUEUED, QUEUED, QUEUED]) == 0
 
 
-def test_observations_tell_where_the_fleet_is(road):
-    """The share at each depot comes first in the road profile; with one depot there is nothing to tell."""
+def test_the_road_profile_shows_depots(road):
+    """The share of the fleet at each comes first; a single depot adds nothing."""
     env, params, state, _ = road
     profile = RoadProfile()
     tell = jax.jit(lambda state: profile(state, env.config, params))

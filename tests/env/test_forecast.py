@@ -1,4 +1,4 @@
-"""The forecast reckons with the EVs' own speed; by hand it is worked out in tests/policies/test_rules.py."""
+"""The forecast uses the EVs' own speed; tests/policies/test_rules.py checks its values by hand."""
 
 import jax
 import numpy as np
@@ -8,8 +8,8 @@ from medjax.env.forecast import forecast_need
 from medjax.world.kinds import GAS
 
 
-def test_need_does_not_ask_how_fast_gas_vehicles_drive():
-    """What EVs use and how they gain on a MED is of their own desired speed."""
+def test_need_does_not_depend_on_speeds_of_gas_vehicles():
+    """Only on the EVs' desired speed."""
     env, params = medjax.make("paper", arrival_soc_low=0.1)
     _, state = jax.jit(env.reset)(jax.random.key(3), params)
     speed = params.drivers.desired_speed

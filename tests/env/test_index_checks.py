@@ -1,4 +1,4 @@
-"""No read or write of a reset or a step is out of bounds but those that are to be dropped."""
+"""No read or write of a reset or a step is out of bounds, except writes that are meant to be dropped."""
 
 import inspect
 
@@ -17,8 +17,8 @@ SMALL = {"num_meds": 3, "num_evs": 8, "num_gas": 12, "mainline_per_h": 900.0}
 
 @pytest.fixture
 def heeds_modes(monkeypatch):
-    """checkify as it would be if it heeded `mode="drop"` (findings/checkify-reports-dropped-updates.sh), and reads
-    that it sees into: it does not look inside what says itself how it is batched.
+    """Lets checkify heed `mode="drop"` (findings/checkify-reports-dropped-updates.sh) and look into medjax's reads,
+    whose custom batching would hide them.
     """
     checks = inspect.getmodule(checkify.checkify).error_checks
     for primitive in (lax.scatter_p, lax.scatter_add_p, lax.scatter_min_p, lax.scatter_max_p):
@@ -32,8 +32,8 @@ def heeds_modes(monkeypatch):
     monkeypatch.setattr(gathers, "_read", gathers._pick_all)
 
 
-def test_the_checks_see_what_is_out_of_bounds(heeds_modes):
-    """A read as medjax reads, and a write; not one that is to be dropped."""
+def test_the_checks_find_indices_out_of_bounds(heeds_modes):
+    """In medjax's reads and in writes, but not in writes that are meant to be dropped."""
 
     def said(function, index):
         checked = checkify.checkify(function, errors=checkify.index_checks)

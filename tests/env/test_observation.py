@@ -1,4 +1,4 @@
-"""The observation shows the state: recomputed by plain NumPy loops."""
+"""Observations, recomputed from the state by plain NumPy loops."""
 
 import jax
 import numpy as np
@@ -68,18 +68,12 @@ def motion(vehicles, slot):
     """x, y, vx, vy in the paper preset's units: 4000 m, 16 m, 30 m/s, 4 m/s."""
     if not bool(vehicles.active[slot]):
         return np.zeros(4)
-    y = int(vehicles.lane[slot]) * 4.0 + float(vehicles.lateral_offset[slot])
-    return np.array(
-        [
-            float(vehicles.x[slot]) / 4000.0,
-            y / 16.0,
-            float(vehicles.speed[slot]) / 30.0,
-            float(vehicles.lateral_speed[slot]) / 4.0,
-        ]
-    )
+    x, speed, lane = (float(getattr(vehicles, name)[slot]) for name in ("x", "speed", "lane"))
+    y, lateral = lane * 4.0 + float(vehicles.lateral_offset[slot]), vehicles.lateral_speed[slot]
+    return np.array([x / 4000.0, y / 16.0, speed / 30.0, float(lateral) / 4.0])
 
 
-def test_flat_is_the_structured_one_in_order(busy):
+def test_the_flat_observation_concatenates_the_structured_one(busy):
     """MED rows, EV rows, clock; the clock is an option."""
     env, params, state = busy
     seen = env.observe(state, params)
@@ -91,19 +85,13 @@ def test_flat_is_the_structured_one_in_order(busy):
     assert np.asarray(seen.clock[0]) == pytest.approx(1 - 150 / 600)
 
 
-def test_observation_is_scaled(busy):
-    """Normalised: nothing beyond a few units."""
-    env, params, state = busy
-    assert np.abs(np.asarray(env.observation(state, env.config, params))).max() <= 2.0
-
-
 def share(place, node, nodes):
     """Linear interpolation's share of a place in [0, 1] at one of evenly spaced nodes."""
     return max(0.0, 1.0 - abs(place * (nodes - 1) - node))
 
 
 def in_steps(values):
-    """As the profile has shares, in 128ths."""
+    """Shares rounded to 128ths, as in the profile."""
     return np.round(np.asarray(values) * 128) / 128
 
 
@@ -162,9 +150,8 @@ def test_profile_by_hand(busy):
 def test_profile_ignores_the_order_of_slots(busy):
     """Two EVs that change slots leave the profile as it was."""
     env, params, state = busy
-    one, two = 0, 1
     order = np.arange(env.config.num_evs)
-    order[[one, two]] = two, one
+    order[[0, 1]] = 1, 0
     slots = np.concatenate([np.arange(15), 15 + order, np.arange(55, 208)])
     swapped = state.replace(
         vehicles=jax.tree.map(lambda values: values[slots], state.vehicles),
@@ -185,7 +172,7 @@ def test_profile_of_a_road_without_ramps():
 
 
 def test_shares_are_of_the_fleet_and_not_of_its_slots():
-    """Five MEDs in fifteen slots, one of them sent: four of five are at the depot, and the rule sees as much."""
+    """With five MEDs in fifteen slots, of which one is sent, 4 of 5 are at the depot."""
     env, params = medjax.make("paper", observation="profile", size=5)
     _, state = jax.jit(env.reset)(jax.random.key(0), params)
     obs, state, *_ = jax.jit(env.step_env)(jax.random.key(1), state, 1, params)
@@ -194,5 +181,5 @@ def test_shares_are_of_the_fleet_and_not_of_its_slots():
     np.testing.assert_allclose(shares, [0.8, queued / 5], atol=1e-6)
     _, at_depot, _ = RoadProfile().outlook(obs, env.config)
     np.testing.assert_allclose(at_depot, 0.8, atol=1e-6)
-    # A slot without a MED is no full MED that waits to be sent.
+    # Slots without a MED are zero, unlike a full MED that waits.
     np.testing.assert_array_equal(np.asarray(env.observe(state, params).meds)[5:], 0.0)

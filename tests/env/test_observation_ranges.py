@@ -1,4 +1,4 @@
-"""How large observations get, as docs/guide.md says: every part of them, in whole episodes of random play."""
+"""Ranges of observations in docs/guide.md hold in whole episodes of random play."""
 
 import re
 from pathlib import Path
@@ -19,7 +19,7 @@ ROWS = re.findall(ROW, PAGE, re.MULTILINE)
 
 
 def parts(flat, profile, env):
-    """What the rows of the table are about, in their order, from vectors `(n, size)` of each kind."""
+    """Values of each row of the table, from vectors `(n, size)` of both kinds."""
     config, layout = env.config, env.observation
     meds, evs, clock = FlatObservation().split(flat, config)
     places, speeds, sideways = (
@@ -40,7 +40,7 @@ def parts(flat, profile, env):
     ("name", "episodes"), [("paper", 3), pytest.param("corridor", 2, marks=pytest.mark.slow)]
 )
 def test_ranges_are_as_documented(name, episodes):
-    """Nothing is outside, and EVs at nodes are as many as on the road."""
+    """And the nodes hold as many EVs as the road."""
     env, params = medjax.make(name, observation="profile")
 
     def decide(state, key):

@@ -1,4 +1,4 @@
-"""The road at reset: what is on it, and what happens next, is what the flow shows later."""
+"""The road at reset carries the same traffic as the flow later on."""
 
 import jax
 import numpy as np
@@ -10,25 +10,11 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 ROADS, MINUTES = 32, 7
 # 8 km take half of a pack at 30 m/s; who enters with little makes it to the first exit.
-WORLD = {
-    "length_m": 8000.0,
-    "exit_x_m": [2000.0, 4000.0, 6000.0],
-    "exit_share": 0.1,
-    "num_lanes": 2,
-    "service_lane": 1,
-    "ramp_x_m": [2400.0, 4400.0],
-    "ramp_per_h": 300.0,
-    "num_meds": 1,
-    "num_evs": 110,
-    "num_gas": 110,
-    "size": 0,
-    "mainline_per_h": 1500.0,
-    "ev_share": 0.5,
-    "battery_scale": 10.0,
-    "arrival_soc_low": 0.15,
-    "arrival_soc_high": 0.9,
-    "rounds_per_decision": 10,
-}
+WORLD = {"length_m": 8000.0, "exit_x_m": [2000.0, 4000.0, 6000.0], "ramp_x_m": [2400.0, 4400.0]}
+WORLD |= {"num_lanes": 2, "service_lane": 1, "num_meds": 1, "num_evs": 110, "num_gas": 110}
+WORLD |= {"mainline_per_h": 1500.0, "ramp_per_h": 300.0, "ev_share": 0.5, "exit_share": 0.1}
+WORLD |= {"arrival_soc_low": 0.15, "arrival_soc_high": 0.9, "battery_scale": 10.0}
+WORLD |= {"size": 0, "rounds_per_decision": 10}
 
 
 @pytest.fixture(scope="module")
@@ -60,8 +46,8 @@ def flow():
     ]
 
 
-def test_as_many_evs_and_as_many_low_ones_as_in_the_flow(flow):
-    """Those with too little for the way from an exit to the next one have left there."""
+def test_reset_has_as_many_evs_and_low_evs_as_the_flow(flow):
+    """EVs with too little charge for the way from an exit to the next one have left there."""
     evs, low, *_ = (values.mean(axis=0) for values in flow)
     later = slice(5, None)  # when hardly anybody who was there at reset still is
     assert evs[0] == pytest.approx(evs[later].mean(), rel=0.1)
@@ -69,7 +55,7 @@ def test_as_many_evs_and_as_many_low_ones_as_in_the_flow(flow):
 
 
 def test_no_wave_of_stops_follows_a_reset(flow):
-    """As many EVs a minute leave for a charger at first as later, and none runs out, at first or later."""
+    """As many EVs a minute leave for a charger at first as later, and none ever runs out."""
     _, _, stops, depleted = (values.mean(axis=0) for values in flow)
     a_minute = np.diff(stops)
     assert a_minute[:3].mean() == pytest.approx(a_minute[4:].mean(), rel=0.15)
@@ -77,17 +63,11 @@ def test_no_wave_of_stops_follows_a_reset(flow):
 
 
 def test_an_ev_has_paid_for_the_way_from_where_it_entered():
-    """All arrive full, so what is gone is a way at cruising speed: from x = 0, or a ramp, as often as flows say."""
+    """All arrive full, so their energy tells where each entered: at x = 0 or at a ramp, as often as the flows say."""
     ramps, flows = np.array([100.0, 1200.0, 2100.0]), np.array([1500.0, 300.0, 600.0, 200.0])
-    env, params = medjax.make(
-        "paper",
-        ramp_x_m=ramps,
-        mainline_per_h=flows[0],
-        ramp_per_h=flows[1:],
-        ev_share=1.0,
-        arrival_soc_low=1.0,
-        arrival_soc_high=1.0,
-    )
+    demand = {"mainline_per_h": flows[0], "ramp_per_h": flows[1:], "ev_share": 1.0}
+    demand |= {"arrival_soc_low": 1.0, "arrival_soc_high": 1.0}
+    env, params = medjax.make("paper", ramp_x_m=ramps, **demand)
     reset = jax.jit(jax.vmap(lambda key: env.reset(key, params)[1]))
     state = jax.device_get(reset(jax.random.split(jax.random.key(0), 1000)))
     there = state.vehicles.active[:, env.config.ev_slots]

@@ -1,4 +1,4 @@
-"""The reward in money, against prices times what the metrics of the episode say."""
+"""The reward in money equals prices times metrics."""
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ from medjax.world.state import EpisodeStats
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
-def test_each_term_is_what_it_says():
+def test_terms_in_money_by_hand():
     """In hours, kWh and numbers, from a tally in seconds and joules."""
     step_stats = EpisodeStats.zeros().replace(
         ev_delay_s=jnp.float32(1800.0),
@@ -51,8 +51,8 @@ def test_a_term_without_a_weight_is_named():
         jax.eval_shape(env.step_env, jax.random.key(0), state, 0, params)
 
 
-def test_an_episode_costs_what_its_metrics_say():
-    """Rewards added up over an episode with MEDs: the metrics at its end at their prices, one of them changed."""
+def test_rewards_of_an_episode_add_up_to_its_metrics_at_their_prices():
+    """With one price changed."""
     env, params = medjax.make("paper", reward="money", reward_weights={"med_h": -50.0})
     policy = medjax.BASELINES["greedy"](env)
     _, state = jax.jit(env.reset)(jax.random.key(0), params)
@@ -81,7 +81,7 @@ def test_an_episode_costs_what_its_metrics_say():
 
 
 def test_eq_10_stays_the_default():
-    """And a set that does not exist is refused."""
+    """An unknown set is refused."""
     env, params = medjax.make()
     assert set(env.reward) == set(medjax.TERMS) == set(params.reward_weights)
     assert not set(medjax.TERMS) & set(MONEY)
@@ -90,7 +90,7 @@ def test_eq_10_stays_the_default():
 
 
 def test_the_former_name_of_step_stats(paper):
-    """It works for one version, and says what it is now."""
+    """It works for one version, with a warning that names the new one."""
     outcome = Outcome("before", "after", "sums", paper[1], paper[0].config)
     with pytest.warns(DeprecationWarning, match="Outcome.step_stats"):
         assert outcome.happened == "sums"

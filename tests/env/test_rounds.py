@@ -12,8 +12,8 @@ from medjax.wrappers import DecideEvery
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
-def test_a_decision_of_rounds_is_that_many_decisions_without_an_action():
-    """Entries, bookings and traffic, with the same draws; what is counted adds up, and a probe sees it in order."""
+def test_a_decision_of_several_rounds_equals_several_decisions():
+    """The later ones take action 0. States, tallies and probes agree, with the same draws."""
     size = {"num_meds": 2, "num_gas": 240, "ramp_per_h": 600.0, "mainline_per_h": 5000.0}
     one, params = medjax.make("paper", **size)
     three, _ = medjax.make("paper", **size, rounds_per_decision=3)
@@ -44,8 +44,8 @@ def test_a_decision_of_rounds_is_that_many_decisions_without_an_action():
     chex.assert_trees_all_close((info["begun"], info["ticks"]), (begun, ticks), rtol=1e-6)
 
 
-def test_a_minute_is_paid_the_same_however_often_one_decides():
-    """Every term that ships, weighed 1: decisions of 1 s, of 4 s, and a choice every four decisions of 1 s."""
+def test_rewards_do_not_depend_on_the_length_of_decisions():
+    """Every term, with weight 1, over a minute: a decision of 4 s against one choice in four decisions of 1 s."""
     reward = {**TERMS, **MONEY}
     size = {"num_meds": 4, "num_gas": 100, "ev_share": 0.3, "cooldown_s": 4.0}
     size |= {"reward": reward, "reward_weights": dict.fromkeys(reward, 1.0), "turnaround_s": 5.0}
@@ -54,7 +54,7 @@ def test_a_minute_is_paid_the_same_however_often_one_decides():
     _, start = jax.jit(one.reset)(jax.random.key(0), params)
 
     def paid(env):
-        """Each term over the minute, and how many vehicles came."""
+        """Reward, terms and entries, summed over the minute."""
 
         def decide(state, key):
             _, state, total, _, _, info = env.step_env(key, state, 1, params)

@@ -1,4 +1,4 @@
-"""An agent's action: several discrete parts, and the single discrete action that they fold into."""
+"""An agent's action: several discrete parts, the single action that they fold into, and the orders that they give."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 
 from medjax.env.depots import next_to_be_sent, own_ramps
-from medjax.env.dispatch import action_mask
+from medjax.env.dispatch import action_mask, is_allowed
 from medjax.env.spaces import Discrete
-from medjax.env.trips import exit_in_time
+from medjax.env.trips import exit_in_time, leaving_early
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, MERGING, QUEUED, EnvState
 
@@ -37,22 +37,14 @@ class AgentActions:
     Folded action 0 follows the rule: the MED waits at the depot, or serves at the fleet's speed, in the fleet's lane,
     and takes every EV that requests a slot. Actions 1 .. num_ramps enter from that ramp. Higher actions are for a MED
     that was sent; the last part, `leave`, varies fastest.
-
-    Attributes:
-      speeds: service speeds to choose from, m/s.
-      lanes: service lanes to choose from.
-      num_ramps: on-ramps of the road.
-      exits: whether the road has exits, by which a MED may leave early.
-      depots: number of depots that a leaving MED may choose from.
-      usual: indices of the preset's own speed and lane in `speeds` and `lanes`.
     """
 
-    speeds: tuple[float, ...]
-    lanes: tuple[int, ...]
+    speeds: tuple[float, ...]  # m/s, service speeds to choose from
+    lanes: tuple[int, ...]  # service lanes to choose from
     num_ramps: int
-    exits: bool
-    usual: tuple[int, int] = (0, 0)
-    depots: int = 1
+    exits: bool  # whether the road has exits, by which a MED may leave early
+    usual: tuple[int, int] = (0, 0)  # indices of the preset's own speed and lane
+    depots: int = 1  # that a leaving MED may choose from
 
     @property
     def parts(self) -> Parts[Discrete]:
@@ -124,8 +116,7 @@ class AgentActions:
         becomes its destination. It may change its depot while it can still take its exit, or until the road's end.
         """
         status = state.meds.status
-        in_service = status == IN_SERVICE
-        serves = in_service[:, None]
+        serves = (status == IN_SERVICE)[:, None]
         destination = state.vehicles.destination[config.med_slots]
         in_time = exit_in_time(state.vehicles, config, params)
         sooner = in_time < destination
@@ -137,14 +128,13 @@ class AgentActions:
         everywhere = jnp.ones((status.shape[0], 2), bool)
         enters = next_to_be_sent(state.meds)[:, None] & own_ramps(state.meds, config)
         enters &= action_mask(state, config)[1:]
+        leaves = jnp.concatenate([serves | comes, serves & may_leave], axis=1)
         return Parts(
             enter=jnp.concatenate([everywhere[:, :1], enters], axis=1),
             speed=serves | (comes & usual_speed),
             lane=(serves & (_is_alone(state)[:, None] | here)) | (comes & here),
             accept=(serves | comes) & everywhere,
-            leave=jnp.concatenate([serves | comes, serves & may_leave], axis=1)[
-                :, : self.parts.leave.n
-            ],
+            leave=leaves[:, : self.parts.leave.n],
         )
 
     def folded_mask(self, masks: Parts[jax.Array]) -> jax.Array:
@@ -164,3 +154,48 @@ def _nearest(choices: tuple[float, ...], value: jax.Array) -> jax.Array:
     """Index of the choice nearest to each value `(A,)`, int32."""
     apart = jnp.abs(jnp.asarray(choices, jnp.float32) - value[:, None])
     return jnp.argmin(apart, axis=1).astype(jnp.int32)
+
+
+def allowed_parts(
+    choices: Parts[jax.Array], masks: Parts[jax.Array], rule: Parts[jax.Array]
+) -> tuple[Parts[jax.Array], jax.Array]:
+    """Replaces masked choices `(A,)` by the rule's; also returns how many were replaced for each agent, `(A,)`."""
+    kept, wrong = [], []
+    for choice, mask, usual in zip(choices, masks, rule, strict=True):
+        fine = is_allowed(choice, mask)
+        kept.append(jnp.where(fine, choice, usual))
+        wrong.append(jnp.asarray(~fine & (choice != usual), jnp.int32))
+    return Parts(*kept), sum(wrong, jnp.zeros_like(wrong[0]))
+
+
+def give_orders(
+    state: EnvState,
+    parts: Parts[jax.Array],
+    actions: AgentActions,
+    config: EnvConfig,
+    params: EnvParams,
+) -> tuple[EnvState, jax.Array]:
+    """Gives the agents in service their orders, and derives the dispatcher's action.
+
+    Args:
+      parts: allowed choices `(A,)` of `actions`.
+
+    Returns:
+      (state, dispatcher's action () int32: 0, or the ramp of the agent that enters, counted from 1). Only one MED
+      enters per decision: if agents of several depots enter, the one with the last ramp does.
+    """
+    vehicles, meds = state.vehicles, state.meds
+    serves = meds.status == IN_SERVICE
+    answers = serves | (meds.status == QUEUED) | (meds.status == MERGING)
+    speed = jnp.asarray(actions.speeds, jnp.float32)[parts.speed]
+    lane = jnp.asarray(actions.lanes, jnp.int32)[parts.lane]
+    if actions.exits:
+        leaves = serves & (parts.leave > 0)
+        vehicles = vehicles.replace(destination=leaving_early(vehicles, leaves, config, params))
+        meds = meds.replace(depot=jnp.where(leaves, parts.leave - 1, meds.depot))
+    meds = meds.replace(
+        service_speed=jnp.where(serves, speed, meds.service_speed),
+        service_lane=jnp.where(serves, lane, meds.service_lane),
+        accepts=jnp.where(answers, parts.accept > 0, meds.accepts),
+    )
+    return state.replace(vehicles=vehicles, meds=meds), jnp.max(parts.enter, initial=0)

@@ -7,8 +7,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 
-from medjax.env.agents.actions import AgentActions, Parts
-from medjax.env.agents.orders import allowed_parts, give_orders
+from medjax.env.agents.actions import AgentActions, Parts, allowed_parts, give_orders
 from medjax.env.agents.view import AgentView
 from medjax.env.contract import StepResult
 from medjax.env.dispatch import is_allowed
@@ -28,9 +27,8 @@ VIEW = AgentView()
 class AgentsEnv(Wrapper):
     """Every MED of a `ChargingEnv` is an agent, at the depot and in service. A = `config.num_meds`.
 
-    One step is one decision of `env`. Action 0 follows the rule and leaves the highway unchanged: if all other agents
-    choose 0, the agent at the head of the depot's queue acts as the dispatcher of `env`, bit for bit. Wrappers, players
-    and learners use this like any other environment; observations, masks and actions have a leading agent axis.
+    Observations, masks and actions have a leading agent axis; else this is like any other environment. If all other
+    agents choose 0, the rule, the agent at the head of the depot's queue acts as the dispatcher of `env`, bit for bit.
     `medjax.make_agents` adds names and dicts.
 
     Attributes:
@@ -76,21 +74,17 @@ class AgentsEnv(Wrapper):
     def step_env(
         self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
     ) -> StepResult:
-        """One decision without a reset.
+        """`ChargingEnv.step_env` with an action for each agent.
 
         Args:
-          key: as in `ChargingEnv.step_env`.
-          state: state of one highway.
           action: (A,) int32, folded; a masked action counts as 0, and towards `metrics["invalid_actions"]`.
-          params: parameters of the highway.
 
         Returns:
           (observations (A, size) float32, state, reward of `env` () float32, terminated () bool, truncated () bool,
           info of `ChargingEnv.step_env` with "action_mask" (A, num_actions) and the agents' "rewards" (A,) float32)
         """
         rule = self.actions.by_rule(state, params)
-        mask = self.action_mask(state, params)
-        fine = is_allowed(action, mask)
+        fine = is_allowed(action, self.action_mask(state, params))
         parts = self.actions.unfold(jnp.where(fine, action, 0), rule)
         return self._step(key, state, parts, jnp.sum(~fine, dtype=jnp.int32), params)
 
@@ -116,15 +110,13 @@ class AgentsEnv(Wrapper):
         told = _told(state, ordered, self.env.config.decision_s)
         told = told.replace(invalid_actions=wrong.astype(jnp.float32))
         ordered = ordered.replace(tally=ordered.tally + told)
-        _, after, reward, terminated, truncated, info = self.env.step_env(
-            key, ordered, action, params
-        )
+        _, after, reward, *ends, info = self.env.step_env(key, ordered, action, params)
         rewards = jnp.broadcast_to(reward, (self.num_agents,))
         if self.credit == "own":
             rewards = self._own(state, after, params)
         info |= {"rewards": rewards, "action_mask": self.action_mask(after, params)}
         info["metrics"] = info["metrics"] | agents_metrics(after.tally)
-        return self.get_obs(after, params), after, reward, terminated, truncated, info
+        return self.get_obs(after, params), after, reward, *ends, info
 
     def _own(self, before: EnvState, after: EnvState, params: EnvParams) -> jax.Array:
         """Change in charge of each MED's EVs, `(A,)` packs; counts EVs on the road both before and after."""
@@ -154,10 +146,9 @@ class AgentsEnv(Wrapper):
 
 
 def agents_metrics(tally: EpisodeStats) -> dict[str, jax.Array]:
-    """Metrics of the agents' decisions since reset, float32 scalars by name.
+    """Metrics of the agents' decisions since reset, float32 scalars by name; means are over the MEDs' time in service.
 
-    told_speed is the mean ordered speed, m/s, and refusing_share the share of time in which MEDs refuse EVs; both are
-    over the time in service. left_early counts MEDs that chose to leave at an earlier exit.
+    told_speed is in m/s; refusing_share is of time; left_early counts MEDs that chose to leave at an earlier exit.
     """
     seconds = jnp.maximum(tally.told_seconds, 1.0)
     return {

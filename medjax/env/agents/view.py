@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,14 +22,7 @@ from medjax.env.observation import (
 from medjax.numerics.sums import scale_by
 from medjax.traffic.exits import next_exit
 from medjax.world.params import PANELS, EnvConfig, EnvParams
-from medjax.world.state import (
-    IN_SERVICE,
-    MERGING,
-    NOT_BOOKED,
-    QUEUED,
-    STATUS_NAMES,
-    EnvState,
-)
+from medjax.world.state import IN_SERVICE, MERGING, NOT_BOOKED, QUEUED, STATUS_NAMES, EnvState
 
 VIEW_M = 500.0  # a distance of 1
 SPEED_UNIT = 30.0  # m/s, a speed of 1
@@ -49,7 +43,7 @@ class AgentView:
       depot; with several depots, its depot one-hot.
     - The `num_evs` nearest EVs: present, distance, relative speed, lanes to it, charge, packs that it lacks to its
       destination, whether it requests a slot now, is booked on this MED, is booked on another, is charging.
-    - The EV that booking would grant it now: present, distance, relative speed, lanes, charge, packs that it lacks.
+    - The EV that booking would grant it now: the first six of these.
     - The next MED ahead and the next behind: present, distance, relative speed, whether in service, free slots.
     - With several depots, the share of the fleet at each. For each ramp, what a MED from there would meet
       (`medjax.env.forecast.Need`), and the clock of `medjax.env.observation.Observation`.
@@ -71,24 +65,16 @@ class AgentView:
 
     def own_size(self, config: EnvConfig) -> int:
         """Number of leading entries that the agent may act on."""
-        nearest = min(self.num_evs, config.num_evs) * OF_AN_EV
-        return (
-            OF_ITSELF
-            + 2 * distinct_depots(config)
-            + nearest
-            + OF_A_REQUEST
-            + 2 * OF_A_MED
-            + OF_A_RAMP * config.num_ramps
-            + CLOCK_FEATURES
-        )
+        of_evs = min(self.num_evs, config.num_evs) * OF_AN_EV + OF_A_REQUEST
+        of_meds = OF_ITSELF + 2 * OF_A_MED + 2 * distinct_depots(config)
+        return of_evs + of_meds + OF_A_RAMP * config.num_ramps + CLOCK_FEATURES
 
     def outlook(self, vector: jax.Array, config: EnvConfig) -> tuple[Need, jax.Array, jax.Array]:
         """Reads from vectors `(..., size)` each ramp's need, the share at the depot, and the share of time left."""
         last = self.own_size(config)
         clock = last - CLOCK_FEATURES
-        return outlook_in(
-            vector[..., clock - OF_A_RAMP * config.num_ramps : clock], vector[..., clock:last]
-        )
+        needs = vector[..., clock - OF_A_RAMP * config.num_ramps : clock]
+        return outlook_in(needs, vector[..., clock:last])
 
     def __call__(self, state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
         """Observations, `(num_meds, size)` float32."""
@@ -96,7 +82,8 @@ class AgentView:
         way = jnp.where(
             _on_road(state, config)[:, None], _ways(state, config, params, evs[:, 0]), NOWHERE
         )
-        way = jnp.where(_there(state, config), way, NOWHERE)
+        there = state.vehicles.active[config.ev_slots] & ~state.evs.is_depleted
+        way = jnp.where(there, way, NOWHERE)
         _, nearest = jax.lax.top_k(-jnp.abs(way), min(self.num_evs, config.num_evs))
         request = requests(state, config, params)
         everyone = jax.vmap(_seen, (0, 0, 0, 0, None))
@@ -125,11 +112,6 @@ def _on_road(state: EnvState, config: EnvConfig) -> jax.Array:
     return state.vehicles.active[config.med_slots] | (state.meds.status == QUEUED)
 
 
-def _there(state: EnvState, config: EnvConfig) -> jax.Array:
-    """EVs on the road that still have charge, `(E,)` bool."""
-    return state.vehicles.active[config.ev_slots] & ~state.evs.is_depleted
-
-
 def _speeds(state: EnvState, config: EnvConfig) -> jax.Array:
     """Speeds of MEDs, `(A,)` m/s; 0 off the road, where slots keep the values of the last trip."""
     vehicles, slots = state.vehicles, config.med_slots
@@ -142,6 +124,11 @@ def _lanes(state: EnvState, config: EnvConfig) -> jax.Array:
     return jnp.where(vehicles.active[slots], vehicles.lane[slots], 0).astype(jnp.float32)
 
 
+def _columns(columns: list[Any]) -> jax.Array:
+    """Stacks columns `(n,)` of any type into `(n, c)` float32."""
+    return jnp.stack([jnp.asarray(column, jnp.float32) for column in columns], axis=1)
+
+
 def _ways(state: EnvState, config: EnvConfig, params: EnvParams, x: jax.Array) -> jax.Array:
     """Signed distance from each MED to the positions `(n,)` m, positive ahead, `(A, n)` m."""
     return x[None, :] - med_places(state, config, params)[:, None]
@@ -152,17 +139,13 @@ def _evs(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
     vehicles, evs, slots = state.vehicles, state.evs, config.ev_slots
     requests, _ = ask(state, config, params)
     lacks_j = jnp.maximum(lacking_j(state, config, params), 0.0)
-    columns = [
-        vehicles.x[slots],
-        vehicles.speed[slots],
-        vehicles.lane[slots],
-        scale_by(evs.energy_j, params.ev_capacity_j),
-        scale_by(lacks_j, params.ev_capacity_j),
-        requests.asks,
-        evs.med,
-        evs.is_charging,
-    ]
-    return jnp.stack([jnp.asarray(column, jnp.float32) for column in columns], axis=1)
+    return _columns(
+        [
+            *(column[slots] for column in (vehicles.x, vehicles.speed, vehicles.lane)),
+            *(scale_by(energy_j, params.ev_capacity_j) for energy_j in (evs.energy_j, lacks_j)),
+            *(requests.asks, evs.med, evs.is_charging),
+        ]
+    )
 
 
 def _seen(
@@ -170,11 +153,8 @@ def _seen(
 ) -> jax.Array:
     """Selected EVs in the frame of a MED, `(k, OF_AN_EV)`; zeros where there is none.
 
-    Args:
-      frame: (3,) speed, lane and index of the MED.
-      way: (E,) m, distance to each EV, NOWHERE if the MED does not see it.
-      which, there: (k,) indices of the EVs, and whether each exists.
-      evs: features from `_evs`.
+    `frame` is the MED's speed, lane and index; `way` the distance to each EV, NOWHERE if unseen; `which, there` `(k,)`
+    are indices of EVs, and whether each exists; `evs` are from `_evs`.
     """
     speed, lane, own = frame
     rows, way = evs[which], way[which]
@@ -227,7 +207,7 @@ def _itself(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
         next_to_be_sent(meds),
         *(meds.depot == depot for depot in range(distinct_depots(config))),
     ]
-    return jnp.stack([jnp.asarray(column, jnp.float32) for column in columns], axis=1)
+    return _columns(columns)
 
 
 def _other_meds(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
@@ -251,6 +231,5 @@ def _other_meds(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Ar
             serves[which],
             free[which],
         ]
-        columns = [jnp.asarray(column, jnp.float32) for column in columns]
-        found.append(jnp.where(side.any(axis=1)[:, None], jnp.stack(columns, axis=1), 0.0))
+        found.append(jnp.where(side.any(axis=1)[:, None], _columns(columns), 0.0))
     return jnp.concatenate(found, axis=1)

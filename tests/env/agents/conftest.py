@@ -9,32 +9,20 @@ import medjax
 from medjax.policies.policy import Choice, Policy
 from medjax.world.state import IN_SERVICE, MERGING, QUEUED
 
-TRIPS = {
-    "num_evs": 24,
-    "num_gas": 24,
-    "size": 4,
-    "length_m": 3000.0,
-    "ramp_x_m": [50.0, 1300.0],
-    "exit_x_m": [1000.0, 2300.0],
-    "exit_notice_m": 400.0,
-    "mainline_per_h": 2000.0,
-    "ev_share": 0.6,
-    "arrival_soc_high": 0.3,
-    "cooldown_s": 5.0,
-    "trip_m": 2000.0,
-    "turnaround_s": 20.0,
-    "rounds_per_decision": 4,
-    "episode_decisions": 60,
-}
+TRIPS = {"length_m": 3000.0, "ramp_x_m": [50.0, 1300.0], "exit_x_m": [1000.0, 2300.0]}
+TRIPS |= {"num_evs": 24, "num_gas": 24, "size": 4, "exit_notice_m": 400.0}
+TRIPS |= {"mainline_per_h": 2000.0, "ev_share": 0.6, "arrival_soc_high": 0.3}
+TRIPS |= {"cooldown_s": 5.0, "trip_m": 2000.0, "turnaround_s": 20.0}
+TRIPS |= {"rounds_per_decision": 4, "episode_decisions": 60}
 
 
 class World:
-    """An environment of agents with its parameters and its compiled step."""
+    """An environment of agents with its parameters and its compiled programs."""
 
     def __init__(self, named):
-        self.named, self.env, self.params = named, named.env, named.params
+        self.env, self.params = named.env, named.params
         self.actions, self.config = named.env.actions, named.env.env.config
-        self.step = jax.jit(self._step)
+        self.step = jax.jit(self.env.step_env)
         self.mask = jax.jit(self.env.action_mask)
         self.view = jax.jit(self.env.get_obs)
         self.global_state = jax.jit(self.env.global_state)
@@ -42,17 +30,12 @@ class World:
         self.masks = jax.jit(lambda state, params: self.actions.masks(state, self.config, params))
         self._reset = jax.jit(self.env.reset)
 
-    def _step(self, *given):
-        """The agents' rewards in place of the team's."""
-        obs, state, _, *ends, info = self.env.step_env(*given)
-        return obs, state, info["rewards"], *ends, info
-
-    def reset(self, seed=0):
-        return self._reset(jax.random.key(seed), self.params)
+    def reset(self, seed=0, params=None):
+        return self._reset(jax.random.key(seed), self.params if params is None else params)
 
 
 def refusing(env):
-    """Nobody takes EVs; whoever serves drives at the lowest speed; whoever may enters from the first ramp."""
+    """A policy whose MEDs take no EVs, serve at the lowest speed, and enter from the first ramp when they may."""
 
     def act(weights, key, obs, state, params):
         actions, status = env.env.actions, state.meds.status

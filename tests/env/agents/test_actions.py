@@ -1,4 +1,4 @@
-"""Parts of an agent's action, the discrete action that they fold into, and what is allowed when."""
+"""Parts of an agent's action, the discrete action that they fold into, and masks."""
 
 import itertools
 
@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from medjax.env.agents.actions import AgentActions, Parts
-from medjax.env.agents.orders import give_orders
+from medjax.env.agents.actions import AgentActions, Parts, give_orders
 from medjax.world.state import AT_DEPOT, IN_SERVICE, MERGING, QUEUED
+from tests.charging.scene import put
 from tests.env.agents.conftest import TRIPS
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -38,7 +38,7 @@ def test_every_combination_is_one_action(actions):
 
 
 def test_action_0_is_the_rule(trips, busy):
-    """The fleet's speed, its lane, who asks is taken, nobody leaves."""
+    """The fleet's speed and lane, every EV is taken, nobody leaves."""
     rule = trips.by_rule(busy, trips.params)
     fleet = trips.params.fleet
     assert trips.actions.speeds[int(rule.speed[0])] == float(fleet.service_speed)
@@ -49,7 +49,7 @@ def test_action_0_is_the_rule(trips, busy):
 
 
 def test_masks_by_hand(trips, busy):
-    """Who may what, agent by agent."""
+    """Agent by agent."""
     masks = trips.masks(busy, trips.params)
     folded = np.asarray(trips.mask(busy, trips.params))
     status = np.asarray(busy.meds.status)
@@ -78,18 +78,13 @@ def test_masks_by_hand(trips, busy):
 
 
 def test_a_med_leaves_early_once(trips, busy):
-    """Who has been told to is on its way, and behind the last exit of which it is told in time there is none."""
+    """A MED that was ordered to leave cannot choose so again, nor can one too close to the last exit."""
     serves = np.asarray(busy.meds.status) == IN_SERVICE
-    on_road = busy.vehicles
 
     def may_leave(x, destination):
-        """Of four MEDs there, the state and who may."""
-        vehicles = on_road.replace(
-            x=on_road.x.at[:4].set(x), destination=on_road.destination.at[:4].set(destination)
-        )
-        state = busy.replace(vehicles=vehicles)
-        masks = trips.masks(state, trips.params)
-        return state, np.asarray(masks.leave[:, 1])
+        """The state with all four MEDs there, and which may leave."""
+        state = put(busy, vehicles={"x": (slice(4), x), "destination": (slice(4), destination)})
+        return state, np.asarray(trips.masks(state, trips.params).leave[:, 1])
 
     first, last = TRIPS["exit_x_m"]
     state, may = may_leave(first - 500.0, 3000.0)
@@ -100,7 +95,7 @@ def test_a_med_leaves_early_once(trips, busy):
     assert (np.asarray(after.vehicles.destination)[:4][serves] == first).all()
     assert not trips.masks(after, trips.params).leave[:, 1].any()
     assert may_leave(first - 300.0, 3000.0)[1].any()  # too late for the first, not for the other
-    assert not may_leave(first - 300.0, last)[1].any()  # which is where they leave anyway
+    assert not may_leave(first - 300.0, last)[1].any()  # where they leave anyway
     assert not may_leave(last - 300.0, 3000.0)[1].any()
 
 
@@ -112,8 +107,8 @@ def test_a_fresh_road_has_one_agent_with_a_choice(trips):
 
 
 @pytest.mark.parametrize("actions", SPACES)
-def test_folded_logits_draw_every_part_by_itself(actions):
-    """Of the folded action's probabilities the marginals are the parts' softmaxes, and parts are independent."""
+def test_folded_logits_keep_parts_independent(actions):
+    """The marginals of the folded action's probabilities are the parts' softmaxes."""
     rng = np.random.default_rng(0)
     sizes = [part.n for part in actions.parts]
     logits = [rng.normal(size=size) for size in sizes]

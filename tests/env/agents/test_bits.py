@@ -1,6 +1,6 @@
-"""What is the same bit for bit: a dispatcher alone and among agents, and the two ways to say a step.
+"""Equal bit for bit: a dispatcher alone and among agents, and both forms of an action.
 
-Compiled as usual, not quickly: programs that differ round alike only then.
+No quick compiles: different programs round alike only as XLA compiles by default.
 """
 
 import jax
@@ -20,7 +20,7 @@ TOLD = ("told_seconds", "told_speed_m", "refusing_seconds", "left_early")  # cou
 
 
 def test_the_dispatcher_is_a_special_case(trips):
-    """Agents that enter when told and otherwise do as the rule does: the same highway as `ChargingEnv`, bit for bit."""
+    """Agents that only enter when a dispatcher sends them play the same highway as `ChargingEnv`."""
     single = trips.env.env
     alone = jax.jit(single.step_env)
     _, ours = trips.reset(1)
@@ -30,17 +30,17 @@ def test_the_dispatcher_is_a_special_case(trips):
         head = int(np.argmax(np.asarray(ours.meds.status) == AT_DEPOT))
         actions = jnp.zeros(4, jnp.int32).at[head].set(ramp)
         key = jax.random.key(number)
-        _, ours, rewards, *_ = trips.step(key, ours, actions, trips.params)
+        _, ours, *_, info = trips.step(key, ours, actions, trips.params)
         _, theirs, reward, *_ = alone(key, theirs, jnp.int32(ramp), trips.params)
         none = {name: jnp.zeros(()) for name in TOLD}
         road = ours.replace(tally=ours.tally.replace(**none))
         jax.tree.map(np.testing.assert_array_equal, road, theirs)
-        np.testing.assert_array_equal(rewards, np.full(4, reward))
+        np.testing.assert_array_equal(info["rewards"], np.full(4, reward))
     assert (ours.meds.status != AT_DEPOT).any()
 
 
 def test_parts_and_folded_are_the_same_step(trips, busy):
-    """One decision by either."""
+    """In one decision."""
     rule = trips.actions.by_rule(busy, trips.params)
     serves = busy.meds.status == IN_SERVICE
     parts = rule._replace(speed=jnp.where(serves, 1, rule.speed), accept=jnp.where(serves, 0, 1))

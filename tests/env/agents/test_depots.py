@@ -1,4 +1,4 @@
-"""Agents of several depots: where they may enter, where they may go, and what they see of it."""
+"""Agents of several depots: entering, leaving, and observations."""
 
 import jax
 import jax.numpy as jnp
@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.env.agents.orders import give_orders
+from medjax.env.agents.actions import give_orders
 from medjax.episodes.runner import Decision
 from medjax.world.state import AT_DEPOT, IN_SERVICE, RETIRED
+from tests.charging.scene import put
 from tests.env.agents.conftest import TRIPS, World
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -20,21 +21,18 @@ def depots():
     return World(medjax.make_agents("corridor", **TRIPS, num_depots=2, return_speed=50.0))
 
 
-def test_the_first_of_each_line_may_enter_by_its_own_ramp(depots):
+def test_the_first_med_of_each_depot_may_enter_by_its_own_ramps(depots):
     """MEDs 0 and 2 stand at the first depot, 1 and 3 at the second."""
     _, state = depots.reset()
     mask = np.asarray(depots.mask(state, depots.params))
-    assert mask[:, :3].tolist() == [
-        [True, True, False],
-        [True, False, True],
-        [True, False, False],
-        [True, False, False],
-    ]
+    assert mask[:, 0].all()
+    assert mask[:, 1].tolist() == [True, False, False, False]
+    assert mask[:, 2].tolist() == [False, True, False, False]
     assert not mask[:, 3:].any()
 
 
-def test_of_two_that_enter_the_cooldown_lets_one(depots):
-    """That of the last ramp; the other may later."""
+def test_of_two_meds_that_enter_at_once_one_does(depots):
+    """That of the last ramp; the cooldown stops the other."""
     _, state = depots.reset()
     actions = jnp.array([1, 2, 0, 0])
     _, state, *_, info = depots.step(jax.random.key(0), state, actions, depots.params)
@@ -42,18 +40,15 @@ def test_of_two_that_enter_the_cooldown_lets_one(depots):
     assert info["metrics"]["invalid_actions"] == 0.0
 
 
-def test_a_recording_tells_who_entered(depots):
-    """Of several heads that of the last ramp, as the environment lets it; a ramp of another depot is no way in."""
+def test_a_recording_shows_the_agent_that_entered(depots):
+    """Of several, the one of the last ramp; none enters by a ramp of another depot."""
     _, state = depots.reset()
     mask = depots.mask(state, depots.params)[None]
     one_hot = jnp.zeros(mask.shape)
-    for actions, sent in (
-        ([1, 2, 0, 0], 2),
-        ([1, 0, 0, 0], 1),
-        ([1, 1, 0, 0], 1),
-        ([2, 2, 0, 0], 2),
-        ([2, 0, 0, 0], 0),
+    for actions, sent in zip(
+        ([1, 2], [1, 0], [1, 1], [2, 2], [2, 0]), (2, 1, 1, 2, 0), strict=True
     ):
+        actions += [0, 0]
         made = Decision(jnp.array([actions]), one_hot, mask, jnp.zeros(1), {}).of_dispatcher(3)
         after = depots.step(jax.random.key(0), state, jnp.array(actions), depots.params)[1]
         entered = after.meds.ramp[after.meds.status != AT_DEPOT]
@@ -64,24 +59,18 @@ def test_a_recording_tells_who_entered(depots):
 
 
 def at(depots, state, x, destination, depot):
-    """All four in service there, and what they may choose of `leave`."""
-    vehicles, meds = state.vehicles, state.meds
-    state = state.replace(
-        vehicles=vehicles.replace(
-            x=vehicles.x.at[:4].set(x),
-            destination=vehicles.destination.at[:4].set(destination),
-            active=vehicles.active.at[:4].set(True),
-        ),
-        meds=meds.replace(
-            status=jnp.full((4,), IN_SERVICE), depot=jnp.full((4,), depot, jnp.int32)
-        ),
+    """The state with all four in service at x, and their mask of `leave`."""
+    four = slice(4)
+    state = put(
+        state,
+        vehicles={"x": (four, x), "destination": (four, destination), "active": (four, True)},
+        meds={"status": (four, IN_SERVICE), "depot": (four, depot)},
     )
-    masks = depots.masks(state, depots.params)
-    return state, masks.leave[0].tolist()
+    return state, depots.masks(state, depots.params).leave[0].tolist()
 
 
-def test_where_it_may_go(depots):
-    """To any depot by an exit that comes sooner; from where it leaves anyway to another one, until it is too late."""
+def test_which_depots_a_med_may_choose(depots):
+    """Any by an exit that comes sooner; another one by its own exit, until it is too late."""
     _, state = depots.reset()
     first, last = TRIPS["exit_x_m"]
     assert depots.actions.parts.leave.n == 3
@@ -99,8 +88,8 @@ def test_where_it_may_go(depots):
     assert (after.vehicles.destination[:4] == first).all()
 
 
-def test_who_is_told_another_depot_enters_from_there(depots):
-    """A MED of the first depot leaves early for the second, and is the next of that line once it is back."""
+def test_a_med_sent_to_another_depot_enters_from_there(depots):
+    """A MED of the first depot leaves early for the second, and is next in its queue once back."""
     params, actions = depots.params, depots.actions
     _, state = depots.reset(1)
     status, told = AT_DEPOT, False
@@ -121,20 +110,14 @@ def test_who_is_told_another_depot_enters_from_there(depots):
     assert status == AT_DEPOT
     assert state.meds.depot.tolist() == [1, 1, 0, 1]
     mask = np.asarray(depots.mask(state, params))
-    assert mask[0, :3].tolist() == [
-        True,
-        False,
-        True,
-    ]  # before MED 1, since it has the lower number
-    assert mask[1:, :3].tolist() == [
-        [True, False, False],
-        [True, True, False],
-        [True, False, False],
-    ]
+    # MED 0 comes before MED 1, since it has the lower number; MED 2 is the first at the first depot.
+    assert mask[:, 1].tolist() == [False, False, True, False]
+    assert mask[:, 2].tolist() == [True, False, False, False]
+    assert mask[:, 0].all()
 
 
-def test_what_it_sees(depots):
-    """Its own depot, and the share of the fleet at each; the outlook that rules go by is where it was."""
+def test_observations_of_depots(depots):
+    """An agent sees its own depot and the share of the fleet at each; `outlook` still finds need and shares."""
     _, state = depots.reset()
     seen, view = np.asarray(depots.view(state, params := depots.params)), depots.env.view
     assert seen.shape == (4, view.size(depots.config))

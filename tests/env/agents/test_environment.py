@@ -1,10 +1,11 @@
-"""Agents on the highway: what their decisions do, what they do not, and what they are paid."""
+"""Agents on the highway: effects of their decisions, rewards and metrics."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import medjax
 from medjax.env.agents.environment import AgentsEnv
 from medjax.traffic.exits import next_exit
 from medjax.world.state import AT_DEPOT, IN_SERVICE, RETIRED, EpisodeStats
@@ -30,7 +31,7 @@ def play(trips, state, decisions, **parts):
 
 
 def test_a_slower_med_is_slower(trips, busy):
-    """After half a minute those in service drive what they were told, or are behind somebody; nobody drives faster."""
+    """After half a minute, no MED in service drives faster than its order."""
     slow = trips.actions.speeds.index(14.0)
     state = play(trips, busy, 8, speed=slow)
     serves = np.asarray((busy.meds.status == IN_SERVICE) & (state.meds.status == IN_SERVICE))
@@ -42,9 +43,9 @@ def test_a_slower_med_is_slower(trips, busy):
 
 
 def test_a_med_changes_its_lane(trips):
-    """On a road without EVs: it comes to the lane that it is told, stays in service, and goes back."""
+    """On a road without EVs, it comes to the lane that it is told, stays in service, and goes back."""
     params = trips.params.replace(demand=trips.params.demand.replace(ev_share=jnp.float32(0.0)))
-    _, state = jax.jit(trips.env.reset)(jax.random.key(0), params)
+    _, state = trips.reset(0, params)
 
     def go_on(state, decisions, **parts):
         for number in range(decisions):
@@ -67,8 +68,8 @@ def test_a_med_changes_its_lane(trips):
     assert float(state.tally.collisions) == 0.0
 
 
-def test_who_refuses_gets_no_booking(trips, busy):
-    """No EV is booked anew on a MED that takes none, where the rule books some."""
+def test_a_med_that_refuses_gets_no_booking(trips, busy):
+    """The rule books some EVs in the same time."""
 
     def booked_anew(**parts):
         state, found = busy, 0
@@ -149,8 +150,7 @@ def test_metrics_of_what_agents_were_told_by_hand(trips, busy):
         metres += 4.0 * serves * speeds[speed]
         refusing += 4.0 * serves * (1 - accept)
         actions = in_service(trips, state, speed=speed, accept=accept)
-        *_, info = trips.step(jax.random.key(number), state, actions, trips.params)
-        _, state, *_ = trips.step(jax.random.key(number), state, actions, trips.params)
+        _, state, *_, info = trips.step(jax.random.key(number), state, actions, trips.params)
     metrics = {name: float(value) for name, value in info["metrics"].items()}
     assert metrics["told_speed"] == pytest.approx(metres / seconds, rel=1e-6)
     assert metrics["refusing_share"] == pytest.approx(refusing / seconds, rel=1e-6)
@@ -175,11 +175,11 @@ def test_random_agents_leave_the_world_sound(trips, seed):
         mask = np.asarray(trips.mask(state, trips.params))
         actions = [rng.choice(np.flatnonzero(row)) for row in mask]
         key = jax.random.key(1000 * seed + number)
-        obs, state, rewards, terminated, truncated, info = trips.step(
+        obs, state, _, terminated, truncated, info = trips.step(
             key, state, jnp.asarray(actions), trips.params
         )
         assert np.isfinite(obs).all()
-        assert np.isfinite(rewards).all()
+        assert np.isfinite(info["rewards"]).all()
         assert not terminated
         assert bool(truncated) == (number == 59)
     metrics = {name: float(value) for name, value in info["metrics"].items()}
@@ -195,19 +195,16 @@ def test_one_alone_is_one_of_many(trips, busy):
     actions = jnp.stack([in_service(trips, busy, speed=n) for n in range(3)])
     batch = jax.jit(jax.vmap(trips.env.step_env, (0, 0, 0, None)))
     obs, many, *_, info = batch(keys, states, actions, trips.params)
-    rewards = info["rewards"]
     for n in range(3):
-        own_obs, one, own, *_ = trips.step(keys[n], busy, actions[n], trips.params)
+        own_obs, one, *_, own = trips.step(keys[n], busy, actions[n], trips.params)
         np.testing.assert_array_equal(many.vehicles.x[n], one.vehicles.x)
         np.testing.assert_array_equal(many.meds.service_speed[n], one.meds.service_speed)
         np.testing.assert_allclose(obs[n], own_obs, atol=1e-5)
-        np.testing.assert_allclose(rewards[n], own, rtol=1e-6)
+        np.testing.assert_allclose(info["rewards"][n], own["rewards"], rtol=1e-6)
 
 
-def test_a_road_of_any_preset(paper):
-    """`paper` has no exits; agents decide every 4 s."""
-    import medjax
-
+def test_agents_on_a_road_without_exits():
+    """They decide every 4 s."""
     world = World(medjax.make_agents("paper", num_evs=8, num_gas=12, mainline_per_h=600.0))
     assert world.env.num_agents == 15
     assert not world.actions.exits

@@ -1,4 +1,4 @@
-"""What an agent sees: by hand, in its own frame, whatever slots others have."""
+"""An agent's observation: by hand, in its own frame, independent of the order of slots."""
 
 import jax
 import jax.numpy as jnp
@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from medjax.charging.booking import book
-from medjax.env.agents.environment import ROAD
 from medjax.env.agents.view import OF_AN_EV, OF_ITSELF, AgentView
 from medjax.world.state import IN_SERVICE, QUEUED
+from tests.charging.scene import put
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -104,33 +104,20 @@ def test_slots_do_not_matter(trips, busy):
 
 
 def test_a_last_trip_is_not_seen(trips, busy):
-    """Speed and lane that its slot still holds of it tell nobody anything: not the MED that waits, nor others."""
-    vehicles, waits = busy.vehicles, jnp.arange(4) == 3
-    status = jnp.where(waits, QUEUED, IN_SERVICE)
-    active = vehicles.active.at[:4].set(~waits)
-    state = busy.replace(meds=busy.meds.replace(status=status))
-    seen = []
+    """Speed and lane that the slot of a waiting MED still holds change nobody's observation."""
+    waits = jnp.arange(4) == 3
+    status, seen = jnp.where(waits, QUEUED, IN_SERVICE), []
     for speed, lane in ((0.0, 0), (23.0, 2)):
-        left = vehicles.replace(
-            active=active,
-            speed=vehicles.speed.at[3].set(speed),
-            lane=vehicles.lane.at[3].set(lane),
-        )
-        seen.append(np.asarray(trips.view(state.replace(vehicles=left), trips.params)))
+        left = {"active": (slice(4), ~waits), "speed": (3, speed), "lane": (3, lane)}
+        state = put(busy, vehicles=left, meds={"status": (slice(4), status)})
+        seen.append(np.asarray(trips.view(state, trips.params)))
     np.testing.assert_array_equal(seen[0], seen[1])
 
 
-def test_who_is_not_on_the_road_sees_nobody(trips):
-    """At the depot: the demand, the clock and itself."""
+def test_a_med_at_the_depot_sees_nobody(trips):
+    """It sees the demand, the clock and itself."""
     obs, _ = trips.reset()
     around = np.asarray(obs)[:, OF_ITSELF : OF_ITSELF + 8 * OF_AN_EV + 6 + 10]
     assert (around == 0.0).all()
     assert obs.shape == (4, AgentView().size(trips.config))
     assert list(np.asarray(obs)[:, OF_ITSELF - 1]) == [1.0, 0.0, 0.0, 0.0]
-
-
-def test_the_global_state_is_the_road_profile(trips, busy):
-    """One vector for a central critic."""
-    state = np.asarray(trips.global_state(busy, trips.params))
-    assert state.shape == (ROAD.size(trips.config),)
-    assert np.isfinite(state).all()
