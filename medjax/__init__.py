@@ -4,13 +4,18 @@ Members load on first access (PEP 562), so that a command's `--help` and its che
 a second for JAX and the simulator.
 """
 
+import os
+import sys
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from medjax import early, hooks
+from medjax import hooks
 
-early.begin()
+if sys.argv[:1] == [
+    "-m"
+]:  # a command, which may import JAX before its `main` starts: see `commandline.command`
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 if TYPE_CHECKING:
     from medjax.env.charging_env import ChargingEnv

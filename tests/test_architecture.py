@@ -24,7 +24,7 @@ from tests.import_graph import (
 
 # From the bottom up: a room imports itself, its neighbours on the same line, and the lines above its own.
 LEVELS = """
-medjax.early medjax.errors medjax.files medjax.streams medjax.commandline medjax.hooks
+medjax.errors medjax.files medjax.streams medjax.commandline medjax.hooks
 medjax.numerics
 medjax.physics
 medjax.world

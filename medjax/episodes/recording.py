@@ -238,7 +238,6 @@ def _go_on(
     numbers = runner.policies[0].params_transform(params)
 
     def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
-        """Takes one decision; returns the frames of its ticks and its record."""
         episodes, rows = runner.decide(episodes, number, [weights], params)
         after, road = runner.env.highway(_row(episodes.state), numbers)
         made = _row(rows.of_dispatcher(runner.env.config.num_actions))

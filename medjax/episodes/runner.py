@@ -124,7 +124,9 @@ class EpisodeRunner:
 
         shapes = {choice.action.shape[1:] for choice in choices}
         if len(shapes) > 1:
-            raise InputError("policies of a dispatcher and of agents, allowed: of one of the two")
+            raise InputError(
+                "policies of a dispatcher mixed with policies of agents: allowed one of the two"
+            )
 
         def take_turns(*leaves: jax.Array) -> jax.Array:
             return jnp.stack(leaves, axis=1).reshape(-1, *leaves[0].shape[1:])
@@ -191,8 +193,7 @@ class EpisodeRunner:
         """Maps `function(*row, params)` over rows, each with the params of its policy's world."""
 
         def mapped(*given: Any) -> Any:
-            """Takes leaves `(rows, ...)`, then the environment's params."""
-            *rows, params = given
+            *rows, params = given  # leaves `(rows, ...)`, then the environment's params
             first, *others = (policy.params_transform(params) for policy in self.policies)
             turns = jax.tree.leaves(rows)[0].shape[0] // len(self.policies)
             # Batch only the numbers that differ between worlds; the coils' table, for one, stays shared.

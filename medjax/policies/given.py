@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from medjax.commandline import as_path, read_object
 from medjax.errors import InputError, shown, told
 from medjax.policies.policy import Choice, Policy
-from medjax.policies.pretrained import PRETRAINED, pretrained
+from medjax.policies.pretrained import PRETRAINED, load_pretrained
 from medjax.policies.rules import BASELINES
 from medjax.policies.saved import ExportedPolicy, load_policy
 from medjax.policies.team import rules_of
@@ -70,7 +70,7 @@ def _named(env: Any, text: str) -> Policy:
     if text in rules:
         return rules[text]
     if text == PRETRAINED:
-        return pretrained(env)
+        return load_pretrained(env.name).policy(env)
     if text.endswith(FILE):
         return load_policy(text).policy(env)
     if ":" in text:
@@ -78,7 +78,7 @@ def _named(env: Any, text: str) -> Policy:
         try:
             built = build(env)
         except Exception as error:  # user code may raise anything
-            refusal = f"policy {shown(text)} of the environment: {told(error)}"
+            refusal = f"policy {shown(text)} failed to build: {told(error)}"
             raise InputError(refusal) from error
         return as_policy(env, built)
     raise _unknown(text, [*rules, PRETRAINED])
@@ -88,7 +88,6 @@ def _of_function(act: Callable[..., Any], num_actions: int) -> Policy:
     """Wraps a function that returns actions or choices as a policy without weights."""
 
     def choose(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
-        """Calls `act` and converts an action to a `Choice`."""
         chosen = act(key, obs, state, params)
         if isinstance(chosen, Choice):
             return chosen
@@ -96,7 +95,7 @@ def _of_function(act: Callable[..., Any], num_actions: int) -> Policy:
         # A team returns one action per agent.
         if action.ndim > 1 or not jnp.issubdtype(action.dtype, jnp.integer):
             raise InputError(
-                f"a policy acts by {shown(chosen)}: allowed whole numbers, or a Choice"
+                f"a policy returned {shown(chosen)}: allowed whole numbers, or a Choice"
             )
         action = action.astype(jnp.int32)
         return Choice(action, jax.nn.one_hot(action, num_actions, dtype=jnp.float32))

@@ -27,7 +27,7 @@ def _of_highway(env: Environment, act: Act) -> Policy:
     """Builds a rule from `act(mask, state, params)`, given allowed actions and the state and params of the highway."""
     if hasattr(env, "num_agents"):
         raise InputError(
-            f"a rule of a dispatcher for {env.num_agents} agents, allowed: for env.env, which they share"
+            f"a dispatching rule does not fit {env.num_agents} agents: allowed env.env, their highway"
         )
 
     def on_wrapped(key: jax.Array, state: Any, params: Any) -> jax.Array:

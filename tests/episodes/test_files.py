@@ -6,8 +6,6 @@ import pytest
 import medjax.episodes.files
 from medjax.episodes.files import write_trajectories
 
-pytestmark = pytest.mark.usefixtures("quick_compiles")
-
 
 def test_parquet_reads_back_as_the_table(played, table, tmp_path):
     """Written in pieces; the table is that of the whole."""

@@ -1,13 +1,10 @@
 """The table of an episode against its recording and the environment's own books."""
 
 import numpy as np
-import pytest
 
 from medjax.traffic.road import lateral_position
 from medjax.world.kinds import HUMAN_EV
 from medjax.world.params import PANELS
-
-pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
 def test_a_row_for_each_vehicle_and_tick(recording, table):
