@@ -8,7 +8,7 @@ from medjax.episodes.files import write_trajectories
 
 
 def test_parquet_reads_back_as_the_table(played, table, tmp_path):
-    """Written in pieces; the table is that of the whole."""
+    """Written in pieces; compared with the table of the whole."""
     parquet = pytest.importorskip("pyarrow.parquet", reason='pip install -e ".[trajectories]"')
     path = tmp_path / "run.parquet"
     assert write_trajectories(played[0], path) == len(table["time_s"])
