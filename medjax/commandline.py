@@ -170,7 +170,7 @@ def named_once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, value in pairs:
         if name in found:
-            raise InputError(f"{shown(name)} is there twice, allowed: once")
+            raise InputError(f"{shown(name)} is given twice: allowed once")
         found[name] = value
     return found
 

@@ -66,7 +66,6 @@ class EpisodeRequest:
         Raises:
           InputError: as in `policies`.
         """
-        env: Any = None
         if self.file is None:
             env, params, _ = prepare(self.scenario or "paper", **self.overrides)
             return env, params

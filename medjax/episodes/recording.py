@@ -21,6 +21,7 @@ from medjax.policies.policy import Policy
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, EpisodeStats
 
+OF_VEHICLES = ("x", "speed", "lane", "lateral_offset", "lateral_speed", "active", "kind")
 SLOTS_OF_A_PIECE = 1_000_000  # vehicle slots times frames in a piece: about 100 MB
 
 
@@ -265,15 +266,9 @@ def _row(rows: Any) -> Any:
 
 def frame_of(state: EnvState, params: EnvParams) -> Frames:
     """The recorded part of a state: one frame, without the time axis."""
-    vehicles, evs, meds = state.vehicles, state.evs, state.meds
+    evs, meds = state.evs, state.meds
     return Frames(
-        x=vehicles.x,
-        speed=vehicles.speed,
-        lane=vehicles.lane,
-        lateral_offset=vehicles.lateral_offset,
-        lateral_speed=vehicles.lateral_speed,
-        active=vehicles.active,
-        kind=vehicles.kind,
+        **{name: getattr(state.vehicles, name) for name in OF_VEHICLES},
         ev_soc=evs.energy_j / params.ev_capacity_j,
         ev_med=evs.med,
         ev_panel=evs.panel,

@@ -42,13 +42,9 @@ def as_policy(env: Any, given: Any) -> Policy:
 
     Args:
       env: a single environment.
-      given: one of
-        a `Policy`;
-        an `ExportedPolicy` (`load_policy`), or the path of its file;
-        the name of a rule;
-        "pretrained", which loads `load_pretrained` for the environment's preset;
-        `"module:name"` of a function that builds a policy from an environment, as in `medjax.BASELINES`;
-        a function `act(key, obs, state, params)` that returns an action, () int32, or a `Choice`.
+      given: a `Policy`; an `ExportedPolicy` or the path of its file; the name of a rule; "pretrained", for the
+        environment's preset; `"module:name"` of a function that builds a policy from an environment; or a function
+        `act(key, obs, state, params)` that returns an action, () int32, or a `Choice`.
 
     Raises:
       InputError: given is none of these, or does not fit the environment.

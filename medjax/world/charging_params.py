@@ -29,7 +29,7 @@ class FleetParams(struct.PyTreeNode):
         0,
         math.inf,
         "s",
-        "from the road via a depot to a ramp; inf: MEDs are sent once",
+        "time from the road to a depot's charger, plus from there to its ramp; inf: each MED is sent once",
     )
     depot_power_w: Scalar = number(
         math.inf, 1.0, math.inf, "W", "charging power at a depot; inf: charged at once; paper"
@@ -38,7 +38,11 @@ class FleetParams(struct.PyTreeNode):
         22.0, 1, 100, "m/s", "speed from the road to the depot, if there are several; a lorry's"
     )
     trip_m: Scalar = number(
-        math.inf, 0, math.inf, "m", "a MED leaves at the first exit after this; inf: at the end"
+        math.inf,
+        0,
+        math.inf,
+        "m",
+        "a MED leaves at the first exit after this distance; inf: at the road's end, or when it is empty",
     )
     service_speed: Scalar = number(
         22.0, 1, 100, "m/s", "a lorry's speed; the best rule then achieves what the paper claims"
@@ -54,7 +58,11 @@ class ChargingParams(struct.PyTreeNode):
 
     request_soc: Scalar = number(0.4, 0, 1, "", "an EV with less charge requests a slot; chosen")
     stop_soc: Scalar = number(
-        0.1, 0, 1, "", "less than this at the charger after next: an EV stops at the next; chosen"
+        0.1,
+        0,
+        1,
+        "",
+        "an EV that would have less at the charger beyond the next exit takes that exit to charge; chosen",
     )
     target_soc: Scalar = number(0.8, 0, 1, "", "an EV leaves its slot at this charge; chosen")
     reach_ahead_m: Scalar = number(
@@ -64,7 +72,11 @@ class ChargingParams(struct.PyTreeNode):
         100.0, 0, 200e3, "m", "how far behind an EV a MED may be booked; chosen"
     )
     patience_s: Scalar = number(
-        60.0, 0.1, 1e6, "s", "time to a booking's lapse; reach over approach speed, plus 10 s"
+        60.0,
+        0.1,
+        1e6,
+        "s",
+        "time after which a booking lapses if the EV has not docked; reach over approach speed, plus 10 s",
     )
     retry_s: Scalar = number(
         10.0, 0, 1e6, "s", "time from a lapsed booking to the EV's next request; chosen"
@@ -73,7 +85,7 @@ class ChargingParams(struct.PyTreeNode):
         8.0, 0.1, 50, "m/s", "highest speed relative to the MED at which an EV closes up; chosen"
     )
     slowest_share: Scalar = number(
-        0.75, 0.1, 1, "", "an EV that falls back keeps this share of the service speed; chosen"
+        0.75, 0.1, 1, "", "falling back, an EV keeps at least this share of service speed; chosen"
     )
     approach_rate: Scalar = number(
         0.35, 0.01, 10, "1/s", "relative speed per metre to go; chosen: slightly underdamped"
@@ -91,7 +103,7 @@ class ChargingParams(struct.PyTreeNode):
         12.0, 0.1, 100, "m", "bumper to bumper; chosen: above the platoon's gap at 22 m/s, 8.6 m"
     )
     dock_tolerance_m: Scalar = number(
-        0.3, 0.001, 10, "m", "charging starts within this of the slot; chosen: efficiency > 0.9"
+        0.3, 0.001, 10, "m", "charging starts this close to the slot; chosen: efficiency above 0.9"
     )
     dock_speed_tolerance: Scalar = number(
         0.5, 0.001, 10, "m/s", "charging starts within this of the MED's speed; chosen"
@@ -103,7 +115,11 @@ class ChargingParams(struct.PyTreeNode):
         0, 0, 1, "", "a depleted EV leaves the lanes (0) or blocks its lane (1); chosen", whole=True
     )
     tow_s: Scalar = number(
-        2100.0, 0, 1e6, "s", "time until an EV in a lane is towed; HCM 7, second-hand: 34.6 min"
+        2100.0,
+        0,
+        1e6,
+        "s",
+        "time until a depleted EV that stands in a lane is towed; HCM 7, ex. 11-22, read second-hand: 34.6 min",
     )
     slot_power_w: Scalar = number(
         40e3,

@@ -1,14 +1,10 @@
 """Static sizes (EnvConfig) and traced parameters (EnvParams) of an environment.
 
 EnvConfig holds everything that changes the compiled program. Every other number is a leaf of EnvParams, so that
-`jax.vmap` can run over demands, reward weights, batteries or coil designs in one program. EnvConfig checks itself;
-`medjax.make` checks both on the host, as `medjax.world.checks.validate` does.
+`jax.vmap` can run over demands, reward weights, batteries or coil designs in one program.
 
-Each number is declared once, by `number`: here, in `traffic_params` or in `charging_params`. The declarations define
-the checks, the names that `medjax.make` takes, the preset `paper`, and the tables of docs/parameters.md, which
-`python -m docs.parameters` writes.
-
-Every `(num_kinds,)` leaf is in the order of `medjax.world.kinds.KINDS`.
+Each number is declared once, by `number`. The declarations define the checks, the names that `medjax.make` takes, the
+preset `paper`, and the tables of docs/parameters.md, which `python -m docs.parameters` writes.
 """
 
 from __future__ import annotations

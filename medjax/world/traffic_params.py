@@ -34,7 +34,11 @@ class RoadParams(struct.PyTreeNode):
         250.0, 10, 5000, "m", "length of deceleration lanes; German guidelines (RAA): 250"
     )
     exit_notice_m: Scalar = number(
-        1000.0, 0, 10e3, "m", "first sign before an exit; who enters nearer drives past it; usual"
+        1000.0,
+        0,
+        10e3,
+        "m",
+        "distance of the first sign before an exit, usual for motorways; vehicles that enter nearer do not take it",
     )
     slope: Scalar = number(
         0.0, -0.2, 0.2, "rad", "positive uphill, constant along the road; motorways stay below 0.06"
@@ -63,7 +67,7 @@ class DemandParams(struct.PyTreeNode):
     period_s: Scalar = number(3600.0, 1, 1e6, "s", "length of a period of the profile")
     start_s: Scalar = number(0.0, 0, 1e9, "s", "time in the profile at which an episode starts")
     exit_share: jax.Array = number(
-        (), 0, 1, "", "share of vehicles that leave at an exit that they reach, each", per="exit"
+        (), 0, 1, "", "share of the vehicles reaching an exit that leave there", per="exit"
     )
     ev_share: Scalar = number(
         0.12, 0, 1, "", "share of EVs among arrivals; chosen so that 15 MEDs can serve most of them"
@@ -158,7 +162,11 @@ class DriverParams(struct.PyTreeNode):
         22.0, 1, 100, "m/s", "lowest speed to save charge, no slower than a lorry; chosen"
     )
     eco_horizon_m: Scalar = number(
-        30e3, 0, math.inf, "m", "EVs bound for the road's end make their charge last this far"
+        30e3,
+        0,
+        math.inf,
+        "m",
+        "EVs bound for the road's end make their charge last at least this far",
     )
     eco_soc: Scalar = number(
         1.0, 0, 1, "", "drivers with more charge than this do not slow down to save it"
@@ -179,10 +187,10 @@ class MotionParams(struct.PyTreeNode):
         2.0, 0.1, 20, "m/s2", "highest lateral acceleration; comfortable steering"
     )
     lateral_speed: Scalar = number(
-        1.5, 0.1, 10, "m/s", "highest lateral speed, a lane in 4 s; Toledo, Zohar 2007: 4.6 s mean"
+        1.5, 0.1, 10, "m/s", "highest lateral speed, a lane in 4 s; Toledo, Zohar 2007: mean 4.6 s"
     )
     lateral_slope: Scalar = number(
-        0.2, 0.01, 1, "", "highest ratio of lateral to longitudinal speed: nobody slides; chosen"
+        0.2, 0.01, 1, "", "highest ratio of lateral to longitudinal speed; no sliding; chosen"
     )
 
 
@@ -195,7 +203,7 @@ class LaneChangeParams(struct.PyTreeNode):
         0.0, -100, 100, "m/s2", "incentive to change right; 0: symmetric rules, as in the USA"
     )
     safe_braking: Scalar = number(
-        4.0, 0.1, 50, "m/s2", "hardest braking that a change causes; Kesting, Treiber, Helbing 2007"
+        4.0, 0.1, 50, "m/s2", "hardest braking that a change imposes; Kesting et al. 2007"
     )
     mandatory_bias: Scalar = number(
         10.0, 0, 1000, "m/s2", "incentive of a mandatory change; chosen: outweighs all but safety"
@@ -210,7 +218,7 @@ class LaneChangeParams(struct.PyTreeNode):
         15.0, 0.1, 1e3, "s", "time in which a short headway recovers; Laval, Leclercq 2008: 10-20"
     )
     courtesy_braking: Scalar = number(
-        2.0, 0, 20, "m/s2", "hardest braking to let others in or to fall in; Schakel et al. 2012"
+        2.0, 0, 20, "m/s2", "hardest braking for another's or one's own change; Schakel et al. 2012"
     )
     view_m: Scalar = number(
         360.0, 1, 10e3, "m", "a mandatory change becomes urgent, and others yield, this far ahead"

@@ -27,8 +27,10 @@ def test_too_large_programs_are_refused_unless_forced(monkeypatch):
     monkeypatch.setattr(memory, "memory_bytes", lambda: 8 * 10**9)
     memory.check_memory("--episodes 3", 8e9, force=False)
     memory.check_memory("--episodes 3", 9e9, force=True)
-    said = "--episodes 3: about 9 GB of memory, allowed: 8 GB, all that there is, or --force"
+    said = (
+        "--episodes 3: about 9 GB of memory, allowed: 8 GB, the memory of this machine, or --force"
+    )
     with pytest.raises(InputError, match=f"^{said}$"):
         memory.check_memory("--episodes 3", 9e9, force=False)
-    with pytest.raises(InputError, match=r"all that there is$"):
+    with pytest.raises(InputError, match=r"the memory of this machine$"):
         memory.check_memory("--num-envs 3", 9e9)
