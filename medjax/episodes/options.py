@@ -134,7 +134,7 @@ def requested_episode(given: argparse.Namespace) -> EpisodeRequest:
     if given.run_dir is None:
         check_policy(policy)
         if compare == policy:
-            raise InputError(f"--compare {compare}: allowed another one than --policy")
+            raise InputError(f"--compare {compare}: allowed another policy than --policy")
     overrides, file = parse_overrides(given.overrides), _file(given.run_dir, policy)
     as_trained = given.run_dir is not None and given.scenario is None and not overrides
     return EpisodeRequest(
