@@ -127,7 +127,9 @@ def as_numbers(value: Any) -> np.ndarray | None:
     if isinstance(value, int | float) and not isinstance(value, bool):
         # Larger integers exceed every range and overflow NumPy's integers.
         return np.asarray(value) if isinstance(value, float) or abs(value) < 2**63 else None
-    if not isinstance(value, np.generic | np.ndarray | jax.Array) or not _is_real(value.dtype):
+    if not isinstance(value, np.generic | np.ndarray | jax.Array):
+        return None
+    if not any(jax.dtypes.issubdtype(value.dtype, kind) for kind in (np.integer, np.floating)):
         return None
     try:
         array = np.asarray(value)
@@ -141,7 +143,3 @@ def _shape_of_list(value: Any) -> tuple[int, ...]:
     widths = {len(row) if isinstance(row, list | tuple) else None for row in value}
     width = widths.pop() if len(widths) == 1 else None
     return (len(value),) if width is None else (len(value), width)
-
-
-def _is_real(dtype: Any) -> bool:
-    return jax.dtypes.issubdtype(dtype, np.integer) or jax.dtypes.issubdtype(dtype, np.floating)

@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import medjax
 from medjax.errors import InputError
 from medjax.numerics.rows import CACHED_ROWS
 from medjax.wrappers import BatchAutoReset, environment_mesh, in_blocks, on_devices
@@ -83,20 +82,6 @@ def test_mesh_takes_the_most_devices_that_divide_the_environments():
         environment_mesh(12, devices + 1)
     with pytest.raises(ValueError, match="num_devices is 2, allowed: a divisor of 7"):
         environment_mesh(7, 2)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("quick_compiles")  # which last to the end of the file
-def test_devices_change_nothing_on_the_highway():
-    """To rounding, since it is compiled quickly; tests/test_determinism.py compares bits."""
-    env, params = medjax.make("paper", episode_decisions=3)
-    alone = course(env, params, 4, None, 8)
-    shared = course(env, params, 4, 2, 8)
-    _, _, _, truncated, _ = alone[1]
-    assert truncated.any()  # so resets are among it
-    jax.tree.map(
-        lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-5), alone[1], shared[1]
-    )
 
 
 def test_a_function_of_one_argument_is_refused():
