@@ -1,5 +1,7 @@
 """Bad input gives one line, a bug in the code a traceback."""
 
+import signal
+
 import pytest
 
 import benchmarks.speed.throughput
@@ -7,6 +9,7 @@ import medjax
 import medjax.render.__main__
 import medjax.trajectories
 import train.ppo
+from medjax.commandline import command
 from medjax.errors import InputError
 
 COMMANDS = {
@@ -43,3 +46,15 @@ def test_messages_escape_line_ends_and_control_characters():
     assert str(InputError(f"cannot read a\nb\x1b[2J in {path}")) == (
         f"cannot read a b\\x1b[2J in {path}"
     )
+
+
+def test_sigterm_ends_a_command_in_a_line(capsys):
+    @command
+    def main(argv):
+        signal.raise_signal(signal.SIGTERM)
+        return 0
+
+    before = signal.getsignal(signal.SIGTERM)
+    assert main([]) == 128 + signal.SIGTERM
+    assert capsys.readouterr().err == "interrupted\n"
+    assert signal.getsignal(signal.SIGTERM) is before

@@ -29,7 +29,7 @@ def test_import_pulls_in_no_plotting():
         f"import gymnasium; gymnasium.make('medjax:{ID}')",
         f"import gymnasium, medjax; gymnasium.spec('{ID}')",
         f"import medjax, gymnasium, medjax.wrappers.gymnasium; gymnasium.spec('{ID}')",
-        f"import medjax, gymnasium; gymnasium.spec('medjax.wrappers.gymnasium:{ID}')",
+        f"import medjax, gymnasium; gymnasium.make('medjax.wrappers.gymnasium:{ID}')",
         f"import gymnasium; gymnasium.make_vec('medjax.wrappers.gymnasium:{ID}', num_envs=2)",
     ],
 )
