@@ -134,8 +134,7 @@ def record_episode(
       params: its parameters.
       policy: the dispatcher; the compiled program is cached for the same env and policy objects.
       name: of the policy.
-      seed: of the episodes.
-      episode: number of the episode; the same as in `train.evaluate`.
+      seed, episode: which episode; the same as in `train.evaluate`.
     """
     pieces = list(record_pieces(env, params, policy, name=name, seed=seed, episode=episode))
     rest = [jax.tree.map(lambda leaf: leaf[1:], piece.frames) for piece in pieces[1:]]
@@ -155,13 +154,7 @@ def record_pieces(
     seed: int = 0,
     episode: int = 0,
 ) -> Iterator[Recording]:
-    """Plays the same episode lazily, in pieces of bounded size.
-
-    Args: as in `record_episode`.
-
-    Yields:
-      Pieces in order of time.
-    """
+    """Yields the episode of `record_episode` in pieces of bounded size, in order of time, as they are played."""
     config, steps = env.config, episode_steps(env, params)
     ticks_a_step = config.ticks_per_decision * env.decisions_per_step
     count = -(-steps * ticks_a_step * config.num_vehicles // SLOTS_OF_A_PIECE)

@@ -105,10 +105,8 @@ class EpisodeRunner:
         """Choices of the policies at decision `number` of the episodes, leaves `(rows, ...)`.
 
         Args:
-            episodes: their progress.
             number: () int32 for all rows, or (rows,).
             weights: of the policies.
-            params: of the environment.
 
         Raises:
             InputError: some policies are for a dispatcher and some for agents.
@@ -136,14 +134,7 @@ class EpisodeRunner:
     def go_on(
         self, episodes: Episodes, number: Any, choice: Choice, params: Any
     ) -> tuple[Episodes, Decision]:
-        """Takes decision `number` in every row; finished episodes keep their scores.
-
-        Args:
-            episodes: their progress.
-            number: as in `choose`.
-            choice: leaves `(rows, ...)`.
-            params: of the environment.
-        """
+        """Takes decision `number` in every row, as `choose` returned it; finished episodes keep their scores."""
         mask = self._over_rows(self.env.action_mask)(episodes.state, params)
         action = choice.action.astype(jnp.int32)
         allowed = jnp.take_along_axis(mask, action[..., None], axis=-1, mode="clip")[..., 0]

@@ -42,11 +42,8 @@ def about_of(
     """Describes an environment from `medjax.make`, so that a policy file can rebuild it.
 
     Args:
-      env: as `medjax.make` built it, without custom parts.
-      params: as returned with env.
-      decide_every: decisions from one choice to the next.
-      name: of the policy.
-      dispatcher: the rule that dispatches agents, if any.
+      env, params: as `medjax.make` returned them, without custom parts.
+      decide_every, name, dispatcher: as in `About`.
 
     Raises:
       InputError: the environment has custom parts or changed numbers, which a file cannot describe.

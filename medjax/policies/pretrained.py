@@ -12,9 +12,6 @@ FILES = Path(__file__).parent / "trained"
 def load_pretrained(scenario: str = "paper") -> ExportedPolicy:
     """Loads the policy that was trained for a preset.
 
-    Args:
-      scenario: name of the preset.
-
     Raises:
       InputError: medjax has no policy for it.
     """

@@ -172,9 +172,7 @@ class CoilDesign:
 def build_link(design: CoilDesign, params: LinkParams | None = None) -> LinkParams:
     """Builds the link of a coil design; works under `jax.vmap` over the design's numbers.
 
-    Args:
-      design: the coils.
-      params: all other parameters of the link; None takes the defaults.
+    `params` has all other parameters of the link; None takes the defaults.
     """
     table = tabulate_inductance(
         design.med_coil_radius_m,
