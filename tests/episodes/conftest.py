@@ -46,8 +46,8 @@ def played(tmp_path_factory):
 @pytest.fixture(scope="session")
 def recording():
     """The same episode in one piece."""
-    env, params = medjax.make("paper", **WORLD)
     with quickly():
+        env, params = medjax.make("paper", **WORLD)
         return record_episode(env, params, paced(env), name="paced", seed=3, episode=1)
 
 
