@@ -69,6 +69,7 @@ def test_a_function_that_builds_no_policy_is_refused():
         as_policy(env, "math:sqrt")
 
 
+@pytest.mark.usefixtures("quick_compiles")
 def test_plays_by_name_in_environments_that_it_fits():
     """It computes its own observation if the environment has another."""
     env, params = medjax.make("paper")
