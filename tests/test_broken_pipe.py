@@ -1,39 +1,8 @@
 """A command goes on and writes its files after the reader of its output, such as `head`, has gone."""
 
-import json
 import shlex
 import subprocess
 import sys
-from pathlib import Path
-
-from tests.train.conftest import TINY
-
-ROOT = Path(__file__).parents[1]
-
-
-def run_unread(folder, *words, lines=1):
-    """Runs `python -m`, closes its output after some lines, and returns the exit code."""
-    with subprocess.Popen(
-        [sys.executable, "-u", "-m", *map(str, words)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        cwd=folder,
-        text=True,
-    ) as process:
-        for _ in range(lines):
-            process.stdout.readline()
-        process.stdout.close()
-        return process.wait(timeout=300)
-
-
-def test_training_goes_on_and_is_saved(tmp_path):
-    """Six updates on a probe, of which two lines are read."""
-    run = tmp_path / "run"
-    assert run_unread(ROOT, "tests.train.probe_run", *TINY, "--run-dir", run, lines=2) == 0
-    assert len((run / "metrics.jsonl").read_text().splitlines()) == 6
-    assert json.loads((run / "summary.json").read_text())["env_steps"] == 96
-    assert list((run / "checkpoints").iterdir())
-
 
 SPEAKS = """
 import sys
@@ -54,7 +23,12 @@ sys.exit(main())
 def test_any_command_goes_on(tmp_path):
     """It prints far more than a pipe holds to both streams, and keeps its own exit code."""
     (tmp_path / "speaks.py").write_text(SPEAKS)
-    assert run_unread(tmp_path, "speaks") == 3
+    words = [sys.executable, "-u", "-m", "speaks"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    with subprocess.Popen(words, cwd=tmp_path, text=True, **pipes) as process:
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.wait(timeout=60) == 3
     assert (tmp_path / "done").exists()
 
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from medjax.commandline import as_path, read_object
 from medjax.errors import InputError, shown, told
 from medjax.policies.policy import Choice, Policy
-from medjax.policies.pretrained import PRETRAINED, load_pretrained
+from medjax.policies.pretrained import PRETRAINED, pretrained
 from medjax.policies.rules import BASELINES
 from medjax.policies.saved import ExportedPolicy, load_policy
 from medjax.policies.team import rules_of
@@ -66,7 +66,7 @@ def _named(env: Any, text: str) -> Policy:
     if text in rules:
         return rules[text]
     if text == PRETRAINED:
-        return load_pretrained(env.name).policy(env)
+        return pretrained(env)
     if text.endswith(FILE):
         return load_policy(text).policy(env)
     if ":" in text:

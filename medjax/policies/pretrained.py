@@ -1,8 +1,10 @@
 """Trained policies that come with medjax, one per preset; docs/pretrained.md has their results."""
 
 from pathlib import Path
+from typing import Any
 
 from medjax.errors import InputError, shown
+from medjax.policies.policy import Policy
 from medjax.policies.saved import ExportedPolicy, load_policy
 
 PRETRAINED = "pretrained"  # as a policy name
@@ -21,3 +23,8 @@ def load_pretrained(scenario: str = "paper") -> ExportedPolicy:
             f"no policy was trained for {shown(scenario)}: allowed {', '.join(there)}, or your own file"
         )
     return load_policy(there[scenario])
+
+
+def pretrained(env: Any) -> Policy:
+    """The policy of an environment's preset; InputError if there is none, or if it does not fit the environment."""
+    return load_pretrained(env.name).policy(env)

@@ -120,10 +120,9 @@ def as_numbers(value: Any) -> np.ndarray | None:
         shape = _shape_of_list(value)
         items = value if len(shape) == 1 else [item for row in value for item in row]
         nested = any(isinstance(item, list | tuple) for item in items)
-        numbers = [None] if nested else [as_numbers(item) for item in items]
-        if any(number is None or number.ndim for number in numbers):
-            return None
-        return np.array([number.item() for number in numbers], np.float64).reshape(shape)
+        numbers = [] if nested else [as_numbers(item) for item in items]
+        plain = [number.item() for number in numbers if number is not None and not number.ndim]
+        return np.array(plain, np.float64).reshape(shape) if len(plain) == len(items) else None
     if isinstance(value, int | float) and not isinstance(value, bool):
         # Larger integers exceed every range and overflow NumPy's integers.
         return np.asarray(value) if isinstance(value, float) or abs(value) < 2**63 else None
