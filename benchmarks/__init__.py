@@ -5,7 +5,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from medjax.commandline import fail
-from medjax.early import command_name
 
 
 def _check_train(command: str) -> None:
@@ -18,5 +17,6 @@ def _check_train(command: str) -> None:
             sys.exit(fail(f"python -m {command}", f"train is {found.origin} here: {remedy}"))
 
 
-if _name := command_name():
+# `sys.argv[0]` is "-m" while Python locates the module of a command and imports its package.
+if sys.argv[:1] == ["-m"] and (_name := sys.orig_argv[-len(sys.argv)]).startswith("benchmarks."):
     _check_train(_name)

@@ -4,40 +4,33 @@ Members load on first access (PEP 562), so that a command's `--help` and its che
 a second for JAX and the simulator.
 """
 
+import os
+import sys
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from medjax import early, hooks
+from medjax import hooks
 
-early.begin()
+if sys.argv[:1] == [
+    "-m"
+]:  # a command, which may import JAX before its `main` starts: see `commandline.command`
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
-if TYPE_CHECKING:
-    from medjax.env.charging_env import ChargingEnv
-    from medjax.env.reward import TERMS
-    from medjax.numerics.compilation import prepare_jax
-    from medjax.policies.pretrained import load_pretrained
-    from medjax.policies.rules import BASELINES
-    from medjax.policies.saved import load_policy
-    from medjax.scenarios import SCENARIOS, make
-    from medjax.world.detectors import read_detectors
-    from medjax.world.params import EnvConfig, EnvParams
-    from medjax.wrappers.agents import make_agents
+if TYPE_CHECKING:  # for type checkers and editors
+    from medjax.env.charging_env import ChargingEnv as ChargingEnv
+    from medjax.env.reward import TERMS as TERMS
+    from medjax.numerics.compilation import prepare_jax as prepare_jax
+    from medjax.policies.pretrained import load_pretrained as load_pretrained
+    from medjax.policies.rules import BASELINES as BASELINES
+    from medjax.policies.saved import load_policy as load_policy
+    from medjax.scenarios import SCENARIOS as SCENARIOS
+    from medjax.scenarios import make as make
+    from medjax.world.detectors import read_detectors as read_detectors
+    from medjax.world.params import EnvConfig as EnvConfig
+    from medjax.world.params import EnvParams as EnvParams
+    from medjax.wrappers.agents import make_agents as make_agents
 
-__all__ = [
-    "BASELINES",
-    "SCENARIOS",
-    "TERMS",
-    "ChargingEnv",
-    "EnvConfig",
-    "EnvParams",
-    "load_policy",
-    "load_pretrained",
-    "make",
-    "make_agents",
-    "prepare_jax",
-    "read_detectors",
-]
 __version__ = "0.1.0"
 
 _HOMES = {
@@ -54,6 +47,7 @@ _HOMES = {
     "prepare_jax": "numerics.compilation",
     "read_detectors": "world.detectors",
 }
+__all__ = list(_HOMES)
 
 
 def __getattr__(name: str) -> Any:

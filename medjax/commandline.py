@@ -2,7 +2,6 @@
 
 import argparse
 import functools
-import gc
 import importlib
 import json
 import os
@@ -19,7 +18,6 @@ from medjax.errors import MOST_SHOWN, InputError, one_line, shown, told
 from medjax.streams import unbroken_output
 
 MOST_PATH = 1000  # characters, which leaves room for nested directories
-AGAIN_S = 0.02  # delay after which a deferred signal is sent again
 MOST_NAME = 255  # bytes, the limit of common file systems
 SECONDS_PER_LINE = 10.0  # between progress lines, if no terminal shows a bar
 # Arguments of medjax.make and agents_of that `--set` cannot fill; they need Python or their own option.
@@ -57,29 +55,8 @@ def signal_of(error: KeyboardInterrupt) -> int:
     return int(signal.SIGTERM if isinstance(error, TerminatedError) else signal.SIGINT)
 
 
-def _forgets(frame: FrameType) -> bool:
-    """Whether exceptions in this frame get lost: garbage collection, weak references, finalisers, extension loading."""
-    collecting = (getattr(callback, "__code__", None) for callback in gc.callbacks)
-    within_weak = frame.f_globals.get("__name__") in ("weakref", "_weakrefset")
-    loading = frame.f_code.co_qualname.startswith("ExtensionFileLoader.")
-    return within_weak or loading or frame.f_code.co_name == "__del__" or frame.f_code in collecting
-
-
-def interrupt(number: int, frame: FrameType | None) -> None:
-    """Handler of SIGINT and SIGTERM: raises KeyboardInterrupt or TerminatedError in the running code.
-
-    Python prints and drops exceptions in some places, such as JAX's garbage collection callback, which runs often
-    during tracing, and an extension that is loading turns them into ImportError. There the signal is sent again later.
-    """
-    within = frame
-    while within is not None:
-        if _forgets(within):
-            again = threading.Timer(AGAIN_S, os.kill, (os.getpid(), number))
-            again.daemon = True
-            again.start()
-            return
-        within = within.f_back
-    raise TerminatedError if number == signal.SIGTERM else KeyboardInterrupt
+def _terminate(number: int, frame: FrameType | None) -> None:
+    raise TerminatedError
 
 
 def command(main: Callable[[Sequence[str] | None], int]) -> Callable[..., int]:
@@ -89,33 +66,23 @@ def command(main: Callable[[Sequence[str] | None], int]) -> Callable[..., int]:
     """
 
     @functools.wraps(main)
-    def heeding(argv: Sequence[str] | None = None) -> int:
-        """Runs `main` with these handlers."""
-        # Must precede the import of JAX. XLA's C++ logs an error that asks to file a bug when compilation is slow, and
-        # has no flag for that line alone (openxla/xla#9828, jax-ml/jax#26098). Real errors are raised anyway.
+    def run(argv: Sequence[str] | None = None) -> int:
+        # XLA's C++ logs an error that asks to file a bug when compilation is slow, and has no flag for that line alone
+        # (openxla/xla#9828, jax-ml/jax#26098). Real errors are raised anyway. Must precede the import of JAX.
         os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
-        heard = threading.current_thread() is threading.main_thread()
-        before = {signal.SIGTERM: signal.getsignal(signal.SIGTERM)} if heard else {}
-        if heard and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            before[signal.SIGINT] = signal.default_int_handler
-        for number in before:
-            signal.signal(number, interrupt)
-        try:
-            with unbroken_output():
-                return _heeding(main, argv)
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
+        in_main_thread = threading.current_thread() is threading.main_thread()
+        before = signal.signal(signal.SIGTERM, _terminate) if in_main_thread else None
+        with unbroken_output():
+            try:
+                return main(argv)
+            except KeyboardInterrupt as error:
+                print("interrupted", file=sys.stderr)
+                return 128 + signal_of(error)
+            finally:
+                if in_main_thread:
+                    signal.signal(signal.SIGTERM, before)
 
-    return heeding
-
-
-def _heeding(main: Callable[[Sequence[str] | None], int], argv: Sequence[str] | None) -> int:
-    try:
-        return main(argv)
-    except KeyboardInterrupt as error:
-        print("interrupted", file=sys.stderr)
-        return 128 + signal_of(error)
+    return run
 
 
 def leave(code: int) -> NoReturn:
@@ -203,7 +170,7 @@ def named_once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, value in pairs:
         if name in found:
-            raise InputError(f"{shown(name)} is there twice, allowed: once")
+            raise InputError(f"{shown(name)} is given twice: allowed once")
         found[name] = value
     return found
 

@@ -1,4 +1,4 @@
-"""Values that a number cannot be: made here, not by the checks that are to refuse them."""
+"""Values that no parameter accepts, made without the checks that must refuse them."""
 
 import math
 
@@ -9,14 +9,14 @@ NAN_ON_DEVICE, INF_ON_DEVICE = jnp.float32(math.nan), jnp.float32(math.inf)  # c
 
 
 class Unprintable:
-    """Breaks whoever wants to show it."""
+    """Its `repr` raises."""
 
     def __repr__(self):
         raise RuntimeError("no")
 
 
 def deep(levels):
-    """A list in a list in a list ..."""
+    """Nested lists."""
     nested = []
     for _ in range(levels):
         nested = [nested]
@@ -24,7 +24,7 @@ def deep(levels):
 
 
 def heavy():
-    """Few objects, and more than memory holds when written out."""
+    """Few objects, but its text would exceed the memory."""
     level = ["x"] * 9
     for _ in range(12):
         level = [level] * 9
@@ -33,48 +33,18 @@ def heavy():
 
 DEEP, HEAVY = deep(10_000), heavy()
 NO_NUMBERS = (
-    None,
-    True,
-    np.bool_(False),
-    "",
-    "3",
-    "٣",
-    "\ud800\n\0\u202e\x1b[2J",
-    "9" * 10_000,
-    b"3",
-    {},
-    {"low": 1},
-    set(),
-    object(),
-    Unprintable(),
-    1j,
-    np.complex64(1),
-    np.array("3"),
-    np.array([3], object),
-    np.array(3, object),
-    np.datetime64(3, "s"),
-    lambda: 3,
-    float,
-    DEEP,
-    [deep(300)],
-    HEAVY,
-    [None, None, None, None],
-    ["1", "2", "3", "4"],
-    [True] * 4,
-    np.zeros((4, 4)),
-    np.zeros((0, 3)),
-    np.zeros(4, bool),
-    np.zeros(4, complex),
-    jnp.asarray(np.zeros((2, 2))),
-    [0.0] * 100_000,
-    range(4),
-    iter([1.0]),
+    *(None, True, np.bool_(False), "", "3", "٣", "\ud800\n\0\u202e\x1b[2J", "9" * 10_000, b"3"),
+    *({}, {"low": 1}, set(), object(), Unprintable(), 1j, np.complex64(1), np.array("3")),
+    *(np.array([3], object), np.array(3, object), np.datetime64(3, "s"), lambda: 3, float, DEEP),
+    *([deep(300)], HEAVY, [None, None, None, None], ["1", "2", "3", "4"], [True] * 4),
+    *(np.zeros((4, 4)), np.zeros((0, 3)), np.zeros(4, bool), np.zeros(4, complex)),
+    *(jnp.asarray(np.zeros((2, 2))), [0.0] * 100_000, range(4), iter([1.0])),
 )
-"""What no number of the environment can be."""
+"""Values of the wrong type or shape."""
 
 
 def outside(low, high, whole=False, infinite=False):
-    """Numbers that a range leaves out."""
+    """Numbers outside a range."""
     given = [math.nan, -math.inf, np.float32(math.nan), NAN_ON_DEVICE, -1e39, -1e308]
     given += [-(10**400), 10**400, 10**5000, -(2**63), low - 1, np.int64(low - 1), [math.nan] * 4]
     given += [low - (1e-6 * max(abs(low), 1)), np.float64(low - 1)]
@@ -91,7 +61,7 @@ def outside(low, high, whole=False, infinite=False):
 
 
 def _allowed(value, low, high, whole):
-    """Whether a bound that is all there is makes a value good after all, as 2**31 where weights go to 1e9."""
+    """Whether the range allows a value after all."""
     if isinstance(value, list):
         return _allowed(value[0], low, high, whole)
     if isinstance(value, int):
@@ -101,5 +71,5 @@ def _allowed(value, low, high, whole):
 
 
 def bad_values(row):
-    """Everything bad for a documented number."""
+    """All invalid values of a documented number."""
     return [*NO_NUMBERS, *outside(row.low, row.high, row.whole, infinite=row.high == math.inf)]

@@ -1,4 +1,4 @@
-"""Programs that play a few steps only: compiled in a quarter of the time, and slow."""
+"""Compilation in a quarter of the time, for programs that play a few steps only."""
 
 import contextlib
 
@@ -6,8 +6,8 @@ import jax
 import pytest
 from jax._src import compiler
 
-# Most of XLA's usual time goes to its fusion emitters (newer versions have nothing else). Nor need loops be simplified
-# again and again that run a few times, or the work be split among cores that other tests use.
+# Most of XLA's time goes to its fusion emitters, which newer versions cannot do without. Short loops need no repeated
+# simplification, and other tests use the other cores.
 LOOP_PASSES = (
     "simplify-while-loops",
     "while-loop-invariant-code-motion",
@@ -25,10 +25,9 @@ if jax.__version_info__ < (0, 11):
 
 @contextlib.contextmanager
 def quickly():
-    """What is compiled meanwhile.
+    """Programs compiled in this context; they round differently, so caches are cleared on both sides.
 
-    It rounds differently, so none is left for tests that compare bits, nor taken over from them. JAX has no public
-    setting for options of all programs, only of one (`jax.jit(compiler_options=...)`).
+    JAX has a public setting for the options of one program only (`jax.jit(compiler_options=...)`).
     """
     default = compiler.get_compile_options
 

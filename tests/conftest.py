@@ -1,15 +1,14 @@
-"""Shared environments: what is built and compiled once for the whole session."""
+"""Fixtures and settings for the whole session."""
 
 import gc
 import os
 import tempfile
 
-# A program that several files, workers or started commands compile is compiled once: workers and commands take the
-# directory over from the process that made it. Set before JAX is imported, which reads it there.
+# Files, workers and subprocesses share compiled programs in one directory. Set before JAX is imported, which reads it.
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     _programs = tempfile.TemporaryDirectory(prefix="medjax-programs-")
     os.environ["JAX_COMPILATION_CACHE_DIR"] = _programs.name
-    # Small ones, too: thousands of single operations are most of what is compiled.
+    # Small programs too: most of what is compiled are thousands of single operations.
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
 
@@ -22,7 +21,7 @@ from tests.compiling import quickly
 from tests.refusals import AcceptedError
 from tests.render.browser import chromium_program
 
-# Two devices, whatever the machine: training shares its environments among them.
+# Two devices on any machine, among which training shares its environments.
 jax.config.update("jax_num_cpu_devices", 2)
 
 # The same examples in every run; HYPOTHESIS_PROFILE=default draws new ones.
@@ -30,25 +29,17 @@ settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 
-# Files of some half a minute or more. They go first, so that no worker is left alone with one at the end.
+# Files of half a minute or more go first, so that no worker is left alone with one at the end.
 LONG = {
     *("test_invariants", "test_bits", "test_agents_run", "test_notebook", "test_surface"),
     *("test_scenarios", "test_demand", "test_processes", "test_killed", "test_determinism"),
-    *(
-        "test_report",
-        "test_docs",
-        "test_x64",
-        "test_gradients",
-        "test_site",
-        "test_player",
-        "test_learner",
-        "test_end_to_end",
-    ),
+    *("test_report", "test_docs", "test_x64", "test_gradients", "test_site", "test_player"),
+    *("test_learner", "test_end_to_end"),
 }
 
 
 def pytest_configure(config):
-    """pytest-xdist would begin with the files of most tests, which are short ones."""
+    """Otherwise pytest-xdist would begin with the files that have the most tests, which are short."""
     if hasattr(config.option, "loadscopereorder"):
         config.option.loadscopereorder = False
 
@@ -58,7 +49,7 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_collection_finish():
-    """What is imported stays: the collector need not look at it again and again while JAX traces."""
+    """The garbage collector need not look at imported modules again and again while JAX traces."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 50)
@@ -86,7 +77,7 @@ def quick_compiles():
 
 @pytest.fixture
 def nothing_starts(monkeypatch):
-    """The test fails where anything is compiled; commands end at what they would compile first, the coils' table."""
+    """Fails the test if anything compiles; commands end at their first program, the coils' table."""
     compiled = []
 
     def listen(event, duration, **_):

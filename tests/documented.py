@@ -1,4 +1,4 @@
-"""What docs/parameters.md says of every number, so that a new one is tried without anybody's thinking of it."""
+"""The rows of docs/parameters.md, so that tests cover new numbers automatically."""
 
 import dataclasses
 import re
@@ -25,11 +25,7 @@ class Documented:
 
 
 WHOLE = (
-    "ticks_per_round",
-    "rounds_per_decision",
-    "size",
-    "service_lane",
-    "depleted_blocks",
+    *("ticks_per_round", "rounds_per_decision", "size", "service_lane", "depleted_blocks"),
     "episode_decisions",
 )
 NUMBERS = {
@@ -38,6 +34,4 @@ NUMBERS = {
         r"^\| `([\w.]+)` \| ([^|]+?) \| ([^|]+?) \|", PAGE, re.MULTILINE
     )
 }
-COILS = [
-    name for name in NUMBERS if "_coil_" in name
-]  # those that `make` builds the coils' table from
+COILS = [name for name in NUMBERS if "_coil_" in name]

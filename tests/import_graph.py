@@ -15,7 +15,7 @@ HOUSES = ("medjax", "train", "benchmarks")
 
 @dataclasses.dataclass(frozen=True)
 class Import:
-    """One module that a module imports, at a line of it."""
+    """An import of one module."""
 
     target: str
     line: int
@@ -25,7 +25,7 @@ class Import:
 
 @dataclasses.dataclass(frozen=True)
 class Module:
-    """A module of a house, or an `__init__`."""
+    """A module or an `__init__` of our packages."""
 
     name: str
     path: Path
@@ -33,12 +33,12 @@ class Module:
 
     @property
     def is_command(self):
-        """It has a `main`, or is run as it is."""
+        """Whether it has a `main` or is a `__main__`."""
         return self.name.endswith("__main__") or "main" in self.defined
 
     @property
     def stands_for_another(self):
-        """It only starts what it imports."""
+        """Whether it only runs the command that it imports."""
         return not self.defined and any("__main__" in ast.dump(node) for node in self.tree.body)
 
     @property
@@ -49,14 +49,14 @@ class Module:
 
 
 def source_files(*folders, endings=("py",)):
-    """Files under folders of the tree, but for what is generated."""
+    """Files under folders of the tree."""
     found = (path for folder in folders for path in sorted((ROOT / folder).rglob("*")))
     return [path for path in found if path.suffix[1:] in endings and path.is_file()]
 
 
 @functools.cache
 def modules():
-    """All modules of the houses by their dotted names."""
+    """All modules of our packages by dotted name."""
     found = {}
     for path in source_files(*HOUSES):
         parts = path.relative_to(ROOT).with_suffix("").parts
@@ -67,7 +67,7 @@ def modules():
 
 @functools.cache
 def imports_of(name):
-    """What a module imports, with the packages outside of the house."""
+    """Imports of a module, of other packages too."""
     return tuple(imports_in(modules()[name].tree, False, False))
 
 
@@ -89,7 +89,7 @@ def imports_in(node, is_late, is_for_types) -> Iterator[Import]:
 
 
 def arrows():
-    """(module, Import) of all imports from house to house."""
+    """(module, Import) of all imports among our packages."""
     return [
         (name, found)
         for name in modules()
@@ -99,7 +99,7 @@ def arrows():
 
 
 def graph_of(found_arrows):
-    """Modules that each one imports."""
+    """The modules that each module imports."""
     graph = {name: set() for name in modules()}
     for name, found in found_arrows:
         graph[name].add(found.target)
@@ -107,7 +107,7 @@ def graph_of(found_arrows):
 
 
 def way(graph, start, is_end):
-    """A shortest one from a module along its imports to the first that is an end; None if there is none."""
+    """A shortest path along imports from `start` to a module that is an end; None if there is none."""
     ways, seen = [[start]], set()
     for path in ways:
         for target in sorted(graph[path[-1]] - seen):

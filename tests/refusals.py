@@ -1,4 +1,4 @@
-"""What a refusal of bad input has to look like."""
+"""What a refusal of bad input must look like."""
 
 import reprlib
 import time
@@ -8,16 +8,16 @@ import pytest
 
 from medjax.errors import InputError
 
-MOST_S = 2.0  # of the processor: nothing here waits
+MOST_S = 2.0  # processor time
 MOST_CHARACTERS = 400  # of a message: the value, the name and what is allowed
 
 
 class AcceptedError(BaseException):
-    """Bad input got as far as the first program."""
+    """Bad input was accepted: it reached the first program."""
 
 
 def check_line(line, *words):
-    """One short line that a terminal can show and that has the words."""
+    """Asserts that a line is short and printable and contains the words."""
     assert line.isprintable(), ascii(line)
     assert len(line) <= MOST_CHARACTERS, len(line)
     for word in words:
@@ -25,7 +25,7 @@ def check_line(line, *words):
 
 
 def refused(call, *words):
-    """The message of the InputError that a call ends with, at once and without a warning."""
+    """Asserts that the call raises an InputError at once, without a warning."""
     start = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -37,7 +37,7 @@ def refused(call, *words):
 
 
 def not_refused(calls, *words):
-    """Of pairs of a value and a call with it, those that did not end as `refused` wants it, a line each."""
+    """Describes each pair of a value and a call with it that fails `refused`."""
     wrong = []
     for value, call in calls:
         try:
@@ -49,7 +49,6 @@ def not_refused(calls, *words):
 
 
 def ascii_of(value):
-    """A value for a message, whatever it is."""
     try:
         return ascii(reprlib.repr(value))[:60]  # a value may hold more than memory does
     except Exception:

@@ -1,7 +1,7 @@
-"""The house's rules over the import graph and the sizes of files and functions: docs/architecture.md says why.
+"""The rules for imports and for the sizes of files and functions; docs/architecture.md has the reasons.
 
-Imports are read from the source. Those within a function are late: they count for every rule, too, and have one..
-Those under TYPE_CHECKING never run: they count as knowing, but close no circle.
+Imports within a function are late; they count for every rule, and have one of their own. Those under TYPE_CHECKING
+never run, so they cannot close a circle.
 """
 
 import ast
@@ -24,7 +24,7 @@ from tests.import_graph import (
 
 # From the bottom up: a room imports itself, its neighbours on the same line, and the lines above its own.
 LEVELS = """
-medjax.early medjax.errors medjax.files medjax.streams medjax.commandline medjax.hooks
+medjax.errors medjax.files medjax.streams medjax.commandline medjax.hooks
 medjax.numerics
 medjax.physics
 medjax.world
@@ -52,7 +52,7 @@ RANKS = {
     room: rank for rank, rooms in enumerate(LEVELS.split("\n")[1:-1]) for room in rooms.split()
 }
 LAZY = ("medjax",)
-# Whatever the order: no way leads from the one to the others.
+# No path of imports leads from a key to its values.
 APART = {
     "medjax.physics": ("medjax.world", "medjax.traffic", "medjax.charging", "medjax.env"),
     "medjax.traffic": ("medjax.charging", "medjax.env"),
@@ -61,17 +61,12 @@ APART = {
 
 MOST_LINES, MOST_OF_A_FUNCTION, MOST_ARGUMENTS = 300, 60, 7
 SOURCES = ("py", "js", "css", "html")
-# Formulas of the public contract: their arguments are the field's.
-FORMULAS = {
-    "idm_acceleration",
-    "mutual_inductance",
-    "tabulate_inductance",
-    "tractive_energy",
-}
+# Public formulas, which take the arguments of the field's equations.
+FORMULAS = {"idm_acceleration", "mutual_inductance", "tabulate_inductance", "tractive_energy"}
 
 
 def room_of(name):
-    """The longest of LEVELS that the name is in."""
+    """The most specific room of LEVELS that contains the module."""
     while name not in RANKS:
         name = name.rpartition(".")[0]
     return name
@@ -82,19 +77,19 @@ def is_in(name, room):
 
 
 def show(name, found, what):
-    """A line of a list of violations."""
+    """Describes a violation."""
     where = modules()[name].path.relative_to(ROOT)
     return f"{where}:{found.line}: {name} imports {found.target}: {what}"
 
 
 def assert_none(violations):
-    """Fails with each of them on a line."""
+    """Fails with one line per violation."""
     lines = list(dict.fromkeys(violations))
     assert not lines, f"{len(lines)} against the rules\n" + "\n".join(lines)
 
 
-def test_imports_are_read_as_they_are_meant():
-    """A module of a package or a name in it, late, or for types only."""
+def test_imports_are_read():
+    """Modules, names in packages, late imports, and those for types only."""
     tree = ast.parse(
         "from medjax.traffic import idm, find_neighbours\n"
         "if TYPE_CHECKING:\n    import medjax.render\n"
@@ -109,7 +104,7 @@ def test_imports_are_read_as_they_are_meant():
 
 
 def test_arrows_go_down():
-    """A room knows the rooms under it."""
+    """A room imports only rooms below it."""
     assert_none(
         show(name, found, f"{room_of(found.target)} is above {room_of(name)}")
         for name, found in arrows()
@@ -118,7 +113,7 @@ def test_arrows_go_down():
 
 
 def test_no_circle():
-    """Between modules, late imports counted; of each circle a shortest one."""
+    """Late imports count; reports a shortest circle of each."""
     graph = graph_of((name, found) for name, found in arrows() if not found.is_for_types)
     circles, shown = [], set()
     for name in graph:
@@ -132,8 +127,8 @@ def test_no_circle():
 
 
 @pytest.mark.parametrize("room", APART)
-def test_rooms_that_know_nothing_of_each_other(room):
-    """Not even through others."""
+def test_independent_rooms(room):
+    """Not even through other modules."""
     graph = graph_of(arrows())
     is_apart = lambda target: any(is_in(target, other) for other in APART[room])  # noqa: E731
     inside = [name for name in modules() if is_in(name, room)]
@@ -141,7 +136,7 @@ def test_rooms_that_know_nothing_of_each_other(room):
 
 
 def test_nothing_imports_a_command():
-    """But the short module that stands for it."""
+    """Except the short module that runs it."""
     assert_none(
         show(name, found, "a command")
         for name, found in arrows()
@@ -149,8 +144,8 @@ def test_nothing_imports_a_command():
     )
 
 
-def test_late_imports_are_for_what_may_be_missing():
-    """Or in commands, which answer --help and bad input without waiting for JAX, as `import medjax` does."""
+def test_late_imports_are_for_optional_libraries():
+    """Or in commands and `import medjax`, which answer --help and bad input without loading JAX."""
     always = {"jax", "flax", "numpy", *HOUSES, *sys.stdlib_module_names}
     assert_none(
         show(name, found, "within a function")
@@ -163,8 +158,8 @@ def test_late_imports_are_for_what_may_be_missing():
     )
 
 
-def test_distrax_stays_behind_one_module():
-    """It needs nightly builds of another library: to do without it, one file must change."""
+def test_only_one_module_imports_distrax():
+    """It needs nightly builds of another library, so it must be easy to replace."""
     knows = "train.algorithms.networks"
     assert_none(
         show(name, found, f"only {knows} knows distrax")
@@ -175,7 +170,7 @@ def test_distrax_stays_behind_one_module():
 
 
 def test_every_folder_is_a_package():
-    """Else neither mypy nor a wheel knows it as one."""
+    """Otherwise mypy and wheels ignore it."""
     folders = {path.parent for path in source_files(*HOUSES, "tests", "docs")}
     assert_none(
         f"{folder.relative_to(ROOT)} has no __init__.py"
@@ -189,7 +184,7 @@ def length(path):
 
 
 def test_files_are_short():
-    """At most 300 lines, in all languages; players that a command wrote are nobody's source."""
+    """In all languages; docs/live holds generated players."""
     assert_none(
         f"{path.relative_to(ROOT)}: {length(path)} lines, allowed {MOST_LINES}"
         for path in source_files(*HOUSES, "tests", "docs", endings=SOURCES)
@@ -198,7 +193,7 @@ def test_files_are_short():
 
 
 def functions():
-    """(where, its syntax) of every function, within classes and functions too."""
+    """(place, syntax tree) of every function and method."""
     for path in source_files(*HOUSES, "tests", "docs"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.FunctionDef):
@@ -206,7 +201,7 @@ def functions():
 
 
 def test_functions_are_short():
-    """At most 60 lines, documentation and all."""
+    """Docstrings included."""
     assert_none(
         f"{where}: {lines} lines, allowed {MOST_OF_A_FUNCTION}"
         for where, node in functions()
@@ -215,14 +210,14 @@ def test_functions_are_short():
 
 
 def test_functions_take_few_arguments():
-    """At most 7; what a method belongs to is none of them."""
+    """`self` and `cls` do not count."""
     many = {where: node for where, node in functions() if count_arguments(node) > MOST_ARGUMENTS}
     assert_none(
         f"{where}: {count_arguments(node)} arguments, allowed {MOST_ARGUMENTS}"
         for where, node in many.items()
         if node.name not in FORMULAS
     )
-    assert {node.name for node in many.values()} >= FORMULAS  # no exception that is not needed
+    assert {node.name for node in many.values()} >= FORMULAS  # no needless exception
 
 
 def count_arguments(node):

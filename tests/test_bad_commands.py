@@ -1,4 +1,4 @@
-"""Bad files and command lines, of every command: one clear line, exit code 2, nothing made and nothing compiled."""
+"""Bad files and options of every command: one clear line, exit code 2, no file written, nothing compiled."""
 
 import contextlib
 import importlib
@@ -27,13 +27,14 @@ from tests.test_bad_input import (
     sizes_of,
     structures,
 )
+from tests.train.conftest import exit_code
 
 pytestmark = pytest.mark.usefixtures("nothing_starts")
 
 
 @pytest.fixture
 def work(tmp_path, monkeypatch):
-    """A working directory with what `PATHS` names."""
+    """A working directory with the entries that `PATHS` names."""
     (tmp_path / "work/used").mkdir(parents=True)
     work = tmp_path / "work"
     (work / "used/notes.txt").write_text("precious")
@@ -52,24 +53,16 @@ def tree(root):
     return sorted((str(path), path.lstat().st_size) for path in root.rglob("*"))
 
 
-def ended(main, argv):
-    """Exit code of a command."""
-    try:
-        return main(argv)
-    except SystemExit as end:
-        return end.code
-
-
 def not_refused_by(name, argvs, work, capsys, *words):
-    """Of the command lines of a command, those that it did not refuse in a line, or that left something behind."""
-    main = importlib.import_module(name).main
+    """Describes each command line that was not refused in one line or that changed a file."""
+    command = importlib.import_module(name)
     before, wrong = tree(work), []
     for argv in argvs:
         start, code = time.process_time(), None
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error", RuntimeWarning)
-                code = ended(main, argv)
+                code = exit_code(command, argv)
             took = time.process_time() - start
             out, err = capsys.readouterr()
             assert code == 2, code
@@ -116,23 +109,15 @@ COMMANDS = {
     "benchmarks.verification.golden": ["--out=new.npz"],
 }
 ALWAYS = (
-    "--frobnicate",
-    "--frobnicate=1",
-    "-x",
-    "positional",
-    "-",
-    "--=",
-    "--\ud800",
-    "--seed=1=2",
-    "\n",
-    "x" * 100_000,
+    *("--frobnicate", "--frobnicate=1", "-x", "positional", "-", "--=", "--\ud800", "--seed=1=2"),
+    *("\n", "x" * 100_000),
 )
 FILE_OPTIONS = ("json", "plot", "out")
 DIRECTORY_OPTIONS = ("run_dir", "resume", "config")
 
 
 def options_of(name):
-    """Options of a command by their place in its parser."""
+    """Options of a command's parser by their `dest`."""
     found = {}
 
     def stop(parser, args=None, namespace=None):
@@ -146,7 +131,7 @@ def options_of(name):
 
 
 def bad_lines(name, options):
-    """Command lines, each with one thing wrong."""
+    """Command lines with one fault each."""
     start = COMMANDS[name]
     lines = [[*start, word] for word in ALWAYS]
     for dest, action in options.items():
@@ -174,24 +159,16 @@ def test_bad_command_lines(name, work, capsys):
 
 
 RAW = [
-    ["--run-dir", b"\xff\xfe"],
-    ["--run-dir", "a\nb"],
-    ["--run-dir", "x" * 300],
-    ["--run-dir", ""],
-    ["--run-dir", "loop/run"],
-    ["--set", b"cooldown_s=\xff"],
-    ["--set=--"],
-    [b"--\xff\x1b[2J"],
-    ["--config", "/dev/zero"],
-    ["--config", "loop"],
-    ["--resume", "dangling"],
-    ["--lr", "9" * 100_000],
+    *(["--run-dir", b"\xff\xfe"], ["--run-dir", "a\nb"], ["--run-dir", "x" * 300]),
+    *(["--run-dir", ""], ["--run-dir", "loop/run"], ["--set", b"cooldown_s=\xff"], ["--set=--"]),
+    *([b"--\xff\x1b[2J"], ["--config", "/dev/zero"], ["--config", "loop"]),
+    *(["--resume", "dangling"], ["--lr", "9" * 100_000]),
 ]
 
 
 @pytest.mark.parametrize("argv", RAW, ids=lambda argv: ascii(argv)[1:40])
 def test_bad_input_of_a_process(argv, work):
-    """The same for real, with bytes that are no text."""
+    """In a real process, with bytes that are not UTF-8."""
     before = tree(work)
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "train.ppo", *argv]
@@ -201,8 +178,7 @@ def test_bad_input_of_a_process(argv, work):
     assert tree(work) == before
 
 
-def test_there_are_two_thousand(work):
-    """Bad inputs in all."""
+def test_more_than_two_thousand_bad_inputs(work):
     count = sum(len(overrides_of(name)) for name in NUMBERS)
     count += sum(len(sizes_of(name)) for name in SIZES)
     count += sum(len(leaves_of(name)) for name in LEAVES)

@@ -1,4 +1,4 @@
-"""Bad input of the library: one clear line, and nothing compiled. `test_bad_commands.py` counts all."""
+"""Bad input from Python ends in one clear line before anything compiles. `test_bad_commands.py` counts the inputs."""
 
 import dataclasses
 import math
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import medjax
-import train.runs.session  # noqa: F401 - takes seconds, which count for no input
+import train.runs.session  # noqa: F401 - its import takes seconds, which no refusal should be charged for
 from medjax.scenarios import prepare
 from medjax.world import checks as world
 from medjax.world.params import SIZES
@@ -31,12 +31,11 @@ def overrides_of(name):
 
 @pytest.mark.parametrize("name", NUMBERS)
 def test_bad_overrides(name):
-    """As an argument of make: number, size, coil or weight."""
+    """Numbers, sizes, coils and weights as arguments of `make`."""
     short = name.rpartition(".")[2]
-    # A list of places says how many ramps or exits there are, and may be refused for that.
+    # The length of a list of places sets the number of ramps or exits, whose check may come first.
     counted = {"ramp_x_m": "ramp", "exit_x_m": "exit"}
-    wrong = not_refused(overrides_of(name), counted.get(short, short))
-    assert not wrong
+    assert not not_refused(overrides_of(name), counted.get(short, short))
 
 
 def sizes_of(name):
@@ -47,8 +46,7 @@ def sizes_of(name):
 
 @pytest.mark.parametrize("name", SIZES)
 def test_bad_sizes(name):
-    wrong = not_refused(sizes_of(name), name)
-    assert not wrong
+    assert not not_refused(sizes_of(name), name)
 
 
 def leaves_of(name):
@@ -74,54 +72,39 @@ LEAVES = [name for name in NUMBERS if name not in COILS and name not in SIZES]
 
 @pytest.mark.parametrize("name", LEAVES)
 def test_bad_leaves(name):
-    """As a leaf of params, which `validate` checks."""
-    wrong = not_refused(leaves_of(name), name)
-    assert not wrong
+    """Leaves of params, which `validate` checks."""
+    assert not not_refused(leaves_of(name), name)
 
 
 def structures():
     env, params, _ = prepare()
     wrong = (None, 3, "x", {}, [], params.road.length_m, params)
-    calls = []
-    for group in ("road", "drivers", "fleet", "link", "reward_weights"):
-        calls += [
-            (
-                value,
-                lambda group=group, value=value: world.validate(
-                    env.config, params.replace(**{group: value})
-                ),
-            )
-            for value in (*wrong[:3], wrong[4], params)
-        ]
+
+    def replaced(value, **changes):
+        return value, lambda: world.validate(env.config, params.replace(**changes))
+
+    calls = [
+        replaced(value, **{group: value})
+        for group in ("road", "drivers", "fleet", "link", "reward_weights")
+        for value in (*wrong[:3], wrong[4], params)
+    ]
     calls += [(v, lambda v=v: world.validate(env.config, v)) for v in wrong[:6]]
     calls += [(v, lambda v=v: world.validate(v, params)) for v in wrong]
     calls += [(v, lambda v=v: medjax.ChargingEnv(v)) for v in wrong]
     link = params.link
-    calls += [
-        (v, lambda v=v: world.validate(env.config, params.replace(link=link.replace(inductance=v))))
-        for v in (None, 3, np.zeros((2, 4, 4)))
-    ]
-    table = fake_table()
-    for name in vars(table):
-        for value in (None, "x", math.nan, np.zeros((2, 4)), np.full((2, 4, 4), np.nan)):
-            broken = link.replace(inductance=table.replace(**{name: value}))
-            calls.append(
-                (
-                    value,
-                    lambda broken=broken: world.validate(env.config, params.replace(link=broken)),
-                )
-            )
-    return calls
-
-
-def fake_table():
     one = np.float32(1)
-    return world.InductanceTable(np.zeros((2, 4, 4), np.float32), one, one, one, one, one)
+    table = world.InductanceTable(np.zeros((2, 4, 4), np.float32), one, one, one, one, one)
+    tables = [(value, value) for value in (None, 3, np.zeros((2, 4, 4)))]
+    tables += [
+        (value, table.replace(**{name: value}))
+        for name in vars(table)
+        for value in (None, "x", math.nan, np.zeros((2, 4)), np.full((2, 4, 4), np.nan))
+    ]
+    return calls + [replaced(v, link=link.replace(inductance=broken)) for v, broken in tables]
 
 
 def test_bad_structures():
-    wrong = not_refused(structures())
-    assert not wrong
+    assert not not_refused(structures())
 
 
 def arguments():
@@ -140,32 +123,10 @@ def arguments():
     calls += [(v, lambda v=v: medjax.make(reward={v: max})) for v in (None, 3, b"x", ())]
     calls += [(v, lambda v=v: medjax.make(reward={"mine": v})) for v in (None, 3, "x", [])]
     keys = (
-        "",
-        " ",
-        "cooldown",
-        "cooldown_s ",
-        "COOLDOWN_S",
-        "mass_kg",
-        "ev",
-        "ev.",
-        ".mass_kg",
-        "ev.mass_kg.x",
-        "link.inductance",
-        "inductance",
-        "road",
-        "reward_weights.",
-        "reward_weights.x",
-        "__class__",
-        "params",
-        "config",
-        "\n",
-        "\ud800",
-        "n" * 100_000,
-        "٣",
-        "road.cooldown_s",
-        "drivers.KINDS",
-        "-rf",
-        "fleet.size=3",
+        *("", " ", "cooldown", "cooldown_s ", "COOLDOWN_S", "mass_kg", "ev", "ev.", ".mass_kg"),
+        *("ev.mass_kg.x", "link.inductance", "inductance", "road", "reward_weights."),
+        *("reward_weights.x", "__class__", "params", "config", "\n", "\ud800", "n" * 100_000, "٣"),
+        *("road.cooldown_s", "drivers.KINDS", "-rf", "fleet.size=3"),
     )
     calls += [(v, lambda v=v: medjax.make(**{v: 1.0})) for v in keys]
     return calls
@@ -173,27 +134,22 @@ def arguments():
 
 def test_bad_arguments():
     """Names, observations and rewards."""
-    wrong = not_refused(arguments())
-    assert not wrong
+    assert not not_refused(arguments())
 
 
 TOGETHER = [
     ({"cooldown_s": 1.0, "fleet.cooldown_s": 1.0}, "cooldown_s"),
-    ({"length_m": 3000}, "ramp_x_m"),
-    ({"length_m": 3449}, "ramp_x_m"),
+    *(({"length_m": 3000}, "ramp_x_m"), ({"length_m": 3449}, "ramp_x_m")),
     ({"acceleration_lane_m": 801}, "ramp_x_m"),
     ({"acceleration_lane_m": 22}, "acceleration_lane_m"),
     ({"ramp_speed": 60, "max_braking": 7}, "acceleration_lane_m"),
-    ({"ramp_x_m": [1200, 100, 2100, 3200]}, "ramp_x_m"),
-    ({"ramp_x_m": [100] * 9}, "num_ramps"),
+    *(({"ramp_x_m": [1200, 100, 2100, 3200]}, "ramp_x_m"), ({"ramp_x_m": [100] * 9}, "num_ramps")),
     ({"ramp_x_m": np.zeros(100)}, "num_ramps"),
     ({"ramp_x_m": [100, 1200], "num_ramps": 3}, "ramp_x_m"),
     ({"num_ramps": 3, "ramp_per_h": [1, 2, 3, 4]}, "ramp_per_h"),
     ({"desired_speed": [30, 30, 30]}, "desired_speed"),
-    ({"arrival_soc_low": 0.71}, "arrival_soc_low"),
-    ({"request_soc": 0.81}, "request_soc"),
-    ({"size": 16}, "size"),
-    ({"num_meds": 3, "size": 4}, "size"),
+    *(({"arrival_soc_low": 0.71}, "arrival_soc_low"), ({"request_soc": 0.81}, "request_soc")),
+    *(({"size": 16}, "size"), ({"num_meds": 3, "size": 4}, "size")),
     ({"num_lanes": 3, "service_lane": 3}, "service_lane"),
     ({"num_evs": 4096, "num_gas": 4096, "num_lanes": 6}, "num_gas"),
 ]
@@ -201,9 +157,8 @@ TOGETHER = [
 
 @pytest.mark.parametrize(("overrides", "name"), TOGETHER)
 def test_bad_combinations(overrides, name):
-    """Each is in its range; together they are not."""
-    wrong = not_refused([(overrides, lambda: medjax.make(**overrides))], name)
-    assert not wrong
+    """Each value is in its range, but they do not go together."""
+    assert not not_refused([(overrides, lambda: medjax.make(**overrides))], name)
 
 
 # The learner's settings.
@@ -244,5 +199,4 @@ def settings_of(name):
 
 @pytest.mark.parametrize("name", FIELDS)
 def test_bad_settings(name):
-    wrong = not_refused(settings_of(name), "" if name == "overrides" else name)
-    assert not wrong
+    assert not not_refused(settings_of(name), "" if name == "overrides" else name)

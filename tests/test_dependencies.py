@@ -1,4 +1,4 @@
-"""What is installed is what is documented, used and tested."""
+"""Declared dependencies are documented, imported and pinned."""
 
 import ast
 import importlib.metadata
@@ -16,13 +16,13 @@ EXTRAS = {"-": PROJECT["dependencies"]} | PROJECT["optional-dependencies"]
 
 
 def requirements(extra):
-    """Those on packages other than this one."""
+    """An extra's requirements, except this package itself."""
     asked = (Requirement(text) for text in EXTRAS[extra])
     return [one for one in asked if one.name != PROJECT["name"]]
 
 
 def imported(folder):
-    """Top-level modules that the Python files under a folder import, anywhere in them."""
+    """Top-level modules that Python files under a folder import."""
     modules = set()
     for path in (ROOT / folder).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
@@ -39,8 +39,8 @@ def pinned(file):
     return {re.sub(r"[-_.]+", "-", name).lower(): version for name, version in pairs}
 
 
-def test_the_page_lists_what_is_asked_for():
-    """Package, extra and a reason."""
+def test_the_page_lists_every_requirement():
+    """With its extra and a reason."""
     documented = set()
     for line in (ROOT / "docs" / "dependencies.md").read_text().splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
@@ -53,8 +53,8 @@ def test_the_page_lists_what_is_asked_for():
 @pytest.mark.parametrize(
     ("extra", "folder"), [("-", "medjax"), ("train", "train"), ("render", "medjax")]
 )
-def test_what_is_asked_for_is_imported(extra, folder):
-    """Otherwise it is not needed; jax.export imports flatbuffers for us."""
+def test_requirements_are_imported(extra, folder):
+    """Or jax.export imports them for us (flatbuffers)."""
     modules = imported(folder) | {"flatbuffers"}
     providers = importlib.metadata.packages_distributions()
     used = {name.lower() for module in modules for name in providers.get(module, [])}
@@ -63,18 +63,18 @@ def test_what_is_asked_for_is_imported(extra, folder):
 
 
 @pytest.mark.parametrize("extra", ["-", "train", "test", "render", "gymnasium", "trajectories"])
-def test_the_oldest_versions_allowed_are_those_that_ci_installs(extra):
+def test_oldest_constraints_are_the_lower_bounds(extra):
     versions = pinned("constraints-oldest.txt")
     for one in requirements(extra):
         (bound,) = one.specifier
         assert bound.operator == ">="
         oldest = versions[one.name.lower()]
-        # A bound such as 2.0 names the first version that begins so, 2.0.0 or, where that was never out, a later one.
+        # A bound of 2.0 means the first release that begins so: 2.0.0, or a later one if that was never published.
         assert f"{oldest}.".startswith(f"{bound.version}."), (one.name, oldest)
 
 
 @pytest.mark.parametrize("file", ["constraints.txt", "constraints-newest.txt"])
-def test_what_is_pinned_is_allowed(file):
+def test_pins_are_allowed(file):
     versions = pinned(file)
     for extra in ("-", "train", "test", "render", "gymnasium", "trajectories"):
         for one in requirements(extra):
@@ -82,6 +82,6 @@ def test_what_is_pinned_is_allowed(file):
 
 
 @pytest.mark.parametrize("kind", [DeprecationWarning, PendingDeprecationWarning, FutureWarning])
-def test_a_call_to_what_is_going_away_fails_its_test(kind):
+def test_deprecation_warnings_fail_a_test(kind):
     with pytest.raises(kind, match="going away"):
         warnings.warn("this is going away", kind, stacklevel=1)

@@ -1,4 +1,6 @@
-"""Bad input is one line; a mistake in the code is a traceback, and not called bad input."""
+"""Bad input gives one line, a bug in the code a traceback."""
+
+import signal
 
 import pytest
 
@@ -7,6 +9,7 @@ import medjax
 import medjax.render.__main__
 import medjax.trajectories
 import train.ppo
+from medjax.commandline import command
 from medjax.errors import InputError
 
 COMMANDS = {
@@ -18,8 +21,8 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_mistake_in_the_code_is_not_called_bad_input(command, monkeypatch, tmp_path):
-    """Where a function deep inside raises ValueError, so does the command."""
+def test_a_bug_is_not_reported_as_bad_input(command, monkeypatch, tmp_path):
+    """A ValueError from deep inside leaves the command as it is."""
 
     def broken(*_):
         raise ValueError("a mistake")
@@ -32,15 +35,26 @@ def test_a_mistake_in_the_code_is_not_called_bad_input(command, monkeypatch, tmp
 
 
 def test_bad_input_is_a_value_error():
-    """So that who catches ValueError catches it; its type tells it from others."""
     with pytest.raises(InputError, match="cooldown_s"):
         medjax.make(cooldown_s=-1)
     assert issubclass(InputError, ValueError)
 
 
-def test_a_message_is_one_line_whatever_it_names():
-    """Names of files may hold line ends and what no terminal shows; an absolute path stays whole."""
+def test_messages_escape_line_ends_and_control_characters():
+    """An absolute path stays whole."""
     path = "/" + "a" * 300
     assert str(InputError(f"cannot read a\nb\x1b[2J in {path}")) == (
         f"cannot read a b\\x1b[2J in {path}"
     )
+
+
+def test_sigterm_ends_a_command_in_a_line(capsys):
+    @command
+    def main(argv):
+        signal.raise_signal(signal.SIGTERM)
+        return 0
+
+    before = signal.getsignal(signal.SIGTERM)
+    assert main([]) == 128 + signal.SIGTERM
+    assert capsys.readouterr().err == "interrupted\n"
+    assert signal.getsignal(signal.SIGTERM) is before

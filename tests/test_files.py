@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, whatever else lies in their directory."""
+"""Files are written whole or not at all."""
 
 import os
 
@@ -7,7 +7,7 @@ import pytest
 from medjax.files import remove_unfinished, replacing, write_json, write_text
 
 
-def test_what_is_there_is_replaced_whole_or_stays(tmp_path):
+def test_a_file_is_replaced_whole_or_stays(tmp_path):
     path = tmp_path / "out.json"
     write_json(path, {"x": 1})
     assert path.read_text() == '{\n  "x": 1\n}\n'
@@ -19,8 +19,8 @@ def test_what_is_there_is_replaced_whole_or_stays(tmp_path):
     assert [*tmp_path.iterdir()] == [path]
 
 
-def test_no_link_is_written_through(tmp_path):
-    """Neither one in the file's place nor one under a name that was written to before."""
+def test_links_are_not_written_through(tmp_path):
+    """Neither at the file's own name nor at a name of an earlier partial file."""
     precious = tmp_path / "precious"
     precious.write_text("precious")
     path = tmp_path / "config.json"
@@ -36,16 +36,16 @@ def test_no_link_is_written_through(tmp_path):
     assert precious.read_text() == "precious"
 
 
-def test_two_writers_do_not_meet(tmp_path):
+def test_two_writers_do_not_collide(tmp_path):
     path = tmp_path / "out.txt"
     with replacing(path) as one, replacing(path) as other:
         one.write_text("one")
         other.write_text("other")
         assert one != other
-    assert path.read_text() == "one"  # whole, the one that was done last
+    assert path.read_text() == "one"  # whole, from the writer that finished last
 
 
-def test_who_may_read_it_is_for_the_umask_to_say(tmp_path):
+def test_permissions_follow_the_umask(tmp_path):
     before = os.umask(0o027)
     try:
         write_text(tmp_path / "out.txt", "x")
@@ -54,18 +54,18 @@ def test_who_may_read_it_is_for_the_umask_to_say(tmp_path):
     assert (tmp_path / "out.txt").stat().st_mode & 0o777 == 0o640
 
 
-def test_names_may_be_as_long_as_a_file_system_takes(tmp_path):
+def test_longest_file_names(tmp_path):
     for name in ("é" * 124 + ".json", "🚚" * 62):
         write_text(tmp_path / name, "x")
         assert (tmp_path / name).read_text() == "x"
 
 
-def test_what_was_killed_in_the_writing_is_removed(tmp_path):
+def test_leftovers_of_a_killed_process_are_removed(tmp_path):
     (tmp_path / "precious.json").write_text("{}")
     with replacing(tmp_path / "out.json") as partial:
         copy = partial.with_name(partial.name.replace("out", "old"))
         copy.write_text("half")
-    theirs = ["notes.partial.txt", "old.partial"]  # named alike by somebody else
+    theirs = ["notes.partial.txt", "old.partial"]  # similar names of other programs
     (tmp_path / theirs[0]).write_text("mine")
     (tmp_path / theirs[1]).mkdir()
     remove_unfinished(tmp_path)

@@ -1,4 +1,4 @@
-"""The notebook runs from its first cell to its last, with small numbers, and shows what it says."""
+"""The notebook runs from its first cell to its last, with small numbers."""
 
 import ast
 import json
@@ -31,7 +31,7 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
 def test_no_output_is_stored():
-    """It would be of another tree."""
+    """It would be outdated by the next commit."""
     for cell in CELLS:
         assert cell.get("outputs", []) == []
         assert cell.get("execution_count") is None
@@ -60,7 +60,7 @@ def test_cells_run(tmp_path, monkeypatch, capsys):
     assert "minus none" in printed
     assert "nan" not in printed
     assert shown.width > shown.height > 100
-    assert np.asarray(shown).std() > 10  # there is something on it
+    assert np.asarray(shown).std() > 10  # not a blank picture
     docs = NOTEBOOK.parent.parent / "docs"
     pages = "".join(
         (docs / name).read_text(encoding="utf-8") for name in ("training.md", "files.md")

@@ -1,6 +1,5 @@
-"""The documentation site: no warning, no link that leads nowhere, nothing from the network."""
+"""The documentation site builds without warnings, broken links or anything from the network."""
 
-import importlib.util
 import re
 import subprocess
 import sys
@@ -10,28 +9,12 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
-from tests.render.browser import chromium_program
-
 ROOT = Path(__file__).parent.parent
 NEEDED = ("mkdocs", "material", "mkdocstrings_handlers.python", "latex2mathml")
 
 
-def _is_installed(module):
-    try:
-        return importlib.util.find_spec(module) is not None
-    except ModuleNotFoundError:
-        return False
-
-
-MISSING = [module for module in NEEDED if not _is_installed(module)]
-needs_mkdocs = pytest.mark.skipif(
-    bool(MISSING),
-    reason=f"{', '.join(MISSING)} missing: pip install -c constraints.txt -e '.[docs]'",
-)
-
-
 class Page(HTMLParser):
-    """What a built page refers to, and what may be referred to in it."""
+    """Links, loaded files, anchors and equations of a built page."""
 
     def __init__(self, text):
         super().__init__()
@@ -51,7 +34,9 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory):
-    """The built pages by their path; warnings of mkdocs are errors."""
+    """The built pages by path; warnings of mkdocs are errors."""
+    for module in NEEDED:
+        pytest.importorskip(module, reason="pip install -c constraints.txt -e '.[docs]'")
     site = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(site)]
     built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
@@ -59,8 +44,13 @@ def pages(tmp_path_factory):
     return {path: Page(path.read_text(encoding="utf-8")) for path in sorted(site.rglob("*.html"))}
 
 
+def named(pages, name):
+    """Path of the page whose path ends so."""
+    return next(path for path in pages if path.as_posix().endswith(f"/{name}"))
+
+
 def _broken(path, link, pages):
-    """Whether an internal link leads nowhere, or an external one is no https address or is in the page itself."""
+    """Whether an internal link has no target, or an external one is not https."""
     parts = urlsplit(link)
     if parts.scheme or parts.netloc:
         return parts.scheme not in ("https", "mailto", "data") or (
@@ -75,37 +65,31 @@ def _broken(path, link, pages):
     return bool(anchor) and target in pages and anchor not in pages[target].ids
 
 
-@needs_mkdocs
 def test_site(pages):
-    """All pages of the source are there, with whole equations, and every link leads somewhere."""
+    """Every page of the source is there, with its equations, and every link has a target on this site."""
     names = {path.name for path in pages}
     assert {page.with_suffix(".html").name for page in (ROOT / "docs").glob("*.md")} <= names
     broken = {
         (path.name, link)
         for path, page in pages.items()
-        if path.name != "404.html"  # its links are absolute: it is shown at any address
+        if path.name != "404.html"  # its links are absolute, since it is shown at any address
         for link in page.links + page.loads
         if _broken(path, link, pages)
     }
     assert not broken
     loads = {load for page in pages.values() for load in page.loads}
     assert not [load for load in loads if urlsplit(load).netloc]
-    models = next(path for path in pages if path.name == "models.html")
-    assert pages[models].equations > 30
+    assert pages[named(pages, "models.html")].equations > 30
     assert not [path.name for path in pages if "arithmatex" in path.read_text(encoding="utf-8")]
 
 
-@needs_mkdocs
 def test_printed_tables_are_tables(pages):
-    """Whatever command printed them: each number under its heading, and no line of dashes is left."""
+    """Each number stands under its heading, and no line of dashes is left."""
     for path in pages:
         text = path.read_text(encoding="utf-8")
-        assert "----------" not in re.sub(
-            r"<style.*?</style>|<!--.*?-->", "", text, flags=re.DOTALL
-        ), path
-    results = next(path for path in pages if path.name == "results.html").read_text(
-        encoding="utf-8"
-    )
+        text = re.sub(r"<style.*?</style>|<!--.*?-->", "", text, flags=re.DOTALL)
+        assert "----------" not in text, path
+    results = named(pages, "results.html").read_text(encoding="utf-8")
     row = re.search(r"<tr>\s*<td>budgeted</td>(.*?)</tr>", results, re.DOTALL)
     cells = re.findall(r"<td[^>]*>(.*?)</td>", row[1])
     assert re.fullmatch(r"-?[\d.]+", cells[0])
@@ -113,41 +97,27 @@ def test_printed_tables_are_tables(pages):
     assert len(cells) == 7
 
 
-@needs_mkdocs
-def test_search_works_from_a_file(pages):
-    """Typed into the box of a page that was opened from a file, in a folder of the site, too; nothing is loaded."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="drives the browser")
-    if chromium_program() is None:
-        pytest.skip("no Chromium here (Debian: apt-get install chromium)")
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=chromium_program(), args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": 1280, "height": 800})
-        wrong = []
-        page.on("console", lambda message: wrong.append(message.text))
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        for name in ("index.html", "physics.html"):
-            page.goto(next(path for path in pages if path.name == name).as_uri())
-            page.focus("input.md-search__input")
-            page.keyboard.type("cooldown_s")
-            page.wait_for_selector(".md-search-result__item")
-            assert "Parameters" in page.inner_text(".md-search-result__list")
-        for name in (
-            "index.html",
-            "results.html",
-            "parameters.html",
-            "validation.html",
-            "api/index.html",
-        ):
-            page.set_viewport_size({"width": 390, "height": 844})
-            page.goto(next(path for path in pages if str(path).endswith(name)).as_uri())
-            assert page.evaluate("document.documentElement.scrollWidth") <= 390, name
-        browser.close()
+def test_search_works_from_a_file(pages, browser):
+    """Pages opened from the disk can be searched, and fit a phone's width."""
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    wrong = []
+    page.on("console", lambda message: wrong.append(message.text))
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    for name in ("index.html", "physics.html"):
+        page.goto(next(path for path in pages if path.name == name).as_uri())
+        page.focus("input.md-search__input")
+        page.keyboard.type("cooldown_s")
+        page.wait_for_selector(".md-search-result__item")
+        assert "Parameters" in page.inner_text(".md-search-result__list")
+    page.set_viewport_size({"width": 390, "height": 844})
+    for name in ("index", "results", "parameters", "validation", "api/index"):
+        page.goto(named(pages, f"{name}.html").as_uri())
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390, name
+    page.close()
     assert not wrong
 
 
-@needs_mkdocs
 def test_reference_has_every_public_name(pages):
-    """What `medjax` and its subpackages export is in the API reference."""
     import medjax
     import medjax.physics
     import medjax.traffic
@@ -163,22 +133,18 @@ def test_reference_has_every_public_name(pages):
     assert sorted(exported - ids) == []
 
 
-def test_figures_are_drawn_by_the_code(tmp_path):
-    """`python -m docs.figures` draws the figures that are committed, and the pages show all of them."""
+def test_pictures(tmp_path):
+    """`python -m docs.figures` draws the committed figures, and pages show every picture."""
     pytest.importorskip("matplotlib", reason="matplotlib missing: pip install -e '.[train]'")
     from docs.figures.__main__ import draw
 
-    names = {path.name for path in draw(tmp_path)}
-    text = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs").glob("*.md"))
-    for name in names:
+    text = "".join(
+        page.read_text(encoding="utf-8")
+        for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md"))
+    )
+    committed = {path.name for path in (ROOT / "docs/images").iterdir()}
+    drawn = {path.name for path in draw(tmp_path)}
+    assert drawn <= committed
+    for name in drawn:
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
-        assert (ROOT / "docs/images" / name).is_file()
-        assert f"images/{name}" in text
-
-
-def test_every_picture_is_shown():
-    """No picture lies about that no page shows."""
-    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
-    text = "".join(page.read_text(encoding="utf-8") for page in pages)
-    pictures = {path.name for path in (ROOT / "docs/images").iterdir()}
-    assert not [name for name in pictures if f"images/{name}" not in text]
+    assert not [name for name in committed if f"images/{name}" not in text]

@@ -26,13 +26,10 @@ ROW = (
 
 
 def write_fcd(pieces: Iterable[Recording], file: IO[bytes]) -> Iterator[int]:
-    """Writes one timestep per physics tick; lengths to the millimetre, angles to a thousandth of a degree.
+    """Writes one timestep per physics tick, in mm and thousandths of a degree; yields each row count.
 
     A vehicle's first acceleration is 0, as in SUMO, whose tools take column names from the first row. The schema has no
     fields for charge and booking; join them from Parquet or CSV, whose `vehicle_id` is `id` here.
-
-    Yields:
-      Rows written of each piece.
     """
     file.write(HEAD.encode())
     for piece in pieces:

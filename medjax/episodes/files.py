@@ -21,11 +21,7 @@ EXACT = "%.9g"  # nine digits identify any float32
 
 
 def write_parquet(pieces: Iterable[Recording], file: IO[bytes]) -> Iterator[int]:
-    """Writes `vehicle_table` with missing values as nulls, and the episode's identity as JSON metadata `medjax`.
-
-    Yields:
-      Rows written of each piece.
-    """
+    """Writes `vehicle_table` and, as JSON metadata `medjax`, which episode; yields the row count of each piece."""
     import pyarrow
     import pyarrow.parquet
 
@@ -48,11 +44,7 @@ def write_parquet(pieces: Iterable[Recording], file: IO[bytes]) -> Iterator[int]
 
 
 def write_csv(pieces: Iterable[Recording], file: IO[bytes]) -> Iterator[int]:
-    """Writes `vehicle_table` with a header and missing values empty; numbers round-trip exactly as float32.
-
-    Yields:
-      Rows written of each piece.
-    """
+    """Writes `vehicle_table`, numbers exactly as float32; yields the row count of each piece."""
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     writer = csv.writer(text, lineterminator="\n")
     for number, piece in enumerate(pieces):

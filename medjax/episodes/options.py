@@ -61,12 +61,7 @@ class EpisodeRequest:
     evaluation: Path | None = None  # of the run, if its policy plays in the world it was trained in
 
     def prepared(self) -> tuple[ChargingEnv, EnvParams]:
-        """The environment and params of `policies`, without the coils' table; compiles nothing.
-
-        Raises:
-          InputError: as in `policies`.
-        """
-        env: Any = None
+        """The environment and params of `policies`, without the coils' table; compiles nothing."""
         if self.file is None:
             env, params, _ = prepare(self.scenario or "paper", **self.overrides)
             return env, params
@@ -135,7 +130,7 @@ def requested_episode(given: argparse.Namespace) -> EpisodeRequest:
     if given.run_dir is None:
         check_policy(policy)
         if compare == policy:
-            raise InputError(f"--compare {compare}: allowed another one than --policy")
+            raise InputError(f"--compare {compare}: allowed another policy than --policy")
     overrides, file = parse_overrides(given.overrides), _file(given.run_dir, policy)
     as_trained = given.run_dir is not None and given.scenario is None and not overrides
     return EpisodeRequest(

@@ -21,6 +21,7 @@ from medjax.policies.policy import Policy
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, EpisodeStats
 
+OF_VEHICLES = ("x", "speed", "lane", "lateral_offset", "lateral_speed", "active", "kind")
 SLOTS_OF_A_PIECE = 1_000_000  # vehicle slots times frames in a piece: about 100 MB
 
 
@@ -133,8 +134,7 @@ def record_episode(
       params: its parameters.
       policy: the dispatcher; the compiled program is cached for the same env and policy objects.
       name: of the policy.
-      seed: of the episodes.
-      episode: number of the episode; the same as in `train.evaluate`.
+      seed, episode: which episode; the same as in `train.evaluate`.
     """
     pieces = list(record_pieces(env, params, policy, name=name, seed=seed, episode=episode))
     rest = [jax.tree.map(lambda leaf: leaf[1:], piece.frames) for piece in pieces[1:]]
@@ -154,13 +154,7 @@ def record_pieces(
     seed: int = 0,
     episode: int = 0,
 ) -> Iterator[Recording]:
-    """Plays the same episode lazily, in pieces of bounded size.
-
-    Args: as in `record_episode`.
-
-    Yields:
-      Pieces in order of time.
-    """
+    """Yields the episode of `record_episode` in pieces of bounded size, in order of time, as they are played."""
     config, steps = env.config, episode_steps(env, params)
     ticks_a_step = config.ticks_per_decision * env.decisions_per_step
     count = -(-steps * ticks_a_step * config.num_vehicles // SLOTS_OF_A_PIECE)
@@ -238,7 +232,6 @@ def _go_on(
     numbers = runner.policies[0].params_transform(params)
 
     def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
-        """Takes one decision; returns the frames of its ticks and its record."""
         episodes, rows = runner.decide(episodes, number, [weights], params)
         after, road = runner.env.highway(_row(episodes.state), numbers)
         made = _row(rows.of_dispatcher(runner.env.config.num_actions))
@@ -266,15 +259,9 @@ def _row(rows: Any) -> Any:
 
 def frame_of(state: EnvState, params: EnvParams) -> Frames:
     """The recorded part of a state: one frame, without the time axis."""
-    vehicles, evs, meds = state.vehicles, state.evs, state.meds
+    evs, meds = state.evs, state.meds
     return Frames(
-        x=vehicles.x,
-        speed=vehicles.speed,
-        lane=vehicles.lane,
-        lateral_offset=vehicles.lateral_offset,
-        lateral_speed=vehicles.lateral_speed,
-        active=vehicles.active,
-        kind=vehicles.kind,
+        **{name: getattr(state.vehicles, name) for name in OF_VEHICLES},
         ev_soc=evs.energy_j / params.ev_capacity_j,
         ev_med=evs.med,
         ev_panel=evs.panel,

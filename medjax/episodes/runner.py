@@ -105,10 +105,8 @@ class EpisodeRunner:
         """Choices of the policies at decision `number` of the episodes, leaves `(rows, ...)`.
 
         Args:
-            episodes: their progress.
             number: () int32 for all rows, or (rows,).
             weights: of the policies.
-            params: of the environment.
 
         Raises:
             InputError: some policies are for a dispatcher and some for agents.
@@ -124,7 +122,9 @@ class EpisodeRunner:
 
         shapes = {choice.action.shape[1:] for choice in choices}
         if len(shapes) > 1:
-            raise InputError("policies of a dispatcher and of agents, allowed: of one of the two")
+            raise InputError(
+                "policies of a dispatcher mixed with policies of agents: allowed one of the two"
+            )
 
         def take_turns(*leaves: jax.Array) -> jax.Array:
             return jnp.stack(leaves, axis=1).reshape(-1, *leaves[0].shape[1:])
@@ -134,14 +134,7 @@ class EpisodeRunner:
     def go_on(
         self, episodes: Episodes, number: Any, choice: Choice, params: Any
     ) -> tuple[Episodes, Decision]:
-        """Takes decision `number` in every row; finished episodes keep their scores.
-
-        Args:
-            episodes: their progress.
-            number: as in `choose`.
-            choice: leaves `(rows, ...)`.
-            params: of the environment.
-        """
+        """Takes decision `number` in every row, as `choose` returned it; finished episodes keep their scores."""
         mask = self._over_rows(self.env.action_mask)(episodes.state, params)
         action = choice.action.astype(jnp.int32)
         allowed = jnp.take_along_axis(mask, action[..., None], axis=-1, mode="clip")[..., 0]
@@ -191,8 +184,7 @@ class EpisodeRunner:
         """Maps `function(*row, params)` over rows, each with the params of its policy's world."""
 
         def mapped(*given: Any) -> Any:
-            """Takes leaves `(rows, ...)`, then the environment's params."""
-            *rows, params = given
+            *rows, params = given  # leaves `(rows, ...)`, then the environment's params
             first, *others = (policy.params_transform(params) for policy in self.policies)
             turns = jax.tree.leaves(rows)[0].shape[0] // len(self.policies)
             # Batch only the numbers that differ between worlds; the coils' table, for one, stays shared.

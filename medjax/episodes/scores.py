@@ -98,7 +98,7 @@ class Evaluation:
         params = self.params if params is None else params
         if (length := episode_decisions(params) or MAX_DECISIONS) > self._most:
             raise InputError(
-                f"episode_decisions is {length}, allowed: at most {self._most}, as built"
+                f"episode_decisions is {length}, allowed: at most {self._most}, as compiled"
             )
         keys, shows_bars = self._keys(seed), sys.stderr.isatty()
         blocks = _progress(keys, desc="episodes") if shows_bars else _in_lines(keys, self.batch)

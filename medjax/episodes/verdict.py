@@ -52,16 +52,7 @@ LINES = (
     Line("return", 1, 1, 1, lambda metrics: metrics["return_mean"], LEARNED_FROM),
 )
 NAMES = (  # metrics that the lines use
-    "evs_depleted",
-    "energy_delivered_kwh",
-    "ev_delay_h",
-    "gas_delay_h",
-    "queue_vehicle_s",
-    "energy_drawn_kwh",
-    "ev_driving_kwh",
-    "evs_entered",
-    "med_hours",
-    "low_exits",
-    "meds_dispatched",
-    "return_mean",
+    *("evs_depleted", "energy_delivered_kwh", "ev_delay_h", "gas_delay_h", "queue_vehicle_s"),
+    *("energy_drawn_kwh", "ev_driving_kwh", "evs_entered", "med_hours", "low_exits"),
+    *("meds_dispatched", "return_mean"),
 )

@@ -1,5 +1,6 @@
 """Compiled programs: their cache, and messages while one is compiled."""
 
+import functools
 import os
 import sys
 import threading
@@ -18,6 +19,7 @@ POLL_S = 0.002  # interval between checks whether arrays are ready
 SILENT_S = 2.0  # a longer compilation is announced
 BEGINS = "/jax/compilation_cache/compile_requests_use_cache"
 ENDS = "/jax/core/compile/backend_compile_duration"
+_timers: dict[int, threading.Timer] = {}  # one for each thread that compiles
 
 
 def prepare_jax(messages: bool = True) -> None:
@@ -32,7 +34,7 @@ def prepare_jax(messages: bool = True) -> None:
     prepare_cpu()
     enable_compilation_cache()
     if messages:
-        _Messages.hear()
+        _announce_compiling()
 
 
 def enable_compilation_cache() -> None:
@@ -49,7 +51,6 @@ def compiled(lowered: Any, **options: Any) -> Any:
     future: Future[Any] = Future()
 
     def work() -> None:
-        """Compiles."""
         try:
             future.set_result(lowered.compile(**options))
         except BaseException as error:
@@ -67,38 +68,27 @@ def computed(tree: Result) -> Result:
     return tree
 
 
-class _Messages:
-    """Messages about compilation, from JAX's events; reading a program from the cache is not announced."""
-
-    heard = False
-    timers: dict[int, threading.Timer] = {}  # noqa: RUF012, one for each thread that compiles
-
-    @classmethod
-    def hear(cls) -> None:
-        """Registers the listeners, once."""
-        if not cls.heard:
-            cls.heard = True
-            jax.monitoring.register_event_listener(cls.begins)
-            jax.monitoring.register_event_duration_secs_listener(cls.ends)
-
-    @classmethod
-    def begins(cls, event: str, **_: object) -> None:
-        """Handles the start of a compilation in this thread."""
-        if event == BEGINS:
-            timer = threading.Timer(SILENT_S, say, ["compiling ..."])
-            timer.daemon = True
-            cls.timers[threading.get_ident()] = timer
-            timer.start()
-
-    @classmethod
-    def ends(cls, event: str, duration_secs: float, **about: object) -> None:
-        """Handles its end."""
-        if event == ENDS and (timer := cls.timers.pop(threading.get_ident(), None)):
-            timer.cancel()
-            if duration_secs > SILENT_S:
-                say(f"compiled {about.get('fun_name', 'a program')} in {duration_secs:.0f} s")
+@functools.cache
+def _announce_compiling() -> None:
+    """Registers the listeners below, once; reading a program from the cache is not announced."""
+    jax.monitoring.register_event_listener(_begins)
+    jax.monitoring.register_event_duration_secs_listener(_ends)
 
 
-def say(line: str) -> None:
-    """Prints a line to stderr."""
+def _begins(event: str, **_: object) -> None:
+    if event == BEGINS:
+        timer = threading.Timer(SILENT_S, _say, ["compiling ..."])
+        timer.daemon = True
+        _timers[threading.get_ident()] = timer
+        timer.start()
+
+
+def _ends(event: str, duration_secs: float, **about: object) -> None:
+    if event == ENDS and (timer := _timers.pop(threading.get_ident(), None)):
+        timer.cancel()
+        if duration_secs > SILENT_S:
+            _say(f"compiled {about.get('fun_name', 'a program')} in {duration_secs:.0f} s")
+
+
+def _say(line: str) -> None:
     print(line, file=sys.stderr, flush=True)

@@ -90,16 +90,13 @@ def on_devices(
 ) -> Callable[[Any, Any], Result]:
     """`function(rows, same)` with the rows distributed over the devices of the mesh.
 
-    Pass long functions: a whole rollout keeps its environments in a core's cache from decision to decision, and no
-    device waits for another before the end.
+    Pass a whole rollout: its environments stay in a core's cache, and no device waits for another before the end.
 
     Args:
         mesh: from `environment_mesh`.
         function: works on any number of independent rows, with results that do not depend on their number. The first
             axis of every leaf of `rows` is that of the rows; `same` is common to all.
-        rows_at_once: see `in_blocks`.
-        out_axes: see `in_blocks`.
-        group: see `in_blocks`; each device must get whole groups.
+        rows_at_once, out_axes, group: see `in_blocks`; each device must get whole groups.
 
     Raises:
         InputError: the function does not take two arguments.

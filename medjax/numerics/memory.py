@@ -34,7 +34,9 @@ def check_memory(what: str, needed_bytes: float, force: bool | None = None) -> N
     """
     there = memory_bytes()
     if needed_bytes > there and not force:
-        allowed = f"{there / GIGA:.3g} GB, all that there is" + ", or --force" * (force is not None)
+        allowed = f"{there / GIGA:.3g} GB, the memory of this machine" + ", or --force" * (
+            force is not None
+        )
         raise InputError(
             f"{what}: about {needed_bytes / GIGA:.3g} GB of memory, allowed: {allowed}"
         )

@@ -41,9 +41,7 @@ def in_blocks(
         return function(rows)
     split = jax.tree.map(lambda leaf: leaf.reshape(blocks, count // blocks, *leaf.shape[1:]), rows)
 
-    def join(axis: int, parts: Any) -> Any:
-        """Joins the blocks of leaves `(blocks, ..., rows of a block, ...)` on this axis."""
-
+    def join(axis: int, parts: Any) -> Any:  # leaves `(blocks, ..., rows of a block, ...)`
         def whole(leaf: jax.Array) -> jax.Array:
             shape = *leaf.shape[1 : axis + 1], count, *leaf.shape[axis + 2 :]
             return jnp.moveaxis(leaf, 0, axis).reshape(shape)
@@ -56,10 +54,9 @@ def in_blocks(
 def for_true_rows(
     mask: jax.Array, block: int, body: Callable[[jax.Array, jax.Array, Carry], Carry], carry: Carry
 ) -> Carry:
-    """Calls `body` on blocks of the row numbers at which `mask` is True, until all are done.
+    """Calls `body` on blocks of the row numbers at which `mask` is True; no reverse-mode derivative.
 
-    The cost is proportional to the number of True rows. As a `lax.while_loop`, this stays cheap when the caller is
-    mapped over random seeds, but it has no reverse-mode derivative.
+    The cost is proportional to the number of True rows, also when the caller is mapped over random seeds.
 
     Args:
         mask: `(num_rows,)` bool.

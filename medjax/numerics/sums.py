@@ -1,7 +1,6 @@
-"""Arithmetic whose results do not depend on rounding: reproducible sums and clocks.
+"""Arithmetic with the same bits in every program: alone, in a batch, on any number of devices.
 
-XLA sums an axis in an order that depends on the surrounding shapes. The reward of an environment would differ in its
-last digits between a batch of one and a batch of a hundred.
+XLA sums an axis in an order that depends on the surrounding shapes, so rewards would differ with the batch size.
 """
 
 import jax
@@ -35,10 +34,9 @@ def sum_pairwise(values: jax.Array, axis: int = -1) -> jax.Array:
 
 
 def block_fma(product: jax.Array) -> jax.Array:
-    """Returns non-negative products `(...)` unchanged, but rounded before they are summed.
+    """Returns non-negative products `(...)` rounded, before they are summed.
 
-    A processor can add a product without rounding it first (fused multiply-add). XLA uses this where the sum follows
-    the product directly, which differs between programs. The comparison here separates the two.
+    Some programs add a product without rounding it first (fused multiply-add). The comparison separates the two.
     """
     return jnp.maximum(product, 0.0)
 
@@ -55,7 +53,6 @@ def count_down(clock_s: jax.Array, dt: float) -> jax.Array:
 def scale_by(values: jax.Array, unit: jax.Array | float) -> jax.Array:
     """Values `(...)` / unit `()`, by multiplication with the unit's reciprocal.
 
-    XLA does this itself where it sees a scalar divisor, but divides in other programs. The barrier keeps it from
-    undoing the multiplication.
+    XLA does so in some programs only. The barrier keeps it from undoing the multiplication.
     """
     return values * jax.lax.optimization_barrier(jnp.float32(1.0) / unit)

@@ -22,7 +22,7 @@ LEARNED = "ppo"  # default name of a policy
 class About:
     """What a policy was trained for."""
 
-    scenario: str  # empty for a custom environment, which cannot be serialised
+    scenario: str  # empty for a custom environment
     overrides: Mapping[str, Any]  # of `medjax.make`
     observation: str  # its name
     decide_every: int  # decisions from one choice to the next
@@ -42,11 +42,8 @@ def about_of(
     """Describes an environment from `medjax.make`, so that a policy file can rebuild it.
 
     Args:
-      env: as `medjax.make` built it, without custom parts.
-      params: as returned with env.
-      decide_every: decisions from one choice to the next.
-      name: of the policy.
-      dispatcher: the rule that dispatches agents, if any.
+      env, params: as `medjax.make` returned them, without custom parts.
+      decide_every, name, dispatcher: as in `About`.
 
     Raises:
       InputError: the environment has custom parts or changed numbers, which a file cannot describe.
@@ -58,35 +55,31 @@ def about_of(
         agents = {"speeds": env.actions.speeds, "credit": env.credit, "central": central}
         highway = env.env
     recipe = getattr(highway, "recipe", None)  # a custom environment may have none
-    allowed = "allowed: an environment and its numbers as medjax.make gives them"
+    allowed = "allowed an environment and its numbers as medjax.make returns them"
     if recipe is None:
-        raise InputError(f"no file can say what {env.name} is, {allowed}")
+        raise InputError(f"a policy file cannot describe {env.name}: {allowed}")
     replaceable = ("reward", "following", "coupling")
     own = [part for part in replaceable if getattr(recipe, part) is not None]
     own += [] if isinstance(recipe.observation, str) else ["observation"]
     if own:
-        raise InputError(f"no file can say what the {own[0]} of one's own is, {allowed}")
+        raise InputError(f"a policy file cannot describe a custom {own[0]}: {allowed}")
     _, given = make(recipe.scenario, observation=recipe.observation, **recipe.overrides)
     here, there = map(jax.tree.leaves, (params, given))
     if len(here) != len(there) or not all(map(np.array_equal, here, there)):
-        raise InputError(f"no file can say which numbers of {env.name} were changed, {allowed}")
-    return About(
+        raise InputError(f"a policy file cannot describe changed numbers of {env.name}: {allowed}")
+    return dataclasses.replace(
+        about_of_own(env, decide_every, name, dispatcher),
         scenario=recipe.scenario,
         overrides=recipe.overrides,
         observation=recipe.observation,
-        decide_every=decide_every,
-        num_features=math.prod(env.observation_space(params).shape),
-        num_actions=env.num_actions,
-        name=name,
         agents=agents,
-        dispatcher=dispatcher,
     )
 
 
 def about_of_own(
     env: Environment, decide_every: int, name: str = LEARNED, dispatcher: str = ""
 ) -> About:
-    """Like `about_of` for a custom environment, which cannot be serialised: the user must supply it."""
+    """Like `about_of` for a custom environment, which a file cannot rebuild: the user must supply it."""
     return About(
         scenario="",
         overrides={},

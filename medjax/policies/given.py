@@ -42,13 +42,9 @@ def as_policy(env: Any, given: Any) -> Policy:
 
     Args:
       env: a single environment.
-      given: one of
-        a `Policy`;
-        an `ExportedPolicy` (`load_policy`), or the path of its file;
-        the name of a rule;
-        "pretrained", which loads `load_pretrained` for the environment's preset;
-        `"module:name"` of a function that builds a policy from an environment, as in `medjax.BASELINES`;
-        a function `act(key, obs, state, params)` that returns an action, () int32, or a `Choice`.
+      given: a `Policy`; an `ExportedPolicy` or the path of its file; the name of a rule; "pretrained", for the
+        environment's preset; `"module:name"` of a function that builds a policy from an environment; or a function
+        `act(key, obs, state, params)` that returns an action, () int32, or a `Choice`.
 
     Raises:
       InputError: given is none of these, or does not fit the environment.
@@ -78,7 +74,7 @@ def _named(env: Any, text: str) -> Policy:
         try:
             built = build(env)
         except Exception as error:  # user code may raise anything
-            refusal = f"policy {shown(text)} of the environment: {told(error)}"
+            refusal = f"policy {shown(text)} failed to build: {told(error)}"
             raise InputError(refusal) from error
         return as_policy(env, built)
     raise _unknown(text, [*rules, PRETRAINED])
@@ -88,7 +84,6 @@ def _of_function(act: Callable[..., Any], num_actions: int) -> Policy:
     """Wraps a function that returns actions or choices as a policy without weights."""
 
     def choose(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
-        """Calls `act` and converts an action to a `Choice`."""
         chosen = act(key, obs, state, params)
         if isinstance(chosen, Choice):
             return chosen
@@ -96,7 +91,7 @@ def _of_function(act: Callable[..., Any], num_actions: int) -> Policy:
         # A team returns one action per agent.
         if action.ndim > 1 or not jnp.issubdtype(action.dtype, jnp.integer):
             raise InputError(
-                f"a policy acts by {shown(chosen)}: allowed whole numbers, or a Choice"
+                f"a policy returned {shown(chosen)}: allowed whole numbers, or a Choice"
             )
         action = action.astype(jnp.int32)
         return Choice(action, jax.nn.one_hot(action, num_actions, dtype=jnp.float32))

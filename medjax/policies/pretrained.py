@@ -14,24 +14,17 @@ FILES = Path(__file__).parent / "trained"
 def load_pretrained(scenario: str = "paper") -> ExportedPolicy:
     """Loads the policy that was trained for a preset.
 
-    Args:
-      scenario: name of the preset.
-
     Raises:
       InputError: medjax has no policy for it.
     """
     there = {path.stem: path for path in sorted(FILES.glob("*.zip"))}
     if not isinstance(scenario, str) or scenario not in there:
         raise InputError(
-            f"no policy was trained for {shown(scenario)}: allowed {', '.join(there)}, or a file of one's own"
+            f"no policy was trained for {shown(scenario)}: allowed {', '.join(there)}, or your own file"
         )
     return load_policy(there[scenario])
 
 
 def pretrained(env: Any) -> Policy:
-    """The policy that was trained for an environment's preset.
-
-    Raises:
-      InputError: there is none, or it does not fit the environment's changes to the preset.
-    """
+    """The policy of an environment's preset; InputError if there is none, or if it does not fit the environment."""
     return load_pretrained(env.name).policy(env)

@@ -27,7 +27,7 @@ def _of_highway(env: Environment, act: Act) -> Policy:
     """Builds a rule from `act(mask, state, params)`, given allowed actions and the state and params of the highway."""
     if hasattr(env, "num_agents"):
         raise InputError(
-            f"a rule of a dispatcher for {env.num_agents} agents, allowed: for env.env, which they share"
+            f"a dispatching rule does not fit {env.num_agents} agents: allowed env.env, their highway"
         )
 
     def on_wrapped(key: jax.Array, state: Any, params: Any) -> jax.Array:
@@ -48,7 +48,7 @@ def slow(env: Environment) -> Policy:
     """
 
     def params_transform(params: EnvParams) -> EnvParams:
-        """Makes every driver of a low EV slow down, through `medjax.charging.range.apply_eco_speed`."""
+        # See `medjax.charging.range.apply_eco_speed`.
         drivers = params.drivers.replace(
             eco_compliance=1.0,
             eco_speed=params.fleet.service_speed,
@@ -187,9 +187,7 @@ BUDGET = Budget()
 def budgeted(env: Environment, budget: Budget = BUDGET) -> Policy:
     """Sends a MED where it is worth most; the more MEDs are left for the time left, the less need it takes.
 
-    Args:
-      env: a single environment.
-      budget: its numbers, which are the policy's weights.
+    `budget` is the policy's weights.
     """
     if not env.config.num_ramps:
         return none(env)

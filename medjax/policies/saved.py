@@ -78,8 +78,8 @@ class ExportedPolicy:
         build = make if build is None else build
         if not about.scenario:
             raise InputError(
-                "the policy was trained in an environment of somebody's own, allowed: that one, given from Python "
-                "to ExportedPolicy.policy"
+                "the policy was trained in a custom environment: allowed that one, passed in Python to "
+                "ExportedPolicy.policy"
             )
         scenario = about.scenario if scenario is None else scenario
         kept = about.overrides if scenario == about.scenario else {}
@@ -152,7 +152,6 @@ class ExportedPolicy:
         acted_in = by_rule or env
 
         def act(weights: Any, key: jax.Array, obs: jax.Array, state: Any, params: Any) -> Choice:
-            """See `Policy.act`; the network holds the weights."""
             mask = acted_in.action_mask(state, params)
             if looks:
                 road, numbers = env.highway(state, params)

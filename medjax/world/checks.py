@@ -98,7 +98,7 @@ def _check_road(params: EnvParams) -> None:
     stop_m = float(params.demand.ramp_speed) ** 2 / (2.0 * float(params.motion.max_braking))
     if road.ramp_x_m.size and lane_m < stop_m:
         raise InputError(
-            f"acceleration_lane_m = {lane_m:g}: allowed at least {stop_m:g} m, the way to a stop from ramp_speed"
+            f"acceleration_lane_m = {lane_m:g}: allowed at least {stop_m:g} m, to stop from ramp_speed"
         )
     last = float(road.length_m) - lane_m
     for x in road.ramp_x_m:
@@ -151,5 +151,5 @@ def validate(config: EnvConfig, params: EnvParams) -> None:
         array = as_numbers(value)
         if array is None or array.ndim != 3 * (name == "values") or not np.isfinite(array).all():
             raise InputError(
-                f"link.inductance.{name} = {shown(value)}: allowed what build_link gives"
+                f"link.inductance.{name} = {shown(value)}: allowed a table from build_link"
             )

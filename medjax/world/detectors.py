@@ -46,7 +46,7 @@ def read_detectors(file: str | PathLike[str]) -> dict[str, Any]:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read: {error}") from None
     if any(names.count(name) != 1 for name in COLUMNS) or not rows:
-        needed = f"columns {', '.join(COLUMNS)}, each once, and a row a count"
+        needed = f"columns {', '.join(COLUMNS)}, each once, and one row per count"
         raise InputError(f"{path}: allowed a CSV file with {needed}")
     counts: Counts = {}
     for line, fields in rows:

@@ -27,9 +27,7 @@ class Number:
     unit: str = ""
     text: Text = ""  # description, and the source of the default
     whole: bool = False
-    per: str = (
-        ""  # "kind" of vehicle, "ramp", "exit" or "period": the field holds one number for each
-    )
+    per: str = ""  # "kind" of vehicle, "ramp", "exit" or "period": one number for each
 
     def __str__(self) -> str:
         """The allowed values, for messages."""
@@ -44,22 +42,12 @@ class Number:
 
 
 def number(
-    default: Any,
-    low: float,
-    high: float,
-    unit: str = "",
-    text: Text = "",
-    **more: Any,
+    default: Any, low: float, high: float, unit: str = "", text: Text = "", **more: Any
 ) -> Any:
-    """A dataclass field that holds a number.
+    """A dataclass field that holds a number; arguments as in `Number`.
 
-    Args:
-      default: of the preset `paper`. A tuple has one value per vehicle kind, ramp or exit, and becomes an array. If
-        text is a tuple, too, there is one value per body (`BodyParams`), and the field itself has no default.
-      low, high: the allowed range, both ends included.
-      unit: SI.
-      text: description, and the source of the default.
-      **more: `whole` and `per` of `Number`.
+    A tuple as default becomes an array. If text is a tuple, too, there is one value per body (`BodyParams`), and the
+    field itself has no default.
     """
     declared = Number(default, low, high, unit, text, **more)
     metadata = {"number": declared}
@@ -93,10 +81,8 @@ def read_number(
     """Checks a field's value and converts it, without using a device.
 
     Args:
-      name: of the field, for the message.
+      name, limits, shape: of the field.
       value: a number, an array or a list of numbers.
-      limits: declaration of the field.
-      shape: of the field.
       fill: whether a single number may fill a whole array.
       convert: whether 3.0 is accepted as a whole number.
 
@@ -133,12 +119,16 @@ def as_numbers(value: Any) -> np.ndarray | None:
     if isinstance(value, list | tuple):
         shape = _shape_of_list(value)
         items = value if len(shape) == 1 else [item for row in value for item in row]
-        numbers = [_as_number(item) for item in items]
-        return None if None in numbers else np.array(numbers, np.float64).reshape(shape)
-    number = _as_number(value)
-    if number is not None:
-        return np.asarray(number)
-    if not isinstance(value, np.ndarray | jax.Array) or not _is_real(value.dtype):
+        nested = any(isinstance(item, list | tuple) for item in items)
+        numbers = [] if nested else [as_numbers(item) for item in items]
+        plain = [number.item() for number in numbers if number is not None and not number.ndim]
+        return np.array(plain, np.float64).reshape(shape) if len(plain) == len(items) else None
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        # Larger integers exceed every range and overflow NumPy's integers.
+        return np.asarray(value) if isinstance(value, float) or abs(value) < 2**63 else None
+    if not isinstance(value, np.generic | np.ndarray | jax.Array):
+        return None
+    if not any(jax.dtypes.issubdtype(value.dtype, kind) for kind in (np.integer, np.floating)):
         return None
     try:
         array = np.asarray(value)
@@ -152,22 +142,3 @@ def _shape_of_list(value: Any) -> tuple[int, ...]:
     widths = {len(row) if isinstance(row, list | tuple) else None for row in value}
     width = widths.pop() if len(widths) == 1 else None
     return (len(value),) if width is None else (len(value), width)
-
-
-def _as_number(value: Any) -> int | float | None:
-    """Converts one real number to Python's int or float; None for anything else."""
-    if isinstance(value, np.generic | np.ndarray | jax.Array) and value.ndim == 0:
-        if not _is_real(value.dtype):
-            return None
-        try:
-            value = value.item()
-        except Exception:  # as in `as_numbers`
-            return None
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    # Larger integers exceed every range and overflow NumPy's integers.
-    return value if isinstance(value, float) or abs(value) < 2**63 else None
-
-
-def _is_real(dtype: Any) -> bool:
-    return jax.dtypes.issubdtype(dtype, np.integer) or jax.dtypes.issubdtype(dtype, np.floating)

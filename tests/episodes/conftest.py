@@ -1,4 +1,4 @@
-"""A short episode that `python -m medjax.trajectories` wrote piece by piece, the whole of it, and its table."""
+"""A short episode: written in pieces by `python -m medjax.trajectories`, recorded whole, and as a table."""
 
 import pytest
 
@@ -9,6 +9,7 @@ from medjax.episodes.recording import record_episode, record_pieces
 from medjax.episodes.table import vehicle_table
 from medjax.policies.rules import paced
 from medjax.trajectories import main
+from tests.compiling import quickly
 
 WORLD = {
     "num_meds": 3,
@@ -22,8 +23,8 @@ WORLD = {
 SET = [text for name, value in WORLD.items() for text in ("--set", f"{name}={value}")]
 
 
-@pytest.fixture(scope="module")
-def played(quick_compiles, tmp_path_factory):
+@pytest.fixture(scope="session")
+def played(tmp_path_factory):
     """The pieces that the command played, of 23, 23, 23 and 21 decisions, and the file that it wrote."""
     target = tmp_path_factory.mktemp("out") / "run.csv"
     slots = 25 * 4 * sum(WORLD[name] for name in ("num_meds", "num_evs", "num_gas"))
@@ -35,20 +36,21 @@ def played(quick_compiles, tmp_path_factory):
             yield piece
 
     asked = ["--policy", "paced", "--scenario", "paper", "--seed", "3", "--episode", "1"]
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, quickly():
         patch.setattr(medjax.episodes.recording, "SLOTS_OF_A_PIECE", slots)
         patch.setattr(medjax.episodes.options, "record_pieces", record)
         assert main([*asked, *SET, "--out", str(target)]) == 0
     return made, target
 
 
-@pytest.fixture(scope="module")
-def recording(quick_compiles):
-    """The same episode in one."""
-    env, params = medjax.make("paper", **WORLD)
-    return record_episode(env, params, paced(env), name="paced", seed=3, episode=1)
+@pytest.fixture(scope="session")
+def recording():
+    """The same episode in one piece."""
+    with quickly():
+        env, params = medjax.make("paper", **WORLD)
+        return record_episode(env, params, paced(env), name="paced", seed=3, episode=1)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def table(recording):
     return vehicle_table(recording)

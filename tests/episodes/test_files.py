@@ -6,11 +6,9 @@ import pytest
 import medjax.episodes.files
 from medjax.episodes.files import write_trajectories
 
-pytestmark = pytest.mark.usefixtures("quick_compiles")
-
 
 def test_parquet_reads_back_as_the_table(played, table, tmp_path):
-    """Written in pieces; the table is that of the whole."""
+    """Written in pieces; compared with the table of the whole."""
     parquet = pytest.importorskip("pyarrow.parquet", reason='pip install -e ".[trajectories]"')
     path = tmp_path / "run.parquet"
     assert write_trajectories(played[0], path) == len(table["time_s"])

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 ENV, PARAMS = Probe("noisy"), ProbeParams(episode_decisions=6)
 
 
-def test_the_same_policy_twice_is_the_same_and_differences_are_the_policies_own():
+def test_policies_face_the_same_episodes():
     one = rule(lambda key, state, params: jnp.int32(1), 2)
     policies = {"a": coin(ENV), "b": coin(ENV), "none": never(ENV), "one": one}
     scores = evaluate_policies(ENV, PARAMS, policies, episodes=7, seed=3, batch=4)
@@ -57,7 +57,7 @@ def test_equals_one_episode_stepped_by_hand():
         assert scores["coin"]["return"][episode] == pytest.approx(total, rel=1e-5)
 
 
-def test_nothing_counts_after_the_end_of_an_episode():
+def test_rewards_after_the_end_do_not_count():
     env, params = Probe("constant_terminated"), ProbeParams(episode_decisions=3)
     ends_early = Probe("follow"), ProbeParams(episode_decisions=50)
     scores = evaluate_policies(env, params, {"none": never(env)}, 3)
@@ -67,7 +67,7 @@ def test_nothing_counts_after_the_end_of_an_episode():
     assert set(scores["none"]["return"]) <= {0.0, 1.0}
 
 
-def test_longer_episodes_than_it_was_built_for_are_refused():
+def test_longer_episodes_than_compiled_are_refused():
     env, policies = Probe("constant_terminated"), {"none": never(Probe("constant_terminated"))}
     built = Evaluation(env, ProbeParams(episode_decisions=5), policies, 2)
     shorter = built.play(policies, 0, ProbeParams(episode_decisions=3))
@@ -76,7 +76,7 @@ def test_longer_episodes_than_it_was_built_for_are_refused():
         built.play(policies, 0, ProbeParams(episode_decisions=6))
 
 
-def test_outside_a_terminal_a_line_says_how_far_it_is(capfd, monkeypatch):
+def test_progress_lines_without_a_terminal(capfd, monkeypatch):
     monkeypatch.setattr(module, "SECONDS_PER_LINE", 0.0)
     evaluate_policies(ENV, PARAMS, {"a": coin(ENV)}, episodes=5, batch=2)
     lines = capfd.readouterr().err.splitlines()
@@ -87,13 +87,15 @@ def test_outside_a_terminal_a_line_says_how_far_it_is(capfd, monkeypatch):
     assert all(re.fullmatch(r"\d+ s left", line.partition(", ")[2]) for line in lines)
 
 
-def test_of_a_dispatcher_and_of_agents_side_by_side_are_refused():
+def test_policies_of_a_dispatcher_and_of_agents_are_refused():
     both = rule(lambda key, state, params: jnp.zeros(2, jnp.int32), 2)
-    with pytest.raises(InputError, match=r"^policies of a dispatcher and of agents, allowed: of"):
+    with pytest.raises(
+        InputError, match="policies of a dispatcher mixed with policies of agents: allowed one"
+    ):
         evaluate_policies(ENV, PARAMS, {"a": coin(ENV), "both": both}, episodes=2)
 
 
-def test_forbidden_actions_count_as_none():
+def test_masked_actions_count_as_0():
     env = Probe("masked", num_actions=3)
     two = Policy(
         lambda weights, key, obs, state, params: Choice(weights, jax.nn.one_hot(weights, 3)),
@@ -110,7 +112,7 @@ def untrained(initial_wait):
     return network, PolicyWeights(params, init_stats((2,)))
 
 
-def test_the_first_policy_waits_as_often_as_it_is_told():
+def test_initial_wait_is_the_first_policys_probability_to_wait():
     network, weights = untrained(0.8)
     obs = jax.random.normal(jax.random.key(1), (50, 2))
     policy, _ = apply_policy(network, weights, obs, jnp.ones((50, 2), bool))
@@ -119,7 +121,7 @@ def test_the_first_policy_waits_as_often_as_it_is_told():
 
 @pytest.mark.parametrize(("interval", "choices"), [(1, 6), (4, 2), (6, 1)])
 def test_a_trained_policy_waits_between_its_choices(interval, choices):
-    """Always action 1 where it chooses, each worth 1: at decisions 0, interval, 2 interval, ... of six."""
+    """It takes action 1, worth 1, at every `interval`-th of six decisions."""
     policy = learned_policy(ENV, *untrained(0.01), interval)
     policies = {"ppo": policy, "none": never(ENV)}
     scores = evaluate_policies(ENV, PARAMS, policies, episodes=5)

@@ -1,16 +1,13 @@
-"""The table of an episode against its recording and the environment's own books."""
+"""The table of an episode against its recording and the environment's tally."""
 
 import numpy as np
-import pytest
 
 from medjax.traffic.road import lateral_position
 from medjax.world.kinds import HUMAN_EV
 from medjax.world.params import PANELS
 
-pytestmark = pytest.mark.usefixtures("quick_compiles")
 
-
-def test_a_row_for_each_vehicle_and_tick(recording, table):
+def test_one_row_per_vehicle_and_tick(recording, table):
     active = recording.frames.active
     rows = len(table["time_s"])
     ticks = recording.decisions.tally.vehicle_ticks.sum()  # the environment's own count
@@ -21,7 +18,7 @@ def test_a_row_for_each_vehicle_and_tick(recording, table):
     np.testing.assert_array_equal(counts, present[present > 0])
 
 
-def test_an_id_is_one_vehicle_from_its_entry_to_its_exit(recording, table):
+def test_an_id_belongs_to_one_vehicle_from_entry_to_exit(recording, table):
     ids = table["vehicle_id"].data
     tally = recording.decisions.tally
     assert len(np.unique(ids)) == recording.frames.active[0].sum() + tally.entered.sum()
@@ -37,7 +34,7 @@ def test_an_id_is_one_vehicle_from_its_entry_to_its_exit(recording, table):
     )
 
 
-def test_rows_are_the_recording(recording, table):
+def test_rows_equal_the_recording(recording, table):
     frames, config = recording.frames, recording.config
     rng = np.random.default_rng(0)
     frame, slot = (rows := np.nonzero(frames.active))
@@ -65,7 +62,7 @@ def test_rows_are_the_recording(recording, table):
             assert got["soc"] is np.ma.masked
 
 
-def test_bookings_name_a_med_that_is_on_the_road(recording, table):
+def test_booked_meds_are_on_the_road(recording, table):
     booked = ~np.ma.getmaskarray(table["booked_med_id"])
     assert booked.sum() == (recording.frames.ev_med >= 0).sum() > 0
     charging = table["is_charging"].data

@@ -15,7 +15,7 @@ NAMES = rng.integers(0, 99, (2, 3, 7))
 INDEX = rng.integers(0, 7, (2, 3, 4, 5))
 
 
-def test_read_takes_each_row_its_own_entries():
+def test_read_of_rows():
     """A tree of rows, batched twice, with an index of several axes."""
     got, names = jax.vmap(jax.vmap(read))((VALUES, NAMES), INDEX)
     expected = [[VALUES[i, j][INDEX[i, j]] for j in range(3)] for i in range(2)]
@@ -25,7 +25,6 @@ def test_read_takes_each_row_its_own_entries():
 
 
 def test_read_with_one_table_or_one_index():
-    """A table without a batch serves all rows, and so does an index without one."""
     table, index = VALUES[0, 0], INDEX[0]
     np.testing.assert_array_equal(jax.vmap(read, (None, 0))(table, index), table[index])
     got = jax.vmap(read, (0, None))(VALUES[0], index[0])
@@ -49,7 +48,7 @@ def test_read_is_differentiable(order):
     np.testing.assert_allclose(slope, np.sum(got[0] * VALUES[0, 0]), rtol=1e-5)
 
 
-def test_write_puts_each_row_its_own_entries():
+def test_write_of_rows():
     """Batched twice; what is not written stays."""
     index = np.stack([[rng.permutation(7)[:4] for _ in range(3)] for _ in range(2)])
     fresh = rng.normal(size=(2, 3, 4)).astype(np.float32)

@@ -1,4 +1,4 @@
-"""What is too large for the machine, told before anything is computed."""
+"""Programs too large for the memory are refused before anything is computed."""
 
 import jax
 import jax.numpy as jnp
@@ -17,18 +17,20 @@ def test_bytes_of_a_tree_are_those_of_its_arrays():
     assert memory.tree_bytes(keys) >= jax.random.key_data(keys).nbytes
 
 
-def test_there_is_as_much_as_the_system_says():
+def test_memory_is_what_the_system_reports():
     with open("/proc/meminfo") as file:
         total = int(file.readline().split()[1]) * 1024
     assert 2**28 < memory.memory_bytes() <= total
 
 
-def test_what_does_not_fit_is_refused_unless_forced(monkeypatch):
+def test_too_large_programs_are_refused_unless_forced(monkeypatch):
     monkeypatch.setattr(memory, "memory_bytes", lambda: 8 * 10**9)
     memory.check_memory("--episodes 3", 8e9, force=False)
     memory.check_memory("--episodes 3", 9e9, force=True)
-    said = "--episodes 3: about 9 GB of memory, allowed: 8 GB, all that there is, or --force"
+    said = (
+        "--episodes 3: about 9 GB of memory, allowed: 8 GB, the memory of this machine, or --force"
+    )
     with pytest.raises(InputError, match=f"^{said}$"):
         memory.check_memory("--episodes 3", 9e9, force=False)
-    with pytest.raises(InputError, match=r"all that there is$"):
+    with pytest.raises(InputError, match=r"the memory of this machine$"):
         memory.check_memory("--num-envs 3", 9e9)

@@ -1,4 +1,4 @@
-"""Sums that round alike in every program, and how well."""
+"""The error of pairwise sums."""
 
 import jax.numpy as jnp
 import numpy as np

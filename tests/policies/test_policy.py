@@ -1,4 +1,4 @@
-"""The protocol of policies: a function to JAX, and an argument of compiled programs."""
+"""A policy is a function that JAX compiles, and an argument of compiled programs."""
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ from medjax.policies.policy import Choice, Policy
 
 @pytest.fixture
 def prefers():
-    """The likeliest action is where the weights are largest."""
+    """Prefers the action with the largest weight."""
 
     def act(weights, key, obs, state, params):
         chances = jax.nn.softmax(weights["bias"] * obs)
@@ -19,8 +19,8 @@ def prefers():
     return Policy(act, {"bias": jnp.array([1.0, 3.0, 2.0])})
 
 
-def test_it_is_a_function_that_can_be_compiled(prefers):
-    """By itself, with weights that no hash can be taken of, and over a batch of observations."""
+def test_a_policy_can_be_jitted_and_batched(prefers):
+    """Although its weights have no hash."""
     alone = jax.jit(prefers)(jax.random.key(0), 1.0, None, None)
     assert int(alone.action) == 1
     both = jax.jit(jax.vmap(prefers, (None, 0, None, None)))(
@@ -29,8 +29,7 @@ def test_it_is_a_function_that_can_be_compiled(prefers):
     np.testing.assert_array_equal(both.action, [1, 0])
 
 
-def test_as_an_argument_other_weights_are_not_compiled_anew(prefers):
-    """They are its leaves."""
+def test_new_weights_do_not_compile_again(prefers):
     traces = []
 
     @jax.jit

@@ -1,4 +1,4 @@
-"""Detector counts as a demand, and one line for what is no file of counts."""
+"""Detector counts as demand, and refusals of bad files."""
 
 import numpy as np
 import pytest
@@ -20,28 +20,27 @@ COUNTS = """time_s,entry,vehicles_per_h,speed_m_per_s
 """
 
 
-def test_counts_are_the_demand(tmp_path):
-    """What each entry asks for in each interval is what was counted; lanes are added, the last interval stays."""
+@pytest.fixture
+def file(tmp_path):
     file = tmp_path / "counts.csv"
     file.write_text(COUNTS)
+    return file
+
+
+def test_counts_are_the_demand(file):
+    """Each entry's demand in each interval is its count; lanes add up, and the last interval stays in force."""
     env, params = medjax.make(
         "paper", ramp_x_m=[500, 2000], demand=medjax.read_detectors(file), num_gas=10
     )
     assert env.config.num_periods == 2
-    for time_s, main, first in (
-        (0, 2600, 100),
-        (899, 2600, 100),
-        (901, 3000, 300),
-        (9e4, 3000, 300),
-    ):
+    expected = {0: (2600, 100), 899: (2600, 100), 901: (3000, 300), 9e4: (3000, 300)}
+    for time_s, (main, first) in expected.items():
         rates = 3600 * np.asarray(entry_rates(params.demand, 4, float(time_s)))
         np.testing.assert_allclose(rates, [*[main / 4] * 4, first, 0.0], rtol=1e-5)
 
 
-def test_a_number_by_name_goes_before(tmp_path):
-    """And a recipe holds what the file said."""
-    file = tmp_path / "counts.csv"
-    file.write_text(COUNTS)
+def test_overrides_take_precedence(file):
+    """And the recipe records the file's numbers."""
     demand = medjax.read_detectors(file)
     env, params = medjax.make("paper", num_ramps=2, demand=demand, mainline_per_h=100)
     assert float(params.demand.mainline_per_h) == 100
@@ -77,34 +76,31 @@ BAD = {
 
 
 @pytest.mark.parametrize("text", BAD, ids=list(BAD.values()))
-def test_bad_files_are_refused_in_one_line(tmp_path, text):
-    """Which line and column, the value, and what is allowed."""
-    file = tmp_path / "counts.csv"
+def test_bad_files_are_refused_in_one_line(file, text):
+    """It names line, column, value and what is allowed."""
     file.write_text(text)
     with pytest.raises(InputError, match=BAD[text]) as error:
         medjax.read_detectors(file)
     assert "\n" not in str(error.value)
 
 
-def test_no_such_file_is_one_line():
-    """As any other bad input."""
-    with pytest.raises(InputError, match="cannot be read"):
-        medjax.read_detectors("/nonexistent/counts.csv")
-    for none, words in (
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ("/nonexistent/counts.csv", "cannot be read"),
         (3, "file 3: allowed a path"),
         (None, "file None"),
         ("a\0b", "printable"),
-        ("/dev/zero", "is no file"),  # which has no end
+        ("/dev/zero", "is no file"),  # which never ends
         (".", "is no file"),
-    ):
-        with pytest.raises(InputError, match=words):
-            medjax.read_detectors(none)
+    ],
+)
+def test_bad_paths(file, words):
+    with pytest.raises(InputError, match=words):
+        medjax.read_detectors(file)
 
 
-def test_ramps_must_be_as_many_as_counted(tmp_path):
-    """The paper's road has four."""
-    file = tmp_path / "counts.csv"
-    file.write_text(COUNTS)
+def test_ramps_must_be_as_many_as_counted(file):
     with pytest.raises(InputError, match="has shape"):
         medjax.make("paper", demand=medjax.read_detectors(file))
     with pytest.raises(InputError, match="demand"):

@@ -2,20 +2,22 @@
 
 import jax
 import numpy as np
+import pytest
 
 from medjax.world.kinds import CLASSES, KINDS, by_class, kinds_in
 
 
-def test_classes_share_out_the_kinds():
-    """Every kind is in one class, and counts of kinds add up by class."""
+def test_counts_of_kinds_add_up_by_class():
+    """Every kind is in one class."""
     assert sorted(kinds_in(*CLASSES)) == list(range(len(KINDS)))
     counts = np.arange(2 * len(KINDS), dtype=np.float32).reshape(2, -1)
     expected = [counts[:, list(kinds_in(slots))].sum(axis=1) for slots in CLASSES]
     np.testing.assert_array_equal(by_class(counts), np.stack(expected, axis=-1))
 
 
-def test_vehicles_are_of_a_kind_that_their_slot_holds(paper):
-    """At the reset and after 30 decisions of entries, on the road and off it."""
+@pytest.mark.usefixtures("quick_compiles")
+def test_slots_hold_kinds_of_their_class(paper):
+    """At the reset and during 30 decisions, on the road and off it."""
     env, params = paper
     config = env.config
     slots = np.asarray(config.by_slot(0, 1, 2))

@@ -1,4 +1,4 @@
-"""What the documentation allows is accepted, to the ends of every range and in every form that a number has."""
+"""Every documented value is accepted, up to both ends of its range and in every numeric type."""
 
 import dataclasses
 import math
@@ -27,7 +27,7 @@ from medjax.world.params import (
 from tests.documented import NUMBERS
 
 ALL = {**TERMS, **MONEY}  # a reward that has all weights
-# What a number at the end of its range needs of others; see "What must go together".
+# Other numbers that the end of a range requires; see "What must go together".
 LONG = {"length_m": 200e3}
 BESIDE = {
     "road.length_m": {"num_ramps": 0},
@@ -47,13 +47,13 @@ BESIDE = {
 
 
 def reachable(row):
-    """The range, but that a ramp needs its acceleration lane before the road ends."""
+    """The range, less the acceleration lane that a ramp needs before the road ends."""
     high = row.high - 10 if row.name == "road.ramp_x_m" else row.high
     return row.low, high
 
 
 def forms(value):
-    """One number as all that it may be given as."""
+    """One number in every type that is accepted."""
     yield value
     if value == int(value) if math.isfinite(value) else False:
         yield int(value)
@@ -77,7 +77,7 @@ def accepted(name, value):
 
 @pytest.mark.parametrize("name", NUMBERS)
 def test_ends_of_ranges(name):
-    """Both ends, in every form; a size is a whole number, and 4.0 is none."""
+    """Sizes must be integers: 4.0 is refused."""
     row = NUMBERS[name]
     for end in reachable(row):
         for value in forms(end):
@@ -126,14 +126,14 @@ INDEPENDENT = sorted(
 )
 @settings(max_examples=25)
 def test_all_numbers_at_once(numbers):
-    """And what comes out is accepted as it is."""
+    """And the result passes the checks again."""
     env, params, _ = prepare(reward=ALL, **numbers)
     again = check_numbers(env.config, params)
     assert again.episode_decisions == numbers["episode_decisions"]
 
 
 def test_every_field_has_a_range():
-    """In the code and in the documentation: of every number that there is, and the same."""
+    """The code and the documentation state the same range for every number."""
     _, params, coils = prepare(reward=ALL)
     assert set(SIZES) == {field.name for field in dataclasses.fields(EnvConfig)}
     assert set(COILS) == {field.name for field in dataclasses.fields(coils)}
@@ -150,15 +150,12 @@ def test_every_field_has_a_range():
             assert field.name in OTHERS
     assert stated.keys() == NUMBERS.keys()
     for name, limits in stated.items():
-        assert (limits.low, limits.high, limits.whole) == (*ends(name), NUMBERS[name].whole), name
+        row = NUMBERS[name]
+        assert (limits.low, limits.high, limits.whole) == (row.low, row.high, row.whole), name
 
 
-def test_the_page_has_what_is_declared():
-    """`python -m docs.parameters` would write the same tables."""
+def test_parameters_page_is_current():
+    """`python -m docs.parameters` would not change it."""
     page = PAGE.read_text(encoding="utf-8")
     assert written(page) == page
     assert page.count("<!-- table: ") == 5
-
-
-def ends(name):
-    return NUMBERS[name].low, NUMBERS[name].high

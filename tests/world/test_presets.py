@@ -1,4 +1,4 @@
-"""Presets: numbers of one that must go together."""
+"""Presets: their lists in --help, and numbers that must go together."""
 
 import pytest
 
@@ -11,7 +11,7 @@ from train import evaluate, ppo
 
 @pytest.mark.parametrize("command", [ppo, evaluate, render, trajectories])
 def test_help_lists_them(capsys, command):
-    """Each with what it is, as `print(medjax.SCENARIOS)` does, on lines that begin with their names."""
+    """As `print(medjax.SCENARIOS)` does."""
     assert exit_code(command, ["--help"]) == 0
     shown = capsys.readouterr().out.partition("presets:\n")[2]
     assert [line.split()[0] for line in str(SCENARIOS).splitlines()] == list(SCENARIOS)
@@ -21,8 +21,8 @@ def test_help_lists_them(capsys, command):
 
 
 @pytest.mark.parametrize("name", sorted(SCENARIOS))
-def test_a_booking_lasts_for_the_way_to_its_slot(name):
-    """From as far as a MED may be asked, closing up at the approach speed, and 10 s for the rest."""
+def test_patience_suffices_to_reach_the_slot(name):
+    """From the farthest MED at the approach speed, plus 10 s."""
     charging = SCENARIOS[name].params(SCENARIOS[name].config).charging
     longest_s = float(charging.reach_ahead_m / charging.approach_speed)
     assert float(charging.patience_s) >= longest_s + 10.0
