@@ -140,6 +140,20 @@ def a_number(allowed: str, is_allowed: Callable[[float], bool]) -> Callable[[str
 non_negative = a_number("a number from 0", lambda value: value >= 0.0)
 
 
+def add_number(
+    parser: OneLineParser,
+    option: str,
+    default: Any,
+    text: str,
+    kind: Callable[[str], Any] = positive,
+    nargs: str | None = None,
+) -> None:
+    """Adds an option of a number, by default a whole one from 1, or with `nargs="+"` of several."""
+    shown = " ".join(f"{each:g}" for each in (default if nargs else [default]))
+    text = f"{text} (default: {shown})"
+    parser.add_argument(option, type=kind, default=default, nargs=nargs, metavar="N", help=text)
+
+
 def add_scenario(parser: OneLineParser) -> None:
     """Adds `--scenario NAME`."""
     parser.add_argument(
@@ -150,13 +164,15 @@ def add_scenario(parser: OneLineParser) -> None:
     )
 
 
-def episodes_parser(name: str, description: str | None, episodes: int, seed: int) -> OneLineParser:
+def episodes_parser(
+    name: str, description: str | None, episodes: int, seed: int, scenario: bool = True
+) -> OneLineParser:
     """`benchmark_parser` with options of episodes, seed and scenario, for commands that play whole episodes."""
     parser = benchmark_parser(name, description)
-    number = whole_number(least=2)
-    parser.add_argument("--episodes", type=number, default=episodes, help="episodes per policy")
-    parser.add_argument("--seed", type=a_seed, default=seed, help="seed of the episodes")
-    add_scenario(parser)
+    add_number(parser, "--episodes", episodes, "episodes per policy", whole_number(least=2))
+    add_number(parser, "--seed", seed, "seed of the episodes", a_seed)
+    if scenario:
+        add_scenario(parser)
     return parser
 
 

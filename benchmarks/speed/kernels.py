@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import medjax
-from benchmarks.command import benchmark_parser, machine, run_command, whole_number
+from benchmarks.command import add_number, benchmark_parser, machine, run_command, whole_number
 from benchmarks.speed.references import (
     CHECKED_ROADS,
     COILS,
@@ -235,10 +235,6 @@ def report(result: dict[str, Any]) -> str:
 def main(arguments: list[str] | None = None) -> None:
     parser = benchmark_parser("kernels", __doc__)
     count = whole_number(most=MOST)
-    parser.add_argument(
-        "--roads", type=count, default=1024, metavar="N", help="number of roads (default: 1024)"
-    )
-    parser.add_argument(
-        "--repeats", type=count, default=7, metavar="N", help="timings per kernel (default: 7)"
-    )
+    add_number(parser, "--roads", 1024, "number of roads", count)
+    add_number(parser, "--repeats", 7, "timings per kernel", count)
     run_command(parser, measure, arguments)

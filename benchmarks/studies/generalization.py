@@ -7,7 +7,7 @@ runs take their most probable actions, whatever presets and demands they were tr
 import argparse
 import dataclasses
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,24 +16,23 @@ import numpy as np
 from tqdm import tqdm
 
 import medjax
-from benchmarks.command import a_path, a_seed, add_plot, benchmark_parser, run_command, whole_number
+from benchmarks.command import a_path, add_plot, episodes_parser, run_command
+from benchmarks.studies.base import RULES, estimate, in_words, rules
 from medjax.episodes.scores import Evaluation, Scores
 from medjax.errors import InputError
 from medjax.numerics.compilation import enable_compilation_cache
 from medjax.policies.policy import Choice, Policy
 from medjax.policies.rules import BASELINES
 from medjax.wrappers import scale_demand
-from train.evaluation.statistics import bootstrap_ci95
 from train.evaluation.summary import learned_names, summarize
-from train.evaluation.tables import format_rows, interval, short
+from train.evaluation.tables import format_rows
 from train.reporting.figures import MARKERS, colour, new_figure, save
 from train.runs.policies import load_policies
 from train.runs.run_directory import RunDir
 
 MAIN, OTHER = "paper", "realistic"
 FACTORS = (0.5, 0.75, 1.0, 1.25, 1.5)  # of MAIN's demand
-AT_FACTORS = tuple(f"{MAIN} x {factor:g}" for factor in FACTORS)
-RULES = ("budgeted", "forecast", "paced", "greedy", "slow", "none")
+AT_FACTORS = {f"{MAIN} x {factor:g}": factor for factor in FACTORS}
 REFERENCE, NO_ACTION = "budgeted", "none"
 # Colours of trained runs, from Okabe and Ito (2008); markers tell them from rules of the same colour.
 RUN_COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#000000")
@@ -51,9 +50,8 @@ def load_run(path: Path, scenario: str) -> dict[str, Policy]:
     config = dataclasses.replace(config, scenario=scenario, overrides=SIZES, num_devices=0)
     env, _, policies = load_policies(path, config, stochastic=False)
     return {
-        name.replace(config.algorithm, path.name, 1): _with_own_eyes(env, policy)
-        for name, policy in policies.items()
-        if name in learned_names(policies)
+        name.replace(config.algorithm, path.name, 1): _with_own_eyes(env, policies[name])
+        for name in learned_names(policies)
     }
 
 
@@ -65,73 +63,6 @@ def _with_own_eyes(env: medjax.ChargingEnv, policy: Policy) -> Policy:
         return policy.act(weights, key, env.get_obs(state, params), state, params)
 
     return policy.replace(act=act)
-
-
-def play(
-    scenario: str, factors: Sequence[float], runs: Mapping[str, Policy], episodes: int, seed: int
-) -> list[dict[str, Scores]]:
-    """Plays the same episodes with all policies at each demand, in one compiled program.
-
-    Args:
-        scenario: preset.
-        factors: multiples of its demand.
-        runs: trained policies by name, to which those of RULES are added.
-        episodes, seed: as in `medjax.episodes.scores`.
-    """
-    env, params = medjax.make(scenario, **SIZES)
-    policies = {**runs, **{name: BASELINES[name](env) for name in RULES}}
-    evaluation = Evaluation(env, params, policies, episodes)
-    return [
-        evaluation.play(policies, seed, scale_demand(params, factor))
-        for factor in tqdm(factors, scenario, disable=None, leave=False)
-    ]
-
-
-def summary(scores: Mapping[str, Scores], world: str, seed: int) -> dict[str, Any]:
-    """What `--json` writes for one world.
-
-    Returns:
-        `policies` as in `train.evaluation.summary.summarize`, and for each policy `minus_budgeted` and
-        `minus_none`, the paired differences of the returns (`mean`, `ci95`).
-    """
-
-    def gains(other: str) -> dict[str, Any]:
-        found = {}
-        for name in [each for each in scores if each != other]:
-            gain = scores[name]["return"] - scores[other]["return"]
-            found[name] = {"mean": float(np.mean(gain)), "ci95": list(bootstrap_ci95(gain, seed))}
-        return found
-
-    policies = summarize(scores, world, (), seed)["policies"]
-    gained = {f"minus_{REFERENCE}": gains(REFERENCE), "minus_none": gains(NO_ACTION)}
-    return {"policies": policies, **gained}
-
-
-def tables(worlds: Mapping[str, Any], runs: Sequence[str]) -> str:
-    """Tables of returns, depleted shares, and gains of the runs on REFERENCE, with a column for each world."""
-
-    def table(head: str, kind: str, names: Sequence[str], cell: Callable[[Any], str]) -> str:
-        """A table with a row per policy, and a dash where a policy did not play."""
-        rows = [[head, *worlds]]
-        for name in names:
-            entries = [world[kind].get(name) for world in worlds.values()]
-            rows.append([name, *(cell(entry) if entry else "-" for entry in entries)])
-        return format_rows(rows)
-
-    def mean_return(entry: Any) -> str:
-        return f"{short(entry['return_mean'])} {interval(entry['return_ci95'])}"
-
-    def share(entry: Any) -> str:
-        return f"{entry['depleted_share']:.3f}"
-
-    def gain(entry: Any) -> str:
-        return f"{short(entry['mean'])} {interval(entry['ci95'])}"
-
-    names = [*runs, *RULES]
-    returns = table("return, 95 % CI", "policies", names, mean_return)
-    shares = table("depleted share", "policies", names, share)
-    gains = table(f"minus {REFERENCE}, 95 % CI", f"minus_{REFERENCE}", runs, gain)
-    return "\n\n".join([returns, shares, gains])
 
 
 def load_runs(paths: Sequence[Path]) -> tuple[dict[str, Policy], dict[str, Policy]]:
@@ -155,6 +86,75 @@ def load_runs(paths: Sequence[Path]) -> tuple[dict[str, Policy], dict[str, Polic
     return main, other
 
 
+def play(
+    scenario: str,
+    factors: Mapping[str, float],
+    runs: Mapping[str, Policy],
+    episodes: int,
+    seed: int,
+) -> dict[str, Any]:
+    """Plays the same episodes with all policies at each demand, in one compiled program.
+
+    Args:
+        scenario: preset.
+        factors: multiples of its demand, by name of the world.
+        runs: trained policies by name, to which the rules are added.
+        episodes, seed: as in `medjax.episodes.scores`.
+
+    Returns:
+        What `--json` writes for each world.
+    """
+    env, params = medjax.make(scenario, **SIZES)
+    policies = {**runs, **rules(env)}
+    evaluation = Evaluation(env, params, policies, episodes)
+    return {
+        world: summary(evaluation.play(policies, seed, scale_demand(params, factor)), world, seed)
+        for world, factor in tqdm(factors.items(), scenario, disable=None, leave=False)
+    }
+
+
+def summary(scores: Mapping[str, Scores], world: str, seed: int) -> dict[str, Any]:
+    """What `--json` writes for one world.
+
+    Returns:
+        `policies` as in `train.evaluation.summary.summarize`, and `minus_budgeted` and `minus_none`, the mean and
+        interval of each other policy's return minus that rule's on the same episodes.
+    """
+    found = {"policies": summarize(scores, world, (), seed)["policies"]}
+    for rule in (REFERENCE, NO_ACTION):
+        base = scores[rule]["return"]
+        found[f"minus_{rule}"] = {
+            name: estimate(score["return"] - base, seed)
+            for name, score in scores.items()
+            if name != rule
+        }
+    return found
+
+
+def tables(worlds: Mapping[str, Any], runs: Sequence[str]) -> str:
+    """Tables of returns, depleted shares, and gains of the runs on REFERENCE, with a column for each world."""
+
+    def mean_return(entry: Any) -> str:
+        return in_words({"mean": entry["return_mean"], "ci95": entry["return_ci95"]})
+
+    def share(entry: Any) -> str:
+        return f"{entry['depleted_share']:.3f}"
+
+    names, gains = [*runs, *RULES], f"minus_{REFERENCE}"
+    parts = []
+    for head, kind, shown, cell in (
+        ("return, 95 % CI", "policies", names, mean_return),
+        ("depleted share", "policies", names, share),
+        (f"minus {REFERENCE}, 95 % CI", gains, runs, in_words),
+    ):
+        rows = [[head, *worlds]]
+        for name in shown:
+            entries = [world[kind].get(name) for world in worlds.values()]
+            rows.append([name, *(cell(entry) if entry else "-" for entry in entries)])
+        parts.append(format_rows(rows))
+    return "\n\n".join(parts)
+
+
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Prints the tables.
 
@@ -164,10 +164,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     enable_compilation_cache()
     runs, on_other = load_runs([Path(os.path.abspath(given)) for given in options.run_dir])
     which = options.episodes, options.seed
-    at_factors = play(MAIN, FACTORS, runs, *which)
-    elsewhere = play(OTHER, (1.0,), on_other, *which)
-    played = zip([*AT_FACTORS, OTHER], at_factors + elsewhere, strict=True)
-    worlds = {world: summary(scores, world, options.seed) for world, scores in played}
+    worlds = play(MAIN, AT_FACTORS, runs, *which) | play(OTHER, {OTHER: 1.0}, on_other, *which)
     print(f"{options.episodes} episodes, seed {options.seed}, the same for every policy\n")
     print(tables(worlds, list(runs)))
     return {"episodes": options.episodes, "seed": options.seed, "worlds": worlds}
@@ -198,10 +195,10 @@ def plot(path: Path, report: dict[str, Any]) -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    parser = benchmark_parser("generalization", __doc__)
-    add, a_run = parser.add_argument, "directories that train.ppo wrote"
-    add("--run-dir", type=a_path, nargs="+", required=True, metavar="DIR", help=a_run)
-    add("--episodes", type=whole_number(least=2), default=256, help="episodes per policy and world")
-    add("--seed", type=a_seed, default=0, help="seed of the episodes")
+    parser = episodes_parser("generalization", __doc__, episodes=256, seed=0, scenario=False)
+    a_run = "directories that train.ppo wrote"
+    parser.add_argument(
+        "--run-dir", type=a_path, nargs="+", required=True, metavar="DIR", help=a_run
+    )
     add_plot(parser, "the gains")
     run_command(parser, measure, arguments, plot)

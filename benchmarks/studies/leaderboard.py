@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import a_path, benchmark_parser, run_command, say
+from benchmarks.studies.base import estimate, in_words
 from medjax.commandline import cannot_write
 from medjax.episodes.verdict import NAMES
 from medjax.errors import InputError, shown
@@ -104,8 +105,7 @@ def rows_of(board: Mapping[str, Any]) -> list[list[str]]:
         below = best - returns
         cells = [row["name"], short(returns.mean()), interval(bootstrap_ci95(returns))]
         cells += [format(row["means"][metric], ".3f") for metric in SHOWN.values()]
-        first = row is rows[0]
-        cells.append("" if first else f"{short(below.mean())} {interval(bootstrap_ci95(below))}")
+        cells.append("" if row is rows[0] else in_words(estimate(below, 0)))
         table.append([*cells, row["about"]])
     return table
 
@@ -137,32 +137,14 @@ def known_of(board: Mapping[str, Any]) -> dict[str, Any]:
     rows = [row for row in board["rows"] if row["policy"] in (PRETRAINED, *BASELINES)]
     policies = {}
     for row in sorted(rows, key=lambda row: -np.mean(row["returns"])):
-        low, high = bootstrap_ci95(np.asarray(row["returns"]))
-        mean = float(np.mean(row["returns"]))
+        found = estimate(np.asarray(row["returns"]), 0)
         policies[row["policy"]] = {
             **{metric: row["means"][metric] for metric in MEANS if metric in NAMES},
-            "return_mean": round(mean, DIGITS),
-            "return_ci95": [round(float(low), DIGITS), round(float(high), DIGITS)],
+            "return_mean": round(found["mean"], DIGITS),
+            "return_ci95": [round(end, DIGITS) for end in found["ci95"]],
             "verdict_ci95": row["verdict_ci95"],
         }
     return {**{key: board[key] for key in ("scenario", "seed", "episodes")}, "policies": policies}
-
-
-def build_parser() -> Any:
-    """The command line."""
-    parser = benchmark_parser("leaderboard", __doc__)
-    parser.add_argument(
-        "--file", type=a_path, default=BOARD, metavar="FILE", help="file of the leaderboard"
-    )
-    parser.add_argument("--add", metavar="NAME", help="play a policy and add a row under this name")
-    which = "a rule, pretrained, a .zip file, or module:function (default: NAME)"
-    parser.add_argument("--policy", metavar="P", help=which)
-    parser.add_argument(
-        "--about", default="", metavar="TEXT", help="description of the policy for readers"
-    )
-    again = "replay every row, as needed after a change of the simulator"
-    parser.add_argument("--again", action="store_true", help=again)
-    return parser
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -203,5 +185,16 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command."""
-    run_command(build_parser(), measure, arguments)
+    parser = benchmark_parser("leaderboard", __doc__)
+    parser.add_argument(
+        "--file", type=a_path, default=BOARD, metavar="FILE", help="file of the leaderboard"
+    )
+    parser.add_argument("--add", metavar="NAME", help="play a policy and add a row under this name")
+    which = "a rule, pretrained, a .zip file, or module:function (default: NAME)"
+    parser.add_argument("--policy", metavar="P", help=which)
+    parser.add_argument(
+        "--about", default="", metavar="TEXT", help="description of the policy for readers"
+    )
+    again = "replay every row, as needed after a change of the simulator"
+    parser.add_argument("--again", action="store_true", help=again)
+    run_command(parser, measure, arguments)

@@ -10,11 +10,10 @@ import pytest
 
 import medjax
 from benchmarks.studies.ablation import __main__ as ablation
-from benchmarks.studies.ablation.scores import RULES, in_world
-from benchmarks.studies.ablation.side_by_side import play_worlds, train_worlds
+from benchmarks.studies.ablation.side_by_side import in_world, play_worlds, train_worlds
+from benchmarks.studies.base import RULES, rules
 from medjax.episodes.scores import evaluate_policies
 from medjax.physics import link_efficiency, mutual_inductance
-from medjax.policies.rules import BASELINES
 from tests.benchmarks.refusal import refused
 from train import ppo
 from train.algorithms.ppo.settings import PPOConfig
@@ -35,10 +34,6 @@ def run(monkeypatch):
     return ablation.main
 
 
-def rules(env, *names):
-    return {name: BASELINES[name](env) for name in names}
-
-
 def assert_same_scores(ours, theirs):
     assert set(ours) == set(theirs)
     for metric, values in ours.items():
@@ -49,7 +44,7 @@ def assert_same_scores(ours, theirs):
 def test_each_world_is_what_it_is_alone():
     """Of one world and of several, to rounding; and without MEDs every rule does what none does."""
     env, params = medjax.make("paper", **SMALL, cooldown_s=5.0)  # time for both MEDs
-    policies = rules(env, "none", "random", "paced")
+    policies = rules(env, ("none", "random", "paced"))
     expected = evaluate_policies(env, params, policies, 5, seed=3)  # of 2 MEDs
     for sizes in ([2], [0, 1, 2]):
         numbers = {"fleet.size": np.array(sizes)}
@@ -67,7 +62,7 @@ def test_without_misalignment_every_link_is_nominal():
     """Then the share that arrives is that of coils face to face, and over the episodes more than with misalignment."""
     env, params = medjax.make("paper", num_gas=20, episode_decisions=240)
     numbers = {"link.misalignment_scale": np.array([0.0, 1.0, 2.0])}
-    score = play_worlds(env, params, numbers, rules(env, "paced"), episodes=4, seed=2)["paced"]
+    score = play_worlds(env, params, numbers, rules(env, ["paced"]), episodes=4, seed=2)["paced"]
     sent = score["energy_delivered_kwh"] + score["energy_lost_kwh"]
     assert (sent > 0.1).all()
     arrives = score["energy_delivered_kwh"] / sent

@@ -58,7 +58,7 @@ def test_demands_and_policies_side_by_side(runs, tmp_path, capsys):
     generalization.main([*argv, f"--json={out}", f"--plot={picture}"])
     printed = capsys.readouterr().out
     worlds = json.loads(out.read_text())["worlds"]
-    demands = [f"paper x {factor:g}" for factor in generalization.FACTORS]
+    demands = list(generalization.AT_FACTORS)
     assert list(worlds) == [*demands, "realistic"]
 
     env, params, policies = load_policies(runs[0], RunDir(runs[0]).load_config(), stochastic=False)

@@ -11,7 +11,7 @@ import pytest
 
 import medjax
 from benchmarks.studies import planner
-from benchmarks.studies.base import AS_BASE
+from benchmarks.studies.planner import AS_BASE
 from medjax.episodes.keys import episode_keys
 from medjax.episodes.runner import EpisodeRunner
 from medjax.episodes.scores import evaluate_policies
