@@ -61,9 +61,10 @@ def run_command(
         except InputError as error:
             parser.error(str(error))
         if options.json:
-            _write(parser, options.json, _write_json, results[0])
+            text = json.dumps(results[0], indent=2) + "\n"
+            write(parser.prog, options.json, lambda path: write_text(path, text))
         if plot and options.plot:
-            _write(parser, options.plot, plot, results[0])
+            write(parser.prog, options.plot, lambda path: plot(path, results[0]))
         return 0
 
     if code := run(arguments):
@@ -71,19 +72,12 @@ def run_command(
     return results[0]
 
 
-def _write_json(path: Path, result: Any) -> None:
-    """Writes the results as JSON; NaN is allowed."""
-    write_text(path, json.dumps(result, indent=2) + "\n")
-
-
-def _write(
-    parser: OneLineParser, path: Path, write: Callable[[Path, Any], None], result: Any
-) -> None:
+def write(prog: str, path: Path, writing: Callable[[Path], None]) -> None:
     """Writes a file; on failure the process ends with one line and exit code 1."""
     try:
-        write(path, result)
+        writing(path)
     except OSError as error:
-        sys.exit(cannot_write(parser.prog, path, error))
+        sys.exit(cannot_write(prog, path, error))
 
 
 def machine() -> dict[str, str]:

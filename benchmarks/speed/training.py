@@ -18,7 +18,6 @@ evaluation.
 """
 
 import argparse
-import dataclasses
 import json
 import os
 import statistics
@@ -49,16 +48,8 @@ class CommandError(RuntimeError):
     """A command failed; the message holds the last line of its output."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Wall:
-    """Wall times of one start, explained above."""
-
-    total_s: float
-    compile_s: float
-    train_s: float
-    evaluation_s: float
-    other_s: float
-    decisions_per_s: float  # median over updates
+# Of one start: total_s, compile_s, train_s, evaluation_s and other_s, explained above, and decisions_per_s.
+Wall = dict[str, float]
 
 
 def start(config: TrainConfig, run_dir: RunDir, cache: Path) -> Wall:
@@ -114,17 +105,14 @@ def split(summary: Mapping[str, Any], paces: Sequence[float], total_s: float) ->
         paces: decisions/s of each update.
         total_s: seconds from its start to its end.
     """
-    names = "compile_s", "train_s", "evaluation_s"
-    compile_s, train_s, evaluation_s = (summary[name] for name in names)
-    other_s = total_s - (compile_s + train_s + evaluation_s)
-    speed = statistics.median(paces)
-    return Wall(total_s, compile_s, train_s, evaluation_s, other_s, speed)
+    parts = {name: summary[name] for name in ("compile_s", "train_s", "evaluation_s")}
+    other = {"other_s": total_s - sum(parts.values()), "decisions_per_s": statistics.median(paces)}
+    return {"total_s": total_s, **parts, **other}
 
 
 def median(walls: Sequence[Wall]) -> Wall:
     """Median of each figure on its own, so the parts need not add up to the total."""
-    columns = zip(*map(dataclasses.astuple, walls), strict=True)
-    return Wall(*map(statistics.median, columns))
+    return {name: statistics.median(wall[name] for wall in walls) for name in walls[0]}
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -145,10 +133,12 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
             for name in walls:
                 run_dir = RunDir(place / name)
                 walls[name].append(start(config, run_dir, place / "cache"))
-                say(f"repeat {number}/{repeats}: {name} {walls[name][-1].total_s:.1f} s")
+                say(f"repeat {number}/{repeats}: {name} {walls[name][-1]['total_s']:.1f} s")
             speeds.append(throughput(config, place / "throughput.json"))
         summary = json.loads(run_dir.summary.read_text(encoding="utf-8"))
-    warm, alone = [wall.decisions_per_s for wall in walls["warm"]], statistics.median(speeds)
+    shares = (
+        warm["decisions_per_s"] / alone for warm, alone in zip(walls["warm"], speeds, strict=True)
+    )
     result = {
         "scenario": config.scenario,
         "num_envs": config.num_envs,
@@ -157,10 +147,10 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         "repeats": repeats,
         **{name: summary[name] for name in ("backend", "device")},
         "jax_version": jax.__version__,
-        **{name: dataclasses.asdict(median(each)) for name, each in walls.items()},
-        "runs": {name: list(map(dataclasses.asdict, each)) for name, each in walls.items()},
-        "throughput_per_s": alone,
-        "by_throughput": statistics.median(w / s for w, s in zip(warm, speeds, strict=True)),
+        **{name: median(each) for name, each in walls.items()},
+        "runs": walls,
+        "throughput_per_s": statistics.median(speeds),
+        "by_throughput": statistics.median(shares),
     }
     print(report(result))
     return result
@@ -168,11 +158,12 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 def report(result: Mapping[str, Any]) -> str:
     """Formats the result of `measure`, and the speed of training beside the simulator alone."""
+    headings = "".join(f"{heading:>12}" for heading in HEADINGS)
     lines = [
         f"{result['env_steps']:,} decisions of {result['scenario']}, {result['num_envs']} environments, "
         f"{result['backend']} ({result['device']}); seconds, medians of {result['repeats']}",
         "",
-        f"{'':6}" + "".join(f"{heading:>12}" for heading in HEADINGS) + f"{'decisions/s':>14}",
+        f"{'':6}{headings}{'decisions/s':>14}",
     ]
     for name in ("cold", "warm"):
         *seconds, speed = result[name].values()

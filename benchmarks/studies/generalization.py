@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import numpy as np
 from tqdm import tqdm
 
 import medjax
 from benchmarks.command import a_path, add_plot, episodes_parser, run_command
 from benchmarks.studies.base import RULES, estimate, in_words, rules
+from benchmarks.studies.drawing import draw_rows, finish
 from medjax.episodes.scores import Evaluation, Scores
 from medjax.errors import InputError
 from medjax.numerics.compilation import enable_compilation_cache
@@ -26,7 +26,7 @@ from medjax.policies.rules import BASELINES
 from medjax.wrappers import scale_demand
 from train.evaluation.summary import learned_names, summarize
 from train.evaluation.tables import format_rows
-from train.reporting.figures import MARKERS, colour, new_figure, save
+from train.reporting.figures import new_figure
 from train.runs.policies import load_policies
 from train.runs.run_directory import RunDir
 
@@ -40,19 +40,25 @@ RUN_COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#000000")
 SIZES: dict[str, Any] = {"num_gas": 288}
 
 
-def load_run(path: Path, scenario: str) -> dict[str, Policy]:
-    """The trained policies of a run, one per seed and named after its directory, ready to play a preset.
+def load_runs(paths: Sequence[Path], scenario: str) -> dict[str, Policy]:
+    """The trained policies of all runs, ready to play a preset; each seed's is named after the run's directory.
 
     Raises:
-        InputError: the path is no run, or its network does not fit the preset.
+        InputError: a path is no run, its network does not fit the preset, or its name is taken.
     """
-    config = RunDir(path).load_config()
-    config = dataclasses.replace(config, scenario=scenario, overrides=SIZES, num_devices=0)
-    env, _, policies = load_policies(path, config, stochastic=False)
-    return {
-        name.replace(config.algorithm, path.name, 1): _with_own_eyes(env, policies[name])
-        for name in learned_names(policies)
-    }
+    found: dict[str, Policy] = {}
+    for path in paths:
+        config = RunDir(path).load_config()
+        config = dataclasses.replace(config, scenario=scenario, overrides=SIZES, num_devices=0)
+        env, _, policies = load_policies(path, config, stochastic=False)
+        own = {
+            name.replace(config.algorithm, path.name, 1): _with_own_eyes(env, policies[name])
+            for name in learned_names(policies)
+        }
+        if own.keys() & {*found, *BASELINES}:
+            raise InputError(f"run {path} has a name that is taken, allowed: names of their own")
+        found |= own
+    return found
 
 
 def _with_own_eyes(env: medjax.ChargingEnv, policy: Policy) -> Policy:
@@ -63,27 +69,6 @@ def _with_own_eyes(env: medjax.ChargingEnv, policy: Policy) -> Policy:
         return policy.act(weights, key, env.get_obs(state, params), state, params)
 
     return policy.replace(act=act)
-
-
-def load_runs(paths: Sequence[Path]) -> tuple[dict[str, Policy], dict[str, Policy]]:
-    """The trained policies for MAIN, and for OTHER where they fit it; prints a line for each run that does not.
-
-    Raises:
-        InputError: a run does not fit MAIN, or its name is taken.
-    """
-    main: dict[str, Policy] = {}
-    for path in paths:
-        own = load_run(path, MAIN)
-        if own.keys() & {*main, *BASELINES}:
-            raise InputError(f"run {path} has a name that is taken, allowed: names of their own")
-        main |= own
-    other: dict[str, Policy] = {}
-    for path in paths:
-        try:
-            other |= load_run(path, OTHER)
-        except InputError as error:
-            print(f"{path.name} does not play {OTHER}: {error}")
-    return main, other
 
 
 def play(
@@ -140,18 +125,15 @@ def tables(worlds: Mapping[str, Any], runs: Sequence[str]) -> str:
     def share(entry: Any) -> str:
         return f"{entry['depleted_share']:.3f}"
 
-    names, gains = [*runs, *RULES], f"minus_{REFERENCE}"
+    gains = f"minus {REFERENCE}, 95 % CI", f"minus_{REFERENCE}", runs, in_words
     parts = []
-    for head, kind, shown, cell in (
-        ("return, 95 % CI", "policies", names, mean_return),
-        ("depleted share", "policies", names, share),
-        (f"minus {REFERENCE}, 95 % CI", gains, runs, in_words),
+    for head, kind, names, cell in (
+        ("return, 95 % CI", "policies", [*runs, *RULES], mean_return),
+        ("depleted share", "policies", [*runs, *RULES], share),
+        gains,
     ):
-        rows = [[head, *worlds]]
-        for name in shown:
-            entries = [world[kind].get(name) for world in worlds.values()]
-            rows.append([name, *(cell(entry) if entry else "-" for entry in entries)])
-        parts.append(format_rows(rows))
+        rows = [[name, *(cell(world[kind][name]) for world in worlds.values())] for name in names]
+        parts.append(format_rows([[head, *worlds], *rows]))
     return "\n\n".join(parts)
 
 
@@ -162,9 +144,10 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         InputError: as in `load_runs`.
     """
     enable_compilation_cache()
-    runs, on_other = load_runs([Path(os.path.abspath(given)) for given in options.run_dir])
+    paths = [Path(os.path.abspath(given)) for given in options.run_dir]
+    runs, elsewhere = load_runs(paths, MAIN), load_runs(paths, OTHER)
     which = options.episodes, options.seed
-    worlds = play(MAIN, AT_FACTORS, runs, *which) | play(OTHER, {OTHER: 1.0}, on_other, *which)
+    worlds = play(MAIN, AT_FACTORS, runs, *which) | play(OTHER, {OTHER: 1.0}, elsewhere, *which)
     print(f"{options.episodes} episodes, seed {options.seed}, the same for every policy\n")
     print(tables(worlds, list(runs)))
     return {"episodes": options.episodes, "seed": options.seed, "worlds": worlds}
@@ -174,24 +157,23 @@ def plot(path: Path, report: dict[str, Any]) -> None:
     """Draws the report of `measure` as a PNG: each policy's gain on no action by demand, with rules dashed."""
     demand = medjax.make(MAIN)[1].demand
     vehicles_per_h = float(demand.mainline_per_h + demand.ramp_per_h.sum())
-    worlds = [report["worlds"][name]["minus_none"] for name in AT_FACTORS]
+    worlds = {factor: report["worlds"][name]["minus_none"] for name, factor in AT_FACTORS.items()}
     figure = new_figure(8, 5)
     axes = figure.add_subplot()
-    for number, name in enumerate(worlds[0]):
-        means = np.array([world[name]["mean"] for world in worlds])
-        low, high = np.array([world[name]["ci95"] for world in worlds]).T
-        style = {"color": RUN_COLOURS[number % len(RUN_COLOURS)], "ls": "-"}
-        if name in BASELINES:
-            style = {"color": colour(name), "ls": "--"}
-        style |= {"marker": MARKERS[number % len(MARKERS)], "label": name}
-        axes.errorbar(FACTORS, means, yerr=(means - low, high - means), capsize=3, **style)
+    for number, name in enumerate(worlds[1.0]):
+        rows = [
+            {"policy": name, "factor": factor, "gain": gains[name]["mean"]}
+            | {"gain_ci95": gains[name]["ci95"]}
+            for factor, gains in worlds.items()
+        ]
+        of_run = {"color": RUN_COLOURS[number % len(RUN_COLOURS)]}
+        style = {"ls": "--"} if name in BASELINES else of_run
+        draw_rows(axes, rows, "factor", "gain", number, label=name, **style)
     axes.axhline(0.0, color="0.5", lw=1)
-    axes.set(xticks=FACTORS, title="Other demands than the preset's")
-    axes.set_xlabel(f"demand, multiples of {vehicles_per_h:.0f} vehicles/h")
-    axes.set_ylabel("return of an episode minus that of no action, 95 % CI")
-    axes.grid(alpha=0.3)
-    figure.legend(loc="outside right upper", fontsize="small", frameon=False)
-    save(figure, path)
+    axes.set_xticks([*worlds])
+    x = f"demand, multiples of {vehicles_per_h:.0f} vehicles/h"
+    y = "return of an episode minus that of no action, 95 % CI"
+    finish(figure, {axes: (x, y)}, "Other demands than the preset's", 5, path)
 
 
 def main(arguments: list[str] | None = None) -> None:

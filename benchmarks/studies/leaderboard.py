@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
@@ -23,9 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.command import a_path, benchmark_parser, run_command, say
+from benchmarks.command import a_path, benchmark_parser, run_command, say, write
 from benchmarks.studies.base import estimate, in_words
-from medjax.commandline import cannot_write
 from medjax.episodes.verdict import NAMES
 from medjax.errors import InputError, shown
 from medjax.files import check_input, check_output, write_text
@@ -70,14 +68,7 @@ def read_board(path: Path) -> dict[str, Any]:
 
 
 def play(board: Mapping[str, Any], name: str, policy: str, about: str) -> dict[str, Any]:
-    """Plays the board's episodes with a policy and returns its row.
-
-    Args:
-      board: gives the episodes.
-      name: of the row.
-      policy: a name that `medjax.policies.given.as_policy` accepts.
-      about: a description for readers.
-    """
+    """Plays the board's episodes with a policy, which `medjax.policies.given.as_policy` accepts; returns its row."""
     scenario, episodes, seed = (board[key] for key in ("scenario", "episodes", "seed"))
     say(f"{name}: {episodes} episodes of {scenario} ...")
     scores = evaluate(scenario, None, {name: policy}, episodes=episodes, seed=seed).scores[name]
@@ -126,10 +117,7 @@ def write_board(path: Path, board: Mapping[str, Any]) -> None:
 
 def _write(path: Path, text: str) -> None:
     """Writes a text; on failure the process ends with one line and exit code 1."""
-    try:
-        write_text(path, text)
-    except OSError as error:
-        sys.exit(cannot_write("python -m benchmarks.leaderboard", path, error))
+    write("python -m benchmarks.leaderboard", path, lambda path: write_text(path, text))
 
 
 def known_of(board: Mapping[str, Any]) -> dict[str, Any]:
@@ -158,14 +146,12 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         raise InputError("--again with --add: allowed one or the other")
     if options.policy is not None and options.add is None:
         raise InputError("--policy without --add: allowed --add NAME --policy P")
-    todo = []
+    name = options.add
+    if name is not None and not (name.isprintable() and name.strip()):
+        raise InputError(f"--add {shown(name)}: allowed a name")
+    todo = [] if name is None else [(name, options.policy or name, options.about)]
     if options.again:
         todo = [(row["name"], row["policy"], row["about"]) for row in board["rows"]]
-    elif options.add is not None:
-        name = options.add
-        if not name.isprintable() or not name.strip():
-            raise InputError(f"--add {shown(name)}: allowed a name")
-        todo = [(name, options.policy or name, options.about)]
     if todo:
         check_output("--file", options.file)
     for _, policy, _ in todo:

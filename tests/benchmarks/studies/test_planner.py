@@ -13,7 +13,6 @@ import medjax
 from benchmarks.studies import planner
 from benchmarks.studies.planner import AS_BASE
 from medjax.episodes.keys import episode_keys
-from medjax.episodes.runner import EpisodeRunner
 from medjax.episodes.scores import evaluate_policies
 from medjax.policies.rules import none, paced
 from tests.benchmarks.refusal import refused
@@ -37,35 +36,45 @@ def paying(pay, **numbers):
     return env, params.replace(reward_weights={**others, "dispatches": jnp.float32(pay)})
 
 
-def futures_of(pay):
-    """Environment, futures of a policy that never sends where a MED pays so much, and an episode's first state."""
+@pytest.fixture(scope="module")
+def futures():
+    """Futures of a policy that never sends."""
+    env, params = paying(1.0)
+    return planner.Futures(env, params, none(env), HOLD, ROWS)
+
+
+@pytest.fixture(scope="module")
+def state(futures):
+    """An episode's first state."""
+    played = jax.jit(futures.runner.start)(episode_keys(0, 1), futures.same[1])
+    return jax.tree.map(lambda leaf: leaf[0], played)
+
+
+def find(futures, state, pay):
+    """What the planner finds where a MED pays so much."""
     env, params = paying(pay)
-    played = EpisodeRunner(env, [none(env)]).start(episode_keys(0, 1), params)
-    one = jax.tree.map(lambda leaf: leaf[0], played)
-    return env, planner.Futures(env, params, none(env), HOLD, ROWS), one
+    futures.same = futures.same[0], params
+    return futures.find(jax.random.key(1), state, 0, env.num_actions)
 
 
-def test_what_pays_is_found_and_what_it_pays():
+def test_what_pays_is_found_and_what_it_pays(futures, state):
     """A MED that pays 1e4 is sent, and pays that: the rest of eq (10) is below 100 in twenty seconds."""
-    env, futures, state = futures_of(1e4)
-    found = futures.find(jax.random.key(1), state, 0, env.num_actions)
+    found = find(futures, state, 1e4)
     assert found.plan > 0
     assert found.gain == pytest.approx(1e4, abs=100.0)
     assert found.spread < 100.0
 
 
 @pytest.mark.parametrize("pay", [-1e4, 0.0])
-def test_what_does_not_pay_is_left_alone(pay):
+def test_what_does_not_pay_is_left_alone(futures, state, pay):
     """The policy goes on where sending costs, and where all returns are alike."""
-    env, futures, state = futures_of(pay)
-    found = futures.find(jax.random.key(1), state, 0, env.num_actions)
-    assert found.plan == AS_BASE
-    assert found.gain == 0.0
+    found = find(futures, state, pay)
+    assert (found.plan, found.gain) == (AS_BASE, 0.0)
 
 
-def test_candidates_meet_the_same_futures():
+def test_candidates_meet_the_same_futures(futures, state):
     """Two that do the same have equal returns in every future; futures differ."""
-    _, futures, state = futures_of(1.0)
+    futures.same = futures.same[0], paying(1.0)[1]
     returns = futures.returns(jax.random.key(1), state, 0, [AS_BASE, 0, AS_BASE])
     assert returns.shape == (ROWS // 3, 3)
     np.testing.assert_array_equal(returns[:, 0], returns[:, 2])
