@@ -91,7 +91,7 @@ def elliptic_rows(count: int, repeats: int) -> list[Row]:
     near_one = 1 - 10.0 ** random.uniform(-7.2, 0.0, count // 2)
     m = np.concatenate([random.uniform(0.0, 1.0, count - len(near_one)), near_one])
     m = np.minimum(m.astype(np.float32), np.nextafter(np.float32(1), np.float32(0)))
-    calls = {"repeats": repeats, "element": "value", "elements": count}
+    calls: Row = {"repeats": repeats, "element": "value", "elements": count}
     rows = []
     for function in (ellipk, ellipe):
         value, figures = time_calls(function, jnp.asarray(m), **calls)
@@ -118,7 +118,7 @@ def coil_rows(link: LinkParams, count: int, repeats: int) -> list[Row]:
         pairs = f"{np.sum(apart)} of {checked} pairs (wires {gap_m} m apart or more)"
         return row_of(kernel, figures, np.max(error[apart]), f"{what}, {pairs}")
 
-    calls = {"repeats": repeats, "element": "pair", "elements": count}
+    calls: Row = {"repeats": repeats, "element": "pair", "elements": count}
     arguments = [jnp.asarray(x) for x in position]
     value, integrating = time_calls(integral, *arguments, **calls)
     # M passes through zero, so its error is relative to the coaxial M at the same axial distance.
@@ -154,7 +154,7 @@ def neighbour_rows(config: EnvConfig, length_m: float, roads: int, repeats: int)
     expected = road_order(np.asarray(x, np.float64), np.asarray(active))
 
     def time_on(used: int, function: Callable[..., Any], *arguments: jax.Array) -> Any:
-        calls = {"repeats": repeats, "element": "slot", "elements": used * config.num_vehicles}
+        calls: Row = {"repeats": repeats, "element": "slot", "elements": used * config.num_vehicles}
         return time_calls(jax.vmap(function), *arguments, **calls)
 
     def sort(x: jax.Array, active: jax.Array, previous: jax.Array) -> jax.Array:

@@ -64,7 +64,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     Raises:
       InputError: the policy is of a dispatcher, or its agents cannot choose a speed.
     """
-    overrides, learned = parse_overrides(options.overrides), {}
+    overrides = parse_overrides(options.overrides)
+    learned: dict[str, Policy] = {}
     if options.policy:
         saved = load_policy(options.policy)
         if not saved.about.agents:

@@ -13,6 +13,7 @@ rest by least squares (response surface method, Box and Wilson 1951), and the ce
 """
 
 import argparse
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -29,9 +30,14 @@ from medjax.episodes.keys import episode_keys
 from medjax.episodes.runner import EpisodeRunner, episode_steps
 from medjax.episodes.scores import evaluate_policies
 from medjax.numerics.devices import environment_mesh, on_devices
+from medjax.policies.policy import Policy
 from medjax.policies.rules import Budget, budgeted, forecast, paced
 
-RULES = {"paced": paced, "forecast": forecast, "budgeted": budgeted}
+RULES: dict[str, Callable[..., Policy]] = {
+    "paced": paced,
+    "forecast": forecast,
+    "budgeted": budgeted,
+}
 GRID: dict[str, list[dict[str, Any]]] = {
     "paced": [
         {"ramp": ramp, "interval_s": interval}

@@ -1,4 +1,4 @@
-"""Peers get medjax's road and demand, their vehicles are counted truly, and ratios are what they say."""
+"""Peers get medjax's road and demand, count their vehicles rightly, and are compared by medians."""
 
 import dataclasses
 import importlib.metadata
@@ -83,7 +83,7 @@ def test_ramps_join_their_acceleration_lane_which_ends(road, workload):
         assert len([c for c in connections if c[0] == left and c[2] == right]) == 4
 
 
-def test_lanes_are_told_by_their_names(road, workload):
+def test_names_of_lanes_give_their_start_and_number(road, workload):
     """Each lane of the network, where it starts, and 0 for the leftmost; 4 beside a ramp and on it."""
     edges, _ = road
     named = lanes_of_network(workload.config, workload.params)
@@ -124,7 +124,7 @@ def sumo(workload):
 
 
 def test_sumo_counts_the_vehicles_that_it_writes(sumo, workload):
-    """Its rate is of the vehicles in its own trajectories, and they are about medjax's number."""
+    """Its rate counts the vehicles of its own trajectories, which are about as many as medjax's."""
     trajectories = workload.folder / "fcd.xml"
     assert sumo.resume(0, "--fcd-output", str(trajectories)).wait() == 0
     rate = sumo.read(0)

@@ -1,4 +1,4 @@
-"""What the throughput and scaling benchmarks count, and how they sort operations into stages."""
+"""The throughput and scaling benchmarks count vehicles on the road and sort operations into stages."""
 
 import dataclasses
 import json
@@ -81,7 +81,7 @@ def test_a_longer_road_holds_as_many_as_asked():
         assert slots / preset_slots == pytest.approx(count / 140, rel=0.15)
 
 
-def test_json_is_what_the_contract_says(tmp_path, capsys):
+def test_json_has_the_promised_fields(tmp_path, capsys):
     """All fields of the contract, and the figures that the line shows."""
     path = tmp_path / "result.json"
     small = ["--num-envs=4", "--steps=2", "--num-devices=1", "--repeats=1"]  # as `work`

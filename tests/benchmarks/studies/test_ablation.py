@@ -1,4 +1,4 @@
-"""Several worlds in one program are each what they are alone, and the commands say what they found."""
+"""Worlds in one program score and train as each does alone, and the commands report them."""
 
 import itertools
 import json
@@ -41,7 +41,7 @@ def assert_same_scores(ours, theirs):
 
 
 @pytest.mark.slow
-def test_each_world_is_what_it_is_alone():
+def test_worlds_side_by_side_score_as_alone():
     """Of one world and of several, to rounding; and without MEDs every rule does what none does."""
     env, params = medjax.make("paper", **SMALL, cooldown_s=5.0)  # time for both MEDs
     policies = rules(env, ("none", "random", "paced"))
@@ -80,7 +80,7 @@ def test_without_misalignment_every_link_is_nominal():
 
 
 @pytest.mark.slow
-def test_each_learner_is_what_it_is_alone():
+def test_learners_side_by_side_train_as_alone():
     """Equal rewards teach the same; each learner is that of train.ppo, to rounding."""
     env, params = medjax.make("paper", **SMALL)
     sizes = {"num_envs": 4, "num_minibatches": 2, "rollout_length": 4, "hidden": (8,)}

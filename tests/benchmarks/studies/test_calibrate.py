@@ -12,8 +12,8 @@ from medjax.episodes.scores import evaluate_policies
 from tests.benchmarks.refusal import refused
 
 
-def test_solves_what_was_put_in():
-    """Episodes made from known weights: the same weights come out, whatever penalty they were played under."""
+def test_recovers_known_weights():
+    """Whatever penalty the episodes were played under."""
     rng = np.random.default_rng(0)
     factor, w1, penalty = 1.7, 9.0, 4.0
     scores = {}

@@ -1,4 +1,4 @@
-"""The leaderboard: what it says of returns that are known, what it keeps, and what it refuses."""
+"""The leaderboard: its table of known returns, its file, and bad input."""
 
 import errno
 import json
@@ -42,8 +42,8 @@ def path(tmp_path):
     return file
 
 
-def test_the_best_is_first_and_differences_are_of_the_same_episodes():
-    """Noise of 50 that two policies share is no doubt about their difference."""
+def test_the_best_is_first_and_differences_are_paired():
+    """Noise of 50 that two policies share does not widen the interval of their difference."""
     head, first, second = rows_of(board(row("worse", NOISE - 7.0), row("better", NOISE)))
     below = head.index("below the first by, 95 % CI")
     assert (first[0], first[below]) == ("better", "")
@@ -82,7 +82,7 @@ def test_adding_plays_the_boards_episodes(path, monkeypatch, capsys):
     assert [each["about"] for each in read_board(path)["rows"]] == ["made", "made", "a rule"]
 
 
-def test_the_player_hears_the_boards_means_of_what_comes_with_medjax(tmp_path):
+def test_the_player_gets_the_means_of_medjaxs_own_policies(tmp_path):
     path = tmp_path / "known.json"
     path.write_text(json.dumps(known_of(board(row("none", NOISE), row("mine", NOISE)))))
     known = read_evaluation(path)
@@ -126,12 +126,12 @@ def test_bad_input_is_refused_and_the_board_kept(path, capsys, given, word):
     ],
     ids=range(11),
 )
-def test_what_is_no_board_is_refused(path, capsys, text):
+def test_invalid_boards_are_refused(path, capsys, text):
     path.write_text(text)
     assert "board.json" in refused(main, ["--file", str(path)], capsys)
 
 
-def test_what_is_no_file_is_refused(path, capsys):
+def test_a_pipe_is_refused(path, capsys):
     """Reading a pipe would wait until somebody writes to it."""
     path.unlink()
     os.mkfifo(path)

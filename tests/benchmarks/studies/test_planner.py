@@ -1,4 +1,4 @@
-"""What a choice pays is found where it is known, nothing where there is nothing, and the sum is what is gained."""
+"""The planner finds choices whose gain is known, and their gains add up to that of the episode."""
 
 import json
 from argparse import Namespace
@@ -57,7 +57,7 @@ def find(futures, state, pay):
     return futures.find(jax.random.key(1), state, 0, env.num_actions)
 
 
-def test_what_pays_is_found_and_what_it_pays(futures, state):
+def test_finds_a_choice_that_pays_and_its_gain(futures, state):
     """A MED that pays 1e4 is sent, and pays that: the rest of eq (10) is below 100 in twenty seconds."""
     found = find(futures, state, 1e4)
     assert found.plan > 0
@@ -66,14 +66,14 @@ def test_what_pays_is_found_and_what_it_pays(futures, state):
 
 
 @pytest.mark.parametrize("pay", [-1e4, 0.0])
-def test_what_does_not_pay_is_left_alone(futures, state, pay):
+def test_leaves_the_policy_only_where_that_pays(futures, state, pay):
     """The policy goes on where sending costs, and where all returns are alike."""
     found = find(futures, state, pay)
     assert (found.plan, found.gain) == (AS_BASE, 0.0)
 
 
 def test_candidates_meet_the_same_futures(futures, state):
-    """Two that do the same have equal returns in every future; futures differ."""
+    """Equal candidates have equal returns in every future; futures differ."""
     futures.same = futures.same[0], paying(1.0)[1]
     returns = futures.returns(jax.random.key(1), state, 0, [AS_BASE, 0, AS_BASE])
     assert returns.shape == (ROWS // 3, 3)
@@ -82,8 +82,8 @@ def test_candidates_meet_the_same_futures(futures, state):
     assert len(set(returns[:, 0])) > 1
 
 
-def test_what_choices_pay_adds_up_to_what_is_gained():
-    """Along the planner's own episodes: it has two MEDs. Where the policy is, who keeps them, all four choices pay."""
+def test_gains_of_choices_add_up_to_that_of_the_episode():
+    """The planner sends both MEDs, in two of the four states in which the policy, which sends none, could be left."""
     env, params = paying(1e4, cooldown_s=HOLD - 1.0)
     played = planner.play(env, params, none(env), OPTIONS)
     for states, ours, theirs in zip(played.found, played.returns, played.of_policy, strict=True):
@@ -92,8 +92,8 @@ def test_what_choices_pay_adds_up_to_what_is_gained():
         assert [each.plan > 0 for each in states] == [True, True]  # then none is at the depot
 
 
-def test_where_nothing_pays_it_plays_the_policys_episodes():
-    """MEDs that the policy sends included, and no choice counts for anything."""
+def test_plays_the_policys_episodes_where_nothing_pays():
+    """The policy sends MEDs, and leaving it never gains."""
     env, params = paying(0.0)
     played = planner.play(env, params, paced(env), OPTIONS)
     assert {each.plan for states in played.found for each in states} == {AS_BASE}
@@ -101,7 +101,7 @@ def test_where_nothing_pays_it_plays_the_policys_episodes():
 
 
 @pytest.mark.slow
-def test_the_policy_alone_is_as_evaluated():
+def test_the_policy_alone_scores_as_in_an_evaluation():
     """To rounding, on the episodes of `train.evaluate`."""
     env, params = paying(-1.0)
     alone = planner.play(env, params, paced(env), OPTIONS).of_policy
@@ -132,7 +132,7 @@ def test_bad_input_is_one_line(argv, capsys):
 
 
 def test_a_run_of_agents_is_refused(tmp_path, capsys):
-    """They are not a dispatcher, and have no actions that it could leave."""
+    """The planner needs a dispatcher."""
     run = RunDir(tmp_path / "run")
     run.claim(PPOConfig(agents="ippo")).close()
     assert "is of agents, allowed: of a dispatcher" in refused(
