@@ -163,8 +163,10 @@ def neighbour_rows(config: EnvConfig, length_m: float, roads: int, repeats: int)
     def plain_sort(x: jax.Array, active: jax.Array) -> jax.Array:
         return jnp.argsort(jnp.where(active, x, jnp.inf))
 
-    def find(order: jax.Array, *seen: jax.Array) -> Neighbours:
-        return find_neighbours(order, *seen, config.num_lanes + 1)
+    def find(
+        order: jax.Array, lane: jax.Array, other: jax.Array, target: jax.Array, active: jax.Array
+    ) -> Neighbours:
+        return find_neighbours(order, lane, other, target, active, config.num_lanes + 1)
 
     order, sorting = time_on(roads, sort, x, active, previous)
     plain_order, plain_sorting = time_on(roads, plain_sort, x, active)

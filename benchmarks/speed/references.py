@@ -106,9 +106,9 @@ def draw_traffic(config: EnvConfig, length_m: float, roads: int) -> Traffic:
     # In a tick all vehicles of a road look to one side, except straddling ones.
     side = random.choice([-1, 1], (roads, 1))
     target = lane + np.where(straddles == 0, side, straddles)
-    lanes = (jnp.asarray(each, jnp.int32) for each in (lane, other, target))
-    order = jnp.asarray(road_order(before, active), jnp.int32)
-    return Traffic(jnp.asarray(x, jnp.float32), *lanes, jnp.asarray(active), order)
+    order = road_order(before, active)
+    of = [jnp.asarray(each, jnp.int32) for each in (lane, other, target, order)]
+    return Traffic(jnp.asarray(x, jnp.float32), of[0], of[1], of[2], jnp.asarray(active), of[3])
 
 
 def road_order(x: np.ndarray, active: np.ndarray) -> np.ndarray:
