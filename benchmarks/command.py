@@ -61,9 +61,10 @@ def run_command(
         except InputError as error:
             parser.error(str(error))
         if options.json:
-            _write(parser, options.json, _write_json, results[0])
+            text = json.dumps(results[0], indent=2) + "\n"
+            write(parser.prog, options.json, lambda path: write_text(path, text))
         if plot and options.plot:
-            _write(parser, options.plot, plot, results[0])
+            write(parser.prog, options.plot, lambda path: plot(path, results[0]))
         return 0
 
     if code := run(arguments):
@@ -71,19 +72,12 @@ def run_command(
     return results[0]
 
 
-def _write_json(path: Path, result: Any) -> None:
-    """Writes the results as JSON; NaN is allowed."""
-    write_text(path, json.dumps(result, indent=2) + "\n")
-
-
-def _write(
-    parser: OneLineParser, path: Path, write: Callable[[Path, Any], None], result: Any
-) -> None:
+def write(prog: str, path: Path, writing: Callable[[Path], None]) -> None:
     """Writes a file; on failure the process ends with one line and exit code 1."""
     try:
-        write(path, result)
+        writing(path)
     except OSError as error:
-        sys.exit(cannot_write(parser.prog, path, error))
+        sys.exit(cannot_write(prog, path, error))
 
 
 def machine() -> dict[str, str]:
@@ -140,6 +134,20 @@ def a_number(allowed: str, is_allowed: Callable[[float], bool]) -> Callable[[str
 non_negative = a_number("a number from 0", lambda value: value >= 0.0)
 
 
+def add_number(
+    parser: OneLineParser,
+    option: str,
+    default: Any,
+    text: str,
+    kind: Callable[[str], Any] = positive,
+    nargs: str | None = None,
+) -> None:
+    """Adds an option of a number, by default a whole one from 1, or with `nargs="+"` of several."""
+    shown = " ".join(f"{each:g}" for each in (default if nargs else [default]))
+    text = f"{text} (default: {shown})"
+    parser.add_argument(option, type=kind, default=default, nargs=nargs, metavar="N", help=text)
+
+
 def add_scenario(parser: OneLineParser) -> None:
     """Adds `--scenario NAME`."""
     parser.add_argument(
@@ -150,13 +158,15 @@ def add_scenario(parser: OneLineParser) -> None:
     )
 
 
-def episodes_parser(name: str, description: str | None, episodes: int, seed: int) -> OneLineParser:
+def episodes_parser(
+    name: str, description: str | None, episodes: int, seed: int, scenario: bool = True
+) -> OneLineParser:
     """`benchmark_parser` with options of episodes, seed and scenario, for commands that play whole episodes."""
     parser = benchmark_parser(name, description)
-    number = whole_number(least=2)
-    parser.add_argument("--episodes", type=number, default=episodes, help="episodes per policy")
-    parser.add_argument("--seed", type=a_seed, default=seed, help="seed of the episodes")
-    add_scenario(parser)
+    add_number(parser, "--episodes", episodes, "episodes per policy", whole_number(least=2))
+    add_number(parser, "--seed", seed, "seed of the episodes", a_seed)
+    if scenario:
+        add_scenario(parser)
     return parser
 
 

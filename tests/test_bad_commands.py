@@ -94,6 +94,7 @@ COMMANDS = {
     "train.export": ["--run-dir=run"],
     "medjax.render.__main__": ["--out=new.png"],
     "medjax.trajectories": ["--out=new.csv"],
+    "benchmarks.studies.agents": [],
     "benchmarks.studies.calibrate": [],
     "benchmarks.studies.generalization": ["--run-dir=run"],
     "benchmarks.speed.kernels": [],
@@ -104,7 +105,6 @@ COMMANDS = {
     "benchmarks.speed.training": [],
     "benchmarks.studies.ticks": [],
     "benchmarks.studies.tune": [],
-    "benchmarks.studies.variance": [],
     "benchmarks.studies.ablation.__main__": ["cooldown"],
     "benchmarks.verification.golden": ["--out=new.npz"],
 }

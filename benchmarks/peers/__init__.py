@@ -5,6 +5,9 @@ To add a peer, write a module with a `Peer` and list it in `PEERS` of `__main__`
 
 import abc
 import dataclasses
+import math
+import statistics
+from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
 
@@ -17,6 +20,14 @@ class Rate:
 
     active_vehicle_updates_per_s: float  # vehicles on the road, summed over ticks, per wall time
     mean_active_vehicles: float  # on one road
+
+    @classmethod
+    def added(cls, rates: Sequence["Rate"]) -> "Rate":
+        """The rate of roads that were timed at the same time, one in each process."""
+        return cls(
+            math.fsum(rate.active_vehicle_updates_per_s for rate in rates),
+            statistics.fmean(rate.mean_active_vehicles for rate in rates),
+        )
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,7 +5,6 @@ Rounds alternate between the simulators, so that a slowdown of the machine affec
 """
 
 import argparse
-import dataclasses
 import importlib.metadata
 import platform
 import statistics
@@ -15,12 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import medjax
-from benchmarks.command import benchmark_parser, machine, positive, run_command, say
+from benchmarks.command import add_number, benchmark_parser, machine, run_command, say
 from benchmarks.peers import Peer, Rate, World
 from benchmarks.peers.highway import HighwayEnv
 from benchmarks.peers.sumo import Sumo
 from benchmarks.speed.workload import measure
-from medjax.commandline import OneLineParser
 from medjax.numerics.devices import cpu_cores
 
 PEERS: tuple[type[Any], ...] = (Sumo, HighwayEnv)  # each is built with a World
@@ -49,18 +47,6 @@ class Medjax(Peer):
         return Rate(result.active_vehicle_updates_per_s, result.mean_active_vehicles)
 
 
-@dataclasses.dataclass(frozen=True)
-class Result:
-    """A simulator's row of the table."""
-
-    version: str
-    active_vehicle_updates_per_s: float  # median over rounds
-    mean_active_vehicles: float  # median over rounds
-    medjax_ratio: float  # medjax's figure divided by this one
-    rounds: list[float]  # active vehicle updates per second, by round
-    differences: tuple[str, ...]
-
-
 def installed_version(package: str) -> str | None:
     """The version of a distribution, or None if it is not installed."""
     try:
@@ -83,47 +69,41 @@ def alternate(simulators: Sequence[Peer], rounds: int) -> dict[str, list[Rate]]:
     return rates
 
 
-def summarise(simulators: Sequence[Peer], rates: dict[str, list[Rate]]) -> dict[str, Result]:
-    """Medians over rounds, and the ratio of the first simulator's, medjax's, to each."""
-    medians = {
-        name: statistics.median(rate.active_vehicle_updates_per_s for rate in measured)
-        for name, measured in rates.items()
-    }
-    return {
-        simulator.name: Result(
-            version=installed_version(simulator.package) or "unknown",
-            active_vehicle_updates_per_s=medians[simulator.name],
-            mean_active_vehicles=statistics.median(
-                rate.mean_active_vehicles for rate in rates[simulator.name]
-            ),
-            medjax_ratio=medians[simulators[0].name] / medians[simulator.name],
-            rounds=[rate.active_vehicle_updates_per_s for rate in rates[simulator.name]],
-            differences=simulator.differences,
-        )
-        for simulator in simulators
-    }
+def summarise(simulators: Sequence[Peer], rates: dict[str, list[Rate]]) -> dict[str, Any]:
+    """Medians over rounds, and the ratio of the first simulator's, medjax's, to each, by name."""
+    results: dict[str, Any] = {}
+    for simulator in simulators:
+        rounds = [rate.active_vehicle_updates_per_s for rate in rates[simulator.name]]
+        vehicles = [rate.mean_active_vehicles for rate in rates[simulator.name]]
+        results[simulator.name] = {
+            "version": installed_version(simulator.package) or "unknown",
+            "active_vehicle_updates_per_s": statistics.median(rounds),
+            "mean_active_vehicles": statistics.median(vehicles),
+            "medjax_ratio": 1.0,
+            "rounds": rounds,
+            "differences": simulator.differences,
+        }
+    first = results[simulators[0].name]["active_vehicle_updates_per_s"]
+    for result in results.values():
+        result["medjax_ratio"] = first / result["active_vehicle_updates_per_s"]
+    return results
 
 
 def compare(options: argparse.Namespace) -> dict[str, Any]:
     """Measures everything; prints the table and the differences."""
-    present, skipped = [], []
-    for peer in PEERS:
-        if installed_version(peer.package) is None:
-            skipped.append(peer.name)
-            say(f'{peer.name}: not installed, skipped (pip install -e ".[peers]")')
-        else:
-            present.append(peer)
+    skipped = [peer.name for peer in PEERS if installed_version(peer.package) is None]
+    for name in skipped:
+        say(f'{name}: not installed, skipped (pip install -e ".[peers]")')
     env, params = medjax.make(SCENARIO)
     # As with SUMO, one episode is warm-up and another is timed. A part of an episode would not do, since MEDs
     # enter over its course.
-    decisions = int(params.episode_decisions)
-    cores = cpu_cores()
+    decisions, cores = int(params.episode_decisions), cpu_cores()
     say(f"counting vehicles in {COUNTED_ROADS} roads of medjax")
-    counted = Medjax(COUNTED_ROADS, decisions).measure()
-    num_vehicles = round(counted.mean_active_vehicles)
+    num_vehicles = round(Medjax(COUNTED_ROADS, decisions).measure().mean_active_vehicles)
     with tempfile.TemporaryDirectory() as folder:
-        workload = World(env.config, params, num_vehicles, cores, Path(folder))
-        simulators = [Medjax(options.num_envs, decisions), *(peer(workload) for peer in present)]
+        world = World(env.config, params, num_vehicles, cores, Path(folder))
+        simulators = [Medjax(options.num_envs, decisions)]
+        simulators += [peer(world) for peer in PEERS if peer.name not in skipped]
         results = summarise(simulators, alternate(simulators, options.rounds))
     comparison = {
         "scenario": SCENARIO,
@@ -134,7 +114,7 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
         "platform": platform.platform(),
         "python_version": platform.python_version(),
         **machine(),
-        "simulators": {name: dataclasses.asdict(result) for name, result in results.items()},
+        "simulators": results,
         "skipped": skipped,
     }
     print(report(comparison))
@@ -149,38 +129,23 @@ def report(comparison: dict[str, Any]) -> str:
         "",
         f"{'':14}{'version':>10}{'vehicles a road':>18}{'updates/s':>14}{'medjax / it':>14}",
     ]
+    differences = ["", "What differs:"]
     for name, result in comparison["simulators"].items():
         lines.append(
             f"{name:14}{result['version']:>10}{result['mean_active_vehicles']:18.0f}"
             f"{result['active_vehicle_updates_per_s']:14,.0f}{result['medjax_ratio']:14,.1f}"
         )
-    for name in comparison["skipped"]:
-        lines.append(f"{name:14}not installed, skipped")
-    lines += ["", "What differs:"]
-    for name, result in comparison["simulators"].items():
-        lines += [name, *(f"  - {difference}" for difference in result["differences"])]
-    return "\n".join(lines)
-
-
-def build_parser() -> OneLineParser:
-    """The command line."""
-    parser = benchmark_parser("peers", __doc__)
-    parser.add_argument(
-        "--rounds", type=positive, default=3, metavar="N", help="timed rounds (default: 3)"
-    )
-    parser.add_argument(
-        "--num-envs",
-        type=positive,
-        default=1024,
-        metavar="N",
-        help="roads that medjax simulates at once (default: 1024)",
-    )
-    return parser
+        differences += [name, *(f"  - {difference}" for difference in result["differences"])]
+    lines += [f"{name:14}not installed, skipped" for name in comparison["skipped"]]
+    return "\n".join([*lines, *differences])
 
 
 def main(arguments: list[str] | None = None) -> None:
     """The command."""
-    run_command(build_parser(), compare, arguments)
+    parser = benchmark_parser("peers", __doc__)
+    add_number(parser, "--rounds", 3, "timed rounds")
+    add_number(parser, "--num-envs", 1024, "roads that medjax simulates at once")
+    run_command(parser, compare, arguments)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,8 @@
 """highway-env on a straight road of medjax's length, lanes and number of vehicles."""
 
 import dataclasses
-import math
 import multiprocessing
 import multiprocessing.synchronize
-import statistics
 import time
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any
@@ -131,8 +129,4 @@ class HighwayEnv(Peer):
         with ProcessPoolExecutor(
             self.cores, mp_context=context, initializer=_join, initargs=(barrier,)
         ) as pool:
-            rates = list(pool.map(_work, [self.traffic] * self.cores, range(self.cores)))
-        return Rate(
-            math.fsum(rate.active_vehicle_updates_per_s for rate in rates),
-            statistics.fmean(rate.mean_active_vehicles for rate in rates),
-        )
+            return Rate.added(list(pool.map(_work, [self.traffic] * self.cores, range(self.cores))))

@@ -1,8 +1,7 @@
 """SUMO on the road of medjax: netconvert's network, IDM, and the same demand, tick and time span."""
 
-import math
-import statistics
 import subprocess
+from collections.abc import Iterable
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -35,25 +34,12 @@ class Sumo(Peer):
         whole = Period(0.0, 2.0 * workload.span_s + 1.0, params)
         self.network = build_network(config, params, folder)
         self.demand = build_demand(config, [whole], folder)
-        # SUMO saves a state at the start of a step, so one more step has to follow.
-        span, tick = workload.span_s, workload.config.tick_s
-        self._together(
-            [
-                self.start(
-                    seed,
-                    0.0,
-                    span + tick,
-                    *("--save-state.times", str(span)),
-                    *("--save-state.files", str(self._file(seed, "state.xml.gz"))),
-                )
-                for seed in range(workload.cores)
-            ]
-        )
+        self._together(self._fill(seed) for seed in range(workload.cores))
 
     def _file(self, seed: int, name: str) -> Path:
         return self.workload.folder / f"road{seed}.{name}"
 
-    def start(self, seed: int, begin: float, end: float, *options: str) -> subprocess.Popen[str]:
+    def _start(self, seed: int, begin: float, end: float, *options: str) -> subprocess.Popen[str]:
         """Starts SUMO on road `seed` from `begin` to `end` (s); its statistics go to the road's file."""
         command = ["sumo", "--net-file", str(self.network), "--route-files", str(self.demand)]
         command += ["--begin", str(begin), "--end", str(end), "--seed", str(seed)]
@@ -64,13 +50,21 @@ class Sumo(Peer):
         command += ["--statistic-output", str(self._file(seed, "statistics.xml")), *options]
         return start(command)
 
+    def _fill(self, seed: int) -> subprocess.Popen[str]:
+        """Starts SUMO for one episode on the empty road `seed`, whose state it saves."""
+        # SUMO saves a state at the start of a step, so one more step has to follow.
+        span, tick = self.workload.span_s, self.workload.config.tick_s
+        state = ["--save-state.files", str(self._file(seed, "state.xml.gz"))]
+        return self._start(seed, 0.0, span + tick, "--save-state.times", str(span), *state)
+
     def resume(self, seed: int, *options: str) -> subprocess.Popen[str]:
         """Starts SUMO for one episode on the filled road `seed`."""
         span = self.workload.span_s
         state = str(self._file(seed, "state.xml.gz"))
-        return self.start(seed, span, 2.0 * span, "--load-state", state, *options)
+        return self._start(seed, span, 2.0 * span, "--load-state", state, *options)
 
-    def _together(self, processes: list[subprocess.Popen[str]]) -> None:
+    def _together(self, starting: Iterable[subprocess.Popen[str]]) -> None:
+        processes = list(starting)
         try:
             for process in processes:
                 finish(process)
@@ -80,8 +74,8 @@ class Sumo(Peer):
 
     def read(self, seed: int) -> Rate:
         """The rate that SUMO itself reports for road `seed`, of vehicles running in each step."""
-        statistics_of_run = ElementTree.parse(self._file(seed, "statistics.xml")).getroot()
-        performance = statistics_of_run.find("performance")
+        root = ElementTree.parse(self._file(seed, "statistics.xml")).getroot()
+        performance = root.find("performance")
         if performance is None:
             raise RuntimeError("SUMO's statistics have no performance")
         rate = float(performance.attrib["vehicleUpdatesPerSecond"])
@@ -92,9 +86,5 @@ class Sumo(Peer):
     def measure(self) -> Rate:
         """Times one episode of all roads at the same time."""
         seeds = range(self.workload.cores)
-        self._together([self.resume(seed) for seed in seeds])
-        rates = [self.read(seed) for seed in seeds]
-        return Rate(
-            math.fsum(rate.active_vehicle_updates_per_s for rate in rates),
-            statistics.fmean(rate.mean_active_vehicles for rate in rates),
-        )
+        self._together(map(self.resume, seeds))
+        return Rate.added(list(map(self.read, seeds)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import subprocess
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -51,45 +51,39 @@ class Period(NamedTuple):
     params: EnvParams
 
 
-Elements = list[ElementTree.Element]
-Network = tuple[Elements, Elements, Elements]  # nodes, edges and connections
+def _parts(config: EnvConfig, params: EnvParams) -> dict[str, list[ElementTree.Element]]:
+    """Nodes, edges and connections of the road.
 
-
-def _main_road(params: EnvParams, num_lanes: int, common: Mapping[str, Any]) -> Network:
-    """Edges from cut to cut, named by the position of their left end; those at ramps have an acceleration lane."""
+    Edges of the main road go from cut to cut and are named by the position of their left end; those at ramps have an
+    acceleration lane, which a short edge leads to.
+    """
+    num_lanes, width = config.num_lanes, float(params.road.lane_width_m)
+    speed = float(params.drivers.desired_speed[GAS])
+    common = {"width": width, "speed": speed, "spreadType": "right"}
     ramps, cuts = _ramps(params), _cuts(params)
-    nodes = [_element("node", id=f"x{x:g}", x=x, y=0) for x in cuts]
-    edges, connections = [], []
+    parts: dict[str, list[ElementTree.Element]] = {"node": [], "edge": [], "connection": []}
+
+    def add(kind: str, **attributes: Any) -> None:
+        parts[kind].append(_element(kind, **attributes))
+
+    for x in cuts:
+        add("node", id=f"x{x:g}", x=x, y=0)
     for left, right in itertools.pairwise(cuts):
-        merging = left in ramps
+        merging, name = left in ramps, f"main{left:g}"
         ends = {"from_": f"x{left:g}", "to": f"x{right:g}"}
-        lanes = num_lanes + merging
-        edges.append(_element("edge", id=f"main{left:g}", **ends, numLanes=lanes, **common))
-        if right != cuts[-1]:
-            joined = {"from_": f"main{left:g}", "to": f"main{right:g}"}
-            connections += [
-                _element(
-                    "connection", **joined, fromLane=lane + merging, toLane=lane + (right in ramps)
-                )
-                for lane in range(num_lanes)
-            ]
-    return nodes, edges, connections
-
-
-def _on_ramps(params: EnvParams, y: float, common: Mapping[str, Any]) -> Network:
-    """A short edge to each acceleration lane, at `y` beside the road so that no connections cross."""
-    nodes, edges, connections = [], [], []
-    for x in _ramps(params):
-        name, end = f"ramp{x:g}", f"x{x:g}"
-        shape = f"{x - RAMP_M},{y} {x},{y}"
-        nodes.append(_element("node", id=name, x=x - RAMP_M, y=y))
+        add("edge", id=name, **ends, numLanes=num_lanes + merging, **common)
+        for lane in range(num_lanes if right != cuts[-1] else 0):
+            lanes = {"fromLane": lane + merging, "toLane": lane + (right in ramps)}
+            add("connection", from_=name, to=f"main{right:g}", **lanes)
+    y = -width * num_lanes  # beside the road, so that no connections cross
+    for x in ramps:
+        name = f"ramp{x:g}"
+        add("node", id=name, x=x - RAMP_M, y=y)
         # An explicit length, since netconvert extends the shape to the middle of the node.
-        of_ramp = {"numLanes": 1, "shape": shape, "length": RAMP_M}
-        edges.append(_element("edge", id=name, from_=name, to=end, **of_ramp, **common))
-        connections.append(
-            _element("connection", from_=name, to=f"main{x:g}", fromLane=0, toLane=0)
-        )
-    return nodes, edges, connections
+        of_ramp = {"numLanes": 1, "shape": f"{x - RAMP_M},{y} {x},{y}", "length": RAMP_M}
+        add("edge", id=name, from_=name, to=f"x{x:g}", **of_ramp, **common)
+        add("connection", from_=name, to=f"main{x:g}", fromLane=0, toLane=0)
+    return parts
 
 
 def build_network(config: EnvConfig, params: EnvParams, folder: Path) -> Path:
@@ -97,15 +91,10 @@ def build_network(config: EnvConfig, params: EnvParams, folder: Path) -> Path:
 
     SUMO counts lanes from the right, so the acceleration lane is lane 0 of its edge.
     """
-    num_lanes = config.num_lanes
-    width = float(params.road.lane_width_m)
-    speed = float(params.drivers.desired_speed[GAS])
-    common = {"width": width, "speed": speed, "spreadType": "right"}
-    road = _main_road(params, num_lanes, common), _on_ramps(params, -width * num_lanes, common)
     network = folder / "road.net.xml"
     command = ["netconvert", "--no-turnarounds", "true"]
-    for kind, parts in zip(("node", "edge", "connection"), zip(*road, strict=True), strict=True):
-        file = _write(folder / f"road.{kind}.xml", f"{kind}s", itertools.chain(*parts))
+    for kind, elements in _parts(config, params).items():
+        file = _write(folder / f"road.{kind}.xml", f"{kind}s", elements)
         command += [f"--{kind}-files", str(file)]
     # Without internal junction lanes, lengths are exact and SUMO is faster.
     command += ["--no-internal-links", "true", "--output-file", str(network)]

@@ -7,7 +7,6 @@ program shows.
 """
 
 import argparse
-import dataclasses
 import statistics
 import time
 from collections.abc import Callable
@@ -18,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import medjax
-from benchmarks.command import benchmark_parser, machine, run_command, whole_number
+from benchmarks.command import add_number, benchmark_parser, machine, run_command, whole_number
 from benchmarks.speed.references import (
     CHECKED_ROADS,
     COILS,
@@ -49,23 +48,24 @@ ALL_PAIRS_ROADS = 64  # enough, since its time per slot grows with the slots, no
 MOST = 65_536  # repeats, and roads, whose indices must fit `medjax.numerics.gathers`
 
 
-@dataclasses.dataclass(frozen=True)
-class Row:
-    """A kernel's row of the table."""
-
-    kernel: str
-    element: str  # what is counted: value, pair or slot
-    elements: int  # in one call
-    ns_per_element: float  # median over repeats, without compilation
-    compile_s: float
-    worst_error: float
-    against: str  # the kind of error and the reference
+Row = dict[str, Any]  # of the table
 
 
 def time_calls(
-    function: Callable[..., Any], *arguments: Any, repeats: int, elements: int
-) -> tuple[Any, dict[str, Any]]:
-    """Output of one compiled call, and its timing figures for `Row`."""
+    function: Callable[..., Any], *arguments: Any, repeats: int, element: str, elements: int
+) -> tuple[Any, Row]:
+    """Times a compiled function.
+
+    Args:
+      function: to compile.
+      *arguments: of the function.
+      repeats: calls to time.
+      element: what is counted: value, pair or slot.
+      elements: number of them in a call.
+
+    Returns:
+      The output, and the figures of a row: ns_per_element is a median without compilation.
+    """
     start = time.perf_counter()
     program = jax.jit(function).lower(*arguments).compile()
     compile_s = time.perf_counter() - start
@@ -76,8 +76,13 @@ def time_calls(
         jax.block_until_ready(program(*arguments))
         walls.append(time.perf_counter() - start)
     ns_per_element = statistics.median(walls) / elements * 1e9
-    figures = {"elements": elements, "ns_per_element": ns_per_element, "compile_s": compile_s}
-    return output, figures
+    counted = {"element": element, "elements": elements}
+    return output, {**counted, "ns_per_element": ns_per_element, "compile_s": compile_s}
+
+
+def row_of(kernel: str, figures: Row, worst_error: Any, against: str) -> Row:
+    """A row; `against` says the kind of error and the reference."""
+    return {"kernel": kernel, **figures, "worst_error": float(worst_error), "against": against}
 
 
 def elliptic_rows(count: int, repeats: int) -> list[Row]:
@@ -86,13 +91,13 @@ def elliptic_rows(count: int, repeats: int) -> list[Row]:
     near_one = 1 - 10.0 ** random.uniform(-7.2, 0.0, count // 2)
     m = np.concatenate([random.uniform(0.0, 1.0, count - len(near_one)), near_one])
     m = np.minimum(m.astype(np.float32), np.nextafter(np.float32(1), np.float32(0)))
+    calls: Row = {"repeats": repeats, "element": "value", "elements": count}
     rows = []
     for function in (ellipk, ellipe):
-        value, figures = time_calls(function, jnp.asarray(m), repeats=repeats, elements=count)
+        value, figures = time_calls(function, jnp.asarray(m), **calls)
         exact = getattr(special, function.__name__)(m.astype(np.float64))
-        error = float(np.max(np.abs(np.asarray(value, np.float64) / exact - 1)))
-        name, against = function.__name__, "relative, SciPy's in float64"
-        rows.append(Row(name, "value", **figures, worst_error=error, against=against))
+        error = np.max(np.abs(np.asarray(value, np.float64) / exact - 1))
+        rows.append(row_of(function.__name__, figures, error, "relative, SciPy's in float64"))
     return rows
 
 
@@ -108,15 +113,12 @@ def coil_rows(link: LinkParams, count: int, repeats: int) -> list[Row]:
             primary_turns=COILS.med_coil_turns, secondary_turns=COILS.ev_coil_turns,
         )  # fmt: skip
 
-    def row(
-        kernel: str, figures: dict[str, Any], error: np.ndarray, gap_m: float, what: str
-    ) -> Row:
+    def row(kernel: str, figures: Row, error: np.ndarray, gap_m: float, what: str) -> Row:
         apart = gap >= gap_m
-        against = f"{what}, {np.sum(apart)} of {checked} pairs (wires {gap_m} m apart or more)"
-        worst = float(np.max(error[apart]))
-        return Row(kernel, "pair", **figures, worst_error=worst, against=against)
+        pairs = f"{np.sum(apart)} of {checked} pairs (wires {gap_m} m apart or more)"
+        return row_of(kernel, figures, np.max(error[apart]), f"{what}, {pairs}")
 
-    calls = {"repeats": repeats, "elements": count}
+    calls: Row = {"repeats": repeats, "element": "pair", "elements": count}
     arguments = [jnp.asarray(x) for x in position]
     value, integrating = time_calls(integral, *arguments, **calls)
     # M passes through zero, so its error is relative to the coaxial M at the same axial distance.
@@ -152,8 +154,8 @@ def neighbour_rows(config: EnvConfig, length_m: float, roads: int, repeats: int)
     expected = road_order(np.asarray(x, np.float64), np.asarray(active))
 
     def time_on(used: int, function: Callable[..., Any], *arguments: jax.Array) -> Any:
-        slots = used * config.num_vehicles
-        return time_calls(jax.vmap(function), *arguments, repeats=repeats, elements=slots)
+        calls: Row = {"repeats": repeats, "element": "slot", "elements": used * config.num_vehicles}
+        return time_calls(jax.vmap(function), *arguments, **calls)
 
     def sort(x: jax.Array, active: jax.Array, previous: jax.Array) -> jax.Array:
         return sort_by_road(x, active, length_m, previous)
@@ -170,23 +172,15 @@ def neighbour_rows(config: EnvConfig, length_m: float, roads: int, repeats: int)
     plain_order, plain_sorting = time_on(roads, plain_sort, x, active)
     neighbours, finding = time_on(roads, find, order, lane, other, target, active)
     few = min(roads, ALL_PAIRS_ROADS)
-    searched = x[:few], lane[:few], other[:few], active[:few]
-    leader, searching = time_on(few, all_pairs_leader, *searched)
-
-    def misplaced(order: jax.Array) -> float:
-        return float(np.sum(np.asarray(order) != expected))
-
-    def row(kernel: str, figures: dict[str, Any], wrong: float, against: str) -> Row:
-        return Row(kernel, "slot", **figures, worst_error=wrong, against=against)
-
+    leader, searching = time_on(few, all_pairs_leader, *(a[:few] for a in (x, lane, other, active)))
     places = "places that differ, NumPy's stable argsort in float64"
     nearest = f"neighbours that differ, all pairs in float64, {min(roads, CHECKED_ROADS)} roads"
-    differ = float(np.sum(np.asarray(leader != neighbours.leader[:few])))
+    differ = np.sum(np.asarray(leader != neighbours.leader[:few]))
     return [
-        row("sort_by_road", sorting, misplaced(order), places),
-        row("jnp.argsort", plain_sorting, misplaced(plain_order), places),
-        row("find_neighbours", finding, float(count_wrong(neighbours, traffic)), nearest),
-        row("all-pairs leader", searching, differ, "leaders that differ, find_neighbours"),
+        row_of("sort_by_road", sorting, np.sum(np.asarray(order) != expected), places),
+        row_of("jnp.argsort", plain_sorting, np.sum(np.asarray(plain_order) != expected), places),
+        row_of("find_neighbours", finding, count_wrong(neighbours, traffic), nearest),
+        row_of("all-pairs leader", searching, differ, "leaders that differ, find_neighbours"),
     ]
 
 
@@ -206,10 +200,10 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         *coil_rows(params.link, roads * env.config.num_evs, repeats),
         *neighbour_rows(env.config, float(params.road.length_m), roads, repeats),
     ]
-    ns = {row.kernel: row.ns_per_element for row in rows}
+    ns = {row["kernel"]: row["ns_per_element"] for row in rows}
     result = {"scenario": SCENARIO, "roads": roads, "repeats": repeats, **machine()}
     result["integral_by_table"] = ns["mutual_inductance"] / ns["interpolate_inductance"]
-    result["rows"] = list(map(dataclasses.asdict, rows))
+    result["rows"] = rows
     print(report(result))
     return result
 
@@ -235,10 +229,6 @@ def report(result: dict[str, Any]) -> str:
 def main(arguments: list[str] | None = None) -> None:
     parser = benchmark_parser("kernels", __doc__)
     count = whole_number(most=MOST)
-    parser.add_argument(
-        "--roads", type=count, default=1024, metavar="N", help="number of roads (default: 1024)"
-    )
-    parser.add_argument(
-        "--repeats", type=count, default=7, metavar="N", help="timings per kernel (default: 7)"
-    )
+    add_number(parser, "--roads", 1024, "number of roads", count)
+    add_number(parser, "--repeats", 7, "timings per kernel", count)
     run_command(parser, measure, arguments)

@@ -20,14 +20,14 @@ STRADDLING = 0.1  # share of vehicles that straddle a lane line
 
 
 def neumann(axial: float, lateral: float, tilt: float, num_nodes: int = 256) -> tuple[float, float]:
-    """Mutual inductance of `COILS` by Neumann's double integral, in float64.
+    """Mutual inductance of `COILS` by Neumann's double integral, in float64, with the trapezoid rule around both rims.
 
-    The trapezoid rule around both rims needs no elliptic integral and no code of `mutual_inductance`. It is
-    exact to 1e-9 at 0.03 m between the wires and to rounding at 0.05 m.
+    It is exact to 1e-9 at 0.03 m between the wires and to rounding at 0.05 m.
 
     Args:
       axial, lateral: m, by the convention of `mutual_inductance`.
       tilt: rad, by the same convention.
+      num_nodes: of each rim.
 
     Returns:
       (M in H, shortest distance between the wires in m).
@@ -106,14 +106,9 @@ def draw_traffic(config: EnvConfig, length_m: float, roads: int) -> Traffic:
     # In a tick all vehicles of a road look to one side, except straddling ones.
     side = random.choice([-1, 1], (roads, 1))
     target = lane + np.where(straddles == 0, side, straddles)
-    return Traffic(
-        x=jnp.asarray(x, jnp.float32),
-        lane=jnp.asarray(lane, jnp.int32),
-        other_lane=jnp.asarray(other, jnp.int32),
-        target_lane=jnp.asarray(target, jnp.int32),
-        active=jnp.asarray(active),
-        previous_order=jnp.asarray(road_order(before, active), jnp.int32),
-    )
+    order = road_order(before, active)
+    of = [jnp.asarray(each, jnp.int32) for each in (lane, other, target, order)]
+    return Traffic(jnp.asarray(x, jnp.float32), of[0], of[1], of[2], jnp.asarray(active), of[3])
 
 
 def road_order(x: np.ndarray, active: np.ndarray) -> np.ndarray:

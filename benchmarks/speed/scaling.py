@@ -12,7 +12,7 @@ from typing import Any
 
 import jax
 
-from benchmarks.command import add_scenario, benchmark_parser, positive, run_command
+from benchmarks.command import add_number, add_scenario, benchmark_parser, run_command
 from benchmarks.speed.workload import ENVS, VEHICLES, Measurement, Workload, alternate, road_for
 
 
@@ -89,9 +89,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 def main(arguments: list[str] | None = None) -> None:
     parser = benchmark_parser("scaling", __doc__)
-    parser.add_argument(
-        "--num-envs", type=positive, default=1024, metavar="N", help="environments side by side"
-    )
-    parser.add_argument("--repeats", type=positive, default=5, help="timings per case")
+    add_number(parser, "--num-envs", 1024, "environments side by side")
+    add_number(parser, "--repeats", 5, "timings per case")
     add_scenario(parser)
     run_command(parser, measure, arguments)

@@ -8,7 +8,7 @@ import argparse
 import dataclasses
 from typing import Any
 
-from benchmarks.command import add_scenario, benchmark_parser, natural, positive, run_command
+from benchmarks.command import add_number, add_scenario, benchmark_parser, natural, run_command
 from benchmarks.speed.stages import stage_times
 from benchmarks.speed.workload import ENVS, VEHICLES, Measurement, Workload, measure, road_for
 from medjax.wrappers import environment_mesh
@@ -64,20 +64,14 @@ def time_cases(options: argparse.Namespace) -> Any:
 
 def main(arguments: list[str] | None = None) -> None:
     parser = benchmark_parser("throughput", __doc__)
-    shown = (
-        "environments side by side; several numbers are timed one after the other (default: 1024)"
-    )
-    parser.add_argument(
-        "--num-envs", type=positive, default=[1024], nargs="+", metavar="N", help=shown
-    )
+    shown = "environments side by side; several numbers are timed one after the other"
+    add_number(parser, "--num-envs", [1024], shown, nargs="+")
     shown = f"time {ENVS} environments, or roads of {VEHICLES} vehicles"
     parser.add_argument("--sweep", choices=("envs", "vehicles"), help=shown)
-    parser.add_argument(
-        "--stages", action="store_true", help="show how a decision's time splits into stages"
-    )
-    parser.add_argument("--steps", type=positive, default=50, help="decisions per timing")
-    parser.add_argument("--repeats", type=positive, default=5, help="timings per case")
+    shown = "show how a decision's time splits into stages"
+    parser.add_argument("--stages", action="store_true", help=shown)
+    add_number(parser, "--steps", 50, "decisions per timing")
+    add_number(parser, "--repeats", 5, "timings per case")
     add_scenario(parser)
-    shown = "number of devices or CPU cores; 0: all"
-    parser.add_argument("--num-devices", type=natural, default=0, metavar="N", help=shown)
+    add_number(parser, "--num-devices", 0, "number of devices or CPU cores; 0: all", natural)
     run_command(parser, time_cases, arguments)

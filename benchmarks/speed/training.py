@@ -18,47 +18,112 @@ evaluation.
 """
 
 import argparse
-import dataclasses
 import json
+import os
 import statistics
+import subprocess
+import sys
 import tempfile
-from collections.abc import Mapping
-from functools import partial
+import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import jax
 
-import medjax
-from benchmarks.command import benchmark_parser, positive, run_command, say
-from benchmarks.speed.training_process import CommandError, Wall, median, start, throughput
+from benchmarks.command import add_number, add_scenario, benchmark_parser, run_command, say
 from train.algorithms.ppo.settings import PPOConfig
 from train.runs.arguments import settings_from_text
+from train.runs.logs import read_rows
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig, from_json
 
-OWN = ("repeats", "json")  # options that are not training settings
+# Settings passed to the command; the other options are not training settings.
+PASSED_ON = ("scenario", "num_envs", "total_timesteps", "seed")
 HEADINGS = ("total", "compile", "training", "evaluation", "other")
+ROOT = Path(__file__).resolve().parents[2]  # where `-m train.ppo` is found, wherever this is called
 
 
-def settings(given: Mapping[str, str]) -> TrainConfig:
-    """Training settings from the text of the options.
+class CommandError(RuntimeError):
+    """A command failed; the message holds the last line of its output."""
+
+
+# Of one start: total_s, compile_s, train_s, evaluation_s and other_s, explained above, and decisions_per_s.
+Wall = dict[str, float]
+
+
+def start(config: TrainConfig, run_dir: RunDir, cache: Path) -> Wall:
+    """Runs the training command to its end; results go to `run_dir`, compiled programs to `cache`.
 
     Raises:
-        InputError: a value is out of range.
+        CommandError: the command failed.
     """
-    return from_json(settings_from_text(PPOConfig, dict(given)), PPOConfig)
+    given = [f"--{name.replace('_', '-')}={getattr(config, name)}" for name in PASSED_ON]
+    began = time.perf_counter()
+    _run(["train.ppo", f"--run-dir={run_dir.path}", *given], JAX_COMPILATION_CACHE_DIR=str(cache))
+    total_s = time.perf_counter() - began
+    paces = [row["env_steps_per_s"] for row in read_rows(run_dir.metrics)]
+    return split(json.loads(run_dir.summary.read_text(encoding="utf-8")), paces, total_s)
+
+
+def throughput(config: TrainConfig, file: Path) -> float:
+    """Decisions/s of `python -m benchmarks.throughput` with as many environments; its JSON goes to `file`.
+
+    Raises:
+        CommandError: the command failed.
+    """
+    given = [f"--num-envs={config.num_envs}", f"--scenario={config.scenario}", f"--json={file}"]
+    _run(["benchmarks.throughput", *given])
+    return float(json.loads(file.read_text(encoding="utf-8"))["env_steps_per_s"])
+
+
+def _run(command: Sequence[str], **environment: str) -> None:
+    """Runs `python -m` with a command to its end.
+
+    Raises:
+        CommandError: the command failed.
+    """
+    ended = subprocess.run(
+        [sys.executable, "-m", *command],
+        cwd=ROOT,
+        env=os.environ | environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+    )
+    if ended.returncode:
+        lines = (ended.stdout + "\n" + ended.stderr).split("\n")
+        said = [line for line in lines if line.strip()] or ["it said nothing"]
+        raise CommandError(f"{command[0]} ended with code {ended.returncode}: {said[-1]}")
+
+
+def split(summary: Mapping[str, Any], paces: Sequence[float], total_s: float) -> Wall:
+    """Splits the wall time of one process.
+
+    Args:
+        summary: its summary.json.
+        paces: decisions/s of each update.
+        total_s: seconds from its start to its end.
+    """
+    parts = {name: summary[name] for name in ("compile_s", "train_s", "evaluation_s")}
+    other = {"other_s": total_s - sum(parts.values()), "decisions_per_s": statistics.median(paces)}
+    return {"total_s": total_s, **parts, **other}
+
+
+def median(walls: Sequence[Wall]) -> Wall:
+    """Median of each figure on its own, so the parts need not add up to the total."""
+    return {name: statistics.median(wall[name] for wall in walls) for name in walls[0]}
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Runs everything and prints the table.
 
     Raises:
-        InputError: as in `settings`.
+        InputError: a setting is out of range.
         CommandError: a run failed.
     """
-    given = {name: value for name, value in vars(options).items() if name not in OWN}
-    config, repeats = settings(given), options.repeats
+    given = {name: getattr(options, name) for name in PASSED_ON}
+    config, repeats = from_json(settings_from_text(PPOConfig, given), PPOConfig), options.repeats
     walls: dict[str, list[Wall]] = {"cold": [], "warm": []}
     speeds: list[float] = []
     # This process must not start JAX before the last run has ended: on a GPU it would take up their memory.
@@ -68,10 +133,12 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
             for name in walls:
                 run_dir = RunDir(place / name)
                 walls[name].append(start(config, run_dir, place / "cache"))
-                say(f"repeat {number}/{repeats}: {name} {walls[name][-1].total_s:.1f} s")
+                say(f"repeat {number}/{repeats}: {name} {walls[name][-1]['total_s']:.1f} s")
             speeds.append(throughput(config, place / "throughput.json"))
         summary = json.loads(run_dir.summary.read_text(encoding="utf-8"))
-    warm, alone = [wall.decisions_per_s for wall in walls["warm"]], statistics.median(speeds)
+    shares = (
+        warm["decisions_per_s"] / alone for warm, alone in zip(walls["warm"], speeds, strict=True)
+    )
     result = {
         "scenario": config.scenario,
         "num_envs": config.num_envs,
@@ -80,10 +147,10 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         "repeats": repeats,
         **{name: summary[name] for name in ("backend", "device")},
         "jax_version": jax.__version__,
-        **{name: dataclasses.asdict(median(each)) for name, each in walls.items()},
-        "runs": {name: list(map(dataclasses.asdict, each)) for name, each in walls.items()},
-        "throughput_per_s": alone,
-        "by_throughput": statistics.median(w / s for w, s in zip(warm, speeds, strict=True)),
+        **{name: median(each) for name, each in walls.items()},
+        "runs": walls,
+        "throughput_per_s": statistics.median(speeds),
+        "by_throughput": statistics.median(shares),
     }
     print(report(result))
     return result
@@ -91,11 +158,12 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 def report(result: Mapping[str, Any]) -> str:
     """Formats the result of `measure`, and the speed of training beside the simulator alone."""
+    headings = "".join(f"{heading:>12}" for heading in HEADINGS)
     lines = [
         f"{result['env_steps']:,} decisions of {result['scenario']}, {result['num_envs']} environments, "
         f"{result['backend']} ({result['device']}); seconds, medians of {result['repeats']}",
         "",
-        f"{'':6}" + "".join(f"{heading:>12}" for heading in HEADINGS) + f"{'decisions/s':>14}",
+        f"{'':6}{headings}{'decisions/s':>14}",
     ]
     for name in ("cold", "warm"):
         *seconds, speed = result[name].values()
@@ -113,22 +181,16 @@ def main(arguments: list[str] | None = None) -> int:
     Returns:
         The exit code: 0 done, 1 the training command failed.
     """
-    # Training settings stay text, so that `settings` reports errors in the words of train.ppo.
+    # Training settings stay text, so that `measure` reports errors in the words of train.ppo.
     parser = benchmark_parser("training", __doc__)
-    add = partial(parser.add_argument, metavar="N")
-    add("--num-envs", default="256", help="environments side by side (default: 256)")
-    rounded = "decisions, rounded up to whole updates (default: 400000)"
-    add("--total-timesteps", default="400000", help=rounded)
     parser.add_argument(
-        "--scenario",
-        default="paper",
-        choices=list(medjax.SCENARIOS),
-        help="preset (default: paper)",
+        "--num-envs", default="256", help="environments side by side (default: 256)"
     )
-    add("--seed", default="0", help="seed of the training (default: 0)")
-    add(
-        "--repeats", type=positive, default=1, help="number of cold and of warm starts (default: 1)"
-    )
+    rounded = "decisions, rounded up to whole updates (default: 400000)"
+    parser.add_argument("--total-timesteps", default="400000", help=rounded)
+    add_scenario(parser)
+    parser.add_argument("--seed", default="0", help="seed of the training (default: 0)")
+    add_number(parser, "--repeats", 1, "number of cold and of warm starts")
     try:
         run_command(parser, measure, arguments)
     except CommandError as error:

@@ -147,16 +147,15 @@ def summarize(work: Workload, calls: list[tuple[float, float]]) -> Measurement:
 
 
 def road_for(num_vehicles: int, scenario: str = "paper") -> dict[str, Any]:
-    """Overrides that scale the road, at the same demand, so that it holds about num_vehicles.
-
-    Relative ramp positions, the share of spare slots, and the share of the road that a battery lasts stay the same.
+    """Overrides that scale the road and all that depends on its length, so that it holds about num_vehicles.
 
     Raises:
       InputError: the preset is not in SCALED, such as one with exits.
     """
     if scenario not in SCALED:
-        allowed = f"allowed {', '.join(SCALED)}, whose road can be longer or shorter"
-        raise InputError(f"--scenario {scenario}: {allowed}")
+        raise InputError(
+            f"--scenario {scenario}: allowed {', '.join(SCALED)}, whose road can be longer or shorter"
+        )
     env, params, _ = prepare(scenario)
     scale = num_vehicles / PRESET_VEHICLES
     return {

@@ -12,6 +12,7 @@ import numpy as np
 
 import medjax
 from benchmarks.command import episodes_parser, run_command
+from benchmarks.studies.base import rules
 from medjax.episodes.scores import Evaluation, Scores
 from medjax.errors import InputError
 from train.evaluation.tables import PAPER_TABLE_2
@@ -55,7 +56,7 @@ def compare(scores: dict[str, Scores]) -> list[dict[str, Any]]:
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Prints the fitted weights, and Table 2 for the preset's own weights on other episodes."""
     env, params = medjax.make(options.scenario)
-    policies = {name: medjax.BASELINES[name](env) for name in TABLE_2}
+    policies = rules(env, TABLE_2)
     weights = {name: float(value) for name, value in params.reward_weights.items()}
     if not weights.get("depleted"):
         raise InputError(

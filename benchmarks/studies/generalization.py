@@ -7,33 +7,32 @@ runs take their most probable actions, whatever presets and demands they were tr
 import argparse
 import dataclasses
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import jax
-import numpy as np
 from tqdm import tqdm
 
 import medjax
-from benchmarks.command import a_path, a_seed, add_plot, benchmark_parser, run_command, whole_number
+from benchmarks.command import a_path, add_plot, episodes_parser, run_command
+from benchmarks.studies.base import RULES, estimate, in_words, rules
+from benchmarks.studies.drawing import draw_rows, finish
 from medjax.episodes.scores import Evaluation, Scores
 from medjax.errors import InputError
 from medjax.numerics.compilation import enable_compilation_cache
 from medjax.policies.policy import Choice, Policy
 from medjax.policies.rules import BASELINES
 from medjax.wrappers import scale_demand
-from train.evaluation.statistics import bootstrap_ci95
 from train.evaluation.summary import learned_names, summarize
-from train.evaluation.tables import format_rows, interval, short
-from train.reporting.figures import MARKERS, colour, new_figure, save
+from train.evaluation.tables import format_rows
+from train.reporting.figures import new_figure
 from train.runs.policies import load_policies
 from train.runs.run_directory import RunDir
 
 MAIN, OTHER = "paper", "realistic"
 FACTORS = (0.5, 0.75, 1.0, 1.25, 1.5)  # of MAIN's demand
-AT_FACTORS = tuple(f"{MAIN} x {factor:g}" for factor in FACTORS)
-RULES = ("budgeted", "forecast", "paced", "greedy", "slow", "none")
+AT_FACTORS = {f"{MAIN} x {factor:g}": factor for factor in FACTORS}
 REFERENCE, NO_ACTION = "budgeted", "none"
 # Colours of trained runs, from Okabe and Ito (2008); markers tell them from rules of the same colour.
 RUN_COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#000000")
@@ -41,20 +40,25 @@ RUN_COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#000000")
 SIZES: dict[str, Any] = {"num_gas": 288}
 
 
-def load_run(path: Path, scenario: str) -> dict[str, Policy]:
-    """The trained policies of a run, one per seed and named after its directory, ready to play a preset.
+def load_runs(paths: Sequence[Path], scenario: str) -> dict[str, Policy]:
+    """The trained policies of all runs, ready to play a preset; each seed's is named after the run's directory.
 
     Raises:
-        InputError: the path is no run, or its network does not fit the preset.
+        InputError: a path is no run, its network does not fit the preset, or its name is taken.
     """
-    config = RunDir(path).load_config()
-    config = dataclasses.replace(config, scenario=scenario, overrides=SIZES, num_devices=0)
-    env, _, policies = load_policies(path, config, stochastic=False)
-    return {
-        name.replace(config.algorithm, path.name, 1): _with_own_eyes(env, policy)
-        for name, policy in policies.items()
-        if name in learned_names(policies)
-    }
+    found: dict[str, Policy] = {}
+    for path in paths:
+        config = RunDir(path).load_config()
+        config = dataclasses.replace(config, scenario=scenario, overrides=SIZES, num_devices=0)
+        env, _, policies = load_policies(path, config, stochastic=False)
+        own = {
+            name.replace(config.algorithm, path.name, 1): _with_own_eyes(env, policies[name])
+            for name in learned_names(policies)
+        }
+        if own.keys() & {*found, *BASELINES}:
+            raise InputError(f"run {path} has a name that is taken, allowed: names of their own")
+        found |= own
+    return found
 
 
 def _with_own_eyes(env: medjax.ChargingEnv, policy: Policy) -> Policy:
@@ -68,91 +72,69 @@ def _with_own_eyes(env: medjax.ChargingEnv, policy: Policy) -> Policy:
 
 
 def play(
-    scenario: str, factors: Sequence[float], runs: Mapping[str, Policy], episodes: int, seed: int
-) -> list[dict[str, Scores]]:
+    scenario: str,
+    factors: Mapping[str, float],
+    runs: Mapping[str, Policy],
+    episodes: int,
+    seed: int,
+) -> dict[str, Any]:
     """Plays the same episodes with all policies at each demand, in one compiled program.
 
     Args:
         scenario: preset.
-        factors: multiples of its demand.
-        runs: trained policies by name, to which those of RULES are added.
+        factors: multiples of its demand, by name of the world.
+        runs: trained policies by name, to which the rules are added.
         episodes, seed: as in `medjax.episodes.scores`.
+
+    Returns:
+        What `--json` writes for each world.
     """
     env, params = medjax.make(scenario, **SIZES)
-    policies = {**runs, **{name: BASELINES[name](env) for name in RULES}}
+    policies = {**runs, **rules(env)}
     evaluation = Evaluation(env, params, policies, episodes)
-    return [
-        evaluation.play(policies, seed, scale_demand(params, factor))
-        for factor in tqdm(factors, scenario, disable=None, leave=False)
-    ]
+    return {
+        world: summary(evaluation.play(policies, seed, scale_demand(params, factor)), world, seed)
+        for world, factor in tqdm(factors.items(), scenario, disable=None, leave=False)
+    }
 
 
 def summary(scores: Mapping[str, Scores], world: str, seed: int) -> dict[str, Any]:
     """What `--json` writes for one world.
 
     Returns:
-        `policies` as in `train.evaluation.summary.summarize`, and for each policy `minus_budgeted` and
-        `minus_none`, the paired differences of the returns (`mean`, `ci95`).
+        `policies` as in `train.evaluation.summary.summarize`, and `minus_budgeted` and `minus_none`, the mean and
+        interval of each other policy's return minus that rule's on the same episodes.
     """
-
-    def gains(other: str) -> dict[str, Any]:
-        found = {}
-        for name in [each for each in scores if each != other]:
-            gain = scores[name]["return"] - scores[other]["return"]
-            found[name] = {"mean": float(np.mean(gain)), "ci95": list(bootstrap_ci95(gain, seed))}
-        return found
-
-    policies = summarize(scores, world, (), seed)["policies"]
-    gained = {f"minus_{REFERENCE}": gains(REFERENCE), "minus_none": gains(NO_ACTION)}
-    return {"policies": policies, **gained}
+    found = {"policies": summarize(scores, world, (), seed)["policies"]}
+    for rule in (REFERENCE, NO_ACTION):
+        base = scores[rule]["return"]
+        found[f"minus_{rule}"] = {
+            name: estimate(score["return"] - base, seed)
+            for name, score in scores.items()
+            if name != rule
+        }
+    return found
 
 
 def tables(worlds: Mapping[str, Any], runs: Sequence[str]) -> str:
     """Tables of returns, depleted shares, and gains of the runs on REFERENCE, with a column for each world."""
 
-    def table(head: str, kind: str, names: Sequence[str], cell: Callable[[Any], str]) -> str:
-        """A table with a row per policy, and a dash where a policy did not play."""
-        rows = [[head, *worlds]]
-        for name in names:
-            entries = [world[kind].get(name) for world in worlds.values()]
-            rows.append([name, *(cell(entry) if entry else "-" for entry in entries)])
-        return format_rows(rows)
-
     def mean_return(entry: Any) -> str:
-        return f"{short(entry['return_mean'])} {interval(entry['return_ci95'])}"
+        return in_words({"mean": entry["return_mean"], "ci95": entry["return_ci95"]})
 
     def share(entry: Any) -> str:
         return f"{entry['depleted_share']:.3f}"
 
-    def gain(entry: Any) -> str:
-        return f"{short(entry['mean'])} {interval(entry['ci95'])}"
-
-    names = [*runs, *RULES]
-    returns = table("return, 95 % CI", "policies", names, mean_return)
-    shares = table("depleted share", "policies", names, share)
-    gains = table(f"minus {REFERENCE}, 95 % CI", f"minus_{REFERENCE}", runs, gain)
-    return "\n\n".join([returns, shares, gains])
-
-
-def load_runs(paths: Sequence[Path]) -> tuple[dict[str, Policy], dict[str, Policy]]:
-    """The trained policies for MAIN, and for OTHER where they fit it; prints a line for each run that does not.
-
-    Raises:
-        InputError: a run does not fit MAIN, or its name is taken.
-    """
-    main: dict[str, Policy] = {}
-    for path in paths:
-        own = load_run(path, MAIN)
-        if own.keys() & {*main, *BASELINES}:
-            raise InputError(f"run {path} has a name that is taken, allowed: names of their own")
-        main |= own
-    other: dict[str, Policy] = {}
-    for path in paths:
-        try:
-            other |= load_run(path, OTHER)
-        except InputError as error:
-            print(f"{path.name} does not play {OTHER}: {error}")
-    return main, other
+    gains = f"minus {REFERENCE}, 95 % CI", f"minus_{REFERENCE}", runs, in_words
+    parts = []
+    for head, kind, names, cell in (
+        ("return, 95 % CI", "policies", [*runs, *RULES], mean_return),
+        ("depleted share", "policies", [*runs, *RULES], share),
+        gains,
+    ):
+        rows = [[name, *(cell(world[kind][name]) for world in worlds.values())] for name in names]
+        parts.append(format_rows([[head, *worlds], *rows]))
+    return "\n\n".join(parts)
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -162,12 +144,10 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         InputError: as in `load_runs`.
     """
     enable_compilation_cache()
-    runs, on_other = load_runs([Path(os.path.abspath(given)) for given in options.run_dir])
+    paths = [Path(os.path.abspath(given)) for given in options.run_dir]
+    runs, elsewhere = load_runs(paths, MAIN), load_runs(paths, OTHER)
     which = options.episodes, options.seed
-    at_factors = play(MAIN, FACTORS, runs, *which)
-    elsewhere = play(OTHER, (1.0,), on_other, *which)
-    played = zip([*AT_FACTORS, OTHER], at_factors + elsewhere, strict=True)
-    worlds = {world: summary(scores, world, options.seed) for world, scores in played}
+    worlds = play(MAIN, AT_FACTORS, runs, *which) | play(OTHER, {OTHER: 1.0}, elsewhere, *which)
     print(f"{options.episodes} episodes, seed {options.seed}, the same for every policy\n")
     print(tables(worlds, list(runs)))
     return {"episodes": options.episodes, "seed": options.seed, "worlds": worlds}
@@ -177,31 +157,30 @@ def plot(path: Path, report: dict[str, Any]) -> None:
     """Draws the report of `measure` as a PNG: each policy's gain on no action by demand, with rules dashed."""
     demand = medjax.make(MAIN)[1].demand
     vehicles_per_h = float(demand.mainline_per_h + demand.ramp_per_h.sum())
-    worlds = [report["worlds"][name]["minus_none"] for name in AT_FACTORS]
+    worlds = {factor: report["worlds"][name]["minus_none"] for name, factor in AT_FACTORS.items()}
     figure = new_figure(8, 5)
     axes = figure.add_subplot()
-    for number, name in enumerate(worlds[0]):
-        means = np.array([world[name]["mean"] for world in worlds])
-        low, high = np.array([world[name]["ci95"] for world in worlds]).T
-        style = {"color": RUN_COLOURS[number % len(RUN_COLOURS)], "ls": "-"}
-        if name in BASELINES:
-            style = {"color": colour(name), "ls": "--"}
-        style |= {"marker": MARKERS[number % len(MARKERS)], "label": name}
-        axes.errorbar(FACTORS, means, yerr=(means - low, high - means), capsize=3, **style)
+    for number, name in enumerate(worlds[1.0]):
+        rows = [
+            {"policy": name, "factor": factor, "gain": gains[name]["mean"]}
+            | {"gain_ci95": gains[name]["ci95"]}
+            for factor, gains in worlds.items()
+        ]
+        of_run = {"color": RUN_COLOURS[number % len(RUN_COLOURS)]}
+        style = {"ls": "--"} if name in BASELINES else of_run
+        draw_rows(axes, rows, "factor", "gain", number, label=name, **style)
     axes.axhline(0.0, color="0.5", lw=1)
-    axes.set(xticks=FACTORS, title="Other demands than the preset's")
-    axes.set_xlabel(f"demand, multiples of {vehicles_per_h:.0f} vehicles/h")
-    axes.set_ylabel("return of an episode minus that of no action, 95 % CI")
-    axes.grid(alpha=0.3)
-    figure.legend(loc="outside right upper", fontsize="small", frameon=False)
-    save(figure, path)
+    axes.set_xticks([*worlds])
+    x = f"demand, multiples of {vehicles_per_h:.0f} vehicles/h"
+    y = "return of an episode minus that of no action, 95 % CI"
+    finish(figure, {axes: (x, y)}, "Other demands than the preset's", 5, path)
 
 
 def main(arguments: list[str] | None = None) -> None:
-    parser = benchmark_parser("generalization", __doc__)
-    add, a_run = parser.add_argument, "directories that train.ppo wrote"
-    add("--run-dir", type=a_path, nargs="+", required=True, metavar="DIR", help=a_run)
-    add("--episodes", type=whole_number(least=2), default=256, help="episodes per policy and world")
-    add("--seed", type=a_seed, default=0, help="seed of the episodes")
+    parser = episodes_parser("generalization", __doc__, episodes=256, seed=0, scenario=False)
+    a_run = "directories that train.ppo wrote"
+    parser.add_argument(
+        "--run-dir", type=a_path, nargs="+", required=True, metavar="DIR", help=a_run
+    )
     add_plot(parser, "the gains")
     run_command(parser, measure, arguments, plot)

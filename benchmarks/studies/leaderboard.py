@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
@@ -23,8 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.command import a_path, benchmark_parser, run_command, say
-from medjax.commandline import cannot_write
+from benchmarks.command import a_path, benchmark_parser, run_command, say, write
+from benchmarks.studies.base import estimate, in_words
 from medjax.episodes.verdict import NAMES
 from medjax.errors import InputError, shown
 from medjax.files import check_input, check_output, write_text
@@ -69,14 +68,7 @@ def read_board(path: Path) -> dict[str, Any]:
 
 
 def play(board: Mapping[str, Any], name: str, policy: str, about: str) -> dict[str, Any]:
-    """Plays the board's episodes with a policy and returns its row.
-
-    Args:
-      board: gives the episodes.
-      name: of the row.
-      policy: a name that `medjax.policies.given.as_policy` accepts.
-      about: a description for readers.
-    """
+    """Plays the board's episodes with a policy, which `medjax.policies.given.as_policy` accepts; returns its row."""
     scenario, episodes, seed = (board[key] for key in ("scenario", "episodes", "seed"))
     say(f"{name}: {episodes} episodes of {scenario} ...")
     scores = evaluate(scenario, None, {name: policy}, episodes=episodes, seed=seed).scores[name]
@@ -104,8 +96,7 @@ def rows_of(board: Mapping[str, Any]) -> list[list[str]]:
         below = best - returns
         cells = [row["name"], short(returns.mean()), interval(bootstrap_ci95(returns))]
         cells += [format(row["means"][metric], ".3f") for metric in SHOWN.values()]
-        first = row is rows[0]
-        cells.append("" if first else f"{short(below.mean())} {interval(bootstrap_ci95(below))}")
+        cells.append("" if row is rows[0] else in_words(estimate(below, 0)))
         table.append([*cells, row["about"]])
     return table
 
@@ -126,10 +117,7 @@ def write_board(path: Path, board: Mapping[str, Any]) -> None:
 
 def _write(path: Path, text: str) -> None:
     """Writes a text; on failure the process ends with one line and exit code 1."""
-    try:
-        write_text(path, text)
-    except OSError as error:
-        sys.exit(cannot_write("python -m benchmarks.leaderboard", path, error))
+    write("python -m benchmarks.leaderboard", path, lambda path: write_text(path, text))
 
 
 def known_of(board: Mapping[str, Any]) -> dict[str, Any]:
@@ -137,32 +125,14 @@ def known_of(board: Mapping[str, Any]) -> dict[str, Any]:
     rows = [row for row in board["rows"] if row["policy"] in (PRETRAINED, *BASELINES)]
     policies = {}
     for row in sorted(rows, key=lambda row: -np.mean(row["returns"])):
-        low, high = bootstrap_ci95(np.asarray(row["returns"]))
-        mean = float(np.mean(row["returns"]))
+        found = estimate(np.asarray(row["returns"]), 0)
         policies[row["policy"]] = {
             **{metric: row["means"][metric] for metric in MEANS if metric in NAMES},
-            "return_mean": round(mean, DIGITS),
-            "return_ci95": [round(float(low), DIGITS), round(float(high), DIGITS)],
+            "return_mean": round(found["mean"], DIGITS),
+            "return_ci95": [round(end, DIGITS) for end in found["ci95"]],
             "verdict_ci95": row["verdict_ci95"],
         }
     return {**{key: board[key] for key in ("scenario", "seed", "episodes")}, "policies": policies}
-
-
-def build_parser() -> Any:
-    """The command line."""
-    parser = benchmark_parser("leaderboard", __doc__)
-    parser.add_argument(
-        "--file", type=a_path, default=BOARD, metavar="FILE", help="file of the leaderboard"
-    )
-    parser.add_argument("--add", metavar="NAME", help="play a policy and add a row under this name")
-    which = "a rule, pretrained, a .zip file, or module:function (default: NAME)"
-    parser.add_argument("--policy", metavar="P", help=which)
-    parser.add_argument(
-        "--about", default="", metavar="TEXT", help="description of the policy for readers"
-    )
-    again = "replay every row, as needed after a change of the simulator"
-    parser.add_argument("--again", action="store_true", help=again)
-    return parser
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -176,14 +146,12 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         raise InputError("--again with --add: allowed one or the other")
     if options.policy is not None and options.add is None:
         raise InputError("--policy without --add: allowed --add NAME --policy P")
-    todo = []
+    name = options.add
+    if name is not None and not (name.isprintable() and name.strip()):
+        raise InputError(f"--add {shown(name)}: allowed a name")
+    todo = [] if name is None else [(name, options.policy or name, options.about)]
     if options.again:
         todo = [(row["name"], row["policy"], row["about"]) for row in board["rows"]]
-    elif options.add is not None:
-        name = options.add
-        if not name.isprintable() or not name.strip():
-            raise InputError(f"--add {shown(name)}: allowed a name")
-        todo = [(name, options.policy or name, options.about)]
     if todo:
         check_output("--file", options.file)
     for _, policy, _ in todo:
@@ -203,5 +171,16 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command."""
-    run_command(build_parser(), measure, arguments)
+    parser = benchmark_parser("leaderboard", __doc__)
+    parser.add_argument(
+        "--file", type=a_path, default=BOARD, metavar="FILE", help="file of the leaderboard"
+    )
+    parser.add_argument("--add", metavar="NAME", help="play a policy and add a row under this name")
+    which = "a rule, pretrained, a .zip file, or module:function (default: NAME)"
+    parser.add_argument("--policy", metavar="P", help=which)
+    parser.add_argument(
+        "--about", default="", metavar="TEXT", help="description of the policy for readers"
+    )
+    again = "replay every row, as needed after a change of the simulator"
+    parser.add_argument("--again", action="store_true", help=again)
+    run_command(parser, measure, arguments)

@@ -1,16 +1,14 @@
 """`python -m benchmarks.planner`: what a dispatcher gains on a policy by planning with the simulator.
 
 Every `hold` decisions, if a MED may be sent, the planner plays futures of the state. The candidates are: the policy
-goes on; no MED is sent for `hold` decisions; or one MED is sent from one of the ramps and none after it. After `hold`
-decisions the policy decides again, to the end of the episode. All candidates share the keys of the futures, which are
-never the episode's own. Candidates are halved (sequential halving, Karnin et al. 2013). If the last one still seems
-better than the policy, the planner follows it: one step of policy improvement (rollout algorithms, Bertsekas and
-Castanon 1999).
+goes on; no MED is sent for `hold` decisions; or one MED is sent from one of the ramps and none after it. Afterwards the
+policy decides again, to the end of the episode. All candidates share the keys of the futures, which are never the
+episode's own. Candidates are halved (sequential halving, Karnin et al. 2013). If the last one still seems better than
+the policy, the planner follows it: one step of policy improvement (rollout algorithms, Bertsekas and Castanon 1999).
 
-It would take hundreds of whole episodes to show the gain. The command instead sums the advantage of each choice over
-the policy's along the planner's episodes. The difference of two policies' returns is the expected sum of the one's
-advantages over the other at the states that the one visits (performance difference lemma, Kakade and Langford 2002).
-Each advantage is measured in further futures, which did not select the choice, so luck does not count.
+Whole episodes would show the gain only by the hundreds. Instead, the advantages of the planner's choices over the
+policy's are summed along its episodes, whose expectation is the difference of the returns (performance difference
+lemma, Kakade and Langford 2002). Each is measured in futures that did not select the choice, so luck does not count.
 """
 
 import argparse
@@ -20,18 +18,21 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from tqdm import tqdm
 
-from benchmarks.command import episodes_parser, positive, run_command, whole_number
-from benchmarks.studies.base import AS_BASE, add_base, follow, load
+from benchmarks.command import add_number, episodes_parser, run_command, whole_number
+from benchmarks.studies.base import add_run_dir, estimate, load, settings
 from medjax.env.contract import Environment
 from medjax.episodes.keys import RESET, episode_keys
 from medjax.episodes.runner import EpisodeRunner, Episodes, episode_steps
+from medjax.errors import InputError
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.policies.policy import Policy
+from medjax.policies.rules import BASELINES
 from medjax.traffic.arrivals import redraw
-from train.evaluation.statistics import bootstrap_ci95
 
+AS_BASE = -1  # the plan to go on with the policy
 FUTURES = 0xF07  # folded into the seed's key, so that no future is an evaluated episode
 
 
@@ -55,27 +56,44 @@ class Futures:
     """
 
     def __init__(self, env: Environment, params: Any, base: Policy, hold: int, rows: int) -> None:
-        self.rows, self._same, self._steps = (
-            rows,
-            (base.weights, params),
-            episode_steps(env, params),
-        )
-        runner = EpisodeRunner(env, [base])
+        self.runner, self.steps = EpisodeRunner(env, [base]), episode_steps(env, params)
+        self._hold, self._rows = hold, rows
+        self.same = base.weights, params
 
         def to_end(rows: Any, same: Any) -> jax.Array:
             """Returns of whole episodes that are played on from the state."""
-            first, steps, (weights, params) = same
-            return follow(runner, weights, rows, first, (steps, hold), params).scores["return"]
+            first, steps, same = same
+            return self.follow(rows, first, steps, same).scores["return"]
 
         self._to_end = jax.jit(on_devices(environment_mesh(rows), to_end))
         self._branch = jax.jit(self._branched)
 
+    def follow(self, rows: Any, first: Any, last: Any, same: Any) -> Episodes:
+        """Plays episodes on: first by their plans, then by the policy.
+
+        Args:
+            rows: the episodes so far, and the plan of each, (rows,) int32: AS_BASE, or an action that is taken
+                once and followed by action 0 for the rest of the plan.
+            first: () int32, the decision at which the plans start.
+            last: the decision to stop before.
+            same: `Futures.same`, the policy's weights and the environment's parameters.
+        """
+        (played, plans), (weights, params) = rows, same
+
+        def decide(number: jax.Array, played: Episodes) -> Episodes:
+            choice = self.runner.choose(played, number, [weights], params)
+            follows = (plans == AS_BASE) | (number >= first + self._hold)
+            own = jnp.where(number == first, plans, 0)
+            held = choice._replace(action=jnp.where(follows, choice.action, own))
+            return self.runner.go_on(played, number, held, params)[0]
+
+        return lax.fori_loop(first, last, decide, played)
+
     def _branched(self, key: jax.Array, played: Episodes, each: jax.Array) -> Episodes:
         """Copies an episode `rows` times; each copy continues in the future numbered by `each` (rows,)."""
-        streams = jax.vmap(lambda number: jax.random.split(jax.random.fold_in(key, number), 3))(
-            each
-        )
-        same = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (self.rows, *leaf.shape)), played)
+        keys = jax.vmap(jax.random.fold_in, (None, 0))(key, each)
+        streams = jax.vmap(jax.random.split, (0, None))(keys, 3)
+        same = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (self._rows, *leaf.shape)), played)
         state = jax.vmap(redraw)(streams[:, RESET], same.state)
         return same.replace(streams=streams, state=state)
 
@@ -88,14 +106,14 @@ class Futures:
             key: of the futures.
             played: one episode, whose leaves have no axis of rows.
             first: its next decision.
-            candidates: plans as in `benchmarks.studies.base.follow`.
+            candidates: plans as in `follow`.
         """
         count = len(candidates)
-        each = jnp.arange(self.rows) // count
-        plans = jnp.asarray(np.resize(candidates, self.rows), jnp.int32)
-        same = jnp.int32(first), jnp.int32(self._steps), self._same
+        each = jnp.arange(self._rows) // count
+        plans = jnp.asarray(np.resize(candidates, self._rows), jnp.int32)
+        same = jnp.int32(first), jnp.int32(self.steps), self.same
         returns = self._to_end((self._branch(key, played, each), plans), same)
-        futures = self.rows // count
+        futures = self._rows // count
         return np.asarray(returns, np.float64)[: futures * count].reshape(futures, count)
 
     def find(self, key: jax.Array, played: Episodes, first: int, num_actions: int) -> Found:
@@ -126,30 +144,26 @@ class Played(NamedTuple):
 def play(env: Environment, params: Any, policy: Policy, options: argparse.Namespace) -> Played:
     """Plays episodes with the planner and with the policy alone; `options` are the command's."""
     hold, episodes = options.hold, options.episodes
-    futures, runner = (
-        Futures(env, params, policy, hold, options.futures),
-        EpisodeRunner(env, [policy]),
-    )
-    firsts = range(0, episode_steps(env, params), hold)
+    futures = Futures(env, params, policy, hold, options.futures)
     root = jax.random.fold_in(jax.random.key(options.seed), FUTURES)
     mask = jax.jit(jax.vmap(env.action_mask, (0, None)))
 
     @jax.jit
     def go_on(rows: tuple[Episodes, jax.Array], first: jax.Array, same: Any) -> Episodes:
         """Follows the plans up to the next state in which the planner is asked."""
-        weights, params = same
-        return follow(runner, weights, rows, first, (first + hold, hold), params)
+        return futures.follow(rows, first, first + hold, same)
 
-    alone = played = jax.jit(runner.start)(episode_keys(options.seed, episodes), params)
+    start = jax.jit(futures.runner.start)
+    alone = played = start(episode_keys(options.seed, episodes), params)
     found: list[list[Found]] = [[] for _ in range(episodes)]
-    for first in tqdm(firsts, "planning", disable=None, leave=False):
+    for first in tqdm(range(0, futures.steps, hold), "planning", disable=None, leave=False):
         plans = np.full(episodes, AS_BASE, np.int32)
         for episode in np.flatnonzero(np.asarray(mask(played.state, params))[:, 1:].any(axis=1)):
             one = jax.tree.map(lambda leaf, row=int(episode): leaf[row], played)
             key = jax.random.fold_in(jax.random.fold_in(root, episode), first)
             found[episode].append(futures.find(key, one, first, env.num_actions))
             plans[episode] = found[episode][-1].plan
-        same = jnp.int32(first), (policy.weights, params)
+        same = jnp.int32(first), futures.same
         played = go_on((played, jnp.asarray(plans)), *same)
         alone = go_on((alone, jnp.full(episodes, AS_BASE, jnp.int32)), *same)
     ours, theirs = (np.asarray(each.scores["return"], np.float64) for each in (played, alone))
@@ -160,9 +174,15 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Prints the planner's gain on the policy.
 
     Raises:
-      InputError: as in `benchmarks.studies.base.load`.
+      InputError: the run cannot be read or is of agents, or --base is given too.
     """
-    scenario, env, params, name, policies = load(options)
+    if options.run_dir and options.base:
+        raise InputError(f"--base is {options.base} with --run-dir, allowed: one of the two")
+    config, seed = settings(options), options.seed
+    if config.agents != "none":
+        raise InputError(f"--run-dir {options.run_dir} is of agents, allowed: of a dispatcher")
+    env, params, policies = load(options, config)
+    name = config.algorithm if options.run_dir else options.base or "budgeted"
     played = play(env, params, policies[name], options)
     episodes = len(played.found)
     gains = np.array([sum(each.gain for each in states) for states in played.found])
@@ -170,14 +190,14 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     spread = float(np.sqrt(np.mean([each.spread**2 for each in leaves] or [math.nan])))
     asked, left = sum(map(len, played.found)) / episodes, len(leaves) / episodes
     print(
-        f"{episodes} episodes of {scenario}, seed {options.seed}: "
+        f"{episodes} episodes of {config.scenario}, seed {seed}: "
         f"asked at {asked:.1f} states an episode, the planner leaves {name} at {left:.1f}"
     )
     shown = {"policy": name, "asked": asked, "left": left, "spread": spread}
     by_choices = "by its choices, in futures that did not make them"
     apart = played.returns - played.of_policy
     for key, how, values in (("gain", by_choices, gains), ("apart", "by whole episodes", apart)):
-        mean, (low, high) = float(values.mean()), bootstrap_ci95(values, options.seed)
+        mean, (low, high) = estimate(values, seed).values()
         print(f"planner minus {name}, {how}: {mean:.2f} [{low:.2f}, {high:.2f}]")
         shown |= {f"{key}_mean": mean, f"{key}_ci95": [low, high]}
     print(
@@ -188,11 +208,10 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 def main(arguments: list[str] | None = None) -> None:
     parser = episodes_parser("planner", __doc__, episodes=16, seed=0)
-    add_base(parser)
-    at_once = (
-        "futures of a state played at once, shared among the candidates (default: %(default)s)"
-    )
-    parser.add_argument("--futures", type=whole_number(least=12), default=384, help=at_once)
-    between = "decisions between two plans, for which a candidate holds (default: %(default)s)"
-    parser.add_argument("--hold", type=positive, default=16, metavar="N", help=between)
+    add_run_dir(parser, "run whose first learner the study improves on")
+    rule = "rule that the study improves on (default: budgeted)"
+    parser.add_argument("--base", choices=sorted({*BASELINES} - {"slow"}), help=rule)
+    at_once = "futures of a state played at once, shared among the candidates"
+    add_number(parser, "--futures", 384, at_once, whole_number(least=12))
+    add_number(parser, "--hold", 16, "decisions between two plans, for which a candidate holds")
     run_command(parser, measure, arguments)

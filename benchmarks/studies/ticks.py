@@ -7,26 +7,22 @@ episodes are paired. Dense traffic forgets this pairing within a minute, so the 
 import argparse
 from typing import Any
 
-import jax
-import numpy as np
-
 import medjax
-from benchmarks.command import a_number, episodes_parser, run_command
-from benchmarks.studies.ablation.scores import Column
-from benchmarks.studies.ablation.sweeps import rows_of, table_of
+from benchmarks.command import a_number, add_number, episodes_parser, run_command
+from benchmarks.studies.base import Column, describe, rules, table_of
 from medjax.episodes.scores import Scores, evaluate_policies
 from medjax.errors import InputError
-from medjax.policies.rules import BASELINES
 
 RULES = ("forecast", "paced", "none")
 TICKS_S = (0.125, 0.25, 0.5)
+LABELS = {"policy": "policy", "value": "value"}
 COLUMNS = (
-    Column("return", "return", ""),
-    Column("depleted_share", "depleted share", ""),
-    Column("energy_delivered_kwh", "kWh delivered", ""),
-    Column("gas_mean_speed", "others' speed, m/s", ""),
-    Column("lane_changes", "lane changes", ""),
-    Column("collisions", "collisions", ""),
+    Column("return", "return"),
+    Column("depleted_share", "depleted share"),
+    Column("energy_delivered_kwh", "kWh delivered"),
+    Column("gas_mean_speed", "others' speed, m/s"),
+    Column("lane_changes", "lane changes"),
+    Column("collisions", "collisions"),
 )
 
 
@@ -43,31 +39,25 @@ def play(scenario: str, tick_s: float, episodes: int, seed: int) -> dict[str, Sc
             f"--ticks {tick_s:g}: allowed parts of a round of entries of {config.round_s:g} s"
         )
     env, params = medjax.make(scenario, tick_s=tick_s, ticks_per_round=ticks)
-    policies = {name: BASELINES[name](env) for name in RULES}
-    return evaluate_policies(env, params, policies, episodes, seed)
+    return evaluate_policies(env, params, rules(env, RULES), episodes, seed)
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Prints one row per rule and tick, and the difference from the first tick with its interval."""
-    ticks, seed = options.ticks, options.seed
-    played = [play(options.scenario, tick, options.episodes, seed) for tick in ticks]
-    rows = []
-    for name in RULES:
-        score = jax.tree.map(lambda *each: np.stack(each), *(scores[name] for scores in played))
-        rows += rows_of(name, score, ticks, seed, COLUMNS)
-    print(f"{options.scenario}, {options.episodes} episodes, seed {seed}: length of a tick (s)")
-    print(table_of(rows, ticks[0], COLUMNS))
-    return {"scenario": options.scenario, "episodes": options.episodes, "rows": rows}
+    first, episodes, seed = options.ticks[0], options.episodes, options.seed
+    played = {tick: play(options.scenario, tick, episodes, seed) for tick in options.ticks}
+    rows = [
+        {"policy": name, "value": tick} | describe(scores[name], COLUMNS, seed, played[first][name])
+        for name in RULES
+        for tick, scores in played.items()
+    ]
+    print(f"{options.scenario}, {episodes} episodes, seed {seed}: length of a tick (s)")
+    print(table_of(rows, LABELS, COLUMNS, ("value", first)))
+    return {"scenario": options.scenario, "episodes": episodes, "rows": rows}
 
 
 def main(arguments: list[str] | None = None) -> None:
     parser = episodes_parser("ticks", __doc__, episodes=128, seed=0)
-    parser.add_argument(
-        "--ticks",
-        type=a_number("a tick from 0.01 to 1 s", lambda value: 0.01 <= value <= 1.0),
-        nargs="+",
-        default=list(TICKS_S),
-        metavar="S",
-        help=f"tick lengths, s (default: {' '.join(map(str, TICKS_S))})",
-    )
+    kind = a_number("a tick from 0.01 to 1 s", lambda value: 0.01 <= value <= 1.0)
+    add_number(parser, "--ticks", TICKS_S, "tick lengths, s", kind, nargs="+")
     run_command(parser, measure, arguments)

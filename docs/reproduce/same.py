@@ -39,7 +39,7 @@ DRAWS = ("medjax/render/", "train/reporting/")
 # Commands that play one preset: that of --scenario or of the run that they read, else `paper`.
 ONE_PRESET = (
     *("train.ppo", "train.evaluate"),
-    *(f"benchmarks.{name}" for name in ("ablation", "calibrate", "motion", "planner", "tune")),
+    *(f"benchmarks.{name}" for name in ("ablation", "agents", "calibrate", "planner", "tune")),
 )
 QUICK_S = 10  # what is run anew sooner than it is reasoned about
 CURRENT = """

@@ -1,4 +1,4 @@
-"""What becomes of what a benchmark measures, whichever it is."""
+"""How benchmark commands write their results and end."""
 
 import json
 import os
@@ -22,8 +22,7 @@ def parser():
     return found
 
 
-def test_figures_and_picture_are_written_where_they_are_asked_for(tmp_path):
-    """And nowhere else."""
+def test_results_and_picture_are_written_only_if_asked_for(tmp_path):
     file, picture = tmp_path / "out.json", tmp_path / "out.png"
     drawn = []
     plot = lambda path, result: drawn.append((path, result))  # noqa: E731
@@ -34,7 +33,7 @@ def test_figures_and_picture_are_written_where_they_are_asked_for(tmp_path):
     assert drawn == [(picture, {"x": 1})]
 
 
-def test_bad_input_is_one_line_whenever_it_is_found(capsys):
+def test_bad_input_found_while_measuring_is_one_line(capsys):
     def measure(options):
         raise InputError("x is 3, allowed: 4")
 
@@ -42,7 +41,7 @@ def test_bad_input_is_one_line_whenever_it_is_found(capsys):
     assert error == "python -m benchmarks.example: x is 3, allowed: 4\n"
 
 
-def test_another_error_is_not_called_bad_input():
+def test_other_errors_are_raised():
     def measure(options):
         raise ValueError("shapes differ")
 
@@ -50,7 +49,7 @@ def test_another_error_is_not_called_bad_input():
         run_command(parser(), measure, [])
 
 
-def test_a_file_that_cannot_be_written_in_the_end_is_one_line(tmp_path, capsys):
+def test_a_file_that_can_no_longer_be_written_is_one_line(tmp_path, capsys):
     """Its place is checked before; it may be gone after."""
     folder = tmp_path / "gone"
     folder.mkdir()
@@ -67,7 +66,7 @@ def test_a_file_that_cannot_be_written_in_the_end_is_one_line(tmp_path, capsys):
     assert capsys.readouterr().err == f"python -m benchmarks.example: {line}\n"
 
 
-def test_a_train_of_ones_own_is_not_run(tmp_path):
+def test_a_users_own_train_module_is_not_run(tmp_path):
     """Python looks into the current folder first; with -P it does not."""
     (tmp_path / "train.py").write_text("print('mine')")
     environment = os.environ | {"PYTHONPATH": str(ROOT)}

@@ -1,4 +1,4 @@
-"""Peers get medjax's road and demand, their vehicles are counted truly, and ratios are what they say."""
+"""Peers get medjax's road and demand, count their vehicles rightly, and are compared by medians."""
 
 import dataclasses
 import importlib.metadata
@@ -83,7 +83,7 @@ def test_ramps_join_their_acceleration_lane_which_ends(road, workload):
         assert len([c for c in connections if c[0] == left and c[2] == right]) == 4
 
 
-def test_lanes_are_told_by_their_names(road, workload):
+def test_names_of_lanes_give_their_start_and_number(road, workload):
     """Each lane of the network, where it starts, and 0 for the leftmost; 4 beside a ramp and on it."""
     edges, _ = road
     named = lanes_of_network(workload.config, workload.params)
@@ -124,7 +124,7 @@ def sumo(workload):
 
 
 def test_sumo_counts_the_vehicles_that_it_writes(sumo, workload):
-    """Its rate is of the vehicles in its own trajectories, and they are about medjax's number."""
+    """Its rate counts the vehicles of its own trajectories, which are about as many as medjax's."""
     trajectories = workload.folder / "fcd.xml"
     assert sumo.resume(0, "--fcd-output", str(trajectories)).wait() == 0
     rate = sumo.read(0)
@@ -196,12 +196,12 @@ def test_rounds_alternate_and_ratios_are_of_medians():
     rates = command.alternate([ours, other], 3)
     assert log == ["ours", "other"] * 3
     results = command.summarise([ours, other], rates)
-    assert results["ours"].active_vehicle_updates_per_s == 90.0
-    assert results["ours"].medjax_ratio == 1.0
-    assert results["other"].active_vehicle_updates_per_s == 2.0
-    assert results["other"].medjax_ratio == 45.0
-    assert results["other"].rounds == [3.0, 1.0, 2.0]
-    assert results["other"].version == importlib.metadata.version("numpy")
+    assert results["ours"]["active_vehicle_updates_per_s"] == 90.0
+    assert results["ours"]["medjax_ratio"] == 1.0
+    assert results["other"]["active_vehicle_updates_per_s"] == 2.0
+    assert results["other"]["medjax_ratio"] == 45.0
+    assert results["other"]["rounds"] == [3.0, 1.0, 2.0]
+    assert results["other"]["version"] == importlib.metadata.version("numpy")
 
 
 def test_missing_peer_is_named_and_skipped(monkeypatch, capsys, tmp_path):
@@ -224,14 +224,6 @@ def test_missing_peer_is_named_and_skipped(monkeypatch, capsys, tmp_path):
     assert written["simulators"]["present"]["medjax_ratio"] == 5.0
 
 
-@pytest.mark.parametrize(
-    ("argv", "word"),
-    [
-        (["--rounds=0"], "'0': allowed"),
-        (["--num-envs=many"], "'many': allowed"),
-        (["--json=/no/such/folder/peers.json"], "allowed a file"),
-        (["--frobnicate"], "--frobnicate"),
-    ],
-)
-def test_bad_input_is_one_line_and_code_2(argv, word, capsys):
-    assert word in refused(command.main, argv, capsys)
+def test_bad_input_is_one_line_and_code_2(capsys):
+    assert "'0': allowed" in refused(command.main, ["--rounds=0"], capsys)
+    assert "'many': allowed" in refused(command.main, ["--num-envs=many"], capsys)

@@ -237,7 +237,7 @@ def test_long_blocks_are_run_when_they_are_named(book, capsys, monkeypatch):
     assert command.chosen([], True, everything) == list(everything.blocks.values())
     by_name = everything.blocks
     assert everything.needs(by_name["evaluation"]) == [by_name["learners"]]
-    assert everything.needs(by_name["agents-told"]) == [by_name["ippo"]]  # by a file of its run
+    assert everything.needs(by_name["speeds-ippo"]) == [by_name["ippo"]]  # by a file of its run
     with pytest.raises(SystemExit) as end:
         command.main(["no-such-page", "--dry-run"])
     assert end.value.code == 2

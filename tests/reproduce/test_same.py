@@ -57,7 +57,7 @@ def test_speed_is_not_a_matter_of_bits():
     study = among("benchmarks/studies/ablation/sweeps.py")
     kept = set(same.unchanged(everything, in_both(everything), study))
     assert not {"power", "fleet-30", "cooldown"} & kept
-    assert {"evaluation", "motion", "ippo"} <= kept
+    assert {"evaluation", "calibrate", "ippo"} <= kept
     # That of the planner is played by golden, too.
     assert "planner" in same.unchanged(
         everything, in_both(everything), among("benchmarks/studies/planner.py")
@@ -70,8 +70,8 @@ def test_only_blocks_of_presets_that_are_the_same_are_kept():
     everything.stamps = {name: stamp | {"sources": ""} for name, stamp in everything.stamps.items()}
     was = in_both(everything)
     kept = set(same.unchanged(everything, was, among("medjax/env/tick.py"), ["corridor"]))
-    assert {"evaluation", "motion", "ippo-evaluation", "fleet-30", "planner"} <= kept
-    assert not {"power", "motion-depots", "corridor-ippo", "corridor-ippo-evaluation"} & kept
+    assert {"evaluation", "calibrate", "ippo-evaluation", "fleet-30", "planner"} <= kept
+    assert not {"power", "corridor-ippo", "corridor-ippo-evaluation"} & kept
     assert not {"validation", "generalization", "ticks"} & kept
     kept = set(same.unchanged(everything, was, among("medjax/env/tick.py"), ["paper"]))
     assert "power" in kept

@@ -7,7 +7,7 @@ program and on the same episodes, so that what differs is due to the number that
 """
 
 import argparse
-from typing import Any
+from functools import partial
 
 from benchmarks.command import add_plot, episodes_parser, run_command
 from benchmarks.studies.ablation import sweeps, weights
@@ -15,22 +15,6 @@ from medjax.commandline import OneLineParser, add_set_option
 from medjax.numerics.compilation import enable_compilation_cache
 
 WEIGHTS = "weights"
-
-
-def build_parser(study: str) -> OneLineParser:
-    """The command line of one study."""
-    note = weights.NOTE if study == WEIGHTS else sweeps.SWEEPS[study].note
-    parser = episodes_parser(f"ablation {study}", note, episodes=128, seed=0)
-    parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
-    add_set_option(parser, "set another parameter of the environment, as in train.ppo; repeatable")
-    add_plot(parser, "the figure")
-    shown = "sample the trained policy's actions instead of taking the most probable"
-    parser.add_argument("--stochastic", action="store_true", help=shown)
-    if study == WEIGHTS:
-        weights.add_options(parser)
-    else:
-        sweeps.add_options(parser, study)
-    return parser
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -44,14 +28,21 @@ def main(arguments: list[str] | None = None) -> None:
         "options", nargs=argparse.REMAINDER, help="options of the study, see STUDY --help"
     )
     chosen = top.parse_args(arguments)
-    parser, is_weights = build_parser(chosen.study), chosen.study == WEIGHTS
-
-    def measure(options: argparse.Namespace) -> dict[str, Any]:
-        """Prints the table of the study."""
-        enable_compilation_cache()
-        return weights.run(options) if is_weights else sweeps.run(chosen.study, options)
-
-    run_command(parser, measure, chosen.options, weights.plot if is_weights else sweeps.plot)
+    study, trains = chosen.study, chosen.study == WEIGHTS
+    note = weights.NOTE if trains else sweeps.SWEEPS[study].note
+    parser = episodes_parser(f"ablation {study}", note, episodes=128, seed=0)
+    parser.set_defaults(scenario=None)  # that of the run, else the default of train.ppo
+    add_set_option(parser, "set another parameter of the environment, as in train.ppo; repeatable")
+    add_plot(parser, "the figure")
+    shown = "sample the trained policy's actions instead of taking the most probable"
+    parser.add_argument("--stochastic", action="store_true", help=shown)
+    if trains:
+        weights.add_options(parser)
+    else:
+        sweeps.add_options(parser, study)
+    run = weights.run if trains else partial(sweeps.run, study)
+    enable_compilation_cache()
+    run_command(parser, run, chosen.options, weights.plot if trains else sweeps.plot)
 
 
 if __name__ == "__main__":

@@ -89,6 +89,11 @@ def play_worlds(
     }
 
 
+def in_world(score: Scores, index: int) -> Scores:
+    """Scores `(episodes,)` in one world out of those of all, `(worlds, episodes)`."""
+    return {metric: values[index] for metric, values in score.items()}
+
+
 def _episodes_a_call(episodes: int, block: int) -> int:
     """So many that devices work on whole blocks, which are of the episodes that fit a device's cache together."""
     devices = len(jax.local_devices())

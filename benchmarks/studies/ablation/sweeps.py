@@ -2,34 +2,27 @@
 
 import argparse
 import dataclasses
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.command import a_path, non_negative
-from benchmarks.studies.ablation.scores import (
+from benchmarks.command import add_number, non_negative
+from benchmarks.studies.ablation.side_by_side import in_world, play_worlds
+from benchmarks.studies.base import (
     Column,
-    cells,
+    add_run_dir,
     describe,
-    draw_rows,
-    finish,
-    headings,
-    in_world,
+    load,
     rules,
     settings,
+    table_of,
 )
-from benchmarks.studies.ablation.side_by_side import play_worlds
+from benchmarks.studies.drawing import draw_rows, finish
 from medjax.commandline import OneLineParser
-from medjax.episodes.scores import Scores
-from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
-from train.algorithms.environments import check_environment, make_environment
-from train.evaluation.statistics import bootstrap_ci95
-from train.evaluation.tables import format_rows, interval, short
+from train.algorithms.environments import check_environment
 from train.reporting.figures import new_figure
-from train.runs.policies import load_policies
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,87 +67,52 @@ SWEEPS = {
         "Varies the power of a slot from a quarter to eight times that of `corridor`: --scenario corridor.",
     ),
 }
+LABELS = {"policy": "policy", "value": "value"}
 COLUMNS = (
     Column("return", "return", "return of an episode", True),
     Column("depleted_share", "depleted share", "share of EVs that run out", True),
-    Column("meds_dispatched", "MEDs sent", "MEDs sent in an episode"),
-    Column("energy_delivered_kwh", "kWh delivered", "energy delivered in an episode (kWh)"),
-    Column("energy_lost_kwh", "lost", "energy lost in an episode (kWh)"),
-    Column("mean_soc", "mean SoC", "mean state of charge"),
+    Column("meds_dispatched", "MEDs sent"),
+    Column("energy_delivered_kwh", "kWh delivered"),
+    Column("energy_lost_kwh", "lost"),
+    Column("mean_soc", "mean SoC"),
 )
 
 
 def add_options(parser: OneLineParser, study: str) -> None:
-    """Options of these studies only."""
-    label, values = SWEEPS[study].label, SWEEPS[study].values
-    shown = f"{label} (default: {' '.join(map(str, values))})"
-    parser.add_argument(
-        "--values", type=non_negative, nargs="+", default=values, metavar="X", help=shown
-    )
-    parser.add_argument(
-        "--run-dir",
-        type=a_path,
-        metavar="DIR",
-        help="also play the policy of this directory, which train.ppo wrote",
-    )
+    """Adds the options of sweeps."""
+    sweep = SWEEPS[study]
+    add_number(parser, "--values", sweep.values, sweep.label, non_negative, nargs="+")
+    add_run_dir(parser, "also play the policy of this directory, which train.ppo wrote")
 
 
 def run(study: str, options: argparse.Namespace) -> dict[str, Any]:
     """Plays all policies at all values, prints a table, and returns it: what was varied, a row a policy and value.
 
+    return_change of a row is its return less that of the same episodes at the first value.
+
     Raises:
       InputError: a value that is not allowed, or a run that cannot be read.
     """
-    sweep, config = SWEEPS[study], settings(options)
+    sweep, config, seed = SWEEPS[study], settings(options), options.seed
     values = [int(value) if value == int(value) else value for value in options.values]
     for value in values:  # refuses those that are not allowed
         overrides = {**config.overrides, sweep.number: value}
         check_environment(dataclasses.replace(config, overrides=overrides))
-    found: dict[str, Policy] = {}
-    if options.run_dir:
-        env, params, found = load_policies(options.run_dir, config, options.stochastic)
-    else:
-        env, params = make_environment(config)
-    policies = {name: found[name] for name in found if name not in BASELINES} | rules(env)
+    env, params, found = load(options, config, options.stochastic)
+    learned = {name: policy for name, policy in found.items() if name not in BASELINES}
     numbers = {sweep.number: np.asarray(values, np.float32)}
-    scores = play_worlds(env, params, numbers, policies, options.episodes, options.seed)
-    rows = []
-    for name, score in scores.items():
-        rows += rows_of(name, score, values, options.seed, COLUMNS)
-    print(f"{config.scenario}, {options.episodes} episodes, seed {options.seed}: {sweep.label}")
-    print(table_of(rows, values[0], COLUMNS))
+    scores = play_worlds(env, params, numbers, learned | rules(env), options.episodes, seed)
+    rows = [
+        {"policy": name, "value": value}
+        | describe(in_world(score, index), COLUMNS, seed, in_world(score, 0))
+        for name, score in scores.items()
+        for index, value in enumerate(values)
+    ]
+    print(f"{config.scenario}, {options.episodes} episodes, seed {seed}: {sweep.label}")
+    print(table_of(rows, LABELS, COLUMNS, ("value", values[0])))
     varied = {"study": study, "number": sweep.number, "label": sweep.label}
-    played = {"episodes": options.episodes, "seed": options.seed}
-    return {**varied, "scenario": config.scenario, **played, "rows": rows}
-
-
-def rows_of(
-    policy: str, score: Scores, values: Sequence[float], seed: int, columns: Sequence[Column]
-) -> list[dict[str, Any]]:
-    """A row for each value; return_change is the return less that of the same episodes at the first value.
-
-    Args:
-      score: arrays `(values, episodes)`.
-      seed: of the intervals' bootstrap.
-    """
-    rows = []
-    for index, value in enumerate(values):
-        row = {"policy": policy, "value": value, **describe(in_world(score, index), columns, seed)}
-        change = score["return"][index] - score["return"][0]
-        row["return_change"] = float(change.mean())
-        row["return_change_ci95"] = list(bootstrap_ci95(change, seed))
-        rows.append(row)
-    return rows
-
-
-def table_of(rows: Sequence[dict[str, Any]], first: float, columns: Sequence[Column]) -> str:
-    """The rows as text; `first` is the value that the others are compared with."""
-    table = [["policy", "value", *headings(columns), f"return minus at {first}, 95 % CI"]]
-    for row in rows:
-        change = f"{short(row['return_change'])} {interval(row['return_change_ci95'])}"
-        shown = change if row["value"] != first else ""
-        table.append([row["policy"], str(row["value"]), *cells(row, columns), shown])
-    return format_rows(table)
+    played = {"scenario": config.scenario, "episodes": options.episodes, "seed": seed}
+    return {**varied, **played, "rows": rows}
 
 
 def plot(path: Path, report: dict[str, Any]) -> None:
@@ -166,7 +124,7 @@ def plot(path: Path, report: dict[str, Any]) -> None:
     panels = {}
     for axes, column in zip(figure.subplots(1, 2), COLUMNS[:2], strict=True):
         for number, (name, rows) in enumerate(of_policy.items()):
-            draw_rows(axes, rows, "value", column.metric, name, number, "-")
+            draw_rows(axes, rows, "value", column.metric, number, label=name)
         panels[axes] = report["label"], f"{column.axis}, 95 % CI"
     title = f"{report['scenario']}, {report['episodes']} episodes, the same for all"
     finish(figure, panels, title, 7, path)

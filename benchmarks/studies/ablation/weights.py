@@ -7,25 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.command import non_negative, positive
-from benchmarks.studies.ablation.scores import (
-    Column,
-    cells,
-    describe,
-    draw_rows,
-    finish,
-    headings,
-    in_world,
-    rules,
-    settings,
-)
-from benchmarks.studies.ablation.side_by_side import play_worlds, train_worlds
+from benchmarks.command import add_number, non_negative
+from benchmarks.studies.ablation.side_by_side import in_world, play_worlds, train_worlds
+from benchmarks.studies.base import Column, describe, rules, settings, table_of
+from benchmarks.studies.drawing import draw_rows, finish
 from medjax.commandline import OneLineParser
 from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError
 from train.algorithms.environments import check_environment, make_environment
 from train.algorithms.registry import algorithm_of
-from train.evaluation.tables import format_rows
 from train.reporting.figures import new_figure
 
 NOTE = (
@@ -36,26 +26,22 @@ COSTS = {  # by reward term: default values, and what is paid for
     "dispatches": ((0.0, 10.0, 20.0, 30.0), "a MED sent"),
     "gas_delay": ((0.05, 0.1), "a second that a gas vehicle loses"),
 }
+LABELS = {"policy": "policy", "cost of a MED": "dispatches", "of a lost second": "gas_delay"}
 LEFT = {"xytext": (-7, 5), "ha": "right"}  # of a point
 COLUMNS = (
     Column("depleted_share", "depleted share", "share of EVs that run out", True),
     Column("meds_dispatched", "MEDs sent", "MEDs sent in an episode", True),
     Column("gas_mean_speed", "gas m/s", "mean speed of gas vehicles (m/s)", True),
-    Column("mean_soc", "mean SoC", "mean state of charge"),
+    Column("mean_soc", "mean SoC"),
 )
 
 
 def add_options(parser: OneLineParser) -> None:
-    """Options of this study only."""
-    parser.add_argument(
-        "--decisions", type=positive, default=1_000_000, metavar="N", help="decisions per learner"
-    )
+    """Adds the options of this study."""
+    add_number(parser, "--decisions", 1_000_000, "decisions per learner")
     for term, (values, paid_for) in COSTS.items():
-        shown = f"costs of {paid_for} (default: {' '.join(f'{value:g}' for value in values)})"
-        name = f"--{term.replace('_', '-')}"
-        parser.add_argument(
-            name, type=non_negative, nargs="*", default=values, metavar="COST", help=shown
-        )
+        option = f"--{term.replace('_', '-')}"
+        add_number(parser, option, values, f"costs of {paid_for}", non_negative, nargs="*")
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
@@ -90,18 +76,9 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         rows.append({"policy": name, **describe(score, COLUMNS, seed)})
     decisions = config.num_updates * config.steps_per_update
     each = f"{decisions} decisions of each learner, {episodes} episodes, seed {seed}"
-    print(f"{config.scenario}, {each}", _table(rows), sep="\n")
+    print(f"{config.scenario}, {each}", table_of(rows, LABELS, COLUMNS), sep="\n")
     played = {"decisions": decisions, "episodes": episodes, "seed": seed}
     return {"study": "weights", "scenario": config.scenario, **played, "rows": rows}
-
-
-def _table(rows: list[dict[str, Any]]) -> str:
-    """The rows as text."""
-    table = [["policy", "cost of a MED", "of a lost second", *headings(COLUMNS)]]
-    for row in rows:
-        costs = [f"{row[term]:g}" if term in row else "-" for term in COSTS]
-        table.append([row["policy"], *costs, *cells(row, COLUMNS)])
-    return format_rows(table)
 
 
 def plot(path: Path, report: dict[str, Any]) -> None:
@@ -121,7 +98,7 @@ def plot(path: Path, report: dict[str, Any]) -> None:
     for axes, column in zip(figure.subplots(1, 2), prices, strict=True):
         for number, (label, rows, line) in enumerate(series):
             if rows:
-                draw_rows(axes, rows, column.metric, depleted.metric, label, number, line)
+                draw_rows(axes, rows, column.metric, depleted.metric, number, label=label, ls=line)
         for row in learned:
             # Costs of either kind stand on their own side: their points lie close together.
             side: dict[str, Any] = {"xytext": (7, -13)} if row["gas_delay"] else LEFT

@@ -1,4 +1,4 @@
-"""References are what they say, and see every kind of wrong neighbour."""
+"""References match closed forms and detect every kind of wrong neighbour."""
 
 import jax
 import numpy as np

@@ -1,4 +1,4 @@
-"""What the throughput and scaling benchmarks count, and how they sort operations into stages."""
+"""The throughput and scaling benchmarks count vehicles on the road and sort operations into stages."""
 
 import dataclasses
 import json
@@ -72,16 +72,16 @@ def vehicles_at_reset(**overrides):
     return float(state.vehicles.active.sum(axis=1).mean()), env.config.num_vehicles
 
 
-@pytest.mark.parametrize("count", [64, 512, 1024])
-def test_a_longer_road_holds_as_many_as_asked(count):
+def test_a_longer_road_holds_as_many_as_asked():
     """In proportion to the preset's, which holds 140 with its MEDs; as full in its slots."""
     preset, preset_slots = vehicles_at_reset()
-    mean, slots = vehicles_at_reset(**road_for(count))
-    assert mean / preset == pytest.approx(count / 140, rel=0.08)
-    assert slots / preset_slots == pytest.approx(count / 140, rel=0.15)
+    for count in (64, 1024):
+        mean, slots = vehicles_at_reset(**road_for(count))
+        assert mean / preset == pytest.approx(count / 140, rel=0.08)
+        assert slots / preset_slots == pytest.approx(count / 140, rel=0.15)
 
 
-def test_json_is_what_the_contract_says(tmp_path, capsys):
+def test_json_has_the_promised_fields(tmp_path, capsys):
     """All fields of the contract, and the figures that the line shows."""
     path = tmp_path / "result.json"
     small = ["--num-envs=4", "--steps=2", "--num-devices=1", "--repeats=1"]  # as `work`
@@ -99,7 +99,6 @@ def test_json_is_what_the_contract_says(tmp_path, capsys):
     ("argv", "word"),
     [
         (["--num-envs", "0"], "--num-envs"),
-        (["--json", "/no/such/folder/result.json"], "allowed a file"),
         (["--sweep", "lanes"], "lanes"),
         (["--num-devices", "99"], "num_devices is 99"),
         (["--num-envs", "10000000"], "10000000 environments: about"),

@@ -1,4 +1,4 @@
-"""Several worlds in one program are each what they are alone, and the commands say what they found."""
+"""Worlds in one program score and train as each does alone, and the commands report them."""
 
 import itertools
 import json
@@ -10,11 +10,10 @@ import pytest
 
 import medjax
 from benchmarks.studies.ablation import __main__ as ablation
-from benchmarks.studies.ablation.scores import RULES, in_world
-from benchmarks.studies.ablation.side_by_side import play_worlds, train_worlds
+from benchmarks.studies.ablation.side_by_side import in_world, play_worlds, train_worlds
+from benchmarks.studies.base import RULES, rules
 from medjax.episodes.scores import evaluate_policies
 from medjax.physics import link_efficiency, mutual_inductance
-from medjax.policies.rules import BASELINES
 from tests.benchmarks.refusal import refused
 from train import ppo
 from train.algorithms.ppo.settings import PPOConfig
@@ -35,10 +34,6 @@ def run(monkeypatch):
     return ablation.main
 
 
-def rules(env, *names):
-    return {name: BASELINES[name](env) for name in names}
-
-
 def assert_same_scores(ours, theirs):
     assert set(ours) == set(theirs)
     for metric, values in ours.items():
@@ -46,10 +41,10 @@ def assert_same_scores(ours, theirs):
 
 
 @pytest.mark.slow
-def test_each_world_is_what_it_is_alone():
+def test_worlds_side_by_side_score_as_alone():
     """Of one world and of several, to rounding; and without MEDs every rule does what none does."""
     env, params = medjax.make("paper", **SMALL, cooldown_s=5.0)  # time for both MEDs
-    policies = rules(env, "none", "random", "paced")
+    policies = rules(env, ("none", "random", "paced"))
     expected = evaluate_policies(env, params, policies, 5, seed=3)  # of 2 MEDs
     for sizes in ([2], [0, 1, 2]):
         numbers = {"fleet.size": np.array(sizes)}
@@ -67,7 +62,7 @@ def test_without_misalignment_every_link_is_nominal():
     """Then the share that arrives is that of coils face to face, and over the episodes more than with misalignment."""
     env, params = medjax.make("paper", num_gas=20, episode_decisions=240)
     numbers = {"link.misalignment_scale": np.array([0.0, 1.0, 2.0])}
-    score = play_worlds(env, params, numbers, rules(env, "paced"), episodes=4, seed=2)["paced"]
+    score = play_worlds(env, params, numbers, rules(env, ["paced"]), episodes=4, seed=2)["paced"]
     sent = score["energy_delivered_kwh"] + score["energy_lost_kwh"]
     assert (sent > 0.1).all()
     arrives = score["energy_delivered_kwh"] / sent
@@ -85,7 +80,7 @@ def test_without_misalignment_every_link_is_nominal():
 
 
 @pytest.mark.slow
-def test_each_learner_is_what_it_is_alone():
+def test_learners_side_by_side_train_as_alone():
     """Equal rewards teach the same; each learner is that of train.ppo, to rounding."""
     env, params = medjax.make("paper", **SMALL)
     sizes = {"num_envs": 4, "num_minibatches": 2, "rollout_length": 4, "hidden": (8,)}
@@ -152,11 +147,9 @@ def test_weights_command(run, tmp_path, capsys):
     [
         (["colour"], "colour"),
         (["humans", "--values", "1.5"], "1.5"),
-        (["humans", "--values", "nan"], "nan"),
         (["fleet", "--values", "2.5"], "2.5"),
         (["fleet", "--values", "16"], "16"),
         (["fleet", "--values", "1e30"], "size"),
-        (["cooldown", "--values", "-1"], "-1"),
         (["cooldown", "--set", "nothing=1"], "nothing"),
         (["cooldown", "--run-dir", "nowhere"], "nowhere"),
         (["misalignment", "--plot", "plot.pdf"], "plot.pdf"),

@@ -1,4 +1,4 @@
-"""The leaderboard: what it says of returns that are known, what it keeps, and what it refuses."""
+"""The leaderboard: its table of known returns, its file, and bad input."""
 
 import errno
 import json
@@ -9,15 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.studies import leaderboard
-from benchmarks.studies.leaderboard import (
-    MEANS,
-    known_of,
-    main,
-    read_board,
-    rows_of,
-    with_row,
-    write_board,
-)
+from benchmarks.studies.leaderboard import MEANS, known_of, main, read_board, rows_of, with_row
 from medjax.render.story import read_evaluation
 from tests.benchmarks.refusal import refused
 
@@ -42,8 +34,16 @@ def board(*rows):
 NOISE = np.random.default_rng(0).normal(0.0, 50.0, 64)
 
 
-def test_the_best_is_first_and_differences_are_of_the_same_episodes():
-    """Noise of 50 that two policies share is no doubt about their difference."""
+@pytest.fixture
+def path(tmp_path):
+    """A file with a board of one row."""
+    file = tmp_path / "board.json"
+    leaderboard.write_board(file, board(row("none", NOISE)))
+    return file
+
+
+def test_the_best_is_first_and_differences_are_paired():
+    """Noise of 50 that two policies share does not widen the interval of their difference."""
     head, first, second = rows_of(board(row("worse", NOISE - 7.0), row("better", NOISE)))
     below = head.index("below the first by, 95 % CI")
     assert (first[0], first[below]) == ("better", "")
@@ -51,44 +51,38 @@ def test_the_best_is_first_and_differences_are_of_the_same_episodes():
     assert second[below].replace(".000", "") == "7 [7, 7]"
 
 
-def test_a_row_takes_the_place_of_one_of_its_name(tmp_path):
-    path = tmp_path / "board.json"
-    write_board(path, with_row(board(row("a", NOISE), row("b", NOISE)), row("a", NOISE + 1.0)))
+def test_a_row_replaces_one_of_its_name(path):
+    rows = board(row("a", NOISE), row("b", NOISE))
+    leaderboard.write_board(path, with_row(rows, row("a", NOISE + 1.0)))
     again = read_board(path)
     assert [each["name"] for each in again["rows"]] == ["b", "a"]
     np.testing.assert_array_equal(again["rows"][1]["returns"], NOISE + 1.0)
     assert len(path.read_text().splitlines()) == 9  # a row a line
-    write_board(path, board())
+    leaderboard.write_board(path, board())
     assert read_board(path) == board()
 
 
-def test_adding_plays_the_boards_episodes(tmp_path, monkeypatch, capsys):
-    path = tmp_path / "board.json"
-    write_board(path, board(row("none", NOISE)))
+def test_adding_plays_the_boards_episodes(path, monkeypatch, capsys):
     asked = {}
-
     scores = {"mine": {"return": NOISE + 2.0, **dict.fromkeys(METRICS, np.zeros(64))}}
 
     def evaluate(*given, **named):
         # While it plays somebody else adds a row.
-        write_board(path, with_row(read_board(path), row("theirs", NOISE)))
+        leaderboard.write_board(path, with_row(read_board(path), row("theirs", NOISE)))
         asked.update(given=given, **named)
         return SimpleNamespace(scores=scores)
 
     monkeypatch.setattr(leaderboard, "evaluate", evaluate)
     main(["--file", str(path), "--add", "mine", "--policy", "forecast", "--about", "a rule"])
-    assert asked == {
-        "given": ("paper", None, {"mine": "forecast"}),
-        "episodes": 64,
-        "seed": 3,
-    }
+    given = ("paper", None, {"mine": "forecast"})
+    assert asked == {"given": given, "episodes": 64, "seed": 3}
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "paper, 64 episodes of seed 3, the same for all"
     assert [line.split()[0] for line in lines[3:]] == ["mine", "none", "theirs"]
     assert [each["about"] for each in read_board(path)["rows"]] == ["made", "made", "a rule"]
 
 
-def test_the_player_hears_the_boards_means_of_what_comes_with_medjax(tmp_path):
+def test_the_player_gets_the_means_of_medjaxs_own_policies(tmp_path):
     path = tmp_path / "known.json"
     path.write_text(json.dumps(known_of(board(row("none", NOISE), row("mine", NOISE)))))
     known = read_evaluation(path)
@@ -109,9 +103,7 @@ def test_the_player_hears_the_boards_means_of_what_comes_with_medjax(tmp_path):
         (["--again", "--add", "none"], "--again"),
     ],
 )
-def test_bad_input_is_refused_and_the_board_kept(tmp_path, capsys, given, word):
-    path = tmp_path / "board.json"
-    write_board(path, board(row("none", NOISE)))
+def test_bad_input_is_refused_and_the_board_kept(path, capsys, given, word):
     before = path.read_bytes()
     assert word in refused(main, ["--file", str(path), *given], capsys)
     assert path.read_bytes() == before
@@ -134,23 +126,20 @@ def test_bad_input_is_refused_and_the_board_kept(tmp_path, capsys, given, word):
     ],
     ids=range(11),
 )
-def test_what_is_no_board_is_refused(tmp_path, capsys, text):
-    path = tmp_path / "board.json"
+def test_invalid_boards_are_refused(path, capsys, text):
     path.write_text(text)
     assert "board.json" in refused(main, ["--file", str(path)], capsys)
 
 
-def test_what_is_no_file_is_refused(tmp_path, capsys):
+def test_a_pipe_is_refused(path, capsys):
     """Reading a pipe would wait until somebody writes to it."""
-    path = tmp_path / "board.json"
+    path.unlink()
     os.mkfifo(path)
     assert "board.json: is no file" in refused(main, ["--file", str(path)], capsys)
 
 
-def test_a_board_that_cannot_be_written_ends_it_in_a_line(tmp_path, monkeypatch, capsys):
+def test_a_board_that_cannot_be_written_ends_it_in_a_line(path, monkeypatch, capsys):
     """As on a full disk, with exit code 1; the board is as it was."""
-    path = tmp_path / "board.json"
-    write_board(path, board(row("none", NOISE)))
     before = path.read_bytes()
 
     def full(path, text):

@@ -1,4 +1,4 @@
-"""What a choice pays is found where it is known, nothing where there is nothing, and the sum is what is gained."""
+"""The planner finds choices whose gain is known, and their gains add up to that of the episode."""
 
 import json
 from argparse import Namespace
@@ -11,9 +11,8 @@ import pytest
 
 import medjax
 from benchmarks.studies import planner
-from benchmarks.studies.base import AS_BASE
+from benchmarks.studies.planner import AS_BASE
 from medjax.episodes.keys import episode_keys
-from medjax.episodes.runner import EpisodeRunner
 from medjax.episodes.scores import evaluate_policies
 from medjax.policies.rules import none, paced
 from tests.benchmarks.refusal import refused
@@ -37,35 +36,45 @@ def paying(pay, **numbers):
     return env, params.replace(reward_weights={**others, "dispatches": jnp.float32(pay)})
 
 
-def futures_of(pay):
-    """Environment, futures of a policy that never sends where a MED pays so much, and an episode's first state."""
+@pytest.fixture(scope="module")
+def futures():
+    """Futures of a policy that never sends."""
+    env, params = paying(1.0)
+    return planner.Futures(env, params, none(env), HOLD, ROWS)
+
+
+@pytest.fixture(scope="module")
+def state(futures):
+    """An episode's first state."""
+    played = jax.jit(futures.runner.start)(episode_keys(0, 1), futures.same[1])
+    return jax.tree.map(lambda leaf: leaf[0], played)
+
+
+def find(futures, state, pay):
+    """What the planner finds where a MED pays so much."""
     env, params = paying(pay)
-    played = EpisodeRunner(env, [none(env)]).start(episode_keys(0, 1), params)
-    one = jax.tree.map(lambda leaf: leaf[0], played)
-    return env, planner.Futures(env, params, none(env), HOLD, ROWS), one
+    futures.same = futures.same[0], params
+    return futures.find(jax.random.key(1), state, 0, env.num_actions)
 
 
-def test_what_pays_is_found_and_what_it_pays():
+def test_finds_a_choice_that_pays_and_its_gain(futures, state):
     """A MED that pays 1e4 is sent, and pays that: the rest of eq (10) is below 100 in twenty seconds."""
-    env, futures, state = futures_of(1e4)
-    found = futures.find(jax.random.key(1), state, 0, env.num_actions)
+    found = find(futures, state, 1e4)
     assert found.plan > 0
     assert found.gain == pytest.approx(1e4, abs=100.0)
     assert found.spread < 100.0
 
 
 @pytest.mark.parametrize("pay", [-1e4, 0.0])
-def test_what_does_not_pay_is_left_alone(pay):
+def test_leaves_the_policy_only_where_that_pays(futures, state, pay):
     """The policy goes on where sending costs, and where all returns are alike."""
-    env, futures, state = futures_of(pay)
-    found = futures.find(jax.random.key(1), state, 0, env.num_actions)
-    assert found.plan == AS_BASE
-    assert found.gain == 0.0
+    found = find(futures, state, pay)
+    assert (found.plan, found.gain) == (AS_BASE, 0.0)
 
 
-def test_candidates_meet_the_same_futures():
-    """Two that do the same have equal returns in every future; futures differ."""
-    _, futures, state = futures_of(1.0)
+def test_candidates_meet_the_same_futures(futures, state):
+    """Equal candidates have equal returns in every future; futures differ."""
+    futures.same = futures.same[0], paying(1.0)[1]
     returns = futures.returns(jax.random.key(1), state, 0, [AS_BASE, 0, AS_BASE])
     assert returns.shape == (ROWS // 3, 3)
     np.testing.assert_array_equal(returns[:, 0], returns[:, 2])
@@ -73,8 +82,8 @@ def test_candidates_meet_the_same_futures():
     assert len(set(returns[:, 0])) > 1
 
 
-def test_what_choices_pay_adds_up_to_what_is_gained():
-    """Along the planner's own episodes: it has two MEDs. Where the policy is, who keeps them, all four choices pay."""
+def test_gains_of_choices_add_up_to_that_of_the_episode():
+    """The planner sends both MEDs, in two of the four states in which the policy, which sends none, could be left."""
     env, params = paying(1e4, cooldown_s=HOLD - 1.0)
     played = planner.play(env, params, none(env), OPTIONS)
     for states, ours, theirs in zip(played.found, played.returns, played.of_policy, strict=True):
@@ -83,8 +92,8 @@ def test_what_choices_pay_adds_up_to_what_is_gained():
         assert [each.plan > 0 for each in states] == [True, True]  # then none is at the depot
 
 
-def test_where_nothing_pays_it_plays_the_policys_episodes():
-    """MEDs that the policy sends included, and no choice counts for anything."""
+def test_plays_the_policys_episodes_where_nothing_pays():
+    """The policy sends MEDs, and leaving it never gains."""
     env, params = paying(0.0)
     played = planner.play(env, params, paced(env), OPTIONS)
     assert {each.plan for states in played.found for each in states} == {AS_BASE}
@@ -92,7 +101,7 @@ def test_where_nothing_pays_it_plays_the_policys_episodes():
 
 
 @pytest.mark.slow
-def test_the_policy_alone_is_as_evaluated():
+def test_the_policy_alone_scores_as_in_an_evaluation():
     """To rounding, on the episodes of `train.evaluate`."""
     env, params = paying(-1.0)
     alone = planner.play(env, params, paced(env), OPTIONS).of_policy
@@ -114,16 +123,14 @@ def test_command(tmp_path, capsys, monkeypatch):
     assert report["policy"] == "paced"
 
 
-@pytest.mark.parametrize(
-    "argv", [["--futures=1"], ["--base=best"], ["--hold=0"], ["--run-dir=no/such"]]
-)
+@pytest.mark.parametrize("argv", [["--futures=1"], ["--hold=0"], ["--run-dir=no/such"]])
 def test_bad_input_is_one_line(argv, capsys):
     """Exit code 2, and the value is named."""
     assert argv[0].split("=")[1] in refused(planner.main, argv, capsys)
 
 
 def test_a_run_of_agents_is_refused(tmp_path, capsys):
-    """They are not a dispatcher, and have no actions that it could leave."""
+    """The planner needs a dispatcher."""
     run = RunDir(tmp_path / "run")
     run.claim(PPOConfig(agents="ippo")).close()
     assert "is of agents, allowed: of a dispatcher" in refused(
