@@ -5,15 +5,25 @@ import shutil
 import time
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+RESET = """() => {
+  const player = medjaxPlayer;
+  player.pause();
+  player.select(0, null);
+  player.setCamera("auto");
+  player.setZoom(0);
+  player.setSpeed(1);
+  player.setColouring("charge");
+  player.seek(0);
+}"""
 
 
 def chromium_program():
-    """Path of an installed Chromium; None where there is none."""
+    """Path of an installed Chromium, or None."""
     return next(filter(None, map(shutil.which, PROGRAMS)), None)
 
 
 def until(page, condition, patience_s=20.0):
-    """Waits for a condition; Playwright's own way of waiting is an `eval`, which the page forbids."""
+    """Waits for a condition; Playwright's own wait is an `eval`, which the page forbids."""
     end = time.monotonic() + patience_s
     while not page.evaluate(condition):
         assert time.monotonic() < end, condition
@@ -22,9 +32,9 @@ def until(page, condition, patience_s=20.0):
 
 @contextlib.contextmanager
 def opened(browser, path, width=1600, height=900, glides=False):
-    """A page in a window of that size, loaded; afterwards there must have been no error and no request elsewhere.
+    """A loaded page of that size; fails afterwards if it had an error or requested anything from elsewhere.
 
-    Cameras jump unless it `glides`: on their way pictures are drawn by the processor, for seconds.
+    Cameras jump unless it `glides`: a glide takes seconds, because the processor draws the pictures.
     """
     motion = "no-preference" if glides else "reduce"
     context = browser.new_context(
@@ -34,12 +44,8 @@ def opened(browser, path, width=1600, height=900, glides=False):
     wrong = []
     page.on("console", lambda message: wrong.append(message.text))
     page.on("pageerror", lambda error: wrong.append(str(error)))
-    page.on(
-        "request",
-        lambda request: (
-            None if request.url.startswith(("file:", "data:")) else wrong.append(request.url)
-        ),
-    )
+    own = ("file:", "data:")
+    page.on("request", lambda each: each.url.startswith(own) or wrong.append(each.url))
     page.goto(path.as_uri())
     until(page, "window.medjaxPlayer !== undefined")
     yield page
@@ -47,12 +53,29 @@ def opened(browser, path, width=1600, height=900, glides=False):
     assert wrong == []
 
 
+@contextlib.contextmanager
+def shared_pages(browser):
+    """Yields a function like `opened` that opens each page once and resets it for each test."""
+    with contextlib.ExitStack() as stack:
+        known = {}
+
+        def page_of(path, **window):
+            key = (path, *window.items())
+            if key not in known:
+                known[key] = stack.enter_context(opened(browser, path, **window))
+            known[key].evaluate(RESET)
+            settle(known[key])
+            return known[key]
+
+        yield page_of
+
+
 def seconds(page):
     return page.evaluate("medjaxPlayer.clock.seconds")
 
 
 def settle(page):
-    """Waits until what was asked for is drawn, and cameras have come to where they glide."""
+    """Waits until the page is drawn and cameras have stopped gliding."""
     page.evaluate(
         "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
     )

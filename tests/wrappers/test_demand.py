@@ -11,6 +11,7 @@ import medjax
 from medjax.traffic.demand import entry_rates, expected_vehicles
 from medjax.world.kinds import GAS
 from medjax.wrappers import BatchAutoReset, RandomDemand, scale_demand
+from tests.compiling import quickly
 from train.algorithms.ppo.learner import build_learner
 from train.algorithms.ppo.settings import PPOConfig
 
@@ -147,7 +148,8 @@ def test_vehicles_that_enter_follow_the_factor():
         state, _ = jax.lax.scan(step, state, jax.random.split(key, decisions))
         return state.factor, jnp.sum(state.env.tally.entered)
 
-    factor, count = jax.device_get(entered(jax.random.split(jax.random.key(1), episodes)))
+    with quickly():
+        factor, count = jax.device_get(entered(jax.random.split(jax.random.key(1), episodes)))
     start = expected_vehicles(params.demand, params.road, params.drivers.desired_speed[GAS])
     comes = jnp.sum(entry_rates(params.demand, env.config.num_lanes, 0.0))
     expected = float(start + comes * decisions * env.config.decision_s)
