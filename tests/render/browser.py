@@ -31,15 +31,13 @@ def until(page, condition, patience_s=20.0):
 
 
 @contextlib.contextmanager
-def opened(browser, path, width=1600, height=900, glides=False):
+def opened(browser, path, width=1600, height=900):
     """A loaded page of that size; fails afterwards if it had an error or requested anything from elsewhere.
 
-    Cameras jump unless it `glides`: a glide takes seconds, because the processor draws the pictures.
+    Its cameras jump: a glide takes seconds, because the processor draws the pictures.
     """
-    motion = "no-preference" if glides else "reduce"
-    context = browser.new_context(
-        viewport={"width": width, "height": height}, reduced_motion=motion
-    )
+    size = {"width": width, "height": height}
+    context = browser.new_context(viewport=size, reduced_motion="reduce")
     page = context.new_page()
     wrong = []
     page.on("console", lambda message: wrong.append(message.text))
@@ -55,17 +53,20 @@ def opened(browser, path, width=1600, height=900, glides=False):
 
 @contextlib.contextmanager
 def shared_pages(browser):
-    """Yields a function like `opened` that opens each page once and resets it for each test."""
+    """Yields a function that opens each page once and resets it for each test; cameras may glide afterwards."""
     with contextlib.ExitStack() as stack:
         known = {}
 
-        def page_of(path, **window):
-            key = (path, *window.items())
-            if key not in known:
-                known[key] = stack.enter_context(opened(browser, path, **window))
-            known[key].evaluate(RESET)
-            settle(known[key])
-            return known[key]
+        def page_of(path, glides=False):
+            if path not in known:
+                known[path] = stack.enter_context(opened(browser, path))
+            page = known[path]
+            page.emulate_media(reduced_motion="reduce")
+            page.evaluate(RESET)
+            settle(page)
+            if glides:
+                page.emulate_media(reduced_motion="no-preference")
+            return page
 
         yield page_of
 
