@@ -119,8 +119,11 @@ class NamedAgents:
         """
         key, reset_key = jax.random.split(key)
         obs, after, rewards, dones, infos = self.step_env(key, state, actions)
-        given = reset_state is not None
-        first = (self.get_obs(reset_state), reset_state) if given else self.reset(reset_key)
+        first = (
+            self.reset(reset_key)
+            if reset_state is None
+            else (self.get_obs(reset_state), reset_state)
+        )
         either = functools.partial(jax.lax.select, dones["__all__"])
         obs, after = jax.tree.map(either, first, (obs, after))
         return obs, after, rewards, dones, infos
