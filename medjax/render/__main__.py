@@ -40,7 +40,7 @@ SUFFIXES = ", ".join(LIBRARIES)
 
 @dataclasses.dataclass(frozen=True)
 class Request:
-    """What to play and what to write, checked as far as possible without an environment."""
+    """What to play and what to write."""
 
     out: Path
     played: EpisodeRequest
@@ -88,14 +88,7 @@ def build_parser() -> OneLineParser:
 
 @command
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the command.
-
-    Args:
-      argv: arguments; None uses those of the process.
-
-    Returns:
-      The exit code.
-    """
+    """Runs the command with `argv`, by default the arguments of the process; returns the exit code."""
     parser = build_parser()
     try:
         request = _request(parser.parse_args(argv))
@@ -104,15 +97,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         _check(request, *request.played.prepared())
         env, params, chosen = request.played.policies()
-    except (InputError, OSError) as error:
-        return fail(PROG, error)
-    try:
         request = dataclasses.replace(request, evaluation=_evaluation(request, env, list(chosen)))
         if request.grid:
             _write_grid(request, env, params, chosen)
         else:
             _write(request, request.played.record(env, params, chosen))
-    except (InputError, OSError) as error:  # the followed vehicle never came, or the disk is full
+    except (InputError, OSError) as error:
         return fail(PROG, error)
     size = request.out.stat().st_size
     print(f"{request.out}: " + (f"{size / 1e6:.1f} MB" if size > 1e5 else f"{size / 1e3:.1f} kB"))
@@ -120,20 +110,24 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _request(given: argparse.Namespace) -> Request:
+    """Checks the options as far as possible without an environment."""
     out = as_path("--out", given.out)
     if out.suffix not in LIBRARIES:
         raise InputError(f"--out {out}: allowed a file that ends in {SUFFIXES}")
-    if given.compare is not None and out.suffix != ".html":
-        raise InputError(f"--compare with {out.name}: allowed with a file that ends in .html")
     if out.suffix == ".html" and given.duration is not None:
         raise InputError(f"--duration with {out.name}: the player holds the whole episode")
-    if out.suffix != ".html" and given.evaluation is not None:
-        raise InputError(f"--evaluation with {out.name}: allowed with a file that ends in .html")
-    if given.grid is not None and (out.suffix != ".html" or given.episode != "0"):
-        raise InputError("--grid: allowed with a file that ends in .html, and without --episode")
+    for option in ("compare", "evaluation", "grid"):
+        if getattr(given, option) is not None and out.suffix != ".html":
+            raise InputError(f"--{option} with {out.name}: allowed with a file that ends in .html")
+    if given.grid is not None and given.episode != "0":
+        raise InputError("--grid with --episode: allowed one of them")
     grid = 0 if given.grid is None else whole_number("--grid", given.grid, least=3, most=100_000)
     check_follow(given.follow)
-    width, height = _size(given.size)
+    found = re.fullmatch("([0-9]{1,9})x([0-9]{1,9})", given.size)
+    if found is None:
+        raise InputError(f"--size {shown(given.size)}: allowed WIDTHxHEIGHT in px, as in 1280x480")
+    width, height = int(found[1]), int(found[2])
+    check_size(width, height)
     played = requested_episode(given)
     shot = Shot(
         follow=given.follow,
@@ -164,15 +158,6 @@ def _evaluation(
     return None if changed else known_evaluation(env.name, policies)
 
 
-def _size(text: str) -> tuple[int, int]:
-    found = re.fullmatch("([0-9]{1,9})x([0-9]{1,9})", text)
-    if found is None:
-        raise InputError(f"--size {shown(text)}: allowed WIDTHxHEIGHT in px, as in 1280x480")
-    width, height = int(found[1]), int(found[2])
-    check_size(width, height)
-    return width, height
-
-
 def _number(name: str, text: str | None, *, zero: bool = False) -> float | None:
     """The number that an option gives; None where it is not given. `zero` allows 0."""
     if text is None:
@@ -199,34 +184,32 @@ def _write_grid(
     request: Request, env: ChargingEnv, params: EnvParams, chosen: Mapping[str, Policy]
 ) -> None:
     """Plays all episodes with the first policy, then replays three of them with all policies and writes these."""
-    first = next(iter(chosen))
-    played = {first: chosen[first]}
+    first, policy = next(iter(chosen.items()))
     print(f"compiling and playing {request.grid} episodes with {first} ...", file=sys.stderr)
-    scores = evaluate_policies(env, params, played, request.grid, request.played.seed)
+    scores = evaluate_policies(env, params, {first: policy}, request.grid, request.played.seed)
     returns = np.asarray(scores[first]["return"])
-    shown = {
+    episodes = {
         name: dataclasses.replace(request.played, episode=episode).record(env, params, chosen)
         for name, episode in pick(returns).items()
     }
-    how = {"start_s": request.shot.start_s, "evaluation": request.evaluation}
-    write_grid(request.out, shown, returns, follow=request.shot.follow, **how)
+    write_grid(request.out, episodes, returns, **_opening(request))
 
 
 def _write(request: Request, recordings: Sequence[Recording]) -> None:
-    out, shot = request.out, request.shot
+    out = request.out
     if out.suffix == ".html":
-        write_player(
-            out,
-            recordings,
-            follow=shot.follow,
-            start_s=shot.start_s,
-            evaluation=request.evaluation,
-        )
+        write_player(out, recordings, **_opening(request))
         return
     from medjax.render.video import write_png, write_video
 
     write = write_png if out.suffix == ".png" else write_video
-    write(out, recordings[0], shot)
+    write(out, recordings[0], request.shot)
+
+
+def _opening(request: Request) -> dict[str, Any]:
+    """Keywords of `write_player`."""
+    shot = request.shot
+    return {"follow": shot.follow, "start_s": shot.start_s, "evaluation": request.evaluation}
 
 
 if __name__ == "__main__":

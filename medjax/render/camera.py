@@ -1,5 +1,6 @@
 """Where the camera looks: at a vehicle, at a place, or at the busiest MED."""
 
+import contextlib
 import dataclasses
 import math
 import re
@@ -59,10 +60,8 @@ def camera_path(timeline: Timeline, follow: str) -> np.ndarray:
     """
     if follow == AUTO:
         return _auto_path(timeline)
-    x = timeline.recording.frames.x
-    try:
-        place = float(follow)
-    except ValueError:
+    x, place = timeline.recording.frames.x, as_number(follow)
+    if math.isnan(place):
         track = find_track(timeline, follow)
         frames = np.clip(np.arange(len(x)), track.first, track.last)
         return np.asarray(x[frames, track.slot], np.float64)
@@ -79,10 +78,9 @@ def check_follow(text: str) -> None:
 
 def as_number(text: str) -> float:
     """Parses a number; nan if the text is not one or is not ASCII."""
-    try:
+    with contextlib.suppress(ValueError):
         return float(text) if text.isascii() else math.nan
-    except ValueError:
-        return math.nan
+    return math.nan
 
 
 def vehicle_named(text: str) -> tuple[str, int] | None:

@@ -70,16 +70,12 @@ class Canvas:
             return middle[0] + x + slope[1] * y, middle[1] + slope[0] * x + y
 
         radius = 0.22 * height
-        turns = np.linspace(0.0, 0.5 * np.pi, 5)
-        outside = [
-            place(
-                side * (0.5 * width - radius) + radius * np.cos(start + turn),
-                end * (0.5 * height - radius) + radius * np.sin(start + turn),
-            )
-            for side, end, start in ((1, 1, 0.0), (-1, 1, 0.5), (-1, -1, 1.0), (1, -1, 1.5))
-            for start in (start * np.pi,)
-            for turn in turns
-        ]
+        outside = []
+        for side, end, start in ((1, 1, 0.0), (-1, 1, 0.5), (-1, -1, 1.0), (1, -1, 1.5)):
+            for turn in (start + np.linspace(0.0, 0.5, 5)) * np.pi:
+                x = side * (0.5 * width - radius) + radius * np.cos(turn)
+                y = end * (0.5 * height - radius) + radius * np.sin(turn)
+                outside.append(place(x, y))
         self._draw.polygon(outside, fill, outline, FINE)
         if height > 8 * FINE:
             back, front = (0.5 * width - share * height for share in (0.28, 0.14))

@@ -18,11 +18,8 @@ EDGE: Color = (120, 127, 136)
 
 MED_COLOR: Color = (21, 135, 57)  # white text on it has a contrast of 4.6:1
 GAS_COLOR: Color = (112, 119, 128)
-LINK: Color = MED_COLOR  # solid: energy flows
-BOOKED: Color = INK  # dashed
 RAN_OUT: Color = (213, 94, 0)
-CAMERA: Color = (0, 114, 178)
-SELECTED: Color = (0, 114, 178)
+ACCENT: Color = (0, 114, 178)  # the camera's stretch, and what is selected
 
 SOC_SCALE: tuple[Color, ...] = (
     (13, 8, 135),

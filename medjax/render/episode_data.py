@@ -1,8 +1,7 @@
 """Packs a recording for the player's page, where `web/episode.js` reads it."""
 
-import dataclasses
 import warnings
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -70,7 +69,10 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
         "ranOut": [
             [stop.slot, stop.frame, stop.gone, round(stop.x_m, 2)] for stop in timeline.ran_out
         ],
-        "charts": [chart.about() for chart in charts],
+        "charts": [
+            {name: value for name, value in chart._asdict().items() if name != "values"}
+            for chart in charts
+        ],
         "arrays": packer.index,
     }
     return meta, packer.text()
@@ -127,8 +129,7 @@ def _add_decisions(packer: Packer, recording: Recording) -> None:
     packer.add("cooldown", decisions.cooldown_s[None], 0.01)
 
 
-@dataclasses.dataclass(frozen=True)
-class Chart:
+class Chart(NamedTuple):
     """A chart of one or two lines over T decisions."""
 
     title: str
@@ -137,11 +138,6 @@ class Chart:
     labels: tuple[str, ...]
     values: np.ndarray  # (lines, T + 1), NaN where there is nothing to average
     least: float  # least range of the axis, so that small changes look small
-
-    def about(self) -> dict[str, Any]:
-        """All fields but the values, for JSON."""
-        fields = dataclasses.fields(self)
-        return {field.name: getattr(self, field.name) for field in fields if field.name != "values"}
 
 
 def charts_of(recording: Recording) -> list[Chart]:

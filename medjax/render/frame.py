@@ -109,6 +109,6 @@ def _draw_strip(
     draw_far(canvas, strip, scene, road, font)
     left, right = strip.px(camera.start_m), strip.px(camera.start_m + camera.span_m)
     top, bottom = strip.box[1], strip.box[3]
-    canvas.box((left - 1, top, right + 1, bottom), None, colors.CAMERA, 1.5)
+    canvas.box((left - 1, top, right + 1, bottom), None, colors.ACCENT, 1.5)
     labels = [(strip.px(x), f"ramp {number}") for number, x in enumerate(road.ramp_x_m, 1)]
     canvas.labels(labels, bottom + 0.65 * font, font, strip.box[0], strip.box[2])

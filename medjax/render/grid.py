@@ -35,22 +35,19 @@ def write_grid(
       path: file to write, in full or not at all.
       shown: by the names of `pick`, an episode's recordings: one, or those of two policies to show side by side.
       returns: (N,) of the first policy in all episodes.
-      how: as in `medjax.render.player.write_player`.
-
-    Raises:
-      InputError, OSError: as in `write_player`.
+      how: as in `medjax.render.player.write_player`, which also says what is raised.
     """
     count, policy = len(returns), next(iter(shown.values()))[0].policy
-    title = f"{policy}: best, median and worst of {count} episodes"
-    parts = []
+    title = escape(f"{policy}: best, median and worst of {count} episodes")
+    parts = [f"<h1>{title}</h1>"]
     for name, recordings in shown.items():
         episode = recordings[0].episode
         said = f"{name.capitalize()} of {count}: episode {episode}, return {returns[episode]:.1f}"
         page = player_page(recordings, **how)  # type: ignore[arg-type]
-        frame = f'<iframe title="{escape(said)}" loading="lazy" srcdoc="{escape(page)}"></iframe>'
-        parts.append(f"<h2>{escape(said)}</h2>\n{frame}")
-    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style>'
-    body = "\n".join([f"<h1>{escape(title)}</h1>", *parts])
+        parts.append(f"<h2>{said}</h2>")
+        parts.append(f'<iframe title="{said}" loading="lazy" srcdoc="{escape(page)}"></iframe>')
+    head = f'<meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
+    body = "\n".join(parts)
     with replacing(path) as partial:
         text = f'<!DOCTYPE html>\n<html lang="en">\n<head>{head}</head>\n<body>\n{body}\n</body>\n</html>\n'
         partial.write_text(text, encoding="utf-8")

@@ -54,10 +54,9 @@ def draw_legend(canvas: Canvas, layout: Layout) -> None:
 def _symbol(canvas: Canvas, name: str, x: float, y: float, width: float, font: int) -> None:
     half = 0.36 * font
     box = (x, y - half, x + width, y + half)
-    if name == "med":
-        canvas.box(box, colors.MED_COLOR, colors.INK)
-    elif name == "gas":
-        canvas.box(box, colors.GAS_COLOR, colors.EDGE)
+    plain = {"med": (colors.MED_COLOR, colors.INK), "gas": (colors.GAS_COLOR, colors.EDGE)}
+    if name in plain:
+        canvas.box(box, *plain[name])
     elif name == "soc":
         for pixel in range(round(width)):
             shade = colors.soc_color(pixel / width)
@@ -75,9 +74,9 @@ def link(canvas: Canvas, ends: Points, font: int, *, charges: bool) -> None:
     """Draws the line from a MED to an EV, dashed unless it charges."""
     if charges:
         canvas.line(ends, colors.PAPER, 0.5 * font)
-        canvas.line(ends, colors.LINK, 0.28 * font)
+        canvas.line(ends, colors.MED_COLOR, 0.28 * font)
     else:
-        canvas.dashes(ends, colors.BOOKED, 0.11 * font, 0.4 * font, 0.3 * font)
+        canvas.dashes(ends, colors.INK, 0.11 * font, 0.4 * font, 0.3 * font)
 
 
 def mark_free(canvas: Canvas, box: Box) -> None:
@@ -92,12 +91,6 @@ def mark_ran_out(canvas: Canvas, x: float, y: float, radius: float) -> None:
     """Marks an EV without energy."""
     canvas.cross(x, y, radius, colors.PAPER, 0.9 * radius)
     canvas.cross(x, y, radius, colors.RAN_OUT, 0.5 * radius)
-
-
-def _clock(time_s: float) -> str:
-    """The time as `m:ss.t`."""
-    tenths = int(time_s * 10.0 + 1e-6)
-    return f"{tenths // 600}:{tenths // 10 % 60:02d}.{tenths % 10}"
 
 
 def draw_header(canvas: Canvas, layout: Layout, scene: Scene) -> None:
@@ -115,7 +108,9 @@ def draw_header(canvas: Canvas, layout: Layout, scene: Scene) -> None:
     ]
     if on_road.any():
         counters.insert(2, f"mean charge {100.0 * scene.ev_soc[on_road].mean():.0f} %")
-    canvas.text(left, middle, _clock(scene.time_s), large, colors.INK)
+    tenths = int(scene.time_s * 10.0 + 1e-6)
+    clock = f"{tenths // 600}:{tenths // 10 % 60:02d}.{tenths % 10}"
+    canvas.text(left, middle, clock, large, colors.INK)
     x = left + text_width("00:00.0", large) + font
     for text in counters:
         if x + text_width(text, font) > right:

@@ -103,7 +103,6 @@ def player_page(
     }
     policies = " and ".join(recording.policy for recording in recordings)
     where = f"seed {head.seed}, episode {head.episode}"
-    title = f"{head.scenario}: {policies}, {where}"
     web = resources.files("medjax.render") / "web"
     script = "\n".join((web / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS.split())
     blobs = "\n".join(
@@ -111,7 +110,7 @@ def player_page(
         for number, (_, text) in enumerate(packed)
     )
     parts = {
-        "TITLE": escape(title),
+        "TITLE": escape(f"{head.scenario}: {policies}, {where}"),
         "HEADING": escape(f"Charging cars as they drive: {policies}"),
         "WHERE": escape(f"{head.scenario}, {where}"),
         "STYLE": _root_style() + (web / "player.css").read_text(encoding="utf-8"),
@@ -134,9 +133,8 @@ def check_comparable(recordings: Sequence[Recording]) -> None:
         a, b = getattr(first, name), getattr(last, name)
         if a != b:
             raise InputError(f"{name} is {a} and {b}: allowed two recordings of the same episode")
-    lengths = len(first.frames.x), len(last.frames.x)
-    if lengths[0] != lengths[1]:
-        raise InputError(f"{lengths[0]} and {lengths[1]} frames: allowed episodes of one length")
+    if (a := len(first.frames.x)) != (b := len(last.frames.x)):
+        raise InputError(f"{a} and {b} frames: allowed episodes of one length")
 
 
 def _follow(timeline: Timeline, follow: str) -> dict[str, Any]:
@@ -160,7 +158,7 @@ def _root_style() -> str:
         "med": colors.MED_COLOR,
         "gas": colors.GAS_COLOR,
         "out": colors.RAN_OUT,
-        "accent": colors.SELECTED,
+        "accent": colors.ACCENT,
     }
     values = {name: colors.css(color) for name, color in names.items()}
     values["soc"] = f"linear-gradient(to right, {', '.join(map(colors.css, colors.SOC_SCALE))})"

@@ -19,9 +19,7 @@ class Scene:
 
     x: np.ndarray  # (V,) m, front bumper
     y: np.ndarray  # (V,) m right of the leftmost lane's centre
-    speed: np.ndarray  # (V,) m/s
     heading: np.ndarray  # (V,) rad, positive to the right
-    lane: np.ndarray  # (V,) int
     active: np.ndarray  # (V,) bool, on the road
     kind: np.ndarray  # (V,) int, `medjax.world.kinds.KINDS`
     ev_soc: np.ndarray  # (E,)
@@ -127,6 +125,8 @@ class Timeline:
         stays = self._track_at[now + 1] == here
         width = self.roadway.lane_width_m
         next_y = frames.lane[now + 1] * width + frames.lateral_offset[now + 1]
-        ahead = np.where(stays, frames.x[now + 1] - scene.x, scene.speed * recording.config.tick_s)
+        ahead = np.where(
+            stays, frames.x[now + 1] - scene.x, frames.speed[now] * recording.config.tick_s
+        )
         aside = np.where(stays, next_y - scene.y, 0.0)
         return dataclasses.replace(scene, x=scene.x + share * ahead, y=scene.y + share * aside)

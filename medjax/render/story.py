@@ -48,14 +48,10 @@ def first_charge_s(recordings: Sequence[Recording]) -> float:
 def verdict(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
     """Rows that compare whole episodes; `better` is 1 if more is better, -1 if less, 0 if neither."""
     found = [_metrics(each) for each in recordings]
+    names = ("title", "about", "digits", "better")
     return [
-        {
-            "title": line.title,
-            "about": line.about,
-            "digits": line.digits,
-            "better": line.better,
-            "values": [line.of(metrics) for metrics in found],
-        }
+        {name: getattr(line, name) for name in names}
+        | {"values": [line.of(metrics) for metrics in found]}
         for line in LINES
     ]
 
@@ -142,19 +138,15 @@ def means(evaluation: Mapping[str, Any], recordings: Sequence[Recording]) -> lis
     if not any(entries):
         known = ", ".join(evaluation["policies"])
         raise InputError(f"the evaluation has {known}: allowed one with {recordings[0].policy}")
-    rows: list[Any] = []
-    for entry in entries:
-        if entry is None:
-            rows.append(None)
-            continue
-        ends = {"return": entry["return_ci95"], **entry.get("verdict_ci95", {})}
-        rows.append(
-            [_cell(line.of(entry), ends.get(line.title), line.mean_digits) for line in LINES]
-        )
-    return rows
+    return [entry and _cells(entry) for entry in entries]
 
 
-def _cell(mean: float, ends: Sequence[float] | None, digits: int) -> str:
-    """A mean, with its 95 % interval if there is one."""
-    cell = f"{mean:.{digits}f}"
-    return f"{cell} [{ends[0]:.{digits}f}, {ends[1]:.{digits}f}]" if ends else cell
+def _cells(entry: Mapping[str, Any]) -> list[str]:
+    """The means of a policy, with their 95 % intervals where these are known."""
+    intervals = {"return": entry["return_ci95"], **entry.get("verdict_ci95", {})}
+    cells = []
+    for line in LINES:
+        numbers = [f"{x:.{line.mean_digits}f}" for x in intervals.get(line.title, ())]
+        interval = f" [{', '.join(numbers)}]" if numbers else ""
+        cells.append(f"{line.of(entry):.{line.mean_digits}f}{interval}")
+    return cells

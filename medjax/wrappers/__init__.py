@@ -1,4 +1,4 @@
-"""Wrappers of environments: batched auto-reset, episode log, random demand, gymnax's old step and others.
+"""Wrappers of environments: batched auto-reset, episode log, random demand and others.
 
 Import `medjax.wrappers.gymnasium` separately, because it needs Gymnasium.
 """
@@ -11,7 +11,6 @@ from medjax.wrappers.auto_reset import BatchAutoReset, BatchState
 from medjax.wrappers.decide_every import DecideEvery
 from medjax.wrappers.demand import RandomDemand, RandomDemandState, scale_demand
 from medjax.wrappers.episode_log import EpisodeLog, EpisodeLogState
-from medjax.wrappers.legacy import LegacyStep
 from medjax.wrappers.time_limit import TimeLimitAsEnd
 
 __all__ = [
@@ -22,7 +21,6 @@ __all__ = [
     "Environment",
     "EpisodeLog",
     "EpisodeLogState",
-    "LegacyStep",
     "RandomDemand",
     "RandomDemandState",
     "TimeLimitAsEnd",

@@ -6,6 +6,7 @@ arXiv:2311.10090). This module does not import JaxMARL.
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -118,16 +119,13 @@ class NamedAgents:
         """
         key, reset_key = jax.random.split(key)
         obs, after, rewards, dones, infos = self.step_env(key, state, actions)
-        if reset_state is None:
-            first_obs, first = self.reset(reset_key)
-        else:
-            first_obs, first = self.get_obs(reset_state), reset_state
-        over = dones["__all__"]
-
-        def either(new: jax.Array, old: jax.Array) -> jax.Array:
-            return jax.lax.select(over, new, old)
-
-        obs, after = jax.tree.map(either, (first_obs, first), (obs, after))
+        first = (
+            self.reset(reset_key)
+            if reset_state is None
+            else (self.get_obs(reset_state), reset_state)
+        )
+        either = functools.partial(jax.lax.select, dones["__all__"])
+        obs, after = jax.tree.map(either, first, (obs, after))
         return obs, after, rewards, dones, infos
 
     def step_env(
@@ -169,19 +167,11 @@ class NamedAgents:
         return self.env.global_state(state, self.params)
 
     def observation_space(self, agent: str) -> Any:
-        """The agent's box of float32.
-
-        Raises:
-          InputError: the agent is unknown.
-        """
+        """The agent's box of float32; raises InputError for an unknown agent."""
         return self.observation_spaces[self._known(agent)]
 
     def action_space(self, agent: str) -> Any:
-        """The agent's discrete space.
-
-        Raises:
-          InputError: the agent is unknown.
-        """
+        """The agent's discrete space; raises InputError for an unknown agent."""
         return self.action_spaces[self._known(agent)]
 
     def _by_name(self, values: jax.Array) -> Named:
@@ -197,11 +187,7 @@ class NamedAgents:
         return f"{self.agents[0]} to {self.agents[-1]}" if self.agents else "none"
 
     def _checked(self, actions: Any) -> list[jax.Array]:
-        """The actions, () each, in the order of the agents.
-
-        Raises:
-          InputError: see `step_env`; values are checked only outside of jit.
-        """
+        """The actions, () each, in the order of the agents; values are checked only outside of jit."""
         if not isinstance(actions, Mapping):
             raise InputError(f"actions = {shown(actions)}: allowed an integer by agent")
         for agent in actions:
@@ -212,8 +198,8 @@ class NamedAgents:
         for agent, value in checked.items():
             allowed = f"an integer from 0 to {self.env.num_actions - 1}"
             whole = value.shape in ((), (1,)) and jnp.issubdtype(value.dtype, jnp.integer)
-            outside = whole and _is_known(value) and not 0 <= value.item() < self.env.num_actions
-            if not whole or outside:
+            traced = isinstance(value, jax.core.Tracer)
+            if not whole or not (traced or 0 <= value.item() < self.env.num_actions):
                 raise InputError(f"action of {agent} = {shown(actions[agent])}: allowed {allowed}")
         return [jnp.asarray(value).reshape(()) for value in checked.values()]
 
@@ -226,11 +212,6 @@ def _as_array(given: Any) -> Any:
         return np.asarray(given)
     except Exception:  # ragged lists, or whatever a user's object raises
         return np.asarray(None)
-
-
-def _is_known(value: Any) -> bool:
-    """Whether value is concrete rather than traced."""
-    return not isinstance(value, jax.core.Tracer)
 
 
 def _as_theirs(space: Box | Discrete) -> Any:

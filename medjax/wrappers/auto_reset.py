@@ -66,7 +66,7 @@ class BatchAutoReset:
     def reset(self, keys: jax.Array, params: Params) -> tuple[Observation, BatchState]:
         """Starts a copy for each key `(num_envs,)`, all with the same params; observations are `(num_envs, ...)`."""
         reset_keys, stagger_keys = split_each(self._shared(keys))
-        obs, env_state = self._reset(reset_keys, params)
+        obs, env_state = jax.vmap(self.env.reset, (0, None))(reset_keys, params)
         cut_in = jnp.zeros(keys.shape, jnp.int32)
         if self.stagger:
             draw = partial(jax.random.randint, shape=(), minval=1, maxval=self.stagger + 1)
@@ -108,9 +108,6 @@ class BatchAutoReset:
         groups = keys.reshape(-1, self.group)
         return jnp.broadcast_to(groups[:, :1], groups.shape).reshape(keys.shape)
 
-    def _reset(self, keys: jax.Array, params: Params) -> tuple[Observation, State]:
-        return jax.vmap(self.env.reset, (0, None))(keys, params)
-
     def _restart(
         self, keys: jax.Array, done: jax.Array, obs: Observation, state: State, params: Params
     ) -> tuple[Observation, State]:
@@ -118,7 +115,7 @@ class BatchAutoReset:
         pool_size = min(done.shape[0], self.reset_pool_size or max(1, done.shape[0] // 128))
 
         def serve(_: jax.Array, rows: jax.Array, current: Any) -> Any:
-            fresh = self._reset(keys.at[rows].get(mode="clip"), params)
+            fresh = jax.vmap(self.env.reset, (0, None))(keys.at[rows].get(mode="clip"), params)
             return jax.tree.map(lambda x, new: x.at[rows].set(new, mode="drop"), current, fresh)
 
         return for_true_rows(done, pool_size, serve, (obs, state))

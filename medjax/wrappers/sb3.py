@@ -78,7 +78,7 @@ class ChargingVecEnv(VecEnv):  # type: ignore[misc]
     def get_attr(self, attr_name: str, indices: Copies = None) -> list[Any]:
         """An attribute, once for each copy; all copies share it."""
         value = getattr(self if attr_name == "action_masks" else self.envs, attr_name)
-        return [value for _ in self._copies(indices)]
+        return [value for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Copies = None) -> None:
         """Sets an attribute that all copies share.
@@ -86,7 +86,7 @@ class ChargingVecEnv(VecEnv):  # type: ignore[misc]
         Raises:
           InputError: indices select only some copies.
         """
-        if len(self._copies(indices)) < self.num_envs:
+        if len(list(self._get_indices(indices))) < self.num_envs:
             raise InputError(f"{attr_name}: copies share it, allowed: set for all of them")
         setattr(self.envs, attr_name, value)
 
@@ -95,11 +95,8 @@ class ChargingVecEnv(VecEnv):  # type: ignore[misc]
     ) -> list[Any]:
         """Calls a method of `ChargingVectorEnv`; returns its result for each copy."""
         given = getattr(self.envs, method_name)(*args, **options)
-        return [given[copy] for copy in self._copies(indices)]
+        return [given[copy] for copy in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type, indices: Copies = None) -> list[bool]:
         """Always False: no copy has a Gymnasium wrapper."""
-        return [False for _ in self._copies(indices)]
-
-    def _copies(self, indices: Copies) -> Sequence[int]:
-        return list(self._get_indices(indices))
+        return [False for _ in self._get_indices(indices)]

@@ -5,15 +5,25 @@ import shutil
 import time
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+RESET = """() => {
+  const player = medjaxPlayer;
+  player.pause();
+  player.select(0, null);
+  player.setCamera("auto");
+  player.setZoom(0);
+  player.setSpeed(1);
+  player.setColouring("charge");
+  player.seek(0);
+}"""
 
 
 def chromium_program():
-    """Path of an installed Chromium; None where there is none."""
+    """Path of an installed Chromium, or None."""
     return next(filter(None, map(shutil.which, PROGRAMS)), None)
 
 
 def until(page, condition, patience_s=20.0):
-    """Waits for a condition; Playwright's own way of waiting is an `eval`, which the page forbids."""
+    """Waits for a condition; Playwright's own wait is an `eval`, which the page forbids."""
     end = time.monotonic() + patience_s
     while not page.evaluate(condition):
         assert time.monotonic() < end, condition
@@ -21,25 +31,19 @@ def until(page, condition, patience_s=20.0):
 
 
 @contextlib.contextmanager
-def opened(browser, path, width=1600, height=900, glides=False):
-    """A page in a window of that size, loaded; afterwards there must have been no error and no request elsewhere.
+def opened(browser, path, width=1600, height=900):
+    """A loaded page of that size; fails afterwards if it had an error or requested anything from elsewhere.
 
-    Cameras jump unless it `glides`: on their way pictures are drawn by the processor, for seconds.
+    Its cameras jump: a glide takes seconds, because the processor draws the pictures.
     """
-    motion = "no-preference" if glides else "reduce"
-    context = browser.new_context(
-        viewport={"width": width, "height": height}, reduced_motion=motion
-    )
+    size = {"width": width, "height": height}
+    context = browser.new_context(viewport=size, reduced_motion="reduce")
     page = context.new_page()
     wrong = []
     page.on("console", lambda message: wrong.append(message.text))
     page.on("pageerror", lambda error: wrong.append(str(error)))
-    page.on(
-        "request",
-        lambda request: (
-            None if request.url.startswith(("file:", "data:")) else wrong.append(request.url)
-        ),
-    )
+    own = ("file:", "data:")
+    page.on("request", lambda each: each.url.startswith(own) or wrong.append(each.url))
     page.goto(path.as_uri())
     until(page, "window.medjaxPlayer !== undefined")
     yield page
@@ -47,12 +51,32 @@ def opened(browser, path, width=1600, height=900, glides=False):
     assert wrong == []
 
 
+@contextlib.contextmanager
+def shared_pages(browser):
+    """Yields a function that opens each page once and resets it for each test; cameras may glide afterwards."""
+    with contextlib.ExitStack() as stack:
+        known = {}
+
+        def page_of(path, glides=False):
+            if path not in known:
+                known[path] = stack.enter_context(opened(browser, path))
+            page = known[path]
+            page.emulate_media(reduced_motion="reduce")
+            page.evaluate(RESET)
+            settle(page)
+            if glides:
+                page.emulate_media(reduced_motion="no-preference")
+            return page
+
+        yield page_of
+
+
 def seconds(page):
     return page.evaluate("medjaxPlayer.clock.seconds")
 
 
 def settle(page):
-    """Waits until what was asked for is drawn, and cameras have come to where they glide."""
+    """Waits until the page is drawn and cameras have stopped gliding."""
     page.evaluate(
         "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
     )

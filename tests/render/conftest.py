@@ -1,4 +1,4 @@
-"""One short episode of a small highway, played once for all tests, and recordings made by hand."""
+"""One short episode of a small highway, recordings made by hand, and pages of the player."""
 
 import dataclasses
 
@@ -11,6 +11,7 @@ from medjax.episodes.recording import record_episode
 from medjax.policies.rules import BASELINES
 from medjax.render.player import write_player
 from tests.compiling import quickly
+from tests.render.browser import shared_pages
 from tests.render.made import busy, parked
 
 SMALL = {
@@ -26,13 +27,12 @@ SMALL = {
 
 @pytest.fixture(scope="session")
 def world():
-    """The small highway."""
     return medjax.make("paper", **SMALL)
 
 
 @pytest.fixture(scope="session")
 def recording(world):
-    """Under the rule `periodic`: MEDs come, EVs charge and run out."""
+    """An episode of the rule `periodic`: MEDs come, EVs charge and run out."""
     env, params = world
     policy = BASELINES["periodic"](env)
     with quickly():
@@ -41,7 +41,7 @@ def recording(world):
 
 @pytest.fixture(scope="session")
 def other(recording):
-    """A second one to set beside it: the same traffic without its MEDs (playing it would take as long again)."""
+    """The same traffic without its MEDs, since playing a second episode would take as long again."""
     frames, decisions = jax.tree.map(np.copy, (recording.frames, recording.decisions))
     frames.active[:, recording.config.med_slots] = False
     frames.ev_med[:] = frames.ev_panel[:] = -1
@@ -63,6 +63,13 @@ def full():
 
 
 @pytest.fixture(scope="module")
+def pages(browser):
+    """The function of `shared_pages`, for all tests of a file."""
+    with shared_pages(browser) as page_of:
+        yield page_of
+
+
+@pytest.fixture(scope="module")
 def one(recording, tmp_path_factory):
     """The player's page of one recording."""
     path = tmp_path_factory.mktemp("player") / "one.html"
@@ -72,7 +79,7 @@ def one(recording, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def two(recording, other, tmp_path_factory):
-    """The page of two side by side."""
+    """The player's page of two recordings side by side."""
     path = tmp_path_factory.mktemp("player") / "two.html"
     write_player(path, [recording, other])
     return path

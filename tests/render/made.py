@@ -1,4 +1,4 @@
-"""Recordings made of plain numbers: known places, or as much movement as an episode may hold."""
+"""Recordings made by hand: vehicles at known places, or a full and restless highway."""
 
 import dataclasses
 
@@ -15,7 +15,7 @@ TICKS = 4
 
 
 def blank(frames, **overrides):
-    """An episode in which nobody ever is on the road; `frames` is 1 + a multiple of TICKS."""
+    """An episode of an empty road; `frames` is 1 + a multiple of TICKS."""
     env, params = medjax.make("paper", **overrides)
     config, decisions = env.config, (frames - 1) // TICKS
     v, e, m = config.num_vehicles, config.num_evs, config.num_meds
@@ -85,7 +85,7 @@ def parked(**overrides):
 
 
 def busy(decisions=600):
-    """Every slot of the paper's highway taken and restless: more to store than any real episode."""
+    """A highway with every slot taken, and more movement to store than any real episode has."""
     recording = blank(1 + TICKS * decisions)
     frames, config = recording.frames, recording.config
     random = np.random.default_rng(0)

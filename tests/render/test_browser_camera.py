@@ -1,11 +1,11 @@
-"""Where cameras point: at who is followed in every picture, and on a way without cuts to who is next."""
+"""Cameras in headless Chromium: they stay on the followed vehicle and glide to the next one."""
 
 import numpy as np
 import pytest
 
 from medjax.render.player import write_player
 from medjax.world.state import IN_SERVICE
-from tests.render.browser import opened, settle
+from tests.render.browser import settle
 from tests.render.made import blank, put
 
 NAMED = "(name) => medjaxPlayer.episodes[0].tracks.find((track) => track.name === name)"
@@ -30,75 +30,75 @@ def follow(page, name):
 
 
 @pytest.mark.parametrize("step", [0.02, 1.0])
-def test_a_followed_vehicle_stands_still_in_every_picture(browser, driving, step):
-    """Within a tick, and at 16 times the speed with few pictures a second, while the clock plays."""
-    with opened(browser, driving, glides=True) as page:
-        follow(page, "gas 1")
-        page.evaluate("medjaxPlayer.seek(2)")
-        settle(page)
-        away = page.evaluate(
-            """(step) => {
-              const player = medjaxPlayer;
-              const { road } = player.views[0];
-              player.clock.playing = true; // pictures come from here alone: nothing wakes it
-              return Array.from({ length: 12 }, (_, i) => {
-                player._show(2 + i * step);
-                return road.episode.x[player.selected.track.slot] - road.center;
-              });
-            }""",
-            step,
-        )
+def test_a_followed_vehicle_stands_still_in_every_picture(pages, driving, step):
+    """While the clock plays: within a tick, and at 16 times the speed with few pictures a second."""
+    page = pages(driving, glides=True)
+    follow(page, "gas 1")
+    page.evaluate("medjaxPlayer.seek(2)")
+    settle(page)
+    away = page.evaluate(
+        """(step) => {
+          const player = medjaxPlayer;
+          const { road } = player.views[0];
+          player.clock.playing = true; // only this draws: nothing wakes the clock
+          const away = Array.from({ length: 12 }, (_, i) => {
+            player._show(2 + i * step);
+            return road.episode.x[player.selected.track.slot] - road.center;
+          });
+          player.clock.playing = false;
+          return away;
+        }""",
+        step,
+    )
     np.testing.assert_allclose(away, 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("playing", [True, False])
-def test_the_camera_glides_to_another_vehicle(browser, driving, playing):
-    """Its first picture is still near the one that it has left, the last one at the other."""
-    with opened(browser, driving, glides=True) as page:
-        follow(page, "MED 1")
-        page.evaluate("medjaxPlayer.seek(1)")
-        settle(page)
-        page.evaluate(f"if ({str(playing).lower()}) medjaxPlayer.play()")
-        page.evaluate(
-            """() => {
-              const { road } = medjaxPlayer.views[0];
-              const aim = road.aim.bind(road);
-              window.seen = [];
-              road.aim = (x, ...rest) => { aim(x, ...rest); window.seen.push(x); };
-            }"""
-        )
-        follow(page, "gas 1")
-        settle(page)
-        seen = np.array(page.evaluate("window.seen"))
-        assert page.evaluate("medjaxPlayer.clock.playing") == playing
-    before = seen[seen < 1600.0]  # of the MED's way, and at the start of the camera's
+def test_the_camera_glides_to_another_vehicle(pages, driving, playing):
+    """It starts near the vehicle that it leaves and ends at the other."""
+    page = pages(driving, glides=True)
+    follow(page, "MED 1")
+    page.evaluate("medjaxPlayer.seek(1)")
+    settle(page)
+    page.evaluate(f"if ({str(playing).lower()}) medjaxPlayer.play()")
+    page.evaluate(
+        """() => {
+          const { road } = medjaxPlayer.views[0];
+          window.seen = [];
+          road.aim = (x, ...rest) => { Object.getPrototypeOf(road).aim.call(road, x, ...rest); window.seen.push(x); };
+        }"""
+    )
+    follow(page, "gas 1")
+    settle(page)
+    seen = np.array(page.evaluate("window.seen"))
+    assert page.evaluate("medjaxPlayer.clock.playing") == playing
+    before = seen[seen < 1600.0]  # along the MED's way, and at the start of the camera's
     assert before.size >= 1
     assert seen[-1] > 2500.0
 
 
-def test_an_event_of_another_time_and_place_is_glided_to(browser, driving):
-    """However far the clock goes."""
-    with opened(browser, driving, glides=True) as page:
-        page.evaluate("medjaxPlayer.setCamera('free', 1000)")
-        settle(page)
-        first, after = page.evaluate(
-            """() => {
-              const player = medjaxPlayer;
-              player.events.go({ seconds: 19, which: 0, x: 3200 });
-              player._show(19);
-              const { center } = player.views[0].road;
-              return [center, player.views[0].behind];
-            }"""
-        )
-        assert first < 1600.0
-        assert after < -1000.0
-        settle(page)
-        assert page.evaluate("medjaxPlayer.views[0].road.center") == 3200.0
+def test_the_camera_glides_to_an_event_of_another_time_and_place(pages, driving):
+    page = pages(driving, glides=True)
+    page.evaluate("medjaxPlayer.setCamera('free', 1000)")
+    settle(page)
+    first, after = page.evaluate(
+        """() => {
+          const player = medjaxPlayer;
+          player.events.go({ seconds: 19, which: 0, x: 3200 });
+          player._show(19);
+          const { center } = player.views[0].road;
+          return [center, player.views[0].behind];
+        }"""
+    )
+    assert first < 1600.0
+    assert after < -1000.0
+    settle(page)
+    assert page.evaluate("medjaxPlayer.views[0].road.center") == 3200.0
 
 
-def test_who_wants_little_motion_gets_cuts(browser, driving):
-    with opened(browser, driving) as page:
-        page.evaluate("medjaxPlayer.setCamera('free', 1000)")
-        settle(page)
-        page.evaluate("medjaxPlayer.setCamera('free', 3000); medjaxPlayer._show(0)")
-        assert page.evaluate("medjaxPlayer.views[0].road.center") == 3000.0
+def test_reduced_motion_cuts_instead_of_gliding(pages, driving):
+    page = pages(driving)
+    page.evaluate("medjaxPlayer.setCamera('free', 1000)")
+    settle(page)
+    page.evaluate("medjaxPlayer.setCamera('free', 3000); medjaxPlayer._show(0)")
+    assert page.evaluate("medjaxPlayer.views[0].road.center") == 3000.0

@@ -1,15 +1,13 @@
-"""The player's page: what happens, colours, zoom, and what is seen at once, in headless Chromium."""
-
-import re
+"""The player in headless Chromium: events, colours, zoom and tooltips."""
 
 import pytest
 
 from medjax.render import colors
-from medjax.render.player import player_page, show, write_player
+from medjax.render.player import write_player
 from medjax.render.tracks import tracks_of
-from medjax.world.state import IN_SERVICE
-from tests.render.browser import opened, seconds, settle
-from tests.render.made import blank, evaluated, put
+from medjax.world.state import IN_SERVICE, LEAVING
+from tests.render.browser import seconds, settle
+from tests.render.made import blank, put
 
 
 @pytest.fixture(scope="module")
@@ -36,101 +34,125 @@ def made(tmp_path_factory):
     return path
 
 
-def test_what_happens_is_what_was_made(browser, made):
-    """Times are those of the frames: charged from 12 on, standing for 5 s after 20 of them, told at 40."""
-    with opened(browser, made) as page:
-        texts = page.locator("#event-list li").all_inner_texts()
-        assert texts == [
-            "0:03 EV 1 is charged by MED 1",
-            "0:08 gas 1 stands",
-            "0:10 MED 1 told: 14 m/s in lane 1, takes EVs",
-        ]
-        page.locator("#event-list button").nth(1).click()
-        settle(page)
-        assert seconds(page) == 0.25 * (16 + 20 - 1)
-        assert page.inner_text("#vehicle-panel h2") == "gas 1"
-        assert page.input_value("#camera") == "selected"
-        assert page.locator("#event-list li[aria-current]").inner_text() == texts[1]
-        page.keyboard.press("n")
-        settle(page)
-        assert seconds(page) == 10.0
-        page.keyboard.press("Shift+N")
-        settle(page)
-        assert seconds(page) == 8.75
+@pytest.fixture(scope="module")
+def parting(tmp_path_factory):
+    """A MED at 1000 m in lane 3 charges EV 1 at its left; EV 2 drives to its rear slot; EV 3 ran out at 940 m.
+
+    The MED refuses EVs from the start. It leaves for the only exit at 6 s and is gone at 9 s; on the way it is told to
+    go to the second depot.
+    """
+    recording = blank(1 + 4 * 10, exit_x_m=[1800.0], num_depots=2)
+    config, frames = recording.config, recording.frames
+    fleet, ev = recording.params.fleet, config.ev_slots.start
+    put(recording, 0, 1000.0, 2, frames=slice(0, 24))
+    put(recording, 0, 1790.0, 3, frames=slice(24, 36))
+    frames.med_status[:24, 0], frames.med_status[24:, 0] = IN_SERVICE, LEAVING
+    frames.med_depot[30:, 0] = 1
+    frames.med_service_speed[:, 0] = fleet.service_speed
+    frames.med_service_lane[:, 0] = fleet.service_lane
+    put(recording, ev, 996.5, 1)
+    put(recording, ev + 1, 950.0, 1)
+    put(recording, ev + 2, 940.0, 3, frames=slice(0, 4))
+    frames.ev_soc[:, :2] = 0.5
+    frames.ev_soc[:2, 2] = 0.01
+    for number, panel in ((0, 0), (1, 2)):
+        frames.ev_med[:24, number], frames.ev_panel[:24, number] = 0, panel
+    frames.ev_is_charging[:24, 0] = True
+    path = tmp_path_factory.mktemp("parting") / "parting.html"
+    write_player(path, [recording])
+    return path
 
 
-def test_events_of_an_episode_are_all_there(browser, two, recording, other):
-    """As many first charges as EVs that were ever charged, and one line for each dispatch and each that ran out."""
+def test_events_happen_at_their_frames(pages, made):
+    """Charging starts at frame 12, the gas vehicle has stood for 5 s 20 frames after 16, the order comes at 40."""
+    page = pages(made)
+    texts = page.locator("#event-list li").all_inner_texts()
+    assert texts == [
+        "0:03 EV 1 is charged by MED 1",
+        "0:08 gas 1 stands still",
+        "0:10 MED 1 ordered: 14 m/s in lane 1, accepts EVs",
+    ]
+    page.locator("#event-list button").nth(1).click()
+    settle(page)
+    assert seconds(page) == 0.25 * (16 + 20 - 1)
+    assert page.inner_text("#vehicle-panel h2") == "gas 1"
+    assert page.input_value("#camera") == "selected"
+    assert page.locator("#event-list li[aria-current]").inner_text() == texts[1]
+    for key, time in (("n", 10.0), ("Shift+N", 8.75)):
+        page.keyboard.press(key)
+        settle(page)
+        assert seconds(page) == time
+
+
+def test_the_first_order_and_the_exit_are_events(pages, parting):
+    """The first order differs from the fleet's: refuse EVs."""
+    texts = pages(parting).locator("#event-list li").all_inner_texts()
+    (told,) = [text for text in texts if "MED 1 ordered" in text]
+    assert told.startswith("0:00")
+    assert told.endswith("refuses EVs")
+    assert "0:06 MED 1 heads for exit 1 and depot 2" in texts
+
+
+def test_events_of_two_episodes_are_complete_and_name_their_policy(pages, two, recording, other):
+    """As many first charges as EVs that were ever charged, and a line for each dispatch and each EV that ran out."""
+    page = pages(two)
     charged = sum(
         recording.frames.ev_is_charging[track.first : track.last + 1, ev].any()
         for track in tracks_of(recording)
         if 0 <= (ev := track.slot - recording.config.ev_slots.start) < recording.config.num_evs
     )
-    with opened(browser, two) as page:
-        count = page.evaluate(
-            "['sent', 'charge', 'out'].map((kind) => medjaxPlayer.events.events.filter((e) => e.kind === kind).length)"
-        )
+    kinds, whose = page.evaluate(
+        "['kind', 'which'].map((name) => medjaxPlayer.events.events.map((event) => event[name]))"
+    )
     both = (recording, other)
-    sent = sum(int((each.decisions.sent > 0).sum()) for each in both)
-    out = sum(int(each.decisions.tally.depleted.sum()) for each in both)
-    assert count[:2] == [sent, charged]
-    assert count[2] <= out  # one that ran out at the end still coasts
-    assert charged > 0
-
-
-def test_whose_event_it_is_can_be_heard(browser, two):
-    """A colour says it to those who see it."""
-    with opened(browser, two) as page:
-        texts = page.locator("#event-list button").all_text_contents()
-        whose = page.evaluate("medjaxPlayer.events.events.map(({ which }) => which)")
+    assert kinds.count("sent") == sum(int((each.decisions.sent > 0).sum()) for each in both)
+    assert kinds.count("charge") == charged > 0
+    # One that ran out at the end still coasts.
+    assert kinds.count("out") <= sum(int(each.decisions.tally.depleted.sum()) for each in both)
+    texts = page.locator("#event-list button").all_text_contents()
     assert [text.split(",")[0] for text in texts] == [("periodic", "none")[each] for each in whose]
 
 
-def test_charts_and_playback_are_seen_together(browser, two):
-    with opened(browser, two, width=1600, height=900) as page:
-        bottoms = page.evaluate(
-            "['#play', '#charts figure:last-child', '#event-list', '.view:last-child canvas']"
-            ".map((name) => document.querySelector(name).getBoundingClientRect().bottom)"
-        )
-        assert max(bottoms) <= 900.0
-        assert page.evaluate("document.querySelector('#event-list').clientHeight") >= 66
-
-
-@pytest.mark.parametrize(("width", "height"), [(1024, 768), (390, 844)])
-def test_sizes(browser, two, width, height):
-    with opened(browser, two, width=width, height=height) as page:
-        assert page.evaluate("document.documentElement.scrollWidth") <= width
-        box = page.locator("#play").bounding_box()
-        assert box["y"] + box["height"] <= height
-
-
-def test_zoom_keeps_proportions_and_what_is_under_the_pointer(browser, made):
-    with opened(browser, made) as page:
-        page.evaluate("medjaxPlayer.setCamera('free', 2000)")
+def test_zoom_keeps_proportions_and_the_place_under_the_pointer(pages, made):
+    page = pages(made)
+    page.evaluate("medjaxPlayer.setCamera('free', 2000)")
+    settle(page)
+    box = page.locator(".view canvas").bounding_box()
+    camera = "medjaxPlayer.views[0].road.camera"
+    middle = page.evaluate(f"{camera}.top + {camera}.height / 2")
+    x = 0.25 * box["width"]
+    shape = f"[{camera}.perX / {camera}.perY, {camera}.metres({x}), {camera}.perX]"
+    ratio, place, scale = page.evaluate(shape)
+    page.mouse.move(box["x"] + x, box["y"] + middle)
+    for delta, larger in ((-300, True), (900, False)):
+        page.mouse.wheel(0, delta)
         settle(page)
-        box = page.locator(".view canvas").bounding_box()
-        camera = "medjaxPlayer.views[0].road.camera"
-        middle = page.evaluate(f"{camera}.top + {camera}.height / 2")
-        x = 0.25 * box["width"]
-        shape = f"[{camera}.perX / {camera}.perY, {camera}.metres({x}), {camera}.perX]"
-        ratio, place, scale = page.evaluate(shape)
-        page.mouse.move(box["x"] + x, box["y"] + middle)
-        for delta, larger in ((-300, True), (900, False)):
-            page.mouse.wheel(0, delta)
-            settle(page)
-            after = page.evaluate(shape)
-            assert after[0] == pytest.approx(ratio, rel=1e-6)
-            assert after[1] == pytest.approx(place, abs=0.5)
-            assert (after[2] > scale) == larger
-        assert page.evaluate("window.scrollY") == 0
+        after = page.evaluate(shape)
+        assert after[0] == pytest.approx(ratio, rel=1e-6)
+        assert after[1] == pytest.approx(place, abs=0.5)
+        assert (after[2] > scale) == larger
+    assert page.evaluate("window.scrollY") == 0
 
 
-def test_colours_are_those_of_the_scale(browser, made):
-    """At 30 m/s of 36 on the scale, standing, braking as hard as it goes, and stood for 8 s of 30."""
-
-    def there(page):
-        """The pixel in the middle of the gas vehicle."""
-        return page.evaluate(
+def test_colours_are_those_of_the_scale(pages, made):
+    """At 30 m/s of 36 on the scale, standing, braking hardest, and after standing for 8 s of 30."""
+    page = pages(made)
+    page.evaluate(
+        "medjaxPlayer.select(0, medjaxPlayer.episodes[0].tracks.find((t) => t.name === 'gas 1'));"
+        "medjaxPlayer.setCamera('selected')"
+    )
+    for name, time, share in (
+        ("speed", 2.0, 30 / 36),
+        ("speed", 6.0, 0.0),
+        ("acceleration", 4.0, 0.0),
+        ("acceleration", 2.0, 0.5),
+        ("waiting", 11.75, 8 / 30),
+    ):
+        page.select_option("#colour", name)
+        page.evaluate(f"medjaxPlayer.seek({time})")
+        settle(page)
+        # The pixel in the middle of the gas vehicle.
+        found = page.evaluate(
             """() => {
               const { road } = medjaxPlayer.views[0];
               const { slot, body } = medjaxPlayer.selected.track;
@@ -141,118 +163,120 @@ def test_colours_are_those_of_the_scale(browser, made):
               return [...pixel.getImageData(0, 0, 1, 1).data.slice(0, 3)];
             }"""
         )
-
-    with opened(browser, made) as page:
-        page.evaluate(
-            "medjaxPlayer.select(0, medjaxPlayer.episodes[0].tracks.find((t) => t.name === 'gas 1'))"
-        )
-        page.evaluate("medjaxPlayer.setCamera('selected')")
-        for name, time, share in (
-            ("speed", 2.0, 30 / 36),
-            ("speed", 6.0, 0.0),
-            ("acceleration", 4.0, 0.0),
-            ("acceleration", 2.0, 0.5),
-            ("waiting", 11.75, 8 / 30),
-        ):
-            page.select_option("#colour", name)
-            page.evaluate(f"medjaxPlayer.seek({time})")
-            settle(page)
-            wanted = colors.soc_color(round(100 * share) / 100)
-            assert there(page) == pytest.approx(wanted, abs=1), name
-        assert "stood for" in page.inner_text("#scale")
+        assert found == pytest.approx(colors.soc_color(round(100 * share) / 100), abs=1), name
+    assert "standing for" in page.inner_text("#scale")
 
 
-def test_a_click_on_the_ways_goes_there(browser, made):
-    with opened(browser, made) as page:
-        page.locator("#ways .plot").scroll_into_view_if_needed()
-        box = page.locator("#ways .plot").bounding_box()
-        plot = "medjaxPlayer.ways[0]"
-        x, y = page.evaluate(f"[{plot}.toX(5), 5 + 0.25 * ({plot}.bottom - 8)]")
-        page.mouse.click(box["x"] + x, box["y"] + y)
-        settle(page)
-        assert seconds(page) == pytest.approx(5.0, abs=0.1)
-        assert page.evaluate("medjaxPlayer.camera.x") == pytest.approx(3000.0, abs=40.0)
+def test_a_click_on_the_time_space_diagram_goes_there(pages, made):
+    page = pages(made)
+    page.locator("#ways .plot").scroll_into_view_if_needed()
+    box = page.locator("#ways .plot").bounding_box()
+    plot = "medjaxPlayer.ways[0]"
+    x, y = page.evaluate(f"[{plot}.toX(5), 5 + 0.25 * ({plot}.bottom - 8)]")
+    page.mouse.click(box["x"] + x, box["y"] + y)
+    settle(page)
+    assert seconds(page) == pytest.approx(5.0, abs=0.1)
+    assert page.evaluate("medjaxPlayer.camera.x") == pytest.approx(3000.0, abs=40.0)
 
 
-def test_it_speaks_at_most_once_in_five_seconds(browser, made):
-    """Nothing but the announcer is a live region, and it changes once in a second of play."""
-    with opened(browser, made) as page:
-        live = page.evaluate(
-            "[...document.querySelectorAll('output, [aria-live], [role=status]')]"
-            ".filter((e) => e.getAttribute('aria-live') !== 'off').map((e) => e.id)"
-        )
-        assert live == ["announcer"]
-        page.evaluate(
-            "window.said = 0; new MutationObserver(() => { window.said += 1; })"
-            ".observe(document.querySelector('#announcer'), { childList: true })"
-        )
-        page.evaluate("medjaxPlayer.setSpeed(4); medjaxPlayer.play()")
-        page.wait_for_timeout(1500)
-        assert page.evaluate("window.said") == 1
-        assert "MEDs sent" in page.inner_text("#announcer")
+def test_only_the_announcer_speaks_and_at_most_once_in_five_seconds(pages, made):
+    page = pages(made)
+    live = page.evaluate(
+        "[...document.querySelectorAll('output, [aria-live], [role=status]')]"
+        ".filter((e) => e.getAttribute('aria-live') !== 'off').map((e) => e.id)"
+    )
+    assert live == ["announcer"]
+    page.evaluate(
+        "window.said = 0; new MutationObserver(() => { window.said += 1; })"
+        ".observe(document.querySelector('#announcer'), { childList: true })"
+    )
+    page.evaluate("medjaxPlayer._said = -Infinity; medjaxPlayer.setSpeed(4); medjaxPlayer.play()")
+    page.wait_for_timeout(1500)
+    assert page.evaluate("window.said") == 1
+    assert "MEDs sent" in page.inner_text("#announcer")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_road_and_vehicles_can_be_told_apart(browser, made, scheme):
+@pytest.mark.parametrize("scheme", ["dark", "light"])
+def test_road_and_vehicles_have_contrast(pages, made, scheme):
     """WCAG 2.2, 1.4.11: 3:1 for what is needed to understand a picture."""
-    with opened(browser, made) as page:
-        page.emulate_media(color_scheme=scheme)
-        settle(page)
-        theme = page.evaluate(
-            "Object.fromEntries(['asphalt', 'gas', 'marking', 'med', 'onMed', 'edge', 'out', 'paper', 'ink', 'faint']"
-            ".map((name) => [name, medjaxPlayer.theme[name]]))"
-        )
+    page = pages(made)
+    page.emulate_media(color_scheme=scheme)
+    settle(page)
+    theme = page.evaluate(
+        "Object.fromEntries(['asphalt', 'gas', 'marking', 'med', 'onMed', 'edge', 'out', 'paper', 'ink', 'faint']"
+        ".map((name) => [name, medjaxPlayer.theme[name]]))"
+    )
 
     def luminance(text):
         parts = [int(text[i : i + 2], 16) / 255 for i in (1, 3, 5)]
         linear = [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in parts]
         return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
-    def contrast(one, other):
-        high, low = sorted((luminance(theme[one]), luminance(theme[other])), reverse=True)
-        return (high + 0.05) / (low + 0.05)
-
-    assert contrast("onMed", "med") >= 4.5
-    for name in ("gas", "marking", "med", "edge"):
-        assert contrast(name, "asphalt") >= 3.0, name
-    assert contrast("out", "paper") >= 3.0
-    assert contrast("ink", "paper") >= 7.0
-    assert contrast("faint", "paper") >= 4.5
-
-
-def test_means_of_many_episodes_stand_beside_this_one(browser, recording, other, tmp_path):
-    path = tmp_path / "means.html"
-    write_player(path, [recording, other], evaluation=evaluated(recording))
-    with opened(browser, path) as page:
-        rows = page.locator("#verdict tbody tr").all_inner_texts()
-    assert len(rows) == 3
-    cells = re.split(r"\s*\t\s*", rows[2].strip())
-    assert cells == [
-        "periodic, mean of 1000 episodes", "1.5", "1.5", "3.00", "568", "1.5", "7.2 [3.0, 11.5]",
-    ]  # fmt: skip
+    for name, ground, least in (
+        ("onMed", "med", 4.5),
+        *((name, "asphalt", 3.0) for name in ("gas", "marking", "med", "edge")),
+        ("out", "paper", 3.0),
+        ("ink", "paper", 7.0),
+        ("faint", "paper", 4.5),
+    ):
+        low, high = sorted((luminance(theme[name]), luminance(theme[ground])))
+        assert (high + 0.05) / (low + 0.05) >= least, name
 
 
-def test_the_verdict_is_turned_on_a_phone(browser, recording, other, tmp_path):
-    """Policies side by side, a number in a line, and no name is broken."""
-    path = tmp_path / "means.html"
-    write_player(path, [recording, other], evaluation=evaluated(recording))
-    with opened(browser, path, width=390, height=844) as page:
-        page.locator("#ending").click()
-        assert page.locator("#verdict th[scope=row]").all_inner_texts()[0] == "ran out"
-        assert page.locator("#verdict th[scope=col]").all_inner_texts()[0] == "periodic"
-        heights = [row.bounding_box()["height"] for row in page.locator("#verdict tbody tr").all()]
-        assert max(heights) < 45
-        assert page.locator("#verdict").bounding_box()["width"] <= 366
+def test_tooltips_name_everything(pages, parting):
+    """By the title of the canvas under the pointer."""
+    page = pages(parting)
+    page.evaluate("medjaxPlayer.setCamera('free', 980); medjaxPlayer.seek(2)")
+    settle(page)
+    box = page.locator(".view canvas").bounding_box()
+
+    def told(x, y, part="camera"):
+        place = page.evaluate(
+            f"(({{ {part}: view }}) => [view.px({x}), view.py({y})])(medjaxPlayer.views[0].road)"
+        )
+        page.mouse.move(box["x"] + place[0], box["y"] + place[1])
+        return page.evaluate("document.querySelector('.view canvas').title")
+
+    slots = page.evaluate("medjaxPlayer.episodes[0].slots()")
+    right, rear = (next(s for s in slots if s["panel"] == panel) for panel in (1, 2))
+    shoulder = page.evaluate("medjaxPlayer.episodes[0].meta.road.shoulder")
+    assert told(940.0, shoulder).startswith("EV 3 ran out, at 0:01")
+    assert told(right["x"] - 2.0, right["y"]).startswith("right slot of MED 1, free")
+    assert told(rear["x"] - 2.0, rear["y"]).startswith("rear slot of MED 1, booked by EV 2")
+    assert told(994.0, 6.0).startswith("MED 1 charges EV 1, left slot")
+    assert told(925.0, 0.0).startswith("lane 1 of 4; 925 m")
+    assert told(100.0, 16.0, "strip").startswith("ramp 1")
+    assert told(1750.0, 16.0, "strip").startswith("exit 1")
+    page.mouse.move(box["x"] + box["width"] / 4, box["y"] + 2)
+    assert "mean speed here" in page.evaluate("document.querySelector('.view canvas').title")
+    for name in ("#charts .plot", "#ways .plot", "#dispatch-panel .plot"):
+        page.locator(name).first.hover()
+        title = page.evaluate("(name) => document.querySelector(name).title", name)
+        assert "at 0:0" in title, name
 
 
-def test_a_notebook_shows_the_page_in_a_frame(browser, recording, tmp_path):
-    shown = show(recording, height=500)
-    path = tmp_path / "notebook.html"
-    path.write_text(f"<!DOCTYPE html><body>{shown._repr_html_()}</body>", encoding="utf-8")
-    assert shown.page == player_page([recording])
-    page = browser.new_page()
-    page.goto(path.as_uri())
-    frame = page.frames[1]
-    frame.wait_for_selector("#verdict tbody tr")
-    assert frame.evaluate("medjaxPlayer.episodes.length") == 1
-    page.close()
+def test_a_booking_ends_at_its_slot_which_is_outlined(pages, parting):
+    """With nobody selected; a spy on the canvas records lines and rectangles."""
+    page = pages(parting)
+    page.evaluate("medjaxPlayer.setCamera('free', 980); medjaxPlayer.seek(2)")
+    settle(page)
+    ends, outlines, slot = page.evaluate(
+        """() => {
+          const { road } = medjaxPlayer.views[0];
+          const { context, camera, episode } = road;
+          const [ends, outlines] = [[], []];
+          const { lineTo, strokeRect } = CanvasRenderingContext2D.prototype;
+          context.lineTo = function (x, y) { ends.push([x, y]); return lineTo.call(this, x, y); };
+          context.strokeRect = function (...box) { outlines.push(box); return strokeRect.apply(this, box); };
+          road.draw(2, null);
+          delete context.lineTo;
+          delete context.strokeRect;
+          const { length, width } = episode.meta.slotBody;
+          const { x, y } = episode.slots().find(({ panel }) => panel === 2);
+          const box = [camera.px(x - length), camera.py(y - width / 2), length * camera.perX, width * camera.perY];
+          return [ends, outlines, box];
+        }"""
+    )
+    middle = [slot[0] + slot[2] / 2, slot[1] + slot[3] / 2]
+    assert any(end == pytest.approx(middle) for end in ends)
+    assert any(box == pytest.approx(slot) for box in outlines)

@@ -1,4 +1,4 @@
-"""python -m medjax.render: bad input is one line and exit code 2; good input is a file."""
+"""`python -m medjax.render`: bad input is one line and exit code 2; good input is a file."""
 
 import dataclasses
 import importlib.util
@@ -20,80 +20,76 @@ from tests.benchmarks.refusal import refused
 from tests.render.test_player import contents
 
 BAD = [
-    (["--out", "a.mp3"], "allowed a file that ends in .mp4, .gif, .png, .html"),
-    (["--out", "a"], "allowed a file that ends in"),
-    ([], "--out"),
-    (["--policy", "best", "--out", "a.html"], "unknown policy 'best': allowed none, slow, random"),
-    (
-        ["--compare", "best", "--out", "a.html"],
-        "unknown compare 'best': allowed none, slow, random",
-    ),
-    (["--compare", "forecast", "--out", "a.html"], "allowed another one"),
-    (["--compare", "none", "--out", "a.mp4"], "ends in .html"),
-    (["--scenario", "mars", "--out", "a.html"], "unknown scenario 'mars': allowed paper"),
-    (["--run-dir", "nowhere", "--out", "a.html"], "allowed one that train.ppo wrote"),
-    (["--run-dir", ".", "--out", "a.html"], "python -m train.export --run-dir . writes it"),
-    (["--run-dir", ".", "--policy", "none", "--out", "a.html"], "one or the other"),
-    (["--out", "nowhere/a.html"], "allowed a file in a directory that can be written"),
-    (["--follow", "bus:3", "--out", "a.html"], "allowed auto, MED:NUMBER"),
-    (["--seed", "-1", "--out", "a.html"], "allowed a whole number"),
-    (["--episode", "x", "--out", "a.html"], "allowed a whole number"),
-    (["--start", "-1", "--out", "a.html"], "allowed a number from 0"),
-    (["--duration", "0", "--out", "a.mp4"], "allowed a number above 0"),
-    (["--duration", "nan", "--out", "a.mp4"], "allowed a number above 0"),
-    (["--duration", "5", "--out", "a.html"], "the player holds the whole episode"),
-    (["--size", "big", "--out", "a.png"], "allowed WIDTHxHEIGHT"),
-    (["--size", "10x10", "--out", "a.png"], "allowed 160 to 8192 px"),
-    (["--grid", "2", "--out", "a.html"], "allowed a whole number from 3"),
-    (["--grid", "8", "--out", "a.png"], "--grid: allowed with a file that ends in .html"),
-    (["--grid", "8", "--episode", "3", "--out", "a.html"], "without --episode"),
-    (["--evaluation", "nowhere.json", "--out", "a.html"], "train.evaluate --json wrote"),
-    (["--evaluation", "a.json", "--out", "a.png"], "--evaluation with a.png"),
-    (["--set", "cooldown_s", "--out", "a.html"], "allowed NAME=VALUE"),
-    (["--set", "name=1", "--out", "a.html"], "allowed NAME=VALUE"),
+    ("--out a.mp3", "allowed a file that ends in .mp4, .gif, .png, .html"),
+    ("--out a", "allowed a file that ends in"),
+    ("", "--out"),
+    ("--policy best --out a.html", "unknown policy 'best': allowed none, slow, random"),
+    ("--compare best --out a.html", "unknown compare 'best': allowed none, slow, random"),
+    ("--compare forecast --out a.html", "allowed another one"),
+    ("--compare none --out a.mp4", "--compare with a.mp4: allowed with a file that ends in .html"),
+    ("--scenario mars --out a.html", "unknown scenario 'mars': allowed paper"),
+    ("--run-dir nowhere --out a.html", "allowed one that train.ppo wrote"),
+    ("--run-dir . --out a.html", "python -m train.export --run-dir . writes it"),
+    ("--run-dir . --policy none --out a.html", "one or the other"),
+    ("--out nowhere/a.html", "allowed a file in a directory that can be written"),
+    ("--follow bus:3 --out a.html", "allowed auto, MED:NUMBER"),
+    ("--seed -1 --out a.html", "allowed a whole number"),
+    ("--episode x --out a.html", "allowed a whole number"),
+    ("--start -1 --out a.html", "allowed a number from 0"),
+    ("--duration 0 --out a.mp4", "allowed a number above 0"),
+    ("--duration nan --out a.mp4", "allowed a number above 0"),
+    ("--duration 5 --out a.html", "the player holds the whole episode"),
+    ("--size big --out a.png", "allowed WIDTHxHEIGHT"),
+    ("--size 10x10 --out a.png", "allowed 160 to 8192 px"),
+    ("--grid 2 --out a.html", "allowed a whole number from 3"),
+    ("--grid 8 --out a.png", "--grid with a.png: allowed with a file that ends in .html"),
+    ("--grid 8 --episode 3 --out a.html", "--grid with --episode: allowed one of them"),
+    ("--evaluation nowhere.json --out a.html", "train.evaluate --json wrote"),
+    ("--evaluation a.json --out a.png", "--evaluation with a.png"),
+    ("--set cooldown_s --out a.html", "allowed NAME=VALUE"),
+    ("--set name=1 --out a.html", "allowed NAME=VALUE"),
 ]
 BAD_WORLDS = [
-    (["--set", "cooldown=3"], "cooldown_s"),
-    (["--set", "num_lanes=0"], "num_lanes = 0: allowed"),
-    (["--start", "601"], "allowed 0 to 600 s"),
-    (["--follow", "4001"], "allowed 0 to 4000 m"),
+    ("--set cooldown=3", "cooldown_s"),
+    ("--set num_lanes=0", "num_lanes = 0: allowed"),
+    ("--start 601", "allowed 0 to 600 s"),
+    ("--follow 4001", "allowed 0 to 4000 m"),
+    ("--run-dir run", "a policy that train.ppo or train.export wrote"),
 ]
+RECORD = "medjax.episodes.options.record_episode"
 
 
 @pytest.fixture(autouse=True)
 def _nothing_is_simulated(request, monkeypatch, tmp_path):
+    """Commands run in an empty directory and, unless a test is slow, simulate nothing."""
     monkeypatch.chdir(tmp_path)
-    if "played" in request.fixturenames:
-        return
-
-    def record(*args, **kwargs):
-        raise AssertionError("simulated before the input was checked")
-
     if request.node.get_closest_marker("slow") is None:
-        monkeypatch.setattr("medjax.episodes.options.record_episode", record)
+        monkeypatch.delattr(RECORD)
 
 
 @pytest.fixture
-def played(monkeypatch, recording, other):
+def played(_nothing_is_simulated, monkeypatch, recording, other):
     """The command gets these recordings at once."""
 
     def record(*args, name, **kwargs):
         return other if name == "none" else recording
 
-    monkeypatch.setattr("medjax.episodes.options.record_episode", record)
+    monkeypatch.setattr(RECORD, record, raising=False)
 
 
 @pytest.mark.parametrize(("argv", "says"), BAD)
-def test_bad_input_is_refused_in_one_line(argv, says, capsys):
-    line = refused(main, argv, capsys)
+def test_bad_options_are_refused_in_one_line(argv, says, capsys):
+    line = refused(main, argv.split(), capsys)
     assert line.startswith("python -m medjax.render: ")
     assert says in line
     assert not list(Path().iterdir())
 
 
 @pytest.mark.parametrize(("argv", "says"), BAD_WORLDS)
-def test_what_the_world_refuses_is_one_line(argv, says, capsys):
-    assert main([*argv, "--out", "a.html"]) == 2
+def test_bad_worlds_and_policies_are_refused_in_one_line(argv, says, capsys):
+    Path("run").mkdir()
+    Path("run/policy.zip").write_bytes(b"no archive")
+    assert main([*argv.split(), "--out", "a.html"]) == 2
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     assert says in err
@@ -107,14 +103,12 @@ def test_what_the_world_refuses_is_one_line(argv, says, capsys):
         (".png", "PIL", "Pillow"),
     ],
 )
-def test_a_missing_library_is_named_with_the_command_that_installs_it(
+def test_missing_libraries_are_named_with_their_command(
     suffix, module, library, capsys, monkeypatch
 ):
     find = importlib.util.find_spec
     monkeypatch.setattr(
-        importlib.util,
-        "find_spec",
-        lambda name, *rest: None if name == module else find(name, *rest),
+        importlib.util, "find_spec", lambda name, *rest: None if name == module else find(name)
     )
     line = refused(main, ["--out", f"a{suffix}"], capsys)
     assert line.endswith(f'{library} is not installed: pip install -e ".[render]"\n')
@@ -123,17 +117,17 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it(
 @pytest.mark.parametrize(
     "argv",
     [
-        ["--out", "a.html"],
+        "--out a.html",
         pytest.param(
-            ["--out", "a.html", "--compare", "none", "--follow", "EV:2", "--start", "30"],
-            marks=pytest.mark.slow,
+            "--out a.html --compare none --follow EV:2 --start 30", marks=pytest.mark.slow
         ),
-        ["--out", "a.png", "--size", "400x200", "--follow", "1200", "--span", "300"],
-        ["--out", "a.mp4", "--duration", "0.5", "--size", "400x200"],
-        ["--out", "a.gif", "--start", "3", "--duration", "0.5", "--size", "400x200"],
+        "--out a.png --size 400x200 --follow 1200 --span 300",
+        "--out a.mp4 --duration 0.5 --size 400x200",
+        "--out a.gif --start 3 --duration 0.5 --size 400x200",
     ],
 )
-def test_writes_the_file_and_says_so(argv, capsys, played):
+def test_writes_the_file_and_prints_its_size(argv, capsys, played):
+    argv = argv.split()
     assert main(["--policy", "periodic", *argv]) == 0
     out, err = capsys.readouterr()
     name, size, unit = out.split()
@@ -141,14 +135,14 @@ def test_writes_the_file_and_says_so(argv, capsys, played):
     unit = {"kB": 1e3, "MB": 1e6}[unit]
     assert float(size) > 0.0
     assert float(size) * unit == pytest.approx(Path(argv[1]).stat().st_size, abs=0.06 * unit)
-    # No bar, for this is no terminal; but who waits knows for what.
+    # No progress bar, since this is no terminal.
     who = "periodic and none" if "--compare" in argv else "periodic"
     assert err == f"compiling and playing an episode with {who} ...\n"
     assert [path.name for path in Path().iterdir()] == [argv[1]]
 
 
 def test_a_grid_shows_the_best_the_median_and_the_worst(monkeypatch, recording, browser, capsys):
-    """Of returns that are known; three players in one page."""
+    """Three players in one page, of known returns."""
     returns = np.array([3.0, -7.0, 12.0, 5.0, 4.0])
     asked = []
 
@@ -159,10 +153,9 @@ def test_a_grid_shows_the_best_the_median_and_the_worst(monkeypatch, recording, 
         asked.append((list(policies), episodes, seed))
         return {"periodic": {"return": returns}}
 
-    monkeypatch.setattr("medjax.episodes.options.record_episode", record)
+    monkeypatch.setattr(RECORD, record, raising=False)
     monkeypatch.setattr("medjax.render.__main__.evaluate_policies", evaluate)
-    argv = ["--policy", "periodic", "--grid", "5", "--seed", "9", "--out", "a.html"]
-    assert main(argv) == 0
+    assert main(["--policy", "periodic", "--grid", "5", "--seed", "9", "--out", "a.html"]) == 0
     assert asked == [(["periodic"], 5, 9)]
     err = capsys.readouterr().err
     assert err.startswith("compiling and playing 5 episodes with periodic ...\n")
@@ -179,58 +172,51 @@ def test_a_grid_shows_the_best_the_median_and_the_worst(monkeypatch, recording, 
     page.close()
 
 
+def evaluation_of(argv, *policies):
+    """The evaluation that the command shows for these policies, on the preset `paper`."""
+    request = _request(build_parser().parse_args(["--out", "a.html", *argv.split()]))
+    return _evaluation(request, SimpleNamespace(name="paper"), policies)
+
+
 @pytest.mark.parametrize(
-    ("argv", "known"),
+    ("argv", "policy", "known"),
     [
-        ([], True),
-        (["--set", "cooldown_s=30"], False),
-        (["--policy", "medjax.policies.rules:greedy"], False),
+        ("", "forecast", True),
+        ("--set cooldown_s=30", "forecast", False),
+        ("--policy medjax.policies.rules:greedy", "medjax.policies.rules:greedy", False),
     ],
 )
-def test_a_preset_as_it_is_has_known_means(argv, known):
-    """Those of many episodes stand beside this one unless the world, or a policy, is another."""
-    given = build_parser().parse_args(["--out", "a.html", "--compare", "none", *argv])
-    request = _request(given)
-    found = _evaluation(request, SimpleNamespace(name="paper"), [request.played.policy, "none"])
-    assert (found is not None) == known
+def test_unchanged_presets_have_known_means(argv, policy, known):
+    assert (evaluation_of(f"--compare none {argv}", policy, "none") is not None) == known
 
 
 @pytest.mark.parametrize(
     ("argv", "world", "known"),
     [
-        ([], "paper", True),
-        (["--set", "cooldown_s=30"], "paper", False),
-        (["--scenario", "paper"], "paper", False),
-        ([], "corridor", False),
+        ("", "paper", True),
+        ("--set cooldown_s=30", "paper", False),
+        ("--scenario paper", "paper", False),
+        ("", "corridor", False),
     ],
 )
-def test_a_run_that_is_played_as_it_was_trained_has_its_own_means(argv, world, known):
-    """Those of its closing evaluation; one that is broken, or of something else, is nobody's fault."""
+def test_an_unchanged_run_has_the_means_of_its_closing_evaluation(argv, world, known):
+    """An evaluation of something else, or a broken one, is ignored."""
     Path("run").mkdir()
     Path("run/policy.zip").write_bytes(b"")
     entry = {**dict.fromkeys(NAMES, 1.5), "return_ci95": [3.0, 11.5]}
     found = {"scenario": world, "episodes": 7, "policies": {"ppo": entry}}
     Path("run/evaluation.json").write_text(json.dumps(found))
-    given = ["--run-dir", "run", "--out", "a.html", *argv]
-    request = _request(build_parser().parse_args(given))
-    expected = found if known else None
-    assert _evaluation(request, SimpleNamespace(name="paper"), ["ppo"]) == expected
-    assert _evaluation(request, SimpleNamespace(name="paper"), ["ippo"]) is None
+    argv = f"--run-dir run {argv}"
+    assert evaluation_of(argv, "ppo") == (found if known else None)
+    assert evaluation_of(argv, "ippo") is None
     Path("run/evaluation.json").write_text("{")
-    assert _evaluation(request, SimpleNamespace(name="paper"), ["ppo"]) is None
+    assert evaluation_of(argv, "ppo") is None
 
 
-def test_a_vehicle_that_never_came_is_one_line(capsys, played):
+def test_an_unknown_vehicle_is_refused_in_one_line(capsys, played):
     assert main(["--policy", "periodic", "--follow", "EV:999", "--out", "a.html"]) == 2
     assert "allowed EV numbers: 1 to" in capsys.readouterr().err
     assert not list(Path().iterdir())
-
-
-def test_a_broken_policy_is_one_line(capsys):
-    Path("run").mkdir()
-    Path("run/policy.zip").write_bytes(b"no archive")
-    assert main(["--run-dir", "run", "--out", "a.html"]) == 2
-    assert capsys.readouterr().err.endswith("a policy that train.ppo or train.export wrote\n")
 
 
 @pytest.mark.slow
@@ -252,18 +238,11 @@ def test_plays_the_policy_of_a_run_beside_a_rule(capsys):
     save_policy(Path("run/policy.zip"), about, exported)
     assert main(["--run-dir", "run", "--compare", "none", "--out", "a.html"]) == 0
     page = Path("a.html").read_text()
+    assert Path("a.html").stat().st_size > 50_000
     assert "<title>paper: ppo and none, seed 0, episode 0</title>" in page
     _, tables = contents(page)
-    # The last ramp is likeliest wherever it is allowed, at every other decision.
+    # The network prefers the last ramp wherever it is allowed, at every other decision.
     first = tables["probability"][:, 0]
     assert first == pytest.approx(np.arange(1, 6) / 15.0, abs=1e-4)
     assert tables["action"][0, 0] == tables["sent"][0, 0] == 4
     assert tables["probability"][:, 1].tolist() == [1.0, 0.0, 0.0, 0.0, 0.0]
-
-
-@pytest.mark.slow
-def test_plays_and_writes_for_real(capsys):
-    small = ["episode_decisions=8", "num_meds=2", "num_evs=6", "num_gas=10", "mainline_per_h=600"]
-    options = [part for text in small for part in ("--set", text)]
-    assert main(["--policy", "greedy", *options, "--out", "a.html", "--compare", "none"]) == 0
-    assert Path("a.html").stat().st_size > 50_000

@@ -1,4 +1,4 @@
-"""The player's file: what is in it, how large it is, and what it refuses."""
+"""The player's file: its contents, its size, and bad input."""
 
 import base64
 import dataclasses
@@ -16,12 +16,13 @@ from medjax.render.episode_data import charts_of
 from medjax.render.packing import MISSING, Packer
 from medjax.render.player import player_page, write_player
 from medjax.render.tracks import tracks_of
+from tests.render.made import TICKS, blank
 
 MEGABYTE = 1e6
 
 
 def unpacked(index, text):
-    """What `Packer` packed, by the book: undoes each of its steps, in NumPy."""
+    """Second implementation of `web/packing.js`: undoes each step of `Packer`."""
     raw = gzip.decompress(base64.b64decode(text))
     tables, start = {}, 0
     for entry in index:
@@ -43,7 +44,7 @@ def unpacked(index, text):
     values=arrays(np.float64, (3, 7), elements=st.floats(-2e7, 2e7) | st.just(np.nan)),
     order=st.integers(0, 3),
 )
-def test_numbers_come_back_to_half_a_step(values, order):
+def test_unpacked_numbers_are_within_half_a_step(values, order):
     packer = Packer()
     packer.add("a", values, 0.01, order)
     packer.add("b", np.arange(4)[None])
@@ -64,7 +65,7 @@ def contents(page):
     return meta, unpacked(meta["episodes"][0]["arrays"], text)
 
 
-def test_holds_the_recording(recording):
+def test_the_page_holds_the_recording(recording):
     meta, tables = contents(player_page([recording]))
     frames, there = recording.frames, recording.frames.active.T
     for name, values, step in (("x", frames.x, 0.01), ("speed", frames.speed, 0.01)):
@@ -74,7 +75,7 @@ def test_holds_the_recording(recording):
     decisions = recording.decisions
     np.testing.assert_allclose(tables["probability"], decisions.probabilities.T, atol=0.51e-4)
     assert len(meta["episodes"][0]["tracks"]) == len(tracks_of(recording))
-    assert [chart["title"] for chart in meta["episodes"][0]["charts"]]
+    assert len(meta["episodes"][0]["charts"]) == len(charts_of(recording))
 
 
 def test_charts_end_at_the_totals_of_the_episode(recording):
@@ -91,12 +92,9 @@ def test_charts_end_at_the_totals_of_the_episode(recording):
     assert all(values.shape[1] == 91 for values in charts.values())
 
 
-def test_nobody_to_average_over_is_a_gap(still):
-    empty = dataclasses.replace(
-        still, frames=still.frames.replace(active=still.frames.active & False)
-    )
-    charge = charts_of(empty)[0].values
-    assert np.isnan(charge).all()
+def test_means_over_nobody_are_gaps():
+    empty = blank(1 + TICKS)
+    assert np.isnan(charts_of(empty)[0].values).all()
     assert np.isnan(contents(player_page([empty]))[1]["chart0"]).all()
 
 
@@ -106,34 +104,30 @@ def test_600_decisions_of_a_full_highway_stay_under_8_megabytes(full, tmp_path):
     assert len(player_page([full])) < 4 * MEGABYTE
 
 
-def test_needs_nothing_else_and_is_the_same_each_time(recording):
+def test_the_page_is_self_contained_and_reproducible(recording):
+    """And no title breaks it."""
     page = player_page([recording])
     assert page == player_page([recording])
     assert not re.search(r"https?:|@import|\bsrc=|<link(?! rel=.icon. href=.data:)|fetch\(", page)
     assert not re.findall(r"<!--[A-Z]+-->", page)
-
-
-def test_a_title_cannot_break_the_page(recording):
     page = player_page([dataclasses.replace(recording, policy="</script><b>&")])
     assert "</script><b>" not in page
     assert "&lt;/script&gt;&lt;b&gt;&amp;" in page
 
 
-@pytest.mark.parametrize(
-    ("change", "says"), [({"seed": 9}, "seed is 3 and 9"), ({"episode": 2}, "episode is 8 and 2")]
-)
-def test_only_the_same_episode_is_compared(recording, other, change, says):
-    with pytest.raises(ValueError, match=f"^{says}: allowed two recordings of the same episode$"):
-        player_page([recording, dataclasses.replace(other, **change)])
-    with pytest.raises(ValueError, match="allowed 1 or 2"):
-        player_page([recording] * 3)
-
-
-def test_what_cannot_be_shown_leaves_the_old_file(recording, tmp_path):
+def test_bad_input_leaves_the_old_file(recording, other, tmp_path):
     out = tmp_path / "a.html"
     out.write_text("old")
-    for bad in ({"follow": "MED:99"}, {"start_s": 91.0}):
-        with pytest.raises(ValueError, match="allowed"):
-            write_player(out, [recording], **bad)
+    late, another = (dataclasses.replace(other, **each) for each in ({"seed": 9}, {"episode": 2}))
+    same = "allowed two recordings of the same episode"
+    for recordings, how, says in (
+        ([recording], {"follow": "MED:99"}, "follow = MED:99: allowed MED numbers"),
+        ([recording], {"start_s": 91.0}, "start = 91 s: allowed 0 to 90 s"),
+        ([recording, late], {}, f"seed is 3 and 9: {same}"),
+        ([recording, another], {}, f"episode is 8 and 2: {same}"),
+        ([recording] * 3, {}, "3 recordings: allowed 1 or 2"),
+    ):
+        with pytest.raises(ValueError, match=f"^{says}"):
+            write_player(out, recordings, **how)
     assert out.read_text() == "old"
     assert list(tmp_path.iterdir()) == [out]

@@ -1,4 +1,4 @@
-"""Who was there for how long, against the tally's books."""
+"""Tracks of vehicles against the episode's tally, and the camera's path along them."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,8 @@ from medjax.world.kinds import by_class
 from tests.compiling import quickly
 
 
-def test_as_many_vehicles_of_each_class_as_the_tally_counts(recording):
+def test_tracks_are_those_of_the_tally(recording):
+    """As many of each class, and as many EVs without energy, without overlaps in a slot."""
     tracks, active = tracks_of(recording), recording.frames.active
     config = recording.config
     slices = (config.med_slots, config.ev_slots, config.gas_slots)
@@ -21,22 +22,16 @@ def test_as_many_vehicles_of_each_class_as_the_tally_counts(recording):
     numbers = [[t.number for t in tracks if t.kind == kind] for kind in ("MED", "EV", "gas")]
     assert [len(n) for n in numbers] == list(entered)
     assert all(sorted(n) == list(range(1, len(n) + 1)) for n in numbers)
-
-
-def test_tracks_cover_the_road_without_overlap(recording):
-    covered = np.zeros(recording.frames.active.shape, int)
-    for track in tracks_of(recording):
+    covered = np.zeros(active.shape, int)
+    for track in tracks:
         covered[track.first : track.last + 1, track.slot] += 1
-    np.testing.assert_array_equal(covered, recording.frames.active)
-
-
-def test_those_that_ran_out_are_those_that_the_tally_counts(recording):
+    np.testing.assert_array_equal(covered, active)
     stops = ran_out(recording)
     assert len(stops) == recording.decisions.tally.depleted.sum() > 0
     assert all(0.0 <= stop.x_m <= 4000.0 for stop in stops)
 
 
-def test_between_two_ticks_vehicles_are_between_two_places(recording):
+def test_positions_between_ticks_are_interpolated(recording):
     timeline = Timeline(recording)
     before, between, after = (timeline.at(time) for time in (30.0, 30.125, 30.25))
     stays = before.active & after.active
@@ -45,7 +40,7 @@ def test_between_two_ticks_vehicles_are_between_two_places(recording):
     np.testing.assert_array_equal(before.x, recording.frames.x[120])
 
 
-def test_the_camera_is_at_the_vehicle_it_follows(recording):
+def test_the_camera_stays_on_the_followed_vehicle(recording):
     timeline = Timeline(recording)
     track = find_track(timeline, "ev:2")
     path = camera_path(timeline, "EV 2")
@@ -54,7 +49,7 @@ def test_the_camera_is_at_the_vehicle_it_follows(recording):
     assert np.all(path[track.last :] == path[track.last])
 
 
-def test_left_alone_the_camera_is_at_a_med_whenever_there_is_one(recording):
+def test_the_automatic_camera_is_at_a_med_whenever_there_is_one(recording):
     path, frames = camera_path(Timeline(recording), AUTO), recording.frames
     meds = recording.config.med_slots
     any_med = frames.active[:, meds].any(axis=1)
@@ -65,7 +60,7 @@ def test_left_alone_the_camera_is_at_a_med_whenever_there_is_one(recording):
 
 @pytest.fixture(scope="module")
 def changing(world):
-    """An episode of the small highway in which one MED after the other is the busiest."""
+    """An episode in which one MED after the other is the busiest."""
     env, params = world
     with quickly():
         return record_episode(env, params, BASELINES["periodic"](env), seed=3, episode=18)

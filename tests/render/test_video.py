@@ -1,4 +1,4 @@
-"""Videos, read back."""
+"""Videos and pictures, read back."""
 
 import dataclasses
 
@@ -61,7 +61,7 @@ def test_every_tick_is_a_picture(recording):
         ({"width": 100}, "allowed 160 to 8192 px"),
     ],
 )
-def test_what_there_is_not_leaves_the_old_file(recording, tmp_path, change, says):
+def test_bad_input_leaves_the_old_file(recording, tmp_path, change, says):
     out = tmp_path / "a.mp4"
     out.write_text("old")
     with pytest.raises(ValueError, match=says):

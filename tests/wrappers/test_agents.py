@@ -26,14 +26,13 @@ def waiting(env):
     return dict.fromkeys(env.agents, 0)
 
 
-def test_everything_is_by_name(named):
-    """Observations, masks, spaces, rewards, dones and infos."""
+def test_results_are_dicts_by_agent(named):
     assert named.agents == ["med_0", "med_1", "med_2"]
     assert named.num_agents == 3
     assert named.agent_classes == {"med": named.agents}
     assert named.name == "paper"
     obs, state = named.reset(jax.random.key(0))
-    masks = named.get_avail_actions(state)
+    masks = jax.jit(named.get_avail_actions)(state)
     assert set(obs) == set(masks) == set(named.agents)
     for agent in named.agents:
         assert obs[agent].shape == named.observation_space(agent).shape
@@ -43,22 +42,23 @@ def test_everything_is_by_name(named):
     assert set(rewards) == set(named.agents)
     assert set(dones) == {*named.agents, "__all__"}
     assert all(value.shape == (3,) for value in infos.values())
-    # Two programs: what they divide may differ in the last bit.
-    np.testing.assert_allclose(obs["med_1"], named.get_obs(state)["med_1"], rtol=1e-6, atol=1e-7)
-    assert named.world_state(state).ndim == 1
+    # Divisions of two programs may differ in the last bit.
+    again = jax.jit(named.get_obs)(state)
+    np.testing.assert_allclose(obs["med_1"], again["med_1"], rtol=1e-6, atol=1e-7)
+    assert jax.eval_shape(named.world_state, state).ndim == 1
 
 
-def test_an_episode_ends_for_all_and_begins_anew(named):
-    """At its last decision, to the state that is given or to a new one."""
+def test_an_episode_ends_for_all_agents_and_resets(named):
+    """At its last decision, to the given state or to a new one."""
     first_obs, first = named.reset(jax.random.key(0))
     state, ended = first, []
+    masks_of = jax.jit(named.get_avail_actions)
     for number in range(3):
-        actions = {agent: int(named.get_avail_actions(state)[agent][1]) for agent in named.agents}
+        actions = {agent: int(mask[1]) for agent, mask in masks_of(state).items()}
         obs, state, _, dones, infos = named.step(jax.random.key(number), state, actions, first)
         ended.append([bool(dones[agent]) for agent in (*named.agents, "__all__")])
     assert ended == [[False] * 4, [False] * 4, [True] * 4]
     jax.tree.map(np.testing.assert_array_equal, state, first)
-    # Of another program, as above.
     for agent in named.agents:
         np.testing.assert_allclose(obs[agent], first_obs[agent], rtol=1e-6, atol=1e-7)
     assert float(infos["meds_dispatched"][0]) >= 1.0
@@ -69,12 +69,11 @@ def test_an_episode_ends_for_all_and_begins_anew(named):
     assert (np.asarray(state.vehicles.x) != np.asarray(first.vehicles.x)).any()
 
 
-def test_it_batches(named):
-    """`jax.vmap` over keys, states and actions."""
+def test_reset_and_step_run_under_vmap(named):
     keys = jax.random.split(jax.random.key(0), 2)
-    _, states = jax.vmap(named.reset)(keys)
+    _, states = jax.eval_shape(jax.vmap(named.reset), keys)
     actions = {agent: jnp.zeros(2, jnp.int32) for agent in named.agents}
-    obs, states, rewards, dones, _ = jax.jit(jax.vmap(named.step))(keys, states, actions)
+    obs, _, rewards, dones, _ = jax.eval_shape(jax.vmap(named.step), keys, states, actions)
     assert obs["med_0"].shape[0] == rewards["med_2"].shape[0] == dones["__all__"].shape[0] == 2
 
 
@@ -85,19 +84,13 @@ def test_it_batches(named):
         (lambda actions: {"med_0": 0}, "no action of med_1: allowed one of each of med_0 to med_2"),
         (lambda actions: actions | {"med_1": 21}, "action of med_1 = 21: allowed an integer from"),
         (lambda actions: actions | {"med_1": -1}, "action of med_1 = -1: allowed an integer from"),
-        (
-            lambda actions: actions | {"med_2": 0.5},
-            "action of med_2 = 0.5: allowed an integer from",
-        ),
+        (lambda actions: actions | {"med_2": 0.5}, "action of med_2 = 0.5: allowed an integer"),
         (lambda actions: actions | {"med_0": [0, 1]}, "action of med_0 = [0, 1]: allowed an"),
         (lambda actions: actions | {"med_0": "a"}, "action of med_0 = 'a': allowed an integer"),
         (lambda actions: actions | {"med_0": object()}, "action of med_0 = <object object at"),
         (lambda actions: actions | {"med_0": None}, "action of med_0 = None: allowed an integer"),
         (lambda actions: actions | {"med_0": 2**40}, "action of med_0 = 1099511627776: allowed an"),
-        (
-            lambda actions: actions | {"med_0": np.int64(2**40)},
-            "1099511627776): allowed an integer",
-        ),
+        (lambda actions: actions | {"med_0": np.int64(2**40)}, "1099511627776): allowed an"),
         (lambda actions: actions | {"med_0": 10**5000}, "action of med_0 = something of type int"),
         (lambda actions: actions | {"med_0": [[1], [1, 2]]}, "action of med_0 = [[1], [1, 2]]: "),
         (lambda actions: actions | {"med_0": {}}, "action of med_0 = {}: allowed an integer"),
@@ -105,10 +98,9 @@ def test_it_batches(named):
     ],
 )
 def test_bad_actions_are_refused_in_a_line(named, change, words):
-    """Outside of jit; the agent, the value and what is allowed."""
-    _, state = named.reset(jax.random.key(0))
+    """Outside of jit, before the state is read."""
     with pytest.raises(InputError) as caught:
-        named.step(jax.random.key(0), state, change(waiting(named)))
+        named.step(jax.random.key(0), None, change(waiting(named)))
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -126,6 +118,7 @@ def test_bad_actions_are_refused_in_a_line(named, change, words):
         ({"colour": 1}, "unknown option 'colour'"),
         ({"build": 1}, "unknown option 'build': allowed those of medjax.make"),
         ({"central": True}, "unknown option 'central': allowed those of medjax.make"),
+        ({"credt": "own"}, "unknown option 'credt': did you mean credit"),
     ],
 )
 def test_bad_options_are_refused_in_a_line(given, words):
@@ -141,8 +134,8 @@ def test_unknown_agents_have_no_space(named):
             ask("med_3")
 
 
-def test_the_fleets_own_speed_is_among_the_choices(named):
-    """So that action 0 is exactly the rule."""
+def test_the_fleets_service_speed_is_a_choice(named):
+    """Action 0 is exactly the rule's."""
     assert float(named.params.fleet.service_speed) in named.env.actions.speeds
     corridor = medjax.make_agents("corridor", speeds=(20.0,), **SMALL)
     assert corridor.env.actions.speeds == (20.0, 23.0)
@@ -161,19 +154,13 @@ def test_the_fleets_own_speed_is_among_the_choices(named):
     ],
 )
 def test_agents_decide_every_four_seconds(given, rounds, decisions):
-    """Of whatever ticks a preset is given, and an episode is as long, but where it is said."""
+    """Whatever the tick, and the episode keeps its length, unless options say otherwise."""
     env, params, *_ = agents_of("paper", build=prepare, **given)
     assert env.env.config.rounds_per_decision == rounds
     assert int(params.episode_decisions) == decisions
 
 
-def test_an_environment_pickles(named):
-    """The copy plays the same episode."""
+def test_a_pickled_copy_plays_the_same_episode(named):
     copy = pickle.loads(pickle.dumps(named))
     first, again = named.reset(jax.random.key(0)), copy.reset(jax.random.key(0))
     jax.tree.map(np.testing.assert_array_equal, first, again)
-
-
-def test_a_misspelt_keyword_is_told():
-    with pytest.raises(InputError, match="unknown option 'credt': did you mean credit"):
-        medjax.make_agents("paper", credt="own")

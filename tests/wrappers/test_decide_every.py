@@ -1,4 +1,4 @@
-"""A policy that chooses now and then, against the same decisions one by one."""
+"""`DecideEvery` against the same decisions one by one."""
 
 import chex
 import jax
@@ -10,7 +10,7 @@ from tests.train.probe_envs import Probe, ProbeParams
 
 
 def one_by_one(env, interval, key, state, action, params):
-    """What a step should be: stops where the episode ends, and counts decisions."""
+    """Reference of a step, which stops where the episode ends, and its number of decisions."""
     total, count = 0.0, 0
     for index, own in enumerate(jax.random.split(key, interval)):
         chosen = jnp.int32(action if index == 0 else 0)
@@ -33,7 +33,7 @@ def one_by_one(env, interval, key, state, action, params):
     ],
 )
 def test_a_step_is_the_decisions_until_the_next_choice_or_the_end(kind, interval, expected):
-    """Episodes of 5, 2 and 1 decisions; noisy pays for action 1, which only the first decision takes."""
+    """Episodes of 5, 2 and 1 decisions; noisy rewards action 1, which only the first decision takes."""
     env, params = Probe(kind), ProbeParams()
     wrapped = DecideEvery(env, interval)
     obs, state = jax.jit(wrapped.reset)(jax.random.key(1), params)
@@ -51,8 +51,3 @@ def test_a_step_is_the_decisions_until_the_next_choice_or_the_end(kind, interval
     assert counts == expected
     assert bool(result[3] | result[4])  # the episode is over, and not before
     assert int(state.time) == sum(expected)
-
-
-def test_bad_interval_is_refused():
-    with pytest.raises(ValueError, match="interval is 0, must be a whole number, at least 1"):
-        DecideEvery(Probe("follow"), 0)

@@ -28,7 +28,7 @@ def named():
 
 
 def test_parallel_api(named):
-    with warnings.catch_warnings(record=True) as said:  # it only warns of much that is wrong
+    with warnings.catch_warnings(record=True) as said:  # the test only warns of many faults
         warnings.simplefilter("always")
         parallel_api_test(ParallelAgents(named), num_cycles=10)
     assert [str(warning.message) for warning in said] == []
@@ -44,58 +44,44 @@ def test_seeds_repeat_episodes(named):
 
 
 def test_episodes_without_a_seed_differ(named):
-    """Between environments too: workers do not play one episode many times."""
+    """In one environment and between two, as of two workers."""
     one, other = (ParallelAgents(named) for _ in range(2))
-    # Several: one pair of episodes in sixty begins alike for MEDs, who wait at their depot where nobody is in need.
+    # Of several episodes: one pair in sixty begins alike for MEDs, which see little from their depot.
     drawn = [
         np.stack([list(each.reset()[0].values()) for _ in range(6)]) for each in (one, one, other)
     ]
     assert not any(np.array_equal(drawn[0], later) for later in drawn[1:])
 
 
-def test_what_is_returned_is_the_callers(named):
+def test_an_episode_is_truncated_for_all(named):
+    """The caller may keep and change results; a bad action changes nothing."""
     env = ParallelAgents(named)
     with pytest.raises(ResetNeeded):
         env.step({})
-    env.reset(seed=1)
-    obs, *_, infos = env.step(dict.fromkeys(env.agents, 0))
-    first, other, *_ = env.agents
-    obs[first] *= 0.0
-    infos[first]["metrics"]["mine"] = 1.0
-    assert "mine" not in infos[other]["metrics"]
-
-
-def test_an_episode_is_truncated_for_all(named):
-    env = ParallelAgents(named)
     _, infos = env.reset(seed=1)
+    with pytest.raises(InputError, match="med_1 = 99"):
+        env.step(dict.fromkeys(env.agents, 0) | {"med_1": 99})
     assert infos["med_0"]["action_mask"].shape == (named.env.num_actions,)
     for number in range(3):
-        _, _, ended, cut, infos = env.step(dict.fromkeys(env.agents, 0))
+        obs, _, ended, cut, infos = env.step(dict.fromkeys(env.agents, 0))
         assert not any(ended.values())
         assert set(cut.values()) == {number == 2}
+        obs["med_0"] *= 0.0
+        infos["med_0"]["metrics"]["mine"] = 1.0
+        assert "mine" not in infos["med_1"]["metrics"]
     assert env.agents == []
     assert infos["med_1"]["metrics"]["collisions"] == 0.0
     for late in ({}, dict.fromkeys(env.possible_agents, 0)):
         with pytest.raises(ResetNeeded):
             env.step(late)
-    env.reset()
-    env.step(dict.fromkeys(env.agents, 0))
 
 
-def test_it_converts_to_a_turn_for_each(named, caplog):
-    """PettingZoo's other API asks how it renders: it does not."""
+def test_converts_to_the_agent_environment_cycle_api(named, caplog):
     assert parallel_to_aec(ParallelAgents(named)).render_mode is None
     assert not caplog.records
 
 
-def test_bad_actions_are_refused(named):
-    env = ParallelAgents(named)
-    env.reset(seed=0)
-    with pytest.raises(InputError, match="med_1 = 99"):
-        env.step(dict.fromkeys(env.agents, 0) | {"med_1": 99})
-
-
-def test_it_pickles_in_the_middle_of_an_episode(named):
+def test_pickles_in_the_middle_of_an_episode(named):
     env = ParallelAgents(named)
     env.reset(seed=1)
     copy = pickle.loads(pickle.dumps(env))

@@ -1,4 +1,4 @@
-"""What environments of Gymnasium share."""
+"""Environments of Gymnasium share compiled programs where they differ only in numbers."""
 
 import dataclasses
 import functools
@@ -9,22 +9,24 @@ import pytest
 from medjax.charging.link import couple
 from medjax.env.reward import TERMS
 from medjax.traffic.idm import IDM, IDM_PLUS
+from medjax.wrappers.gymnasium import ChargingGymEnv
 from medjax.wrappers.gymnasium.programs import alike, chosen
 from tests.wrappers.test_gymnasium import SMALL
 
 
 def test_numbers_are_no_part_of_a_program():
-    """Environments that differ in nothing else share one, through a wrapper too; each says how it was made itself."""
+    """Nothing else may differ; wrapped environments share, too, and each keeps its own recipe."""
     one, other = _made(cooldown_s=30.0), _made(cooldown_s=40.0)
     assert alike(one) is alike(other)
+    assert ChargingGymEnv(**SMALL, cooldown_s=30.0)._program is alike(other)
     assert [env.recipe.overrides["cooldown_s"] for env in (one, other)] == [30.0, 40.0]
     rarely = [_made(3, cooldown_s=seconds) for seconds in (30.0, 40.0)]
     assert alike(rarely[0]) == alike(rarely[1])
     assert alike(rarely[0]) != alike(_made(2))
 
 
-def test_another_model_is_another_environment():
-    """Whoever asks for a car following or a coupling of their own gets that, whatever was made before."""
+def test_models_are_part_of_a_program():
+    """Car following, coupling and probe are those asked for, whatever was made before."""
     weak = functools.partial(couple, form="paper")
     usual = alike(_made())
     assert usual.following is IDM_PLUS
@@ -37,7 +39,7 @@ def test_another_model_is_another_environment():
 
 @dataclasses.dataclass
 class Weighted:
-    """A term that can be called and has no hash, as usual for a dataclass."""
+    """A reward term without a hash, as usual for a dataclass."""
 
     weight: float
 
@@ -53,8 +55,7 @@ class Weighted:
     ],
     ids=["term", "model"],
 )
-def test_what_has_no_hash_is_not_shared(own):
-    """`medjax.make` takes it, so Gymnasium does."""
+def test_environments_without_a_hash_are_not_shared(own):
     env = _made(**own)
     assert alike(env) is env
 

@@ -1,4 +1,4 @@
-"""What cannot be is refused where it is made, in a line, not where it would be found out."""
+"""Bad arguments are refused in one line when an object is made or traced."""
 
 import jax
 import jax.numpy as jnp
@@ -36,10 +36,14 @@ NONE = "env is None: allowed an environment"
         (lambda env: RandomDemand(env, np.ones(2), 1.0), "factors of the demand are array("),
         (lambda env: DecideEvery(env, 1.5), "interval is 1.5, must be a whole number, at least 1"),
         (lambda env: DecideEvery(env, True), "interval is True, must be a whole number"),
-        (
-            lambda env: BatchAutoReset(env, reset_pool_size=float("nan")),
-            "reset_pool_size is nan, must be a whole number, at least 0",
-        ),
+        (lambda env: DecideEvery(env, 0), "interval is 0, must be a whole number, at least 1"),
+        (lambda env: BatchAutoReset(env, stagger=-1), "stagger is -1, must be a whole number"),
+        (lambda env: RandomDemand(env, -0.1, 1.0), "factors of the demand are -0.1 to 1.0, must"),
+        (lambda env: RandomDemand(env, 1.0, 0.9), "factors of the demand are 1.0 to 0.9"),
+        (lambda env: RandomDemand(env, 0.0, np.inf), "factors of the demand are 0.0 to inf"),
+        (lambda env: RandomDemand(env, np.nan, 1.0), "factors of the demand are nan to 1.0"),
+        (lambda env: BatchAutoReset(env, np.nan), "reset_pool_size is nan, must be a whole number"),
+        (lambda env: BatchAutoReset(env, -1), "reset_pool_size is -1, must be a whole number"),
         (lambda env: BatchAutoReset(env, group=0), "group is 0, must be a whole number"),
         (lambda env: env.with_probe(3), "probe is 3: allowed a function"),
         (lambda env: medjax.ChargingEnv(env.config, {"x": 3}), "reward['x'] = 3: allowed a func"),
@@ -59,7 +63,7 @@ def test_refused_when_made(paper, make, says):
 
 
 def test_a_reward_of_another_shape_is_refused_when_traced():
-    """By the term's name; nothing is compiled."""
+    """The message names the term."""
     reward = {**TERMS, "many": lambda outcome: jnp.zeros(3)}
     env, params = medjax.make("paper", reward=reward, num_evs=8, num_gas=12)
     _, state = jax.eval_shape(env.reset, jax.random.key(0), params)
@@ -68,7 +72,7 @@ def test_a_reward_of_another_shape_is_refused_when_traced():
 
 
 class Seen:
-    """An observation of one's own, which declares a size and returns another, or another type."""
+    """A user's observation, which returns `seen` whatever size it declares."""
 
     def __init__(self, size, seen):
         self.declared, self.seen = size, seen
@@ -92,8 +96,8 @@ class Seen:
         (Seen, "allowed flat, profile, or one of your own with size(config) and __call__"),
     ],
 )
-def test_an_observation_that_is_not_what_it_declares(observation, says):
-    """In `make`, and in an environment made by hand when it is traced, before anything is compiled."""
+def test_observations_must_have_their_declared_size(observation, says):
+    """In `make`, and when an environment made by hand is traced."""
     paper, params = medjax.make("paper", num_evs=8, num_gas=12)
 
     def by_hand():
@@ -107,7 +111,7 @@ def test_an_observation_that_is_not_what_it_declares(observation, says):
         assert "\n" not in str(refusal.value)
 
 
-def test_an_observation_of_ones_own_is_taken():
+def test_a_users_observation_is_accepted():
     env, params = medjax.make("paper", observation=Seen(3, jnp.ones(3)), num_evs=8, num_gas=12)
     obs, _ = jax.eval_shape(env.reset, jax.random.key(0), params)
     assert obs.shape == env.observation_space(params).shape == (3,)
@@ -122,8 +126,8 @@ def test_an_observation_of_ones_own_is_taken():
     ],
 )
 @pytest.mark.parametrize("around", [lambda call: call, jax.jit], ids=["eager", "jit"])
-def test_params_of_another_make(paper, around, sizes, says):
-    """By reset and by a step, before anything is computed; a batch that is not mapped over is no better."""
+def test_params_of_another_config_are_refused(paper, around, sizes, says):
+    """By reset and step, before anything is computed; so is a batch of params outside of vmap."""
     env, params = paper
     _, others = medjax.make("paper", **sizes)
     key = jax.random.key(0)
@@ -141,8 +145,8 @@ def test_params_of_another_make(paper, around, sizes, says):
             assert words in str(refusal.value)
 
 
-def test_params_of_more_lanes(paper):
-    """Shapes do not tell them apart; a lane that is not there does, where values are known."""
+def test_params_of_more_lanes_are_refused(paper):
+    """Their shapes fit; a service lane that does not exist tells, where values are known."""
     env, _ = paper
     _, others = medjax.make("paper", num_lanes=6, service_lane=5)
     with pytest.raises(InputError, match="service_lane = 5: allowed at most num_lanes - 1 = 3"):

@@ -1,7 +1,7 @@
-"""Stable-Baselines3 on the Gymnasium environment: it learns, and its masked PPO obeys the masks.
+"""Stable-Baselines3 on Gymnasium environments: masked PPO learns and obeys the masks.
 
-In this world EVs arrive well charged and trucks cost something to send: PPO must learn to send none. A policy that has
-learnt nothing sends most of the fleet. The other terms of the reward stay as they are, as noise.
+In this world EVs arrive well charged and sending a MED costs reward, so PPO must learn to send none, while an untrained
+policy sends most of the fleet. The other terms of the reward add noise.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ import pytest
 NEEDED = 'pip install -e ".[gymnasium,sb3]"'
 pytest.importorskip("gymnasium", reason=NEEDED)
 torch = pytest.importorskip("torch", reason=NEEDED)
-sb3 = pytest.importorskip("stable_baselines3", reason=NEEDED)
+pytest.importorskip("stable_baselines3", reason=NEEDED)
 
 import gymnasium  # noqa: E402
 from stable_baselines3.common.env_checker import check_env  # noqa: E402
@@ -31,13 +31,12 @@ DEAR_TRUCKS = {
     "arrival_soc_high": 0.9,
     "reward_weights": {"dispatches": -1.0},
 }
-STEPS = 4096
-EPISODES = 30  # that are compared: the first ones with the last ones
+EPISODES = 30  # first and last ones, which are compared
 
 
 @pytest.fixture(autouse=True)
 def one_thread():
-    """Networks so small are slower on two."""
+    """Networks this small are slower on two."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
@@ -49,24 +48,9 @@ def env():
     return Monitor(gymnasium.make(ENV_ID, **DEAR_TRUCKS))
 
 
-def test_checker_of_sb3_has_nothing_to_say(env, recwarn):
+def test_checker_of_sb3_finds_nothing(env, recwarn):
     check_env(env.unwrapped, warn=True, skip_render_check=True)
     assert [str(warning.message) for warning in recwarn if warning.category is UserWarning] == []
-
-
-def test_ppo_earns_more_the_longer_it_trains(env):
-    model = sb3.PPO(
-        "MlpPolicy", env, n_steps=512, batch_size=64, gamma=0.9, device="cpu", seed=0, verbose=0
-    )
-    model.learn(STEPS)
-    returns = np.asarray(env.get_episode_rewards())
-    assert len(returns) == STEPS // DECISIONS
-    first, last = returns[:EPISODES], returns[-EPISODES:]
-    error = np.sqrt((first.var(ddof=1) + last.var(ddof=1)) / EPISODES)
-    rise = last.mean() - first.mean()
-    print(f"return {first.mean():.2f} -> {last.mean():.2f}, standard error {error:.2f}")
-    assert rise > 4.0 * error  # by chance once in thirty thousand runs
-    assert rise > 5.0  # trucks that stay at the depot
 
 
 def test_masked_ppo_never_takes_a_forbidden_action():
@@ -96,13 +80,13 @@ def many():
     pytest.importorskip("sb3_contrib", reason=NEEDED)
     from medjax.wrappers.sb3 import ChargingVecEnv
 
-    env = ChargingVecEnv(8, **DEAR_TRUCKS)
+    env = ChargingVecEnv(8, render_mode="rgb_array", **DEAR_TRUCKS)
     yield env
     env.close()
 
 
 def test_many_highways_play_as_single_ones(many):
-    """Copy i of seed s is the single environment of seed s + i; at an episode's end the next one begins."""
+    """Copy i of seed s is the single environment of seed s + i; each copy has a picture."""
     many.seed(3)
     rows = many.reset()
     singles = [gymnasium.make(ENV_ID, **DEAR_TRUCKS) for _ in range(many.num_envs)]
@@ -119,17 +103,8 @@ def test_many_highways_play_as_single_ones(many):
             np.testing.assert_allclose(rewards[number], reward, atol=1e-4)
     assert all(info["TimeLimit.truncated"] for info in infos)
     assert infos[0]["metrics"]["meds_dispatched"] > 0.0
-
-
-def test_pictures_are_of_every_copy():
-    pytest.importorskip("sb3_contrib", reason=NEEDED)
-    from medjax.wrappers.sb3 import ChargingVecEnv
-
-    env = ChargingVecEnv(2, render_mode="rgb_array", **DEAR_TRUCKS)
-    env.reset()
-    first, second = env.get_images()
-    assert first.shape == second.shape
-    assert first.shape[-1] == 3
+    assert {picture.shape[2] for picture in many.get_images()} == {3}
+    assert len(many.get_images()) == many.num_envs
 
 
 def test_an_attribute_is_set_for_all_copies_or_none(many):
@@ -140,7 +115,7 @@ def test_an_attribute_is_set_for_all_copies_or_none(many):
 
 
 def test_masked_ppo_learns_in_many_highways(many):
-    """It takes the copies' own masks, and what it learns is counted by SB3's own monitor."""
+    """With the copies' own masks; SB3's monitor counts episodes and returns."""
     from sb3_contrib import MaskablePPO
     from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_supported
     from stable_baselines3.common.vec_env import VecMonitor
@@ -158,19 +133,3 @@ def test_masked_ppo_learns_in_many_highways(many):
     rise = returns[-EPISODES:].mean() - returns[:EPISODES].mean()
     assert rise > 4.0 * returns.std() * np.sqrt(2.0 / EPISODES)
     np.testing.assert_array_equal(get_action_masks(env), many.action_masks())
-
-
-def test_one_action_for_several_decisions():
-    """`decide_every`: the action, then none; rewards add up."""
-    world = {**DEAR_TRUCKS, "reward_weights": {"dispatches": -1.0, "depleted": 0.0, "soc": 0.0,
-                                                "distance": 0.0, "speed": 0.0}}  # fmt: skip
-    env = gymnasium.make(ENV_ID, **world, decide_every=5)
-    env.reset(seed=0)
-    steps, over = 0, False
-    while not over:
-        _, reward, terminated, truncated, info = env.step(1)
-        assert reward == -1.0
-        over = terminated or truncated
-        steps += 1
-    assert steps == DECISIONS // 5
-    assert info["metrics"]["meds_dispatched"] == steps

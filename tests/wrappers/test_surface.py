@@ -1,4 +1,4 @@
-"""A wrapped environment is an environment: the whole public surface over every wrapper, and over all stacked."""
+"""A wrapped environment has the whole interface of an environment, for each wrapper and for all stacked."""
 
 import pickle
 
@@ -14,7 +14,7 @@ from medjax.episodes.scores import evaluate_policies
 from medjax.episodes.table import vehicle_table
 from medjax.policies.about import About
 from medjax.policies.saved import load_policy, save_policy
-from medjax.wrappers import DecideEvery, LegacyStep, RandomDemand, TimeLimitAsEnd
+from medjax.wrappers import DecideEvery, RandomDemand, TimeLimitAsEnd
 from train.algorithms.networks import PolicyWeights, build_network, learned_policy
 from train.algorithms.normalization import init_stats
 from train.algorithms.ppo.settings import PPOConfig
@@ -27,14 +27,13 @@ WORLDS = {
     "decide every": lambda env: DecideEvery(env, 3),
     "demand": lambda env: RandomDemand(env, 0.5, 1.5),
     "demand over decide every": lambda env: RandomDemand(DecideEvery(env, 3), 0.5, 1.5),
-    "legacy over time limit": lambda env: LegacyStep(TimeLimitAsEnd(env)),
-    "all": lambda env: LegacyStep(TimeLimitAsEnd(RandomDemand(DecideEvery(env, 3), 0.5, 1.5))),
+    "all": lambda env: TimeLimitAsEnd(RandomDemand(DecideEvery(env, 3), 0.5, 1.5)),
 }
 
 
 @pytest.fixture(scope="module")
 def highway(quick_compiles):
-    """The environment that is wrapped, of a class of its own."""
+    """An environment of a user's class."""
     env, params = medjax.make(
         "paper", num_meds=2, num_evs=4, num_gas=6, mainline_per_h=600, episode_decisions=DECISIONS
     )
@@ -44,7 +43,7 @@ def highway(quick_compiles):
 
 @pytest.fixture(scope="module")
 def saved(highway, tmp_path_factory):
-    """A policy from a file: likeliest is the last action that is allowed."""
+    """A policy from a file that prefers the last allowed action."""
     env, _ = highway
     rows, size = jax.export.symbolic_shape("rows")[0], env.observation_space().shape[0]
 
@@ -61,7 +60,7 @@ def saved(highway, tmp_path_factory):
     return load_policy(path)
 
 
-# What stands alone or in a pair is in the stack of all, too.
+# The stack of all covers the others, which are slow.
 CASES = [
     pytest.param(world, marks=[] if world == "all" else [pytest.mark.slow]) for world in WORLDS
 ]
@@ -91,7 +90,7 @@ def learned(env, params):
 
 
 def check_members(env, params, policies):
-    """Everything that the contract lists, in one program."""
+    """All members of the contract, in one program."""
 
     def everything(key):
         obs, state = env.reset(key, params)
@@ -116,7 +115,7 @@ def check_members(env, params, policies):
     np.testing.assert_allclose(after[0], again[1], rtol=1e-5, atol=1e-6)
     assert rows.meds.shape[0] == env.config.num_meds
     np.testing.assert_allclose(step[0], after[0], rtol=1e-5, atol=1e-6)
-    assert len(step) == (5 if isinstance(env, LegacyStep) else 6)
+    assert len(step) == 6
     np.testing.assert_array_equal(step[-1]["final_observation"], step[0])
     assert sum(after[-1]["reward_terms"].values()) == pytest.approx(after[2], rel=1e-4)
     assert int(road.time) == int(after[1].time) == env.decisions_per_step
@@ -127,7 +126,7 @@ def check_members(env, params, policies):
 
 
 def check_recording(recording, score, steps):
-    """It is the episode that evaluation plays, tick by tick, on the road as it was simulated."""
+    """A recording holds the episode that evaluation plays."""
     ticks = DECISIONS * recording.config.ticks_per_decision
     assert len(recording.frames.x) == 1 + ticks
     assert recording.decisions.action.shape == (steps,)
@@ -141,7 +140,7 @@ def check_recording(recording, score, steps):
 
 
 def check_gymnasium(env, params, steps):
-    """One episode of a single one, and of two side by side."""
+    """One episode in the single and in the vector environment."""
     gym = pytest.importorskip("medjax.wrappers.gymnasium", reason='pip install -e ".[gymnasium]"')
     single = gym.ChargingGymEnv(env=env, params=params)
     several = gym.ChargingVectorEnv(2, env=env, params=params)
@@ -164,7 +163,6 @@ def check_gymnasium(env, params, steps):
     "wrap", [*WORLDS.values(), wrappers.BatchAutoReset, lambda env: wrappers.EpisodeLog(env)]
 )
 def test_a_wrapped_environment_pickles(wrap):
-    """Of whatever class; the copy has the same fields."""
     env, params = medjax.make("paper", num_meds=2, num_evs=4, num_gas=6)
     wrapped = wrap(env)
     copy, _ = pickle.loads(pickle.dumps((wrapped, params)))

@@ -16,20 +16,24 @@ function bodyOf(view, episode, slot) {
   return { left, top: view.py(episode.y[slot]) - height / 2, width, height };
 }
 
-function drawCross(context, x, y, radius, theme) {
-  for (const [color, width] of [[theme.paper, radius], [theme.out, radius / 2]]) {
-    context.strokeStyle = color;
-    context.lineWidth = width;
-    context.beginPath();
-    context.moveTo(x - radius, y - radius);
-    context.lineTo(x + radius, y + radius);
-    context.moveTo(x - radius, y + radius);
-    context.lineTo(x + radius, y - radius);
-    context.stroke();
-  }
+function isInView(view, { left, width }) {
+  return left <= view.right && left + width >= view.left;
 }
 
-/** Those that ran out and are gone, on the shoulder. */
+function drawCross(context, x, y, radius, theme) {
+  const lines = [-radius, radius].map((dy) => [[x - radius, y - dy], [x + radius, y + dy]]);
+  strokeLines(context, theme.paper, radius, lines);
+  strokeLines(context, theme.out, radius / 2, lines);
+}
+
+function strokeLines(context, color, width, lines) {
+  context.strokeStyle = color;
+  context.lineWidth = width;
+  tracePath(context, ...lines);
+  context.stroke();
+}
+
+/** EVs that ran out and left, on the shoulder. */
 function drawRanOut(context, view, episode, theme, radius) {
   const y = view.py(episode.meta.road.shoulder);
   for (const { gone, x } of episode.ranOut) {
@@ -76,7 +80,7 @@ function drawClose(context, view, episode, theme, selected) {
   for (let slot = episode.meta.numVehicles - 1; slot >= 0; slot -= 1) {
     if (episode.present[slot] < 0) continue;
     const body = bodyOf(view, episode, slot);
-    if (body.left > view.right || body.left + body.width < view.left) continue;
+    if (!isInView(view, body)) continue;
     const isSelected = selected !== null && episode.present[slot] === selected.index;
     const tilt = episode.tilt[slot] * (view.perY / view.perX);
     const back = -episode.tilt[slot] * (view.perX / view.perY);
@@ -91,12 +95,12 @@ function drawClose(context, view, episode, theme, selected) {
   drawRanOut(context, view, episode, theme, 7);
 }
 
-/** The ways of the last seconds: of MEDs and EVs that make for a slot pale and short, of the selected vehicle long. */
+/** Trails of the last seconds: pale and short for MEDs and EVs on their way to a slot, long for the selected vehicle. */
 function drawTrails(context, view, episode, theme, selected, waits) {
   const meds = Array.from({ length: episode.meta.numMeds }, (_, med) => med);
   const tracksOf = (slots) => slots.map((slot) => episode.tracks[episode.present[slot]]).filter(Boolean);
   context.lineWidth = 2;
-  context.setLineDash([2, 4]); // what is solid charges
+  context.setLineDash([2, 4]); // solid lines mean charging
   context.globalAlpha = 0.6;
   context.strokeStyle = theme.med;
   traceWays(context, view, episode, tracksOf(meds), TRAIL_S);
@@ -108,7 +112,7 @@ function drawTrails(context, view, episode, theme, selected, waits) {
   context.setLineDash([]);
 }
 
-/** Lines where tracks were in the last seconds, as far as they are in the picture. */
+/** Lines where tracks were in the last seconds. */
 function traceWays(context, view, episode, tracks, seconds) {
   const { tickSeconds } = episode.meta;
   context.beginPath();
@@ -127,13 +131,13 @@ function traceWays(context, view, episode, tracks, seconds) {
   context.stroke();
 }
 
-/** Outlines: of free slots dashed, of booked ones solid, of the selected vehicle's in its colour. */
+/** Outlines of slots: dashed if free, solid if booked, in the accent colour if booked by the selected vehicle. */
 function drawSlots(context, view, episode, theme, selected, slots) {
   const width = episode.meta.slotBody.length * view.perX;
   const height = episode.meta.slotBody.width * view.perY;
   for (const { x, y, link } of slots) {
     const left = view.px(x) - width;
-    if (left > view.right || left + width < view.left || link?.charging) continue; // its EV fills it
+    if (!isInView(view, { left, width }) || link?.charging) continue; // a charging EV fills its slot
     const own = link && selected && episode.present[link.slot] === selected.index;
     context.strokeStyle = own ? theme.accent : link ? theme.ink : theme.edge;
     context.lineWidth = own ? 2 : 1;
@@ -143,38 +147,24 @@ function drawSlots(context, view, episode, theme, selected, slots) {
   context.setLineDash([]);
 }
 
-/** Bookings: a dashed line from an EV to the middle of the slot that it makes for. */
+/** Bookings: a dashed line from an EV to the middle of its slot. */
 function drawBookings(context, view, episode, theme, waits) {
   const half = (episode.meta.slotBody.length / 2) * view.perX;
-  context.strokeStyle = theme.ink;
-  context.lineWidth = 1.5;
   context.setLineDash([6, 5]);
-  context.beginPath();
-  for (const { x, y, link } of waits) {
+  const lines = waits.map(({ x, y, link }) => {
     const { left, top, width, height } = bodyOf(view, episode, link.slot);
-    context.moveTo(left + width / 2, top + height / 2);
-    context.lineTo(view.px(x) - half, view.py(y));
-  }
-  context.stroke();
+    return [[left + width / 2, top + height / 2], [view.px(x) - half, view.py(y)]];
+  });
+  strokeLines(context, theme.ink, 1.5, lines);
   context.setLineDash([]);
 }
 
-/** What charges: the boom between two panels, bumper to bumper or side to side. */
+/** Charging: the boom between two panels, bumper to bumper or side to side. */
 function drawBoom(context, view, episode, theme, { slot, med, panel }) {
   const [from, to] = [med, slot].map((each) => {
     const { left, top, width, height } = bodyOf(view, episode, each);
     return { x: left + width / 2, y: top + height / 2, halfLength: width / 2, halfWidth: height / 2 };
   });
-  const stroke = (color, width, ...lines) => {
-    context.strokeStyle = color;
-    context.lineWidth = width;
-    context.beginPath();
-    for (const [start, end] of lines) {
-      context.moveTo(...start);
-      context.lineTo(...end);
-    }
-    context.stroke();
-  };
   const [, aside] = episode.meta.slots[panel];
   const along = aside === 0;
   const side = Math.sign(along ? to.x - from.x : to.y - from.y);
@@ -185,18 +175,17 @@ function drawBoom(context, view, episode, theme, { slot, med, panel }) {
   const panels = ends.map(([x, y]) =>
     along ? [[x, y - reach], [x, y + reach]] : [[x - reach, y], [x + reach, y]],
   );
-  stroke(theme.paper, 8, ends, ...panels);
-  stroke(theme.med, 4, ends, ...panels);
+  strokeLines(context, theme.paper, 8, [ends, ...panels]);
+  strokeLines(context, theme.med, 4, [ends, ...panels]);
 }
 
 function drawBody(context, { left, top, width, height }, episode, theme, slot, isSelected) {
   const kind = episode.kindOf(slot);
   const colors = paint(episode, theme, slot);
   context.fillStyle = colors.fill;
-  const isMed = kind === KIND.MED; // whatever colours stand for, MEDs are told by their outline
-  context.strokeStyle = kind === KIND.GAS ? theme.edge : theme.ink;
-  if (isMed && colors.fill !== theme.med) context.strokeStyle = theme.med;
-  context.lineWidth = isMed && colors.fill !== theme.med ? 3 : 1;
+  const isOutlined = kind === KIND.MED && colors.fill !== theme.med; // MEDs stay green under any colouring
+  context.strokeStyle = isOutlined ? theme.med : kind === KIND.GAS ? theme.edge : theme.ink;
+  context.lineWidth = isOutlined ? 3 : 1;
   context.beginPath();
   context.roundRect(left, top, width, height, 0.22 * height);
   context.fill();
@@ -213,7 +202,7 @@ function drawBody(context, { left, top, width, height }, episode, theme, slot, i
   }
 }
 
-/** Names and charges of MEDs and EVs: within the body where there is room, else above it. */
+/** Names and charges of MEDs and EVs: inside the body if they fit, else above it. */
 function drawCharges(context, view, episode, theme) {
   const evs = episode.meta.numMeds + episode.meta.numEvs;
   context.textAlign = "center";
@@ -221,8 +210,7 @@ function drawCharges(context, view, episode, theme) {
   for (let slot = 0; slot < evs; slot += 1) {
     if (episode.present[slot] < 0) continue;
     const body = bodyOf(view, episode, slot);
-    if (body.left > view.right || body.left + body.width < view.left || body.width < LEAST_PX) continue;
-    drawCharge(context, view, body, episode, theme, slot);
+    if (isInView(view, body) && body.width >= LEAST_PX) drawCharge(context, view, body, episode, theme, slot);
   }
 }
 

@@ -18,9 +18,8 @@ function drawAxes(context, theme, { low, high, tick, toY, unit = "" }, width) {
   context.textBaseline = "middle";
   const digits = Math.max(0, -Math.floor(Math.log10(tick) + 1e-9));
   for (let v = low; v <= high + tick / 2; v += tick) {
-    context.beginPath();
-    context.moveTo(LEFT_PX, Math.round(toY(v)) + 0.5);
-    context.lineTo(width - 4, Math.round(toY(v)) + 0.5);
+    const y = Math.round(toY(v)) + 0.5;
+    tracePath(context, [[LEFT_PX, y], [width - 4, y]]);
     context.stroke();
     context.fillText((Math.abs(v) < 1e-9 ? 0 : v).toFixed(digits) + unit, LEFT_PX - 4, Math.max(toY(v), 6));
   }
@@ -37,31 +36,56 @@ function drawTimes(context, theme, { start, end, toX }, width, height) {
   drawLabels(context, labels, height - AXIS_PX / 2 + 2, LEFT_PX - 14, width);
 }
 
-/** Lines over time, drawn once; only a cursor moves. */
-class Plot {
-  /**
-   * `lines`: {values(i), count, step (s), color (a name of the theme), dashed, name}; `least` is the least range of the axis,
-   * so that what hardly changes looks it; `onSeek` gets seconds.
-   */
-  constructor({ lines, start = 0, end, least = 1, theme, label, onSeek }) {
-    Object.assign(this, { lines, start, end, least, theme, label });
-    this.canvas = element("canvas");
-    this.canvas.setAttribute("role", "img");
-    this.canvas.setAttribute("aria-label", label);
+/** A diagram over time, drawn once; only a cursor moves. Subclasses draw, and put a place into words. */
+class Diagram {
+  /** `onClick` gets seconds, and the share of the height. */
+  constructor({ start = 0, end, theme, label, onClick }) {
+    Object.assign(this, { start, end, theme, label });
+    this.canvas = picture(label);
     this.cursor = element("div", { className: "cursor" });
     this.root = element("div", { className: "plot" }, [this.canvas, this.cursor]);
-    this.root.addEventListener("click", (event) => onSeek(this._secondsAt(event)));
+    this.root.addEventListener("click", (event) => onClick(...this._placeAt(event)));
     this.root.addEventListener("pointermove", (event) => {
-      this.root.title = this.textAt(this._secondsAt(event));
+      this.root.title = this.textAt(...this._placeAt(event));
     });
   }
 
-  _secondsAt({ offsetX }) {
+  _placeAt({ offsetX, offsetY }) {
     const share = (offsetX - LEFT_PX) / Math.max(1, this.width - LEFT_PX - 4);
-    return this.start + Math.min(Math.max(share, 0), 1) * (this.end - this.start);
+    const up = 1 - (offsetY - 5) / Math.max(1, this.bottom - 8);
+    const [along, height] = [share, up].map((each) => Math.min(Math.max(each, 0), 1));
+    return [this.start + along * (this.end - this.start), height];
   }
 
-  /** What the lines are at a time, in words. */
+  resize() {
+    const { context, width, height } = fitCanvas(this.canvas);
+    Object.assign(this, { width, bottom: height - AXIS_PX });
+    this.toX = (t) => LEFT_PX + ((t - this.start) / (this.end - this.start || 1)) * (width - LEFT_PX - 4);
+    context.clearRect(0, 0, width, height);
+    this.draw(context);
+    drawTimes(context, this.theme, this, width, height);
+  }
+
+  moveTo(seconds) {
+    if (!this.toX) return;
+    const inside = seconds >= this.start && seconds <= this.end;
+    this.cursor.style.visibility = inside ? "visible" : "hidden";
+    this.cursor.style.transform = `translateX(${this.toX(seconds)}px)`;
+  }
+}
+
+/** Lines over time. */
+class Plot extends Diagram {
+  /**
+   * `lines`: {values(i), count, step (s), color (a name of the theme), dashed, name}; `least` is the least range of the
+   * axis, so that small changes look small; `onSeek` gets seconds.
+   */
+  constructor({ lines, least = 1, onSeek, ...where }) {
+    super({ ...where, onClick: (seconds) => onSeek(seconds) });
+    Object.assign(this, { lines, least });
+  }
+
+  /** The lines at a time, in words. */
   textAt(seconds) {
     const values = this.lines.map(({ values, count, step, start = 0, name }) => {
       const value = values(Math.min(Math.max(Math.floor((seconds - start) / step + 1e-6), 0), count - 1));
@@ -70,24 +94,11 @@ class Plot {
     return `${this.label}: ${values.join(", ")} at ${clockText(seconds)}; click to go there`;
   }
 
-  resize() {
-    const { context, width, height } = fitCanvas(this.canvas);
-    this.width = width;
+  draw(context) {
     this._range();
-    const bottom = height - AXIS_PX;
-    this.toX = (t) => LEFT_PX + ((t - this.start) / (this.end - this.start || 1)) * (width - LEFT_PX - 4);
-    const toY = (v) => 5 + (1 - (v - this.low) / (this.high - this.low)) * (bottom - 8);
-    context.clearRect(0, 0, width, height);
-    drawAxes(context, this.theme, { low: this.low, high: this.high, tick: this.tick, toY }, width);
-    drawTimes(context, this.theme, this, width, height);
+    const toY = (v) => 5 + (1 - (v - this.low) / (this.high - this.low)) * (this.bottom - 8);
+    drawAxes(context, this.theme, { low: this.low, high: this.high, tick: this.tick, toY }, this.width);
     for (const line of this.lines) this._line(context, line, toY);
-  }
-
-  moveTo(seconds) {
-    if (!this.toX) return;
-    const inside = seconds >= this.start && seconds <= this.end;
-    this.cursor.style.visibility = inside ? "visible" : "hidden";
-    this.cursor.style.transform = `translateX(${this.toX(seconds)}px)`;
   }
 
   _range() {
@@ -103,7 +114,7 @@ class Plot {
     if (low > 0 && low < 0.6 * high) low = 0;
     const lacking = this.least - (high - low);
     if (lacking > 0) {
-      const below = low >= 0 ? Math.min(lacking / 2, low) : lacking / 2; // no axis begins below 0 for it
+      const below = low >= 0 ? Math.min(lacking / 2, low) : lacking / 2; // not below 0 just for this
       [low, high] = [low - below, high + lacking - below];
     }
     this.tick = roundStep(high - low, 3);
@@ -119,14 +130,9 @@ class Plot {
     let pen = false;
     for (let i = 0; i < count; i += 1) {
       const value = values(i);
-      if (Number.isNaN(value)) {
-        pen = false;
-        continue;
-      }
-      const [x, y] = [this.toX(start + i * step), toY(value)];
-      if (pen) context.lineTo(x, y);
-      else context.moveTo(x, y);
-      pen = true;
+      const known = !Number.isNaN(value);
+      if (known) context[pen ? "lineTo" : "moveTo"](this.toX(start + i * step), toY(value));
+      pen = known;
     }
     context.stroke();
     context.setLineDash([]);
@@ -144,9 +150,7 @@ class Chart {
     const { title, unit, labels } = this.about;
     const lines = [];
     this.outputs = [];
-    const caption = element("figcaption", {}, [
-      element("span", { className: "title", textContent: unit ? `${title} (${unit})` : title }),
-    ]);
+    const heading = element("span", { className: "title", textContent: unit ? `${title} (${unit})` : title });
     const values = element("span");
     const several = episodes.length > 1;
     episodes.forEach((episode, which) => {
@@ -155,18 +159,16 @@ class Chart {
         const name = [several ? episode.meta.policy : "", label].join(" ").trim();
         const look = { color: LINE_COLORS[which], dashed: row > 0, name };
         lines.push({ values: (i) => table.at(row, i), count: table.times, step: episode.decisionSeconds, ...look });
-        const key = element("span", { className: `key ${LINE_COLORS[which]}${row ? " dashed" : ""}` });
         const output = element("output");
-        output.setAttribute("aria-live", "off"); // the announcer speaks, at its pace
-        const parts = [key, label ? `${label} ` : "", output];
+        output.setAttribute("aria-live", "off"); // only the announcer speaks
+        const parts = [keyOf(which, row ? " dashed" : ""), label ? `${label} ` : "", output];
         values.append(element("span", { className: "value" }, parts), " ");
         this.outputs.push({ output, table, row });
       });
     });
-    caption.append(values);
     const { least } = this.about;
     this.plot = new Plot({ lines, end: episodes[0].seconds, least, theme, label: `${title} over time`, onSeek });
-    this.root = element("figure", {}, [caption, this.plot.root]);
+    this.root = element("figure", {}, [element("figcaption", {}, [heading, values]), this.plot.root]);
   }
 
   resize() {

@@ -1,4 +1,4 @@
-/** The time that all views share; it runs by the time that passes, however often the page is drawn. */
+/** The time of all views; it advances by real time, however often the page is drawn. */
 class Clock {
   constructor(end, onTick) {
     Object.assign(this, { end, onTick, seconds: 0, speed: 1, playing: false });

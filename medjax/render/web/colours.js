@@ -5,9 +5,9 @@ const CRAWL_M_PER_S = 0.5;
 const AMBER = "#ff9f1c";
 const BRAKES = "#e5383b";
 const BRAKING_M_PER_S2 = -1;
-const SIDEWAYS = 0.008; // of a heading, from where a vehicle is seen to change lanes
+const SIDEWAYS = 0.008; // least heading that shows as a lane change
 
-/** What colours may stand for: a share of the scale from 0 to 1 of a vehicle, and what the legend says. */
+/** Meanings of colours: a vehicle's share of the scale, 0 to 1, and the legend's words. */
 const COLOURINGS = {
   charge: { words: "EV, charge 0 to 100 %" },
   speed: { words: `speed, 0 to ${FAST_M_PER_S} m/s`, share: (episode, slot) => speedOf(episode, slot) / FAST_M_PER_S },
@@ -15,7 +15,7 @@ const COLOURINGS = {
     words: `braking by ${HARD_M_PER_S2} m/s² to accelerating by ${HARD_M_PER_S2}`,
     share: (episode, slot) => 0.5 + accelerationOf(episode, slot) / (2 * HARD_M_PER_S2),
   },
-  waiting: { words: `stood for 0 to ${LONG_S} s`, share: (episode, slot) => stoodFor(episode, slot) / LONG_S },
+  waiting: { words: `standing for 0 to ${LONG_S} s`, share: (episode, slot) => stoodFor(episode, slot) / LONG_S },
 };
 
 /** Fill and text of a vehicle, as the page's colouring has it. */
@@ -32,14 +32,14 @@ function speedOf(episode, slot, frame = episode.frame) {
   return episode.tables.speed.at(slot, frame);
 }
 
-/** Of the tick that led here, m/s²; 0 of one that has just come. */
+/** Acceleration over the last tick, m/s²; 0 for a vehicle that has just entered. */
 function accelerationOf(episode, slot) {
   const { frame, frames, trackAt } = episode;
   if (frame < 1 || trackAt[slot * frames + frame - 1] !== episode.present[slot]) return 0;
   return (speedOf(episode, slot) - speedOf(episode, slot, frame - 1)) / episode.meta.tickSeconds;
 }
 
-/** For how long a vehicle has stood, as far as it counts, s. */
+/** How long a vehicle has stood still, s, at most `LONG_S`. */
 function stoodFor(episode, slot) {
   const { frame, tracks, present } = episode;
   const earliest = Math.max(tracks[present[slot]].first, frame - LONG_S / episode.meta.tickSeconds);
@@ -48,7 +48,7 @@ function stoodFor(episode, slot) {
   return (frame - since) * episode.meta.tickSeconds;
 }
 
-/** Lamps of a vehicle: brakes at its rear, and the side that it changes lanes to. */
+/** Lamps of a vehicle: brake lights, and indicators on the side of a lane change. */
 function drawLamps(context, { left, top, width, height }, episode, slot) {
   const size = Math.max(2, 0.16 * height);
   if (accelerationOf(episode, slot) < BRAKING_M_PER_S2) {
@@ -64,7 +64,7 @@ function drawLamps(context, { left, top, width, height }, episode, slot) {
   }
 }
 
-/** Mean speeds along the road, over its strip: where traffic is slow it is dark. */
+/** Mean speeds along the road, as a band over its strip; slow is dark. */
 function drawSpeeds(context, view, episode, theme) {
   cellSpeeds(episode).forEach((speed, cell) => {
     if (Number.isNaN(speed)) return;

@@ -1,4 +1,4 @@
-/** Decisions of one policy: its probabilities now, and all MEDs that it sent. */
+/** Decisions of one policy: the probabilities at the clock's time, and all dispatched MEDs. */
 class DispatchPanel {
   constructor(episode, which, player) {
     Object.assign(this, { episode, player, decision: -1 });
@@ -46,7 +46,7 @@ class DispatchPanel {
     const went = sent.at(0, decision);
     const time = clockText(decision * episode.decisionSeconds);
     const waiting = decision > 0 ? cooldown.at(0, decision - 1) : 0;
-    const wait = waiting > 0 ? `; none may follow for ${waiting.toFixed(0)} s` : "";
+    const wait = waiting > 0 ? `; the next one may be sent in ${waiting.toFixed(0)} s` : "";
     this.now.textContent = `Decision at ${time}: ${went > 0 ? `a MED from ramp ${went}` : "none sent"}${wait}`;
     this.rows.forEach(({ row, bar, number }, index) => {
       const share = probability.at(index, decision);
@@ -61,12 +61,9 @@ class DispatchPanel {
       .map(([name, value]) => `${name.replaceAll("_", " ")} ${value.toFixed(3)}`);
     const sum = reward.at(0, decision).toFixed(3);
     this.reward.textContent = `Reward ${sum}${parts.length ? ` = ${parts.join(", ")}` : ""}`;
-    let latest = null;
-    for (const one of this.sent) {
-      one.button.removeAttribute("aria-current");
-      if (one.seconds <= seconds + 1e-6) latest = one;
-    }
-    latest?.button.setAttribute("aria-current", "true");
+    for (const { item } of this.sent) item.firstChild.removeAttribute("aria-current");
+    const latest = this.sent.findLast((one) => one.seconds <= seconds + 1e-6);
+    latest?.item.firstChild.setAttribute("aria-current", "true");
   }
 
   _row(action) {
@@ -88,10 +85,8 @@ class DispatchPanel {
       if (ramp < 1) continue;
       const seconds = decision * this.episode.decisionSeconds;
       const share = probability.at(ramp, decision).toFixed(2);
-      const textContent = `${clockText(seconds)} ramp ${ramp} (p ${share})`;
-      const button = element("button", { type: "button", textContent });
-      button.addEventListener("click", () => this.player.seek(seconds));
-      found.push({ seconds, button, item: element("li", {}, [button]) });
+      const item = listButton(`${clockText(seconds)} ramp ${ramp} (p ${share})`, () => this.player.seek(seconds));
+      found.push({ seconds, item });
     }
     return found;
   }

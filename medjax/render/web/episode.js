@@ -1,9 +1,9 @@
 const KIND = { MED: 0, EV: 1, GAS: 2 };
 const KIND_NAMES = ["MED", "EV", "gas vehicle"];
 
-/** What a MED is told, in words. */
+/** A MED's order in words. */
 function orderText(speed, lane, accepts) {
-  return `${speed.toFixed(0)} m/s in lane ${lane + 1}, ${accepts ? "takes EVs" : "refuses EVs"}`;
+  return `${speed.toFixed(0)} m/s in lane ${lane + 1}, ${accepts ? "accepts EVs" : "refuses EVs"}`;
 }
 
 /** One vehicle's stay on the road. */
@@ -16,7 +16,7 @@ class Track {
   }
 }
 
-/** A recording: everything that is known of it at any time. */
+/** A recording, at any time. */
 class Episode {
   constructor(meta, tables) {
     this.meta = meta;
@@ -34,7 +34,7 @@ class Episode {
       const track = this.tracks[this.trackAt[slot * this.frames + gone - 1]];
       return { slot, frame, gone, x, track, name: track?.name ?? "EV" };
     });
-    // What `look` finds, by slot; `looked`: when, s.
+    // Set by `look`, by slot; `looked` is its time, s.
     this.x = new Float64Array(meta.numVehicles);
     this.y = new Float64Array(meta.numVehicles);
     this.tilt = new Float64Array(meta.numVehicles); // m to the right for each m along, of its heading
@@ -58,9 +58,9 @@ class Episode {
     return Math.min(Math.ceil(frame / this.meta.ticksPerDecision), this.decisions);
   }
 
-  /** Who is where: places are linear in time between two ticks. `present` holds tracks, -1 for nobody. */
+  /** Finds all vehicles, interpolated linearly between two ticks. `present` holds tracks, -1 for none. */
   look(seconds) {
-    if (seconds === this.looked) return; // all is there
+    if (seconds === this.looked) return;
     const { frames, tables, meta, trackAt } = this;
     const frame = this.frameAt(seconds);
     const share = frame + 1 < frames ? Math.max(0, seconds / meta.tickSeconds - frame) : 0;
@@ -83,7 +83,7 @@ class Episode {
     Object.assign(this, { looked: seconds, frame });
   }
 
-  /** Middle of the busiest MED's stretch, m; it does not race from one MED to the next. */
+  /** Position of the busiest MED, m; it jumps to the next MED instead of racing there. */
   busiest(seconds) {
     const frame = this.frameAt(seconds);
     const now = this.tables.camera.at(0, frame);
@@ -92,7 +92,7 @@ class Episode {
     return Math.abs(then - now) < 100 * this.meta.tickSeconds ? now + share * (then - now) : now;
   }
 
-  /** Where a track is, was last or will be first, m. */
+  /** Position of a track, m: its first before it enters, its last after it leaves. */
   place(track, seconds) {
     const frame = this.frameAt(seconds);
     if (this.trackAt[track.slot * this.frames + frame] === track.index) {
@@ -102,7 +102,7 @@ class Episode {
     return this.tables.x.at(track.slot, frame < track.first ? track.first : track.last);
   }
 
-  /** Where a track is at a tick of its stay, and between two, `[x, y]` m. */
+  /** Position of a track at a tick of its stay or between two, `[x, y]` m. */
   placeAt({ slot, last }, tick) {
     const frame = Math.floor(tick);
     return [this.tables.x, this.tables.y].map((table) => {
@@ -135,13 +135,13 @@ class Episode {
     return this.status(slot, frame) === this.meta.inService;
   }
 
-  /** What a MED's slot has been told to do in service. */
+  /** The order of the MED in a slot. */
   told(slot, frame) {
     const { medSpeedTold, medLaneTold, medAccepts } = this.tables;
     return orderText(medSpeedTold.at(slot, frame), medLaneTold.at(slot, frame), medAccepts.at(slot, frame));
   }
 
-  /** What a MED in service is told that is neither the fleet's own nor what it was told before: `[{frame, text}]`. */
+  /** New orders of a MED in service, `[{frame, text}]`; the fleet's default order is not new. */
   orders(track) {
     const { speed, lane } = this.meta.fleetOrder;
     const { step } = this.tables.medSpeedTold;
@@ -175,7 +175,7 @@ class Episode {
     return found;
   }
 
-  /** Name of who is in a slot. */
+  /** Name of the vehicle in a slot. */
   nameAt(slot, frame) {
     const index = this.trackAt[slot * this.frames + frame];
     return index < 0 ? `${KIND_NAMES[this.kindOf(slot)]}` : this.tracks[index].name;

@@ -1,7 +1,7 @@
 const STANDS_S = 5;
-const LATE_M = 15; // that the last picture of who left may be before the lane that it left by
+const LATE_M = 15; // most between a vehicle's last picture and the exit lane that it took
 
-/** What happens in an episode: `[{seconds, text, track, x, kind}]`, of a vehicle or at a place. */
+/** Events of an episode: `[{seconds, text, track, x, kind}]`, of a vehicle or at a place. */
 function happenings(episode) {
   const { meta, frames, tables, tracks } = episode;
   const found = [];
@@ -14,7 +14,7 @@ function happenings(episode) {
   for (const track of tracks) {
     if (track.kind === KIND.EV) noteFirstCharge(episode, track, note);
     if (track.kind === KIND.MED) {
-      for (const { frame, text } of episode.orders(track)) note(frame, "told", `${track.name} told: ${text}`, track);
+      for (const { frame, text } of episode.orders(track)) note(frame, "told", `${track.name} ordered: ${text}`, track);
       noteLeaving(episode, track, note);
     }
     noteStanding(episode, track, note);
@@ -32,7 +32,7 @@ function noteFirstCharge(episode, track, note) {
   }
 }
 
-/** Where a MED turns to its exit, and to which, as far as it has reached it; and to which of several depots. */
+/** When a MED heads for its exit, for which one if it got there, and for which of several depots. */
 function noteLeaving(episode, track, note) {
   const { meta, tables, frames } = episode;
   for (let frame = track.first + 1; frame <= track.last; frame += 1) {
@@ -42,12 +42,12 @@ function noteLeaving(episode, track, note) {
     const taken = (x) => end <= x && end > x - exitLane - LATE_M;
     const exit = track.last + 1 < frames ? exits.findIndex(taken) : -1;
     const depot = meta.numDepots > 1 ? ` and depot ${tables.medDepot.at(track.slot, track.last) + 1}` : "";
-    note(frame, "leaves", `${track.name} makes for ${exit < 0 ? "its exit" : `exit ${exit + 1}`}${depot}`, track);
+    note(frame, "leaves", `${track.name} heads for ${exit < 0 ? "its exit" : `exit ${exit + 1}`}${depot}`, track);
     return;
   }
 }
 
-/** Who stands on the main road for a while. */
+/** Vehicles that stand on the main road for a while. */
 function noteStanding(episode, track, note) {
   const { tables, meta } = episode;
   const least = Math.round(STANDS_S / meta.tickSeconds);
@@ -55,11 +55,11 @@ function noteStanding(episode, track, note) {
   for (let frame = track.first; frame <= track.last; frame += 1) {
     const stands = tables.lane.at(track.slot, frame) < meta.road.lanes && tables.speed.at(track.slot, frame) < CRAWL_M_PER_S;
     since = stands ? since + 1 : 0;
-    if (since === least) note(frame, "stands", `${track.name} stands`, track);
+    if (since === least) note(frame, "stands", `${track.name} stands still`, track);
   }
 }
 
-/** All that happens, of all episodes, as a list on the page's clock. */
+/** The list of events of all episodes, which follows the clock. */
 class EventLine {
   constructor(episodes, player) {
     Object.assign(this, { player, now: -1 });
@@ -68,25 +68,22 @@ class EventLine {
       .flatMap((episode, which) => happenings(episode).map((event) => ({ ...event, which })))
       .sort((a, b) => a.seconds - b.seconds);
     this.items = this.events.map((event) => {
-      const button = element("button", { type: "button", textContent: `${clockText(event.seconds)} ${event.text}` });
-      if (episodes.length > 1) this._tellWhose(button, episodes[event.which].meta.policy, event.which);
-      button.addEventListener("click", () => this.go(event));
-      return element("li", { className: event.kind }, [button]);
+      const text = `${clockText(event.seconds)} ${event.text}`;
+      const item = listButton(text, () => this.go(event), { className: event.kind });
+      const { policy } = episodes[event.which].meta;
+      if (episodes.length > 1) { // a colour to see, words for screen readers
+        const heard = element("span", { className: "unseen", textContent: `${policy}, ` });
+        item.firstChild.title = policy;
+        item.firstChild.prepend(keyOf(event.which), heard);
+      }
+      return item;
     });
-    if (!this.items.length) this.items.push(element("li", { textContent: "Nobody is sent, is charged, stands or runs out." }));
+    const none = "No MED is sent, no vehicle stops, none is charged or runs out.";
+    if (!this.items.length) this.items.push(element("li", { textContent: none }));
     this.root.append(...this.items);
   }
 
-  /** Whose event it is, by a colour and in words that are heard. */
-  _tellWhose(button, policy, which) {
-    button.title = policy;
-    button.prepend(
-      element("span", { className: `key ${LINE_COLORS[which]}` }),
-      element("span", { className: "unseen", textContent: `${policy}, ` }),
-    );
-  }
-
-  /** Those of one kind, of all episodes. */
+  /** Events of one kind, of all episodes. */
   of(kind) {
     return this.events.filter((event) => event.kind === kind);
   }
@@ -116,7 +113,7 @@ class EventLine {
     this.now = now;
     const item = this.items[Math.max(now, 0)];
     if (now >= 0) item.setAttribute("aria-current", "true");
-    if (!this.root.matches(":hover, :focus-within")) { // whoever reads it is not disturbed
+    if (!this.root.matches(":hover, :focus-within")) { // do not scroll under a reader
       this.root.scrollTop = item.offsetTop - this.root.clientHeight + item.offsetHeight;
     }
   }

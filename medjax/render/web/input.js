@@ -106,6 +106,6 @@ async function start() {
 
 start().catch((error) => {
   $("failure").hidden = false;
-  $("failure").textContent = `This browser cannot show the episode (${error.message}). Any of the last years' can.`;
+  $("failure").textContent = `This browser cannot show the episode (${error.message}). Please use a recent one.`;
   throw error;
 });

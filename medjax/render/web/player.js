@@ -4,9 +4,9 @@ const DRAG_PX = 4;
 const TELL_MS = 80;
 const SAY_MS = 5000;
 const GLIDE_MS = 300;
-const STOP_M = 0.05; // that are not seen
+const STOP_M = 0.05; // too little to be seen
 const JUMP_M = 20; // more than the pointer drags between two pictures
-const MOST_M_PER_S = 60; // no vehicle is as fast
+const MOST_M_PER_S = 60; // faster than any vehicle
 const STILL = matchMedia("(prefers-reduced-motion: reduce)");
 
 /** The page: views, charts and panels on one clock. */
@@ -24,9 +24,9 @@ class Player {
     this.views = episodes.map((episode, which) => this._makeView(episode, which));
     const seek = (seconds) => this.seek(seconds);
     this.charts = episodes[0].meta.charts.map((_, i) => new Chart(i, episodes, this.theme, seek));
-    $("charts").append(...this.charts.map((chart) => chart.root));
+    $("charts").append(...this.charts.map(({ root }) => root));
     this.dispatch = episodes.map((episode, which) => new DispatchPanel(episode, which, this));
-    $("dispatch-panel").append(...this.dispatch.map((panel) => panel.root));
+    $("dispatch-panel").append(...this.dispatch.map(({ root }) => root));
     this.vehicle = new VehiclePanel($("vehicle-panel"), this.theme, this);
     this.ways = episodes.map((episode) => new Ways(episode, this.theme, this));
     this.ways.forEach(({ root }, which) => {
@@ -71,7 +71,7 @@ class Player {
     this.clock.wake();
   }
 
-  /** What colours stand for: a name of `COLOURINGS`. */
+  /** Sets what colours mean, by a name of `COLOURINGS`. */
   setColouring(name) {
     this.theme.colouring = name;
     $("colour").value = name;
@@ -115,11 +115,8 @@ class Player {
   }
 
   resize() {
-    for (const { road } of this.views) road.resize();
-    for (const chart of this.charts) chart.resize();
-    for (const panel of this.dispatch) panel.resize();
-    for (const way of this.ways) way.resize();
-    this.vehicle.resize();
+    const roads = this.views.map(({ road }) => road);
+    for (const each of [...roads, ...this.charts, ...this.dispatch, ...this.ways, this.vehicle]) each.resize();
     this.clock.wake();
   }
 
@@ -139,7 +136,7 @@ class Player {
   _tell(seconds) {
     for (const chart of this.charts) chart.show(seconds);
     for (const panel of this.dispatch) panel.update(seconds);
-    for (const way of this.ways) way.show(seconds);
+    for (const way of this.ways) way.moveTo(seconds);
     this.events.update(seconds);
     this._announce();
     this.vehicle.update(seconds);
@@ -152,7 +149,7 @@ class Player {
     $("play").classList.toggle("playing", this.clock.playing);
   }
 
-  /** Says to those who cannot see it how it stands, while the clock runs at most once in 5 s. */
+  /** Tells screen readers the counters, at most once in 5 s while the clock runs. */
   _announce() {
     const now = performance.now();
     if (!this.clock.playing || now - this._said < SAY_MS) return;
@@ -160,7 +157,7 @@ class Player {
     $("announcer").textContent = `${clockText(this.clock.seconds)}: ${this.views[0].line.text.textContent}`;
   }
 
-  /** Points the cameras: with a selected vehicle all show its stretch, else each its own. */
+  /** Points the cameras: all at a followed vehicle or a place, else each at its busiest MED. */
   _aim(seconds) {
     const { mode } = this.camera;
     let x = mode === "free" ? this.camera.x : null;
@@ -179,7 +176,7 @@ class Player {
     if (this.views.some(({ behind }) => behind !== 0)) this.clock.wake();
   }
 
-  /** Where a camera points: at once where its vehicle is, and on the way to another one, or place, it glides. */
+  /** Where a camera points: on its vehicle without delay, but it glides to another vehicle or place. */
   _eased(view, wanted, seconds) {
     const { mode } = this.camera;
     const now = performance.now();
@@ -213,11 +210,8 @@ class Player {
   _makeView(episode, which) {
     const text = element("span");
     const name = element("span", { className: "name", textContent: episode.meta.policy });
-    const key = element("span", { className: `key ${LINE_COLORS[which]}` });
-    if (this.episodes.length > 1) name.prepend(key);
-    const canvas = element("canvas");
-    canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", `The highway under ${episode.meta.policy}: all of it, and the camera's stretch`);
+    if (this.episodes.length > 1) name.prepend(keyOf(which));
+    const canvas = picture(`The highway under ${episode.meta.policy}: all of it, and the camera's stretch`);
     const line = element("div", { className: "view-line" }, [name, text]);
     $("views").append(element("div", { className: "view" }, [line, canvas]));
     const road = new RoadView(canvas, episode, this.theme, this.episodes.length > 1);
@@ -226,17 +220,13 @@ class Player {
   }
 
   _fillVehicles() {
-    this.episodes.forEach((episode, which) => {
+    this.episodes.forEach(({ tracks, meta }, which) => {
+      const time = (frame) => clockText(frame * meta.tickSeconds);
       for (const kind of [KIND.MED, KIND.EV]) {
-        const several = this.episodes.length > 1 ? `, ${episode.meta.policy}` : "";
-        const group = element("optgroup", { label: `${KIND_NAMES[kind]}s${several}` });
-        for (const track of episode.tracks) {
-          if (track.kind !== kind) continue;
-          const from = clockText(track.first * episode.meta.tickSeconds);
-          const to = clockText(track.last * episode.meta.tickSeconds);
-          group.append(element("option", { value: `${which}:${track.index}`, textContent: `${track.name} (${from}–${to})` }));
-        }
-        if (group.children.length) $("vehicle").append(group);
+        const options = tracks.filter((track) => track.kind === kind).map(({ index, name, first, last }) =>
+          element("option", { value: `${which}:${index}`, textContent: `${name} (${time(first)}–${time(last)})` }));
+        const several = this.episodes.length > 1 ? `, ${meta.policy}` : "";
+        if (options.length) $("vehicle").append(element("optgroup", { label: `${KIND_NAMES[kind]}s${several}` }, options));
       }
     });
   }

@@ -1,6 +1,6 @@
 const WHEEL_ZOOM = 1 / 400; // for a pixel of the wheel
 
-/** What a pointer does on a view: it tells what a thing is, selects it, drags the camera, and zooms. */
+/** The pointer on a view: names and selects things, drags the camera, and zooms. */
 class Pointer {
   constructor(canvas, road, which, player) {
     Object.assign(this, { canvas, road, which, player, from: null, touches: new Map(), apart: 0 });
@@ -17,7 +17,7 @@ class Pointer {
     return [event.clientX - box.left, event.clientY - box.top];
   }
 
-  /** How far two fingers are apart, px. */
+  /** Distance of two fingers, px. */
   _apart() {
     const [a, b] = [...this.touches.values()];
     return Math.hypot(a[0] - b[0], a[1] - b[1]);
@@ -65,7 +65,7 @@ class Pointer {
     else player.select(which, null);
   }
 
-  /** Zooms where the camera is; what is under the pointer stays there if nothing is followed. */
+  /** Zooms; unless a vehicle is followed, the place under the pointer stays there. */
   _wheel(event) {
     const [x, y] = this._place(event);
     const { road, player } = this;

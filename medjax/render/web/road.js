@@ -55,6 +55,14 @@ class Window {
   }
 }
 
+/** Lanes beside the road: their end at a ramp or exit, m, the other end, and the side on which the access road is. */
+function laneEnds({ ramps, mergeLength, exits, exitLane }) {
+  return [
+    ...ramps.map((x) => ({ at: x, other: x + mergeLength, side: -1 })),
+    ...exits.map((x) => ({ at: x, other: x - exitLane, side: 1 })),
+  ];
+}
+
 /** Lanes, and beside them those of ramps and exits. */
 function drawAsphalt(context, view, theme, marked) {
   const { road } = view;
@@ -64,28 +72,11 @@ function drawAsphalt(context, view, theme, marked) {
   context.fillStyle = theme.grass;
   context.fillRect(view.left, view.top, view.width, view.height);
   context.fillStyle = theme.asphalt;
-  for (const ramp of road.ramps) {
-    const [from, to] = [view.px(ramp), view.px(ramp + road.mergeLength)];
-    const run = 1.6 * lane;
-    context.beginPath();
-    context.moveTo(from - run, view.bottom);
-    context.lineTo(from, edge);
-    context.lineTo(to, edge);
-    context.lineTo(to, edge + lane);
-    context.lineTo(from, edge + lane);
-    context.lineTo(from - 0.4 * run, view.bottom);
-    context.fill();
-  }
-  for (const exit of road.exits) {
-    const [from, to] = [view.px(exit - road.exitLane), view.px(exit)];
-    const run = 1.6 * lane;
-    context.beginPath();
-    context.moveTo(from, edge);
-    context.lineTo(to, edge);
-    context.lineTo(to + run, view.bottom);
-    context.lineTo(to + 0.4 * run, view.bottom);
-    context.lineTo(to, edge + lane);
-    context.lineTo(from, edge + lane);
+  for (const { at, other, side } of laneEnds(road)) {
+    const [near, far, run] = [view.px(at), view.px(other), 1.6 * side * lane];
+    const access = [[near + run, view.bottom], [near, edge]];
+    const lanes = [[far, edge], [far, edge + lane], [near, edge + lane]];
+    tracePath(context, [...access, ...lanes, [near + 0.4 * run, view.bottom]]);
     context.fill();
   }
   const start = Math.max(view.left, view.px(0));
@@ -112,16 +103,16 @@ function drawMarkings(context, view, theme, start, end) {
   context.fillStyle = theme.edge;
   line(-half);
   line(road.lanes * road.laneWidth - half);
-  context.fillStyle = theme.asphalt; // the edge is broken where one may cross it
+  context.fillStyle = theme.asphalt; // the edge is broken where vehicles may cross it
   const y = view.py(road.lanes * road.laneWidth - half);
-  const open = road.ramps.map((x) => [x, x + road.mergeLength]);
-  open.push(...road.exits.map((x) => [x - road.exitLane, x]));
-  for (const [from, to] of open) {
-    for (let x = from; x < to; x += 9) context.fillRect(view.px(x), y - 1, DASH_M * view.perX, 2);
+  for (const { at, other } of laneEnds(road)) {
+    for (let x = Math.min(at, other); x < Math.max(at, other); x += 9) {
+      context.fillRect(view.px(x), y - 1, DASH_M * view.perX, 2);
+    }
   }
 }
 
-/** Which way one drives, painted on a lane. */
+/** Arrows on a lane in the direction of travel. */
 function drawArrows(context, view, y) {
   const { road } = view;
   const [long, wide] = [3 * view.perX, 0.16 * road.laneWidth * view.perY];
@@ -129,15 +120,12 @@ function drawArrows(context, view, y) {
   const first = Math.max(0, Math.floor(view.start / ARROWS_M) * ARROWS_M);
   for (let x = first; x < Math.min(view.start + view.span, road.length); x += ARROWS_M) {
     const tip = view.px(x) + long;
-    context.beginPath();
-    context.moveTo(tip - long, middle - wide);
-    context.lineTo(tip, middle);
-    context.lineTo(tip - long, middle + wide);
+    tracePath(context, [[tip - long, middle - wide], [tip, middle], [tip - long, middle + wide]]);
     context.fill();
   }
 }
 
-/** Texts centred at `[x, text]` from left to right; one that has no room is left out. */
+/** Texts centred at `[x, text]` from left to right, without those that do not fit. */
 function drawLabels(context, places, y, left, right) {
   context.textAlign = "center";
   context.textBaseline = "middle";
@@ -153,7 +141,7 @@ function drawLabels(context, places, y, left, right) {
 
 /** One episode's picture: the road as a strip, and a camera on a stretch of it. */
 class RoadView {
-  /** `low` where there is another picture to leave room for. */
+  /** `low` leaves room for a second picture. */
   constructor(canvas, episode, theme, low) {
     Object.assign(this, { canvas, episode, theme, low });
     this.resize();
@@ -168,12 +156,12 @@ class RoadView {
     const top = this.strip.bottom + TEXT_PX + 12;
     this.camera = new Window(0, top, guess, lanePx, road);
     const height = Math.ceil(this.camera.bottom + TEXT_PX + 8);
-    const fitted = fitCanvas(this.canvas, height, { alpha: false }); // nothing lies under it
+    const fitted = fitCanvas(this.canvas, height, { alpha: false });
     Object.assign(this, { context: fitted.context, width: fitted.width, height: fitted.height });
     this.span = guess / (this.camera.wholePerY / road.exaggeration);
   }
 
-  /** Points the camera at a place, as far as there is road; `zoom` doubles the scale with every 1, around `y` m across. */
+  /** Points the camera at a place on the road; each 1 of `zoom` doubles the scale, around `y` m across. */
   aim(center, zoom, y = 0) {
     const { length } = this.episode.meta.road;
     const span = Math.min(this.span * 2 ** -zoom, length);

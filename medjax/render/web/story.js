@@ -1,10 +1,9 @@
-/** Words on the page: who the policies are, and how the episode ends. */
+/** Fills in the policies' descriptions and the table of results. */
 function fillStory(data, episodes) {
   data.words.forEach((words, which) => {
     if (!words) return;
-    const key = element("span", { className: `key ${LINE_COLORS[which]}` });
     const name = element("dt", { textContent: episodes[which].meta.policy });
-    if (episodes.length > 1) name.prepend(key);
+    if (episodes.length > 1) name.prepend(keyOf(which));
     $("policies").append(name, element("dd", { textContent: words }));
   });
   const wins = ({ better, digits, values }) => {
@@ -31,10 +30,10 @@ function fillStory(data, episodes) {
   if (data.means.some(Boolean)) terms.push("[ ]: 95 % interval of a mean");
   $("terms").textContent = terms.join("; ");
   $("ending").textContent = data.ending;
-  $("outcome").open = window.matchMedia("(min-width: 1100px)").matches; // beside the words, where it takes no room
+  $("outcome").open = window.matchMedia("(min-width: 1100px)").matches; // where it fits beside the words
 }
 
-/** Rows of cells as a table with a head; `turned`: policies side by side, where a screen is too narrow for a row. */
+/** Fills a table with rows of cells; `turned` swaps rows and columns for narrow screens. */
 function fillTable(table, cells, turned) {
   if (turned) {
     const other = { row: "col", col: "row" };
@@ -47,7 +46,7 @@ function fillTable(table, cells, turned) {
 
 const HASH_MS = 300;
 
-/** `#t=123&follow=MED3`: time and followed vehicle in the address, to be kept and passed on. */
+/** `#t=123&follow=MED3`: time and followed vehicle in the page's address, as a link to share. */
 class Address {
   constructor(player) {
     this.player = player;
@@ -55,7 +54,7 @@ class Address {
     window.addEventListener("hashchange", () => this.read());
   }
 
-  /** Goes where the address says, as far as it says something. */
+  /** Goes to the time and vehicle of the address. */
   read() {
     const { player } = this;
     const given = new URLSearchParams(window.location.hash.slice(1));
@@ -69,7 +68,7 @@ class Address {
     if (Number.isFinite(seconds)) player.seek(seconds);
   }
 
-  /** Writes where the player stands, once it has stood there for a moment; a browser refuses to be told all the time. */
+  /** Writes the address after a moment without changes, since browsers refuse frequent updates. */
   keep(seconds) {
     clearTimeout(this.waits);
     if (window.location.protocol === "about:") return; // in a frame of another page

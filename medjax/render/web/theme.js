@@ -38,6 +38,35 @@ function element(tag, properties = {}, children = []) {
   return made;
 }
 
+/** A canvas that screen readers announce by its label. */
+function picture(label) {
+  const canvas = element("canvas");
+  canvas.setAttribute("role", "img");
+  canvas.setAttribute("aria-label", label);
+  return canvas;
+}
+
+/** An item of a list, which is a button. */
+function listButton(textContent, act, properties = {}) {
+  const button = element("button", { type: "button", textContent });
+  button.addEventListener("click", act);
+  return element("li", properties, [button]);
+}
+
+/** The mark of an episode's colour. */
+function keyOf(which, look = "") {
+  return element("span", { className: `key ${LINE_COLORS[which]}${look}` });
+}
+
+/** Starts a path of lines through points. */
+function tracePath(context, ...lines) {
+  context.beginPath();
+  for (const [first, ...rest] of lines) {
+    context.moveTo(...first);
+    for (const point of rest) context.lineTo(...point);
+  }
+}
+
 /** `m:ss`, or `m:ss.dd`. */
 function clockText(seconds, digits = 0) {
   const units = Math.floor(seconds * 10 ** digits + 1e-6);

@@ -1,6 +1,6 @@
-const REACH_PX = 5; // of a mouse beside what it is at
+const REACH_PX = 5; // from the pointer to the thing that it names
 
-/** Where traffic is in cells of `CELL_M`: the mean speed of each, m/s, NaN of an empty one. */
+/** Mean speeds in cells of `CELL_M` along the road, m/s, NaN in an empty one. */
 function cellSpeeds(episode) {
   const cells = Math.ceil(episode.meta.road.length / CELL_M);
   const [sums, counts] = [new Float64Array(cells), new Int32Array(cells)];
@@ -13,7 +13,7 @@ function cellSpeeds(episode) {
   return sums.map((sum, cell) => sum / counts[cell]);
 }
 
-/** What is on the road besides vehicles, in words: from `from` to `to` m, `deep` m across around `y` m; above first. */
+/** Things on the road besides vehicles, topmost first: text, from `from` to `to` m, `deep` m across around `y` m. */
 function* things(episode) {
   const { road, tickSeconds } = episode.meta;
   for (const { gone, x, name } of episode.ranOut) {
@@ -55,12 +55,12 @@ function* thingsOfSlot(episode, { med, panel, x, y, link }) {
   };
 }
 
-/** The first of the things that a point of a picture lies on, in words; "" for none. */
+/** The topmost thing at a point of a picture, in words; "" for none. */
 function thingAt(view, episode, x, y) {
   for (const { text, from, to, y: across, deep } of things(episode)) {
     const beside = Math.max(view.px(from) - x, x - view.px(to));
     const aside = Math.abs(view.py(across) - y) - (deep / 2) * view.perY;
-    if (beside <= REACH_PX && aside <= (deep > 1 ? 0 : REACH_PX)) return text; // what is thin is hard to meet
+    if (beside <= REACH_PX && aside <= (deep > 1 ? 0 : REACH_PX)) return text; // thin things are hard to hit
   }
   return "";
 }
@@ -76,7 +76,7 @@ function vehicleText(episode, track) {
   return parts.join(", ");
 }
 
-/** What lies under a point of a road's picture, in words. */
+/** Whatever is at a point of a road's picture, in words. */
 function whatIsAt(road, x, y) {
   const { episode, strip, camera } = road;
   const part = road.partAt(y);
@@ -84,12 +84,12 @@ function whatIsAt(road, x, y) {
   const metres = view.metres(x);
   if (part === "strip" && y < strip.top) {
     const speed = cellSpeeds(episode)[Math.floor(metres / CELL_M)];
-    return `traffic here: ${speed >= 0 ? `${speed.toFixed(1)} m/s in the mean` : "nobody"}`;
+    return speed >= 0 ? `mean speed here: ${speed.toFixed(1)} m/s` : "no traffic here";
   }
   const track = part && road.vehicleAt(x, y, REACH_PX);
   if (track) return vehicleText(episode, track);
   const thing = part && thingAt(view, episode, x, y);
-  const place = metres >= 0 && metres <= episode.meta.road.length ? `${metres.toFixed(0)} m` : "beyond the road";
+  const place = metres >= 0 && metres <= episode.meta.road.length ? `${metres.toFixed(0)} m` : "off the road";
   const said = thing ? `${thing}; ${place}` : place;
   return part === "strip" ? `${said}; click to look there` : said;
 }

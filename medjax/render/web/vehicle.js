@@ -24,13 +24,12 @@ function eventsOf(episode, track) {
       if (now !== before && before >= 0) note(frame, episode.meta.statuses[now]);
       before = now;
     }
-    for (const { frame, text } of episode.orders(track)) note(frame, `told: ${text}`);
+    for (const { frame, text } of episode.orders(track)) note(frame, `ordered: ${text}`);
     for (let ev = 0; ev < episode.meta.numEvs; ev += 1) {
       for (let frame = track.first + 1; frame <= track.last; frame += 1) {
         const now = episode.booking(numMeds + ev, frame);
         if (now?.med !== track.slot || !now.charging) continue;
-        const before = episode.booking(numMeds + ev, frame - 1);
-        if (before?.charging) continue;
+        if (episode.booking(numMeds + ev, frame - 1)?.charging) continue;
         note(frame, `charges ${episode.nameAt(numMeds + ev, frame)} (${panels[now.panel]})`);
       }
     }
@@ -56,7 +55,7 @@ function factsOf(episode, track, frame) {
   facts.push(["charge", `${(100 * soc).toFixed(2)} % (${kwh.toFixed(3)} kWh)`]);
   if (track.kind === KIND.MED) {
     facts.push(["status", meta.statuses[episode.status(track.slot, frame)]]);
-    if (episode.inService(track.slot, frame)) facts.push(["told", episode.told(track.slot, frame)]);
+    if (episode.inService(track.slot, frame)) facts.push(["order", episode.told(track.slot, frame)]);
     const served = episode.booked(frame).filter(({ med }) => med === track.slot);
     const texts = served.map(({ slot, panel, charging }) =>
       `${episode.nameAt(slot, frame)} ${meta.panels[panel]}${charging ? ", charging" : ""}`);
@@ -92,12 +91,9 @@ class VehiclePanel {
     const title = `${track.name}${several ? ` (${episode.meta.policy})` : ""}`;
     this.facts = element("dl", { className: "facts" });
     this.root.replaceChildren(element("h2", { textContent: title }), this.facts);
-    this._addPlot("Speed (m/s)", episode.tables.speed, track.slot, 1, 5);
-    if (track.kind === KIND.EV) {
-      this._addPlot("Charge (%)", episode.tables.evSoc, track.slot - episode.meta.numMeds, 100, 10);
-    } else if (track.kind === KIND.MED) {
-      this._addPlot("Charge (%)", episode.tables.medSoc, track.slot, 100, 10);
-    }
+    const { tables } = episode;
+    this._addPlot("Speed (m/s)", (frame) => tables.speed.at(track.slot, frame), 5);
+    if (track.kind !== KIND.GAS) this._addPlot("Charge (%)", (frame) => 100 * episode.soc(track.slot, frame), 10);
     this.root.append(element("h3", { textContent: "History" }), this._events());
     this.resize();
   }
@@ -114,13 +110,11 @@ class VehiclePanel {
     const frame = episode.frameAt(seconds);
     if (frame === this.frame) return;
     this.frame = frame;
+    const time = (tick) => clockText(tick * episode.meta.tickSeconds, 2);
     let facts;
-    if (frame < track.first) facts = [["position", `enters at ${this._time(track.first)}`]];
+    if (frame < track.first) facts = [["position", `enters at ${time(track.first)}`]];
     else if (frame <= track.last) facts = factsOf(episode, track, frame);
-    else {
-      const end = episode.stranded(track) ? "ran out of energy" : "left";
-      facts = [["position", `${end} at ${this._time(track.last + 1)}`]];
-    }
+    else facts = [["position", `${episode.stranded(track) ? "ran out of energy" : "left"} at ${time(track.last + 1)}`]];
     this.facts.replaceChildren(...facts.flatMap(([name, value]) => [
       element("dt", { textContent: name }),
       element("dd", { textContent: value }),
@@ -128,26 +122,17 @@ class VehiclePanel {
     this.facts.dataset.frame = frame;
   }
 
-  _time(frame) {
-    return clockText(frame * this.episode.meta.tickSeconds, 2);
-  }
-
-  _addPlot(title, table, row, scale, least) {
-    const { track, episode } = this;
-    const step = episode.meta.tickSeconds;
+  _addPlot(title, valueAt, least) {
+    const { first, last, name } = this.track;
+    const step = this.episode.meta.tickSeconds;
+    const start = first * step;
     const plot = new Plot({
-      lines: [{
-        values: (i) => scale * table.at(row, track.first + i),
-        count: track.last - track.first + 1,
-        step,
-        start: track.first * step,
-        color: "first",
-      }],
-      start: track.first * step,
-      end: Math.max(track.last, track.first + 1) * step,
+      lines: [{ values: (i) => valueAt(first + i), count: last - first + 1, step, start, color: "first" }],
+      start,
+      end: Math.max(last, first + 1) * step,
       least,
       theme: this.theme,
-      label: `${title} of ${track.name} over its way`,
+      label: `${title} of ${name} over time`,
       onSeek: (seconds) => this.player.seek(seconds),
     });
     this.plots.push(plot);
@@ -155,11 +140,8 @@ class VehiclePanel {
   }
 
   _events() {
-    const items = eventsOf(this.episode, this.track).map(({ seconds, text }) => {
-      const button = element("button", { type: "button", textContent: `${clockText(seconds, 2)} ${text}` });
-      button.addEventListener("click", () => this.player.seek(seconds));
-      return element("li", {}, [button]);
-    });
+    const items = eventsOf(this.episode, this.track).map(({ seconds, text }) =>
+      listButton(`${clockText(seconds, 2)} ${text}`, () => this.player.seek(seconds)));
     return element("ul", { className: "events" }, items);
   }
 }

@@ -1,36 +1,22 @@
 const BINS = 9;
 const MOST_TIMES = 600;
-const NEAR_M = 30; // that a line is from the pointer which tells whose it is
+const NEAR_M = 30; // from the pointer to the line that it names
 
-/** Time-space diagram: where everybody was when, coloured by speed; drawn once, only a cursor moves. */
-class Ways {
+/** Time-space diagram: positions over time, coloured by speed. */
+class Ways extends Diagram {
   constructor(episode, theme, player) {
-    Object.assign(this, { episode, theme });
-    this.canvas = element("canvas");
-    this.canvas.setAttribute("role", "img");
-    this.canvas.setAttribute("aria-label", `Everybody's way under ${episode.meta.policy}`);
-    this.cursor = element("div", { className: "cursor" });
-    this.root = element("div", { className: "plot" }, [this.canvas, this.cursor]);
-    this.root.addEventListener("click", (event) => {
-      const [seconds, x] = this._placeAt(event);
+    const onClick = (seconds, share) => {
       player.seek(seconds);
-      player.setCamera("free", x);
-    });
-    this.root.addEventListener("pointermove", (event) => {
-      this.root.title = this.textAt(...this._placeAt(event));
-    });
+      player.setCamera("free", share * episode.meta.road.length);
+    };
+    super({ end: episode.seconds, theme, label: `Time-space diagram under ${episode.meta.policy}`, onClick });
+    this.episode = episode;
   }
 
-  _placeAt({ offsetX, offsetY }) {
-    const share = (offsetX - LEFT_PX) / Math.max(1, this.width - LEFT_PX - 4);
-    const up = 1 - (offsetY - 5) / Math.max(1, this.bottom - 8);
-    const { seconds, meta } = this.episode;
-    return [Math.min(Math.max(share, 0), 1) * seconds, Math.min(Math.max(up, 0), 1) * meta.road.length];
-  }
-
-  /** Time and place in words, and who is nearest to it. */
-  textAt(seconds, x) {
+  /** Time and place in words, and the nearest vehicle. */
+  textAt(seconds, share) {
     const { episode } = this;
+    const x = share * episode.meta.road.length;
     const { tables, meta, frames, trackAt, tracks } = episode;
     const frame = episode.frameAt(seconds);
     let [who, least] = ["", NEAR_M];
@@ -44,17 +30,13 @@ class Ways {
     return `${x.toFixed(0)} m at ${clockText(seconds)}${who}; click to go there`;
   }
 
-  resize() {
+  draw(context) {
     const { episode, theme } = this;
-    const { context, width, height } = fitCanvas(this.canvas);
-    Object.assign(this, { width, bottom: height - AXIS_PX });
     const { length } = episode.meta.road;
-    this.toX = (t) => LEFT_PX + (t / (episode.seconds || 1)) * (width - LEFT_PX - 4);
     const toY = (x) => 5 + (1 - x / length) * (this.bottom - 8);
-    context.clearRect(0, 0, width, height);
     const tick = roundStep(length / 1000, 4);
-    drawAxes(context, theme, { low: 0, high: length / 1000, tick, toY: (km) => toY(1000 * km), unit: " km" }, width);
-    drawTimes(context, theme, { start: 0, end: episode.seconds, toX: this.toX }, width, height);
+    const axis = { low: 0, high: length / 1000, tick, toY: (km) => toY(1000 * km), unit: " km" };
+    drawAxes(context, theme, axis, this.width);
     const paths = Array.from({ length: BINS }, () => new Path2D());
     const meds = new Path2D();
     for (const track of episode.tracks) this._trace(track, paths, meds, toY);
@@ -85,9 +67,5 @@ class Ways {
       [x, y] = [this.toX(here * meta.tickSeconds), toY(tables.x.at(track.slot, here))];
       path.lineTo(x, y);
     }
-  }
-
-  show(seconds) {
-    if (this.toX) this.cursor.style.transform = `translateX(${this.toX(seconds)}px)`;
   }
 }

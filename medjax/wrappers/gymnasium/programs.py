@@ -13,7 +13,7 @@ import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gymnasium.error import DependencyNotInstalled
+from gymnasium.error import DependencyNotInstalled, ResetNeeded
 from gymnasium.spaces import Box, Discrete
 
 from medjax.env.charging_env import ChargingEnv
@@ -58,21 +58,15 @@ def chosen(
     """
     check_names(overrides, (*OPTIONS, *KEYWORDS), MEANT)
     whole_number_of("decide_every", decide_every, 1)
-    env, params = _named(scenario, env, params, overrides)
-    return (env if decide_every == 1 else DecideEvery(env, decide_every)), params
-
-
-def _named(
-    scenario: str | None, env: Environment | None, params: Any, overrides: Mapping[str, Any]
-) -> tuple[Environment, Any]:
     if env is not None:
         if scenario is not None or overrides or params is None:
             raise InputError("env: allowed with params, and without a scenario or its options")
         check_environment(env)
-        return env, params
-    if params is not None:
+    elif params is not None:
         raise InputError("params without env: allowed options of medjax.make by name")
-    return make("paper" if scenario is None else scenario, **overrides)
+    else:
+        env, params = make("paper" if scenario is None else scenario, **overrides)
+    return (env if decide_every == 1 else DecideEvery(env, decide_every)), params
 
 
 def alike(env: Environment) -> Environment:
@@ -95,11 +89,19 @@ def spaces_of(env: Environment, params: Any) -> tuple[Box, Discrete]:
     return Box(low, high, seen.shape, np.float32), Discrete(env.num_actions)
 
 
-def check_render_mode(render_mode: str | None, metadata: Mapping[str, Any]) -> None:
-    """Raises InputError unless the environment supports the render mode."""
-    allowed = metadata["render_modes"]
-    if render_mode is not None and render_mode not in allowed:
-        raise InputError(f"render_mode = {render_mode!r}: allowed None, {', '.join(allowed)}")
+def check_render_mode(render_mode: str | None) -> None:
+    """Raises InputError unless the environments support the render mode."""
+    if render_mode not in (None, "rgb_array"):
+        raise InputError(f"render_mode = {render_mode!r}: allowed None, rgb_array")
+
+
+def may_render(render_mode: str | None, state: Any) -> bool:
+    """Whether there is something to draw; raises ResetNeeded before the first reset."""
+    if render_mode is None:
+        gymnasium.logger.warn("render() draws nothing: make the environment with a render_mode")
+    elif state is None:
+        raise ResetNeeded("render() before reset(): call reset() first")
+    return render_mode is not None
 
 
 def picture(env: Environment, state: Any, params: Any) -> np.ndarray:

@@ -30,8 +30,7 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     Args:
       num_envs: number of copies, at least 1.
-      scenario, render_mode, env, params, decide_every, **overrides: as in `ChargingGymEnv`; render_mode is None or
-        "rgb_array".
+      scenario, render_mode, env, params, decide_every, **overrides: as in `ChargingGymEnv`.
 
     Raises:
       InputError: a number, scenario, option, value or render mode is not allowed.
@@ -55,7 +54,7 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         **overrides: Any,
     ) -> None:
         whole_number_of("num_envs", num_envs, 1)
-        programs.check_render_mode(render_mode, self.metadata)
+        programs.check_render_mode(render_mode)
         if COUNTS_WRONG:
             gymnasium.logger.warn(
                 f"Gymnasium {gymnasium.__version__}: its vector RecordEpisodeStatistics leaves out the first decision "
@@ -139,11 +138,9 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def render(self) -> tuple[np.ndarray, ...] | None:  # type: ignore[override]
         """Returns the road of every copy, each `(H, W, 3)` uint8, if render_mode is "rgb_array"."""
-        if self.render_mode is None:
-            gymnasium.logger.warn("render() draws nothing: make the environment with a render_mode")
+        if not programs.may_render(self.render_mode, self._state):
             return None
-        if self._state is None:
-            raise ResetNeeded("render() before reset(): call reset() first")
+        assert self._state is not None
         states = jax.device_get(self._state.env)
         copies = (jax.tree.map(lambda leaf, i=i: leaf[i], states) for i in range(self.num_envs))
         return tuple(programs.picture(self.simulator, state, self.params) for state in copies)
