@@ -1,7 +1,6 @@
-"""The fields of a class in the API reference, with their shapes and units.
+"""Documents fields of classes in the API reference from their comment, `option(...)` or `number(...)`.
 
-The sources say what a field is in a comment behind it, in `option(...)` or in `number(...)`; mkdocstrings reads
-docstrings only.
+By itself mkdocstrings reads docstrings only.
 """
 
 import ast
@@ -41,7 +40,7 @@ def _comment(line: str) -> str:
 
 
 def _help(statement: ast.AnnAssign) -> str:
-    """What the default says."""
+    """Description of a field from its default."""
     call = statement.value
     if isinstance(call, ast.Constant):
         return f"default: {ast.unparse(call)}"
@@ -57,5 +56,5 @@ def _help(statement: ast.AnnAssign) -> str:
         ast.literal_eval(given[name]) if name in given else "" for name in ("unit", "text")
     )
     said = "; ".join(text) if isinstance(text, tuple) else text
-    low, high = (ast.unparse(given[name]) for name in ("low", "high"))
+    low, high = ast.unparse(given["low"]), ast.unparse(given["high"])
     return f"{said} ({unit + ', ' if unit else ''}default: {default}, allowed: {low} to {high})"

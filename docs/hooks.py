@@ -1,4 +1,4 @@
-"""What mkdocs does with a page besides rendering it: equations become MathML, printed tables tables."""
+"""Hooks of mkdocs: LaTeX becomes MathML, and tables that commands printed become tables of the page."""
 
 import html
 import re
@@ -6,24 +6,21 @@ from typing import Any
 
 from latex2mathml.converter import convert
 
-# What pymdownx.arithmatex leaves of $...$ and of $$...$$.
-EQUATION = re.compile(
-    r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>',
-    re.DOTALL,
-)
+# Output of pymdownx.arithmatex for $...$ and $$...$$.
+EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
 
-# A fenced block, and in one a heading over a line of dashes.
+# A fenced block, and a printed table in it: a heading over a line of dashes.
 FENCE = re.compile(r"^```(\w*)\n((?:(?!```).*\n)*)```\n", re.MULTILINE)
 TABLE = re.compile(r"^(?P<head>\S.*)\n-{10,}\n(?P<rows>(?:\S.*\n(?!-{10,}\n))+)", re.MULTILINE)
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """The page with tables where commands printed some."""
+    """Converts printed tables in fenced blocks to Markdown."""
     return FENCE.sub(_with_tables, markdown)
 
 
 def _with_tables(block: re.Match[str]) -> str:
-    """A block of nothing but lines and tables as Markdown; any other as it is."""
+    """A fenced block as Markdown if it has printed tables whose columns can be told apart; otherwise unchanged."""
     language, printed = block.groups()
     if language or not TABLE.search(printed):
         return block[0]
@@ -38,16 +35,16 @@ def _with_tables(block: re.Match[str]) -> str:
 
 
 def _lines(text: str) -> str:
-    """Lines between tables, each on its own."""
+    """Lines between tables, with line breaks."""
     kept = [html.escape(line, quote=False) for line in text.splitlines() if line.strip()]
     return "\n" + "  \n".join(kept) + "\n" if kept else ""
 
 
 def _cells(head: str, rows: list[str]) -> list[list[str]] | None:
-    """Cells of a heading and its rows, whose columns end where those of the heading do; None where they do not."""
+    """Cells of a heading and its rows; None unless their columns end where those of the heading do."""
     ends = [found.end() for found in re.finditer(r"\S+(?: \S+)*", head)]
     lines = [line.ljust(ends[-1]) for line in [head, *rows]]
-    # A first column is aligned to the left: what comes next begins two spaces after the longest name.
+    # The first column is left-aligned: the next begins two spaces after the longest name.
     ends[0] = max(len(line.partition("  ")[0]) for line in lines)
     if any(
         len(line.rstrip()) > ends[-1] or line[end : end + 1].strip()
@@ -60,13 +57,13 @@ def _cells(head: str, rows: list[str]) -> list[list[str]] | None:
 
 
 def _markdown(rows: list[list[str]]) -> str:
-    """A table whose columns but the first are aligned to the right."""
+    """A Markdown table; all columns but the first are right-aligned."""
     lines = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
     return "\n".join(["", lines[0], "|---" + "|---:" * (len(rows[0]) - 1) + "|", *lines[1:], ""])
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    """The page with its LaTeX turned into MathML."""
+    """Converts LaTeX to MathML."""
     return EQUATION.sub(_to_mathml, content)
 
 

@@ -1,6 +1,4 @@
-"""The tables of docs/parameters.md, from what `medjax.world` declares; `python -m docs.parameters` writes them."""
-
-from __future__ import annotations
+"""Writes the tables of docs/parameters.md from the declarations in `medjax.world`."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -23,7 +21,7 @@ BODIES = ("ev", "med")
 
 
 def _shown(value: Any) -> str:
-    """A number, or those of an array; one stands for all of the same."""
+    """A number, or those of an array; equal ones once."""
     texts = [f"{number:.6g}" for number in np.ravel(value)]
     return texts[0] if len(set(texts)) == 1 else ", ".join(texts) or "none"
 
@@ -35,7 +33,7 @@ def _row(name: str, value: Any, declared: Number, body: int = 0) -> str:
 
 
 def _rows(group: str) -> Iterator[str]:
-    """The rows of a group, or of one number that is in none."""
+    """The rows of a group, or of a number without a group."""
     config, coils = EnvConfig(), CoilDesign()
     params = SCENARIOS["paper"].params(config)
     if group == "sizes":
@@ -60,7 +58,7 @@ def _table(found: re.Match[str]) -> str:
 
 
 def written(page: str) -> str:
-    """The page with its tables as they are declared; a comment before each names its groups."""
+    """The page with up-to-date tables; a comment before each names its groups."""
     return TABLE.sub(_table, page)
 
 

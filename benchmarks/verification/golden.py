@@ -167,14 +167,6 @@ def printed_by(*words: str) -> np.ndarray:
     return np.array(done.stdout.decode())
 
 
-def preset_of(name: str) -> str:
-    """The preset in which the array of this name was played."""
-    world = name.partition("/")[0]
-    if world in medjax.SCENARIOS:
-        return world
-    return (WORLDS | AGENTS)[world][0] if world not in TRAINING | STUDIES else "paper"
-
-
 def differences(old: Mapping[str, np.ndarray], new: Mapping[str, np.ndarray]) -> Iterator[str]:
     """A line for each name whose bits differ or that only one file has."""
     for name in sorted({*old} | {*new}):
@@ -261,10 +253,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         old, new = options.compare
         lines = list(differences(old, new))
         print(*lines, f"{len(lines)} of {len({*old} | {*new})} differ", sep="\n")
-        # Arrays that only the new file has do not count as changes of a preset.
-        told = {name: values for name, values in new.items() if name in old}
-        presets = sorted({preset_of(line) for line in differences(old, told)})
-        return {"differ": lines, "presets": presets}
+        return {"differ": lines}
     if options.numbers:
         write_numbers(options.numbers)
     else:

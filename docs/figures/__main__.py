@@ -1,11 +1,9 @@
-"""The figures of the models' pages, drawn by the functions that they are about.
+"""Draws the figures of the pages on the models, with the functions of the models.
 
     python -m docs.figures [DIRECTORY]      writes docs/images/*.png
 
 from the repository's root; it needs the extra `train` for matplotlib.
 """
-
-from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -31,14 +29,7 @@ FIGURES: dict[str, Callable[[Path, EnvParams], None]] = {
 
 
 def draw(directory: Path) -> list[Path]:
-    """Draws all figures of the `paper` preset.
-
-    Args:
-      directory: where to; it is made.
-
-    Returns:
-      The files.
-    """
+    """Draws all figures of the `paper` preset into a directory, which is made. Returns the files."""
     _, params = medjax.make("paper")
     paths = [directory / f"{name}.png" for name in FIGURES]
     for path, figure in zip(paths, FIGURES.values(), strict=True):

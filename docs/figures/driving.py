@@ -1,7 +1,5 @@
 """How vehicles drive: car following and a lane change."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -14,9 +12,11 @@ from medjax.world.kinds import HUMAN_EV
 from medjax.world.params import EnvParams
 from train.reporting.figures import new_figure, save
 
+IDM = ("desired_speed", "time_headway", "min_gap", "max_acceleration", "comfortable_deceleration")
+
 
 def draw_idm(path: Path, params: EnvParams) -> None:
-    """IDM acceleration over gap and speed: behind one who is as fast, and behind a MED."""
+    """IDM acceleration over gap and speed: behind a vehicle of the same speed, and behind a MED."""
     from matplotlib.colors import TwoSlopeNorm
 
     drivers, figure = params.drivers, new_figure(8.5, 3.9)
@@ -30,16 +30,8 @@ def draw_idm(path: Path, params: EnvParams) -> None:
     for axes, (title, leader) in zip(
         figure.subplots(1, 2, sharex=True, sharey=True), panels.items(), strict=True
     ):
-        acceleration = idm_acceleration(
-            speed,
-            gap,
-            leader,
-            desired_speed=drivers.desired_speed[HUMAN_EV],
-            time_headway=drivers.time_headway[HUMAN_EV],
-            min_gap=drivers.min_gap[HUMAN_EV],
-            max_acceleration=drivers.max_acceleration[HUMAN_EV],
-            comfortable_deceleration=drivers.comfortable_deceleration[HUMAN_EV],
-        )
+        numbers = {name: getattr(drivers, name)[HUMAN_EV] for name in IDM}
+        acceleration = idm_acceleration(speed, gap, leader, **numbers)
         values = np.clip(acceleration, levels[0], levels[-1])
         norm = TwoSlopeNorm(0.0, levels[0], levels[-1])
         filled = axes.contourf(gap, speed, values, levels, cmap="PuOr", norm=norm)
@@ -74,8 +66,6 @@ def draw_lane_change(path: Path, params: EnvParams) -> None:
     right.set_ylabel("heading against the road (°)")
     right.legend(title="speed")
     for axes in (left, right):
-        axes.set_xlabel("time since the change (s)")
-        axes.set_xlim(0, 4)
-        axes.set_ylim(0)
+        axes.set(xlabel="time since the change (s)", xlim=(0, 4), ylim=(0, None))
         axes.grid(alpha=0.3)
     save(figure, path)

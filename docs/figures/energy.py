@@ -1,6 +1,4 @@
-"""What driving costs an EV."""
-
-from __future__ import annotations
+"""Energy consumption of an EV."""
 
 import csv
 from pathlib import Path
@@ -22,10 +20,8 @@ def draw_energy(path: Path, params: EnvParams) -> None:
     speed = np.linspace(0.5, 40, 159)
 
     def kilowatt(body: BodyParams) -> np.ndarray:
-        return (
-            np.asarray(drive_energy(jnp.asarray(speed), jnp.asarray(speed), body, params.road, 1.0))
-            / 1e3
-        )
+        steady = jnp.asarray(speed)
+        return np.asarray(drive_energy(steady, steady, body, params.road, 1.0)) / 1e3
 
     figure = new_figure(8.5, 3.8)
     power, distance = figure.subplots(1, 2)
@@ -54,20 +50,11 @@ def draw_energy(path: Path, params: EnvParams) -> None:
     for at in (float(params.fleet.service_speed), float(params.drivers.desired_speed[HUMAN_EV])):
         value = float(np.interp(at, speed, total / speed / 3.6 * 100))
         distance.plot([at, at], [0, value], color=BLUE, lw=1, ls="--")
-        distance.annotate(
-            f"{value:.1f} at {at:.0f} m/s",
-            (at, value),
-            (-6, 6),
-            textcoords="offset points",
-            ha="right",
-            va="bottom",
-            color=BLUE,
-        )
+        how = {"textcoords": "offset points", "ha": "right", "va": "bottom", "color": BLUE}
+        distance.annotate(f"{value:.1f} at {at:.0f} m/s", (at, value), (-6, 6), **how)
     distance.set_ylabel("energy from an EV's battery (kWh/100 km)")
     distance.legend(loc="upper left", fontsize="small")
     for axes in (power, distance):
-        axes.set_xlabel("steady speed (m/s)")
-        axes.set_xlim(0, 40)
-        axes.set_ylim(0)
+        axes.set(xlabel="steady speed (m/s)", xlim=(0, 40), ylim=(0, None))
         axes.grid(alpha=0.3)
     save(figure, path)

@@ -1,7 +1,5 @@
 """The road and a MED's slots, to scale."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -42,12 +40,9 @@ def _draw_highway(axes: Any, params: EnvParams) -> None:
         _arrow(axes, (-120, lane), (-15, lane))
         _arrow(axes, (length + 15, lane), (length + 120, lane))
     axes.text(length / 2, 1, "driving direction →", ha="center", va="center", color="#333333")
-    axes.set_xlim(-160, length + 160)
-    axes.set_ylim(lanes + 2.8, -0.8)
+    axes.set(xlim=(-160, length + 160), ylim=(lanes + 2.8, -0.8))
     axes.set_yticks([0, 1, 2, 3, 4], ["0, left", "1", "2, MEDs", "3, right", "4, ramps"])
-    axes.set_xlabel("position x (m); the width is not to scale")
-    axes.set_ylabel("lane")
-    _bare(axes)
+    _bare(axes, "position x (m); the width is not to scale")
 
 
 def _draw_platoon(axes: Any, params: EnvParams) -> None:
@@ -84,19 +79,16 @@ def _draw_platoon(axes: Any, params: EnvParams) -> None:
         axes.text((start + end) / 2, lane * width - 0.35, label, ha="center", va="bottom", size=8)
         axes.plot([start, end], [lane * width] * 2, color="black", lw=1.5)
     axes.set_aspect("equal")
-    axes.set_xlim(-34, 22)
-    axes.set_ylim((lane + 1.5) * width, (lane - 1.5) * width)
+    axes.set(xlim=(-34, 22), ylim=((lane + 1.5) * width, (lane - 1.5) * width))
     axes.set_yticks(np.arange(lane - 1, lane + 2) * width, [str(lane + i) for i in (-1, 0, 1)])
-    axes.set_xlabel("distance from the MED's front bumper (m)")
-    axes.set_ylabel("lane")
-    _bare(axes)
+    _bare(axes, "distance from the MED's front bumper (m)")
 
 
 def _arrow(axes: Any, start: Any, end: Any, style: str = "-|>") -> None:
     axes.annotate("", end, start, arrowprops={"arrowstyle": style, "color": "black", "lw": 1.2})
 
 
-def _bare(axes: Any) -> None:
-    for side in ("top", "right", "left"):
-        axes.spines[side].set_visible(False)
+def _bare(axes: Any, along: str) -> None:
+    axes.set(xlabel=along, ylabel="lane")
+    axes.spines[["top", "right", "left"]].set_visible(False)
     axes.tick_params(left=False)

@@ -1,111 +1,161 @@
-"""Prints every block, table and picture of README.md and docs/ anew, into the pages.
+"""Writes the output of commands into README.md and docs/: every block, table and picture that a comment marks.
 
 Without names: what takes two minutes or less. The name of a page or of a block runs that, however long it takes.
-What was run on the files as they are is left alone, so that the same command goes on where it was interrupted.
-Commands run in build/reproduce; docs/reproduced.json says what was run when, and on what.
+Blocks whose files have not changed are left alone, so the same command continues where it was interrupted.
+Commands run in build/reproduce; docs/reproduced.json says what ran when, and on what.
 """
 
-from __future__ import annotations
-
+import json
+import os
+import platform
+import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Collection, Mapping, Sequence
+from datetime import date
+from typing import Any
 
-from docs.reproduce.pages import ROOT, Block, all_blocks
-from docs.reproduce.run import Book
-from docs.reproduce.same import is_commit, keep
+from docs.reproduce.pages import ROOT, Block, all_pages, blocks_of, with_note, with_output
+from docs.reproduce.sources import digest
 from medjax.commandline import OneLineParser, command, in_words, leave
 from medjax.errors import shown
+from train.runs.versions import versions
 
+STAMPS = ROOT / "docs/reproduced.json"
+WORK = ROOT / "build/reproduce"  # where commands run and leave their files
+RUN_NOTE = "*Run {date} in {time}: {commit}, JAX {jax}, Python {python}, {machine}.*"
 QUICK_S = 120
 
 
-def build_parser() -> OneLineParser:
-    """The command line."""
-    parser = OneLineParser(prog="python -m docs.reproduce", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="PAGE", help="pages (paper) or blocks")
-    parser.add_argument("--all", action="store_true", help="long ones too: many hours")
-    parser.add_argument("--again", action="store_true", help="also what is of these files")
-    parser.add_argument("--list", action="store_true", help="say what there is, run nothing")
-    parser.add_argument("--dry-run", action="store_true", help="say what would be run")
-    same = "keep what these commits printed where this tree computes the same bits; minutes"
-    parser.add_argument("--same-bits-as", nargs="+", metavar="COMMIT", help=same)
-    return parser
+class Book:
+    """All blocks, and a stamp of the last run of each."""
+
+    def __init__(self, blocks: Mapping[str, Block]) -> None:
+        self.blocks = blocks
+        self.stamps: dict[str, dict[str, Any]] = json.loads(STAMPS.read_text(encoding="utf-8"))
+
+    def needs(self, block: Block) -> list[Block]:
+        """Blocks that train what this one plays."""
+        reads = [f"{word}/" for word in block.words if word not in block.learns]
+        return [
+            other
+            for other in self.blocks.values()
+            if any(word.startswith(f"{run}/") for run in other.learns for word in reads)
+        ]
+
+    def digest(self, block: Block) -> str:
+        """Digest of its commands, of the files that they depend on, and of the blocks that it needs."""
+        words = block.words + [self.digest(other) for other in self.needs(block)]
+        return digest(words, [words[0] for words in block.commands])
+
+    def is_current(self, block: Block) -> bool:
+        """Whether the last run had these files."""
+        return self.stamps.get(block.name, {}).get("sources") == self.digest(block)
+
+    def seconds(self, *blocks: Block) -> int:
+        """Duration of the last runs, or what the pages expect."""
+        return sum(self.stamps.get(b.name, {}).get("seconds", b.expected_s) for b in blocks)
+
+    def line(self, block: Block) -> str:
+        """A line of --list."""
+        stamp = self.stamps.get(block.name, {"date": "never run", "commit": "by this command"})
+        state = "" if self.is_current(block) else "older than its files: "
+        page, time = block.page.relative_to(ROOT), in_words(self.seconds(block))
+        return f"{block.name:<22} {page!s:<22} {time:>7}  {state}{stamp['date']}, {stamp['commit']}"
+
+    def chosen(self, names: Collection[str], everything: bool = False) -> list[Block]:
+        """The blocks of these names or pages (ValueError: unknown); without names the quick ones, or everything."""
+        blocks, asked = self.blocks.values(), {*names}
+        if unknown := asked.difference(*(block.names for block in blocks)):
+            allowed = sorted({name for block in blocks for name in block.names})
+            raise ValueError(f"{shown(min(unknown))}: allowed {', '.join(allowed)}")
+        if asked:
+            return [block for block in blocks if block.names & asked]
+        return [b for b in blocks if everything or self.seconds(b, *self.needs(b)) <= QUICK_S]
+
+    def order(self, chosen: Collection[Block], again: bool = False) -> list[Block]:
+        """The chosen blocks that are not current, each behind the training that it needs."""
+        todo: dict[str, Block] = {}
+        for block in chosen:
+            if again or not self.is_current(block):
+                makers = [each for each in self.needs(block) if not self._is_made(each)]
+                todo |= {each.name: each for each in (*makers, block)}
+        return list(todo.values())
+
+    def _is_made(self, block: Block) -> bool:
+        return self.is_current(block) and all((WORK / run).is_dir() for run in block.learns)
+
+    def run(self, block: Block) -> bool:
+        """Runs a block, then writes its page and its stamp. Returns whether the page's figures have changed."""
+        began, sources, ran = time.monotonic(), self.digest(block), versions()
+        printed = output_of(block)
+        seconds = round(time.monotonic() - began)
+        stamp = {
+            "page": str(block.page.relative_to(ROOT)),
+            "command": [" ".join(words) for words in block.commands],
+            "commit": ran["commit"],
+            "date": date.today().isoformat(),
+            "seconds": seconds,
+            "machine": f"{os.cpu_count()} cores, {platform.machine()}",
+            "versions": {name: ran[name] for name in ("python", "jax", "numpy")},
+            "sources": sources,
+        }
+
+        def take(file: str, picture: str) -> None:
+            shutil.copyfile(WORK / file, block.page.parent / picture)
+
+        before = block.page.read_text(encoding="utf-8")
+        after = with_output(before, block.name, printed, take)
+        note = RUN_NOTE.format(**ran | stamp, time=in_words(seconds))
+        block.page.write_text(with_note(after, block.name, note), encoding="utf-8")
+        self.stamps = dict(sorted({**self.stamps, block.name: stamp}.items()))
+        STAMPS.write_text(json.dumps(self.stamps, indent=2) + "\n", encoding="utf-8")
+        return before != after
 
 
-def chosen(names: Sequence[str], everything: bool, book: Book) -> list[Block]:
-    """The blocks that are asked for.
-
-    Raises:
-      ValueError: a name is neither a page's nor a block's.
-    """
-    blocks = list(book.blocks.values())
-    known = {name for block in blocks for name in _names(block)}
-    for name in names:
-        if name not in known:
-            raise ValueError(f"{shown(name)}: allowed {', '.join(sorted(known))}")
-    if names:
-        return [block for block in blocks if _names(block) & set(names)]
-    return [block for block in blocks if everything or _whole_s(block, book) <= QUICK_S]
-
-
-def _names(block: Block) -> set[str]:
-    """What a block answers to."""
-    return {block.name, block.page.stem, str(block.page.relative_to(ROOT))}
-
-
-def _whole_s(block: Block, book: Book) -> int:
-    """Its time, with what it needs, as its page says."""
-    return block.expected_s + sum(_whole_s(other, book) for other in book.needs(block))
-
-
-def keep_same(book: Book, commits: Sequence[str]) -> int:
-    """Says which blocks are kept. Returns the exit code."""
-    try:
-        names = keep(book, commits)
-    except subprocess.CalledProcessError as error:
-        print(error, file=sys.stderr)
-        return 1
-    print(f"{len(names)} blocks are of these files, too: {', '.join(names)}")
-    return 0
+def output_of(block: Block) -> str:
+    """Runs the commands of a block (CalledProcessError: one failed) and returns the output of the last."""
+    WORK.mkdir(parents=True, exist_ok=True)
+    for directory in block.learns:  # training starts anew
+        shutil.rmtree(WORK / directory, ignore_errors=True)
+    printed, ours = "", os.environ | {"PYTHONPATH": str(ROOT)}
+    for words in block.commands:
+        line = [sys.executable, "-m", *words]
+        printed = subprocess.check_output(line, cwd=WORK, env=ours, text=True)
+    return printed
 
 
 @command
 def main(argv: Sequence[str] | None = None) -> int:
     """The command. Returns the exit code: 2 for bad input, 1 where a command failed."""
-    parser = build_parser()
+    parser = OneLineParser(prog="python -m docs.reproduce", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="PAGE", help="pages (paper) or blocks")
+    parser.add_argument("--all", action="store_true", help="include long blocks: many hours")
+    parser.add_argument("--again", action="store_true", help="include blocks that are current")
+    parser.add_argument("--list", action="store_true", help="list the blocks, run nothing")
     given = parser.parse_args(argv)
     try:
-        book = Book(all_blocks())
-        wanted = chosen(given.names, given.all or given.list, book)
+        book = Book(blocks_of(*all_pages()))
+        wanted = book.chosen(given.names, given.all or given.list)
     except ValueError as error:
         parser.error(str(error))
-    for commit in given.same_bits_as or ():
-        if not is_commit(commit):
-            parser.error(f"--same-bits-as {shown(commit)}: allowed commits of this repository")
-    if given.same_bits_as:
-        return keep_same(book, given.same_bits_as)
     if given.list:
-        for block in wanted:
-            page = block.page.relative_to(ROOT)
-            time = in_words(book.seconds(block))
-            print(f"{block.name:<22} {page!s:<22} {time:>7}  {book.state(block)}")
+        print(*map(book.line, wanted), sep="\n")
         return 0
     todo = book.order(wanted, given.again)
-    left = sum(book.seconds(block) for block in todo)
-    print(f"{len(todo)} of {len(wanted)} blocks to run, about {in_words(left)}", flush=True)
+    print(
+        f"{len(todo)} of {len(wanted)} blocks to run, about {in_words(book.seconds(*todo))}",
+        flush=True,
+    )
     for block in todo:
         print(f"{block.name}: about {in_words(book.seconds(block))}", flush=True)
-        if given.dry_run:
-            continue
         try:
             changed = book.run(block)
-        except (RuntimeError, ValueError, OSError) as error:
+        except (subprocess.CalledProcessError, ValueError, OSError) as error:
             print(f"{parser.prog}: {error}", file=sys.stderr)
             return 1
-        said = (
-            "what it prints has changed: read what the page says of it" if changed else "as before"
-        )
+        said = "figures changed: read what the page says about them" if changed else "as before"
         print(f"{block.name}: {in_words(book.seconds(block))}, {said}", flush=True)
     return 0
 

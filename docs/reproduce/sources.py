@@ -1,6 +1,4 @@
-"""Which files what a command prints depends on: the modules that it imports, those that these import, and so on."""
-
-from __future__ import annotations
+"""The files that a command's output depends on: the modules that it imports, what these import, and so on."""
 
 import ast
 import functools
@@ -10,81 +8,46 @@ from pathlib import Path
 
 from docs.reproduce.pages import OURS, ROOT
 
-READ = (".js", ".css", ".html", ".json", ".zip")  # files that a module reads of its own folders
+READ = (".js", ".css", ".html", ".json", ".zip")  # files of its own folders that a module reads
 
 
 @functools.cache
-def _path(module: str) -> Path | None:
-    """The file of a module of ours, or None."""
+def _used_by(module: str) -> tuple[set[str], set[Path]]:
+    """Modules that one of ours imports or is in; its file, and files in the folders beside it that it names."""
     path = ROOT / module.replace(".", "/")
-    found = (path.with_suffix(".py"), path / "__init__.py")
-    return next((path for path in found if path.is_file()), None)
-
-
-@functools.cache
-def _tree(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
-
-
-@functools.cache
-def _read_by(path: Path) -> frozenset[Path]:
-    """What is in the folders beside a module that it names."""
-    nodes = ast.walk(_tree(path))
-    words = {node.value for node in nodes if isinstance(node, ast.Constant) and node.value}
-    folders = [folder for folder in path.parent.iterdir() if folder.is_dir()]
-    named = [folder for folder in folders if folder.name in words]
-    return frozenset(file for folder in named for file in folder.rglob("*") if file.suffix in READ)
-
-
-@functools.cache
-def _imported(module: str) -> frozenset[str]:
-    """What a module of ours imports of ours, at any place, and the packages that it is in."""
-    path = _path(module)
-    if path is None:
-        return frozenset()
-    parts = module.split(".")
-    names = {".".join(parts[:count]) for count in range(1, len(parts))}
-    for node in ast.walk(_tree(path)):
+    path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    if not module.startswith(OURS) or not path.is_file():
+        return set(), set()
+    modules, words = {module.rpartition(".")[0]}, set[object]()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
+            modules |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
-            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-    return frozenset(
-        name for name in names if name.partition(".")[0] in OURS and _path(name) is not None
-    )
+            modules |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.Constant):
+            words.add(node.value)
+    folders = [each for each in path.parent.iterdir() if each.is_dir() and each.name in words]
+    read = {file for each in folders for file in each.rglob("*") if file.suffix in READ}
+    return modules, {path, *read}
 
 
 def files_of(modules: Iterable[str]) -> list[Path]:
     """The files that commands depend on, sorted."""
-    commands = list(modules)
-    todo, seen = [*commands, *(f"{package}.__main__" for package in commands)], set()
+    todo = [name for module in modules for name in (module, f"{module}.__main__")]
+    seen, files = set[str](), set[Path]()
     while todo:
         module = todo.pop()
         if module not in seen:
+            imported, used = _used_by(module)
             seen.add(module)
-            todo += _imported(module)
-    files = {path for module in seen if (path := _path(module))}
-    return sorted(files.union(*map(_read_by, files)))
-
-
-@functools.cache
-def content(path: Path) -> bytes:
-    """Of a file; comments, docstrings and line breaks of Python count for nothing."""
-    content = path.read_bytes()
-    if path.suffix == ".py":
-        tree = ast.parse(content)
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and (
-                ast.get_docstring(node, clean=False) is not None
-            ):
-                node.body = node.body[1:]
-        content = ast.dump(tree).encode()
-    return hashlib.sha256(content).digest()
+            todo += imported
+            files |= used
+    return sorted(files)
 
 
 def digest(words: Iterable[str], modules: Iterable[str]) -> str:
-    """What changes when a command or a file that it depends on does."""
+    """Changes with a command and with every file that it depends on."""
     whole = hashlib.sha256("\0".join(words).encode())
     for path in files_of(modules):
-        whole.update(str(path.relative_to(ROOT)).encode() + content(path))
+        whole.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
     return whole.hexdigest()[:16]

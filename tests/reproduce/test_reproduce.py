@@ -1,4 +1,4 @@
-"""What the pages print: their commands parse, and what `python -m docs.reproduce` writes goes where it belongs."""
+"""Commands of the pages parse, and `python -m docs.reproduce` writes their output where it belongs."""
 
 import os
 import re
@@ -10,34 +10,87 @@ import warnings
 import pytest
 
 from docs.reproduce import __main__ as command
-from docs.reproduce import run
+from docs.reproduce.__main__ import Book
 from docs.reproduce.pages import (
     FROM,
     ROOT,
-    RUN,
     Block,
-    all_blocks,
     all_pages,
     blocks_of,
-    fenced_commands,
+    commands_in,
     selected,
     with_note,
     with_output,
 )
 from docs.reproduce.sources import files_of
 from medjax.commandline import OneLineParser
-from tests.reproduce.conftest import PAGE, PRINTED
 
 PAGES = all_pages()
+FENCE = re.compile(r"^```(?:bash)?\n(.*?)^```\n|^```\w+\n.*?^```\n", re.MULTILINE | re.DOTALL)
+PAGE = """Before.
+
+<!-- run count, 2 min -->
+```
+python -m benchmarks.calibrate \\
+    --episodes 3
+```
+
+Of what it prints:
+
+<!-- from count -->
+```
+old
+```
+
+<!-- from count: /^[ab]/ -->
+```
+old
+```
+
+<!-- from count: /^| n/,/^$/ -->
+| old |
+|---|
+
+<!-- from count: counted.png -->
+![A picture](images/a.png)
+
+<!-- from other -->
+```
+stays
+```
+"""
+PRINTED = "\na 1\nb 2  \nc 3\n\n| n | x |\n|---|---|\n| 1 | 2 |\n\nend\n"
+
+
+@pytest.fixture
+def book(tmp_path, monkeypatch):
+    """A block that trains and one that plays; tests say what commands print."""
+    page = tmp_path / "page.md"
+    page.write_text(PAGE)
+    (tmp_path / "images").mkdir()
+    (tmp_path / "reproduced.json").write_text("{}")
+    (tmp_path / "counted.png").write_bytes(b"drawn")
+    monkeypatch.setattr(command, "ROOT", tmp_path)
+    monkeypatch.setattr(command, "STAMPS", tmp_path / "reproduced.json")
+    monkeypatch.setattr(command, "WORK", tmp_path)
+    learn = Block("learn", page, 600, (("train.ppo", "--run-dir", "runs/a"),))
+    play = Block("count", page, 60, (("train.evaluate", "--run-dir", "runs/a"),))
+    return Book({"count": play, "learn": learn})
+
+
+@pytest.fixture(scope="module")
+def everything():
+    """All blocks of the pages."""
+    return Book(blocks_of(*PAGES))
 
 
 class ParsedError(Exception):
-    """The command line was understood; nothing has run."""
+    """The command line was parsed; nothing has run."""
 
 
 @pytest.fixture
 def parse_only(monkeypatch):
-    """Commands end where their own parser has read the command line."""
+    """Ends commands behind their own parser."""
     whole = OneLineParser.parse_args
 
     def parse(*given):
@@ -48,7 +101,7 @@ def parse_only(monkeypatch):
 
 
 def start(words, monkeypatch):
-    """As `python -m` does."""
+    """Runs a module as `python -m` does."""
     monkeypatch.setattr(sys, "argv", list(words))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # some are imported already
@@ -56,13 +109,13 @@ def start(words, monkeypatch):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_fenced_commands_parse(page, parse_only, tmp_path, monkeypatch, capsys):
-    """With the parser of the command itself; nothing is run."""
+def test_commands_of_pages_parse(page, parse_only, tmp_path, monkeypatch, capsys):
     for folder in ("docs/images", "tests/data"):  # what commands write to
         (tmp_path / folder).mkdir(parents=True)
     monkeypatch.chdir(tmp_path)
     wrong = []
-    for words in fenced_commands(page):
+    fences = [found[1] for found in FENCE.finditer(page.read_text(encoding="utf-8")) if found[1]]
+    for words in (words for fence in fences for words in commands_in(fence)):
         try:
             start(words, monkeypatch)
         except ParsedError:
@@ -76,28 +129,23 @@ def test_fenced_commands_parse(page, parse_only, tmp_path, monkeypatch, capsys):
     assert not wrong
 
 
-def test_a_command_that_no_longer_parses_is_found(parse_only, monkeypatch):
-    """The check above can fail."""
+def test_a_wrong_command_is_found(parse_only, monkeypatch):
+    """The test above can fail."""
     with pytest.raises(SystemExit):
         start(["benchmarks.calibrate", "--no-such-option"], monkeypatch)
 
 
-def test_comments_are_understood():
-    """Every one stands before what it is meant for, and the command that is named is on the same page."""
+def test_output_is_on_the_page_of_its_command(everything):
     for page in PAGES:
-        text = page.read_text(encoding="utf-8")
-        read = [*RUN.finditer(text), *FROM.finditer(text)]
-        assert len(read) == len(re.findall(r"^<!-- (?:run|from) ", text, re.MULTILINE)), page
-        names = {block.name for block in blocks_of(page)}
-        assert {found["name"] for found in FROM.finditer(text)} <= names, page
-        for found in FROM.finditer(text):
-            part = found["part"] or ""
-            assert bool(found["picture"]) == (bool(part) and not part.startswith("/")), found[0]
-    assert all(block.commands for block in all_blocks().values())
+        found = [*FROM.finditer(page.read_text(encoding="utf-8"))]
+        assert {each["name"] for each in found} <= blocks_of(page).keys(), page
+        for each in found:
+            part = each["part"] or ""
+            assert bool(each["picture"]) == (bool(part) and not part.startswith("/")), each[0]
+    assert all(block.commands for block in everything.blocks.values())
 
 
 def test_output_goes_where_a_page_wants_it():
-    """Whole, by lines, from line to line, and as a picture; the rest stays, and so does all when written again."""
     taken = []
     page = with_output(PAGE, "count", PRINTED, lambda *files: taken.append(files))
     assert "```\na 1\nb 2\nc 3\n\n| n | x |\n|---|---|\n| 1 | 2 |\n\nend\n```" in page
@@ -107,101 +155,102 @@ def test_output_goes_where_a_page_wants_it():
     assert page.count("old") == 0
     assert page.endswith("```\nstays\n```\n")
     assert with_output(page, "count", PRINTED, lambda *files: None) == page
-
-
-def test_printed_tables_stay_tables():
-    """Markdown that a command prints is the page's own; a second table is not taken with it."""
-    page = PAGE.replace("/^| n/", r"/^\| n/")
-    page = with_output(page, "count", PRINTED, lambda *files: None)
+    # Markdown stays Markdown; a second table is not taken with it.
+    page = with_output(PAGE.replace("/^| n/", r"/^\| n/"), "count", PRINTED, lambda *files: None)
     assert "-->\n| n | x |\n|---|---|\n| 1 | 2 |\n\n<!-- from count: counted.png" in page
-
-
-def test_nothing_printed_is_an_error():
-    """A page is not emptied by a command that prints something else now."""
     with pytest.raises(ValueError, match="nothing was printed"):
         selected("a\n\n", "/b/")
 
 
 @pytest.mark.parametrize("comment", ["<!-- from count -->", "<!-- run more, 5 min -->"])
 def test_a_comment_before_nothing_is_an_error(comment, tmp_path):
-    """What a command prints after an hour would go nowhere."""
+    """The output of an hour would go nowhere."""
     page = tmp_path / "page.md"
     page.write_text(PAGE)
-    assert blocks_of(page)
+    assert blocks_of(page).keys() == {"count"}
+    with pytest.raises(ValueError, match="count is run in"):
+        blocks_of(page, page)
     page.write_text(f"{PAGE}\n{comment}\n\nwords\n")
     with pytest.raises(ValueError, match=f"{comment} stands before no"):
         blocks_of(page)
 
 
-def test_a_page_says_when_its_command_was_run():
-    """Once, however often."""
+def test_a_page_has_one_note_on_each_run():
     once = with_note(PAGE, "count", "*Run today.*")
     assert "    --episodes 3\n```\n\n*Run today.*\n\nOf what" in once
     assert with_note(once, "count", "*Run today.*") == once
     assert with_note(PAGE, "other", "*Run today.*") == PAGE
 
 
-def test_what_a_command_depends_on():
-    """Its imports and theirs, late ones too, and what is no Python beside them; no other command."""
-    names = {str(path.relative_to(ROOT)) for path in files_of(["benchmarks.calibrate"])}
-    assert {"benchmarks/studies/calibrate.py", "medjax/env/tick.py", "medjax/__init__.py"} <= names
-    assert not {name for name in names if "studies/tune" in name or name.startswith("train/ppo")}
-    names = {str(path.relative_to(ROOT)) for path in files_of(["medjax.render"])}
-    assert {"medjax/render/web/player.js", "medjax/render/__main__.py"} <= names
-    assert {"medjax/render/known/paper.json", "medjax/policies/trained/paper.zip"} <= names
-    # Its pictures have the player's colours, and none of its scripts.
-    names = {str(path.relative_to(ROOT)) for path in files_of(["benchmarks.generalization"])}
-    assert "medjax/render/colors.py" in names
-    assert not any(name.endswith(".js") for name in names)
-    assert "train/ppo.py" in {str(path.relative_to(ROOT)) for path in files_of(["train.ppo"])}
+def test_files_that_a_command_depends_on():
+    """Its imports and theirs, late ones too, and other files that these read."""
+    for module, among, absent in (
+        (
+            "benchmarks.calibrate",
+            "benchmarks/studies/calibrate.py medjax/env/tick.py",
+            "tune|ppo.py",
+        ),
+        ("medjax.render", "medjax/__init__.py medjax/render/web/player.js", "train/|benchmarks/"),
+        ("medjax.render", "medjax/render/known/paper.json medjax/render/__main__.py", "docs/"),
+        ("medjax.render", "medjax/policies/trained/paper.zip", r"\.md$"),
+        (
+            "benchmarks.generalization",
+            "medjax/render/colors.py",
+            r"\.js$",
+        ),  # draws, shows no player
+        ("train.ppo", "train/ppo.py", "benchmarks/"),
+    ):
+        names = {str(path.relative_to(ROOT)) for path in files_of([module])}
+        assert set(among.split()) <= names
+        assert not [name for name in names if re.search(absent, name)]
 
 
 def test_training_comes_before_what_plays_it(book, monkeypatch):
-    """And is not done again; what was interrupted goes on; what is of its files is left alone."""
-    done = []
+    """It is not repeated, and an interrupted command continues behind what is done."""
+    done, broken = [], False
 
-    def printed(block):
-        """Fails where it is asked to."""
+    def output_of(block):
         if broken:
             raise RuntimeError("killed")
         done.append(block.name)
         return PRINTED
 
-    monkeypatch.setattr(run, "_printed", printed)
+    monkeypatch.setattr(command, "output_of", output_of)
     count, learn = book.blocks["count"], book.blocks["learn"]
-    assert book.order([count], again=False) == [learn, count]
-    broken = False
+    assert book.order([count]) == [learn, count]
     book.run(learn)
-    (run.WORK / "runs/a").mkdir(parents=True)
+    (command.WORK / "runs/a").mkdir(parents=True)
     broken, before = True, count.page.read_text()
     with pytest.raises(RuntimeError):
         book.run(count)
     assert count.page.read_text() == before
-    broken, book = False, run.Book(book.blocks)  # as another process finds it
-    assert book.order([count], again=False) == [count]
+    broken, book = False, Book(book.blocks)  # as another process finds it
+    assert book.order([count]) == [count]
     assert book.run(count)
-    assert (run.WORK / "images/a.png").read_bytes() == b"drawn"
+    assert (command.WORK / "images/a.png").read_bytes() == b"drawn"
     assert done == ["learn", "count"]
-    assert book.order([learn, count], again=False) == []
+    assert book.order([learn, count]) == []
     assert book.order([learn, count], again=True) == [learn, count]
     assert not book.run(count)
     assert book.seconds(learn) < 60
+    # A block is older as soon as a file changes, or what its training depends on.
+    other = Block("learn", learn.page, 600, (("train.ppo", "--seed", "1", "--run-dir", "runs/a"),))
+    assert not Book({**book.blocks, "learn": other}).is_current(count)
+    monkeypatch.setattr(command, "digest", lambda words, modules: "of other files")
+    assert "older than its files" in book.line(count)
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
-def test_a_signal_ends_the_command_that_is_under_way(name, book, monkeypatch, capsys):
-    """In a line, and with its exit code; here the command itself sends it."""
-    number, started = getattr(signal, name), run.WORK / "started"
-    slow = (
-        "import os, time; "
-        f"open({str(started)!r}, 'w').write(str(os.getpid())); "
-        f"os.kill(os.getppid(), {int(number)}); time.sleep(600)"
-    )
+def test_a_signal_ends_the_running_command(name, book, monkeypatch, capsys):
+    """Here the command itself sends it."""
+    number, started = getattr(signal, name), command.WORK / "started"
+    tell = f"open({str(started)!r}, 'w').write(str(os.getpid()))"
+    slow = f"import os, time; {tell}; os.kill(os.getppid(), {int(number)}); time.sleep(600)"
     words = ("timeit", "-n1", "-r1", slow)
     block = Block("slow", book.blocks["count"].page, 1, (words,))
-    monkeypatch.setattr(command, "all_blocks", lambda: {"slow": block})
-    monkeypatch.setattr(command, "ROOT", run.ROOT)
-    monkeypatch.setattr(run, "digest", lambda words, modules: "of these files")
+    monkeypatch.setattr(command, "blocks_of", lambda *pages: {"slow": block})
+    monkeypatch.setattr(Block, "names", {"slow"})
+    monkeypatch.setattr(command, "digest", lambda words, modules: "of these files")
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         assert command.main(["slow"]) == 128 + number
@@ -212,43 +261,27 @@ def test_a_signal_ends_the_command_that_is_under_way(name, book, monkeypatch, ca
         os.kill(int(started.read_text()), 0)
 
 
-def test_an_older_block_is_known_by_its_files(book, monkeypatch):
-    """Not of its files any more when one of them changes, or one that its training depends on."""
-    monkeypatch.setattr(run, "_printed", lambda block: PRINTED)
-    count, learn = book.blocks["count"], book.blocks["learn"]
-    book.run(learn)
-    book.run(count)
-    assert book.is_current(count)
-    other = Block("learn", learn.page, 600, (("train.ppo", "--seed", "1", "--run-dir", "runs/a"),))
-    assert not run.Book({**book.blocks, "learn": other}).is_current(count)
-    monkeypatch.setattr(run, "digest", lambda words, modules: "of other files")
-    assert not book.is_current(count)
-    assert "older than its files" in book.state(count)
-
-
-def test_long_blocks_are_run_when_they_are_named(book, capsys, monkeypatch):
-    """Without names only what is quick, with all that it needs; a wrong name is refused in a line."""
-    everything = run.Book(all_blocks())
-    quick = {block.name for block in command.chosen([], False, everything)}
+def test_long_blocks_run_only_by_name(everything, capsys):
+    """A wrong name is refused in one line."""
+    by_name, chosen = everything.blocks, everything.chosen
+    quick = {block.name for block in chosen([])}
     assert {"calibrate", "highway", "figures"} <= quick
     assert not quick & {"learners", "evaluation", "tune", "validation", "planner-ppo"}
-    assert {b.name for b in command.chosen(["tune"], False, everything)} == {"tune"}
-    assert {b.page.stem for b in command.chosen(["paper"], False, everything)} >= {"paper"}
-    assert command.chosen([], True, everything) == list(everything.blocks.values())
-    by_name = everything.blocks
+    assert chosen(["tune"]) == [by_name["tune"]]
+    assert {block.page.stem for block in chosen(["paper"])} >= {"paper"}
+    assert chosen([], everything=True) == list(by_name.values())
     assert everything.needs(by_name["evaluation"]) == [by_name["learners"]]
     assert everything.needs(by_name["speeds-ippo"]) == [by_name["ippo"]]  # by a file of its run
     with pytest.raises(SystemExit) as end:
-        command.main(["no-such-page", "--dry-run"])
+        command.main(["no-such-page", "--list"])
     assert end.value.code == 2
     assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_blocks_that_are_older_than_their_files_are_named():
+def test_blocks_older_than_their_files_are_named(everything):
     """In a warning: they are true of an earlier tree, not wrong."""
-    book = run.Book(all_blocks())
-    assert book.stamps.keys() <= book.blocks.keys()
-    older = [block.name for block in book.blocks.values() if not book.is_current(block)]
+    assert everything.stamps.keys() <= everything.blocks.keys()
+    older = [block.name for block in everything.blocks.values() if not everything.is_current(block)]
     if older:
         said = f"older than the files they depend on, or never run: {', '.join(older)}"
         warnings.warn(f"{said}; python -m docs.reproduce NAME", stacklevel=1)

@@ -1,7 +1,5 @@
 """Sentences that state what a figure shows, each with the 95 % interval that it rests on."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from train.evaluation.statistics import FEWEST, bootstrap_ci95
@@ -9,17 +7,7 @@ from train.evaluation.tables import interval, short
 
 
 def difference(what: str, names: tuple[str, str], gains: np.ndarray, seed: int) -> str:
-    """States whether two policies differ in the same episodes.
-
-    Args:
-        what: the quantity, with its unit.
-        names: names of the policy and of the one that it is compared with.
-        gains: (episodes,) the first policy's number minus the second's.
-        seed: seed of the bootstrap.
-
-    Returns:
-        The sentence.
-    """
+    """States whether two policies differ in a quantity, from its gains `(episodes,)` of the first over the second."""
     ours, theirs = names
     episodes = f"{len(gains)} episodes"
     if not np.any(gains):
@@ -35,14 +23,9 @@ def difference(what: str, names: tuple[str, str], gains: np.ndarray, seed: int) 
 
 
 def learning(returns: np.ndarray, seed: int) -> str:
-    """States whether a learning curve rises, from its last quarter against the first and against the third.
+    """States whether mean returns `(updates,)` rise from the first to the last quarter, and from the third.
 
-    Args:
-        returns: (updates,) mean returns in order.
-        seed: seed of the bootstrap.
-
-    Returns:
-        The sentence. A change counts if the interval of the difference of means excludes 0.
+    A change counts if the interval of the difference of means excludes 0.
     """
     size = len(returns) // 4
     if size < FEWEST:
@@ -51,36 +34,22 @@ def learning(returns: np.ndarray, seed: int) -> str:
             "the comparison below says what was learned."
         )
     last = returns[-size:]
-    whole = _trend(last - returns[:size], seed, ("rises", "falls", "does not change visibly"))
-    late = _trend(
-        last - returns[-2 * size : -size], seed, ("still rises", "falls", "does not change visibly")
-    )
-    return (
-        f"The return {whole} from the first to the last quarter of the updates, "
-        f"and {late} from the third to the last."
-    )
+    whole = _trend(last - returns[:size], seed, "rises")
+    late = _trend(last - returns[-2 * size : -size], seed, "still rises")
+    quarters = "from the first to the last quarter of the updates"
+    return f"The return {whole} {quarters}, and {late} from the third to the last."
 
 
 def counts(what: str, here: float, samples: np.ndarray, seed: int) -> str:
-    """States an episode's count beside the mean of all episodes.
-
-    Args:
-        what: what is counted.
-        here: count in the episode shown.
-        samples: (episodes,) count in each.
-        seed: seed of the bootstrap.
-
-    Returns:
-        The sentence.
-    """
+    """States the count in the episode shown beside the mean of the counts in all, `(episodes,)`."""
     mean = f"{short(float(np.mean(samples)))} {interval(bootstrap_ci95(samples, seed))}"
     return f"{what}: {here:.0f} in this episode, {mean} in the mean of {len(samples)}."
 
 
-def _trend(gains: np.ndarray, seed: int, words: Sequence[str]) -> str:
+def _trend(gains: np.ndarray, seed: int, rises: str) -> str:
     """The word for up, down or neither, with the mean and its interval."""
     low, high = bootstrap_ci95(gains, seed)
-    word = words[0] if low > 0.0 else words[1] if high < 0.0 else words[2]
+    word = rises if low > 0.0 else "falls" if high < 0.0 else "does not change visibly"
     return f"{word} ({_signed(float(np.mean(gains)))} {interval((low, high))})"
 
 

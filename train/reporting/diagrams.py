@@ -23,19 +23,10 @@ TIME_BINS = 30  # of the maps
 def plot_episode(
     path: Path, trace: Trace, road: RoadParams, every_s: tuple[float, float], title: str
 ) -> dict[str, int]:
-    """Draws a time-space diagram: EVs coloured by charge, MEDs, dispatches, and where EVs ran out.
+    """Draws a time-space diagram of one episode: EVs coloured by charge, MEDs, dispatches, and where EVs ran out.
 
-    Gas vehicles are left out, because there are ten for each EV.
-
-    Args:
-        path: file to write.
-        trace: trace of one episode.
-        road: geometry of the road.
-        every_s: s per round, and s per decision of the policy.
-        title: heading.
-
-    Returns:
-        Numbers of marks, `sent` and `depleted`.
+    Gas vehicles are left out, because there are ten for each EV. `every_s` is s per round, and s per decision of the
+    policy. Returns the numbers of marks, `sent` and `depleted`.
     """
     figure = new_figure(12, 7.5)
     axes = figure.add_subplot()
@@ -135,13 +126,12 @@ def plot_dispatch(
     most = max(1e-9, *(values.max() for values in sent.values()))
     extreme = max(1e-9, *(np.abs(values).max() for values in need.values()))
     grid = edges * decision_s, ramps
-    limits = {"vmin": -extreme, "vmax": extreme}
+    labels = [f"ramp {n}\n{x:.0f} m" for n, x in enumerate(ramp_x_m, 1)]
     for row, name in zip(panels, shown, strict=True):
         left = row[0].pcolormesh(*grid, sent[name].T, cmap="Blues", vmin=0, vmax=most)
-        right = row[1].pcolormesh(*grid, need[name].T, cmap="PuOr_r", **limits)
+        right = row[1].pcolormesh(*grid, need[name].T, cmap="PuOr_r", vmin=-extreme, vmax=extreme)
         row[0].set_title(f"{name}: MEDs sent", fontsize="medium")
         row[1].set_title(f"{name}: need", fontsize="medium")
-        labels = [f"ramp {n}\n{x:.0f} m" for n, x in enumerate(ramp_x_m, 1)]
         row[0].set_yticks(np.arange(1, len(ramps)), labels)
     figure.colorbar(left, ax=panels[:, 0], label="MEDs per minute", aspect=30)
     figure.colorbar(right, ax=panels[:, 1], label="EVs without a slot, less free slots", aspect=30)

@@ -85,13 +85,9 @@ def look(policy: str) -> dict[str, Any]:
 def plot_curve(
     path: Path, rows: Sequence[Row], config: TrainConfig, baselines: Mapping[str, float]
 ) -> None:
-    """Draws returns over decisions; with several seeds, their interquartile mean and its interval.
+    """Draws returns over decisions from rows of metrics.jsonl, and mean returns of `baselines` as horizontal lines.
 
-    Args:
-        path: file to write; its directory is made.
-        rows: rows of metrics.jsonl.
-        config: settings of the run.
-        baselines: mean returns of other policies, drawn as horizontal lines.
+    With several seeds the curve is their interquartile mean, with its interval.
     """
     from matplotlib.ticker import EngFormatter
 
@@ -123,28 +119,21 @@ def plot_curve(
 
 def curve_of(rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray]:
     """Decisions per seed `(updates,)` and returns `(updates, seeds)`, where every seed ended an episode."""
-    num_seeds = len(rows[-1]["per_seed"][MAIN]) if rows and "per_seed" in rows[-1] else 1
-    there = [row for row in rows if None not in _returns(row)]
-    steps = np.array([row["env_steps"] / num_seeds for row in there])
-    returns = np.array([_returns(row) for row in there], np.float64)
-    return steps, returns.reshape(-1, num_seeds)
-
-
-def _returns(row: Row) -> list[float | None]:
-    """The return of each training seed in an update; None if no episode ended."""
-    return row["per_seed"][MAIN] if "per_seed" in row else [row.get(MAIN)]
+    returns = [row["per_seed"][MAIN] if "per_seed" in row else [row.get(MAIN)] for row in rows]
+    num_seeds = len(returns[-1]) if rows else 1
+    there = [number for number, values in enumerate(returns) if None not in values]
+    steps = np.array([rows[number]["env_steps"] / num_seeds for number in there])
+    curve = np.array([returns[number] for number in there], np.float64)
+    return steps, curve.reshape(-1, num_seeds)
 
 
 def plot_comparison(
     path: Path, scores: Mapping[str, Mapping[str, np.ndarray]], seed: int, papers: bool
 ) -> None:
-    """Draws Figure 8: a panel per metric, a bar per policy, with 95 % intervals of the means and the paper's claims.
+    """Draws Figure 8: a panel per metric, a bar per policy with the 95 % interval of its mean.
 
-    Args:
-        path: file to write.
-        scores: scores of `medjax.episodes.scores.evaluate_policies`.
-        seed: seed of the bootstrap.
-        papers: the scores are of the paper's own world, so that its claims apply and are drawn.
+    `scores` are those of `medjax.episodes.scores.evaluate_policies`; `papers`: they are of the paper's own world, so
+    that its claims apply and are drawn.
     """
     names = sorted(scores, key=lambda name: scores[name]["return"].mean())  # the best on top
     figure = new_figure(11, 2 + 0.45 * len(names))
@@ -183,11 +172,7 @@ def _bars(axes: Any, samples: Mapping[str, np.ndarray], form: str, seed: int) ->
 def plot_soc(path: Path, names: Sequence[str], seen: Survey, decision_s: float) -> None:
     """Draws the charge of the EVs on the road over time: a panel per policy, with median and quantile bands.
 
-    Args:
-        path: file to write.
-        names: names of the policies, in the order of `seen`.
-        seen: survey of all episodes.
-        decision_s: s per decision.
+    `names` are in the order of `seen`; `decision_s` is s per decision.
     """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -224,10 +209,7 @@ def plot_soc(path: Path, names: Sequence[str], seen: Survey, decision_s: float) 
 
 
 def plot_exit_soc(path: Path, names: Sequence[str], seen: Survey) -> None:
-    """Draws the share of EVs that end their trip below a state of charge.
-
-    The arguments are those of `plot_soc`.
-    """
+    """Draws the share of EVs that end their trip below a state of charge; `names` are in the order of `seen`."""
     figure = new_figure(9, 5)
     axes = figure.add_subplot()
     edges = np.linspace(0, 100, SOC_BINS + 1)

@@ -62,6 +62,11 @@ class Played:
     seen: Survey  # of the recorded policies
     first: Trace  # the trained policy's first episode
 
+    @property
+    def best_rule(self) -> str:
+        """The rule with the highest mean return."""
+        return next(name for name, _ in best_first(self.result) if name in BASELINES)
+
 
 def play(
     env: ChargingEnv,
@@ -103,7 +108,7 @@ def draw(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
     plot_episode(path["time_space"], played.first, road, (round_s, step_s), title)
     plot_soc(path["soc_over_time"], names, seen, decision_s)
     plot_exit_soc(path["soc_at_end"], names, seen)
-    shown = {name: names.index(name) for name in (ours, best_rule(played))}
+    shown = {name: names.index(name) for name in (ours, played.best_rule)}
     ramps = np.asarray(road.ramp_x_m)
     plot_dispatch(path["dispatch"], shown, seen, ramps, step_s, config.decide_every)
 
@@ -131,37 +136,27 @@ def _pictures(run_dir: RunDir) -> dict[str, Path]:
     return {name: run_dir.report / f"{name}.png" for name in PICTURES}
 
 
-def best_rule(played: Played) -> str:
-    """The rule with the highest mean return."""
-    return next(name for name, _ in best_first(played.result) if name in BASELINES)
-
-
 def concluded(run_dir: RunDir, config: TrainConfig, played: Played) -> dict[str, str]:
     """A sentence on what each figure shows, by its name; it covers the first training seed only."""
-    scores, ours, best = played.scores, config.algorithm, best_rule(played)
+    scores, ours, best = played.scores, config.algorithm, played.best_rule
 
     def against(other: str, what: str, metric: str) -> str:
-        """Compares a metric of the trained policy with another policy's."""
         gains = scores[ours][metric] - scores[other][metric]
         return difference(what, (ours, other), gains, played.seed)
 
     def beside(what: str, metric: str) -> str:
-        """Compares the trained policy's first episode with the mean of all."""
         samples = scores[ours][metric]
         return counts(what, samples[0], samples, played.seed)
 
     _, returns = curve_of(read_rows(run_dir.metrics))
     return {
         "training_curve": learning(interquartile_mean(returns), played.seed),
-        "comparison": " ".join(
-            [
-                against(best, "Return", "return"),
-                against(best, "Share of EVs that run out", "depleted_share"),
-            ]
-        ),
-        "time_space": " ".join(
-            [beside("EVs that run out", "evs_depleted"), beside("MEDs sent", "meds_dispatched")]
-        ),
+        "comparison": against(best, "Return", "return")
+        + " "
+        + against(best, "Share of EVs that run out", "depleted_share"),
+        "time_space": beside("EVs that run out", "evs_depleted")
+        + " "
+        + beside("MEDs sent", "meds_dispatched"),
         "soc_over_time": against("none", "Mean charge of the EVs on the road, 0 to 1", "mean_soc"),
         "soc_at_end": against("none", "Mean charge where an EV's way ends, 0 to 1", "exit_soc"),
         "dispatch": against(best, "MEDs sent in an episode", "meds_dispatched"),

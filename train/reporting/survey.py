@@ -62,11 +62,8 @@ def dispatch_rows(names: Sequence[str], seen: Survey) -> Table:
         per_ramp = seen.sent[index].sum(axis=0) / seen.episodes
         count = seen.sent[index].sum()
         cells = [name, *(format(value, ".2f") for value in (per_ramp.sum(), *per_ramp))]
-        if count:
-            need_there = short(seen.need_there[index] / count)
-            cells += [f"{seen.to_greatest[index] / count:.0%}", need_there]
-        else:
-            cells += ["-", "-"]
+        there = (seen.to_greatest[index], seen.need_there[index]) / np.maximum(count, 1)
+        cells += [f"{there[0]:.0%}", short(there[1])] if count else ["-", "-"]
         rows.append([*cells, short(seen.need[index].mean() / seen.episodes) if ramps else "-"])
     return rows
 
@@ -81,15 +78,7 @@ def _histogram(soc: np.ndarray, counted: np.ndarray, kept: int) -> np.ndarray:
 
 
 def quantile(counts: np.ndarray, share: float) -> np.ndarray:
-    """Quantile of the state of charge of the counted EVs; NaN if none was counted.
-
-    Args:
-        counts: (..., SOC_BINS).
-        share: in (0, 1).
-
-    Returns:
-        `(...)`, interpolated within a bin.
-    """
+    """Quantile `(...)` of the state of charge of EVs counted in `(..., SOC_BINS)`, interpolated; NaN if none was."""
     below = np.cumsum(counts, axis=-1)
     wanted = share * below[..., -1:]
     index = np.argmax(below >= wanted, axis=-1)[..., None]

@@ -56,14 +56,7 @@ class Trace(struct.PyTreeNode):
 def record(
     env: Environment, params: EnvParams, policies: Mapping[str, Policy], episodes: int, seed: int
 ) -> Iterator[Trace]:
-    """Plays the first episodes of a seed with every policy, several at a time.
-
-    Args:
-        env: a single environment, wrapped or not.
-        params: its parameters.
-        policies: policies by name.
-        episodes: whole episodes per policy.
-        seed: selects the episodes.
+    """Plays the first episodes of a seed with every policy, several at a time, in a single environment.
 
     Yields:
         Traces of consecutive episodes, NumPy arrays `(episodes at once, policies, ...)`.
@@ -95,12 +88,17 @@ def _recorder(
         """Traces `(episodes * policies, ...)` of keys `(episodes,)`; same is (weights, params)."""
         weights, params = same
 
-        def begun(state: Any) -> Frame:
-            return _frame(config, env.highway(state, params)[0])
-
-        def shares(state: Any, frames: Frame) -> Frame:
-            """Frames with the EVs' energy in J converted to state of charge."""
-            _, numbers = env.highway(state, params)
+        def whole(state: Any, rounds: Frame) -> Frame:
+            """Frames from the start on, with the EVs' energy in J converted to state of charge."""
+            highway, numbers = env.highway(state, params)
+            frames = jax.tree.map(
+                # The last step may cover decisions past the end of the episode.
+                lambda begin, rest: jnp.concatenate([begin[None], rest.reshape(-1, *begin.shape)])[
+                    :num_frames
+                ],
+                _frame(config, highway),
+                rounds,
+            )
             return frames.replace(ev_soc=frames.ev_soc / numbers.ev_capacity_j)
 
         def need_at(state: Any) -> jax.Array:
@@ -120,15 +118,7 @@ def _recorder(
         first = runner.start(keys, params)
         _, made = lax.scan(decide, first, jnp.arange(steps, dtype=jnp.int32))
         rounds, *decided = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), made)
-        # The last step may cover decisions past the end of the episode.
-        frames = jax.tree.map(
-            lambda begin, rest: jnp.concatenate(
-                [begin[:, None], rest.reshape(len(begin), -1, *begin.shape[1:])], axis=1
-            )[:, :num_frames],
-            jax.vmap(begun)(first.state),
-            rounds,
-        )
-        trace = Trace(jax.vmap(shares)(first.state, frames), *decided)
+        trace = Trace(jax.vmap(whole)(first.state, rounds), *decided)
         return jax.tree.map(lambda leaf: leaf.reshape(-1, count, *leaf.shape[1:]), trace)
 
     def run(weights: Any, keys: jax.Array, params: EnvParams) -> Trace:

@@ -38,9 +38,8 @@ class Processes:
         numbers = (self.number, self.index)
         if self.coordinator in (None, AUTO):
             if numbers != (None, None):
-                raise InputError(
-                    f"num_processes is {self.number} and process_id {self.index}, allowed: with --coordinator HOST:PORT"
-                )
+                what = f"num_processes is {self.number} and process_id {self.index}"
+                raise InputError(f"{what}, allowed: with --coordinator HOST:PORT")
             return
         host, _, port = self.coordinator.rpartition(":")
         if not host or not re.fullmatch(r"\d{1,5}", port, re.ASCII) or not 0 < int(port) < 2**16:
@@ -52,9 +51,8 @@ class Processes:
             ("process_id", self.index, 0, (self.number or 1) - 1),
         ):
             if not isinstance(number, int) or not low <= number <= high:
-                raise InputError(
-                    f"{name} is {shown(number)}, allowed: a whole number from {low} to {high}"
-                )
+                allowed = f"a whole number from {low} to {high}"
+                raise InputError(f"{name} is {shown(number)}, allowed: {allowed}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,71 +86,56 @@ def build_parser(kind: type[TrainConfig]) -> OneLineParser:
         epilog=f"{PRESETS}\n\nExample: python -m {command} --num-envs 1024 --set cooldown_s=30 --run-dir runs/slow",
         formatter_class=partial(_Help, max_help_position=32, width=100),
     )
-    files = parser.add_argument_group("files")
-    files.add_argument(
-        "--run-dir",
-        metavar="DIR",
-        help="new or empty directory for the results (default: runs/SCENARIO-N)",
+    files = parser.add_argument_group("files").add_argument
+    text = "new or empty directory for the results (default: runs/SCENARIO-N)"
+    files("--run-dir", metavar="DIR", help=text)
+    text = (
+        "resume the run in DIR from its newest checkpoint; options given here override its settings"
     )
-    files.add_argument(
-        "--resume",
-        metavar="DIR",
-        help="resume the run in DIR from its newest checkpoint; options given here override its settings",
-    )
-    files.add_argument(
-        "--config",
-        metavar="FILE",
-        help="read settings from a .json or .yaml file, such as a run's config.json; options given here override them",
-    )
-    files.add_argument(
-        "--from-update",
-        metavar="N",
-        help="with --resume: start from the checkpoint of this update, not the newest; later ones are removed",
-    )
+    files("--resume", metavar="DIR", help=text)
+    text = "read settings from a .json or .yaml file, such as a run's config.json; options given here override them"
+    files("--config", metavar="FILE", help=text)
+    text = "with --resume: start from the checkpoint of this update, not the newest; later ones are removed"
+    files("--from-update", metavar="N", help=text)
     parser.add_argument("--quiet", action="store_true", help="show no progress")
-    several = parser.add_argument_group("several machines")
-    several.add_argument(
-        "--coordinator",
-        metavar="HOST:PORT",
-        help=f"train with other processes: address of the first, or {AUTO} to ask Slurm, Open MPI or Kubernetes",
-    )
-    several.add_argument("--num-processes", metavar="N", help="number of processes")
-    several.add_argument("--process-id", metavar="N", help="index of this process, from 0")
+    several = parser.add_argument_group("several machines").add_argument
+    text = f"train with other processes: address of the first, or {AUTO} to ask Slurm, Open MPI or Kubernetes"
+    several("--coordinator", metavar="HOST:PORT", help=text)
+    several("--num-processes", metavar="N", help="number of processes")
+    several("--process-id", metavar="N", help="index of this process, from 0")
     groups: dict[str, argparse._ArgumentGroup] = {}
     fields = dataclasses.fields(kind)
     for field in sorted(fields, key=lambda own: own.metadata["group"] == "network"):
         title = field.metadata["group"]
-        group = groups.setdefault(title, parser.add_argument_group(title))
-        _add_option(group, field)
+        if title not in groups:
+            groups[title] = parser.add_argument_group(title)
+        _add_option(groups[title], field)
     return parser
 
 
 def _add_option(group: argparse._ArgumentGroup, field: dataclasses.Field[Any]) -> None:
     """Adds one option; values stay text here, so that the settings word all errors."""
-    meta, default = field.metadata, field.default
-    text = meta["help"]
+    meta, default, text = field.metadata, field.default, field.metadata["help"]
     if field.name == "overrides":
         add_set_option(group, text)
         return
-    name = "--" + field.name.replace("_", "-")
     if meta["choices"]:
         text += f"; one of {', '.join(meta['choices'])}"
-    if isinstance(default, bool):
-        text += f" (default: {'on' if default else 'off'})"
-        action = argparse.BooleanOptionalAction
-        group.add_argument(name, action=action, default=argparse.SUPPRESS, help=text)
-        return
     values = default if isinstance(default, tuple) else (default,)
-    names = {float: "X", str: "NAME"}
+    how: dict[str, Any] = {"nargs": "+"} if isinstance(default, tuple) else {}
+    if isinstance(default, bool):
+        how, said = {"action": argparse.BooleanOptionalAction}, "on" if default else "off"
+    else:
+        how["metavar"] = {float: "X", str: "NAME"}.get(type(values[0]), "N")
+        said = " ".join(map(str, values))
     low, high = meta["low"], meta["high"]
     allowed = "" if low is None else f"{low:.10g} to {high:.10g}; "
     group.add_argument(
-        name,
+        "--" + field.name.replace("_", "-"),
         *meta["flags"],
         default=argparse.SUPPRESS,
-        metavar=names.get(type(values[0]), "N"),
-        nargs="+" if isinstance(default, tuple) else None,
-        help=f"{text} ({allowed}default: {' '.join(map(str, values))})",
+        help=f"{text} ({allowed}default: {said})",
+        **how,
     )
 
 
@@ -160,53 +143,39 @@ def parse_request(kind: type[TrainConfig], argv: Sequence[str] | None = None) ->
     """The checked request of `argv` (None: the command line of the process); bad input exits with code 2."""
     parser = build_parser(kind)
     given = vars(parser.parse_args(argv))
-    files = {"--run-dir": "run_dir", "--resume": "resume", "--config": "config"}
-    texts = {option: given.pop(name) for option, name in files.items()}
+    new, old, file, update = (
+        given.pop(name) for name in ("run_dir", "resume", "config", "from_update")
+    )
     coordinator, quiet = given.pop("coordinator"), given.pop("quiet")
-    from_update = given.pop("from_update")
     numbers = [given.pop(name) for name in ("num_processes", "process_id")]
     try:
         processes = Processes(
             coordinator, *(text if text is None else _number(text, int) for text in numbers)
         )
-        resume = texts["--resume"]
-        for option in ("--run-dir", "--config"):
-            if resume is not None and texts[option] is not None:
-                what = f"{option} is {texts[option]} with --resume {resume}"
-                raise InputError(f"{what}, allowed: one of the two")
-        run_dir, run, file = (
-            None if text is None else as_path(option, text) for option, text in texts.items()
+        for option, text in (("--run-dir", new), ("--config", file)):
+            if old is not None and text is not None:
+                raise InputError(f"{option} is {text} with --resume {old}, allowed: one of the two")
+        if update is not None and old is None:
+            raise InputError("--from-update without --resume, allowed: with it")
+        new, old, file = (
+            text if text is None else as_path(option, text)
+            for option, text in (("--run-dir", new), ("--resume", old), ("--config", file))
         )
-        if from_update is not None:
-            if resume is None:
-                raise InputError("--from-update without --resume, allowed: with it")
-            from_update = whole_number("--from-update", from_update)
-        before = to_json(_saved(kind, run, file))
-        changes = settings_from_text(kind, given)
+        update = update if update is None else whole_number("--from-update", update)
+        if old is not None:
+            saved = RunDir(old).load_config(kind)
+        else:
+            saved = load_config(file, kind) if file is not None else kind()
+        before, changes = to_json(saved), settings_from_text(kind, given)
         changes["overrides"] = {**before["overrides"], **changes["overrides"]}
         config = from_json({**before, **changes}, kind)
     except InputError as error:
         parser.error(str(error))
-    return Request(config, run_dir, run, processes, quiet, from_update=from_update)
-
-
-def _saved(kind: type[TrainConfig], run: Path | None, file: Path | None) -> TrainConfig:
-    """The settings before the command line changes them: those of a run, of a file, or the defaults."""
-    if run is not None:
-        return RunDir(run).load_config(kind)
-    return load_config(file, kind) if file is not None else kind()
+    return Request(config, new, old, processes, quiet, from_update=update)
 
 
 def settings_from_text(kind: type[TrainConfig], given: dict[str, Any]) -> dict[str, Any]:
-    """Values of settings from the text of the command line.
-
-    Args:
-        kind: class of the settings.
-        given: text by name; a list of texts for `overrides` and for lists.
-
-    Raises:
-        InputError: text that is not a value of its setting's type.
-    """
+    """Values of settings from the text of the command line by name, lists of texts for `overrides` and for lists."""
     fields = {field.name: field for field in dataclasses.fields(kind)}
     return {name: _value(fields[name], text) for name, text in given.items()}
 

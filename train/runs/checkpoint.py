@@ -47,11 +47,7 @@ class Checkpoints:
         self.keep = keep
 
     def save(self, state: TrainState, config: TrainConfig) -> None:
-        """Writes the result of `to_host` under its number of updates; an existing checkpoint is left alone.
-
-        Raises:
-            OSError: it could not be written; earlier checkpoints are unchanged.
-        """
+        """Writes the result of `to_host` under its number of updates; an existing checkpoint is left alone."""
         path = self._path(updates_done(state))
         about = json.dumps({"format": FORMAT, "config": to_json(config), "prng": _prng()})
         arrays: dict[str, Any] = {ABOUT: np.asarray(about), **_named(state)}
@@ -94,20 +90,12 @@ class Checkpoints:
             step: one of `all`; None is the newest.
 
         Raises:
-            InputError: there is none, it is damaged or foreign, or an array differs; the message names the first.
+            InputError: there is none, it is damaged or foreign, or an array differs.
         """
         return self._read(step, jax.eval_shape(_without_keys, expected), "")
 
     def restore_weights(self, expected: PolicyWeights, step: int | None = None) -> PolicyWeights:
-        """Reads only what acting needs, whatever the number of environments in training.
-
-        Args:
-            expected: required shapes and types (`train.runs.policies.weight_shapes`).
-            step: one of `all`; None is the newest.
-
-        Raises:
-            InputError: see `restore`.
-        """
+        """As `restore`, but only what acting needs, whatever the number of environments in training."""
         return jax.tree.map(jnp.asarray, self._read(step, expected, WEIGHTS))
 
     def _path(self, update: int) -> Path:
@@ -117,9 +105,8 @@ class Checkpoints:
         """A tree like `expected`, read from the arrays whose names begin with `prefix`."""
         step = self.latest() if step is None else step
         if step is None:
-            raise InputError(
-                f"{self.directory} holds no checkpoint, allowed: a directory that train.ppo wrote"
-            )
+            what = f"{self.directory} holds no checkpoint"
+            raise InputError(f"{what}, allowed: a directory that train.ppo wrote")
         where = f"checkpoint {self._path(step)}"
         try:
             with np.load(self._path(step), allow_pickle=False) as file:
@@ -129,15 +116,11 @@ class Checkpoints:
                 arrays = {name: file[name] for name in names} if version == FORMAT else {}
         except Exception as error:  # NumPy and zipfile raise many types
             before = max((update for update in self.all() if update < step), default=None)
-            go_on = f"--resume {self.directory.parent} --from-update {before}"
-            raise InputError(
-                f"{where} is damaged, or none of train.ppo ({type(error).__name__}), allowed: a whole one; "
-                + (
-                    "there is none before it"
-                    if before is None
-                    else f"from the one before it: {go_on}"
-                )
-            ) from error
+            go_on = "there is none before it"
+            if before is not None:
+                go_on = f"from the one before it: --resume {self.directory.parent} --from-update {before}"
+            what = f"is damaged, or none of train.ppo ({type(error).__name__})"
+            raise InputError(f"{where} {what}, allowed: a whole one; {go_on}") from error
         if version != FORMAT:
             raise InputError(f"{where} is of format {version!r}, allowed: {FORMAT}")
         if prefix != WEIGHTS and prng != _prng():
@@ -162,12 +145,9 @@ def to_host(state: TrainState) -> TrainState:
 
 
 def to_devices(state: TrainState, expected: TrainState, shardings: Any) -> TrainState:
-    """The inverse of `to_host`. It copies the arrays because the training program overwrites its input.
+    """The inverse of `to_host`, with shapes as `expected` and the program's shardings.
 
-    Args:
-        state: NumPy arrays, the same in every process.
-        expected: shapes and types of the state.
-        shardings: see `train.algorithms.programs.Programs`.
+    It copies the arrays, because the training program overwrites its input.
     """
 
     def wrap(like: Any, leaf: jax.Array) -> jax.Array:

@@ -51,11 +51,7 @@ def _mean(values: np.ndarray) -> float:
 
 
 def read_rows(path: Path) -> list[Row]:
-    """The rows of metrics.jsonl, without a last line that was cut off while it was written.
-
-    Raises:
-        InputError: any other line is damaged.
-    """
+    """The rows of metrics.jsonl without a last line that was cut off; InputError if any other is damaged."""
     rows = []
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     for number, line in enumerate(lines, 1):
@@ -77,15 +73,10 @@ def final_return(rows: Sequence[Row]) -> float | None:
 
 
 class MetricsLog:
-    """metrics.jsonl and TensorBoard.
+    """metrics.jsonl and TensorBoard of a run that continues after `done` updates; OSError if they cannot be written.
 
-    Args:
-        run_dir: directory of the run.
-        done: number of updates that training continues from. Rows of later updates, which a killed run wrote after its
-            last checkpoint, are dropped because they will be computed again; so is a line that was cut off.
-
-    Raises:
-        OSError: the files cannot be written.
+    Rows of later updates, which a killed run wrote after its last checkpoint, are dropped because they will be computed
+    again; so is a line that was cut off.
     """
 
     def __init__(self, run_dir: RunDir, done: int) -> None:
@@ -97,11 +88,7 @@ class MetricsLog:
             self._board = _Board(run_dir.tensorboard, self.rows)
 
     def write(self, rows: list[Row]) -> None:
-        """Appends rows, all of them or none; they are in the file when this returns.
-
-        Raises:
-            OSError: the disk is full, or the file is gone.
-        """
+        """Appends rows, all of them or none (OSError); they are in the file when this returns."""
         self.rows += rows
         text = "".join(map(_line, rows)).encode()
         # Opening the file for each write reveals a directory that was removed.
@@ -114,8 +101,7 @@ class MetricsLog:
                 file.truncate(end)
                 raise
         if self._board is not None:
-            for row in rows:
-                self._board.write(row)
+            self._board.write(rows)
 
     def close(self) -> None:
         """Closes the files."""
@@ -147,13 +133,14 @@ class _Board:
             start = SessionLog(status=SessionLog.START)
             self._add(rows[-1]["env_steps"] + 1 if rows else 0, session_log=start)
 
-    def write(self, row: Row) -> None:
-        """Adds every number of a row."""
-        for name, value in row.items():
-            if isinstance(value, float):
-                _, of_episode, figure = name.partition("episode_")
-                tag = f"episode/{figure}" if of_episode else f"train/{name}"
-                self._add(row["env_steps"], summary=self._scalar(tag, value))
+    def write(self, rows: list[Row]) -> None:
+        """Adds every number of the rows."""
+        for row in rows:
+            for name, value in row.items():
+                if isinstance(value, float):
+                    _, of_episode, figure = name.partition("episode_")
+                    tag = f"episode/{figure}" if of_episode else f"train/{name}"
+                    self._add(row["env_steps"], summary=self._scalar(tag, value))
         self._file.flush()
 
     def _add(self, step: int, **what: Any) -> None:
@@ -202,16 +189,13 @@ class Progress:
         now = time.perf_counter()
         if self._lines and now >= self._next_line:
             self._next_line = now + SECONDS_PER_LINE
-            print(_line_of(rows[-1], self._updates, self._score), flush=True)
+            row = rows[-1]
+            rate = row["env_steps_per_s"]
+            left_s = (self._updates - row["update"]) * row["env_steps"] / row["update"] / rate
+            decisions = f"{row['env_steps']:,} decisions, {rate:,.0f} a second"
+            done = f"update {row['update']} of {self._updates}: {decisions}"
+            print(f"{done}, {self._score}, {time_left(left_s)}", flush=True)
 
     def close(self) -> None:
         """Leaves the bar as it is."""
         self._bar.close()
-
-
-def _line_of(row: Row, updates: int, score: str) -> str:
-    """The progress of a run after an update, and the time left at this pace."""
-    rate = row["env_steps_per_s"]
-    left_s = (updates - row["update"]) * row["env_steps"] / row["update"] / rate
-    decisions = f"{row['env_steps']:,} decisions, {rate:,.0f} a second"
-    return f"update {row['update']} of {updates}: {decisions}, {score}, {time_left(left_s)}"

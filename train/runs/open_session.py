@@ -43,13 +43,13 @@ def open_session(request: Request) -> Session:
     shapes = shapes_of(programs, params, config)
     needed = _check_memory(env, params, config, shapes)
     taken = together(lambda: _take(request, shapes))
-    quiet = request.quiet or not is_first()
     resumed = request.resume is not None
     begun = env, params, config, programs, shapes, resumed, *taken
     left = config.num_updates - (updates_done(taken[-1]) if taken[-1] is not None else 0)
     each = getattr(env, "decisions_per_step", 1)  # only environments with a road have it
     decisions = left * config.steps_per_update * config.num_seeds * each
     takes = [f"{needed / GIGA:.2g} GB of memory or more", reckoned_time(env, decisions)]
+    quiet = request.quiet or not is_first()
     return Session(*begun, ", ".join(filter(None, takes)), quiet, request.callback)
 
 
@@ -88,15 +88,12 @@ def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None,
         if update is not None:
             checkpoints.check(update)
         if checkpoints.latest() is not None:
-            before = run_dir.load_config(type(config))
-            _check_updates(before, config)
-            saved = _restored(before, checkpoints, request, shapes)
+            saved = _restored(run_dir.load_config(type(config)), checkpoints, request, shapes)
         done = updates_done(saved) if saved is not None else 0
         if done >= config.num_updates:
             steps = done * config.steps_per_update
-            raise InputError(
-                f"run {run_dir.path} has done its {steps} decisions, allowed: --total-timesteps above {steps}"
-            )
+            what = f"run {run_dir.path} has done its {steps} decisions"
+            raise InputError(f"{what}, allowed: --total-timesteps above {steps}")
         if is_first():
             run_dir.update_config(config, done)
             checkpoints.remove_after(done)
@@ -104,18 +101,16 @@ def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None,
     return run_dir, lock, saved
 
 
-def _check_updates(before: TrainConfig, config: TrainConfig) -> None:
-    """Refuses (InputError) to change what an update is, because progress is counted in updates."""
-    for name in config.of_an_update:
-        given, was = getattr(config, name), getattr(before, name)
-        if given != was:
-            raise InputError(f"{name} {given}, which was {was} until now, allowed: {was}")
-
-
 def _restored(
     before: TrainConfig, checkpoints: Checkpoints, request: Request, shapes: TrainState
 ) -> TrainState:
     """The checkpoint to resume from; if it does not fit, the error names the settings that were changed."""
+    for (
+        name
+    ) in request.config.of_an_update:  # progress is counted in updates, which must stay alike
+        given, kept = getattr(request.config, name), getattr(before, name)
+        if given != kept:
+            raise InputError(f"{name} {given}, which was {kept} until now, allowed: {kept}")
     try:
         return checkpoints.restore(shapes, request.from_update)
     except ShapeError as error:

@@ -47,11 +47,7 @@ def prepare_evaluation(
 
 
 def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> Comparison | None:
-    """Exports the policy, plays the `evaluation` if there is one, draws the curve, and writes summary.json.
-
-    Returns:
-        The evaluation.
-    """
+    """Exports the policy, plays the `evaluation` if there is one, draws the curve, and writes summary.json."""
     started = time.perf_counter()
     run.run_dir.evaluation.unlink(missing_ok=True)  # it belongs to earlier weights
     _export(run)  # the policy is there even if the evaluation fails
@@ -61,7 +57,11 @@ def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> Compar
         _export(run)  # the file includes the evaluation
     entries = played.result["policies"] if played is not None else {}
     returns = {name: entry["return_mean"] for name, entry in entries.items()}
-    _draw_curve(run, returns)
+    rules = {name: value for name, value in returns.items() if name not in learned_names(returns)}
+    try:
+        plot_curve(run.run_dir.plots / "training_curve.png", run.rows, run.config, rules)
+    except ImportError:
+        print("no training curve: matplotlib is not installed", flush=True)
     summary = _summary(run, returns) | {"evaluation_s": round(time.perf_counter() - started, 3)}
     write_json(run.run_dir.summary, summary)
     speed, steps = summary["env_steps_per_s"], summary["env_steps"]
@@ -80,8 +80,8 @@ def _export(run: Trained) -> None:
 
 def _evaluate(run: Trained, evaluation: Future[Evaluation]) -> Comparison:
     config, policies = run.config, all_policies(run.env, run.config, run.weights)
-    episodes = config.eval_episodes
-    print(f"evaluating {len(policies)} policies on {episodes} episodes each", flush=True)
+    of_each = f"{config.eval_episodes} episodes each"
+    print(f"evaluating {len(policies)} policies on {of_each}", flush=True)
     scores = evaluation.result().play(policies, config.seed)
     learned = learned_names(scores)
     result = summarize(scores, config.scenario, learned, config.seed, config.changes)
@@ -89,15 +89,6 @@ def _evaluate(run: Trained, evaluation: Future[Evaluation]) -> Comparison:
     played = Comparison(result, scores, learned)
     print(played, flush=True)
     return played
-
-
-def _draw_curve(run: Trained, returns: dict[str, float]) -> None:
-    config = run.config
-    rules = {name: value for name, value in returns.items() if name not in learned_names(returns)}
-    try:
-        plot_curve(run.run_dir.plots / "training_curve.png", run.rows, config, rules)
-    except ImportError:
-        print("no training curve: matplotlib is not installed", flush=True)
 
 
 def _summary(run: Trained, returns: dict[str, float]) -> dict[str, Any]:

@@ -42,28 +42,21 @@ class RunDir:
         self.tensorboard = path / "tensorboard"  # event files
 
     def load_config(self, *kinds: type[TrainConfig]) -> TrainConfig:
-        """Settings of the run.
-
-        Args:
-            kinds: allowed classes of settings; by default those of every algorithm.
+        """Settings of the run, of one of these `kinds`; by default of any algorithm.
 
         Raises:
-            InputError: this is not the directory of a run, or its settings cannot be read or do not describe its
-                environment.
+            InputError: this is not the directory of a run, or its settings cannot be read.
         """
         if not self.path.is_dir():
-            raise InputError(
-                f"run {self.path} is not a directory, allowed: one that train.ppo wrote"
-            )
+            what = f"run {self.path} is not a directory"
+            raise InputError(f"{what}, allowed: one that train.ppo wrote")
         return load_config(self.config, *(kinds or SETTINGS), given=self.given)
 
     def card(self) -> dict[str, Any]:
         """How the policy was trained: `settings`, `versions`, and `evaluation` if there was one.
 
-        The last has `episodes`, `seed`, and `return_mean` and `return_ci95` of each of `policies`.
-
-        Raises:
-            InputError: a file of the run cannot be read.
+        The last has `episodes`, `seed`, and `return_mean` and `return_ci95` of each of `policies`. InputError: a file
+        cannot be read.
         """
         file = self.config
         try:
@@ -82,11 +75,7 @@ class RunDir:
         return card
 
     def claim(self, config: TrainConfig) -> IO[str]:
-        """Makes the directory, writes the settings into it and returns its `lock`.
-
-        Raises:
-            InputError: the directory is in use or cannot be written.
-        """
+        """Makes the directory, writes the settings into it and returns its `lock`; InputError if that is impossible."""
         check_unused(self.path)
         with _writing(self.path):
             try:
@@ -100,19 +89,14 @@ class RunDir:
         return held
 
     def lock(self) -> IO[str]:
-        """Locks the directory for as long as the returned file is open, at most until this process ends.
-
-        Raises:
-            InputError: another run holds the lock, or the directory cannot be written.
-        """
+        """Locks the directory while the returned file is open; InputError if another run holds the lock."""
         with _writing(self.path):
             file = (self.path / LOCK).open("a", encoding="utf-8")
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                raise InputError(
-                    f"run {self.path} is under way in another process, allowed: one process at a time"
-                ) from None
+                what = f"run {self.path} is under way in another process"
+                raise InputError(f"{what}, allowed: one process at a time") from None
             remove_unfinished(self.path)
         return file
 
@@ -128,9 +112,6 @@ class RunDir:
 
         An update had the settings of the first `config-until-UPDATE.json` whose UPDATE is not before it, or else those
         of `config.json`.
-
-        Raises:
-            InputError: the directory cannot be written.
         """
         with _writing(self.path):
             check_writable(self.path)
@@ -154,11 +135,7 @@ class RunDir:
 
 
 def new_run_dir(scenario: str, root: Path = Path("runs")) -> Path:
-    """Makes `root/SCENARIO-N` with the smallest N from 1 that is free, even if several runs start at once.
-
-    Raises:
-        InputError: the directory cannot be made.
-    """
+    """Makes `root/SCENARIO-N` with the smallest N from 1 that is free, even if several runs start at once."""
     for number in itertools.count(1):
         path = root / f"{scenario}-{number}"
         with _writing(path):
@@ -178,9 +155,8 @@ def check_unused(path: Path) -> None:
         if path.exists() and not path.is_dir():
             raise InputError(f"run-dir is {path}, which is not a directory, {allowed}")
         if path.exists() and any(entry.name != LOCK for entry in path.iterdir()):
-            raise InputError(
-                f"run-dir is {path}, which already holds files, {allowed} (or --resume it)"
-            )
+            what = f"run-dir is {path}, which already holds files"
+            raise InputError(f"{what}, {allowed} (or --resume it)")
         check_writable(next(there for there in (path, *path.parents) if os.path.lexists(there)))
 
 
@@ -196,6 +172,5 @@ def _writing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise InputError(
-            f"cannot write run-dir {path}: {error.strerror}, allowed: a writable directory"
-        ) from None
+        what = f"cannot write run-dir {path}: {error.strerror}"
+        raise InputError(f"{what}, allowed: a writable directory") from None

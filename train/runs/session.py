@@ -122,44 +122,30 @@ class Session:
         """Evaluates and reports the run; one that was stopped is only reported."""
         wall_s = self.earlier_s + time.perf_counter() - self.began
         plain = to_host(state)
-        ended = Trained(
-            env=self.env,
-            params=self.params,
-            config=self.config,
-            run_dir=self.run_dir,
-            weights=plain.weights,
-            rows=rows,
-            updates=updates_done(plain),
-            new_updates=updates_done(plain) - self.done,
-            wall_s=wall_s,
-            compile_s=self.compile_s,
-            train_s=self.train_s,
-        )
+        updates = updates_done(plain)
+        what = (self.env, self.params, self.config, self.run_dir, plain.weights, rows)
+        counts = (updates, updates - self.done, wall_s, self.compile_s, self.train_s)
+        ended = Trained(*what, *counts)
         if is_first():
             try:
                 played = write_results(ended, self.evaluation if stopped_by is None else None)
                 ended = dataclasses.replace(ended, played=played)
             except KeyboardInterrupt as error:
                 write_results(ended, None)
-                raise _interrupted(signal_of(error), self._all_done()) from None
+                raise _interrupted(signal_of(error), self._next_step(updates)) from None
         if stopped_by is not None:
-            go_on = self._again(f"{self.config.algorithm} --resume")
-            what = f"after update {ended.updates}, saved; go on with: {go_on}"
-            if ended.updates >= self.config.num_updates:
-                what = self._all_done()
-            raise _interrupted(stopped_by, what, alone=False)
+            raise _interrupted(stopped_by, self._next_step(updates), alone=False)
         return ended
 
-    def _all_done(self) -> str:
-        """Message for a run that lacks only its evaluation."""
-        return f"after the last update; evaluate with: {self._again('evaluate --run-dir')}"
-
-    def _again(self, command: str) -> str:
-        """The command or the call that continues with this run."""
-        path = self.run_dir.path
+    def _next_step(self, updates: int) -> str:
+        """Message that tells how to continue after so many updates: train, or else only evaluate."""
+        path, algorithm = self.run_dir.path, self.config.algorithm
+        what, again = f"after update {updates}, saved; go on with", f"{algorithm} --resume"
+        if updates >= self.config.num_updates:
+            what, again = "after the last update; evaluate with", "evaluate --run-dir"
         if self.run_dir.given:
-            return f'train.api, with the same environment and "{path}"'
-        return f"python -m train.{command} {path}"
+            return f'{what}: train.api, with the same environment and "{path}"'
+        return f"{what}: python -m train.{again} {path}"
 
     def _announce(self) -> None:
         if not is_first():
@@ -177,8 +163,7 @@ class Session:
     def _compile(self) -> tuple[Any, Any]:
         """The two programs, compiled ahead of time and in parallel; `init` is None where it is not needed.
 
-        The closing evaluation compiles after them in the background, while training begins: XLA leaves a core idle for
-        much of the time that it compiles one program.
+        The closing evaluation compiles after them in the background, while training begins.
         """
         start = time.perf_counter()
         waiting = None
@@ -211,8 +196,7 @@ class Session:
     ) -> tuple[TrainState, str | None]:
         """Calls the program until all updates are done or a signal arrives, then saves the state.
 
-        Returns:
-            The state, and what in it is not finite, if anything; such a state is not saved.
+        Returns the state, and what in it is not finite, if anything; such a state is not saved.
         """
         config, started = self.config, time.perf_counter()
         steps = config.steps_per_update * config.num_seeds
@@ -227,13 +211,12 @@ class Session:
             metrics = jax.device_get(computed(metrics))
             per_update_s = (time.perf_counter() - called) / count
             healthy, bad = finite_updates(metrics.pop(BAD)[..., :count])
+            before_s = self.earlier_s + called - self.began
             rows = [
                 {
                     "update": done + number,
                     "env_steps": (done + number) * steps,
-                    "wall_s": round(
-                        self.earlier_s + called + number * per_update_s - self.began, 3
-                    ),
+                    "wall_s": round(before_s + number * per_update_s, 3),
                     "env_steps_per_s": steps / per_update_s,
                     **row,
                 }
@@ -270,9 +253,12 @@ class Session:
 
     def _newest(self) -> str:
         """Message that tells which checkpoint is the newest."""
-        if (update := self.checkpoints.latest()) is not None:
-            return f"the newest checkpoint is of update {update}"
-        return "there is no checkpoint"
+        update = self.checkpoints.latest()
+        return (
+            "there is no checkpoint"
+            if update is None
+            else f"the newest checkpoint is of update {update}"
+        )
 
     def _tell(self, rows: list[Row]) -> None:
         """Hands rows to the callback. An OSError that it raises must not pass for a failed write of the run."""

@@ -22,20 +22,14 @@ def trained_run_parser(
         epilog=epilog,
         formatter_class=KeepsLines,
     )
-    parser.add_argument(
-        "--run-dir", required=required, metavar="DIR", help="directory that train.ppo wrote"
-    )
-    parser.add_argument(
-        "--episodes", default="200", metavar="N", help="whole episodes per policy (default: 200)"
-    )
-    parser.add_argument(
-        "--seed", default="0", metavar="N", help="seed of the episodes (default: 0)"
-    )
-    parser.add_argument(
-        "--stochastic",
-        action="store_true",
-        help="sample the trained policy's actions instead of taking the most probable",
-    )
+    text = "directory that train.ppo wrote"
+    parser.add_argument("--run-dir", required=required, metavar="DIR", help=text)
+    text = "whole episodes per policy (default: 200)"
+    parser.add_argument("--episodes", default="200", metavar="N", help=text)
+    text = "seed of the episodes (default: 0)"
+    parser.add_argument("--seed", default="0", metavar="N", help=text)
+    text = "sample the trained policy's actions instead of taking the most probable"
+    parser.add_argument("--stochastic", action="store_true", help=text)
     return parser
 
 
@@ -51,13 +45,9 @@ def whole_numbers(given: argparse.Namespace) -> dict[str, int]:
 def to_play(
     config: TrainConfig, scenario: str | None = None, changes: Mapping[str, Override] | None = None
 ) -> TrainConfig:
-    """Settings for playing a run on this machine, in the requested environment.
+    """Settings for playing a run on this machine, in a preset (None: that of the run), with `changes` of its numbers.
 
-    Args:
-        config: settings of the run.
-        scenario: preset; None takes that of the run.
-        changes: numbers of the environment. They override those of the run, which are kept only for the same preset:
-            in another they may be meaningless.
+    The run's own changes are kept only for the same preset: in another they may be meaningless.
     """
     scenario = config.scenario if scenario is None else scenario
     kept = config.overrides if scenario == config.scenario else {}

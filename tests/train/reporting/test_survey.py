@@ -15,14 +15,8 @@ def trace_by_hand():
     """One policy, two EV slots, three decisions: an EV leaves with half its charge, one runs out, a third enters."""
     on_road = np.array([[1, 1], [0, 1], [1, 0], [1, 0]], bool)
     soc = np.array([[0.6, 0.1], [0.505, 0.05], [0.7, 0.0], [0.6, 0.0]])
-    frames = Frame(
-        ev_x=np.zeros((4, 2)),
-        ev_soc=soc,
-        ev_on_road=on_road,
-        med_x=np.zeros((4, 1)),
-        med_on_road=np.zeros((4, 1), bool),
-        med_charges=np.zeros((4, 1), int),
-    )
+    meds = np.zeros((4, 1)), np.zeros((4, 1), bool), np.zeros((4, 1), int)
+    frames = Frame(np.zeros((4, 2)), soc, on_road, *meds)
     need = np.array([[1.0, 3.0], [2.0, 0.5], [1.0, 1.0]])
     trace = Trace(frames, np.array([2, 0, 1]), need, np.zeros(3), np.array([0.0, 1.0, 0.0]))
     return jax.tree.map(lambda leaf: leaf[None, None], trace)
@@ -43,9 +37,7 @@ def test_a_survey_by_hand():
     ]  # fmt: skip
 
 
-def test_no_ev_takes_over_a_slot_unseen_where_a_decision_is_several_rounds(
-    quick_compiles, tmp_path
-):
+def test_every_ev_is_traced_if_a_decision_has_several_rounds(quick_compiles, tmp_path):
     """As many EVs leave their slots as entered and are not there at the end; each is drawn where it drove."""
     rounds = 4
     few = {"num_meds": 3, "num_evs": 6, "num_gas": 12, "episode_decisions": 40, "ev_share": 0.9}

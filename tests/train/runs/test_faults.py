@@ -1,4 +1,4 @@
-"""Faults under way: one clear line, an exit code, and nothing saved before is lost."""
+"""Faults during a run: one clear line, an exit code, and nothing saved before is lost."""
 
 import contextlib
 import json
@@ -18,39 +18,19 @@ from medjax.errors import InputError
 from medjax.numerics import compilation
 from tests.train.conftest import TINY, refused
 from tests.train.probe_envs import Probe, ProbeParams
-from tests.train.runs.test_session import assert_same_run, rows_of, state_of
+from tests.train.runs.conftest import QUIET
+from tests.train.runs.test_session import assert_same_run, rows_of
 from train import ppo
 from train.algorithms.environments import make_environment
 from train.algorithms.programs import make_train, shapes_of
 from train.runs.checkpoint import Checkpoints
-from train.runs.logs import Progress, read_rows
-from train.runs.run_directory import RunDir
-
-QUIET = [*TINY, "--eval-episodes=0", "--updates-per-call=1"]
+from train.runs.run_directory import RunDir, new_run_dir
 
 
 @pytest.fixture(autouse=True)
-def nothing_is_said_of_compiling(monkeypatch):
-    """However slow the machine: what is left on stderr is the fault's."""
+def no_line_on_compiling(monkeypatch):
+    """However slow the machine: stderr has only the fault's line."""
     monkeypatch.setattr(compilation, "SILENT_S", 3600.0)
-
-
-@pytest.fixture
-def after_update(monkeypatch):
-    """Does something once so many updates are shown."""
-
-    def arrange(update, action):
-        show = Progress.show
-
-        def show_and_act(self, rows):
-            show(self, rows)
-            if rows[-1]["update"] == update:
-                monkeypatch.setattr(Progress, "show", show)
-                action()
-
-        monkeypatch.setattr(Progress, "show", show_and_act)
-
-    return arrange
 
 
 def stopped(capsys, argv, *words, code=1):
@@ -84,18 +64,13 @@ class Breaks(Probe):
     ("kind", "named"),
     [("bad reward", "rewards"), ("vast reward", "advantages"), ("bad sight", "observations")],
 )
-def test_what_is_no_longer_finite_is_named(probe, capsys, monkeypatch, kind, named):
+def test_a_number_that_is_not_finite_is_named(probe, capsys, monkeypatch, kind, named):
     """In the update where it happens, the first in the order of computing; the checkpoint before it is kept."""
     monkeypatch.setattr(
         "medjax.make", lambda *args, **options: (Breaks(kind), ProbeParams(episode_decisions=40))
     )
-    options = [
-        *TINY,
-        "--eval-episodes=0",
-        "--no-stagger",
-        "--no-normalize-rewards",
-        "--run-dir=run",
-    ]
+    options = [*TINY, "--eval-episodes=0", "--no-stagger", "--no-normalize-rewards"]
+    options.append("--run-dir=run")
     stopped(capsys, options, f"{named} no longer finite in update 4", "checkpoint is of update 2")
     assert [row["update"] for row in rows_of(probe / "run")] == [1, 2, 3, 4]
     assert sorted(path.name for path in (probe / "run" / "checkpoints").iterdir()) == ["2.npz"]
@@ -114,7 +89,7 @@ def small_disk(path, size="200k"):
         subprocess.run(["umount", "-l", str(path)], check=True)
 
 
-def test_a_full_disk(probe, capsys, tmp_path):
+def test_a_full_disk(probe, capsys):
     """Stops in a line with whole files; with room again the run goes on as if nothing had been."""
     options = [*QUIET, "--total-timesteps=640", "--checkpoint-interval=1", "--keep-checkpoints=99"]
     assert ppo.main([*options, "--run-dir=whole"]) == 0
@@ -132,14 +107,13 @@ def test_a_full_disk(probe, capsys, tmp_path):
     assert_same_run(probe / "whole", probe / "more")
 
 
-def test_a_directory_that_is_removed(probe, capsys, after_update):
-    """Is not made again, and nothing is written beside it."""
+def test_a_removed_directory_is_not_made_again(probe, capsys, after_update):
     after_update(3, lambda: shutil.rmtree(probe / "run"))
     stopped(capsys, [*QUIET, "--run-dir=run"], "cannot write run", "No such file")
     assert list(probe.iterdir()) == []
 
 
-def test_a_file_system_that_becomes_read_only(probe, capsys, after_update):
+def test_a_file_system_that_becomes_read_only(probe, whole, capsys, after_update):
     run = str(probe / "run")
 
     def remount():
@@ -156,42 +130,39 @@ def test_a_file_system_that_becomes_read_only(probe, capsys, after_update):
         refused(capsys, [*TINY, "--run-dir=run/other"], "cannot write run-dir", "Read-only")
     finally:
         subprocess.run(["umount", "-l", run], check=False)
-    assert ppo.main([*QUIET, "--run-dir=whole"]) == 0
     assert ppo.main(["--resume=run"]) == 0
-    assert_same_run(probe / "whole", probe / "run")
+    assert_same_run(whole, probe / "run")
 
 
-def test_sigterm_saves(probe, capsys, after_update):
+def test_sigterm_saves(probe, whole, capsys, after_update):
     after_update(3, lambda: os.kill(os.getpid(), signal.SIGTERM))
     code = 128 + signal.SIGTERM
     stopped(capsys, [*QUIET, "--run-dir=run"], "after update 3, saved", "--resume run", code=code)
-    assert len(state_of(probe / "run")) > 0
+    assert Checkpoints(probe / "run").latest() == 3
+    assert ppo.main(["--resume=run"]) == 0
+    assert_same_run(whole, probe / "run")
 
 
-@pytest.fixture
-def at_a_terminal():
-    """SIGINT is heeded, which whoever starts the tests in the background leaves ignored."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
-def test_a_second_ctrl_c_ends_at_once(probe, capsys, after_update, at_a_terminal):
-    """Without a traceback; what was saved before can be gone on from."""
+def test_a_second_ctrl_c_ends_at_once(probe, whole, capsys, after_update):
+    """Without a traceback; the run resumes from what was saved before."""
 
     def twice():
         for _ in range(2):  # to this thread: two that are sent to the process may count as one
             signal.raise_signal(signal.SIGINT)
 
+    # Whoever starts the tests in the background may leave SIGINT ignored.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     after_update(3, twice)
-    stopped(capsys, [*QUIET, "--run-dir=run"], "at once", "checkpoint is of update 2", code=130)
+    try:
+        stopped(capsys, [*QUIET, "--run-dir=run"], "at once", "checkpoint is of update 2", code=130)
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert ppo.main(["--resume=run"]) == 0
-    assert ppo.main([*QUIET, "--run-dir=whole"]) == 0
-    assert_same_run(probe / "whole", probe / "run")
+    assert_same_run(whole, probe / "run")
 
 
-def test_one_run_at_a_time_in_a_directory(probe, capsys, after_update):
-    """While one is under way, the second is refused, started or resumed, and the first is left alone."""
+def test_one_run_at_a_time_in_a_directory(probe, whole, capsys, after_update):
+    """A second one is refused, started or resumed, and the first goes on."""
 
     def intrude():
         capsys.readouterr()
@@ -200,24 +171,19 @@ def test_one_run_at_a_time_in_a_directory(probe, capsys, after_update):
 
     after_update(3, intrude)
     assert ppo.main([*QUIET, "--run-dir=run"]) == 0
-    assert len(read_rows(probe / "run" / "metrics.jsonl")) == 6
-    held = RunDir(probe / "run").lock()  # it has ended, so that it can be locked
-    held.close()
-    capsys.readouterr()
-    refused(capsys, ["--resume=run"], "has done its 96 decisions")
+    assert_same_run(whole, probe / "run")
+    RunDir(probe / "run").lock().close()  # it has ended, so that it can be locked
 
 
-def test_runs_without_a_name_never_share_a_directory(probe, monkeypatch):
-    """Also where both look for a free number at the same time."""
-    from train.runs.run_directory import new_run_dir
-
+def test_runs_without_a_name_never_share_a_directory(probe):
+    """Nor do several that look for a free number at once: `new_run_dir` makes the directory itself."""
     assert [new_run_dir("noisy").name for _ in range(3)] == ["noisy-1", "noisy-2", "noisy-3"]
 
 
 @pytest.fixture
-def saved(probe):
-    """A run with checkpoints 4 and 6, and a way to read the newest."""
-    assert ppo.main([*QUIET, "--keep-checkpoints=2", "--run-dir=run"]) == 0
+def saved(probe, whole):
+    """The checkpoints of a run, and a function that reads the newest."""
+    shutil.copytree(whole, probe / "run")
     config = RunDir(probe / "run").load_config()
     env, params = make_environment(config)
     shapes = shapes_of(make_train(env, params, config), params, config)

@@ -24,11 +24,7 @@ def test_rows_average_over_the_seeds_that_have_a_value():
 def test_final_return_weighs_episodes():
     rows = [{"episode_return": None, "episodes": 0.0}] * 18
     assert final_return(rows) is None
-    rows = [
-        *rows,
-        {"episode_return": 1.0, "episodes": 3.0},
-        {"episode_return": 5.0, "episodes": 1.0},
-    ]
+    rows += [{"episode_return": value, "episodes": number} for value, number in ((1, 3), (5, 1))]
     assert final_return(rows) == 2.0
 
 
@@ -44,10 +40,11 @@ def test_only_a_last_line_may_be_cut_off(tmp_path):
 
 @pytest.fixture
 def lines(monkeypatch, capsys):
-    """What a run of 100 updates of 64 decisions says after each of some updates, shown so many seconds apart."""
+    """Lines that a run of 100 updates of 64 decisions prints if an update takes so many seconds."""
 
-    def play(updates, seconds, quiet=False):
-        clock = iter(np.arange(len(updates)) * seconds)
+    def play(seconds, quiet=False):
+        updates = range(1, 101)
+        clock = iter(np.arange(100) * seconds)
         monkeypatch.setattr(logs.time, "perf_counter", lambda: next(clock))
         config = PPOConfig(
             num_envs=64, rollout_length=1, num_minibatches=4, decide_every=1, total_timesteps=6400
@@ -66,21 +63,13 @@ def lines(monkeypatch, capsys):
 
 
 def test_a_line_at_the_first_update_and_every_ten_seconds(lines):
-    assert lines(range(1, 101), 1.0) == [
-        "update 1 of 100: 64 decisions, 32 a second, reward 0.5, 3 min left",
-        *(
-            f"update {n} of 100: {64 * n:,} decisions, 32 a second, return -12.35, {left} left"
-            for n, left in zip(
-                range(11, 101, 10),
-                ["3 min", "3 min", "2 min", "2 min", "98 s", "78 s", "58 s", "38 s", "18 s"],
-                strict=True,
-            )
-        ),
-    ]
-
-
-def test_nothing_is_said_quietly(lines):
-    assert lines(range(1, 101), 60.0, quiet=True) == []
+    first, *others = lines(1.0)
+    assert first == "update 1 of 100: 64 decisions, 32 a second, reward 0.5, 3 min left"
+    left = ["3 min", "3 min", "2 min", "2 min", "98 s", "78 s", "58 s", "38 s", "18 s"]
+    for n, time, line in zip(range(11, 101, 10), left, others, strict=True):
+        said = f"{64 * n:,} decisions, 32 a second, return -12.35, {time} left"
+        assert line == f"update {n} of 100: {said}"
+    assert lines(60.0, quiet=True) == []
 
 
 def sessions(folder):
