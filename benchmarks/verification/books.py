@@ -5,7 +5,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from flax import struct
 
 from benchmarks.verification.flows import driving, tick_flows, total
 from medjax.world.kinds import GAS_KINDS, KINDS
@@ -16,35 +15,7 @@ from medjax.world.state import AT_DEPOT, RETIRED, EnvState, Vehicles
 ROUNDING_M = 2e-3
 
 
-class Books(struct.PyTreeNode):
-    """Totals of a decision, added up from states; float32, () unless noted."""
-
-    entered: jax.Array  # (num_kinds,)
-    left: jax.Array  # (num_kinds,)
-    depleted: jax.Array
-    ev_seconds: jax.Array
-    ev_distance_m: jax.Array
-    soc_seconds: jax.Array
-    mean_soc_s: jax.Array  # of a whole round
-    mean_speed_m: jax.Array  # of a whole round
-    exit_soc: jax.Array
-    low_exits: jax.Array
-    ev_delay_s: jax.Array
-    gas_seconds: jax.Array  # (num_gas_kinds,)
-    gas_distance_m: jax.Array  # (num_gas_kinds,)
-    gas_delay_s: jax.Array
-    med_seconds: jax.Array
-    vehicle_ticks: jax.Array
-    evs_served: jax.Array
-    meds_dispatched: jax.Array
-    lane_changes: jax.Array
-    missed_exits: jax.Array
-    charging_stops: jax.Array
-    sent_j: jax.Array  # (2,) lower and upper bound
-    received_j: jax.Array  # (2,)
-    ev_driving_j: jax.Array  # (2,)
-    ev_cruising_j: jax.Array  # (2,)
-    med_driving_j: jax.Array  # (2,)
+Books = dict[str, jax.Array]  # by the names of `EpisodeStats`, float32; energies are bounds (2,)
 
 
 def sums_by_class(values: jax.Array, config: EnvConfig) -> jax.Array:
@@ -62,14 +33,11 @@ def entry_books(before: EnvState, begun: EnvState, length_m: Any) -> Books:
     past = before.vehicles.active & (before.vehicles.x > before.vehicles.destination)
     sent = (before.meds.status == AT_DEPOT) & (begun.meds.status != AT_DEPOT)
     come = begun.vehicles.active & ~before.vehicles.active
-    by_gas_kind = jnp.zeros((len(GAS_KINDS),))
-    flows = (name for name in Books.__dataclass_fields__ if name.endswith("_j"))
-    books = dict.fromkeys(Books.__dataclass_fields__, jnp.zeros(()))
-    books |= {"left": jnp.zeros((len(KINDS),))} | dict.fromkeys(flows, jnp.zeros((2,)))
-    books |= {"gas_seconds": by_gas_kind, "gas_distance_m": by_gas_kind}
-    books |= {"entered": sums_by_kind(come, begun.vehicles.kind), "meds_dispatched": total(sent)}
-    books |= {"missed_exits": total(past & (before.vehicles.destination < length_m))}
-    return Books(**books)
+    return {
+        "entered": sums_by_kind(come, begun.vehicles.kind),
+        "meds_dispatched": total(sent),
+        "missed_exits": total(past & (before.vehicles.destination < length_m)),
+    }
 
 
 def ways_home(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
@@ -113,33 +81,27 @@ def tick_books(
     travelled = jnp.where(old.active, new.x - old.x, 0.0)
     soc = evs.energy_j / params.ev_capacity_j
     # A vehicle that leaves counts in its last tick.
-    there, gas = sums_by_class(old.active, config), jnp.array(GAS_KINDS)
-    distance = sums_by_class(travelled, config)
+    there, distance = sums_by_class(old.active, config), sums_by_class(travelled, config)
     lost = jnp.where(old.active, dt - travelled / old.desired_speed, 0.0)
-    delay = sums_by_class(lost, config)
+    delay, gas = sums_by_class(lost, config), jnp.array(GAS_KINDS)
     low = evs.energy_j < params.charging.request_soc * params.ev_capacity_j
     on_their_way = (before.meds.status != AT_DEPOT) & (before.meds.status != RETIRED)
-    return wrong, Books(
-        entered=jnp.zeros((len(KINDS),)),
-        left=sums_by_kind(left, old.kind),
-        depleted=total(new.active[config.ev_slots] & evs.is_depleted & ~was.is_depleted),
-        ev_seconds=there[1] * dt,
-        ev_distance_m=distance[1],
-        soc_seconds=total(jnp.where(old.active[config.ev_slots], soc, 0.0)) * dt,
-        mean_soc_s=jnp.zeros(()),
-        mean_speed_m=jnp.zeros(()),
-        exit_soc=total(jnp.where(left[config.ev_slots], soc, 0.0)),
-        low_exits=total(left[config.ev_slots] & (was.stops | low & ~bound)),
-        ev_delay_s=delay[1],
-        gas_delay_s=delay[2],
-        med_seconds=total(on_their_way) * dt,
-        gas_seconds=sums_by_kind(old.active, old.kind)[gas] * dt,
-        gas_distance_m=sums_by_kind(travelled, old.kind)[gas],
-        vehicle_ticks=total(new.active),
-        evs_served=total(evs.served & ~was.served),
-        meds_dispatched=jnp.zeros(()),
-        lane_changes=total(jnp.where(old.active, jnp.abs(new.lane - old.lane), 0)),
-        missed_exits=jnp.zeros(()),
-        charging_stops=total(left[config.ev_slots] & was.stops),
-        **flows,
-    )
+    ev_left = left[config.ev_slots]
+    return wrong, flows | {
+        "left": sums_by_kind(left, old.kind),
+        "depleted": total(new.active[config.ev_slots] & evs.is_depleted & ~was.is_depleted),
+        "ev_seconds": there[1] * dt,
+        "ev_distance_m": distance[1],
+        "soc_seconds": total(jnp.where(old.active[config.ev_slots], soc, 0.0)) * dt,
+        "exit_soc": total(jnp.where(ev_left, soc, 0.0)),
+        "low_exits": total(ev_left & (was.stops | low & ~bound)),
+        "ev_delay_s": delay[1],
+        "gas_delay_s": delay[2],
+        "med_seconds": total(on_their_way) * dt,
+        "gas_seconds": sums_by_kind(old.active, old.kind)[gas] * dt,
+        "gas_distance_m": sums_by_kind(travelled, old.kind)[gas],
+        "vehicle_ticks": total(new.active),
+        "evs_served": total(evs.served & ~was.served),
+        "lane_changes": total(jnp.where(old.active, jnp.abs(new.lane - old.lane), 0)),
+        "charging_stops": total(ev_left & was.stops),
+    }

@@ -4,7 +4,7 @@ The check uses no leaders or lane changes, because sharing the simulator's view 
 Bodies are boxes aligned with the road; their small turns in a lane change are ignored.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -22,51 +22,36 @@ def overlapping(x: Any, lateral: Any, length: Any, width: Any, there: Any) -> An
     """Pairs of boxes that overlap by at least DEEP_M along and across, `(..., N, N)` bool, each pair once.
 
     Args:
-      x: (..., N) m, front bumpers; arrays are all NumPy's or all JAX's.
-      lateral: (..., N) m, centres, from any origin.
+      x, lateral: (..., N) m, of front bumpers, and of centres from any origin; all NumPy arrays or all JAX arrays.
       length, width: (..., N) m.
       there: (..., N) bool, occupied slots.
     """
     middle = x - 0.5 * length
-    deep = (
+    along, across = (
         0.5 * (size[..., :, None] + size[..., None, :]) - abs(at[..., :, None] - at[..., None, :])
         for size, at in ((length, middle), (width, lateral))
     )
-    along, across = deep
     number = np.arange(x.shape[-1])
     once = number[:, None] < number
     both = there[..., :, None] & there[..., None, :] & once
     return (along >= DEEP_M) & (across >= DEEP_M) & both
 
 
-class _Bodies(NamedTuple):
-    """Bodies in all slots of a road, `(N,)` m each."""
-
-    lateral: jax.Array  # of the centre, to the right of the leftmost lane's centre
-    length: jax.Array
-    width: jax.Array
-
-
-def _bodies(vehicles: Vehicles, params: EnvParams) -> _Bodies:
-    lane_width = params.road.lane_width_m
-    return _Bodies(
-        lateral=lateral_position(vehicles.lane, vehicles.lateral_offset, lane_width),
-        length=jnp.asarray(params.drivers.vehicle_length)[vehicles.kind],
-        width=jnp.asarray(WIDTHS_M)[vehicles.kind],
-    )
+def _bodies(vehicles: Vehicles, params: EnvParams) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Position across the road from the leftmost lane's centre, length and width in each slot, (N,) m each."""
+    lateral = lateral_position(vehicles.lane, vehicles.lateral_offset, params.road.lane_width_m)
+    length = jnp.asarray(params.drivers.vehicle_length)[vehicles.kind]
+    return lateral, length, jnp.asarray(WIDTHS_M)[vehicles.kind]
 
 
 def overlapping_vehicles(vehicles: Vehicles, params: EnvParams) -> jax.Array:
     """`overlapping` for the vehicles on a road, `(N, N)` bool."""
-    bodies = _bodies(vehicles, params)
-    pairs: jax.Array = overlapping(vehicles.x, *bodies, vehicles.active)
-    return pairs
+    return overlapping(vehicles.x, *_bodies(vehicles, params), vehicles.active)
 
 
 def lanes_covered(vehicles: Vehicles, params: EnvParams) -> tuple[jax.Array, jax.Array]:
     """Leftmost and rightmost lane that each body reaches into by more than a millimetre, `(N,)` each."""
-    bodies = _bodies(vehicles, params)
-    reach = 0.5 * bodies.width - 1e-3
-    lane_width = params.road.lane_width_m
-    left, right = ((bodies.lateral + side) / lane_width for side in (-reach, reach))
+    lateral, _, width = _bodies(vehicles, params)
+    reach, lane_width = 0.5 * width - 1e-3, params.road.lane_width_m
+    left, right = ((lateral + side) / lane_width for side in (-reach, reach))
     return jnp.floor(left + 0.5), jnp.floor(right + 0.5)

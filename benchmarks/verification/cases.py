@@ -4,6 +4,7 @@ import dataclasses
 import math
 import time
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import jax
@@ -18,13 +19,13 @@ from benchmarks.verification.invariants import (
     INVARIANTS,
     STANDS_M_PER_S,
     STANDS_S,
-    Counts,
     check_standing,
     count,
     stands_open,
 )
-from benchmarks.verification.random_agents import told_at_random
 from benchmarks.verification.random_worlds import draw_config, draw_params, validated
+from medjax.env.agents.actions import AgentActions, Parts
+from medjax.env.agents.orders import allowed_parts, give_orders
 from medjax.env.charging_env import ChargingEnv
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState
@@ -33,6 +34,8 @@ from medjax.wrappers import environment_mesh, on_devices
 NUM_ENVS = 256
 EPISODE_S = 150.0
 NEVER = 2**30
+# Random orders to MEDs: speeds, m/s, and the chances that a MED gets orders, and that these are to leave.
+SPEEDS, TOLD, LEAVES = (5.0, 14.0, 22.0, 30.0), 0.1, 0.05
 
 
 class Played(struct.PyTreeNode):
@@ -43,11 +46,6 @@ class Played(struct.PyTreeNode):
     violations: jax.Array  # (B, len(INVARIANTS)) int32
     first: jax.Array  # (B,) int32, decision of the first violation; -1: at reset; NEVER: none
     stood_s: jax.Array  # (B, N) s, how long each vehicle has stood with open road ahead
-
-
-def in_order(counts: Counts) -> jax.Array:
-    """Counts in the order of INVARIANTS, (K,) int32."""
-    return jnp.stack([counts[name] for name in INVARIANTS])
 
 
 def random_action(key: jax.Array, mask: jax.Array, wild: jax.Array) -> jax.Array:
@@ -61,10 +59,35 @@ def random_action(key: jax.Array, mask: jax.Array, wild: jax.Array) -> jax.Array
 def told(
     key: jax.Array, index: Any, state: EnvState, config: EnvConfig, params: EnvParams
 ) -> EnvState:
-    """The state that a decision starts from; in every other pair of environments MEDs get random orders."""
-    ordered = told_at_random(jax.random.fold_in(key, 1), state, config, params)
-    agents = index % 4 >= 2
-    return jax.tree.map(lambda new, old: jnp.where(agents, new, old), ordered, state)
+    """The state that a decision starts from; in every other pair of environments some MEDs get random orders.
+
+    MEDs get orders wherever they are; masks remove orders that are not allowed.
+    """
+    exits, depots, meds = config.num_exits > 0, config.num_depots, (config.num_meds,)
+    lanes = tuple(range(config.num_lanes))
+    actions = AgentActions(SPEEDS, lanes, config.num_ramps, exits, depots=depots)
+    new_key, speed_key, lane_key, accept_key, leave_key = jax.random.split(
+        jax.random.fold_in(key, 1), 5
+    )
+    rule = actions.by_rule(state, params)
+    new = jax.random.uniform(new_key, meds) < TOLD
+    leaves = new & (jax.random.uniform(leave_key, meds) < LEAVES)
+    depot = jax.random.randint(jax.random.fold_in(leave_key, 1), meds, 1, 1 + depots)
+    wishes = Parts(
+        enter=rule.enter,
+        speed=jax.random.randint(speed_key, meds, 0, len(SPEEDS)),
+        lane=jax.random.randint(lane_key, meds, 0, config.num_lanes),
+        accept=jax.random.randint(accept_key, meds, 0, 2),
+        leave=jnp.where(leaves, depot, 0),
+    )
+    parts, _ = allowed_parts(wishes, actions.masks(state, config, params), rule)
+    after, _ = give_orders(state, parts, actions, config, params)
+    ordered = {
+        name: jnp.where(new, getattr(after.meds, name), getattr(state.meds, name))
+        for name in ("service_speed", "service_lane", "accepts", "depot")
+    }
+    after = after.replace(meds=state.meds.replace(**ordered))
+    return jax.tree.map(lambda new, old: jnp.where(index % 4 >= 2, new, old), after, state)
 
 
 def environment_keys(key: jax.Array, index: Any) -> jax.Array:
@@ -75,18 +98,19 @@ def environment_keys(key: jax.Array, index: Any) -> jax.Array:
 def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
     """A program `(params, key, decisions)` to `Played` that plays and checks the start of an episode.
 
-    Args of the program:
-      params: NumPy leaves (B, ...), except the coils' table, which all environments share.
-      key: of the episode.
-      decisions: () int32, number of decisions; it is traced, so any number plays bit for bit the same way.
+    Leaves of `params` are (B, ...), except the coils' table, which all environments share. `key` is the episode's.
+    `decisions` () int32 is traced, so any number of decisions plays bit for bit the same way.
     """
     env = ChargingEnv(config).with_probe(lambda state: state)
 
-    def play(index: jax.Array, params: EnvParams, key: jax.Array, decisions: jax.Array) -> Played:
+    def play(
+        index: jax.Array, params: EnvParams, table: Any, key: jax.Array, decisions: jax.Array
+    ) -> Played:
         """Plays one environment."""
+        params = params.replace(link=params.link.replace(inductance=table))
         reset_key, key = environment_keys(key, index)
         _, state = env.reset(reset_key, params)
-        found = in_order(count(check_standing(state, config, params)))
+        found = count(check_standing(state, config, params))
         first = jnp.where(found.any(), -1, NEVER).astype(jnp.int32)
 
         def decide(decision: jax.Array, played: Played) -> Played:
@@ -100,9 +124,8 @@ def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
             way = jnp.abs(state.vehicles.x - before.vehicles.x)
             stands &= way <= STANDS_M_PER_S * config.decision_s
             stood_s = jnp.where(stands, played.stood_s + config.decision_s, 0.0)
-            flags = {"standing": {"for too long": stood_s > STANDS_S}}
-            counts = check_decision(decided, config, params), count(flags)
-            found = jnp.stack([in_order(each) for each in counts]).sum(axis=0)
+            found = check_decision(decided, config, params)
+            found += count({"standing": {"for too long": stood_s > STANDS_S}})
             return Played(
                 state=state,
                 updates=played.updates + info["tally"].vehicle_ticks.astype(jnp.int32),
@@ -115,12 +138,8 @@ def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
         start = Played(state, jnp.zeros((), jnp.int32), found, first, still)
         return jax.lax.fori_loop(0, decisions, decide, start)
 
-    def play_rows(rows: tuple[jax.Array, EnvParams], same: tuple[Any, ...]) -> Played:
-        def one(index: jax.Array, params: EnvParams) -> Played:
-            link = params.link.replace(inductance=same[0])
-            return play(index, params.replace(link=link), *same[1:])
-
-        return jax.vmap(one)(*rows)
+    def play_rows(rows: tuple[Any, ...], same: tuple[Any, ...]) -> Played:
+        return jax.vmap(partial(play, table=same[0], key=same[1], decisions=same[2]))(*rows)
 
     @jax.jit
     def program(params: EnvParams, key: jax.Array, decisions: jax.Array) -> Played:
@@ -168,11 +187,9 @@ class Case:
 
     def __str__(self) -> str:
         c = self.config
-        return (
-            f"{c.num_lanes} lanes, {c.num_ramps} ramps, {c.tick_s:g} s x "
-            f"{c.ticks_per_round} x {c.rounds_per_decision}, "
-            f"{c.num_meds} MEDs, {c.num_evs} EVs, {c.num_gas} gas"
-        )
+        ticks = f"{c.tick_s:g} s x {c.ticks_per_round} x {c.rounds_per_decision}"
+        vehicles = f"{c.num_meds} MEDs, {c.num_evs} EVs, {c.num_gas} gas"
+        return f"{c.num_lanes} lanes, {c.num_ramps} ramps, {ticks}, {vehicles}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -187,13 +204,11 @@ class Violation:
 
     def command(self) -> str:
         """The command that reproduces it."""
-        words = ["python -m benchmarks.soak", f"--seed {self.case.seed}"]
-        words += [f"--case {self.case.number}", f"--environment {self.environment}"]
-        if self.episode:
-            words.append(f"--episode {self.episode}")
-        if self.case.num_envs != NUM_ENVS:
-            words.append(f"--num-envs {self.case.num_envs}")
-        return " ".join(words)
+        command = f"python -m benchmarks.soak --seed {self.case.seed} --case {self.case.number}"
+        command += f" --environment {self.environment}"
+        command += f" --episode {self.episode}" if self.episode else ""
+        envs = self.case.num_envs
+        return command + (f" --num-envs {envs}" if envs != NUM_ENVS else "")
 
     def __str__(self) -> str:
         where = f"decision {self.decision}" if self.decision >= 0 else "the reset"

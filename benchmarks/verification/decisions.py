@@ -7,10 +7,8 @@ import jax
 import jax.numpy as jnp
 
 from benchmarks.verification.books import Books, sums_by_class, ways_home
-from benchmarks.verification.flows import OF_FLOW
-from benchmarks.verification.flows import total as total_of
+from benchmarks.verification.flows import OF_FLOW, total
 from benchmarks.verification.invariants import (
-    Counts,
     Flags,
     check_entry,
     check_standing,
@@ -25,7 +23,6 @@ from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import AT_DEPOT, RETIRED, EnvState
 
 ROUNDING = 2e-5  # relative, of sums over a decision
-DRIVING = ("ev_driving_j", "ev_cruising_j", "med_driving_j")
 SHARES = ("depleted_share", "mean_soc", "exit_soc", "system_efficiency")  # metrics in [0, 1]
 
 
@@ -39,40 +36,37 @@ class Decision(NamedTuple):
     info: Mapping[str, Any]
 
 
-def check_decision(decision: Decision, config: EnvConfig, params: EnvParams) -> Counts:
-    """Violations in one decision by invariant, `()` int32 each."""
+def check_decision(decision: Decision, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """Violations of each of INVARIANTS in one decision, (K,) int32."""
 
-    def look(carry: tuple[EnvState, Counts, Books], state: EnvState) -> tuple[Any, None]:
-        last, counts, books = carry
-        flags, more = check_tick(last, state, config, params)
-        found = count(flags, check_state(state, config, params))
-        return (state, *jax.tree.map(jnp.add, (counts, books), (found, more))), None
+    def look(last: EnvState, state: EnvState) -> tuple[EnvState, tuple[jax.Array, Books]]:
+        """Checks a tick."""
+        flags, books = check_tick(last, state, config, params)
+        return state, (count(flags, check_state(state, config, params)), books)
 
-    def play(
-        last: EnvState, seen: tuple[EnvState, EnvState]
-    ) -> tuple[EnvState, tuple[Counts, Books]]:
+    def play(last: EnvState, seen: tuple[EnvState, EnvState]) -> tuple[EnvState, Any]:
         """Checks a round of entries and its ticks."""
         begun, ticks = seen
         entered, books = check_entry(last, begun, config, params)
         counts = count(entered, check_standing(begun, config, params))
-        (last, counts, books), _ = jax.lax.scan(look, (begun, counts, books), ticks)
-        return last, (counts, with_means(books, last, config, params))
+        last, found = jax.lax.scan(look, begun, ticks)
+        of_ticks, more = jax.tree.map(lambda each: each.sum(axis=0), found)
+        return last, (counts + of_ticks, books | with_means(more, last, config, params))
 
     seen = decision.info["begun"], by_round(decision.info["ticks"], config)
     last, found = jax.lax.scan(play, decision.before, seen)
     counts, books = jax.tree.map(lambda each: each.sum(axis=0), found)
-    closing = check_closing(last, decision, books, config, params)
-    return jax.tree.map(jnp.add, counts, count(closing))
+    return counts + count(check_closing(last, decision, books, config, params))
 
 
 def with_means(books: Books, last: EnvState, config: EnvConfig, params: EnvParams) -> Books:
-    """Adds a round's time integrals of EVs' mean charge, by its last state, and mean speed."""
+    """Books of a round's ticks, and integrals of EVs' mean charge, by the round's last state, and mean speed."""
     on_road = last.vehicles.active[config.ev_slots]
     charge = jnp.where(on_road, last.evs.energy_j / params.ev_capacity_j, 0.0)
     soc = jnp.sum(charge) / jnp.maximum(jnp.sum(on_road), 1)
-    there = books.ev_seconds > 0.0
-    speed = jnp.where(there, books.ev_distance_m / jnp.where(there, books.ev_seconds, 1.0), 0.0)
-    return books.replace(mean_soc_s=soc * config.round_s, mean_speed_m=speed * config.round_s)
+    seconds = books["ev_seconds"]
+    speed = books["ev_distance_m"] / jnp.where(seconds > 0.0, seconds, 1.0)
+    return books | {"mean_soc_s": soc * config.round_s, "mean_speed_m": speed * config.round_s}
 
 
 def by_round(ticks: Any, config: EnvConfig) -> Any:
@@ -93,7 +87,7 @@ def check_closing(
     same = jax.tree.map(lambda a, b: a != b, (last.vehicles, last.evs), (after.vehicles, after.evs))
     numbers = decision.obs, decision.reward, info["tally"], info["metrics"], info["reward_terms"]
     home_j = jnp.sum(jnp.where(home, ways_home(last, config, params), 0.0))
-    books = books.replace(med_driving_j=books.med_driving_j + home_j)
+    books = books | {"med_driving_j": books["med_driving_j"] + home_j}
     flags = tally_mistakes(books, decision, config, params)
     flags["energy"]["refill"] = after.meds.energy_j != refilled
     given_j = jnp.sum(jnp.where(home, refilled - last.meds.energy_j - last.meds.rest_j, 0.0))
@@ -122,7 +116,7 @@ def resolved_way(books: Books, config: EnvConfig, params: EnvParams) -> jax.Arra
 
     It covers all vehicles, and a vehicle present in a single tick of a round, which is then the round's mean.
     """
-    ticks = books.vehicle_ticks + config.ticks_per_round
+    ticks = books["vehicle_ticks"] + config.ticks_per_round
     return ticks * 1e-7 * params.road.length_m / ROUNDING
 
 
@@ -131,37 +125,34 @@ def tally_mistakes(
 ) -> dict[str, dict[str, jax.Array]]:
     """Flags where the tally, the reward or the number of vehicles differs from the books, by invariant and name."""
     tally, way = decision.info["tally"], resolved_way(books, config, params)
-    scales = {name: way if name.endswith("_m") else 1e-3 for name in Books.__dataclass_fields__}
+    scales = {name: way if name.endswith("_m") else 1e-3 for name in books}
     # Delays are small differences, only as exact as the times on the road. Desired speeds of at least 1 m/s turn an
     # error in distance into at most that error in time.
-    ticks = books.vehicle_ticks + jnp.sum(books.left)  # leavers were there, too
+    ticks = books["vehicle_ticks"] + jnp.sum(books["left"])  # leavers were there, too
     scales |= dict.fromkeys(("ev_delay_s", "gas_delay_s"), ticks * config.tick_s + way)
-    counted = {
-        name: differs(getattr(books, name), getattr(tally, name), scale)
-        for name, scale in scales.items()
-        if not name.endswith("_j")
-    }
+    flows, counted = {}, {}
+    for name, ours in books.items():
+        if name.endswith("_j"):
+            flows[name] = outside(ours, getattr(tally, name))
+        else:
+            counted[name] = differs(ours, getattr(tally, name), scales[name])
     shares = jnp.stack([decision.info["metrics"][name] for name in SHARES])
-    total = decision.after.tally
-    sums = jax.tree.map(lambda a, b, c: differs(a + b, c), decision.before.tally, tally, total)
-    lost = by_class(total.entered - total.left) - jnp.zeros((3,)).at[1].set(total.depleted)
-    after = decision.after
-    stranded = total_of(after.vehicles.active[config.ev_slots] & after.evs.is_depleted)
-    lost += jnp.zeros((3,)).at[1].set(stranded)  # counted as depleted but still on the road
-    lost = lost != sums_by_class(after.vehicles.active, config)
+    after, sums = decision.after, decision.after.tally
+    added = jax.tree.map(lambda a, b, c: differs(a + b, c), decision.before.tally, tally, sums)
+    # Depleted EVs are counted at once, but are on the road until they stop.
+    stranded = total(after.vehicles.active[config.ev_slots] & after.evs.is_depleted)
+    there = by_class(sums.entered - sums.left).at[1].add(stranded - sums.depleted)
     return {
         "tally": {
             **counted,
             "collisions": tally.collisions > 0.0,
-            "sums": jnp.stack([x.any() for x in jax.tree.leaves(sums)]),
+            "sums": jnp.stack([x.any() for x in jax.tree.leaves(added)]),
             "shares": ~((shares >= 0.0) & (shares <= 1.0 + ROUNDING)),
         },
-        "energy": {
-            "sent": outside(books.sent_j, tally.energy_sent_j),
-            "received": outside(books.received_j, tally.energy_received_j),
-            **{name: outside(getattr(books, name), getattr(tally, name)) for name in DRIVING},
+        "energy": flows,
+        "vehicles": {
+            "entered less left and depleted": there != sums_by_class(after.vehicles.active, config)
         },
-        "vehicles": {"entered less left and depleted": lost},
         "reward": reward_mistakes(books, decision, config, params),
     }
 
@@ -173,21 +164,21 @@ def reward_mistakes(
     tally = decision.info["tally"]
     way = resolved_way(books, config, params)
     weights, terms = params.reward_weights, decision.info["reward_terms"]
-    added = sum(terms.values(), jnp.zeros(()))
-    size = sum((jnp.abs(term) for term in terms.values()), jnp.zeros(()))
+    added, size = (sum(map(of, terms.values()), jnp.zeros(())) for of in (jnp.asarray, jnp.abs))
     cruise = params.drivers.desired_speed[jnp.array(GAS_KINDS)]
     lost_j = tally.energy_sent_j - tally.energy_received_j
+    seconds, distance_m = books["gas_seconds"], books["gas_distance_m"]
     expected = {
-        "depleted": (books.depleted, 0.0),
-        "soc": (books.mean_soc_s, 0.0),
-        "distance": (books.ev_distance_m / 1000.0, way / 1000.0),
-        "speed": (books.mean_speed_m / 30.0, way / 30.0),
-        "dispatches": (books.meds_dispatched, 0.0),
+        "depleted": (books["depleted"], 0.0),
+        "soc": (books["mean_soc_s"], 0.0),
+        "distance": (books["ev_distance_m"] / 1000.0, way / 1000.0),
+        "speed": (books["mean_speed_m"] / 30.0, way / 30.0),
+        "dispatches": (books["meds_dispatched"], 0.0),
         "gas_delay": (
-            jnp.sum(books.gas_seconds - books.gas_distance_m / cruise),
-            jnp.sum(books.gas_seconds + (books.gas_distance_m + way) / cruise),
+            jnp.sum(seconds - distance_m / cruise),
+            jnp.sum(seconds + (distance_m + way) / cruise),
         ),
-        "lane_changes": (books.lane_changes, 0.0),
+        "lane_changes": (books["lane_changes"], 0.0),
         "collisions": (jnp.zeros(()), 0.0),
         "transfer_loss": (lost_j / 3.6e6, tally.energy_sent_j / 3.6e6),
     }

@@ -35,69 +35,25 @@ def total(values: jax.Array) -> jax.Array:
 
 
 def driving(
-    before: Vehicles,
-    after: Vehicles,
-    slots: slice,
-    body: BodyParams,
-    road: RoadParams,
-    dt: float,
+    before: Vehicles, after: Vehicles, slots: slice, body: BodyParams, road: RoadParams, dt: float
 ) -> tuple[jax.Array, jax.Array]:
     """Energy that a tick of driving takes from each battery, and its float32 error bound, (C,) J each."""
     v0, v1 = before.speed[slots], after.speed[slots]
-    way = 0.5 * (v0 + v1) * dt
-    rolling = body.mass_kg * GRAVITY * body.rolling_resistance * way
-    climbing = body.mass_kg * GRAVITY * jnp.sin(road.slope) * way
-    drag = (
-        road.air_density * body.drag_coefficient * body.frontal_area_m2 * (v0 + v1) ** 2 * way / 8.0
-    )
+    way, weight = 0.5 * (v0 + v1) * dt, body.mass_kg * GRAVITY
+    rolling, climbing = weight * body.rolling_resistance * way, weight * jnp.sin(road.slope) * way
+    air = road.air_density * body.drag_coefficient * body.frontal_area_m2
+    drag = air * (v0 + v1) ** 2 * way / 8.0
     inertia = body.mass_kg * body.rotational_inertia_factor
     kinetic = 0.5 * inertia * (v1 - v0) * (v1 + v0)
     wheels = rolling + climbing + drag + kinetic
     auxiliary = body.auxiliary_w * dt
     used, regained = wheels / body.drivetrain_efficiency, wheels * body.regeneration_efficiency
     battery = jnp.where(wheels > 0.0, used, regained) + auxiliary
-    # The last term covers the rounding of the difference of two speeds.
-    gross = (
-        rolling
-        + jnp.abs(climbing)
-        + drag
-        + jnp.abs(kinetic)
-        + 2e-2 * inertia * OF_FLOW * (v0 + v1) ** 2
-    )
+    gross = rolling + jnp.abs(climbing) + drag + jnp.abs(kinetic)
+    gross += 2e-2 * inertia * OF_FLOW * (v0 + v1) ** 2  # rounding of the difference of two speeds
     off = OF_FLOW * (gross / body.drivetrain_efficiency + auxiliary)
     on_road = before.active[slots]
     return jnp.where(on_road, battery, 0.0), jnp.where(on_road, off, 0.0)
-
-
-Change = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
-
-
-def _change(
-    before_j: jax.Array, after_j: jax.Array, driven: tuple[jax.Array, jax.Array], capacity: Any
-) -> Change:
-    """Gain of batteries apart from driving and its float32 error bound, J, and which are full and empty; (C,) each."""
-    gain = after_j - before_j + driven[0]
-    slack = OF_CAPACITY * capacity + driven[1] + OF_FLOW * jnp.abs(gain)
-    return gain, slack, after_j >= capacity, after_j <= 0.0
-
-
-def _received(change: Change, most: jax.Array) -> Flow:
-    """Energy that EVs' batteries received, (E,) each, at most `most`."""
-    gain, slack, full, empty = change
-    # A negative gain of a full battery is braking energy that found no room. An empty battery may have received energy
-    # and spent it.
-    low = jnp.where(full, jnp.maximum(gain, 0.0), jnp.where(empty, jnp.minimum(gain, 0.0), gain))
-    high = jnp.where(full, jnp.maximum(gain, 0.0), jnp.where(empty, jnp.minimum(gain, most), gain))
-    return Flow(low - slack, high + slack)
-
-
-def _sent(change: Change, most: jax.Array) -> Flow:
-    """Energy that MEDs sent, (M,) each, at most `most`."""
-    gain, slack, full, empty = change
-    # A full MED may have lost braking energy that found no room. An empty MED drives on without energy.
-    low = jnp.where(full, jnp.minimum(-gain, 0.0), -gain)
-    high = jnp.where(empty, jnp.maximum(-gain, most), -gain)
-    return Flow(low - slack, high + slack)
 
 
 def cruising(
@@ -110,22 +66,54 @@ def cruising(
     return power * seconds, off * seconds
 
 
-class Held(NamedTuple):
-    """Bounds of what a battery lost to driving, and exceptions from the formula; (C,) each."""
+class _Change(NamedTuple):
+    """Change of batteries in a tick, (C,) each."""
 
-    lost: Flow
-    slack: jax.Array  # J, error bound
-    less: jax.Array  # bool, driving may have taken less than by the formula
-    more: jax.Array  # bool, driving may have taken more
+    gain: jax.Array  # J, apart from driving
+    slack: jax.Array  # J, float32 error bound of the gain
+    full: jax.Array  # bool
+    empty: jax.Array  # bool
 
 
-def _held(driven: tuple[jax.Array, jax.Array], held: Held) -> Flow:
-    """Energy of driving by the formula (`driving`), limited to what batteries lost; (C,) J each."""
-    (value, off), slack = driven, held.slack
-    low, high = held.lost.low - slack, held.lost.high + slack
+def _change(
+    before_j: jax.Array, after_j: jax.Array, driven: tuple[jax.Array, jax.Array], capacity: Any
+) -> _Change:
+    gain = after_j - before_j + driven[0]
+    slack = OF_CAPACITY * capacity + driven[1] + OF_FLOW * jnp.abs(gain)
+    return _Change(gain, slack, after_j >= capacity, after_j <= 0.0)
+
+
+def _received(change: _Change, most: jax.Array) -> Flow:
+    """Energy that EVs' batteries received, (E,) each, at most `most`."""
+    gain, slack, full, empty = change
+    # A negative gain of a full battery is braking energy that found no room. An empty battery may have received energy
+    # and spent it.
+    kept = jnp.where(full, jnp.maximum(gain, 0.0), gain)
+    low = jnp.where(empty & ~full, jnp.minimum(gain, 0.0), kept)
+    high = jnp.where(empty & ~full, jnp.minimum(gain, most), kept)
+    return Flow(low - slack, high + slack)
+
+
+def _sent(change: _Change, most: jax.Array) -> Flow:
+    """Energy that MEDs sent, (M,) each, at most `most`."""
+    gain, slack, full, empty = change
+    # A full MED may have lost braking energy that found no room. An empty MED drives on without energy.
+    low = jnp.where(full, jnp.minimum(-gain, 0.0), -gain)
+    high = jnp.where(empty, jnp.maximum(-gain, most), -gain)
+    return Flow(low - slack, high + slack)
+
+
+def _held(
+    driven: tuple[jax.Array, jax.Array], lost: Flow, slack: jax.Array, less: Any, more: Any
+) -> Flow:
+    """Energy of driving by the formula (`driving`), limited to what batteries lost; (C,) J each.
+
+    Where `less` (`more`) is set, driving may have taken less (more) than by the formula.
+    """
+    (value, off), low, high = driven, lost.low - slack, lost.high + slack
     least = jnp.clip(value - off, low, high - 2.0 * slack)
     most = jnp.clip(value + off, low + 2.0 * slack, high)
-    return Flow(jnp.where(held.less, low, least), jnp.where(held.more, high, most))
+    return Flow(jnp.where(less, low, least), jnp.where(more, high, most))
 
 
 def tick_flows(
@@ -133,7 +121,7 @@ def tick_flows(
 ) -> tuple[dict[str, jax.Array], dict[str, jax.Array]]:
     """Energy flows of one tick: flags of what is impossible, and bounds (2,) J, by name."""
     old, new, dt = before.vehicles, after.vehicles, config.tick_s
-    evs, was, link = after.evs, before.evs, params.link
+    evs, was, link, road = after.evs, before.evs, params.link, params.road
     slot = params.charging.slot_power_w * dt
     # The EV's own coil has losses however strong the coupling is.
     best = link.load_ohm / (link.load_ohm + link.ev_resistance_ohm)
@@ -142,44 +130,45 @@ def tick_flows(
     partner = charges[:, None] & (was.med[:, None] == jnp.arange(config.num_meds))
     gives = slot * jnp.sum(partner, axis=0)
 
-    road, capacity = params.road, params.med_capacity_j
-    of_evs, at_cruise = (
-        jax.tree.map(lambda each: jnp.where(was.is_depleted, 0.0, each), energy)  # without motor
-        for energy in (
+    of_evs, (value, off) = jax.tree.map(
+        lambda each: jnp.where(was.is_depleted, 0.0, each),  # without motor
+        (
             driving(old, new, config.ev_slots, params.ev, road, dt),
             cruising(old, new, config.ev_slots, params.ev, road),
-        )
+        ),
     )
     change = _change(was.energy_j, evs.energy_j, of_evs, params.ev_capacity_j)
-    received, (_, slack, full, empty) = _received(change, takes), change
-    lost = was.energy_j - evs.energy_j
+    received, lost = _received(change, takes), was.energy_j - evs.energy_j
     # An EV that runs out spends only what it had, and a full one loses braking energy that finds no room.
-    taken = _held(of_evs, Held(Flow(lost, lost + takes), slack, empty, full))
+    taken = _held(of_evs, Flow(lost, lost + takes), change.slack, change.empty, change.full)
     least = was.energy_j - params.ev_capacity_j
-    value, off = at_cruise
     steady = Flow(jnp.maximum(value - off, least), jnp.maximum(value + off, least))
+
+    meds, capacity = before.meds, params.med_capacity_j
     of_meds = driving(old, new, config.med_slots, params.med, road, dt)
-    change = _change(before.meds.energy_j, after.meds.energy_j, of_meds, capacity)
-    sent, (_, slack, full, empty) = _sent(change, gives), change
-    lost = before.meds.energy_j - after.meds.energy_j
+    change = _change(meds.energy_j, after.meds.energy_j, of_meds, capacity)
+    sent, lost = _sent(change, gives), meds.energy_j - after.meds.energy_j
     # An empty MED drives on without energy, and the tally counts what it would have used.
-    most = jnp.where(empty, jnp.maximum(of_meds[0], lost), lost)
-    given = _held(of_meds, Held(Flow(lost - gives, most), slack, jnp.zeros_like(empty), full))
-    driven = {"ev_driving_j": taken, "ev_cruising_j": steady, "med_driving_j": given}
-    above_reserve = before.meds.energy_j - params.fleet.reserve_soc * capacity
+    most = jnp.where(change.empty, jnp.maximum(of_meds[0], lost), lost)
+    given = _held(of_meds, Flow(lost - gives, most), change.slack, False, change.full)
+    above_reserve = meds.energy_j - params.fleet.reserve_soc * capacity
     arrived = jnp.sum(jnp.where(partner, received.low[:, None], 0.0), axis=0)
-    too_much = partner.any(axis=0) & (arrived > best * sent.high)
-    wrong = {
+
+    def both(flow: Flow, concerned: Any = True) -> jax.Array:
+        return jnp.stack([total(jnp.where(concerned, bound, 0.0)) for bound in flow])
+
+    return {
         "EV loses": received.high < 0.0,
         "EV gains from nowhere": received.low > takes * (1.0 + OF_FLOW),
         "MED gains": sent.high < 0.0,
         "MED loses": sent.low > gives * (1.0 + OF_FLOW),
         "MED below its reserve": (gives > 0.0) & (sent.low > jnp.maximum(above_reserve, 0.0)),
-        "more arrives than the link lets through": too_much,
+        "more arrives than the link lets through": partner.any(axis=0)
+        & (arrived > best * sent.high),
+    }, {
+        "energy_sent_j": both(sent, gives > 0.0),
+        "energy_received_j": both(received, charges),
+        "ev_driving_j": both(taken),
+        "ev_cruising_j": both(steady),
+        "med_driving_j": both(given),
     }
-
-    def both(flow: Flow, concerned: jax.Array) -> jax.Array:
-        return jnp.stack([total(jnp.where(concerned, bound, 0.0)) for bound in flow])
-
-    flows = {"sent_j": both(sent, gives > 0.0), "received_j": both(received, charges)}
-    return wrong, flows | {name: jnp.stack([*map(total, flow)]) for name, flow in driven.items()}

@@ -5,13 +5,14 @@
     python -m benchmarks.verification.golden --compare old.npz new.npz
 
 A file holds the presets, and rollouts of several worlds under random allowed actions. With `--training` it also holds
-the logs, scores and weights of short runs of train.ppo, and the output of train.evaluate and of short studies. Both
-files must come from the same machine and version of JAX, since rounding differs between them.
+the logs, scores and weights of short runs of train.ppo. Both files must come from the same machine and version of JAX,
+since rounding differs between them.
 """
 
 import argparse
 import json
 import operator
+import re
 import subprocess
 import sys
 import tempfile
@@ -51,19 +52,11 @@ STATE = (
 # Options of short runs of train.ppo, by name: a dispatcher's and agents'.
 BATCHES = {"--num-envs": 64, "--num-minibatches": 8, "--total-timesteps": 65536, "--seed": 3}
 ROUNDS = {"--num-envs": 8, "--num-minibatches": 2, "--rollout-length": 60, "--total-timesteps": 960}
+AGENTS_ROUNDS = {**ROUNDS, "--agents": "mappo", "--eval-episodes": 2}
 TRAINING: dict[str, dict[str, Any]] = {
     "training": {**BATCHES, "--eval-episodes": 6, "--set": "episode_decisions=240"},
-    "agents' training": {
-        **ROUNDS,
-        "--agents": "mappo",
-        "--eval-episodes": 2,
-        "--set": "episode_decisions=60",
-    },
+    "agents' training": {**AGENTS_ROUNDS, "--set": "episode_decisions=60"},
 }
-# Options of train.evaluate on each run.
-EVALUATED = ("--episodes=3", "--seed=5", "--policies=ppo,budgeted,none", "--baseline=none")
-# Short versions of studies of `paper`.
-STUDIES = {"planner": ("benchmarks.planner", "--episodes=2", "--futures=12", "--hold=60")}
 CLOCKS = ("wall_s", "env_steps_per_s")  # timings in metrics.jsonl, never reproducible
 QUIET = {"num_meds": 2, "num_evs": 6, "num_gas": 4, "mainline_per_h": 300, "ramp_per_h": 0}
 BUSY = {"ev_share": 0.8, "arrival_soc_high": 0.4, "ramp_x_m": [300.0], "ramp_per_h": [0.0]}
@@ -87,10 +80,9 @@ SHORT: dict[str, tuple[str, int, dict[str, Any]]] = {
 
 
 def rollout(env: Any, decisions: int) -> Callable[[Any, int], dict[str, np.ndarray]]:
-    """A program that plays random allowed actions in environments side by side.
+    """A program `(params, num_envs)` that plays random allowed actions in environments side by side.
 
-    Returns:
-      `(params, num_envs)` to arrays by name, (num_envs, decisions, ...) each: results of `step`, and STATE after it.
+    It returns arrays by name, (num_envs, decisions, ...) each: results of `step`, and STATE after it.
     """
 
     def one(key: jax.Array, params: Any) -> dict[str, jax.Array]:
@@ -110,12 +102,8 @@ def rollout(env: Any, decisions: int) -> Callable[[Any, int], dict[str, np.ndarr
         return jax.lax.scan(decide, env.reset(reset_key, params)[1], jnp.arange(decisions))[1]
 
     program = jax.jit(jax.vmap(one, (0, None)))
-
-    def play(params: Any, num_envs: int) -> dict[str, np.ndarray]:
-        keys = jax.random.split(jax.random.key(SEED), num_envs)
-        return jax.device_get(program(keys, params))
-
-    return play
+    keys = partial(jax.random.split, jax.random.key(SEED))
+    return lambda params, num_envs: jax.device_get(program(keys(num_envs), params))
 
 
 def rollouts() -> dict[str, np.ndarray]:
@@ -141,30 +129,15 @@ def train(run_name: str) -> dict[str, np.ndarray]:
         command = [sys.executable, "-m", "train.ppo", f"--run-dir={run}", *words]
         subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
         rows = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
-        names = [name for name in rows[0] if name not in CLOCKS]
-        found = {name: np.array([str(row[name]) for row in rows]) for name in names}
-        found |= entries("evaluation", json.loads((run / "evaluation.json").read_text()))
-        found["printed"] = printed_by("train.evaluate", f"--run-dir={run}", *EVALUATED)
+        found = {name: np.array([str(row[name]) for row in rows]) for name in rows[0]}
+        scores = json.loads((run / "evaluation.json").read_text())
+        for path, score in jax.tree.leaves_with_path(scores, is_leaf=lambda leaf: leaf is None):
+            name = jax.tree_util.keystr(path, simple=True, separator="/")
+            found[f"evaluation/{name}"] = np.array(str(score))
         newest = max((run / "checkpoints").glob("*.npz"), key=lambda path: int(path.stem))
         with np.load(newest) as state:
             found |= {name: state[name] for name in state.files if name.startswith("weights/")}
-        return {f"{run_name}/{name}": values for name, values in found.items()}
-
-
-def entries(name: str, value: Any) -> dict[str, np.ndarray]:
-    """Each leaf of a JSON value as text, named name/KEY/..."""
-    leaves = jax.tree.leaves_with_path(value, is_leaf=lambda leaf: leaf is None)
-    return {
-        f"{name}/{jax.tree_util.keystr(path, simple=True, separator='/')}": np.array(str(leaf))
-        for path, leaf in leaves
-    }
-
-
-def printed_by(*words: str) -> np.ndarray:
-    """Output of a command of this tree."""
-    command = [sys.executable, "-m", *words]
-    done = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE)
-    return np.array(done.stdout.decode())
+    return {f"{run_name}/{name}": found[name] for name in found if name not in CLOCKS}
 
 
 def differences(old: Mapping[str, np.ndarray], new: Mapping[str, np.ndarray]) -> Iterator[str]:
@@ -223,22 +196,8 @@ def _few_digits(values: np.ndarray) -> Any:
     return values.astype(int).tolist()
 
 
-def write_numbers(path: Path) -> None:
-    """Writes `numbers` as JSON with one name per line."""
-    worlds = {
-        world: ",\n".join(f"  {json.dumps(name)}: {json.dumps(each)}" for name, each in own.items())
-        for world, own in numbers().items()
-    }
-    text = ",\n".join(f"{json.dumps(world)}: {{\n{lines}\n}}" for world, lines in worlds.items())
-    write_text(path, f"{{\n{text}\n}}\n")
-
-
 def archive(name: str, text: str) -> dict[str, np.ndarray]:
-    """Reads the arrays of a file that `--out` wrote.
-
-    Raises:
-      InputError: the file cannot be read.
-    """
+    """The arrays of a file that `--out` wrote; raises InputError if it cannot be read."""
     path = as_path(name, text)
     try:
         with np.load(path) as found:
@@ -255,14 +214,12 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         print(*lines, f"{len(lines)} of {len({*old} | {*new})} differ", sep="\n")
         return {"differ": lines}
     if options.numbers:
-        write_numbers(options.numbers)
+        one_a_line = re.sub(r', (?=")', ",\n", json.dumps(numbers()))
+        write_text(options.numbers, one_a_line + "\n")
     else:
         found: Any = rollouts()
         for run_name in TRAINING if options.training else ():
             found |= train(run_name)
-        for study, words in STUDIES.items() if options.training else ():
-            say(study)
-            found[f"{study}/printed"] = printed_by(*words)
         with replacing(options.out) as unfinished, unfinished.open("wb") as file:
             np.savez_compressed(file, **found)
     return {"differ": []}

@@ -47,7 +47,6 @@ INVARIANTS = {
     "tally": "the simulator counts what happened",
 }
 Flags = dict[str, dict[str, jax.Array]]  # by invariant, by what was looked at; True: violated
-Counts = dict[str, jax.Array]  # () int32 by invariant, for all of INVARIANTS
 
 # A vehicle below this speed, with this much open road ahead, has no reason to stand for this long.
 STANDS_M_PER_S, OPEN_M, STANDS_S = 0.5, 60.0, 5.0
@@ -57,14 +56,14 @@ ROUNDING = 1e-5
 OF_PLACE = 2.0**-23
 
 
-def count(*checks: Flags) -> Counts:
-    """Violations of each invariant in the checks."""
+def count(*checks: Flags) -> jax.Array:
+    """Violations of each of INVARIANTS in the checks, in their order, (K,) int32."""
 
     def total(name: str) -> jax.Array:
         flags = [flag for check in checks for flag in check.get(name, {}).values()]
         return sum((jnp.sum(flag, dtype=jnp.int32) for flag in flags), jnp.zeros((), jnp.int32))
 
-    return {name: total(name) for name in INVARIANTS}
+    return jnp.stack([total(name) for name in INVARIANTS])
 
 
 def not_finite(tree: Any) -> dict[str, jax.Array]:

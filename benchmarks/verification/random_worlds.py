@@ -26,6 +26,47 @@ from medjax.world.params import EnvConfig, EnvParams
 SATURATED_PER_H = 3000.0
 J_PER_KWH = 3.6e6
 ROAD, LENGTH = groups.GROUPS["road"], groups.GROUPS["drivers"]["vehicle_length"]
+KIND = (len(KINDS),)
+# Usual ranges, or how to draw the number, in the order of drawing.
+USUAL: dict[str, dict[str, Any]] = {
+    "demand": {
+        "ramp_per_h": (0.0, SATURATED_PER_H), "ev_share": (0.0, 1.0), "human_share": (0.0, 1.0),
+        "ramp_speed": (3.0, 25.0), "lorry_share": (0.0, 1.0), "exit_share": (0.0, 1.0),
+        "profile": (0.0, 1.0), "period_s": (5.0, 60.0), "start_s": (0.0, 60.0),
+    },
+    "drivers": {
+        "desired_speed": (8.0, 45.0), "desired_speed_std": (0.0, 4.0), "time_headway": (0.6, 3.0),
+        "min_gap": (1.0, 5.0), "max_acceleration": (0.5, 3.0), "comfortable_deceleration": (1.0, 4.0),
+        "acceleration_noise": (0.0, 0.3), "lateral_wander": (0.0, 0.4),
+        "vehicle_length": lambda draw: _sometimes(draw, any_of(draw, LENGTH, *KIND), draw(3.0, 20.0, *KIND)),
+        "eco_compliance": (0.0, 1.0), "eco_speed": (5.0, 35.0), "eco_horizon_m": (0.0, 50e3),
+        "eco_soc": (0.0, 1.0),
+    },
+    "motion": {
+        "max_braking": (6.0, 10.0), "noise_time_s": (0.5, 20.0), "lateral_rate": (0.5, 4.0),
+        "lateral_acceleration": (1.0, 4.0), "lateral_speed": (0.5, 2.0), "lateral_slope": (0.05, 0.3),
+    },
+    "lane_change": {
+        "politeness": (0.0, 1.0), "threshold": (0.0, 1.0), "right_bias": (-1.0, 1.0),
+        "safe_braking": (0.5, 5.0), "mandatory_bias": (0.0, 20.0), "urgency_bias": (0.0, 20.0),
+        "accepted_headway": (0.3, 1.0), "relaxation_s": (1.0, 30.0), "courtesy_braking": (0.0, 3.0),
+        "view_m": (50.0, 500.0), "exit_view_m": (20.0, 500.0), "recovery_s": (0.0, 20.0),
+    },
+    "charging": {
+        "stop_soc": (0.0, 0.5), "reach_ahead_m": (0.0, 2000.0), "reach_behind_m": (0.0, 1000.0),
+        "patience_s": (1.0, 120.0), "retry_s": (0.0, 30.0), "approach_speed": (1.0, 15.0),
+        "approach_rate": (0.05, 1.0), "speed_rate": (0.2, 2.0), "platoon_headway": (0.25, 1.5),
+        "platoon_min_gap": (1.0, 5.0), "dock_gap_m": (2.0, 20.0), "dock_tolerance_m": (0.1, 2.0),
+        "dock_speed_tolerance": (0.1, 2.0), "hold_tolerance_m": (0.1, 4.0), "slot_power_w": (0.0, 200e3),
+        "taper_soc": (0.0, 1.0), "slowest_share": (0.2, 1.0), "depleted_blocks": lambda draw: draw.whole(0, 1),
+        "tow_s": (0.0, 120.0),
+    },
+    "link": {
+        "panel_gap_m": (0.05, 0.6), "permeability": (0.5, 2.0), "max_current_a": (0.0, 300.0),
+        "misalignment_scale": (0.0, 1.0), "load_ohm": (1.0, 50.0), "med_resistance_ohm": (0.01, 1.0),
+        "ev_resistance_ohm": (0.01, 1.0), "angular_frequency": (1e5, 1e6),
+    },
+}  # fmt: skip
 # Irrational steps through the unit cube (Roberts' R-sequence in 7 dimensions): successive cases spread evenly over it.
 _PHI = 1.0923077
 for _ in range(60):
@@ -81,68 +122,35 @@ def _road(draw: Draw, config: EnvConfig) -> groups.RoadParams:
     )
 
 
+def _usual(draw: Draw, group: str, config: EnvConfig) -> dict[str, Any]:
+    """The numbers of a group in USUAL."""
+    shapes = {
+        "": (),
+        "kind": KIND,
+        "ramp": (config.num_ramps,),
+        "exit": (config.num_exits,),
+        "period": (config.num_periods, 1 + config.num_ramps),
+    }
+    return {
+        name: how(draw) if callable(how) else draw(*how, *shapes[groups.GROUPS[group][name].per])
+        for name, how in USUAL[group].items()
+    }
+
+
 def _demand(draw: Draw, config: EnvConfig) -> groups.DemandParams:
     soc: Any = np.sort(draw(0.0, 1.0, 2), axis=-1)
     return groups.DemandParams(
-        mainline_per_h=draw(0.0, SATURATED_PER_H * config.num_lanes),
-        ramp_per_h=draw(0.0, SATURATED_PER_H, config.num_ramps),
-        ev_share=draw(0.0, 1.0),
-        human_share=draw(0.0, 1.0),
         arrival_soc_low=soc[..., 0],
         arrival_soc_high=soc[..., 1],
-        ramp_speed=draw(3.0, 25.0),
-        lorry_share=draw(0.0, 1.0),
-        exit_share=draw(0.0, 1.0, config.num_exits),
-        profile=draw(0.0, 1.0, config.num_periods, 1 + config.num_ramps),
-        period_s=draw(5.0, 60.0),
-        start_s=draw(0.0, 60.0),
-    )
-
-
-def _drivers(draw: Draw, config: EnvConfig) -> groups.DriverParams:
-    kinds = len(KINDS)
-    return groups.DriverParams(
-        desired_speed=draw(8.0, 45.0, kinds),
-        desired_speed_std=draw(0.0, 4.0, kinds),
-        time_headway=draw(0.6, 3.0, kinds),
-        min_gap=draw(1.0, 5.0, kinds),
-        max_acceleration=draw(0.5, 3.0, kinds),
-        comfortable_deceleration=draw(1.0, 4.0, kinds),
-        acceleration_noise=draw(0.0, 0.3, kinds),
-        lateral_wander=draw(0.0, 0.4, kinds),
-        vehicle_length=_sometimes(draw, any_of(draw, LENGTH, kinds), draw(3.0, 20.0, kinds)),
-        eco_compliance=draw(0.0, 1.0),
-        eco_speed=draw(5.0, 35.0),
-        eco_horizon_m=draw(0.0, 50e3),
-        eco_soc=draw(0.0, 1.0),
+        mainline_per_h=draw(0.0, SATURATED_PER_H * config.num_lanes),
+        **_usual(draw, "demand", config),
     )
 
 
 def _charging(draw: Draw, config: EnvConfig) -> groups.ChargingParams:
     soc: Any = np.sort(draw(0.0, 1.0, 2), axis=-1)
-    return groups.ChargingParams(
-        request_soc=soc[..., 0],
-        stop_soc=draw(0.0, 0.5),
-        target_soc=soc[..., 1],
-        reach_ahead_m=draw(0.0, 2000.0),
-        reach_behind_m=draw(0.0, 1000.0),
-        patience_s=draw(1.0, 120.0),
-        retry_s=draw(0.0, 30.0),
-        approach_speed=draw(1.0, 15.0),
-        approach_rate=draw(0.05, 1.0),
-        speed_rate=draw(0.2, 2.0),
-        platoon_headway=draw(0.25, 1.5),
-        platoon_min_gap=draw(1.0, 5.0),
-        dock_gap_m=draw(2.0, 20.0),
-        dock_tolerance_m=draw(0.1, 2.0),
-        dock_speed_tolerance=draw(0.1, 2.0),
-        hold_tolerance_m=draw(0.1, 4.0),
-        slot_power_w=draw(0.0, 200e3),
-        taper_soc=draw(0.0, 1.0),
-        slowest_share=draw(0.2, 1.0),
-        depleted_blocks=draw.whole(0, 1),
-        tow_s=draw(0.0, 120.0),
-    )
+    numbers = _usual(draw, "charging", config)
+    return groups.ChargingParams(request_soc=soc[..., 0], target_soc=soc[..., 1], **numbers)
 
 
 def _body(draw: Draw, mass: tuple[float, float], area: float, pack: float) -> groups.BodyParams:
@@ -169,34 +177,6 @@ def _or_inf(draw: Draw, value: Any) -> Any:
     return np.where(draw(0.0, 1.0) < 0.3, np.float32(math.inf), value)
 
 
-def _motion(draw: Draw) -> groups.MotionParams:
-    return groups.MotionParams(
-        max_braking=draw(6.0, 10.0),
-        noise_time_s=draw(0.5, 20.0),
-        lateral_rate=draw(0.5, 4.0),
-        lateral_acceleration=draw(1.0, 4.0),
-        lateral_speed=draw(0.5, 2.0),
-        lateral_slope=draw(0.05, 0.3),
-    )
-
-
-def _lane_change(draw: Draw) -> groups.LaneChangeParams:
-    return groups.LaneChangeParams(
-        politeness=draw(0.0, 1.0),
-        threshold=draw(0.0, 1.0),
-        right_bias=draw(-1.0, 1.0),
-        safe_braking=draw(0.5, 5.0),
-        mandatory_bias=draw(0.0, 20.0),
-        urgency_bias=draw(0.0, 20.0),
-        accepted_headway=draw(0.3, 1.0),
-        relaxation_s=draw(1.0, 30.0),
-        courtesy_braking=draw(0.0, 3.0),
-        view_m=draw(50.0, 500.0),
-        exit_view_m=draw(20.0, 500.0),
-        recovery_s=draw(0.0, 20.0),
-    )
-
-
 def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvParams:
     """All numbers of a batch of worlds, as NumPy arrays with the batch axes of `units`; `table` is used as it is."""
     draw = Draw(units)
@@ -205,9 +185,9 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
     params = EnvParams(
         road=_road(draw, config),
         demand=_demand(draw, config),
-        drivers=_drivers(draw, config),
-        motion=_motion(draw),
-        lane_change=_lane_change(draw),
+        drivers=groups.DriverParams(**_usual(draw, "drivers", config)),
+        motion=groups.MotionParams(**_usual(draw, "motion", config)),
+        lane_change=groups.LaneChangeParams(**_usual(draw, "lane_change", config)),
         fleet=groups.FleetParams(
             size=draw.whole(0, config.num_meds),
             cooldown_s=draw(0.0, 30.0),
@@ -220,17 +200,7 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
             return_speed=draw(1.0, 100.0),
         ),
         charging=_charging(draw, config),
-        link=groups.LinkParams(
-            inductance=table,
-            panel_gap_m=draw(0.05, 0.6),
-            permeability=draw(0.5, 2.0),
-            max_current_a=draw(0.0, 300.0),
-            misalignment_scale=draw(0.0, 1.0),
-            load_ohm=draw(1.0, 50.0),
-            med_resistance_ohm=draw(0.01, 1.0),
-            ev_resistance_ohm=draw(0.01, 1.0),
-            angular_frequency=draw(1e5, 1e6),
-        ),
+        link=groups.LinkParams(inductance=table, **_usual(draw, "link", config)),
         ev=_body(draw, (500.0, 3000.0), 4.0, 100.0),
         med=_body(draw, (4000.0, 40000.0), 12.0, 600.0),
         battery_scale=draw(1.0, 100.0),
@@ -273,11 +243,7 @@ def as_settings(config: EnvConfig, params: EnvParams) -> list[str]:
 
 
 def validated(config: EnvConfig, params: EnvParams, worlds: int | None = None) -> EnvParams:
-    """Returns the batch after validating all its worlds, or the first `worlds`.
-
-    Raises:
-      InputError: a world is not valid (`medjax.world.checks.validate`).
-    """
+    """Returns the batch; raises InputError if one of its worlds, or of the first `worlds`, is not valid."""
     for index in range(worlds or len(np.asarray(params.battery_scale))):
         world = world_of(params, index)
         validate(config, jax.tree.map(lambda x: x.item() if np.ndim(x) == 0 else x, world))

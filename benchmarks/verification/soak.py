@@ -66,72 +66,37 @@ def _pass(line: str) -> None:
     print(line, end="\r", file=sys.stderr, flush=True)
 
 
-class Soak:
-    """Plays cases one after the other and collects their results."""
-
-    def __init__(self, seed: int, updates: float, num_envs: int, cases: int) -> None:
-        self.seed, self.updates, self.num_envs, self.cases = seed, updates, num_envs, cases
-        self.rows: list[dict[str, Any]] = []
-        self.moved = 0
-        self.found: list[Violation] = []
-        self.start = time.perf_counter()
-
-    def run(self) -> None:
-        """Plays all cases; prints a line for each, and its first violations."""
-        for number in range(self.cases):
-            _pass(f"case {number}: compiling ...")
-            self._play(Case(self.seed, number, self.num_envs), self.updates / self.cases)
-
-    def _play(self, case: Case, share: float) -> None:
-        start = time.perf_counter()
-        row = {"case": case.number, **dataclasses.asdict(case.config)}
-        row |= {"compile_s": case.compile_s, "updates": 0, "violations": 0}
-        self.rows.append(row)
-        for moved, found in run_case(case, share):
-            self.moved += moved
-            self.found += found
-            row["updates"] += moved
-            row["violations"] += sum(sum(v.counts.values()) for v in found)
-            row["play_s"] = time.perf_counter() - start
-            for violation in found[:MOST_SHOWN]:
-                print(violation, flush=True)
-            if len(found) > MOST_SHOWN:
-                print(f"  ... and in {len(found) - MOST_SHOWN} more environments")
-            done = f"{row['updates'] / share:.0%}, in all {self.moved:,} updates"
-            _pass(f"case {case.number}: {done}")
-        print(
-            f"case {case.number:2d}: {case}: {row['updates']:,} updates, {row['violations']} violations, "
-            f"{case.compile_s:.0f} + {row['play_s']:.0f} s",
-            flush=True,
-        )
-
-    def report(self) -> dict[str, Any]:
-        """Totals by invariant and by case."""
-        counts = [violation.counts for violation in self.found]
-        totals = {name: sum(each.get(name, 0) for each in counts) for name in INVARIANTS}
-        return {
-            "seed": self.seed,
-            "updates": self.moved,
-            "wall_s": time.perf_counter() - self.start,
-            "num_envs": self.num_envs,
-            "violations": totals,
-            "commands": [violation.command() for violation in self.found],
-            "cases": self.rows,
-            **machine(),
-        }
+def play(case: Case, share: float, rows: list[dict[str, Any]]) -> Iterator[list[Violation]]:
+    """Plays a case up to `share` updates; yields each episode's violations, and counts them in a new row."""
+    start = time.perf_counter()
+    row = {"case": case.number, **dataclasses.asdict(case.config)}
+    row |= {"compile_s": case.compile_s, "updates": 0, "violations": 0}
+    rows.append(row)
+    for moved, found in run_case(case, share):
+        row["updates"] += moved
+        row["violations"] += sum(sum(v.counts.values()) for v in found)
+        row["play_s"] = time.perf_counter() - start
+        for violation in found[:MOST_SHOWN]:
+            print(violation, flush=True)
+        if len(found) > MOST_SHOWN:
+            print(f"  ... and in {len(found) - MOST_SHOWN} more environments")
+        total = sum(each["updates"] for each in rows)
+        _pass(f"case {case.number}: {row['updates'] / share:.0%}, in all {total:,} updates")
+        yield found
+    print(
+        f"case {case.number:2d}: {case}: {row['updates']:,} updates, {row['violations']} violations, "
+        f"{case.compile_s:.0f} + {row['play_s']:.0f} s",
+        flush=True,
+    )
 
 
 def show_again(options: argparse.Namespace) -> NoReturn:
-    """Prints the first violation of one environment and ends the process.
-
-    Raises:
-      InputError: there is no such environment.
-    """
+    """Prints the first violation of one environment and ends the process; InputError if there is none such."""
     if options.case is None or options.environment is None:
         raise InputError("--case and --environment: allowed both or none")
     if options.environment >= options.num_envs:
-        most = options.num_envs - 1
-        raise InputError(f"--environment {options.environment}: allowed 0 to {most}")
+        allowed = f"allowed 0 to {options.num_envs - 1}"
+        raise InputError(f"--environment {options.environment}: {allowed}")
     case = Case(options.seed, options.case, options.num_envs)
     lines = list(show(case, options.environment, options.episode))
     print(*lines, sep="\n")
@@ -142,12 +107,27 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Plays all cases and prints the totals."""
     if options.case is not None or options.environment is not None:
         show_again(options)
-    soak = Soak(options.seed, options.updates, options.num_envs, options.cases)
+    start = time.perf_counter()
+    rows: list[dict[str, Any]] = []
+    found: list[Violation] = []
     try:
-        soak.run()
+        for number in range(options.cases):
+            _pass(f"case {number}: compiling ...")
+            case = Case(options.seed, number, options.num_envs)
+            for violations in play(case, options.updates / options.cases, rows):
+                found += violations
     except KeyboardInterrupt:
         print("\nstopped")
-    report = soak.report()
+    report = {
+        "seed": options.seed,
+        "updates": sum(row["updates"] for row in rows),
+        "wall_s": time.perf_counter() - start,
+        "num_envs": options.num_envs,
+        "violations": {name: sum(v.counts.get(name, 0) for v in found) for name in INVARIANTS},
+        "commands": [violation.command() for violation in found],
+        "cases": rows,
+        **machine(),
+    }
     print(f"\n{report['updates']:,} vehicle updates in {report['wall_s']:.0f} s; violations:")
     for name, what in INVARIANTS.items():
         print(f"  {name:<9}{report['violations'][name]:>8}   {what}")
@@ -161,14 +141,12 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--updates", type=above_0, default=1e9, help="total vehicle updates")
     parser.add_argument("--seed", type=natural, default=0, help="seed of the random worlds")
     parser.add_argument("--num-envs", type=positive, default=NUM_ENVS, help="environments per case")
-    parser.add_argument(
-        "--cases", type=positive, default=CASES, help="cases that share the updates"
-    )
+    cases = "cases that share the updates"
+    parser.add_argument("--cases", type=positive, default=CASES, help=cases)
     again = parser.add_argument_group("to replay one environment's first violation")
     again.add_argument("--case", type=natural, metavar="C", help="number of the case")
-    again.add_argument(
-        "--environment", type=natural, metavar="E", help="index of the environment in the case"
-    )
+    environment = "index of the environment in the case"
+    again.add_argument("--environment", type=natural, metavar="E", help=environment)
     again.add_argument("--episode", type=natural, default=0, help="episode of the environment")
     report = run_command(parser, measure, arguments)
     sys.exit(bool(report["commands"]))

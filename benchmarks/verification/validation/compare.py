@@ -10,20 +10,10 @@ from __future__ import annotations
 import argparse
 import importlib.metadata
 import importlib.util
-import tempfile
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-from benchmarks.command import (
-    a_seed,
-    add_plot,
-    benchmark_parser,
-    machine,
-    run_command,
-    say,
-    whole_number,
-)
+from benchmarks import command
+from benchmarks.command import say, whole_number
 from benchmarks.verification.validation import report
 from benchmarks.verification.validation.demands import (
     DEMANDS,
@@ -37,8 +27,7 @@ from benchmarks.verification.validation.measures import Findings, find, half_wid
 from benchmarks.verification.validation.medjax_side import observe
 from benchmarks.verification.validation.plot import draw
 from benchmarks.verification.validation.published import checks
-from benchmarks.verification.validation.sumo_side import SumoRun
-from medjax.commandline import OneLineParser
+from benchmarks.verification.validation.sumo_side import sumo
 from medjax.traffic.idm import IDM_PLUS, STANDARD_IDM
 
 # SUMO drives IDM and medjax drives IDM+ by default, so medjax's IDM is the one to compare with SUMO.
@@ -51,20 +40,16 @@ def both_sides(demand: Demand, options: argparse.Namespace) -> dict[str, list[Fi
     _, schedule = world(demand, options.minutes)
 
     def ours() -> dict[str, list[Findings]]:
-        worlds = {name: world(demand, options.minutes, model) for name, model in MODELS.items()}
         return {
-            name: observe(*each, options.episodes, options.seed) for name, each in worlds.items()
+            name: observe(*world(demand, options.minutes, model), options.episodes, options.seed)
+            for name, model in MODELS.items()
         }
 
     if importlib.util.find_spec("sumo") is None:
         return ours()
-    with tempfile.TemporaryDirectory() as folder:
-        run = SumoRun(schedule, options.episodes, options.seed, Path(folder))
-        try:
-            found, speed = ours(), free_speed(schedule)
-            return {**found, "SUMO": [find(seen, speed) for seen in run.trajectories()]}
-        finally:
-            run.stop()
+    with sumo(schedule, options.episodes, options.seed) as rows:
+        found, speed = ours(), free_speed(schedule)
+        return {**found, "SUMO": [find(seen, speed) for seen in rows]}
 
 
 def compare(options: argparse.Namespace) -> dict[str, Any]:
@@ -82,9 +67,7 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
         for values in sides.values():
             values |= asked(schedule)
         if sides["medjax"]["vehicles_max"] >= SLOTS:
-            say(
-                f"{name}: all of medjax's slots were taken, so some traffic was kept out for want of them"
-            )
+            say(f"{name}: medjax's slots were all taken, so some traffic could not enter")
     against = checks(figures, _each(found, half_widths))
     for lines in (report.table_of_ranges(against, simulators), report.table_by_demand(figures)):
         print("\n".join([*lines, ""]))
@@ -93,7 +76,7 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
         "minutes": options.minutes,
         "seed": options.seed,
         "simulators": {name: importlib.metadata.version(PACKAGES[name]) for name in simulators},
-        **machine(),
+        **command.machine(),
         "figures": figures,
         "checks": against,
         "diagram": _each(found, report.diagram_points),
@@ -110,27 +93,15 @@ def _each(found: dict[str, dict[str, list[Findings]]], of: Any) -> dict[str, dic
     }
 
 
-def build_parser() -> OneLineParser:
-    """The command line."""
-    parser = benchmark_parser("validation", __doc__)
-    parser.add_argument(
-        "--episodes", type=whole_number(most=100), default=5, help="episodes per demand"
-    )
-    parser.add_argument(
-        "--minutes",
-        type=whole_number(most=10_000),
-        default=20,
-        help="minutes to measure per episode, after five to fill the road; the rising demand takes twice as long",
-    )
-    parser.add_argument("--seed", type=a_seed, default=0, help="seed of the episodes")
-    names, shown = list(DEMANDS), f"some of {', '.join(DEMANDS)} (default: all)"
-    parser.add_argument(
-        "--demands", nargs="+", choices=names, default=names, metavar="NAME", help=shown
-    )
-    add_plot(parser, "the fundamental diagram and merging")
-    return parser
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
+def main(arguments: list[str] | None = None) -> None:
     """The command."""
-    run_command(build_parser(), compare, None if arguments is None else list(arguments), draw)
+    parser = command.benchmark_parser("validation", __doc__)
+    option, names = parser.add_argument, list(DEMANDS)
+    option("--episodes", type=whole_number(most=100), default=5, help="episodes per demand")
+    minutes = "minutes to measure per episode, after five to fill the road; the rising demand takes twice as long"
+    option("--minutes", type=whole_number(most=10_000), default=20, help=minutes)
+    option("--seed", type=command.a_seed, default=0, help="seed of the episodes")
+    some = f"some of {', '.join(names)} (default: all)"
+    option("--demands", nargs="+", choices=names, default=names, metavar="NAME", help=some)
+    command.add_plot(parser, "the fundamental diagram and merging")
+    command.run_command(parser, compare, arguments, draw)

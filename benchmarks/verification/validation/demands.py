@@ -24,7 +24,6 @@ SLOTS = 1400
 class Demand:
     """Demand in vehicles/h; a rising demand starts at the share `from_share` of it."""
 
-    name: str
     mainline_per_h: float  # all lanes
     ramp_per_h: float  # each ramp
     from_share: float = 1.0
@@ -36,16 +35,15 @@ class Demand:
 
 
 # Degrees of saturation 0.45, 0.71, 0.9, 1 and 1.2 on four lanes of 2,000 vehicles/h.
-CONSTANT = (
-    Demand("paper", 2600.0, 250.0),
-    Demand("merging", 4500.0, 300.0),
-    Demand("dense", 6000.0, 300.0),
-    Demand("capacity", 6800.0, 300.0),
-    Demand("overload", 7600.0, 500.0),
-)
-# From 0.6 to 1.2, to observe capacity and its drop before, at and after the breakdown.
-RISING = Demand("rising", 7600.0, 500.0, from_share=0.5)
-DEMANDS = {demand.name: demand for demand in (*CONSTANT, RISING)}
+DEMANDS = {
+    "paper": Demand(2600.0, 250.0),
+    "merging": Demand(4500.0, 300.0),
+    "dense": Demand(6000.0, 300.0),
+    "capacity": Demand(6800.0, 300.0),
+    "overload": Demand(7600.0, 500.0),
+    # From 0.6 to 1.2, to observe capacity and its drop before, at and after the breakdown.
+    "rising": Demand(7600.0, 500.0, from_share=0.5),
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,21 +70,16 @@ def _highway(following: IDM) -> tuple[ChargingEnv, EnvParams]:
 
 
 def world(demand: Demand, minutes: int, following: IDM = IDM_PLUS) -> tuple[ChargingEnv, Schedule]:
-    """The road of `paper` under a demand.
-
-    Args:
-      demand: the demand; a rising one is measured for twice as long.
-      minutes: measured minutes.
-      following: car-following model.
-    """
+    """The road of `paper` under a demand; a rising demand is measured for twice the minutes."""
     env, params = _highway(following)
     ramps = np.full(env.config.num_ramps, demand.ramp_per_h, np.float32)
+    mainline_per_h = np.float32(demand.mainline_per_h)
     minutes = minutes if demand.from_share == 1.0 else 2 * minutes
 
     def params_at(minute: int) -> EnvParams:
         share = np.float32(demand.share_at(minute - WARM_UP_MINUTES, minutes))
-        asks = {"mainline_per_h": share * np.float32(demand.mainline_per_h)}
-        return params.replace(demand=params.demand.replace(ramp_per_h=share * ramps, **asks))
+        asks = {"mainline_per_h": share * mainline_per_h, "ramp_per_h": share * ramps}
+        return params.replace(demand=params.demand.replace(**asks))
 
     return env, Schedule(env.config, params_at, minutes)
 
@@ -98,8 +91,8 @@ def free_speed(schedule: Schedule) -> float:
 
 def asked(schedule: Schedule) -> dict[str, float]:
     """Mean demand of the measured minutes, vehicles/h, at x = 0 and at all ramps."""
-    minutes = range(schedule.warm_up_minutes, schedule.all_minutes)
-    demands = [schedule.params_at(minute).demand for minute in minutes]
+    measured = range(schedule.warm_up_minutes, schedule.all_minutes)
+    demands = [schedule.params_at(minute).demand for minute in measured]
     return {
         "asked_main_per_h": float(np.mean([demand.mainline_per_h for demand in demands])),
         "asked_ramps_per_h": float(np.mean([np.sum(demand.ramp_per_h) for demand in demands])),

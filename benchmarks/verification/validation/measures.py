@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks.verification.boxes import overlapping
-from benchmarks.verification.validation.lanes import LaneChanges, lane_changes
 from benchmarks.verification.validation.merging import Merges, merges
 from benchmarks.verification.validation.sections import (
     FLOW_MINUTES,
@@ -18,17 +17,24 @@ from benchmarks.verification.validation.sections import (
     Diagram,
     breakdown,
     diagram,
+    mean,
 )
-from benchmarks.verification.validation.trajectories import (
-    STANDING,
-    Neighbours,
-    Trajectories,
-    neighbours,
-)
+from benchmarks.verification.validation.trajectories import STANDING, Trajectories, neighbours
 
 FREE_AHEAD_M = 60.0  # a vehicle with this much room ahead has no reason to stand
 OVERLAP_M = 0.02  # a smaller overlap is rounding
+UNDONE_S = 6.0  # a change that is reversed within this time counts as undone
 ENDS_M = 40.0  # vehicles first and last seen this near the ends drove the whole road
+
+
+@dataclasses.dataclass(frozen=True)
+class LaneChanges:
+    """Changes between lanes of the main road, without merges."""
+
+    changes: int
+    undone: int  # changed back within UNDONE_S
+    vehicle_km: float  # on the main road
+    lateral_acceleration: np.ndarray  # (V,) m/s2, each vehicle's largest; empty if unknown
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,15 +58,11 @@ class Findings:
 
 
 def find(seen: Trajectories, free_speed: float) -> Findings:
-    """Measures one episode.
-
-    Args:
-      seen: trajectories after the warm-up.
-      free_speed: speed of free traffic, m/s.
-    """
+    """Measures one episode after its warm-up; `free_speed` is that of free traffic, m/s."""
     beside = neighbours(seen)
     counted = diagram(seen)
-    first, last = _ends(seen)
+    ends, rows = ~seen.goes_on, len(seen.x)
+    first, last = (np.flatnonzero(each[:rows]) for each in (np.r_[True, ends], np.r_[ends, True]))
     came = first[seen.tick[first] > 0]
     stands = ~seen.on_ramp & (seen.speed < STANDING)
     return Findings(
@@ -76,16 +78,9 @@ def find(seen: Trajectories, free_speed: float) -> Findings:
         travel_s=_travel_times(seen, first, last),
         idle_s=float((stands & (beside.gap >= FREE_AHEAD_M)).sum() * seen.tick_s),
         standing_s=float(stands.sum() * seen.tick_s),
-        collisions=_overlapping(beside),
+        collisions=int((beside.gap < -OVERLAP_M).sum()),
         in_one_place=_in_one_place(seen),
     )
-
-
-def _ends(seen: Trajectories) -> tuple[np.ndarray, np.ndarray]:
-    """Each vehicle's first and last row, (V,) each."""
-    ends = np.nonzero(~seen.goes_on)[0]
-    some = len(seen.x) > 0
-    return np.r_[0, ends + 1][: len(ends) + some], np.r_[ends, len(seen.x) - 1][: len(ends) + some]
 
 
 def _travel_times(seen: Trajectories, first: np.ndarray, last: np.ndarray) -> np.ndarray:
@@ -97,8 +92,32 @@ def _travel_times(seen: Trajectories, first: np.ndarray, last: np.ndarray) -> np
     return pace * seen.road.length_m
 
 
-def _overlapping(beside: Neighbours) -> int:
-    return int((beside.gap < -OVERLAP_M).sum())
+def lane_changes(seen: Trajectories) -> LaneChanges:
+    """Counts all lane changes."""
+    main = ~seen.on_ramp
+    both = seen.goes_on & main[1:] & main[:-1]
+    step = np.where(both, np.diff(seen.lane), 0)
+    row = 1 + np.nonzero(step)[0]
+    back = seen.vehicle[row][1:] == seen.vehicle[row][:-1]
+    back &= seen.lane[row][1:] == seen.lane[row - 1][:-1]
+    back &= (seen.tick[row][1:] - seen.tick[row][:-1]) * seen.tick_s <= UNDONE_S
+    return LaneChanges(
+        changes=len(row),
+        undone=int(back.sum()),
+        vehicle_km=float(np.where(both, np.diff(seen.x), 0.0).sum()) / 1e3,
+        lateral_acceleration=_lateral_acceleration(seen),
+    )
+
+
+def _lateral_acceleration(seen: Trajectories) -> np.ndarray:
+    """Largest of each vehicle seen for at least three ticks, m/s2, by second differences of its lateral position."""
+    if seen.lateral is None:
+        return np.zeros(0)
+    second = np.abs(np.diff(seen.lateral, 2)) / seen.tick_s**2
+    same = seen.goes_on[1:] & seen.goes_on[:-1]
+    largest = np.full(seen.vehicle.max(initial=0) + 1, -1.0)
+    np.maximum.at(largest, seen.vehicle[2:][same], second[same])
+    return largest[largest >= 0.0]
 
 
 def _in_one_place(seen: Trajectories) -> int:
@@ -108,12 +127,11 @@ def _in_one_place(seen: Trajectories) -> int:
     """
     lateral = seen.lane * seen.road.lane_width_m if seen.lateral is None else seen.lateral
     order = np.argsort(seen.tick, kind="stable")
-    every = max(round(1.0 / seen.tick_s), 1)
-    ticks = np.arange(0, seen.num_ticks, every)
-    starts, ends = (np.searchsorted(seen.tick[order], ticks, side) for side in ("left", "right"))
+    ticks = np.arange(seen.num_ticks + 1)
+    bounds = np.searchsorted(seen.tick[order], ticks)
     pairs = 0
-    for start, end in zip(starts, ends, strict=True):
-        rows = order[start:end]
+    for tick in range(0, seen.num_ticks, max(round(1.0 / seen.tick_s), 1)):
+        rows = order[bounds[tick] : bounds[tick + 1]]
         sizes = seen.length[rows], seen.width[rows]
         there = np.ones(len(rows), bool)
         pairs += int(np.sum(overlapping(seen.x[rows], lateral[rows], *sizes, there)))
@@ -136,52 +154,45 @@ def summarise(findings: Sequence[Findings]) -> dict[str, Any]:
     Means and percentiles are over the pooled vehicles, merges or minutes of all episodes.
     """
     hours = sum(found.span_s for found in findings) / 3600.0
+    travel = np.concatenate([found.travel_s for found in findings])
+
+    def total(*names: str) -> dict[str, Any]:
+        return {name: sum(getattr(found, name) for found in findings) for name in names}
+
+    def hourly(*names: str) -> dict[str, Any]:
+        return {f"{name}_per_h": count / hours for name, count in total(*names).items()}
+
     return {
         "episodes": len(findings),
         "minutes": hours * 60.0 / len(findings),
-        "entered_main_per_h": sum(found.entered_main for found in findings) / hours,
-        "entered_ramps_per_h": sum(found.entered_ramps for found in findings) / hours,
-        "left_per_h": sum(found.left for found in findings) / hours,
+        **hourly("entered_main", "entered_ramps", "left"),
         "vehicles_max": max(found.vehicles_max for found in findings),
         **_of_merges([found.merged for found in findings]),
         **_of_lanes([found.changed for found in findings]),
-        **_of_travel(findings, hours),
+        "travel_mean_s": mean(travel),
+        "travel_p95_s": percentile(travel, 95),
+        **hourly("standing_s", "idle_s"),
+        **total("collisions", "in_one_place"),
         **_of_flow(findings),
     }
 
 
 # Student's t at 95 % by degrees of freedom from 1; the last one serves for more, which is less than 9 % too wide.
 STUDENT_T = (
-    12.71,
-    4.303,
-    3.182,
-    2.776,
-    2.571,
-    2.447,
-    2.365,
-    2.306,
-    2.262,
-    2.228,
-    2.201,
-    2.179,
-    2.160,
-    2.145,
-    2.131,
-)
+    12.71, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131,
+)  # fmt: skip
 
 
 def half_widths(findings: Sequence[Findings]) -> dict[str, float]:
     """Half-width of each figure's 95 % interval over episodes, by Student's t; NaN for a single episode."""
     each = [summarise([found]) for found in findings]
-    episodes = len(each)
-    if episodes < 2:
+    count = len(each)
+    if count < 2:
         return dict.fromkeys(each[0], math.nan)
-    t = STUDENT_T[min(episodes - 1, len(STUDENT_T)) - 1]
-
-    def half(values: list[float]) -> float:
-        return t * float(np.std(values, ddof=1)) / math.sqrt(episodes)
-
-    return {name: half([figures[name] for figures in each]) for name in each[0]}
+    scale = STUDENT_T[min(count - 1, len(STUDENT_T)) - 1] / math.sqrt(count)
+    return {
+        name: scale * float(np.std([figures[name] for figures in each], ddof=1)) for name in each[0]
+    }
 
 
 def _of_merges(merged: Sequence[Merges]) -> dict[str, Any]:
@@ -218,30 +229,18 @@ def _of_lanes(changed: Sequence[LaneChanges]) -> dict[str, Any]:
     }
 
 
-def _of_travel(findings: Sequence[Findings], hours: float) -> dict[str, Any]:
-    travel = np.concatenate([found.travel_s for found in findings])
-    return {
-        "travel_mean_s": _share(travel.sum(), len(travel)),
-        "travel_p95_s": percentile(travel, 95),
-        "standing_s_per_h": sum(found.standing_s for found in findings) / hours,
-        "idle_s_per_h": sum(found.idle_s for found in findings) / hours,
-        "collisions": sum(found.collisions for found in findings),
-        "in_one_place": sum(found.in_one_place for found in findings),
-    }
-
-
 def _of_flow(findings: Sequence[Findings]) -> dict[str, Any]:
     last = np.concatenate([found.counted.flow_a_lane()[:, -1] for found in findings])
     speed = np.concatenate([found.counted.speed()[:, -1] for found in findings])
     broke = [found.broke_down for found in findings if found.broke_down.minute is not None]
 
     def of_breakdowns(name: str) -> float:
-        return _mean(np.array([getattr(each, name) for each in broke]))
+        return mean(np.array([getattr(each, name) for each in broke]))
 
     best, density = max(_five_minutes(found.counted) for found in findings)
     return {
-        "flow_last_mean": _mean(last),
-        "speed_last_mean": _mean(speed),
+        "flow_last_mean": mean(last),
+        "speed_last_mean": mean(speed),
         "flow_max": best,
         "density_at_flow_max": density,
         "breakdown_share": len(broke) / len(findings),
@@ -251,12 +250,6 @@ def _of_flow(findings: Sequence[Findings]) -> dict[str, Any]:
         "discharge": of_breakdowns("discharge"),
         "capacity_drop": of_breakdowns("capacity_drop"),
     }
-
-
-def _mean(values: np.ndarray) -> float:
-    """Mean of the finite values; NaN if there are none."""
-    values = values[np.isfinite(values)]
-    return float(values.mean()) if len(values) else np.nan
 
 
 def _five_minutes(counted: Diagram) -> tuple[float, float]:

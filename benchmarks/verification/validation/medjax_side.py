@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -12,7 +12,7 @@ import numpy as np
 
 import medjax
 from benchmarks.verification.validation.demands import Schedule, free_speed
-from benchmarks.verification.validation.measures import Findings, find, summarise
+from benchmarks.verification.validation.measures import Findings, find
 from benchmarks.verification.validation.trajectories import Road, Trajectories
 from medjax.env.charging_env import ChargingEnv
 from medjax.episodes.keys import episode_keys
@@ -31,12 +31,12 @@ def _probe(state: EnvState) -> dict[str, jax.Array]:
 
 
 @functools.lru_cache(maxsize=2)  # demands share one
-def program(env: ChargingEnv, policy: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def program(env: ChargingEnv) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Functions that start episodes, `(keys, params)`, and play a minute, `(episodes, its number, params)`.
 
     The latter returns (episodes, ticks); ticks are `(decisions, episodes, ticks, N)` by the names of SEEN.
     """
-    runner = EpisodeRunner(env.with_probe(_probe), [medjax.BASELINES[policy](env)])
+    runner = EpisodeRunner(env.with_probe(_probe), [medjax.BASELINES["none"](env)])
     decisions = round(60.0 / env.config.decision_s)
     weights = [runner.policies[0].weights]
 
@@ -59,34 +59,24 @@ def program(env: ChargingEnv, policy: str) -> tuple[Callable[..., Any], Callable
     return jax.jit(runner.start), minute
 
 
-def trajectories(
-    env: ChargingEnv, schedule: Schedule, episodes: int, seed: int, policy: str
-) -> Iterator[Trajectories]:
-    """Plays episodes side by side and keeps every tick after the warm-up.
-
-    Args:
-      env: the highway, with enough slots for the queues.
-      schedule: of every episode.
-      episodes, seed: how many, and which.
-      policy: a name in `medjax.BASELINES`.
-    """
-    params_at = schedule.params_at
-    start, minute = program(env, policy)
-    playing = start(episode_keys(seed, episodes), params_at(0))
+def observe(env: ChargingEnv, schedule: Schedule, episodes: int, seed: int) -> list[Findings]:
+    """Plays the schedule in episodes side by side and measures each after the warm-up."""
+    params = schedule.params_at(0)
+    start, minute = program(env)
+    playing = start(episode_keys(seed, episodes), params)
     parts = []
     for number in range(schedule.all_minutes):
-        playing, ticks = minute(playing, jnp.int32(number), params_at(number))
+        playing, ticks = minute(playing, jnp.int32(number), schedule.params_at(number))
         if number >= schedule.warm_up_minutes:
             parts.append(jax.device_get(ticks))
-    lengths = np.asarray(params_at(0).drivers.vehicle_length)
+    road, lengths = Road.of(env.config, params), np.asarray(params.drivers.vehicle_length)
+    findings = []
     for episode in range(episodes):
-        slots = {name: _ticks([part[name][:, episode] for part in parts]) for name in SEEN}
-        yield of_slots(slots, Road.of(env.config, params_at(0)), env.config.tick_s, lengths)
-
-
-def _ticks(parts: list[np.ndarray]) -> np.ndarray:
-    """Joins parts (decisions, ticks, N) to (ticks, N)."""
-    return np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts])
+        slots = {name: np.concatenate([part[name][:, episode] for part in parts]) for name in SEEN}
+        slots = {name: seen.reshape(-1, seen.shape[-1]) for name, seen in slots.items()}
+        seen = of_slots(slots, road, env.config.tick_s, lengths)
+        findings.append(find(seen, free_speed(schedule)))
+    return findings
 
 
 def of_slots(
@@ -94,9 +84,7 @@ def of_slots(
 ) -> Trajectories:
     """Trajectories of vehicles from slots, each of which holds one vehicle after the other.
 
-    Args:
-      slots: (ticks, N) by the names of SEEN.
-      lengths: (num_kinds,) m, of vehicles.
+    `slots` are (ticks, N) by the names of SEEN, `lengths` those of vehicles, (num_kinds,) m.
     """
     by_slot = {name: values.T for name, values in slots.items()}  # rows by slot, then by tick
     rows = np.nonzero(by_slot["active"])
@@ -119,31 +107,3 @@ def of_slots(
         width=np.array(WIDTHS_M)[by_slot["kind"][rows]],
         lateral=lane * road.lane_width_m + by_slot["lateral_offset"][rows],
     )
-
-
-def measure(
-    env: ChargingEnv,
-    params: EnvParams,
-    episodes: int = 4,
-    minutes: int = 15,
-    seed: int = 0,
-    policy: str = "none",
-) -> dict[str, Any]:
-    """The figures of `measures.summarise` for one world, after the warm-up.
-
-    Args:
-      env, params: of `medjax.make`, with enough slots for the queues (`num_gas=...`).
-      episodes: number of episodes, which are in memory together.
-      minutes: measured minutes of each.
-      policy: a name in `medjax.BASELINES`.
-    """
-    schedule = Schedule(env.config, lambda _: params, minutes)
-    return summarise(observe(env, schedule, episodes, seed, policy))
-
-
-def observe(
-    env: ChargingEnv, schedule: Schedule, episodes: int, seed: int, policy: str = "none"
-) -> list[Findings]:
-    """`measures.find` of each episode of `trajectories`."""
-    speed = free_speed(schedule)
-    return [find(seen, speed) for seen in trajectories(env, schedule, episodes, seed, policy)]

@@ -62,8 +62,7 @@ def _ramp_at(road: Road, x: np.ndarray) -> np.ndarray:
 
 def _minute(seen: Trajectories) -> np.ndarray:
     """Minute of each row, (R,) int."""
-    minute: np.ndarray = (seen.tick * seen.tick_s // 60.0).astype(np.int64)
-    return minute
+    return (seen.tick * seen.tick_s // 60.0).astype(np.int64)
 
 
 def _right_lane_speed(seen: Trajectories) -> np.ndarray:
@@ -83,8 +82,7 @@ def _right_lane_speed(seen: Trajectories) -> np.ndarray:
     cell = _minute(seen)[there] * ramps + ramp[there]
     count = np.bincount(cell, minlength=minutes * ramps)
     total = np.bincount(cell, seen.speed[there], minutes * ramps)
-    mean: np.ndarray = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-    return mean.reshape(minutes, ramps)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(minutes, ramps)
 
 
 def _least_acceleration(seen: Trajectories, row: np.ndarray) -> np.ndarray:

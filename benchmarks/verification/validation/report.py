@@ -87,26 +87,24 @@ def _cell(measured: dict[str, Any]) -> str:
 
 
 def diagram_points(findings: Sequence[Findings]) -> dict[str, Any]:
-    """The fundamental diagram: 5-minute means of each detector and lane.
+    """The fundamental diagram: 5-minute means of each detector and lane, rounded.
 
-    Returns:
-      Lists `x_m` (D,), and `flow` (vehicles/h) and `density` (vehicles/km), (spans, D, lanes), rounded.
+    Lists `x_m` (D,), and `flow` (vehicles/h) and `density` (vehicles/km), (spans, D, lanes).
     """
-    flow = np.concatenate([_spans(found.counted.flow) for found in findings])
-    density = np.concatenate([_spans(found.counted.density) for found in findings])
+
+    def means(values: np.ndarray) -> np.ndarray:
+        """Means of successive FLOW_MINUTES, or of all minutes if there are fewer."""
+        span = min(FLOW_MINUTES, len(values))
+        spans = values[: len(values) // span * span].reshape(-1, span, *values.shape[1:])
+        return spans.mean(axis=1)
+
+    flow = np.concatenate([means(found.counted.flow) for found in findings])
+    density = np.concatenate([means(found.counted.density) for found in findings])
     return {
         "x_m": findings[0].counted.x_m.tolist(),
         "flow": flow.round(1).tolist(),
         "density": density.round(2).tolist(),
     }
-
-
-def _spans(values: np.ndarray) -> np.ndarray:
-    """Means of successive FLOW_MINUTES, or of all minutes if there are fewer."""
-    span = min(FLOW_MINUTES, len(values))
-    count = len(values) // span
-    means: np.ndarray = values[: count * span].reshape(count, span, *values.shape[1:]).mean(axis=1)
-    return means
 
 
 def history(findings: Sequence[Findings]) -> dict[str, Any]:

@@ -9,8 +9,8 @@ import numpy as np
 from benchmarks.verification.validation.trajectories import Road, Trajectories
 
 SECTION_M = 100.0  # length of road that a detector covers
-# Share of the free speed, over 5 minutes: 18 of 30 m/s. The HCM's 25 % less over 15 minutes is what IDM drives at
-# capacity. German practice is 70 km/h (Brilon, Geistefeldt, Regler 2005, from memory).
+# Share of the free speed: 18 of 30 m/s. The HCM's 25 % less over 15 minutes is what IDM drives at capacity. German
+# practice is 70 km/h (Brilon, Geistefeldt, Regler 2005, from memory).
 BREAKDOWN = 0.6
 FLOW_MINUTES = 5  # averaging interval of flows
 
@@ -41,8 +41,7 @@ class Diagram:
 
     def flow_a_lane(self) -> np.ndarray:
         """Mean over lanes, (minutes, D) vehicles/h/lane."""
-        mean: np.ndarray = self.flow.mean(axis=-1)
-        return mean
+        return self.flow.mean(axis=-1)
 
     def speed(self) -> np.ndarray:
         """Space-mean speed over all lanes, (minutes, D) m/s; NaN where there were no vehicles."""
@@ -88,11 +87,16 @@ class Breakdown:
         return 1.0 - self.after / self.highest_before
 
 
+def mean(values: np.ndarray) -> float:
+    """Mean of the finite values; NaN if there are none."""
+    values = values[np.isfinite(values)]
+    return float(values.mean()) if len(values) else np.nan
+
+
 def _means(values: np.ndarray) -> np.ndarray:
     """Moving means over FLOW_MINUTES, (minutes - 4,); empty if there are fewer minutes."""
-    if len(values) < FLOW_MINUTES:
-        return np.zeros(0)
-    return np.convolve(values, np.full(FLOW_MINUTES, 1.0 / FLOW_MINUTES), mode="valid")
+    window = np.full(FLOW_MINUTES, 1.0 / FLOW_MINUTES)
+    return np.convolve(values, window, mode="valid") if len(values) >= FLOW_MINUTES else np.zeros(0)
 
 
 def breakdown(counted: Diagram, free_speed: float) -> Breakdown:
@@ -115,17 +119,7 @@ def breakdown(counted: Diagram, free_speed: float) -> Breakdown:
     return Breakdown(
         minute=minute,
         x_m=float(counted.x_m[place]),
-        highest_before=_highest(flow[:minute, place + 1]),
-        after=_mean(flow[active, place + 1]),
-        discharge=_mean(flow[queue, -1]),
+        highest_before=float(max(_means(flow[:minute, place + 1]), default=np.nan)),
+        after=mean(flow[active, place + 1]),
+        discharge=mean(flow[queue, -1]),
     )
-
-
-def _mean(values: np.ndarray) -> float:
-    return float(values.mean()) if len(values) else np.nan
-
-
-def _highest(flow: np.ndarray) -> float:
-    """Highest mean over FLOW_MINUTES; NaN if there are fewer minutes."""
-    means = _means(flow)
-    return float(means.max()) if len(means) else np.nan

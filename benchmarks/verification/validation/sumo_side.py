@@ -2,68 +2,53 @@
 
 from __future__ import annotations
 
-import subprocess
+import contextlib
+import tempfile
 from array import array
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.peers.sumo_road import (
-    Period,
-    build_demand,
-    build_network,
-    finish,
-    lanes_of_network,
-    start,
-)
+from benchmarks.peers import sumo_road
 from benchmarks.verification.validation.demands import Schedule
 from benchmarks.verification.validation.trajectories import Road, Trajectories
 from medjax.world.kinds import WIDTHS_M
 
 
-class SumoRun:
-    """Episodes of one schedule, which start when this is built; `trajectories` waits for them."""
-
-    def __init__(self, schedule: Schedule, episodes: int, seed: int, folder: Path) -> None:
-        """Starts a process for each episode; `folder` is for their files and must exist."""
-        self.schedule = schedule
-        self.files = [folder / f"episode{episode}.csv" for episode in range(episodes)]
-        config, params = schedule.config, schedule.params_at(0)
-        periods = [
-            Period(60.0 * minute, 60.0 * (minute + 1), schedule.params_at(minute))
-            for minute in range(schedule.all_minutes)
-        ]
-        network = build_network(config, params, folder)
-        demand = build_demand(config, periods, folder)
-        self.processes = [
-            self._start(network, demand, 1 + seed * episodes + episode, file)
-            for episode, file in enumerate(self.files)
-        ]
-
-    def _start(self, network: Path, demand: Path, seed: int, file: Path) -> subprocess.Popen[str]:
-        begin, end = 60.0 * self.schedule.warm_up_minutes, 60.0 * self.schedule.all_minutes
-        command = ["sumo", "--net-file", str(network), "--route-files", str(demand)]
-        command += ["--begin", "0", "--end", str(end), "--seed", str(seed)]
-        command += ["--step-length", str(self.schedule.config.tick_s)]
+@contextlib.contextmanager
+def sumo(schedule: Schedule, episodes: int, seed: int) -> Iterator[Iterator[Trajectories]]:
+    """Starts a process for each episode; the iterator waits for each one's trajectories after the warm-up."""
+    config, params = schedule.config, schedule.params_at(0)
+    periods = [
+        sumo_road.Period(60.0 * minute, 60.0 * (minute + 1), schedule.params_at(minute))
+        for minute in range(schedule.all_minutes)
+    ]
+    begin, end = 60.0 * schedule.warm_up_minutes, 60.0 * schedule.all_minutes
+    with tempfile.TemporaryDirectory() as name, contextlib.ExitStack() as started:
+        folder = Path(name)
+        command = ["sumo", "--net-file", str(sumo_road.build_network(config, params, folder))]
+        command += ["--route-files", str(sumo_road.build_demand(config, periods, folder))]
+        command += ["--begin", "0", "--end", str(end), "--step-length", str(config.tick_s)]
         command += ["--step-method.ballistic", "true"]  # as in medjax
-        command += ["--time-to-teleport", "-1"]  # never removes waiting vehicles,
-        command += ["--collision.action", "warn"]  # nor vehicles that collide
+        # SUMO removes neither vehicles that wait for long nor vehicles that collide.
+        command += ["--time-to-teleport", "-1", "--collision.action", "warn"]
         command += ["--no-step-log", "true", "--no-warnings", "true"]
-        command += ["--fcd-output", str(file), "--device.fcd.begin", str(begin)]
+        command += ["--device.fcd.begin", str(begin)]
         command += ["--fcd-output.attributes", "id,type,speed,pos,lane"]
-        return start(command)
+        runs = {}
+        for episode in range(episodes):
+            file = folder / f"episode{episode}.csv"
+            own = ["--seed", str(1 + seed * episodes + episode), "--fcd-output", str(file)]
+            runs[file] = sumo_road.start([*command, *own])
+            started.callback(runs[file].kill)
 
-    def trajectories(self) -> Iterator[Trajectories]:
-        """The trajectories of each episode after the warm-up."""
-        for process, file in zip(self.processes, self.files, strict=True):
-            finish(process)
-            yield read(file, self.schedule)
+        def rows() -> Iterator[Trajectories]:
+            for file, process in runs.items():
+                sumo_road.finish(process)
+                yield read(file, schedule)
 
-    def stop(self) -> None:
-        """Ends processes that still run."""
-        for process in self.processes:
-            process.kill()
+        yield rows()
 
 
 def read(file: Path, schedule: Schedule) -> Trajectories:
@@ -72,7 +57,7 @@ def read(file: Path, schedule: Schedule) -> Trajectories:
     SUMO's vehicles jump from lane to lane, so their lateral positions are unknown.
     """
     params, tick_s = schedule.params_at(0), schedule.config.tick_s
-    lanes = lanes_of_network(schedule.config, params)
+    lanes = sumo_road.lanes_of_network(schedule.config, params)
     lengths = np.asarray(params.drivers.vehicle_length, float)
     vehicles: dict[str, int] = {}
     tick, vehicle, lane, kind = (array("i") for _ in range(4))

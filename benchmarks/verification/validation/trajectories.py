@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
@@ -53,8 +52,7 @@ class Trajectories:
     speed: np.ndarray  # (R,) float64, m/s
     length: np.ndarray  # (R,) float64, m, of the vehicle
     width: np.ndarray  # (R,) float64, m
-    # (R,) float64, m to the right of the leftmost lane's centre; None if unknown
-    lateral: np.ndarray | None
+    lateral: np.ndarray | None  # (R,) float64, m to the right of the leftmost lane's centre
 
     @property
     def span_s(self) -> float:
@@ -64,33 +62,17 @@ class Trajectories:
     @property
     def goes_on(self) -> np.ndarray:
         """Whether rows i and i + 1 are of the same vehicle, (R - 1,) bool."""
-        goes_on: np.ndarray = self.vehicle[1:] == self.vehicle[:-1]
-        return goes_on
+        return self.vehicle[1:] == self.vehicle[:-1]
 
     @property
     def on_ramp(self) -> np.ndarray:
         """Whether each row is on an acceleration lane, (R,) bool."""
-        on_ramp: np.ndarray = self.lane == self.road.num_lanes
-        return on_ramp
+        return self.lane == self.road.num_lanes
 
     def acceleration(self) -> np.ndarray:
         """Mean over the tick that led to each row, (R,) m/s2; NaN in a vehicle's first row."""
-        acceleration = np.full(len(self.x), np.nan)
-        change = np.diff(self.speed) / self.tick_s
-        acceleration[1:] = np.where(self.goes_on, change, np.nan)
-        return acceleration
-
-    def after(self, seconds: float) -> Trajectories:
-        """The trajectories from a time on, which becomes tick 0."""
-        first = round(seconds / self.tick_s)
-        keep = self.tick >= first
-        names = ("vehicle", "lane", "x", "speed", "length", "width", "lateral")
-        rows: dict[str, Any] = {
-            name: None if (column := getattr(self, name)) is None else column[keep]
-            for name in names
-        }
-        rows |= {"tick": self.tick[keep] - first, "num_ticks": self.num_ticks - first}
-        return dataclasses.replace(self, **rows)
+        change = np.diff(self.speed, prepend=np.nan) / self.tick_s
+        return np.where(np.r_[False, self.goes_on][: len(change)], change, np.nan)
 
 
 @dataclasses.dataclass(frozen=True)

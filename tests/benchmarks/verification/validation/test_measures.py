@@ -6,29 +6,12 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from benchmarks.verification.validation.lanes import lane_changes
-from benchmarks.verification.validation.measures import (
-    STUDENT_T,
-    find,
-    half_widths,
-    percentile,
-    summarise,
-)
+from benchmarks.verification.validation import measures
+from benchmarks.verification.validation.measures import find, half_widths, lane_changes, summarise
 from benchmarks.verification.validation.merging import merges
-from benchmarks.verification.validation.sections import (
-    Diagram,
-    breakdown,
-    detectors,
-    diagram,
-)
+from benchmarks.verification.validation.sections import Diagram, breakdown, detectors, diagram
 from benchmarks.verification.validation.trajectories import neighbours
-from tests.benchmarks.verification.validation.made import (
-    ROAD,
-    TICK_S,
-    drive,
-    random_traffic,
-    seen,
-)
+from tests.benchmarks.verification.validation.made import ROAD, TICK_S, drive, random_traffic, seen
 
 RAMP = ROAD.num_lanes  # the lane beside a ramp
 
@@ -42,13 +25,12 @@ def test_detectors_keep_off_acceleration_lanes_and_ends():
 
 
 def stream(speed, headway_s, lane, minutes):
-    """A vehicle each headway in one lane at one speed, and the road full of them from the first tick on."""
-    every = round(headway_s / TICK_S)
-    last = round(minutes * 60.0 / TICK_S)
+    """A vehicle per headway in one lane at one speed; the road is full of them from the first tick on."""
+    last, spacing = round(minutes * 60.0 / TICK_S), speed * headway_s
     drives = []
-    for enters in range(-round(ROAD.length_m / speed / TICK_S), last, every):
-        begin = max(enters, 0)
-        x = (begin - enters) * speed * TICK_S
+    for start in np.arange(spacing - 60.0 * minutes * speed, ROAD.length_m, spacing):
+        begin = round(max(-start, 0.0) / speed / TICK_S)
+        x = max(start, 0.0)
         count = min(last - begin, int((ROAD.length_m - x) / speed / TICK_S) + 1)
         drives.append(drive([lane] * count, speed, x, begin))
     return seen(*drives, num_ticks=last)
@@ -65,58 +47,44 @@ def test_a_uniform_stream_has_its_flow_density_and_speed():
     assert counted.flow_a_lane() == pytest.approx(480.0, rel=0.01)
 
 
-def test_standing_vehicles_have_density_and_no_flow():
-    """Two in 100 m of one of three lanes; where nobody is there is no speed."""
-    rows = seen(drive([0] * 480, 0.0, x=230.0), drive([0] * 480, 0.0, x=270.0))
-    counted = diagram(rows)
+def test_standing_vehicles_have_density_but_no_flow():
+    """Two in 100 m of one of three lanes; a section without vehicles has no speed."""
+    counted = diagram(seen(*(drive([0] * 480, 0.0, x=x) for x in (230.0, 270.0))))
     assert counted.density[:, 0, 0] == pytest.approx(20.0)
     assert counted.speed()[:, 0] == pytest.approx(0.0)
     assert np.isnan(counted.speed()[:, 1:]).all()
 
 
-def history(flows, before, behind=25.0):
-    """A diagram of three detectors on one lane, speeds of two of them given: a bottleneck between these."""
-    count = len(flows)
-    flow = np.array([[700.0, behind, behind + 100.0] for behind in flows])[:, :, None]
-    speeds = [np.broadcast_to(each, count) for each in (before, behind, 25.0)]
-    return Diagram(
-        np.array([1100.0, 1775.0, 3375.0]), flow, flow / np.stack(speeds, 1)[:, :, None] / 3.6
-    )
-
-
 # Five minutes of 2000 on average, the highest; after five more 1800 in the queue, and then it is gone.
 FLOWS = [1500] * 3 + [1900, 1950, 2000, 2050, 2100] + [1900] * 5 + [1750, 1850, 1800] + [900] * 2
+QUEUE = [30] * 8 + [15] * 8 + [30] * 2
+NONE = np.nan
 
 
-def test_a_breakdown_costs_what_it_costs():
-    """From 2000 to 1800: a tenth, where it breaks down; 100 more behind the last ramp."""
-    found = breakdown(history(FLOWS, [30] * 8 + [15] * 8 + [30] * 2), 30.0)
-    assert (found.minute, found.x_m) == (8, 1100.0)
-    assert found.highest_before == pytest.approx(2000.0)
-    assert found.after == pytest.approx(1800.0)
-    assert found.capacity_drop == pytest.approx(0.1)
-    assert found.discharge == pytest.approx(1900.0)
-
-
-def test_a_queue_from_further_on_is_no_discharge():
-    """In the first of the three minutes the next detector is in a queue, too."""
-    found = breakdown(
-        history(FLOWS, [30] * 8 + [15] * 8 + [30] * 2, [25] * 13 + [10] + [25] * 4), 30.0
+@pytest.mark.parametrize(
+    ("flows", "before", "behind", "minute", "x_m", "highest", "after", "discharge"),
+    [
+        (FLOWS, QUEUE, 25, 8, 1100.0, 2000.0, 1800.0, 1900.0),
+        # In the first of three minutes the next detector is in a queue, too: its flow is no discharge.
+        (FLOWS, QUEUE, [25] * 13 + [10] + [25] * 4, 8, 1100.0, 2000.0, 1825.0, 1900.0),
+        # Of two queues at once the one downstream is the bottleneck.
+        (FLOWS, [30] * 8 + [15] * 10, [25] * 8 + [10] * 10, 8, 1775.0, 2100.0, 1540.0, 1540.0),
+        # Four slow minutes are no breakdown.
+        ([1500] * 20, [30] * 8 + [15] * 4 + [30] * 8, 25, None, NONE, NONE, NONE, NONE),
+    ],
+)
+def test_breakdowns(flows, before, behind, minute, x_m, highest, after, discharge):
+    """Three detectors on one lane and speeds at two of them; 100 vehicles/h more behind the last ramp."""
+    flow = np.array([[700.0, each, each + 100.0] for each in flows])
+    speeds = np.stack([np.broadcast_to(each, len(flows)) for each in (before, behind, 25.0)], 1)
+    counted = Diagram(
+        np.array([1100.0, 1775.0, 3375.0]), *np.array([flow, flow / speeds / 3.6])[..., None]
     )
-    assert found.after == pytest.approx(1825.0)
-    assert found.discharge == pytest.approx(1900.0)
-
-
-def test_of_two_queues_at_once_the_last_one_is_the_bottleneck():
-    found = breakdown(history(FLOWS, [30] * 8 + [15] * 10, [25] * 8 + [10] * 10), 30.0)
-    assert found.x_m == 1775.0
-    assert found.highest_before == pytest.approx(2100.0)
-
-
-def test_four_slow_minutes_are_no_breakdown():
-    found = breakdown(history([1500] * 20, [30] * 8 + [15] * 4 + [30] * 8), 30.0)
-    assert found.minute is None
-    assert np.isnan([found.discharge, found.highest_before, found.capacity_drop]).all()
+    found = breakdown(counted, 30.0)
+    assert found.minute == minute
+    drop = 1.0 - after / highest
+    figures = [found.x_m, found.highest_before, found.after, found.discharge, found.capacity_drop]
+    assert figures == pytest.approx([x_m, highest, after, discharge, drop], nan_ok=True)
 
 
 def measured_merges(rows):
@@ -125,8 +93,7 @@ def measured_merges(rows):
 
 def test_a_merge_between_two():
     """The follower brakes by 3 m/s2 at most; the gap is (50 - 5) m, at its 25 m/s."""
-    lanes = [RAMP] * 20 + [2] * 40
-    merging = drive(lanes, 20.0, x=500.0)
+    merging = drive([RAMP] * 20 + [2] * 40, 20.0, x=500.0)
     leader = drive([2] * 60, 25.0, x=505.0)
     slowing = np.r_[np.full(24, 25.0), 25.0 - 0.75 * np.arange(1, 9), np.full(28, 19.0)]
     follower = drive([2] * 60, slowing, x=455.0)
@@ -136,16 +103,13 @@ def test_a_merge_between_two():
     assert found.accepted_gap_s == pytest.approx([45.0 / 25.0])
     assert found.follower_acceleration == pytest.approx([-3.0])
     assert found.standing_s.tolist() == [0.0]
-    # Of those who pass the acceleration lane in the right lane, from its start to its end, merged ones not.
-    passing = [
-        v
-        for v, x in zip([*leader[3], *slowing], [*leader[2], *follower[2]], strict=True)
-        if 500 <= x <= 750
-    ]
-    assert found.relative_speed == pytest.approx([20.0 / np.mean(passing)])
+    # Vehicles beside the acceleration lane, from its start to its end, without merged ones.
+    x, speed = np.r_[leader[2], follower[2]], np.r_[leader[3], slowing]
+    passing = speed[(x >= 500.0) & (x <= 750.0)]
+    assert found.relative_speed == pytest.approx([20.0 / passing.mean()])
 
 
-def test_braking_later_than_five_seconds_is_no_answer():
+def test_only_a_near_followers_braking_within_five_seconds_counts():
     speeds = np.r_[np.full(50, 25.0), np.full(10, 10.0)]
     rows = seen(drive([RAMP] * 20 + [2] * 40, 20.0, x=500.0), drive([2] * 60, speeds, x=430.0))
     assert measured_merges(rows).follower_acceleration.tolist() == [0.0]
@@ -153,20 +117,16 @@ def test_braking_later_than_five_seconds_is_no_answer():
     assert np.isnan(measured_merges(far).follower_acceleration).all()
 
 
-def test_who_stands_on_an_acceleration_lane():
-    """3 s and not at all; who stands on the main road is not meant."""
+def test_standing_on_an_acceleration_lane():
+    """3 s, and not at all; standing on the main road does not count."""
     stops = np.r_[np.full(8, 10.0), np.zeros(12), np.full(10, 10.0)]
-    rows = seen(
-        drive([RAMP] * 30, stops, x=500.0),
-        drive([RAMP] * 10, 20.0, x=2500.0),
-        drive([1] * 30, 0.0, x=100.0),
-    )
-    found = measured_merges(rows)
+    ramps = drive([RAMP] * 30, stops, x=500.0), drive([RAMP] * 10, 20.0, x=2500.0)
+    found = measured_merges(seen(*ramps, drive([1] * 30, 0.0, x=100.0)))
     assert found.standing_s.tolist() == [3.0, 0.0]
     assert len(found.speed) == 0
 
 
-def test_changes_are_counted_and_those_taken_back():
+def test_lane_changes_and_undone_ones_are_counted():
     """0 1 0 within 6 s is undone, within 6.25 s is not, 0 1 2 never; a merge is none."""
     rows = seen(
         drive([0] * 4 + [1] * 24 + [0] * 10, 20.0),
@@ -180,8 +140,8 @@ def test_changes_are_counted_and_those_taken_back():
     assert found.vehicle_km == pytest.approx((37 + 38 + 11 + 3) * 5.0 / 1e3)
 
 
-def test_lateral_acceleration_is_of_where_vehicles_are():
-    """A parabola of 1.5 m/s2 for one, nothing for another; unknown where there is no lateral position."""
+def test_lateral_acceleration_comes_from_lateral_positions():
+    """One vehicle drives a parabola of 1.5 m/s2, one straight on; without positions it is unknown."""
     time = np.arange(12) * TICK_S
     rows = seen(drive([0] * 12, 20.0), drive([0] * 12, 20.0))
     assert len(lane_changes(rows).lateral_acceleration) == 0
@@ -190,7 +150,7 @@ def test_lateral_acceleration_is_of_where_vehicles_are():
 
 
 def test_an_episode_of_a_few_vehicles():
-    """Who entered, left, drove all the way, stood idly or behind another, and overlapped."""
+    """One drives all the way, one stands idly, one stands behind it, one is on a ramp, two overlap."""
     through = drive([0] * 640, 25.0, x=0.0, first_tick=4)
     stands = drive([1] * 100, 0.0, x=1000.0)
     behind = drive([1] * 100, 0.0, x=1000.0 - 5.0 - 59.0)
@@ -223,39 +183,31 @@ def test_figures_pool_episodes():
 
 
 def test_an_empty_road_and_random_rows_are_measured():
-    """Nothing fails where there is nobody, or nonsense."""
-    empty = seen(drive([0], 20.0)).after(1.0)
-    assert len(empty.x) == 0
-    assert find(dataclasses.replace(empty, num_ticks=480), 30.0).left == 0
+    empty = seen(drive([], 20.0), num_ticks=480)
+    assert find(empty, 30.0).left == 0
     assert find(random_traffic(0), 30.0).changed.changes > 0
 
 
-def test_percentiles_leave_out_what_is_no_number():
-    assert percentile(np.array([np.nan, 1.0, 3.0]), 50) == 2.0
-    assert np.isnan(percentile(np.array([np.nan]), 50))
+def test_percentiles_leave_out_nan():
+    assert measures.percentile(np.array([np.nan, 1.0, 3.0]), 50) == 2.0
+    assert np.isnan(measures.percentile(np.array([np.nan]), 50))
 
 
-def test_bodies_in_one_place_whatever_their_lanes():
-    """Half way through a change a car still covers the lane that it left, where nobody's leader is."""
-    beside = drive([1] * 8, 20.0, x=1000.0), drive([2] * 8, 20.0, x=1002.0)
-    rows = seen(*beside)
-    assert (
-        find(rows, 30.0).in_one_place == 0
-    )  # in the middle of their lanes, as those whose place is not known
+def test_overlapping_bodies_are_counted_in_any_lanes():
+    """Half-way through a lane change a car still covers its old lane, where it is nobody's leader."""
+    rows = seen(drive([1] * 8, 20.0, x=1000.0), drive([2] * 8, 20.0, x=1002.0))
+    assert find(rows, 30.0).in_one_place == 0  # unknown positions count as centred
     changing = dataclasses.replace(rows, lateral=np.repeat([4.0, 5.5], 8))
     found = find(changing, 30.0)
     assert (found.collisions, found.in_one_place) == (0, 2)
 
 
-def test_intervals_are_of_students_t_over_episodes():
-    """Travel times of 160, 200 and 250 s, by SciPy; of one episode there is none."""
-    found = [
-        find(seen(drive([0] * round(4000 / speed * 4 + 1), speed, first_tick=4)), 30.0)
-        for speed in (25.0, 20.0, 16.0)
-    ]
-    low, high = scipy.stats.t.interval(0.95, 2, 0.0, scipy.stats.sem([160.0, 200.0, 250.0]))
+def test_intervals_use_students_t_over_episodes():
+    """Travel times of 160, 200 and 250 s, against SciPy; a single episode has no interval."""
+    counts = {speed: round(4000 / speed * 4 + 1) for speed in (25.0, 20.0, 16.0)}
+    found = [find(seen(drive([0] * n, speed, first_tick=4)), 30.0) for speed, n in counts.items()]
+    _, high = scipy.stats.t.interval(0.95, 2, 0.0, scipy.stats.sem([160.0, 200.0, 250.0]))
     assert half_widths(found)["travel_mean_s"] == pytest.approx(high, rel=1e-3)
-    assert low == pytest.approx(-high)
     assert np.isnan(half_widths(found[:1])["travel_mean_s"])
-    quantiles = scipy.stats.t.ppf(0.975, np.arange(1, len(STUDENT_T) + 1))
-    assert pytest.approx(quantiles, rel=1e-3) == STUDENT_T
+    quantiles = scipy.stats.t.ppf(0.975, np.arange(1, len(measures.STUDENT_T) + 1))
+    assert pytest.approx(quantiles, rel=1e-3) == measures.STUDENT_T

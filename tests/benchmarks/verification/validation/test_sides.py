@@ -1,4 +1,4 @@
-"""Both simulators on one road under one demand: what they are given, and what is read of them."""
+"""Both simulators on one road under one demand: their input, and the rows read from them."""
 
 import dataclasses
 import json
@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from benchmarks.verification.validation import compare as command
-from benchmarks.verification.validation.demands import DEMANDS, RISING, asked, world
+from benchmarks.verification.validation.demands import DEMANDS, asked, world
 from benchmarks.verification.validation.measures import find
 from benchmarks.verification.validation.medjax_side import SEEN, of_slots, program
 from benchmarks.verification.validation.published import RANGES, checks
-from benchmarks.verification.validation.sumo_side import SumoRun, read
+from benchmarks.verification.validation.sumo_side import read, sumo
 from benchmarks.verification.validation.trajectories import Road
 from medjax.episodes.keys import episode_keys
 from tests.benchmarks.refusal import refused
@@ -21,18 +21,14 @@ from tests.benchmarks.refusal import refused
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
-def test_loads_go_from_free_to_overloaded():
-    """Vehicles/h behind the last of four ramps, by four lanes of 2,000."""
-    loads = [(each.mainline_per_h + 4 * each.ramp_per_h) / 8000.0 for each in DEMANDS.values()]
-    assert loads == pytest.approx([0.45, 0.7125, 0.9, 1.0, 1.2, 1.2])
-
-
 def test_a_rising_demand_rises_for_half_of_its_time():
     """From half of it, in the warm-up and at first, to all of it; 20 measured minutes are 40."""
-    _, schedule = world(RISING, 20)
+    _, schedule = world(DEMANDS["rising"], 20)
     demands = [schedule.params_at(minute).demand for minute in range(schedule.all_minutes)]
-    main = np.array([float(demand.mainline_per_h) for demand in demands])
-    ramps = np.array([np.asarray(demand.ramp_per_h) for demand in demands])
+    main, ramps = (
+        np.stack(each)
+        for each in zip(*((d.mainline_per_h, d.ramp_per_h) for d in demands), strict=True)
+    )
     assert len(main) == 45
     assert main[:6] == pytest.approx(3800.0)
     assert np.diff(main[5:26]) == pytest.approx(190.0, rel=1e-4)
@@ -41,18 +37,17 @@ def test_a_rising_demand_rises_for_half_of_its_time():
     assert asked(schedule)["asked_main_per_h"] == pytest.approx(main[5:].mean())
 
 
-def test_every_range_is_of_a_demand_and_a_figure_and_has_a_source():
-    """And ranges are told from misses; what has no figure is neither."""
+def test_every_range_is_checked():
+    """Values outside are told from those inside; only medjax has to reach this project's goals."""
     of_all = dict.fromkeys({each.figure for each in RANGES}, -7.5)
     figures = {name: {"medjax": of_all, "SUMO": of_all} for name in DEMANDS}
     found = checks(figures, figures)
-    assert len(found) == len(RANGES)
     for check, each in zip(found, RANGES, strict=True):
         marks = {name: of["holds"] for name, of in check["measured"].items()}
-        # Goals of this project are not SUMO's to reach.
         assert marks == {"medjax": False, "SUMO": None if each.is_goal else False}
+        assert each.source
+        assert each.low <= each.high
     assert 0 < sum(each.is_goal for each in RANGES) < len(RANGES)
-    assert all(each.source and each.low <= each.high for each in RANGES)
     (drop,) = (each for each in RANGES if each.figure == "capacity_drop")
     assert [drop.holds(value) for value in (0.1, 0.2, np.nan)] == [True, False, None]
 
@@ -67,8 +62,8 @@ FCD = """timestep_time;vehicle_id;vehicle_type;vehicle_speed;vehicle_pos;vehicle
 """
 
 
-def test_a_table_of_sumo_becomes_rows(tmp_path):
-    """Lanes counted from the left, places on one axis, ticks from the end of the warm-up."""
+def test_sumos_table_becomes_rows(tmp_path):
+    """Lanes count from the left, positions share one axis, ticks count from the end of the warm-up."""
     file = tmp_path / "fcd.csv"
     file.write_text(FCD)
     _, schedule = world(DEMANDS["paper"], 1)
@@ -83,33 +78,32 @@ def test_a_table_of_sumo_becomes_rows(tmp_path):
     assert seen.num_ticks == 240
 
 
-def test_what_sumo_moves_agrees_with_what_it_says(tmp_path):
-    """Its vehicles' places change as their speeds say (ballistic: the mean of two), over all edges and lanes."""
+def test_sumos_vehicles_move_by_their_speeds():
+    """Positions change by the mean of two speeds (ballistic), over all edges and lanes."""
     pytest.importorskip("sumo")
     _, schedule = world(DEMANDS["merging"], 1)
-    (seen,) = SumoRun(
-        dataclasses.replace(schedule, warm_up_minutes=2), 1, 0, tmp_path
-    ).trajectories()
+    schedule = dataclasses.replace(schedule, warm_up_minutes=2)
+    with sumo(schedule, 1, 0) as rows:
+        (seen,) = rows
     on = seen.goes_on
     assert on.sum() > 10_000
-    way = np.diff(seen.x)[on]
     mean = 0.5 * (seen.speed[1:] + seen.speed[:-1])[on]
-    assert way == pytest.approx(mean * seen.tick_s, abs=0.03)
-    assert np.diff(seen.tick)[on].tolist() == [1] * on.sum()
+    assert np.diff(seen.x)[on] == pytest.approx(mean * seen.tick_s, abs=0.03)
+    assert set(np.diff(seen.tick)[on]) == {1}
     assert np.abs(np.diff(seen.lane)[on]).max() == 1
 
 
-def test_rows_of_medjax_agree_with_its_own_books():
-    """Vehicles, who left, lane changes and distance, against the tally; the last tick of all is not among the rows."""
+def test_medjaxs_rows_agree_with_its_tally():
+    """Vehicles, exits, lane changes and distance; the last tick of all is not among the rows."""
     env, schedule = world(DEMANDS["merging"], 1)
     params = schedule.params_at(0)
-    start, minute = program(env, "none")  # the command's: compiled once for both tests
+    start, minute = program(env)  # the command's, so that both tests share one compilation
     playing = start(episode_keys(0, 1), params)
     begun = int(playing.state.vehicles.active.sum())
     playing, ticks = minute(playing, jnp.int32(0), params)
     tally = jax.tree.map(lambda leaf: np.asarray(leaf)[0], playing.state.tally)
-    lengths = np.asarray(params.drivers.vehicle_length)
     slots = {name: np.asarray(ticks[name]).reshape(240, -1) for name in SEEN}
+    lengths = np.asarray(params.drivers.vehicle_length)
     seen = of_slots(slots, Road.of(env.config, params), env.config.tick_s, lengths)
     found = find(seen, 30.0)
     assert len(np.unique(seen.vehicle)) == tally.entered.sum() > begun
@@ -128,9 +122,8 @@ def test_the_command_measures_both_and_writes_what_it_prints(tmp_path, capsys):
     command.main([*argv, "--json", str(file), "--plot", str(picture)])
     out = capsys.readouterr().out
     written = json.loads(file.read_text())
-    by_idm = written["figures"]["paper"]["medjax IDM"]
-    ours = written["figures"]["paper"]["medjax"]
-    # IDM holds its own headway at no speed near the desired one, so that it drives more slowly than IDM+.
+    ours, by_idm = (written["figures"]["paper"][name] for name in ("medjax", "medjax IDM"))
+    # Near its desired speed IDM keeps more than its headway, so it drives more slowly than IDM+.
     assert by_idm["speed_last_mean"] < ours["speed_last_mean"] - 0.5
     assert "| paper, medjax | paper, medjax IDM |" in out
     # Five standard deviations of Poisson arrivals in two minutes.
@@ -146,12 +139,8 @@ def test_the_command_measures_both_and_writes_what_it_prints(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("argv", "word"),
-    [
-        (["--minutes=0"], "'0': allowed"),
-        (["--demands", "rush"], "rush"),
-        (["--plot=figure.pdf"], ".png"),
-    ],
+    ("option", "word"),
+    [("--minutes=0", "'0': allowed"), ("--demands=rush", "rush"), ("--plot=figure.pdf", ".png")],
 )
-def test_bad_input_is_one_line_and_code_2(argv, word, capsys):
-    assert word in refused(command.main, argv, capsys)
+def test_bad_input_is_one_line_and_code_2(option, word, capsys):
+    assert word in refused(command.main, [option], capsys)
