@@ -18,6 +18,7 @@ from medjax.commandline import (
 )
 from medjax.errors import InputError, shown
 from medjax.world.catalogue import PRESETS, KeepsLines
+from train.option import RENAMED, current_names
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig, from_json, load_config, to_json
 
@@ -118,6 +119,8 @@ def build_parser(kind: type[TrainConfig]) -> OneLineParser:
     )
     several.add_argument("--num-processes", metavar="N", help="number of processes")
     several.add_argument("--process-id", metavar="N", help="index of this process, from 0")
+    for old in RENAMED:
+        parser.add_argument(f"--{old}", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
     groups: dict[str, argparse._ArgumentGroup] = {}
     fields = dataclasses.fields(kind)
     for field in sorted(fields, key=lambda own: own.metadata["group"] == "network"):
@@ -208,7 +211,7 @@ def settings_from_text(kind: type[TrainConfig], given: dict[str, Any]) -> dict[s
         InputError: text that is not a value of its setting's type.
     """
     fields = {field.name: field for field in dataclasses.fields(kind)}
-    return {name: _value(fields[name], text) for name, text in given.items()}
+    return {name: _value(fields[name], text) for name, text in current_names(given).items()}
 
 
 def _value(field: dataclasses.Field[Any], text: Any) -> Any:
