@@ -5,7 +5,7 @@ import functools
 import math
 import numbers
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
 from medjax.commandline import NOT_NUMBERS
@@ -110,17 +110,22 @@ Kind = TypeVar("Kind", bound=type)
 
 
 def current_names(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values under the current names of settings; the first use of a former name prints the current one."""
+    """The values under the current names of settings; a value under a former name wins."""
     current = dict(values)
     for old in RENAMED.keys() & values.keys():
-        _say_renamed(old)
         current[RENAMED[old]] = current.pop(old)
     return current
 
 
+def say_renamed(names: Iterable[str]) -> None:
+    """Prints a line for each former name among `names`, once in a process."""
+    for old in RENAMED.keys() & {*names}:
+        _say_once(f"{old} is now {RENAMED[old]}; the old name goes with the next version")
+
+
 @functools.cache
-def _say_renamed(old: str) -> None:
-    print(f"{old} is now {RENAMED[old]}; the old name goes with the next version", file=sys.stderr)
+def _say_once(line: str) -> None:
+    print(line, file=sys.stderr)
 
 
 def takes_former_names(kind: Kind) -> Kind:
@@ -130,6 +135,7 @@ def takes_former_names(kind: Kind) -> Kind:
     @functools.wraps(init)
     def takes_both(self: Any, *args: Any, **values: Any) -> None:
         init(self, *args, **current_names(values))
+        say_renamed(values)  # bad values were refused before, in a line of their own
 
     kind.__init__ = takes_both  # type: ignore[misc]
     return kind

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, TypeVar
 from medjax.commandline import read_json
 from medjax.errors import InputError, shown
 from medjax.files import check_input
-from train.option import Override, checked, current_names, option
+from train.option import Override, checked, current_names, option, say_renamed
 from train.yaml_file import read_yaml
 
 MOST_COUNTED = 2**31 - 1  # indices and counters are int32
@@ -221,7 +221,9 @@ def from_json(data: Any, *kinds: type[Config]) -> Config:
     known = [field.name for field in dataclasses.fields(by_name[given])]
     if foreign := [name for name in values if name not in known]:
         raise InputError(f"{shown(foreign[0])} is not a setting of this version")
-    return by_name[given](**values)
+    config = by_name[given](**values)
+    say_renamed(data)
+    return config
 
 
 def load_config(path: Path, *kinds: type[Config], given: bool = False) -> Config:

@@ -18,7 +18,7 @@ from medjax.commandline import (
 )
 from medjax.errors import InputError, shown
 from medjax.world.catalogue import PRESETS, KeepsLines
-from train.option import RENAMED, current_names
+from train.option import RENAMED
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig, from_json, load_config, to_json
 
@@ -211,7 +211,7 @@ def settings_from_text(kind: type[TrainConfig], given: dict[str, Any]) -> dict[s
         InputError: text that is not a value of its setting's type.
     """
     fields = {field.name: field for field in dataclasses.fields(kind)}
-    return {name: _value(fields[name], text) for name, text in current_names(given).items()}
+    return {name: _value(fields[RENAMED.get(name, name)], text) for name, text in given.items()}
 
 
 def _value(field: dataclasses.Field[Any], text: Any) -> Any:

@@ -82,7 +82,7 @@ def test_waits_with_the_given_probability(observation, prior):
 
 def test_the_former_name_is_accepted_and_says_the_new_one(capsys):
     """From Python, in a file, and on the command line; one line names the new one."""
-    option._say_renamed.cache_clear()
+    option._say_once.cache_clear()
     config = PPOConfig(policy_prior="wait")
     assert PPOConfig(start="wait") == config
     assert dataclasses.replace(PPOConfig(), start="wait") == config
