@@ -20,7 +20,7 @@ from medjax.policies.team import rules_of
 from train.algorithms.environments import check_given, described
 from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.registry import algorithm_of
-from train.evaluation.comparison import Comparison, check_known
+from train.evaluation.comparison import Comparison
 from train.evaluation.summary import summarize
 from train.runs.arguments import Request
 from train.runs.checkpoint import CHECKPOINTS
@@ -113,8 +113,10 @@ def train(
         if stopped.code > 128:
             raise SystemExit(stopped.code) from None
         raise
-    learn, by_name = algorithm_of(settings), weights_by_name(settings, ended.weights)
-    policies = {name: learn.policy(ended.env, settings, own) for name, own in by_name.items()}
+    policies = {
+        name: algorithm_of(settings).policy(ended.env, settings, own)
+        for name, own in weights_by_name(settings, ended.weights).items()
+    }
     where = ended.rows, ended.run_dir.path, ended.played
     return TrainedRun(policies, *where, ended.env, ended.params, settings)
 
@@ -132,11 +134,11 @@ def _to_resume(given: str | Path) -> tuple[Path, int | None]:
 
 def _settings(config: TrainConfig | None, resume: Path | None, given: bool) -> TrainConfig:
     """The given settings, else those of the run to resume, else the defaults."""
-    if config is not None and not isinstance(config, TrainConfig):
+    if config is None:
+        return PPOConfig() if resume is None else RunDir(resume, given).load_config()
+    if not isinstance(config, TrainConfig):
         raise InputError(f"config is {shown(config)}, allowed: settings, such as PPOConfig()")
-    if config is not None or resume is None:
-        return PPOConfig() if config is None else config
-    return RunDir(resume, given).load_config()
+    return config
 
 
 def _environment(
@@ -145,23 +147,15 @@ def _environment(
     """The settings updated for the environment, and the environment itself if they cannot rebuild it."""
     if env is None or isinstance(env, str):
         if isinstance(params, TrainConfig):
-            raise InputError(
-                f"params are {type(params).__name__}: allowed config={type(params).__name__}(...)"
-            )
+            kind = type(params).__name__
+            raise InputError(f"params are {kind}: allowed config={kind}(...)")
         if params is not None:
             raise InputError("params without an environment, allowed: both, or a preset's name")
         scenario = config.scenario if env is None else env
         return dataclasses.replace(config, scenario=scenario), None
-    settings, rebuilt = _described(env, params, config)
+    settings, rebuilt = described(env, params, config)
     check_given(env, settings)
     return settings, None if rebuilt else (env, params)
-
-
-def _described(env: Any, params: Any, config: TrainConfig) -> tuple[TrainConfig, bool]:
-    """`described`, after a check that the environment came with parameters."""
-    if params is None:
-        raise InputError("env without params, allowed: both, as medjax.make gives them")
-    return described(env, params, config)
 
 
 def evaluate(
@@ -203,10 +197,11 @@ def evaluate(
         world = dataclasses.replace(world, scenario=env)
         env, params = medjax.make(env)
     else:
-        world, _ = _described(env, params, world)
+        world, _ = described(env, params, world)
     given = _by_name(policies, rules_of(env))
     if baseline is not None and baseline not in list(given):  # it may be unhashable
-        check_known("baseline", [baseline], [*given, *rules_of(env)])
+        if baseline not in (known := [*given, *rules_of(env)]):
+            raise InputError(f"baseline {shown(baseline)}: allowed {', '.join(known)}")
         given[baseline] = baseline
     check_episodes(episodes, len(given))
     playing = {name: as_policy(env, policy) for name, policy in given.items()}
@@ -232,7 +227,6 @@ def _by_name(
     listed = isinstance(policies, Mapping | Sequence) and not isinstance(policies, str)
     if not listed or not all(isinstance(name, str) for name in policies):
         raise InputError(f"policies are {shown(policies)}, allowed: by name, or a list of names")
-    given = dict(policies) if isinstance(policies, Mapping) else {name: name for name in policies}
-    if not given:
+    if not policies:
         raise InputError("policies are empty, allowed: at least one")
-    return given
+    return dict(policies) if isinstance(policies, Mapping) else {name: name for name in policies}

@@ -1,16 +1,19 @@
-"""Declares a setting with its default, range and help text, and checks values against the declaration."""
+"""Declares a setting with its default, range and help text, checks values, and knows former names of settings."""
 
 import dataclasses
+import functools
 import math
 import numbers
-from collections.abc import Mapping
-from typing import Any
+import sys
+from collections.abc import Iterable, Mapping
+from typing import Any, TypeVar
 
 from medjax.commandline import NOT_NUMBERS
 from medjax.errors import InputError, shown
 
 Override = bool | int | float | str | tuple[Any, ...] | dict[str, Any]
 
+RENAMED = {"start": "policy_prior"}  # former names of settings, accepted for one more version
 MOST_ITEMS = 32  # in a list; a deeper network would take hours to compile
 
 
@@ -33,9 +36,9 @@ def option(
         choices: allowed values.
         limits: smallest and largest allowed value.
     """
-    said = {"group": group, "help": text, "flags": flags, "choices": choices}
-    low, high = limits
-    return dataclasses.field(default=default, metadata={**said, "low": low, "high": high})
+    said: dict[str, Any] = {"group": group, "help": text, "flags": flags, "choices": choices}
+    said |= {"low": limits[0], "high": limits[1]}
+    return dataclasses.field(default=default, metadata=said)
 
 
 def checked(field: dataclasses.Field[Any], value: Any) -> Any:
@@ -101,3 +104,38 @@ def _plain(name: str, value: Any, nested: bool = False) -> Any:
     if not nested and isinstance(value, Mapping):
         return {str(key): _plain(name, item, nested=True) for key, item in value.items()}
     raise InputError(f"{name} is {shown(value)}, allowed: a number or a list of numbers")
+
+
+Kind = TypeVar("Kind", bound=type)
+
+
+def current_names(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values under the current names of settings; a value under a former name wins."""
+    current = dict(values)
+    for old in RENAMED.keys() & values.keys():
+        current[RENAMED[old]] = current.pop(old)
+    return current
+
+
+def say_renamed(names: Iterable[str]) -> None:
+    """Prints a line for each former name among `names`, once in a process."""
+    for old in RENAMED.keys() & {*names}:
+        _say_once(f"{old} is now {RENAMED[old]}; the old name goes with the next version")
+
+
+@functools.cache
+def _say_once(line: str) -> None:
+    print(line, file=sys.stderr)
+
+
+def takes_former_names(kind: Kind) -> Kind:
+    """A decorator: a class of settings also takes the former names in `RENAMED` as arguments."""
+    init: Any = kind.__init__  # type: ignore[misc]
+
+    @functools.wraps(init)
+    def takes_both(self: Any, *args: Any, **values: Any) -> None:
+        init(self, *args, **current_names(values))
+        say_renamed(values)  # bad values were refused before, in a line of their own
+
+    kind.__init__ = takes_both  # type: ignore[misc]
+    return kind

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, TypeVar
 from medjax.commandline import read_json
 from medjax.errors import InputError, shown
 from medjax.files import check_input
-from train.option import Override, checked, option
+from train.option import Override, checked, current_names, option, say_renamed
 from train.yaml_file import read_yaml
 
 MOST_COUNTED = 2**31 - 1  # indices and counters are int32
@@ -119,10 +119,10 @@ class TrainConfig(abc.ABC):
     activation: str = option(
         "silu", "network", "activation of the hidden layers", choices=("tanh", "relu", "silu")
     )
-    start: str = option(
+    policy_prior: str = option(
         "rule",
         "network",
-        "initial policy: the rule budgeted, which needs --observation profile; or wait",
+        "the policy that training starts from: the rule budgeted, which needs --observation profile; or wait",
         choices=("rule", "wait"),
     )
     initial_wait: float = option(
@@ -213,7 +213,7 @@ def from_json(data: Any, *kinds: type[Config]) -> Config:
     """
     if not isinstance(data, dict):
         raise InputError(f"settings are {type(data).__name__}, allowed: an object of named values")
-    values = dict(data)
+    values = current_names(data)
     by_name = {kind.algorithm: kind for kind in kinds}
     given = values.pop("algorithm", kinds[0].algorithm)
     if not isinstance(given, str) or given not in by_name:
@@ -221,7 +221,9 @@ def from_json(data: Any, *kinds: type[Config]) -> Config:
     known = [field.name for field in dataclasses.fields(by_name[given])]
     if foreign := [name for name in values if name not in known]:
         raise InputError(f"{shown(foreign[0])} is not a setting of this version")
-    return by_name[given](**values)
+    config = by_name[given](**values)
+    say_renamed(data)
+    return config
 
 
 def load_config(path: Path, *kinds: type[Config], given: bool = False) -> Config:

@@ -1,8 +1,8 @@
 """`python -m tests.train.killed_runs DIR SEED KILLS`: a run on a probe that is killed and resumed, over and over.
 
-Writes DIR/whole, never interrupted, and DIR/parts, killed KILLS times with SIGKILL at random moments of its life;
-prints a line of JSON for each kill: what lay in the directory. Every life is a process of its own, forked from this
-one, which imports everything once and computes nothing.
+Writes DIR/whole, never interrupted, and DIR/parts, killed KILLS times with SIGKILL at random moments. Prints a line of
+JSON after each kill: the contents of the directory. Each start is a process of its own, forked from this one, which
+imports everything once and computes nothing.
 """
 
 import json
@@ -17,7 +17,7 @@ from pathlib import Path
 
 from tests.train.conftest import TINY, use_probes
 
-UPDATES_PER_LIFE = 100  # more than a life gets done in its last tenth of a second
+UPDATES_PER_LIFE = 100  # more than a process does in its last tenth of a second
 OPTIONS = [*TINY, "--checkpoint-interval=1", "--eval-episodes=0", "--num-devices=1"]
 
 
@@ -41,7 +41,7 @@ def updates_in(run: Path) -> list[int]:
 
 
 def wait_for_updates(run: Path, child: int) -> None:
-    """Until metrics.jsonl grows. (A life begins by writing it anew, as it was at the checkpoint.)"""
+    """Waits until metrics.jsonl grows; a process first rewrites it as it was at the checkpoint."""
     path, last = run / "metrics.jsonl", None
     while True:
         if path.exists():
@@ -68,7 +68,7 @@ def main(place: Path, seed: int, kills: int) -> None:
             shutil.rmtree(parts, ignore_errors=True)
         started = time.monotonic()
         child = begin([f"--resume={parts}"] if resumes else [*options, f"--run-dir={parts}"])
-        if number % 3 == 2:  # on its way to the first update, where it spends most of a short life
+        if number % 3 == 2:  # before the first update, where a process spends most of its time
             time.sleep(rng.uniform(0.0, warm_up))
         else:
             wait_for_updates(parts, child)

@@ -1,4 +1,4 @@
-"""What somebody brings to the commands: a term of the reward, and a wrapper."""
+"""A custom reward term and a custom wrapper."""
 
 import dataclasses
 
@@ -17,7 +17,7 @@ def generous(env):
 
 @dataclasses.dataclass(frozen=True)
 class Generous(Probe):
-    """A probe of somebody's own, which no file can name."""
+    """A custom probe, which no file can describe."""
 
     def step_env(self, key, state, action, params):
         obs, state, reward, *rest = super().step_env(key, state, action, params)

@@ -33,14 +33,12 @@ TINY = ["--num-envs=4", "--num-minibatches=4", "--rollout-length=12", "--total-t
     ],
 )
 def test_train_evaluate_and_export(tmp_path, argv):
-    """Rules play as dispatchers of the same world; the file's policy is the run's, dispatcher included."""
+    """Rules play as dispatchers of the same world; the file's policy is the run's, including its dispatcher."""
     run = tmp_path / "run"
     closes = argv[-1] == "--dispatcher=budgeted"  # with an evaluation of all rules
     episodes = f"--eval-episodes={2 * closes}"
-    given = [*TINY, *argv, "--hidden", "8", f"--run-dir={run}", episodes]
-    for name, value in SMALL.items():
-        given += ["--set", f"{name}={value}"]
-    assert ppo.main(given) == 0
+    changes = [f"--set={name}={value}" for name, value in SMALL.items()]
+    assert ppo.main([*TINY, *argv, "--hidden", "8", f"--run-dir={run}", episodes, *changes]) == 0
     rows = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
     assert [row["update"] for row in rows] == [1, 2]
     assert rows[-1]["episode_length"] == 12.0
@@ -71,9 +69,6 @@ def test_train_evaluate_and_export(tmp_path, argv):
 @pytest.mark.parametrize(
     ("argv", "words"),
     [
-        (["--agents=both"], ["agents", "both", "none, ippo, mappo"]),
-        (["--agents=ippo", "--credit=mine"], ["credit", "mine", "team, own"]),
-        (["--agents=ippo", "--dispatcher=nobody"], ["dispatcher", "nobody", "agents, periodic"]),
         (["--dispatcher=budgeted"], ["agents is 'none'", "dispatcher is 'budgeted'"]),
         (["--credit=own"], ["agents is 'none'", "credit is 'own'"]),
         (["--agents=ippo", "--network=sets", "--observation=flat"], ["network", "sets"]),
@@ -90,8 +85,8 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys, argv, words):
     assert not any(tmp_path.iterdir())
 
 
-def test_dispatchers_are_rules_without_a_draw():
-    """Each of them is one of `medjax.BASELINES`, does the same by any key, and leaves the world as it is."""
+def test_dispatchers_are_deterministic_rules():
+    """Each is one of `medjax.BASELINES`, ignores its key, and leaves the numbers of the world alone."""
     env, params = medjax.make("paper", **SMALL)
     obs, state = jax.jit(env.reset)(jax.random.key(0), params)
     policies = {name: medjax.BASELINES[name](env) for name in DISPATCHERS}
@@ -101,8 +96,8 @@ def test_dispatchers_are_rules_without_a_draw():
 
 
 @pytest.mark.parametrize("central", [False, True])
-def test_agents_that_are_given_are_named_by_settings(central):
-    """As `agents_of` makes them: `train.api` leaves a run that the commands take."""
+def test_settings_name_given_agents(central):
+    """As `agents_of` makes them, so that `train.api` leaves a run that the commands take."""
     env, params = agents_of("paper", central=central, credit="own", speeds=[17.0], **SMALL)
     config, rebuilt = described(env, params, PPOConfig())
     assert rebuilt

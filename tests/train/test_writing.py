@@ -1,4 +1,4 @@
-"""What commands say where they cannot write, and go on from what can still be read."""
+"""Commands on a full disk or with too little memory, and a run whose newest checkpoint is damaged."""
 
 import contextlib
 import os
@@ -14,53 +14,45 @@ from train.reporting.figures import new_figure, save
 QUIET = [*TINY, "--eval-episodes=0", "--updates-per-call=1"]
 
 
-def fill(disk):
-    """Leaves no room."""
-    with contextlib.suppress(OSError), (disk / "full").open("wb", 0) as file:
-        while True:
-            file.write(bytes(4096))
+@pytest.fixture
+def full_disk(probe):
+    """A directory `disk` without room."""
+    disk = probe / "disk"
+    with small_disk(disk):
+        with contextlib.suppress(OSError), (disk / "full").open("wb", 0) as file:
+            while True:
+                file.write(bytes(4096))
+        yield disk
 
 
-def test_a_full_disk_ends_a_command_in_a_line(probe, capsys):
-    """With exit code 1; what was there stays, and nothing half lies beside it."""
-    assert ppo.main([*QUIET, "--run-dir=run"]) == 0
-    with small_disk(probe / "disk"):
-        fill(probe / "disk")
-        for command, argv in (
-            (evaluate, ["--run-dir=run", "--episodes=3", "--json=disk/out.json"]),
-            (export, ["--run-dir=run", "--out=disk/out.zip"]),
-        ):
-            capsys.readouterr()
-            assert command.main(argv) == 1
-            err = capsys.readouterr().err
-            assert err.count("\n") == 1, err
-            assert "cannot write disk/out" in err
-            assert "No space left" in err
-            assert os.listdir(probe / "disk") == ["full"]
-        figure = new_figure(3, 2)
-        with pytest.raises(OSError, match="No space left"):
-            save(figure, probe / "disk/out.png")
-        assert os.listdir(probe / "disk") == ["full"]
-
-
-def test_what_cannot_be_written_is_named(probe, capsys, monkeypatch):
-    """The picture, where the numbers were written; one file cannot be both, and nothing is sampled without a run."""
+def test_a_full_disk_ends_a_command_in_a_line(probe, full_disk, capsys, monkeypatch):
+    """With exit code 1; earlier files stay, and no half file is left."""
     assert ppo.main([*QUIET, "--run-dir=run"]) == 0
     argv = ["--run-dir=run", "--episodes=3"]
-    capsys.readouterr()
-    refused(capsys, [*argv, "--json=a.png", "--plot=a.png"], "both a.png", command=evaluate)
-    refused(capsys, ["--policies=none", "--stochastic"], "without --run-dir", command=evaluate)
     draw = lambda path, *_: save(new_figure(3, 2), path)  # noqa: E731, probes have no metrics
     monkeypatch.setattr("train.reporting.figures.plot_comparison", draw)
-    with small_disk(probe / "disk"):
-        fill(probe / "disk")
-        assert evaluate.main([*argv, "--json=out.json", "--plot=disk/out.png"]) == 1
-    assert "cannot write disk/out.png: No space left" in capsys.readouterr().err
+    for command, given in (
+        (evaluate, [*argv, "--json=disk/out.json"]),
+        (evaluate, [*argv, "--json=out.json", "--plot=disk/out.png"]),
+        (export, ["--run-dir=run", "--out=disk/out.zip"]),
+    ):
+        capsys.readouterr()
+        assert command.main(given) == 1
+        err = capsys.readouterr().err
+        assert err.count("\n") == 1, err
+        assert f"cannot write {given[-1].partition('=')[2]}: No space left" in err
+        assert os.listdir(full_disk) == ["full"]
     assert (probe / "out.json").exists()
 
 
-def test_what_is_too_large_is_refused_before_it_is_compiled(probe, capsys, monkeypatch):
-    """By what a run and an evaluation take of this machine; --force begins all the same."""
+def test_evaluate_refuses_options_that_conflict(probe, capsys):
+    argv = ["--run-dir=run", "--json=a.png", "--plot=a.png"]
+    refused(capsys, argv, "both a.png", command=evaluate)
+    refused(capsys, ["--policies=none", "--stochastic"], "without --run-dir", command=evaluate)
+
+
+def test_what_exceeds_the_memory_is_refused_before_compiling(probe, capsys, monkeypatch):
+    """A run and an evaluation; --force starts them all the same."""
     small = lambda: 20_000  # noqa: E731
     monkeypatch.setattr("medjax.numerics.memory.memory_bytes", small)
     compiled = []
@@ -79,8 +71,8 @@ def test_what_is_too_large_is_refused_before_it_is_compiled(probe, capsys, monke
     assert evaluate.main([*argv, "--force"]) == 0
 
 
-def test_the_checkpoint_before_a_damaged_one_is_gone_on_from(probe, capsys):
-    """As the refusal says; the run ends as if it had never come further."""
+def test_a_run_resumes_before_a_damaged_checkpoint(probe, capsys):
+    """With the options that the refusal names; the run ends as if it had never got further."""
     assert ppo.main([*QUIET, "--run-dir=run", "--total-timesteps=80", "--no-anneal"]) == 0
     assert ppo.main([*QUIET, "--run-dir=same", "--no-anneal"]) == 0
     newest = probe / "run/checkpoints/5.npz"

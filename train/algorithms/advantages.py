@@ -1,5 +1,7 @@
 """Generalised advantage estimation that distinguishes terminations from truncations."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from flax import struct
@@ -42,9 +44,7 @@ def generalized_advantages(
     delta = steps.reward + gamma * next_value - value
     decay = jnp.where(terminated | truncated, 0.0, gamma * gae_lambda)
 
-    def back(
-        advantage: jax.Array, step: tuple[jax.Array, jax.Array]
-    ) -> tuple[jax.Array, jax.Array]:
+    def back(advantage: jax.Array, step: Any) -> tuple[jax.Array, jax.Array]:
         step_delta, step_decay = step
         advantage = step_delta + step_decay * advantage
         return advantage, advantage
@@ -54,10 +54,9 @@ def generalized_advantages(
 
 
 def needs_bootstrap(steps: Steps, gae_lambda: float) -> jax.Array:
-    """Whether the advantages of rollouts also depend on the values of other steps; `(...)` bool.
+    """Whether the result of `generalized_advantages` also depends on the values of other steps; `(...)` bool.
 
-    With lambda 1 those values cancel out, except the ones that are bootstrapped after a cut. This holds for the output
-    of `generalized_advantages`; `leave_one_out_baseline` then reads the values of other environments at the same step.
+    With lambda 1 those values cancel out, except the ones that are bootstrapped after a cut.
     """
     cut = ~steps.terminated[-1] | jnp.any(steps.truncated & ~steps.terminated, axis=0)
     return cut | (gae_lambda < 1.0)

@@ -71,7 +71,7 @@ def first_weights(network: nn.Module, key: jax.Array, shape: tuple[int, ...]) ->
 
 @dataclasses.dataclass(frozen=True)
 class Algorithm:
-    """A way to learn a dispatcher.
+    """An algorithm that learns a dispatcher.
 
     Attributes:
         settings: class of its settings; their `algorithm` is its name in tables and files.
@@ -109,7 +109,7 @@ class Algorithm:
         Args:
             env: a single environment.
             config: settings of the run.
-            weights: the run's weights, with a leading axis if it had several seeds; only shapes are read.
+            weights: the run's weights; only the number of features is read, the last axis of the moments.
         """
         network = self.build_network(env, config)
         shape = weights.obs_stats.mean.shape[-1:]

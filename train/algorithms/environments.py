@@ -57,8 +57,10 @@ def described(env: Any, params: Any, config: TrainConfig) -> tuple[TrainConfig, 
         config: settings; those of the environment are replaced.
 
     Raises:
-        InputError: `env` is not an environment.
+        InputError: `env` is not an environment, or comes without parameters.
     """
+    if params is None:
+        raise InputError("env without params, allowed: both, as medjax.make gives them")
     check_is_environment(env)
     how: dict[str, Any] = {"reward": "preset", "wrapper": "none"}
     try:
@@ -91,7 +93,11 @@ def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
         check_network(config, OBSERVATIONS.get(config.observation))
         wrap = None if config.wrapper == "none" else read_object("wrapper", config.wrapper)
         env, params, *_ = build(config.scenario, observation=config.observation, **how)
-        return (_wrapped(env, wrap, config) if wrap else env), params
+        if wrap is not None:
+            env = wrap(env)
+            check_is_environment(env)
+            check_network(config, env.observation)
+        return env, params
     how |= {"credit": config.credit, "central": config.agents == "mappo"}
     env, params = agents_of(config.scenario, build=build, **how)
     check_network(config, env.observation)
@@ -105,13 +111,6 @@ def _reward(config: TrainConfig) -> Any:
     own = [read_object("reward", text) for text in config.reward.split(",")]
     usual = SCENARIOS[config.scenario].reward if config.scenario in SCENARIOS else "paper"
     return {**REWARDS[usual], **{getattr(term, "__name__", "own"): term for term in own}}
-
-
-def _wrapped(env: Any, wrap: Callable[[Any], Any], config: TrainConfig) -> Any:
-    wrapped = wrap(env)
-    check_is_environment(wrapped)
-    check_network(config, wrapped.observation)
-    return wrapped
 
 
 def dispatched(env: Any, config: TrainConfig) -> Dispatched | None:

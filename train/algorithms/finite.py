@@ -20,13 +20,10 @@ QUANTITIES = (  # that an algorithm may check, in the order in which an update c
 
 
 def first_bad(**quantities: Any) -> jax.Array:
-    """Finds the first of these trees that holds a number that is not finite.
+    """The index in `QUANTITIES`, () int32, of the first tree with a number that is not finite; else their number.
 
     Args:
         quantities: trees by their names in `QUANTITIES`, with `_` for a space, and in that order.
-
-    Returns:
-        Its index in `QUANTITIES`, () int32; their number if all are finite.
     """
 
     def is_bad(tree: Any) -> jax.Array:

@@ -25,9 +25,8 @@ ROWS_AT_ONCE = 512
 def split_environments(key: jax.Array, samples: Any, num_minibatches: int) -> Any:
     """Deals out the environments: each minibatch gets one of every `num_minibatches` neighbours at random.
 
-    Dealing whole environments is cheap and keeps the layout of the rollout; shuffling single steps costs more than
-    their decorrelation is worth. Dealing among neighbours loses nothing because environments are alike, and it saves
-    devices that share them from exchanging samples.
+    Dealing whole environments keeps the layout of the rollout; shuffling single steps costs more than their
+    decorrelation is worth. Dealing among neighbours saves devices that share them from exchanging samples.
 
     Args:
         key: key of the random deal.
@@ -49,40 +48,23 @@ def split_environments(key: jax.Array, samples: Any, num_minibatches: int) -> An
     return jax.tree.map(deal, samples)
 
 
-def rows_of(samples: Any, axes: int) -> Any:
-    """Merges the first `axes` axes of every leaf into one."""
-    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[axes:]), samples)
-
-
-def pick(samples: Any, rows: jax.Array) -> Any:
-    """Takes rows `(some,)` of samples, leaves `(num_rows, ...)`; a row number out of range gives zeros."""
-    return jax.tree.map(
-        lambda leaf: jnp.take(leaf, rows, axis=0, mode="fill", fill_value=0), samples
-    )
-
-
 def mean_in_blocks(function: Callable[[jax.Array], Result], teaches: jax.Array) -> Result:
-    """`function(jnp.arange(num_rows))`, computed in blocks from the rows that teach.
+    """The mean of `function` over all rows, computed in blocks; rows that do not teach are not read and add nothing.
 
     Args:
         function: maps row numbers `(some,)` to means over these rows, in any tree; a number out of range adds nothing.
-        teaches: `(num_rows,)` bool, the rows to read; the others add nothing.
+        teaches: `(num_rows,)` bool.
     """
     count = teaches.size
     block = min(ROWS_AT_ONCE, count) if jax.default_backend() == "cpu" else count
 
     def share(rows: jax.Array) -> Result:
-        """Contribution of rows `(block,)` to the means."""
         return jax.tree.map(lambda mean: mean * (block / count), function(rows))
 
     shapes = jax.eval_shape(share, jax.ShapeDtypeStruct((block,), jnp.int32))
     nothing = jax.tree.map(jnp.zeros_like, shapes)
-    return for_true_rows(
-        teaches,
-        block,
-        lambda _, rows, sums: jax.tree.map(jnp.add, sums, share(rows)),
-        nothing,
-    )
+    add = lambda _, rows, sums: jax.tree.map(jnp.add, sums, share(rows))  # noqa: E731
+    return for_true_rows(teaches, block, add, nothing)
 
 
 def minibatch_gradient(
@@ -94,10 +76,17 @@ def minibatch_gradient(
     number = jnp.swapaxes(jnp.arange(math.prod(shape)).reshape(shape), 0, 1)
     # Every device holds a contiguous run of environments of the same length, and numbers its own from 0.
     place = number[environments % shape[1]].ravel()
-    seen, samples = rows_of(seen, teaches.ndim), rows_of(samples, teaches.ndim)
+    seen, samples = jax.tree.map(
+        lambda leaf: leaf.reshape(-1, *leaf.shape[teaches.ndim :]), (seen, samples)
+    )
+
+    def pick(tree: Any, rows: jax.Array) -> Any:
+        """These rows of every leaf; a row number out of range gives zeros."""
+        take = partial(jnp.take, indices=rows, axis=0, mode="fill", fill_value=0)
+        return jax.tree.map(take, tree)
 
     def of_rows(rows: jax.Array) -> tuple[Any, dict[str, jax.Array]]:
-        """Gradient and scalars of these rows; a number out of range stays out of range in `seen`."""
+        # A number out of range stays out of range in `seen`.
         places = jnp.take(place, rows, mode="fill", fill_value=number.size)
         return jax.grad(loss, has_aux=True)(params, pick(seen, places), pick(samples, rows))
 
@@ -113,9 +102,7 @@ def run_epochs(
     num_epochs: int,
     mesh: Mesh,
 ) -> tuple[Any, Any, dict[str, jax.Array]]:
-    """Epochs of gradient steps; the devices share each minibatch.
-
-    The cost grows with the number of samples that teach.
+    """Epochs of gradient steps on the samples that teach; the devices share each minibatch.
 
     A step exchanges a single message between devices: the gradient and the scalars as one vector. Between processes
     the number of messages determines the cost, because each message waits until every process is awake.
@@ -139,7 +126,7 @@ def run_epochs(
     def step(
         seen: Any, carry: tuple[Any, Any], batch: tuple[jax.Array, jax.Array, Any]
     ) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
-        """One gradient step: a device reads its own samples of the minibatch, and the update is the same on all."""
+        # A device reads its own samples of the minibatch, and the update is the same on all.
         params, opt_state = carry
         own, restore = ravel_pytree(minibatch_gradient(loss, params, seen, batch))
         gradient, metrics = restore(lax.pmean(own, mesh.axis_names))
@@ -151,8 +138,6 @@ def run_epochs(
     def epochs(
         start: tuple[Any, Any], seen: Any, minibatches: tuple[jax.Array, jax.Array, Any]
     ) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
-        """All epochs on a device's own environments; the scalars are `(num_epochs, num_minibatches)`."""
-
         def epoch(carry: tuple[Any, Any], _: None) -> Any:
             return lax.scan(partial(step, seen), carry, minibatches)
 

@@ -33,8 +33,8 @@ def run_updates(
 ) -> tuple[TrainState, Metrics]:
     """Several updates.
 
-    Their number is an argument of the compiled program, which does not depend on the most that the settings allow.
-    Training therefore takes the same steps, bit for bit, however many updates each call does.
+    Their number is an argument of the compiled program, so that training takes the same steps, bit for bit, however
+    many updates each call does.
 
     Args:
         learner: learner of one seed.
@@ -59,16 +59,14 @@ def run_updates(
 
 
 def make_train(env: Environment, params: Any, config: TrainConfig) -> Programs:
-    """The training programs, not yet compiled.
+    """The training programs, jitted but not yet compiled; `run` donates its state.
+
+    With `config.num_seeds > 1` every leaf of the state and of the metrics has a leading axis of that length.
 
     Args:
         env: a single environment; the learner makes `config.num_envs` copies of it.
         params: its parameters; only the length of an episode is read.
         config: settings.
-
-    Returns:
-        Jitted functions (`.lower` compiles them ahead of time); `run` donates its state. With
-        `config.num_seeds > 1` every leaf of the state and of the metrics has a leading axis of that length.
 
     Raises:
         InputError: `config.num_devices` is not possible.

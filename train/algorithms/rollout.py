@@ -13,13 +13,7 @@ from jax import lax
 
 from medjax.env.contract import BatchEnvironment
 from medjax.numerics.rows import for_true_rows
-from train.algorithms.networks import (
-    Categorical,
-    PolicyWeights,
-    apply_policy,
-    apply_value,
-    sample_each,
-)
+from train.algorithms.networks import Categorical, PolicyWeights, apply_policy, apply_value
 
 
 @struct.dataclass
@@ -77,11 +71,7 @@ def spread(values: jax.Array, like: jax.Array) -> jax.Array:
 
 
 def sum_episodes(episode: dict[str, Any]) -> EpisodeSums:
-    """Sums over the whole episodes that ended in a step.
-
-    Args:
-        episode: `info["episode"]` of `medjax.wrappers.EpisodeLog`.
-    """
+    """Sums over the whole episodes that ended in a step; `episode` is of `medjax.wrappers.EpisodeLog`."""
     values = {"return": episode["return"], "length": episode["length"], **episode["metrics"]}
     columns = [value.astype(jnp.float32) for value in values.values()]
     table = jnp.stack([*columns, jnp.ones_like(columns[0])], axis=1)
@@ -100,6 +90,11 @@ def episode_metrics(sums: EpisodeSums) -> dict[str, jax.Array]:
 
 
 Choose = Callable[[Categorical, jax.Array], jax.Array]  # (rows,) policies and keys to actions
+
+
+def sample_each(policy: Categorical, keys: jax.Array) -> jax.Array:
+    """A sample from each of the distributions `(rows,)`, each with its own key `(rows,)`."""
+    return jax.vmap(lambda own, key: own.sample(seed=key))(policy, keys)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from medjax.episodes.scores import Scores
-from medjax.errors import InputError, shown
 from train.evaluation.tables import format_table
 
 
@@ -40,7 +39,13 @@ class Comparison:
                     minus: differences[name]["mean"],
                     f"{minus}_ci95": differences[name]["ci95"],
                 }
-            rows.append(_flat(row))
+            flat: dict[str, Any] = {}
+            for column, value in row.items():
+                if isinstance(value, list):
+                    flat[f"{column}_low"], flat[f"{column}_high"] = value
+                else:
+                    flat[column] = value
+            rows.append(flat)
         return rows
 
     def episodes(self) -> list[dict[str, Any]]:
@@ -56,21 +61,3 @@ class Comparison:
         return format_table(self.result, self.learned)
 
     __repr__ = __str__  # for notebooks
-
-
-def check_known(what: str, names: Sequence[str], known: Sequence[str]) -> None:
-    """Refuses (InputError) the first unknown name."""
-    for name in names:
-        if name not in known:
-            raise InputError(f"{what} {shown(name)}: allowed {', '.join(known)}")
-
-
-def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
-    """The row with each interval split into two columns."""
-    flat: dict[str, Any] = {}
-    for name, value in row.items():
-        if isinstance(value, list):
-            flat[f"{name}_low"], flat[f"{name}_high"] = value
-        else:
-            flat[name] = value
-    return flat

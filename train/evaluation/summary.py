@@ -65,10 +65,10 @@ def summarize(
     }
     if baseline is not None:
         base = {baseline: scores[baseline]}
-        others = {name: score for name, score in scores.items() if name != baseline}
         gains = {
             name: _gains(score["return"][None], base, seed)[baseline]
-            for name, score in others.items()
+            for name, score in scores.items()
+            if name != baseline
         }
         result |= {"baseline": baseline, "difference_from_baseline": gains}
     trained = [score for name, score in scores.items() if name in learned]
@@ -116,11 +116,8 @@ def verdict_ci95(score: Scores, seed: int = 0) -> dict[str, list[float]]:
     """Intervals of the lines of the player's verdict by title, except the return and what is not finite."""
     if not {*NAMES} - {"return_mean"} <= {*score}:  # another kind of environment
         return {}
-    ends = {
-        line.title: list(bootstrap_ci95(line.of(score), seed))
-        for line in LINES
-        if line.title != "return"
-    }
+    lines = [line for line in LINES if line.title != "return"]
+    ends = {line.title: list(bootstrap_ci95(line.of(score), seed)) for line in lines}
     return {title: pair for title, pair in ends.items() if np.isfinite(pair).all()}
 
 

@@ -62,20 +62,26 @@ def format_table(result: Mapping[str, Any], learned: Sequence[str]) -> str:
     parts += [format_rows(terms)] if len((terms := reward_rows(result))[0]) > 1 else []
     balance = balance_rows(result)
     parts += [format_rows(balance)] if len(balance[0]) > 1 else []
-    if seeds := result.get("training_seeds"):
-        means = ", ".join(map(short, seeds["return_means"]))
-        middle = f"{short(seeds['interquartile_mean'])} {interval(seeds['ci95'])}"
-        gains = seeds["paired_return_differences"]
-        sure = interval_of_seeds(len(gains))
-        lines = [f"training seeds: {means}; interquartile mean, {sure}: {middle}"]
-        others = [name for name, _ in best_first(result) if name in gains[0]]
-        for other in dict.fromkeys([*others[:1], *({START} & {*others})]):
-            each = ", ".join(_gain(gain[other]) for gain in gains)
-            lines.append(f"each minus {other}, 95 % CI: {each}")
-        parts.append("\n".join(lines))
+    if "training_seeds" in result:
+        parts.append("\n".join(_lines_of_seeds(result)))
     if "change_against_none" in result:
         parts.append(format_rows(claim_rows(result, learned)))
     return "\n\n".join(parts)
+
+
+def _lines_of_seeds(result: Mapping[str, Any]) -> list[str]:
+    """The training seeds on their own, and each against the best rule and the initial policy."""
+    seeds = result["training_seeds"]
+    means = ", ".join(map(short, seeds["return_means"]))
+    middle = f"{short(seeds['interquartile_mean'])} {interval(seeds['ci95'])}"
+    gains = seeds["paired_return_differences"]
+    sure = interval_of_seeds(len(gains))
+    lines = [f"training seeds: {means}; interquartile mean, {sure}: {middle}"]
+    others = [name for name, _ in best_first(result) if name in gains[0]]
+    for other in dict.fromkeys([*others[:1], *({START} & {*others})]):
+        each = ", ".join(_gain(gain[other]) for gain in gains)
+        lines.append(f"each minus {other}, 95 % CI: {each}")
+    return lines
 
 
 def trained(learned: Sequence[str]) -> str:
@@ -125,8 +131,9 @@ def unseen(result: Mapping[str, Any], learned: Sequence[str]) -> str:
     for name, difference in differences.items():
         low, high = difference["ci95"]
         if low == high == 0.0:
-            each = f"each of the {result['episodes']} episodes"
-            lines.append(f"{name} returned what {other} did in {each}.")
+            lines.append(
+                f"{name} returned what {other} did in each of the {result['episodes']} episodes."
+            )
         elif low <= 0.0 <= high:
             lines.append(
                 f"No difference between {name} and {other} can be seen with {few}: "
@@ -159,7 +166,7 @@ def comparison_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
         differences = result.get("paired_return_difference", {})
     for name, entry in best_first(result):
         cells = [name, short(entry["return_mean"]), interval(entry["return_ci95"])]
-        cells += [format(entry[metric], form) for metric, form in columns.values()]
+        cells += _cells(columns, entry)
         if differences is not None:
             cells.append(_gain(differences[name]) if name in differences else "")
         rows.append(cells)
@@ -169,10 +176,7 @@ def comparison_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:
 def balance_rows(result: Mapping[str, Any]) -> Table:
     """Savings, charge and costs of each policy, best return first."""
     columns = _in_all(BALANCE, result)
-    rows = [
-        [name, *(format(entry[metric], form) for metric, form in columns.values())]
-        for name, entry in best_first(result)
-    ]
+    rows = [[name, *_cells(columns, entry)] for name, entry in best_first(result)]
     return [["policy", *columns], *rows]
 
 
@@ -193,6 +197,10 @@ def _in_all(columns: Mapping[str, tuple[str, str]], result: Mapping[str, Any]) -
         for heading, (metric, form) in columns.items()
         if all(entry.get(metric) is not None for entry in entries)
     }
+
+
+def _cells(columns: Mapping[str, tuple[str, str]], entry: Mapping[str, Any]) -> list[str]:
+    return [format(entry[metric], form) for metric, form in columns.values()]
 
 
 def paper_rows(result: Mapping[str, Any], learned: Sequence[str]) -> Table:

@@ -18,6 +18,7 @@ from medjax.commandline import (
 )
 from medjax.errors import InputError, shown
 from medjax.world.catalogue import PRESETS, KeepsLines
+from train.option import RENAMED
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig, from_json, load_config, to_json
 
@@ -103,6 +104,8 @@ def build_parser(kind: type[TrainConfig]) -> OneLineParser:
     several("--coordinator", metavar="HOST:PORT", help=text)
     several("--num-processes", metavar="N", help="number of processes")
     several("--process-id", metavar="N", help="index of this process, from 0")
+    for old in RENAMED:
+        parser.add_argument(f"--{old}", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
     groups: dict[str, argparse._ArgumentGroup] = {}
     fields = dataclasses.fields(kind)
     for field in sorted(fields, key=lambda own: own.metadata["group"] == "network"):
@@ -177,7 +180,7 @@ def parse_request(kind: type[TrainConfig], argv: Sequence[str] | None = None) ->
 def settings_from_text(kind: type[TrainConfig], given: dict[str, Any]) -> dict[str, Any]:
     """Values of settings from the text of the command line by name, lists of texts for `overrides` and for lists."""
     fields = {field.name: field for field in dataclasses.fields(kind)}
-    return {name: _value(fields[name], text) for name, text in given.items()}
+    return {name: _value(fields[RENAMED.get(name, name)], text) for name, text in given.items()}
 
 
 def _value(field: dataclasses.Field[Any], text: Any) -> Any:

@@ -1,9 +1,10 @@
-"""What runs need of an algorithm: one that learns nothing is trained, resumed and evaluated by its own name."""
+"""What runs need of an algorithm: one that learns nothing is trained, resumed and evaluated under its own name."""
 
 import dataclasses
 import json
 from typing import ClassVar
 
+import chex
 import jax
 import jax.numpy as jnp
 import pytest
@@ -109,7 +110,7 @@ def test_the_file_of_a_run_names_its_algorithm():
     kinds = (PPOConfig, StillConfig)
     for config in (PPOConfig(seed=3), StillConfig(seed=3)):
         assert from_json(to_json(config), *kinds) == config
-    assert from_json({"gamma": 0.5}, *kinds) == PPOConfig(gamma=0.5)  # as before there were several
+    assert from_json({"gamma": 0.5}, *kinds) == PPOConfig(gamma=0.5)  # the default
     with pytest.raises(InputError, match="'gamma' is not a setting"):
         from_json({"algorithm": "still", "gamma": 0.5}, *kinds)
     for name in ("dqn", 3, None):
@@ -118,17 +119,14 @@ def test_the_file_of_a_run_names_its_algorithm():
 
 
 @pytest.mark.parametrize("seeds", [1, 2])
-def test_shapes_of_weights_are_those_that_training_ends_with(seeds):
+def test_shapes_of_weights_are_those_of_training(seeds):
     env, params = Probe("noisy"), ProbeParams()
     config = PPOConfig(num_envs=4, num_minibatches=2, hidden=(4,), num_seeds=seeds)
     expected = shapes_of(make_train(env, params, config), params, config).weights
-    found = weight_shapes(env, params, config)
-    assert jax.tree.structure(found) == jax.tree.structure(expected)
-    for mine, theirs in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
-        assert (mine.shape, mine.dtype) == (theirs.shape, theirs.dtype)
+    chex.assert_trees_all_equal_shapes_and_dtypes(weight_shapes(env, params, config), expected)
 
 
-def test_the_first_that_is_not_finite_is_found_among_those_there_are():
+def test_the_first_quantity_that_is_not_finite_is_found():
     good, bad = jnp.ones(3), {"a": jnp.ones(2), "b": jnp.array([1.0, jnp.nan])}
     assert QUANTITIES[int(first_bad(rewards=good, loss=bad, optimizer_state=bad))] == "loss"
     assert QUANTITIES[int(first_bad(rewards=good, optimizer_state=bad))] == "optimizer state"

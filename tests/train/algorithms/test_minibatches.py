@@ -30,7 +30,7 @@ def test_each_sample_is_in_exactly_one_minibatch():
 
 
 def fit(num_devices, teaches=None):
-    """A line fitted by epochs of gradient steps on so many devices, ready to be called with samples that teach.
+    """A function that fits a line by epochs of gradient steps on so many devices, and its samples.
 
     Three minibatches of 8 environments, of 2 steps each.
     """
@@ -48,7 +48,7 @@ def fit(num_devices, teaches=None):
     mesh = environment_mesh(8, num_devices)
     began = start, optimizer.init(start)
     numbers = split_environments(jax.random.key(1), jnp.arange(24, dtype=jnp.int32), 3)
-    assert (numbers[0] % 3 > 0).any()  # by lot, not the first of each three
+    assert (numbers[0] % 3 > 0).any()  # drawn, not the first of each three
 
     @jax.jit
     def run(batches):
@@ -64,7 +64,7 @@ def assert_close(a, b):
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-6), a, b)
 
 
-def test_devices_that_share_a_minibatch_take_the_steps_of_one():
+def test_devices_that_share_a_minibatch_take_the_same_steps_as_one():
     alone, shared = ([*run(batches)] for run, batches in map(fit, (1, 2)))
     assert_close(alone, shared)
     np.testing.assert_allclose(shared[0]["slope"], np.arange(5.0), atol=0.3)
@@ -72,7 +72,7 @@ def test_devices_that_share_a_minibatch_take_the_steps_of_one():
 
 @pytest.mark.parametrize("num_devices", [1, 2])
 def test_only_samples_that_teach_are_read_a_block_at_a_time(monkeypatch, num_devices):
-    """As if the others were zeros, whoever of the devices has them; what is not read may be anything."""
+    """As if the others were zeros, whichever device has them; here they are NaN."""
     # All on the first of two devices.
     teaches = jnp.arange(48).reshape(3, 8, 2) % 16 < jnp.asarray([5, 6])
     run, (_, samples) = fit(num_devices, teaches)
@@ -88,7 +88,7 @@ def test_only_samples_that_teach_are_read_a_block_at_a_time(monkeypatch, num_dev
 
 
 def test_a_gradient_step_is_one_message():
-    """Gradients of all arrays and all scalars together: each message between processes waits for them to wake."""
+    """Gradients of all arrays and all scalars together, because each message waits for all processes."""
     run, batches = fit(2)
     program = run.lower(batches).compile().as_text()
     assert len(re.findall(r" all-reduce(?:-start)?\(", program)) == 1

@@ -1,4 +1,4 @@
-"""The drive of several updates: in any pieces, of any number of seeds, on any number of devices."""
+"""Programs of several updates: in any chunks, of any number of seeds, on any number of devices."""
 
 import chex
 import jax
@@ -16,31 +16,38 @@ from train.settings import MOST_PER_CALL
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
-
-def test_seeds_are_independent():
-    env, params = Probe("noisy"), ProbeParams()
-    config = PPOConfig(**(BASE | {"num_seeds": 2}))
-    programs = make_train(env, params, config)
-    state, metrics = programs.run(programs.init(jax.random.key(0), params), params, jnp.int32(2))
-    assert metrics["loss"].shape == (2, MOST_PER_CALL)
-    first, second = metrics["loss"][:, :2]
-    assert (first != second).all()
-    assert state.update.shape == (2,)
+ENV, PARAMS = Probe("noisy"), ProbeParams()
+STEPS = BASE["num_envs"] * BASE["rollout_length"] * 6
+CONFIG = PPOConfig(**(BASE | {"total_timesteps": STEPS, "seed": 7}))
 
 
-def test_one_program_serves_all_chunks_and_these_do_not_change_the_result():
-    env, params = Probe("noisy"), ProbeParams()
-    steps = BASE["num_envs"] * BASE["rollout_length"] * 6
-    config = PPOConfig(**(BASE | {"total_timesteps": steps}))
-    programs = make_train(env, params, config)
-    ends, run = [], None
+def begin(programs):
+    return programs.init(jax.random.key(CONFIG.seed), PARAMS)
+
+
+@pytest.fixture(scope="module")
+def shared():
+    """Programs on two devices, and `run` compiled ahead of time: a call that it does not fit would fail."""
+    programs = make_train(ENV, PARAMS, CONFIG)
+    return programs, programs.run.lower(begin(programs), PARAMS, jnp.int32(1)).compile()
+
+
+def assert_recreated(config, begun):
+    """Initial weights are recreated from the settings of a run and the shapes of its weights."""
+    made = algorithm_of(config).start(ENV, config, weight_shapes(ENV, PARAMS, config))
+    chex.assert_trees_all_close(made, weights_by_name(config, begun)["ppo"], rtol=1e-6)
+    assert any(leaf.std() > 0 for leaf in jax.tree.leaves(made))
+
+
+def test_chunks_share_one_program_and_do_not_change_the_result(shared):
+    programs, run = shared
+    ends = []
     for chunks in ((6,), (1, 2, 3)):
-        state = programs.init(jax.random.key(0), params)
-        # Compiled ahead of time: a call that this program does not fit would fail.
-        run = run or programs.run.lower(state, params, jnp.int32(1)).compile()
+        state = begin(programs)
+        assert_recreated(CONFIG, jax.device_get(state.weights))
         rates = []
         for count in chunks:
-            state, metrics = run(state, params, jnp.int32(count))
+            state, metrics = run(state, PARAMS, jnp.int32(count))
             assert np.isfinite(metrics["loss"][:count]).all()
             assert not metrics["loss"][count:].any()
             rates += metrics["learning_rate"][:count].tolist()
@@ -50,27 +57,27 @@ def test_one_program_serves_all_chunks_and_these_do_not_change_the_result():
     chex.assert_trees_all_equal(*ends)
 
 
-def test_the_number_of_devices_changes_rounding_only():
-    """The same start, lots and noise on one device and on two: all metrics and weights agree."""
-    env, params = Probe("noisy"), ProbeParams()
+def test_the_number_of_devices_changes_rounding_only(shared):
+    """With the same keys on one device and on two, all metrics and weights agree."""
+    alone = make_train(
+        ENV, PARAMS, PPOConfig(**(BASE | {"num_devices": 1, "total_timesteps": STEPS}))
+    )
     ends = []
-    for num_devices in (1, 2):
-        config = PPOConfig(**(BASE | {"num_devices": num_devices}))
-        programs = make_train(env, params, config)
-        state = programs.init(jax.random.key(0), params)
+    for num_devices, programs, run in ((1, alone, alone.run), (2, *shared)):
+        state = begin(programs)
         assert len(state.rollout.obs.sharding.device_set) == num_devices
-        state, metrics = programs.run(state, params, jnp.int32(3))
+        state, metrics = run(state, PARAMS, jnp.int32(3))
         ends.append(jax.device_get((state.weights, state.rollout.obs, metrics)))
     chex.assert_trees_all_close(*ends, rtol=1e-3, atol=1e-4)
 
 
-@pytest.mark.parametrize("num_seeds", [1, 3])
-def test_the_start_is_what_training_begins_with(num_seeds):
-    """Made anew from what a run leaves: its settings, and the shapes of its weights."""
-    env, params = Probe("noisy"), ProbeParams()
-    config = PPOConfig(**(BASE | {"seed": 7, "num_seeds": num_seeds}))
-    begun = make_train(env, params, config).init(jax.random.key(config.seed), params).weights
-    first = weights_by_name(config, begun)["ppo"]
-    made = algorithm_of(config).start(env, config, weight_shapes(env, params, config))
-    chex.assert_trees_all_close(made, first, rtol=1e-6)
-    assert any(leaf.std() > 0 for leaf in jax.tree.leaves(made))
+def test_seeds_are_independent():
+    config = PPOConfig(**(BASE | {"seed": CONFIG.seed, "num_seeds": 3}))
+    programs = make_train(ENV, PARAMS, config)
+    state = begin(programs)
+    assert_recreated(config, jax.device_get(state.weights))
+    state, metrics = programs.run(state, PARAMS, jnp.int32(2))
+    assert metrics["loss"].shape == (3, MOST_PER_CALL)
+    for column in metrics["loss"][:, :2].T:
+        assert len({*column.tolist()}) == 3
+    assert state.update.shape == (3,)

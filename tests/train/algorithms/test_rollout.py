@@ -1,4 +1,4 @@
-"""What a rollout tells the learner about the ends of episodes."""
+"""The ends of episodes in a rollout."""
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ LENGTH, ENVS = 5, 16
 
 
 @pytest.mark.parametrize("bootstrap_timeouts", [False, True])
-def test_cut_episodes_are_always_bootstrapped_and_time_limits_only_if_told(bootstrap_timeouts):
+def test_cut_episodes_are_always_bootstrapped_and_time_limits_on_request(bootstrap_timeouts):
     """First episodes are cut after 1 to 5 decisions; all others end by time after 5."""
     env, params = Probe("timed"), ProbeParams(episode_decisions=LENGTH)
     network = build_network(env, PPOConfig(hidden=(8,)))

@@ -52,7 +52,7 @@ def test_the_interval_of_a_relative_change_is_scipys():
 
 
 def test_the_interval_over_seeds_and_episodes_is_the_closed_form():
-    """What adds a number of the seed to one of the episode has the variances of both means, added."""
+    """For the sum of a number of the seed and one of the episode, the variances of both means add up."""
     rng = np.random.default_rng(4)
     for seeds, episodes in ((3.0, 0.1), (0.1, 3.0), (2.0, 12.0)):
         own, common = rng.normal(0.0, seeds, 30), rng.normal(0.0, episodes, 150)
@@ -64,7 +64,7 @@ def test_the_interval_over_seeds_and_episodes_is_the_closed_form():
 
 
 @pytest.mark.parametrize("statistic", [None, relative_change])
-def test_the_interval_over_few_seeds_and_episodes_is_that_of_all_resamples(statistic):
+def test_the_interval_over_few_seeds_and_episodes_covers_all_resamples(statistic):
     """Every choice of 3 of 3 seeds with every one of 4 of 4 episodes, by hand."""
     samples = np.random.default_rng(5).exponential(size=(3, 4, 2)) + 1.0
     samples = samples if statistic else samples[..., 0]

@@ -1,4 +1,4 @@
-"""What is said of scores, by hand."""
+"""The summary of scores, by hand."""
 
 import json
 
@@ -14,7 +14,7 @@ from train.evaluation.tables import format_table, headline, is_papers
 
 
 def test_no_share_of_nothing():
-    """No action sends nobody to the shoulder in most episodes: there is no interval to give."""
+    """No action leaves nobody without energy in most episodes, so that a share has no interval."""
     none = {"return": np.zeros(3), "depleted_share": np.array([0.0, 0.0, 0.1])}
     ours = {"return": np.ones(3), "depleted_share": np.zeros(3)}
     assert "change_against_none" not in summarize({"ppo": ours, "none": none}, "paper", ["ppo"])
@@ -23,16 +23,11 @@ def test_no_share_of_nothing():
 def test_several_training_seeds_are_compared_by_their_mean():
     """By hand for two seeds, three episodes."""
     ours = [np.array([1.0, 2.0, 6.0]), np.array([3.0, 2.0, 0.0])]
+    learned = ["ppo", "ppo_seed2"]
     scores = {
         name: {"return": returns, "length": np.full(3, 6.0), "mean_range_m": returns + 10.0}
-        for name, returns in zip(("ppo", "ppo_seed2"), ours, strict=True)
+        for name, returns in zip([*learned, "none"], [*ours, np.zeros(3)], strict=True)
     }
-    scores["none"] = {
-        "return": np.zeros(3),
-        "length": np.full(3, 6.0),
-        "mean_range_m": np.full(3, 10.0),
-    }
-    learned = ["ppo", "ppo_seed2"]
     result = summarize(scores, "paper", learned)
     assert list(result["paired_return_difference"]) == ["none"]
     assert result["paired_return_difference"]["none"]["mean"] == pytest.approx(7.0 / 3.0)
@@ -46,24 +41,24 @@ def test_several_training_seeds_are_compared_by_their_mean():
     assert all(gain["ci95"][0] < gain["mean"] < gain["ci95"][1] for gain in own)
     table = format_table(result, learned)
     assert f"each minus none, 95 % CI: 3.000 [{own[0]['ci95'][0]:.3f}" in table
-    # What is of both is not said of the first; and of two seeds no interval is 95 %.
+    # A gain of both seeds is not called the first one's; and the interval of two seeds is not called 95 %.
     assert "mean of 2 seeds minus it, bootstrap over 2 and episodes" in table
     assert "mean of 2 seeds here, bootstrap over 2 and episodes" in table
     assert "ppo minus it" not in table
     assert "interquartile mean, bootstrap over 2: 2.333 [1.667, 3.000]" in table
-    # What they began as is no learner: each is compared with it, though a rule is better.
+    # The initial policy is not a learned one: each seed is compared with it, even if a rule is better.
     began = {"start": scores["none"] | {"return": np.full(3, -1.0)}}
     assert learned_names(scores | began) == learned
     table = format_table(summarize(scores | began, "paper", learned), learned)
     assert "each minus start, 95 % CI: 4.000 [2.000" in table
     assert table.count("each minus") == 2
-    # Without a rule beside them there is nothing to be above of.
+    # Without a rule there is nothing to compare with.
     alone = summarize({name: scores[name] for name in learned}, "paper", learned)
     assert "each minus" not in format_table(alone, learned)
 
 
 def test_seeds_that_differ_give_a_wide_interval():
-    """Episodes alone would say that the mean of these three is sure to a tenth, though one seed is below the rule."""
+    """Episodes alone would give an interval of a tenth, though one of the three seeds is below the rule."""
     rng = np.random.default_rng(0)
     none = {"return": rng.normal(size=1000) * 100, "mean_soc": np.full(1000, 0.5)}
     scores = {
@@ -81,11 +76,11 @@ def test_seeds_that_differ_give_a_wide_interval():
     assert result["change_against_none"]["mean_soc"]["mean"] == pytest.approx(0.04)
     assert result["change_against_none"]["mean_soc"]["ci95"] == pytest.approx([-0.18, 0.18])
     own = [gains["none"]["ci95"] for gains in result["training_seeds"]["paired_return_differences"]]
-    assert all(high - low < 0.2 for low, high in own)  # of one learner, as it is: episodes alone
+    assert all(high - low < 0.2 for low, high in own)  # of one seed: over episodes alone
 
 
-def test_a_metric_of_ones_own_may_be_no_number(tmp_path):
-    """It is None in the file, and its column is left out of the table."""
+def test_a_custom_metric_may_be_nan(tmp_path):
+    """It is None in the file, and the table leaves its column out."""
     score = {"return": np.zeros(3), "length": np.full(3, 6.0), "mean_soc": np.full(3, 0.5)}
     scores = {"none": score | {"mine": np.array([1.0, np.nan, 2.0])}}
     scores["ppo"] = score | {"mine": np.ones(3), "mean_range_m": np.full(3, np.inf)}
@@ -100,8 +95,8 @@ def test_a_metric_of_ones_own_may_be_no_number(tmp_path):
     assert "mean range m" not in table.split("against no action")[0]
 
 
-def test_another_reward_than_the_presets_is_told():
-    """By the terms that were paid; the paper's figures are not of it."""
+def test_the_heading_names_a_changed_reward():
+    """By the terms that were paid; the paper's figures then do not apply."""
     paper, money = ({f"reward_{name}": np.zeros(3) for name in REWARDS[each]} for each in REWARDS)
     for scenario, terms, there in (
         ("paper", paper, None),
@@ -122,7 +117,7 @@ def test_another_reward_than_the_presets_is_told():
 
 
 def test_the_verdicts_intervals_are_of_whole_lines():
-    """What a line adds up may cancel from episode to episode; an interval of its parts would not know."""
+    """Terms of a line may cancel in each episode, which intervals of the terms would miss."""
     rng = np.random.default_rng(1)
     scores = {name: rng.normal(1.0, 0.1, 400) for name in NAMES if name != "return_mean"}
     scores |= {"return": rng.normal(size=400), "length": np.full(400, 6.0)}
@@ -141,17 +136,12 @@ def test_the_verdicts_intervals_are_of_whole_lines():
     assert all(isinstance(value, str | float) for value in row.values())
 
 
-def test_summary_has_the_contracts_names():
+def test_a_paired_difference_is_sharper_than_the_intervals():
     rng = np.random.default_rng(0)
-    noise = rng.normal(size=50) * 100
-    scores = {
-        "ppo": {"return": noise + 5.0, "length": np.full(50, 6.0), "mean_soc": np.full(50, 0.5)},
-        "none": {
-            "return": noise + rng.normal(size=50),
-            "length": np.full(50, 6.0),
-            "mean_soc": np.zeros(50),
-        },
-    }
+    noise, length = rng.normal(size=50) * 100, np.full(50, 6.0)
+    none = {"return": noise + rng.normal(size=50), "length": length, "mean_soc": np.zeros(50)}
+    ppo = {"return": noise + 5.0, "length": length, "mean_soc": np.full(50, 0.5)}
+    scores = {"ppo": ppo, "none": none}
     result = summarize(scores, "paper", ["ppo"])
     assert result["episodes"] == 50
     assert result["scenario"] == "paper"
@@ -159,8 +149,7 @@ def test_summary_has_the_contracts_names():
     assert entry["return_mean"] == pytest.approx(scores["ppo"]["return"].mean())
     assert entry["return_std"] == pytest.approx(scores["ppo"]["return"].std(ddof=1))
     assert entry["mean_soc"] == 0.5
-    assert entry["verdict_ci95"] == {}  # of metrics that are not there
-    # The paired difference is far sharper than the two intervals.
+    assert entry["verdict_ci95"] == {}  # its metrics are missing
     low, high = result["paired_return_difference"]["none"]["ci95"]
     assert 4.0 < low < high < 6.0
     assert np.ptp(entry["return_ci95"]) > 20

@@ -1,4 +1,4 @@
-"""What tables say of an evaluation."""
+"""Tables of an evaluation."""
 
 from train.evaluation.tables import claim_rows, format_table, paper_rows
 
@@ -48,22 +48,16 @@ def test_tables_of_several_training_seeds():
     assert claims["depleted share"] == ["-50%", "-50.0% [-62.5%, -37.5%]"]
     assert claims["mean SoC"] == ["+20%", "-"]
     assert claims["MEDs sent"] == ["15", "3.00"]
-    for other in (
-        {"scenario": "long"},
-        {"overrides": {"num_evs": 4}},
-    ):  # worlds that it says nothing of
+    for other in ({"scenario": "long"}, {"overrides": {"num_evs": 4}}):  # not the paper's world
         claims = {row[0]: row[1:] for row in claim_rows(result | other, learned)}
         assert claims["depleted share"] == ["-50.0% [-62.5%, -37.5%]"]
 
 
-def test_what_the_episodes_are_too_few_to_tell():
-    """Of the baseline, or of the learned policy and the best rule; nothing where each difference has a sign."""
+def test_differences_without_a_sure_sign_are_named():
+    """From the baseline, or from the best rule; nothing where each difference has a sign."""
     entry = {"return_mean": 1.0, "return_ci95": [0.5, 1.5]}
-    policies = {
-        "ppo": entry,
-        "slow": entry | {"return_mean": -1.0},
-        "none": entry | {"return_mean": -7.0},
-    }
+    slow, none = ({"return_mean": mean} for mean in (-1.0, -7.0))
+    policies = {"ppo": entry, "slow": entry | slow, "none": entry | none}
     result = {"episodes": 64, "scenario": "paper", "policies": policies, "seed": 3}
     result["overrides"] = {"num_evs": 4}
     gains = {
@@ -72,8 +66,8 @@ def test_what_the_episodes_are_too_few_to_tell():
     }
     trained = format_table(result | {"paired_return_difference": gains}, ["ppo"])
     assert trained.startswith("64 whole episodes of paper (num_evs = 4) of seed 3, the same for")
-    said = "between ppo and slow can be seen with 64 episodes: 1.800 [-15.00, 19.00]; one of 17.00 could be"
-    assert said in trained
+    seen = "between ppo and slow can be seen with 64 episodes: 1.800 [-15.00, 19.00]; one of 17.00 could be"
+    assert seen in trained
     compared = {
         "baseline": "none",
         "difference_from_baseline": {"ppo": gains["none"], "slow": gains["slow"]},

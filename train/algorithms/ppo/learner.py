@@ -23,28 +23,10 @@ from train.algorithms.environments import training_batch
 from train.algorithms.finite import BAD, first_bad
 from train.algorithms.minibatches import run_epochs, split_environments
 from train.algorithms.networks import PolicyWeights, apply_policy, build_network
-from train.algorithms.normalization import (
-    RunningStats,
-    init_stats,
-    scale_reward,
-    update_stats,
-)
-from train.algorithms.ppo.losses import (
-    Batch,
-    explained_variance,
-    leaves_choice,
-    ppo_loss,
-    weigh,
-)
+from train.algorithms.normalization import RunningStats, init_stats, scale_reward, update_stats
+from train.algorithms.ppo.losses import Batch, explained_variance, leaves_choice, ppo_loss, weigh
 from train.algorithms.ppo.settings import PPOConfig
-from train.algorithms.rollout import (
-    Collector,
-    EpisodeSums,
-    RolloutState,
-    Trajectory,
-    episode_metrics,
-    spread,
-)
+from train.algorithms.rollout import Collector, Trajectory, episode_metrics, spread
 
 
 @struct.dataclass
@@ -87,7 +69,10 @@ class PPOLearner:
         # The trajectory keeps the layout of the rollout, (steps, environments), because observations are large. They
         # are copied only if a device splits its environments into blocks.
         collect = on_devices(
-            self.mesh, self._collect, out_axes=(0, 1, 0, 0), group=self.config.group_size
+            self.mesh,
+            lambda rows, same: self.collector.collect(same[0], rows[0], rows[1], same[1]),
+            out_axes=(0, 1, 0, 0),
+            group=self.config.group_size,
         )
         rollout, trajectory, last_value, sums = collect(
             (state.rollout, keys), (state.weights, env_params)
@@ -127,12 +112,6 @@ class PPOLearner:
         }
         weights, done = PolicyWeights(params, obs_stats), state.update + 1
         return PPOState(weights, rollout, key, done, opt_state, return_stats), metrics
-
-    def _collect(
-        self, rows: tuple[RolloutState, jax.Array], same: tuple[PolicyWeights, Any]
-    ) -> tuple[RolloutState, Trajectory, jax.Array, EpisodeSums]:
-        (state, keys), (weights, env_params) = rows, same
-        return self.collector.collect(weights, state, keys, env_params)
 
     def _samples(
         self, trajectory: Trajectory, last_value: jax.Array, return_stats: RunningStats
@@ -180,7 +159,7 @@ class PPOLearner:
         def loss_fn(
             candidate: Any, seen: tuple[jax.Array, jax.Array], batch: Batch
         ) -> tuple[jax.Array, Metrics]:
-            """Loss `()` and metrics of some rows: observations `(some, num_features)`, masks, samples `(some,)`."""
+            # Of some rows: observations `(some, num_features)`, masks, samples `(some,)`.
             obs, mask = seen
             policy, value = apply_policy(
                 self.collector.network, PolicyWeights(candidate, weights.obs_stats), obs, mask
@@ -199,12 +178,7 @@ class PPOLearner:
 
 
 def build_learner(env: Environment, params: Any, config: PPOConfig) -> PPOLearner:
-    """PPO on `env` with `config`.
-
-    Args:
-        env: a single environment; the learner makes `config.num_envs` copies of it.
-        params: its parameters; only the length of an episode is read.
-        config: settings.
+    """PPO in `config.num_envs` copies of `env`, a single environment; of `params` only an episode's length is read.
 
     Raises:
         InputError: `config.num_devices` is not possible.

@@ -26,15 +26,10 @@ class Batch:
 def clipped_surrogate(
     log_prob: jax.Array, old_log_prob: jax.Array, advantage: jax.Array, clip_epsilon: float
 ) -> jax.Array:
-    """The objective to maximise, eq. (9) of the paper, for each sample.
+    """The objective to maximise, eq. (9) of the paper, for each sample `(...)`.
 
-    Its gradient is zero where the ratio has left [1 - eps, 1 + eps] in the direction that the advantage rewards.
-
-    Args:
-        log_prob: `(...)`, log-probability of the action under the policy being learned.
-        old_log_prob: `(...)`, the same under the policy that acted.
-        advantage: `(...)`.
-        clip_epsilon: eps.
+    Its gradient is zero where the ratio of the action's probabilities, under the policy being learned and the one that
+    acted, has left [1 - eps, 1 + eps] in the direction that the advantage rewards.
     """
     ratio = jnp.exp(log_prob - old_log_prob)
     clipped = jnp.clip(ratio, 1.0 - clip_epsilon, 1.0 + clip_epsilon)
@@ -64,10 +59,9 @@ def leaves_choice(mask: jax.Array) -> jax.Array:
 def weigh(batch: Batch) -> Batch:
     """Prepares a whole minibatch, leaves `(...)`, for `ppo_loss`, which takes it whole or in parts.
 
-    Advantages are standardised to mean 0 and standard deviation 1 over the decisions that leave a choice; only these
-    have a weight. A decision with a single allowed action teaches nothing about acting. With a long cooldown nearly
-    all are of this kind, and they would drown the others in the standardisation of advantages, in the clipped norm of
-    the gradient, and in the metrics.
+    Advantages are standardised over the decisions that leave a choice; only these have a weight. With a long cooldown
+    nearly all decisions allow a single action, and they would drown the others in the standardisation of advantages,
+    in the clipped norm of the gradient, and in the metrics.
     """
     weight, value_weight = (
         each / jnp.maximum(jnp.mean(each), 1e-8) for each in (batch.weight, batch.value_weight)

@@ -4,10 +4,11 @@ import dataclasses
 from typing import ClassVar
 
 from medjax.errors import InputError
-from train.option import option
+from train.option import option, takes_former_names
 from train.settings import MOST_COUNTED, TrainConfig
 
 
+@takes_former_names
 @dataclasses.dataclass(frozen=True)
 class PPOConfig(TrainConfig):
     """Settings of a run that learns with PPO.
@@ -74,9 +75,11 @@ class PPOConfig(TrainConfig):
             # The initial policy reads an agent's status from the raw observation.
             given = f"agents is {self.agents!r} and normalize_observations is True"
             raise InputError(f"{given}, allowed: False")
-        if self.normalize_observations and self.start == "rule" and self.observation == "profile":
+        by_rule = self.policy_prior == "rule" and self.observation == "profile"
+        if self.normalize_observations and by_rule:
             # The rule needs numbers of EVs and packs, not deviations from their means.
-            raise InputError("start is 'rule' and normalize_observations is True, allowed: wait")
+            given = "policy_prior is 'rule' and normalize_observations is True"
+            raise InputError(f"{given}, allowed: wait")
 
     @property
     def choices_per_update(self) -> int:

@@ -1,9 +1,12 @@
 """The learner solves environments whose values and best policies are known."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from flax import struct
 
 from tests.train.probe_envs import Probe, ProbeParams
 from train.algorithms.networks import apply_policy, build_network
@@ -27,81 +30,109 @@ BASE = {
     "normalize_rewards": False,
     "learning_rate": 1e-2,
 }
+UPDATES = 300
+KINDS = ("constant_terminated", "timed", "two_step", "masked")
 
 
-def learn(env, updates, params=None, **changes):
-    """Weights after `updates`, the network and the metrics."""
-    params = params or ProbeParams()
+@struct.dataclass
+class AnyParams(ProbeParams):
+    """Also says which of `KINDS` is played."""
+
+    kind: jax.Array | int = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class AnyProbe(Probe):
+    """All of `KINDS` in one program; action 2 is never allowed."""
+
+    def reset(self, key, params):
+        resets = [Probe(kind, 3).reset for kind in KINDS]
+        return jax.lax.switch(params.kind, resets, key, params)
+
+    def step_env(self, key, state, action, params):
+        steps = [Probe(kind, 3).step_env for kind in KINDS]
+        return jax.lax.switch(params.kind, steps, key, state, action, params)
+
+
+def learner(env, params, updates, **changes):
+    """A function of parameters: trains, and returns `(obs, mask) -> policy, value` and the metrics; one program."""
     steps = BASE["num_envs"] * BASE["rollout_length"] * updates
     config = PPOConfig(**(BASE | {"total_timesteps": steps} | changes))
-    programs = make_train(env, params, config)
-    state = programs.init(jax.random.key(3), params)
-    state, metrics = programs.run(state, params, jnp.int32(updates))
-    return state, build_network(env, config), metrics
+    programs, network = make_train(env, params, config), build_network(env, config)
+
+    def learn(params):
+        state = programs.init(jax.random.key(3), params)
+        state, metrics = programs.run(state, params, jnp.int32(updates))
+        return lambda obs, mask: apply_policy(network, state.weights, obs, mask), metrics
+
+    return learn
 
 
-def value_and_probs(state, network, env, obs):
-    obs = jnp.asarray(obs, jnp.float32)
-    mask = env.action_mask(None, None)
-    policy, value = apply_policy(
-        network, state.weights, obs, jnp.broadcast_to(mask, (len(obs), env.num_actions))
-    )
+def value_and_probs(act, env, obs):
+    """Values `(rows,)` and probabilities `(rows, num_actions)` as NumPy arrays."""
+    mask = jnp.broadcast_to(env.action_mask(None, None), (len(obs), env.num_actions))
+    policy, value = act(jnp.asarray(obs, jnp.float32), mask)
     return np.asarray(value), np.asarray(policy.probs)
 
 
-def test_time_limit_is_bootstrapped():
-    """Reward 1 for ever, cut every 5 decisions by a clock that the agent does not see: V = 1 / (1 - gamma)."""
-    env = Probe("constant_truncated")
-    state, network, _ = learn(env, 250, bootstrap_timeouts=True)
-    value, _ = value_and_probs(state, network, env, [[0.0, 0.0]])
-    assert value[0] == pytest.approx(1.0 / (1.0 - GAMMA), rel=0.01)
+@pytest.fixture(scope="module")
+def solve():
+    """The learner's values and probabilities at observations of one of `KINDS`, and the metrics."""
+    env = AnyProbe("masked", num_actions=3)
+    learn = learner(env, AnyParams(), UPDATES)
+
+    def solved(kind, obs):
+        act, metrics = learn(AnyParams(kind=KINDS.index(kind)))
+        return *value_and_probs(act, env, obs), metrics
+
+    return solved
 
 
 @pytest.mark.parametrize("kind", ["constant_terminated", "timed"])
-def test_an_end_that_is_seen_coming_is_not_bootstrapped(kind):
+def test_a_foreseeable_end_is_not_bootstrapped(solve, kind):
     """A termination, and the time limit of an agent that sees the clock."""
-    env = Probe(kind)
-    state, network, _ = learn(env, 300, stagger=False)
-    value, _ = value_and_probs(state, network, env, [[float(t), 0.0] for t in range(5)])
+    value, _, _ = solve(kind, [[float(t), 0.0] for t in range(5)])
     expected = [(1.0 - GAMMA ** (5 - t)) / (1.0 - GAMMA) for t in range(5)]
     np.testing.assert_allclose(value, expected, rtol=0.02)
 
 
-def test_credit_over_two_steps():
-    env = Probe("two_step")
-    state, network, _ = learn(env, 200, stagger=False)
-    value, _ = value_and_probs(state, network, env, [[0.0, 0.0], [1.0, 0.0]])
+def test_credit_over_two_steps(solve):
+    value, _, _ = solve("two_step", [[0.0, 0.0], [1.0, 0.0]])
     np.testing.assert_allclose(value, [GAMMA, 1.0], atol=0.02)
 
 
-@pytest.mark.parametrize("kind", ["follow", "masked"])
-def test_action_follows_the_cue_and_never_what_is_forbidden(kind):
-    env = Probe(kind, num_actions=3 if kind == "masked" else 2)
-    state, network, metrics = learn(env, 100, entropy_coef=0.0)
-    value, probs = value_and_probs(state, network, env, [[-1.0, 0.0], [1.0, 0.0]])
+def test_actions_follow_the_cue_and_never_the_forbidden_one(solve):
+    value, probs, metrics = solve("masked", [[-1.0, 0.0], [1.0, 0.0]])
     assert probs[0, 0] > 0.99
     assert probs[1, 1] > 0.99
+    np.testing.assert_array_equal(probs[:, 2], 0.0)
     np.testing.assert_allclose(value, 1.0, atol=0.03)
-    returns = np.asarray(metrics["episode_return"])[:100]
+    returns = np.asarray(metrics["episode_return"])[:UPDATES]
     assert returns.max() <= 1.0  # the forbidden action pays 10
     assert returns[-1] > 0.97
-    if kind == "masked":
-        np.testing.assert_array_equal(probs[:, 2], 0.0)
+
+
+def test_time_limit_is_bootstrapped():
+    """Reward 1 for ever, cut every 5 decisions by a clock that the agent does not see: V = 1 / (1 - gamma)."""
+    env, params = Probe("constant_truncated"), ProbeParams()
+    act, _ = learner(env, params, 250, bootstrap_timeouts=True)(params)
+    value, _ = value_and_probs(act, env, [[0.0, 0.0]])
+    assert value[0] == pytest.approx(1.0 / (1.0 - GAMMA), rel=0.01)
 
 
 def test_scaled_rewards_give_scaled_values():
     """The same value in units of the return's spread, whatever the reward's size."""
-    values = []
-    for size in (1.0, 1000.0):
-        env, params = Probe("constant_truncated"), ProbeParams(reward=size)
-        state, network, _ = learn(env, 60, params, normalize_rewards=True)
-        value, _ = value_and_probs(state, network, env, [[0.0, 0.0]])
-        values.append(value[0])
-    assert values[0] == pytest.approx(values[1], rel=1e-3)
+    env = Probe("constant_truncated")
+    learn = learner(env, ProbeParams(), 60, normalize_rewards=True)
+    small, large = (
+        value_and_probs(learn(ProbeParams(reward=size))[0], env, [[0.0, 0.0]])[0][0]
+        for size in (1.0, 1000.0)
+    )
+    assert small == pytest.approx(large, rel=1e-3)
 
 
 @pytest.mark.parametrize(("num_envs", "num_minibatches"), [(240, 16), (480, 16), (256, 256)])
-def test_whatever_divides_is_traced(num_envs, num_minibatches):
+def test_any_divisor_is_traced(num_envs, num_minibatches):
     """Numbers of environments of which blocks of some 128 would cut groups that meet the same episodes."""
     env, params = Probe("timed"), ProbeParams()
     sizes = {"num_envs": num_envs, "num_minibatches": num_minibatches, "num_devices": 1}

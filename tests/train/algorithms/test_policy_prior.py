@@ -1,0 +1,94 @@
+"""The policy that training starts from, and the former name of its setting."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import medjax
+from medjax.env.wrapper import Wrapper
+from medjax.policies.rules import BASELINES
+from train import option
+from train.algorithms.networks import build_network, masked_categorical
+from train.algorithms.ppo.settings import PPOConfig
+from train.runs.arguments import parse_request
+from train.settings import from_json, to_json
+
+pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+
+@dataclasses.dataclass(frozen=True)
+class MoreActions(Wrapper):
+    """An environment of one's own, with an action more than there are ramps."""
+
+    @property
+    def num_actions(self):
+        return self.env.num_actions + 1
+
+
+def logits_at(env, params, config):
+    """Initial logits of one observation."""
+    obs = jnp.ones((1, *env.observation_space(params).shape))
+    network = build_network(env, config)
+    return network.apply(network.init(jax.random.key(0), obs), obs)[0][0]
+
+
+def test_other_actions_than_ramps_start_without_the_rule():
+    env, params = medjax.make("paper", observation="profile", num_meds=3, num_evs=5, num_gas=12)
+    for world, even in ((MoreActions(env), True), (env, False)):
+        logits = logits_at(world, params, PPOConfig(hidden=(4,)))
+        assert logits.shape == (world.num_actions,)
+        assert (np.ptp(logits[1:]) < 0.1) == even
+
+
+def test_starts_as_the_rule():
+    """Before training the most probable action is that of `budgeted`, except for ties that the last layer decides."""
+    env, params = medjax.make("paper", observation="profile")
+    network = build_network(env, PPOConfig(hidden=(16,)))
+    policy, rule = BASELINES["budgeted"](env), BASELINES["random"](env)
+
+    def play(state, key):
+        obs, mask = env.get_obs(state, params), env.action_mask(state, params)
+        act_key, step_key = jax.random.split(key)
+        choice = policy(act_key, obs, state, params).action
+        taken = rule(act_key, obs, state, params).action
+        goes = jnp.where(jax.random.bernoulli(step_key, 0.1), taken, choice)
+        return env.step_env(step_key, state, goes, params)[1], (obs, mask, choice)
+
+    @jax.jit
+    def rollout(key):
+        reset_key, key = jax.random.split(key)
+        return jax.lax.scan(play, env.reset(reset_key, params)[1], jax.random.split(key, 400))[1]
+
+    obs, mask, expected = rollout(jax.random.key(3))
+    logits, _ = network.apply(network.init(jax.random.key(0), obs), obs)
+    mode = np.asarray(masked_categorical(logits, mask).mode())
+    near = np.sort(np.asarray(jnp.where(mask, logits, -1e9)), axis=1)
+    clear = near[:, -1] - near[:, -2] > 0.2
+    np.testing.assert_array_equal(mode[clear], np.asarray(expected)[clear])
+    assert (mode[clear] > 0).sum() >= 3
+    assert clear.mean() > 0.8
+
+
+@pytest.mark.parametrize(("observation", "prior"), [("profile", "wait"), ("flat", "rule")])
+def test_waits_with_the_given_probability(observation, prior):
+    """A flat observation does not tell what the rule reads, so that training starts by waiting whatever is set."""
+    env, params = medjax.make("paper", observation=observation)
+    logits = logits_at(env, params, PPOConfig(hidden=(16,), policy_prior=prior, initial_wait=0.9))
+    np.testing.assert_allclose(jax.nn.softmax(logits), [0.9, *[0.025] * 4], atol=0.01)
+
+
+def test_the_former_name_is_accepted_and_says_the_new_one(capsys):
+    """From Python, in a file, and on the command line; one line names the new one."""
+    option._say_once.cache_clear()
+    config = PPOConfig(policy_prior="wait")
+    assert PPOConfig(start="wait") == config
+    assert dataclasses.replace(PPOConfig(), start="wait") == config
+    assert from_json({"start": "wait"}, PPOConfig) == config
+    assert parse_request(PPOConfig, ["--start=wait"]).config == config
+    assert "start" not in to_json(config)
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert err.startswith("start is now policy_prior")

@@ -1,0 +1,76 @@
+"""The policy prior: the logits that a network adds to, and so the policy that training starts from.
+
+`TrainConfig.policy_prior` names it.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from medjax.env.agents.view import AgentView
+from medjax.env.observation import RoadProfile
+from medjax.policies.rules import BUDGET
+from medjax.world.state import IN_SERVICE, MERGING, QUEUED
+from train.settings import TrainConfig
+
+SHARPNESS = 4.0  # logits per EV if the prior is a rule
+GOES_ON = 0.99  # initial probability that an agent stays, rather than leaves the road for good
+MASKED_LOGIT = -1e9  # finite to keep log-probabilities and gradients finite; its exp() is exactly 0
+
+Prior = Callable[[jax.Array], jax.Array]  # observations `(..., num_features)` to logits
+
+
+def prior_logits(env: Any, config: TrainConfig) -> Prior:
+    """The prior of a dispatcher, `(..., num_actions)` logits, or of agents, `(..., num_logits)`.
+
+    At the depot an agent starts like a dispatcher. In service it most likely does what the rule does.
+    """
+    dispatches = _of_dispatcher(env, config)
+    if not isinstance(env.observation, AgentView):
+        return dispatches
+    likely, usual = config.initial_wait, env.actions.usual
+    _, speed, lane, accept, leave = env.actions.parts
+    motion = jnp.concatenate(
+        [
+            _mostly(usual[0], speed.n, likely),
+            _mostly(usual[1], lane.n, likely),
+            _mostly(1, accept.n, likely),
+            _mostly(0, leave.n, GOES_ON),
+        ]
+    )
+
+    def of_agents(obs: jax.Array) -> jax.Array:
+        # A MED that was sent chooses every part itself, so "do as the rule does" is masked, too.
+        sent = obs[..., QUEUED, None] + obs[..., MERGING, None] + obs[..., IN_SERVICE, None]
+        at_depot = jnp.where(sent > 0.5, MASKED_LOGIT, dispatches(obs))
+        of_parts = jnp.broadcast_to(motion, (*obs.shape[:-1], motion.shape[0]))
+        return jnp.concatenate([at_depot, of_parts], axis=-1)
+
+    return of_agents
+
+
+def _of_dispatcher(env: Any, config: TrainConfig) -> Prior:
+    """Follows the rule `budgeted` if the setting says so and the observation tells what it reads; else mostly waits."""
+    layout = env.observation
+    ramps = env.config.num_ramps if isinstance(layout, AgentView) else env.num_actions - 1
+    # The rule does not cover actions that a wrapper has added or removed.
+    covers = isinstance(layout, RoadProfile | AgentView) and 0 < ramps == env.config.num_ramps
+    if config.policy_prior == "rule" and covers:
+        env_config = env.config
+
+        def like_rule(obs: jax.Array) -> jax.Array:
+            margin = BUDGET.margin(*layout.outlook(obs, env_config))
+            return jnp.pad(SHARPNESS * margin, [(0, 0)] * (obs.ndim - 1) + [(1, 0)])
+
+        return like_rule
+    logits = _mostly(0, 1 + ramps, config.initial_wait)
+    return lambda obs: jnp.broadcast_to(logits, (*obs.shape[:-1], 1 + ramps))
+
+
+def _mostly(usual: int, choices: int, probability: float) -> jax.Array:
+    """Logits `(choices,)` that give one choice this probability and share the rest equally."""
+    odds = math.log(probability / (1.0 - probability) * max(choices - 1, 1))
+    return jnp.zeros((choices,), jnp.float32).at[usual].set(odds)
