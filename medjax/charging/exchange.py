@@ -12,7 +12,7 @@ from medjax.charging.link import Link
 from medjax.numerics.gathers import read
 from medjax.numerics.sums import sum_pairwise
 from medjax.physics import change_battery
-from medjax.world.params import BodyParams, EnvConfig, EnvParams
+from medjax.world.params import BodyParams, EnvConfig, EnvParams, RoadParams
 from medjax.world.state import EnvState, EpisodeStats, EVs, MEDs, Vehicles
 
 
@@ -55,6 +55,19 @@ def taper(energy_j: jax.Array, params: EnvParams) -> jax.Array:
     return jnp.clip((params.ev_capacity_j - energy_j) / falls_over_j, 0.0, 1.0)
 
 
+def _driven(
+    before: Vehicles,
+    after: Vehicles,
+    slots: slice,
+    body: BodyParams,
+    road: RoadParams,
+    tick_s: float,
+) -> jax.Array:
+    """Driving energy of each battery in these slots, J; 0 off the road."""
+    energy = drive_energy(before.speed[slots], after.speed[slots], body, road, tick_s)
+    return jnp.where(before.active[slots], energy, 0.0)
+
+
 def exchange(
     before: Vehicles,
     after: Vehicles,
@@ -74,14 +87,8 @@ def exchange(
       state: the batteries before the tick.
     """
     evs, meds, slots, tick_s = state.evs, state.meds, config.ev_slots, config.tick_s
-
-    def driven(slots: slice, body: BodyParams) -> jax.Array:
-        """Driving energy of each battery, J; 0 off the road."""
-        energy = drive_energy(before.speed[slots], after.speed[slots], body, params.road, tick_s)
-        return jnp.where(before.active[slots], energy, 0.0)
-
-    med_use = driven(config.med_slots, params.med)
-    ev_use = driven(slots, params.ev)
+    med_use = _driven(before, after, config.med_slots, params.med, params.road, tick_s)
+    ev_use = _driven(before, after, slots, params.ev, params.road, tick_s)
     ev_use = jnp.where(evs.is_depleted, 0.0, ev_use)  # its motor is off
     flow = transfer(
         link.efficiency,

@@ -118,8 +118,10 @@ def charging_stops(outcome: Outcome) -> jax.Array:
     return outcome.step_stats.low_exits
 
 
-_PAPER = (depleted, soc, distance, speed, dispatches, gas_delay, lane_changes)
-_PAPER += (collisions, transfer_loss)
+_PAPER = (
+    *(depleted, soc, distance, speed),
+    *(dispatches, gas_delay, lane_changes, collisions, transfer_loss),
+)
 TERMS: Mapping[str, RewardTerm] = {term.__name__: term for term in _PAPER}
 _MONEY = (delay_h, depot_kwh, ev_kwh, med_h, tows, charging_stops)
 MONEY: Mapping[str, RewardTerm] = {term.__name__: term for term in _MONEY}

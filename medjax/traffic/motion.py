@@ -122,8 +122,10 @@ def _arctan(x: jax.Array) -> jax.Array:
 
     XLA for CPUs calls the C library for each arctangent; a polynomial vectorises and is thirty times as fast.
     """
-    even = 0.0028662257, -0.0161657367, 0.0429096138, -0.0752896400
-    even += 0.1065626393, -0.1420889944, 0.1999355085, -0.3333314528
+    even = (
+        *(0.0028662257, -0.0161657367, 0.0429096138, -0.0752896400),
+        *(0.1065626393, -0.1420889944, 0.1999355085, -0.3333314528),
+    )
     square = jnp.square(x)
     series = jnp.zeros_like(x)
     for coefficient in even:

@@ -62,18 +62,18 @@ NONE = np.nan
 
 
 @pytest.mark.parametrize(
-    ("flows", "before", "behind", "minute", "x_m", "highest", "after", "discharge"),
+    ("flows", "before", "behind", "minute", "expected"),
     [
-        (FLOWS, QUEUE, 25, 8, 1100.0, 2000.0, 1800.0, 1900.0),
+        (FLOWS, QUEUE, 25, 8, (1100.0, 2000.0, 1800.0, 1900.0)),
         # In the first of three minutes the next detector is in a queue, too: its flow is no discharge.
-        (FLOWS, QUEUE, [25] * 13 + [10] + [25] * 4, 8, 1100.0, 2000.0, 1825.0, 1900.0),
+        (FLOWS, QUEUE, [25] * 13 + [10] + [25] * 4, 8, (1100.0, 2000.0, 1825.0, 1900.0)),
         # Of two queues at once the one downstream is the bottleneck.
-        (FLOWS, [30] * 8 + [15] * 10, [25] * 8 + [10] * 10, 8, 1775.0, 2100.0, 1540.0, 1540.0),
+        (FLOWS, [30] * 8 + [15] * 10, [25] * 8 + [10] * 10, 8, (1775.0, 2100.0, 1540.0, 1540.0)),
         # Four slow minutes are no breakdown.
-        ([1500] * 20, [30] * 8 + [15] * 4 + [30] * 8, 25, None, NONE, NONE, NONE, NONE),
+        ([1500] * 20, [30] * 8 + [15] * 4 + [30] * 8, 25, None, (NONE,) * 4),
     ],
 )
-def test_breakdowns(flows, before, behind, minute, x_m, highest, after, discharge):
+def test_breakdowns(flows, before, behind, minute, expected):
     """Three detectors on one lane and speeds at two of them; 100 vehicles/h more behind the last ramp."""
     flow = np.array([[700.0, each, each + 100.0] for each in flows])
     speeds = np.stack([np.broadcast_to(each, len(flows)) for each in (before, behind, 25.0)], 1)
@@ -82,6 +82,7 @@ def test_breakdowns(flows, before, behind, minute, x_m, highest, after, discharg
     )
     found = breakdown(counted, 30.0)
     assert found.minute == minute
+    x_m, highest, after, discharge = expected
     drop = 1.0 - after / highest
     figures = [found.x_m, found.highest_before, found.after, found.discharge, found.capacity_drop]
     assert figures == pytest.approx([x_m, highest, after, discharge, drop], nan_ok=True)
