@@ -60,7 +60,9 @@ def unserved(energy_j: jax.Array, complies: jax.Array) -> EVs:
         panel=not_booked,
         stops=jnp.zeros(energy_j.shape, bool),
         is_charging=jnp.zeros(energy_j.shape, bool),
-        timer_s=jnp.zeros_like(energy_j),
+        waiting_s=jnp.zeros_like(energy_j),
+        retry_in_s=jnp.zeros_like(energy_j),
+        standing_s=jnp.zeros_like(energy_j),
         served=jnp.zeros(energy_j.shape, bool),
         complies=complies,
         is_depleted=jnp.zeros(energy_j.shape, bool),
@@ -195,7 +197,7 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
     lane = vehicles.lane[ev_slots]
     _, power_w = cruising(params)
     asks = vehicles.active[ev_slots] & (lane < config.num_lanes) & (evs.med == NOT_BOOKED)
-    asks = asks & ~evs.is_depleted & (evs.timer_s <= 0.0)
+    asks = asks & ~evs.is_depleted & (evs.retry_in_s <= 0.0)
     asks &= evs.energy_j < params.charging.request_soc * params.ev_capacity_j
     requests = Requests(
         x=vehicles.x[ev_slots],
@@ -220,16 +222,16 @@ def release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params:
     booked = evs.med != NOT_BOOKED
     partner = jnp.maximum(evs.med, 0)
     serves = can_serve(meds, params)
-    waits = jnp.where(evs.is_charging, 0.0, evs.timer_s + config.tick_s)
-    timer = jnp.where(booked, waits, count_down(evs.timer_s, config.tick_s))
-    late = booked & (timer > params.charging.patience_s)
+    waiting_s = jnp.where(booked & ~evs.is_charging, evs.waiting_s + config.tick_s, 0.0)
+    late = waiting_s > params.charging.patience_s
     done = evs.energy_j >= params.charging.target_soc * params.ev_capacity_j
     lost = evs.is_depleted | ~vehicles.active[config.ev_slots]
     ends = booked & (late | done | lost | ~read(serves, partner))
-    timer = jnp.where(ends, jnp.where(late, params.charging.retry_s, 0.0), timer)
+    retry_in_s = count_down(evs.retry_in_s, config.tick_s)
     return evs.replace(
         med=jnp.where(ends, NOT_BOOKED, evs.med),
         panel=jnp.where(ends, NOT_BOOKED, evs.panel),
         is_charging=evs.is_charging & ~ends,
-        timer_s=jnp.where(evs.is_depleted, evs.timer_s, timer),  # then it times towing
+        waiting_s=jnp.where(ends, 0.0, waiting_s),
+        retry_in_s=jnp.where(late, params.charging.retry_s, retry_in_s),
     )

@@ -77,13 +77,12 @@ def leaves_road(vehicles: Vehicles, evs: EVs, config: EnvConfig, params: EnvPara
     rightmost = vehicles.lane[slots] >= config.num_lanes - 1  # or on an acceleration lane
     settled = jnp.abs(vehicles.lateral_offset[slots]) < SETTLED_M
     on_shoulder = rightmost & settled & (params.charging.depleted_blocks == 0)
-    return evs.is_depleted & (on_shoulder | (evs.timer_s >= params.charging.tow_s))
+    return evs.is_depleted & (on_shoulder | (evs.standing_s >= params.charging.tow_s))
 
 
 def run_out(vehicles: Vehicles, evs: EVs, config: EnvConfig) -> tuple[EVs, jax.Array]:
     """Marks EVs that ran out in a tick; returns the EVs and which ran out, `(E,)` bool. Vehicles are after the tick."""
     empty = vehicles.active[config.ev_slots] & (evs.energy_j <= 0.0) & ~evs.is_depleted
-    timer = jnp.where(empty, 0.0, evs.timer_s)
     stands = evs.is_depleted & (vehicles.speed[config.ev_slots] < STANDING_M_PER_S)
-    timer = jnp.where(stands, timer + config.tick_s, timer)
-    return evs.replace(is_depleted=evs.is_depleted | empty, timer_s=timer), empty
+    standing_s = jnp.where(stands, evs.standing_s + config.tick_s, evs.standing_s)
+    return evs.replace(is_depleted=evs.is_depleted | empty, standing_s=standing_s), empty

@@ -90,7 +90,7 @@ def plan_trips(
     leaves = (meds.status == IN_SERVICE) & near[config.med_slots]
     parts = near[slots] | evs.stops | stops
     parts |= (evs.med != NOT_BOOKED) & read(leaves, jnp.maximum(evs.med, 0))
-    parts &= ~evs.is_depleted  # their timer counts the time until the tow
+    parts &= ~evs.is_depleted
     state = state.replace(
         vehicles=vehicles,
         meds=meds.replace(status=jnp.where(leaves, LEAVING, meds.status)),
@@ -98,7 +98,7 @@ def plan_trips(
             med=jnp.where(parts, NOT_BOOKED, evs.med),
             panel=jnp.where(parts, NOT_BOOKED, evs.panel),
             is_charging=evs.is_charging & ~parts,
-            timer_s=jnp.where(parts, config.round_s, evs.timer_s),
+            retry_in_s=jnp.where(parts, config.round_s, evs.retry_in_s),
             stops=evs.stops | stops,
         ),
     )

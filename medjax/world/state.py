@@ -50,8 +50,9 @@ class EVs(struct.PyTreeNode):
     panel: jax.Array  # (E,) int32, slot of that MED, or NOT_BOOKED
     stops: jax.Array  # (E,) bool, heads for an exit to charge there
     is_charging: jax.Array  # (E,) bool
-    # (E,) Booked: since booking or last charge. Depleted: time stood still. Otherwise: until it may request a MED.
-    timer_s: jax.Array
+    waiting_s: jax.Array  # (E,) booked but not charging for so long, since booking or its last charge
+    retry_in_s: jax.Array  # (E,) until it may request a MED
+    standing_s: jax.Array  # (E,) has stood depleted for so long
     served: jax.Array  # (E,) bool, has charged at least once
     complies: jax.Array  # (E,) bool, its driver slows down to save charge
     is_depleted: jax.Array  # (E,) bool, ran out, on the road or off it

@@ -72,12 +72,12 @@ def test_a_depleted_ev_goes_to_no_charger_and_keeps_its_tow_timer(road):
     for stops in (False, True):
         now = with_evs(state, config, 4500.0, 0.0, destination=5000.0 if stops else 20_000.0)
         assert needs_charger(now, config, params).all() == (not stops)
-        waits = {"is_depleted": True, "stops": stops, "timer_s": 100.0}
+        waits = {"is_depleted": True, "stops": stops, "standing_s": 100.0}
         now = put(now, evs={name: (slice(None), value) for name, value in waits.items()})
         after, _ = plan_trips(now, config, params)
         assert not needs_charger(now, config, params).any()
         np.testing.assert_array_equal(after.vehicles.destination, now.vehicles.destination)
-        np.testing.assert_array_equal(after.evs.timer_s, 100.0)
+        np.testing.assert_array_equal(after.evs.standing_s, 100.0)
 
 
 def test_a_stop_is_made_and_counted(road, step):

@@ -111,7 +111,7 @@ FAULTS = [
     (check_state, "meds.energy_j", 1, 1e9, "soc"),
     (check_state, "vehicles.wander", 9, jnp.nan, "finite"),
     (check_state, "meds.ready_in_s", 0, -jnp.inf, "finite"),
-    (check_state, "evs.timer_s", 0, jnp.inf, "finite"),
+    (check_state, "evs.waiting_s", 0, jnp.inf, "finite"),
     (check_tick, "vehicles.x", 6, 320.1, "motion"),
     (check_tick, "vehicles.x", 6, 319.9, "motion"),
     (check_tick, "vehicles.speed", 0, 9.5, "motion"),  # from 0 within 0.25 s
