@@ -76,15 +76,10 @@ def exchange(
     config: EnvConfig,
     params: EnvParams,
 ) -> tuple[EVs, MEDs, EpisodeStats]:
-    """Transfer and driving energy of one tick.
+    """EVs, MEDs and tally after one tick's transfer and driving; `link` is after the tick, the batteries before it.
 
     The tally excludes braking energy that a full battery cannot take, and driving energy beyond what an EV's battery
     still holds. A MED drives on when empty, and the tally includes that energy, because a depot pays for it.
-
-    Args:
-      before, after: the vehicles before and after the tick.
-      link: of each EV with its MED, after the tick.
-      state: the batteries before the tick.
     """
     evs, meds, slots, tick_s = state.evs, state.meds, config.ev_slots, config.tick_s
     med_use = _driven(before, after, config.med_slots, params.med, params.road, tick_s)
