@@ -11,7 +11,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from benchmarks.command import a_path, add_number, episodes_parser, non_negative, run_command
+from benchmarks.command import a_number, a_path, add_number, episodes_parser, run_command
 from benchmarks.studies.base import Column, describe, table_of
 from medjax.agents import agents_of
 from medjax.commandline import add_set_option, parse_overrides
@@ -98,6 +98,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.set_defaults(scenario=None)  # that of the policy, else paper
     trained = "also play a trained policy of agents, in its world"
     parser.add_argument("--policy", type=a_path, metavar="FILE.zip", help=trained)
-    add_number(parser, "--speeds", SPEEDS, "constant speeds, m/s", non_negative, nargs="+")
+    speed = a_number("a speed from 1 to 100 m/s", lambda value: 1.0 <= value <= 100.0)
+    add_number(parser, "--speeds", SPEEDS, "constant speeds, m/s", speed, nargs="+")
     add_set_option(parser, "set a parameter of the environment; repeatable")
     run_command(parser, measure, arguments)

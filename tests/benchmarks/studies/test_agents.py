@@ -55,7 +55,7 @@ def test_rows_are_the_episodes_of_each_speed(tmp_path, monkeypatch, capsys):
 def test_bad_input_is_one_line(tmp_path, capsys):
     for argv, word in (
         (["--set=no_such=3"], "no_such"),
-        (["--speeds", "0.5"], "speeds[0]"),
+        (["--speeds", "0.5"], "'0.5'"),
         (["--speeds", "fast"], "'fast'"),
         (["--scenario=nowhere"], "nowhere"),
         ([f"--policy={tmp_path / 'none.zip'}"], "none.zip"),
