@@ -98,8 +98,8 @@ def test_that_offset_hardly_changes_the_link(long):
     _, params = long
     off = ULP_M / (TICK_S * float(params.charging.approach_rate))
     along = jnp.array([0.0, off, -off])
-    for panel in (LEFT, FRONT):
-        seen = misalignment(jnp.full(3, panel), along, 0.0, 0.0, params.link.panel_gap_m)
+    for charging_slot in (LEFT, FRONT):
+        seen = misalignment(jnp.full(3, charging_slot), along, 0.0, 0.0, params.link.panel_gap_m)
         efficiency = np.asarray(couple(seen, params.link).efficiency)
         assert efficiency.min() > 0.95 * efficiency[0]
 
@@ -188,7 +188,7 @@ def platoon(env, params, x):
     )
     return state.replace(
         vehicles=vehicles,
-        evs=state.evs.replace(energy_j=np.full(4, 3e7), panel=np.arange(4, dtype=np.int32)),
+        evs=state.evs.replace(energy_j=np.full(4, 3e7), charging_slot=np.arange(4, dtype=np.int32)),
         meds=state.meds.replace(
             energy_j=np.full(1, 1.3e9),
             status=np.full(1, IN_SERVICE, np.int32),

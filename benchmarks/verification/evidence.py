@@ -100,7 +100,7 @@ def _vehicle(
         if slot < config.num_meds:
             text += f" status {state.meds.status[slot]} {state.meds.energy_j[slot]:.1f} J"
         elif ev < config.num_evs:
-            text += f" {state.evs.energy_j[ev]:.1f} J MED {state.evs.med[ev]}.{state.evs.panel[ev]}"
+            text += f" {state.evs.energy_j[ev]:.1f} J MED {state.evs.med[ev]}.{state.evs.charging_slot[ev]}"
         texts.append(text if v.active[slot] else f"({text})")
     length = float(params.drivers.vehicle_length[kind])
     return f"slot {slot}, {KINDS[kind].name}, {length:.2f} m: {texts[0]} -> {texts[1]}"

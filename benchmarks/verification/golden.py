@@ -46,7 +46,7 @@ WORLDS: dict[str, tuple[str, int, dict[str, Any]]] = {
 }
 STATE = (
     *("vehicles.x", "vehicles.speed", "vehicles.lane", "vehicles.active"),
-    *("vehicles.lateral_offset", "evs.energy_j", "evs.med", "evs.panel", "evs.is_charging"),
+    *("vehicles.lateral_offset", "evs.energy_j", "evs.med", "evs.charging_slot", "evs.is_charging"),
     *("meds.energy_j", "meds.status", "queue"),
 )
 # Options of short runs of train.ppo, by name: a dispatcher's and agents'.

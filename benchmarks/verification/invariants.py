@@ -17,7 +17,7 @@ from benchmarks.verification.books import ROUNDING_M, Books, at_exit, entry_book
 from benchmarks.verification.boxes import lanes_covered, overlapping_vehicles
 from medjax.numerics.gathers import read
 from medjax.traffic.demand import entries
-from medjax.world.params import PANELS, EnvConfig, EnvParams
+from medjax.world.params import CHARGING_SLOTS, EnvConfig, EnvParams
 from medjax.world.state import (
     AT_DEPOT,
     IN_SERVICE,
@@ -39,7 +39,7 @@ INVARIANTS = {
     "road": "vehicles are on a lane, before the end of the road or of their acceleration lane",
     "vehicles": "vehicles come by the entries and go by an exit, the end or without energy, none is lost",
     "standing": "nobody but without energy stands on a main lane with open road ahead",
-    "bookings": "one EV a panel, one panel an EV, both on the road, and kept until it ends",
+    "bookings": "one EV per charging slot, one charging slot per EV, both on the road, and kept until it ends",
     "soc": "states of charge are in [0, 1]",
     "energy": "what batteries give, get and spend balances",
     "finite": "every number is finite",
@@ -160,12 +160,17 @@ def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
     surplus = (jnp.arange(config.num_meds) >= params.fleet.size) & (meds.status != RETIRED)
 
     booked = evs.med != NOT_BOOKED
-    med, panel = jnp.clip(evs.med, 0, config.num_meds - 1), evs.panel
+    med, charging_slot = jnp.clip(evs.med, 0, config.num_meds - 1), evs.charging_slot
     med_capacity = params.med_capacity_j
     has_energy = meds.energy_j > params.fleet.reserve_soc * med_capacity
     serves = med_active & (meds.status == IN_SERVICE) & has_energy
-    exists = (evs.med >= 0) & (evs.med < config.num_meds) & (panel >= 0) & (panel < len(PANELS))
-    place = jnp.where(booked, evs.med * len(PANELS) + panel, -1)
+    exists = (
+        (evs.med >= 0)
+        & (evs.med < config.num_meds)
+        & (charging_slot >= 0)
+        & (charging_slot < len(CHARGING_SLOTS))
+    )
+    place = jnp.where(booked, evs.med * len(CHARGING_SLOTS) + charging_slot, -1)
     same = (place[:, None] == place[None, :]) & booked[:, None]
     return {
         "boxes": {"pairs": overlapping_vehicles(vehicles, params)},
@@ -179,9 +184,9 @@ def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
             "queue below 0": state.queue < 0,
         },
         "bookings": {
-            "EVs on one panel": booked & (jnp.sum(same, axis=1) > 1),
-            "MED without panel or the reverse": booked != (panel != NOT_BOOKED),
-            "no such panel": booked & ~exists,
+            "EVs on one charging slot": booked & (jnp.sum(same, axis=1) > 1),
+            "MED without charging slot or the reverse": booked != (charging_slot != NOT_BOOKED),
+            "no such charging slot": booked & ~exists,
             "EV off the road": booked & ~ev_active,
             "EV without energy": booked & evs.is_depleted,
             "MED not in service": booked & ~serves[med],
@@ -217,7 +222,7 @@ def check_entry(
 
     evs, was, ev_slots = begun.evs, before.evs, config.ev_slots
     newcomer = enters[ev_slots]
-    kept = (evs.med == was.med) & (evs.panel == was.panel)
+    kept = (evs.med == was.med) & (evs.charging_slot == was.charging_slot)
     arrival, demand = evs.energy_j / params.ev_capacity_j, params.demand
     slack = ROUNDING * demand.arrival_soc_high
     low, high = demand.arrival_soc_low - slack, demand.arrival_soc_high + slack
@@ -267,7 +272,7 @@ def check_tick(
     ran_out = jnp.zeros_like(gone).at[config.ev_slots].set(before.evs.is_depleted)
     past = (new.x > params.road.length_m) | at_exit(new, config, params)
     evs, was = after.evs, before.evs
-    kept = (evs.med == was.med) & (evs.panel == was.panel)
+    kept = (evs.med == was.med) & (evs.charging_slot == was.charging_slot)
     energy, books = tick_books(before, after, config, params)
     flags = {
         **check_lanes(old, new, lengths_of(after, params)),

@@ -72,9 +72,9 @@ def draw_efficiency(path: Path, params: EnvParams) -> None:
     small = {"fontsize": "small", "title_fontsize": "small"}
     curves.legend(title="axial distance", loc="lower left", **small)
     along, across = np.meshgrid(np.linspace(-0.7, 0.7, 141), np.linspace(-0.15, 0.6, 76))
-    panel, straight = jnp.full(along.shape, RIGHT), jnp.zeros(along.shape)
+    charging_slot, straight = jnp.full(along.shape, RIGHT), jnp.zeros(along.shape)
     place = jnp.asarray(along), jnp.asarray(across)
-    geometry = misalignment(panel, *place, straight, params.link.panel_gap_m)
+    geometry = misalignment(charging_slot, *place, straight, params.link.panel_gap_m)
     levels = (0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1)
     values = efficiency_at(geometry, params.link)
     filled = plane.contourf(along, across, values, levels, cmap="cividis")

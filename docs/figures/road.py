@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from docs.figures.look import BLUE, GREEN, SKY
-from medjax.charging.docking import Partner, panel_lane, panel_x
+from medjax.charging.docking import Partner, charging_slot_lane, charging_slot_x
 from medjax.world.kinds import HUMAN_EV, MED
-from medjax.world.params import PANELS, EnvParams
+from medjax.world.params import CHARGING_SLOTS, EnvParams
 from train.reporting.figures import new_figure, save
 
 ASPHALT, LINE = "#D9D9D9", "#FFFFFF"
@@ -64,10 +64,10 @@ def _draw_platoon(axes: Any, params: EnvParams) -> None:
     vehicle(0.0, lane, lengths[MED], 2.5, GREEN)
     axes.text(-lengths[MED] / 2, lane * width, "MED", ha="center", va="center", color="white")
     gap = params.charging.dock_gap_m
-    for panel, name in enumerate(PANELS):
+    for charging_slot, name in enumerate(CHARGING_SLOTS):
         length = lengths[HUMAN_EV]
-        front = float(panel_x(jnp.asarray(panel), med, length, gap))
-        beside = int(panel_lane(jnp.asarray(panel), med.lane))
+        front = float(charging_slot_x(jnp.asarray(charging_slot), med, length, gap))
+        beside = int(charging_slot_lane(jnp.asarray(charging_slot), med.lane))
         vehicle(front, beside, length, 1.9, BLUE)
         middle, y = front - length / 2, beside * width
         axes.text(middle, y, "EV", ha="center", va="center", color="white", size=8)

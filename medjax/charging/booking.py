@@ -1,6 +1,6 @@
 """Booking: EVs request slots, MEDs grant them, and bookings end; the map of EVs to slots is one-to-one.
 
-Only the EVs store the map, in `med` and `panel`; the MEDs' view is derived from it.
+Only the EVs store the map, in `med` and `charging_slot`; the MEDs' view is derived from it.
 """
 
 from __future__ import annotations
@@ -10,7 +10,13 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.docking import Partner, panel_lane, panel_x, plan_approach, slots_on_road
+from medjax.charging.docking import (
+    Partner,
+    charging_slot_lane,
+    charging_slot_x,
+    plan_approach,
+    slots_on_road,
+)
 from medjax.charging.energy import cruising
 from medjax.numerics.gathers import read
 from medjax.numerics.sums import count_down
@@ -18,9 +24,9 @@ from medjax.traffic.entry import Newcomers
 from medjax.traffic.exits import way_before_exit
 from medjax.traffic.following import by_kind
 from medjax.world.params import (
+    CHARGING_SLOTS,
     FRONT,
     LEFT,
-    PANELS,
     REAR,
     RIGHT,
     ChargingParams,
@@ -30,18 +36,20 @@ from medjax.world.params import (
 from medjax.world.state import IN_SERVICE, NOT_BOOKED, EnvState, EVs, MEDs, Vehicles
 
 FAR = 1.0e9
-# Approximate duration of a lane change, for the choice of a panel.
+# Approximate duration of a lane change, for the choice of a charging slot.
 LANE_CHANGE_S = 4.0
 # A docking is in time if the MED then still stays this long for charging.
 WORTHWHILE_S = 10.0
 
 
-def panel_flags(med: jax.Array, panel: jax.Array, flag: jax.Array, num_meds: int) -> jax.Array:
+def charging_slot_flags(
+    med: jax.Array, charging_slot: jax.Array, flag: jax.Array, num_meds: int
+) -> jax.Array:
     """Maps EVs' flags `(E,)`, such as booked or charging, to the MEDs' slots, `(num_meds, 4)` bool."""
-    slots = num_meds * len(PANELS)
-    where = jnp.where(flag & (med != NOT_BOOKED), med * len(PANELS) + panel, slots)
+    slots = num_meds * len(CHARGING_SLOTS)
+    where = jnp.where(flag & (med != NOT_BOOKED), med * len(CHARGING_SLOTS) + charging_slot, slots)
     flags = jnp.zeros((slots,), bool).at[where].set(True, mode="drop")
-    return flags.reshape(num_meds, len(PANELS))
+    return flags.reshape(num_meds, len(CHARGING_SLOTS))
 
 
 def can_serve(meds: MEDs, params: EnvParams) -> jax.Array:
@@ -57,7 +65,7 @@ def unserved(energy_j: jax.Array, complies: jax.Array) -> EVs:
         energy_j=energy_j,
         rest_j=jnp.zeros_like(energy_j),
         med=not_booked,
-        panel=not_booked,
+        charging_slot=not_booked,
         stops=jnp.zeros(energy_j.shape, bool),
         is_charging=jnp.zeros(energy_j.shape, bool),
         waiting_s=jnp.zeros_like(energy_j),
@@ -111,14 +119,14 @@ def _first_minimum(values: jax.Array) -> tuple[jax.Array, jax.Array]:
     return minimum, places.min(axis=-1)
 
 
-def _panel_cost(requests: Requests, offer: Offers, params: ChargingParams) -> jax.Array:
+def _charging_slot_cost(requests: Requests, offer: Offers, params: ChargingParams) -> jax.Array:
     """Time for each EV to reach each slot of its nearest MED, `(E, 4)` s; FAR if it cannot."""
-    panel = jnp.arange(len(PANELS), dtype=jnp.int32)
+    charging_slot = jnp.arange(len(CHARGING_SLOTS), dtype=jnp.int32)
     med = Partner(*(field[:, None] for field in (offer.x, offer.speed, offer.lane, offer.length)))
     x, lane, length = (field[:, None] for field in (requests.x, requests.lane, requests.length))
-    slot = panel_x(panel, med, length, params.dock_gap_m)
-    wanted = panel_lane(panel, med.lane)
-    goal = plan_approach(x, lane, length, panel, med, params).goal_x
+    slot = charging_slot_x(charging_slot, med, length, params.dock_gap_m)
+    wanted = charging_slot_lane(charging_slot, med.lane)
+    goal = plan_approach(x, lane, length, charging_slot, med, params).goal_x
     # An EV closes up at the approach speed. It falls back at most as fast, and without stopping.
     back = jnp.maximum((1.0 - params.slowest_share) * med.speed, 1.0)
     back = jnp.minimum(back, params.approach_speed)
@@ -126,8 +134,10 @@ def _panel_cost(requests: Requests, offer: Offers, params: ChargingParams) -> ja
     seconds = up / params.approach_speed + down / back + LANE_CHANGE_S * jnp.abs(wanted - lane)
     # An EV cannot pass the MED in the MED's lane, nor an EV booked on a side slot in that slot's lane: it would stay
     # behind, or take the other with it when falling back.
-    blocked = (lane == med.lane) & jnp.where(x < med.x, panel == FRONT, panel == REAR)
-    abreast = panel_x(jnp.full_like(panel, LEFT), med, length, params.dock_gap_m)
+    blocked = (lane == med.lane) & jnp.where(
+        x < med.x, charging_slot == FRONT, charging_slot == REAR
+    )
+    abreast = charging_slot_x(jnp.full_like(charging_slot, LEFT), med, length, params.dock_gap_m)
     passes = (x < abreast) != (goal < abreast)
     on_left, on_right = offer.beside[:, :1], offer.beside[:, 1:]
     blocked |= passes & jnp.where(lane < med.lane, on_left, (lane > med.lane) & on_right)
@@ -135,7 +145,11 @@ def _panel_cost(requests: Requests, offer: Offers, params: ChargingParams) -> ja
 
 
 def grant(
-    med: jax.Array, panel: jax.Array, requests: Requests, offers: Offers, params: ChargingParams
+    med: jax.Array,
+    charging_slot: jax.Array,
+    requests: Requests,
+    offers: Offers,
+    params: ChargingParams,
 ) -> tuple[jax.Array, jax.Array]:
     """One round of booking: each EV asks its nearest MED, each MED takes its nearest EV.
 
@@ -145,7 +159,7 @@ def grant(
     one-to-one by construction.
 
     Args:
-      med, panel: (E,) int32, the map so far; returned with the new bookings.
+      med, charging_slot: (E,) int32, the map so far; returned with the new bookings.
     """
     ahead = offers.x[None, :] - requests.x[:, None]
     within = (ahead <= params.reach_ahead_m) & (ahead >= -params.reach_behind_m)
@@ -154,7 +168,7 @@ def grant(
     distance, nearest = _first_minimum(distances)
     offer = Offers(*(field[nearest] for field in offers))
 
-    cost = _panel_cost(requests, offer, params)
+    cost = _charging_slot_cost(requests, offer, params)
     seconds, choice = _first_minimum(cost)
     leaves_x = jnp.minimum(offer.leaves_x, requests.leaves_x)
     time_left = (leaves_x - offer.x) / jnp.maximum(offer.speed, 1.0)
@@ -170,7 +184,7 @@ def grant(
     chosen = jnp.full((num_meds,), med.shape[0], jnp.int32)
     chosen = chosen.at[jnp.where(first, nearest, num_meds)].min(slots, mode="drop")
     accepted = first & (chosen[nearest] == slots)
-    return jnp.where(accepted, nearest, med), jnp.where(accepted, choice, panel)
+    return jnp.where(accepted, nearest, med), jnp.where(accepted, choice, charging_slot)
 
 
 def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests, Offers]:
@@ -179,7 +193,7 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
     med_slots, ev_slots = config.med_slots, config.ev_slots
     length = by_kind(vehicles.kind, params.drivers.vehicle_length)
     med_lane = vehicles.lane[med_slots]
-    booked = panel_flags(evs.med, evs.panel, evs.med != NOT_BOOKED, config.num_meds)
+    booked = charging_slot_flags(evs.med, evs.charging_slot, evs.med != NOT_BOOKED, config.num_meds)
     open_slots = slots_on_road(med_lane, config.num_lanes) & ~booked
     leaves_x = vehicles.destination
     if config.num_exits:
@@ -213,8 +227,8 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
 def book(state: EnvState, config: EnvConfig, params: EnvParams) -> EVs:
     """The EVs after one round of booking."""
     evs, (requests, offers) = state.evs, ask(state, config, params)
-    med, panel = grant(evs.med, evs.panel, requests, offers, params.charging)
-    return evs.replace(med=med, panel=panel)
+    med, charging_slot = grant(evs.med, evs.charging_slot, requests, offers, params.charging)
+    return evs.replace(med=med, charging_slot=charging_slot)
 
 
 def release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params: EnvParams) -> EVs:
@@ -230,7 +244,7 @@ def release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params:
     retry_in_s = count_down(evs.retry_in_s, config.tick_s)
     return evs.replace(
         med=jnp.where(ends, NOT_BOOKED, evs.med),
-        panel=jnp.where(ends, NOT_BOOKED, evs.panel),
+        charging_slot=jnp.where(ends, NOT_BOOKED, evs.charging_slot),
         is_charging=evs.is_charging & ~ends,
         waiting_s=jnp.where(ends, 0.0, waiting_s),
         retry_in_s=jnp.where(late, params.charging.retry_s, retry_in_s),

@@ -13,11 +13,11 @@ from medjax.traffic.following import Drivers, Platooning
 from medjax.traffic.neighbours import NOBODY
 from medjax.traffic.wishes import ORDERED_DESIRE, Orders
 from medjax.world.kinds import MED
-from medjax.world.params import FRONT, PANELS, REAR, ChargingParams, EnvConfig, EnvParams
+from medjax.world.params import CHARGING_SLOTS, FRONT, REAR, ChargingParams, EnvConfig, EnvParams
 from medjax.world.state import NOT_BOOKED, EnvState, EVs, Vehicles
 
-# Slot lanes relative to the MED's lane, by panel: left, right, rear, front.
-PANEL_LANE = (-1, 1, 0, 0)
+# Lanes of the charging slots relative to the MED's lane: left, right, rear, front.
+CHARGING_SLOT_LANE = (-1, 1, 0, 0)
 # An EV that must cross the MED's lane first falls back this much further than the dock gap behind the MED.
 CROSSING_ROOM_M = 10.0
 # An EV enters the MED's lane only this close to its slot, or other vehicles would fill the space between.
@@ -46,23 +46,25 @@ def partners(vehicles: Vehicles, evs: EVs, length: jax.Array, config: EnvConfig)
 
 def slots_on_road(med_lane: jax.Array, num_lanes: int) -> jax.Array:
     """Whether each slot of MEDs in these lanes, `(M,)`, lies on the road, `(M, 4)` bool."""
-    lane = panel_lane(jnp.arange(len(PANELS), dtype=jnp.int32), med_lane[:, None])
+    lane = charging_slot_lane(jnp.arange(len(CHARGING_SLOTS), dtype=jnp.int32), med_lane[:, None])
     return (lane >= 0) & (lane < num_lanes)
 
 
-def panel_lane(panel: jax.Array, med_lane: jax.Array) -> jax.Array:
+def charging_slot_lane(charging_slot: jax.Array, med_lane: jax.Array) -> jax.Array:
     """Lane of a slot, int32; may be off the road."""
-    return med_lane + jnp.asarray(PANEL_LANE, jnp.int32)[jnp.maximum(panel, 0)]
+    return med_lane + jnp.asarray(CHARGING_SLOT_LANE, jnp.int32)[jnp.maximum(charging_slot, 0)]
 
 
-def panel_x(
-    panel: jax.Array, med: Partner, ev_length: jax.Array, dock_gap_m: jax.Array | float
+def charging_slot_x(
+    charging_slot: jax.Array, med: Partner, ev_length: jax.Array, dock_gap_m: jax.Array | float
 ) -> jax.Array:
     """Front-bumper position of an EV exactly in its slot, m; shapes broadcast."""
     beside = med.x - 0.5 * (med.length - ev_length)
     behind = med.x - med.length - dock_gap_m
     ahead = med.x + dock_gap_m + ev_length
-    return jnp.where(panel == REAR, behind, jnp.where(panel == FRONT, ahead, beside))
+    return jnp.where(
+        charging_slot == REAR, behind, jnp.where(charging_slot == FRONT, ahead, beside)
+    )
 
 
 class Approach(NamedTuple):
@@ -78,7 +80,7 @@ def plan_approach(
     x: jax.Array,
     lane: jax.Array,
     ev_length: jax.Array,
-    panel: jax.Array,
+    charging_slot: jax.Array,
     med: Partner,
     params: ChargingParams,
 ) -> Approach:
@@ -87,15 +89,15 @@ def plan_approach(
     An EV on the far side of the MED must cross the MED's lane, so it falls back behind the MED first. It enters the
     MED's lane only close to its slot, and ahead of or behind the MED as the slot requires.
     """
-    wanted = panel_lane(panel, med.lane)
+    wanted = charging_slot_lane(charging_slot, med.lane)
     crossing = (lane - med.lane) * (wanted - med.lane) < 0
-    behind = panel_x(jnp.full_like(panel, REAR), med, ev_length, params.dock_gap_m)
-    slot = panel_x(panel, med, ev_length, params.dock_gap_m)
+    behind = charging_slot_x(jnp.full_like(charging_slot, REAR), med, ev_length, params.dock_gap_m)
+    slot = charging_slot_x(charging_slot, med, ev_length, params.dock_gap_m)
     goal = jnp.where(crossing, behind - CROSSING_ROOM_M, slot)
 
     distance = jnp.abs(x - goal)
     direction = jnp.sign(wanted - lane)
-    clear = jnp.where(panel == FRONT, x - ev_length > med.x, x < med.x - med.length)
+    clear = jnp.where(charging_slot == FRONT, x - ev_length > med.x, x < med.x - med.length)
     is_near = distance < ENTRY_ROOM_M
     leads = (lane == med.lane) & (x > med.x)
     urgency = jnp.maximum(1.0 - distance / (VIEW_M * jnp.maximum(jnp.abs(wanted - lane), 1)), 0.0)
@@ -149,7 +151,7 @@ def is_docked(
 def _pace(
     x: jax.Array,
     ev_length: jax.Array,
-    panel: jax.Array,
+    charging_slot: jax.Array,
     med: Partner,
     service_speed: jax.Array,
     plan: Approach,
@@ -166,7 +168,7 @@ def _pace(
     # Three quarters of the solution of IDM's s* = gap, because an EV takes a second to reach its wanted speed.
     gently = 1.5 * comfort * jnp.maximum(spare, 0.0) / jnp.maximum(med.speed, 1.0)
     most_back = jnp.where(plan.leads, gently, charging.approach_speed)
-    share = jnp.where(plan.leads & (panel != FRONT), 1.0, charging.slowest_share)
+    share = jnp.where(plan.leads & (charging_slot != FRONT), 1.0, charging.slowest_share)
     slowest = share * service_speed
     return approach_pace(plan.goal_x - x, med.speed, most_back, slowest, charging)
 
@@ -181,9 +183,9 @@ def approach(state: EnvState, drivers: Drivers, config: EnvConfig, params: EnvPa
     charging, booked = params.charging, evs.med != NOT_BOOKED
     med = partners(vehicles, evs, drivers.length, config)
     x, lane, length = vehicles.x[slots], vehicles.lane[slots], drivers.length[slots]
-    plan = plan_approach(x, lane, length, evs.panel, med, charging)
+    plan = plan_approach(x, lane, length, evs.charging_slot, med, charging)
     service_speed = read(meds.service_speed, jnp.maximum(evs.med, 0))
-    pace = _pace(x, length, evs.panel, med, service_speed, plan, params)
+    pace = _pace(x, length, evs.charging_slot, med, service_speed, plan, params)
     comfort = drivers.comfortable_deceleration[slots]
     docking = docking_acceleration(vehicles.speed[slots], pace, comfort, charging)
     # A MED drives around vehicles that stand in its lane, and then comes back.

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.docking import is_docked, panel_lane, panel_x, partners
+from medjax.charging.docking import charging_slot_lane, charging_slot_x, is_docked, partners
 from medjax.numerics.gathers import read
 from medjax.physics import input_resistance, interpolate_inductance, link_efficiency
 from medjax.traffic.motion import turn_between
@@ -26,7 +26,7 @@ class Misalignment(NamedTuple):
 
 
 def misalignment(
-    panel: jax.Array,
+    charging_slot: jax.Array,
     along_m: jax.Array,
     across_m: jax.Array,
     turn_rad: jax.Array,
@@ -37,14 +37,14 @@ def misalignment(
     Side panels face across the road, front and rear panels along it.
 
     Args:
-      panel: int32, any shape.
+      charging_slot: int32, any shape.
       along_m, across_m: EV ahead of its slot, and to the right of it, m.
       turn_rad: heading of the EV minus that of the MED, positive to the right.
       panel_gap_m: nominal axial distance; booms give way, so the distance never falls below a quarter of it.
     """
-    side = (panel == LEFT) | (panel == RIGHT)
-    away = jnp.where(panel == RIGHT, 1.0, -1.0)
-    outward = jnp.where(panel == FRONT, 1.0, -1.0)
+    side = (charging_slot == LEFT) | (charging_slot == RIGHT)
+    away = jnp.where(charging_slot == RIGHT, 1.0, -1.0)
+    outward = jnp.where(charging_slot == FRONT, 1.0, -1.0)
     opening = jnp.where(side, away * across_m, outward * along_m)
     # Tilt has the sign of the turn for panels that face right or back, the opposite sign for left and front.
     tilt = jnp.where(side, away, -outward) * turn_rad
@@ -117,9 +117,9 @@ def links(
     slots, med_slots, charging = config.ev_slots, config.med_slots, params.charging
     speed, offset, lateral_speed = vehicles.speed, vehicles.lateral_offset, vehicles.lateral_speed
     med = partners(vehicles, evs, length, config)
-    goal = panel_x(evs.panel, med, length[slots], charging.dock_gap_m)
+    goal = charging_slot_x(evs.charging_slot, med, length[slots], charging.dock_gap_m)
     error = vehicles.x[slots] - goal
-    in_lane = vehicles.lane[slots] == panel_lane(evs.panel, med.lane)
+    in_lane = vehicles.lane[slots] == charging_slot_lane(evs.charging_slot, med.lane)
     med_offset, med_lateral_speed = read(
         (offset[med_slots], lateral_speed[med_slots]), jnp.maximum(evs.med, 0)
     )
@@ -131,7 +131,7 @@ def links(
     )
     seen = params.link.misalignment_scale
     geometry = misalignment(
-        evs.panel, seen * error, seen * across, seen * turn, params.link.panel_gap_m
+        evs.charging_slot, seen * error, seen * across, seen * turn, params.link.panel_gap_m
     )
     coupled = coupling(geometry, params.link)
     power_w = most_power(coupled, charging.slot_power_w, params.link.max_current_a)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.booking import can_serve, panel_flags
+from medjax.charging.booking import can_serve, charging_slot_flags
 from medjax.charging.docking import slots_on_road
 from medjax.charging.energy import cruising
 from medjax.numerics.sums import block_fma, scale_by, sum_pairwise
@@ -27,7 +27,7 @@ def med_places(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Arr
 def free_slots(state: EnvState, config: EnvConfig) -> jax.Array:
     """Unbooked slots of each MED, `(M,)` int32, in its present lane if in service, else in its service lane."""
     evs, meds = state.evs, state.meds
-    taken = panel_flags(evs.med, evs.panel, evs.med != NOT_BOOKED, config.num_meds)
+    taken = charging_slot_flags(evs.med, evs.charging_slot, evs.med != NOT_BOOKED, config.num_meds)
     in_service = meds.status == IN_SERVICE
     lane = jnp.where(in_service, state.vehicles.lane[config.med_slots], meds.service_lane)
     return jnp.sum(slots_on_road(lane, config.num_lanes) & ~taken, axis=1, dtype=jnp.int32)

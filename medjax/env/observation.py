@@ -14,14 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 from flax import struct
 
-from medjax.charging.booking import panel_flags
+from medjax.charging.booking import charging_slot_flags
 from medjax.env.depots import distinct_depots, shares_at_depots
 from medjax.env.forecast import Need, expected_need, free_slots, med_places
 from medjax.errors import InputError, shown
 from medjax.numerics.sums import scale_by
 from medjax.traffic.road import lateral_position
 from medjax.world.kinds import GAS, HUMAN_EV
-from medjax.world.params import PANELS, EnvConfig, EnvParams
+from medjax.world.params import CHARGING_SLOTS, EnvConfig, EnvParams
 from medjax.world.state import AT_DEPOT, IN_SERVICE, MERGING, NOT_BOOKED, QUEUED, EnvState
 
 MED_FEATURES = 14
@@ -75,8 +75,8 @@ def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observatio
         scale_by(vehicles.lateral_speed, lane_m),
     ]
     rows = jnp.where(vehicles.active[:, None], jnp.stack(motion, axis=-1), 0.0)
-    booked = panel_flags(evs.med, evs.panel, evs.med != NOT_BOOKED, config.num_meds)
-    charging = panel_flags(evs.med, evs.panel, evs.is_charging, config.num_meds)
+    booked = charging_slot_flags(evs.med, evs.charging_slot, evs.med != NOT_BOOKED, config.num_meds)
+    charging = charging_slot_flags(evs.med, evs.charging_slot, evs.is_charging, config.num_meds)
     soc, serves = scale_by(meds.energy_j, params.med_capacity_j), meds.status == IN_SERVICE
     of_meds = [rows[config.med_slots], soc[:, None], serves[:, None], booked, charging]
     med_rows = jnp.concatenate(of_meds, axis=-1, dtype=jnp.float32)
@@ -136,7 +136,7 @@ def hat_weights(values: jax.Array, num_nodes: int) -> jax.Array:
 
 def show_need(need: Need) -> jax.Array:
     """Encodes `Need` as `(4 * num_ramps,)`: counts of EVs and slots are divided by the slots of one MED."""
-    slots = len(PANELS)
+    slots = len(CHARGING_SLOTS)
     return jnp.concatenate(
         [need.there / slots, need.shortfall, need.coming / slots, need.free / slots]
     )
@@ -145,7 +145,7 @@ def show_need(need: Need) -> jax.Array:
 def outlook_in(needs: jax.Array, clock: jax.Array) -> tuple[Need, jax.Array, jax.Array]:
     """Decodes `show_need` `(..., 4 * num_ramps)` and the clock `(..., 4)`; see `RoadProfile.outlook`."""
     there, shortfall, coming, free = jnp.split(needs, len(Need._fields), axis=-1)
-    slots = len(PANELS)
+    slots = len(CHARGING_SLOTS)
     time_left, _, at_depot, _ = jnp.moveaxis(clock, -1, 0)
     return Need(there * slots, shortfall, coming * slots, free * slots), at_depot, time_left
 

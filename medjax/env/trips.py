@@ -96,7 +96,7 @@ def plan_trips(
         meds=meds.replace(status=jnp.where(leaves, LEAVING, meds.status)),
         evs=evs.replace(
             med=jnp.where(parts, NOT_BOOKED, evs.med),
-            panel=jnp.where(parts, NOT_BOOKED, evs.panel),
+            charging_slot=jnp.where(parts, NOT_BOOKED, evs.charging_slot),
             is_charging=evs.is_charging & ~parts,
             retry_in_s=jnp.where(parts, config.round_s, evs.retry_in_s),
             stops=evs.stops | stops,

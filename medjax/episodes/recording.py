@@ -41,7 +41,7 @@ class Frames(struct.PyTreeNode):
     kind: Any  # (F, V) int32 in `medjax.world.kinds.KINDS`
     ev_soc: Any  # (F, E) state of charge, 0 to 1
     ev_med: Any  # (F, E) int32, MED it is booked on, -1 for none
-    ev_panel: Any  # (F, E) int32, slot of that MED (`medjax.world.params.PANELS`), -1 for none
+    ev_charging_slot: Any  # (F, E) int32, charging slot of that MED (`medjax.world.params.CHARGING_SLOTS`), -1 for none
     ev_is_charging: Any  # (F, E) bool
     med_soc: Any  # (F, M) state of charge, 0 to 1
     med_status: Any  # (F, M) int32, index into `medjax.world.state.STATUS_NAMES`
@@ -264,7 +264,7 @@ def frame_of(state: EnvState, params: EnvParams) -> Frames:
         **{name: getattr(state.vehicles, name) for name in OF_VEHICLES},
         ev_soc=evs.energy_j / params.ev_capacity_j,
         ev_med=evs.med,
-        ev_panel=evs.panel,
+        ev_charging_slot=evs.charging_slot,
         ev_is_charging=evs.is_charging,
         med_soc=meds.energy_j / params.med_capacity_j,
         med_status=meds.status,

@@ -5,7 +5,7 @@ import numpy as np
 from medjax.episodes.recording import Recording
 from medjax.traffic.road import lateral_position
 from medjax.world.kinds import KINDS
-from medjax.world.params import PANELS
+from medjax.world.params import CHARGING_SLOTS
 from medjax.world.state import IN_SERVICE
 
 Table = dict[str, np.ma.MaskedArray]
@@ -27,7 +27,7 @@ def vehicle_table(recording: Recording) -> Table:
         acceleration_m_per_s2: float32, mean over the preceding tick; masked in a vehicle's first row.
         soc: float32, state of charge, 0 to 1; masked for gas vehicles.
         booked_med_id: int64, vehicle_id of the MED that an EV is booked on.
-        panel: slot of that MED, "left", "right", "rear" or "front".
+        panel: charging slot of that MED, "left", "right", "rear" or "front".
         is_charging: bool.
         told_speed_m_per_s, told_lane, accepts: float32, int32 and bool; for a MED in service, its ordered speed and
           lane, and whether it accepts new bookings.
@@ -36,7 +36,7 @@ def vehicle_table(recording: Recording) -> Table:
     present = ids >= 0
     present[: recording.first_frame > 0] = False
     time, slot = rows = np.nonzero(present)
-    soc, booked, panel, charging = (each[rows] for each in _of_evs_and_meds(recording))
+    soc, booked, charging_slot, charging = (each[rows] for each in _of_evs_and_meds(recording))
     change = np.diff(frames.speed, axis=0, prepend=frames.speed[:1]) / np.float32(config.tick_s)
     is_new = np.diff(ids, axis=0, prepend=-2) != 0  # every vehicle is new in the first frame
     lane, offset = frames.lane[rows], frames.lateral_offset[rows]
@@ -54,7 +54,7 @@ def vehicle_table(recording: Recording) -> Table:
         "acceleration_m_per_s2": change[rows],
         "soc": soc,
         "booked_med_id": ids[time, np.maximum(booked, 0)],
-        "panel": np.asarray(PANELS)[np.maximum(panel, 0)],
+        "panel": np.asarray(CHARGING_SLOTS)[np.maximum(charging_slot, 0)],
         "is_charging": charging,
     }
     med = np.where(slot < config.num_meds, slot, 0)
@@ -74,12 +74,15 @@ def vehicle_table(recording: Recording) -> Table:
 
 
 def _of_evs_and_meds(recording: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """State of charge, booked MED and its panel (-1 for none), and whether it is charging, each (F, V)."""
+    """State of charge, booked MED and its charging slot (-1 for none), and whether it is charging, each (F, V)."""
     config, frames = recording.config, recording.frames
     soc = np.zeros(frames.x.shape, np.float32)
     soc[:, config.med_slots], soc[:, config.ev_slots] = frames.med_soc, frames.ev_soc
-    med, panel = np.full((2, *frames.x.shape), -1)
-    med[:, config.ev_slots], panel[:, config.ev_slots] = frames.ev_med, frames.ev_panel
+    med, charging_slot = np.full((2, *frames.x.shape), -1)
+    med[:, config.ev_slots], charging_slot[:, config.ev_slots] = (
+        frames.ev_med,
+        frames.ev_charging_slot,
+    )
     charging = np.zeros(frames.x.shape, bool)
     charging[:, config.ev_slots] = frames.ev_is_charging
-    return soc, med, panel, charging
+    return soc, med, charging_slot, charging

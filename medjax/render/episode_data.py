@@ -15,7 +15,7 @@ from medjax.render.roadway import Roadway
 from medjax.render.scene import Timeline
 from medjax.traffic.road import lateral_position
 from medjax.world.kinds import HUMAN_EV, KINDS
-from medjax.world.params import PANELS, EnvParams
+from medjax.world.params import CHARGING_SLOTS, EnvParams
 from medjax.world.state import IN_SERVICE, LEAVING, STATUS_NAMES
 
 
@@ -59,7 +59,7 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
             "lane": int(params.fleet.service_lane),
         },
         "actions": action_names(config, params),
-        "panels": PANELS,
+        "panels": CHARGING_SLOTS,
         "slots": road.slots_m,
         "rewardTerms": list(decisions.reward_terms),
         "tracks": [
@@ -104,7 +104,7 @@ def _add_frames(packer: Packer, timeline: Timeline) -> None:
     packer.add("lane", np.where(active, frames.lane, 0).T)
     packer.add("evSoc", frames.ev_soc.T, 1e-4)
     packer.add("evMed", frames.ev_med.T)
-    packer.add("evPanel", frames.ev_panel.T)
+    packer.add("evPanel", frames.ev_charging_slot.T)
     packer.add("evCharging", frames.ev_is_charging.T)
     packer.add("medSoc", frames.med_soc.T, 1e-4)
     packer.add("medStatus", frames.med_status.T)

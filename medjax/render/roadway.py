@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from medjax.charging.docking import PANEL_LANE, Partner, panel_x
+from medjax.charging.docking import CHARGING_SLOT_LANE, Partner, charging_slot_x
 from medjax.world.kinds import HUMAN_EV, MED
 from medjax.world.params import EnvConfig, EnvParams
 
@@ -21,7 +21,7 @@ class Roadway:
     ramp_x_m: tuple[float, ...]  # where each acceleration lane starts
     acceleration_lane_m: float
     vehicle_length_m: tuple[float, ...]  # by kind
-    # By panel: an EV's front bumper in its slot relative to the MED's, ahead and to the right.
+    # By charging slot: an EV's front bumper there relative to the MED's, ahead and to the right.
     slots_m: tuple[tuple[float, float], ...]
 
     @classmethod
@@ -29,9 +29,9 @@ class Roadway:
         """The road of one environment; `params` must not be batched."""
         road, lengths = params.road, np.asarray(params.drivers.vehicle_length)
         med = Partner(x=0.0, speed=0.0, lane=0, length=lengths[MED])  # type: ignore[arg-type]
-        panels, gap = np.arange(len(PANEL_LANE)), params.charging.dock_gap_m
-        ahead = np.asarray(panel_x(panels, med, lengths[HUMAN_EV], gap))  # type: ignore[arg-type]
-        aside = np.asarray(PANEL_LANE) * float(road.lane_width_m)
+        charging_slots, gap = np.arange(len(CHARGING_SLOT_LANE)), params.charging.dock_gap_m
+        ahead = np.asarray(charging_slot_x(charging_slots, med, lengths[HUMAN_EV], gap))  # type: ignore[arg-type]
+        aside = np.asarray(CHARGING_SLOT_LANE) * float(road.lane_width_m)
         return cls(
             length_m=float(road.length_m),
             num_lanes=config.num_lanes,

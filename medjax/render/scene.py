@@ -24,7 +24,7 @@ class Scene:
     kind: np.ndarray  # (V,) int, `medjax.world.kinds.KINDS`
     ev_soc: np.ndarray  # (E,)
     ev_med: np.ndarray  # (E,) int, -1 for none
-    ev_panel: np.ndarray  # (E,) int, -1 for none
+    ev_charging_slot: np.ndarray  # (E,) int, -1 for none
     ev_is_charging: np.ndarray  # (E,) bool
     med_soc: np.ndarray  # (M,)
     med_status: np.ndarray  # (M,) int

@@ -77,12 +77,12 @@ def draw_close(canvas: Canvas, view: View, scene: Scene, road: Roadway, font: in
 def _draw_slots(canvas: Canvas, view: View, scene: Scene, road: Roadway) -> None:
     """Draws the free slots on the road around MEDs in service."""
     booked = scene.is_booked
-    taken = set(zip(scene.ev_med[booked], scene.ev_panel[booked], strict=True))
+    taken = set(zip(scene.ev_med[booked], scene.ev_charging_slot[booked], strict=True))
     length, half = road.vehicle_length_m[GAS], 0.5 * KINDS[GAS].width_m * view.per_m
     for med in np.nonzero((scene.med_status == IN_SERVICE) & scene.active[: scene.num_meds])[0]:
-        for panel, (ahead, aside) in enumerate(road.slots_m):
+        for charging_slot, (ahead, aside) in enumerate(road.slots_m):
             x, y = scene.x[med] + ahead, scene.y[med] + aside
-            if (med, panel) in taken or not road.left_m < y < road.right_m:
+            if (med, charging_slot) in taken or not road.left_m < y < road.right_m:
                 continue
             box = (view.px(x - length), view.py(y) - half, view.px(x), view.py(y) + half)
             if box[0] > view.box[0] and box[2] < view.box[2]:

@@ -38,7 +38,7 @@ from medjax.world.traffic_params import (
     Scalar,
 )
 
-PANELS = ("left", "right", "rear", "front")
+CHARGING_SLOTS = ("left", "right", "rear", "front")
 LEFT, RIGHT, REAR, FRONT = range(4)
 
 

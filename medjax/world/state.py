@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import jax
 import jax.numpy as jnp
 from flax import struct
@@ -47,15 +49,24 @@ class EVs(struct.PyTreeNode):
     energy_j: jax.Array  # (E,)
     rest_j: jax.Array  # (E,) rounding remainder of energy_j
     med: jax.Array  # (E,) int32, MED it is booked on, or NOT_BOOKED
-    panel: jax.Array  # (E,) int32, slot of that MED, or NOT_BOOKED
+    charging_slot: jax.Array  # (E,) int32, index in CHARGING_SLOTS of that MED's, or NOT_BOOKED
     stops: jax.Array  # (E,) bool, heads for an exit to charge there
     is_charging: jax.Array  # (E,) bool
-    waiting_s: jax.Array  # (E,) booked but not charging for so long, since booking or its last charge
+    waiting_s: (
+        jax.Array
+    )  # (E,) booked but not charging for so long, since booking or its last charge
     retry_in_s: jax.Array  # (E,) until it may request a MED
     standing_s: jax.Array  # (E,) has stood depleted for so long
     served: jax.Array  # (E,) bool, has charged at least once
     complies: jax.Array  # (E,) bool, its driver slows down to save charge
     is_depleted: jax.Array  # (E,) bool, ran out, on the road or off it
+
+    @property
+    def panel(self) -> jax.Array:
+        """Former name of `charging_slot`, for one more version."""
+        text = "EVs.panel is now EVs.charging_slot; the old name goes with the next version"
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        return self.charging_slot
 
 
 class MEDs(struct.PyTreeNode):

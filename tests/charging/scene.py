@@ -26,8 +26,8 @@ def put(state, **parts):
     return state
 
 
-def scene(env, params, *, panel, ev_x, ev_lane, human=False):
-    """A state of `env` with MED 0 in its service lane at MED_X and EV 0 booked on its slot `panel`.
+def scene(env, params, *, charging_slot, ev_x, ev_lane, human=False):
+    """A state of `env` with MED 0 in its service lane at MED_X and EV 0 booked on its charging slot.
 
     The MED drives at MED_SPEED where that is the fleet's service speed.
     """
@@ -45,5 +45,9 @@ def scene(env, params, *, panel, ev_x, ev_lane, human=False):
         ("lateral_offset", "acceleration_noise", "wander"), (slice(None), 0.0)
     )
     state = put(state, vehicles={"active": (slice(None), False)})
-    evs = {"med": (0, 0), "panel": (0, panel), "energy_j": (0, SOC * params.ev_capacity_j)}
+    evs = {
+        "med": (0, 0),
+        "charging_slot": (0, charging_slot),
+        "energy_j": (0, SOC * params.ev_capacity_j),
+    }
     return put(state, vehicles=vehicles, evs=evs, meds={"status": (0, IN_SERVICE)})

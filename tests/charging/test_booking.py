@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import medjax
 from medjax.charging.booking import WORTHWHILE_S, Offers, Requests, ask, book, grant
 from medjax.env.forecast import expected_need, free_slots
-from medjax.world.params import LEFT, PANELS
+from medjax.world.params import CHARGING_SLOTS, LEFT
 from medjax.world.state import IN_SERVICE, LEAVING, MERGING, NOT_BOOKED, QUEUED, RETIRED
 from tests.charging.scene import MED_X, put, scene
 
@@ -33,9 +33,9 @@ def draw(seed):
     rng = np.random.default_rng(seed)
     free = rng.random((NUM_MEDS, 4)) < 0.6
     # An EV sits on each taken slot as long as there are EVs.
-    med, panel = np.full(NUM_EVS, -1), np.full(NUM_EVS, -1)
+    med, charging_slot = np.full(NUM_EVS, -1), np.full(NUM_EVS, -1)
     for ev, (m, p) in enumerate(np.argwhere(~free)[: NUM_EVS // 2]):
-        med[ev], panel[ev] = m, p
+        med[ev], charging_slot[ev] = m, p
     asks = (rng.random(NUM_EVS) < 0.8) & (med < 0)
     x = rng.uniform(0, 1500, NUM_EVS)
     if seed % 3 == 0:  # ties: EVs side by side
@@ -57,14 +57,14 @@ def draw(seed):
         endurance_s=jnp.full(NUM_EVS, 500.0),
         leaves_x=jnp.full(NUM_EVS, 4000.0),
     )
-    return jnp.asarray(med, jnp.int32), jnp.asarray(panel, jnp.int32), requests, offers
+    return jnp.asarray(med, jnp.int32), jnp.asarray(charging_slot, jnp.int32), requests, offers
 
 
-def one_to_one(med, panel):
+def one_to_one(med, charging_slot):
     """Whether no slot has two EVs and every booked EV has a slot."""
     booked = med >= 0
-    slots = list(zip(med[booked], panel[booked], strict=True))
-    return len(slots) == len(set(slots)) and np.all((panel >= 0) == booked)
+    slots = list(zip(med[booked], charging_slot[booked], strict=True))
+    return len(slots) == len(set(slots)) and np.all((charging_slot >= 0) == booked)
 
 
 @given(st.integers(0, 2**31))
@@ -72,15 +72,17 @@ def one_to_one(med, panel):
 def test_nearest_ev_wins_its_nearest_med(booking, paper, seed):
     """Old bookings stay. New ones take free slots, one EV a slot: its nearest MED's, which no nearer EV asks."""
     _, params = paper
-    med, panel, requests, offers = draw(seed)
-    new_med, new_panel = (np.asarray(x) for x in booking(med, panel, requests, offers))
+    med, charging_slot, requests, offers = draw(seed)
+    new_med, new_charging_slot = (
+        np.asarray(x) for x in booking(med, charging_slot, requests, offers)
+    )
     old = np.asarray(med) >= 0
     assert np.array_equal(new_med[old], np.asarray(med)[old])
-    assert np.array_equal(new_panel[old], np.asarray(panel)[old])
-    assert one_to_one(new_med, new_panel)
+    assert np.array_equal(new_charging_slot[old], np.asarray(charging_slot)[old])
+    assert one_to_one(new_med, new_charging_slot)
     new = np.flatnonzero((new_med >= 0) & ~old)
     assert np.all(np.asarray(requests.asks)[new])
-    assert np.all(np.asarray(offers.free)[new_med[new], new_panel[new]])
+    assert np.all(np.asarray(offers.free)[new_med[new], new_charging_slot[new]])
     ahead = np.asarray(offers.x)[None] - np.asarray(requests.x)[:, None]
     reach = np.asarray(offers.free).any(1) & (ahead <= float(params.charging.reach_ahead_m))
     reach &= ahead >= -float(params.charging.reach_behind_m)
@@ -114,14 +116,14 @@ def slot_is_blocked(requests, offers, ev, m):
 def test_too_far_or_too_late_is_refused(booking, paper):
     """An EV asks for nothing that it cannot reach: out of reach, out of road, or out of energy."""
     _, params = paper
-    med = panel = jnp.full((1,), NOT_BOOKED, jnp.int32)
+    med = charging_slot = jnp.full((1,), NOT_BOOKED, jnp.int32)
     free, nobody = jnp.ones((1, 4), bool), jnp.zeros((1, 2), bool)
 
     def accepted(ev_x, med_x, endurance=500.0, leaves_x=4000.0, ev_leaves_x=4000.0):
         med_there = (jnp.array([value]) for value in (med_x, 22.0, 2, 12.0))
         offers = Offers(*med_there, free, jnp.array([leaves_x]), nobody)
         asks = (jnp.array([value]) for value in (ev_x, 1, 5.0, True, endurance, ev_leaves_x))
-        got, _ = booking(med, panel, Requests(*asks), offers)
+        got, _ = booking(med, charging_slot, Requests(*asks), offers)
         return int(got[0]) == 0
 
     assert accepted(900.0, 1000.0)
@@ -184,9 +186,12 @@ SIDES = {"left": -1, "right": 1, "rear": 0, "front": 0}
 def test_a_slot_off_the_road_is_not_free(lane):
     """A MED in an outer lane offers one slot less to EVs, and in the forecast."""
     env, params = medjax.make("paper", service_lane=lane)
-    config, state = env.config, scene(env, params, panel=LEFT, ev_x=MED_X - 100.0, ev_lane=1)
+    config, state = (
+        env.config,
+        scene(env, params, charging_slot=LEFT, ev_x=MED_X - 100.0, ev_lane=1),
+    )
     state = put(state, evs={"med": (slice(None), NOT_BOOKED)})
-    there = np.array([0 <= lane + SIDES[side] < config.num_lanes for side in PANELS])
+    there = np.array([0 <= lane + SIDES[side] < config.num_lanes for side in CHARGING_SLOTS])
     _, offers = ask(state, config, params)
     np.testing.assert_array_equal(offers.free[0], there)
     assert not offers.free[1:].any()
@@ -196,10 +201,10 @@ def test_a_slot_off_the_road_is_not_free(lane):
 def test_a_full_med_is_passed_over():
     """An EV near a MED whose last free slot lies off the road asks the next one."""
     env, params = medjax.make("paper", service_lane=3)
-    state = scene(env, params, panel=LEFT, ev_x=MED_X - 100.0, ev_lane=1)
+    state = scene(env, params, charging_slot=LEFT, ev_x=MED_X - 100.0, ev_lane=1)
     config = env.config
     asking, riders = config.num_meds, np.array([0, 1, 2, 3])  # EV 0, and EVs 1 to 3 on MED 0
-    panels = [side for side, name in enumerate(PANELS) if name != "right"]
+    charging_slots = [side for side, name in enumerate(CHARGING_SLOTS) if name != "right"]
     now = put(
         state,
         vehicles={
@@ -211,7 +216,7 @@ def test_a_full_med_is_passed_over():
         },
         evs={
             "med": (riders, jnp.array([NOT_BOOKED, 0, 0, 0])),
-            "panel": (riders, jnp.array([NOT_BOOKED, *panels])),
+            "charging_slot": (riders, jnp.array([NOT_BOOKED, *charging_slots])),
         },
         meds={"status": (1, IN_SERVICE)},
     )
@@ -235,7 +240,7 @@ def test_the_forecast_counts_slots_of_meds_that_serve(one_ramp, status, charge, 
     """Now or soon: not of those that are empty, refuse, or leave."""
     env, params = one_ramp
     state = put(
-        scene(env, params, panel=LEFT, ev_x=MED_X - 100.0, ev_lane=1),
+        scene(env, params, charging_slot=LEFT, ev_x=MED_X - 100.0, ev_lane=1),
         meds={
             "status": (0, status),
             "energy_j": (0, charge * params.med_capacity_j),

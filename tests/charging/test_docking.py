@@ -44,29 +44,31 @@ def play(quiet):
     return run
 
 
-def slot_centre_error(panel, ev_x, med_x):
+def slot_centre_error(charging_slot, ev_x, med_x):
     """Distance of the EV's centre from the slot's, from the two lengths and the dock gap alone."""
     med_length, ev_length, gap = 12.0, 5.0, 12.0
     apart = med_length / 2 + gap + ev_length / 2
-    along = {LEFT: 0.0, RIGHT: 0.0, REAR: -apart, FRONT: apart}[panel]
+    along = {LEFT: 0.0, RIGHT: 0.0, REAR: -apart, FRONT: apart}[charging_slot]
     return (ev_x - ev_length / 2) - (med_x - med_length / 2) - along
 
 
-@pytest.mark.parametrize("panel", [LEFT, RIGHT, REAR, FRONT])
+@pytest.mark.parametrize("charging_slot", [LEFT, RIGHT, REAR, FRONT])
 @pytest.mark.parametrize(("ev_x", "ev_lane"), STARTS)
-def test_docks_and_charges_to_target(quiet, play, panel, ev_x, ev_lane):
+def test_docks_and_charges_to_target(quiet, play, charging_slot, ev_x, ev_lane):
     """From anywhere around, an EV docks at its slot, charges to its target, and leaves.
 
     While both are in one lane, they keep a standing gap.
     """
     env, params = quiet
-    states, tally = play(scene(env, params, panel=panel, ev_x=ev_x, ev_lane=ev_lane))
+    states, tally = play(
+        scene(env, params, charging_slot=charging_slot, ev_x=ev_x, ev_lane=ev_lane)
+    )
     ev = env.config.num_meds
     charging = np.asarray(states.evs.is_charging[:, 0])
     assert charging.any()
     x, lane = np.asarray(states.vehicles.x), np.asarray(states.vehicles.lane)
-    error = slot_centre_error(panel, x[:, ev], x[:, 0])
-    expected_lane = {LEFT: 1, RIGHT: 3, REAR: 2, FRONT: 2}[panel]
+    error = slot_centre_error(charging_slot, x[:, ev], x[:, 0])
+    expected_lane = {LEFT: 1, RIGHT: 3, REAR: 2, FRONT: 2}[charging_slot]
     assert np.all(np.abs(error[charging]) <= float(params.charging.hold_tolerance_m) + 1e-3)
     assert np.all(lane[charging, ev] == expected_lane)
     released = np.asarray(states.evs.med[:, 0]) == NOT_BOOKED
@@ -83,7 +85,7 @@ def test_docks_and_charges_to_target(quiet, play, panel, ev_x, ev_lane):
 
 def platoon(env, params, ahead_m=0.0):
     """MED 0 with an EV in each slot, all at the service speed; the front EV is `ahead_m` too far ahead."""
-    state = scene(env, params, panel=LEFT, ev_x=MED_X, ev_lane=1)
+    state = scene(env, params, charging_slot=LEFT, ev_x=MED_X, ev_lane=1)
     first, four = env.config.num_meds, slice(4)
     members = jnp.arange(first, first + 4)
     return put(
@@ -97,7 +99,7 @@ def platoon(env, params, ahead_m=0.0):
         },
         evs={
             "med": (four, 0),
-            "panel": (four, jnp.arange(4)),
+            "charging_slot": (four, jnp.arange(4)),
             "energy_j": (four, 0.2 * params.ev_capacity_j),
             "is_charging": (four, ahead_m == 0.0),
         },
@@ -121,7 +123,9 @@ def test_no_ev_waits_for_a_med_that_stands(quiet, play):
     state = put(
         platoon(env, params, 10.0),
         vehicles={"desired_speed": (0, 0.1), "speed": (0, 0.0)},
-        evs={"panel": (jnp.array([3, 0]), jnp.array([LEFT, FRONT]))},  # EV 3 is in its MED's way
+        evs={
+            "charging_slot": (jnp.array([3, 0]), jnp.array([LEFT, FRONT]))
+        },  # EV 3 is in its MED's way
         meds={"status": (0, MERGING)},
     )
     states, _ = play(state)
@@ -179,7 +183,7 @@ def test_human_transfers_less_than_autonomous(quiet):
     seeds = 32
 
     def efficiency(human):
-        state = scene(env, params, panel=LEFT, ev_x=496.5, ev_lane=1, human=human)
+        state = scene(env, params, charging_slot=LEFT, ev_x=496.5, ev_lane=1, human=human)
 
         def episode(key):
             def step(state, key):

@@ -72,32 +72,32 @@ def test_permeability_scales_the_inductance(paper):
 NORMALS = {LEFT: (0, -1, 0), RIGHT: (0, 1, 0), REAR: (-1, 0, 0), FRONT: (1, 0, 0)}
 
 
-@pytest.mark.parametrize("panel", [LEFT, RIGHT, REAR, FRONT])
-def test_misalignment_geometry(panel):
+@pytest.mark.parametrize("charging_slot", [LEFT, RIGHT, REAR, FRONT])
+def test_misalignment_geometry(charging_slot):
     """Axial and lateral distance are projections on the panel's normal and its plane; forward is x, right is y."""
-    rng, normal = np.random.default_rng(panel), np.array(NORMALS[panel][:2], float)
+    rng, normal = np.random.default_rng(charging_slot), np.array(NORMALS[charging_slot][:2], float)
     along, across, turn = rng.uniform(-0.1, 0.1, (3, 20))
-    seen = misalignment(jnp.int32(panel), along, across, turn, 0.2)
+    seen = misalignment(jnp.int32(charging_slot), along, across, turn, 0.2)
     offset = 0.2 * normal + np.stack([along, across], axis=1)
     np.testing.assert_allclose(seen.axial, offset @ normal, rtol=1e-7, atol=1e-6)
     np.testing.assert_allclose(seen.lateral, offset @ np.abs(normal[::-1]), rtol=1e-7, atol=1e-6)
     np.testing.assert_allclose(np.abs(seen.tilt), np.abs(turn), rtol=1e-5)
 
 
-@pytest.mark.parametrize("panel", [LEFT, RIGHT, REAR, FRONT])
-def test_tilt_sign_moves_the_near_edge(panel):
+@pytest.mark.parametrize("charging_slot", [LEFT, RIGHT, REAR, FRONT])
+def test_tilt_sign_moves_the_near_edge(charging_slot):
     """The tilt's sign matches two real loops in space: Neumann's double integral in NumPy."""
     along, across, turn, gap = 0.05, 0.12, 0.2, 0.35
-    if panel in (REAR, FRONT):
+    if charging_slot in (REAR, FRONT):
         along, across = across, along
-    seen = misalignment(jnp.int32(panel), along, across, turn, gap)
+    seen = misalignment(jnp.int32(charging_slot), along, across, turn, gap)
     ours = mutual_inductance(0.35, 0.30, seen.axial, seen.lateral, seen.tilt)
-    assert float(ours) == pytest.approx(neumann(panel, along, across, turn, gap), rel=2e-3)
+    assert float(ours) == pytest.approx(neumann(charging_slot, along, across, turn, gap), rel=2e-3)
 
 
-def neumann(panel, along, across, turn, gap):
+def neumann(charging_slot, along, across, turn, gap):
     """Mutual inductance of the two panels' loops, by Neumann's formula on 400 x 400 chords."""
-    normal, up = np.array(NORMALS[panel], float), np.array([0.0, 0.0, 1.0])
+    normal, up = np.array(NORMALS[charging_slot], float), np.array([0.0, 0.0, 1.0])
     side = np.cross(up, normal)
     angle = np.linspace(0.0, 2.0 * np.pi, 401)
     ring = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * up

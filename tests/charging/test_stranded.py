@@ -53,10 +53,10 @@ def play(env, params, state, ticks=400):
 
 def alone(env, params, lane, speed, energy_j=1.0, x=500.0):
     """EV 0 alone on the road, with hardly any energy and no booking; noise would push it on."""
-    state, ev = scene(env, params, panel=LEFT, ev_x=x, ev_lane=lane), env.config.num_meds
+    state, ev = scene(env, params, charging_slot=LEFT, ev_x=x, ev_lane=lane), env.config.num_meds
     return put(
         state,
-        evs={"energy_j": (0, energy_j), "med": (0, NOT_BOOKED), "panel": (0, NOT_BOOKED)},
+        evs={"energy_j": (0, energy_j), "med": (0, NOT_BOOKED), "charging_slot": (0, NOT_BOOKED)},
         vehicles={"active": (0, False), "speed": (ev, speed), "acceleration_noise": (ev, 0.5)},
     )
 
@@ -150,7 +150,7 @@ def test_a_depleted_ev_takes_no_exit(blocks, last_lane):
 def test_a_booked_ev_that_runs_out_gives_its_slot_back():
     """From that tick on it is neither booked nor charged, and does not ask again."""
     env, params = quiet(depleted_blocks=1)
-    state = scene(env, params, panel=LEFT, ev_x=440.0, ev_lane=1)
+    state = scene(env, params, charging_slot=LEFT, ev_x=440.0, ev_lane=1)
     state = put(state, evs={"energy_j": (0, 1.0)})
     states, tally = play(env, params, state, 40)
     assert states.evs.is_depleted[:, 0].all()

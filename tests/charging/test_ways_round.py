@@ -9,8 +9,8 @@ import pytest
 
 import medjax
 from medjax.charging.booking import book
-from medjax.charging.docking import Partner, panel_x
-from medjax.world.params import FRONT, LEFT, PANELS, REAR, RIGHT
+from medjax.charging.docking import Partner, charging_slot_x
+from medjax.world.params import CHARGING_SLOTS, FRONT, LEFT, REAR, RIGHT
 from medjax.world.state import NOT_BOOKED
 from tests.charging.scene import MED_SPEED, MED_X, put, scene
 
@@ -32,8 +32,10 @@ def placed(road, docked, lane, ahead_m):
     """EV 0 is in the slot `docked`, EV 1 in that lane so far ahead of the MED."""
     env, params = road
     med = Partner(jnp.float32(MED_X), jnp.float32(MED_SPEED), LANE, jnp.float32(12.0))
-    slot = panel_x(jnp.int32(docked), med, jnp.float32(5.0), params.charging.dock_gap_m)
-    state = scene(env, params, panel=docked, ev_x=slot, ev_lane=LANE + (1 if docked else -1))
+    slot = charging_slot_x(jnp.int32(docked), med, jnp.float32(5.0), params.charging.dock_gap_m)
+    state = scene(
+        env, params, charging_slot=docked, ev_x=slot, ev_lane=LANE + (1 if docked else -1)
+    )
     first, everyone = env.config.num_meds, slice(None)
     other = {"x": MED_X + ahead_m, "lane": lane, "speed": 25.0, "active": True}
     other |= {"desired_speed": 30.0, "kind": state.vehicles.kind[first]}
@@ -53,24 +55,24 @@ def plays(road):
 
     @jax.jit
     @jax.vmap
-    def play(state, panel):
+    def play(state, charging_slot):
         given = state.evs.replace(
-            med=state.evs.med.at[1].set(jnp.where(panel == NOT_BOOKED, NOT_BOOKED, 0)),
-            panel=state.evs.panel.at[1].set(panel),
+            med=state.evs.med.at[1].set(jnp.where(charging_slot == NOT_BOOKED, NOT_BOOKED, 0)),
+            charging_slot=state.evs.charging_slot.at[1].set(charging_slot),
         )
         own = book(state, env.config, params)
-        evs = jax.tree.map(lambda a, b: jnp.where(panel == NOT_BOOKED, a, b), own, given)
+        evs = jax.tree.map(lambda a, b: jnp.where(charging_slot == NOT_BOOKED, a, b), own, given)
 
         def decide(state, key):
             state = env.step_env(key, state, 0, params)[1]
-            same = state.evs.panel[1] == evs.panel[1]
+            same = state.evs.charging_slot[1] == evs.charging_slot[1]
             return state, state.evs.is_charging[:2] & jnp.array([True, same])
 
         keys = jax.random.split(jax.random.key(0), SECONDS)
         charging = jax.lax.scan(decide, state.replace(evs=evs), keys)[1]
-        return evs.panel[1], charging[:, 1].any(), charging[:, 0].mean()
+        return evs.charging_slot[1], charging[:, 1].any(), charging[:, 0].mean()
 
-    slots = (NOT_BOOKED, *range(len(PANELS)))
+    slots = (NOT_BOOKED, *range(len(CHARGING_SLOTS)))
     each = [jax.device_get(play(state, jnp.full(len(CASES), slot))) for slot in slots]
     return dict(zip(slots, (list(zip(*columns, strict=True)) for columns in each), strict=True))
 
@@ -96,15 +98,19 @@ def test_an_ev_reaches_the_slot_that_it_books(plays):
 def test_the_front_slot_is_not_granted_from_behind_a_docked_ev(road, docked, lane):
     """Where only that one is free, an EV in the docked one's lane or beyond gets it from ahead, but not from behind."""
     env, params = road
-    taken = [panel for panel in range(len(PANELS)) if panel not in (FRONT, docked)]
+    taken = [
+        charging_slot
+        for charging_slot in range(len(CHARGING_SLOTS))
+        if charging_slot not in (FRONT, docked)
+    ]
     booking = jax.jit(lambda state: book(state, env.config, params))
 
     def granted(lane, ahead_m):
         # EVs that are far away have booked the slots on the other side and behind.
         state, evs = placed(road, docked, lane, ahead_m), np.array([1, 2, 3])
         booked = {"med": (evs, np.array([NOT_BOOKED, 0, 0]))}
-        booked["panel"] = (evs, np.array([NOT_BOOKED, *taken]))
-        return int(booking(put(state, evs=booked)).panel[1])
+        booked["charging_slot"] = (evs, np.array([NOT_BOOKED, *taken]))
+        return int(booking(put(state, evs=booked)).charging_slot[1])
 
     assert granted(lane, -60.0) == NOT_BOOKED
     assert granted(lane, 60.0) == FRONT

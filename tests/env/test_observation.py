@@ -42,8 +42,8 @@ def test_rows_by_hand(busy):
         flags = np.zeros((2, 4))
         for ev in range(config.num_evs):
             if int(evs.med[ev]) == med:
-                flags[0, int(evs.panel[ev])] = 1
-                flags[1, int(evs.panel[ev])] = float(evs.is_charging[ev])
+                flags[0, int(evs.charging_slot[ev])] = 1
+                flags[1, int(evs.charging_slot[ev])] = float(evs.is_charging[ev])
         row = np.asarray(seen.meds[med])
         np.testing.assert_allclose(row[:4], motion(v, med), atol=1e-6)
         assert row[4] == pytest.approx(float(meds.energy_j[med] / params.med_capacity_j))

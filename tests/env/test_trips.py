@@ -38,7 +38,7 @@ def with_evs(state, config, x, energy_kwh, destination=20_000.0, med=NOT_BOOKED)
     """The state with EVs at these places, in the rightmost lane."""
     vehicles = {"x": x, "destination": destination, "speed": 30.0, "lateral_offset": 0.0}
     vehicles |= {"lane": config.num_lanes - 1, "active": True}
-    evs = {"energy_j": jnp.asarray(energy_kwh) * KWH, "med": med, "panel": med}
+    evs = {"energy_j": jnp.asarray(energy_kwh) * KWH, "med": med, "charging_slot": med}
     return put(
         state,
         vehicles={name: (config.ev_slots, value) for name, value in vehicles.items()},

@@ -4,7 +4,7 @@ import numpy as np
 
 from medjax.traffic.road import lateral_position
 from medjax.world.kinds import HUMAN_EV
-from medjax.world.params import PANELS
+from medjax.world.params import CHARGING_SLOTS
 
 
 def test_one_row_per_vehicle_and_tick(recording, table):
@@ -72,7 +72,7 @@ def test_booked_meds_are_on_the_road(recording, table):
     kinds = {(time, number): kind for time, number, kind in seen}
     for row in np.flatnonzero(booked):
         assert kinds[table["time_s"][row], table["booked_med_id"][row]] == "med"
-        assert table["panel"][row] in PANELS
+        assert table["panel"][row] in CHARGING_SLOTS
 
 
 def test_acceleration_is_the_change_of_speed(recording, table):

@@ -44,7 +44,7 @@ def other(recording):
     """The same traffic without its MEDs, since playing a second episode would take as long again."""
     frames, decisions = jax.tree.map(np.copy, (recording.frames, recording.decisions))
     frames.active[:, recording.config.med_slots] = False
-    frames.ev_med[:] = frames.ev_panel[:] = -1
+    frames.ev_med[:] = frames.ev_charging_slot[:] = -1
     frames.ev_is_charging[:] = False
     decisions.sent[:] = 0
     return dataclasses.replace(recording, policy="none", frames=frames, decisions=decisions)

@@ -23,13 +23,13 @@ def blank(frames, **overrides):
         "x": (v, np.float32), "speed": (v, np.float32), "lane": (v, np.int32),
         "lateral_offset": (v, np.float32), "lateral_speed": (v, np.float32), "active": (v, bool),
         "ev_soc": (e, np.float32), "kind": (v, np.int32), "ev_med": (e, np.int32),
-        "ev_panel": (e, np.int32), "ev_is_charging": (e, bool), "med_soc": (m, np.float32),
+        "ev_charging_slot": (e, np.int32), "ev_is_charging": (e, bool), "med_soc": (m, np.float32),
         "med_status": (m, np.int32), "med_depot": (m, np.int32), "med_service_speed": (m, np.float32),
         "med_service_lane": (m, np.int32), "med_accepts": (m, bool),
     }  # fmt: skip
     arrays = {name: np.zeros((frames, size), kind) for name, (size, kind) in shapes.items()}
     arrays["kind"][:] = config.by_slot(MED, AUTONOMOUS_EV, GAS)
-    arrays["ev_med"][:] = arrays["ev_panel"][:] = -1
+    arrays["ev_med"][:] = arrays["ev_charging_slot"][:] = -1
     arrays["med_status"][:] = AT_DEPOT
     mask = np.ones((decisions, env.num_actions), bool)
     zeros = np.zeros(decisions, np.float32)
@@ -76,9 +76,13 @@ def parked(**overrides):
     config, frames = recording.config, recording.frames
     put(recording, 0, 1000.0, 2)
     frames.med_status[:, 0], frames.med_soc[:, 0] = IN_SERVICE, 0.75
-    for ev, (x, lane, soc, panel) in enumerate([(996.5, 1, 0.5, 0), (940.0, 2, 0.25, 2)]):
+    for ev, (x, lane, soc, charging_slot) in enumerate([(996.5, 1, 0.5, 0), (940.0, 2, 0.25, 2)]):
         put(recording, config.ev_slots.start + ev, x, lane)
-        frames.ev_soc[:, ev], frames.ev_med[:, ev], frames.ev_panel[:, ev] = soc, 0, panel
+        frames.ev_soc[:, ev], frames.ev_med[:, ev], frames.ev_charging_slot[:, ev] = (
+            soc,
+            0,
+            charging_slot,
+        )
     frames.ev_is_charging[:, 0] = True
     put(recording, config.gas_slots.start, 960.0, 3)
     return recording
@@ -102,7 +106,7 @@ def busy(decisions=600):
     frames.ev_med[:] = random.integers(-1, config.num_meds, (count // 40 + 1, 40)).repeat(40, 0)[
         :count
     ]
-    frames.ev_panel[:] = np.where(frames.ev_med < 0, -1, 1)
+    frames.ev_charging_slot[:] = np.where(frames.ev_med < 0, -1, 1)
     frames.ev_is_charging[:] = frames.ev_med > 5
     frames.med_soc[:] = np.linspace(1.0, 0.2, count)[:, None]
     frames.med_status[:] = IN_SERVICE

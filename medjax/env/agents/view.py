@@ -21,7 +21,7 @@ from medjax.env.observation import (
 )
 from medjax.numerics.sums import scale_by
 from medjax.traffic.exits import next_exit
-from medjax.world.params import PANELS, EnvConfig, EnvParams
+from medjax.world.params import CHARGING_SLOTS, EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, MERGING, NOT_BOOKED, QUEUED, STATUS_NAMES, EnvState
 
 VIEW_M = 500.0  # a distance of 1
@@ -181,7 +181,7 @@ def requests(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array
     willing = state.replace(meds=state.meds.replace(accepts=jnp.ones_like(state.meds.accepts)))
     requests, offers = ask(willing, config, params)
     med = state.evs.med
-    granted, _ = grant(med, state.evs.panel, requests, offers, params.charging)
+    granted, _ = grant(med, state.evs.charging_slot, requests, offers, params.charging)
     new = (granted != med)[:, None] & (granted[:, None] == jnp.arange(config.num_meds))
     return jnp.where(new.any(axis=0), jnp.argmax(new, axis=0).astype(jnp.int32), -1)
 
@@ -201,7 +201,7 @@ def _itself(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
         jnp.where(drives, meds.service_lane - lane, 0.0),
         meds.service_speed / SPEED_UNIT,
         meds.accepts,
-        free_slots(state, config) / len(PANELS),
+        free_slots(state, config) / len(CHARGING_SLOTS),
         jnp.where(drives, jnp.minimum((next_exit(x, road) - x) / road.length_m, 1.0), 0.0),
         jnp.where(drives, (vehicles.destination[slots] - x) / road.length_m, 0.0),
         next_to_be_sent(meds),
@@ -218,7 +218,7 @@ def _other_meds(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Ar
     way = _ways(state, config, params, med_places(state, config, params))
     apart = ~jnp.eye(config.num_meds, dtype=bool)
     sees = there[None, :] & apart & _on_road(state, config)[:, None]
-    free = free_slots(state, config) / len(PANELS)
+    free = free_slots(state, config) / len(CHARGING_SLOTS)
     found = []
     for side in (sees & (way >= 0.0), sees & (way < 0.0)):
         distance = jnp.where(side, jnp.abs(way), NOWHERE)

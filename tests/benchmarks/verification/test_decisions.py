@@ -48,7 +48,7 @@ def still():
     evs = evs.replace(
         energy_j=jnp.full((4,), 0.5 * params.ev_capacity_j),
         med=jnp.array([0, 0, NOT_BOOKED, NOT_BOOKED]),
-        panel=jnp.array([0, 1, NOT_BOOKED, NOT_BOOKED]),
+        charging_slot=jnp.array([0, 1, NOT_BOOKED, NOT_BOOKED]),
         is_charging=jnp.zeros((4,), bool),
     )
     meds = meds.replace(status=meds.status.at[0].set(IN_SERVICE))
@@ -101,8 +101,8 @@ FAULTS = [
     (check_state, "meds.status", 0, AT_DEPOT, "vehicles"),
     (check_state, "meds.status", 1, IN_SERVICE, "vehicles"),
     (check_state, "evs.med", 2, 0, "bookings"),  # without a panel
-    (check_state, "evs.panel", 1, 0, "bookings"),  # the panel that EV 0 has
-    (check_state, "evs.panel", 1, 4, "bookings"),  # no such panel
+    (check_state, "evs.charging_slot", 1, 0, "bookings"),  # the panel that EV 0 has
+    (check_state, "evs.charging_slot", 1, 4, "bookings"),  # no such panel
     (check_state, "evs.is_charging", 2, True, "bookings"),
     (check_state, "evs.med", 0, 1, "bookings"),  # a MED at the depot
     (check_state, "vehicles.active", 2, False, "bookings"),
@@ -202,7 +202,7 @@ def test_arrivals_fit_entries_and_queues(still):
     assert found(waits, *come(7, x=1.0)) == {"vehicles": 2}
     assert found(waits, *come(7), *come(8)) == {"vehicles": 1}
     assert found(state, ("vehicles.x", 6, 321.0)) == {"motion": 1}
-    assert found(state, ("evs.panel", 0, 2)) == {"bookings": 1}
+    assert found(state, ("evs.charging_slot", 0, 2)) == {"bookings": 1}
     assert found(state, ("evs.energy_j", 3, 7.0)) == {"energy": 1}
 
 
