@@ -66,26 +66,26 @@ def _lines(
     """Lines on the findings of a failed check."""
     for invariant, parts in check.items():
         for what, flags in parts.items():
-            places = np.argwhere(np.asarray(flags))
-            if len(places):
-                yield f"{when}: {invariant}: {what}: {len(places)}"
-            for place in places[:MOST_SHOWN]:
-                for slot in _slots(invariant, np.shape(flags), place, after.vehicles, world[0]):
+            indices = np.argwhere(np.asarray(flags))
+            if len(indices):
+                yield f"{when}: {invariant}: {what}: {len(indices)}"
+            for index in indices[:MOST_SHOWN]:
+                for slot in _slots(invariant, np.shape(flags), index, after.vehicles, world[0]):
                     yield "    " + _vehicle(slot, before, after, *world)
 
 
 def _slots(
-    invariant: str, shape: tuple[int, ...], place: Any, vehicles: Vehicles, config: EnvConfig
+    invariant: str, shape: tuple[int, ...], index: Any, vehicles: Vehicles, config: EnvConfig
 ) -> list[int]:
-    """Slots of the vehicles that a flag at this place concerns, if any."""
+    """Slots of the vehicles that a flag at this index concerns, if any."""
     if invariant in ("overlap", "passed"):
         lane = np.where(vehicles.active, vehicles.lane, np.iinfo(np.int32).max)
-        return np.lexsort((vehicles.x, lane))[place[0] : place[0] + 2].tolist()
+        return np.lexsort((vehicles.x, lane))[index[0] : index[0] + 2].tolist()
     if invariant == "boxes":
-        return place.tolist()
+        return index.tolist()
     if shape == (config.num_evs,):
-        return [config.num_meds + int(place[0])]
-    return [int(place[0])] if shape in ((config.num_vehicles,), (config.num_meds,)) else []
+        return [config.num_meds + int(index[0])]
+    return [int(index[0])] if shape in ((config.num_vehicles,), (config.num_meds,)) else []
 
 
 def _vehicle(

@@ -170,8 +170,8 @@ def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
         & (charging_slot >= 0)
         & (charging_slot < len(CHARGING_SLOTS))
     )
-    place = jnp.where(booked, evs.med * len(CHARGING_SLOTS) + charging_slot, -1)
-    same = (place[:, None] == place[None, :]) & booked[:, None]
+    slot_index = jnp.where(booked, evs.med * len(CHARGING_SLOTS) + charging_slot, -1)
+    same = (slot_index[:, None] == slot_index[None, :]) & booked[:, None]
     return {
         "boxes": {"pairs": overlapping_vehicles(vehicles, params)},
         "speed": {"below 0": active & (vehicles.speed < 0.0)},

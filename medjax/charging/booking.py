@@ -115,8 +115,8 @@ def _first_minimum(values: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Minimum along the last axis and its first index; takes a fifth of argmin's time on a CPU."""
     size = values.shape[-1]
     minimum = values.min(axis=-1)
-    places = jnp.where(values == minimum[..., None], jnp.arange(size, dtype=jnp.int32), size)
-    return minimum, places.min(axis=-1)
+    indices = jnp.where(values == minimum[..., None], jnp.arange(size, dtype=jnp.int32), size)
+    return minimum, indices.min(axis=-1)
 
 
 def _charging_slot_cost(requests: Requests, offer: Offers, params: ChargingParams) -> jax.Array:

@@ -41,8 +41,8 @@ def action_mask(state: EnvState, config: EnvConfig) -> jax.Array:
 def is_allowed(choice: jax.Array, mask: jax.Array) -> jax.Array:
     """Whether choices `(...)` int32 are in range and allowed by their masks `(..., n)` bool."""
     num_choices = mask.shape[-1]
-    place = jnp.clip(choice, 0, num_choices - 1)[..., None]
-    allowed = jnp.take_along_axis(mask, place, axis=-1)[..., 0]
+    index = jnp.clip(choice, 0, num_choices - 1)[..., None]
+    allowed = jnp.take_along_axis(mask, index, axis=-1)[..., 0]
     return (choice >= 0) & (choice < num_choices) & allowed
 
 

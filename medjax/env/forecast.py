@@ -16,7 +16,7 @@ from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, MERGING, NOT_BOOKED, QUEUED, EnvState
 
 
-def med_places(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+def med_positions(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
     """Position of each MED, `(M,)` m: a queued MED is at its ramp; inf if neither queued nor on the road."""
     ramp_x_m = params.road.ramp_x_m if config.num_ramps else jnp.zeros((1,), jnp.float32)
     vehicles, slots = state.vehicles, config.med_slots
@@ -88,7 +88,7 @@ def expected_need(
 
     comes = (meds.status == QUEUED) | (meds.status == MERGING)
     serves = (comes | can_serve(meds, params)) & meds.accepts
-    near = serves & (jnp.abs(ahead_of(med_places(state, config, params))) <= window_m)
+    near = serves & (jnp.abs(ahead_of(med_positions(state, config, params))) <= window_m)
     return Need(
         there=jnp.sum(meets, axis=1).astype(jnp.float32),
         shortfall=sum_pairwise(lacks),

@@ -16,7 +16,7 @@ from flax import struct
 
 from medjax.charging.booking import charging_slot_flags
 from medjax.env.depots import distinct_depots, shares_at_depots
-from medjax.env.forecast import Need, expected_need, free_slots, med_places
+from medjax.env.forecast import Need, expected_need, free_slots, med_positions
 from medjax.errors import InputError, shown
 from medjax.numerics.sums import scale_by
 from medjax.traffic.road import lateral_position
@@ -130,8 +130,8 @@ def hat_weights(values: jax.Array, num_nodes: int) -> jax.Array:
     Returns:
       `(*values.shape, num_nodes)`: at most two nonzero weights per value, which add up to 1.
     """
-    place = jnp.clip(values, 0.0, 1.0)[..., None] * (num_nodes - 1)
-    return jnp.maximum(1.0 - jnp.abs(place - jnp.arange(num_nodes, dtype=jnp.int32)), 0.0)
+    position = jnp.clip(values, 0.0, 1.0)[..., None] * (num_nodes - 1)
+    return jnp.maximum(1.0 - jnp.abs(position - jnp.arange(num_nodes, dtype=jnp.int32)), 0.0)
 
 
 def show_need(need: Need) -> jax.Array:
@@ -187,9 +187,9 @@ class RoadProfile:
         ev_columns = jnp.concatenate(
             [jnp.where(free, charge, 0.0), booked[:, None], evs.is_charging[:, None]], axis=1
         )
-        ev_place = scale_by(vehicles.x[config.ev_slots], params.road.length_m)
+        ev_position = scale_by(vehicles.x[config.ev_slots], params.road.length_m)
 
-        med_x = med_places(state, config, params)
+        med_x = med_positions(state, config, params)
         serves = meds.status == IN_SERVICE
         med_columns = jnp.stack(
             [
@@ -200,14 +200,14 @@ class RoadProfile:
             ],
             axis=1,
         )
-        med_place = scale_by(med_x, params.road.length_m)
+        med_position = scale_by(med_x, params.road.length_m)
         ahead_km = (med_x[:, None] - params.road.ramp_x_m) / 1000.0
         clock = clock_features(state, params)
         time_left, _, at_depot, _ = clock
         parts = [
             shares_at_depots(meds, config, params),
-            self._at_nodes(ev_place, ev_columns),
-            self._at_nodes(med_place, med_columns),
+            self._at_nodes(ev_position, ev_columns),
+            self._at_nodes(med_position, med_columns),
             jnp.min(jnp.where(ahead_km >= 0.0, ahead_km, FAR_KM), axis=0, initial=FAR_KM),
             jnp.min(jnp.where(ahead_km < 0.0, -ahead_km, FAR_KM), axis=0, initial=FAR_KM),
             show_need(expected_need(state, config, params, NEED_WINDOW_S)),
@@ -223,10 +223,10 @@ class RoadProfile:
         first = last - len(Need._fields) * config.num_ramps
         return outlook_in(vector[..., first:last], vector[..., -CLOCK_FEATURES:])
 
-    def _at_nodes(self, place: jax.Array, columns: jax.Array) -> jax.Array:
+    def _at_nodes(self, position: jax.Array, columns: jax.Array) -> jax.Array:
         """Sums columns `(n, c)` of vehicles at positions `(n,)` onto the road's nodes, `(road_nodes * c,)`."""
         # Sums of whole steps are exact, so the order in which a program adds them does not matter.
-        shares = jnp.round(hat_weights(place, self.road_nodes) * STEPS)
+        shares = jnp.round(hat_weights(position, self.road_nodes) * STEPS)
         return (shares.T @ jnp.round(columns * STEPS)).ravel() / STEPS**2
 
 

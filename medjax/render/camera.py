@@ -60,14 +60,14 @@ def camera_path(timeline: Timeline, follow: str) -> np.ndarray:
     """
     if follow == AUTO:
         return _auto_path(timeline)
-    x, place = timeline.recording.frames.x, as_number(follow)
-    if math.isnan(place):
+    x, x_m = timeline.recording.frames.x, as_number(follow)
+    if math.isnan(x_m):
         track = find_track(timeline, follow)
         frames = np.clip(np.arange(len(x)), track.first, track.last)
         return np.asarray(x[frames, track.slot], np.float64)
-    if not 0.0 <= place <= timeline.roadway.length_m:
+    if not 0.0 <= x_m <= timeline.roadway.length_m:
         raise InputError(f"follow = {follow}: allowed 0 to {timeline.roadway.length_m:g} m")
-    return np.full(len(x), place)
+    return np.full(len(x), x_m)
 
 
 def check_follow(text: str) -> None:

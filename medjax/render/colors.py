@@ -37,9 +37,9 @@ SOC_SCALE: tuple[Color, ...] = (
 
 def soc_color(soc: float) -> Color:
     """Colour of a state of charge, which is clipped to [0, 1]."""
-    place = min(max(soc, 0.0), 1.0) * (len(SOC_SCALE) - 1)
-    index = min(int(place), len(SOC_SCALE) - 2)
-    share = place - index
+    position = min(max(soc, 0.0), 1.0) * (len(SOC_SCALE) - 1)
+    index = min(int(position), len(SOC_SCALE) - 2)
+    share = position - index
     low, high = SOC_SCALE[index], SOC_SCALE[index + 1]
     red, green, blue = (round(a + share * (b - a)) for a, b in zip(low, high, strict=True))
     return red, green, blue

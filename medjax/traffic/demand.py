@@ -82,7 +82,7 @@ def entries(road: RoadParams, num_lanes: int) -> Entries:
     return Entries(x, jnp.concatenate([lanes, ramps]))
 
 
-def place(admitted: jax.Array, free: jax.Array) -> tuple[jax.Array, jax.Array]:
+def assign_slots(admitted: jax.Array, free: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Assigns free slots to admitted entries, in order.
 
     Args:
@@ -202,7 +202,7 @@ def _safe_start(spacing: jax.Array, desired_speed: jax.Array, params: EnvParams)
 
 
 def _shuffled_places(key: jax.Array, active: jax.Array) -> jax.Array:
-    """Random places of the slots, active ones first, (C,) int32 from (C,) bool."""
+    """Random ranks of the slots, active ones first, (C,) int32 from (C,) bool."""
     slots = active.shape[0]
     # Shuffles by one sort of packed keys: random high bits, slot in the low bits, inactive last.
     bits = max(1, (slots - 1).bit_length())
@@ -210,5 +210,5 @@ def _shuffled_places(key: jax.Array, active: jax.Array) -> jax.Array:
     tickets = jnp.where(active, tickets, jnp.uint32(2**31))
     shuffled = jnp.sort(tickets | jnp.arange(slots, dtype=jnp.uint32))
     order = (shuffled & jnp.uint32(2**bits - 1)).astype(jnp.int32)
-    places = jnp.arange(slots, dtype=jnp.int32)
-    return jnp.zeros((slots,), jnp.int32).at[order].set(places, unique_indices=True)
+    ranks = jnp.arange(slots, dtype=jnp.int32)
+    return jnp.zeros((slots,), jnp.int32).at[order].set(ranks, unique_indices=True)

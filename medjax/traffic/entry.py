@@ -10,11 +10,11 @@ import jax.numpy as jnp
 from medjax.traffic.arrivals import Traits, draw_round, draw_traits
 from medjax.traffic.demand import (
     Entries,
+    assign_slots,
     desired_speeds,
     drawn_kinds,
     entries,
     entry_rates,
-    place,
     poisson_arrivals,
 )
 from medjax.traffic.entry_gap import cut_off, entry_speed, next_ahead
@@ -141,8 +141,8 @@ def admit(
     speed, safe = _safe_speed(next_up, where, state, config, params)
 
     ordinary = safe & ~med_waits & (queue > 0)
-    ev_entry, ev_placed = place(ordinary & next_up.is_ev, ~active[config.ev_slots])
-    gas_entry, gas_placed = place(ordinary & ~next_up.is_ev, ~active[config.gas_slots])
+    ev_entry, ev_placed = assign_slots(ordinary & next_up.is_ev, ~active[config.ev_slots])
+    gas_entry, gas_placed = assign_slots(ordinary & ~next_up.is_ev, ~active[config.gas_slots])
     enters = jnp.where(med_waits & safe, first_med, config.num_meds)
     med_entry = jnp.full((config.num_meds,), -1, jnp.int32)
     med_entry = med_entry.at[enters].set(jnp.arange(num_entries, dtype=jnp.int32), mode="drop")

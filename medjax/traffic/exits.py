@@ -68,17 +68,17 @@ def draw_entries(
     Uniform draws in [0, 1) and x, m, have the same shape.
     """
     mainline, ramps = demand.flows(jnp.zeros((), jnp.float32))
-    places = [jnp.zeros((), jnp.float32), *road.ramp_x_m]
+    entry_x = [jnp.zeros((), jnp.float32), *road.ramp_x_m]
     left = []  # vehicles per hour from each entry that pass x
-    for place, flow in zip(places, [mainline, *ramps], strict=True):
-        comes = jnp.where(place <= x, flow, 0.0)
+    for own_x, flow in zip(entry_x, [mainline, *ramps], strict=True):
+        comes = jnp.where(own_x <= x, flow, 0.0)
         for index in range(road.exit_x_m.shape[0]):
-            stays = 1.0 - _leave_at(index, place, demand, road)
+            stays = 1.0 - _leave_at(index, own_x, demand, road)
             comes = jnp.where(x > road.exit_x_m[index], comes * stays, comes)
         left.append(comes)
     draw, below, entry = uniform * sum(left), left[0], jnp.zeros_like(x)
-    for place, comes in zip(places[1:], left[1:], strict=True):
-        entry = jnp.where((draw >= below) & (place <= x), place, entry)
+    for own_x, comes in zip(entry_x[1:], left[1:], strict=True):
+        entry = jnp.where((draw >= below) & (own_x <= x), own_x, entry)
         below = below + comes
     return entry
 

@@ -77,7 +77,7 @@ def find_neighbours(
     """Exact nearest vehicles ahead and behind; a vehicle that straddles a line is found in both lanes.
 
     A running count per lane, in road order, gives each vehicle's rank in its own lane and between which two vehicles
-    of its target lane it drives. All vehicles are written into one array, lane by lane, and each reads the places next
+    of its target lane it drives. All vehicles are written into one array, lane by lane, and each reads the entries next
     to its own and next to its gap in the target lane.
 
     Args:
@@ -100,36 +100,38 @@ def find_neighbours(
 
     lanes = read(own | in_a_lane(target_lane) << 8 | in_a_lane(other_lane) << 16, order)
     own, target, other = lanes & 0xFF, lanes >> 8 & 0xFF, lanes >> 16
-    own_place, target_place, other_place = _places(own, other, target, num_lanes + 1)
+    own_index, target_index, other_index = _line_indices(own, other, target, num_lanes + 1)
 
     # 0 means nobody, so slots count from 1. Every lane begins and ends with a 0.
     line = jnp.zeros(((num_lanes + 1) * (slots + 2),), jnp.int16)
-    for lane_of, place in ((own, own_place), (other, other_place)):
-        line = write(line, place, jnp.where(lane_of == nowhere, 0, order + 1).astype(jnp.int16))
+    for lane_of, index in ((own, own_index), (other, other_index)):
+        line = write(line, index, jnp.where(lane_of == nowhere, 0, order + 1).astype(jnp.int16))
 
-    places = write(
-        jnp.zeros((slots,), jnp.uint32), order, (own_place | target_place << 16).astype(jnp.uint32)
+    indices = write(
+        jnp.zeros((slots,), jnp.uint32), order, (own_index | target_index << 16).astype(jnp.uint32)
     )
-    own_place, target_place = (place.astype(jnp.int32) for place in (places & 0xFFFF, places >> 16))
+    own_index, target_index = (
+        index.astype(jnp.int32) for index in (indices & 0xFFFF, indices >> 16)
+    )
 
-    def at(place: jax.Array) -> jax.Array:
-        return read(line, place).astype(jnp.int32) - 1
+    def at(index: jax.Array) -> jax.Array:
+        return read(line, index).astype(jnp.int32) - 1
 
     return Neighbours(
-        leader=at(own_place + 1),
-        follower=at(own_place - 1),
-        target_leader=at(target_place + 1),
-        target_follower=at(target_place),
+        leader=at(own_index + 1),
+        follower=at(own_index - 1),
+        target_leader=at(target_index + 1),
+        target_follower=at(target_index),
     )
 
 
-def _places(
+def _line_indices(
     own: jax.Array, other: jax.Array, target: jax.Array, num_lanes: int
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Own, target and other places in an array of lanes with slots + 2 places each, `(N,)` int32 each, in road order.
+    """Own, target and other indices in an array of lanes with slots + 2 entries each, `(N,)` int32, in road order.
 
-    Own and other places are the vehicle's own in these lanes, from 1. The target place is the vehicle's own if it is in
-    the target lane, else its follower's there, or the lane's place 0 for none.
+    Own and other indices are the vehicle's own in these lanes, from 1. The target index is the vehicle's own if it is
+    in the target lane, else its follower's there, or the lane's index 0 for none.
     """
     slots = own.shape[-1]
     # Each float32 packs the counts of several lanes, as many as its 24 bits hold exactly.
@@ -149,10 +151,10 @@ def _places(
             counts = jnp.where(lane < first, counts, word >> (lane - first) * bits)
         return counts & 2**bits - 1
 
-    def place(lane: jax.Array) -> jax.Array:
+    def index(lane: jax.Array) -> jax.Array:
         return lane * (slots + 2) + count(lane)
 
-    return place(own), place(target), place(other)
+    return index(own), index(target), index(other)
 
 
 def _running_sum(values: jax.Array, block: int = 8) -> jax.Array:

@@ -11,13 +11,13 @@ from scipy.stats import poisson
 import medjax
 from medjax.traffic.demand import (
     MOST_ARRIVALS,
+    assign_slots,
     desired_speeds,
     drawn_kinds,
     entries,
     entry_rates,
     expected_vehicles,
     fill_road,
-    place,
     poisson_arrivals,
 )
 from medjax.world.kinds import GAS, LORRY
@@ -70,7 +70,7 @@ def test_place_is_one_to_one(admitted, bits):
     free = np.array([bits >> slot & 1 for slot in range(20)], bool)
     for slots in (20, 3):
         free = free[:slots]
-        entry, placed = place(jnp.array(admitted), jnp.array(free))
+        entry, placed = assign_slots(jnp.array(admitted), jnp.array(free))
         pairs = list(zip(np.flatnonzero(free), np.flatnonzero(admitted), strict=False))
         expected = np.full(slots, -1)
         for slot, source in pairs:

@@ -58,7 +58,7 @@ def diagram(seen: Trajectories) -> Diagram:
     minutes = int(seen.span_s // 60.0)
     minute = (seen.tick * seen.tick_s // 60.0).astype(np.int64)
     flow, density = np.zeros((2, minutes, len(x_m), lanes))
-    for place, middle in enumerate(x_m):
+    for index, middle in enumerate(x_m):
         offset = seen.x - middle
         there = (offset >= -0.5 * SECTION_M) & (offset < 0.5 * SECTION_M)
         rows = np.nonzero(there & (seen.lane < lanes) & (minute < minutes))[0]
@@ -66,7 +66,7 @@ def diagram(seen: Trajectories) -> Diagram:
         ticks = np.bincount(cell, minlength=count).reshape(minutes, lanes)
         speeds = np.bincount(cell, seen.speed[rows], count).reshape(minutes, lanes)
         share = seen.tick_s / 60.0 / SECTION_M  # tick as a share of a minute, per metre
-        density[:, place], flow[:, place] = 1e3 * share * ticks, 3600.0 * share * speeds
+        density[:, index], flow[:, index] = 1e3 * share * ticks, 3600.0 * share * speeds
     return Diagram(x_m, flow, density)
 
 
@@ -112,14 +112,14 @@ def breakdown(counted: Diagram, free_speed: float) -> Breakdown:
         return Breakdown(None, np.nan, np.nan, np.nan, np.nan)
     minute = int(begins[0])
     # The last of several sections, since queues grow backwards.
-    place = int(np.nonzero(stays[:, minute])[0][-1])
+    index = int(np.nonzero(stays[:, minute])[0][-1])
     late = np.arange(len(flow)) >= minute + FLOW_MINUTES
-    active = late & slow[:, place] & ~slow[:, place + 1]
+    active = late & slow[:, index] & ~slow[:, index + 1]
     queue = late & slow[:, :-1].any(axis=1)
     return Breakdown(
         minute=minute,
-        x_m=float(counted.x_m[place]),
-        highest_before=float(max(_means(flow[:minute, place + 1]), default=np.nan)),
-        after=mean(flow[active, place + 1]),
+        x_m=float(counted.x_m[index]),
+        highest_before=float(max(_means(flow[:minute, index + 1]), default=np.nan)),
+        after=mean(flow[active, index + 1]),
         discharge=mean(flow[queue, -1]),
     )

@@ -78,20 +78,20 @@ class AgentActions:
     def fold(self, parts: Parts[jax.Array], serves: jax.Array) -> jax.Array:
         """Folds choices into actions, `(A,)` int32; `serves` `(A,)` bool marks sent MEDs, whose `enter` is 0."""
         enter, *spaces = self.parts
-        place = jnp.zeros_like(parts.speed)
+        index = jnp.zeros_like(parts.speed)
         for space, choice in zip(spaces, parts[1:], strict=True):
-            place = place * space.n + choice
-        return jnp.where(serves, enter.n + place, parts.enter).astype(jnp.int32)
+            index = index * space.n + choice
+        return jnp.where(serves, enter.n + index, parts.enter).astype(jnp.int32)
 
     def unfold(self, action: jax.Array, rule: Parts[jax.Array]) -> Parts[jax.Array]:
         """Choices `(A,)` of folded actions `(A,)`; parts that an action leaves open take the choice of `rule`."""
         enter, *spaces = self.parts
         serves = action >= enter.n
-        place = jnp.maximum(action - enter.n, 0)
+        index = jnp.maximum(action - enter.n, 0)
         choices = []
         for space, usual in zip(reversed(spaces), reversed(rule[1:]), strict=True):
-            choices.append(jnp.where(serves, place % space.n, usual))
-            place = place // space.n
+            choices.append(jnp.where(serves, index % space.n, usual))
+            index = index // space.n
         return Parts(jnp.where(serves, 0, action), *reversed(choices))
 
     def by_rule(self, state: EnvState, params: EnvParams) -> Parts[jax.Array]:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from medjax.charging.booking import ask, grant
 from medjax.env.depots import distinct_depots, next_to_be_sent, shares_at_depots
-from medjax.env.forecast import Need, expected_need, free_slots, lacking_j, med_places
+from medjax.env.forecast import Need, expected_need, free_slots, lacking_j, med_positions
 from medjax.env.observation import (
     CLOCK_FEATURES,
     NEED_WINDOW_S,
@@ -131,7 +131,7 @@ def _columns(columns: list[Any]) -> jax.Array:
 
 def _ways(state: EnvState, config: EnvConfig, params: EnvParams, x: jax.Array) -> jax.Array:
     """Signed distance from each MED to the positions `(n,)` m, positive ahead, `(A, n)` m."""
-    return x[None, :] - med_places(state, config, params)[:, None]
+    return x[None, :] - med_positions(state, config, params)[:, None]
 
 
 def _evs(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
@@ -190,7 +190,7 @@ def _itself(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
     """Features of each agent itself, `(A, OF_ITSELF)`, plus a column per depot if there are several."""
     vehicles, meds, road, slots = state.vehicles, state.meds, params.road, config.med_slots
     status, drives = meds.status, vehicles.active[slots]
-    x = med_places(state, config, params)
+    x = med_positions(state, config, params)
     lane = _lanes(state, config)
     columns = [
         *(status == number for number in range(len(STATUS_NAMES))),
@@ -215,7 +215,7 @@ def _other_meds(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Ar
     status, speed = state.meds.status, _speeds(state, config)
     serves = status == IN_SERVICE
     there = serves | (status == MERGING) | (status == QUEUED)
-    way = _ways(state, config, params, med_places(state, config, params))
+    way = _ways(state, config, params, med_positions(state, config, params))
     apart = ~jnp.eye(config.num_meds, dtype=bool)
     sees = there[None, :] & apart & _on_road(state, config)[:, None]
     free = free_slots(state, config) / len(CHARGING_SLOTS)
