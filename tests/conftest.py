@@ -2,27 +2,34 @@
 
 import gc
 import os
-import tempfile
+from pathlib import Path
 
-# Files, workers and subprocesses share compiled programs in one directory. Set before JAX is imported, which reads it.
+# Files, workers, subprocesses and later runs share compiled programs. Set before JAX is imported, which reads it.
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-    _programs = tempfile.TemporaryDirectory(prefix="medjax-programs-")
-    os.environ["JAX_COMPILATION_CACHE_DIR"] = _programs.name
+    programs = Path(__file__).parents[1] / ".pytest_cache" / "programs"
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = str(programs)
     # Small programs too: most of what is compiled are thousands of single operations.
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
 
 import jax
+import jaxtyping
 import pytest
 from hypothesis import settings
 
+# Before these modules are imported: each call checks its arguments and results against the shapes of its annotations.
+SHAPED = ["physics", *(f"traffic.{name}" for name in ("idm", "mobil", "motion", "neighbours"))]
+jaxtyping.install_import_hook([f"medjax.{name}" for name in SHAPED], "beartype.beartype")
+
 import medjax
+from medjax.numerics.devices import prepare_cpu
 from tests.compiling import quickly
 from tests.refusals import AcceptedError
 from tests.render.browser import chromium_program
 
-# Two devices on any machine, among which training shares its environments.
+# Two devices on any machine, among which training shares its environments; XLA's options are those of the commands.
 jax.config.update("jax_num_cpu_devices", 2)
+prepare_cpu()
 
 # The same examples in every run; HYPOTHESIS_PROFILE=default draws new ones.
 settings.register_profile("repeatable", derandomize=True, deadline=None)

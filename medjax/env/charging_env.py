@@ -11,6 +11,8 @@ from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Bool, Float32
 
 from medjax import hooks
 from medjax.charging.booking import book, init_new_evs
@@ -100,11 +102,11 @@ class ChargingEnv:
         """Unbounded float32 vector; docs/guide.md gives the range of each part."""
         return Box(-jnp.inf, jnp.inf, (self.observation.size(self.config),))
 
-    def reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
+    def reset(self, key: jax.Array, params: EnvParams) -> tuple[Float32[Array, "size"], EnvState]:
         """Starts an episode on a road that already carries traffic.
 
         Returns:
-          (observation (size,) float32, state)
+          (observation, state)
 
         Raises:
           InputError: params were made for another config.
@@ -227,12 +229,12 @@ class ChargingEnv:
             step_stats += driven + means(state, driven.ev_distance_m, seconds, config, params)
         return (state, step_stats), seen
 
-    def action_mask(self, state: EnvState, params: EnvParams) -> jax.Array:
-        """Allowed actions, `(num_actions,)` bool; action 0 is always allowed."""
+    def action_mask(self, state: EnvState, params: EnvParams) -> Bool[Array, "num_actions"]:
+        """Allowed actions; action 0 is always allowed."""
         return action_mask(state, self.config)
 
-    def get_obs(self, state: EnvState, params: EnvParams) -> jax.Array:
-        """The policy's observation of a state, `(size,)` float32; InputError if it has another shape or type."""
+    def get_obs(self, state: EnvState, params: EnvParams) -> Float32[Array, "size"]:
+        """The policy's observation of a state; InputError if it has another shape or type."""
         seen = self.observation(state, self.config, params)
         return of_shape(seen, (self.observation.size(self.config),))
 

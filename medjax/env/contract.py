@@ -9,12 +9,21 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 import jax
+from jax import Array
+from jaxtyping import Bool, Float32
 
 Observation = Any
 State = Any
 Params = Any
 Info = dict[str, Any]
-StepResult = tuple[Observation, State, jax.Array, jax.Array, jax.Array, Info]
+StepResult = tuple[
+    Observation,
+    State,
+    Float32[Array, "*num_envs"],  # reward
+    Bool[Array, "*num_envs"],  # terminated
+    Bool[Array, "*num_envs"],  # truncated
+    Info,
+]
 
 
 class Environment(Protocol):
@@ -59,8 +68,8 @@ class Environment(Protocol):
         `info["ticks"]` is the physics tick.
         """
 
-    def action_mask(self, state: State, params: Params) -> jax.Array:
-        """`(num_actions,)` bool, True where the action is allowed."""
+    def action_mask(self, state: State, params: Params) -> Bool[Array, "num_actions"]:
+        """True where the action is allowed."""
 
     def get_obs(self, state: State, params: Params) -> Observation:
         """The policy's observation of a state, as `reset` and `step_env` return it."""
@@ -97,8 +106,8 @@ class BatchEnvironment(Protocol):
     def step(self, keys: jax.Array, state: State, actions: jax.Array, params: Params) -> StepResult:
         """Takes one decision in every copy, from keys `(num_envs,)`; finished copies restart in the same step."""
 
-    def action_mask(self, state: State, params: Params) -> jax.Array:
-        """`(num_envs, num_actions)` bool, True where the action is allowed."""
+    def action_mask(self, state: State, params: Params) -> Bool[Array, "num_envs num_actions"]:
+        """True where the action is allowed."""
 
 
 def step_with_reset(

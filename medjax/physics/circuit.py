@@ -2,22 +2,20 @@
 
 from typing import Literal
 
-import jax
-from jax.typing import ArrayLike
-
 from medjax.errors import InputError
+from medjax.numerics.shapes import Floats, Numbers
 from medjax.physics._arrays import as_floats
 
 
 def link_efficiency(
-    mutual_inductance: ArrayLike,
+    mutual_inductance: Numbers,
     *,
-    load: ArrayLike,
-    primary_resistance: ArrayLike,
-    secondary_resistance: ArrayLike,
-    angular_frequency: ArrayLike,
+    load: Numbers,
+    primary_resistance: Numbers,
+    secondary_resistance: Numbers,
+    angular_frequency: Numbers,
     form: Literal["circuit", "paper"] = "circuit",
-) -> jax.Array:
+) -> Floats:
     """Share of the primary's input power that reaches the load, by the paper's eq (6).
 
     The form "circuit" is the circuit solution for two series-resonant coils,
@@ -53,13 +51,13 @@ def link_efficiency(
 
 
 def input_resistance(
-    mutual_inductance: ArrayLike,
+    mutual_inductance: Numbers,
     *,
-    load: ArrayLike,
-    primary_resistance: ArrayLike,
-    secondary_resistance: ArrayLike,
-    angular_frequency: ArrayLike,
-) -> jax.Array:
+    load: Numbers,
+    primary_resistance: Numbers,
+    secondary_resistance: Numbers,
+    angular_frequency: Numbers,
+) -> Floats:
     """Input resistance of two series-resonant coils at resonance, R_MED + (w0 M)^2 / (R_EV + Z_L).
 
     A primary current I (RMS) draws I^2 times this from the source, so the coil's current limit bounds the power of a

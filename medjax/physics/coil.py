@@ -2,12 +2,11 @@
 
 import math
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 
 from medjax.errors import InputError
+from medjax.numerics.shapes import Floats, Numbers
 from medjax.physics._arrays import as_floats
 from medjax.physics.elliptic import psi_sum
 
@@ -15,17 +14,17 @@ VACUUM_PERMEABILITY = 4e-7 * math.pi  # mu0, H/m
 
 
 def mutual_inductance(
-    primary_radius: ArrayLike,
-    secondary_radius: ArrayLike,
-    axial: ArrayLike,
-    lateral: ArrayLike,
-    tilt: ArrayLike,
+    primary_radius: Numbers,
+    secondary_radius: Numbers,
+    axial: Numbers,
+    lateral: Numbers,
+    tilt: Numbers,
     *,
-    primary_turns: ArrayLike = 1,
-    secondary_turns: ArrayLike = 1,
+    primary_turns: Numbers = 1,
+    secondary_turns: Numbers = 1,
     num_nodes: int = 48,
     num_agm_steps: int = 4,
-) -> jax.Array:
+) -> Floats:
     """Mutual inductance of two circular filament coils in air, by the paper's eqs (1)-(5).
 
     The primary lies in z = 0, centred on the origin. The secondary's centre is (lateral, 0, axial) and its normal

@@ -17,6 +17,7 @@ from jax.typing import ArrayLike
 
 from medjax.errors import InputError
 from medjax.numerics.gathers import read
+from medjax.numerics.shapes import Floats, Numbers
 from medjax.physics._arrays import as_floats
 from medjax.physics.coil import mutual_inductance
 
@@ -105,8 +106,8 @@ def tabulate_inductance(
 
 
 def interpolate_inductance(
-    table: InductanceTable, axial: ArrayLike, lateral: ArrayLike, tilt: ArrayLike
-) -> jax.Array:
+    table: InductanceTable, axial: Numbers, lateral: Numbers, tilt: Numbers
+) -> Floats:
     """Mutual inductance of the tabulated pair at a relative position.
 
     Linear in log(axial), cubic (Lagrange, on the four nearest points) in lateral and in tilt. A position outside the

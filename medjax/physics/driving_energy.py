@@ -1,26 +1,25 @@
 """Energy of a vehicle's motion, at the wheels and from its battery."""
 
-import jax
 import jax.numpy as jnp
-from jax.typing import ArrayLike
 
+from medjax.numerics.shapes import Arrays, Floats, Numbers
 from medjax.physics._arrays import as_floats
 
 
 def tractive_energy(
-    speed_before: ArrayLike,
-    speed_after: ArrayLike,
-    dt: ArrayLike,
+    speed_before: Numbers,
+    speed_after: Numbers,
+    dt: Numbers,
     *,
-    mass: ArrayLike,
-    drag_coefficient: ArrayLike,
-    frontal_area: ArrayLike,
-    rolling_resistance: ArrayLike,
-    rotational_inertia_factor: ArrayLike = 1.0,
-    slope: ArrayLike = 0.0,
-    air_density: ArrayLike = 1.2,
-    gravity: ArrayLike = 9.81,
-) -> jax.Array:
+    mass: Numbers,
+    drag_coefficient: Numbers,
+    frontal_area: Numbers,
+    rolling_resistance: Numbers,
+    rotational_inertia_factor: Numbers = 1.0,
+    slope: Numbers = 0.0,
+    air_density: Numbers = 1.2,
+    gravity: Numbers = 9.81,
+) -> Floats:
     """Energy at the wheels over one time step, by one term of the paper's eqs (7)-(8).
 
     It is the force of rolling resistance (as in eq (7) without the cosine of the slope), air drag at the mean speed,
@@ -57,13 +56,13 @@ def tractive_energy(
 
 
 def battery_energy(
-    tractive_energy: ArrayLike,
-    dt: ArrayLike,
+    tractive_energy: Numbers,
+    dt: Numbers,
     *,
-    drivetrain_efficiency: ArrayLike = 1.0,
-    regeneration_efficiency: ArrayLike = 1.0,
-    auxiliary_power: ArrayLike = 0.0,
-) -> jax.Array:
+    drivetrain_efficiency: Numbers = 1.0,
+    regeneration_efficiency: Numbers = 1.0,
+    auxiliary_power: Numbers = 0.0,
+) -> Floats:
     """Energy that one time step takes out of the battery.
 
     Driving energy is divided by the drivetrain's efficiency, braking energy multiplied by the regeneration's. The
@@ -88,8 +87,8 @@ def battery_energy(
 
 
 def change_battery(
-    energy: jax.Array, rest: jax.Array, change: jax.Array, capacity: ArrayLike
-) -> tuple[jax.Array, jax.Array]:
+    energy: Arrays, rest: Arrays, change: Numbers, capacity: Numbers
+) -> tuple[Floats, Floats]:
     """Battery energy after a change, within 0 and capacity, by a compensated sum.
 
     In float32 the energy of a truck's 400 kWh pack is a multiple of 128 J. Rounding at every time step would lose small
@@ -106,7 +105,7 @@ def change_battery(
 
     Source: Kahan 1965, Further remarks on reducing truncation errors.
     """
-    change = change + rest
+    change = jnp.add(change, rest)
     total = energy + change
     kept = jnp.clip(total, 0.0, capacity)
     return kept, jnp.where(kept == total, change - (total - energy), 0.0)

@@ -14,8 +14,8 @@ import math
 
 import jax
 import jax.numpy as jnp
-from jax.typing import ArrayLike
 
+from medjax.numerics.shapes import Floats, Numbers
 from medjax.physics._arrays import as_floats
 
 # Every step squares the relative gap between the two means. From the smallest b that float64 can hold beside a = 1
@@ -23,7 +23,7 @@ from medjax.physics._arrays import as_floats
 _NUM_STEPS = 8
 
 
-def ellipk(m: ArrayLike) -> jax.Array:
+def ellipk(m: Numbers) -> Floats:
     """Complete elliptic integral of the first kind, K(m).
 
     Args:
@@ -37,7 +37,7 @@ def ellipk(m: ArrayLike) -> jax.Array:
     return _ellipk(*as_floats(m))
 
 
-def ellipe(m: ArrayLike) -> jax.Array:
+def ellipe(m: Numbers) -> Floats:
     """Complete elliptic integral of the second kind, E(m).
 
     Args:

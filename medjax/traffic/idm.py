@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 
+from medjax.numerics.shapes import Floats, Numbers
 from medjax.numerics.sums import block_fma
 from medjax.traffic.following import Drivers, Follower, braking_weight
 
@@ -16,17 +17,17 @@ SMALLEST_GAP_M = 0.1
 
 
 def idm_acceleration(
-    speed: ArrayLike,
-    gap: ArrayLike,
-    leader_speed: ArrayLike,
+    speed: Numbers,
+    gap: Numbers,
+    leader_speed: Numbers,
     *,
-    desired_speed: ArrayLike,
-    time_headway: ArrayLike,
-    min_gap: ArrayLike,
-    max_acceleration: ArrayLike,
-    comfortable_deceleration: ArrayLike,
+    desired_speed: Numbers,
+    time_headway: Numbers,
+    min_gap: Numbers,
+    max_acceleration: Numbers,
+    comfortable_deceleration: Numbers,
     exponent: float = 4.0,
-) -> jax.Array:
+) -> Floats:
     """A [1 - (v/v0)^exponent - (s*/s)^2], s* = s0 + max(0, v T + v (v - v_leader) / (2 sqrt(a b))).
 
     Args:

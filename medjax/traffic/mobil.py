@@ -6,17 +6,19 @@ import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 
+from medjax.numerics.shapes import Floats, Numbers
+
 
 def mobil_incentive(
-    own_before: ArrayLike,
-    own_after: ArrayLike,
-    old_follower_before: ArrayLike,
-    old_follower_after: ArrayLike,
-    new_follower_before: ArrayLike,
-    new_follower_after: ArrayLike,
+    own_before: Numbers,
+    own_after: Numbers,
+    old_follower_before: Numbers,
+    old_follower_after: Numbers,
+    new_follower_before: Numbers,
+    new_follower_after: Numbers,
     *,
-    politeness: ArrayLike,
-) -> jax.Array:
+    politeness: Numbers,
+) -> Floats:
     """Incentive of a lane change: own gain plus politeness times the others' gain.
 
     Args:

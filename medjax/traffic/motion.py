@@ -7,12 +7,14 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from medjax.numerics.shapes import Arrays, Floats
+
 FAR_M = 1e12  # farther than any road is long
 
 
 def ballistic_step(
-    x: jax.Array, speed: jax.Array, acceleration: jax.Array, dt: float
-) -> tuple[jax.Array, jax.Array]:
+    x: Arrays, speed: Arrays, acceleration: Arrays, dt: float
+) -> tuple[Floats, Floats]:
     """Constant acceleration over a tick; a vehicle that would reverse stops instead.
 
     Args:

@@ -7,6 +7,9 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
+from jax.typing import ArrayLike
+from jaxtyping import Bool, Float, Int32, Real
 
 from medjax.numerics.gathers import read, write
 
@@ -14,12 +17,12 @@ NOBODY = -1
 
 
 class Neighbours(NamedTuple):
-    """Slots of the nearest vehicles, each `(N,)` int32, NOBODY where there is none."""
+    """Slots of the nearest vehicles, NOBODY where there is none."""
 
-    leader: jax.Array  # ahead in the own lane
-    follower: jax.Array  # behind in the own lane
-    target_leader: jax.Array  # ahead in the target lane
-    target_follower: jax.Array  # behind in the target lane; oneself if already there
+    leader: Int32[Array, "num_vehicles"]  # ahead in the own lane
+    follower: Int32[Array, "num_vehicles"]  # behind in the own lane
+    target_leader: Int32[Array, "num_vehicles"]  # ahead in the target lane
+    target_follower: Int32[Array, "num_vehicles"]  # behind there; oneself if already there
 
     def in_target(self) -> jax.Array:
         """Whether each vehicle is already in its target lane, `(N,)` bool.
@@ -38,21 +41,24 @@ class Neighbours(NamedTuple):
 
 
 def sort_by_road(
-    x: jax.Array, active: jax.Array, length_m: jax.Array | float, previous_order: jax.Array
-) -> jax.Array:
+    x: Float[Array, "num_vehicles"],
+    active: Bool[Array, "num_vehicles"],
+    length_m: Real[ArrayLike, ""],
+    previous_order: Int32[Array, "num_vehicles"],
+) -> Int32[Array, "num_vehicles"]:
     """Slots from the rearmost to the foremost vehicle.
 
     On a CPU, one sort of packed 32-bit keys (position in the high bits, slot in the low bits) costs a tenth of an
     argsort of floats, and less where the last tick's order has nearly sorted them.
 
     Args:
-      x: (N,) m, 0 to length_m plus one tick's travel.
-      active: (N,) bool; inactive slots sort last.
+      x: m, 0 to length_m plus one tick's travel.
+      active: inactive slots sort last.
       length_m: m; the resolution is length_m / 2^(31 - slot bits), 0.48 mm for 4 km and 256 slots.
-      previous_order: (N,) int32, any permutation of the slots.
+      previous_order: any permutation of the slots.
 
     Returns:
-      (N,) int32. Vehicles closer than the resolution are ordered by slot.
+      The slots; vehicles closer than the resolution are ordered by slot.
     """
     slots = x.shape[-1]
     slot_bits = max(1, (slots - 1).bit_length())
@@ -67,11 +73,11 @@ def sort_by_road(
 
 
 def find_neighbours(
-    order: jax.Array,
-    lane: jax.Array,
-    other_lane: jax.Array,
-    target_lane: jax.Array,
-    active: jax.Array,
+    order: Int32[Array, "num_vehicles"],
+    lane: Int32[Array, "num_vehicles"],
+    other_lane: Int32[Array, "num_vehicles"],
+    target_lane: Int32[Array, "num_vehicles"],
+    active: Bool[Array, "num_vehicles"],
     num_lanes: int,
 ) -> Neighbours:
     """Exact nearest vehicles ahead and behind; a vehicle that straddles a line is found in both lanes.
@@ -81,11 +87,11 @@ def find_neighbours(
     to its own and next to its gap in the target lane.
 
     Args:
-      order: (N,) int32, slots from the rearmost to the foremost (`sort_by_road`).
-      lane: (N,) int32 in [0, num_lanes).
-      other_lane: (N,) int32, the second lane that a vehicle covers; any value outside [0, num_lanes) for none.
-      target_lane: (N,) int32; any value outside [0, num_lanes) finds nobody.
-      active: (N,) bool; inactive vehicles neither find nor are found.
+      order: slots from the rearmost to the foremost (`sort_by_road`).
+      lane: in [0, num_lanes).
+      other_lane: the second lane that a vehicle covers; any value outside [0, num_lanes) for none.
+      target_lane: any value outside [0, num_lanes) finds nobody.
+      active: inactive vehicles neither find nor are found.
       num_lanes: acceleration lane included; (num_lanes + 1) (N + 2) <= 65536.
 
     Returns:

@@ -65,7 +65,7 @@ def test_batteries_against_float64(long):
 def test_a_battery_ends_at_empty_and_at_full():
     """And owes nothing from beyond."""
     energy, rest = change_battery(
-        *np.float32([[5.0, 95.0], [0.2, 0.4]]), np.float32([-9, 9]), 100.0
+        *jnp.float32([[5.0, 95.0], [0.2, 0.4]]), jnp.float32([-9, 9]), 100.0
     )
     np.testing.assert_array_equal(energy, [0.0, 100.0])
     np.testing.assert_array_equal(rest, [0.0, 0.0])
