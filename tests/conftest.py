@@ -22,14 +22,14 @@ SHAPED = ["physics", *(f"traffic.{name}" for name in ("idm", "mobil", "motion", 
 jaxtyping.install_import_hook([f"medjax.{name}" for name in SHAPED], "beartype.beartype")
 
 import medjax
-from medjax.numerics.devices import prepare_cpu
 from tests.compiling import quickly
 from tests.refusals import AcceptedError
 from tests.render.browser import chromium_program
 
-# Two devices on any machine, among which training shares its environments; XLA's options are those of the commands.
+# Two devices on any machine, among which training shares its environments. JAX starts here, so that XLA's options do not
+# depend on which test runs first: `prepare_cpu` sets some, which only the commands that tests start then take over.
 jax.config.update("jax_num_cpu_devices", 2)
-prepare_cpu()
+jax.devices()
 
 # The same examples in every run; HYPOTHESIS_PROFILE=default draws new ones.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
