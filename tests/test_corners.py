@@ -103,6 +103,6 @@ def test_a_road_may_be_for_evs_only(observation):
         obs, state, reward, _, _, info = step(key, state, decision % 5, params)
         numbers = jax.tree.leaves((obs, reward, info["metrics"], info["reward_terms"]))
         assert all(np.isfinite(leaf).all() for leaf in numbers)
-    meds, evs, gas = np.asarray(by_class(state.tally.entered))
+    meds, evs, gas = np.asarray(by_class(state.stats.entered))
     assert min(meds, evs) > 0 == gas
     assert int(state.queue.sum()) > 0

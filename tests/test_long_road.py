@@ -58,15 +58,15 @@ def play(env, params, policy, decisions):
         act_key, step_key = jax.random.split(key)
         action = policy(act_key, None, state, params).action
         obs, state, reward, _, _, info = env.step_env(step_key, state, action, params)
-        v, tally = state.vehicles, state.tally
+        v, stats = state.vehicles, state.stats
         on_road = jnp.stack([v.active[s].sum() for s in slices])
         # An EV that runs out is counted at once, and stays on the road until it is on the shoulder.
         rolling = jnp.sum(v.active[config.ev_slots] & state.evs.is_depleted)
-        lost = by_class(tally.entered - tally.left) - on_road
-        lost -= jnp.array([0.0, 1.0, 0.0]) * (tally.depleted - rolling)
+        lost = by_class(stats.entered - stats.left) - on_road
+        lost -= jnp.array([0.0, 1.0, 0.0]) * (stats.depleted - rolling)
         results = {"finite": not_finite((obs, reward))}
         wrong = count(check_standing(state, config, params), results)
-        wrong |= {"collisions": info["tally"].collisions, "lost": jnp.abs(lost).sum()}
+        wrong |= {"collisions": info["step_stats"].collisions, "lost": jnp.abs(lost).sum()}
         charging_x = jnp.where(state.evs.is_charging, v.x[config.ev_slots], -1.0)
         return state, (wrong, charging_x, on_road)
 
@@ -97,7 +97,7 @@ def test_random_play_from_end_to_end_of_the_road(long):
     started = int(state.vehicles.active.sum())
     state = moved_to_the_end(state, config, params, 95_000.0)
     counts = count_kinds(state.vehicles.active, state.vehicles.kind, config)
-    state = state.replace(tally=state.tally.replace(entered=counts))  # what was put there, too
+    state = state.replace(stats=state.stats.replace(entered=counts))  # what was put there, too
     run = play(env, params, medjax.BASELINES["random"](env), 120)
     state, (wrong, charging_x, on_road) = run(key, state)
     assert {name: float(count.sum()) for name, count in wrong.items()} == dict.fromkeys(wrong, 0.0)
@@ -105,7 +105,7 @@ def test_random_play_from_end_to_end_of_the_road(long):
     assert np.asarray(on_road).sum(axis=1).min() > 1500
     at_end = np.asarray(charging_x[-1]) > 95_000.0
     assert at_end.sum() >= 2
-    assert float(state.tally.energy_received_j) > 0.0
+    assert float(state.stats.energy_received_j) > 0.0
 
     v = state.vehicles
     active = np.asarray(v.active)
@@ -134,8 +134,8 @@ def test_a_whole_hour(long, policy):
     assert 1500 < total.min() < 2000 < total.max() < env.config.num_vehicles
     places = np.histogram(np.asarray(charging_x), bins=np.linspace(0.0, 1e5, 11))[0]
     assert (places > 0).all()  # somebody charges in every stretch of 10 km
-    assert float(state.tally.left[MED]) > 0.0
+    assert float(state.stats.left[MED]) > 0.0
 
     idle = play(env, params, medjax.BASELINES["none"](env), int(params.episode_decisions))
     unserved, _ = idle(key, jax.jit(env.reset)(key, params)[1])
-    assert float(state.tally.depleted) < 0.8 * float(unserved.tally.depleted)
+    assert float(state.stats.depleted) < 0.8 * float(unserved.stats.depleted)

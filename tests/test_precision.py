@@ -109,7 +109,7 @@ def test_that_offset_hardly_changes_the_link(long):
 
 def summed(step_stats, decisions):
     """The tally of so many equal decisions."""
-    add = lambda tally, _: (tally + step_stats, None)  # noqa: E731
+    add = lambda stats, _: (stats + step_stats, None)  # noqa: E731
     return jax.lax.scan(add, EpisodeStats.zeros(), length=decisions)[0]
 
 
@@ -123,11 +123,11 @@ def test_sums_of_an_episode(decisions):
         depleted=jnp.float32(1.0),
         vehicle_ticks=jnp.float32(8001.0),
     )
-    tally = summed(step_stats, decisions)
+    stats = summed(step_stats, decisions)
     for name in ("ev_distance_m", "soc_seconds", "energy_sent_j", "vehicle_ticks"):
         exact = decisions * np.float64(getattr(step_stats, name))
-        assert abs(float(getattr(tally, name)) / exact - 1.0) <= decisions * ROUNDING, name
-    assert float(tally.depleted) == decisions
+        assert abs(float(getattr(stats, name)) / exact - 1.0) <= decisions * ROUNDING, name
+    assert float(stats.depleted) == decisions
 
 
 def test_sums_stop_growing_after_2_to_the_24_decisions():

@@ -99,7 +99,7 @@ class Workload:
             # Summing everything that a step returns keeps XLA from optimising any of it away.
             results = jax.tree.leaves((obs, reward, info["reward_terms"], info["metrics"]))
             sums = (leaf.reshape(keys.shape[0], -1).sum(1) for leaf in results)
-            return state, (info["tally"].vehicle_ticks, sum(sums, jnp.zeros(())))
+            return state, (info["step_stats"].vehicle_ticks, sum(sums, jnp.zeros(())))
 
         split = jax.vmap(lambda key: jax.random.split(key, (self.steps, 2)), out_axes=1)
         state, sums = jax.lax.scan(step, state, split(keys))

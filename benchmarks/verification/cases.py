@@ -128,7 +128,7 @@ def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
             found += count({"standing": {"for too long": stood_s > STANDS_S}})
             return Played(
                 state=state,
-                updates=played.updates + info["tally"].vehicle_ticks.astype(jnp.int32),
+                updates=played.updates + info["step_stats"].vehicle_ticks.astype(jnp.int32),
                 violations=played.violations + found,
                 first=jnp.minimum(played.first, jnp.where(found.any(), decision, NEVER)),
                 stood_s=stood_s,

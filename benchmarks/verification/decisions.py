@@ -85,13 +85,19 @@ def check_closing(
     home = (last.meds.status == RETIRED) & (after.meds.status == AT_DEPOT)
     refilled = jnp.where(home, params.med_capacity_j, last.meds.energy_j)
     same = jax.tree.map(lambda a, b: a != b, (last.vehicles, last.evs), (after.vehicles, after.evs))
-    numbers = decision.obs, decision.reward, info["tally"], info["metrics"], info["reward_terms"]
+    numbers = (
+        decision.obs,
+        decision.reward,
+        info["step_stats"],
+        info["metrics"],
+        info["reward_terms"],
+    )
     home_j = jnp.sum(jnp.where(home, ways_home(last, config, params), 0.0))
     books = books | {"med_driving_j": books["med_driving_j"] + home_j}
     flags = tally_mistakes(books, decision, config, params)
     flags["energy"]["refill"] = after.meds.energy_j != refilled
     given_j = jnp.sum(jnp.where(home, refilled - last.meds.energy_j - last.meds.rest_j, 0.0))
-    flags["energy"]["depots"] = differs(given_j + home_j, info["tally"].depot_energy_j, 1.0)
+    flags["energy"]["depots"] = differs(given_j + home_j, info["step_stats"].depot_energy_j, 1.0)
     return {
         **flags,
         "motion": {"between decisions": jnp.stack([x.any() for x in jax.tree.leaves(same)])},
@@ -124,7 +130,7 @@ def tally_mistakes(
     books: Books, decision: Decision, config: EnvConfig, params: EnvParams
 ) -> dict[str, dict[str, jax.Array]]:
     """Flags where the tally, the reward or the number of vehicles differs from the books, by invariant and name."""
-    tally, way = decision.info["tally"], resolved_way(books, config, params)
+    stats, way = decision.info["step_stats"], resolved_way(books, config, params)
     scales = {name: way if name.endswith("_m") else 1e-3 for name in books}
     # Delays are small differences, only as exact as the times on the road. Desired speeds of at least 1 m/s turn an
     # error in distance into at most that error in time.
@@ -133,19 +139,19 @@ def tally_mistakes(
     flows, counted = {}, {}
     for name, ours in books.items():
         if name.endswith("_j"):
-            flows[name] = outside(ours, getattr(tally, name))
+            flows[name] = outside(ours, getattr(stats, name))
         else:
-            counted[name] = differs(ours, getattr(tally, name), scales[name])
+            counted[name] = differs(ours, getattr(stats, name), scales[name])
     shares = jnp.stack([decision.info["metrics"][name] for name in SHARES])
-    after, sums = decision.after, decision.after.tally
-    added = jax.tree.map(lambda a, b, c: differs(a + b, c), decision.before.tally, tally, sums)
+    after, sums = decision.after, decision.after.stats
+    added = jax.tree.map(lambda a, b, c: differs(a + b, c), decision.before.stats, stats, sums)
     # Depleted EVs are counted at once, but are on the road until they stop.
     stranded = total(after.vehicles.active[config.ev_slots] & after.evs.is_depleted)
     there = by_class(sums.entered - sums.left).at[1].add(stranded - sums.depleted)
     return {
         "tally": {
             **counted,
-            "collisions": tally.collisions > 0.0,
+            "collisions": stats.collisions > 0.0,
             "sums": jnp.stack([x.any() for x in jax.tree.leaves(added)]),
             "shares": ~((shares >= 0.0) & (shares <= 1.0 + ROUNDING)),
         },
@@ -161,12 +167,12 @@ def reward_mistakes(
     books: Books, decision: Decision, config: EnvConfig, params: EnvParams
 ) -> dict[str, jax.Array]:
     """Flags where the reward is not the sum of its terms, or a term differs from the books."""
-    tally = decision.info["tally"]
+    stats = decision.info["step_stats"]
     way = resolved_way(books, config, params)
     weights, terms = params.reward_weights, decision.info["reward_terms"]
     added, size = (sum(map(of, terms.values()), jnp.zeros(())) for of in (jnp.asarray, jnp.abs))
     cruise = params.drivers.desired_speed[jnp.array(GAS_KINDS)]
-    lost_j = tally.energy_sent_j - tally.energy_received_j
+    lost_j = stats.energy_sent_j - stats.energy_received_j
     seconds, distance_m = books["gas_seconds"], books["gas_distance_m"]
     expected = {
         "depleted": (books["depleted"], 0.0),
@@ -180,7 +186,7 @@ def reward_mistakes(
         ),
         "lane_changes": (books["lane_changes"], 0.0),
         "collisions": (jnp.zeros(()), 0.0),
-        "transfer_loss": (lost_j / 3.6e6, tally.energy_sent_j / 3.6e6),
+        "transfer_loss": (lost_j / 3.6e6, stats.energy_sent_j / 3.6e6),
     }
     named = {
         name: differs(weights[name] * value, terms[name], jnp.abs(weights[name]) * scale + 1e-30)

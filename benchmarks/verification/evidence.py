@@ -57,7 +57,7 @@ def explain(
     lines = [*_lines("decision", last, after, world, check_closing(last, decision, books, *world))]
     yield from lines
     for name, ours in books.items() if lines else ():
-        yield f"    {name}: {np.asarray(ours)}, tally {np.asarray(getattr(info['tally'], name))}"
+        yield f"    {name}: {np.asarray(ours)}, tally {np.asarray(getattr(info['step_stats'], name))}"
 
 
 def _lines(

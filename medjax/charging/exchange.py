@@ -105,7 +105,7 @@ def exchange(
     distance = after.x[slots] - before.x[slots]
     cruised = distance * per_metre(before.desired_speed[slots], params.ev, params.road)
     cruising_j = jnp.maximum(jnp.where(before.active[slots], cruised, 0.0), least)
-    tally = EpisodeStats.zeros().replace(
+    stats = EpisodeStats.zeros().replace(
         energy_sent_j=sum_pairwise(flow.sent_j),
         energy_received_j=sum_pairwise(flow.received_j),
         ev_driving_j=sum_pairwise(jnp.clip(ev_use, least, most)),
@@ -119,4 +119,4 @@ def exchange(
         is_charging=link.is_charging,
         served=evs.served | link.is_charging,
     )
-    return evs, meds.replace(energy_j=med_energy, rest_j=med_rest), tally
+    return evs, meds.replace(energy_j=med_energy, rest_j=med_rest), stats

@@ -56,10 +56,10 @@ def without_motor(vehicles: Vehicles, evs: EVs, config: EnvConfig, params: EnvPa
     has made room.
     """
     slots = config.ev_slots
-    changes: dict[str, Any] = {"acceleration_noise": 0.0}
-    changes |= {"courtesy_left": jnp.inf, "courtesy_right": jnp.inf}
+    changes: dict[str, Any] = dict.fromkeys(("courtesy_left", "courtesy_right"), jnp.inf)
+    changes["acceleration_noise"] = 0.0
     if config.num_exits:
-        changes = {"destination": params.road.length_m} | changes
+        changes["destination"] = params.road.length_m
     for name, value in changes.items():
         values = getattr(vehicles, name)
         new = values.at[slots].set(jnp.where(evs.is_depleted, value, values[slots]))

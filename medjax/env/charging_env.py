@@ -134,7 +134,7 @@ class ChargingEnv:
         Returns:
           (observation (size,) float32, state, reward () float32, terminated () bool, always False;
           truncated () bool, at params.episode_decisions; info with "metrics" of the episode so far,
-          weighted "reward_terms", "action_mask", "tally" of this decision, probe outputs "begun" and "ticks")
+          weighted "reward_terms", "action_mask", "step_stats" of this decision, probe outputs "begun" and "ticks")
 
         Raises:
           InputError: params were made for another config.
@@ -146,12 +146,12 @@ class ChargingEnv:
         (state, step_stats), begun, ticks = self._rounds(key, state, dispatched, params)
         state, given = advance_clocks(state, self.config, params)
         step_stats += given
-        state = state.replace(tally=state.tally + step_stats)
+        state = state.replace(stats=state.stats + step_stats)
         outcome = Outcome(before, state, step_stats, params, self.config)
         with jax.named_scope("reward"):
             reward, terms = total_reward(outcome, self.reward)
         with jax.named_scope("metrics"):
-            metrics = episode_metrics(state.tally)
+            metrics = episode_metrics(state.stats)
         with jax.named_scope("observation"):
             obs = self.get_obs(state, params)
         truncated = state.time >= params.episode_decisions
@@ -159,7 +159,7 @@ class ChargingEnv:
             "metrics": metrics,
             "reward_terms": terms,
             "action_mask": self.action_mask(state, params),
-            "tally": step_stats,
+            "step_stats": step_stats,
             "begun": begun,
             "ticks": ticks,
         }

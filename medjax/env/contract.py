@@ -64,7 +64,7 @@ class Environment(Protocol):
         """One decision without reset: obs, state, reward, terminated, truncated, info.
 
         `info["metrics"]` maps names to float32 scalars that describe the episode so far. All other entries of
-        `ChargingEnv` describe this step: sum `info["reward_terms"]` and `info["tally"]` over steps; axis 0 of
+        `ChargingEnv` describe this step: sum `info["reward_terms"]` and `info["step_stats"]` over steps; axis 0 of
         `info["ticks"]` is the physics tick.
         """
 

@@ -62,10 +62,10 @@ def dispatch(
         status=jnp.where(chosen, QUEUED, meds.status), ramp=jnp.where(chosen, action - 1, meds.ramp)
     )
     cooldown = jnp.where(sent, params.fleet.cooldown_s, state.cooldown_s)
-    tally = EpisodeStats.zeros(0 * state.time).replace(  # a loop carry, see `EpisodeStats.zeros`
+    stats = EpisodeStats.zeros(0 * state.time).replace(  # a loop carry, see `EpisodeStats.zeros`
         meds_dispatched=sent.astype(jnp.float32), invalid_actions=(~allowed).astype(jnp.float32)
     )
-    return state.replace(meds=meds, cooldown_s=cooldown), tally
+    return state.replace(meds=meds, cooldown_s=cooldown), stats
 
 
 def on_the_road(

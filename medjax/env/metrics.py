@@ -12,7 +12,7 @@ JOULES_PER_KWH = 3.6e6
 SECONDS_PER_HOUR = 3600.0
 
 
-def episode_metrics(tally: EpisodeStats) -> dict[str, jax.Array]:
+def episode_metrics(stats: EpisodeStats) -> dict[str, jax.Array]:
     """Metrics since reset, float32 scalars by name.
 
     Per EV that was on the road: depleted_share, mean_range_m (distance driven), and in kWh ev_driving_kwh, ev_saved_kwh
@@ -27,38 +27,38 @@ def episode_metrics(tally: EpisodeStats) -> dict[str, jax.Array]:
         there = denominator > 0.0
         return jnp.where(there, numerator / jnp.where(there, denominator, 1.0), 0.0)
 
-    drawn_j = tally.med_driving_j + tally.energy_sent_j
-    gross_j = jnp.maximum(tally.med_driving_j, 0.0) + tally.energy_sent_j
-    evs, evs_left = (by_class(counts)[CLASSES.index(EVS)] for counts in (tally.entered, tally.left))
+    drawn_j = stats.med_driving_j + stats.energy_sent_j
+    gross_j = jnp.maximum(stats.med_driving_j, 0.0) + stats.energy_sent_j
+    evs, evs_left = (by_class(counts)[CLASSES.index(EVS)] for counts in (stats.entered, stats.left))
     return {
-        "depleted_share": ratio(tally.depleted, evs),
-        "mean_range_m": ratio(tally.ev_distance_m, evs),
-        "mean_soc": ratio(tally.soc_seconds, tally.ev_seconds),
-        "exit_soc": ratio(tally.exit_soc, evs_left + tally.depleted),
-        "meds_dispatched": tally.meds_dispatched,
-        "energy_delivered_kwh": tally.energy_received_j / JOULES_PER_KWH,
-        "energy_lost_kwh": (tally.energy_sent_j - tally.energy_received_j) / JOULES_PER_KWH,
-        "energy_sent_kwh": tally.energy_sent_j / JOULES_PER_KWH,
-        "med_driving_kwh": tally.med_driving_j / JOULES_PER_KWH,
+        "depleted_share": ratio(stats.depleted, evs),
+        "mean_range_m": ratio(stats.ev_distance_m, evs),
+        "mean_soc": ratio(stats.soc_seconds, stats.ev_seconds),
+        "exit_soc": ratio(stats.exit_soc, evs_left + stats.depleted),
+        "meds_dispatched": stats.meds_dispatched,
+        "energy_delivered_kwh": stats.energy_received_j / JOULES_PER_KWH,
+        "energy_lost_kwh": (stats.energy_sent_j - stats.energy_received_j) / JOULES_PER_KWH,
+        "energy_sent_kwh": stats.energy_sent_j / JOULES_PER_KWH,
+        "med_driving_kwh": stats.med_driving_j / JOULES_PER_KWH,
         "energy_drawn_kwh": drawn_j / JOULES_PER_KWH,
-        "system_efficiency": ratio(tally.energy_received_j, gross_j),
-        "ev_driving_kwh": ratio(tally.ev_driving_j / JOULES_PER_KWH, evs),
-        "ev_saved_kwh": ratio((tally.ev_cruising_j - tally.ev_driving_j) / JOULES_PER_KWH, evs),
-        "ev_received_kwh": ratio(tally.energy_received_j / JOULES_PER_KWH, evs),
-        "ev_delay_h": tally.ev_delay_s / SECONDS_PER_HOUR,
-        "gas_delay_h": tally.gas_delay_s / SECONDS_PER_HOUR,
-        "med_hours": tally.med_seconds / SECONDS_PER_HOUR,
+        "system_efficiency": ratio(stats.energy_received_j, gross_j),
+        "ev_driving_kwh": ratio(stats.ev_driving_j / JOULES_PER_KWH, evs),
+        "ev_saved_kwh": ratio((stats.ev_cruising_j - stats.ev_driving_j) / JOULES_PER_KWH, evs),
+        "ev_received_kwh": ratio(stats.energy_received_j / JOULES_PER_KWH, evs),
+        "ev_delay_h": stats.ev_delay_s / SECONDS_PER_HOUR,
+        "gas_delay_h": stats.gas_delay_s / SECONDS_PER_HOUR,
+        "med_hours": stats.med_seconds / SECONDS_PER_HOUR,
         "evs_entered": evs,
-        "low_exits": tally.low_exits,
-        "evs_depleted": tally.depleted,
-        "evs_served": tally.evs_served,
-        "ev_mean_speed": ratio(tally.ev_distance_m, tally.ev_seconds),
-        "gas_mean_speed": ratio(tally.gas_distance_m.sum(), tally.gas_seconds.sum()),
-        "queue_vehicle_s": tally.queue_seconds,
-        "missed_exits": tally.missed_exits,
-        "charging_stops": tally.charging_stops,
-        "lane_changes": tally.lane_changes,
-        "collisions": tally.collisions,
-        "invalid_actions": tally.invalid_actions,
-        "vehicle_ticks": tally.vehicle_ticks,
+        "low_exits": stats.low_exits,
+        "evs_depleted": stats.depleted,
+        "evs_served": stats.evs_served,
+        "ev_mean_speed": ratio(stats.ev_distance_m, stats.ev_seconds),
+        "gas_mean_speed": ratio(stats.gas_distance_m.sum(), stats.gas_seconds.sum()),
+        "queue_vehicle_s": stats.queue_seconds,
+        "missed_exits": stats.missed_exits,
+        "charging_stops": stats.charging_stops,
+        "lane_changes": stats.lane_changes,
+        "collisions": stats.collisions,
+        "invalid_actions": stats.invalid_actions,
+        "vehicle_ticks": stats.vehicle_ticks,
     }

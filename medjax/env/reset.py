@@ -52,7 +52,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
         arrivals=new_seed(arrivals_key),
         cooldown_s=jnp.zeros((), jnp.float32),
         time=jnp.zeros((), jnp.int32),
-        tally=EpisodeStats.zeros().replace(entered=count_kinds(active, vehicles.kind, config)),
+        stats=EpisodeStats.zeros().replace(entered=count_kinds(active, vehicles.kind, config)),
     )
 
 

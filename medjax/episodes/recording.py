@@ -64,7 +64,7 @@ class Decisions(struct.PyTreeNode):
     probabilities: Any  # (T, A) of the policy; 0 and 1 for a rule
     reward: Any  # (T,)
     reward_terms: dict[str, Any]  # (T,) each, weighted
-    tally: EpisodeStats  # (T, ...) sums over the decision
+    stats: EpisodeStats  # (T, ...) sums over the decision
     queue: Any  # (T, num_entries) int32, vehicles waiting at each entry after the decision
     cooldown_s: Any  # (T,) after the decision
 
@@ -235,15 +235,15 @@ def _go_on(
         episodes, rows = runner.decide(episodes, number, [weights], params)
         after, road = runner.env.highway(_row(episodes.state), numbers)
         made = _row(rows.of_dispatcher(runner.env.config.num_actions))
-        tally = made.info["tally"]
+        stats = made.info["step_stats"]
         decision = Decisions(
             action=made.action,
-            sent=jnp.where(tally.meds_dispatched > 0.0, made.action, 0),
+            sent=jnp.where(stats.meds_dispatched > 0.0, made.action, 0),
             mask=made.mask,
             probabilities=made.probabilities,
             reward=made.reward,
             reward_terms=made.info["reward_terms"],
-            tally=tally,
+            stats=stats,
             queue=after.queue,
             cooldown_s=after.cooldown_s,
         )

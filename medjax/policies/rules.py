@@ -74,7 +74,7 @@ def periodic(env: Environment) -> Policy:
     """Spreads the fleet evenly over the episode, ramp after ramp."""
 
     def act(mask: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
-        sent = state.tally.meds_dispatched.astype(jnp.int32)
+        sent = state.stats.meds_dispatched.astype(jnp.int32)
         due = state.time * params.fleet.size >= sent * params.episode_decisions
         ramp = 1 + sent % env.config.num_ramps if env.config.num_ramps else 0
         return jnp.where(due & mask[ramp], ramp, 0)
@@ -94,7 +94,7 @@ def paced(env: Environment, interval_s: float = 32.0, ramp: int = 1) -> Policy:
     action = min(ramp, env.config.num_ramps)
 
     def act(mask: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
-        due = state.time * env.config.decision_s >= state.tally.meds_dispatched * interval_s
+        due = state.time * env.config.decision_s >= state.stats.meds_dispatched * interval_s
         return jnp.where(due & mask[action], action, 0)
 
     return _of_highway(env, act)

@@ -146,16 +146,16 @@ def charts_of(recording: Recording) -> list[Chart]:
     now = recording.decision_frames
     active, speed = np.asarray(frames.active)[now], np.asarray(frames.speed)[now]
     evs, gas = config.ev_slots, config.gas_slots
-    tally = decisions.tally
-    received = np.asarray(tally.energy_received_j) / JOULES_PER_KWH
-    lost = np.asarray(tally.energy_sent_j) / JOULES_PER_KWH - received
+    stats = decisions.stats
+    received = np.asarray(stats.energy_received_j) / JOULES_PER_KWH
+    lost = np.asarray(stats.energy_sent_j) / JOULES_PER_KWH - received
     energy = np.stack([_so_far(received), _so_far(lost)])
     queue = np.concatenate([[0.0], np.asarray(decisions.queue).sum(axis=1)])
     charge = 100.0 * _mean(np.asarray(frames.ev_soc)[now], active[:, evs])
     speeds = [_mean(speed[:, slots], active[:, slots]) for slots in (evs, gas)]
     return [
         Chart("Mean charge of EVs", "%", 1, ("",), charge[None], 20.0),
-        Chart("EVs that ran out", "", 0, ("",), _so_far(tally.depleted)[None], 5.0),
+        Chart("EVs that ran out", "", 0, ("",), _so_far(stats.depleted)[None], 5.0),
         Chart("Mean speed", "m/s", 1, ("EVs", "gas"), np.stack(speeds), 5.0),
         Chart("Energy through the coils", "kWh", 2, ("delivered", "lost"), energy, 1.0),
         Chart("Vehicles waiting to enter", "", 0, ("",), queue[None], 5.0),

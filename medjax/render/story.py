@@ -59,7 +59,7 @@ def verdict(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
 def _metrics(recording: Recording) -> dict[str, float]:
     """Metrics and return of the whole episode."""
     decisions = recording.decisions
-    total = jax.tree.map(lambda each: np.sum(each, axis=0, dtype=np.float64), decisions.tally)
+    total = jax.tree.map(lambda each: np.sum(each, axis=0, dtype=np.float64), decisions.stats)
     metrics = {name: float(value) for name, value in episode_metrics(total).items()}
     return {**metrics, "return_mean": float(np.sum(decisions.reward, dtype=np.float64))}
 

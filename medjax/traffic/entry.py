@@ -153,7 +153,7 @@ def admit(
     placed = ev_placed | gas_placed
     queue = queue - placed
     queued_meds = jnp.sum(status == QUEUED, dtype=jnp.int32)
-    tally = EpisodeStats.zeros().replace(
+    stats = EpisodeStats.zeros().replace(
         entered=count_kinds(entry >= 0, vehicles.kind, config),
         queue_seconds=(jnp.sum(queue, dtype=jnp.int32) + queued_meds).astype(jnp.float32)
         * config.round_s,
@@ -164,4 +164,4 @@ def admit(
         queue=queue,
         entered_here=state.entered_here + placed,
     )
-    return state, Newcomers(entry, traits), tally
+    return state, Newcomers(entry, traits), stats

@@ -242,8 +242,8 @@ def move(
         command = jnp.clip(command, -params.motion.max_braking, followers.max_acceleration)
         vehicles = vehicles.replace(road_order=order, headway=headway)
         moved = _step(vehicles, command, steps, drivers.width, config, params)
-    tally = EpisodeStats.zeros().replace(
+    stats = EpisodeStats.zeros().replace(
         lane_changes=jnp.sum(jnp.abs(steps), dtype=jnp.float32),
         collisions=jnp.sum((gap < 0.0) | (aside < 0.0), dtype=jnp.float32),
     )
-    return moved, tally
+    return moved, stats

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +22,13 @@ STATUS_NAMES = (
 AT_DEPOT, QUEUED, MERGING, IN_SERVICE, RETIRED, LEAVING = range(len(STATUS_NAMES))
 
 NOT_BOOKED = -1
+
+
+def _renamed(old: str, new: str, state: Any) -> Any:
+    """The field that has a new name, with a warning that names it."""
+    text = f"{old} is now {new}; the old name goes with the next version"
+    warnings.warn(text, DeprecationWarning, stacklevel=3)
+    return getattr(state, new)
 
 
 class Vehicles(struct.PyTreeNode):
@@ -64,9 +72,7 @@ class EVs(struct.PyTreeNode):
     @property
     def panel(self) -> jax.Array:
         """Former name of `charging_slot`, for one more version."""
-        text = "EVs.panel is now EVs.charging_slot; the old name goes with the next version"
-        warnings.warn(text, DeprecationWarning, stacklevel=2)
-        return self.charging_slot
+        return _renamed("EVs.panel", "charging_slot", self)
 
 
 class MEDs(struct.PyTreeNode):
@@ -160,4 +166,9 @@ class EnvState(struct.PyTreeNode):
     arrivals: UInt32[Array, "2"]  # seed of the arrivals (`medjax.traffic.arrivals`)
     cooldown_s: Float32[Array, ""]  # until the next dispatch is allowed
     time: Int32[Array, ""]  # decisions taken
-    tally: EpisodeStats  # since reset
+    stats: EpisodeStats  # since reset
+
+    @property
+    def tally(self) -> EpisodeStats:
+        """Former name of `stats`, for one more version."""
+        return _renamed("EnvState.tally", "stats", self)

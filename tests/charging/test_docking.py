@@ -34,10 +34,10 @@ def play(quiet):
     @jax.jit
     def run(state):
         def tick(state, index):
-            state, tally = physics_tick(
+            state, stats = physics_tick(
                 state, drivers_of(state, env.config, params), index, env.config, params
             )
-            return state, (state, tally)
+            return state, (state, stats)
 
         return jax.lax.scan(tick, state, jnp.arange(TICKS))[1]
 
@@ -60,7 +60,7 @@ def test_docks_and_charges_to_target(quiet, play, charging_slot, ev_x, ev_lane):
     While both are in one lane, they keep a standing gap.
     """
     env, params = quiet
-    states, tally = play(
+    states, stats = play(
         scene(env, params, charging_slot=charging_slot, ev_x=ev_x, ev_lane=ev_lane)
     )
     ev = env.config.num_meds
@@ -80,7 +80,7 @@ def test_docks_and_charges_to_target(quiet, play, charging_slot, ev_x, ev_lane):
     front, back = np.maximum(x[:, 0], x[:, ev]), np.minimum(x[:, 0], x[:, ev])
     front_length = np.where(x[:, 0] > x[:, ev], 12.0, 5.0)
     assert np.all((front - front_length - back)[same] > float(params.charging.platoon_min_gap))
-    assert float(tally.collisions.sum()) == 0.0
+    assert float(stats.collisions.sum()) == 0.0
 
 
 def platoon(env, params, ahead_m=0.0):
@@ -188,8 +188,8 @@ def test_human_transfers_less_than_autonomous(quiet):
         def episode(key):
             def step(state, key):
                 _, state, *_, info = env.step_env(key, state, 0, params)
-                tally = info["tally"]
-                return state, (tally.energy_sent_j, tally.energy_received_j)
+                stats = info["step_stats"]
+                return state, (stats.energy_sent_j, stats.energy_received_j)
 
             return jax.lax.scan(step, state, jax.random.split(key, 40))[1]
 

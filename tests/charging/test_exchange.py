@@ -25,7 +25,12 @@ def play():
             action = policy(key, None, state, params).action
             _, state, _, _, _, info = env.step_env(key, state, action, params)
             charge = jnp.sum(info["begun"].energy_j), jnp.sum(info["ticks"].energy_j[-1])
-            return state, (*charge, info["reward_terms"]["ev_kwh"], info["metrics"], info["tally"])
+            return state, (
+                *charge,
+                info["reward_terms"]["ev_kwh"],
+                info["metrics"],
+                info["step_stats"],
+            )
 
         _, state = env.reset(key, params)
         return jax.lax.scan(decide, state, jax.random.split(key, 300))[1]
@@ -39,15 +44,15 @@ def test_what_driving_took_is_what_batteries_lost(play, slope):
     take no braking energy. EVs pay for energy once. No share leaves [0, 1]."""
     socs = {"arrival_soc_low": 0.1, "arrival_soc_high": 1.0}
     _, params = medjax.make("paper", slope=slope, reward="money", num_gas=20, **socs)
-    begun, ended, paid, metrics, tally = jax.device_get(play(jax.random.key(0), params))
+    begun, ended, paid, metrics, stats = jax.device_get(play(jax.random.key(0), params))
     lost = begun.astype(np.float64) - ended
-    driven = tally.ev_driving_j.astype(np.float64) - tally.energy_received_j
+    driven = stats.ev_driving_j.astype(np.float64) - stats.energy_received_j
     # Sums of 40 batteries of 5 MJ, which float32 holds to 8 J or so.
     np.testing.assert_allclose(driven, lost, atol=100.0)
     np.testing.assert_allclose(paid, -0.285 * driven / 3.6e6, rtol=1e-3, atol=1e-6)
     for name in ("system_efficiency", "mean_soc", "exit_soc", "depleted_share"):
         assert 0.0 <= metrics[name].min() <= metrics[name].max() <= 1.0, name
-    assert tally.energy_received_j.sum() > 1e6
+    assert stats.energy_received_j.sum() > 1e6
 
 
 def test_metrics_of_energy():
@@ -55,7 +60,7 @@ def test_metrics_of_energy():
     kwh = 3.6e6
     energies = {"energy_sent_j": 4, "energy_received_j": 3, "med_driving_j": 6}
     energies |= {"ev_driving_j": 5, "ev_cruising_j": 8}
-    tally = EpisodeStats.zeros().replace(
+    stats = EpisodeStats.zeros().replace(
         entered=jnp.array([1.0, 1.0, 1.0, 4.0, 1.0]),
         **{name: jnp.float32(energy * kwh) for name, energy in energies.items()},
         ev_delay_s=jnp.float32(1800.0),
@@ -76,7 +81,7 @@ def test_metrics_of_energy():
         "gas_delay_h": 0.25,
         "med_hours": 2.0,
     }
-    metrics = episode_metrics(tally)
+    metrics = episode_metrics(stats)
     for name, value in expected.items():
         assert float(metrics[name]) == pytest.approx(value, rel=1e-6), name
 

@@ -36,14 +36,14 @@ def played(config, params, state, ticks):
     """States `(ticks, ...)` after each tick, and the sum of the tallies."""
 
     def tick(carry, index):
-        state, tally = carry
+        state, stats = carry
         drivers = drivers_of(state, config, params)
         state, more = physics_tick(state, drivers, index, config, params)
-        return (state, tally + more), state
+        return (state, stats + more), state
 
     start = state, EpisodeStats.zeros()
-    (_, tally), states = jax.lax.scan(tick, start, jnp.arange(ticks, dtype=jnp.int32))
-    return states, tally
+    (_, stats), states = jax.lax.scan(tick, start, jnp.arange(ticks, dtype=jnp.int32))
+    return states, stats
 
 
 def play(env, params, state, ticks=400):
@@ -84,7 +84,7 @@ def test_coasting_is_the_decay_of_rolling_and_drag():
 def test_makes_for_the_shoulder_and_is_counted_once(lane):
     """From any lane it is off the road within seconds, never faster than before, without regaining energy."""
     env, params = quiet()
-    states, tally = play(env, params, alone(env, params, lane, 28.0))
+    states, stats = play(env, params, alone(env, params, lane, 28.0))
     ev, vehicles, evs = env.config.num_meds, states.vehicles, states.evs
     on_road = vehicles.active[:, ev]
     assert on_road[0]
@@ -96,16 +96,16 @@ def test_makes_for_the_shoulder_and_is_counted_once(lane):
     assert abs(vehicles.lateral_offset[gone, ev]) < SETTLED_M
     assert np.all(np.diff(vehicles.speed[:gone, ev]) < 0.0)
     assert np.all(evs.energy_j[:, 0] == 0.0)
-    assert float(tally.depleted) == 1.0
-    assert float(tally.left.sum()) == 0.0
-    assert float(tally.ev_seconds) == pytest.approx((gone + 1) * env.config.tick_s)
-    assert float(tally.soc_seconds) == 0.0
+    assert float(stats.depleted) == 1.0
+    assert float(stats.left.sum()) == 0.0
+    assert float(stats.ev_seconds) == pytest.approx((gone + 1) * env.config.tick_s)
+    assert float(stats.soc_seconds) == 0.0
 
 
 def test_blocks_its_lane_until_it_is_towed():
     """It keeps its lane, coasts as far as rolling resistance alone lets it from a walk, stands, and is towed."""
     env, params = quiet(depleted_blocks=1, tow_s=20.0)
-    states, tally = play(env, params, alone(env, params, 1, 2.0))
+    states, stats = play(env, params, alone(env, params, 1, 2.0))
     ev, dt = env.config.num_meds, env.config.tick_s
     x, speed, on_road = (getattr(states.vehicles, name)[:, ev] for name in ("x", "speed", "active"))
     assert np.all(states.vehicles.lane[on_road, ev] == 1)
@@ -114,7 +114,7 @@ def test_blocks_its_lane_until_it_is_towed():
     stood = on_road & (speed < 0.1)
     assert stood.sum() * dt == pytest.approx(20.0, abs=2 * dt)
     assert not on_road[-1]
-    assert float(tally.depleted) == 1.0
+    assert float(stats.depleted) == 1.0
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.5, 1.0, 2.0, 2.5, 3.0, 4.0, 6.0])
@@ -144,7 +144,7 @@ def test_a_depleted_ev_takes_no_exit(blocks, last_lane):
     assert int(before.vehicles.lane[ev]) == last_lane
     assert not state.vehicles.active[ev]
     assert number < (25 if blocks == 0 else 140)
-    assert (float(state.tally.depleted), float(state.tally.left.sum())) == (1.0, 0.0)
+    assert (float(state.stats.depleted), float(state.stats.left.sum())) == (1.0, 0.0)
 
 
 def test_a_booked_ev_that_runs_out_gives_its_slot_back():
@@ -152,10 +152,10 @@ def test_a_booked_ev_that_runs_out_gives_its_slot_back():
     env, params = quiet(depleted_blocks=1)
     state = scene(env, params, charging_slot=LEFT, ev_x=440.0, ev_lane=1)
     state = put(state, evs={"energy_j": (0, 1.0)})
-    states, tally = play(env, params, state, 40)
+    states, stats = play(env, params, state, 40)
     assert states.evs.is_depleted[:, 0].all()
     assert np.all(states.evs.med[:, 0] == NOT_BOOKED)
-    assert float(tally.evs_served) == 0.0
+    assert float(stats.evs_served) == 0.0
     last = jax.tree.map(lambda leaf: jnp.asarray(leaf[-1]), states)
     assert int(book(last, env.config, params).med[0]) == NOT_BOOKED
 
@@ -163,6 +163,6 @@ def test_a_booked_ev_that_runs_out_gives_its_slot_back():
 def test_a_depleted_ev_does_not_arrive():
     """An EV that coasts past the end counts as depleted, not as one that left."""
     env, params = quiet(depleted_blocks=1)
-    states, tally = play(env, params, alone(env, params, 1, 28.0, x=3900.0), 40)
+    states, stats = play(env, params, alone(env, params, 1, 28.0, x=3900.0), 40)
     assert not states.vehicles.active[-1, env.config.num_meds]
-    assert (float(tally.depleted), float(tally.left.sum()), float(tally.exit_soc)) == (1, 0, 0)
+    assert (float(stats.depleted), float(stats.left.sum()), float(stats.exit_soc)) == (1, 0, 0)

@@ -118,7 +118,7 @@ def test_cooldown_and_fleet_limit(reset, raw):
     for decision in range(25):
         allowed.append(bool(env.action_mask(state, params)[2]))
         _, state, _, _, _, info = raw(jax.random.key(decision), state, 2, params)
-        sent.append(float(info["tally"].meds_dispatched))
+        sent.append(float(info["step_stats"].meds_dispatched))
     assert list(np.flatnonzero(sent)) == [0, 5, 10] == list(np.flatnonzero(allowed))
     assert float(info["metrics"]["invalid_actions"]) == 22.0
     assert np.sum(np.asarray(state.meds.status) == AT_DEPOT) == 0
@@ -170,9 +170,9 @@ def test_arrivals_at_a_full_road_wait():
     # 6000 and 4 x 250 an hour ask for 117 a minute: all but a few of them wait.
     assert waiting[-1] > 80
     assert float(info["metrics"]["queue_vehicle_s"]) == pytest.approx(sum(waiting))
-    tally = state.tally
+    stats = state.stats
     rolling = (state.vehicles.active[env.config.ev_slots] & state.evs.is_depleted).sum()
-    on_road = tally.entered.sum() - tally.left.sum() - tally.depleted + rolling
+    on_road = stats.entered.sum() - stats.left.sum() - stats.depleted + rolling
     assert float(on_road) == int(state.vehicles.active.sum())
 
 
@@ -187,10 +187,10 @@ def test_coupling_can_be_replaced():
         def step(state, key):
             return env.step_env(key, state, 1, params)[1], None
 
-        run = jax.jit(lambda state, keys: jax.lax.scan(step, state, keys)[0].tally)
-        tally = run(state, jax.random.split(jax.random.key(3), 100))
-        assert float(tally.energy_sent_j) > 0.0
-        return float(tally.energy_received_j / tally.energy_sent_j)
+        run = jax.jit(lambda state, keys: jax.lax.scan(step, state, keys)[0].stats)
+        stats = run(state, jax.random.split(jax.random.key(3), 100))
+        assert float(stats.energy_sent_j) > 0.0
+        return float(stats.energy_received_j / stats.energy_sent_j)
 
     def lossless(geometry, link):
         return Coupled(jnp.ones_like(geometry.axial), jnp.full_like(geometry.axial, 10.0))

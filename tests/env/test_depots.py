@@ -56,8 +56,8 @@ def test_a_ramp_gets_meds_of_its_depot(road):
     assert allowed[0] == [True] * 4
     assert allowed[1] == [True, False, False, False]  # cooldown
     assert allowed[10] == [True, True, True, False]  # the second depot is empty
-    assert state.tally.meds_dispatched == 3.0
-    assert state.tally.invalid_actions == 1.0
+    assert state.stats.meds_dispatched == 3.0
+    assert state.stats.invalid_actions == 1.0
     assert state.meds.ramp[1] == 2
     assert (state.meds.status != AT_DEPOT).all()
     assert not env.action_mask(state, params)[1:].any()
@@ -71,7 +71,7 @@ def test_the_way_home_takes_its_time_and_its_energy(road, depot, middle):
     state = state.replace(meds=state.meds.replace(depot=state.meds.depot.at[0].set(depot)))
     left = None
     for number in range(1, 600):
-        driven = float(state.tally.med_driving_j)
+        driven = float(state.stats.med_driving_j)
         state = step(jax.random.key(number), state, 0, params)[1]
         status = int(state.meds.status[0])
         if left is None and status == RETIRED:
@@ -88,8 +88,8 @@ def test_the_way_home_takes_its_time_and_its_energy(road, depot, middle):
     away_s = TURNAROUND_S + way / RETURN_SPEED + (spent + home_j) / DEPOT_W
     # It leaves within a second, and is seen after the last one.
     assert abs(number - left - away_s - 1.0) <= 1.0
-    assert float(state.tally.med_driving_j) - driven == pytest.approx(home_j, rel=1e-3)
-    assert float(state.tally.depot_energy_j) == pytest.approx(spent + home_j, rel=1e-5)
+    assert float(state.stats.med_driving_j) - driven == pytest.approx(home_j, rel=1e-3)
+    assert float(state.stats.depot_energy_j) == pytest.approx(spent + home_j, rel=1e-5)
     assert float(state.meds.energy_j[0]) == float(params.med_capacity_j)
     assert state.meds.depot[0] == depot
     assert env.action_mask(state, params).all()

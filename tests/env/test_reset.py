@@ -25,7 +25,7 @@ def flow():
     def look(state):
         there = state.vehicles.active[env.config.ev_slots] & ~state.evs.is_depleted
         low = there & (state.evs.energy_j < 0.1 * params.ev_capacity_j)
-        return there.sum(), low.sum(), state.tally.charging_stops, state.tally.depleted
+        return there.sum(), low.sum(), state.stats.charging_stops, state.stats.depleted
 
     @jax.jit
     @jax.vmap

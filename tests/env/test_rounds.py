@@ -25,7 +25,7 @@ def test_a_decision_of_several_rounds_equals_several_decisions():
         tallies, seen = [], []
         for number, round_key in enumerate(jax.random.split(key, 3)):
             _, state, *_, info = one.step_env(round_key, state, 1 if number == 0 else 0, params)
-            tallies.append(info["tally"])
+            tallies.append(info["step_stats"])
             seen.append((info["begun"], info["ticks"]))
         return (
             state,
@@ -33,13 +33,13 @@ def test_a_decision_of_several_rounds_equals_several_decisions():
             jax.tree.map(lambda *each: jnp.concatenate(each), *seen),
         )
 
-    expected, tally, (begun, ticks) = jax.jit(apart)(state)
+    expected, stats, (begun, ticks) = jax.jit(apart)(state)
     _, after, *_, info = jax.jit(three.step_env)(key, state, 1, params)
     assert int(after.time) == 1
     both = ((each.vehicles, each.evs.replace(rest_j=0.0), each.queue) for each in (after, expected))
     chex.assert_trees_all_close(*both, rtol=1e-6, atol=1e-4)
-    assert float(jnp.sum(tally.entered)) > 3
-    chex.assert_trees_all_close(info["tally"], tally, rtol=1e-5, atol=1e-3)
+    assert float(jnp.sum(stats.entered)) > 3
+    chex.assert_trees_all_close(info["step_stats"], stats, rtol=1e-5, atol=1e-3)
     assert info["begun"].shape == (3, one.config.num_vehicles)
     chex.assert_trees_all_close((info["begun"], info["ticks"]), (begun, ticks), rtol=1e-6)
 
@@ -58,7 +58,7 @@ def test_rewards_do_not_depend_on_the_length_of_decisions():
 
         def decide(state, key):
             _, state, total, _, _, info = env.step_env(key, state, 1, params)
-            return state, (total, info["reward_terms"], info["tally"].entered)
+            return state, (total, info["reward_terms"], info["step_stats"].entered)
 
         keys = jax.random.split(jax.random.key(1), 15)
         return jax.tree.map(lambda each: each.sum(0), jax.lax.scan(decide, start, keys)[1])

@@ -87,9 +87,9 @@ def test_a_stop_is_made_and_counted(road, step):
     state = with_evs(state, env.config, x, 2.0)
     for number in range(60):
         state = step(number, state, 0)
-    assert float(state.tally.charging_stops) == 8.0
-    assert float(state.tally.left.sum()) == 8.0
-    assert float(state.tally.depleted) == 0.0
+    assert float(state.stats.charging_stops) == 8.0
+    assert float(state.stats.left.sum()) == 8.0
+    assert float(state.stats.depleted) == 0.0
 
 
 def test_a_missed_exit_is_counted_once_and_the_next_one_taken(road):
@@ -97,8 +97,8 @@ def test_a_missed_exit_is_counted_once_and_the_next_one_taken(road):
     env, params, state = road
     for x, at, then in ((5001.0, 5000.0, 10_000.0), (15_001.0, 15_000.0, 20_000.0)):
         before = with_evs(state, env.config, x, 20.0, destination=at)
-        after, tally = plan_trips(before, env.config, params)
-        assert float(tally.missed_exits) == 8.0
+        after, stats = plan_trips(before, env.config, params)
+        assert float(stats.missed_exits) == 8.0
         assert (after.vehicles.destination[env.config.ev_slots] == then).all()
         assert float(plan_trips(after, env.config, params)[1].missed_exits) == 0.0
 
@@ -147,4 +147,4 @@ def test_depots_give_back_what_meds_spent(road, step):
     # It left within the second of `left_at`, and is seen again after the one in which its time is over.
     assert -1.0 <= back_at - left_at - (60.0 + spent / DEPOT_W) - 1.0 <= 1.0
     assert float(state.meds.energy_j[0]) == full
-    assert float(state.tally.depot_energy_j) == pytest.approx(spent, rel=1e-5)
+    assert float(state.stats.depot_energy_j) == pytest.approx(spent, rel=1e-5)

@@ -25,7 +25,7 @@ def test_is_the_episode_that_evaluation_plays(recording):
 
 
 def test_entries_agree_with_the_tally(recording):
-    entered = by_class(recording.decisions.tally.entered.sum(axis=0))
+    entered = by_class(recording.decisions.stats.entered.sum(axis=0))
     first = recording.frames.active[0]
     config = recording.config
     on_road = [first[config.med_slots].sum(), first[config.ev_slots].sum()]

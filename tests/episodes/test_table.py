@@ -10,7 +10,7 @@ from medjax.world.params import CHARGING_SLOTS
 def test_one_row_per_vehicle_and_tick(recording, table):
     active = recording.frames.active
     rows = len(table["time_s"])
-    ticks = recording.decisions.tally.vehicle_ticks.sum()  # the environment's own count
+    ticks = recording.decisions.stats.vehicle_ticks.sum()  # the environment's own count
     assert rows == active.sum() == ticks + active[0].sum()
     times, counts = np.unique(table["time_s"], return_counts=True)
     present = active.sum(axis=1)
@@ -20,8 +20,8 @@ def test_one_row_per_vehicle_and_tick(recording, table):
 
 def test_an_id_belongs_to_one_vehicle_from_entry_to_exit(recording, table):
     ids = table["vehicle_id"].data
-    tally = recording.decisions.tally
-    assert len(np.unique(ids)) == recording.frames.active[0].sum() + tally.entered.sum()
+    stats = recording.decisions.stats
+    assert len(np.unique(ids)) == recording.frames.active[0].sum() + stats.entered.sum()
     for number in np.unique(ids):
         own = ids == number
         ticks = np.diff(table["time_s"].data[own])

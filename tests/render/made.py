@@ -33,7 +33,7 @@ def blank(frames, **overrides):
     arrays["med_status"][:] = AT_DEPOT
     mask = np.ones((decisions, env.num_actions), bool)
     zeros = np.zeros(decisions, np.float32)
-    tally = jax.tree.map(
+    stats = jax.tree.map(
         lambda leaf: np.zeros((decisions, *np.shape(leaf)), np.float32), EpisodeStats.zeros()
     )
     decided = Decisions(
@@ -43,7 +43,7 @@ def blank(frames, **overrides):
         probabilities=np.eye(env.num_actions, dtype=np.float32)[np.zeros(decisions, int)],
         reward=zeros,
         reward_terms=dict.fromkeys(params.reward_weights, zeros),
-        tally=tally,
+        stats=stats,
         queue=np.zeros((decisions, config.num_entries), np.int32),
         cooldown_s=zeros,
     )

@@ -108,7 +108,7 @@ def test_events_of_two_episodes_are_complete_and_name_their_policy(pages, two, r
     assert kinds.count("sent") == sum(int((each.decisions.sent > 0).sum()) for each in both)
     assert kinds.count("charge") == charged > 0
     # One that ran out at the end still coasts.
-    assert kinds.count("out") <= sum(int(each.decisions.tally.depleted.sum()) for each in both)
+    assert kinds.count("out") <= sum(int(each.decisions.stats.depleted.sum()) for each in both)
     texts = page.locator("#event-list button").all_text_contents()
     assert [text.split(",")[0] for text in texts] == [("periodic", "none")[each] for each in whose]
 

@@ -139,7 +139,7 @@ def test_any_empty_road(browser, tmp_path, road):
 def test_the_page_opens_before_the_first_charge_with_story_and_verdict(browser, judged, recording):
     charging = np.asarray(recording.frames.ev_is_charging).any(axis=1)
     first = np.flatnonzero(charging)[0] * recording.config.tick_s
-    ran_out = int(np.sum(recording.decisions.tally.depleted))
+    ran_out = int(np.sum(recording.decisions.stats.depleted))
     with opened(browser, judged) as page:
         assert "fewer crosses is better" in page.inner_text("#story")
         assert 0.0 <= first - seconds(page) <= 5.0

@@ -80,10 +80,10 @@ def test_the_page_holds_the_recording(recording):
 
 def test_charts_end_at_the_totals_of_the_episode(recording):
     charts = {chart.title: chart.values for chart in charts_of(recording)}
-    tally, decisions = recording.decisions.tally, recording.decisions
-    assert charts["EVs that ran out"][0, -1] == tally.depleted.sum()
+    stats, decisions = recording.decisions.stats, recording.decisions
+    assert charts["EVs that ran out"][0, -1] == stats.depleted.sum()
     assert charts["Return so far"][0, -1] == pytest.approx(decisions.reward.sum(), rel=1e-5)
-    sent = tally.energy_sent_j.sum() / 3.6e6
+    sent = stats.energy_sent_j.sum() / 3.6e6
     assert charts["Energy through the coils"][:, -1].sum() == pytest.approx(sent, rel=1e-5)
     assert sent > 0
     evs, last = recording.config.ev_slots, recording.frames

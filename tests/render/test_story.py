@@ -54,7 +54,7 @@ def test_verdict_covers_the_whole_episode(recording, other):
     assert rows["MEDs sent"][0] == (np.asarray(recording.decisions.sent) > 0).sum()
     assert rows["return"][0] == np.sum(recording.decisions.reward, dtype=np.float64)
     assert rows["kWh received"][0] > 0.0
-    step_stats = jax.tree.map(lambda each: np.sum(each, axis=0), recording.decisions.tally)
+    step_stats = jax.tree.map(lambda each: np.sum(each, axis=0), recording.decisions.stats)
     outcome = Outcome(before=None, after=None, step_stats=step_stats, params=None, config=None)
     paid = -sum(PRICES[name].default * float(term(outcome)) for name, term in MONEY.items())
     assert rows["cost, EUR"][0] == pytest.approx(paid, rel=1e-5)
@@ -63,7 +63,7 @@ def test_verdict_covers_the_whole_episode(recording, other):
 
 def test_the_ending_compares_with_the_mean_of_many_episodes(recording, other):
     entry = {**dict.fromkeys(NAMES, 2.0), "return_ci95": [0.0, 1.0]}
-    crosses = int(np.sum(recording.decisions.tally.depleted))
+    crosses = int(np.sum(recording.decisions.stats.depleted))
     assert ending([recording], None) == (
         f"{crosses} EVs run out in this episode (one is luck as much as skill)"
     )

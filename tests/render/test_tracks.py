@@ -18,7 +18,7 @@ def test_tracks_are_those_of_the_tally(recording):
     config = recording.config
     slices = (config.med_slots, config.ev_slots, config.gas_slots)
     at_start = [active[0, slots].sum() for slots in slices]
-    entered = by_class(recording.decisions.tally.entered.sum(axis=0)) + at_start
+    entered = by_class(recording.decisions.stats.entered.sum(axis=0)) + at_start
     numbers = [[t.number for t in tracks if t.kind == kind] for kind in ("MED", "EV", "gas")]
     assert [len(n) for n in numbers] == list(entered)
     assert all(sorted(n) == list(range(1, len(n) + 1)) for n in numbers)
@@ -27,7 +27,7 @@ def test_tracks_are_those_of_the_tally(recording):
         covered[track.first : track.last + 1, track.slot] += 1
     np.testing.assert_array_equal(covered, active)
     stops = ran_out(recording)
-    assert len(stops) == recording.decisions.tally.depleted.sum() > 0
+    assert len(stops) == recording.decisions.stats.depleted.sum() > 0
     assert all(0.0 <= stop.x_m <= 4000.0 for stop in stops)
 
 

@@ -25,14 +25,14 @@ def test_queues_take_what_arrives(asked, blank):
     @jax.jit
     @jax.vmap
     def one(key):
-        after, _, tally = admit(redraw(key, waiting), jnp.int32(0), env.config, params)
+        after, _, stats = admit(redraw(key, waiting), jnp.int32(0), env.config, params)
         new = after.vehicles.active & ~waiting.vehicles.active
         where = entries(params.road, env.config.num_lanes)
         here = (after.vehicles.x == where.x[:, None]) & (after.vehicles.lane == where.lane[:, None])
         came = jnp.sum(new & here, axis=1)
-        return after.queue, came, tally.entered, new.sum(), after.entered_here
+        return after.queue, came, stats.entered, new.sum(), after.entered_here
 
-    queue, came, tally, new, counted = jax.tree.map(
+    queue, came, stats, new, counted = jax.tree.map(
         np.asarray, one(jax.random.split(jax.random.key(2), rounds))
     )
     arrived = queue + came - np.asarray(waiting.queue)
@@ -40,11 +40,11 @@ def test_queues_take_what_arrives(asked, blank):
     assert came.max() == 1
     assert not came[:, [1, 4]].any()  # a rear bumper over the entry, and one 5 m ahead of it
     np.testing.assert_array_equal(came.sum(axis=1), new)
-    np.testing.assert_array_equal(tally.sum(axis=1), new)
+    np.testing.assert_array_equal(stats.sum(axis=1), new)
     rate = np.array([700.0] * 4 + [300.0] * 4) / 3600
     assert (np.abs(arrived.mean(axis=0) - rate) < 4 * np.sqrt(rate / rounds)).all()
     np.testing.assert_array_equal(counted, came)
-    evs = by_class(tally)[:, 1].sum() / came.sum()
+    evs = by_class(stats)[:, 1].sum() / came.sum()
     assert evs == pytest.approx(0.3, abs=4 * np.sqrt(0.21 / came.sum()))
 
 
@@ -57,7 +57,7 @@ def test_a_class_short_of_slots_keeps_its_share(scarce):
     @jax.vmap
     def play(key):
         _, state = env.reset(key, params)
-        begun = state.tally.entered
+        begun = state.stats.entered
 
         def decide(state, step_key):
             return env.step_env(step_key, state, 0, params)[1], None
@@ -66,7 +66,7 @@ def test_a_class_short_of_slots_keeps_its_share(scarce):
         entry = jnp.arange(env.config.num_entries)
         is_ev = draw_traits(state.arrivals, entry, state.entered_here).is_ev < 0.3
         at_front = jnp.stack([is_ev, ~is_ev]) & (state.queue > 0)
-        came = by_class(state.tally.entered - begun)[1:] + at_front.sum(axis=1)
+        came = by_class(state.stats.entered - begun)[1:] + at_front.sum(axis=1)
         return came, state.queue.sum()
 
     came, waiting = jax.tree.map(np.asarray, play(jax.random.split(jax.random.key(5), 24)))

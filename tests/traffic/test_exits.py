@@ -109,19 +109,19 @@ def played(road):
             return state, (jax.tree.map(jnp.ravel, info["begun"]), info["ticks"])  # of one round
 
         state, seen = jax.lax.scan(decide, start, jax.random.split(key, 200))
-        return state.tally, seen
+        return state.stats, seen
 
     return jax.device_get(play(jax.random.split(jax.random.key(1), 6)))
 
 
 def test_exits_are_not_missed_and_nobody_collides(played):
     """Under 1 % at 650 vehicles an hour and lane; all that entered are on the road, have left, or ran out."""
-    tally, (_, ticks) = played
-    exits = (tally.left.sum(), tally.missed_exits.sum())
+    stats, (_, ticks) = played
+    exits = (stats.left.sum(), stats.missed_exits.sum())
     assert exits[1] < 0.01 * exits[0]
-    assert tally.collisions.sum() == 0
+    assert stats.collisions.sum() == 0
     there = ticks.active[:, -1, -1].sum(axis=1)
-    np.testing.assert_array_equal(tally.entered.sum(1) - tally.left.sum(1) - tally.depleted, there)
+    np.testing.assert_array_equal(stats.entered.sum(1) - stats.left.sum(1) - stats.depleted, there)
 
 
 def test_entering_vehicles_are_bound_as_the_demand_says(road, played):

@@ -89,7 +89,7 @@ def test_followers_brake_comfortably(merges):
 
 def test_nobody_collides(records, states):
     """By the tally, and by the gaps of all ticks."""
-    assert not states.tally.collisions.any()
+    assert not states.stats.collisions.any()
     assert min(road.gaps().min() for road in records) > 0.0
 
 

@@ -95,7 +95,7 @@ def test_plays_as_the_network_it_came_from(exported):
     there, numbers = policy.make()
     decisions = record_episode(there, numbers, policy.policy(there), seed=5, episode=1).decisions
     assert decisions.reward.sum() == pytest.approx(scores["learned"]["return"][1], rel=1e-4)
-    assert decisions.tally.meds_dispatched.sum() == scores["learned"]["meds_dispatched"][1] > 0
+    assert decisions.stats.meds_dispatched.sum() == scores["learned"]["meds_dispatched"][1] > 0
     assert (np.nonzero(decisions.sent)[0] % 4 == 0).all()
     np.testing.assert_allclose(decisions.probabilities.sum(axis=1), 1.0, atol=1e-5)
 

@@ -146,7 +146,7 @@ def test_vehicles_that_enter_follow_the_factor():
 
         _, state = wrapped.reset(key, params)
         state, _ = jax.lax.scan(step, state, jax.random.split(key, decisions))
-        return state.factor, jnp.sum(state.env.tally.entered)
+        return state.factor, jnp.sum(state.env.stats.entered)
 
     with quickly():
         factor, count = jax.device_get(entered(jax.random.split(jax.random.key(1), episodes)))

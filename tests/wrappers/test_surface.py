@@ -132,11 +132,11 @@ def check_recording(recording, score, steps):
     assert recording.decisions.action.shape == (steps,)
     assert recording.decision_frames[-1] == ticks
     assert recording.decisions.reward.sum() == pytest.approx(score["return"][1], rel=1e-4)
-    tally = recording.decisions.tally
-    assert tally.meds_dispatched.sum() == score["meds_dispatched"][1]
+    stats = recording.decisions.stats
+    assert stats.meds_dispatched.sum() == score["meds_dispatched"][1]
     rows = len(vehicle_table(recording)["time_s"])
     assert rows == recording.frames.active.sum() > 0
-    assert rows == tally.vehicle_ticks.sum() + recording.frames.active[0].sum()
+    assert rows == stats.vehicle_ticks.sum() + recording.frames.active[0].sum()
 
 
 def check_gymnasium(env, params, steps):

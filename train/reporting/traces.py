@@ -109,7 +109,7 @@ def _recorder(
             """One decision, number () int32, of all episodes: (episodes, what a trace holds of it)."""
             after, made = runner.decide(episodes, number, weights, params)
             made = made.of_dispatcher(config.num_actions)
-            step_stats = made.info["tally"]
+            step_stats = made.info["step_stats"]
             sent = jnp.where(step_stats.meds_dispatched > 0.0, made.action, 0)
             seen = jax.tree.map(lambda ticks: ticks[:, ends], made.info["ticks"])
             need = jax.vmap(need_at)(episodes.state)

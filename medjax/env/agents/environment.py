@@ -109,13 +109,13 @@ class AgentsEnv(Wrapper):
         ordered, action = give_orders(state, parts, self.actions, self.env.config, params)
         told = _told(state, ordered, self.env.config.decision_s)
         told = told.replace(invalid_actions=wrong.astype(jnp.float32))
-        ordered = ordered.replace(tally=ordered.tally + told)
+        ordered = ordered.replace(stats=ordered.stats + told)
         _, after, reward, *ends, info = self.env.step_env(key, ordered, action, params)
         rewards = jnp.broadcast_to(reward, (self.num_agents,))
         if self.credit == "own":
             rewards = self._own(state, after, params)
         info |= {"rewards": rewards, "action_mask": self.action_mask(after, params)}
-        info["metrics"] = info["metrics"] | agents_metrics(after.tally)
+        info["metrics"] = info["metrics"] | agents_metrics(after.stats)
         return self.get_obs(after, params), after, reward, *ends, info
 
     def _own(self, before: EnvState, after: EnvState, params: EnvParams) -> jax.Array:
@@ -145,16 +145,16 @@ class AgentsEnv(Wrapper):
         return ROAD(state, self.env.config, params)
 
 
-def agents_metrics(tally: EpisodeStats) -> dict[str, jax.Array]:
+def agents_metrics(stats: EpisodeStats) -> dict[str, jax.Array]:
     """Metrics of the agents' decisions since reset, float32 scalars by name; means are over the MEDs' time in service.
 
     told_speed is in m/s; refusing_share is of time; left_early counts MEDs that chose to leave at an earlier exit.
     """
-    seconds = jnp.maximum(tally.told_seconds, 1.0)
+    seconds = jnp.maximum(stats.told_seconds, 1.0)
     return {
-        "told_speed": tally.told_speed_m / seconds,
-        "refusing_share": tally.refusing_seconds / seconds,
-        "left_early": tally.left_early,
+        "told_speed": stats.told_speed_m / seconds,
+        "refusing_share": stats.refusing_seconds / seconds,
+        "left_early": stats.left_early,
     }
 
 

@@ -54,7 +54,7 @@ def still():
     meds = meds.replace(status=meds.status.at[0].set(IN_SERVICE))
     entered = jnp.zeros((len(KINDS),)).at[vehicles.kind[slots]].add(1.0)
     state = state.replace(vehicles=vehicles, evs=evs, meds=meds, queue=jnp.zeros_like(state.queue))
-    return state.replace(tally=EpisodeStats.zeros().replace(entered=entered)), env.config, params
+    return state.replace(stats=EpisodeStats.zeros().replace(entered=entered)), env.config, params
 
 
 @functools.cache
@@ -219,11 +219,11 @@ def closing(still):
 
     nothing = jax.tree.map(jnp.zeros_like, books())
 
-    def violations(after=None, obs=0.0, reward=0.0, terms=None, tally=None, share=0.5):
-        tally = EpisodeStats.zeros().replace(**tally or {})
-        after = after or state.replace(tally=state.tally + tally)
+    def violations(after=None, obs=0.0, reward=0.0, terms=None, stats=None, share=0.5):
+        stats = EpisodeStats.zeros().replace(**stats or {})
+        after = after or state.replace(stats=state.stats + stats)
         terms = dict.fromkeys(params.reward_weights, jnp.zeros(())) | (terms or {})
-        info = {"tally": tally, "reward_terms": terms, "metrics": dict.fromkeys(SHARES, share)}
+        info = {"step_stats": stats, "reward_terms": terms, "metrics": dict.fromkeys(SHARES, share)}
         decision = Decision(state, after, jnp.float32(obs), jnp.float32(reward), info)
         return violated(check_closing, state, decision, nothing, config, params)
 
@@ -238,7 +238,7 @@ def test_wrong_results_of_a_decision_are_found(still, closing):
     assert closing(reward=0.1) == {"reward": 1}
     assert closing(reward=0.1, terms={"soc": jnp.float32(0.1)}) == {"reward": 1}
     assert closing(share=jnp.float32(1.001)) == {"tally": len(SHARES)}
-    lost = state.replace(tally=state.tally.replace(entered=state.tally.entered.at[GAS].add(1.0)))
+    lost = state.replace(stats=state.stats.replace(entered=state.stats.entered.at[GAS].add(1.0)))
     assert closing(after=lost) == {"vehicles": 1, "tally": 1}
     assert closing(after=set_at(state, "vehicles.speed", 0, 1.0)) == {"motion": 1}
     assert closing(after=set_at(state, "meds.energy_j", 1, 1.0)) == {"energy": 1}
@@ -251,7 +251,7 @@ UNBOOKED = "queue_seconds invalid_actions told_seconds told_speed_m refusing_sec
 def test_each_wrong_number_of_the_tally_is_found(closing):
     """Of every number but UNBOOKED."""
     for name in EpisodeStats.__dataclass_fields__.keys() - {*UNBOOKED.split()}:
-        found = closing(tally={name: getattr(EpisodeStats.zeros(), name) + 20.0})
+        found = closing(stats={name: getattr(EpisodeStats.zeros(), name) + 20.0})
         assert found.pop("energy" if name.endswith("_j") else "tally") >= 1, name
         # Vehicles that came, left or ran out are then missing.
         assert set(found) <= ({"vehicles"} if name in ("entered", "left", "depleted") else set())

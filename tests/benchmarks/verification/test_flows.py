@@ -33,9 +33,9 @@ def test_energy_that_no_battery_took_is_found():
         return Decision(before, after, obs, reward, info), formula
 
     decision, (driven, cruised) = play()
-    tally, check = decision.info["tally"], jax.jit(check_decision, static_argnums=1)
+    stats, check = decision.info["step_stats"], jax.jit(check_decision, static_argnums=1)
     assert not check(decision, config, params).any()
-    assert float(driven) < -1e4 < float(tally.ev_driving_j)
-    for wrong in (tally.replace(ev_driving_j=driven), tally.replace(ev_cruising_j=cruised)):
-        paid = decision._replace(info=decision.info | {"tally": wrong})
+    assert float(driven) < -1e4 < float(stats.ev_driving_j)
+    for wrong in (stats.replace(ev_driving_j=driven), stats.replace(ev_cruising_j=cruised)):
+        paid = decision._replace(info=decision.info | {"step_stats": wrong})
         assert check(paid, config, params)[[*INVARIANTS].index("energy")] == 1

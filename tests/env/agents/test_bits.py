@@ -33,7 +33,7 @@ def test_the_dispatcher_is_a_special_case(trips):
         _, ours, *_, info = trips.step(key, ours, actions, trips.params)
         _, theirs, reward, *_ = alone(key, theirs, jnp.int32(ramp), trips.params)
         none = {name: jnp.zeros(()) for name in TOLD}
-        road = ours.replace(tally=ours.tally.replace(**none))
+        road = ours.replace(stats=ours.stats.replace(**none))
         jax.tree.map(np.testing.assert_array_equal, road, theirs)
         np.testing.assert_array_equal(info["rewards"], np.full(4, reward))
     assert (ours.meds.status != AT_DEPOT).any()

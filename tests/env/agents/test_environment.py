@@ -65,7 +65,7 @@ def test_a_med_changes_its_lane(trips):
     state = go_on(state, 3)
     still &= np.asarray(state.meds.status == IN_SERVICE)
     assert (np.asarray(state.vehicles.lane[:4])[still] == 2).all()
-    assert float(state.tally.collisions) == 0.0
+    assert float(state.stats.collisions) == 0.0
 
 
 def test_a_med_that_refuses_gets_no_booking(trips, busy):
@@ -110,7 +110,7 @@ def test_what_is_not_allowed_counts_as_the_rule(trips, busy):
     key, params = jax.random.key(5), trips.params
     _, state, *_ = trips.step(key, busy, jnp.asarray(wrong), params)
     _, usual, *_ = trips.step(key, busy, jnp.zeros(4, jnp.int32), params)
-    count = float(state.tally.invalid_actions - usual.tally.invalid_actions)
+    count = float(state.stats.invalid_actions - usual.stats.invalid_actions)
     assert count == (wrong != 0).sum() > 1
     np.testing.assert_array_equal(state.vehicles.x, usual.vehicles.x)
 
@@ -118,7 +118,7 @@ def test_what_is_not_allowed_counts_as_the_rule(trips, busy):
     absurd = rule._replace(speed=rule.speed.at[0].set(99), accept=rule.accept.at[1].set(-1))
     parts = jax.jit(trips.env.step_parts)
     _, state, *_ = parts(key, busy, absurd, params)
-    assert float(state.tally.invalid_actions - usual.tally.invalid_actions) == 2.0
+    assert float(state.stats.invalid_actions - usual.stats.invalid_actions) == 2.0
     np.testing.assert_array_equal(state.vehicles.x, usual.vehicles.x)
 
 
@@ -142,7 +142,7 @@ def test_own_reward_by_hand(trips, busy):
 def test_metrics_of_what_agents_were_told_by_hand(trips, busy):
     """Two decisions at other speeds, refusing in the second: means over MEDs in service, as a loop counts them."""
     seconds = metres = refusing = 0.0
-    state = busy.replace(tally=EpisodeStats.zeros())
+    state = busy.replace(stats=EpisodeStats.zeros())
     speeds = np.asarray(trips.actions.speeds)
     for number, (speed, accept) in enumerate([(0, 1), (2, 0)]):
         serves = int((state.meds.status == IN_SERVICE).sum())
@@ -158,12 +158,12 @@ def test_metrics_of_what_agents_were_told_by_hand(trips, busy):
     # Who is bound for the end makes for an exit before it, once.
     bound = busy.vehicles.destination.at[:4].set(trips.params.road.length_m)
     bound = busy.replace(
-        tally=EpisodeStats.zeros(), vehicles=busy.vehicles.replace(destination=bound)
+        stats=EpisodeStats.zeros(), vehicles=busy.vehicles.replace(destination=bound)
     )
     leaving = play(trips, bound, 2, leave=1)
     changed = np.asarray(leaving.vehicles.destination != bound.vehicles.destination)[:4]
     stays = np.asarray(leaving.meds.status == IN_SERVICE)
-    assert float(leaving.tally.left_early) == (changed & stays).sum() > 0
+    assert float(leaving.stats.left_early) == (changed & stays).sum() > 0
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -83,7 +83,7 @@ def test_a_recording_shows_what_agents_do(trips):
     assert serves.any()
     np.testing.assert_array_equal(frames.med_service_speed[at[1:]][serves], np.float32(slowest))
     assert not frames.med_accepts[at[1:]][serves].any()
-    np.testing.assert_array_equal(made.sent > 0, made.tally.meds_dispatched > 0)
+    np.testing.assert_array_equal(made.sent > 0, made.stats.meds_dispatched > 0)
     np.testing.assert_array_equal(made.sent, np.where(made.sent > 0, made.action, 0))
     assert made.mask.shape == made.probabilities.shape == (60, 3)
     np.testing.assert_allclose(made.probabilities.sum(axis=1), 1.0)

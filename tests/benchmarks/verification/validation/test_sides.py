@@ -101,19 +101,19 @@ def test_medjaxs_rows_agree_with_its_tally():
     playing = start(episode_keys(0, 1), params)
     begun = int(playing.state.vehicles.active.sum())
     playing, ticks = minute(playing, jnp.int32(0), params)
-    tally = jax.tree.map(lambda leaf: np.asarray(leaf)[0], playing.state.tally)
+    stats = jax.tree.map(lambda leaf: np.asarray(leaf)[0], playing.state.stats)
     slots = {name: np.asarray(ticks[name]).reshape(240, -1) for name in SEEN}
     lengths = np.asarray(params.drivers.vehicle_length)
     seen = of_slots(slots, Road.of(env.config, params), env.config.tick_s, lengths)
     found = find(seen, 30.0)
-    assert len(np.unique(seen.vehicle)) == tally.entered.sum() > begun
-    assert found.collisions == found.in_one_place == tally.collisions == 0
-    assert 0 <= tally.left.sum() - found.left <= 3
+    assert len(np.unique(seen.vehicle)) == stats.entered.sum() > begun
+    assert found.collisions == found.in_one_place == stats.collisions == 0
+    assert 0 <= stats.left.sum() - found.left <= 3
     changes = found.changed.changes + len(found.merged.speed)
-    assert 0 <= tally.lane_changes - changes <= 3
+    assert 0 <= stats.lane_changes - changes <= 3
     assert changes > 50
     distance = np.diff(seen.x)[seen.goes_on].sum()
-    assert distance == pytest.approx(tally.gas_distance_m[0], rel=0.01)
+    assert distance == pytest.approx(stats.gas_distance_m[0], rel=0.01)
 
 
 def test_the_command_measures_both_and_writes_what_it_prints(tmp_path, capsys):
