@@ -18,16 +18,21 @@ import pytest
 from hypothesis import settings
 
 # Before these modules are imported: each call checks its arguments and results against the shapes of its annotations.
-SHAPED = ["physics", *(f"traffic.{name}" for name in ("idm", "mobil", "motion", "neighbours"))]
-jaxtyping.install_import_hook([f"medjax.{name}" for name in SHAPED], "beartype.beartype")
+# `coil_table` has a pytree, which JAX also makes of other leaves.
+SHAPED = {
+    "physics": ("circuit", "coil", "driving_energy", "elliptic"),
+    "traffic": ("idm", "mobil", "motion", "neighbours"),
+}
+modules = [f"medjax.{room}.{name}" for room, names in SHAPED.items() for name in names]
+jaxtyping.install_import_hook(modules, "beartype.beartype")
 
 import medjax
 from tests.compiling import quickly
 from tests.refusals import AcceptedError
 from tests.render.browser import chromium_program
 
-# Two devices on any machine, among which training shares its environments. JAX starts here, so that XLA's options do not
-# depend on which test runs first: `prepare_cpu` sets some, which only the commands that tests start then take over.
+# Two devices on any machine, among which training shares its environments. JAX starts here, so that XLA's options do
+# not depend on which test runs first: `prepare_cpu` sets some, which only the commands that tests start take over.
 jax.config.update("jax_num_cpu_devices", 2)
 jax.devices()
 
