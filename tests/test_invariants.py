@@ -65,6 +65,14 @@ def test_five_million_updates_in_random_worlds(config, updates):
     assert_sound(case(config), updates)
 
 
+def test_what_is_played_is_worth_checking():
+    """Vehicles enter, change lanes, leave, miss exits, charge and run out; MEDs are sent."""
+    stats = case(MOST).play(0).state.stats
+    happened = ("entered", "left", "lane_changes", "meds_dispatched", "evs_served", "depleted")
+    counts = {name: float(getattr(stats, name).sum()) for name in (*happened, "missed_exits")}
+    assert min(counts.values()) > 20, counts
+
+
 @pytest.mark.slow
 def test_a_million_updates_of_the_largest_sizes():
     """All sizes at their limits, and as many gas vehicles as the limit of slots leaves."""
