@@ -18,13 +18,9 @@ import pytest
 from hypothesis import settings
 
 # Before these modules are imported: each call checks its arguments and results against the shapes of its annotations.
-# `coil_table` has a pytree, which JAX also makes of other leaves.
-SHAPED = {
-    "physics": ("circuit", "coil", "driving_energy", "elliptic"),
-    "traffic": ("idm", "mobil", "motion", "neighbours"),
-}
-modules = [f"medjax.{room}.{name}" for room, names in SHAPED.items() for name in names]
-jaxtyping.install_import_hook(modules, "beartype.beartype")
+SHAPED = ["physics", *(f"traffic.{name}" for name in ("idm", "mobil", "motion", "neighbours"))]
+modules = [f"medjax.{name}" for name in SHAPED]
+jaxtyping.install_import_hook(modules, "tests.shape_checker.shapes_only")
 
 import medjax
 from tests.compiling import quickly

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 import medjax
-from benchmarks.verification.invariants import check_standing, count, not_finite
+from benchmarks.verification.invariants import (
+    INVARIANTS,
+    check_standing,
+    count,
+    not_finite,
+)
 from medjax.traffic import find_neighbours, sort_by_road
 from medjax.traffic.demand import expected_vehicles
 from medjax.traffic.road import NOWHERE
@@ -65,7 +70,8 @@ def play(env, params, policy, decisions):
         lost = by_class(stats.entered - stats.left) - on_road
         lost -= jnp.array([0.0, 1.0, 0.0]) * (stats.depleted - rolling)
         results = {"finite": not_finite((obs, reward))}
-        wrong = count(check_standing(state, config, params), results)
+        found = count(check_standing(state, config, params), results)
+        wrong = dict(zip(INVARIANTS, found, strict=True))
         wrong |= {"collisions": info["step_stats"].collisions, "lost": jnp.abs(lost).sum()}
         charging_x = jnp.where(state.evs.is_charging, v.x[config.ev_slots], -1.0)
         return state, (wrong, charging_x, on_road)

@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import struct
-from medjax.env.agents.orders import allowed_parts, give_orders
 
 import medjax
 from benchmarks.verification.decisions import Decision, check_decision
@@ -25,7 +24,7 @@ from benchmarks.verification.invariants import (
     stands_open,
 )
 from benchmarks.verification.random_worlds import draw_config, draw_params, validated
-from medjax.env.agents.actions import AgentActions, Parts
+from medjax.env.agents.actions import AgentActions, Parts, allowed_parts, give_orders
 from medjax.env.charging_env import ChargingEnv
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState

@@ -25,7 +25,7 @@ BAD = [
     ("", "--out"),
     ("--policy best --out a.html", "unknown policy 'best': allowed none, slow, random"),
     ("--compare best --out a.html", "unknown compare 'best': allowed none, slow, random"),
-    ("--compare forecast --out a.html", "allowed another one"),
+    ("--compare forecast --out a.html", "allowed another policy"),
     ("--compare none --out a.mp4", "--compare with a.mp4: allowed with a file that ends in .html"),
     ("--scenario mars --out a.html", "unknown scenario 'mars': allowed paper"),
     ("--run-dir nowhere --out a.html", "allowed one that train.ppo wrote"),

@@ -110,12 +110,13 @@ def test_resolution_is_what_the_docstring_says():
     """4 km and 256 slots resolve 0.48 mm: nearer vehicles go by slot, others by position."""
     slots, resolution = 256, LENGTH_M / 2**23
     assert resolution == pytest.approx(0.48e-3, rel=0.01)
-    active = np.arange(slots) < 3
+    active = jnp.arange(slots) < 3
 
     def order(first, second, third):
         x = np.zeros(slots, np.float32)
         x[:3] = np.array([first, second, third]) * resolution
-        return list(np.asarray(sort_by_road(x, active, LENGTH_M, np.arange(slots)))[:3])
+        order = sort_by_road(jnp.asarray(x), active, LENGTH_M, jnp.arange(slots))
+        return list(np.asarray(order)[:3])
 
     assert order(100.75, 100.25, 99.5) == [2, 0, 1]  # 0 and 1 share a step; 2 does not
     rng = np.random.default_rng(0)
@@ -126,7 +127,7 @@ def test_resolution_is_what_the_docstring_says():
 
 def test_past_the_end_sorts_last_but_before_the_inactive():
     """A vehicle that has just run over the end is the foremost one."""
-    x = np.array([4009.0, 0.0, 4000.0, 3999.0, 5.0], np.float32)
-    active = np.array([True, True, True, True, False])
-    order = sort_by_road(x, active, LENGTH_M, np.arange(5))
+    x = jnp.array([4009.0, 0.0, 4000.0, 3999.0, 5.0])
+    active = jnp.array([True, True, True, True, False])
+    order = sort_by_road(x, active, LENGTH_M, jnp.arange(5))
     np.testing.assert_array_equal(order, [1, 3, 2, 0, 4])

@@ -65,7 +65,7 @@ def test_a_custom_environment(probe, config, capsys):
     ):
         refused(capsys, argv, "given from Python", "train.api", command=command)
     saved = load_policy("mine/policy.zip")
-    with pytest.raises(InputError, match="somebody's own"):
+    with pytest.raises(InputError, match="trained in a custom environment: allowed that one"):
         saved.make()
     played = evaluate(OWN, ProbeParams(), {"saved": saved, "ours": ours.policy}, episodes=3)
     np.testing.assert_array_equal(*(scores["return"] for scores in played.scores.values()))

@@ -126,16 +126,16 @@ def test_an_environment_that_no_file_can_rebuild_is_refused(exported):
     assert again.config == env.config
     chex.assert_trees_all_equal(numbers, params)
     cases = [
-        (env, params.replace(battery_scale=params.battery_scale + 1.0), "which numbers of paper"),
-        (ChargingEnv(env.config, observation=env.observation), params, "what charging is"),
-        (RandomDemand(env, 0.5, 1.5), params, "what paper is"),
-        (*medjax.make("paper", reward={"mine": lambda outcome: 0.0}), "what the reward"),
-        (*medjax.make("paper", observation=FlatObservation()), "what the observation"),
-        (*medjax.make("paper", following=IDM(exponent=2.0)), "what the following"),
-        (*medjax.make("paper", coupling=COUPLINGS["paper"]), "what the coupling"),
+        (env, params.replace(battery_scale=params.battery_scale + 1.0), "changed numbers of paper"),
+        (ChargingEnv(env.config, observation=env.observation), params, "charging"),
+        (RandomDemand(env, 0.5, 1.5), params, "paper"),
+        (*medjax.make("paper", reward={"mine": lambda outcome: 0.0}), "a custom reward"),
+        (*medjax.make("paper", observation=FlatObservation()), "a custom observation"),
+        (*medjax.make("paper", following=IDM(exponent=2.0)), "a custom following"),
+        (*medjax.make("paper", coupling=COUPLINGS["paper"]), "a custom coupling"),
     ]
     for world, given, says in cases:
-        with pytest.raises(InputError, match=f"{says}.*allowed: an environment") as refusal:
+        with pytest.raises(InputError, match=f"describe {says}: allowed an environment") as refusal:
             about_of(world, given, 4)
         assert "\n" not in str(refusal.value)
 
