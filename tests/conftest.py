@@ -17,6 +17,8 @@ import jaxtyping
 import pytest
 from hypothesis import settings
 
+import tests.shape_checker  # noqa: F401, jaxtyping finds it by its name and imports only `tests`
+
 # Before these modules are imported: each call checks its arguments and results against the shapes of its annotations.
 SHAPED = ["physics", *(f"traffic.{name}" for name in ("idm", "mobil", "motion", "neighbours"))]
 modules = [f"medjax.{name}" for name in SHAPED]

@@ -166,6 +166,7 @@ RAW = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("argv", RAW, ids=lambda argv: ascii(argv)[1:40])
 def test_bad_input_of_a_process(argv, work):
     """In a real process, with bytes that are not UTF-8."""

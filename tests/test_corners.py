@@ -92,6 +92,7 @@ def test_nobody_starts_faster_than_tyres_can_brake(headway):
     assert closing > 100
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("observation", ["flat", "profile"])
 def test_a_road_may_be_for_evs_only(observation):
     """Without slots for gas vehicles these wait outside, EVs come and go, and every number is finite."""

@@ -39,6 +39,7 @@ def run(code):
     exec(compile(code, "example", "exec"), {"__name__": "example"})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", sorted(EXAMPLES.keys() - {OWN_REWARD, *TRAINING}))
 def test_example_runs(name, tmp_path, monkeypatch, capsys):
     """Runs as printed, in a directory of its own, and prints no NaN; the remaining examples run below."""
@@ -89,6 +90,7 @@ def test_links_and_named_files_exist(page):
         assert list((ROOT / "tests").rglob(name)), name
 
 
+@pytest.mark.thorough
 def test_custom_reward_example_adds_its_term(capsys):
     """The example's term appears in the reward with its weight."""
     run(EXAMPLES[OWN_REWARD])

@@ -30,6 +30,7 @@ def floats(params):
 SLOW = pytest.param("exits and all", marks=pytest.mark.slow)  # for its compiling
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("world", ["charging", SLOW])
 def test_reverse_mode_is_finite_and_as_forward_mode(world):
     """Two decisions on a road in traffic: no derivative is NaN, and both modes agree in any direction."""

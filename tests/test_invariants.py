@@ -17,6 +17,7 @@ import medjax
 from benchmarks.verification import cases, soak
 from benchmarks.verification.anything_allowed import BOUND, VAST
 from benchmarks.verification.cases import Case, run_case
+from benchmarks.verification.decisions import Decision, check_decision
 from benchmarks.verification.draws import random_units
 from benchmarks.verification.invariants import INVARIANTS
 from benchmarks.verification.random_worlds import (
@@ -59,18 +60,46 @@ def assert_sound(case, updates):
     assert not found, "\n".join(map(str, found))
 
 
-@pytest.mark.parametrize(("config", "updates"), [(MOST, 4e6), (LEAST, 1e6)])
+@pytest.mark.parametrize(
+    ("config", "updates"),
+    [pytest.param(MOST, 4e6, marks=pytest.mark.thorough), (LEAST, 1e6)],
+)
 def test_five_million_updates_in_random_worlds(config, updates):
     """The soak's own play: a world of its own in each environment."""
     assert_sound(case(config), updates)
 
 
+@pytest.mark.thorough
 def test_what_is_played_is_worth_checking():
-    """Vehicles enter, change lanes, leave, miss exits, charge and run out; MEDs are sent."""
+    """Vehicles enter, change lanes, leave, miss exits and run out, and MEDs are sent."""
     stats = case(MOST).play(0).state.stats
-    happened = ("entered", "left", "lane_changes", "meds_dispatched", "evs_served", "depleted")
-    counts = {name: float(getattr(stats, name).sum()) for name in (*happened, "missed_exits")}
+    happened = ("entered", "left", "lane_changes", "meds_dispatched", "missed_exits", "depleted")
+    counts = {name: float(getattr(stats, name).sum()) for name in happened}
     assert min(counts.values()) > 20, counts
+
+
+@pytest.mark.thorough
+def test_nothing_is_violated_where_evs_charge(paper):
+    """Random worlds hardly ever see an EV dock, so a rule sends MEDs in four episodes of the preset."""
+    env, params = paper
+    env = env.with_probe(lambda state: state)
+    rule = medjax.BASELINES["greedy"](env)
+
+    def decide(before, key):
+        act_key, step_key = jax.random.split(key)
+        action = rule(act_key, None, before, params).action
+        obs, state, reward, _, _, info = env.step_env(step_key, before, action, params)
+        decision = Decision(before, state, obs, reward, info)
+        return state, check_decision(decision, env.config, params)
+
+    def play(key):
+        _, state = env.reset(key, params)
+        return jax.lax.scan(decide, state, jax.random.split(key, 150))
+
+    state, found = jax.jit(jax.vmap(play))(jax.random.split(jax.random.key(3), 4))
+    totals = dict(zip(INVARIANTS, np.asarray(found).sum(axis=(0, 1)), strict=True))
+    assert totals == dict.fromkeys(INVARIANTS, 0)
+    assert state.stats.evs_served.sum() > 10
 
 
 @pytest.mark.slow
@@ -99,7 +128,7 @@ def world_from(units, config, table):
     return draw_params(take, config, table)
 
 
-@pytest.mark.parametrize("config", [MOST, LEAST])
+@pytest.mark.parametrize("config", [pytest.param(MOST, marks=pytest.mark.thorough), LEAST])
 def test_any_valid_world_is_sound(config):
     """Hypothesis looks for a world in which 100 ticks of play in any environment violate an invariant."""
     ours = case(config)
@@ -205,6 +234,7 @@ def reckless(monkeypatch):
     monkeypatch.setattr(cases, "compiled", lambda config, *args: program)
 
 
+@pytest.mark.thorough
 def test_a_violation_is_shown_again_by_its_command(reckless, tmp_path, capsys):
     """Violations are found, counted and printed; the printed command plays up to the first and shows the vehicle."""
     path = tmp_path / "soak.json"

@@ -37,6 +37,7 @@ def test_no_output_is_stored():
         assert cell.get("execution_count") is None
 
 
+@pytest.mark.thorough
 def test_cells_run(tmp_path, monkeypatch, capsys):
     """In order, in one namespace, on episodes of six decisions."""
     make = medjax.make

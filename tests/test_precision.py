@@ -220,6 +220,7 @@ def played(env, params, state, ticks, float_type):
         return jax.device_get(jax.jit(run)(cast(state), cast(params)))
 
 
+@pytest.mark.thorough
 def test_ten_minutes_of_charging_at_the_far_end_against_float64():
     """The whole tick at 80 to 90 km: in both types the same EVs charge throughout, stand within docking's bound, and
     batteries and tallies agree."""

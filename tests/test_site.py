@@ -65,6 +65,7 @@ def _broken(path, link, pages):
     return bool(anchor) and target in pages and anchor not in pages[target].ids
 
 
+@pytest.mark.thorough
 def test_site(pages):
     """Every page of the source is there, with its equations, and every link has a target on this site."""
     names = {path.name for path in pages}

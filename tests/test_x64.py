@@ -7,6 +7,7 @@ import sys
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import medjax
 from medjax.agents import agents_of
@@ -79,6 +80,7 @@ def under_x64(file, run_dir):
         assert tractive_energy(jnp.full(3, 10.0, dtype), 10.0, 1.0, **body).dtype == dtype
 
 
+@pytest.mark.thorough
 def test_the_world_is_float32_where_x64_is_on(tmp_path):
     """Reset, decisions of a rule, training and evaluation; the same bits as without, and no leaf of 64."""
     file = tmp_path / "played.npz"

@@ -66,6 +66,7 @@ def test_a_file_that_can_no_longer_be_written_is_one_line(tmp_path, capsys):
     assert capsys.readouterr().err == f"python -m benchmarks.example: {line}\n"
 
 
+@pytest.mark.thorough
 def test_a_users_own_train_module_is_not_run(tmp_path):
     """Python looks into the current folder first; with -P it does not."""
     (tmp_path / "train.py").write_text("print('mine')")
@@ -86,6 +87,7 @@ def test_a_users_own_train_module_is_not_run(tmp_path):
     assert run("-P").returncode == 0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 def test_a_signal_ends_it_in_a_line(name):
     code = (

@@ -123,6 +123,7 @@ def sumo(workload):
     return Sumo(workload)
 
 
+@pytest.mark.thorough
 def test_sumo_counts_the_vehicles_that_it_writes(sumo, workload):
     """Its rate counts the vehicles of its own trajectories, which are about as many as medjax's."""
     trajectories = workload.folder / "fcd.xml"
@@ -164,6 +165,7 @@ def test_highway_env_moves_every_vehicle_on_the_road():
     assert move(road, traffic, 1) == 19  # who is off the road does not count
 
 
+@pytest.mark.thorough
 def test_highway_env_measures_in_processes(workload):
     """Every process adds its rate; the number of vehicles is one road's."""
     pytest.importorskip("highway_env")

@@ -135,6 +135,7 @@ def test_too_far_or_too_late_is_refused(booking, paper):
     assert not accepted(900.0, 1000.0, endurance=3.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("exit_x", [2000.0, 4000.0])
 def test_requests_and_offers_end_before_the_exit(exit_x):
     """250 m before it (deceleration lane) and 295 m for each lane to cross and one more; or at the road's end."""

@@ -52,6 +52,7 @@ def slot_centre_error(charging_slot, ev_x, med_x):
     return (ev_x - ev_length / 2) - (med_x - med_length / 2) - along
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("charging_slot", [LEFT, RIGHT, REAR, FRONT])
 @pytest.mark.parametrize(("ev_x", "ev_lane"), STARTS)
 def test_docks_and_charges_to_target(quiet, play, charging_slot, ev_x, ev_lane):
@@ -177,6 +178,7 @@ def test_followers_of_an_ev_that_falls_back_keep_a_gap(dt):
     assert closest(dt, leader_brakes_fully=True) < 0.0
 
 
+@pytest.mark.thorough
 def test_human_transfers_less_than_autonomous(quiet):
     """The same car loses more through misalignment when a human holds it in its slot."""
     env, params = quiet

@@ -100,6 +100,7 @@ def test_which_drivers_slow_down(started, paper):
     assert set(np.flatnonzero(far < own) - slots.start) == expected | {1}
 
 
+@pytest.mark.thorough
 def test_the_share_of_compliant_drivers():
     """It holds at reset and at entry; no driver on the road changes."""
     env, params = medjax.make("paper", eco_compliance=0.3, ev_share=0.6, eco_horizon_m=0.0)

@@ -130,6 +130,7 @@ def test_no_ev_stops_between_two_lanes(speed):
     assert not vehicles.active[-1, ev]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("blocks", "last_lane"), [(0, 3), (1, 0)])
 def test_a_depleted_ev_takes_no_exit(blocks, last_lane):
     """Near its exit, it makes for the shoulder at once, or stands in its lane until it is towed."""
@@ -147,6 +148,7 @@ def test_a_depleted_ev_takes_no_exit(blocks, last_lane):
     assert (float(state.stats.depleted), float(state.stats.left.sum())) == (1.0, 0.0)
 
 
+@pytest.mark.thorough
 def test_a_booked_ev_that_runs_out_gives_its_slot_back():
     """From that tick on it is neither booked nor charged, and does not ask again."""
     env, params = quiet(depleted_blocks=1)

@@ -77,6 +77,7 @@ def plays(road):
     return dict(zip(slots, (list(zip(*columns, strict=True)) for columns in each), strict=True))
 
 
+@pytest.mark.thorough
 def test_no_ev_passes_a_docked_ev_in_its_lane(plays):
     """From behind, it does not reach the front slot; from ahead to the rear, it pushes the docked EV away."""
     for (docked, lane, ahead_m), front, rear in zip(CASES, plays[FRONT], plays[REAR], strict=True):
@@ -86,6 +87,7 @@ def test_no_ev_passes_a_docked_ev_in_its_lane(plays):
             assert rear[2] < 0.6, (docked, lane, ahead_m)
 
 
+@pytest.mark.thorough
 def test_an_ev_reaches_the_slot_that_it_books(plays):
     """From every place, it docks within a minute and does not push EV 0 out of its slot."""
     for case, (slot, docks, other) in zip(CASES, plays[NOT_BOOKED], strict=True):

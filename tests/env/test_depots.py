@@ -41,6 +41,7 @@ def test_adjacent_ramps_share_a_depot():
         EnvConfig(num_depots=5)
 
 
+@pytest.mark.thorough
 def test_a_ramp_gets_meds_of_its_depot(road):
     """MEDs 0 and 2 wait at the first depot, 1 at the second; each ramp gets the first of its own."""
     env, params, state, step = road

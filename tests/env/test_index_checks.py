@@ -45,6 +45,7 @@ def test_the_checks_find_indices_out_of_bounds(heeds_modes):
     assert said(lambda x, i: x.at[i].set(1.0, mode="drop"), 3) is None
 
 
+@pytest.mark.thorough
 def test_nothing_is_out_of_bounds(heeds_modes):
     """In forty random decisions, in which an episode ends and another begins."""
     env, params = medjax.make("paper", **SMALL, episode_decisions=35)

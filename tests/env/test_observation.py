@@ -171,6 +171,7 @@ def test_profile_of_a_road_without_ramps():
     assert np.isfinite(obs).all()
 
 
+@pytest.mark.thorough
 def test_shares_are_of_the_fleet_and_not_of_its_slots():
     """With five MEDs in fifteen slots, of which one is sent, 4 of 5 are at the depot."""
     env, params = medjax.make("paper", observation="profile", size=5)

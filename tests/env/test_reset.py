@@ -46,6 +46,7 @@ def flow():
     ]
 
 
+@pytest.mark.thorough
 def test_reset_has_as_many_evs_and_low_evs_as_the_flow(flow):
     """EVs with too little charge for the way from an exit to the next one have left there."""
     evs, low, *_ = (values.mean(axis=0) for values in flow)
@@ -54,6 +55,7 @@ def test_reset_has_as_many_evs_and_low_evs_as_the_flow(flow):
     assert low[0] == pytest.approx(low[later].mean(), abs=0.5)  # some 3 standard errors
 
 
+@pytest.mark.thorough
 def test_no_wave_of_stops_follows_a_reset(flow):
     """As many EVs a minute leave for a charger at first as later, and none ever runs out."""
     _, _, stops, depleted = (values.mean(axis=0) for values in flow)

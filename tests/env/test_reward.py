@@ -51,6 +51,7 @@ def test_a_term_without_a_weight_is_named():
         jax.eval_shape(env.step_env, jax.random.key(0), state, 0, params)
 
 
+@pytest.mark.thorough
 def test_rewards_of_an_episode_add_up_to_its_metrics_at_their_prices():
     """With one price changed."""
     env, params = medjax.make("paper", reward="money", reward_weights={"med_h": -50.0})

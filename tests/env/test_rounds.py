@@ -12,6 +12,7 @@ from medjax.wrappers import DecideEvery
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
+@pytest.mark.thorough
 def test_a_decision_of_several_rounds_equals_several_decisions():
     """The later ones take action 0. States, tallies and probes agree, with the same draws."""
     size = {"num_meds": 2, "num_gas": 240, "ramp_per_h": 600.0, "mainline_per_h": 5000.0}
@@ -44,6 +45,7 @@ def test_a_decision_of_several_rounds_equals_several_decisions():
     chex.assert_trees_all_close((info["begun"], info["ticks"]), (begun, ticks), rtol=1e-6)
 
 
+@pytest.mark.thorough
 def test_rewards_do_not_depend_on_the_length_of_decisions():
     """Every term, with weight 1, over a minute: a decision of 4 s against one choice in four decisions of 1 s."""
     reward = {**TERMS, **MONEY}

@@ -26,6 +26,7 @@ def sumo_home():
     return Path(pytest.importorskip("sumo", reason='pip install -e ".[peers]"').SUMO_HOME)
 
 
+@pytest.mark.thorough
 def test_fcd_is_valid_by_sumos_schema(fcd, sumo_home):
     etree = pytest.importorskip("lxml.etree", reason="pip install lxml")
     schema = etree.XMLSchema(etree.parse(sumo_home / "data" / "xsd" / "fcd_file.xsd"))
@@ -35,6 +36,7 @@ def test_fcd_is_valid_by_sumos_schema(fcd, sumo_home):
     assert not schema.validate(document)
 
 
+@pytest.mark.thorough
 def test_fcd_reads_back_with_sumos_converter(recording, table, fcd, sumo_home, tmp_path):
     words = [sumo_home / "tools/xml/xml2csv.py", fcd, "-o", tmp_path / "run.csv"]
     subprocess.run([sys.executable, *map(str, words)], check=True, timeout=120)

@@ -55,6 +55,7 @@ class Scaled(Wrapper):
     scale: object = None
 
 
+@pytest.mark.thorough
 def test_another_episode_of_the_same_policy_is_not_compiled_again():
     """Neither the policy nor an environment without a hash is traced again."""
     env, params = medjax.make("paper", **WORLD | {"episode_decisions": 2})

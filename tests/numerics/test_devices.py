@@ -33,6 +33,7 @@ def course(env, params, num_envs, num_devices, decisions):
     return jax.device_get(jax.jit(shared)(keys, params))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("num_envs", [2 * CACHED_ROWS + 2, 3 * CACHED_ROWS])
 def test_devices_and_blocks_change_nothing(num_envs):
     """Two devices, blocks where the rows of one are too many, against one device; resets included."""

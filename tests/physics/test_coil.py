@@ -162,6 +162,7 @@ def test_aligned_coils_have_a_finite_gradient(lateral, secondary_radius):
         np.testing.assert_allclose(gradient[1:], 0.0, atol=1e-13)
 
 
+@pytest.mark.thorough
 @pytest.mark.versions
 def test_broadcasting_jit_and_vmap_agree():
     axial = np.array([[0.1], [0.2], [0.4]], np.float32)

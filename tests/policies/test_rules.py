@@ -61,6 +61,7 @@ def per_metre(params):
     return float(drive_energy(speed, speed, params.ev, params.road, 1.0)) / 30.0
 
 
+@pytest.mark.thorough
 def test_only_allowed_actions(episodes):
     for action, mask, _ in episodes.values():
         assert action.dtype == jnp.int32
@@ -206,6 +207,7 @@ def test_forecast_is_a_special_budget(episodes, paper):
     assert ((action > 0).sum(1) > 10).all()
 
 
+@pytest.mark.thorough
 def test_slow_is_none_with_slower_evs():
     """It equals `none` in a world whose low EVs drive at the service speed, and does not change the other rule's."""
     env, params = medjax.make("paper", episode_decisions=60)

@@ -65,6 +65,7 @@ def contents(page):
     return meta, unpacked(meta["episodes"][0]["arrays"], text)
 
 
+@pytest.mark.thorough
 def test_the_page_holds_the_recording(recording):
     meta, tables = contents(player_page([recording]))
     frames, there = recording.frames, recording.frames.active.T

@@ -66,6 +66,7 @@ def changing(world):
         return record_episode(env, params, BASELINES["periodic"](env), seed=3, episode=18)
 
 
+@pytest.mark.thorough
 def test_the_camera_leaves_a_med_for_a_busier_one_within_ten_seconds(changing):
     path, frames, meds = camera_path(Timeline(changing), AUTO), changing.frames, range(3)
     charged = [(frames.ev_is_charging & (frames.ev_med == med)).sum(axis=1) for med in meds]

@@ -57,6 +57,7 @@ def _played(scenario, rules, decisions):
         yield [rows[new[:, entry], entry] for entry in range(config.num_entries)], sent
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("scenario", "rules", "decisions"),
     [("paper", ("none", "greedy", "paced", "random"), 200), ("corridor", ("none", "greedy"), 30)],

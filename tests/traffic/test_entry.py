@@ -15,6 +15,7 @@ from tests.traffic.roads import put
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
+@pytest.mark.thorough
 def test_queues_take_what_arrives(asked, blank):
     """Entered plus waiting grows by Poisson arrivals, of the right mean at each entry; two are blocked."""
     env, params = asked
@@ -48,6 +49,7 @@ def test_queues_take_what_arrives(asked, blank):
     assert evs == pytest.approx(0.3, abs=4 * np.sqrt(0.21 / came.sum()))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scarce", [{"num_evs": 6}, {"num_gas": 20}])
 def test_a_class_short_of_slots_keeps_its_share(scarce):
     """Of all vehicles that come to an entry's front, those still waiting there included."""

@@ -114,6 +114,7 @@ def played(road):
     return jax.device_get(play(jax.random.split(jax.random.key(1), 6)))
 
 
+@pytest.mark.thorough
 def test_exits_are_not_missed_and_nobody_collides(played):
     """Under 1 % at 650 vehicles an hour and lane; all that entered are on the road, have left, or ran out."""
     stats, (_, ticks) = played
@@ -124,6 +125,7 @@ def test_exits_are_not_missed_and_nobody_collides(played):
     np.testing.assert_array_equal(stats.entered.sum(1) - stats.left.sum(1) - stats.depleted, there)
 
 
+@pytest.mark.thorough
 def test_entering_vehicles_are_bound_as_the_demand_says(road, played):
     """30 % of cars and lorries that enter at x = 0 for the first exit, 14 % for the second; none nearer to them."""
     _, (begun, ticks) = played

@@ -171,6 +171,7 @@ def continued(random_play, each_tick):
     return list(zip(records_of(states, env.config, params), map(int, starts.time), strict=True))
 
 
+@pytest.mark.thorough
 def test_no_change_is_forced_through_an_unsafe_gap(continued):
     """Every change of random play, merges included: nobody has to brake harder than it may ask."""
     changes = sum(len(road.changes()) for road, _ in continued)
@@ -181,6 +182,7 @@ def test_no_change_is_forced_through_an_unsafe_gap(continued):
         assert_safe(road)
 
 
+@pytest.mark.thorough
 def test_all_change_to_the_side_of_the_tick(continued):
     """Even ticks left, odd ticks right; a vehicle changes only in its own turn."""
     for road, first in continued:

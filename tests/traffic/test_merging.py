@@ -60,6 +60,7 @@ def merges(records):
     return found
 
 
+@pytest.mark.thorough
 def test_hardly_anyone_stops(records, merges):
     """Goal 0.5 %; 1.5 % of 400 are six, which so rare an event reaches once in 60 samples."""
     assert len(merges) > 350
@@ -68,6 +69,7 @@ def test_hardly_anyone_stops(records, merges):
     assert (on_ramp < 0.5).mean() < 0.01
 
 
+@pytest.mark.thorough
 def test_vehicles_merge_at_the_speed_of_the_main_road(records, merges):
     """Goal 0.85 of the right lane's beside the ramps: medians without MEDs, which are slower; off by some 1 %."""
     right = []

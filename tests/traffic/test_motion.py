@@ -101,6 +101,7 @@ def test_stops_at_the_end_by_constant_braking(dt):
         assert len(steady) >= start / (hard * dt) - 3
 
 
+@pytest.mark.thorough
 @settings(max_examples=100)
 @given(st.floats(0.1, 40.0), st.floats(0.5, 9.0), st.floats(0.05, 0.5), st.floats(1e-3, 500.0))
 def test_an_end_beyond_braking_distance_does_not_matter(speed, braking, dt, further):

@@ -65,6 +65,7 @@ def test_nobody_touches_its_leader(seed, braking, tick, most):
     assert smallest.min() < 30.0
 
 
+@pytest.mark.thorough
 @settings(max_examples=60)
 @given(SEEDS, BRAKING, TICK, st.floats(0.1, 20.0))
 def test_a_vehicle_that_keeps_clear_can_fall_in(seed, braking, tick, most):

@@ -48,6 +48,7 @@ class Coasting:
         return jnp.full(gap.shape, -self.deceleration)
 
 
+@pytest.mark.thorough
 def test_a_custom_model_drives_all_vehicles():
     """After a decision of a second, every vehicle is slower by the model's deceleration."""
     made, params = medjax.make("paper", acceleration_noise=0.0)

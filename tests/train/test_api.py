@@ -33,6 +33,7 @@ def config():
 OWN = Generous("noisy")
 
 
+@pytest.mark.thorough
 def test_training_from_python_equals_the_command(probe, config):
     """Bit for bit, with all its files; the callback and the result have the rows, without padding or NaN."""
     rows = []
@@ -52,6 +53,7 @@ def test_training_from_python_equals_the_command(probe, config):
     assert ours.policy(jax.random.key(1), obs, state, ours.params).action in (0, 1)
 
 
+@pytest.mark.thorough
 def test_a_custom_environment(probe, config, capsys):
     """The commands refuse its run in a line, Python resumes it, and its policy plays in it."""
     ours = train(OWN, ProbeParams(), config, run_dir="mine")
@@ -167,6 +169,7 @@ def test_jax_is_prepared_first_and_no_rule_may_fit(probe, monkeypatch):
     assert done == [False, "rules"]
 
 
+@pytest.mark.thorough
 def test_resumes_from_an_older_checkpoint(probe, config):
     """As --from-update N; later ones are removed. A refusal does not keep the directory locked."""
     config = dataclasses.replace(config, eval_episodes=0, anneal=False, updates_per_call=1)
@@ -199,6 +202,7 @@ def test_a_run_that_fails_before_its_start_leaves_nothing(probe, config):
     assert list(probe.iterdir()) == []
 
 
+@pytest.mark.thorough
 def test_what_ends_a_run_early_is_raised(probe, config):
     """A number that is not finite as StoppedError, Ctrl-C with the state saved, and an exception of the callback."""
 

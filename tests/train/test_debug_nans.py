@@ -6,11 +6,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.train.conftest import TINY
 
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.mark.thorough
 def test_a_healthy_run_goes_through(tmp_path):
     """Updates in which no episode ends are among them: their means are said as null, as without it."""
     run = tmp_path / "run"

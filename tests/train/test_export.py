@@ -78,6 +78,7 @@ def test_acts_as_the_network_does_outside_jit(exported):
     np.testing.assert_allclose(policy.probabilities(obs[2], mask[2]), theirs[2], atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_plays_as_the_network_it_came_from(exported):
     """In a comparison on the same episodes, and recorded in the environment that the file rebuilds."""
     env, params, config, network, weights, path = exported
@@ -140,6 +141,7 @@ def test_an_environment_that_no_file_can_rebuild_is_refused(exported):
         assert "\n" not in str(refusal.value)
 
 
+@pytest.mark.thorough
 def test_vmap_equals_a_loop(exported):
     """Over rows, over rows of rows, and over some of its arguments only."""
     env, params, *_, path = exported

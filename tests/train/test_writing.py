@@ -25,6 +25,7 @@ def full_disk(probe):
         yield disk
 
 
+@pytest.mark.thorough
 def test_a_full_disk_ends_a_command_in_a_line(probe, full_disk, capsys, monkeypatch):
     """With exit code 1; earlier files stay, and no half file is left."""
     assert ppo.main([*QUIET, "--run-dir=run"]) == 0
@@ -51,6 +52,7 @@ def test_evaluate_refuses_options_that_conflict(probe, capsys):
     refused(capsys, ["--policies=none", "--stochastic"], "without --run-dir", command=evaluate)
 
 
+@pytest.mark.thorough
 def test_what_exceeds_the_memory_is_refused_before_compiling(probe, capsys, monkeypatch):
     """A run and an evaluation; --force starts them all the same."""
     small = lambda: 20_000  # noqa: E731
@@ -71,6 +73,7 @@ def test_what_exceeds_the_memory_is_refused_before_compiling(probe, capsys, monk
     assert evaluate.main([*argv, "--force"]) == 0
 
 
+@pytest.mark.thorough
 def test_a_run_resumes_before_a_damaged_checkpoint(probe, capsys):
     """With the options that the refusal names; the run ends as if it had never got further."""
     assert ppo.main([*QUIET, "--run-dir=run", "--total-timesteps=80", "--no-anneal"]) == 0

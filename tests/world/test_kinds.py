@@ -15,6 +15,7 @@ def test_counts_of_kinds_add_up_by_class():
     np.testing.assert_array_equal(by_class(counts), np.stack(expected, axis=-1))
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("quick_compiles")
 def test_slots_hold_kinds_of_their_class(paper):
     """At the reset and during 30 decisions, on the road and off it."""

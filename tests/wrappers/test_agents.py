@@ -26,6 +26,7 @@ def waiting(env):
     return dict.fromkeys(env.agents, 0)
 
 
+@pytest.mark.thorough
 def test_results_are_dicts_by_agent(named):
     assert named.agents == ["med_0", "med_1", "med_2"]
     assert named.num_agents == 3
@@ -48,6 +49,7 @@ def test_results_are_dicts_by_agent(named):
     assert jax.eval_shape(named.world_state, state).ndim == 1
 
 
+@pytest.mark.thorough
 def test_an_episode_ends_for_all_agents_and_resets(named):
     """At its last decision, to the given state or to a new one."""
     first_obs, first = named.reset(jax.random.key(0))

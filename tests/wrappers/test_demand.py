@@ -99,6 +99,7 @@ def test_the_factor_scales_all_entries(small):
     chex.assert_trees_all_equal(scale_demand(params, 1.0), params)
 
 
+@pytest.mark.thorough
 def test_each_episode_draws_one_factor(small):
     """Only where an episode ends, uniformly between the bounds."""
     params, num_envs = small[1], 64
@@ -132,6 +133,7 @@ def test_each_episode_draws_one_factor(small):
     np.testing.assert_allclose(quarters, 0.25, atol=0.1)  # three standard deviations
 
 
+@pytest.mark.thorough
 def test_vehicles_that_enter_follow_the_factor():
     """As many as the demand brings on average, on the road at the start and later."""
     env, params = medjax.make("paper", arrival_soc_low=0.8, arrival_soc_high=0.9)

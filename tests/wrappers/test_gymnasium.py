@@ -46,6 +46,7 @@ def envs():
     envs.close()
 
 
+@pytest.mark.thorough
 def test_an_episode_is_truncated_and_repeats_with_its_seed(env):
     def episode():
         steps = [env.reset(seed=5)]
@@ -73,6 +74,7 @@ def test_an_episode_is_truncated_and_repeats_with_its_seed(env):
     assert info["metrics"]["vehicle_ticks"] > 0
 
 
+@pytest.mark.thorough
 def test_plays_what_the_environment_itself_plays(env):
     """The checker has nothing to say, the numbers are the simulator's, and the mask shows the cooldown."""
     with warnings.catch_warnings():
@@ -101,6 +103,7 @@ def test_observations_lie_in_their_space(observation):
     assert env.observation_space.contains(env.observation_space.sample())
 
 
+@pytest.mark.thorough
 def test_vector_env_plays_as_single_ones_in_gymnasiums_vector_env(envs):
     """Gymnasium's own wrapper counts its episodes."""
     assert envs.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
@@ -160,6 +163,7 @@ def test_vector_env_seeding(envs):
         envs.reset(seed=[1, 2])
 
 
+@pytest.mark.thorough
 def test_gymnasium_counts_the_episodes_of_a_vector_env():
     """Versions before 1.4 lose the first decision of each later episode, which a warning says."""
     with warnings.catch_warnings(record=True) as said:
@@ -277,6 +281,7 @@ def test_an_action_is_one_integer(env):
     assert env.unwrapped.step(np.float32(0.0))[-1]["metrics"]["invalid_actions"] == 2
 
 
+@pytest.mark.thorough
 def test_copies_by_pickle_go_on_alike(env, envs):
     """In the middle of an episode."""
     for each, action in ((env.unwrapped, 0), (envs, [0] * NUM)):

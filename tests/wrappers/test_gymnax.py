@@ -142,6 +142,7 @@ CHECKS = {
 }
 
 
+@pytest.mark.thorough
 def test_every_wrapper_of_gymnax_takes_the_environment():
     assert set(wrappers.__all__) == set(CHECKS)
     for name, check in CHECKS.items():

@@ -24,6 +24,7 @@ def named():
     return medjax.make_agents("paper", **SMALL, **own)
 
 
+@pytest.mark.thorough
 def test_log_wrapper_counts_episodes(named):
     """Each agent's return is the sum of its rewards."""
     env = LogWrapper(named)
@@ -38,6 +39,7 @@ def test_log_wrapper_counts_episodes(named):
     assert (np.asarray(info["returned_episode_lengths"]) == DECISIONS).all()
 
 
+@pytest.mark.thorough
 def test_rollout_manager_batches_and_samples(named):
     """As JaxMARL's value-based baselines use it."""
     manager = CTRolloutManager(named, batch_size=ENVS)

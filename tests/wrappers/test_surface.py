@@ -66,6 +66,7 @@ CASES = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("world", CASES)
 def test_the_whole_surface(world, highway, saved):
     env, params = WORLDS[world](highway[0]), highway[1]

@@ -36,6 +36,7 @@ def written(tmp_path_factory):
     return json.loads(path.read_text())
 
 
+@pytest.mark.thorough
 def test_rows_are_timed_and_within_the_documented_errors(written):
     assert [row["kernel"] for row in written["rows"]] == list(BOUNDS)
     for row in written["rows"]:

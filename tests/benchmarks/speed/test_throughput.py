@@ -31,6 +31,7 @@ def work():
     return Workload(4, steps=2, num_devices=1)
 
 
+@pytest.mark.thorough
 def test_counts_the_vehicles_on_the_road(work):
     """Against the state: between two decisions few come and go, so the mean is near the numbers seen."""
     before = int(jnp.sum(work.state.env.vehicles.active))
@@ -56,6 +57,7 @@ def test_an_operation_belongs_to_its_innermost_stage(name, stage):
     assert stage_of(name) == stage
 
 
+@pytest.mark.thorough
 def test_every_stage_of_the_step_is_found(work):
     """In the compiled program and in its trace; a renamed scope would be missing."""
     assert {*STAGES} - {*instruction_stages(work.program.as_text()).values()} == set()
@@ -72,6 +74,7 @@ def vehicles_at_reset(**overrides):
     return float(state.vehicles.active.sum(axis=1).mean()), env.config.num_vehicles
 
 
+@pytest.mark.thorough
 def test_a_longer_road_holds_as_many_as_asked():
     """In proportion to the preset's, which holds 140 with its MEDs; as full in its slots."""
     preset, preset_slots = vehicles_at_reset()

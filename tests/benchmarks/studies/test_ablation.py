@@ -58,6 +58,7 @@ def test_worlds_side_by_side_score_as_alone():
     np.testing.assert_array_equal(sent, [0.0, 1.0, 2.0])
 
 
+@pytest.mark.thorough
 def test_without_misalignment_every_link_is_nominal():
     """Then the share that arrives is that of coils face to face, and over the episodes more than with misalignment."""
     env, params = medjax.make("paper", num_gas=20, episode_decisions=240)

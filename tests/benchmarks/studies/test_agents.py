@@ -19,6 +19,7 @@ SMALL = {"size": 3, "num_evs": 8, "num_gas": 12, "mainline_per_h": 600.0, "episo
 SET = [f"--set={name}={value}" for name, value in SMALL.items()]
 
 
+@pytest.mark.thorough
 def test_rows_are_the_episodes_of_each_speed(tmp_path, monkeypatch, capsys):
     """The default is the dispatcher's own score, as is the fleet's speed; a slow MED changes the episode."""
 

@@ -87,6 +87,7 @@ def test_demands_and_policies_side_by_side(runs, tmp_path, capsys):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.thorough
 def test_bad_input_is_one_line(runs, tmp_path, monkeypatch, capsys):
     """Exit code 2, and the value is named."""
     run = str(runs[1])

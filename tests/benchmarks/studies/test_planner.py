@@ -57,6 +57,7 @@ def find(futures, state, pay):
     return futures.find(jax.random.key(1), state, 0, env.num_actions)
 
 
+@pytest.mark.thorough
 def test_finds_a_choice_that_pays_and_its_gain(futures, state):
     """A MED that pays 1e4 is sent, and pays that: the rest of eq (10) is below 100 in twenty seconds."""
     found = find(futures, state, 1e4)
@@ -65,6 +66,7 @@ def test_finds_a_choice_that_pays_and_its_gain(futures, state):
     assert found.spread < 100.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("pay", [-1e4, 0.0])
 def test_leaves_the_policy_only_where_that_pays(futures, state, pay):
     """The policy goes on where sending costs, and where all returns are alike."""
@@ -82,6 +84,7 @@ def test_candidates_meet_the_same_futures(futures, state):
     assert len(set(returns[:, 0])) > 1
 
 
+@pytest.mark.thorough
 def test_gains_of_choices_add_up_to_that_of_the_episode():
     """The planner sends both MEDs, in two of the four states in which the policy, which sends none, could be left."""
     env, params = paying(1e4, cooldown_s=HOLD - 1.0)
@@ -92,6 +95,7 @@ def test_gains_of_choices_add_up_to_that_of_the_episode():
         assert [each.plan > 0 for each in states] == [True, True]  # then none is at the depot
 
 
+@pytest.mark.thorough
 def test_plays_the_policys_episodes_where_nothing_pays():
     """The policy sends MEDs, and leaving it never gains."""
     env, params = paying(0.0)

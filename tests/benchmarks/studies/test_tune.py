@@ -92,6 +92,7 @@ def test_without_a_top_the_step_is_bounded():
     np.testing.assert_allclose(step, [1.0, -0.5])
 
 
+@pytest.mark.thorough
 def test_returns_are_those_of_the_evaluation():
     """Each variant's numbers give what the rule with these numbers scores on that episode."""
     env, params = medjax.make("paper", episode_decisions=40)

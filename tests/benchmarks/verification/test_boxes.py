@@ -57,6 +57,7 @@ def road():
     return v, params, first
 
 
+@pytest.mark.thorough
 def test_a_car_covers_its_old_lane_while_it_changes(road):
     """Its `lane` is the new one from the change's first tick on; its body is still in the old one."""
     v, params, first = road

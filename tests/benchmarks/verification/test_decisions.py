@@ -83,6 +83,7 @@ def set_at(state, path, index, value):
     return state.replace(**{group: member.replace(**{leaf: changed})})
 
 
+@pytest.mark.thorough
 def test_a_sound_state_violates_nothing(still):
     """The state that the faults below are put into."""
     state, config, params = still

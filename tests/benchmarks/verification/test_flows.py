@@ -12,6 +12,7 @@ from benchmarks.verification.invariants import INVARIANTS
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
+@pytest.mark.thorough
 def test_energy_that_no_battery_took_is_found():
     """Full batteries take no braking energy downhill: a tally by the formula alone counts what is nowhere."""
     env, params = medjax.make("paper", slope=-0.1, arrival_soc_low=1.0, arrival_soc_high=1.0)

@@ -61,12 +61,14 @@ def alike(a, b):
     return np.allclose(a, b, RELATIVE, ABSOLUTE)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("world", golden.SHORT)
 def test_worlds_play_as_they_did(worlds, world):
     params, play = worlds[world]
     assert unlike(golden.last_of(play(params)), EXPECTED[world]) == set()
 
 
+@pytest.mark.thorough
 def test_a_change_of_a_hundredth_is_seen(worlds):
     """Each nonzero number except THRESHOLDS, a hundredth larger or one less, changes what one of the worlds plays."""
     unseen: dict[str, bool] = {}

@@ -37,6 +37,7 @@ def test_every_combination_is_one_action(actions):
     np.testing.assert_array_equal(np.stack(back, axis=1), rows)
 
 
+@pytest.mark.thorough
 def test_action_0_is_the_rule(trips, busy):
     """The fleet's speed and lane, every EV is taken, nobody leaves."""
     rule = trips.by_rule(busy, trips.params)

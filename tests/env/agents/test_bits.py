@@ -19,6 +19,7 @@ from tests.env.agents.conftest import TRIPS, refusing
 TOLD = ("told_seconds", "told_speed_m", "refusing_seconds", "left_early")  # counts of agents alone
 
 
+@pytest.mark.thorough
 def test_the_dispatcher_is_a_special_case(trips):
     """Agents that only enter when a dispatcher sends them play the same highway as `ChargingEnv`."""
     single = trips.env.env
@@ -39,6 +40,7 @@ def test_the_dispatcher_is_a_special_case(trips):
     assert (ours.meds.status != AT_DEPOT).any()
 
 
+@pytest.mark.thorough
 def test_parts_and_folded_are_the_same_step(trips, busy):
     """In one decision."""
     rule = trips.actions.by_rule(busy, trips.params)

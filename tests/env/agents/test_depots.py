@@ -31,6 +31,7 @@ def test_the_first_med_of_each_depot_may_enter_by_its_own_ramps(depots):
     assert not mask[:, 3:].any()
 
 
+@pytest.mark.thorough
 def test_of_two_meds_that_enter_at_once_one_does(depots):
     """That of the last ramp; the cooldown stops the other."""
     _, state = depots.reset()

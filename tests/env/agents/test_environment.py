@@ -30,6 +30,7 @@ def play(trips, state, decisions, **parts):
     return state
 
 
+@pytest.mark.thorough
 def test_a_slower_med_is_slower(trips, busy):
     """After half a minute, no MED in service drives faster than its order."""
     slow = trips.actions.speeds.index(14.0)
@@ -102,6 +103,7 @@ def test_who_leaves_takes_the_next_exit(trips, busy):
     assert gone[soon].any()
 
 
+@pytest.mark.thorough
 def test_what_is_not_allowed_counts_as_the_rule(trips, busy):
     """And is counted, by agent, folded or part by part."""
     mask = np.asarray(trips.mask(busy, trips.params))
@@ -122,6 +124,7 @@ def test_what_is_not_allowed_counts_as_the_rule(trips, busy):
     np.testing.assert_array_equal(state.vehicles.x, usual.vehicles.x)
 
 
+@pytest.mark.thorough
 def test_own_reward_by_hand(trips, busy):
     """Packs that a MED's EVs gained in the decision, by a loop over EVs."""
     env = AgentsEnv(trips.env.env, trips.actions, credit="own")
@@ -188,6 +191,7 @@ def test_random_agents_leave_the_world_sound(trips, seed):
     assert metrics["meds_dispatched"] > 4.0
 
 
+@pytest.mark.thorough
 def test_one_alone_is_one_of_many(trips, busy):
     """A batch gives what each gives by itself."""
     keys = jax.random.split(jax.random.key(8), 3)

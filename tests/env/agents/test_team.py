@@ -17,6 +17,7 @@ from tests.env.agents.conftest import TRIPS, refusing
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
+@pytest.mark.thorough
 def test_with_a_dispatcher_agents_only_move(trips, busy):
     """At the depot they have no choice, in service all; as a wrapper and as a policy it plays the same episodes."""
     env = Dispatched(trips.env, greedy(trips.env.env))
@@ -70,6 +71,7 @@ def test_the_outlook_is_what_rules_go_by(trips, busy):
     np.testing.assert_allclose(time_left, left)
 
 
+@pytest.mark.thorough
 def test_a_recording_shows_what_agents_do(trips):
     """Each agent's orders tick by tick, and the decisions of the one that might enter."""
     env = Dispatched(trips.env, greedy(trips.env.env))

@@ -89,6 +89,7 @@ def train(argv):
     return open_session(parse_request(StillConfig, argv)).run()
 
 
+@pytest.mark.thorough
 def test_another_algorithm_trains_by_the_same_runs(still, capsys):
     assert train([*STILL, "--total-timesteps=64"]) == 0
     run = still / "run"

@@ -64,6 +64,7 @@ def assert_close(a, b):
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-6), a, b)
 
 
+@pytest.mark.thorough
 def test_devices_that_share_a_minibatch_take_the_same_steps_as_one():
     alone, shared = ([*run(batches)] for run, batches in map(fit, (1, 2)))
     assert_close(alone, shared)

@@ -56,6 +56,7 @@ def assert_close(found, expected):
         np.testing.assert_allclose(mine, theirs, rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.thorough
 def test_an_observation_of_another_size_is_refused(scene):
     """One feature would be broadcast to all without a word."""
     env, _, obs, _ = scene

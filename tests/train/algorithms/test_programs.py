@@ -39,6 +39,7 @@ def assert_recreated(config, begun):
     assert any(leaf.std() > 0 for leaf in jax.tree.leaves(made))
 
 
+@pytest.mark.thorough
 def test_chunks_share_one_program_and_do_not_change_the_result(shared):
     programs, run = shared
     ends = []
@@ -57,6 +58,7 @@ def test_chunks_share_one_program_and_do_not_change_the_result(shared):
     chex.assert_trees_all_equal(*ends)
 
 
+@pytest.mark.thorough
 def test_the_number_of_devices_changes_rounding_only(shared):
     """With the same keys on one device and on two, all metrics and weights agree."""
     alone = make_train(
@@ -71,6 +73,7 @@ def test_the_number_of_devices_changes_rounding_only(shared):
     chex.assert_trees_all_close(*ends, rtol=1e-3, atol=1e-4)
 
 
+@pytest.mark.thorough
 def test_seeds_are_independent():
     config = PPOConfig(**(BASE | {"seed": CONFIG.seed, "num_seeds": 3}))
     programs = make_train(ENV, PARAMS, config)

@@ -82,6 +82,7 @@ def scores(made):
     return evaluate_policies(env, params, policies, EPISODES, seed=2)
 
 
+@pytest.mark.thorough
 def test_pictures_and_page_are_complete(made):
     there = made.run / "report"
     names = [f"{name}.png" for name in train.reporting.report.PICTURES]
@@ -106,6 +107,7 @@ def test_pictures_and_page_are_complete(made):
         assert pixels[..., :3].std() > 0.05  # something is drawn
 
 
+@pytest.mark.thorough
 def test_a_trace_is_the_episode_that_the_evaluation_counts(made, scores):
     for index, (name, score) in enumerate(scores.items()):
         trace = jax.tree.map(lambda leaf, index=index: leaf[:, index], made.trace)
@@ -119,6 +121,7 @@ def test_a_trace_is_the_episode_that_the_evaluation_counts(made, scores):
     assert made.marked == {mark: scores["ppo"][metric][0] for mark, metric in first.items()}
 
 
+@pytest.mark.thorough
 def test_vehicles_of_a_trace_drive_forward_and_lose_or_gain_charge(made):
     frames = made.trace.frames
     stays = frames.ev_on_road[:, :, :-1] & frames.ev_on_road[:, :, 1:]
@@ -131,6 +134,7 @@ def test_vehicles_of_a_trace_drive_forward_and_lose_or_gain_charge(made):
     assert (frames.med_charges.max(axis=(0, 2, 3)) <= 4).all()
 
 
+@pytest.mark.thorough
 def test_the_survey_adds_up(made, scores):
     seen = total([survey(trace) for trace in made.traces])
     assert seen.episodes == EPISODES

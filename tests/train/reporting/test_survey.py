@@ -37,6 +37,7 @@ def test_a_survey_by_hand():
     ]  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_every_ev_is_traced_if_a_decision_has_several_rounds(quick_compiles, tmp_path):
     """As many EVs leave their slots as entered and are not there at the end; each is drawn where it drove."""
     rounds = 4

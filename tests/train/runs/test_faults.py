@@ -89,6 +89,7 @@ def small_disk(path, size="200k"):
         subprocess.run(["umount", "-l", str(path)], check=True)
 
 
+@pytest.mark.thorough
 def test_a_full_disk(probe, capsys):
     """Stops in a line with whole files; with room again the run goes on as if nothing had been."""
     options = [*QUIET, "--total-timesteps=640", "--checkpoint-interval=1", "--keep-checkpoints=99"]
@@ -113,6 +114,7 @@ def test_a_removed_directory_is_not_made_again(probe, capsys, after_update):
     assert list(probe.iterdir()) == []
 
 
+@pytest.mark.thorough
 def test_a_file_system_that_becomes_read_only(probe, whole, capsys, after_update):
     run = str(probe / "run")
 

@@ -1,11 +1,13 @@
 """A run goes on with the random numbers that it began with."""
 
 import jax
+import pytest
 
 from tests.train.conftest import TINY, refused
 from train import ppo
 
 
+@pytest.mark.thorough
 def test_another_prng_is_named(probe, capsys):
     """Whether its keys are of another size or not, and whatever setting is changed beside."""
     with jax.default_prng_impl("rbg"):

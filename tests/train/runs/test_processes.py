@@ -76,6 +76,7 @@ def assert_same_curve(one, other):
     assert len(rows_of(other)) >= len(rows_of(one)) == 6
 
 
+@pytest.mark.thorough
 def test_devices_and_processes_train_as_one_device(probe, start):
     """The same global batch on one device, on four, and in two processes of two devices each."""
     forced = {"XLA_FLAGS": "--xla_force_host_platform_device_count=4"}
@@ -129,6 +130,7 @@ def test_a_process_that_is_lost_ends_the_others(probe, start):
     assert state_of(probe / "run")
 
 
+@pytest.mark.thorough
 def test_a_refusal_by_one_ends_all(probe, start):
     """The first finds the directory in use; the second says where to look."""
     (probe / "run").mkdir()
@@ -161,6 +163,7 @@ def test_processes_that_make_no_sense(probe, capsys, argv, words):
     assert list(probe.iterdir()) == []
 
 
+@pytest.mark.thorough
 def test_resumed_on_another_number_of_devices(probe):
     """Half of it on two devices and the rest on one, and the other way round, is the run on one."""
     options = [*EIGHT, "--no-anneal"]

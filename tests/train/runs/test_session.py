@@ -50,6 +50,7 @@ def interrupt():
     os.kill(os.getpid(), signal.SIGINT)
 
 
+@pytest.mark.thorough
 @pytest.mark.versions
 def test_a_run_leaves_what_is_promised(probe, capsys):
     assert ppo.main(TINY) == 0
@@ -87,6 +88,7 @@ def test_a_run_leaves_what_is_promised(probe, capsys):
     assert rows_of(other) != rows_of(run)
 
 
+@pytest.mark.thorough
 def test_the_same_seed_gives_the_same_run(probe, whole, capsys, monkeypatch):
     """With other chunks and checkpoints, and begun anew where it was killed before its first checkpoint."""
     other = [*QUIET, "--updates-per-call=3", "--checkpoint-interval=0", "--keep-checkpoints=1"]
@@ -101,6 +103,7 @@ def test_the_same_seed_gives_the_same_run(probe, whole, capsys, monkeypatch):
     assert_same_run(whole, probe / "again")
 
 
+@pytest.mark.thorough
 def test_the_settings_of_a_run_repeat_it(probe):
     """From its own file, and from YAML that somebody wrote; options on the command line override both."""
     assert ppo.main([*QUIET, "--seed=7", "--set", "episode_decisions=7", "--run-dir=one"]) == 0
@@ -134,6 +137,7 @@ def test_interrupted_and_resumed_equals_uninterrupted(probe, capsys, after_updat
         assert one[name] == other[name]
 
 
+@pytest.mark.thorough
 def test_interrupted_in_the_last_update(probe, capsys, after_update):
     """Only the evaluation is left; the old one, of other weights, is gone. Fewer devices can export the run."""
     assert ppo.main([*TINY, "--run-dir=run"]) == 0
@@ -210,6 +214,7 @@ def test_interrupted_before_the_first_update(probe, capsys, monkeypatch, place, 
     assert not (probe / "run").exists()
 
 
+@pytest.mark.thorough
 def test_evaluate_command(probe, capsys):
     assert ppo.main([*TINY, "--num-seeds=2", "--eval-episodes=0", "--run-dir=run"]) == 0
 

@@ -93,6 +93,7 @@ def test_sumos_vehicles_move_by_their_speeds():
     assert np.abs(np.diff(seen.lane)[on]).max() == 1
 
 
+@pytest.mark.thorough
 def test_medjaxs_rows_agree_with_its_tally():
     """Vehicles, exits, lane changes and distance; the last tick of all is not among the rows."""
     env, schedule = world(DEMANDS["merging"], 1)
@@ -116,6 +117,7 @@ def test_medjaxs_rows_agree_with_its_tally():
     assert distance == pytest.approx(stats.gas_distance_m[0], rel=0.01)
 
 
+@pytest.mark.thorough
 def test_the_command_measures_both_and_writes_what_it_prints(tmp_path, capsys):
     file, picture = tmp_path / "validation.json", tmp_path / "validation.png"
     argv = ["--demands", "paper", "--episodes", "1", "--minutes", "2"]

@@ -96,6 +96,7 @@ def solve():
     return solved
 
 
+@pytest.mark.thorough
 def test_each_is_paid_for_its_own(solve):
     """Every agent is right, and its value is what it alone is paid: 1, 2, 3."""
     values, probs, _ = solve("own")

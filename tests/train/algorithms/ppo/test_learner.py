@@ -88,6 +88,7 @@ def solve():
     return solved
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["constant_terminated", "timed"])
 def test_a_foreseeable_end_is_not_bootstrapped(solve, kind):
     """A termination, and the time limit of an agent that sees the clock."""
@@ -96,6 +97,7 @@ def test_a_foreseeable_end_is_not_bootstrapped(solve, kind):
     np.testing.assert_allclose(value, expected, rtol=0.02)
 
 
+@pytest.mark.thorough
 def test_credit_over_two_steps(solve):
     value, _, _ = solve("two_step", [[0.0, 0.0], [1.0, 0.0]])
     np.testing.assert_allclose(value, [GAMMA, 1.0], atol=0.02)
@@ -112,6 +114,7 @@ def test_actions_follow_the_cue_and_never_the_forbidden_one(solve):
     assert returns[-1] > 0.97
 
 
+@pytest.mark.thorough
 def test_time_limit_is_bootstrapped():
     """Reward 1 for ever, cut every 5 decisions by a clock that the agent does not see: V = 1 / (1 - gamma)."""
     env, params = Probe("constant_truncated"), ProbeParams()

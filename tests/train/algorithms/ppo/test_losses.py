@@ -51,6 +51,7 @@ def test_standardize():
     assert np.isfinite(standardize(jnp.ones(4), jnp.zeros(4))).all()
 
 
+@pytest.mark.thorough
 def test_policy_and_value_learn_only_where_they_have_a_weight():
     rng = np.random.default_rng(2)
     logits, value = (jnp.asarray(rng.normal(size=shape), jnp.float32) for shape in ((6, 3), (6,)))
