@@ -24,7 +24,7 @@ def check_input(name: str, path: Path) -> None:
     """Raises InputError if path exists but is not a regular file: a device may never end, a pipe may block."""
     try:
         if path.exists() and not path.is_file():
-            raise InputError(f"{name} {path}: is no file; allowed a file")
+            raise InputError(f"{name} {path} is not a file; allowed a file")
     except OSError as error:
         raise InputError(
             f"{name} {path}: {error.strerror}; allowed a file that can be read"

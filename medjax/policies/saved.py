@@ -89,7 +89,7 @@ class ExportedPolicy:
         if about.agents:
             if taken := about.agents.keys() & numbers.keys():
                 raise InputError(
-                    f"{min(taken)}: it is the policy's own, allowed {about.agents[min(taken)]}"
+                    f"{min(taken)} is fixed by the policy, allowed {about.agents[min(taken)]}"
                 )
             return agents_of(scenario, build=build, **about.agents, **numbers)
         env, params, *_ = build(scenario, observation=about.observation, **numbers)

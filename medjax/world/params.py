@@ -258,7 +258,7 @@ def _check_places(config: EnvConfig) -> None:
     depots = max(config.num_ramps, 1)
     if config.num_depots > depots:
         raise InputError(
-            f"num_depots = {config.num_depots}: allowed at most one a ramp, {depots} with "
+            f"num_depots = {config.num_depots}: allowed at most one per ramp, {depots} with "
             f"num_ramps = {config.num_ramps}"
         )
 

@@ -37,7 +37,7 @@ def test_adjacent_ramps_share_a_depot():
     for depots, expected in shares.items():
         config = EnvConfig(num_ramps=5, num_depots=depots)
         assert config.ramp_depots == expected
-    with pytest.raises(InputError, match="num_depots = 5: allowed at most one a ramp, 4"):
+    with pytest.raises(InputError, match="num_depots = 5: allowed at most one per ramp, 4"):
         EnvConfig(num_depots=5)
 
 

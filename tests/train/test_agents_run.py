@@ -56,7 +56,7 @@ def test_train_evaluate_and_export(tmp_path, argv):
 
     env, _, policies = load_policies(run, RunDir(run).load_config(), False)
     saved = load_policy(run / "policy.zip")
-    with pytest.raises(InputError, match="speeds: it is the policy's own"):
+    with pytest.raises(InputError, match="speeds is fixed by the policy"):
         saved.make(overrides={"speeds": [14.0]})
     again, numbers = saved.make()
     assert (again.num_agents, again.actions) == (env.num_agents, env.actions)

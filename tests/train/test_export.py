@@ -246,7 +246,7 @@ def test_a_file_that_was_changed_is_refused(exported, tmp_path):
     with pytest.raises(InputError, match=r"policy.json of 1048577 bytes: at most 1048576"):
         load_policy(path)
     os.mkfifo(tmp_path / "pipe.zip")
-    with pytest.raises(InputError, match="is no file"):
+    with pytest.raises(InputError, match="is not a file"):
         load_policy(tmp_path / "pipe.zip")
 
 

@@ -91,8 +91,8 @@ def test_bad_files_are_refused_in_one_line(file, text):
         (3, "file 3: allowed a path"),
         (None, "file None"),
         ("a\0b", "printable"),
-        ("/dev/zero", "is no file"),  # which never ends
-        (".", "is no file"),
+        ("/dev/zero", "is not a file"),  # which never ends
+        (".", "is not a file"),
     ],
 )
 def test_bad_paths(file, words):

@@ -94,7 +94,7 @@ class ChargingVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             seed = [int(seed) + number for number in range(self.num_envs)]
         seeds = [None] * self.num_envs if seed is None else list(seed)
         if len(seeds) != self.num_envs:
-            raise InputError(f"{len(seeds)} seeds: allowed {self.num_envs}, one a copy")
+            raise InputError(f"{len(seeds)} seeds: allowed {self.num_envs}, one per copy")
         for number, own in enumerate(seeds):
             if own is not None:
                 self._generators[number] = seeding.np_random(own)[0]

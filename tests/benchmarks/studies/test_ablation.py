@@ -114,7 +114,7 @@ def test_sweep_command(run, tmp_path, capsys):
     report = json.loads(out.read_text())
     printed = capsys.readouterr().out
     rows = {(row["policy"], row["value"]): row for row in report["rows"]}
-    assert set(rows) == set(itertools.product(("ppo", *RULES), (9, 0)))
+    assert set(rows) == set(itertools.product(("ppo", "start", *RULES), (9, 0)))
     for (name, value), row in rows.items():
         assert any(line.split()[:2] == [name, str(value)] for line in printed.splitlines())
         assert row["return_ci95"][0] <= row["return"] <= row["return_ci95"][1]
