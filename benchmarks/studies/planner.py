@@ -7,8 +7,8 @@ episode's own. Candidates are halved (sequential halving, Karnin et al. 2013). I
 the policy, the planner follows it: one step of policy improvement (rollout algorithms, Bertsekas and Castanon 1999).
 
 Whole episodes would show the gain only by the hundreds. Instead, the advantages of the planner's choices over the
-policy's are summed along its episodes, whose expectation is the difference of the returns (performance difference
-lemma, Kakade and Langford 2002). Each is measured in futures that did not select the choice, so luck does not count.
+policy's are added up along its episodes; the expected sum is the difference of the returns (performance difference
+lemma, Kakade and Langford 2002). Fresh futures measure each advantage, so the selection adds no bias.
 """
 
 import argparse

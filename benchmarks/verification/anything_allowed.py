@@ -18,7 +18,7 @@ BOUND = {
     "fleet": ("size", "service_lane"),
     "charging": ("request_soc", "target_soc", "depleted_blocks"),
 }
-# Groups of driving behaviour are strange together, other groups independently.
+# The groups of driving behaviour are replaced together, other groups independently.
 DRIVING = ("drivers", "motion", "lane_change")
 ORDERS = 4.0  # orders of magnitude to cover below the upper end of a range from 0
 VAST = 1e9  # largest finite number drawn where infinity is allowed

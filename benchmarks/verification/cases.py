@@ -58,7 +58,7 @@ def random_action(key: jax.Array, mask: jax.Array, wild: jax.Array) -> jax.Array
 def told(
     key: jax.Array, index: Any, state: EnvState, config: EnvConfig, params: EnvParams
 ) -> EnvState:
-    """The state that a decision starts from; in every other pair of environments some MEDs get random orders.
+    """Gives some MEDs random orders in every other pair of environments; returns the new state.
 
     MEDs get orders wherever they are; masks remove orders that are not allowed.
     """

@@ -60,7 +60,7 @@ def check_decision(decision: Decision, config: EnvConfig, params: EnvParams) -> 
 
 
 def with_means(books: Books, last: EnvState, config: EnvConfig, params: EnvParams) -> Books:
-    """Books of a round's ticks, and integrals of EVs' mean charge, by the round's last state, and mean speed."""
+    """Adds to the books a round's integrals of mean SoC, at its last state, and mean EV speed."""
     on_road = last.vehicles.active[config.ev_slots]
     charge = jnp.where(on_road, last.evs.energy_j / params.ev_capacity_j, 0.0)
     soc = jnp.sum(charge) / jnp.maximum(jnp.sum(on_road), 1)
@@ -120,7 +120,7 @@ def outside(bounds: jax.Array, value: jax.Array) -> jax.Array:
 def resolved_way(books: Books, config: EnvConfig, params: EnvParams) -> jax.Array:
     """The scale for `differs` of distances that allows for rounding of positions to half a unit in the last place.
 
-    It covers all vehicles, and a vehicle present in a single tick of a round, which is then the round's mean.
+    It covers sums over all vehicles, and a mean that one vehicle in one tick of a round makes.
     """
     ticks = books["vehicle_ticks"] + config.ticks_per_round
     return ticks * 1e-7 * params.road.length_m / ROUNDING

@@ -167,7 +167,7 @@ def _how(a: np.ndarray, b: np.ndarray) -> str:
 
 
 def numbers() -> dict[str, Any]:
-    """Of SHORT: rewards of all decisions, and metrics and state after the last, for vehicles on the road."""
+    """Plays SHORT: all rewards, then final metrics and state of vehicles on the road."""
     found = {}
     for world, (preset, decisions, overrides) in SHORT.items():
         env, params = medjax.make(preset, **overrides)

@@ -91,7 +91,7 @@ def play(case: Case, share: float, rows: list[dict[str, Any]]) -> Iterator[list[
 
 
 def show_again(options: argparse.Namespace) -> NoReturn:
-    """Prints the first violation of one environment and ends the process; InputError if there is none such."""
+    """Prints one environment's first violation, if any, and exits; InputError for invalid options."""
     if options.case is None or options.environment is None:
         raise InputError("--case and --environment: allowed both or none")
     if options.environment >= options.num_envs:

@@ -188,7 +188,7 @@ def grant(
 
 
 def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests, Offers]:
-    """The EVs' requests and the MEDs' offers of this round."""
+    """The EVs' requests and the MEDs' offers of this round; an EV with less charge than `request_soc` requests."""
     vehicles, evs, meds = state.vehicles, state.evs, state.meds
     med_slots, ev_slots = config.med_slots, config.ev_slots
     length = by_kind(vehicles.kind, params.drivers.vehicle_length)

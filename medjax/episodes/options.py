@@ -152,7 +152,9 @@ def _file(run: str | None, policy: str) -> Path | None:
         return Path(policy) if policy.endswith(FILE) else None
     run_dir = as_path("--run-dir", run)
     if not run_dir.is_dir():
-        raise InputError(f"--run-dir {run_dir} is not a directory; allowed one that train.ppo wrote")
+        raise InputError(
+            f"--run-dir {run_dir} is not a directory; allowed one that train.ppo wrote"
+        )
     if not (run_dir / POLICY).is_file():
         remedy = f"python -m train.export --run-dir {run_dir} writes it"
         raise InputError(f"--run-dir {run_dir}: holds no {POLICY}; {remedy}")

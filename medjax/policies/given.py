@@ -24,7 +24,9 @@ def check_policy(text: str, known: Iterable[str] = BASELINES) -> None:
     if text.endswith(FILE):
         path = as_path("policy", text)
         if not path.is_file():
-            raise InputError(f"policy {shown(text)} is not a file; allowed one that train.ppo wrote")
+            raise InputError(
+                f"policy {shown(text)} is not a file; allowed one that train.ppo wrote"
+            )
     elif ":" in text:
         read_object("policy", text)
     elif text not in known:

@@ -12,7 +12,7 @@ from medjax.traffic.exits import mean_way
 from medjax.world.kinds import EVS, FUELLED, GAS_KINDS, kinds_in
 from medjax.world.params import DemandParams, DriverParams, EnvParams, RoadParams, Scalar
 
-# Cap on arrivals per entry and round; with 2 expected, more come once in 20,000 rounds.
+# Cap on arrivals per entry and round; with 2 expected, more come once in 4,200 rounds.
 MOST_ARRIVALS = 8
 # Desired speeds are cut off at this many standard deviations.
 SPEED_SPREAD = 2.5
@@ -184,8 +184,8 @@ def _drawn_counts(
 def _safe_start(spacing: jax.Array, desired_speed: jax.Array, params: EnvParams) -> jax.Array:
     """Highest safe initial speed on a road filled at this spacing, m, () m/s.
 
-    It keeps the time headway in the smallest possible gap, and four fifths of max_braking reduce it to the slowest
-    vehicle's speed within that gap.
+    In the smallest possible gap it keeps the time headway, and can slow down to the slowest vehicle's speed at four
+    fifths of max_braking.
     """
     drivers, comes = params.drivers, jnp.stack(params.demand.class_shares) > 0.0
 

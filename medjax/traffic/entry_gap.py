@@ -58,7 +58,7 @@ def cut_off(
     max_acceleration: jax.Array,
     tyres: Tyres,
 ) -> jax.Array:
-    """Whether a vehicle that straddles an entry's lane from behind could not stop for a newcomer, `(K,)` bool.
+    """Whether an upstream vehicle that straddles an entry's lane could not stop for a newcomer, `(K,)` bool.
 
     Such vehicles are leaving the acceleration lane upstream of the entry.
 

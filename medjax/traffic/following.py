@@ -132,7 +132,7 @@ def same_platoon(follower: Follower, leader: Leader, has_leader: jax.Array) -> j
 
 
 def spare_headway(follower: Follower, leader: Leader, has_leader: jax.Array) -> jax.Array:
-    """Current IDM headway, s: (gap - s0) / speed, less what closing in uses up; inf without a leader."""
+    """Current IDM headway, s: (gap - s0) / v - max(0, v - v_leader) closing; inf without a leader."""
     closing = jnp.maximum(follower.speed - leader.speed, 0.0) * follower.closing
     kept = (gap_between(follower, leader) - follower.min_gap) / jnp.maximum(follower.speed, 1.0)
     return jnp.where(has_leader, kept - closing, jnp.inf)
@@ -149,7 +149,7 @@ def relaxed_headway(
     """Headways that drivers keep in this tick, s.
 
     When a vehicle or its leader changes lanes, the driver accepts the current headway, down to the shortest accepted
-    one. The headway then relaxes to the driver's usual one and is at least the smaller of the current and usual ones.
+    one. It then relaxes to the usual headway, and is never below the smaller of the current and the usual one.
 
     Args:
       headway: (N,) s, so far; usual: (N,) s, each driver's own.

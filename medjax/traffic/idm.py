@@ -56,7 +56,7 @@ def idm_acceleration(
 def free_acceleration(
     speed: jax.Array, desired_speed: ArrayLike, max_acceleration: ArrayLike, exponent: float
 ) -> jax.Array:
-    """IDM acceleration on a free road: A [1 - (v/v0)^exponent], m/s^2."""
+    """IDM acceleration on a free road: a [1 - (v/v0)^exponent], m/s^2."""
     ratio = speed / desired_speed
     # Two multiplications are cheaper than a pow.
     power = jnp.square(jnp.square(ratio)) if exponent == 4.0 else ratio**exponent
@@ -108,7 +108,7 @@ STANDARD_IDM = IDM()  # with the usual exponent
 
 @dataclasses.dataclass(frozen=True)
 class IDMPlus(IDM):
-    """IDM+, min(free, A [1 - (s*/s)^2]): a steady follower keeps the gap s0 + v T at any speed.
+    """IDM+, min(free, a [1 - (s*/s)^2]): a steady follower keeps the gap s0 + v T at any speed.
 
     IDM adds both terms and near the desired speed never keeps its own headway, which makes a road's capacity a tenth
     too low. A vehicle above its desired speed brakes comfortably at most.

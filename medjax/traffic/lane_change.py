@@ -211,7 +211,7 @@ def _is_safe(look: Look, params: LaneChangeParams, tyres: Tyres) -> jax.Array:
     """Whether each could change lanes safely, `(C,)` bool.
 
     The more urgent a change is, the harder it may make the vehicle and its new follower brake (LMRS's gap acceptance),
-    and the smaller the gaps it accepts: behind a vehicle that stops to let it in, it would else wait for ever. However
+    and the smaller the gaps it accepts: it must fit in front of a vehicle that stops to let it in. However
     urgent the change, every vehicle must still be able to stop behind the one ahead. The changing vehicle covers both
     lanes until it has cleared its own; at current speeds it must do so before it reaches its old leader.
     """

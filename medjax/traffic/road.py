@@ -13,7 +13,7 @@ NOWHERE = -2  # no lane, and not next to one
 
 
 def merge_distance(x: jax.Array, road: RoadParams) -> jax.Array:
-    """Distance to the end of the acceleration lane that x, m, is on; of the shape of x, m, inf past the last lane.
+    """Distance to the end of the acceleration lane that x, m, is on; of the shape of x, m, inf past the last ramp's.
 
     Ramps are further apart than an acceleration lane is long.
     """

@@ -22,7 +22,10 @@ class Steps:
 def generalized_advantages(
     steps: Steps, last_value: jax.Array, *, gamma: float, gae_lambda: float
 ) -> tuple[jax.Array, jax.Array]:
-    """GAE(lambda) (Schulman et al. 2016, arXiv:1506.02438, eq. 16) over rollouts with auto-reset.
+    """GAE(lambda) over rollouts with auto-reset: how much better a choice did than the critic expected.
+
+    A_t = delta_t + gamma lambda A_(t+1), with delta_t = r_t + gamma V_(t+1) - V_t (Schulman et al. 2016,
+    arXiv:1506.02438, eq. 16).
 
     A terminated episode has no future value. A truncated one would have continued: it is bootstrapped with the value
     of its final observation, and the trace is cut because the next stored step belongs to another episode. A step that

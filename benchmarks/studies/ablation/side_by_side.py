@@ -25,7 +25,7 @@ from train.algorithms.registry import algorithm_of
 from train.settings import TrainConfig
 
 Numbers = Mapping[str, Any]  # by "group.leaf" of EnvParams; of several worlds: (worlds,) each
-EPISODES_A_CALL = 32  # of the compiled program, about: how often the bar moves and Ctrl-C is heard
+EPISODES_A_CALL = 32  # approximate; sets how often the bar moves and Ctrl-C is heard
 
 
 def with_numbers(params: EnvParams, numbers: Numbers) -> EnvParams:
@@ -58,7 +58,7 @@ def play_worlds(
       numbers: in which they differ, `(worlds,)` each.
       policies: by name.
       episodes, seed: as in `medjax.episodes.scores`.
-      own_weights: leaves of the policies' weights have an axis of worlds first: in each another policy plays.
+      own_weights: the policies' weights have a leading axis of worlds: each world plays its own policy.
 
     Returns:
       For each policy, arrays `(worlds, episodes)` float64 of `return`, `length` and the environment's metrics.
@@ -95,7 +95,7 @@ def in_world(score: Scores, index: int) -> Scores:
 
 
 def _episodes_a_call(episodes: int, block: int) -> int:
-    """So many that devices work on whole blocks, which are of the episodes that fit a device's cache together."""
+    """Episodes per call: whole blocks on every device, where a block fits a device's cache."""
     devices = len(jax.local_devices())
     unit = devices * min(block, -(-episodes // devices))
     return unit * max(1, EPISODES_A_CALL // unit)

@@ -86,9 +86,9 @@ def add_options(parser: OneLineParser, study: str) -> None:
 
 
 def run(study: str, options: argparse.Namespace) -> dict[str, Any]:
-    """Plays all policies at all values, prints a table, and returns it: what was varied, a row a policy and value.
+    """Plays all policies at all values, prints a table, and returns it with one row per policy and value.
 
-    return_change of a row is its return less that of the same episodes at the first value.
+    `return_change` is the return minus that of the same episodes at the first value.
 
     Raises:
       InputError: a value that is not allowed, or a run that cannot be read.

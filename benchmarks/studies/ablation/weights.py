@@ -47,7 +47,7 @@ def add_options(parser: OneLineParser) -> None:
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Trains a dispatcher for each reward, plays them and the rules, prints a table, and returns it.
 
-    A row for each learner, with its costs, then one for each rule; returns count the costs.
+    A row per learner, then per rule; only learners' returns include the costs.
 
     Raises:
       InputError: a setting that is not allowed.

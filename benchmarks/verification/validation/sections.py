@@ -111,7 +111,7 @@ def breakdown(counted: Diagram, free_speed: float) -> Breakdown:
     if not len(begins):
         return Breakdown(None, np.nan, np.nan, np.nan, np.nan)
     minute = int(begins[0])
-    # The last of several sections, since queues grow backwards.
+    # The most downstream section, since queues grow upstream.
     index = int(np.nonzero(stays[:, minute])[0][-1])
     late = np.arange(len(flow)) >= minute + FLOW_MINUTES
     active = late & slow[:, index] & ~slow[:, index + 1]
