@@ -51,7 +51,13 @@ def play(env, params, rule, keys, decisions):
     return jax.lax.map(episode, keys, batch_size=25)
 
 
-@pytest.mark.parametrize("rule", [pytest.param("paced", marks=pytest.mark.slow), "greedy"])
+@pytest.mark.parametrize(
+    "rule",
+    [
+        pytest.param("paced", marks=pytest.mark.slow),
+        pytest.param("greedy", marks=pytest.mark.thorough),
+    ],
+)
 def test_no_booking_makes_an_ev_brake_hard(probed, rule):
     """In the 3 s after a booking begins or ends EVs brake at less than 3 m/s2, but for one in two hundred."""
     env, params = probed

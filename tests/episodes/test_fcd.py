@@ -91,6 +91,7 @@ def net(recording, tmp_path_factory):
     return net
 
 
+@pytest.mark.thorough
 def test_fcd_is_replayed_by_sumo(recording, fcd, net, sumo_home, tmp_path):
     """In the same lanes, except just after a change: SUMO places a vehicle up to two ticks late."""
     types = "".join(

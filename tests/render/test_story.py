@@ -122,7 +122,7 @@ def test_bad_evaluations_are_refused(recording, tmp_path):
         with pytest.raises(InputError, match="--evaluation"):
             read_evaluation(path)
     os.mkfifo(tmp_path / "pipe")  # without a writer
-    with pytest.raises(InputError, match="no file"):
+    with pytest.raises(InputError, match="is not a file"):
         read_evaluation(tmp_path / "pipe")
     path.write_text(json.dumps(evaluated(recording)))
     found = read_evaluation(path)

@@ -82,6 +82,7 @@ def test_vehicles_merge_at_the_speed_of_the_main_road(records, merges):
     assert np.median(speeds) >= 0.83 * np.median(np.concatenate(right))
 
 
+@pytest.mark.thorough
 def test_followers_brake_comfortably(merges):
     """The hardest twentieth of those with a vehicle merging ahead stays within 3 m/s^2."""
     braking = np.array([merge.braking for merge in merges if merge.braking < 0.0])

@@ -29,7 +29,9 @@ TINY = ["--num-envs=4", "--num-minibatches=4", "--rollout-length=12", "--total-t
     "argv",
     [
         pytest.param(["--agents=ippo", "--credit=own"], marks=pytest.mark.slow),
-        ["--agents=mappo", "--credit=own", "--dispatcher=budgeted"],
+        pytest.param(
+            ["--agents=mappo", "--credit=own", "--dispatcher=budgeted"], marks=pytest.mark.thorough
+        ),
     ],
 )
 def test_train_evaluate_and_export(tmp_path, argv):

@@ -73,7 +73,13 @@ def plain(small):
     return course_of(small[0])
 
 
-@pytest.mark.parametrize("bounds", [pytest.param((1.0, 1.0), marks=pytest.mark.slow), (LOW, HIGH)])
+@pytest.mark.parametrize(
+    "bounds",
+    [
+        pytest.param((1.0, 1.0), marks=pytest.mark.slow),
+        pytest.param((LOW, HIGH), marks=pytest.mark.thorough),
+    ],
+)
 def test_an_episode_equals_that_of_its_demand_without_the_wrapper(small, plain, bounds):
     """Bit for bit, observations, masks and metrics included."""
     env, params = small

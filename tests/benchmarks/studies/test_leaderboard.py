@@ -135,7 +135,7 @@ def test_a_pipe_is_refused(path, capsys):
     """Reading a pipe would wait until somebody writes to it."""
     path.unlink()
     os.mkfifo(path)
-    assert "board.json: is not a file" in refused(main, ["--file", str(path)], capsys)
+    assert "board.json is not a file" in refused(main, ["--file", str(path)], capsys)
 
 
 def test_a_board_that_cannot_be_written_ends_it_in_a_line(path, monkeypatch, capsys):

@@ -74,6 +74,7 @@ def test_leaves_the_policy_only_where_that_pays(futures, state, pay):
     assert (found.plan, found.gain) == (AS_BASE, 0.0)
 
 
+@pytest.mark.thorough
 def test_candidates_meet_the_same_futures(futures, state):
     """Equal candidates have equal returns in every future; futures differ."""
     futures.same = futures.same[0], paying(1.0)[1]

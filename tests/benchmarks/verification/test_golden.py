@@ -114,6 +114,7 @@ def run(argv):
     return int(ended.value.code)
 
 
+@pytest.mark.thorough
 def test_the_command_compares_two_trees(worlds, monkeypatch, tmp_path, capsys):
     """Twice the same tree, and one with a heavier EV and another demand in a preset that no world plays."""
     _, play = worlds["quiet"]

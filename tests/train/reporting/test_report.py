@@ -150,6 +150,7 @@ def test_the_survey_adds_up(made, scores):
     assert float(ppo["MEDs sent"]) == pytest.approx(scores["ppo"]["meds_dispatched"].mean())
 
 
+@pytest.mark.thorough
 def test_a_world_of_another_shape_is_named(made, capsys):
     for changes, words in (
         (

@@ -9,7 +9,9 @@ import pytest
 from tests.train.runs.test_session import assert_same_run
 
 
-@pytest.mark.parametrize("kills", [6, pytest.param(20, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "kills", [pytest.param(6, marks=pytest.mark.thorough), pytest.param(20, marks=pytest.mark.slow)]
+)
 def test_killed_and_resumed_equals_uninterrupted_bit_for_bit(probe, request, kills):
     command = [sys.executable, "-m", "tests.train.killed_runs", str(probe), "0", str(kills)]
     done = subprocess.run(command, cwd=request.config.rootpath, capture_output=True, text=True)
