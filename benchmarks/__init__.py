@@ -5,6 +5,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from medjax.commandline import fail
+from medjax.hooks import command_name
 
 
 def _check_train(command: str) -> None:
@@ -17,6 +18,5 @@ def _check_train(command: str) -> None:
             sys.exit(fail(f"python -m {command}", f"train is {found.origin} here: {remedy}"))
 
 
-# `sys.argv[0]` is "-m" while Python locates the module of a command and imports its package.
-if sys.argv[:1] == ["-m"] and (_name := sys.orig_argv[-len(sys.argv)]).startswith("benchmarks."):
+if _name := command_name():
     _check_train(_name)

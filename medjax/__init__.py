@@ -5,16 +5,14 @@ a second for JAX and the simulator.
 """
 
 import os
-import sys
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from medjax import hooks
 
-if sys.argv[:1] == [
-    "-m"
-]:  # a command, which may import JAX before its `main` starts: see `commandline.command`
+if hooks.command_name():
+    # `commandline.command` sets this, too, but a command may import JAX before its `main` starts.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 if TYPE_CHECKING:  # for type checkers and editors

@@ -2,6 +2,7 @@
 
 import argparse
 import functools
+import gc
 import importlib
 import json
 import os
@@ -18,6 +19,7 @@ from medjax.errors import MOST_SHOWN, InputError, one_line, shown, told
 from medjax.streams import unbroken_output
 
 MOST_PATH = 1000  # characters, which leaves room for nested directories
+AGAIN_S = 0.02  # delay after which a deferred signal is sent again
 MOST_NAME = 255  # bytes, the limit of common file systems
 SECONDS_PER_LINE = 10.0  # between progress lines, if no terminal shows a bar
 # Arguments of medjax.make and agents_of that `--set` cannot fill; they need Python or their own option.
@@ -55,8 +57,29 @@ def signal_of(error: KeyboardInterrupt) -> int:
     return int(signal.SIGTERM if isinstance(error, TerminatedError) else signal.SIGINT)
 
 
-def _terminate(number: int, frame: FrameType | None) -> None:
-    raise TerminatedError
+def _loses_exceptions(frame: FrameType) -> bool:
+    """Whether Python loses what is raised in this frame: while it collects garbage or loads an extension."""
+    collecting = (getattr(callback, "__code__", None) for callback in gc.callbacks)
+    of_weak = frame.f_globals.get("__name__") in ("weakref", "_weakrefset")
+    loading = frame.f_code.co_qualname.startswith("ExtensionFileLoader.")
+    return of_weak or loading or frame.f_code.co_name == "__del__" or frame.f_code in collecting
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Handler of SIGINT and SIGTERM: raises KeyboardInterrupt or TerminatedError in the running code.
+
+    Where that would be lost, such as in JAX's callback of the garbage collector, which runs often during tracing, the
+    signal is sent again a moment later.
+    """
+    within = frame
+    while within is not None:
+        if _loses_exceptions(within):
+            again = threading.Timer(AGAIN_S, os.kill, (os.getpid(), number))
+            again.daemon = True
+            again.start()
+            return
+        within = within.f_back
+    raise TerminatedError if number == signal.SIGTERM else KeyboardInterrupt
 
 
 def command(main: Callable[[Sequence[str] | None], int]) -> Callable[..., int]:
@@ -67,11 +90,15 @@ def command(main: Callable[[Sequence[str] | None], int]) -> Callable[..., int]:
 
     @functools.wraps(main)
     def run(argv: Sequence[str] | None = None) -> int:
+        """Runs `main` with these handlers."""
         # XLA's C++ logs an error that asks to file a bug when compilation is slow, and has no flag for that line alone
         # (openxla/xla#9828, jax-ml/jax#26098). Real errors are raised anyway. Must precede the import of JAX.
         os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
-        in_main_thread = threading.current_thread() is threading.main_thread()
-        before = signal.signal(signal.SIGTERM, _terminate) if in_main_thread else None
+        before = {}
+        if threading.current_thread() is threading.main_thread():
+            before[signal.SIGTERM] = signal.signal(signal.SIGTERM, interrupt)
+            if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else it is ignored
+                before[signal.SIGINT] = signal.signal(signal.SIGINT, interrupt)
         with unbroken_output():
             try:
                 return main(argv)
@@ -79,8 +106,8 @@ def command(main: Callable[[Sequence[str] | None], int]) -> Callable[..., int]:
                 print("interrupted", file=sys.stderr)
                 return 128 + signal_of(error)
             finally:
-                if in_main_thread:
-                    signal.signal(signal.SIGTERM, before)
+                for number, handler in before.items():
+                    signal.signal(number, handler)
 
     return run
 

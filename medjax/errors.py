@@ -1,7 +1,11 @@
-"""Error types, and formatting of values in messages: one line, printable and short."""
+"""Error types, formatting of values in messages (one line, printable and short), and former names of members."""
 
 import re
 import reprlib
+import sys
+import warnings
+from collections.abc import Callable
+from typing import Any
 
 MOST_SHOWN = 100  # characters of a value in a message
 MOST_SAID = 600  # characters of a message on the command line
@@ -53,6 +57,26 @@ def shown(value: object) -> str:
 def told(error: Exception) -> str:
     """Formats an exception from user code for a message."""
     return one_line(f"{type(error).__name__}: {error}", MOST_SHOWN)
+
+
+def renamed(old: str, new: str, value: Any, stacklevel: int = 3) -> Any:
+    """Returns the value of a member that has a new name; the caller's caller is warned that it used the former one."""
+    text = f"{old} is now {new}; the old name goes with the next version"
+    warnings.warn(text, DeprecationWarning, stacklevel)
+    return value
+
+
+def former_names(module: str, **names: str) -> Callable[[str], Any]:
+    """A `__getattr__` for a module, by which former names of its members go on working; `names` maps old to new."""
+
+    def get(name: str) -> Any:
+        """The member that has a new name; AttributeError if there is none."""
+        if name in names:
+            value = getattr(sys.modules[module], names[name])
+            return renamed(f"{module}.{name}", names[name], value)
+        raise AttributeError(f"module {module!r} has no attribute {name!r}")
+
+    return get
 
 
 def _cut(text: str, most: int) -> str:

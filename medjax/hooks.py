@@ -1,4 +1,4 @@
-"""Connects packages that do not import each other: environment and rendering, Gymnasium and environment."""
+"""Connects packages that do not import each other: environment and rendering, Gymnasium and environment, commands."""
 
 import sys
 from collections.abc import Callable
@@ -8,6 +8,13 @@ ENV_ID = "medjax/Charging-v0"
 
 viewer: Callable[..., Any]
 """Called by `ChargingEnv.render` as `viewer(state, config, params, name=..., **size)`; `medjax` sets it."""
+
+
+def command_name() -> str:
+    """The module of ours that `python -m` is about to run; empty in any other program."""
+    # `sys.argv[0]` is "-m" while Python locates the module and imports its package.
+    name = sys.orig_argv[-len(sys.argv)] if sys.argv[:1] == ["-m"] else ""
+    return name if name.partition(".")[0] in ("medjax", "train", "benchmarks") else ""
 
 
 def register() -> None:

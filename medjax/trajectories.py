@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     vehicles, told_at = 0, time.monotonic()
 
     def pieces() -> Iterator[Recording]:
-        # Prints progress now and then.
+        """Yields the pieces as they are played, and prints progress now and then."""
         nonlocal vehicles, told_at
         for piece in played.record_pieces(env, params, chosen):
             yield piece

@@ -79,11 +79,3 @@ def test_what_the_environment_returns_fits_its_annotations(paper, started, decis
 def test_calls_are_checked_while_tests_run(call):
     with pytest.raises(jaxtyping.TypeCheckError):
         call()
-
-
-def test_former_names_of_fields_give_the_new_ones_and_a_warning(started):
-    state = started[1]
-    with pytest.warns(DeprecationWarning, match=r"EVs\.panel is now charging_slot"):
-        assert state.evs.panel is state.evs.charging_slot
-    with pytest.warns(DeprecationWarning, match=r"EnvState\.tally is now stats"):
-        assert state.tally is state.stats

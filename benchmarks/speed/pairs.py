@@ -1,8 +1,8 @@
 """`python -m benchmarks.pairs TREE TREE`: how fast the decisions of several checkouts are, as shares of the first's.
 
 Each tree runs in a process of its own. The processes take turns within a second or so, and the processor time of each
-call is compared with that of the first tree in the same round. Other work on the machine, or a change of its clock,
-then hardly moves the ratio.
+call is compared with that of the first tree in the same round. So a change of the machine's speed cancels. Other work
+does not quite: it takes from the cores' caches, which costs one tree more than another.
 """
 
 import argparse

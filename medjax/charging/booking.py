@@ -18,6 +18,7 @@ from medjax.charging.docking import (
     slots_on_road,
 )
 from medjax.charging.energy import cruising
+from medjax.errors import former_names
 from medjax.numerics.gathers import read
 from medjax.numerics.sums import count_down
 from medjax.traffic.entry import Newcomers
@@ -36,6 +37,8 @@ from medjax.world.params import (
 from medjax.world.state import IN_SERVICE, NOT_BOOKED, EnvState, EVs, MEDs, Vehicles
 
 FAR = 1.0e9
+__getattr__ = former_names(__name__, panel_flags="charging_slot_flags")
+
 # Approximate duration of a lane change, for the choice of a charging slot.
 LANE_CHANGE_S = 4.0
 # A docking is in time if the MED then still stays this long for charging.
@@ -159,7 +162,11 @@ def grant(
     one-to-one by construction.
 
     Args:
-      med, charging_slot: (E,) int32, the map so far; returned with the new bookings.
+      med, charging_slot: (E,) int32, the map so far.
+      requests: the EVs; offers: the MEDs.
+
+    Returns:
+      (med, charging_slot) with the new bookings.
     """
     ahead = offers.x[None, :] - requests.x[:, None]
     within = (ahead <= params.reach_ahead_m) & (ahead >= -params.reach_behind_m)

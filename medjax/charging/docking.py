@@ -84,10 +84,14 @@ def plan_approach(
     med: Partner,
     params: ChargingParams,
 ) -> Approach:
-    """Plans where each booked EV drives and which lane it takes next; all arguments have the shape of the EVs.
+    """Plans where each booked EV drives and which lane it takes next.
 
     An EV on the far side of the MED must cross the MED's lane, so it falls back behind the MED first. It enters the
     MED's lane only close to its slot, and ahead of or behind the MED as the slot requires.
+
+    Args:
+      x, lane, ev_length, charging_slot: of the EVs, equal shapes; charging_slot in 0..3.
+      med: their MEDs, same shape.
     """
     wanted = charging_slot_lane(charging_slot, med.lane)
     crossing = (lane - med.lane) * (wanted - med.lane) < 0
@@ -113,10 +117,15 @@ def approach_pace(
     slowest: jax.Array | float,
     params: ChargingParams,
 ) -> jax.Array:
-    """Speed of EVs on the way to their slots `ahead_m`, m/s: the MED's plus a share of the distance, within bounds.
+    """Speed at which an EV drives to its slot, m/s: the MED's plus a share of the distance to go, within bounds.
 
-    An EV falls back by `most_back` m/s at most. However slow the MED is, the EV drives no slower than `slowest`,
-    because it may itself be what slows the MED. If the MED does not get faster, the booking lapses.
+    However slow the MED is, the EV drives no slower than `slowest`, because it may itself be what slows the MED. If
+    the MED does not get faster, the booking lapses.
+
+    Args:
+      ahead_m: m, position of the slot minus that of the EV; med_speed: m/s; most_back: m/s, highest speed of falling
+        back; equal shapes.
+      slowest: m/s, same shape or one for all.
     """
     closing = jnp.clip(params.approach_rate * ahead_m, -most_back, params.approach_speed)
     return jnp.maximum(med_speed + closing, slowest)
@@ -125,11 +134,19 @@ def approach_pace(
 def docking_acceleration(
     speed: jax.Array, pace: jax.Array, comfortable_deceleration: jax.Array, params: ChargingParams
 ) -> jax.Array:
-    """Acceleration towards `approach_pace`, m/s^2, at least `-comfortable_deceleration`.
+    """Acceleration towards that pace, m/s^2: the inner of two nested proportional loops.
 
-    It is the inner of two nested proportional loops: with approach_rate k and speed_rate c, the position error decays
-    as s^2 + c s + c k = 0. Traffic takes the smaller of this and IDM. IDM followers are safe behind a leader that
-    brakes comfortably, but not behind one that brakes as hard as they can.
+    With approach_rate k and speed_rate c the position error decays as s^2 + c s + c k = 0. The caller takes the
+    smaller of this and IDM, so that the EV comes no closer to any vehicle than IDM allows.
+
+    No EV brakes harder than is comfortable to reach a slot: IDM followers are safe behind such a leader, but not
+    behind one that brakes as hard as they can.
+
+    Args:
+      speed, comfortable_deceleration: of the EVs, m/s and positive m/s^2; pace: m/s (`approach_pace`); equal shapes.
+
+    Returns:
+      m/s^2, same shape, at least -comfortable_deceleration.
     """
     return jnp.maximum(params.speed_rate * (pace - speed), -comfortable_deceleration)
 

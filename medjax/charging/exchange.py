@@ -50,7 +50,10 @@ def transfer(
 
 
 def taper(energy_j: jax.Array, params: EnvParams) -> jax.Array:
-    """Share of the power that batteries accept at this energy, `(E,)` J: 1 up to `taper_soc`, down to 0 when full."""
+    """Share of the power that batteries accept at this energy, `(E,)` J: 1 up to `taper_soc`, down to 0 when full.
+
+    Source: constant current, then constant voltage; see docs/models.md.
+    """
     falls_over_j = params.ev_capacity_j * jnp.maximum(1.0 - params.charging.taper_soc, 1e-6)
     return jnp.clip((params.ev_capacity_j - energy_j) / falls_over_j, 0.0, 1.0)
 
@@ -76,10 +79,18 @@ def exchange(
     config: EnvConfig,
     params: EnvParams,
 ) -> tuple[EVs, MEDs, EpisodeStats]:
-    """EVs, MEDs and tally after one tick's transfer and driving; `link` is after the tick, the batteries before it.
+    """Transfer and driving energy of one tick.
 
     The tally excludes braking energy that a full battery cannot take, and driving energy beyond what an EV's battery
     still holds. A MED drives on when empty, and the tally includes that energy, because a depot pays for it.
+
+    Args:
+      before, after: the vehicles before and after the tick.
+      link: of each EV with its MED, after the tick.
+      state: the batteries before the tick.
+
+    Returns:
+      (EVs, MEDs, tally)
     """
     evs, meds, slots, tick_s = state.evs, state.meds, config.ev_slots, config.tick_s
     med_use = _driven(before, after, config.med_slots, params.med, params.road, tick_s)

@@ -113,7 +113,11 @@ def links(
     params: EnvParams,
     coupling: Coupling,
 ) -> Link:
-    """Whether each EV charges, and the efficiency and power of its link; `length` `(N,)` m is of the vehicles."""
+    """Whether each EV charges, and the efficiency and power of its link.
+
+    Args:
+      length: (N,) m, of the vehicles.
+    """
     slots, med_slots, charging = config.ev_slots, config.med_slots, params.charging
     speed, offset, lateral_speed = vehicles.speed, vehicles.lateral_offset, vehicles.lateral_speed
     med = partners(vehicles, evs, length, config)

@@ -160,6 +160,7 @@ class ChargingEnv:
             "reward_terms": terms,
             "action_mask": self.action_mask(state, params),
             "step_stats": step_stats,
+            "tally": step_stats,  # its former name, for one more version
             "begun": begun,
             "ticks": ticks,
         }
@@ -177,6 +178,7 @@ class ChargingEnv:
         first = state.time * rounds
 
         def play(carry: Driven, given: tuple[jax.Array, ...]) -> tuple[Driven, tuple[Any, Any]]:
+            """One round."""
             (state, step_stats), (number, key, ticks) = carry, given
             state, entered = self._begin(key, state, first + number, params)
             begun = self.probe(state) if self.probe else None
@@ -215,6 +217,7 @@ class ChargingEnv:
         drivers = drivers_of(apply_eco_speed(state, config, params), config, params)
 
         def tick(carry: Driven, index: jax.Array) -> tuple[Driven, Any]:
+            """One physics tick, then the probe."""
             state, step_stats = carry
             state, more = physics_tick(
                 state, drivers, index, config, params, self.following, self.coupling

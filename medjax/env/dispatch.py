@@ -49,10 +49,13 @@ def is_allowed(choice: jax.Array, mask: jax.Array) -> jax.Array:
 def dispatch(
     state: EnvState, action: jax.Array, config: EnvConfig, params: EnvParams
 ) -> tuple[EnvState, EpisodeStats]:
-    """Sends a MED to a ramp, where it waits for a safe gap; returns also the tally of dispatches and invalid actions.
+    """Sends a MED to a ramp, where it waits for a safe gap.
 
     Args:
       action: () integer; one that is out of range or masked counts as 0.
+
+    Returns:
+      (state, tally of dispatches and invalid actions)
     """
     action, meds = jnp.asarray(action).astype(jnp.int32), state.meds
     allowed = is_allowed(action, action_mask(state, config))
@@ -98,7 +101,11 @@ def on_the_road(
 def advance_clocks(
     state: EnvState, config: EnvConfig, params: EnvParams
 ) -> tuple[EnvState, EpisodeStats]:
-    """Counts the decision and the cooldown, and returns charged MEDs to depots; also returns the tally of energy."""
+    """Counts the decision, advances the cooldown, and returns fully charged MEDs to their depots.
+
+    Returns:
+      (state, tally of energy from the depots and of energy for the trips home)
+    """
     meds, dt = state.meds, config.decision_s
     ready_in = jnp.where(meds.status == RETIRED, count_down(meds.ready_in_s, dt), meds.ready_in_s)
     returns = (meds.status == RETIRED) & (ready_in <= 0.0)

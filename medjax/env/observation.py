@@ -125,7 +125,11 @@ class FlatObservation:
 
 
 def hat_weights(values: jax.Array, num_nodes: int) -> jax.Array:
-    """Linear interpolation weights of values, clipped to [0, 1], over at least 2 evenly spaced nodes.
+    """Linear interpolation weights of values in [0, 1] over evenly spaced nodes.
+
+    Args:
+      values: any shape; values outside [0, 1] are clipped.
+      num_nodes: at least 2.
 
     Returns:
       `(*values.shape, num_nodes)`: at most two nonzero weights per value, which add up to 1.

@@ -7,7 +7,6 @@ Weights are leaves of `EnvParams.reward_weights`, by the same names; those of `M
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -15,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from medjax.errors import InputError, shown
+from medjax.errors import InputError, renamed, shown
 from medjax.world.kinds import GAS_KINDS
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, EpisodeStats
@@ -32,9 +31,8 @@ class Outcome(struct.PyTreeNode):
 
     @property
     def happened(self) -> EpisodeStats:
-        """Former name of `step_stats`."""
-        warnings.warn("Outcome.happened is now Outcome.step_stats", DeprecationWarning, 2)
-        return self.step_stats
+        """Former name of `step_stats`, for one more version."""
+        return renamed("Outcome.happened", "step_stats", self.step_stats)
 
 
 RewardTerm = Callable[[Outcome], jax.Array]

@@ -106,7 +106,11 @@ def _flow(
 
 
 def ways(before: Vehicles, after: Vehicles, config: EnvConfig) -> EpisodeStats:
-    """Distances driven in a round (from its start and end); their duration at desired speed reduces the delays."""
+    """Distances driven in a round; subtracts their duration at desired speed from the delays.
+
+    Args:
+      before, after: start and end of the round; a vehicle that left in between stays where it left.
+    """
     travelled = after.x - before.x
     free_s = travelled / before.desired_speed
     return EpisodeStats.zeros().replace(

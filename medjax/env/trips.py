@@ -20,13 +20,16 @@ def lacks_charge(
     config: EnvConfig,
     params: EnvParams,
 ) -> jax.Array:
-    """EVs that would reach the charger after an exit, or their destination if nearer, with less than `stop_soc`.
+    """EVs that would reach their destination, or the charger after an exit if nearer, with less than `stop_soc`.
 
     EVs drive at cruising speed. Each exit has a charger; beyond the last one, the next is one mean exit spacing away.
 
     Args:
       energy_j, x, destination: of EVs, (E,) J, m, m.
       passed: (E,) m, the exit that each EV passes or has passed.
+
+    Returns:
+      (E,) bool.
     """
     road = params.road
     beyond = next_exit(passed, road)
@@ -73,8 +76,10 @@ def plan_trips(
 ) -> tuple[EnvState, EpisodeStats]:
     """Revises destinations: the next exit after a missed one, a charger for low EVs, a depot for MEDs at their reserve.
 
-    An EV that makes for its exit, or whose MED does, gives up its booking and requests no other. Returns also the tally
-    of missed exits.
+    An EV that makes for its exit, or whose MED does, gives up its booking and requests no other.
+
+    Returns:
+      (state, tally of missed exits)
     """
     vehicles, meds, evs, road = state.vehicles, state.meds, state.evs, params.road
     slots = config.ev_slots

@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Callable
-from operator import attrgetter
 from typing import Any
 
 import jax
@@ -37,12 +36,6 @@ class Wrapper:
 
     env: Environment
 
-    name = property(attrgetter("env.name"))
-    num_actions = property(attrgetter("env.num_actions"))
-    config = property(attrgetter("env.config"))
-    observation = property(attrgetter("env.observation"))
-    decisions_per_step = property(attrgetter("env.decisions_per_step"))
-
     def __post_init__(self) -> None:
         check_environment(self.env)
 
@@ -53,6 +46,31 @@ class Wrapper:
     def outer(self, state: State, inner: State) -> State:
         """The wrapper's next state, from its previous `state` and the new state `inner` of `env`."""
         return inner
+
+    @property
+    def name(self) -> str:
+        """Name of the environment."""
+        return self.env.name
+
+    @property
+    def num_actions(self) -> int:
+        """Number of discrete actions."""
+        return self.env.num_actions
+
+    @property
+    def config(self) -> Any:
+        """Sizes and time steps of the highway."""
+        return self.env.config
+
+    @property
+    def observation(self) -> Any:
+        """Layout of the observation."""
+        return self.env.observation
+
+    @property
+    def decisions_per_step(self) -> int:
+        """Maximum number of highway decisions per step."""
+        return self.env.decisions_per_step
 
     def reset(self, key: jax.Array, params: Params) -> tuple[Observation, State]:
         """Starts an episode."""

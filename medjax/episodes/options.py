@@ -61,7 +61,11 @@ class EpisodeRequest:
     evaluation: Path | None = None  # of the run, if its policy plays in the world it was trained in
 
     def prepared(self) -> tuple[ChargingEnv, EnvParams]:
-        """The environment and params of `policies`, without the coils' table; compiles nothing."""
+        """The environment and params of `policies`, without the coils' table; compiles nothing.
+
+        Raises:
+          InputError: as in `policies`.
+        """
         if self.file is None:
             env, params, _ = prepare(self.scenario or "paper", **self.overrides)
             return env, params

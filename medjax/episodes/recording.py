@@ -17,6 +17,7 @@ from flax import struct
 from medjax.env.contract import Environment
 from medjax.episodes.keys import episode_keys
 from medjax.episodes.runner import EpisodeRunner, Episodes, episode_decisions, episode_steps
+from medjax.errors import renamed
 from medjax.policies.policy import Policy
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, EpisodeStats
@@ -50,6 +51,11 @@ class Frames(struct.PyTreeNode):
     med_service_lane: Any  # (F, M) int32, ordered service lane
     med_accepts: Any  # (F, M) bool, accepts new bookings
 
+    @property
+    def ev_panel(self) -> Any:
+        """Former name of `ev_charging_slot`, for one more version."""
+        return renamed("Frames.ev_panel", "ev_charging_slot", self.ev_charging_slot)
+
 
 class Decisions(struct.PyTreeNode):
     """Decisions and their outcomes; T decisions, A actions.
@@ -67,6 +73,11 @@ class Decisions(struct.PyTreeNode):
     stats: EpisodeStats  # (T, ...) sums over the decision
     queue: Any  # (T, num_entries) int32, vehicles waiting at each entry after the decision
     cooldown_s: Any  # (T,) after the decision
+
+    @property
+    def tally(self) -> EpisodeStats:
+        """Former name of `stats`, for one more version."""
+        return renamed("Decisions.tally", "stats", self.stats)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -154,7 +165,13 @@ def record_pieces(
     seed: int = 0,
     episode: int = 0,
 ) -> Iterator[Recording]:
-    """Yields the episode of `record_episode` in pieces of bounded size, in order of time, as they are played."""
+    """Plays the same episode lazily, in pieces of bounded size.
+
+    Args: as in `record_episode`.
+
+    Yields:
+      Pieces in order of time.
+    """
     config, steps = env.config, episode_steps(env, params)
     ticks_a_step = config.ticks_per_decision * env.decisions_per_step
     count = -(-steps * ticks_a_step * config.num_vehicles // SLOTS_OF_A_PIECE)
@@ -232,6 +249,7 @@ def _go_on(
     numbers = runner.policies[0].params_transform(params)
 
     def decide(episodes: Episodes, number: jax.Array) -> tuple[Episodes, Any]:
+        """Takes decision `number`; returns the episode, the frames of its ticks and its record."""
         episodes, rows = runner.decide(episodes, number, [weights], params)
         after, road = runner.env.highway(_row(episodes.state), numbers)
         made = _row(rows.of_dispatcher(runner.env.config.num_actions))

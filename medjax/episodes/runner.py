@@ -134,7 +134,14 @@ class EpisodeRunner:
     def go_on(
         self, episodes: Episodes, number: Any, choice: Choice, params: Any
     ) -> tuple[Episodes, Decision]:
-        """Takes decision `number` in every row, as `choose` returned it; finished episodes keep their scores."""
+        """Takes decision `number` in every row; finished episodes keep their scores.
+
+        Args:
+            episodes: their progress.
+            number: as in `choose`.
+            choice: leaves `(rows, ...)`.
+            params: of the environment.
+        """
         mask = self._over_rows(self.env.action_mask)(episodes.state, params)
         action = choice.action.astype(jnp.int32)
         allowed = jnp.take_along_axis(mask, action[..., None], axis=-1, mode="clip")[..., 0]
@@ -184,7 +191,8 @@ class EpisodeRunner:
         """Maps `function(*row, params)` over rows, each with the params of its policy's world."""
 
         def mapped(*given: Any) -> Any:
-            *rows, params = given  # leaves `(rows, ...)`, then the environment's params
+            """Takes leaves `(rows, ...)`, then the environment's params; returns leaves `(rows, ...)`."""
+            *rows, params = given
             first, *others = (policy.params_transform(params) for policy in self.policies)
             turns = jax.tree.leaves(rows)[0].shape[0] // len(self.policies)
             # Batch only the numbers that differ between worlds; the coils' table, for one, stays shared.

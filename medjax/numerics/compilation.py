@@ -51,6 +51,7 @@ def compiled(lowered: Any, **options: Any) -> Any:
     future: Future[Any] = Future()
 
     def work() -> None:
+        """Compiles."""
         try:
             future.set_result(lowered.compile(**options))
         except BaseException as error:

@@ -41,7 +41,9 @@ def in_blocks(
         return function(rows)
     split = jax.tree.map(lambda leaf: leaf.reshape(blocks, count // blocks, *leaf.shape[1:]), rows)
 
-    def join(axis: int, parts: Any) -> Any:  # leaves `(blocks, ..., rows of a block, ...)`
+    def join(axis: int, parts: Any) -> Any:
+        """Joins the blocks of leaves `(blocks, ..., rows of a block, ...)` on this axis."""
+
         def whole(leaf: jax.Array) -> jax.Array:
             shape = *leaf.shape[1 : axis + 1], count, *leaf.shape[axis + 2 :]
             return jnp.moveaxis(leaf, 0, axis).reshape(shape)

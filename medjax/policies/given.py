@@ -86,6 +86,7 @@ def _of_function(act: Callable[..., Any], num_actions: int) -> Policy:
     """Wraps a function that returns actions or choices as a policy without weights."""
 
     def choose(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
+        """Calls `act` and converts an action, () int32 or one per agent, to a `Choice`; InputError for another type."""
         chosen = act(key, obs, state, params)
         if isinstance(chosen, Choice):
             return chosen

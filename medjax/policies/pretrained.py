@@ -14,6 +14,9 @@ FILES = Path(__file__).parent / "trained"
 def load_pretrained(scenario: str = "paper") -> ExportedPolicy:
     """Loads the policy that was trained for a preset.
 
+    Args:
+      scenario: name of the preset.
+
     Raises:
       InputError: medjax has no policy for it.
     """
@@ -26,5 +29,9 @@ def load_pretrained(scenario: str = "paper") -> ExportedPolicy:
 
 
 def pretrained(env: Any) -> Policy:
-    """The policy of an environment's preset; InputError if there is none, or if it does not fit the environment."""
+    """The policy that was trained for an environment's preset.
+
+    Raises:
+      InputError: there is none, or it does not fit the environment's changes to the preset.
+    """
     return load_pretrained(env.name).policy(env)

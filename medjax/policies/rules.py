@@ -48,7 +48,7 @@ def slow(env: Environment) -> Policy:
     """
 
     def params_transform(params: EnvParams) -> EnvParams:
-        # See `medjax.charging.range.apply_eco_speed`.
+        """Makes every driver of a low EV slow down, through `medjax.charging.range.apply_eco_speed`."""
         drivers = params.drivers.replace(
             eco_compliance=1.0,
             eco_speed=params.fleet.service_speed,
@@ -187,7 +187,9 @@ BUDGET = Budget()
 def budgeted(env: Environment, budget: Budget = BUDGET) -> Policy:
     """Sends a MED where it is worth most; the more MEDs are left for the time left, the less need it takes.
 
-    `budget` is the policy's weights.
+    Args:
+      env: a single environment.
+      budget: its numbers, which are the policy's weights.
     """
     if not env.config.num_ramps:
         return none(env)

@@ -152,6 +152,7 @@ class ExportedPolicy:
         acted_in = by_rule or env
 
         def act(weights: Any, key: jax.Array, obs: jax.Array, state: Any, params: Any) -> Choice:
+            """The most probable of the allowed actions; the network holds the weights. See `Policy.act`."""
             mask = acted_in.action_mask(state, params)
             if looks:
                 road, numbers = env.highway(state, params)

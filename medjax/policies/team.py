@@ -27,6 +27,7 @@ def as_team(env: AgentsEnv, dispatcher: Policy) -> Policy:
     """Turns `dispatcher`, a policy of the highway `env.env`, into a policy of all agents."""
 
     def act(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
+        """See `of_head`."""
         own = Policy(dispatcher.act, weights)
         action = of_head(env, own, key, state, params)
         return Choice(action, jax.nn.one_hot(action, env.num_actions, dtype=jnp.float32))
@@ -57,6 +58,7 @@ class Dispatched(Wrapper):
         """Combines `policy`, of this environment, and the dispatcher into one policy of `env`."""
 
         def act(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
+            """Acts as `policy`, except for an agent that the dispatcher sends."""
             choice = policy.act(weights, key, obs, state, params)
             sent = of_head(self.env, self.dispatcher, key, state, params)
             certain = jax.nn.one_hot(sent, self.num_actions, dtype=jnp.float32)

@@ -88,7 +88,14 @@ def build_parser() -> OneLineParser:
 
 @command
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the command with `argv`, by default the arguments of the process; returns the exit code."""
+    """Runs the command.
+
+    Args:
+      argv: arguments; None uses those of the process.
+
+    Returns:
+      The exit code.
+    """
     parser = build_parser()
     try:
         request = _request(parser.parse_args(argv))

@@ -35,7 +35,10 @@ def write_grid(
       path: file to write, in full or not at all.
       shown: by the names of `pick`, an episode's recordings: one, or those of two policies to show side by side.
       returns: (N,) of the first policy in all episodes.
-      how: as in `medjax.render.player.write_player`, which also says what is raised.
+      how: as in `medjax.render.player.write_player`.
+
+    Raises:
+      InputError, OSError: as in `write_player`.
     """
     count, policy = len(returns), next(iter(shown.values()))[0].policy
     title = escape(f"{policy}: best, median and worst of {count} episodes")

@@ -25,7 +25,14 @@ def entry_rates(demand: DemandParams, num_lanes: int, time_s: Scalar) -> jax.Arr
 
 
 def poisson_arrivals(uniform: jax.Array, expected: jax.Array) -> jax.Array:
-    """Poisson counts by inversion, int32, capped at MOST_ARRIVALS, from draws in [0, 1) and means of equal shapes."""
+    """Poisson counts by inversion, int32; one uniform draw per count, no rejection loop.
+
+    Args:
+      uniform: in [0, 1); expected: mean counts; equal shapes.
+
+    Returns:
+      Counts, capped at MOST_ARRIVALS.
+    """
     term = jnp.exp(-expected)
     below = term
     count = jnp.zeros(jnp.shape(uniform), jnp.int32)
@@ -128,10 +135,16 @@ def fill_road(
 ) -> Fill:
     """Fills the lanes to match the demand, in closed form and without collisions.
 
-    A Poisson number of vehicles goes to a grid of places, lane by lane, each moved forward by up to half the spacing.
+    A Poisson number of vehicles goes to a grid of places, lane by lane, each moved forward by up to half the
+    spacing. One shuffle of the slots mixes EVs and gas vehicles.
 
     Args:
-      key: random key; is_ev: (C,) bool, EV or gas slot; desired_speed: (C,) m/s.
+      key: random key.
+      is_ev: (C,) bool, class of each slot (EVs and gas vehicles).
+      desired_speed: (C,) m/s.
+
+    Returns:
+      Fill of the C slots.
     """
     count_key, share_key, shuffle_key, jitter_key = jax.random.split(key, 4)
     evs, gas = _drawn_counts((count_key, share_key), is_ev, num_lanes, params)

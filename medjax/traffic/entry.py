@@ -117,10 +117,13 @@ def _put_on_road(
 def admit(
     state: EnvState, number: jax.Array, config: EnvConfig, params: EnvParams
 ) -> tuple[EnvState, Newcomers, EpisodeStats]:
-    """One round of entries: at most one vehicle per entry, MEDs first; `number` () int32 counts rounds of the episode.
+    """One round of entries: at most one vehicle per entry, MEDs first.
 
-    An arrival without a safe gap or a free slot of its class waits in the queue. The caller initialises what EVs have
-    beyond their vehicles.
+    An arrival without a safe gap or a free slot of its class waits in the queue. The caller initialises the
+    newcomers' `EVs` data.
+
+    Args:
+      number: () int32, rounds since the episode's start.
 
     Returns:
       (state, newcomers, tally of entries and queues)

@@ -82,13 +82,19 @@ def entry_speed(
     min_gap: jax.Array,
     braking: Scalar,
 ) -> tuple[jax.Array, jax.Array]:
-    """The speed at which a vehicle can enter, `(K,)` m/s, and whether it may, `(K,)` bool.
+    """The speed at which a vehicle can enter, and whether it may.
 
-    It enters with at least its own safe gap, at most a little faster than its leader, and so that it can stop behind
-    its leader.
+    It enters with at least its own safe gap, no faster than its headway allows, at most a little faster than its
+    leader, and so that it can stop behind its leader.
 
     Args:
-      wanted: (K,) m/s; time_headway: (K,) s; min_gap: (K,) m; braking: m/s^2, limit of the tyres.
+      wanted: (K,) m/s.
+      ahead: of each.
+      time_headway: (K,) s; min_gap: (K,) m.
+      braking: m/s^2, limit of the tyres.
+
+    Returns:
+      (speed m/s, safe bool), each (K,).
     """
     spare = jnp.maximum(ahead.gap - min_gap - time_headway * ahead.speed, 0.0)
     speed = jnp.where(

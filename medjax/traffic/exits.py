@@ -39,7 +39,11 @@ def _leave_at(index: int, x: jax.Array, demand: DemandParams, road: RoadParams) 
 def draw_destinations(
     uniform: jax.Array, x: jax.Array, demand: DemandParams, road: RoadParams
 ) -> jax.Array:
-    """Destinations of vehicles that enter at x, m; uniform draws in [0, 1) and x, m, have the same shape."""
+    """Destinations of vehicles that enter at these positions, m.
+
+    Args:
+      uniform: in [0, 1), one draw per vehicle; x: m, same shape.
+    """
     destination = jnp.full_like(uniform, road.length_m)
     stays = jnp.ones_like(uniform)  # share still on the road
     for index in range(road.exit_x_m.shape[0]):
@@ -63,9 +67,10 @@ def mean_way(x: jax.Array, demand: DemandParams, road: RoadParams) -> jax.Array:
 def draw_entries(
     uniform: jax.Array, x: jax.Array, demand: DemandParams, road: RoadParams
 ) -> jax.Array:
-    """Entries of vehicles that a reset puts at x, m, weighted by the flow that each entry still contributes there.
+    """Entries of vehicles that a reset puts at these positions, m, weighted by the flow that each still contributes.
 
-    Uniform draws in [0, 1) and x, m, have the same shape.
+    Args:
+      uniform: in [0, 1), one draw per vehicle; x: m, same shape.
     """
     mainline, ramps = demand.flows(jnp.zeros((), jnp.float32))
     entry_x = [jnp.zeros((), jnp.float32), *road.ramp_x_m]

@@ -98,7 +98,11 @@ def braking_weight(max_acceleration: ArrayLike, comfortable_deceleration: ArrayL
 
 
 def make_drivers(kind: jax.Array, desired_speed: jax.Array, params: DriverParams) -> Drivers:
-    """Looks up each slot's driver parameters by its kind, `(N,)` int32; desired_speed `(N,)` m/s."""
+    """Looks up each slot's driver parameters by its kind.
+
+    Args:
+      kind: (N,) int32; desired_speed: (N,) m/s.
+    """
     closing = braking_weight(params.max_acceleration, params.comfortable_deceleration)
     return Drivers(
         length=by_kind(kind, params.vehicle_length),
@@ -173,9 +177,13 @@ def following_acceleration(
     platooning: Platooning,
     model: CarFollowing,
 ) -> jax.Array:
-    """Acceleration of each follower behind its leader, m/s^2, all of one shape; on a free road without a leader.
+    """Acceleration of each follower behind its leader, m/s^2, by the follower's parameters.
 
     Members of a platoon, a MED and the EVs booked on it, keep the platoon's shorter headway and gap to each other.
+
+    Args:
+      follower, leader: equal shapes.
+      has_leader: bool, of the same shape; False means a free road.
     """
     together = same_platoon(follower, leader, has_leader)
     keeps = follower._replace(

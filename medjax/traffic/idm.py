@@ -72,7 +72,7 @@ def interaction(
     max_acceleration: ArrayLike,
     closing: ArrayLike,
 ) -> jax.Array:
-    """IDM's interaction term A (s*/s)^2, m/s^2; `closing` as from `following.braking_weight`."""
+    """IDM's interaction term a (s*/s)^2, m/s^2; `closing` as from `following.braking_weight`."""
     braking = jnp.multiply(closing, speed * (speed - leader_speed))
     wanted = jnp.add(min_gap, jnp.maximum(0.0, block_fma(speed * time_headway) + braking))
     ratio = wanted / jnp.maximum(gap, SMALLEST_GAP_M)

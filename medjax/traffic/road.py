@@ -13,9 +13,14 @@ NOWHERE = -2  # no lane, and not next to one
 
 
 def merge_distance(x: jax.Array, road: RoadParams) -> jax.Array:
-    """Distance to the end of the acceleration lane that x, m, is on; of the shape of x, m, inf past the last ramp's.
+    """Metres from the front bumper to the end of the acceleration lane that x is on.
 
-    Ramps are further apart than an acceleration lane is long.
+    Args:
+      x: any shape, m; on an acceleration lane.
+      road: with ramps further apart than an acceleration lane is long.
+
+    Returns:
+      The shape of x, m; inf past the last lane.
     """
     nearest = jnp.full_like(x, jnp.inf)
     # A loop over ramps: a minimum over an axis of ramps costs three times as much on a CPU.
@@ -42,7 +47,8 @@ def other_lane(
 ) -> jax.Array:
     """The second lane that a straddling vehicle covers, int32; NOWHERE for a vehicle within its lane.
 
-    Offsets from the centre of the lane, m, are positive to the right; width of the vehicle, m; equal shapes.
+    Args:
+      lane: int32; offset: m from its centre, positive to the right; width: of the vehicle, m; equal shapes.
     """
     straddles = jnp.abs(offset) > spare_width(width, lane_width_m)
     return jnp.where(straddles, lane + jnp.sign(offset).astype(jnp.int32), NOWHERE)

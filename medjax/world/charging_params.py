@@ -32,10 +32,18 @@ class FleetParams(struct.PyTreeNode):
         "time from the road to a depot's charger, plus from there to its ramp; inf: each MED is sent once",
     )
     depot_power_w: Scalar = number(
-        math.inf, 1.0, math.inf, "W", "charging power at a depot; inf: charged at once; paper"
+        math.inf,
+        1.0,
+        math.inf,
+        "W",
+        "charging power of a MED at a depot; inf: charged at once; paper",
     )
     return_speed: Scalar = number(
-        22.0, 1, 100, "m/s", "speed from the road to the depot, if there are several; a lorry's"
+        22.0,
+        1,
+        100,
+        "m/s",
+        "speed of a MED on the way from the road to its depot, if there are several; a lorry's speed",
     )
     trip_m: Scalar = number(
         math.inf,
@@ -45,7 +53,11 @@ class FleetParams(struct.PyTreeNode):
         "a MED leaves at the first exit after this distance; inf: at the road's end, or when it is empty",
     )
     service_speed: Scalar = number(
-        22.0, 1, 100, "m/s", "a lorry's speed; the best rule then achieves what the paper claims"
+        22.0,
+        1,
+        100,
+        "m/s",
+        "a lorry's speed; with it, the best rule achieves what the paper claims (docs/paper.md)",
     )
     service_lane: jax.Array | int = number(
         2, 0, 5, "", "a MED with a lane on either side has four slots", whole=True
@@ -85,7 +97,11 @@ class ChargingParams(struct.PyTreeNode):
         8.0, 0.1, 50, "m/s", "highest speed relative to the MED at which an EV closes up; chosen"
     )
     slowest_share: Scalar = number(
-        0.75, 0.1, 1, "", "falling back, an EV keeps at least this share of service speed; chosen"
+        0.75,
+        0.1,
+        1,
+        "",
+        "an EV that falls back to its slot keeps at least this share of the service speed; chosen",
     )
     approach_rate: Scalar = number(
         0.35, 0.01, 10, "1/s", "relative speed per metre to go; chosen: slightly underdamped"
@@ -94,7 +110,11 @@ class ChargingParams(struct.PyTreeNode):
         1.0, 0.01, 20, "1/s", "acceleration per m/s of relative speed error; chosen"
     )
     platoon_headway: Scalar = number(
-        0.3, 0.01, 10, "s", "time headway of a MED and its booked EVs; as in truck platooning tests"
+        0.3,
+        0.01,
+        10,
+        "s",
+        "time headway between a MED and the EVs booked on it; as in truck platooning tests",
     )
     platoon_min_gap: Scalar = number(
         2.0, 0.1, 20, "m", "standstill gap in a platoon; as `drivers.min_gap`"
@@ -103,16 +123,29 @@ class ChargingParams(struct.PyTreeNode):
         12.0, 0.1, 100, "m", "bumper to bumper; chosen: above the platoon's gap at 22 m/s, 8.6 m"
     )
     dock_tolerance_m: Scalar = number(
-        0.3, 0.001, 10, "m", "charging starts this close to the slot; chosen: efficiency above 0.9"
+        0.3,
+        0.001,
+        10,
+        "m",
+        "charging starts within this distance of the slot; chosen: efficiency stays above 0.9",
     )
     dock_speed_tolerance: Scalar = number(
         0.5, 0.001, 10, "m/s", "charging starts within this of the MED's speed; chosen"
     )
     hold_tolerance_m: Scalar = number(
-        0.6, 0.001, 10, "m", "charging stops beyond this; chosen: the coils' null is at 0.58 m"
+        0.6,
+        0.001,
+        10,
+        "m",
+        "charging stops beyond this distance; chosen: the coils' null is at 0.58 m",
     )
     depleted_blocks: jax.Array | int = number(
-        0, 0, 1, "", "a depleted EV leaves the lanes (0) or blocks its lane (1); chosen", whole=True
+        0,
+        0,
+        1,
+        "",
+        "a depleted EV makes for the right shoulder (0) or stays in its lane (1); chosen",
+        whole=True,
     )
     tow_s: Scalar = number(
         2100.0,
@@ -130,7 +163,11 @@ class ChargingParams(struct.PyTreeNode):
         "static heavy duty (120 kW)",
     )
     taper_soc: Scalar = number(
-        0.8, 0, 1, "", "above this charge an EV takes less power, zero when full; usual"
+        0.8,
+        0,
+        1,
+        "",
+        "above this charge an EV takes less power, down to zero when full; usual for fast charging",
     )
 
 
@@ -142,9 +179,19 @@ class LinkParams(struct.PyTreeNode):
         0.2, 0.05, 1, "m", "distance between docked panels, within the coils' table; SAE J2954 Z3"
     )
     misalignment_scale: Scalar = number(
-        1.0, 0, 10, "", "share of the vehicles' misalignment that the coils see"
+        1.0,
+        0,
+        10,
+        "",
+        "share of the vehicles' misalignment that the coils see; 0: none, 1: all of it",
     )
-    permeability: Scalar = number(1.0, 1e-3, 1e4, "", "relative permeability around the coils; air")
+    permeability: Scalar = number(
+        1.0,
+        1e-3,
+        1e4,
+        "",
+        "relative permeability around the coils; multiplies their inductance; air",
+    )
     max_current_a: Scalar = number(
         70.0,
         0,
@@ -172,7 +219,9 @@ class CoilDesign:
 def build_link(design: CoilDesign, params: LinkParams | None = None) -> LinkParams:
     """Builds the link of a coil design; works under `jax.vmap` over the design's numbers.
 
-    `params` has all other parameters of the link; None takes the defaults.
+    Args:
+      design: the coils.
+      params: all other parameters of the link; None takes the defaults.
     """
     table = tabulate_inductance(
         design.med_coil_radius_m,

@@ -44,10 +44,15 @@ class Number:
 def number(
     default: Any, low: float, high: float, unit: str = "", text: Text = "", **more: Any
 ) -> Any:
-    """A dataclass field that holds a number; arguments as in `Number`.
+    """A dataclass field that holds a number.
 
-    A tuple as default becomes an array. If text is a tuple, too, there is one value per body (`BodyParams`), and the
-    field itself has no default.
+    Args:
+      default: of the preset `paper`. A tuple has one value per vehicle kind, ramp or exit, and becomes an array. If
+        text is a tuple, too, there is one value per body (`BodyParams`), and the field itself has no default.
+      low, high: the allowed range, both ends included.
+      unit: SI.
+      text: description, and the source of the default.
+      **more: `whole` and `per` of `Number`.
     """
     declared = Number(default, low, high, unit, text, **more)
     metadata = {"number": declared}

@@ -1,10 +1,14 @@
 """Static sizes (EnvConfig) and traced parameters (EnvParams) of an environment.
 
 EnvConfig holds everything that changes the compiled program. Every other number is a leaf of EnvParams, so that
-`jax.vmap` can run over demands, reward weights, batteries or coil designs in one program.
+`jax.vmap` can run over demands, reward weights, batteries or coil designs in one program. EnvConfig checks itself;
+`medjax.make` checks both on the host, as `medjax.world.checks.validate` does.
 
-Each number is declared once, by `number`. The declarations define the checks, the names that `medjax.make` takes, the
-preset `paper`, and the tables of docs/parameters.md, which `python -m docs.parameters` writes.
+Each number is declared once, by `number`: here, in `traffic_params` or in `charging_params`. The declarations define
+the checks, the names that `medjax.make` takes, the preset `paper`, and the tables of docs/parameters.md, which
+`python -m docs.parameters` writes.
+
+Every `(num_kinds,)` leaf is in the order of `medjax.world.kinds.KINDS`.
 """
 
 from __future__ import annotations
@@ -17,7 +21,7 @@ import jax.numpy as jnp
 from flax import struct
 from jax.typing import ArrayLike
 
-from medjax.errors import InputError, shown
+from medjax.errors import InputError, former_names, shown
 from medjax.world.charging_params import (
     NISSAN_LEAF,
     TRUCK,
@@ -40,6 +44,7 @@ from medjax.world.traffic_params import (
 
 CHARGING_SLOTS = ("left", "right", "rear", "front")
 LEFT, RIGHT, REAR, FRONT = range(4)
+__getattr__ = former_names(__name__, PANELS="CHARGING_SLOTS")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -179,22 +184,34 @@ WEIGHTS = {
 # Weights of the terms in `medjax.env.reward.MONEY`: prices of 2023; costs are negative.
 PRICES = {
     "delay_h": weight(
-        -20.0, "EUR/h", "value of a car's time; UK TAG 2022: 16.83 GBP/h; other guidance: 12-30"
+        -20.0,
+        "EUR/h",
+        "value of a car's time; UK TAG 2022: 16.83 GBP per vehicle-hour; other guidance: 12-30",
     ),
     "depot_kwh": weight(
-        -0.22, "EUR/kWh", "0.20 for firms, EU (Eurostat 2023), over the charger's efficiency, 0.92"
+        -0.22,
+        "EUR/kWh",
+        "0.20 for firms in the EU (Eurostat 2023), divided by the charger's efficiency, 0.92",
     ),
     "ev_kwh": weight(
-        -0.285, "EUR/kWh", "charged at home, EU (Eurostat 2023); fast chargers: `charging_stops`"
+        -0.285,
+        "EUR/kWh",
+        "charged at home, EU (Eurostat 2023); `charging_stops` has the extra cost of fast chargers",
     ),
     "med_h": weight(
-        -70.0, "EUR/h", "truck and driver without energy, 66 (ATRI 2025), plus 5 for the pack"
+        -70.0,
+        "EUR/h",
+        "truck and driver without energy, 66 (ATRI 2025), plus 5 for the pack; coils not included",
     ),
     "tows": weight(
-        -250.0, "EUR", "200 for the tow (Germany: 120-270), plus two hours of the driver"
+        -250.0,
+        "EUR",
+        "200 for the tow (120-270 in Germany), plus two hours of the driver; `delay_h` has the delay of others",
     ),
     "charging_stops": weight(
-        -18.0, "EUR", "30 min (EnBW 2024: 27), plus 25.7 kWh at 0.60, not 0.285 (Fastned 2023)"
+        -18.0,
+        "EUR",
+        "30 min of the driver (EnBW 2024: 27 min), plus 25.7 kWh at 0.60 instead of 0.285 (Fastned 2023)",
     ),
 }
 
@@ -219,7 +236,12 @@ class EnvParams(struct.PyTreeNode):
         default_factory=lambda: {term: weight.default for term, weight in WEIGHTS.items()}
     )  # by reward term
     episode_decisions: Scalar = number(
-        600, 1, 10_000_000, "", "decisions until truncation, ten minutes; paper: none", whole=True
+        600,
+        1,
+        10_000_000,
+        "",
+        "decisions until truncation, ten minutes; the paper gives none",
+        whole=True,
     )
 
     @property

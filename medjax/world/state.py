@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 from flax import struct
 from jax import Array
 from jaxtyping import Bool, Float32, Int32, UInt32
 
+from medjax.errors import renamed
 from medjax.world.kinds import GAS_KINDS, KINDS
 from medjax.world.params import EnvConfig
 
@@ -22,13 +20,6 @@ STATUS_NAMES = (
 AT_DEPOT, QUEUED, MERGING, IN_SERVICE, RETIRED, LEAVING = range(len(STATUS_NAMES))
 
 NOT_BOOKED = -1
-
-
-def _renamed(old: str, new: str, state: Any) -> Any:
-    """The field that has a new name, with a warning that names it."""
-    text = f"{old} is now {new}; the old name goes with the next version"
-    warnings.warn(text, DeprecationWarning, stacklevel=3)
-    return getattr(state, new)
 
 
 class Vehicles(struct.PyTreeNode):
@@ -72,7 +63,14 @@ class EVs(struct.PyTreeNode):
     @property
     def panel(self) -> jax.Array:
         """Former name of `charging_slot`, for one more version."""
-        return _renamed("EVs.panel", "charging_slot", self)
+        return renamed("EVs.panel", "charging_slot", self.charging_slot)
+
+    @property
+    def timer_s(self) -> jax.Array:
+        """Former field of three meanings, for one more version."""
+        free_or_waiting = jnp.where(self.med == NOT_BOOKED, self.retry_in_s, self.waiting_s)
+        timer = jnp.where(self.is_depleted, self.standing_s, free_or_waiting)
+        return renamed("EVs.timer_s", "waiting_s, retry_in_s or standing_s", timer)
 
 
 class MEDs(struct.PyTreeNode):
@@ -171,4 +169,4 @@ class EnvState(struct.PyTreeNode):
     @property
     def tally(self) -> EpisodeStats:
         """Former name of `stats`, for one more version."""
-        return _renamed("EnvState.tally", "stats", self)
+        return renamed("EnvState.tally", "stats", self.stats)

@@ -24,11 +24,21 @@ class RoadParams(struct.PyTreeNode):
         4.0, 2.75, 10, "m", "paper (lane width of highway-env); a lorry is 2.55 m wide"
     )
     ramp_x_m: jax.Array = number(
-        (100, 1200, 2100, 3200), 0, 200e3, "m", "start of each acceleration lane; paper", per="ramp"
+        (100.0, 1200.0, 2100.0, 3200.0),
+        0,
+        200e3,
+        "m",
+        "start of each acceleration lane, `(num_ramps,)`; paper",
+        per="ramp",
     )
     acceleration_lane_m: Scalar = number(250.0, 10, 5000, "m", "chosen: usual for motorways")
     exit_x_m: jax.Array = number(
-        (), 0, 200e3, "m", "end of each deceleration lane (off-ramp); paper: none", per="exit"
+        (),
+        0,
+        200e3,
+        "m",
+        "end of each deceleration lane, where the off-ramp begins, `(num_exits,)`; paper: none",
+        per="exit",
     )
     exit_lane_m: Scalar = number(
         250.0, 10, 5000, "m", "length of deceleration lanes; German guidelines (RAA): 250"
@@ -67,19 +77,36 @@ class DemandParams(struct.PyTreeNode):
     period_s: Scalar = number(3600.0, 1, 1e6, "s", "length of a period of the profile")
     start_s: Scalar = number(0.0, 0, 1e9, "s", "time in the profile at which an episode starts")
     exit_share: jax.Array = number(
-        (), 0, 1, "", "share of the vehicles reaching an exit that leave there", per="exit"
+        (),
+        0,
+        1,
+        "",
+        "share of vehicles reaching an exit that leave there, `(num_exits,)`",
+        per="exit",
     )
     ev_share: Scalar = number(
-        0.12, 0, 1, "", "share of EVs among arrivals; chosen so that 15 MEDs can serve most of them"
+        0.12,
+        0,
+        1,
+        "",
+        "share of EVs among arrivals; chosen so that fifteen MEDs can serve most of them",
     )
     human_share: Scalar = number(
-        0.5, 0, 1, "", "share of EVs with a human driver; chosen, the paper has both kinds"
+        0.5,
+        0,
+        1,
+        "",
+        "share of EVs with a human driver; chosen, the paper has both kinds of drivers",
     )
     lorry_share: Scalar = number(
         0.0, 0, 1, "", "share of lorries among gas vehicles; paper: none; German motorways: 0.15"
     )
     arrival_soc_low: Scalar = number(
-        0.2, 0, 1, "", "lowest charge on arrival; chosen so that most EVs run out unaided"
+        0.2,
+        0,
+        1,
+        "",
+        "lowest charge on arrival; chosen with `battery_scale` so that most EVs run out unaided",
     )
     arrival_soc_high: Scalar = number(0.7, 0, 1, "", "highest charge on arrival; chosen")
     ramp_speed: Scalar = number(
@@ -103,7 +130,7 @@ class DriverParams(struct.PyTreeNode):
     """Car-following and body parameters, each `(num_kinds,)`, and the response of EV drivers to low charge."""
 
     desired_speed: jax.Array = number(
-        (22, 30, 30, 30, 23.6),
+        (22.0, 30.0, 30.0, 30.0, 23.6),
         1,
         100,
         "m/s",
@@ -112,10 +139,15 @@ class DriverParams(struct.PyTreeNode):
         per="kind",
     )
     desired_speed_std: jax.Array = number(
-        (0, 2, 1, 2, 0.7), 0, 20, "m/s", "standard deviation; chosen", per="kind"
+        (0.0, 2.0, 1.0, 2.0, 0.7),
+        0,
+        20,
+        "m/s",
+        "standard deviation among drivers; chosen",
+        per="kind",
     )
     time_headway: jax.Array = number(
-        (1.5, 1.4, 1.2, 1.4, 2),
+        (1.5, 1.4, 1.2, 1.4, 2.0),
         0.1,
         10,
         "s",
@@ -123,7 +155,12 @@ class DriverParams(struct.PyTreeNode):
         per="kind",
     )
     min_gap: jax.Array = number(
-        (3, 2, 2, 2, 4), 0.1, 20, "m", "gap at standstill; Treiber et al. 2000: 2", per="kind"
+        (3, 2, 2, 2, 4),
+        0.1,
+        20,
+        "m",
+        "at standstill, bumper to bumper; Treiber et al. 2000: 2",
+        per="kind",
     )
     max_acceleration: jax.Array = number(
         (1, 1.4, 1.4, 1.4, 0.5),
@@ -187,10 +224,18 @@ class MotionParams(struct.PyTreeNode):
         2.0, 0.1, 20, "m/s2", "highest lateral acceleration; comfortable steering"
     )
     lateral_speed: Scalar = number(
-        1.5, 0.1, 10, "m/s", "highest lateral speed, a lane in 4 s; Toledo, Zohar 2007: mean 4.6 s"
+        1.5,
+        0.1,
+        10,
+        "m/s",
+        "highest lateral speed, a lane in 4 s; Toledo, Zohar 2007: 4.6 s on average",
     )
     lateral_slope: Scalar = number(
-        0.2, 0.01, 1, "", "highest ratio of lateral to longitudinal speed; no sliding; chosen"
+        0.2,
+        0.01,
+        1,
+        "",
+        "highest ratio of lateral to longitudinal speed, so that no vehicle slides; chosen",
     )
 
 
@@ -203,10 +248,18 @@ class LaneChangeParams(struct.PyTreeNode):
         0.0, -100, 100, "m/s2", "incentive to change right; 0: symmetric rules, as in the USA"
     )
     safe_braking: Scalar = number(
-        4.0, 0.1, 50, "m/s2", "hardest braking that a change imposes; Kesting et al. 2007"
+        4.0,
+        0.1,
+        50,
+        "m/s2",
+        "hardest braking that a change imposes on the follower or the vehicle itself; Kesting, Treiber, Helbing 2007",
     )
     mandatory_bias: Scalar = number(
-        10.0, 0, 1000, "m/s2", "incentive of a mandatory change; chosen: outweighs all but safety"
+        10.0,
+        0,
+        1000,
+        "m/s2",
+        "incentive of a mandatory change; chosen: outweighs any other incentive, but never safety",
     )
     urgency_bias: Scalar = number(
         10.0, 0, 1000, "m/s2", "additional incentive at the end of an acceleration lane; chosen"
@@ -218,13 +271,25 @@ class LaneChangeParams(struct.PyTreeNode):
         15.0, 0.1, 1e3, "s", "time in which a short headway recovers; Laval, Leclercq 2008: 10-20"
     )
     courtesy_braking: Scalar = number(
-        2.0, 0, 20, "m/s2", "hardest braking for another's or one's own change; Schakel et al. 2012"
+        2.0,
+        0,
+        20,
+        "m/s2",
+        "hardest braking to let others change, or to fall in for one's own change; Schakel et al. 2012: comfortable",
     )
     view_m: Scalar = number(
-        360.0, 1, 10e3, "m", "a mandatory change becomes urgent, and others yield, this far ahead"
+        360.0,
+        1,
+        10e3,
+        "m",
+        "a mandatory change becomes urgent this far before it must be done; courteous drivers look as far",
     )
     exit_view_m: Scalar = number(
-        295.0, 1, 10e3, "m", "the same before an exit, per lane to cross; Schakel et al. 2012: 295"
+        295.0,
+        1,
+        10e3,
+        "m",
+        "the same before a deceleration lane, per lane to cross; Schakel, Knoop, van Arem 2012: 295",
     )
     recovery_s: Scalar = number(
         6.0, 0, 1e3, "s", "time from a lane change to the next discretionary one; chosen"

@@ -3,6 +3,8 @@
 Import `medjax.wrappers.gymnasium` separately, because it needs Gymnasium.
 """
 
+from typing import Any
+
 from medjax.env.contract import BatchEnvironment, Environment
 from medjax.env.wrapper import Wrapper
 from medjax.numerics.devices import environment_mesh, on_devices, prepare_cpu
@@ -32,3 +34,11 @@ __all__ = [
     "prepare_cpu",
     "scale_demand",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "LegacyStep":
+        raise ImportError(
+            "LegacyStep is gone: use gymnax.wrappers.LegacyStepAPIWrapper, which takes any environment"
+        )
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -167,11 +167,19 @@ class NamedAgents:
         return self.env.global_state(state, self.params)
 
     def observation_space(self, agent: str) -> Any:
-        """The agent's box of float32; raises InputError for an unknown agent."""
+        """The agent's box of float32.
+
+        Raises:
+          InputError: the agent is unknown.
+        """
         return self.observation_spaces[self._known(agent)]
 
     def action_space(self, agent: str) -> Any:
-        """The agent's discrete space; raises InputError for an unknown agent."""
+        """The agent's discrete space.
+
+        Raises:
+          InputError: the agent is unknown.
+        """
         return self.action_spaces[self._known(agent)]
 
     def _by_name(self, values: jax.Array) -> Named:

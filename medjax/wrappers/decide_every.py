@@ -73,7 +73,12 @@ class DecideEvery(Wrapper):
         return *last, info | joined
 
 
-ADDED = ("reward_terms", "step_stats", "rewards")  # entries of info that are summed over decisions
+ADDED = (
+    "reward_terms",
+    "step_stats",
+    "tally",
+    "rewards",
+)  # entries of info that are summed over decisions
 PROBED = ("begun", "ticks")  # entries of info that are concatenated over decisions
 
 

@@ -5,7 +5,7 @@ from typing import Any
 import jax
 from gymnax.environments import spaces
 
-from medjax.env.contract import Params, State
+from medjax.env.contract import Observation, Params, State, StepResult
 from medjax.env.wrapper import check_environment
 
 
@@ -32,13 +32,17 @@ class GymnaxEnv:
     def _params(self, params: Params) -> Params:
         return self.default_params if params is None else params
 
-    def reset(self, key: jax.Array, params: Params = None) -> Any:
-        """Starts an episode; returns (observation, state)."""
-        return self.env.reset(key, self._params(params))
+    def reset(self, key: jax.Array, params: Params = None) -> tuple[Observation, State]:
+        """Starts an episode."""
+        started: tuple[Observation, State] = self.env.reset(key, self._params(params))
+        return started
 
-    def step(self, key: jax.Array, state: State, action: jax.Array, params: Params = None) -> Any:
+    def step(
+        self, key: jax.Array, state: State, action: jax.Array, params: Params = None
+    ) -> StepResult:
         """Takes one decision and resets in the same step when the episode ends; see `Wrapper.step`."""
-        return self.env.step(key, state, action, self._params(params))
+        stepped: StepResult = self.env.step(key, state, action, self._params(params))
+        return stepped
 
     def action_space(self, params: Params = None) -> Any:
         """Gymnax's `Discrete`."""

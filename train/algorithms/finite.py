@@ -20,10 +20,13 @@ QUANTITIES = (  # that an algorithm may check, in the order in which an update c
 
 
 def first_bad(**quantities: Any) -> jax.Array:
-    """The index in `QUANTITIES`, () int32, of the first tree with a number that is not finite; else their number.
+    """Finds the first of these trees that holds a number that is not finite.
 
     Args:
         quantities: trees by their names in `QUANTITIES`, with `_` for a space, and in that order.
+
+    Returns:
+        Its index in `QUANTITIES`, () int32; their number if all are finite.
     """
 
     def is_bad(tree: Any) -> jax.Array:

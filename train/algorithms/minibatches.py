@@ -59,6 +59,7 @@ def mean_in_blocks(function: Callable[[jax.Array], Result], teaches: jax.Array) 
     block = min(ROWS_AT_ONCE, count) if jax.default_backend() == "cpu" else count
 
     def share(rows: jax.Array) -> Result:
+        """Contribution of rows `(block,)` to the means."""
         return jax.tree.map(lambda mean: mean * (block / count), function(rows))
 
     shapes = jax.eval_shape(share, jax.ShapeDtypeStruct((block,), jnp.int32))
@@ -87,6 +88,7 @@ def minibatch_gradient(
 
     def of_rows(rows: jax.Array) -> tuple[Any, dict[str, jax.Array]]:
         # A number out of range stays out of range in `seen`.
+        """Gradient and scalars of these rows; a number out of range stays out of range in `seen`."""
         places = jnp.take(place, rows, mode="fill", fill_value=number.size)
         return jax.grad(loss, has_aux=True)(params, pick(seen, places), pick(samples, rows))
 
@@ -127,6 +129,7 @@ def run_epochs(
         seen: Any, carry: tuple[Any, Any], batch: tuple[jax.Array, jax.Array, Any]
     ) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
         # A device reads its own samples of the minibatch, and the update is the same on all.
+        """One gradient step: a device reads its own samples of the minibatch, and the update is the same on all."""
         params, opt_state = carry
         own, restore = ravel_pytree(minibatch_gradient(loss, params, seen, batch))
         gradient, metrics = restore(lax.pmean(own, mesh.axis_names))
@@ -138,6 +141,8 @@ def run_epochs(
     def epochs(
         start: tuple[Any, Any], seen: Any, minibatches: tuple[jax.Array, jax.Array, Any]
     ) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
+        """All epochs on a device's own environments; the scalars are `(num_epochs, num_minibatches)`."""
+
         def epoch(carry: tuple[Any, Any], _: None) -> Any:
             return lax.scan(partial(step, seen), carry, minibatches)
 

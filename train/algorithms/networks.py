@@ -139,7 +139,11 @@ def check_network(config: TrainConfig, layout: Any) -> None:
 
 
 def build_network(env: Environment, config: TrainConfig) -> nn.Module:
-    """The actor-critic that `config.network` names; of `env` only the numbers of actions and vehicles are read.
+    """The actor-critic that `config.network` names.
+
+    Args:
+        env: environment to act in; only its numbers of actions and vehicles are read.
+        config: settings.
 
     Raises:
         InputError: an unknown network, or one that does not fit the observation.
@@ -155,11 +159,14 @@ def build_network(env: Environment, config: TrainConfig) -> nn.Module:
 
 
 def masked_categorical(logits: jax.Array, mask: jax.Array) -> Categorical:
-    """The distribution over the allowed actions; the others have probability exactly 0 and add nothing to the entropy.
+    """Distribution over the allowed actions.
 
     Args:
         logits: `(..., num_actions)` float32.
         mask: `(..., num_actions)` bool, True = allowed; at least one per entry.
+
+    Returns:
+        A categorical distribution in which masked actions have probability exactly 0 and add nothing to the entropy.
     """
     return Categorical(logits=jnp.where(mask, logits, MASKED_LOGIT), dtype=jnp.int32)
 
@@ -167,13 +174,16 @@ def masked_categorical(logits: jax.Array, mask: jax.Array) -> Categorical:
 def apply_policy(
     network: nn.Module, weights: PolicyWeights, obs: jax.Array, mask: jax.Array
 ) -> tuple[Categorical, jax.Array]:
-    """The policy over allowed actions, and values `(...)` in units of the scaled reward.
+    """Policy and value at raw observations.
 
     Args:
         network: the network.
         weights: parameters, and the moments that normalise observations.
         obs: `(..., num_features)`, as the environment returns them.
         mask: `(..., num_actions)` bool.
+
+    Returns:
+        The masked policy, and values `(...)` in units of the scaled reward.
 
     Raises:
         InputError: the network expects observations of another size.

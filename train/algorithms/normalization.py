@@ -63,14 +63,25 @@ def update_stats(stats: RunningStats, samples: jax.Array) -> RunningStats:
 
 
 def normalize(stats: RunningStats, samples: jax.Array, clip: float = 10.0) -> jax.Array:
-    """`(samples - mean) / std`, clipped to [-clip, clip]; samples are `(batch axes..., ...)`."""
+    """`(samples - mean) / std`, clipped to [-clip, clip].
+
+    Args:
+        stats: moments of samples of shape `(...)`.
+        samples: `(batch axes..., ...)`.
+        clip: largest absolute value of the result.
+    """
     std = jnp.maximum(jnp.sqrt(stats.var), MIN_STD)
     return jnp.clip((samples - stats.mean) / std, -clip, clip)
 
 
 def scale_reward(stats: RunningStats, reward: jax.Array, min_std: float = 1e-4) -> jax.Array:
-    """Divides rewards `(...)` by the standard deviation of the running discounted sum, at least `min_std`.
+    """Divides rewards by the standard deviation of the discounted sum, without a shift.
 
     A shift would reward the agent for staying alive or for dying; division leaves the optimal policy unchanged.
+
+    Args:
+        stats: moments of the running discounted sum of an episode's rewards, shape `()`.
+        reward: `(...)`.
+        min_std: smallest divisor.
     """
     return reward / jnp.maximum(jnp.sqrt(stats.var), min_std)

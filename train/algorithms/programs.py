@@ -59,14 +59,16 @@ def run_updates(
 
 
 def make_train(env: Environment, params: Any, config: TrainConfig) -> Programs:
-    """The training programs, jitted but not yet compiled; `run` donates its state.
-
-    With `config.num_seeds > 1` every leaf of the state and of the metrics has a leading axis of that length.
+    """The training programs, not yet compiled.
 
     Args:
         env: a single environment; the learner makes `config.num_envs` copies of it.
         params: its parameters; only the length of an episode is read.
         config: settings.
+
+    Returns:
+        Jitted functions (`.lower` compiles them ahead of time); `run` donates its state. With
+        `config.num_seeds > 1` every leaf of the state and of the metrics has a leading axis of that length.
 
     Raises:
         InputError: `config.num_devices` is not possible.

@@ -71,7 +71,11 @@ def spread(values: jax.Array, like: jax.Array) -> jax.Array:
 
 
 def sum_episodes(episode: dict[str, Any]) -> EpisodeSums:
-    """Sums over the whole episodes that ended in a step; `episode` is of `medjax.wrappers.EpisodeLog`."""
+    """Sums over the whole episodes that ended in a step.
+
+    Args:
+        episode: `info["episode"]` of `medjax.wrappers.EpisodeLog`.
+    """
     values = {"return": episode["return"], "length": episode["length"], **episode["metrics"]}
     columns = [value.astype(jnp.float32) for value in values.values()]
     table = jnp.stack([*columns, jnp.ones_like(columns[0])], axis=1)

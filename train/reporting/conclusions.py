@@ -7,7 +7,17 @@ from train.evaluation.tables import interval, short
 
 
 def difference(what: str, names: tuple[str, str], gains: np.ndarray, seed: int) -> str:
-    """States whether two policies differ in a quantity, from its gains `(episodes,)` of the first over the second."""
+    """States whether two policies differ in the same episodes.
+
+    Args:
+        what: the quantity, with its unit.
+        names: names of the policy and of the one that it is compared with.
+        gains: (episodes,) the first policy's number minus the second's.
+        seed: seed of the bootstrap.
+
+    Returns:
+        The sentence.
+    """
     ours, theirs = names
     episodes = f"{len(gains)} episodes"
     if not np.any(gains):
@@ -23,9 +33,14 @@ def difference(what: str, names: tuple[str, str], gains: np.ndarray, seed: int) 
 
 
 def learning(returns: np.ndarray, seed: int) -> str:
-    """States whether mean returns `(updates,)` rise from the first to the last quarter, and from the third.
+    """States whether a learning curve rises, from its last quarter against the first and against the third.
 
-    A change counts if the interval of the difference of means excludes 0.
+    Args:
+        returns: (updates,) mean returns in order.
+        seed: seed of the bootstrap.
+
+    Returns:
+        The sentence. A change counts if the interval of the difference of means excludes 0.
     """
     size = len(returns) // 4
     if size < FEWEST:
@@ -41,7 +56,17 @@ def learning(returns: np.ndarray, seed: int) -> str:
 
 
 def counts(what: str, here: float, samples: np.ndarray, seed: int) -> str:
-    """States the count in the episode shown beside the mean of the counts in all, `(episodes,)`."""
+    """States an episode's count beside the mean of all episodes.
+
+    Args:
+        what: what is counted.
+        here: count in the episode shown.
+        samples: (episodes,) count in each.
+        seed: seed of the bootstrap.
+
+    Returns:
+        The sentence.
+    """
     mean = f"{short(float(np.mean(samples)))} {interval(bootstrap_ci95(samples, seed))}"
     return f"{what}: {here:.0f} in this episode, {mean} in the mean of {len(samples)}."
 

@@ -23,10 +23,19 @@ TIME_BINS = 30  # of the maps
 def plot_episode(
     path: Path, trace: Trace, road: RoadParams, every_s: tuple[float, float], title: str
 ) -> dict[str, int]:
-    """Draws a time-space diagram of one episode: EVs coloured by charge, MEDs, dispatches, and where EVs ran out.
+    """Draws a time-space diagram: EVs coloured by charge, MEDs, dispatches, and where EVs ran out.
 
-    Gas vehicles are left out, because there are ten for each EV. `every_s` is s per round, and s per decision of the
-    policy. Returns the numbers of marks, `sent` and `depleted`.
+    Gas vehicles are left out, because there are ten for each EV.
+
+    Args:
+        path: file to write.
+        trace: trace of one episode.
+        road: geometry of the road.
+        every_s: s per round, and s per decision of the policy.
+        title: heading.
+
+    Returns:
+        Numbers of marks, `sent` and `depleted`.
     """
     figure = new_figure(12, 7.5)
     axes = figure.add_subplot()

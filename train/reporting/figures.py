@@ -85,9 +85,13 @@ def look(policy: str) -> dict[str, Any]:
 def plot_curve(
     path: Path, rows: Sequence[Row], config: TrainConfig, baselines: Mapping[str, float]
 ) -> None:
-    """Draws returns over decisions from rows of metrics.jsonl, and mean returns of `baselines` as horizontal lines.
+    """Draws returns over decisions; with several seeds, their interquartile mean and its interval.
 
-    With several seeds the curve is their interquartile mean, with its interval.
+    Args:
+        path: file to write; its directory is made.
+        rows: rows of metrics.jsonl.
+        config: settings of the run.
+        baselines: mean returns of other policies, drawn as horizontal lines.
     """
     from matplotlib.ticker import EngFormatter
 
@@ -130,10 +134,13 @@ def curve_of(rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray]:
 def plot_comparison(
     path: Path, scores: Mapping[str, Mapping[str, np.ndarray]], seed: int, papers: bool
 ) -> None:
-    """Draws Figure 8: a panel per metric, a bar per policy with the 95 % interval of its mean.
+    """Draws Figure 8: a panel per metric, a bar per policy, with 95 % intervals of the means and the paper's claims.
 
-    `scores` are those of `medjax.episodes.scores.evaluate_policies`; `papers`: they are of the paper's own world, so
-    that its claims apply and are drawn.
+    Args:
+        path: file to write.
+        scores: scores of `medjax.episodes.scores.evaluate_policies`.
+        seed: seed of the bootstrap.
+        papers: the scores are of the paper's own world, so that its claims apply and are drawn.
     """
     names = sorted(scores, key=lambda name: scores[name]["return"].mean())  # the best on top
     figure = new_figure(11, 2 + 0.45 * len(names))
@@ -172,7 +179,11 @@ def _bars(axes: Any, samples: Mapping[str, np.ndarray], form: str, seed: int) ->
 def plot_soc(path: Path, names: Sequence[str], seen: Survey, decision_s: float) -> None:
     """Draws the charge of the EVs on the road over time: a panel per policy, with median and quantile bands.
 
-    `names` are in the order of `seen`; `decision_s` is s per decision.
+    Args:
+        path: file to write.
+        names: names of the policies, in the order of `seen`.
+        seen: survey of all episodes.
+        decision_s: s per decision.
     """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch

@@ -141,10 +141,12 @@ def concluded(run_dir: RunDir, config: TrainConfig, played: Played) -> dict[str,
     scores, ours, best = played.scores, config.algorithm, played.best_rule
 
     def against(other: str, what: str, metric: str) -> str:
+        """Compares a metric of the trained policy with another policy's."""
         gains = scores[ours][metric] - scores[other][metric]
         return difference(what, (ours, other), gains, played.seed)
 
     def beside(what: str, metric: str) -> str:
+        """Compares the trained policy's first episode with the mean of all."""
         samples = scores[ours][metric]
         return counts(what, samples[0], samples, played.seed)
 

@@ -78,7 +78,15 @@ def _histogram(soc: np.ndarray, counted: np.ndarray, kept: int) -> np.ndarray:
 
 
 def quantile(counts: np.ndarray, share: float) -> np.ndarray:
-    """Quantile `(...)` of the state of charge of EVs counted in `(..., SOC_BINS)`, interpolated; NaN if none was."""
+    """Quantile of the state of charge of the counted EVs; NaN if none was counted.
+
+    Args:
+        counts: (..., SOC_BINS).
+        share: in (0, 1).
+
+    Returns:
+        `(...)`, interpolated within a bin.
+    """
     below = np.cumsum(counts, axis=-1)
     wanted = share * below[..., -1:]
     index = np.argmax(below >= wanted, axis=-1)[..., None]

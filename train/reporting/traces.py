@@ -56,7 +56,14 @@ class Trace(struct.PyTreeNode):
 def record(
     env: Environment, params: EnvParams, policies: Mapping[str, Policy], episodes: int, seed: int
 ) -> Iterator[Trace]:
-    """Plays the first episodes of a seed with every policy, several at a time, in a single environment.
+    """Plays the first episodes of a seed with every policy, several at a time.
+
+    Args:
+        env: a single environment, wrapped or not.
+        params: its parameters.
+        policies: policies by name.
+        episodes: whole episodes per policy.
+        seed: selects the episodes.
 
     Yields:
         Traces of consecutive episodes, NumPy arrays `(episodes at once, policies, ...)`.
@@ -91,14 +98,12 @@ def _recorder(
         def whole(state: Any, rounds: Frame) -> Frame:
             """Frames from the start on, with the EVs' energy in J converted to state of charge."""
             highway, numbers = env.highway(state, params)
-            frames = jax.tree.map(
-                # The last step may cover decisions past the end of the episode.
-                lambda begin, rest: jnp.concatenate([begin[None], rest.reshape(-1, *begin.shape)])[
-                    :num_frames
-                ],
-                _frame(config, highway),
-                rounds,
-            )
+
+            def joined(begin: jax.Array, rest: jax.Array) -> jax.Array:
+                """The start before the rounds; the last step may cover decisions past the end of the episode."""
+                return jnp.concatenate([begin[None], rest.reshape(-1, *begin.shape)])[:num_frames]
+
+            frames = jax.tree.map(joined, _frame(config, highway), rounds)
             return frames.replace(ev_soc=frames.ev_soc / numbers.ev_capacity_j)
 
         def need_at(state: Any) -> jax.Array:

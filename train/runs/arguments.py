@@ -178,7 +178,15 @@ def parse_request(kind: type[TrainConfig], argv: Sequence[str] | None = None) ->
 
 
 def settings_from_text(kind: type[TrainConfig], given: dict[str, Any]) -> dict[str, Any]:
-    """Values of settings from the text of the command line by name, lists of texts for `overrides` and for lists."""
+    """Values of settings from the text of the command line.
+
+    Args:
+        kind: class of the settings.
+        given: text by name; a list of texts for `overrides` and for lists.
+
+    Raises:
+        InputError: text that is not a value of its setting's type.
+    """
     fields = {field.name: field for field in dataclasses.fields(kind)}
     return {name: _value(fields[RENAMED.get(name, name)], text) for name, text in given.items()}
 

@@ -47,7 +47,11 @@ class Checkpoints:
         self.keep = keep
 
     def save(self, state: TrainState, config: TrainConfig) -> None:
-        """Writes the result of `to_host` under its number of updates; an existing checkpoint is left alone."""
+        """Writes the result of `to_host` under its number of updates; an existing checkpoint is left alone.
+
+        Raises:
+            OSError: it could not be written; earlier checkpoints are unchanged.
+        """
         path = self._path(updates_done(state))
         about = json.dumps({"format": FORMAT, "config": to_json(config), "prng": _prng()})
         arrays: dict[str, Any] = {ABOUT: np.asarray(about), **_named(state)}
@@ -95,7 +99,15 @@ class Checkpoints:
         return self._read(step, jax.eval_shape(_without_keys, expected), "")
 
     def restore_weights(self, expected: PolicyWeights, step: int | None = None) -> PolicyWeights:
-        """As `restore`, but only what acting needs, whatever the number of environments in training."""
+        """Reads only what acting needs, whatever the number of environments in training.
+
+        Args:
+            expected: required shapes and types (`train.runs.policies.weight_shapes`).
+            step: one of `all`; None is the newest.
+
+        Raises:
+            InputError: see `restore`.
+        """
         return jax.tree.map(jnp.asarray, self._read(step, expected, WEIGHTS))
 
     def _path(self, update: int) -> Path:
@@ -145,9 +157,12 @@ def to_host(state: TrainState) -> TrainState:
 
 
 def to_devices(state: TrainState, expected: TrainState, shardings: Any) -> TrainState:
-    """The inverse of `to_host`, with shapes as `expected` and the program's shardings.
+    """The inverse of `to_host`. It copies the arrays because the training program overwrites its input.
 
-    It copies the arrays, because the training program overwrites its input.
+    Args:
+        state: NumPy arrays, the same in every process.
+        expected: shapes and types of the state.
+        shardings: see `train.algorithms.programs.Programs`.
     """
 
     def wrap(like: Any, leaf: jax.Array) -> jax.Array:

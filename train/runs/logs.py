@@ -51,7 +51,11 @@ def _mean(values: np.ndarray) -> float:
 
 
 def read_rows(path: Path) -> list[Row]:
-    """The rows of metrics.jsonl without a last line that was cut off; InputError if any other is damaged."""
+    """The rows of metrics.jsonl, without a last line that was cut off while it was written.
+
+    Raises:
+        InputError: any other line is damaged.
+    """
     rows = []
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     for number, line in enumerate(lines, 1):
@@ -73,10 +77,15 @@ def final_return(rows: Sequence[Row]) -> float | None:
 
 
 class MetricsLog:
-    """metrics.jsonl and TensorBoard of a run that continues after `done` updates; OSError if they cannot be written.
+    """metrics.jsonl and TensorBoard.
 
-    Rows of later updates, which a killed run wrote after its last checkpoint, are dropped because they will be computed
-    again; so is a line that was cut off.
+    Args:
+        run_dir: directory of the run.
+        done: number of updates that training continues from. Rows of later updates, which a killed run wrote after its
+            last checkpoint, are dropped because they will be computed again; so is a line that was cut off.
+
+    Raises:
+        OSError: the files cannot be written.
     """
 
     def __init__(self, run_dir: RunDir, done: int) -> None:
@@ -88,7 +97,11 @@ class MetricsLog:
             self._board = _Board(run_dir.tensorboard, self.rows)
 
     def write(self, rows: list[Row]) -> None:
-        """Appends rows, all of them or none (OSError); they are in the file when this returns."""
+        """Appends rows, all of them or none; they are in the file when this returns.
+
+        Raises:
+            OSError: the disk is full, or the file is gone.
+        """
         self.rows += rows
         text = "".join(map(_line, rows)).encode()
         # Opening the file for each write reveals a directory that was removed.

@@ -105,9 +105,8 @@ def _restored(
     before: TrainConfig, checkpoints: Checkpoints, request: Request, shapes: TrainState
 ) -> TrainState:
     """The checkpoint to resume from; if it does not fit, the error names the settings that were changed."""
-    for (
-        name
-    ) in request.config.of_an_update:  # progress is counted in updates, which must stay alike
+    # Progress is counted in updates, which must stay alike.
+    for name in request.config.of_an_update:
         given, kept = getattr(request.config, name), getattr(before, name)
         if given != kept:
             raise InputError(f"{name} {given}, which was {kept} until now, allowed: {kept}")

@@ -42,7 +42,15 @@ def weight_shapes(env: Any, params: Any, config: TrainConfig) -> PolicyWeights:
 
 
 def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, PolicyWeights]:
-    """The single environment of `config`, its parameters, and the newest weights of a run; InputError if unfit."""
+    """A single environment, its parameters, and the newest weights of a run.
+
+    Args:
+        run_dir: directory of the run.
+        config: its settings, or others with the same network.
+
+    Raises:
+        InputError: the environment cannot be made, or no checkpoint fits it.
+    """
     prepare_cpu()
     reader = Checkpoints(run_dir)
     if reader.latest() is None:
@@ -61,7 +69,12 @@ def load_weights(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, PolicyWe
 
 
 def weights_by_name(config: TrainConfig, weights: PolicyWeights) -> dict[str, PolicyWeights]:
-    """The weights of each seed, from those of a run: the first has the algorithm's name, others append `_seed2`, ..."""
+    """The weights of each seed: the first has the algorithm's name, the others append `_seed2`, ...
+
+    Args:
+        config: settings of the run.
+        weights: the run's weights, with a leading axis if it had several seeds.
+    """
     first = config.algorithm
     if config.num_seeds == 1:
         return {first: weights}
@@ -74,7 +87,11 @@ def all_policies(
 ) -> dict[str, Policy]:
     """The trained policies, named as in `weights_by_name`, the first seed's initial policy (`START`), and every rule.
 
-    `stochastic` samples the actions of the trained policies and of the initial one.
+    Args:
+        env: a single environment.
+        config: settings of the run.
+        weights: the run's weights, with a leading axis if it had several seeds.
+        stochastic: sample the actions of the trained policies and of the initial one.
     """
     learn = algorithm_of(config)
     by_name = weights_by_name(config, weights) | {START: learn.start(env, config, weights)}
@@ -93,12 +110,15 @@ def load_policies(
 def make_world(
     names: Sequence[str], scenario: str | None, overrides: Mapping[str, Any]
 ) -> tuple[Any, Any, TrainConfig]:
-    """A single environment for policies without a run, its parameters, and settings that name it.
+    """An environment for policies without a run: that of the first policy from a file, or a preset.
 
     Args:
         names: names of policies, as in `chosen`.
-        scenario: preset; None takes that of the first policy's file, or paper.
+        scenario: preset; None takes that of the file's training, or paper.
         overrides: numbers of the environment.
+
+    Returns:
+        The environment, its parameters, and settings that name it.
 
     Raises:
         InputError: an unknown name, or a number that the environment does not accept.
@@ -118,10 +138,16 @@ def make_world(
 def chosen(
     env: Any, found: Mapping[str, Policy], names: Sequence[str] | None, baseline: str | None
 ) -> dict[str, Policy]:
-    """The policies to play, by name; InputError for an unknown one.
+    """The policies to play, by name.
 
-    `names` are in `found`, or anything that `medjax.policies.given.as_policy` takes; None takes all of `found`. A
-    `baseline` is added to them.
+    Args:
+        env: a single environment.
+        found: policies of a run, and rules.
+        names: names in `found`, or anything that `medjax.policies.given.as_policy` takes; None takes all of `found`.
+        baseline: one more policy, if it is not among them.
+
+    Raises:
+        InputError: an unknown name.
     """
     wanted = dict.fromkeys(found if names is None else names)
     wanted |= {} if baseline is None else {baseline: None}
@@ -178,10 +204,9 @@ def export_policy(
         jax.ShapeDtypeStruct((rows, about.num_features), "float32"),
         jax.ShapeDtypeStruct((rows, about.num_actions), "bool"),
     )
+    # The file holds no lines of source and no paths of this machine.
     before = getattr(jax.config, SOURCE_LINES)
-    jax.config.update(
-        SOURCE_LINES, 0
-    )  # no lines of source and no paths of this machine in the file
+    jax.config.update(SOURCE_LINES, 0)
     try:
         exported = export.export(jax.jit(act), platforms=PLATFORMS)(*shapes)
     finally:

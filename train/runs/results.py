@@ -47,7 +47,11 @@ def prepare_evaluation(
 
 
 def write_results(run: Trained, evaluation: Future[Evaluation] | None) -> Comparison | None:
-    """Exports the policy, plays the `evaluation` if there is one, draws the curve, and writes summary.json."""
+    """Exports the policy, plays the `evaluation` if there is one, draws the curve, and writes summary.json.
+
+    Returns:
+        The evaluation.
+    """
     started = time.perf_counter()
     run.run_dir.evaluation.unlink(missing_ok=True)  # it belongs to earlier weights
     _export(run)  # the policy is there even if the evaluation fails

@@ -42,10 +42,14 @@ class RunDir:
         self.tensorboard = path / "tensorboard"  # event files
 
     def load_config(self, *kinds: type[TrainConfig]) -> TrainConfig:
-        """Settings of the run, of one of these `kinds`; by default of any algorithm.
+        """Settings of the run.
+
+        Args:
+            kinds: allowed classes of settings; by default those of every algorithm.
 
         Raises:
-            InputError: this is not the directory of a run, or its settings cannot be read.
+            InputError: this is not the directory of a run, or its settings cannot be read or do not describe its
+                environment.
         """
         if not self.path.is_dir():
             what = f"run {self.path} is not a directory"
@@ -55,8 +59,10 @@ class RunDir:
     def card(self) -> dict[str, Any]:
         """How the policy was trained: `settings`, `versions`, and `evaluation` if there was one.
 
-        The last has `episodes`, `seed`, and `return_mean` and `return_ci95` of each of `policies`. InputError: a file
-        cannot be read.
+        The last has `episodes`, `seed`, and `return_mean` and `return_ci95` of each of `policies`.
+
+        Raises:
+            InputError: a file of the run cannot be read.
         """
         file = self.config
         try:
@@ -75,7 +81,11 @@ class RunDir:
         return card
 
     def claim(self, config: TrainConfig) -> IO[str]:
-        """Makes the directory, writes the settings into it and returns its `lock`; InputError if that is impossible."""
+        """Makes the directory, writes the settings into it and returns its `lock`.
+
+        Raises:
+            InputError: the directory is in use or cannot be written.
+        """
         check_unused(self.path)
         with _writing(self.path):
             try:
@@ -89,7 +99,11 @@ class RunDir:
         return held
 
     def lock(self) -> IO[str]:
-        """Locks the directory while the returned file is open; InputError if another run holds the lock."""
+        """Locks the directory for as long as the returned file is open, at most until this process ends.
+
+        Raises:
+            InputError: another run holds the lock, or the directory cannot be written.
+        """
         with _writing(self.path):
             file = (self.path / LOCK).open("a", encoding="utf-8")
             try:
@@ -112,6 +126,9 @@ class RunDir:
 
         An update had the settings of the first `config-until-UPDATE.json` whose UPDATE is not before it, or else those
         of `config.json`.
+
+        Raises:
+            InputError: the directory cannot be written.
         """
         with _writing(self.path):
             check_writable(self.path)
@@ -135,7 +152,11 @@ class RunDir:
 
 
 def new_run_dir(scenario: str, root: Path = Path("runs")) -> Path:
-    """Makes `root/SCENARIO-N` with the smallest N from 1 that is free, even if several runs start at once."""
+    """Makes `root/SCENARIO-N` with the smallest N from 1 that is free, even if several runs start at once.
+
+    Raises:
+        InputError: the directory cannot be made.
+    """
     for number in itertools.count(1):
         path = root / f"{scenario}-{number}"
         with _writing(path):

@@ -123,9 +123,19 @@ class Session:
         wall_s = self.earlier_s + time.perf_counter() - self.began
         plain = to_host(state)
         updates = updates_done(plain)
-        what = (self.env, self.params, self.config, self.run_dir, plain.weights, rows)
-        counts = (updates, updates - self.done, wall_s, self.compile_s, self.train_s)
-        ended = Trained(*what, *counts)
+        ended = Trained(
+            env=self.env,
+            params=self.params,
+            config=self.config,
+            run_dir=self.run_dir,
+            weights=plain.weights,
+            rows=rows,
+            updates=updates,
+            new_updates=updates - self.done,
+            wall_s=wall_s,
+            compile_s=self.compile_s,
+            train_s=self.train_s,
+        )
         if is_first():
             try:
                 played = write_results(ended, self.evaluation if stopped_by is None else None)

@@ -45,9 +45,13 @@ def whole_numbers(given: argparse.Namespace) -> dict[str, int]:
 def to_play(
     config: TrainConfig, scenario: str | None = None, changes: Mapping[str, Override] | None = None
 ) -> TrainConfig:
-    """Settings for playing a run on this machine, in a preset (None: that of the run), with `changes` of its numbers.
+    """Settings for playing a run on this machine, in the requested environment.
 
-    The run's own changes are kept only for the same preset: in another they may be meaningless.
+    Args:
+        config: settings of the run.
+        scenario: preset; None takes that of the run.
+        changes: numbers of the environment. They override those of the run, which are kept only for the same preset:
+            in another they may be meaningless.
     """
     scenario = config.scenario if scenario is None else scenario
     kept = config.overrides if scenario == config.scenario else {}

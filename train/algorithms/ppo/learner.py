@@ -160,6 +160,7 @@ class PPOLearner:
             candidate: Any, seen: tuple[jax.Array, jax.Array], batch: Batch
         ) -> tuple[jax.Array, Metrics]:
             # Of some rows: observations `(some, num_features)`, masks, samples `(some,)`.
+            """Loss `()` and metrics of some rows: observations `(some, num_features)`, masks, samples `(some,)`."""
             obs, mask = seen
             policy, value = apply_policy(
                 self.collector.network, PolicyWeights(candidate, weights.obs_stats), obs, mask
@@ -178,7 +179,12 @@ class PPOLearner:
 
 
 def build_learner(env: Environment, params: Any, config: PPOConfig) -> PPOLearner:
-    """PPO in `config.num_envs` copies of `env`, a single environment; of `params` only an episode's length is read.
+    """PPO on `env` with `config`.
+
+    Args:
+        env: a single environment; the learner makes `config.num_envs` copies of it.
+        params: its parameters; only the length of an episode is read.
+        config: settings.
 
     Raises:
         InputError: `config.num_devices` is not possible.

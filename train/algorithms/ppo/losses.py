@@ -26,10 +26,15 @@ class Batch:
 def clipped_surrogate(
     log_prob: jax.Array, old_log_prob: jax.Array, advantage: jax.Array, clip_epsilon: float
 ) -> jax.Array:
-    """The objective to maximise, eq. (9) of the paper, for each sample `(...)`.
+    """The objective to maximise, eq. (9) of the paper, for each sample.
 
-    Its gradient is zero where the ratio of the action's probabilities, under the policy being learned and the one that
-    acted, has left [1 - eps, 1 + eps] in the direction that the advantage rewards.
+    Its gradient is zero where the ratio has left [1 - eps, 1 + eps] in the direction that the advantage rewards.
+
+    Args:
+        log_prob: `(...)`, log-probability of the action under the policy being learned.
+        old_log_prob: `(...)`, the same under the policy that acted.
+        advantage: `(...)`.
+        clip_epsilon: eps.
     """
     ratio = jnp.exp(log_prob - old_log_prob)
     clipped = jnp.clip(ratio, 1.0 - clip_epsilon, 1.0 + clip_epsilon)
