@@ -1,6 +1,7 @@
 """`python -m benchmarks.agents`: what agents gain that choose their speed.
 
-A rule dispatches, and all MEDs in service drive at one constant speed. A trained policy of agents (`policy.zip` of a
+A rule dispatches, and all MEDs in service drive at one constant speed; the control is MEDs that drive at it but refuse
+every EV. A trained policy of agents (`policy.zip` of a
 run with `--agents`) plays the same episodes. The default is the rule alone, at the fleet's speed. Decisions are those
 of `medjax.make_agents`.
 """
@@ -22,7 +23,7 @@ from medjax.policies.policy import Choice, Policy
 from medjax.policies.rules import BASELINES
 from medjax.policies.saved import load_policy
 from medjax.policies.team import Dispatched, rules_of
-from medjax.world.state import IN_SERVICE
+from medjax.world.state import IN_SERVICE, MERGING, QUEUED
 
 SPEEDS = (14.0, 18.0, 22.0, 25.0)  # m/s
 DISPATCHERS = {"paper": "budgeted"}  # the best rule by preset; on others "greedy", which sends many
@@ -36,8 +37,10 @@ COLUMNS = (
 )
 
 
-def at_speed(env: AgentsEnv, dispatcher: Policy, speed: float) -> Policy:
-    """The policy of all agents that drives at `speed`, m/s, in service and otherwise does as the rule does.
+def at_speed(env: AgentsEnv, dispatcher: Policy, speed: float, accepts: bool = True) -> Policy:
+    """The policy of all agents that drives at `speed`, m/s, in service, and accepts EVs or refuses all.
+
+    Otherwise it does as the rule does. Most EVs book a MED before it is in service, so it refuses from the ramp on.
 
     Raises:
       InputError: agents of `env` cannot choose this speed.
@@ -49,10 +52,12 @@ def at_speed(env: AgentsEnv, dispatcher: Policy, speed: float) -> Policy:
 
     def act(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
         """See `Policy.act`."""
-        serves = state.meds.status == IN_SERVICE
-        parts = env.actions.by_rule(state, params)
-        parts = parts._replace(speed=jnp.full_like(parts.speed, index))
-        action = jnp.where(serves, env.actions.fold(parts, serves), 0)
+        status, parts = state.meds.status, env.actions.by_rule(state, params)
+        serves = status == IN_SERVICE
+        sent = serves | (status == QUEUED) | (status == MERGING)
+        speeds = jnp.where(serves, index, parts.speed).astype(parts.speed.dtype)
+        parts = parts._replace(speed=speeds, accept=jnp.full_like(parts.accept, accepts))
+        action = jnp.where(sent, env.actions.fold(parts, sent), 0)
         return Choice(action, jax.nn.one_hot(action, env.num_actions, dtype=jnp.float32))
 
     return Dispatched(env, dispatcher).whole(Policy(act))
@@ -79,7 +84,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     rule = DISPATCHERS.get(scenario, "greedy")
     dispatcher = BASELINES[rule](env.env)
     policies = {DEFAULT: rules_of(env)[rule]}
-    policies |= {f"{each:g} m/s": at_speed(env, dispatcher, each) for each in options.speeds}
+    for accepts, name in ((True, "{:g} m/s"), (False, "{:g} m/s, refuses all")):
+        for speed in options.speeds:
+            policies[name.format(speed)] = at_speed(env, dispatcher, speed, accepts)
     episodes, seed = options.episodes, options.seed
     scores = evaluate_policies(env, params, policies | learned, episodes, seed)
     rows = [
