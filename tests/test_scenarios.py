@@ -57,7 +57,7 @@ def test_overrides_reach_their_place():
 
 @pytest.mark.parametrize("name", ["ramp_x_m", "road.ramp_x_m"])
 def test_places_of_ramps_set_their_number(name):
-    """Numbers that are one a ramp follow."""
+    """Arrays with one value per ramp take the new length."""
     env, params = medjax.make("paper", length_m=6000, **{name: [500, 2500, 4500]})
     assert env.num_actions == 4
     np.testing.assert_array_equal(params.road.ramp_x_m, [500, 2500, 4500])
@@ -73,22 +73,34 @@ def test_all_leaves_are_strong_arrays():
         assert not leaf.aval.weak_type
 
 
-# Each number by itself is in tests/test_bad_input.py.
 BAD = [
     ({"name": "papre"}, "papre"),
     ({"cooldown": 3}, "cooldown"),
+    ({"cooldown_s": -1.0}, "cooldown_s"),
+    ({"cooldown_s": math.nan}, "cooldown_s"),
+    ({"slot_power_w": math.inf}, "slot_power_w"),
+    ({"cooldown_s": "soon"}, "cooldown_s"),
     ({"size": 16}, "size"),
+    ({"size": -1}, "size"),
+    ({"size": 2.5}, "size"),
+    ({"num_lanes": 0}, "num_lanes"),
+    ({"num_lanes": 7}, "num_lanes"),
     ({"num_lanes": 2.0}, "num_lanes"),
+    ({"tick_s": 2.0}, "tick_s"),
     ({"ramp_x_m": [100.0, 1200.0, 2100.0, 4100.0]}, "ramp_x_m"),
     ({"ramp_x_m": [100.0, 200.0, 2100.0, 3200.0]}, "ramp_x_m"),
     ({"ramp_x_m": [100.0, 1200.0], "num_ramps": 4}, "ramp_x_m"),
     ({"ramp_x_m": [100.0, 1200.0], "ramp_per_h": [100.0, 100.0, 100.0]}, "ramp_per_h"),
     ({"ramp_x_m": list(range(0, 3600, 400))}, "num_ramps"),
+    ({"ev_share": 1.5}, "ev_share"),
     ({"service_lane": 4}, "service_lane"),
     ({"mass_kg": 1000.0}, "mass_kg"),
     ({"reward_weights": {"depletion": 1.0}}, "depletion"),
+    ({"reward_weights": {"soc": math.nan}}, "soc"),
     ({"arrival_soc_low": 0.9, "arrival_soc_high": 0.5}, "arrival_soc_low"),
     ({"request_soc": 0.9, "target_soc": 0.5}, "request_soc"),
+    ({"med_coil_radius_m": 0.0}, "med_coil_radius_m"),
+    ({"med_coil_turns": "ten"}, "med_coil_turns"),
     ({"following": "idm"}, "following"),
     ({"following": IDM}, "following"),
     ({"coupling": "paper"}, "coupling"),
@@ -152,7 +164,7 @@ def test_the_recipe_makes_the_same_again():
 
 
 def test_presets_and_environments_describe_themselves():
-    """In a line each."""
+    """Each preset and an environment has a line of its own."""
     lines = str(medjax.SCENARIOS).splitlines()
     assert [line.split()[0] for line in lines] == list(medjax.SCENARIOS)
     assert all(len(line) < 120 for line in lines)

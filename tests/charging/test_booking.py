@@ -10,7 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import medjax
-from medjax.charging.booking import WORTHWHILE_S, Offers, Requests, ask, book, grant
+from medjax.charging.booking import (
+    WORTHWHILE_S,
+    Offers,
+    Requests,
+    ask,
+    book,
+    charging_slot_flags,
+    grant,
+)
 from medjax.env.forecast import expected_need, free_slots
 from medjax.world.params import CHARGING_SLOTS, LEFT
 from medjax.world.state import IN_SERVICE, LEAVING, MERGING, NOT_BOOKED, QUEUED, RETIRED
@@ -173,6 +181,39 @@ def test_booking_expects_evs_to_fall_back_as_docking_does(paper, approach_speed)
         asks = (jnp.array([value]) for value in (1000.0 + ahead_m, 1, 5.0, True, 1e6, 1e9))
         got, _ = granted(nobody, nobody, Requests(*asks), offers, charging.replace(**patience))
         assert int(got[0]) == expected
+
+
+@pytest.mark.thorough
+def test_one_to_one_in_play():
+    """At every decision of 16 busy episodes no slot has two EVs, and flags agree with the map."""
+    env, params = medjax.make("paper", ev_share=0.4, request_soc=0.6, cooldown_s=5.0)
+    policy = medjax.BASELINES["greedy"](env)
+
+    def episode(key):
+        reset_key, key = jax.random.split(key)
+        _, state = env.reset(reset_key, params)
+
+        def step(state, key):
+            _, state, *_ = env.step_env(key, state, policy(key, None, state, params).action, params)
+            evs = state.evs
+            flags = charging_slot_flags(
+                evs.med, evs.charging_slot, evs.med >= 0, env.config.num_meds
+            )
+            return state, (evs.med, evs.charging_slot, evs.is_charging, flags.sum())
+
+        return jax.lax.scan(step, state, jax.random.split(key, 200))[1]
+
+    keys = jax.random.split(jax.random.key(11), 16)
+    seen = jax.jit(jax.vmap(episode))(keys)
+    med, charging_slot, charging, flagged = (np.asarray(x) for x in seen)
+    booked = med >= 0
+    assert booked.any(axis=(1, 2)).all()
+    slot = np.where(booked, med * 4 + charging_slot, -np.arange(med.shape[-1]) - 1)
+    slot.sort(axis=-1)
+    assert np.all(np.diff(slot, axis=-1) > 0)
+    assert np.array_equal(booked, charging_slot >= 0)
+    assert not np.any(charging & ~booked)
+    assert np.array_equal(flagged, booked.sum(-1))
 
 
 @pytest.fixture(scope="module")

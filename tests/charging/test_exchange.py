@@ -1,4 +1,4 @@
-"""Energy: what leaves the MEDs arrives in EVs or is lost; `benchmarks/verification/books.py` has it tick by tick."""
+"""Energy: what leaves the MEDs arrives in EVs or is lost, in every tick and over an episode."""
 
 import jax
 import jax.numpy as jnp
@@ -8,9 +8,145 @@ import pytest
 import medjax
 from medjax.charging.exchange import taper, transfer
 from medjax.env.metrics import episode_metrics
-from medjax.world.state import EpisodeStats
+from medjax.env.tick import physics_tick, ways
+from medjax.traffic.step import drivers_of
+from medjax.world.state import IN_SERVICE, MERGING, QUEUED, EpisodeStats
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
+
+
+@pytest.fixture(scope="module")
+def played():
+    """120 ticks of busy roads: (env, params, states before, states after, tallies), (8, 120, ...) each."""
+    env, params = medjax.make("paper", request_soc=0.6, cooldown_s=5.0)
+    policy = medjax.BASELINES["greedy"](env)
+    config = env.config
+
+    def episode(key):
+        reset_key, key = jax.random.split(key)
+        _, state = env.reset(reset_key, params)
+
+        def warm(state, key):
+            action = policy(key, None, state, params).action
+            return env.step_env(key, state, action, params)[1], None
+
+        state, _ = jax.lax.scan(warm, state, jax.random.split(key, 120))
+
+        def tick(state, index):
+            drivers = drivers_of(state, config, params)
+            after, stats = physics_tick(state, drivers, index, config, params)
+            return after, (state, after, stats)
+
+        return jax.lax.scan(tick, state, jnp.arange(120))[1]
+
+    return env, params, *jax.jit(jax.vmap(episode))(jax.random.split(jax.random.key(5), 8))
+
+
+def driving(before, after, slots, body, dt):
+    """Eqs (7)-(8) and the drivetrain in NumPy, J for each vehicle and tick; 0 off the road."""
+    v0, v1 = (np.asarray(s.vehicles.speed, np.float64)[..., slots] for s in (before, after))
+    v = (v0 + v1) / 2
+    number = {k: float(getattr(body, k)) for k in body.__dataclass_fields__}
+    kinetic = 0.5 * number["rotational_inertia_factor"] * number["mass_kg"] * (v1**2 - v0**2)
+    rolling = number["mass_kg"] * 9.81 * number["rolling_resistance"] * v * dt
+    drag = 0.5 * 1.2 * number["drag_coefficient"] * number["frontal_area_m2"] * v**3 * dt
+    wheels = kinetic + rolling + drag
+    battery = np.where(
+        wheels > 0,
+        wheels / number["drivetrain_efficiency"],
+        wheels * number["regeneration_efficiency"],
+    )
+    on_road = np.asarray(before.vehicles.active)[..., slots]
+    return np.where(on_road, battery + number["auxiliary_w"] * dt, 0.0)
+
+
+@pytest.mark.thorough
+def test_books_balance_in_every_tick(played):
+    """Battery changes are transfer less driving, recomputed in float64 from speeds."""
+    env, params, before, after, stats = played
+    config = env.config
+    sent, received = (
+        np.asarray(x, np.float64) for x in (stats.energy_sent_j, stats.energy_received_j)
+    )
+    assert (sent > 0).any()
+    assert np.all(received <= sent)
+
+    capacity = float(params.med_capacity_j)
+    med_used = driving(before, after, config.med_slots, params.med, config.tick_s)
+    old, new = (np.asarray(s.meds.energy_j, np.float64) for s in (before, after))
+    # A full battery takes no braking energy; a full MED has sent nothing.
+    inside = new < capacity * (1 - 1e-6)
+    given = np.where(inside, old - new - med_used, 0.0)
+    np.testing.assert_allclose(given.sum(-1), sent, rtol=1e-4, atol=16 * 6e-8 * capacity)
+    assert (new <= capacity * (1 + 1e-6)).all()
+    assert (old - med_used >= capacity * (1 - 2e-6))[~inside].all()  # full because it had to be
+
+    ev_used = driving(before, after, config.ev_slots, params.ev, config.tick_s)
+    old, new = (np.asarray(s.evs.energy_j, np.float64) for s in (before, after))
+    # An empty EV cannot spend, a full one cannot take what the formula says.
+    inside = (new > 0) & (new < float(params.ev_capacity_j) * (1 - 1e-6))
+    gained = np.where(inside, new - old + ev_used, 0.0)
+    np.testing.assert_allclose(
+        gained.sum(-1), received, rtol=1e-4, atol=60 * 6e-8 * float(params.ev_capacity_j)
+    )
+
+
+@pytest.mark.thorough
+def test_tallies_of_driving_energy(played):
+    """Of EVs, of MEDs, and of the same way at the EVs' own desired speeds, in float64, every tick."""
+    env, params, before, after, stats = played
+    config, dt = env.config, env.config.tick_s
+    for name, slots, body in (
+        ("ev_driving_j", config.ev_slots, params.ev),
+        ("med_driving_j", config.med_slots, params.med),
+    ):
+        used = driving(before, after, slots, body, dt)
+        inside = np.ones(used.shape[:2], bool)
+        if slots == config.ev_slots:
+            used = np.where(np.asarray(before.evs.is_depleted), 0.0, used)
+            # An EV that runs out in a tick drives on less than that.
+            inside = ~np.asarray(after.evs.is_depleted & ~before.evs.is_depleted).any(-1)
+        scale, ours = np.abs(used).sum(-1).max(), np.asarray(getattr(stats, name))
+        expected = used.sum(-1)[inside]
+        np.testing.assert_allclose(ours[inside], expected, rtol=1e-4, atol=1e-4 * scale)
+        assert (used.sum((0, 1)) != 0.0).any()
+        assert (ours[~inside] < used.sum(-1)[~inside]).all()
+
+    own = np.asarray(before.vehicles.desired_speed, np.float64)[..., config.ev_slots]
+    steady = before.replace(vehicles=before.vehicles.replace(speed=before.vehicles.desired_speed))
+    power = driving(steady, steady, config.ev_slots, params.ev, dt) / dt
+    way = np.asarray(after.vehicles.x, np.float64) - np.asarray(before.vehicles.x, np.float64)
+    powered = ~np.asarray(before.evs.is_depleted)
+    expected = (powered * power / own * way[..., config.ev_slots]).sum(-1)
+    # A position is exact to 1e-4 of what a vehicle drives in a tick.
+    np.testing.assert_allclose(stats.ev_cruising_j, expected, rtol=1e-3)
+
+
+@pytest.mark.thorough
+def test_tallies_of_time(played):
+    """Delays against everyone's own desired speed, MEDs on their way, and EVs that leave with little charge."""
+    env, params, before, after, stats = played
+    config, dt = env.config, env.config.tick_s
+    was, now = before.vehicles, after.vehicles
+    there = np.asarray(was.active)
+    way = np.asarray(now.x, np.float64) - np.asarray(was.x, np.float64)
+    delay = np.where(there, dt - way / np.asarray(was.desired_speed, np.float64), 0.0)
+    # Ticks count the time; the round's end subtracts the time at desired speed.
+    first, last = (jax.tree.map(lambda leaf, i=i: leaf[:, i], v) for v, i in ((was, 0), (now, -1)))
+    whole = jax.vmap(lambda a, b: ways(a, b, config))(first, last)
+    for name, slots in (("ev_delay_s", config.ev_slots), ("gas_delay_s", config.gas_slots)):
+        ours = getattr(stats, name).sum(-1) + getattr(whole, name)
+        np.testing.assert_allclose(ours, delay[..., slots].sum((-2, -1)), rtol=1e-4, atol=0.02)
+        assert delay[..., slots].sum() > 0.0
+
+    status = np.asarray(before.meds.status)
+    on_the_way = ((status == QUEUED) | (status == MERGING) | (status == IN_SERVICE)).sum(-1)
+    np.testing.assert_allclose(stats.med_seconds, on_the_way * dt)
+    assert on_the_way.max() > 1
+    left = there & ~np.asarray(now.active) & (np.asarray(now.x) > float(params.road.length_m))
+    low = np.asarray(after.evs.energy_j) < 0.6 * float(params.ev_capacity_j)
+    np.testing.assert_array_equal(stats.low_exits, (left[..., config.ev_slots] & low).sum(-1))
+    assert np.asarray(stats.low_exits).sum() > 0
 
 
 @pytest.fixture(scope="module")

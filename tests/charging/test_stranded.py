@@ -160,6 +160,8 @@ def test_a_booked_ev_that_runs_out_gives_its_slot_back():
     assert float(stats.evs_served) == 0.0
     last = jax.tree.map(lambda leaf: jnp.asarray(leaf[-1]), states)
     assert int(book(last, env.config, params).med[0]) == NOT_BOOKED
+    _, after, *_ = compiled(env.config)(jax.random.key(0), last, 0, params)
+    assert int(after.evs.med[0]) == NOT_BOOKED
 
 
 def test_a_depleted_ev_does_not_arrive():

@@ -59,6 +59,35 @@ def test_step_keeps_types_and_sums_reward_terms(started, step):
     assert min(terms["soc"], terms["distance"], terms["speed"]) > 0.0
 
 
+def test_same_key_same_step(started, step):
+    """Equal arguments give equal results; another key gives others."""
+    _, state = started
+    one, two = (step(jax.random.key(7), state, 2) for _ in range(2))
+    chex.assert_trees_all_equal(one, two)
+    other = step(jax.random.key(8), state, 2)
+    assert not np.array_equal(one[0], other[0])
+
+
+@pytest.mark.thorough
+def test_compiles_once(paper, reset):
+    """Other keys, states, actions and parameter values reuse the program."""
+    env, params = paper
+    chex.clear_trace_counter()
+    traced = []
+
+    @jax.jit
+    @chex.assert_max_traces(n=1)
+    def step(key, state, action, params):
+        traced.append(action)
+        return env.step(key, state, action, params)
+
+    state = reset(params)
+    for seed, action in enumerate((0, 3, 1)):
+        changed = params.replace(battery_scale=params.battery_scale + seed)
+        _, state, *_ = step(jax.random.key(seed), state, jnp.int32(action), changed)
+    assert len(traced) == 1
+
+
 def test_vmap_over_parameters(paper, started):
     """One program takes several numbers of the world at once; each entry acts on its own number."""
     env, params = paper
@@ -123,6 +152,22 @@ def test_cooldown_and_fleet_limit(reset, raw):
     assert float(info["metrics"]["invalid_actions"]) == 22.0
     assert np.sum(np.asarray(state.meds.status) == AT_DEPOT) == 0
     assert np.sum(np.asarray(state.meds.status) == RETIRED) == 12  # those the fleet does not have
+
+
+def test_a_med_returns_after_its_turnaround(reset, raw):
+    """A MED that left is at the depot again, full, after turnaround_s."""
+    size = {"size": 1, "mainline_per_h": 0.0, "ramp_per_h": 0.0, "cooldown_s": 0.0}
+    _, params = medjax.make("paper", turnaround_s=20.0, **size)
+    state, statuses, energy = reset(params), [], []
+    for decision in range(120):
+        action = 4 if decision == 0 else 0
+        _, state, *_ = raw(jax.random.key(decision), state, action, params)
+        statuses.append(int(state.meds.status[0]))
+        energy.append(float(state.meds.energy_j[0]))
+    left = statuses.index(RETIRED)
+    back = statuses.index(AT_DEPOT)
+    assert back - left in (19, 20)
+    assert energy[left] < energy[back] == pytest.approx(float(params.med_capacity_j))
 
 
 def test_med_waits_for_a_safe_gap(reset, raw):

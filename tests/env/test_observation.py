@@ -85,6 +85,12 @@ def test_the_flat_observation_concatenates_the_structured_one(busy):
     assert np.asarray(seen.clock[0]) == pytest.approx(1 - 150 / 600)
 
 
+def test_observation_is_scaled(busy):
+    """No feature exceeds a few units."""
+    env, params, state = busy
+    assert np.abs(np.asarray(env.observation(state, env.config, params))).max() <= 2.0
+
+
 def share(place, node, nodes):
     """Linear interpolation's share of a place in [0, 1] at one of evenly spaced nodes."""
     return max(0.0, 1.0 - abs(place * (nodes - 1) - node))

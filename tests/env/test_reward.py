@@ -53,7 +53,7 @@ def test_a_term_without_a_weight_is_named():
 
 @pytest.mark.thorough
 def test_rewards_of_an_episode_add_up_to_its_metrics_at_their_prices():
-    """With one price changed."""
+    """One of the prices is changed."""
     env, params = medjax.make("paper", reward="money", reward_weights={"med_h": -50.0})
     policy = medjax.BASELINES["greedy"](env)
     _, state = jax.jit(env.reset)(jax.random.key(0), params)

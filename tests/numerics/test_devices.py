@@ -5,9 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import medjax
 from medjax.errors import InputError
 from medjax.numerics.rows import CACHED_ROWS
 from medjax.wrappers import BatchAutoReset, environment_mesh, in_blocks, on_devices
+from tests.refusals import refused
 from tests.train.probe_envs import Probe, ProbeParams
 
 ENV, PARAMS = Probe("noisy"), ProbeParams(episode_decisions=4)
@@ -34,7 +36,7 @@ def course(env, params, num_envs, num_devices, decisions):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("num_envs", [2 * CACHED_ROWS + 2, 3 * CACHED_ROWS])
+@pytest.mark.parametrize("num_envs", [6, 2 * CACHED_ROWS + 2, 3 * CACHED_ROWS])
 def test_devices_and_blocks_change_nothing(num_envs):
     """Two devices, blocks where the rows of one are too many, against one device; resets included."""
     assert len(jax.local_devices()) > 1
@@ -86,5 +88,23 @@ def test_mesh_takes_the_most_devices_that_divide_the_environments():
 
 
 def test_a_function_of_one_argument_is_refused():
-    with pytest.raises(InputError, match=r"allowed function\(rows, same\)"):
+    def call():
         on_devices(environment_mesh(2, 1), lambda rows: rows)
+
+    with pytest.raises(InputError, match=r"allowed function\(rows, same\)"):
+        call()
+    refused(call, "function(rows, same)")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("quick_compiles")  # which last to the end of the file
+def test_devices_change_nothing_on_the_highway():
+    """To rounding, since compiled quickly; tests/test_determinism.py has it bit for bit, fully optimised."""
+    env, params = medjax.make("paper", episode_decisions=3)
+    alone = course(env, params, 4, None, 8)
+    shared = course(env, params, 4, 2, 8)
+    _, _, _, truncated, _ = alone[1]
+    assert truncated.any()  # so resets are among it
+    jax.tree.map(
+        lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-5), alone[1], shared[1]
+    )

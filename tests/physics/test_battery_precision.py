@@ -63,7 +63,7 @@ def test_batteries_against_float64(long):
 
 
 def test_a_battery_ends_at_empty_and_at_full():
-    """And owes nothing from beyond."""
+    """Energy beyond either end is dropped, with its rest."""
     energy, rest = change_battery(
         *jnp.float32([[5.0, 95.0], [0.2, 0.4]]), jnp.float32([-9, 9]), 100.0
     )

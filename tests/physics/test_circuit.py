@@ -130,6 +130,16 @@ def test_weak_and_strong_coupling_survive_float32():
     assert np.all(np.isfinite(slope))
 
 
+def test_broadcasts_and_maps_over_loads():
+    m = np.array([1e-6, 1e-5], np.float32)
+    load = np.array([[1.0], [10.0], [100.0]], np.float32)
+    rest = {k: v for k, v in DEFAULTS.items() if k != "load"}
+    value = link_efficiency(m, load=load, **rest)
+    assert value.shape == (3, 2)
+    mapped = jax.vmap(lambda z: link_efficiency(m, load=z, **rest))(load[:, 0])
+    np.testing.assert_allclose(mapped, value, rtol=1e-6)
+
+
 def test_unknown_form_is_refused():
     with pytest.raises(ValueError, match="form is 'printed', must be 'circuit' or 'paper'"):
         link_efficiency(1e-6, form="printed", **DEFAULTS)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import special
 
-from medjax.physics import mutual_inductance
+from medjax.physics import VACUUM_PERMEABILITY, mutual_inductance
 
 ROWS = np.genfromtxt(
     Path(__file__).parents[1] / "data" / "mutual_inductance.csv",
@@ -72,6 +72,18 @@ def test_rows_in_float32(num_nodes, least_gap):
     assert np.all(error <= 1e-5 * np.abs(EXPECTED[use]) + 1e-6 * PEAK[use])
 
 
+def test_literal_values():
+    """Of reference/README.md, with the vacuum permeability among them."""
+    with jax.enable_x64(True):
+        args = (0.3, 0.2, 0.15, 0.1, np.array([0.3, -0.3]))
+        ratio = np.asarray(exact(*args)) / (4e-7 * np.pi)
+        np.testing.assert_allclose(ratio, [0.119364432552, 0.146361502905], rtol=1e-11)
+        np.testing.assert_allclose(
+            exact(0.3, 0.3, 0.2, 0.0, 0.0), 2.4890191325645735e-7, rtol=1e-12
+        )
+    assert pytest.approx(1.25663706143592e-6, rel=1e-14) == VACUUM_PERMEABILITY
+
+
 @settings(max_examples=60)
 @given(*POSITION[:2], st.floats(0.05, 3.0))
 def test_coaxial_rings_have_maxwells_value_either_way_round(radius_1, radius_2, axial):
@@ -86,7 +98,7 @@ def test_coaxial_rings_have_maxwells_value_either_way_round(radius_1, radius_2, 
 @settings(max_examples=60)
 @given(*POSITION)
 def test_symmetries(radius_1, radius_2, axial, lateral, tilt):
-    """Turned over, seen from below, scaled; and for parallel coils, exchanged."""
+    """M stays the same turned over, seen from below and scaled, and for parallel coils exchanged."""
     with jax.enable_x64(True):
         value = float(exact(radius_1, radius_2, axial, lateral, tilt))
         turned = float(exact(radius_1, radius_2, axial, -lateral, -tilt))
@@ -160,6 +172,12 @@ def test_aligned_coils_have_a_finite_gradient(lateral, secondary_radius):
     assert np.all(np.isfinite(gradient))
     if lateral == 0.0:
         np.testing.assert_allclose(gradient[1:], 0.0, atol=1e-13)
+
+
+def test_sign_changes_past_the_rim():
+    # reference/README.md: a null at lateral 0.577 m for axial 0.2 m with radii 0.35 and 0.30 m.
+    value = mutual_inductance(0.35, 0.30, 0.2, np.array([0.5765, 0.5775]), 0.0)
+    assert float(value[0]) > 0 > float(value[1])
 
 
 @pytest.mark.thorough

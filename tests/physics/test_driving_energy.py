@@ -137,3 +137,14 @@ def test_losses_never_gain_energy(wheels, drivetrain, regeneration):
     efficiency = {"drivetrain_efficiency": drivetrain, "regeneration_efficiency": regeneration}
     taken = battery_energy(np.float32(wheels), 1.0, **efficiency)
     assert float(taken) >= np.float32(wheels) - 1e-6 * abs(wheels)
+
+
+def test_one_call_serves_a_fleet():
+    before = np.array([20.0, 25.0, 30.0], np.float32)
+    mass = np.array([1500.0, 1700.0, 15000.0], np.float32)
+    rest = {"drag_coefficient": 0.3, "frontal_area": 2.5, "rolling_resistance": 0.008}
+    fleet = tractive_energy(before, before + 0.5, 0.25, mass=mass, **rest)
+    assert fleet.shape == (3,)
+    assert fleet.dtype == np.float32
+    alone = jax.vmap(lambda v, m: tractive_energy(v, v + 0.5, 0.25, mass=m, **rest))(before, mass)
+    np.testing.assert_allclose(alone, fleet, rtol=1e-6)

@@ -87,6 +87,7 @@ def test_entry_speed_is_never_unsafe(gap, ahead_speed, wanted, driver, brakes):
 def test_entry_on_an_empty_road_or_too_close():
     """At the wanted speed; refused below the safe gap, at any speed of the vehicle ahead."""
     ahead = Ahead(jnp.array([jnp.inf, -1.0, 1.9, 31.0]), jnp.array([0.0, 0.0, 0.0, 20.0]))
-    speed, safe = entry_speed(jnp.full(4, 28.0), ahead, 1.5, 2.0, 9.0)
+    wanted = jnp.array([28.0, 25.0, 25.0, 25.0])
+    speed, safe = entry_speed(wanted, ahead, 1.5, 2.0, 9.0)
     assert speed[0] == 28.0
     np.testing.assert_array_equal(safe, [True, False, False, False])

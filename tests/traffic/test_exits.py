@@ -115,6 +115,23 @@ def played(road):
 
 
 @pytest.mark.thorough
+def test_vehicles_leave_where_they_are_bound_for(road, played):
+    """A vehicle vanishes in the rightmost lane beside its own deceleration lane, past the end, or out of charge."""
+    _, (begun, ticks) = played
+    active = np.concatenate([begun.active[:, :, None], ticks.active], axis=2)
+    gone = active[:, :, :-1] & ~active[:, :, 1:]
+    x, lane, to = ticks.x[gone], ticks.lane[gone], ticks.destination[gone]
+    is_ev = np.zeros(gone.shape, bool)
+    is_ev[..., road[0].config.ev_slots] = True
+    at_exit = (to < 4000.0) & (lane == 3) & (x <= to) & (x >= to - 250.0)
+    assert (at_exit | (x > 4000.0) | is_ev[gone]).all()
+    assert at_exit.sum() > 300
+    assert np.abs(ticks.lateral_offset[gone][at_exit]).max() < 1.0
+    assert (at_exit & (to == 1000.0)).any()
+    assert (at_exit & (to == 2900.0)).any()
+
+
+@pytest.mark.thorough
 def test_exits_are_not_missed_and_nobody_collides(played):
     """Under 1 % at 650 vehicles an hour and lane; all that entered are on the road, have left, or ran out."""
     stats, (_, ticks) = played

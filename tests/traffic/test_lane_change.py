@@ -1,4 +1,4 @@
-"""Lane changes and merging on the whole simulator; `tests/test_invariants.py` checks that none is lost or collides."""
+"""Lane changes and merging on the whole simulator: nothing unsafe, nothing lost, in any tick."""
 
 import jax
 import jax.numpy as jnp
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from medjax.traffic.lane_change import lane_change_phase
+from medjax.world.kinds import MED, by_class
 from medjax.world.params import EnvConfig
 from medjax.world.state import MERGING
 from tests.traffic.reference import idm_plus, parameters
@@ -159,6 +160,88 @@ def test_everyone_looks_both_ways_once_a_second(tick_s):
         for side in (-1, 1):
             looks = phase[window] & (direction[window] == side)[:, None]
             np.testing.assert_array_equal(looks.sum(axis=0), 1)
+
+
+@pytest.fixture(scope="module")
+def records(random_play, each_tick):
+    """One Record a road."""
+    env, params = each_tick
+    return records_of(random_play, env.config, params)
+
+
+@pytest.mark.thorough
+def test_play_is_worth_checking(records, random_play):
+    """Jams, merges, MEDs, bookings, exits and depletions all happen in what is checked below."""
+    stats = jax.tree.map(lambda a: np.asarray(a[:, -1]), random_play.stats)
+    assert (stats.left.sum(axis=1) > 50).all()
+    assert stats.entered[:, MED].sum() > 40
+    assert stats.depleted.sum() > 20
+    assert stats.evs_served.sum() > 5
+    merges = sum((road.lane[tick, slot] == 4) for road in records for tick, slot in road.changes())
+    assert merges > 300
+    assert min(road.speed[road.active].min() for road in records) < 5.0
+
+
+@pytest.mark.thorough
+def test_vehicles_are_conserved_in_every_tick(records, random_play, each_tick):
+    """By class: entered = on the road + left + depleted, and each agrees with who appears in and vanishes from slots.
+
+    An EV that runs out is counted then, and stays on the road until it is on the shoulder.
+    """
+    config = each_tick[0].config
+    for i, road in enumerate(records):
+        stats = jax.tree.map(lambda a, i=i: np.asarray(a[i]), random_play.stats)
+        energy = np.asarray(random_play.evs.energy_j[i])
+        appeared = ~road.active[:-1] & road.active[1:]
+        gone = road.active[:-1] & ~road.active[1:]
+        past_end = road.x[1:] > 4000.0
+        dry = road.depleted
+        entered, left = by_class(stats.entered), by_class(stats.left)
+        classes = (config.med_slots, config.ev_slots, config.gas_slots)
+        for k, slots in enumerate(classes):
+            depleted = stats.depleted if k == 1 else 0.0
+            counted = (road.active & ~dry)[:, slots].sum(axis=1)
+            np.testing.assert_array_equal(entered[:, k], counted + left[:, k] + depleted)
+            np.testing.assert_array_equal(np.diff(entered[:, k]), appeared[:, slots].sum(axis=1))
+            np.testing.assert_array_equal(
+                np.diff(left[:, k]), (gone & past_end & ~dry[1:])[:, slots].sum(axis=1)
+            )
+        ran_out = (~dry[:-1] & dry[1:])[:, config.ev_slots]
+        np.testing.assert_array_equal(np.diff(stats.depleted), ran_out.sum(axis=1))
+        assert (energy[1:][ran_out] == 0.0).all()
+        # Off the road before its end, to the rightmost side: those that ran out, and nobody else.
+        assert dry[1:][gone & ~past_end].all()
+        assert (road.lane[1:][gone & ~past_end] >= 3).all()
+
+
+@pytest.mark.thorough
+def test_no_overlap_and_no_reversing_in_any_tick(records):
+    """Gaps from sorted positions are positive, speeds not negative, on every road in every tick."""
+    for road in records:
+        assert road.gaps().min() > 0.0
+        assert road.speed[road.active].min() >= 0.0
+        on = road.active[:-1] & road.active[1:]
+        step = (road.x[1:] - road.x[:-1])[on]
+        assert step.min() >= 0.0
+        # Nobody jumps: a tick's way is its mean speed's, or less where it stopped in it.
+        mean = 0.5 * (road.speed[1:] + road.speed[:-1])[on] * 0.25
+        assert (step <= mean + 1e-3).all()
+
+
+@pytest.mark.thorough
+def test_lanes_change_by_one_and_never_onto_a_ramp(records):
+    """No vehicle goes back to an acceleration lane, leaves the road sideways, or skips a lane."""
+    for road in records:
+        ticks, slots = road.changes().T
+        before, after = road.lane[ticks, slots], road.lane[ticks + 1, slots]
+        assert (np.abs(after - before) == 1).all()
+        assert (after < 4).all()
+        assert (after >= 0).all()
+        on_ramp = road.active & (road.lane == 4)
+        ends = np.array([350.0, 1450.0, 2350.0, 3450.0])
+        starts = ends - 250.0
+        x = road.x[on_ramp][:, None]
+        assert ((x >= starts) & (x <= ends)).any(axis=1).all()
 
 
 @pytest.fixture(scope="module")

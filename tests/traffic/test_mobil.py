@@ -18,17 +18,34 @@ X = [0.0, 30.0 + LENGTH, 80.0 + LENGTH, -LENGTH - 30.0, -LENGTH - 25.0]
 SPEED = [25.0, 20.0, 25.0, 25.0, 25.0]
 
 
-@pytest.mark.parametrize(("politeness", "incentive"), [(0.0, 8.8459), (0.2, 8.2770), (1.0, 6.0015)])
-def test_incentive_of_the_example(politeness, incentive):
-    """Selfish, usual and fully polite, with accelerations before and after of ego, old and new follower."""
+@pytest.fixture(scope="module")
+def accelerations():
+    """Of the example: before and after the change of the ego, the old and the new follower."""
     points = [(25.0, 30.0, 20.0), (25.0, 80.0, 25.0)]
     points += [(25.0, 30.0, 25.0), (25.0, 30.0 + LENGTH + 30.0, 20.0)]  # once the ego is gone
     points += [(25.0, 25.0 + LENGTH + 80.0, 25.0), (25.0, 25.0, 25.0)]  # before the ego comes
-    accelerations = [float(idm_acceleration(*point, **CAR)) for point in points]
+    return [float(idm_acceleration(*point, **CAR)) for point in points]
+
+
+def test_accelerations_of_the_example(accelerations):
+    """Each of the three before and after the change."""
     expected = [-8.23017, 0.61573, -1.47002, -1.00001, 0.77651, -2.53793]
     np.testing.assert_allclose(accelerations, expected, atol=6e-6)
+
+
+@pytest.mark.parametrize(("politeness", "incentive"), [(0.0, 8.8459), (0.2, 8.2770), (1.0, 6.0015)])
+def test_incentive_of_the_example(accelerations, politeness, incentive):
+    """Before the threshold: selfish, usual and fully polite."""
     got = mobil_incentive(*accelerations, politeness=politeness)
     assert float(got) == pytest.approx(incentive, abs=6e-5)
+
+
+@pytest.mark.parametrize(("safe_braking", "safe"), [(4.0, True), (2.0, False)])
+def test_safety_of_the_example(accelerations, safe_braking, safe):
+    """The new follower brakes at 2.54 m/s^2, which b_safe = 4 allows and 2 does not."""
+    _, own, _, _, _, follower = accelerations
+    limits = {"safe_braking": safe_braking, "min_gap_ahead": 2.0, "min_gap_behind": 2.0}
+    assert bool(is_safe(own, follower, 80.0, 25.0, **limits)) is safe
 
 
 @pytest.mark.parametrize(
@@ -96,6 +113,12 @@ def test_new_follower_is_judged_by_its_own_parameters(ego, follower):
     braking = idm(follower, gaps, 20.0, 20.0)
     taken = smallest_taken(gaps, [ego, CAR, CAR, CAR, follower], 0.0)
     assert taken == gaps[np.argmax(braking >= -4.0)]
+
+
+def test_judged_parameters_differ():
+    """The two followers of the test above need different gaps."""
+    assert idm(CAR, 13.0, 20.0, 20.0) < -4.0 < idm(CAR, 20.0, 20.0, 20.0)
+    assert abs(idm(TRUCK, 20.0, 20.0, 20.0) - idm(CAR, 20.0, 20.0, 20.0)) > 0.1
 
 
 @pytest.mark.parametrize("desire", [0.1, 0.25, 0.5, 0.75, 1.0])

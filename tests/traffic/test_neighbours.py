@@ -25,8 +25,11 @@ def found(x, lane, target, active, previous, other=None, num_lanes=LANES):
     return find_neighbours(order, lane, other, target, active, num_lanes), order
 
 
-def assert_neighbours(x, lane, direction, active, previous=None, straddles=0):
-    """Compares all four neighbours of every slot; one that `straddles`, -1 or 1, looks at its other lane."""
+def compared(x, lane, direction, active, previous=None, straddles=0):
+    """All four neighbours of every slot, by the package and by brute force.
+
+    A vehicle that `straddles`, -1 or 1, looks at its other lane.
+    """
     x, lane = np.asarray(x, np.float32), np.asarray(lane, np.int32)
     active, straddles = np.asarray(active), np.broadcast_to(straddles, lane.shape)
     other = np.where(straddles == 0, NOWHERE, lane + straddles).astype(np.int32)
@@ -42,10 +45,14 @@ def assert_neighbours(x, lane, direction, active, previous=None, straddles=0):
     # A straddling vehicle finds itself behind itself in the other lane.
     own = active & (straddles != 0) & is_there
     expected[3][own] = np.flatnonzero(own)
-    np.testing.assert_array_equal(
-        np.array(got), expected, "leader, follower, and those in the target lane"
-    )
     assert sorted(np.asarray(order)) == list(range(len(x)))
+    return got, np.array(expected)
+
+
+def assert_neighbours(*road, **options):
+    """Asserts that the package's neighbours are those of brute force, and returns them."""
+    got, expected = compared(*road, **options)
+    np.testing.assert_array_equal(np.array(got), expected, "leader, follower; in the target lane")
     return got
 
 
@@ -66,7 +73,8 @@ roads = st.tuples(
 def test_random_roads_with_ties(road):
     """Every road, last order and side looked at; in lanes -1 and 5, off the road, nobody is found."""
     x, lane, active, previous, direction, straddles = road
-    assert_neighbours(x, lane, direction, np.array(active), previous, straddles)
+    got, expected = compared(x, lane, direction, np.array(active), previous, straddles)
+    np.testing.assert_array_equal(np.array(got), expected)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -77,7 +85,9 @@ def test_dense_roads(seed):
     lane = rng.integers(0, LANES, 192)
     active = rng.random(192) < rng.choice([0.05, 0.5, 1.0])
     straddles = rng.choice([-1, 0, 0, 1], 192)
-    assert_neighbours(x, lane, rng.choice([-1, 1]), active, rng.permutation(192), straddles)
+    side, previous = rng.choice([-1, 1]), rng.permutation(192)
+    got, expected = compared(x, lane, side, active, previous, straddles)
+    np.testing.assert_array_equal(np.array(got), expected)
 
 
 def test_roads_by_hand():
@@ -104,6 +114,32 @@ def test_roads_by_hand():
     np.testing.assert_array_equal(got.leader, [1, 3, NOBODY, NOBODY])
     np.testing.assert_array_equal(got.target_leader, [2, 2, NOBODY, NOBODY])
     assert got.target_follower[3] == 2
+
+
+@pytest.mark.parametrize("target", [-1, -7, LANES, LANES + 1, 99])
+def test_no_lane_there(target):
+    """In a target lane outside the road nobody is found."""
+    active = np.arange(SLOTS) % 3 != 0
+    lane = np.zeros(SLOTS, np.int32)
+    x = np.linspace(0, 900, SLOTS, dtype=np.float32)
+    got, _ = found(x, lane, np.full(SLOTS, target, np.int32), active, np.arange(SLOTS))
+    assert (np.asarray(got.target_leader) == NOBODY).all()
+    assert (np.asarray(got.target_follower) == NOBODY).all()
+    assert (np.asarray(got.leader) != NOBODY).sum() == active.sum() - 1
+
+
+def test_the_most_slots_allowed():
+    """With as many slots as five lanes allow, the last ones are found like any other."""
+    slots = 65536 // (LANES + 1) - 2
+    x = np.zeros(slots, np.float32)
+    x[-3:] = [30.0, 10.0, 20.0]
+    active = np.arange(slots) >= slots - 3
+    lane = np.where(np.arange(slots) == slots - 1, 1, 0)
+    got, _ = found(x, lane, lane + 1, active, np.arange(slots))
+    np.testing.assert_array_equal(got.leader[-3:], [NOBODY, slots - 3, NOBODY])
+    np.testing.assert_array_equal(got.follower[-3:], [slots - 2, NOBODY, NOBODY])
+    np.testing.assert_array_equal(got.target_leader[-3:], [NOBODY, slots - 1, NOBODY])
+    np.testing.assert_array_equal(got.target_follower[-3:], [slots - 1, NOBODY, NOBODY])
 
 
 def test_resolution_is_what_the_docstring_says():

@@ -79,6 +79,7 @@ def test_order_in_a_lane_is_right_if_a_vehicle_is_longer_than_the_resolution():
         pairs = rng.uniform(0.0, length_m - 100.0, slots // 2)
         x = np.stack([pairs, pairs + vehicle_m + 0.5], axis=1).ravel().astype(np.float32)
         lane = np.zeros(slots, np.int32)
+        assert (np.diff(np.sort(x))[::2] > 0).all()
         mixed = rng.permutation(slots)
         got = found(x[mixed], lane, lane + 1, length_m)
         ahead, _ = brute_force(x[mixed].astype(np.float64), lane, lane)

@@ -14,7 +14,7 @@ from medjax.traffic.following import Drivers, Platooning, following_acceleration
 from medjax.traffic.idm import IDM_PLUS, STANDARD_IDM
 from medjax.traffic.neighbours import NOBODY
 from tests.traffic.cars import LENGTH, drivers
-from tests.traffic.reference import CAR, equilibrium_gap, gain, idm, sampled_gain
+from tests.traffic.reference import CAR, HIGHWAY, equilibrium_gap, gain, idm, sampled_gain
 
 
 class Column(NamedTuple):
@@ -175,13 +175,60 @@ def test_discharge_of_a_queue():
     assert np.interp(half, speed[:80, 0], times[:80]) == pytest.approx(12.05897, abs=0.125)
 
 
+def test_column_settles_at_equilibrium_flow():
+    """Behind a leader at 18.77 m/s: gaps s_e, and a lane flow of 1836.4 vehicles an hour."""
+    v, count = 18.77, 12
+    x = -30.0 * np.arange(count)  # too close at first
+    cars = column(x, 15.0, CAR, leader_speed=v)
+    x, speed = map(np.asarray, drive(cars, 0.25, 4000))
+    np.testing.assert_allclose(speed[-1], v, rtol=1e-3)
+    gaps = x[-1, :-1] - LENGTH - x[-1, 1:]
+    np.testing.assert_allclose(gaps, equilibrium_gap(CAR, v), rtol=5e-3)
+    assert 3600 * v / (gaps.mean() + LENGTH) == pytest.approx(1836.4, rel=5e-3)
+    # Counted where they pass: one car each (s_e + L) / v seconds.
+    times, line = 0.25 * np.arange(1, 4001), 15_000.0
+    passing = np.array([np.interp(line, x[:, car], times) for car in range(count)])
+    assert 3600 / np.diff(passing).mean() == pytest.approx(1836.4, rel=5e-3)
+
+
+@pytest.mark.parametrize(("params", "v"), [(CAR, 25.0), (HIGHWAY, 28.0)])
+def test_ring_flow(params, v):
+    """On a ring of N (s_e + L) metres a stable column settles to v from unequal gaps and a lower speed."""
+    count = 20
+    circumference = count * (equilibrium_gap(params, v) + LENGTH)
+    rng = np.random.default_rng(0)
+    x = circumference / count * (count - np.arange(count)) + rng.uniform(-5, 5, count)
+    dt = 0.25
+
+    def tick(carry, _):
+        x, speed = carry
+        leader = jnp.roll(x, 1) + jnp.where(jnp.arange(count) == 0, circumference, 0.0)
+        a = idm_acceleration(speed, leader - LENGTH - x, jnp.roll(speed, 1), **params)
+        x, speed = ballistic_step(x, speed, a, dt)
+        return (x - v * dt, speed), speed  # the frame moves, so that float32 resolves gaps
+
+    start = jnp.asarray(x, jnp.float32), jnp.full(count, 0.8 * v)
+    speed = jax.lax.scan(tick, start, length=8000)[1]
+    np.testing.assert_allclose(speed[-1], v, rtol=2e-3)
+
+
+def test_platoon_members_drive_closer():
+    """Cars of one platoon settle at its headway and gap, 0.3 s and 2 m, and others at their own."""
+    v = 20.0
+    for platoon, params in ((0, CAR | {"time_headway": 0.3}), (NOBODY, CAR)):
+        cars = column([0.0, -40.0], v, CAR, platoon, leader_speed=v)
+        x, _ = drive(cars, 0.25, 2400)
+        gap = float(x[-1, 0] - LENGTH - x[-1, 1])
+        assert gap == pytest.approx(equilibrium_gap(params, v), rel=5e-3)
+
+
 @pytest.mark.parametrize("v", [3.0, 12.0, 22.0, 32.0])
 def test_idm_plus_flows_at_its_headway(v):
     """Behind a leader at any lower speed a column settles at s0 + v T: v / (s0 + v T + l) vehicles a second."""
     count, steady = 8, CAR["min_gap"] + v * CAR["time_headway"]
-    for start, tolerance in ((steady, 1e-3), (1.3 * steady, 1e-2)):
+    for start, seconds, tolerance in ((steady, 200, 1e-3), (1.3 * steady, 1000, 1e-2)):
         cars = column(-(LENGTH + start) * np.arange(count), v, CAR, leader_speed=v)
-        x, speed = map(np.asarray, drive(cars, 0.25, 4000, IDM_PLUS))
+        x, speed = map(np.asarray, drive(cars, 0.25, 4 * seconds, IDM_PLUS))
         np.testing.assert_allclose(speed[-1], v, rtol=tolerance)
         gaps = x[-1, :-1] - LENGTH - x[-1, 1:]
         np.testing.assert_allclose(gaps, steady, rtol=tolerance)

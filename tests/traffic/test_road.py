@@ -17,6 +17,8 @@ def test_merge_distance(road):
     x = np.float32([[100.0], [1200.0], [2100.0], [3200.0]])
     x = x + np.float32([0.0, 100.0, 249.0, 250.0, 250.5])
     np.testing.assert_allclose(merge_distance(x, road), [[250.0, 150.0, 1.0, 0.0, -0.5]] * 4)
+    past = merge_distance(np.array([350.5, 3450.1]), road)
+    np.testing.assert_allclose(past, [-0.5, -0.1], atol=1e-3)
 
 
 def test_beyond_the_last_ramp_there_is_no_end(road):

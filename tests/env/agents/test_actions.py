@@ -50,7 +50,7 @@ def test_action_0_is_the_rule(trips, busy):
 
 
 def test_masks_by_hand(trips, busy):
-    """Agent by agent."""
+    """Each agent's masks follow from its status, bookings, lane and place."""
     masks = trips.masks(busy, trips.params)
     folded = np.asarray(trips.mask(busy, trips.params))
     status = np.asarray(busy.meds.status)

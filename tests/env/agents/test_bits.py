@@ -42,7 +42,7 @@ def test_the_dispatcher_is_a_special_case(trips):
 
 @pytest.mark.thorough
 def test_parts_and_folded_are_the_same_step(trips, busy):
-    """In one decision."""
+    """One decision gives the same bits by parts and by folded actions."""
     rule = trips.actions.by_rule(busy, trips.params)
     serves = busy.meds.status == IN_SERVICE
     parts = rule._replace(speed=jnp.where(serves, 1, rule.speed), accept=jnp.where(serves, 0, 1))

@@ -48,15 +48,17 @@ def test_with_a_dispatcher_agents_only_move(trips, busy):
         np.testing.assert_array_equal(wrapped["refuses"][metric], values, err_msg=metric)
 
 
-def test_a_central_critic_sees_the_agent_s_vector_and_then_the_road(trips, busy):
-    env, params = agents_of("corridor", central=True, **TRIPS)
+@pytest.mark.parametrize("central", [False, True])
+def test_a_central_critic_sees_the_agent_s_vector_and_then_the_road(trips, busy, central):
+    """Without a central critic, the agent's vector alone."""
+    env, params = agents_of("corridor", central=central, **TRIPS)
     own = trips.env.view.size(trips.config)
     seen = np.asarray(jax.jit(env.get_obs)(busy, params))
     np.testing.assert_allclose(seen[:, :own], trips.view(busy, trips.params), atol=1e-6)
     assert env.view.own_size(trips.config) == own
     road = np.asarray(trips.global_state(busy, trips.params))
     for row in seen:
-        np.testing.assert_allclose(row[own:], road, atol=1e-6)
+        np.testing.assert_allclose(row[own:], road if central else [], atol=1e-6)
 
 
 def test_the_outlook_is_what_rules_go_by(trips, busy):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from medjax.charging.booking import book
+from medjax.env.agents.environment import ROAD
 from medjax.env.agents.view import OF_AN_EV, OF_ITSELF, AgentView
 from medjax.world.state import IN_SERVICE, QUEUED
 from tests.charging.scene import put
@@ -121,3 +122,10 @@ def test_a_med_at_the_depot_sees_nobody(trips):
     assert (around == 0.0).all()
     assert obs.shape == (4, AgentView().size(trips.config))
     assert list(np.asarray(obs)[:, OF_ITSELF - 1]) == [1.0, 0.0, 0.0, 0.0]
+
+
+def test_the_global_state_is_the_road_profile(trips, busy):
+    """It is one vector for a central critic, and finite."""
+    state = np.asarray(trips.global_state(busy, trips.params))
+    assert state.shape == (ROAD.size(trips.config),)
+    assert np.isfinite(state).all()
