@@ -25,7 +25,7 @@ def check_line(line, *words):
 
 
 def refused(call, *words):
-    """Asserts that the call raises an InputError at once, without a warning."""
+    """Asserts that the call raises an InputError at once, without a warning; returns its message."""
     start = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -34,6 +34,7 @@ def refused(call, *words):
     assert time.process_time() - start < MOST_S
     assert type(error.value) is InputError
     check_line(str(error.value), *words)
+    return str(error.value)
 
 
 def not_refused(calls, *words):

@@ -1,8 +1,44 @@
 """A command goes on and writes its files after the reader of its output, such as `head`, has gone."""
 
+import json
 import shlex
 import subprocess
 import sys
+
+import pytest
+
+from tests.documented import ROOT
+from tests.train.conftest import TINY
+
+
+def run_unread(folder, *words, lines=1):
+    """Runs `python -m` while its reader of stdout and stderr goes away after some lines; returns the exit code."""
+    command = [sys.executable, "-u", "-m", *map(str, words)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    with subprocess.Popen(command, cwd=folder, text=True, **pipes) as process:
+        for _ in range(lines):
+            process.stdout.readline()
+        process.stdout.close()
+        return process.wait(timeout=300)
+
+
+@pytest.mark.thorough
+def test_training_goes_on_and_is_saved(tmp_path):
+    """After two lines of six updates on a probe; the trained policy is saved and evaluated."""
+    run = tmp_path / "run"
+    assert run_unread(ROOT, "tests.train.probe_run", *TINY, "--run-dir", run, lines=2) == 0
+    assert len((run / "metrics.jsonl").read_text().splitlines()) == 6
+    assert json.loads((run / "summary.json").read_text())["env_steps"] == 96
+    assert list((run / "checkpoints").iterdir())
+
+
+@pytest.mark.thorough
+def test_the_file_of_an_episode_is_written(tmp_path):
+    file = tmp_path / "run.csv"
+    words = ["medjax.trajectories", "--policy", "none", "--set", "episode_decisions=3"]
+    assert run_unread(tmp_path, *words, "--out", file, lines=0) == 0
+    assert file.stat().st_size > 1000
+
 
 SPEAKS = """
 import sys
@@ -23,12 +59,7 @@ sys.exit(main())
 def test_any_command_goes_on(tmp_path):
     """It prints far more than a pipe holds to both streams, and keeps its own exit code."""
     (tmp_path / "speaks.py").write_text(SPEAKS)
-    words = [sys.executable, "-u", "-m", "speaks"]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-    with subprocess.Popen(words, cwd=tmp_path, text=True, **pipes) as process:
-        process.stdout.readline()
-        process.stdout.close()
-        assert process.wait(timeout=60) == 3
+    assert run_unread(tmp_path, "speaks") == 3
     assert (tmp_path / "done").exists()
 
 

@@ -14,6 +14,7 @@ from docs.reproduce.__main__ import Book
 from docs.reproduce.pages import (
     FROM,
     ROOT,
+    RUN,
     Block,
     all_pages,
     blocks_of,
@@ -137,7 +138,10 @@ def test_a_wrong_command_is_found(parse_only, monkeypatch):
 
 def test_output_is_on_the_page_of_its_command(everything):
     for page in PAGES:
-        found = [*FROM.finditer(page.read_text(encoding="utf-8"))]
+        text = page.read_text(encoding="utf-8")
+        found = [*FROM.finditer(text)]
+        comments = len(re.findall(r"^<!-- (?:run|from) ", text, re.MULTILINE))
+        assert len(found) + len([*RUN.finditer(text)]) == comments, page
         assert {each["name"] for each in found} <= blocks_of(page).keys(), page
         for each in found:
             part = each["part"] or ""
@@ -164,7 +168,7 @@ def test_output_goes_where_a_page_wants_it():
 
 @pytest.mark.parametrize("comment", ["<!-- from count -->", "<!-- run more, 5 min -->"])
 def test_a_comment_before_nothing_is_an_error(comment, tmp_path):
-    """The output of an hour would go nowhere."""
+    """Otherwise the output of an hour's run would be lost."""
     page = tmp_path / "page.md"
     page.write_text(PAGE)
     assert blocks_of(page).keys() == {"count"}
@@ -183,12 +187,12 @@ def test_a_page_has_one_note_on_each_run():
 
 
 def test_files_that_a_command_depends_on():
-    """Its imports and theirs, late ones too, and other files that these read."""
+    """A command depends on its imports and theirs, late ones included, and on other files that these read."""
     for module, among, absent in (
         (
             "benchmarks.calibrate",
-            "benchmarks/studies/calibrate.py medjax/env/tick.py",
-            "tune|ppo.py",
+            "benchmarks/studies/calibrate.py medjax/env/tick.py medjax/__init__.py",
+            "tune|ppo.py|^train/ppo",
         ),
         ("medjax.render", "medjax/__init__.py medjax/render/web/player.js", "train/|benchmarks/"),
         ("medjax.render", "medjax/render/known/paper.json medjax/render/__main__.py", "docs/"),
@@ -206,7 +210,7 @@ def test_files_that_a_command_depends_on():
 
 
 def test_training_comes_before_what_plays_it(book, monkeypatch):
-    """It is not repeated, and an interrupted command continues behind what is done."""
+    """Training is not repeated, and an interrupted command continues after the finished blocks."""
     done, broken = [], False
 
     def output_of(block):
@@ -230,6 +234,7 @@ def test_training_comes_before_what_plays_it(book, monkeypatch):
     assert (command.WORK / "images/a.png").read_bytes() == b"drawn"
     assert done == ["learn", "count"]
     assert book.order([learn, count]) == []
+    assert book.is_current(count)
     assert book.order([learn, count], again=True) == [learn, count]
     assert not book.run(count)
     assert book.seconds(learn) < 60
@@ -237,6 +242,7 @@ def test_training_comes_before_what_plays_it(book, monkeypatch):
     other = Block("learn", learn.page, 600, (("train.ppo", "--seed", "1", "--run-dir", "runs/a"),))
     assert not Book({**book.blocks, "learn": other}).is_current(count)
     monkeypatch.setattr(command, "digest", lambda words, modules: "of other files")
+    assert not book.is_current(count)
     assert "older than its files" in book.line(count)
 
 
@@ -279,7 +285,7 @@ def test_long_blocks_run_only_by_name(everything, capsys):
 
 
 def test_blocks_older_than_their_files_are_named(everything):
-    """In a warning: they are true of an earlier tree, not wrong."""
+    """A warning names them: their figures hold for an earlier tree."""
     assert everything.stamps.keys() <= everything.blocks.keys()
     older = [block.name for block in everything.blocks.values() if not everything.is_current(block)]
     if older:

@@ -71,6 +71,9 @@ def test_train_evaluate_and_export(tmp_path, argv):
 @pytest.mark.parametrize(
     ("argv", "words"),
     [
+        (["--agents=both"], ["agents", "both", "none, ippo, mappo"]),
+        (["--agents=ippo", "--credit=mine"], ["credit", "mine", "team, own"]),
+        (["--agents=ippo", "--dispatcher=nobody"], ["dispatcher", "nobody", "agents, periodic"]),
         (["--dispatcher=budgeted"], ["agents is 'none'", "dispatcher is 'budgeted'"]),
         (["--credit=own"], ["agents is 'none'", "credit is 'own'"]),
         (["--agents=ippo", "--network=sets", "--observation=flat"], ["network", "sets"]),

@@ -1,4 +1,4 @@
-"""A healthy run makes no number that is not one, not even as a placeholder: JAX_DEBUG_NANS=1 stops at the first."""
+"""A healthy run computes no NaN, not even as a placeholder: JAX_DEBUG_NANS=1 would stop at the first."""
 
 import json
 import os
@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.mark.thorough
 def test_a_healthy_run_goes_through(tmp_path):
-    """Updates in which no episode ends are among them: their means are said as null, as without it."""
+    """In some updates no episode ends: their means are null, as without JAX_DEBUG_NANS."""
     run = tmp_path / "run"
     done = subprocess.run(
         [sys.executable, "-m", "tests.train.probe_run", *TINY, "--run-dir", str(run)],

@@ -55,7 +55,8 @@ def test_train_and_evaluate(tmp_path, capsys):
     assert evaluate.main([f"--run-dir={run}", "--episodes=4", *written]) == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
     result = json.loads(out.read_text())
-    assert set(result["policies"]) == {"ppo", "start", *medjax.BASELINES}
+    rules = "none slow random periodic paced greedy forecast budgeted"
+    assert set(result["policies"]) == {"ppo", "start", *rules.split()}
     for entry in result["policies"].values():
         parts = [entry[f"reward_{term}"] for term in TERMS]
         assert entry["reward_served"] == pytest.approx(0.25 * entry["evs_served"], rel=1e-4)

@@ -70,6 +70,13 @@ def test_a_defect_of_ours_is_not_called_a_bad_file(tmp_path, monkeypatch):
     assert not isinstance(caught.value, InputError)
 
 
-@pytest.mark.parametrize("name", ["../x", "/tmp/x y", "-rf", "é€", "🚚", "a" * 255, "x.", "a/../b"])
+NAMES = [
+    *("runs/a", "../x", "/tmp/x y", "-rf", "con", "é€", "🚚", "a" * 255, "./~", "x.", "..."),
+    *("a/../b", "run/"),
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_paths_of_any_usual_name(name):
-    assert str(parse_request(PPOConfig, [f"--run-dir={name}"]).run_dir) == name
+    expected = name.rstrip("/").removeprefix("./")
+    assert str(parse_request(PPOConfig, [f"--run-dir={name}"]).run_dir) == expected

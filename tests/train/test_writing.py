@@ -44,12 +44,17 @@ def test_a_full_disk_ends_a_command_in_a_line(probe, full_disk, capsys, monkeypa
         assert f"cannot write {given[-1].partition('=')[2]}: No space left" in err
         assert os.listdir(full_disk) == ["full"]
     assert (probe / "out.json").exists()
+    with pytest.raises(OSError, match="No space left"):
+        save(new_figure(3, 2), full_disk / "out.png")
+    assert os.listdir(full_disk) == ["full"]
 
 
 def test_evaluate_refuses_options_that_conflict(probe, capsys):
-    argv = ["--run-dir=run", "--json=a.png", "--plot=a.png"]
-    refused(capsys, argv, "both a.png", command=evaluate)
-    refused(capsys, ["--policies=none", "--stochastic"], "without --run-dir", command=evaluate)
+    for argv, words in (
+        (["--run-dir=run", "--json=a.png", "--plot=a.png"], "both a.png"),
+        (["--policies=none", "--stochastic"], "without --run-dir"),
+    ):
+        assert words in refused(capsys, argv, command=evaluate)
 
 
 @pytest.mark.thorough

@@ -60,6 +60,27 @@ def test_equals_the_definition(seed, gamma, lam, often):
     np.testing.assert_allclose(target, expected + value, rtol=2e-5, atol=2e-5)
 
 
+def test_nothing_leaks_over_the_end_of_an_episode():
+    zeros = jnp.zeros((4, 1))
+    reward = zeros.at[3].set(100.0)  # of the next episode
+    ends = jnp.zeros((4, 1), bool).at[1].set(True)
+    never = jnp.zeros((4, 1), bool)
+    for terminated, truncated in ((ends, never), (never, ends)):
+        rollout = Steps(reward, zeros, terminated, truncated, zeros)
+        advantage, _ = generalized_advantages(rollout, zeros[0], gamma=0.9, gae_lambda=0.9)
+        np.testing.assert_array_equal(advantage[:2], 0.0)
+        assert (advantage[2:] > 0.0).all()
+
+
+def test_lambda_one_gives_discounted_returns_bootstrapped_at_a_truncation():
+    reward = jnp.ones((3, 1))
+    zeros, never = jnp.zeros((3, 1)), jnp.zeros((3, 1), bool)
+    cut = never.at[2].set(True)
+    rollout = Steps(reward, zeros, never, cut, zeros + 10.0)
+    _, target = generalized_advantages(rollout, zeros[0] + 7.0, gamma=0.5, gae_lambda=1.0)
+    np.testing.assert_allclose(target[:, 0], [1.75 + 1.25, 1.5 + 2.5, 1.0 + 5.0])
+
+
 def test_leave_one_out_baseline_removes_what_a_group_shares():
     """By loops; and whatever is added to a whole group at a step changes nothing."""
     rng = np.random.default_rng(0)

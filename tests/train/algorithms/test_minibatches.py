@@ -1,4 +1,4 @@
-"""Who is in which minibatch, and gradient steps that devices share."""
+"""The split of samples into minibatches, and gradient steps that devices share."""
 
 import re
 

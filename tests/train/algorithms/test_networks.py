@@ -57,10 +57,12 @@ def assert_close(found, expected):
 
 
 @pytest.mark.thorough
-def test_an_observation_of_another_size_is_refused(scene):
+@pytest.mark.parametrize("config", [CONFIG, PPOConfig(hidden=(4,))], ids=["sets", "mlp"])
+def test_an_observation_of_another_size_is_refused(config):
     """One feature would be broadcast to all without a word."""
-    env, _, obs, _ = scene
-    size, network = obs.shape[-1], build_network(env, CONFIG)
+    env, params = medjax.make("paper", observation=config.observation, **SMALL)
+    (size,) = env.observation_space(params).shape
+    network, obs = build_network(env, config), jnp.zeros((1, size))
     weights = PolicyWeights(network.init(jax.random.key(0), obs), init_stats((size,)))
     mask = jnp.ones((2, env.num_actions), bool)
     for wrong in (jnp.zeros((2, 1)), jnp.zeros((2, size + 1))):
@@ -74,11 +76,13 @@ def test_an_observation_of_another_size_is_refused(scene):
 def test_split_is_the_structured_observation(scene):
     env, params, obs, states = scene
     seen = jax.vmap(env.observe, (0, None))(states, params)
-    parts = FlatObservation().split(obs, env.config)
-    for part, expected in zip(parts, (seen.meds, seen.evs, seen.clock), strict=True):
-        np.testing.assert_array_equal(part, expected)
+    for index in (slice(None), 1):  # a batch, and one road
+        parts = FlatObservation().split(obs[index], env.config)
+        for part, expected in zip(parts, (seen.meds, seen.evs, seen.clock), strict=True):
+            np.testing.assert_array_equal(part, expected[index])
     no_clock = FlatObservation(include_clock=False)
     assert no_clock.split(obs[:, :-4], env.config)[2].shape == (3, 0)
+    assert no_clock.split(obs[0, :-4], env.config)[2].shape == (0,)
 
 
 def test_the_order_of_slots_does_not_matter_but_vehicles_do(apply, scene):

@@ -73,11 +73,17 @@ def test_starts_as_the_rule():
 
 
 @pytest.mark.parametrize(("observation", "prior"), [("profile", "wait"), ("flat", "rule")])
-def test_waits_with_the_given_probability(observation, prior):
+def test_waits_with_the_given_probability(started, observation, prior):
     """A flat observation does not tell what the rule reads, so that training starts by waiting whatever is set."""
     env, params = medjax.make("paper", observation=observation)
-    logits = logits_at(env, params, PPOConfig(hidden=(16,), policy_prior=prior, initial_wait=0.9))
+    config = PPOConfig(hidden=(16,), policy_prior=prior, initial_wait=0.9)
+    logits = logits_at(env, params, config)
     np.testing.assert_allclose(jax.nn.softmax(logits), [0.9, *[0.025] * 4], atol=0.01)
+    _, state = started
+    obs, network = env.get_obs(state, params), build_network(env, config)
+    logits, _ = network.apply(network.init(jax.random.key(1), obs[None]), obs)
+    probs = masked_categorical(logits, env.action_mask(state, params)).probs
+    np.testing.assert_allclose(probs, [0.9, *[0.025] * 4], atol=0.01)
 
 
 def test_the_former_name_is_accepted_and_says_the_new_one(capsys):

@@ -10,20 +10,21 @@ SPREAD = np.linspace(-1.0, 1.0, 16)  # mean 0
 
 
 @pytest.mark.parametrize(
-    ("gains", "words"),
+    ("shift", "words"),
     [
-        (SPREAD + 5.0, ("higher with ppo than with forecast", " 16 episodes, +5.000 [")),
-        (SPREAD - 5.0, ("lower with ppo than with forecast", " 16 episodes, -5.000 [")),
-        (SPREAD + 0.1, ("no difference between ppo and forecast", " 16 episodes, +0.100 [-")),
-        (np.full(FEWEST - 1, 5.0), (f"{FEWEST - 1} episodes are too few", "ppo from forecast")),
-        (np.zeros(3), ("the same in each of the 3 episodes",)),
+        (5.0, "higher with ppo than with forecast in the same 16 episodes, +5.000 ["),
+        (-5.0, "lower with ppo than with forecast in the same 16 episodes, -5.000 ["),
+        (0.1, "no difference between ppo and forecast can be seen with 16 episodes, +0.100 [-"),
     ],
 )
-def test_a_difference_needs_an_interval_without_zero(gains, words):
-    said = difference("Return", PAIR, gains, 0)
-    assert said.startswith("Return: ")
-    for each in words:
-        assert each in said
+def test_a_difference_needs_an_interval_without_zero(shift, words):
+    assert difference("Return", PAIR, SPREAD + shift, 0).startswith(f"Return: {words}")
+
+
+def test_few_episodes_and_equal_episodes_show_no_difference():
+    few = difference("Return", PAIR, np.full(FEWEST - 1, 5.0), 0)
+    assert few == f"Return: {FEWEST - 1} episodes are too few to tell ppo from forecast."
+    assert "the same in each of the 3 episodes" in difference("Return", PAIR, np.zeros(3), 0)
 
 
 def test_a_curve_rises_falls_stays_or_has_settled():

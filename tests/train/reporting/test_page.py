@@ -6,7 +6,7 @@ PHONE = {"width": 390, "height": 844}
 
 
 def test_a_wide_table_scrolls_beside_the_names_of_its_rows(browser, tmp_path):
-    """The page stays as wide as the screen, a row as high as a line, and who it is of stays in sight."""
+    """The page stays as wide as the screen, a row as high as a line, and the row's name stays in sight."""
     head = ["policy", *(f"column {number}" for number in range(8))]
     rows = [[name, *["[-19.32, 12.08]"] * 8] for name in ("forecast", "none")]
     path = tmp_path / "page.html"

@@ -39,7 +39,7 @@ def test_a_survey_by_hand():
 
 @pytest.mark.thorough
 def test_every_ev_is_traced_if_a_decision_has_several_rounds(quick_compiles, tmp_path):
-    """As many EVs leave their slots as entered and are not there at the end; each is drawn where it drove."""
+    """As many EVs leave as entered and are gone at the end, and each is drawn where it drove."""
     rounds = 4
     few = {"num_meds": 3, "num_evs": 6, "num_gas": 12, "episode_decisions": 40, "ev_share": 0.9}
     few |= {"rounds_per_decision": rounds}

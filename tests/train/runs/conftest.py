@@ -1,5 +1,7 @@
 """A run that nothing interrupts, and events that happen in other runs after some update."""
 
+import signal
+
 import pytest
 
 from tests.compiling import quickly
@@ -19,6 +21,14 @@ def whole(tmp_path_factory):
         run = tmp_path_factory.mktemp("whole") / "run"
         assert ppo.main([*QUIET, f"--run-dir={run}"]) == 0
     return run
+
+
+@pytest.fixture
+def at_a_terminal():
+    """SIGINT is heeded: whoever starts the tests in the background may leave it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from medjax.commandline import parse_overrides
+from medjax.errors import InputError
 from tests.train.conftest import TINY, exit_code, refused
 from train import evaluate, ppo
 from train.algorithms.ppo.settings import PPOConfig
@@ -23,24 +24,38 @@ from train.settings import from_json, to_json
         (["--num-env=3"], ["--num-env"]),
         (["positional"], ["positional"]),
         (["--num-envs=-4"], ["num_envs is -4", "at least 1"]),
+        (["--num-envs=0"], ["num_envs is 0", "at least 1"]),
         (["--num-envs=many"], ["num_envs is 'many'", "a whole number"]),
         (["--num-envs=1.5"], ["num_envs is '1.5'", "a whole number"]),
         (["--num-envs=7"], ["num_envs is 7", "num_minibatches = 2", "a multiple of 2"]),
+        (["--num-envs"], ["--num-envs"]),
+        (["--total-timesteps=0"], ["total_timesteps is 0", "at least 1"]),
+        (["--num-devices=99"], ["num_devices is 99", "allowed: 0 to"]),
         (["--seed=-1"], ["seed is -1", "at least 0"]),
+        (["--num-seeds=0"], ["num_seeds is 0", "at least 1"]),
         (["--learning-rate=nan"], ["learning_rate is nan", "at least 1e-12, at most 10"]),
+        (["--lr=-1e-3"], ["learning_rate is -0.001", "at least 1e-12"]),
         (["--gamma=1.5"], ["gamma is 1.5", "at most 1"]),
+        (["--gamma=nan"], ["gamma is nan", "at most 1"]),
+        (["--clip=0"], ["clip_epsilon is 0.0", "at least 1e-06"]),
+        (["--entropy=inf"], ["entropy_coef is inf", "at most 1000000.0"]),
+        (["--hidden", "0"], ["hidden is 0", "at least 1"]),
         (["--hidden", "8", "x"], ["hidden is 'x'", "a whole number"]),
         (["--demand-range", "1.5", "0.5"], ["demand_range is 1.5 0.5", "the lower one first"]),
         (["--demand-range", "1"], ["demand_range is 1.0", "two numbers"]),
+        (["--demand-range", "-1", "1"], ["demand_range is -1.0", "at least 0"]),
         (["--demand-range", "1", "99"], ["demand_range is 99.0", "at most 4"]),
+        (["--demand-range", "nan", "1"], ["demand_range is nan", "at most 4"]),
         (["--demand-range", "few", "1"], ["demand_range is 'few'", "a number"]),
         (["--activation=gelu"], ["activation is 'gelu'", "tanh, relu, silu"]),
         (["--network=transformer"], ["network is 'transformer'", "allowed: mlp"]),
         (["--eval-episodes=1"], ["eval_episodes is 1", "at least 2"]),
         (["--set", "nothing=3"], ["nothing", "allowed", "episode_decisions"]),
         (["--set", "episode_decisions=-3"], ["episode_decisions is -3", "above 0"]),
+        (["--set", "episode_decisions=nan"], ["episode_decisions is nan", "above 0"]),
         (["--set", "episode_decisions"], ["--set episode_decisions", "NAME=VALUE"]),
         (["--set", "reward=x"], ["--set reward=x", "NAME=VALUE"]),
+        (["--set", "build=3"], ["--set build=3", "NAME=VALUE"]),
         (["--resume=absent"], ["absent", "not a directory"]),
         (["--resume=absent", "--run-dir=new"], ["--run-dir", "one of the two"]),
         (["--resume=absent", "--config=x.json"], ["--config", "one of the two"]),
@@ -69,6 +84,12 @@ def test_run_dir_that_cannot_be_written(probe, capsys):
     refused(capsys, [*TINY, "--run-dir=/proc/run"], "/proc/run", "cannot write")
     assert [path.name for path in probe.iterdir()] == ["file"]
     assert (probe / "file").read_text() == ""
+
+
+def test_bad_settings_are_found_before_the_run_dir_is_made(probe, capsys):
+    refused(capsys, [*TINY, "--run-dir=new", "--scenario=nowhere"], "nowhere")
+    refused(capsys, [*TINY, "--run-dir=new", "--network=x"], "network")
+    assert list(probe.iterdir()) == []
 
 
 def test_help_lists_every_setting(capsys):
@@ -125,6 +146,8 @@ def test_settings_survive_their_file():
     read = from_json(json.loads(json.dumps(to_json(config))), PPOConfig)
     assert dataclasses.replace(read, overrides=config.overrides) == config
     assert from_json({"demand_range": [0, 2]}, PPOConfig).demand_range == (0, 2)
+    with pytest.raises(InputError, match="'speed' is not a setting"):
+        from_json({"speed": 3}, PPOConfig)
 
 
 def test_values_of_options():

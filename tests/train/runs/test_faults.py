@@ -44,7 +44,7 @@ def stopped(capsys, argv, *words, code=1):
 
 
 class Breaks(Probe):
-    """From the fourth update on gives NaN as reward, infinity to see, or rewards whose sum is none."""
+    """From the fourth update on its reward is NaN, its observation infinite, or the sum of its rewards overflows."""
 
     def step_env(self, key, state, action, params):
         obs, state, reward, terminated, truncated, info = super().step_env(
@@ -91,7 +91,7 @@ def small_disk(path, size="200k"):
 
 @pytest.mark.thorough
 def test_a_full_disk(probe, capsys):
-    """Stops in a line with whole files; with room again the run goes on as if nothing had been."""
+    """The run stops in one line with whole files, and resumes bit for bit once there is room."""
     options = [*QUIET, "--total-timesteps=640", "--checkpoint-interval=1", "--keep-checkpoints=99"]
     assert ppo.main([*options, "--run-dir=whole"]) == 0
     capsys.readouterr()
@@ -145,20 +145,15 @@ def test_sigterm_saves(probe, whole, capsys, after_update):
     assert_same_run(whole, probe / "run")
 
 
-def test_a_second_ctrl_c_ends_at_once(probe, whole, capsys, after_update):
+def test_a_second_ctrl_c_ends_at_once(probe, whole, capsys, after_update, at_a_terminal):
     """Without a traceback; the run resumes from what was saved before."""
 
     def twice():
         for _ in range(2):  # to this thread: two that are sent to the process may count as one
             signal.raise_signal(signal.SIGINT)
 
-    # Whoever starts the tests in the background may leave SIGINT ignored.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     after_update(3, twice)
-    try:
-        stopped(capsys, [*QUIET, "--run-dir=run"], "at once", "checkpoint is of update 2", code=130)
-    finally:
-        signal.signal(signal.SIGINT, before)
+    stopped(capsys, [*QUIET, "--run-dir=run"], "at once", "checkpoint is of update 2", code=130)
     assert ppo.main(["--resume=run"]) == 0
     assert_same_run(whole, probe / "run")
 
@@ -175,6 +170,8 @@ def test_one_run_at_a_time_in_a_directory(probe, whole, capsys, after_update):
     assert ppo.main([*QUIET, "--run-dir=run"]) == 0
     assert_same_run(whole, probe / "run")
     RunDir(probe / "run").lock().close()  # it has ended, so that it can be locked
+    capsys.readouterr()
+    refused(capsys, ["--resume=run"], "has done its 96 decisions")
 
 
 def test_runs_without_a_name_never_share_a_directory(probe):
@@ -205,7 +202,7 @@ MORE = ["--resume=run", "--total-timesteps=128"]
 
 
 def test_a_damaged_checkpoint_is_refused_in_a_line(saved, capsys):
-    """One bit changed anywhere, or cut off anywhere: refused, or read as it was; never otherwise."""
+    """A file with one changed bit, or cut off anywhere, is refused or read as it was."""
     place, read = saved
     path, intact = place / "6.npz", read()
     assert isinstance(intact, list)
@@ -229,7 +226,7 @@ def test_a_damaged_checkpoint_is_refused_in_a_line(saved, capsys):
 
 
 def test_a_foreign_checkpoint_is_refused_in_a_line(saved, capsys):
-    """Another format, another program's archive, a pickle; an older one that is damaged hurts nobody."""
+    """Another format, another program's archive, a pickle; a damaged older one does no harm."""
     place, read = saved
     with np.load(place / "6.npz") as file:
         arrays = dict(file)

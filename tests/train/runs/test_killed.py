@@ -1,4 +1,4 @@
-"""Runs killed with SIGKILL at random moments go on from their last checkpoint as if nothing had been."""
+"""Runs killed with SIGKILL at random moments resume from their last checkpoint and end as if uninterrupted."""
 
 import json
 import subprocess

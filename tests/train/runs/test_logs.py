@@ -1,4 +1,4 @@
-"""What is said of updates."""
+"""Rows and lines that a run writes about its updates."""
 
 import struct
 
@@ -88,7 +88,7 @@ def sessions(folder):
 
 @pytest.mark.parametrize(("done", "hidden"), [(0, 0), (1, 17)])
 def test_updates_that_are_done_anew_are_hidden(tmp_path, done, hidden):
-    """Of a run that was killed, before its first checkpoint too; a new run hides nothing."""
+    """A killed run hides them when it resumes, also before its first checkpoint; a new run hides nothing."""
     run_dir = RunDir(tmp_path)
     log = MetricsLog(run_dir, 0)
     log.write([{"update": n, "env_steps": 16 * n, "loss": 1.0} for n in (1, 2)])

@@ -1,4 +1,4 @@
-"""A run goes on with the random numbers that it began with."""
+"""A run resumes only with the random number generator that it started with."""
 
 import jax
 import pytest
@@ -9,7 +9,7 @@ from train import ppo
 
 @pytest.mark.thorough
 def test_another_prng_is_named(probe, capsys):
-    """Whether its keys are of another size or not, and whatever setting is changed beside."""
+    """With keys of the same size or of another one, also if a setting changes at the same time."""
     with jax.default_prng_impl("rbg"):
         assert ppo.main([*TINY, "--eval-episodes=0", "--run-dir=run"]) == 0
     capsys.readouterr()

@@ -120,7 +120,7 @@ def test_two_processes_go_on_from_one_and_one_from_two(probe, start):
 
 @pytest.mark.slow
 def test_a_process_that_is_lost_ends_the_others(probe, start):
-    """Soon, in the words of JAX's runtime or in ours, whichever is first; what is saved is whole."""
+    """They end soon, with a message of JAX's runtime or of ours, and what was saved is whole."""
     options = [*EIGHT, "--total-timesteps=1e6", f"--run-dir={probe}/run"]
     first, second = [start([*options, *own]) for own in together(2)]
     wait_for(probe / "run" / "metrics.jsonl", 4, first)
@@ -165,7 +165,7 @@ def test_processes_that_make_no_sense(probe, capsys, argv, words):
 
 @pytest.mark.thorough
 def test_resumed_on_another_number_of_devices(probe):
-    """Half of it on two devices and the rest on one, and the other way round, is the run on one."""
+    """A run that changes halfway from two devices to one, or from one to two, equals the run on one."""
     options = [*EIGHT, "--no-anneal"]
     assert ppo.main([*options, "--num-devices=1", "--run-dir=whole"]) == 0
     for before, after in ((2, 1), (1, 2)):

@@ -26,7 +26,7 @@ def until(run_dir):
 
 
 def test_settings_that_ruled_are_kept(tmp_path, config):
-    """However often a run is gone on from the same update, or from an earlier one."""
+    """However often a run resumes from the same update, or from an earlier one."""
     first, second, third = (
         dataclasses.replace(config, learning_rate=rate) for rate in (1e-3, 1e-4, 3e-4)
     )
@@ -58,7 +58,7 @@ def test_settings_that_ruled_are_kept(tmp_path, config):
 
 
 def test_a_process_that_claimed_nothing_removes_nothing(probe, monkeypatch):
-    """Where compiling fails: of several processes all but the first stand in a directory that is not theirs."""
+    """If compiling fails, processes other than the first leave the directory alone, because it is not theirs."""
     from train.runs import open_session, session
 
     (probe / "config.json").write_text("mine")

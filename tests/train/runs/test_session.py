@@ -90,8 +90,10 @@ def test_a_run_leaves_what_is_promised(probe, capsys):
 
 @pytest.mark.thorough
 def test_the_same_seed_gives_the_same_run(probe, whole, capsys, monkeypatch):
-    """With other chunks and checkpoints, and begun anew where it was killed before its first checkpoint."""
-    other = [*QUIET, "--updates-per-call=3", "--checkpoint-interval=0", "--keep-checkpoints=1"]
+    """With other chunks, checkpoints and evaluation, and begun anew after a kill before its first checkpoint."""
+    assert ppo.main([*TINY, "--run-dir=usual", "--eval-episodes=0"]) == 0
+    assert_same_run(whole, probe / "usual")
+    other = [*TINY, "--updates-per-call=3", "--checkpoint-interval=0", "--keep-checkpoints=1"]
     monkeypatch.setattr("train.runs.session.SECONDS_PER_CALL", 1e9)  # as many updates as allowed
     assert ppo.main([*other, "--run-dir=other"]) == 0
     assert_same_run(whole, probe / "other")
@@ -117,14 +119,15 @@ def test_the_settings_of_a_run_repeat_it(probe):
         assert json.loads((probe / str(number) / "config.json").read_text())["config"] == saved
 
 
-def test_interrupted_and_resumed_equals_uninterrupted(probe, capsys, after_update):
-    """Here with two seeds; `test_sigterm_saves` has one."""
-    options = [*QUIET, "--num-seeds=2"]
+@pytest.mark.parametrize("seeds", [1, pytest.param(2, marks=pytest.mark.thorough)])
+def test_interrupted_and_resumed_equals_uninterrupted(
+    probe, capsys, after_update, at_a_terminal, seeds
+):
+    options = [*QUIET, f"--num-seeds={seeds}"]
     assert ppo.main([*options, "--run-dir=whole"]) == 0
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     after_update(3, interrupt)
     assert ppo.main([*options, "--run-dir=parts"]) == 130
-    assert signal.signal(signal.SIGINT, before) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert "--resume parts" in capsys.readouterr().err
     assert len(rows_of(probe / "parts")) == 3
     assert (probe / "parts" / "summary.json").exists()
@@ -138,13 +141,15 @@ def test_interrupted_and_resumed_equals_uninterrupted(probe, capsys, after_updat
 
 
 @pytest.mark.thorough
-def test_interrupted_in_the_last_update(probe, capsys, after_update):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_in_the_last_update(probe, capsys, after_update, at_a_terminal, number):
     """Only the evaluation is left; the old one, of other weights, is gone. Fewer devices can export the run."""
     assert ppo.main([*TINY, "--run-dir=run"]) == 0
     run = probe / "run"
     assert (run / "evaluation.json").exists()
-    after_update(8, lambda: signal.raise_signal(signal.SIGTERM))
-    assert ppo.main(["--resume=run", "--total-timesteps=128", "--updates-per-call=1"]) == 143
+    after_update(8, lambda: os.kill(os.getpid(), number))
+    more = ["--resume=run", "--total-timesteps=128", "--updates-per-call=1"]
+    assert ppo.main(more) == 128 + number
     assert capsys.readouterr().err.endswith("with: python -m train.evaluate --run-dir run\n")
     assert not (run / "evaluation.json").exists()
     settings = (run / "config.json").read_text()
@@ -190,24 +195,17 @@ def test_resume_refuses_what_does_not_fit(probe, whole, capsys):
 
 
 @pytest.mark.parametrize(
-    ("place", "number"),
-    [
-        ("runs.session.Session._compile", signal.SIGTERM),
-        ("runs.open_session.make_train", signal.SIGINT),
-        ("evaluate.whole_numbers", signal.SIGINT),
-        ("evaluate.whole_numbers", signal.SIGTERM),
-    ],
+    "place",
+    ["runs.session.Session._compile", "runs.open_session.make_train", "evaluate.whole_numbers"],
 )
-def test_interrupted_before_the_first_update(probe, capsys, monkeypatch, place, number):
-    """During imports, tracing, compiling or evaluation: one line, and nothing is left."""
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_before_the_first_update(
+    probe, capsys, monkeypatch, at_a_terminal, place, number
+):
+    """During tracing, compiling or evaluation: one line, and nothing is left."""
     command, argv = (evaluate, []) if place.startswith("evaluate") else (ppo, TINY)
     monkeypatch.setattr(f"train.{place}", lambda *_, **__: signal.raise_signal(number))
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        code = command.main([*argv, "--run-dir=run"])
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert code == 128 + number
+    assert command.main([*argv, "--run-dir=run"]) == 128 + number
     err = capsys.readouterr().err
     assert err.startswith("interrupted")
     assert err.count("\n") == 1

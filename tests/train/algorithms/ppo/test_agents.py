@@ -4,6 +4,7 @@ Probes of three agents; every array of theirs has an axis of agents first.
 """
 
 import dataclasses
+import functools
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,7 +18,7 @@ from tests.train.algorithms.ppo.test_learner import GAMMA, learner
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
-AGENTS, UPDATES = 3, 300
+AGENTS = 3
 # own: one step; agent i gets i + 1 if it is right, and nothing for others.
 # shared: one step; all get the number of agents that are right.
 # masked: as `own`, but agent 2 may do nothing but 0, and 2 pays everybody and is forbidden to all.
@@ -80,11 +81,11 @@ class Team:
 def solve():
     """Of a kind: values `(cue, time, AGENTS)`, probabilities `(cue, time, AGENTS, actions)`, and metrics."""
     env = Team()
-    learn = learner(env, jnp.int32(0), UPDATES)
+    learn = functools.cache(lambda updates: learner(env, jnp.int32(0), updates, stagger=False))
 
-    def solved(name):
+    def solved(name, updates=150):
         kind = jnp.int32(KINDS.index(name))
-        act, metrics = learn(kind)
+        act, metrics = learn(updates)(kind)
         cues = jnp.broadcast_to(jnp.array([-1.0, -1.0, 1.0, 1.0])[:, None], (4, AGENTS))
         states = TeamState(jnp.array([0, 1, 0, 1]), cues)
         obs = jax.vmap(env.observe)(states)
@@ -107,7 +108,7 @@ def test_each_is_paid_for_its_own(solve):
 
 def test_the_team_is_paid_alike(solve):
     """Each learns its own part from a reward that includes others' luck, and all values are the team's."""
-    values, probs, _ = solve("shared")
+    values, probs, _ = solve("shared", updates=300)
     assert (probs[0, 0, :, 0] > 0.95).all()
     assert (probs[1, 0, :, 1] > 0.95).all()
     np.testing.assert_allclose(values[:, 0], 3.0, rtol=0.06)
@@ -124,8 +125,8 @@ def test_each_agent_has_its_own_mask(solve):
 
 
 def test_an_agent_that_left_still_gets_the_teams_reward(solve):
-    """Without a choice in the second step agent 0 is right in half the cases; all know that before, and after."""
-    values, probs, _ = solve("leaves")
+    """Agent 0 has no choice in the second step and is right half the time, which every agent's value includes."""
+    values, probs, _ = solve("leaves", updates=300)
     assert probs[0, 0, 0, 0] > 0.95
     assert probs[1, 0, 0, 1] > 0.95
     np.testing.assert_array_equal(probs[:, 1, 0, 0], 1.0)

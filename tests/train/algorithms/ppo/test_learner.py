@@ -1,12 +1,9 @@
 """The learner solves environments whose values and best policies are known."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from flax import struct
 
 from tests.train.probe_envs import Probe, ProbeParams
 from train.algorithms.networks import apply_policy, build_network
@@ -30,28 +27,6 @@ BASE = {
     "normalize_rewards": False,
     "learning_rate": 1e-2,
 }
-UPDATES = 300
-KINDS = ("constant_terminated", "timed", "two_step", "masked")
-
-
-@struct.dataclass
-class AnyParams(ProbeParams):
-    """Also says which of `KINDS` is played."""
-
-    kind: jax.Array | int = 0
-
-
-@dataclasses.dataclass(frozen=True)
-class AnyProbe(Probe):
-    """All of `KINDS` in one program; action 2 is never allowed."""
-
-    def reset(self, key, params):
-        resets = [Probe(kind, 3).reset for kind in KINDS]
-        return jax.lax.switch(params.kind, resets, key, params)
-
-    def step_env(self, key, state, action, params):
-        steps = [Probe(kind, 3).step_env for kind in KINDS]
-        return jax.lax.switch(params.kind, steps, key, state, action, params)
 
 
 def learner(env, params, updates, **changes):
@@ -75,45 +50,6 @@ def value_and_probs(act, env, obs):
     return np.asarray(value), np.asarray(policy.probs)
 
 
-@pytest.fixture(scope="module")
-def solve():
-    """The learner's values and probabilities at observations of one of `KINDS`, and the metrics."""
-    env = AnyProbe("masked", num_actions=3)
-    learn = learner(env, AnyParams(), UPDATES)
-
-    def solved(kind, obs):
-        act, metrics = learn(AnyParams(kind=KINDS.index(kind)))
-        return *value_and_probs(act, env, obs), metrics
-
-    return solved
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("kind", ["constant_terminated", "timed"])
-def test_a_foreseeable_end_is_not_bootstrapped(solve, kind):
-    """A termination, and the time limit of an agent that sees the clock."""
-    value, _, _ = solve(kind, [[float(t), 0.0] for t in range(5)])
-    expected = [(1.0 - GAMMA ** (5 - t)) / (1.0 - GAMMA) for t in range(5)]
-    np.testing.assert_allclose(value, expected, rtol=0.02)
-
-
-@pytest.mark.thorough
-def test_credit_over_two_steps(solve):
-    value, _, _ = solve("two_step", [[0.0, 0.0], [1.0, 0.0]])
-    np.testing.assert_allclose(value, [GAMMA, 1.0], atol=0.02)
-
-
-def test_actions_follow_the_cue_and_never_the_forbidden_one(solve):
-    value, probs, metrics = solve("masked", [[-1.0, 0.0], [1.0, 0.0]])
-    assert probs[0, 0] > 0.99
-    assert probs[1, 1] > 0.99
-    np.testing.assert_array_equal(probs[:, 2], 0.0)
-    np.testing.assert_allclose(value, 1.0, atol=0.03)
-    returns = np.asarray(metrics["episode_return"])[:UPDATES]
-    assert returns.max() <= 1.0  # the forbidden action pays 10
-    assert returns[-1] > 0.97
-
-
 @pytest.mark.thorough
 def test_time_limit_is_bootstrapped():
     """Reward 1 for ever, cut every 5 decisions by a clock that the agent does not see: V = 1 / (1 - gamma)."""
@@ -121,6 +57,39 @@ def test_time_limit_is_bootstrapped():
     act, _ = learner(env, params, 250, bootstrap_timeouts=True)(params)
     value, _ = value_and_probs(act, env, [[0.0, 0.0]])
     assert value[0] == pytest.approx(1.0 / (1.0 - GAMMA), rel=0.01)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("kind", ["constant_terminated", "timed"])
+def test_a_foreseeable_end_is_not_bootstrapped(kind):
+    """A termination, and the time limit of an agent that sees the clock."""
+    env, params = Probe(kind), ProbeParams()
+    act, _ = learner(env, params, 300, stagger=False)(params)
+    value, _ = value_and_probs(act, env, [[float(t), 0.0] for t in range(5)])
+    expected = [(1.0 - GAMMA ** (5 - t)) / (1.0 - GAMMA) for t in range(5)]
+    np.testing.assert_allclose(value, expected, rtol=0.02)
+
+
+@pytest.mark.thorough
+def test_credit_over_two_steps():
+    env, params = Probe("two_step"), ProbeParams()
+    act, _ = learner(env, params, 200, stagger=False)(params)
+    value, _ = value_and_probs(act, env, [[0.0, 0.0], [1.0, 0.0]])
+    np.testing.assert_allclose(value, [GAMMA, 1.0], atol=0.02)
+
+
+@pytest.mark.parametrize("kind", ["follow", "masked"])
+def test_actions_follow_the_cue_and_never_the_forbidden_one(kind):
+    env, params = Probe(kind, num_actions=3 if kind == "masked" else 2), ProbeParams()
+    act, metrics = learner(env, params, 100, entropy_coef=0.0)(params)
+    value, probs = value_and_probs(act, env, [[-1.0, 0.0], [1.0, 0.0]])
+    assert probs[0, 0] > 0.99
+    assert probs[1, 1] > 0.99
+    np.testing.assert_array_equal(probs[:, 2:], 0.0)
+    np.testing.assert_allclose(value, 1.0, atol=0.03)
+    returns = np.asarray(metrics["episode_return"])[:100]
+    assert returns.max() <= 1.0  # the forbidden action pays 10
+    assert returns[-1] > 0.97
 
 
 def test_scaled_rewards_give_scaled_values():
@@ -136,7 +105,7 @@ def test_scaled_rewards_give_scaled_values():
 
 @pytest.mark.parametrize(("num_envs", "num_minibatches"), [(240, 16), (480, 16), (256, 256)])
 def test_any_divisor_is_traced(num_envs, num_minibatches):
-    """Numbers of environments of which blocks of some 128 would cut groups that meet the same episodes."""
+    """Blocks of about 128 environments would split groups that play the same episodes."""
     env, params = Probe("timed"), ProbeParams()
     sizes = {"num_envs": num_envs, "num_minibatches": num_minibatches, "num_devices": 1}
     config = PPOConfig(**(BASE | sizes | {"total_timesteps": 10**6}))

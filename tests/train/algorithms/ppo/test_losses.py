@@ -34,6 +34,19 @@ def test_gradient_is_zero_exactly_where_the_ratio_is_clipped():
     np.testing.assert_allclose(gradient, expected, rtol=1e-5, atol=0.0)
 
 
+def test_surrogate_is_the_minimum_of_the_two_terms():
+    rng = np.random.default_rng(0)
+    new, old, advantage = rng.normal(size=(3, 500))
+    ratio = np.exp(new - old)
+    expected = np.where(
+        advantage > 0,
+        np.minimum(ratio, 1 + EPS) * advantage,
+        np.maximum(ratio, 1 - EPS) * advantage,
+    )
+    got = clipped_surrogate(*(jnp.asarray(x, jnp.float32) for x in (new, old, advantage)), EPS)
+    np.testing.assert_allclose(got, expected, rtol=1e-4, atol=1e-6)
+
+
 def test_value_loss():
     value, old, target = jnp.array([[1.0, 1.0, 0.0], [0.0, 0.9, 0.0], [2.0, 2.0, 2.0]])
     np.testing.assert_allclose(value_loss(value, old, target, None), [0.5, 0.5, 2.0])

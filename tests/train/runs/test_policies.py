@@ -1,0 +1,62 @@
+"""The weights of a run, in its own world and in others."""
+
+import chex
+import jax
+import numpy as np
+import pytest
+
+from medjax.errors import InputError
+from medjax.scenarios import prepare
+from train.algorithms import environments
+from train.algorithms.algorithm import TrainState
+from train.algorithms.ppo.settings import PPOConfig
+from train.runs.checkpoint import Checkpoints
+from train.runs.policies import load_weights, weight_shapes
+from train.runs.run_directory import RunDir
+from train.runs.trained_run import to_play
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """A run with the default settings and weights of ones; its environments compute no coils."""
+    make = lambda config: environments._build(prepare, config)[:2]  # noqa: E731
+    monkeypatch.setattr("train.runs.policies.make_environment", make)
+    run, config = RunDir(tmp_path / "run"), PPOConfig()
+    run.claim(config).close()
+    shapes = weight_shapes(*make(config), config)
+    weights = jax.tree.map(lambda leaf: np.ones(leaf.shape, leaf.dtype), shapes)
+    state = TrainState(weights, rollout=None, key=None, update=np.int32(1))
+    Checkpoints(run.path).save(state, config)
+    return run, weights
+
+
+def test_worlds_that_leave_the_sizes_alone_fit(run):
+    run, weights = run
+    for scenario, changes in (
+        (None, {}),
+        (None, {"cooldown_s": 30}),
+        ("realistic", {}),  # which has as many ramps
+    ):
+        env, _, found = load_weights(run.path, to_play(run.load_config(), scenario, changes))
+        chex.assert_trees_all_equal(found, weights)
+        assert env.name == (scenario or "paper")
+
+
+def test_a_world_of_another_shape_is_named_as_it_was_asked_for(run):
+    """By the number of --set or the preset, not only by the arrays of the network."""
+    run, _ = run
+    for scenario, changes, words in (
+        (None, {"num_ramps": 3}, "of another shape than paper num_ramps=3, .* on paper "),
+        ("corridor", {}, "of another shape than corridor, .* on paper "),
+    ):
+        with pytest.raises(InputError, match=words) as refusal:
+            load_weights(run.path, to_play(run.load_config(), scenario, changes))
+        assert "\n" not in str(refusal.value)
+
+
+def test_a_damaged_checkpoint_is_named_in_any_world(run):
+    run, _ = run
+    (run.path / "checkpoints" / "1.npz").write_bytes(b"")
+    for scenario, changes in ((None, {"cooldown_s": 30}), ("realistic", {})):
+        with pytest.raises(InputError, match=r"1.npz is damaged"):
+            load_weights(run.path, to_play(run.load_config(), scenario, changes))
