@@ -82,10 +82,9 @@ def show(name, found, what):
     return f"{where}:{found.line}: {name} imports {found.target}: {what}"
 
 
-def assert_none(violations):
-    """Fails with one line per violation."""
-    lines = list(dict.fromkeys(violations))
-    assert not lines, f"{len(lines)} against the rules\n" + "\n".join(lines)
+def listed(violations):
+    """Each violation once, on a line of its own."""
+    return "\n".join(dict.fromkeys(violations))
 
 
 def test_imports_are_read():
@@ -105,11 +104,12 @@ def test_imports_are_read():
 
 def test_arrows_go_down():
     """A room imports only rooms below it."""
-    assert_none(
+    wrong = (
         show(name, found, f"{room_of(found.target)} is above {room_of(name)}")
         for name, found in arrows()
         if RANKS[room_of(found.target)] > RANKS[room_of(name)]
     )
+    assert listed(wrong) == ""
 
 
 def test_no_circle():
@@ -123,7 +123,7 @@ def test_no_circle():
         if circle:
             circles.append(" imports ".join(circle))
             shown.update(circle)
-    assert_none(circles)
+    assert listed(circles) == ""
 
 
 @pytest.mark.parametrize("room", APART)
@@ -132,22 +132,24 @@ def test_independent_rooms(room):
     graph = graph_of(arrows())
     is_apart = lambda target: any(is_in(target, other) for other in APART[room])  # noqa: E731
     inside = [name for name in modules() if is_in(name, room)]
-    assert_none(" imports ".join(found) for name in inside if (found := way(graph, name, is_apart)))
+    ways = (way(graph, name, is_apart) for name in inside)
+    assert listed(" imports ".join(found) for found in ways if found) == ""
 
 
 def test_nothing_imports_a_command():
     """Except the short module that runs it."""
-    assert_none(
+    wrong = (
         show(name, found, "a command")
         for name, found in arrows()
         if modules()[found.target].is_command and not modules()[name].stands_for_another
     )
+    assert listed(wrong) == ""
 
 
 def test_late_imports_are_for_optional_libraries():
     """Or in commands and `import medjax`, which answer --help and bad input without loading JAX."""
     always = {"jax", "flax", "numpy", *HOUSES, *sys.stdlib_module_names}
-    assert_none(
+    wrong = (
         show(name, found, "within a function")
         for name, module in modules().items()
         for found in imports_of(name)
@@ -156,27 +158,30 @@ def test_late_imports_are_for_optional_libraries():
         and not module.is_command
         and name not in LAZY
     )
+    assert listed(wrong) == ""
 
 
 def test_only_one_module_imports_distrax():
     """It needs nightly builds of another library, so it must be easy to replace."""
     knows = "train.algorithms.networks"
-    assert_none(
+    wrong = (
         show(name, found, f"only {knows} knows distrax")
         for name in modules()
         for found in imports_of(name)
         if found.target.partition(".")[0] == "distrax" and name != knows
     )
+    assert listed(wrong) == ""
 
 
 def test_every_folder_is_a_package():
     """Otherwise mypy and wheels ignore it."""
     folders = {path.parent for path in source_files(*HOUSES, "tests", "docs")}
-    assert_none(
+    wrong = (
         f"{folder.relative_to(ROOT)} has no __init__.py"
         for folder in sorted(folders)
         if not (folder / "__init__.py").exists()
     )
+    assert listed(wrong) == ""
 
 
 def length(path):
@@ -185,11 +190,12 @@ def length(path):
 
 def test_files_are_short():
     """In all languages; docs/live holds generated players."""
-    assert_none(
+    wrong = (
         f"{path.relative_to(ROOT)}: {length(path)} lines, allowed {MOST_LINES}"
         for path in source_files(*HOUSES, "tests", "docs", endings=SOURCES)
         if length(path) > MOST_LINES and path.parent != ROOT / "docs" / "live"
     )
+    assert listed(wrong) == ""
 
 
 def functions():
@@ -202,21 +208,23 @@ def functions():
 
 def test_functions_are_short():
     """Docstrings included."""
-    assert_none(
+    wrong = (
         f"{where}: {lines} lines, allowed {MOST_OF_A_FUNCTION}"
         for where, node in functions()
         if (lines := node.end_lineno - node.lineno + 1) > MOST_OF_A_FUNCTION
     )
+    assert listed(wrong) == ""
 
 
 def test_functions_take_few_arguments():
     """`self` and `cls` do not count."""
     many = {where: node for where, node in functions() if count_arguments(node) > MOST_ARGUMENTS}
-    assert_none(
+    wrong = (
         f"{where}: {count_arguments(node)} arguments, allowed {MOST_ARGUMENTS}"
         for where, node in many.items()
         if node.name not in FORMULAS
     )
+    assert listed(wrong) == ""
     assert {node.name for node in many.values()} >= FORMULAS  # no needless exception
 
 

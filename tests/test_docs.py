@@ -2,11 +2,15 @@
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import medjax
 from medjax.numerics import compilation
+from medjax.world.charging_params import CoilDesign
+from medjax.world.params import PRICES, WEIGHTS
 from medjax.world.presets import Recipe
 from tests.train.conftest import never
 from tests.train.probe_envs import Probe, ProbeParams
@@ -37,6 +41,12 @@ def run(code):
     for library in re.findall(r"^(?:from|import) (\w+)", code, re.MULTILINE):
         pytest.importorskip(library)
     exec(compile(code, "example", "exec"), {"__name__": "example"})
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_example_is_short(name):
+    """At most 25 lines besides blank ones."""
+    assert sum(bool(line.strip()) for line in EXAMPLES[name].splitlines()) <= 25
 
 
 @pytest.mark.thorough
@@ -99,3 +109,30 @@ def test_custom_reward_example_adds_its_term(capsys):
     assert terms["low_charge"] <= 0.0
     assert terms["dispatches"] == -0.5
     assert float(reward) == pytest.approx(sum(terms.values()), rel=1e-5)
+
+
+def test_parameter_table_matches_the_presets(paper):
+    """docs/parameters.md states the numbers that `make("paper")` has, with either reward."""
+    env, params = paper
+    _, money = medjax.make("paper", reward="money")
+    params = params.replace(reward_weights={**params.reward_weights, **money.reward_weights})
+    page = (ROOT / "docs/parameters.md").read_text()
+    rows = re.findall(r"^\| `([\w.]+)` \| ([^|]+) \|", page, re.M)
+    assert len(rows) > 80
+    for name, text in rows:
+        group, _, leaf = name.rpartition(".")
+        holder = getattr(params, group) if group else params
+        holder = next(
+            (other for other in (env.config, CoilDesign()) if hasattr(other, name)), holder
+        )
+        if isinstance(holder, dict):  # weights; those of another reward are not among this preset's
+            holder = SimpleNamespace(**{leaf: holder.get(leaf, (WEIGHTS | PRICES)[leaf].default)})
+        value = np.atleast_1d(getattr(holder, leaf))
+        stated = [float(number) for number in text.split(",") if number.strip() != "none"]
+        np.testing.assert_allclose(*np.broadcast_arrays(stated, value), rtol=1e-3)
+    leaves = {
+        f"{group}.{leaf}"
+        for group, member in vars(params).items()
+        for leaf in (member if isinstance(member, dict) else getattr(member, "__dict__", {}))
+    }
+    assert leaves - {name for name, _ in rows} == {"link.inductance"}

@@ -1,6 +1,7 @@
 """Floating-car data read back by SUMO's schema and SUMO's own tools."""
 
 import csv
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -26,6 +27,20 @@ def sumo_home():
     return Path(pytest.importorskip("sumo", reason='pip install -e ".[peers]"').SUMO_HOME)
 
 
+def run_tool(sumo_home, *command):
+    """Runs a tool of SUMO, which draws without a screen; returns its output."""
+    done = subprocess.run(
+        [sys.executable, *map(str, command)],
+        env={**os.environ, "SUMO_HOME": str(sumo_home), "MPLBACKEND": "agg"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
 @pytest.mark.thorough
 def test_fcd_is_valid_by_sumos_schema(fcd, sumo_home):
     etree = pytest.importorskip("lxml.etree", reason="pip install lxml")
@@ -38,8 +53,7 @@ def test_fcd_is_valid_by_sumos_schema(fcd, sumo_home):
 
 @pytest.mark.thorough
 def test_fcd_reads_back_with_sumos_converter(recording, table, fcd, sumo_home, tmp_path):
-    words = [sumo_home / "tools/xml/xml2csv.py", fcd, "-o", tmp_path / "run.csv"]
-    subprocess.run([sys.executable, *map(str, words)], check=True, timeout=120)
+    run_tool(sumo_home, sumo_home / "tools/xml/xml2csv.py", fcd, "-o", tmp_path / "run.csv")
     with (tmp_path / "run.csv").open() as file:
         rows = list(csv.DictReader(file, delimiter=";"))
     rows = [row for row in rows if row["vehicle_id"]]
@@ -133,3 +147,11 @@ def test_fcd_lies_on_sumos_lanes(recording, fcd, net, sumo_home):
             assert float(vehicle.y) == pytest.approx(y, abs=2e-3)
             seen.add(vehicle.lane)
     assert len(seen) >= recording.config.num_lanes
+
+
+@pytest.mark.thorough
+def test_fcd_is_drawn_by_sumos_plotter(fcd, sumo_home, tmp_path):
+    pytest.importorskip("matplotlib")
+    picture = tmp_path / "run.png"
+    run_tool(sumo_home, sumo_home / "tools/plot_trajectories.py", "-t", "td", "-o", picture, fcd)
+    assert picture.stat().st_size > 5000

@@ -56,10 +56,15 @@ class Scaled(Wrapper):
 
 
 @pytest.mark.thorough
-def test_another_episode_of_the_same_policy_is_not_compiled_again():
-    """Neither the policy nor an environment without a hash is traced again."""
-    env, params = medjax.make("paper", **WORLD | {"episode_decisions": 2})
-    own, traced = Scaled(env, np.ones(3)), []
+@pytest.mark.parametrize(
+    ("wrap", "decisions"),
+    [(lambda env: env, 90), (lambda env: Scaled(env, np.ones(3)), 2)],
+    ids=["with hash", "without hash"],
+)
+def test_another_episode_of_the_same_policy_is_not_compiled_again(wrap, decisions):
+    """The policy is traced for the first recording alone, though an environment may have no hash."""
+    env, params = medjax.make("paper", **WORLD | {"episode_decisions": decisions})
+    own, traced = wrap(env), []
 
     def act(weights, key, obs, state, params):
         traced.append(1)
@@ -69,7 +74,7 @@ def test_another_episode_of_the_same_policy_is_not_compiled_again():
     first = record_episode(own, params, policy)
     times = len(traced)
     assert times > 0
-    assert len(first.frames.x) == 9
+    assert len(first.frames.x) == 1 + 4 * decisions
     again, other = (record_episode(own, params, policy, episode=episode) for episode in (0, 1))
     np.testing.assert_array_equal(first.frames.x, again.frames.x)
     assert (first.frames.x != other.frames.x).any()

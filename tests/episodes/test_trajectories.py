@@ -48,9 +48,11 @@ def test_the_command_plays_the_requested_episode(played, recording):
         (["--scenario", "papr"], "unknown scenario 'papr': allowed paper, realistic"),
         (["--out", "run.txt"], "run.txt: allowed endings .parquet, .csv, .fcd.xml"),
         (["--out", "no/run.csv"], "trajectories no/run.csv: No such file or directory; allowed"),
+        (["--seed", "-1"], "--seed '-1': allowed a whole number from 0 to 4294967295"),
         (["--set", "cooldown_s"], "--set cooldown_s: allowed NAME=VALUE"),
         (["--set", "cooldwn_s=1"], "unknown option 'cooldwn_s': did you mean"),
         (["--set", "cooldown_s=-1"], "cooldown_s = -1: allowed a number from 0 to 1e+06"),
+        (["--pollicy", "none"], "unrecognized arguments: --pollicy none"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(change, message, tmp_path, monkeypatch, capsys):

@@ -43,9 +43,8 @@ def test_card_says_how_it_was_trained(scenario):
     assert path.stat().st_size < 300_000
     with zipfile.ZipFile(path) as file:
         assert json.loads(file.read("policy.json"))["training"] == about.training
-        for (
-            name
-        ) in file.namelist():  # debug information would name files of the machine that exported it
+        for name in file.namelist():
+            # Debug information would name files of the machine that exported the network.
             assert not re.search(rb"\.py\b|site-packages", file.read(name)), name
 
 

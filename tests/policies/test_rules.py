@@ -103,10 +103,11 @@ def test_without_ramps_none_is_sent():
     assert acts(state) == [0] * len(rules)
 
 
-def test_rules_of_a_dispatcher_refuse_agents():
+@pytest.mark.parametrize("name", ["periodic", "greedy"])
+def test_rules_of_a_dispatcher_refuse_agents(name):
     agents, _ = agents_of("paper")
     with pytest.raises(InputError, match=r"not fit 15 agents: allowed env\.env"):
-        medjax.BASELINES["greedy"](agents)
+        medjax.BASELINES[name](agents)
 
 
 def test_greedy_sends_where_most_evs_need_it(episodes, paper):
@@ -126,12 +127,9 @@ def test_greedy_sends_where_most_evs_need_it(episodes, paper):
         assert counts[action[e, d] - 1] == max(counts) >= 2
 
 
-@pytest.mark.parametrize("decision", [1, 65, 200])
-def test_forecast_need(episodes, paper, decision):
-    """EVs that cannot reach the end, those to come, and free slots, by loops over vehicles."""
-    env, params = paper
-    state = jax.tree.map(lambda leaf: leaf[0, decision], episodes["paced"][2])
-    window, closing, need_m = 60.0, 30.0 - 22.0, per_metre(params)
+def needs_by_loops(state, params, window):
+    """Need at each ramp: EVs that cannot reach the end and those to come, less free slots."""
+    closing, need_m = 30.0 - 22.0, per_metre(params)
     capacity = float(params.ev_capacity_j)
     active, x, status = state.vehicles.active, state.vehicles.x, state.meds.status
     expected = np.zeros(4)
@@ -150,9 +148,31 @@ def test_forecast_need(episodes, paper, decision):
             there = RAMPS[int(state.meds.ramp[med])] if status[med] == QUEUED else x[med]
             if (status[med] == QUEUED or active[med]) and abs(at - there) <= closing * window:
                 expected[ramp] -= 4 - sum(int(other) == med for other in state.evs.med)
-    got = jax.jit(lambda state: forecast_need(state, env.config, params, window))(state)
-    np.testing.assert_allclose(got, expected, atol=1e-3)
-    assert active[:15].any() or (status == QUEUED).any()
+    return expected
+
+
+@pytest.mark.parametrize("decision", [1, 65, 200])
+def test_forecast_need_in_an_episode(episodes, paper, decision):
+    env, params = paper
+    state = jax.tree.map(lambda leaf: leaf[0, decision], episodes["paced"][2])
+    got = jax.jit(lambda state: forecast_need(state, env.config, params, 60.0))(state)
+    np.testing.assert_allclose(got, needs_by_loops(state, params, 60.0), atol=1e-3)
+    assert state.vehicles.active[:15].any() or (state.meds.status == QUEUED).any()
+
+
+@pytest.mark.thorough
+def test_forecast_need_with_meds_from_two_ramps(paper):
+    env, params = paper
+    _, state = jax.jit(env.reset)(jax.random.key(4), params)
+    step = jax.jit(env.step_env)
+    for ramp in (1, 2, 1):
+        for number in range(25):
+            action = ramp if number == 0 else 0
+            _, state, *_ = step(jax.random.key(number), state, action, params)
+    got = jax.jit(lambda state: forecast_need(state, env.config, params, 60.0))(state)
+    state = jax.device_get(state)
+    np.testing.assert_allclose(got, needs_by_loops(state, params, 60.0), atol=1e-3)
+    assert state.vehicles.active[:15].any()
 
 
 def test_budgeted_sends_where_the_margin_is_greatest(episodes, paper):

@@ -113,17 +113,31 @@ def test_follows_a_vehicle_from_the_list(pages, one, recording):
     assert center == pytest.approx(recording.frames.x[track.first + 60, track.slot], abs=0.1)
 
 
-def test_a_dispatch_is_shown_with_its_decision_and_its_ramp(pages, two, recording):
-    """By its key and by its mark."""
+def test_a_dispatch_is_shown_with_its_decision(pages, one, recording):
+    decisions, page = recording.decisions, pages(one)
+    second = int(np.flatnonzero(decisions.sent)[1])
+    page.evaluate(f"medjaxPlayer.seek({second - 0.5})")
+    page.keyboard.press("d")
+    settle(page)
+    assert seconds(page) == second
+    assert f"a MED from ramp {decisions.sent[second]}" in page.inner_text("#dispatch-panel p")
+    rows = page.locator("#dispatch-panel tr").all_inner_texts()
+    assert [float(row.split()[-1]) for row in rows] == decisions.probabilities[second].tolist()
+    reward = page.locator("#dispatch-panel p").nth(1).inner_text()
+    assert f"Reward {decisions.reward[second]:.3f}" in reward
+
+
+def test_a_dispatch_is_shown_at_its_ramp(pages, two, recording):
+    """By its key and by its mark; of two policies each shows its own decision."""
     decisions, page = recording.decisions, pages(two)
     second = int(np.flatnonzero(decisions.sent)[1])
     ramp = int(decisions.sent[second])
     ramp_m = float(recording.params.road.ramp_x_m[ramp - 1])
-    for before, act in (
-        (second - 0.5, lambda: page.keyboard.press("d")),
-        (1.0, lambda: page.locator("#marks i").nth(1).click()),
+    for act in (
+        lambda: page.keyboard.press("d"),
+        lambda: page.locator("#marks i").nth(1).click(),
     ):
-        page.evaluate(f"medjaxPlayer.setCamera('free', 3000); medjaxPlayer.seek({before})")
+        page.evaluate("medjaxPlayer.setCamera('free', 3000); medjaxPlayer.seek(1)")
         settle(page)
         act()
         settle(page)
@@ -133,7 +147,6 @@ def test_a_dispatch_is_shown_with_its_decision_and_its_ramp(pages, two, recordin
     assert f"a MED from ramp {ramp}" in panel.locator("p").first.inner_text()
     rows = panel.locator("tr").all_inner_texts()
     assert [float(row.split()[-1]) for row in rows] == decisions.probabilities[second].tolist()
-    assert f"Reward {decisions.reward[second]:.3f}" in panel.locator("p").nth(1).inner_text()
 
 
 KEYS = [

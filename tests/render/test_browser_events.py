@@ -6,7 +6,7 @@ from medjax.render import colors
 from medjax.render.player import write_player
 from medjax.render.tracks import tracks_of
 from medjax.world.state import IN_SERVICE, LEAVING
-from tests.render.browser import seconds, settle
+from tests.render.browser import opened, seconds, settle
 from tests.render.made import blank, put
 
 
@@ -27,7 +27,7 @@ def made(tmp_path_factory):
     frames.med_service_lane[40:, 0] = 0
     ev = config.ev_slots.start
     put(recording, ev, 996.5, 1, speed=22.0)
-    frames.ev_soc[:, 0], frames.ev_med[:, 0], frames.ev_panel[:, 0] = 0.5, 0, 0
+    frames.ev_soc[:, 0], frames.ev_med[:, 0], frames.ev_charging_slot[:, 0] = 0.5, 0, 0
     frames.ev_is_charging[12:, 0] = True
     path = tmp_path_factory.mktemp("made") / "made.html"
     write_player(path, [recording])
@@ -55,11 +55,11 @@ def parting(tmp_path_factory):
     put(recording, ev + 2, 940.0, 3, frames=slice(0, 4))
     frames.ev_soc[:, :2] = 0.5
     frames.ev_soc[:2, 2] = 0.01
-    for number, panel in ((0, 0), (1, 2)):
-        frames.ev_med[:24, number], frames.ev_panel[:24, number] = 0, panel
+    for number, slot in ((0, 0), (1, 2)):
+        frames.ev_med[:24, number], frames.ev_charging_slot[:24, number] = 0, slot
     frames.ev_is_charging[:24, 0] = True
     path = tmp_path_factory.mktemp("parting") / "parting.html"
-    write_player(path, [recording])
+    write_player(path, [recording], start_s=2.0)
     return path
 
 
@@ -82,6 +82,11 @@ def test_events_happen_at_their_frames(pages, made):
         page.keyboard.press(key)
         settle(page)
         assert seconds(page) == time
+
+
+def test_the_page_opens_at_the_given_time(browser, parting):
+    with opened(browser, parting) as page:
+        assert seconds(page) == 2.0
 
 
 def test_the_first_order_and_the_exit_are_events(pages, parting):

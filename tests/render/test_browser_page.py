@@ -9,7 +9,12 @@ from medjax.render.player import player_page, show, write_player
 from tests.render.browser import opened, seconds, settle
 from tests.render.made import blank, evaluated
 
-SIZES = [(320, 800), (390, 844), (800, 800), (1024, 768), (1200, 800), (1600, 900)]
+SIZES = [
+    *[("two", width, 800) for width in (320, 400, 800, 1200, 1600)],
+    *[("two", 1024, 768), ("two", 390, 844), ("one", 390, 900), ("one", 1600, 900)],
+    *[("judged", 320, 800), ("judged", 390, 844), ("judged", 800, 800), ("judged", 1024, 768)],
+    *[("judged", 1200, 800), ("judged", 1600, 900)],
+]
 
 
 @pytest.fixture(scope="module")
@@ -20,10 +25,11 @@ def judged(recording, other, tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize(("width", "height"), SIZES)
-def test_everything_fits_any_width(browser, judged, width, height):
+@pytest.mark.parametrize(("path", "width", "height"), SIZES)
+def test_everything_fits_any_width(browser, path, width, height, request):
     """Nothing is cut off, terms are printed rather than in a tooltip, and the play button stays in sight."""
-    with opened(browser, judged, width=width, height=height) as page:
+    with opened(browser, request.getfixturevalue(path), width=width, height=height) as page:
+        check_controls(page, width, height)
         page.evaluate("document.querySelector('#outcome').open = true")
         text = page.inner_text("#terms")
         assert "cost, EUR: time lost" in text
@@ -39,10 +45,16 @@ def test_everything_fits_any_width(browser, judged, width, height):
             ".map((e) => e.outerHTML.slice(0, 80))"
         )
         assert outside == []
-        play = page.locator("#play").bounding_box()
-        assert play["y"] + play["height"] <= height
-        if width in (390, 1024):
-            assert page.locator("#controls").bounding_box()["height"] <= 90
+        check_controls(page, width, height)
+
+
+def check_controls(page, width, height):
+    """They stay in sight, and are low on small screens."""
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    play = page.locator("#play").bounding_box()
+    assert play["y"] + play["height"] <= height
+    if (width, height) in ((1024, 768), (390, 844)):
+        assert page.locator("#controls").bounding_box()["height"] <= 90
 
 
 def test_a_wide_page_shows_charts_events_and_playback_together(pages, two):
@@ -136,22 +148,51 @@ def test_any_empty_road(browser, tmp_path, road):
         assert "MEDs sent 0" in page.inner_text(".view-line")
 
 
-def test_the_page_opens_before_the_first_charge_with_story_and_verdict(browser, judged, recording):
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_full_highway_plays_at_50_frames_a_second(browser, full, tmp_path, count):
+    write_player(tmp_path / "full.html", [full] * count)
+    with opened(browser, tmp_path / "full.html") as page:
+        page.keyboard.press("m")
+        rate = page.evaluate(
+            """() => new Promise((done) => {
+              medjaxPlayer.play();
+              let [frames, start] = [0, null];
+              const count = (now) => {
+                start ??= now;
+                if (now - start > 3000) return done((1000 * frames) / (now - start));
+                frames += 1;
+                requestAnimationFrame(count);
+              };
+              requestAnimationFrame(count);
+            })"""
+        )
+    assert rate >= 50.0
+
+
+def test_the_page_opens_before_the_first_charge_with_story_and_verdict(browser, two, recording):
     charging = np.asarray(recording.frames.ev_is_charging).any(axis=1)
     first = np.flatnonzero(charging)[0] * recording.config.tick_s
     ran_out = int(np.sum(recording.decisions.stats.depleted))
-    with opened(browser, judged) as page:
+    with opened(browser, two) as page:
         assert "fewer crosses is better" in page.inner_text("#story")
         assert 0.0 <= first - seconds(page) <= 5.0
         assert not page.evaluate("medjaxPlayer.clock.playing")
         words = page.locator("#policies dd").all_inner_texts()
+        assert words[0].startswith("Spreads the fleet evenly")
+        assert words[1].startswith("Never sends")
+        rows = page.locator("#verdict tbody tr")
+        assert rows.count() == 2
+        assert rows.nth(0).locator("td").first.inner_text().split()[0] == str(ran_out)
+        sent = rows.nth(0).locator("td").nth(4).inner_text()
+        assert int(sent) == int((recording.decisions.sent > 0).sum())
+
+
+def test_means_of_many_episodes_stand_beside_this_one(browser, judged):
+    with opened(browser, judged) as page:
         rows = page.locator("#verdict tbody tr").all_inner_texts()
-    assert words[0].startswith("Spreads the fleet evenly")
-    assert words[1].startswith("Never sends")
-    own, _, mean = (re.split(r"\s*\t\s*", row.strip()) for row in rows)
-    assert own[1].split()[0] == str(ran_out)
-    assert int(own[5].split()[0]) == int((recording.decisions.sent > 0).sum())
-    assert mean == [
+    assert len(rows) == 3
+    assert re.split(r"\s*\t\s*", rows[2].strip()) == [
         "periodic, mean of 1000 episodes", "1.5", "1.5", "3.00", "568", "1.5", "7.2 [3.0, 11.5]",
     ]  # fmt: skip
 

@@ -219,6 +219,13 @@ def test_an_unknown_vehicle_is_refused_in_one_line(capsys, played):
     assert not list(Path().iterdir())
 
 
+def test_a_broken_policy_is_one_line(capsys):
+    Path("run").mkdir()
+    Path("run/policy.zip").write_bytes(b"no archive")
+    assert main(["--run-dir", "run", "--out", "a.html"]) == 2
+    assert capsys.readouterr().err.endswith("a policy that train.ppo or train.export wrote\n")
+
+
 @pytest.mark.slow
 def test_plays_the_policy_of_a_run_beside_a_rule(capsys):
     numbers = {"episode_decisions": 8, "num_meds": 2, "num_evs": 6, "num_gas": 10}
@@ -246,3 +253,11 @@ def test_plays_the_policy_of_a_run_beside_a_rule(capsys):
     assert first == pytest.approx(np.arange(1, 6) / 15.0, abs=1e-4)
     assert tables["action"][0, 0] == tables["sent"][0, 0] == 4
     assert tables["probability"][:, 1].tolist() == [1.0, 0.0, 0.0, 0.0, 0.0]
+
+
+@pytest.mark.slow
+def test_plays_and_writes_for_real(capsys):
+    small = ["episode_decisions=8", "num_meds=2", "num_evs=6", "num_gas=10", "mainline_per_h=600"]
+    options = [part for text in small for part in ("--set", text)]
+    assert main(["--policy", "greedy", *options, "--out", "a.html", "--compare", "none"]) == 0
+    assert Path("a.html").stat().st_size > 50_000

@@ -67,6 +67,18 @@ def test_a_charging_link_is_solid_and_a_booking_dashed(still):
     assert link.sum() > 20
 
 
+def test_an_ev_that_ran_out_is_marked_and_counted():
+    recording = blank(1 + TICKS)
+    ev = recording.config.ev_slots.start
+    put(recording, ev, 1010.0, 0, frames=slice(0, 3))
+    recording.frames.x[3:, ev] = 1010.0
+    rows = slice(350, 430)
+    assert not len(columns_of(picture(recording, 0.5), colors.RAN_OUT, rows))
+    columns = columns_of(picture(recording, 0.75), colors.RAN_OUT, rows)
+    assert abs(columns.mean() - px(1010.0)) < 3
+    assert Timeline(recording).at(0.75).ran_out == 1
+
+
 @pytest.mark.parametrize("sideways", [-3.0, 0.0, 2.0])
 def test_a_body_heads_where_it_drives(sideways):
     """The slope of its side, in metres, is its lateral speed over its speed."""
@@ -102,7 +114,10 @@ def test_the_scale_of_charge_is_even_and_readable():
     shares = np.linspace(0.0, 1.0, 101)
     scale = np.array([colors.soc_color(share) for share in shares])
     assert np.abs(scale - 255 * plasma(shares)[:, :3]).max() < 12
-    assert np.all(np.diff(scale @ [0.299, 0.587, 0.114]) > 0)
+    light = scale @ [0.299, 0.587, 0.114]
+    text = np.array([colors.text_color(tuple(color)) for color in scale])
+    assert np.all(np.diff(light) > 0)
+    assert np.all(np.abs(light - text @ [0.299, 0.587, 0.114]) > 75)
     assert colors.soc_color(-1.0) == colors.soc_color(0.0)
     # Text on it has the contrast of WCAG 2.2, 1.4.3.
     for color in (*map(tuple, scale), colors.MED_COLOR):
@@ -131,7 +146,13 @@ def test_bad_sizes_are_refused_in_one_line(still, size):
 
 @pytest.mark.parametrize(
     "road",
-    [{}, {"num_lanes": 1}, {"num_lanes": 6, "num_ramps": 1}, {"length_m": 900.0, "num_ramps": 0}],
+    [
+        {},
+        {"num_ramps": 0},
+        {"num_lanes": 1},
+        {"num_lanes": 6, "num_ramps": 1},
+        {"length_m": 900.0, "num_ramps": 0},
+    ],
 )
 def test_any_empty_road(road):
     assert picture(blank(1 + TICKS, **road)).std() > 0

@@ -76,7 +76,9 @@ def test_the_page_holds_the_recording(recording):
     decisions = recording.decisions
     np.testing.assert_allclose(tables["probability"], decisions.probabilities.T, atol=0.51e-4)
     assert len(meta["episodes"][0]["tracks"]) == len(tracks_of(recording))
-    assert len(meta["episodes"][0]["charts"]) == len(charts_of(recording))
+    titles = [chart["title"] for chart in meta["episodes"][0]["charts"]]
+    assert titles == [chart.title for chart in charts_of(recording)]
+    assert titles
 
 
 def test_charts_end_at_the_totals_of_the_episode(recording):
@@ -124,8 +126,8 @@ def test_bad_input_leaves_the_old_file(recording, other, tmp_path):
     for recordings, how, says in (
         ([recording], {"follow": "MED:99"}, "follow = MED:99: allowed MED numbers"),
         ([recording], {"start_s": 91.0}, "start = 91 s: allowed 0 to 90 s"),
-        ([recording, late], {}, f"seed is 3 and 9: {same}"),
-        ([recording, another], {}, f"episode is 8 and 2: {same}"),
+        ([recording, late], {}, f"seed is 3 and 9: {same}$"),
+        ([recording, another], {}, f"episode is 8 and 2: {same}$"),
         ([recording] * 3, {}, "3 recordings: allowed 1 or 2"),
     ):
         with pytest.raises(ValueError, match=f"^{says}"):

@@ -46,6 +46,8 @@ def test_the_player_opens_before_the_first_charge(recording):
     assert first_charge_s([charged]) == 0.0
     charging[100, 0] = True
     assert first_charge_s([charged]) == 100 * recording.config.tick_s - BEFORE_S > 0.0
+    charging[4, 0] = True  # earlier than the player opens before a charge
+    assert first_charge_s([charged]) == 0.0 > 4 * recording.config.tick_s - BEFORE_S
 
 
 def test_verdict_covers_the_whole_episode(recording, other):

@@ -74,8 +74,9 @@ def test_staggering_spreads_the_ends_and_cuts_only_the_first_episodes():
     assert (ends > 4).all()
 
 
-def test_without_stagger_all_end_together_and_restart_differently():
-    history = play(BatchAutoReset(ENV, reset_pool_size=2), 9)
+@pytest.mark.parametrize("pool", [{}, {"reset_pool_size": 2}], ids=str)
+def test_without_stagger_all_end_together_and_restart_differently(pool):
+    history = play(BatchAutoReset(ENV, **pool), 9)
     truncated = np.array([step[7] for step in history])
     assert truncated.sum(axis=1).tolist() == [0, 0, 0, NUM, 0, 0, 0, NUM, 0]
     assert len(np.unique(np.asarray(history[3][3][:, 0]))) == NUM

@@ -9,15 +9,14 @@ import pytest
 
 gymnasium = pytest.importorskip("gymnasium", reason='pip install -e ".[gymnasium]"')
 
-from gymnasium.error import DependencyNotInstalled, ResetNeeded  # noqa: E402
+from gymnasium.error import ResetNeeded  # noqa: E402
 from gymnasium.utils.env_checker import check_env, data_equivalence  # noqa: E402
 from gymnasium.vector import AutoresetMode, SyncVectorEnv  # noqa: E402
 from gymnasium.wrappers.vector import RecordEpisodeStatistics  # noqa: E402
 
 import medjax  # noqa: E402
-from medjax.env.charging_env import ChargingEnv  # noqa: E402
-from medjax.errors import InputError, MissingLibrary  # noqa: E402
-from medjax.wrappers.gymnasium import ENV_ID, ChargingGymEnv, ChargingVectorEnv  # noqa: E402
+from medjax.errors import InputError  # noqa: E402
+from medjax.wrappers.gymnasium import ENV_ID  # noqa: E402
 from medjax.wrappers.gymnasium.vector import COUNTS_WRONG  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -87,18 +86,46 @@ def test_plays_what_the_environment_itself_plays(env):
     before = jax.tree.map(np.array, env.unwrapped._state)
     seen = reference.observation(before, reference.config, params)
     np.testing.assert_allclose(obs, seen, rtol=1e-5, atol=1e-6)
-    _, _, _, _, info = env.step(np.int64(1))
+    _, reward, _, _, info = env.step(np.int64(1))
     assert int(env.unwrapped._state.time) == int(before.time) + 1
     assert info["metrics"]["meds_dispatched"] == 1.0
+    assert reward == pytest.approx(sum(info["reward_terms"].values()), rel=1e-5)
     expected = [True] + [False] * (env.action_space.n - 1)
     assert info["action_mask"].tolist() == expected
     assert env.get_wrapper_attr("action_masks")().tolist() == expected
 
 
+def test_environments_built_alike_share_their_programs(env):
+    """Each keeps its own numbers."""
+    other = gymnasium.make(ENV_ID, **SMALL, cooldown_s=30.0)
+    assert other.unwrapped._program is env.unwrapped._program
+    assert float(other.unwrapped.params.fleet.cooldown_s) == 30.0
+    assert other.unwrapped.simulator.recipe.overrides["cooldown_s"] == 30.0
+
+
+@pytest.mark.thorough
+def test_decide_every_takes_one_action_and_then_none():
+    """Each step sends one MED, and rewards add up."""
+    terms = {"dispatches": -1.0, "depleted": 0.0, "soc": 0.0, "distance": 0.0, "speed": 0.0}
+    charged = {"arrival_soc_low": 0.8, "arrival_soc_high": 0.9}
+    world = {**SMALL, **charged, "num_meds": 15, "cooldown_s": 0.0, "episode_decisions": 20}
+    env = gymnasium.make(ENV_ID, **world, reward_weights=terms, decide_every=5)
+    env.reset(seed=0)
+    steps, over = 0, False
+    while not over:
+        _, reward, terminated, truncated, info = env.step(1)
+        assert reward == -1.0
+        over = terminated or truncated
+        steps += 1
+    assert steps == 20 // 5
+    assert info["metrics"]["meds_dispatched"] == steps
+
+
 @pytest.mark.parametrize("observation", ["flat", "profile"])
 def test_observations_lie_in_their_space(observation):
     env = gymnasium.make(ENV_ID, **SMALL, observation=observation)
-    size = env.unwrapped.simulator.observation_space(env.unwrapped.params).shape
+    _, params = medjax.make("paper", **SMALL)
+    size = env.unwrapped.simulator.observation_space(params).shape
     assert env.observation_space.shape == size
     assert env.observation_space.contains(env.observation_space.sample())
 
@@ -180,67 +207,6 @@ def test_gymnasium_counts_the_episodes_of_a_vector_env():
         if length == DECISIONS:
             np.testing.assert_allclose(infos["episode"]["r"], rewards)
         rewards[:] = 0.0
-
-
-def test_pictures(monkeypatch):
-    """The road is drawn, by copies too; "human" shows each step in Gymnasium's window; Pillow may be missing."""
-    pytest.importorskip("PIL", reason='pip install -e ".[render]"')
-    pygame = pytest.importorskip("pygame", reason='pip install "gymnasium[classic-control]"')
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    env = gymnasium.make(ENV_ID, **SMALL, render_mode="rgb_array")
-    env.reset(seed=1)
-    first = env.render()
-    for _ in range(3):
-        env.step(1)
-    assert (first.dtype, first.ndim, first.shape[2]) == (np.uint8, 3, 3)
-    assert len(np.unique(first.reshape(-1, 3), axis=0)) > 10
-    assert (env.render() != first).any()
-    envs = gymnasium.make_vec(ENV_ID, num_envs=2, **SMALL, render_mode="rgb_array")
-    envs.reset(seed=1)
-    np.testing.assert_array_equal(envs.render()[0], first)
-    assert len(envs.render()) == 2
-    with pytest.warns(UserWarning, match="HumanRendering"):
-        shown = gymnasium.make(ENV_ID, **SMALL, render_mode="human")
-    shown.reset(seed=1)
-    assert pygame.display.get_surface().get_size() == first.shape[1::-1]
-    shown.close()
-
-    def missing(self, state, params):
-        raise MissingLibrary("Pillow")
-
-    monkeypatch.setattr(ChargingEnv, "render", missing)
-    with pytest.raises(DependencyNotInstalled, match=r'pip install -e "\.\[render\]"'):
-        env.render()
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"scenario": "papr"}, "unknown scenario 'papr': did you mean paper"),
-        ({"cooldwn_s": 3}, "unknown option 'cooldwn_s': did you mean cooldown_s"),
-        ({"render_mode": "ansi"}, "render_mode = 'ansi': allowed None, rgb_array"),
-        ({"decide_every": 1.0}, "decide_every is 1.0, must be a whole number"),
-        ({"decide_evry": 3}, "unknown option 'decide_evry': did you mean decide_every"),
-        ({"scenari": "paper"}, "unknown option 'scenari': did you mean scenario"),
-        ({"env": 3, "parms": 3}, "unknown option 'parms': did you mean params"),
-        ({"max_episode_step": 3}, "unknown option 'max_episode_step': did you mean max_episode_st"),
-        ({"vectorisation_mode": 3}, "unknown option 'vectorisation_mode': did you mean vectoriz"),
-        ({"env": 3, "params": 3}, "env is 3: allowed an environment"),
-        ({"env": 3}, "env: allowed with params, and without a scenario or its options"),
-        ({"params": 3}, "params without env: allowed options of medjax.make"),
-    ],
-)
-def test_bad_options_are_refused_in_one_line(change, message):
-    for make in (ChargingGymEnv, lambda **change: ChargingVectorEnv(1, **change)):
-        with pytest.raises(InputError, match=message) as refusal:
-            make(**change)
-        assert "\n" not in str(refusal.value)
-
-
-@pytest.mark.parametrize("number", [0, None, "3", 1.5, float("nan")])
-def test_bad_numbers_of_copies_are_refused(number):
-    with pytest.raises(InputError, match=r"num_envs is .*, must be a whole number, at least 1"):
-        ChargingVectorEnv(number, **SMALL)
 
 
 def test_nothing_works_before_the_first_reset(env, envs):

@@ -116,6 +116,8 @@ def play_vector(env):
 
 
 def play_dm_env(env):
+    """Finds the final observation."""
+
     def run(key):
         def decide(step, key):
             step = env.step(key, step, ENV.action_space(PARAMS).sample(key), PARAMS)
@@ -128,6 +130,7 @@ def play_dm_env(env):
     obs, final, discount = jax.eval_shape(run, KEY)
     assert obs.shape == final.shape == (STEPS, *SIZE)
     assert discount.shape == (STEPS,)
+    return final
 
 
 # A wrapper that a new version of gymnax brings is missing here, and fails the test.
@@ -158,6 +161,17 @@ def test_wrappers_without_spaces_take_environments_directly(wrap):
         play_traced(wrap(env))
     values = jax.eval_shape(play(wrap(ENV)), KEY)[1]
     assert len(values) == (4 if wrap is wrappers.LegacyStepAPIWrapper else 5)
+
+
+def test_log_wrapper_takes_a_wrapped_environment():
+    env = wrappers.LogWrapper(DecideEvery(RandomDemand(ENV, 0.5, 1.5), 2))
+    _, (obs, *_, info) = jax.eval_shape(play(env), KEY)
+    assert obs.shape == (STEPS, *SIZE)
+    assert info["returned_episode_returns"].shape == (STEPS,)
+
+
+def test_dm_env_wrapper_takes_the_environment_directly():
+    assert play_dm_env(wrappers.GymnaxToDmEnvWrapper(ENV)).shape == (STEPS, *SIZE)
 
 
 def test_rollout_wrapper_plays_batches_of_episodes():

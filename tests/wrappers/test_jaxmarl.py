@@ -1,4 +1,4 @@
-"""JaxMARL's own wrappers on `medjax.make_agents`, unchanged, and its learners' way to batch actors."""
+"""JaxMARL's own wrappers on `medjax.make_agents`, unchanged, and a learner in the manner of its IPPO."""
 
 import jax
 import jax.numpy as jnp
@@ -73,24 +73,61 @@ def test_an_action_may_be_an_array_of_one(named):
         named.step(jax.random.key(1), state, two)
 
 
-def test_actors_batch_as_in_ippo(named):
-    """`ippo_ff` of JaxMARL (FLAIROx/JaxMARL, c793d09) stacks agents of all environments and reshapes every info so.
+@pytest.mark.thorough
+def test_a_learner_in_the_manner_of_ippo(named):
+    """One step of gradient descent lowers its loss on its own rollout.
 
-    Its scripts for MPE trained on `make_agents` unchanged but for `jaxmarl.make`, by hand, in November 2026.
+    As in JaxMARL's `ippo_ff` (FLAIROx/JaxMARL, c793d09), agents share weights, those of all environments are one batch,
+    and masks apply to logits. JaxMARL's package has no baselines; its scripts for MPE trained on `make_agents`
+    unchanged but for `jaxmarl.make`, by hand, in November 2026.
     """
-    env, actors = LogWrapper(named), ENVS * named.num_agents
+    env = LogWrapper(named)
+    actors, actions = ENVS * env.num_agents, named.env.num_actions
 
-    def collect(key):
+    def batchify(by_agent):
+        return jnp.stack([by_agent[agent] for agent in env.agents]).reshape((actors, -1))
+
+    def unbatchify(rows):
+        return dict(zip(env.agents, rows.reshape((env.num_agents, ENVS)), strict=True))
+
+    def logits_of(weights, obs, mask):
+        return jnp.where(mask > 0, obs @ weights, -1e9)
+
+    def collect(weights, obs, state, key):
+        def step(carry, key):
+            obs, state = carry
+            mask = batchify(jax.vmap(env.get_avail_actions)(state.env_state))
+            rows = batchify(obs)
+            act_key, *env_keys = jax.random.split(key, 1 + ENVS)
+            chosen = jax.random.categorical(act_key, logits_of(weights, rows, mask))
+            obs, state, rewards, _, info = jax.vmap(env.step)(
+                jnp.stack(env_keys), state, unbatchify(chosen)
+            )
+            # As in the baseline, each entry of info has one value per actor.
+            jax.tree.map(lambda x: x.reshape(actors), info)
+            return (obs, state), (rows, mask, chosen, batchify(rewards)[:, 0])
+
+        return jax.lax.scan(step, (obs, state), jax.random.split(key, DECISIONS))[1]
+
+    @jax.jit
+    def losses(weights, key):
         obs, state = jax.vmap(env.reset)(jax.random.split(key, ENVS))
-        rows = jnp.stack([obs[agent] for agent in env.agents]).reshape((actors, -1))
-        masks = jax.vmap(env.get_avail_actions)(state.env_state)
-        mask = jnp.stack([masks[agent] for agent in env.agents]).reshape((actors, -1))
-        chosen = jax.random.categorical(key, jnp.where(mask, 0.0, -1e9))
-        actions = dict(zip(env.agents, chosen.reshape((-1, ENVS)), strict=True))
-        step = jax.vmap(env.step)(jax.random.split(key, ENVS), state, actions)
-        return rows, mask, chosen, jax.tree.map(lambda x: x.reshape(actors), step[4])
+        obs, mask, chosen, rewards = collect(weights, obs, state, key)
+        advantage = jnp.cumsum(rewards[::-1], axis=0)[::-1]
+        advantage -= advantage.mean()
 
-    rows, mask, chosen, infos = jax.eval_shape(collect, jax.random.key(0))
-    assert rows.shape == (actors, *named.observation_space("med_0").shape)
-    assert mask.shape == (actors, named.env.num_actions)
-    assert chosen.shape == infos["returned_episode_returns"].shape == (actors,)
+        def loss(weights):
+            log_probs = jax.nn.log_softmax(logits_of(weights, obs, mask))
+            taken = jnp.take_along_axis(log_probs, chosen[..., None], axis=-1)[..., 0]
+            return -jnp.mean(taken * advantage)
+
+        before, slope = jax.value_and_grad(loss)(weights)
+        change = 1e-4 * slope / (1e-9 + jnp.linalg.norm(slope))
+        return before, loss(weights - change), jnp.linalg.norm(slope)
+
+    size = named.observation_space("med_0").shape[0]
+    weights = 0.01 * jax.random.normal(jax.random.key(0), (size, actions))
+    before, after, slope = losses(weights, jax.random.key(1))
+    assert np.isfinite([before, after]).all()
+    assert float(slope) > 0.0
+    assert float(after) < float(before)

@@ -74,6 +74,8 @@ def test_an_episode_is_truncated_for_all(named):
     for late in ({}, dict.fromkeys(env.possible_agents, 0)):
         with pytest.raises(ResetNeeded):
             env.step(late)
+    env.reset()
+    env.step(dict.fromkeys(env.agents, 0))
 
 
 def test_converts_to_the_agent_environment_cycle_api(named, caplog):

@@ -18,7 +18,9 @@ def test_numbers_are_no_part_of_a_program():
     """Nothing else may differ; wrapped environments share, too, and each keeps its own recipe."""
     one, other = _made(cooldown_s=30.0), _made(cooldown_s=40.0)
     assert alike(one) is alike(other)
-    assert ChargingGymEnv(**SMALL, cooldown_s=30.0)._program is alike(other)
+    single = ChargingGymEnv(**SMALL, cooldown_s=30.0)
+    assert single._program is alike(other)
+    assert float(single.params.fleet.cooldown_s) == 30.0
     assert [env.recipe.overrides["cooldown_s"] for env in (one, other)] == [30.0, 40.0]
     rarely = [_made(3, cooldown_s=seconds) for seconds in (30.0, 40.0)]
     assert alike(rarely[0]) == alike(rarely[1])

@@ -20,6 +20,7 @@ from medjax.wrappers.agents import NamedAgents
 from train.algorithms.normalization import init_stats, update_stats
 
 NONE = "env is None: allowed an environment"
+FACTORS = "factors of the demand are"
 
 
 @pytest.mark.parametrize(
@@ -38,11 +39,14 @@ NONE = "env is None: allowed an environment"
         (lambda env: DecideEvery(env, True), "interval is True, must be a whole number"),
         (lambda env: DecideEvery(env, 0), "interval is 0, must be a whole number, at least 1"),
         (lambda env: BatchAutoReset(env, stagger=-1), "stagger is -1, must be a whole number"),
-        (lambda env: RandomDemand(env, -0.1, 1.0), "factors of the demand are -0.1 to 1.0, must"),
-        (lambda env: RandomDemand(env, 1.0, 0.9), "factors of the demand are 1.0 to 0.9"),
-        (lambda env: RandomDemand(env, 0.0, np.inf), "factors of the demand are 0.0 to inf"),
-        (lambda env: RandomDemand(env, np.nan, 1.0), "factors of the demand are nan to 1.0"),
-        (lambda env: BatchAutoReset(env, np.nan), "reset_pool_size is nan, must be a whole number"),
+        (lambda env: RandomDemand(env, -0.1, 1.0), f"{FACTORS} -0.1 to 1.0, must be"),
+        (lambda env: RandomDemand(env, 1.0, 0.9), f"{FACTORS} 1.0 to 0.9, must be"),
+        (lambda env: RandomDemand(env, 0.0, np.inf), f"{FACTORS} 0.0 to inf, must be"),
+        (lambda env: RandomDemand(env, np.nan, 1.0), f"{FACTORS} nan to 1.0, must be"),
+        (
+            lambda env: BatchAutoReset(env, reset_pool_size=float("nan")),
+            "reset_pool_size is nan, must be a whole number, at least 0",
+        ),
         (lambda env: BatchAutoReset(env, -1), "reset_pool_size is -1, must be a whole number"),
         (lambda env: BatchAutoReset(env, group=0), "group is 0, must be a whole number"),
         (lambda env: env.with_probe(3), "probe is 3: allowed a function"),

@@ -62,11 +62,11 @@ def saved(highway, tmp_path_factory):
 
 # The stack of all covers the others, which are slow.
 CASES = [
-    pytest.param(world, marks=[] if world == "all" else [pytest.mark.slow]) for world in WORLDS
+    pytest.param(world, marks=pytest.mark.thorough if world == "all" else pytest.mark.slow)
+    for world in WORLDS
 ]
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("world", CASES)
 def test_the_whole_surface(world, highway, saved):
     env, params = WORLDS[world](highway[0]), highway[1]

@@ -1,0 +1,50 @@
+"""The Gymnasium environments refuse bad options in one line."""
+
+import pytest
+
+gymnasium = pytest.importorskip("gymnasium", reason='pip install -e ".[gymnasium]"')
+
+from medjax.errors import InputError  # noqa: E402
+from medjax.wrappers.gymnasium import ENV_ID, ChargingGymEnv, ChargingVectorEnv  # noqa: E402
+from tests.wrappers.test_gymnasium import SMALL  # noqa: E402
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({**SMALL, "scenario": "papr"}, "unknown scenario 'papr': did you mean paper"),
+        ({**SMALL, "cooldwn_s": 3}, "unknown option 'cooldwn_s': did you mean cooldown_s"),
+        ({**SMALL, "render_mode": "ansi"}, "render_mode = 'ansi': allowed None, rgb_array"),
+        ({**SMALL, "decide_every": 1.0}, "decide_every is 1.0, must be a whole number"),
+        ({"decide_evry": 3}, "unknown option 'decide_evry': did you mean decide_every"),
+        ({"scenari": "paper"}, "unknown option 'scenari': did you mean scenario"),
+        ({"env": 3, "parms": 3}, "unknown option 'parms': did you mean params"),
+        ({"obsrvation": "flat"}, "unknown option 'obsrvation': did you mean observation"),
+        ({"max_episode_step": 3}, "unknown option 'max_episode_step': did you mean max_episode_st"),
+        ({"vectorisation_mode": 3}, "unknown option 'vectorisation_mode': did you mean vectoriz"),
+        ({"env": 3, "params": 3}, "env is 3: allowed an environment"),
+        ({"env": 3}, "env: allowed with params, and without a scenario or its options"),
+        ({"params": 3}, "params without env: allowed options of medjax.make"),
+    ],
+)
+def test_bad_options_are_refused_in_one_line(change, message):
+    def by_gymnasium(**change):
+        return gymnasium.make(ENV_ID, **change)
+
+    def several(**change):
+        return ChargingVectorEnv(1, **change)
+
+    for make in (ChargingGymEnv, several, *([by_gymnasium] if "render_mode" not in change else [])):
+        with pytest.raises(InputError, match=message) as refusal:
+            make(**change)
+        assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("number", [0, None, "3", 1.5, float("nan")])
+def test_bad_numbers_of_copies_are_refused(number):
+    def by_gymnasium(number, **options):
+        return gymnasium.make_vec(ENV_ID, num_envs=number, **options)
+
+    for make in (ChargingVectorEnv, by_gymnasium):
+        with pytest.raises(InputError, match=r"num_envs is .*, must be a whole number, at least 1"):
+            make(number, **SMALL)
