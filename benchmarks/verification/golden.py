@@ -5,8 +5,8 @@
     python -m benchmarks.verification.golden --compare old.npz new.npz
 
 A file holds the presets, and rollouts of several worlds under random allowed actions. With `--training` it also holds
-the logs, scores and weights of short runs of train.ppo. Both files must come from the same machine and version of JAX,
-since rounding differs between them.
+the logs, scores and weights of short runs of train.ppo, and the output of train.evaluate and of a short study. Both
+files must come from the same machine and version of JAX, since rounding differs between them.
 """
 
 import argparse
@@ -57,6 +57,9 @@ TRAINING: dict[str, dict[str, Any]] = {
     "training": {**BATCHES, "--eval-episodes": 6, "--set": "episode_decisions=240"},
     "agents' training": {**AGENTS_ROUNDS, "--set": "episode_decisions=60"},
 }
+# Options of train.evaluate on each run, and a short version of a study of `paper`.
+EVALUATED = ("--episodes=3", "--seed=5", "--policies=ppo,budgeted,none", "--baseline=none")
+STUDIES = {"planner": ("benchmarks.planner", "--episodes=2", "--futures=12", "--hold=60")}
 CLOCKS = ("wall_s", "env_steps_per_s")  # timings in metrics.jsonl, never reproducible
 QUIET = {"num_meds": 2, "num_evs": 6, "num_gas": 4, "mainline_per_h": 300, "ramp_per_h": 0}
 BUSY = {"ev_share": 0.8, "arrival_soc_high": 0.4, "ramp_x_m": [300.0], "ramp_per_h": [0.0]}
@@ -134,10 +137,19 @@ def train(run_name: str) -> dict[str, np.ndarray]:
         for path, score in jax.tree.leaves_with_path(scores, is_leaf=lambda leaf: leaf is None):
             name = jax.tree_util.keystr(path, simple=True, separator="/")
             found[f"evaluation/{name}"] = np.array(str(score))
+        found["printed"] = printed_by("train.evaluate", f"--run-dir={run}", *EVALUATED)
         newest = max((run / "checkpoints").glob("*.npz"), key=lambda path: int(path.stem))
         with np.load(newest) as state:
             found |= {name: state[name] for name in state.files if name.startswith("weights/")}
     return {f"{run_name}/{name}": found[name] for name in found if name not in CLOCKS}
+
+
+def printed_by(*words: str) -> np.ndarray:
+    """Output of a command of this tree."""
+    command = [sys.executable, "-m", *words]
+    return np.array(
+        subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout
+    )
 
 
 def differences(old: Mapping[str, np.ndarray], new: Mapping[str, np.ndarray]) -> Iterator[str]:
@@ -220,6 +232,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         found: Any = rollouts()
         for run_name in TRAINING if options.training else ():
             found |= train(run_name)
+        for study, words in STUDIES.items() if options.training else ():
+            say(study)
+            found[f"{study}/printed"] = printed_by(*words)
         with replacing(options.out) as unfinished, unfinished.open("wb") as file:
             np.savez_compressed(file, **found)
     return {"differ": []}

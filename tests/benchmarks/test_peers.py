@@ -226,6 +226,14 @@ def test_missing_peer_is_named_and_skipped(monkeypatch, capsys, tmp_path):
     assert written["simulators"]["present"]["medjax_ratio"] == 5.0
 
 
-def test_bad_input_is_one_line_and_code_2(capsys):
-    assert "'0': allowed" in refused(command.main, ["--rounds=0"], capsys)
-    assert "'many': allowed" in refused(command.main, ["--num-envs=many"], capsys)
+@pytest.mark.parametrize(
+    ("option", "word"),
+    [
+        ("--rounds=0", "'0': allowed"),
+        ("--num-envs=many", "'many': allowed"),
+        ("--json=/no/such/folder/peers.json", "allowed a file"),
+        ("--frobnicate", "--frobnicate"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(option, word, capsys):
+    assert word in refused(command.main, [option], capsys)

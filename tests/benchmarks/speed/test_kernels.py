@@ -39,7 +39,9 @@ def written(tmp_path_factory):
 @pytest.mark.thorough
 def test_rows_are_timed_and_within_the_documented_errors(written):
     assert [row["kernel"] for row in written["rows"]] == list(BOUNDS)
+    figures = {"element", "elements", "ns_per_element", "compile_s", "worst_error"}
     for row in written["rows"]:
+        assert set(row) == {"kernel", "against", *figures}
         assert row["against"]
         for figure in ("elements", "ns_per_element", "compile_s"):
             assert 0 < row[figure] < np.inf, row
@@ -58,9 +60,11 @@ def test_sizes_are_the_presets(written):
 
 def test_table_shows_every_row_and_the_ratio(written):
     *lines, last = kernels.report(written).splitlines()
+    assert len({line.index("  against") for line in lines if "  against" in line}) == 1
     for row in written["rows"]:
         (line,) = [line for line in lines if line.startswith(f"{row['kernel']}  ")]
         assert f"{row['ns_per_element']:.2f}" in line
+        assert line.endswith(f"  {row['against']}")
     ns = {row["kernel"]: row["ns_per_element"] for row in written["rows"]}
     ratio = ns["mutual_inductance"] / ns["interpolate_inductance"]
     assert written["integral_by_table"] == pytest.approx(ratio)
@@ -86,13 +90,19 @@ def test_a_wrong_kernel_shows_in_its_row(monkeypatch):
     ("arguments", "said"),
     [
         (["--roads", "0"], "'0': allowed a whole number from 1 to 65536"),
+        (["--roads", "many"], "'many': allowed a whole number"),
         (["--roads", "65537"], "allowed a whole number from 1 to 65536"),
+        (["--repeats", "-1"], "'-1': allowed a whole number"),
         (["--repeats", "1.5"], "'1.5': allowed a whole number"),
+        (["--json", "."], "is a directory"),
+        (["--json", "/no/such/place.json"], "/no/such/place.json"),
         (["--road", "3"], "unrecognized arguments"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(arguments, said, capsys):
-    assert said in refused(kernels.main, arguments, capsys)
+    error = refused(kernels.main, arguments, capsys)
+    assert error.startswith("python -m benchmarks.kernels: ")
+    assert said in error
 
 
 def test_missing_scipy_is_one_line_that_says_what_to_install(monkeypatch, capsys):
@@ -100,4 +110,7 @@ def test_missing_scipy_is_one_line_that_says_what_to_install(monkeypatch, capsys
         patched.setitem(sys.modules, "scipy", None)
         error = refused(importlib.reload(kernels).main, [], capsys)
     importlib.reload(kernels)
-    assert 'SciPy, the reference, is not installed: pip install -e ".[train,test]"' in error
+    assert error == (
+        "python -m benchmarks.kernels: SciPy, the reference, is not installed: "
+        'pip install -e ".[train,test]"\n'
+    )

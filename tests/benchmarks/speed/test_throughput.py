@@ -78,7 +78,7 @@ def vehicles_at_reset(**overrides):
 def test_a_longer_road_holds_as_many_as_asked():
     """In proportion to the preset's, which holds 140 with its MEDs; as full in its slots."""
     preset, preset_slots = vehicles_at_reset()
-    for count in (64, 1024):
+    for count in (64, 512, 1024):
         mean, slots = vehicles_at_reset(**road_for(count))
         assert mean / preset == pytest.approx(count / 140, rel=0.08)
         assert slots / preset_slots == pytest.approx(count / 140, rel=0.15)
@@ -102,6 +102,7 @@ def test_json_has_the_promised_fields(tmp_path, capsys):
     ("argv", "word"),
     [
         (["--num-envs", "0"], "--num-envs"),
+        (["--json", "/no/such/folder/result.json"], "allowed a file"),
         (["--sweep", "lanes"], "lanes"),
         (["--num-devices", "99"], "num_devices is 99"),
         (["--num-envs", "10000000"], "10000000 environments: about"),

@@ -29,12 +29,10 @@ def test_parts_add_up_to_the_total():
 
 
 def test_medians_are_of_each_figure():
-    walls = [
-        {"total_s": 1, "other_s": 9},
-        {"total_s": 3, "other_s": 7},
-        {"total_s": 2, "other_s": 8},
-    ]
-    assert training.median(walls) == {"total_s": 2, "other_s": 8}
+    names = training.split(SUMMARY, PACES, 38.0)
+    figures = (1, 9, 1, 1, 1, 5), (3, 7, 3, 3, 3, 1), (2, 8, 9, 2, 2, 9)
+    walls = [dict(zip(names, each, strict=True)) for each in figures]
+    assert training.median(walls) == dict(zip(names, (2, 8, 3, 2, 2, 5), strict=True))
 
 
 @pytest.fixture
@@ -70,7 +68,8 @@ def commands(monkeypatch):
 def test_table_of_cold_and_warm_starts(commands, tmp_path, capsys):
     """Each repeat has a cache of its own, and its warm start the same one; ratios are of one repeat."""
     file = tmp_path / "training.json"
-    assert training.main(["--repeats=3", "--seed=7", "--num-envs=128", f"--json={file}"]) == 0
+    argv = ["--repeats=3", "--seed=7", "--num-envs=128", "--total-timesteps=4e5"]
+    assert training.main([*argv, f"--json={file}"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("409,600 decisions of paper, 128 environments, cpu")
     assert lines[2].split() == [*training.HEADINGS, "decisions/s"]
@@ -115,8 +114,13 @@ def test_a_command_that_fails_ends_it_with_its_last_line(monkeypatch, capsys):
     [
         (["--num-envs=0"], "num_envs is 0"),
         (["--num-envs=10"], "multiple of 16"),
+        (["--num-envs=many"], "'many'"),
         (["--total-timesteps=-5"], "total_timesteps is -5"),
+        (["--seed=-1"], "seed is -1"),
+        (["--scenario=nowhere"], "nowhere"),
         (["--repeats=0"], "'0': allowed"),
+        (["--json=/no/such/folder/training.json"], "allowed a file"),
+        (["--frobnicate"], "--frobnicate"),
     ],
 )
 def test_bad_input_is_one_line_and_code_2(argv, word, capsys):

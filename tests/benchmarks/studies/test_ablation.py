@@ -148,9 +148,11 @@ def test_weights_command(run, tmp_path, capsys):
     [
         (["colour"], "colour"),
         (["humans", "--values", "1.5"], "1.5"),
+        (["humans", "--values", "nan"], "nan"),
         (["fleet", "--values", "2.5"], "2.5"),
         (["fleet", "--values", "16"], "16"),
         (["fleet", "--values", "1e30"], "size"),
+        (["cooldown", "--values", "-1"], "-1"),
         (["cooldown", "--set", "nothing=1"], "nothing"),
         (["cooldown", "--run-dir", "nowhere"], "nowhere"),
         (["misalignment", "--plot", "plot.pdf"], "plot.pdf"),

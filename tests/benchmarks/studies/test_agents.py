@@ -48,14 +48,29 @@ def test_rows_are_the_episodes_of_each_speed(tmp_path, monkeypatch, capsys):
         assert rows[row]["return"] == pytest.approx(np.mean(returns), rel=1e-5)
         change = np.mean(returns - scores["budgeted"]["return"])
         assert rows[row]["return_change"] == pytest.approx(change, rel=1e-4, abs=1e-3)
+    assert rows["default"]["return_change"] == 0.0
     assert rows["14 m/s"]["return_change"] != 0.0
     assert [row["invalid_actions"] for row in rows.values()] == [0.0] * 4
     assert 14.0 <= rows["14 m/s"]["told_speed"] < 14.5
 
 
+@pytest.mark.thorough
+def test_overrides_change_the_episodes(tmp_path, capsys):
+    """Slots without power send nothing; the report and the heading name the override."""
+    out = tmp_path / "out.json"
+    argv = ["--episodes=2", "--speeds", "14", *SET, "--set=charging.slot_power_w=0"]
+    agents.main([*argv, f"--json={out}"])
+    result = json.loads(out.read_text())
+    assert result["overrides"][-1] == "charging.slot_power_w=0"
+    assert [row["motion"] for row in result["rows"]] == ["default", "14 m/s"]
+    assert [row["ev_received_kwh"] for row in result["rows"]] == [0.0, 0.0]
+    assert "charging.slot_power_w=0, 2 episodes" in capsys.readouterr().out
+
+
 def test_bad_input_is_one_line(tmp_path, capsys):
     for argv, word in (
         (["--set=no_such=3"], "no_such"),
+        (["--set=speeds=3"], "speeds"),
         (["--speeds", "0.5"], "'0.5'"),
         (["--speeds", "fast"], "'fast'"),
         (["--scenario=nowhere"], "nowhere"),

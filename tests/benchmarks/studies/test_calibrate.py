@@ -50,7 +50,9 @@ def test_command_reports_what_it_prints(tmp_path, capsys):
         assert f"{row['mean']:.1f}" in printed
 
 
-@pytest.mark.parametrize("argv", [["--episodes=0"], ["--scenario=corridor"]])
+@pytest.mark.parametrize(
+    "argv", [["--episodes=0"], ["--seed=-1"], ["--scenario=nowhere"], ["--scenario=corridor"]]
+)
 def test_bad_input_is_one_line(argv, capsys):
     """Exit code 2, and the value is named."""
     assert argv[0].split("=")[1] in refused(calibrate.main, argv, capsys)

@@ -1,5 +1,6 @@
 """The command plays every policy at every demand as the evaluation does."""
 
+import dataclasses
 import json
 
 import jax
@@ -8,6 +9,8 @@ import pytest
 
 from benchmarks.studies import generalization
 from medjax.episodes.scores import evaluate_policies
+from medjax.scenarios import SCENARIOS
+from medjax.world.params import EnvConfig
 from tests.benchmarks.refusal import refused
 from train.algorithms.environments import make_environment
 from train.algorithms.ppo.settings import PPOConfig
@@ -88,15 +91,31 @@ def test_demands_and_policies_side_by_side(runs, tmp_path, capsys):
 
 
 @pytest.mark.thorough
+def test_a_run_that_does_not_fit_the_other_preset_is_refused(runs, monkeypatch, capsys):
+    """With another number of ramps, and so of actions."""
+    other = dataclasses.replace(SCENARIOS["realistic"], config=EnvConfig(num_ramps=3))
+    monkeypatch.setitem(SCENARIOS, "realistic", other)
+    for run in runs:
+        assert list(generalization.load_runs([run], "paper")) == [run.name]
+        error = refused(generalization.main, ["--run-dir", str(run)], capsys)
+        assert "of another shape" in error
+        assert str(run) in error
+
+
+@pytest.mark.thorough
 def test_bad_input_is_one_line(runs, tmp_path, monkeypatch, capsys):
     """Exit code 2, and the value is named."""
     run = str(runs[1])
     for argv, word in (
         ([], "--run-dir"),
+        (["--run-dir"], "--run-dir"),
         (["--run-dir", "absent"], "absent"),
         (["--run-dir", str(tmp_path)], "config.json"),
         (["--run-dir", run, run], "flat"),
         (["--run-dir", run, "--episodes=1"], "'1'"),
+        (["--run-dir", run, "--seed=-1"], "'-1'"),
+        (["--run-dir", run, "--plot=absent/file.png"], "absent/file.png"),
+        (["--run-dir", run, "--json=."], "is a directory"),
     ):
         assert word in refused(generalization.main, argv, capsys), argv
     monkeypatch.setitem(SMALL, "num_evs", 6)

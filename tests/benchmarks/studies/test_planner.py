@@ -128,7 +128,9 @@ def test_command(tmp_path, capsys, monkeypatch):
     assert report["policy"] == "paced"
 
 
-@pytest.mark.parametrize("argv", [["--futures=1"], ["--hold=0"], ["--run-dir=no/such"]])
+@pytest.mark.parametrize(
+    "argv", [["--futures=1"], ["--base=best"], ["--hold=0"], ["--run-dir=no/such"]]
+)
 def test_bad_input_is_one_line(argv, capsys):
     """Exit code 2, and the value is named."""
     assert argv[0].split("=")[1] in refused(planner.main, argv, capsys)

@@ -31,7 +31,7 @@ def test_rows_are_the_episodes_at_each_tick(tmp_path, monkeypatch, capsys):
     assert "none" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("argv", [["--ticks=0.3"], ["--ticks=0"]])
+@pytest.mark.parametrize("argv", [["--ticks=0.3"], ["--ticks=0"], ["--scenario=nowhere"]])
 def test_bad_input_is_one_line(argv, capsys):
     """Exit code 2, and the value is named."""
     assert argv[0].split("=")[1] in refused(ticks.main, argv, capsys)

@@ -58,7 +58,18 @@ def test_climbs_to_a_surely_better_rule(tmp_path, capsys):
     assert f"gains on forecast {found['gain_mean']:.1f}" in printed
 
 
-@pytest.mark.parametrize("argv", [["--episodes=1"], ["--groups=7"], ["--set=size=99"]])
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["--episodes=1"],
+        ["--rounds=0"],
+        ["--groups=no"],
+        ["--groups=7"],
+        ["--rules=best"],
+        ["--scenario=nowhere"],
+        ["--set=size=99"],
+    ],
+)
 def test_bad_input_is_one_line(argv, capsys):
     """Exit code 2, and the value is named."""
     assert argv[0].split("=")[1] in refused(tune.main, argv, capsys)

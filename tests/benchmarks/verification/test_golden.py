@@ -115,42 +115,59 @@ def run(argv):
 
 
 @pytest.mark.thorough
-def test_the_command_compares_two_trees(worlds, monkeypatch, tmp_path, capsys):
-    """Twice the same tree, and one with a heavier EV and another demand in a preset that no world plays."""
-    _, play = worlds["quiet"]
-    monkeypatch.setattr(golden, "rollout", lambda env, decisions: lambda params, _: play(params))
+def test_the_command_compares_two_trees(monkeypatch, tmp_path, capsys):
+    """Twice the same world, and one in which an EV is a hundredth heavier."""
+    small = {"num_meds": 1, "num_evs": 2, "num_gas": 4}
+    rollout, envs = functools.cache(golden.rollout), {}  # of equal sizes: compiled once
+    once = lambda env, count: rollout(envs.setdefault(env.config, env), count)  # noqa: E731
+    monkeypatch.setattr(golden, "rollout", once)
     monkeypatch.setattr(golden, "AGENTS", {})
-    preset, decisions, overrides = golden.SHORT["quiet"]
     for file, changed in (("a", {}), ("b", {}), ("c", {"ev.mass_kg": 1.01 * 1580.0})):
-        world = preset, decisions, overrides | changed
-        monkeypatch.setattr(golden, "WORLDS", {"small": world})
-        if file == "c":
-            long = medjax.SCENARIOS["long"]
-            other = dataclasses.replace(long, numbers={**long.numbers, "mainline_per_h": 1101.0})
-            monkeypatch.setitem(medjax.SCENARIOS, "long", other)
+        monkeypatch.setattr(golden, "WORLDS", {"small": ("paper", 5, small | changed)})
         assert run([f"--out={tmp_path / file}.npz"]) == 0
     a, b, c = (str(tmp_path / f"{file}.npz") for file in "abc")
     assert run(["--compare", a, b]) == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("0 of ")
     assert run(["--compare", a, c, f"--json={tmp_path / 'd.json'}"]) == 1
     lines = capsys.readouterr().out.splitlines()
-    assert {"small/evs.energy_j", "long/preset"} <= {line.partition(":")[0] for line in lines}
-    assert not any(line.startswith("small/ended: ") for line in lines)
+    assert any(line.startswith("small/evs.energy_j: ") for line in lines)
+    assert not any(line.startswith(("small/vehicles.x: ", "small/ended: ")) for line in lines)
     assert json.loads((tmp_path / "d.json").read_text())["differ"] == lines[:-1]
+
+
+def test_a_changed_preset_that_no_world_plays_is_seen(monkeypatch):
+    monkeypatch.setattr(golden, "WORLDS", {})
+    monkeypatch.setattr(golden, "AGENTS", {})
+    before = golden.rollouts()
+    long = medjax.SCENARIOS["long"]
+    other = dataclasses.replace(long, numbers={**long.numbers, "mainline_per_h": 1101.0})
+    monkeypatch.setitem(medjax.SCENARIOS, "long", other)
+    (line,) = golden.differences(before, golden.rollouts())
+    assert line.startswith("long/preset: ")
 
 
 @pytest.mark.slow
 def test_a_short_training_run_repeats(monkeypatch):
-    """Metrics, scores and weights are the same bit for bit."""
+    """Metrics, scores, weights and the output of train.evaluate are the same bit for bit."""
     tiny = {"--num-envs": 4, "--num-minibatches": 2, "--total-timesteps": 512, "--eval-episodes": 2}
     monkeypatch.setitem(golden.TRAINING, "training", golden.TRAINING["training"] | tiny)
     first, second = golden.train("training"), golden.train("training")
     names = {"training/evaluation/policies/none/return_mean", "training/episode_return"}
     assert names <= first.keys()
     assert any(name.startswith("training/weights/") for name in first)
+    assert "none" in str(first["training/printed"])
     assert list(golden.differences(first, second)) == []
 
 
-@pytest.mark.parametrize("file", ["absent.npz", __file__])
-def test_comparing_other_files_is_refused(file, capsys):
-    assert f"{file} cannot be read" in refused(golden.main, ["--compare", file, file], capsys)
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        ([], "--out"),
+        (["--compare", "absent.npz", "absent.npz"], "absent.npz cannot be read"),
+        (["--compare", __file__, __file__], f"{__file__} cannot be read"),
+        (["--out", "a.npz", "--numbers", "b.json"], "not allowed with"),
+        (["--out", "/no/such/folder/a.npz"], "allowed a file"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(argv, words, capsys):
+    assert words in refused(golden.main, argv, capsys)

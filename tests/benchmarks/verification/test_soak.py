@@ -38,7 +38,9 @@ def test_stopping_prints_the_counts_so_far(monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("argv", "word"),
     [
+        ("--updates none", "'none'"),
         ("--updates 0", "'0'"),
+        ("--updates inf", "'inf'"),
         ("--seed -1", "--seed"),
         ("--num-envs 0", "--num-envs"),
         ("--case 1", "--environment"),

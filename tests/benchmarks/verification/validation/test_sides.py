@@ -21,6 +21,12 @@ from tests.benchmarks.refusal import refused
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 
+def test_demands_range_from_free_to_overloaded_traffic():
+    """Vehicles/h behind the last of four ramps, as shares of four lanes of 2,000."""
+    loads = [(each.mainline_per_h + 4 * each.ramp_per_h) / 8000.0 for each in DEMANDS.values()]
+    assert loads == pytest.approx([0.45, 0.7125, 0.9, 1.0, 1.2, 1.2])
+
+
 def test_a_rising_demand_rises_for_half_of_its_time():
     """From half of it, in the warm-up and at first, to all of it; 20 measured minutes are 40."""
     _, schedule = world(DEMANDS["rising"], 20)
@@ -42,6 +48,7 @@ def test_every_range_is_checked():
     of_all = dict.fromkeys({each.figure for each in RANGES}, -7.5)
     figures = {name: {"medjax": of_all, "SUMO": of_all} for name in DEMANDS}
     found = checks(figures, figures)
+    assert len(found) == len(RANGES)
     for check, each in zip(found, RANGES, strict=True):
         marks = {name: of["holds"] for name, of in check["measured"].items()}
         assert marks == {"medjax": False, "SUMO": None if each.is_goal else False}
