@@ -72,7 +72,11 @@ class EnvConfig:
     num_ramps: int = number(4, 0, 8, text="on-ramps; paper", whole=True)
     num_exits: int = number(0, 0, 8, text="off-ramps; paper: none", whole=True)
     num_depots: int = number(
-        1, 1, 8, text="depots of MEDs, which share the ramps evenly; paper: one", whole=True
+        1,
+        1,
+        8,
+        text="depots of MEDs, which share the ramps as evenly as possible; paper: one",
+        whole=True,
     )
     num_periods: int = number(1, 1, 1000, text="rows of `demand.profile`; paper: one", whole=True)
     tick_s: float = number(

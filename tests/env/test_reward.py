@@ -93,5 +93,5 @@ def test_eq_10_stays_the_default():
 def test_the_former_name_of_step_stats(paper):
     """It works for one version, with a warning that names the new one."""
     outcome = Outcome("before", "after", "sums", paper[1], paper[0].config)
-    with pytest.warns(DeprecationWarning, match="Outcome.step_stats"):
+    with pytest.warns(DeprecationWarning, match="Outcome.happened is now step_stats"):
         assert outcome.happened == "sums"

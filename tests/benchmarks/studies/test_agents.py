@@ -36,7 +36,9 @@ def test_rows_are_the_episodes_of_each_speed(tmp_path, monkeypatch, capsys):
     agents.main([*argv, f"--json={out}"])
     report = json.loads(out.read_text())
     rows = {row["motion"]: row for row in report["rows"]}
-    assert list(rows) == ["default", "14 m/s", "22 m/s", "learned"]
+    speeds = ["14 m/s", "22 m/s"]
+    refusing = [f"{speed}, refuses all" for speed in speeds]
+    assert list(rows) == ["default", *speeds, *refusing, "learned"]
     printed = capsys.readouterr().out
     assert all(name in printed for name in rows)
 
@@ -50,8 +52,11 @@ def test_rows_are_the_episodes_of_each_speed(tmp_path, monkeypatch, capsys):
         assert rows[row]["return_change"] == pytest.approx(change, rel=1e-4, abs=1e-3)
     assert rows["default"]["return_change"] == 0.0
     assert rows["14 m/s"]["return_change"] != 0.0
-    assert [row["invalid_actions"] for row in rows.values()] == [0.0] * 4
+    assert [row["invalid_actions"] for row in rows.values()] == [0.0] * 6
     assert 14.0 <= rows["14 m/s"]["told_speed"] < 14.5
+    # The control drives as told and serves nobody.
+    assert 14.0 <= rows["14 m/s, refuses all"]["told_speed"] < 14.5
+    assert [rows[name]["ev_received_kwh"] for name in refusing] == [0.0, 0.0]
 
 
 @pytest.mark.thorough
@@ -62,8 +67,8 @@ def test_overrides_change_the_episodes(tmp_path, capsys):
     agents.main([*argv, f"--json={out}"])
     result = json.loads(out.read_text())
     assert result["overrides"][-1] == "charging.slot_power_w=0"
-    assert [row["motion"] for row in result["rows"]] == ["default", "14 m/s"]
-    assert [row["ev_received_kwh"] for row in result["rows"]] == [0.0, 0.0]
+    assert [row["motion"] for row in result["rows"]] == ["default", "14 m/s", "14 m/s, refuses all"]
+    assert [row["ev_received_kwh"] for row in result["rows"]] == [0.0, 0.0, 0.0]
     assert "charging.slot_power_w=0, 2 episodes" in capsys.readouterr().out
 
 
