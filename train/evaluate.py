@@ -1,7 +1,8 @@
 """The command that evaluates: `python -m train.evaluate --run-dir DIR --episodes 1000 --json FILE`.
 
 The same episodes are played with the trained policy, which has the name of its algorithm ("ppo"), with its initial
-policy ("start"), and with every policy of medjax.policies. Exit code 2 on bad input. From Python:
+policy ("start"), and with every policy of medjax.policies. Learned policies take their most probable action, and once
+more sample ("ppo_sampled"). Exit code 2 on bad input. From Python:
 `train.api.evaluate`.
 """
 
@@ -72,8 +73,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         changes = parse_overrides(given.overrides)
         if given.run_dir is None and given.policies is None:
             raise InputError("neither --run-dir nor --policies, allowed: at least one of them")
-        if given.run_dir is None and given.stochastic:
-            raise InputError("--stochastic without --run-dir, allowed: with it")
         config = None
         if given.run_dir is not None:
             run_dir = RunDir(as_path("--run-dir", given.run_dir))
@@ -86,7 +85,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if config is None:
             env, params, config = make_world(names or (), given.scenario, changes)
         else:
-            env, params, found = load_policies(run_dir.path, config, given.stochastic)
+            env, params, found = load_policies(run_dir.path, config)
         policies = chosen(env, found, names, given.baseline)
         check_episodes(numbers["episodes"], len(policies), given.force)
     except InputError as error:

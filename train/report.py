@@ -31,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # JAX takes seconds to import; bad options are refused before.
         from train.runs.policies import check_episodes, load_policies
 
-        env, params, policies = load_policies(run_dir.path, config, given.stochastic)
+        env, params, policies = load_policies(run_dir.path, config)
         if not env.config.num_ramps:
             raise InputError("num_ramps is 0, allowed: a run with ramps to send MEDs from")
         check_episodes(numbers["episodes"], len(policies))
@@ -45,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         played = play(env, params, config, policies, **numbers)
         print("drawing", flush=True)
         draw(run_dir, config, played)
-        write(run_dir, config, played, given.stochastic)
+        write(run_dir, config, played)
     except OSError as error:
         return cannot_write("python -m train.report", run_dir.report, error)
     print(f"Report: {run_dir.report / 'report.html'}")

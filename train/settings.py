@@ -87,7 +87,13 @@ class TrainConfig(abc.ABC):
         limits=(1, 10**15),
     )
     seed: int = option(0, "run", "seed of all randomness", limits=(0, 2**32 - 1))
-    num_seeds: int = option(1, "run", "independent learners trained side by side", limits=(1, 1024))
+    num_seeds: int = option(
+        1,
+        "run",
+        "independent learners trained side by side",
+        flags=("--seeds",),
+        limits=(1, 1024),
+    )
     num_devices: int = option(
         0, "run", "devices, or CPU cores, that share the environments; 0: all", limits=(0, 2**16)
     )

@@ -15,7 +15,7 @@ from medjax.policies.rules import BASELINES
 from train.algorithms.environments import make_environment
 from train.algorithms.ppo.settings import PPOConfig
 from train.evaluation.statistics import bootstrap_ci95
-from train.evaluation.tables import format_rows, interval, short
+from train.evaluation.tables import SAMPLED, format_rows, interval, short
 from train.runs.policies import load_policies
 from train.runs.run_directory import RunDir
 from train.runs.trained_run import to_play
@@ -61,7 +61,14 @@ def load(
       InputError: the run cannot be read, or does not fit the environment.
     """
     if options.run_dir:
-        return load_policies(options.run_dir, config, stochastic)
+        env, params, found = load_policies(options.run_dir, config)
+        sampled = {name.removesuffix(SAMPLED) for name in found if name.endswith(SAMPLED)}
+        played = {
+            name: found[name + SAMPLED if stochastic and name in sampled else name]
+            for name in found
+            if not name.endswith(SAMPLED)
+        }
+        return env, params, played
     env, params = make_environment(config)
     return env, params, rules(env, BASELINES)
 

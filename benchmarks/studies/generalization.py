@@ -50,7 +50,7 @@ def load_runs(paths: Sequence[Path], scenario: str) -> dict[str, Policy]:
     for path in paths:
         config = RunDir(path).load_config()
         config = dataclasses.replace(config, scenario=scenario, overrides=SIZES, num_devices=0)
-        env, _, policies = load_policies(path, config, stochastic=False)
+        env, _, policies = load_policies(path, config)
         own = {
             name.replace(config.algorithm, path.name, 1): _with_own_eyes(env, policies[name])
             for name in learned_names(policies)

@@ -56,7 +56,7 @@ def test_train_evaluate_and_export(tmp_path, argv):
             by_rule["meds_dispatched"], abs=1
         )
 
-    env, _, policies = load_policies(run, RunDir(run).load_config(), False)
+    env, _, policies = load_policies(run, RunDir(run).load_config())
     saved = load_policy(run / "policy.zip")
     with pytest.raises(InputError, match="speeds is fixed by the policy"):
         saved.make(overrides={"speeds": [14.0]})

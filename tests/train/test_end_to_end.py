@@ -56,7 +56,8 @@ def test_train_and_evaluate(tmp_path, capsys):
     assert picture.read_bytes().startswith(b"\x89PNG")
     result = json.loads(out.read_text())
     rules = "none slow random periodic paced greedy forecast budgeted"
-    assert set(result["policies"]) == {"ppo", "start", *rules.split()}
+    learned = {"ppo", "ppo_sampled", "start", "start_sampled"}
+    assert set(result["policies"]) == {*learned, *rules.split()}
     for entry in result["policies"].values():
         parts = [entry[f"reward_{term}"] for term in TERMS]
         assert entry["reward_served"] == pytest.approx(0.25 * entry["evs_served"], rel=1e-4)

@@ -50,11 +50,8 @@ def test_a_full_disk_ends_a_command_in_a_line(probe, full_disk, capsys, monkeypa
 
 
 def test_evaluate_refuses_options_that_conflict(probe, capsys):
-    for argv, words in (
-        (["--run-dir=run", "--json=a.png", "--plot=a.png"], "both a.png"),
-        (["--policies=none", "--stochastic"], "without --run-dir"),
-    ):
-        assert words in refused(capsys, argv, command=evaluate)
+    argv = ["--run-dir=run", "--json=a.png", "--plot=a.png"]
+    assert "both a.png" in refused(capsys, argv, command=evaluate)
 
 
 @pytest.mark.thorough
@@ -68,7 +65,7 @@ def test_what_exceeds_the_memory_is_refused_before_compiling(probe, capsys, monk
         words = ("num_envs 4096 x 4 choices", "of memory, allowed: 2e-05 GB", "--force")
         refused(capsys, [*QUIET, "--num-envs=4096", "--run-dir=run"], *words)
         many = ["--eval-episodes=1000000", "--run-dir=run"]
-        refused(capsys, [*QUIET, *many], "eval_episodes 1000000: about 2 GB", "--force")
+        refused(capsys, [*QUIET, *many], "eval_episodes 1000000: about 3 GB", "--force")
     assert not compiled
     assert not (probe / "run").exists()
     assert ppo.main([*QUIET, "--run-dir=run", "--num-envs=4096", "--force"]) == 0

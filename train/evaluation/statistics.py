@@ -93,6 +93,30 @@ def seeds_ci95(
     return _percentiles(draw, samples.size, num_resamples)
 
 
+def improvement_probability(
+    new: np.ndarray, old: np.ndarray, seed: int = 0, num_resamples: int = NUM_RESAMPLES
+) -> tuple[float, tuple[float, float]]:
+    """Probability that a run of one kind is better than a run of another; a tie counts half (Agarwal et al. 2021).
+
+    Args:
+        new, old: `(seeds,)` each, a result per run; the numbers of runs may differ.
+        seed, num_resamples: of the bootstrap, which draws the runs of both kinds.
+
+    Returns:
+        The probability, and the lower and upper end of its 95 % interval.
+    """
+    gains = np.asarray(new, np.float64)[:, None] - np.asarray(old, np.float64)
+    wins = (gains > 0.0) + 0.5 * (gains == 0.0)
+    rng, (count, others) = np.random.default_rng(seed), wins.shape
+
+    def draw(rows: int) -> np.ndarray:
+        first = rng.integers(0, count, (rows, count, 1))
+        second = rng.integers(0, others, (rows, 1, others))
+        return np.asarray(np.mean(wins[first, second], axis=(1, 2)))
+
+    return float(wins.mean()), _percentiles(draw, wins.size, num_resamples)
+
+
 def _percentiles(
     draw: Callable[[int], np.ndarray], size: int, num_resamples: int
 ) -> tuple[float, float]:

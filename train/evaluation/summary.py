@@ -17,14 +17,15 @@ from train.evaluation.statistics import (
     relative_change,
     seeds_ci95,
 )
-from train.evaluation.tables import START, TERM
+from train.evaluation.tables import SAMPLED, START, TERM
 
 CLAIMED = ("depleted_share", "mean_range_m", "mean_soc")  # the paper compares these with no action
 
 
 def learned_names(names: Iterable[str]) -> list[str]:
-    """The names that are neither rules of `medjax.BASELINES` nor a learner's initial policy."""
-    return [name for name in names if name not in BASELINES and name != START]
+    """The names of learned policies that take the most probable action: no rules, initial policies or samplers."""
+    others = {*BASELINES, START}
+    return [name for name in names if name not in others and not name.endswith(SAMPLED)]
 
 
 def summarize(

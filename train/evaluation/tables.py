@@ -31,6 +31,7 @@ BALANCE = {  # effects of slow driving and of charging, and their costs; per EV,
     "left early": ("left_early", ".2f"),
 }
 START = "start"  # name of a learner's initial policy
+SAMPLED = "_sampled"  # ends the name of a policy that samples; without it, it takes the most probable action
 AGENTS = "told_speed"  # a metric that exists only if MEDs are agents
 TERM = "reward_"  # prefix of the metrics that are terms of the reward
 PAPER_TABLE_2 = {  # mean and standard deviation of an episode's reward, by policy
@@ -77,7 +78,7 @@ def _lines_of_seeds(result: Mapping[str, Any]) -> list[str]:
     gains = seeds["paired_return_differences"]
     sure = interval_of_seeds(len(gains))
     lines = [f"training seeds: {means}; interquartile mean, {sure}: {middle}"]
-    others = [name for name, _ in best_first(result) if name in gains[0]]
+    others = [name for name in _not_sampled(result) if name in gains[0]]
     for other in dict.fromkeys([*others[:1], *({START} & {*others})]):
         each = ", ".join(_gain(gain[other]) for gain in gains)
         lines.append(f"each minus {other}, 95 % CI: {each}")
@@ -124,7 +125,7 @@ def unseen(result: Mapping[str, Any], learned: Sequence[str]) -> str:
     other, differences = result.get("baseline"), result.get("difference_from_baseline", {})
     few = f"{result['episodes']} episodes"
     if other is None and (ours := result.get("paired_return_difference")):
-        other = next(name for name, _ in best_first(result) if name in ours)
+        other = next(name for name in _not_sampled(result) if name in ours)
         differences = {trained(learned): ours[other]}
         few = f"{len(learned)} seeds and {few}" if len(learned) > 1 else few
     lines = []
@@ -243,6 +244,11 @@ def _gain(difference: Mapping[str, Any]) -> str:
 def best_first(result: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     """Policies and their entries, in order of decreasing mean return."""
     return sorted(result["policies"].items(), key=lambda item: -item[1]["return_mean"])
+
+
+def _not_sampled(result: Mapping[str, Any]) -> list[str]:
+    """Names of the policies that do not sample, in the order of `best_first`."""
+    return [name for name, _ in best_first(result) if not name.endswith(SAMPLED)]
 
 
 def spread(mean: float, std: float) -> str:

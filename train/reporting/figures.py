@@ -16,6 +16,7 @@ from train.evaluation.tables import (
     COLUMNS,
     PAPER_CLAIMS,
     PAPER_MEDS,
+    SAMPLED,
     START,
     interval_of_seeds,
     short,
@@ -45,6 +46,7 @@ DASHES = {  # of the rules: some share a colour, or look alike to colour-blind r
     "periodic": (0, (6, 2, 1, 2, 1, 2)),
     "none": (0, (1, 3)),
     START: (0, (10, 1, 1, 1)),
+    START + SAMPLED: (0, (10, 1, 1, 1, 1, 1)),
 }
 PANELS = {  # of the comparison, by metric: title with the unit
     "depleted_share": "share of EVs that run out",
@@ -74,12 +76,13 @@ def save(figure: Any, path: Path) -> None:
 
 def colour(policy: str) -> str:
     """The colour of a policy, the same in all figures and for all training seeds."""
-    return COLOURS.get(policy.split("_seed")[0], OTHER)
+    return COLOURS.get(policy.removesuffix(SAMPLED).split("_seed")[0], OTHER)
 
 
 def look(policy: str) -> dict[str, Any]:
-    """Colour and dashes of a policy's line; learned policies are solid."""
-    return {"color": colour(policy), "ls": DASHES.get(policy, "-")}
+    """Colour and dashes of a policy's line; learned policies are solid, and dotted where they sample."""
+    usual = (0, (1, 1)) if policy.endswith(SAMPLED) else "-"
+    return {"color": colour(policy), "ls": DASHES.get(policy, usual)}
 
 
 def plot_curve(

@@ -113,10 +113,10 @@ def draw(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
     plot_dispatch(path["dispatch"], shown, seen, ramps, step_s, config.decide_every)
 
 
-def write(run_dir: RunDir, config: TrainConfig, played: Played, stochastic: bool) -> None:
+def write(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
     """Prints the tables, writes the page with tables and figures, and writes the numbers to evaluation.json."""
     title = headline(played.result)
-    acting = "samples its actions" if stochastic else "takes its most probable action"
+    acting = "takes its most probable action"
     parts = sections(run_dir, config, played)
     for part in parts:
         if part.tables:

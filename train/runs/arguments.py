@@ -106,14 +106,21 @@ def build_parser(kind: type[TrainConfig]) -> OneLineParser:
     several("--process-id", metavar="N", help="index of this process, from 0")
     for old in RENAMED:
         parser.add_argument(f"--{old}", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
+    add_settings(parser, kind)
+    return parser
+
+
+def add_settings(
+    parser: OneLineParser, kind: type[TrainConfig], without: Sequence[str] = ()
+) -> None:
+    """Adds an option for each of the settings but `without`; an option that is not given leaves no value."""
     groups: dict[str, argparse._ArgumentGroup] = {}
-    fields = dataclasses.fields(kind)
+    fields = [field for field in dataclasses.fields(kind) if field.name not in without]
     for field in sorted(fields, key=lambda own: own.metadata["group"] == "network"):
         title = field.metadata["group"]
         if title not in groups:
             groups[title] = parser.add_argument_group(title)
         _add_option(groups[title], field)
-    return parser
 
 
 def _add_option(group: argparse._ArgumentGroup, field: dataclasses.Field[Any]) -> None:

@@ -60,7 +60,8 @@ def _check_memory(env: Any, params: Any, config: TrainConfig, shapes: TrainState
     The rollout is counted once, although joining the blocks of a device's environments takes a second copy. The
     closing evaluation keeps its scores.
     """
-    policies = config.num_seeds + 1 + len(rules_of(env))  # 1: the initial policy
+    # The learned and the initial policy, most probable and sampled.
+    policies = 2 * (config.num_seeds + 1) + len(rules_of(env))
     check_episodes(config.eval_episodes, policies, config.force, "eval_episodes")
     views = getattr(env, "num_agents", 1) * config.num_envs * config.choices_per_update
     seen = math.prod(env.observation_space(params).shape)

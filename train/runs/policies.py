@@ -22,7 +22,7 @@ from train.algorithms.environments import described, make_environment
 from train.algorithms.networks import PolicyWeights, apply_policy
 from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.registry import algorithm_of
-from train.evaluation.tables import START
+from train.evaluation.tables import SAMPLED, START
 from train.runs.checkpoint import Checkpoints, ShapeError
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig
@@ -82,29 +82,31 @@ def weights_by_name(config: TrainConfig, weights: PolicyWeights) -> dict[str, Po
     return {name: jax.tree.map(itemgetter(i), weights) for i, name in enumerate(names)}
 
 
-def all_policies(
-    env: Any, config: TrainConfig, weights: PolicyWeights, stochastic: bool = False
-) -> dict[str, Policy]:
+def all_policies(env: Any, config: TrainConfig, weights: PolicyWeights) -> dict[str, Policy]:
     """The trained policies, named as in `weights_by_name`, the first seed's initial policy (`START`), and every rule.
+
+    Each network plays in two ways: it takes the most probable action, or it samples, and then its name ends in
+    `SAMPLED`. Where the two differ, the policy that is played is not the one that was learned.
 
     Args:
         env: a single environment.
         config: settings of the run.
         weights: the run's weights, with a leading axis if it had several seeds.
-        stochastic: sample the actions of the trained policies and of the initial one.
     """
     learn = algorithm_of(config)
     by_name = weights_by_name(config, weights) | {START: learn.start(env, config, weights)}
-    learned = {name: learn.policy(env, config, own, stochastic) for name, own in by_name.items()}
+    learned = {
+        name + end: learn.policy(env, config, own, stochastic=bool(end))
+        for name, own in by_name.items()
+        for end in ("", SAMPLED)
+    }
     return learned | rules_of(env)
 
 
-def load_policies(
-    run_dir: Path, config: TrainConfig, stochastic: bool
-) -> tuple[Any, Any, dict[str, Policy]]:
+def load_policies(run_dir: Path, config: TrainConfig) -> tuple[Any, Any, dict[str, Policy]]:
     """A single environment, its parameters, and `all_policies`; arguments and errors are those of `load_weights`."""
     env, params, weights = load_weights(run_dir, config)
-    return env, params, all_policies(env, config, weights, stochastic)
+    return env, params, all_policies(env, config, weights)
 
 
 def make_world(

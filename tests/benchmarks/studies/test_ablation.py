@@ -122,9 +122,9 @@ def test_sweep_command(run, tmp_path, capsys):
     assert report["number"] == "fleet.cooldown_s"
     assert plot.read_bytes().startswith(b"\x89PNG")
 
-    env, params, policies = load_policies(path, RunDir(path).load_config(), stochastic=True)
+    env, params, policies = load_policies(path, RunDir(path).load_config())
     params = params.replace(fleet=params.fleet.replace(cooldown_s=jnp.float32(9)))
-    alone = evaluate_policies(env, params, {"ppo": policies["ppo"]}, 3, seed=4)["ppo"]
+    alone = evaluate_policies(env, params, {"ppo": policies["ppo_sampled"]}, 3, seed=4)["ppo"]
     assert rows["ppo", 9]["return"] == pytest.approx(alone["return"].mean(), rel=1e-5)
 
 

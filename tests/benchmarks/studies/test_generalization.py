@@ -61,7 +61,7 @@ def test_demands_and_policies_side_by_side(runs, tmp_path, capsys):
     demands = list(generalization.AT_FACTORS)
     assert list(worlds) == [*demands, "realistic"]
 
-    env, params, policies = load_policies(runs[0], RunDir(runs[0]).load_config(), stochastic=False)
+    env, params, policies = load_policies(runs[0], RunDir(runs[0]).load_config())
     policies = {name: policies[name] for name in ("ppo", *generalization.RULES)}
     scores = evaluate_policies(env, params, policies, episodes=4, seed=3)
     scores["profile"] = scores.pop("ppo")

@@ -98,11 +98,13 @@ def test_another_algorithm_trains_by_the_same_runs(still, capsys):
     assert json.loads((run / "config.json").read_text())["config"]["algorithm"] == "still"
     summary = json.loads((run / "summary.json").read_text())
     assert summary["env_steps"] == 64
-    assert set(summary["evaluation_return_mean"]) == {"still", "start", "none", "random"}
+    learned = {"still", "still_sampled", "start", "start_sampled"}
+    assert set(summary["evaluation_return_mean"]) == {*learned, "none", "random"}
     assert train(["--resume=run", "--total-timesteps=128"]) == 0
     assert evaluate.main(["--run-dir=run", "--episodes=3", "--json=out.json"]) == 0
     played = json.loads((still / "out.json").read_text())["policies"]
     assert played["still"] == played["start"]  # it learned nothing
+    assert played["still_sampled"] == played["start_sampled"]
     capsys.readouterr()
     refused(capsys, ["--resume=run"], "algorithm is 'still'", "allowed: ppo", command=ppo)
 

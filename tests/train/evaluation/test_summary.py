@@ -52,6 +52,12 @@ def test_several_training_seeds_are_compared_by_their_mean():
     table = format_table(summarize(scores | began, "paper", learned), learned)
     assert "each minus start, 95 % CI: 4.000 [2.000" in table
     assert table.count("each minus") == 2
+    # Nor is one that samples, which is no rule to be compared with even if it is the best.
+    sampled = {"ppo_sampled": scores["ppo"] | {"return": np.full(3, 9.0)}}
+    assert learned_names(scores | sampled) == learned
+    table = format_table(summarize(scores | sampled, "paper", learned), learned)
+    assert "each minus none" in table
+    assert "each minus ppo_sampled" not in table
     # Without a rule there is nothing to compare with.
     alone = summarize({name: scores[name] for name in learned}, "paper", learned)
     assert "each minus" not in format_table(alone, learned)

@@ -16,7 +16,7 @@ from medjax.policies.rules import BASELINES
 from tests.train.conftest import refused
 from train import evaluate, report
 from train.algorithms.ppo.settings import PPOConfig
-from train.evaluation.tables import START, paper_rows
+from train.evaluation.tables import SAMPLED, START, paper_rows
 from train.reporting.figures import look
 from train.reporting.survey import dispatch_rows, survey, total
 from train.runs.arguments import parse_request
@@ -77,9 +77,14 @@ def scores(made):
     from train.runs.policies import load_policies
     from train.runs.run_directory import RunDir
 
-    env, params, policies = load_policies(made.run, RunDir(made.run).load_config(), False)
-    del policies[START]  # which is played, and not recorded
-    return evaluate_policies(env, params, policies, EPISODES, seed=2)
+    env, params, policies = load_policies(made.run, RunDir(made.run).load_config())
+    # The initial policy and those that sample are played, and not recorded.
+    recorded = {
+        name: policy
+        for name, policy in policies.items()
+        if name != START and not name.endswith(SAMPLED)
+    }
+    return evaluate_policies(env, params, recorded, EPISODES, seed=2)
 
 
 @pytest.mark.thorough
@@ -246,7 +251,7 @@ DEUTERANOPIA = np.array(  # Machado, Oliveira, Fernandes 2009, severity 1
 
 def test_lines_differ_for_the_colour_blind():
     """Any two policies by their dashes, or by 0.2 of a channel as they appear."""
-    looks = [look(name) for name in ("ppo", START, *BASELINES)]
+    looks = [look(name) for name in ("ppo", "ppo" + SAMPLED, START, START + SAMPLED, *BASELINES)]
     for one, other in itertools.combinations(looks, 2):
         if one["ls"] == other["ls"]:
             seen = [

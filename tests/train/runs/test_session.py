@@ -224,12 +224,14 @@ def test_evaluate_command(probe, capsys):
     whole = result(*run)
     assert (whole["episodes"], whole["scenario"]) == (5, "noisy")
     assert (whole["overrides"], whole["seed"]) == ({}, 0)
-    assert set(whole["policies"]) == {"ppo", "ppo_seed2", "start", "none", "random"}
+    learned = {f"{name}{end}" for name in ("ppo", "ppo_seed2", "start") for end in ("", "_sampled")}
+    assert set(whole["policies"]) == {*learned, "none", "random"}
     entry = whole["policies"]["ppo"]
     low, high = entry["return_ci95"]
     assert low <= entry["return_mean"] <= high
     assert entry["decisions"] == 5.0
-    assert set(whole["paired_return_difference"]) == {"start", "none", "random"}
+    others = {*learned, "none", "random"} - {"ppo", "ppo_seed2"}
+    assert set(whole["paired_return_difference"]) == others
     assert len(whole["training_seeds"]["return_means"]) == 2
     some = result(*run, "--policies=ppo,random", "--baseline=none", *three)
     assert set(some["policies"]) == {"ppo", "random", "none"}
@@ -238,9 +240,11 @@ def test_evaluate_command(probe, capsys):
     gain = some["difference_from_baseline"]["random"]["mean"]
     assert gain == pytest.approx(means["random"] - means["none"])
     assert some["overrides"] == {"episode_decisions": 3}
-    sampled = result(*run, "--stochastic", *three, "--seed=4")
-    assert sampled["policies"]["none"]["decisions"] == 3.0
-    assert "5 whole episodes of noisy" in capsys.readouterr().out
+    other = result(*run, "--stochastic", *three, "--seed=4")
+    assert other["policies"]["none"]["decisions"] == 3.0
+    printed = capsys.readouterr()
+    assert "5 whole episodes of noisy" in printed.out
+    assert printed.err.startswith("python -m train.evaluate: --stochastic is not needed")
     # Without a run: a file, a rule, and a function that builds a policy, in the world of the file.
     file, built = "run/policy.zip", "tests.train.conftest:coin"
     without = result(f"--policies={file},random,{built}", *three, "--baseline=none")
@@ -256,6 +260,7 @@ def test_evaluate_command(probe, capsys):
         refused(capsys, [f"--policies=none,{name}"], f"policy '{name}'", command=evaluate)
     refused(capsys, [*run, "--scenario=nowhere"], "nowhere", command=evaluate)
     refused(capsys, [*run, "--set", "x=1"], "'x'", command=evaluate)
-    said = "unknown policy 'all': allowed ppo, ppo_seed2, start, none, random, pretrained,"
+    of_run = "ppo, ppo_sampled, ppo_seed2, ppo_seed2_sampled, start, start_sampled"
+    said = f"unknown policy 'all': allowed {of_run}, none, random, pretrained,"
     for option in ("policies", "baseline"):
         refused(capsys, [*run, f"--{option}=all"], said, command=evaluate)
