@@ -8,6 +8,7 @@ import pytest
 
 from medjax.env.reward import Outcome
 from medjax.episodes.recording import Decisions, Frames
+from medjax.traffic.following import Drivers, Follower
 
 
 def warned(name, new):
@@ -20,6 +21,10 @@ def warned(name, new):
     [
         ("medjax.world.params", "PANELS", "CHARGING_SLOTS"),
         ("medjax.charging.booking", "panel_flags", "charging_slot_flags"),
+        ("medjax.charging.link", "most_power", "max_power"),
+        ("medjax.traffic.entry_gap", "cut_off", "would_cut_off"),
+        ("medjax.traffic.motion", "crossing_s", "lateral_travel_time"),
+        ("medjax.traffic.motion", "turn_between", "heading_difference"),
     ],
 )
 def test_a_module_gives_the_renamed_member(module, old, new):
@@ -65,6 +70,13 @@ def test_fields_of_outcomes_and_recordings():
         assert filled(Frames, ev_charging_slot="slots").ev_panel == "slots"
     with warned("Decisions.tally", "stats"):
         assert filled(Decisions, stats="sums").tally == "sums"
+
+
+@pytest.mark.parametrize("kind", [Drivers, Follower])
+def test_fields_of_car_following(kind):
+    data = kind(**dict.fromkeys(kind._fields) | {"braking_weight": "weight"})
+    with warned(f"{kind.__name__}.closing", "braking_weight"):
+        assert data.closing == "weight"
 
 
 def test_what_has_gone_names_its_successor():

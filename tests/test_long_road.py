@@ -8,13 +8,13 @@ import pytest
 import medjax
 from benchmarks.verification.invariants import (
     INVARIANTS,
-    check_standing,
+    check_instant,
     count,
     not_finite,
 )
 from medjax.traffic import find_neighbours, sort_by_road
 from medjax.traffic.demand import expected_vehicles
-from medjax.traffic.road import NOWHERE
+from medjax.traffic.road import NO_LANE
 from medjax.world.kinds import MED, by_class
 from medjax.world.state import IN_SERVICE, count_kinds
 from tests.traffic.reference import brute_force
@@ -70,7 +70,7 @@ def play(env, params, policy, decisions):
         lost = by_class(stats.entered - stats.left) - on_road
         lost -= jnp.array([0.0, 1.0, 0.0]) * (stats.depleted - rolling)
         results = {"finite": not_finite((obs, reward))}
-        found = count(check_standing(state, config, params), results)
+        found = count(check_instant(state, config, params), results)
         wrong = dict(zip(INVARIANTS, found, strict=True))
         wrong |= {"collisions": info["step_stats"].collisions, "lost": jnp.abs(lost).sum()}
         charging_x = jnp.where(state.evs.is_charging, v.x[config.ev_slots], -1.0)
@@ -119,7 +119,7 @@ def test_random_play_from_end_to_end_of_the_road(long):
     x, lane = np.asarray(v.x, np.float64)[active], np.asarray(v.lane)[active]
     ahead, behind = brute_force(x, lane, lane)
     order = sort_by_road(v.x, v.active, params.road.length_m, v.road_order)
-    nowhere = jnp.full_like(v.lane, NOWHERE)
+    nowhere = jnp.full_like(v.lane, NO_LANE)
     got = find_neighbours(order, v.lane, nowhere, v.lane + 1, v.active, config.num_lanes + 1)
     for seen, exact in ((got.leader, ahead), (got.follower, behind)):
         expected = np.where(exact >= 0, everyone[exact], -1)

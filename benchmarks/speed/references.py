@@ -11,7 +11,7 @@ import numpy as np
 
 from medjax.scenarios import CoilDesign
 from medjax.traffic.neighbours import NOBODY, Neighbours
-from medjax.traffic.road import NOWHERE
+from medjax.traffic.road import NO_LANE
 from medjax.world.params import EnvConfig, LinkParams
 
 COILS = CoilDesign()  # the design in the preset's table
@@ -79,7 +79,7 @@ class Traffic(NamedTuple):
 
     x: jax.Array  # m
     lane: jax.Array
-    other_lane: jax.Array  # second lane of a vehicle that straddles a line, else NOWHERE
+    other_lane: jax.Array  # second lane of a vehicle that straddles a line, else NO_LANE
     target_lane: jax.Array  # adjacent lane that the vehicle considers; may be off the road
     active: jax.Array
     previous_order: jax.Array  # slots in road order one tick ago
@@ -102,7 +102,7 @@ def draw_traffic(config: EnvConfig, length_m: float, roads: int) -> Traffic:
         lane == 0, 1, np.where(lane == config.num_lanes, -1, random.choice([-1, 1], shape))
     )
     straddles = np.where(random.random(shape) < STRADDLING, inwards, 0)
-    other = np.where(straddles == 0, NOWHERE, lane + straddles)
+    other = np.where(straddles == 0, NO_LANE, lane + straddles)
     # In a tick all vehicles of a road look to one side, except straddling ones.
     side = random.choice([-1, 1], (roads, 1))
     target = lane + np.where(straddles == 0, side, straddles)

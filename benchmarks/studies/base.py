@@ -83,7 +83,7 @@ def estimate(values: np.ndarray, seed: int) -> dict[str, Any]:
     return {"mean": float(np.mean(values)), "ci95": list(bootstrap_ci95(values, seed))}
 
 
-def in_words(found: Mapping[str, Any]) -> str:
+def format_estimate(found: Mapping[str, Any]) -> str:
     """What `estimate` returns, as text."""
     return f"{short(found['mean'])} {interval(found['ci95'])}"
 
@@ -141,6 +141,6 @@ def table_of(
                 cells.append(interval(row[f"{column.metric}_ci95"]))
         if base:
             change = {"mean": row["return_change"], "ci95": row["return_change_ci95"]}
-            cells.append("" if row[base[0]] == base[1] else in_words(change))
+            cells.append("" if row[base[0]] == base[1] else format_estimate(change))
         table.append(cells)
     return format_rows(table)

@@ -47,9 +47,9 @@ def compare(scores: dict[str, Scores]) -> list[dict[str, Any]]:
     for name, (mean, std) in TABLE_2.items():
         returns = scores[name]["return"]
         ours = {"mean": float(returns.mean()), "std": float(returns.std(ddof=1))}
-        apart = float(abs(returns.mean() - mean) / std)
+        standardized_difference = float(abs(returns.mean() - mean) / std)
         paper = {"policy": name, "paper_mean": mean, "paper_std": std}
-        table.append({**paper, **ours, "deviations_apart": apart})
+        table.append({**paper, **ours, "deviations_apart": standardized_difference})
     return table
 
 

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 import medjax
 from benchmarks.command import a_path, add_plot, episodes_parser, run_command
-from benchmarks.studies.base import RULES, estimate, in_words, rules
+from benchmarks.studies.base import RULES, estimate, format_estimate, rules
 from benchmarks.studies.drawing import draw_rows, finish
 from medjax.episodes.scores import Evaluation, Scores
 from medjax.errors import InputError
@@ -52,7 +52,7 @@ def load_runs(paths: Sequence[Path], scenario: str) -> dict[str, Policy]:
         config = dataclasses.replace(config, scenario=scenario, overrides=SIZES, num_devices=0)
         env, _, policies = load_policies(path, config)
         own = {
-            name.replace(config.algorithm, path.name, 1): _with_own_eyes(env, policies[name])
+            name.replace(config.algorithm, path.name, 1): _with_own_observation(env, policies[name])
             for name in learned_names(policies)
         }
         if own.keys() & {*found, *BASELINES}:
@@ -61,7 +61,7 @@ def load_runs(paths: Sequence[Path], scenario: str) -> dict[str, Policy]:
     return found
 
 
-def _with_own_eyes(env: medjax.ChargingEnv, policy: Policy) -> Policy:
+def _with_own_observation(env: medjax.ChargingEnv, policy: Policy) -> Policy:
     """Makes `policy` observe through `env`, whatever environment it plays in."""
 
     def act(weights: Any, key: jax.Array, obs: Any, state: Any, params: Any) -> Choice:
@@ -120,12 +120,12 @@ def tables(worlds: Mapping[str, Any], runs: Sequence[str]) -> str:
     """Tables of returns, depleted shares, and gains of the runs on REFERENCE, with a column for each world."""
 
     def mean_return(entry: Any) -> str:
-        return in_words({"mean": entry["return_mean"], "ci95": entry["return_ci95"]})
+        return format_estimate({"mean": entry["return_mean"], "ci95": entry["return_ci95"]})
 
     def share(entry: Any) -> str:
         return f"{entry['depleted_share']:.3f}"
 
-    gains = f"minus {REFERENCE}, 95 % CI", f"minus_{REFERENCE}", runs, in_words
+    gains = f"minus {REFERENCE}, 95 % CI", f"minus_{REFERENCE}", runs, format_estimate
     parts = []
     for head, kind, names, cell in (
         ("return, 95 % CI", "policies", [*runs, *RULES], mean_return),

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import a_path, benchmark_parser, run_command, say, write
-from benchmarks.studies.base import estimate, in_words
+from benchmarks.studies.base import estimate, format_estimate
 from medjax.episodes.verdict import NAMES
 from medjax.errors import InputError, shown
 from medjax.files import check_input, check_output, write_text
@@ -96,7 +96,7 @@ def rows_of(board: Mapping[str, Any]) -> list[list[str]]:
         below = best - returns
         cells = [row["name"], short(returns.mean()), interval(bootstrap_ci95(returns))]
         cells += [format(row["means"][metric], ".3f") for metric in SHOWN.values()]
-        cells.append("" if row is rows[0] else in_words(estimate(below, 0)))
+        cells.append("" if row is rows[0] else format_estimate(estimate(below, 0)))
         table.append([*cells, row["about"]])
     return table
 

@@ -1,7 +1,7 @@
 """`python -m benchmarks.planner`: what a dispatcher gains on a policy by planning with the simulator.
 
-Every `hold` decisions, if a MED may be sent, the planner plays futures of the state. The candidates are: the policy
-goes on; no MED is sent for `hold` decisions; or one MED is sent from one of the ramps and none after it. Afterwards the
+Every `--hold` decisions, if a MED may be sent, the planner plays futures of the state. The candidates are: the policy
+goes on; no MED is sent for that long; or one MED is sent from one of the ramps and none after it. Afterwards the
 policy decides again, to the end of the episode. All candidates share the keys of the futures, which are never the
 episode's own. Candidates are halved (sequential halving, Karnin et al. 2013). If the last one still seems better than
 the policy, the planner follows it: one step of policy improvement (rollout algorithms, Bertsekas and Castanon 1999).
@@ -33,31 +33,33 @@ from medjax.policies.rules import BASELINES
 from medjax.traffic.arrivals import redraw
 
 AS_BASE = -1  # the plan to go on with the policy
-FUTURES = 0xF07  # folded into the seed's key, so that no future is an evaluated episode
+ROLLOUT_SALT = 0xF07  # folded into the seed's key, so that no future is an evaluated episode
 
 
-class Found(NamedTuple):
+class PlanChoice(NamedTuple):
     """The planner's choice in one state."""
 
     plan: int  # the action, or AS_BASE if the policy goes on
     gain: float  # advantage over the policy, in futures that did not select it; 0 if the policy goes on
-    spread: float  # standard deviation of the advantage over futures; NaN if the policy goes on
+    gain_std: float  # standard deviation of the advantage over futures; NaN if the policy goes on
 
 
-class Futures:
+class Rollouts:
     """Plays futures of a state, compiled at the first call.
 
     Args:
         env: a single environment.
         params: its parameters.
         base: the policy.
-        hold: length of a candidate's plan in decisions.
+        plan_length: of a candidate, in decisions.
         rows: futures played at once, divided among the candidates.
     """
 
-    def __init__(self, env: Environment, params: Any, base: Policy, hold: int, rows: int) -> None:
+    def __init__(
+        self, env: Environment, params: Any, base: Policy, plan_length: int, rows: int
+    ) -> None:
         self.runner, self.steps = EpisodeRunner(env, [base]), episode_steps(env, params)
-        self._hold, self._rows = hold, rows
+        self._plan_length, self._rows = plan_length, rows
         self.same = base.weights, params
 
         def to_end(rows: Any, same: Any) -> jax.Array:
@@ -76,13 +78,13 @@ class Futures:
                 once and followed by action 0 for the rest of the plan.
             first: () int32, the decision at which the plans start.
             last: the decision to stop before.
-            same: `Futures.same`, the policy's weights and the environment's parameters.
+            same: `Rollouts.same`, the policy's weights and the environment's parameters.
         """
         (played, plans), (weights, params) = rows, same
 
         def decide(number: jax.Array, played: Episodes) -> Episodes:
             choice = self.runner.choose(played, number, [weights], params)
-            follows = (plans == AS_BASE) | (number >= first + self._hold)
+            follows = (plans == AS_BASE) | (number >= first + self._plan_length)
             own = jnp.where(number == first, plans, 0)
             held = choice._replace(action=jnp.where(follows, choice.action, own))
             return self.runner.go_on(played, number, held, params)[0]
@@ -116,7 +118,9 @@ class Futures:
         futures = self._rows // count
         return np.asarray(returns, np.float64)[: futures * count].reshape(futures, count)
 
-    def find(self, key: jax.Array, played: Episodes, first: int, num_actions: int) -> Found:
+    def select_plan(
+        self, key: jax.Array, played: Episodes, first: int, num_actions: int
+    ) -> PlanChoice:
         """The candidate that remains after halving, and its gain."""
         others, total, futures, number = np.arange(num_actions), np.zeros(num_actions), 0, 0
         while len(others):
@@ -125,49 +129,49 @@ class Futures:
             )
             gains = returns[:, 1:] - returns[:, :1]
             if futures and len(others) == 1:
-                return Found(int(others[0]), float(gains.mean()), float(gains.std(ddof=1)))
+                return PlanChoice(int(others[0]), float(gains.mean()), float(gains.std(ddof=1)))
             total[others] += gains.sum(axis=0)
             futures, number = futures + len(gains), number + 1
             better = others[np.argsort(-total[others])][: max(len(others) // 2, 1)]
             others = better[total[better] > 0.0] if len(better) == 1 else better
-        return Found(AS_BASE, 0.0, math.nan)
+        return PlanChoice(AS_BASE, 0.0, math.nan)
 
 
 class Played(NamedTuple):
     """Results of some episodes."""
 
     returns: np.ndarray  # (episodes,) of the planner
-    of_policy: np.ndarray  # (episodes,) of the policy in the same episodes
-    found: list[list[Found]]  # by episode, the planner's choices
+    policy_returns: np.ndarray  # (episodes,) of the policy in the same episodes
+    choices: list[list[PlanChoice]]  # by episode, the planner's choices
 
 
 def play(env: Environment, params: Any, policy: Policy, options: argparse.Namespace) -> Played:
     """Plays episodes with the planner and with the policy alone; `options` are the command's."""
-    hold, episodes = options.hold, options.episodes
-    futures = Futures(env, params, policy, hold, options.futures)
-    root = jax.random.fold_in(jax.random.key(options.seed), FUTURES)
+    plan_length, episodes = options.hold, options.episodes
+    rollouts = Rollouts(env, params, policy, plan_length, options.futures)
+    root = jax.random.fold_in(jax.random.key(options.seed), ROLLOUT_SALT)
     mask = jax.jit(jax.vmap(env.action_mask, (0, None)))
 
     @jax.jit
     def go_on(rows: tuple[Episodes, jax.Array], first: jax.Array, same: Any) -> Episodes:
         """Follows the plans up to the next state in which the planner is asked."""
-        return futures.follow(rows, first, first + hold, same)
+        return rollouts.follow(rows, first, first + plan_length, same)
 
-    start = jax.jit(futures.runner.start)
+    start = jax.jit(rollouts.runner.start)
     alone = played = start(episode_keys(options.seed, episodes), params)
-    found: list[list[Found]] = [[] for _ in range(episodes)]
-    for first in tqdm(range(0, futures.steps, hold), "planning", disable=None, leave=False):
+    choices: list[list[PlanChoice]] = [[] for _ in range(episodes)]
+    for first in tqdm(range(0, rollouts.steps, plan_length), "planning", disable=None, leave=False):
         plans = np.full(episodes, AS_BASE, np.int32)
         for episode in np.flatnonzero(np.asarray(mask(played.state, params))[:, 1:].any(axis=1)):
             one = jax.tree.map(lambda leaf, row=int(episode): leaf[row], played)
             key = jax.random.fold_in(jax.random.fold_in(root, episode), first)
-            found[episode].append(futures.find(key, one, first, env.num_actions))
-            plans[episode] = found[episode][-1].plan
-        same = jnp.int32(first), futures.same
+            choices[episode].append(rollouts.select_plan(key, one, first, env.num_actions))
+            plans[episode] = choices[episode][-1].plan
+        same = jnp.int32(first), rollouts.same
         played = go_on((played, jnp.asarray(plans)), *same)
         alone = go_on((alone, jnp.full(episodes, AS_BASE, jnp.int32)), *same)
     ours, theirs = (np.asarray(each.scores["return"], np.float64) for each in (played, alone))
-    return Played(ours, theirs, found)
+    return Played(ours, theirs, choices)
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -184,24 +188,24 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     env, params, policies = load(options, config)
     name = config.algorithm if options.run_dir else options.base or "budgeted"
     played = play(env, params, policies[name], options)
-    episodes = len(played.found)
-    gains = np.array([sum(each.gain for each in states) for states in played.found])
-    leaves = [each for states in played.found for each in states if each.plan != AS_BASE]
-    spread = float(np.sqrt(np.mean([each.spread**2 for each in leaves] or [math.nan])))
-    asked, left = sum(map(len, played.found)) / episodes, len(leaves) / episodes
+    episodes = len(played.choices)
+    gains = np.array([sum(each.gain for each in states) for states in played.choices])
+    leaves = [each for states in played.choices for each in states if each.plan != AS_BASE]
+    gain_std = float(np.sqrt(np.mean([each.gain_std**2 for each in leaves] or [math.nan])))
+    asked, left = sum(map(len, played.choices)) / episodes, len(leaves) / episodes
     print(
         f"{episodes} episodes of {config.scenario}, seed {seed}: "
         f"asked at {asked:.1f} states an episode, the planner leaves {name} at {left:.1f}"
     )
-    shown = {"policy": name, "asked": asked, "left": left, "spread": spread}
+    shown = {"policy": name, "asked": asked, "left": left, "spread": gain_std}
     by_choices = "by its choices, in futures that did not make them"
-    apart = played.returns - played.of_policy
+    apart = played.returns - played.policy_returns
     for key, how, values in (("gain", by_choices, gains), ("apart", "by whole episodes", apart)):
         mean, (low, high) = estimate(values, seed).values()
         print(f"planner minus {name}, {how}: {mean:.2f} [{low:.2f}, {high:.2f}]")
         shown |= {f"{key}_mean": mean, f"{key}_ci95": [low, high]}
     print(
-        f"a future with a choice and the same without differ by {spread:.1f} (standard deviation)"
+        f"a future with a choice and the same without differ by {gain_std:.1f} (standard deviation)"
     )
     return shown
 

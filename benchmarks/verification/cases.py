@@ -19,7 +19,7 @@ from benchmarks.verification.invariants import (
     INVARIANTS,
     STANDS_M_PER_S,
     STANDS_S,
-    check_standing,
+    check_instant,
     count,
     stands_open,
 )
@@ -34,7 +34,7 @@ NUM_ENVS = 256
 EPISODE_S = 150.0
 NEVER = 2**30
 # Random orders to MEDs: speeds, m/s, and the chances that a MED gets orders, and that these are to leave.
-SPEEDS, TOLD, LEAVES = (5.0, 14.0, 22.0, 30.0), 0.1, 0.05
+SPEEDS, COMMAND_CHANCE, LEAVE_CHANCE = (5.0, 14.0, 22.0, 30.0), 0.1, 0.05
 
 
 class Played(struct.PyTreeNode):
@@ -55,7 +55,7 @@ def random_action(key: jax.Array, mask: jax.Array, wild: jax.Array) -> jax.Array
     return jnp.where(wild, anything, jnp.where(mask[allowed], allowed, 0))
 
 
-def told(
+def commanded(
     key: jax.Array, index: Any, state: EnvState, config: EnvConfig, params: EnvParams
 ) -> EnvState:
     """Gives some MEDs random orders in every other pair of environments; returns the new state.
@@ -69,17 +69,17 @@ def told(
         jax.random.fold_in(key, 1), 5
     )
     rule = actions.by_rule(state, params)
-    new = jax.random.uniform(new_key, meds) < TOLD
-    leaves = new & (jax.random.uniform(leave_key, meds) < LEAVES)
+    new = jax.random.uniform(new_key, meds) < COMMAND_CHANCE
+    leaves = new & (jax.random.uniform(leave_key, meds) < LEAVE_CHANCE)
     depot = jax.random.randint(jax.random.fold_in(leave_key, 1), meds, 1, 1 + depots)
-    wishes = Parts(
+    orders = Parts(
         enter=rule.enter,
         speed=jax.random.randint(speed_key, meds, 0, len(SPEEDS)),
         lane=jax.random.randint(lane_key, meds, 0, config.num_lanes),
         accept=jax.random.randint(accept_key, meds, 0, 2),
         leave=jnp.where(leaves, depot, 0),
     )
-    parts, _ = allowed_parts(wishes, actions.masks(state, config, params), rule)
+    parts, _ = allowed_parts(orders, actions.masks(state, config, params), rule)
     after, _ = give_orders(state, parts, actions, config, params)
     ordered = {
         name: jnp.where(new, getattr(after.meds, name), getattr(state.meds, name))
@@ -109,19 +109,19 @@ def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
         params = params.replace(link=params.link.replace(inductance=table))
         reset_key, key = environment_keys(key, index)
         _, state = env.reset(reset_key, params)
-        found = count(check_standing(state, config, params))
+        found = count(check_instant(state, config, params))
         first = jnp.where(found.any(), -1, NEVER).astype(jnp.int32)
 
         def decide(decision: jax.Array, played: Played) -> Played:
             act_key, step_key = jax.random.split(jax.random.fold_in(key, decision))
-            before = told(act_key, index, played.state, config, params)
+            before = commanded(act_key, index, played.state, config, params)
             action = random_action(act_key, env.action_mask(before, params), index % 2 == 0)
             obs, state, reward, _, _, info = env.step_env(step_key, before, action, params)
             decided = Decision(before, state, obs, reward, info)
             stands = stands_open(before, config, params) & stands_open(state, config, params)
             # A vehicle in stop-and-go, such as to let another one in, is not standing.
-            way = jnp.abs(state.vehicles.x - before.vehicles.x)
-            stands &= way <= STANDS_M_PER_S * config.decision_s
+            distance = jnp.abs(state.vehicles.x - before.vehicles.x)
+            stands &= distance <= STANDS_M_PER_S * config.decision_s
             stood_s = jnp.where(stands, played.stood_s + config.decision_s, 0.0)
             found = check_decision(decided, config, params)
             found += count({"standing": {"for too long": stood_s > STANDS_S}})

@@ -6,18 +6,18 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from benchmarks.verification.books import Books, sums_by_class, ways_home
-from benchmarks.verification.flows import OF_FLOW, total
+from benchmarks.verification.flows import FLOW_RTOL, total
 from benchmarks.verification.invariants import (
     Flags,
     check_entry,
-    check_standing,
+    check_instant,
     check_state,
     check_tick,
     count,
     not_finite,
     with_finite_waits,
 )
+from benchmarks.verification.ledger import Ledger, home_trip_energy, sums_by_class
 from medjax.world.kinds import GAS_KINDS, by_class
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import AT_DEPOT, RETIRED, EnvState
@@ -39,34 +39,34 @@ class Decision(NamedTuple):
 def check_decision(decision: Decision, config: EnvConfig, params: EnvParams) -> jax.Array:
     """Violations of each of INVARIANTS in one decision, (K,) int32."""
 
-    def look(last: EnvState, state: EnvState) -> tuple[EnvState, tuple[jax.Array, Books]]:
+    def look(last: EnvState, state: EnvState) -> tuple[EnvState, tuple[jax.Array, Ledger]]:
         """Checks a tick."""
-        flags, books = check_tick(last, state, config, params)
-        return state, (count(flags, check_state(state, config, params)), books)
+        flags, ledger = check_tick(last, state, config, params)
+        return state, (count(flags, check_state(state, config, params)), ledger)
 
     def play(last: EnvState, seen: tuple[EnvState, EnvState]) -> tuple[EnvState, Any]:
         """Checks a round of entries and its ticks."""
         begun, ticks = seen
-        entered, books = check_entry(last, begun, config, params)
-        counts = count(entered, check_standing(begun, config, params))
+        entered, ledger = check_entry(last, begun, config, params)
+        counts = count(entered, check_instant(begun, config, params))
         last, found = jax.lax.scan(look, begun, ticks)
         of_ticks, more = jax.tree.map(lambda each: each.sum(axis=0), found)
-        return last, (counts + of_ticks, books | with_means(more, last, config, params))
+        return last, (counts + of_ticks, ledger | with_means(more, last, config, params))
 
     seen = decision.info["begun"], by_round(decision.info["ticks"], config)
     last, found = jax.lax.scan(play, decision.before, seen)
-    counts, books = jax.tree.map(lambda each: each.sum(axis=0), found)
-    return counts + count(check_closing(last, decision, books, config, params))
+    counts, ledger = jax.tree.map(lambda each: each.sum(axis=0), found)
+    return counts + count(check_results(last, decision, ledger, config, params))
 
 
-def with_means(books: Books, last: EnvState, config: EnvConfig, params: EnvParams) -> Books:
-    """Adds to the books a round's integrals of mean SoC, at its last state, and mean EV speed."""
+def with_means(ledger: Ledger, last: EnvState, config: EnvConfig, params: EnvParams) -> Ledger:
+    """Adds to the ledger a round's integrals of mean SoC, at its last state, and mean EV speed."""
     on_road = last.vehicles.active[config.ev_slots]
     charge = jnp.where(on_road, last.evs.energy_j / params.ev_capacity_j, 0.0)
     soc = jnp.sum(charge) / jnp.maximum(jnp.sum(on_road), 1)
-    seconds = books["ev_seconds"]
-    speed = books["ev_distance_m"] / jnp.where(seconds > 0.0, seconds, 1.0)
-    return books | {"mean_soc_s": soc * config.round_s, "mean_speed_m": speed * config.round_s}
+    seconds = ledger["ev_seconds"]
+    speed = ledger["ev_distance_m"] / jnp.where(seconds > 0.0, seconds, 1.0)
+    return ledger | {"mean_soc_s": soc * config.round_s, "mean_speed_m": speed * config.round_s}
 
 
 def by_round(ticks: Any, config: EnvConfig) -> Any:
@@ -76,10 +76,10 @@ def by_round(ticks: Any, config: EnvConfig) -> Any:
     )
 
 
-def check_closing(
-    last: EnvState, decision: Decision, books: Books, config: EnvConfig, params: EnvParams
+def check_results(
+    last: EnvState, decision: Decision, ledger: Ledger, config: EnvConfig, params: EnvParams
 ) -> Flags:
-    """Checks the results of a decision against the state after its last tick and the books of its ticks."""
+    """Checks the results of a decision against the state after its last tick and the ledger of its ticks."""
     after, info = decision.after, decision.info
     # After the last tick the clock advances, and MEDs may reach their depots and be recharged.
     home = (last.meds.status == RETIRED) & (after.meds.status == AT_DEPOT)
@@ -92,9 +92,9 @@ def check_closing(
         info["metrics"],
         info["reward_terms"],
     )
-    home_j = jnp.sum(jnp.where(home, ways_home(last, config, params), 0.0))
-    books = books | {"med_driving_j": books["med_driving_j"] + home_j}
-    flags = tally_mistakes(books, decision, config, params)
+    home_j = jnp.sum(jnp.where(home, home_trip_energy(last, config, params), 0.0))
+    ledger = ledger | {"med_driving_j": ledger["med_driving_j"] + home_j}
+    flags = tally_mistakes(ledger, decision, config, params)
     flags["energy"]["refill"] = after.meds.energy_j != refilled
     given_j = jnp.sum(jnp.where(home, refilled - last.meds.energy_j - last.meds.rest_j, 0.0))
     flags["energy"]["depots"] = differs(given_j + home_j, info["step_stats"].depot_energy_j, 1.0)
@@ -113,31 +113,31 @@ def differs(ours: jax.Array, theirs: jax.Array, scale: Any = 0.0) -> jax.Array:
 
 def outside(bounds: jax.Array, value: jax.Array) -> jax.Array:
     """Whether an energy flow is outside its bounds (2,)."""
-    slack = OF_FLOW * jnp.abs(value)
+    slack = FLOW_RTOL * jnp.abs(value)
     return ~((bounds[0] - slack <= value) & (value <= bounds[1] + slack))
 
 
-def resolved_way(books: Books, config: EnvConfig, params: EnvParams) -> jax.Array:
+def distance_resolution(ledger: Ledger, config: EnvConfig, params: EnvParams) -> jax.Array:
     """The scale for `differs` of distances that allows for rounding of positions to half a unit in the last place.
 
     It covers sums over all vehicles, and a mean that one vehicle in one tick of a round makes.
     """
-    ticks = books["vehicle_ticks"] + config.ticks_per_round
+    ticks = ledger["vehicle_ticks"] + config.ticks_per_round
     return ticks * 1e-7 * params.road.length_m / ROUNDING
 
 
 def tally_mistakes(
-    books: Books, decision: Decision, config: EnvConfig, params: EnvParams
+    ledger: Ledger, decision: Decision, config: EnvConfig, params: EnvParams
 ) -> dict[str, dict[str, jax.Array]]:
-    """Flags where the tally, the reward or the number of vehicles differs from the books, by invariant and name."""
-    stats, way = decision.info["step_stats"], resolved_way(books, config, params)
-    scales = {name: way if name.endswith("_m") else 1e-3 for name in books}
+    """Flags where the tally, the reward or the number of vehicles differs from the ledger, by invariant and name."""
+    stats, resolution = decision.info["step_stats"], distance_resolution(ledger, config, params)
+    scales = {name: resolution if name.endswith("_m") else 1e-3 for name in ledger}
     # Delays are small differences, only as exact as the times on the road. Desired speeds of at least 1 m/s turn an
     # error in distance into at most that error in time.
-    ticks = books["vehicle_ticks"] + jnp.sum(books["left"])  # leavers were there, too
-    scales |= dict.fromkeys(("ev_delay_s", "gas_delay_s"), ticks * config.tick_s + way)
+    ticks = ledger["vehicle_ticks"] + jnp.sum(ledger["left"])  # leavers were there, too
+    scales |= dict.fromkeys(("ev_delay_s", "gas_delay_s"), ticks * config.tick_s + resolution)
     flows, counted = {}, {}
-    for name, ours in books.items():
+    for name, ours in ledger.items():
         if name.endswith("_j"):
             flows[name] = outside(ours, getattr(stats, name))
         else:
@@ -159,32 +159,32 @@ def tally_mistakes(
         "vehicles": {
             "entered less left and depleted": there != sums_by_class(after.vehicles.active, config)
         },
-        "reward": reward_mistakes(books, decision, config, params),
+        "reward": reward_mistakes(ledger, decision, config, params),
     }
 
 
 def reward_mistakes(
-    books: Books, decision: Decision, config: EnvConfig, params: EnvParams
+    ledger: Ledger, decision: Decision, config: EnvConfig, params: EnvParams
 ) -> dict[str, jax.Array]:
-    """Flags where the reward is not the sum of its terms, or a term differs from the books."""
+    """Flags where the reward is not the sum of its terms, or a term differs from the ledger."""
     stats = decision.info["step_stats"]
-    way = resolved_way(books, config, params)
+    resolution = distance_resolution(ledger, config, params)
     weights, terms = params.reward_weights, decision.info["reward_terms"]
     added, size = (sum(map(of, terms.values()), jnp.zeros(())) for of in (jnp.asarray, jnp.abs))
     cruise = params.drivers.desired_speed[jnp.array(GAS_KINDS)]
     lost_j = stats.energy_sent_j - stats.energy_received_j
-    seconds, distance_m = books["gas_seconds"], books["gas_distance_m"]
+    seconds, distance_m = ledger["gas_seconds"], ledger["gas_distance_m"]
     expected = {
-        "depleted": (books["depleted"], 0.0),
-        "soc": (books["mean_soc_s"], 0.0),
-        "distance": (books["ev_distance_m"] / 1000.0, way / 1000.0),
-        "speed": (books["mean_speed_m"] / 30.0, way / 30.0),
-        "dispatches": (books["meds_dispatched"], 0.0),
+        "depleted": (ledger["depleted"], 0.0),
+        "soc": (ledger["mean_soc_s"], 0.0),
+        "distance": (ledger["ev_distance_m"] / 1000.0, resolution / 1000.0),
+        "speed": (ledger["mean_speed_m"] / 30.0, resolution / 30.0),
+        "dispatches": (ledger["meds_dispatched"], 0.0),
         "gas_delay": (
             jnp.sum(seconds - distance_m / cruise),
-            jnp.sum(seconds + (distance_m + way) / cruise),
+            jnp.sum(seconds + (distance_m + resolution) / cruise),
         ),
-        "lane_changes": (books["lane_changes"], 0.0),
+        "lane_changes": (ledger["lane_changes"], 0.0),
         "collisions": (jnp.zeros(()), 0.0),
         "transfer_loss": (lost_j / 3.6e6, stats.energy_sent_j / 3.6e6),
     }

@@ -7,11 +7,11 @@ from typing import Any
 import jax
 import numpy as np
 
-from benchmarks.verification.decisions import Decision, by_round, check_closing, with_means
+from benchmarks.verification.decisions import Decision, by_round, check_results, with_means
 from benchmarks.verification.invariants import (
     Flags,
     check_entry,
-    check_standing,
+    check_instant,
     check_state,
     check_tick,
 )
@@ -37,12 +37,12 @@ def explain(
     """Lines on what goes wrong in a decision of one environment, whose probe must report the whole state."""
     world = env.config, params
     obs, after, reward, _, _, info = jax.jit(env.step_env)(key, before, action, params)
-    rounds, last, all_books = by_round(info["ticks"], env.config), before, []
+    rounds, last, all_ledgers = by_round(info["ticks"], env.config), before, []
     for number in range(env.config.rounds_per_decision):
         begun = _at(info["begun"], number)
-        flags, books = check_entry(last, begun, *world)
+        flags, ledger = check_entry(last, begun, *world)
         when = f"round {number}"
-        for found in (flags, check_standing(begun, *world)):
+        for found in (flags, check_instant(begun, *world)):
             yield from _lines(f"{when}, entries", last, begun, world, found)
         last, of_ticks = begun, []
         for tick in range(env.config.ticks_per_round):
@@ -52,11 +52,11 @@ def explain(
             for found in (flags, check_state(state, *world)):
                 yield from _lines(f"{when}, tick {tick}", last, state, world, found)
             last = state
-        all_books.append(books | with_means(_sum(of_ticks), last, *world))
-    books, decision = _sum(all_books), Decision(before, after, obs, reward, info)
-    lines = [*_lines("decision", last, after, world, check_closing(last, decision, books, *world))]
+        all_ledgers.append(ledger | with_means(_sum(of_ticks), last, *world))
+    ledger, decision = _sum(all_ledgers), Decision(before, after, obs, reward, info)
+    lines = [*_lines("decision", last, after, world, check_results(last, decision, ledger, *world))]
     yield from lines
-    for name, ours in books.items() if lines else ():
+    for name, ours in ledger.items() if lines else ():
         yield f"    {name}: {np.asarray(ours)}, tally {np.asarray(getattr(info['step_stats'], name))}"
 
 

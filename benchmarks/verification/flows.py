@@ -2,8 +2,8 @@
 
 The intake of a battery is its gain plus the energy that driving took. The driving energy follows from eqs (7)-(8) in
 another form: forces times distance, plus the change of kinetic energy. A full or empty battery hides part of a flow, so
-flows are intervals (`Flow`). The driving energy is also checked against the batteries, since the formula alone would
-accept a simulator that books energy without taking it from a battery.
+a flow is given by its bounds (`EnergyBounds`). The driving energy is also checked against the batteries, since the
+formula alone would accept a simulator that books energy without taking it from a battery.
 """
 
 from typing import Any, NamedTuple
@@ -17,13 +17,13 @@ from medjax.world.state import NOT_BOOKED, EnvState, Vehicles
 GRAVITY = 9.81  # m/s^2
 # Energies are float32 numbers of up to a full battery and change twice per tick. Each change rounds by at most half a
 # unit in the last place, 6e-8 of the capacity. Ten times that is a twentieth of the energy of a tick of driving.
-OF_CAPACITY = 1e-6
+CAPACITY_RTOL = 1e-6
 # The flow of a tick results from a dozen float32 operations.
-OF_FLOW = 1e-5
+FLOW_RTOL = 1e-5
 
 
-class Flow(NamedTuple):
-    """Lower and upper bound of a flow, J."""
+class EnergyBounds(NamedTuple):
+    """Lower and upper bound of an energy flow, J."""
 
     low: jax.Array
     high: jax.Array
@@ -39,10 +39,13 @@ def driving(
 ) -> tuple[jax.Array, jax.Array]:
     """Energy that a tick of driving takes from each battery, and its float32 error bound, (C,) J each."""
     v0, v1 = before.speed[slots], after.speed[slots]
-    way, weight = 0.5 * (v0 + v1) * dt, body.mass_kg * GRAVITY
-    rolling, climbing = weight * body.rolling_resistance * way, weight * jnp.sin(road.slope) * way
+    distance, weight = 0.5 * (v0 + v1) * dt, body.mass_kg * GRAVITY
+    rolling, climbing = (
+        weight * body.rolling_resistance * distance,
+        weight * jnp.sin(road.slope) * distance,
+    )
     air = road.air_density * body.drag_coefficient * body.frontal_area_m2
-    drag = air * (v0 + v1) ** 2 * way / 8.0
+    drag = air * (v0 + v1) ** 2 * distance / 8.0
     inertia = body.mass_kg * body.rotational_inertia_factor
     kinetic = 0.5 * inertia * (v1 - v0) * (v1 + v0)
     wheels = rolling + climbing + drag + kinetic
@@ -50,8 +53,8 @@ def driving(
     used, regained = wheels / body.drivetrain_efficiency, wheels * body.regeneration_efficiency
     battery = jnp.where(wheels > 0.0, used, regained) + auxiliary
     gross = rolling + jnp.abs(climbing) + drag + jnp.abs(kinetic)
-    gross += 2e-2 * inertia * OF_FLOW * (v0 + v1) ** 2  # rounding of the difference of two speeds
-    off = OF_FLOW * (gross / body.drivetrain_efficiency + auxiliary)
+    gross += 2e-2 * inertia * FLOW_RTOL * (v0 + v1) ** 2  # rounding of the difference of two speeds
+    off = FLOW_RTOL * (gross / body.drivetrain_efficiency + auxiliary)
     on_road = before.active[slots]
     return jnp.where(on_road, battery, 0.0), jnp.where(on_road, off, 0.0)
 
@@ -79,11 +82,11 @@ def _change(
     before_j: jax.Array, after_j: jax.Array, driven: tuple[jax.Array, jax.Array], capacity: Any
 ) -> _Change:
     gain = after_j - before_j + driven[0]
-    slack = OF_CAPACITY * capacity + driven[1] + OF_FLOW * jnp.abs(gain)
+    slack = CAPACITY_RTOL * capacity + driven[1] + FLOW_RTOL * jnp.abs(gain)
     return _Change(gain, slack, after_j >= capacity, after_j <= 0.0)
 
 
-def _received(change: _Change, most: jax.Array) -> Flow:
+def _received(change: _Change, most: jax.Array) -> EnergyBounds:
     """Energy that EVs' batteries received, (E,) each, at most `most`."""
     gain, slack, full, empty = change
     # A negative gain of a full battery is braking energy that found no room. An empty battery may have received energy
@@ -91,21 +94,21 @@ def _received(change: _Change, most: jax.Array) -> Flow:
     kept = jnp.where(full, jnp.maximum(gain, 0.0), gain)
     low = jnp.where(empty & ~full, jnp.minimum(gain, 0.0), kept)
     high = jnp.where(empty & ~full, jnp.minimum(gain, most), kept)
-    return Flow(low - slack, high + slack)
+    return EnergyBounds(low - slack, high + slack)
 
 
-def _sent(change: _Change, most: jax.Array) -> Flow:
+def _sent(change: _Change, most: jax.Array) -> EnergyBounds:
     """Energy that MEDs sent, (M,) each, at most `most`."""
     gain, slack, full, empty = change
     # A full MED may have lost braking energy that found no room. An empty MED drives on without energy.
     low = jnp.where(full, jnp.minimum(-gain, 0.0), -gain)
     high = jnp.where(empty, jnp.maximum(-gain, most), -gain)
-    return Flow(low - slack, high + slack)
+    return EnergyBounds(low - slack, high + slack)
 
 
-def _held(
-    driven: tuple[jax.Array, jax.Array], lost: Flow, slack: jax.Array, less: Any, more: Any
-) -> Flow:
+def _limited_driving(
+    driven: tuple[jax.Array, jax.Array], lost: EnergyBounds, slack: jax.Array, less: Any, more: Any
+) -> EnergyBounds:
     """Energy of driving by the formula (`driving`), limited to what batteries lost; (C,) J each.
 
     Where `less` (`more`) is set, driving may have taken less (more) than by the formula.
@@ -113,7 +116,7 @@ def _held(
     (value, off), low, high = driven, lost.low - slack, lost.high + slack
     least = jnp.clip(value - off, low, high - 2.0 * slack)
     most = jnp.clip(value + off, low + 2.0 * slack, high)
-    return Flow(jnp.where(less, low, least), jnp.where(more, high, most))
+    return EnergyBounds(jnp.where(less, low, least), jnp.where(more, high, most))
 
 
 def tick_flows(
@@ -140,9 +143,11 @@ def tick_flows(
     change = _change(was.energy_j, evs.energy_j, of_evs, params.ev_capacity_j)
     received, lost = _received(change, takes), was.energy_j - evs.energy_j
     # An EV that runs out spends only what it had, and a full one loses braking energy that finds no room.
-    taken = _held(of_evs, Flow(lost, lost + takes), change.slack, change.empty, change.full)
+    taken = _limited_driving(
+        of_evs, EnergyBounds(lost, lost + takes), change.slack, change.empty, change.full
+    )
     least = was.energy_j - params.ev_capacity_j
-    steady = Flow(jnp.maximum(value - off, least), jnp.maximum(value + off, least))
+    steady = EnergyBounds(jnp.maximum(value - off, least), jnp.maximum(value + off, least))
 
     meds, capacity = before.meds, params.med_capacity_j
     of_meds = driving(old, new, config.med_slots, params.med, road, dt)
@@ -150,18 +155,20 @@ def tick_flows(
     sent, lost = _sent(change, gives), meds.energy_j - after.meds.energy_j
     # An empty MED drives on without energy, and the tally counts what it would have used.
     most = jnp.where(change.empty, jnp.maximum(of_meds[0], lost), lost)
-    given = _held(of_meds, Flow(lost - gives, most), change.slack, False, change.full)
+    given = _limited_driving(
+        of_meds, EnergyBounds(lost - gives, most), change.slack, False, change.full
+    )
     above_reserve = meds.energy_j - params.fleet.reserve_soc * capacity
     arrived = jnp.sum(jnp.where(partner, received.low[:, None], 0.0), axis=0)
 
-    def both(flow: Flow, concerned: Any = True) -> jax.Array:
-        return jnp.stack([total(jnp.where(concerned, bound, 0.0)) for bound in flow])
+    def both(bounds: EnergyBounds, concerned: Any = True) -> jax.Array:
+        return jnp.stack([total(jnp.where(concerned, bound, 0.0)) for bound in bounds])
 
     return {
         "EV loses": received.high < 0.0,
-        "EV gains from nowhere": received.low > takes * (1.0 + OF_FLOW),
+        "EV gains from nowhere": received.low > takes * (1.0 + FLOW_RTOL),
         "MED gains": sent.high < 0.0,
-        "MED loses": sent.low > gives * (1.0 + OF_FLOW),
+        "MED loses": sent.low > gives * (1.0 + FLOW_RTOL),
         "MED below its reserve": (gives > 0.0) & (sent.low > jnp.maximum(above_reserve, 0.0)),
         "more arrives than the link lets through": partner.any(axis=0)
         & (arrived > best * sent.high),

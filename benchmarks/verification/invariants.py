@@ -1,7 +1,7 @@
 """Invariants that must hold whatever happens on the road, checked from states alone.
 
 The checks do not rely on the simulator's neighbour search, energy formulas or tallies. They sort vehicles on their own,
-derive energies from work and kinetic energy (`books`), and add up sums from the states that a probe reports after
+derive energies from work and kinetic energy (`ledger`), and add up sums from the states that a probe reports after
 every tick (`ChargingEnv.with_probe`).
 
 Every check returns flags, True where something is wrong, by invariant (`INVARIANTS`) and by what it looked at. `count`
@@ -13,8 +13,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from benchmarks.verification.books import ROUNDING_M, Books, at_exit, entry_books, tick_books
 from benchmarks.verification.boxes import lanes_covered, overlapping_vehicles
+from benchmarks.verification.ledger import ROUNDING_M, Ledger, at_exit, entry_ledger, tick_ledger
 from medjax.numerics.gathers import read
 from medjax.traffic.demand import entries
 from medjax.world.params import CHARGING_SLOTS, EnvConfig, EnvParams
@@ -53,7 +53,7 @@ STANDS_M_PER_S, OPEN_M, STANDS_S = 0.5, 60.0, 5.0
 # Rounding of positions and speeds within a tick is far below `ROUNDING_M` and this relative bound.
 ROUNDING = 1e-5
 # Relative, a unit in the last place: 8 mm at 100 km, so far along the road it exceeds `ROUNDING_M`.
-OF_PLACE = 2.0**-23
+POSITION_RTOL = 2.0**-23
 
 
 def count(*checks: Flags) -> jax.Array:
@@ -202,7 +202,7 @@ def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
     }
 
 
-def check_standing(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
+def check_instant(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
     """Checks what holds at every instant, including overlaps."""
     vehicles = state.vehicles
     lanes = check_lanes(vehicles, vehicles, lengths_of(state, params))
@@ -211,7 +211,7 @@ def check_standing(state: EnvState, config: EnvConfig, params: EnvParams) -> Fla
 
 def check_entry(
     before: EnvState, begun: EnvState, config: EnvConfig, params: EnvParams
-) -> tuple[Flags, Books]:
+) -> tuple[Flags, Ledger]:
     """Checks that before the first tick of a round only entries and new bookings happen."""
     old, new = before.vehicles, begun.vehicles
     enters = new.active & ~old.active
@@ -254,17 +254,17 @@ def check_entry(
             "MED at rest": begun.meds.energy_j != before.meds.energy_j,
         },
     }
-    return flags, entry_books(before, begun, params.road.length_m)
+    return flags, entry_ledger(before, begun, params.road.length_m)
 
 
 def check_tick(
     before: EnvState, after: EnvState, config: EnvConfig, params: EnvParams
-) -> tuple[Flags, Books]:
+) -> tuple[Flags, Ledger]:
     """Checks one tick: bodies move plausibly, vehicles leave only by a way out, and energy is conserved."""
     old, new, dt = before.vehicles, after.vehicles, config.tick_s
     both, travel = old.active & new.active, new.x - old.x
     farthest = 0.5 * (old.speed + new.speed) * dt
-    slack = ROUNDING_M + ROUNDING * farthest + OF_PLACE * new.x
+    slack = ROUNDING_M + ROUNDING * farthest + POSITION_RTOL * new.x
     limit = jnp.maximum(params.motion.max_braking, jnp.max(params.drivers.max_acceleration)) * dt
     jumps = jnp.abs(new.speed - old.speed) > limit * (1.0 + ROUNDING) + ROUNDING
     hop = new.lane - old.lane
@@ -273,7 +273,7 @@ def check_tick(
     past = (new.x > params.road.length_m) | at_exit(new, config, params)
     evs, was = after.evs, before.evs
     kept = (evs.med == was.med) & (evs.charging_slot == was.charging_slot)
-    energy, books = tick_books(before, after, config, params)
+    energy, ledger = tick_ledger(before, after, config, params)
     flags = {
         **check_lanes(old, new, lengths_of(after, params)),
         "motion": {
@@ -295,4 +295,4 @@ def check_tick(
         "bookings": {"changed": (evs.med != NOT_BOOKED) & ~kept},
         "energy": energy,
     }
-    return flags, books
+    return flags, ledger

@@ -21,10 +21,10 @@ from benchmarks.verification.cases import (
     NUM_ENVS,
     Case,
     Violation,
+    commanded,
     environment_keys,
     random_action,
     run_case,
-    told,
     violations_of,
 )
 from benchmarks.verification.evidence import explain
@@ -50,7 +50,9 @@ def show(case: Case, environment: int, episode: int) -> Iterator[str]:
         env = ChargingEnv(case.config).with_probe(lambda state: state)
         _, key = environment_keys(case.key(episode), environment)
         act_key, step_key = jax.random.split(jax.random.fold_in(key, decision))
-        state = jax.jit(told, static_argnums=3)(act_key, environment, state, case.config, world)
+        state = jax.jit(commanded, static_argnums=3)(
+            act_key, environment, state, case.config, world
+        )
         mask = env.action_mask(state, world)
         action = random_action(act_key, mask, jnp.asarray(environment % 2 == 0))
         yield f"action {int(action)} of 0 to {case.config.num_ramps}"

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 from medjax.charging.stranded import coasting, to_the_right
 from medjax.numerics.gathers import read
 from medjax.traffic.following import Drivers, Platooning
+from medjax.traffic.intents import ORDERED_DESIRE, Orders
 from medjax.traffic.neighbours import NOBODY
-from medjax.traffic.wishes import ORDERED_DESIRE, Orders
 from medjax.world.kinds import MED
 from medjax.world.params import CHARGING_SLOTS, FRONT, REAR, ChargingParams, EnvConfig, EnvParams
 from medjax.world.state import NOT_BOOKED, EnvState, EVs, Vehicles
@@ -127,8 +127,8 @@ def approach_pace(
         back; equal shapes.
       slowest: m/s, same shape or one for all.
     """
-    closing = jnp.clip(params.approach_rate * ahead_m, -most_back, params.approach_speed)
-    return jnp.maximum(med_speed + closing, slowest)
+    closing_speed = jnp.clip(params.approach_rate * ahead_m, -most_back, params.approach_speed)
+    return jnp.maximum(med_speed + closing_speed, slowest)
 
 
 def docking_acceleration(

@@ -10,11 +10,14 @@ import jax
 import jax.numpy as jnp
 
 from medjax.charging.docking import charging_slot_lane, charging_slot_x, is_docked, partners
+from medjax.errors import former_names
 from medjax.numerics.gathers import read
 from medjax.physics import input_resistance, interpolate_inductance, link_efficiency
-from medjax.traffic.motion import turn_between
+from medjax.traffic.motion import heading_difference
 from medjax.world.params import FRONT, LEFT, RIGHT, EnvConfig, EnvParams, LinkParams, Scalar
 from medjax.world.state import NOT_BOOKED, EVs, Vehicles
+
+__getattr__ = former_names(__name__, most_power="max_power")
 
 
 class Misalignment(NamedTuple):
@@ -92,7 +95,7 @@ COUPLINGS: Mapping[str, Coupling] = {
 }
 
 
-def most_power(coupled: Coupled, slot_power_w: Scalar, max_current_a: Scalar) -> jax.Array:
+def max_power(coupled: Coupled, slot_power_w: Scalar, max_current_a: Scalar) -> jax.Array:
     """Power that a slot may send, W: its rated power, or less where the MED's coil reaches its maximum current."""
     return jnp.minimum(slot_power_w, max_current_a**2 * coupled.input_ohm)
 
@@ -128,7 +131,7 @@ def links(
         (offset[med_slots], lateral_speed[med_slots]), jnp.maximum(evs.med, 0)
     )
     across = offset[slots] - med_offset
-    turn = turn_between(med.speed, med_lateral_speed, speed[slots], lateral_speed[slots])
+    turn = heading_difference(med.speed, med_lateral_speed, speed[slots], lateral_speed[slots])
     in_lane &= jnp.abs(across) < 0.25 * params.road.lane_width_m
     is_charging = (evs.med != NOT_BOOKED) & is_docked(
         error, speed[slots] - med.speed, in_lane, evs.is_charging, charging
@@ -138,5 +141,5 @@ def links(
         evs.charging_slot, seen * error, seen * across, seen * turn, params.link.panel_gap_m
     )
     coupled = coupling(geometry, params.link)
-    power_w = most_power(coupled, charging.slot_power_w, params.link.max_current_a)
+    power_w = max_power(coupled, charging.slot_power_w, params.link.max_current_a)
     return Link(is_charging, coupled.efficiency, power_w)

@@ -11,7 +11,7 @@ GRAVITY = 9.81  # m/s^2, as `medjax.physics.tractive_energy`
 NEWTON_STEPS = 6
 
 
-def way_to_go(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
+def required_range(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
     """Distance for which each EV's charge should last, `(E,)` m: to its exit; past the road's end, `eco_horizon_m`."""
     destination = vehicles.destination[config.ev_slots]
     left = destination - vehicles.x[config.ev_slots]
@@ -21,7 +21,7 @@ def way_to_go(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.A
 
 def lasting_speed(
     energy_j: jax.Array,
-    way_m: jax.Array,
+    distance_m: jax.Array,
     desired_speed: jax.Array,
     eco_speed: Scalar,
     body: BodyParams,
@@ -33,7 +33,7 @@ def lasting_speed(
     neither below the speed at which auxiliaries outweigh drag, nor below `eco_speed`.
 
     Args:
-      energy_j, way_m, desired_speed: (E,) J, m (inf: no charge is enough), m/s.
+      energy_j, distance_m, desired_speed: (E,) J, m (inf: no charge is enough), m/s.
       eco_speed: m/s, lowest speed to save charge.
 
     Returns:
@@ -46,7 +46,7 @@ def lasting_speed(
     slowest = jnp.maximum(eco_speed, jnp.cbrt(jnp.maximum(auxiliary / (2.0 * drag), 1e-12)))
     # Solves k v^3 + (c - eta E / way) v + eta P = 0 by Newton's method. The function is convex, so the steps descend
     # from the solution without auxiliaries.
-    slope = resistance - body.drivetrain_efficiency * energy_j / jnp.maximum(way_m, 1.0)
+    slope = resistance - body.drivetrain_efficiency * energy_j / jnp.maximum(distance_m, 1.0)
     rolls = slope < 0.0  # keeps 0 out of the root, for gradients
     alone = jnp.where(rolls, jnp.sqrt(jnp.where(rolls, -slope, 1.0) / drag), 0.0)
     speed = jnp.minimum(jnp.maximum(alone, slowest), desired_speed)
@@ -60,13 +60,13 @@ def lasting_speed(
 def apply_eco_speed(state: EnvState, config: EnvConfig, params: EnvParams) -> EnvState:
     """The state with desired speeds adapted to EVs' charge.
 
-    Compliant drivers slow down once their charge is below `eco_soc` and does not last for `way_to_go`. Drivers of
+    Compliant drivers slow down once their charge is below `eco_soc` and does not last for `required_range`. Drivers of
     booked EVs do not, because their docking sets their speed.
     """
     vehicles, evs, drivers = state.vehicles, state.evs, params.drivers
     everyone = vehicles.desired_speed
-    own, way_m = everyone[config.ev_slots], way_to_go(vehicles, config, params)
-    speed = lasting_speed(evs.energy_j, way_m, own, drivers.eco_speed, params.ev, params.road)
+    own, distance_m = everyone[config.ev_slots], required_range(vehicles, config, params)
+    speed = lasting_speed(evs.energy_j, distance_m, own, drivers.eco_speed, params.ev, params.road)
     is_low = evs.energy_j < drivers.eco_soc * params.ev_capacity_j
     slows = evs.complies & is_low & (evs.med == NOT_BOOKED)
     desired = config.by_slot(

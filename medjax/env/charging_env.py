@@ -25,7 +25,7 @@ from medjax.env.observation import FlatObservation, check_observation, observe, 
 from medjax.env.reset import initial_state
 from medjax.env.reward import TERMS, Outcome, RewardTerm, check_terms, total_reward
 from medjax.env.spaces import Box, Discrete
-from medjax.env.tick import means, physics_tick, ways
+from medjax.env.tick import distances_driven, means, physics_tick
 from medjax.env.trips import plan_trips
 from medjax.errors import InputError, shown
 from medjax.traffic.entry import admit
@@ -227,7 +227,7 @@ class ChargingEnv:
         begun, before_s = state.vehicles, step_stats.ev_seconds
         (state, step_stats), seen = jax.lax.scan(tick, (state, step_stats), ticks)
         with jax.named_scope("tally"):
-            driven = ways(begun, state.vehicles, config)
+            driven = distances_driven(begun, state.vehicles, config)
             seconds = step_stats.ev_seconds - before_s
             step_stats += driven + means(state, driven.ev_distance_m, seconds, config, params)
         return (state, step_stats), seen

@@ -47,7 +47,7 @@ def next_to_be_sent(meds: MEDs) -> jax.Array:
     return waits & ~jnp.any(before & waits, axis=1)
 
 
-def who_is_sent(action: jax.Array, meds: MEDs, config: EnvConfig) -> jax.Array:
+def med_to_send(action: jax.Array, meds: MEDs, config: EnvConfig) -> jax.Array:
     """The MED that a dispatcher's action sends, if any, `(num_meds,)` bool; action () int32."""
     if not config.num_ramps:
         return jnp.zeros(meds.status.shape, bool)
@@ -74,7 +74,7 @@ def depot_places(config: EnvConfig, params: EnvParams) -> jax.Array:
     return jnp.sum(shares * params.road.ramp_x_m, axis=1)
 
 
-def way_home(
+def trip_home(
     x: jax.Array, meds: MEDs, config: EnvConfig, params: EnvParams
 ) -> tuple[jax.Array, jax.Array]:
     """Travel time, s, and energy, J, from where each MED left the road, `(num_meds,)` m, to its depot, on the level.

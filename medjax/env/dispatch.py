@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from medjax.env.depots import own_ramps, way_home, who_is_sent, whole_fleet
+from medjax.env.depots import med_to_send, own_ramps, trip_home, whole_fleet
 from medjax.numerics.sums import count_down, sum_pairwise
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import (
@@ -60,7 +60,7 @@ def dispatch(
     action, meds = jnp.asarray(action).astype(jnp.int32), state.meds
     allowed = is_allowed(action, action_mask(state, config))
     sent = allowed & (action > 0)
-    chosen = sent & who_is_sent(action, meds, config)
+    chosen = sent & med_to_send(action, meds, config)
     meds = meds.replace(
         status=jnp.where(chosen, QUEUED, meds.status), ramp=jnp.where(chosen, action - 1, meds.ramp)
     )
@@ -89,7 +89,7 @@ def on_the_road(
     in_lane = vehicles.lane[slots] == meds.service_lane
     settled = jnp.abs(vehicles.lateral_offset[slots]) < 1.0
     status = jnp.where((meds.status == MERGING) & in_lane & settled, IN_SERVICE, meds.status)
-    home_s, home_j = way_home(vehicles.x[slots], meds, config, params)
+    home_s, home_j = trip_home(vehicles.x[slots], meds, config, params)
     charging_s = (params.med_capacity_j - meds.energy_j + home_j) / fleet.depot_power_w
     away_s = since_s + fleet.turnaround_s + home_s + charging_s
     return meds.replace(
@@ -109,7 +109,7 @@ def advance_clocks(
     meds, dt = state.meds, config.decision_s
     ready_in = jnp.where(meds.status == RETIRED, count_down(meds.ready_in_s, dt), meds.ready_in_s)
     returns = (meds.status == RETIRED) & (ready_in <= 0.0)
-    _, home_j = way_home(state.vehicles.x[config.med_slots], meds, config, params)
+    _, home_j = trip_home(state.vehicles.x[config.med_slots], meds, config, params)
     home_j = jnp.where(returns, home_j, 0.0)
     given_j = jnp.where(returns, params.med_capacity_j - meds.energy_j - meds.rest_j, 0.0) + home_j
     new = whole_fleet(config, params)

@@ -61,8 +61,8 @@ def expected_need(
     road, demand, meds = params.road, params.demand, state.meds
     cruise, power_w = cruising(params)
     per_metre = power_w / cruise
-    closing = jnp.maximum(cruise - params.fleet.service_speed, 1e-3)
-    window_m = closing * window_s  # distance that an EV gains on a MED
+    closing_speed = jnp.maximum(cruise - params.fleet.service_speed, 1e-3)
+    window_m = closing_speed * window_s  # distance that an EV gains on a MED
 
     def ahead_of(x: jax.Array) -> jax.Array:
         """Distance from positions to the ramps, `(num_ramps, ...)` m."""
@@ -84,7 +84,7 @@ def expected_need(
     rate = rate * demand.ev_share * share
     distance = ahead_of(where.x)
     # An EV that enters upstream of the ramp must do so early enough to catch up.
-    time = jnp.where(distance >= 0.0, jnp.maximum(window_s - distance / closing, 0.0), 0.0)
+    time = jnp.where(distance >= 0.0, jnp.maximum(window_s - distance / closing_speed, 0.0), 0.0)
 
     comes = (meds.status == QUEUED) | (meds.status == MERGING)
     serves = (comes | can_serve(meds, params)) & meds.accepts

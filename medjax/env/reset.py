@@ -11,8 +11,8 @@ from medjax.env.depots import whole_fleet
 from medjax.env.trips import lacks_charge
 from medjax.traffic.arrivals import new_seed
 from medjax.traffic.demand import desired_speeds, drawn_kinds, fill_road, shares_on_road
-from medjax.traffic.exits import draw_destinations, draw_entries, last_exit
-from medjax.traffic.road import keeps_lane
+from medjax.traffic.exits import draw_destinations, draw_origins, last_exit
+from medjax.traffic.road import clip_lateral_aim
 from medjax.world.kinds import MED, WIDTHS_M
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, EpisodeStats, Vehicles, count_kinds
@@ -34,7 +34,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     speed, power_w = cruising(params)
     x = vehicles.x[config.ev_slots]
     drawn = jax.random.uniform(jax.random.fold_in(soc_key, 0), shape, jnp.float32)
-    distance = x - draw_entries(drawn, x, demand, params.road)
+    distance = x - draw_origins(drawn, x, demand, params.road)
     energy = arrival * params.ev_capacity_j - distance * (power_w / speed)
     stayed = energy > 0.0
     if config.num_exits:
@@ -57,16 +57,20 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
 
 
 def _left_before(
-    vehicles: Vehicles, way_m: jax.Array, energy_j: jax.Array, config: EnvConfig, params: EnvParams
+    vehicles: Vehicles,
+    distance_m: jax.Array,
+    energy_j: jax.Array,
+    config: EnvConfig,
+    params: EnvParams,
 ) -> jax.Array:
-    """EVs that would have left for a charger at the last exit within way_m `(E,)` behind them; `(E,)` bool.
+    """EVs that would have left for a charger at the last exit within distance_m `(E,)` behind them; `(E,)` bool.
 
     Past speed is assumed constant, so an EV that lacks charge now already lacked it when that exit was signed.
     """
     x, destination = vehicles.x[config.ev_slots], vehicles.destination[config.ev_slots]
     passed = last_exit(x + params.road.exit_lane_m, params.road)
     lacks = lacks_charge(energy_j, x, destination, passed, config, params)
-    return lacks & (passed > x - way_m)
+    return lacks & (passed > x - distance_m)
 
 
 def _filled(key: jax.Array, config: EnvConfig, params: EnvParams) -> Vehicles:
@@ -91,7 +95,7 @@ def _filled(key: jax.Array, config: EnvConfig, params: EnvParams) -> Vehicles:
         lane=_beside_meds(fill.lane, config),
         active=_beside_meds(fill.active, config),
         kind=kind,
-        lateral_offset=keeps_lane(wander, width, params.road.lane_width_m),
+        lateral_offset=clip_lateral_aim(wander, width, params.road.lane_width_m),
         lateral_speed=jnp.zeros((config.num_vehicles,), jnp.float32),
         desired_speed=desired,
         acceleration_noise=noise[0] * drivers.acceleration_noise[kind],

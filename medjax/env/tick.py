@@ -96,7 +96,7 @@ def _flow(
         charging_stops=jnp.sum(left[ev_slots] & evs.stops, dtype=jnp.float32),
         exit_soc=sum_pairwise(jnp.where(left[ev_slots], soc, 0.0)),
         low_exits=jnp.sum(left[ev_slots] & (evs.stops | low & goes_on), dtype=jnp.float32),
-        # The whole time on the road: `ways` subtracts the free-flow time.
+        # The whole time on the road: `distances_driven` subtracts the free-flow time.
         ev_delay_s=seconds(on_road[ev_slots]),
         gas_delay_s=seconds(on_road[gas_slots]),
         med_seconds=seconds(sent),
@@ -105,7 +105,7 @@ def _flow(
     )
 
 
-def ways(before: Vehicles, after: Vehicles, config: EnvConfig) -> EpisodeStats:
+def distances_driven(before: Vehicles, after: Vehicles, config: EnvConfig) -> EpisodeStats:
     """Distances driven in a round; subtracts their duration at desired speed from the delays.
 
     Args:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from medjax.charging.energy import cruising
 from medjax.numerics.gathers import read
-from medjax.traffic.exits import missed, next_exit, prepares
+from medjax.traffic.exits import has_missed_exit, is_preparing_exit, next_exit
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, LEAVING, NOT_BOOKED, EnvState, EpisodeStats, Vehicles
 
@@ -83,7 +83,7 @@ def plan_trips(
     """
     vehicles, meds, evs, road = state.vehicles, state.meds, state.evs, params.road
     slots = config.ev_slots
-    past = missed(vehicles, road)
+    past = has_missed_exit(vehicles, road)
     ahead = next_exit(vehicles.x, road)
     stops = needs_charger(state, config, params)
     empty = meds.energy_j <= params.fleet.reserve_soc * params.med_capacity_j
@@ -91,7 +91,7 @@ def plan_trips(
     destination = leaving_early(vehicles, empty & (meds.status == IN_SERVICE), config, params)
     of_evs = jnp.where(stops, ahead[slots], destination[slots])
     vehicles = vehicles.replace(destination=destination.at[slots].set(of_evs))
-    near = prepares(vehicles, config, params)
+    near = is_preparing_exit(vehicles, config, params)
     leaves = (meds.status == IN_SERVICE) & near[config.med_slots]
     parts = near[slots] | evs.stops | stops
     parts |= (evs.med != NOT_BOOKED) & read(leaves, jnp.maximum(evs.med, 0))

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from medjax.env.agents.environment import AgentsEnv
 from medjax.env.contract import Params, State, StepResult
-from medjax.env.depots import who_is_sent
+from medjax.env.depots import med_to_send
 from medjax.env.wrapper import Wrapper
 from medjax.policies.policy import Choice, Policy
 from medjax.policies.rules import BASELINES
@@ -19,7 +19,7 @@ def of_head(
 ) -> jax.Array:
     """Actions of all agents, `(A,)` int32, if `dispatcher`, a policy of the highway `env.env`, sends them."""
     choice = dispatcher(key, env.env.get_obs(state, params), state, params)
-    sent = who_is_sent(choice.action, state.meds, env.env.config)
+    sent = med_to_send(choice.action, state.meds, env.env.config)
     return jnp.where(sent, choice.action, 0).astype(jnp.int32)
 
 

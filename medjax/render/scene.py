@@ -59,7 +59,7 @@ def _scene_of(frame: Frames, params: EnvParams, **told: object) -> Scene:
     known: dict[str, object] = {
         name: np.asarray(values) for name, values in vars(frame).items() if name in shown
     }
-    # The floor keeps crawling vehicles straight, as in `medjax.traffic.motion.turn_between`.
+    # The floor keeps crawling vehicles straight, as in `medjax.traffic.motion.heading_difference`.
     heading = np.arctan2(np.asarray(frame.lateral_speed), np.maximum(frame.speed, 1.0))
     known |= {"x": np.asarray(frame.x, np.float64), "y": np.asarray(y), "heading": heading}
     return Scene(**known | told, fleet=int(params.fleet.size))  # type: ignore[arg-type]

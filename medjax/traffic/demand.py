@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from medjax.traffic.exits import mean_way
+from medjax.traffic.exits import mean_distance
 from medjax.world.kinds import EVS, FUELLED, GAS_KINDS, kinds_in
 from medjax.world.params import DemandParams, DriverParams, EnvParams, RoadParams, Scalar
 
@@ -113,7 +113,7 @@ def assign_slots(admitted: jax.Array, free: jax.Array) -> tuple[jax.Array, jax.A
     return jnp.where(takes, in_line[jnp.clip(turn, 0, num_entries - 1)], -1), placed
 
 
-class Fill(NamedTuple):
+class InitialTraffic(NamedTuple):
     """Vehicles of a filled road, `(C,)` each."""
 
     x: jax.Array  # m
@@ -125,14 +125,14 @@ class Fill(NamedTuple):
 def expected_vehicles(demand: DemandParams, road: RoadParams, speed: Scalar) -> jax.Array:
     """Vehicles on the road in equilibrium: each entry's flow times mean trip length over speed."""
     mainline, ramps = demand.flows(jnp.zeros((), jnp.float32))
-    metres = mainline * mean_way(jnp.zeros((), jnp.float32), demand, road)
-    metres += jnp.sum(ramps * mean_way(road.ramp_x_m, demand, road))
+    metres = mainline * mean_distance(jnp.zeros((), jnp.float32), demand, road)
+    metres += jnp.sum(ramps * mean_distance(road.ramp_x_m, demand, road))
     return metres / (3600.0 * speed)
 
 
 def fill_road(
     key: jax.Array, is_ev: jax.Array, desired_speed: jax.Array, num_lanes: int, params: EnvParams
-) -> Fill:
+) -> InitialTraffic:
     """Fills the lanes to match the demand, in closed form and without collisions.
 
     A Poisson number of vehicles goes to a grid of places, lane by lane, each moved forward by up to half the
@@ -144,7 +144,7 @@ def fill_road(
       desired_speed: (C,) m/s.
 
     Returns:
-      Fill of the C slots.
+      Initial traffic of the C slots.
     """
     count_key, share_key, shuffle_key, jitter_key = jax.random.split(key, 4)
     evs, gas = _drawn_counts((count_key, share_key), is_ev, num_lanes, params)
@@ -157,10 +157,10 @@ def fill_road(
     spacing = params.road.length_m / per_lane
     row = position // num_lanes
     jitter = jax.random.uniform(jitter_key, is_ev.shape, jnp.float32, maxval=0.5)
-    return Fill(
+    return InitialTraffic(
         x=(row + jitter) * spacing,
         lane=(position % num_lanes).astype(jnp.int32),
-        speed=jnp.minimum(desired_speed, _safe_start(spacing, desired_speed, params)),
+        speed=jnp.minimum(desired_speed, _safe_initial_speed(spacing, desired_speed, params)),
         active=active,
     )
 
@@ -194,7 +194,9 @@ def _drawn_counts(
     return evs, jnp.clip(total - evs, 0, slots - num_ev_slots)
 
 
-def _safe_start(spacing: jax.Array, desired_speed: jax.Array, params: EnvParams) -> jax.Array:
+def _safe_initial_speed(
+    spacing: jax.Array, desired_speed: jax.Array, params: EnvParams
+) -> jax.Array:
     """Highest safe initial speed on a road filled at this spacing, m, () m/s.
 
     In the smallest possible gap it keeps the time headway, and can slow down to the slowest vehicle's speed at four

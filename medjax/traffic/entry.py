@@ -17,11 +17,11 @@ from medjax.traffic.demand import (
     entry_rates,
     poisson_arrivals,
 )
-from medjax.traffic.entry_gap import cut_off, entry_speed, next_ahead
+from medjax.traffic.entry_gap import entry_speed, next_ahead, would_cut_off
 from medjax.traffic.exits import draw_destinations, next_exit
 from medjax.traffic.following import by_kind
-from medjax.traffic.road import NOWHERE, other_lane
-from medjax.traffic.safety import Tyres
+from medjax.traffic.road import NO_LANE, straddled_lane
+from medjax.traffic.safety import BrakingLimits
 from medjax.world.kinds import MED, WIDTHS_M
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import MERGING, QUEUED, EnvState, EpisodeStats, Vehicles, count_kinds
@@ -73,7 +73,7 @@ def _safe_speed(
     vehicles, drivers = state.vehicles, params.drivers
     length = by_kind(vehicles.kind, drivers.vehicle_length)
     width = by_kind(vehicles.kind, jnp.array(WIDTHS_M, jnp.float32))
-    other = other_lane(vehicles.lane, vehicles.lateral_offset, width, params.road.lane_width_m)
+    other = straddled_lane(vehicles.lane, vehicles.lateral_offset, width, params.road.lane_width_m)
     at = vehicles.x, vehicles.lane, other, length, vehicles.speed, vehicles.active
     ahead = next_ahead(where, *at)
     desired, kind = next_up.desired_speed, next_up.kind
@@ -82,10 +82,12 @@ def _safe_speed(
     min_gap, braking = by_kind(kind, drivers.min_gap), params.motion.max_braking
     speed, safe = entry_speed(wanted, ahead, next_up.time_headway, min_gap, braking)
     max_acceleration = by_kind(vehicles.kind, drivers.max_acceleration)
-    other = jnp.where(vehicles.active, other, NOWHERE)
+    other = jnp.where(vehicles.active, other, NO_LANE)
     own_length = by_kind(kind, drivers.vehicle_length)
-    tyres = Tyres(braking, config.tick_s)
-    cuts = cut_off(where, own_length, vehicles.x, other, vehicles.speed, max_acceleration, tyres)
+    limits = BrakingLimits(braking, config.tick_s)
+    cuts = would_cut_off(
+        where, own_length, vehicles.x, other, vehicles.speed, max_acceleration, limits
+    )
     return speed, safe & ~cuts
 
 

@@ -7,12 +7,14 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from medjax.errors import former_names
 from medjax.traffic.demand import Entries
-from medjax.traffic.safety import Tyres, keeps_clear, safe_speed
+from medjax.traffic.safety import BrakingLimits, can_follow_safely, safe_speed
 from medjax.world.params import Scalar
 
 # A vehicle may enter faster than its leader by its spare room divided by this.
 CATCH_UP_S = 4.0
+__getattr__ = former_names(__name__, cut_off="would_cut_off")
 
 
 class Ahead(NamedTuple):
@@ -35,7 +37,7 @@ def next_ahead(
 
     Args:
       where: (K,) each; x, lane, length, speed, active: (N,) each.
-      other: (N,) int32, the second lane of straddling vehicles (`medjax.traffic.road.other_lane`).
+      other: (N,) int32, the second lane of straddling vehicles (`medjax.traffic.road.straddled_lane`).
     """
     rear = x - length
     # A vehicle whose rear has not cleared the entry still blocks it.
@@ -49,28 +51,28 @@ def next_ahead(
     return Ahead(gap, jnp.where(jnp.isfinite(gap), slowest, 0.0))
 
 
-def cut_off(
+def would_cut_off(
     where: Entries,
     length: jax.Array,
     x: jax.Array,
     other: jax.Array,
     speed: jax.Array,
     max_acceleration: jax.Array,
-    tyres: Tyres,
+    limits: BrakingLimits,
 ) -> jax.Array:
-    """Whether an upstream vehicle that straddles an entry's lane could not stop for a newcomer, `(K,)` bool.
+    """Whether a newcomer would cut off an upstream vehicle that straddles the entry's lane, `(K,)` bool.
 
-    Such vehicles are leaving the acceleration lane upstream of the entry.
+    That vehicle is leaving the acceleration lane upstream of the entry, and could not stop for the newcomer.
 
     Args:
       where: (K,) each; length: (K,) m, of the newcomers.
       x, speed, max_acceleration: (N,) m, m/s, highest acceleration m/s^2.
-      other: (N,) int32, as in `next_ahead`; NOWHERE for inactive slots.
+      other: (N,) int32, as in `next_ahead`; NO_LANE for inactive slots.
     """
     rear = where.x - length
     comes = (other == where.lane[:, None]) & (x < where.x[:, None])
-    stops = keeps_clear(
-        speed, max_acceleration, rear[:, None] - x, jnp.zeros((), jnp.float32), tyres
+    stops = can_follow_safely(
+        speed, max_acceleration, rear[:, None] - x, jnp.zeros((), jnp.float32), limits
     )
     return (comes & ~stops).any(axis=1)
 

@@ -30,8 +30,10 @@ def last_exit(x: jax.Array, road: RoadParams) -> jax.Array:
     return last
 
 
-def _leave_at(index: int, x: jax.Array, demand: DemandParams, road: RoadParams) -> jax.Array:
-    """Share of vehicles from these entries that leave at an exit they reach; 0 where it is too close to the entry."""
+def _share_leaving_at(
+    index: int, x: jax.Array, demand: DemandParams, road: RoadParams
+) -> jax.Array:
+    """Share of vehicles from these entries that leave at this exit when they reach it; 0 where it is too near."""
     far_enough = road.exit_x_m[index] - x >= road.exit_notice_m
     return jnp.where(far_enough, demand.exit_share[index], 0.0)
 
@@ -47,27 +49,29 @@ def draw_destinations(
     destination = jnp.full_like(uniform, road.length_m)
     stays = jnp.ones_like(uniform)  # share still on the road
     for index in range(road.exit_x_m.shape[0]):
-        goes_on = stays * (1.0 - _leave_at(index, x, demand, road))
+        goes_on = stays * (1.0 - _share_leaving_at(index, x, demand, road))
         leaves = (uniform >= goes_on) & (uniform < stays)
         destination = jnp.where(leaves, road.exit_x_m[index], destination)
         stays = goes_on
     return destination
 
 
-def mean_way(x: jax.Array, demand: DemandParams, road: RoadParams) -> jax.Array:
+def mean_distance(x: jax.Array, demand: DemandParams, road: RoadParams) -> jax.Array:
     """Mean trip length of vehicles that enter at these positions, m; of the shape of x, m."""
     distance, stays = road.length_m - x, jnp.ones_like(x)
     for index in range(road.exit_x_m.shape[0]):
-        leaves = stays * _leave_at(index, x, demand, road)
+        leaves = stays * _share_leaving_at(index, x, demand, road)
         distance = distance - leaves * (road.length_m - road.exit_x_m[index])
         stays = stays - leaves
     return distance
 
 
-def draw_entries(
+def draw_origins(
     uniform: jax.Array, x: jax.Array, demand: DemandParams, road: RoadParams
 ) -> jax.Array:
-    """Entries of vehicles that a reset puts at these positions, m, weighted by the flow that each still contributes.
+    """Draws where vehicles entered that a reset puts at these positions, m.
+
+    The chance of an entry is in proportion to the flow from it that still passes the position.
 
     Args:
       uniform: in [0, 1), one draw per vehicle; x: m, same shape.
@@ -78,7 +82,7 @@ def draw_entries(
     for own_x, flow in zip(entry_x, [mainline, *ramps], strict=True):
         comes = jnp.where(own_x <= x, flow, 0.0)
         for index in range(road.exit_x_m.shape[0]):
-            stays = 1.0 - _leave_at(index, own_x, demand, road)
+            stays = 1.0 - _share_leaving_at(index, own_x, demand, road)
             comes = jnp.where(x > road.exit_x_m[index], comes * stays, comes)
         left.append(comes)
     draw, below, entry = uniform * sum(left), left[0], jnp.zeros_like(x)
@@ -93,7 +97,9 @@ def _lanes_to_go(vehicles: Vehicles, config: EnvConfig) -> jax.Array:
     return jnp.maximum(config.num_lanes - 1 - vehicles.lane, 0)
 
 
-def _to_lane(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
+def _distance_to_deceleration_lane(
+    vehicles: Vehicles, config: EnvConfig, params: EnvParams
+) -> jax.Array:
     """Distance to the deceleration lane of each vehicle's exit, `(N,)` m; inf for those bound for the road's end."""
     bound = vehicles.destination < params.road.length_m
     return jnp.where(bound, vehicles.destination - params.road.exit_lane_m - vehicles.x, jnp.inf)
@@ -106,34 +112,35 @@ def exit_desire(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax
     """
     lanes = _lanes_to_go(vehicles, config)
     view = jnp.maximum(lanes, 1) * params.lane_change.exit_view_m
-    distance = jnp.minimum(_to_lane(vehicles, config, params), view)  # finite, for gradients
+    # Finite, for gradients.
+    distance = jnp.minimum(_distance_to_deceleration_lane(vehicles, config, params), view)
     desire = jnp.clip(1.0 - distance / view, 0.0, 1.0)
     return jnp.where((lanes > 0) & (vehicles.lane < config.num_lanes), desire, 0.0)
 
 
-def way_before_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Distance until each vehicle must prepare for its exit, `(N,)` m; inf for those bound for the road's end.
+def distance_to_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """Distance to where each vehicle must prepare for its exit, `(N,)` m; inf for those bound for the road's end.
 
-    Beyond that point there is no room for one more lane change.
+    Beyond that point there is no room for one more lane change. The distance is negative there.
     """
     view = (_lanes_to_go(vehicles, config) + 1) * params.lane_change.exit_view_m
-    return _to_lane(vehicles, config, params) - view
+    return _distance_to_deceleration_lane(vehicles, config, params) - view
 
 
-def prepares(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Whether each vehicle only prepares for its exit now, `(N,)` bool."""
-    return way_before_exit(vehicles, config, params) < 0.0
+def is_preparing_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """Whether each vehicle prepares for its exit now and does nothing else, `(N,)` bool."""
+    return distance_to_exit(vehicles, config, params) < 0.0
 
 
 def takes_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
     """Whether each vehicle leaves the road now, `(N,)` bool: settled in the rightmost lane, beside its exit lane."""
-    distance = _to_lane(vehicles, config, params)
+    distance = _distance_to_deceleration_lane(vehicles, config, params)
     along = (distance <= 0.0) & (distance >= -params.road.exit_lane_m)
     settled = jnp.abs(vehicles.lateral_offset) < 0.25 * params.road.lane_width_m
     return vehicles.active & along & settled & (vehicles.lane == config.num_lanes - 1)
 
 
-def missed(vehicles: Vehicles, road: RoadParams) -> jax.Array:
+def has_missed_exit(vehicles: Vehicles, road: RoadParams) -> jax.Array:
     """Whether each vehicle has driven past its exit, `(N,)` bool."""
     past = (vehicles.destination < road.length_m) & (vehicles.x > vehicles.destination)
     return vehicles.active & past

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 
+from medjax.errors import renamed
 from medjax.numerics.gathers import read
 from medjax.numerics.sums import block_fma
 from medjax.traffic.neighbours import NOBODY
@@ -37,8 +38,13 @@ class Drivers(NamedTuple):
     min_gap: jax.Array  # m
     max_acceleration: jax.Array  # m/s^2
     comfortable_deceleration: jax.Array  # m/s^2
-    closing: jax.Array  # s^2/m, `braking_weight`
+    braking_weight: jax.Array  # s^2/m, from the function of that name
     width: jax.Array  # m
+
+    @property
+    def closing(self) -> jax.Array:
+        """Former name of `braking_weight`, for one more version."""
+        return renamed("Drivers.closing", "braking_weight", self.braking_weight)
 
 
 class Follower(NamedTuple):
@@ -49,9 +55,14 @@ class Follower(NamedTuple):
     time_headway: jax.Array  # s
     min_gap: jax.Array  # m
     max_acceleration: jax.Array  # m/s^2
-    closing: jax.Array  # s^2/m, extra headway per closing speed, for comfortable braking
+    braking_weight: jax.Array  # s^2/m, extra headway per closing speed, for comfortable braking
     prepared: Any  # from `CarFollowing.prepare`
     platoon: jax.Array  # int32, index of the MED that it drives with, or NOBODY
+
+    @property
+    def closing(self) -> jax.Array:
+        """Former name of `braking_weight`, for one more version."""
+        return renamed("Follower.closing", "braking_weight", self.braking_weight)
 
 
 class CarFollowing(Protocol):
@@ -87,13 +98,13 @@ def by_kind(kind: jax.Array, values: jax.Array) -> jax.Array:
     return read(values, kind)
 
 
-def of_slots(vehicles: T, slots: jax.Array) -> T:
-    """Data of the vehicles in these slots; NOBODY reads slot 0, which the caller masks."""
+def gather_slots(vehicles: T, slots: jax.Array) -> T:
+    """Gathers the data of the vehicles in these slots; NOBODY reads slot 0, which the caller masks."""
     return read(vehicles, jnp.maximum(slots, 0))
 
 
 def braking_weight(max_acceleration: ArrayLike, comfortable_deceleration: ArrayLike) -> jax.Array:
-    """1 / (2 sqrt(a b)), s^2/m; times speed and closing speed it gives IDM's braking distance."""
+    """1 / (2 sqrt(a b)), s^2/m; times speed and closing speed it gives the braking part of IDM's desired gap, m."""
     return 0.5 / jnp.sqrt(jnp.multiply(max_acceleration, comfortable_deceleration))
 
 
@@ -103,7 +114,7 @@ def make_drivers(kind: jax.Array, desired_speed: jax.Array, params: DriverParams
     Args:
       kind: (N,) int32; desired_speed: (N,) m/s.
     """
-    closing = braking_weight(params.max_acceleration, params.comfortable_deceleration)
+    weight = braking_weight(params.max_acceleration, params.comfortable_deceleration)
     return Drivers(
         length=by_kind(kind, params.vehicle_length),
         desired_speed=desired_speed,
@@ -111,17 +122,17 @@ def make_drivers(kind: jax.Array, desired_speed: jax.Array, params: DriverParams
         min_gap=by_kind(kind, params.min_gap),
         max_acceleration=by_kind(kind, params.max_acceleration),
         comfortable_deceleration=by_kind(kind, params.comfortable_deceleration),
-        closing=by_kind(kind, closing),
+        braking_weight=by_kind(kind, weight),
         width=by_kind(kind, jnp.array(WIDTHS_M, jnp.float32)),
     )
 
 
-def roles(
+def leaders_and_followers(
     drivers: Drivers, x: jax.Array, speed: jax.Array, platoon: jax.Array, model: CarFollowing
 ) -> tuple[Leader, Follower]:
-    """All vehicles as leaders and as followers; every array `(N,)`."""
+    """Describes all vehicles as leaders and as followers; every array `(N,)`."""
     leader = Leader(x - drivers.length, speed, platoon)
-    keeps = drivers.time_headway, drivers.min_gap, drivers.max_acceleration, drivers.closing
+    keeps = drivers.time_headway, drivers.min_gap, drivers.max_acceleration, drivers.braking_weight
     return leader, Follower(x, speed, *keeps, model.prepare(drivers, speed), platoon)
 
 
@@ -135,17 +146,17 @@ def same_platoon(follower: Follower, leader: Leader, has_leader: jax.Array) -> j
     return has_leader & (follower.platoon == leader.platoon) & (follower.platoon != NOBODY)
 
 
-def spare_headway(follower: Follower, leader: Leader, has_leader: jax.Array) -> jax.Array:
-    """Current IDM headway, s: (gap - s0) / v - max(0, v - v_leader) closing; inf without a leader."""
-    closing = jnp.maximum(follower.speed - leader.speed, 0.0) * follower.closing
+def current_headway(follower: Follower, leader: Leader, has_leader: jax.Array) -> jax.Array:
+    """Current IDM headway, s: (gap - s0) / v - max(0, v - v_leader) w, w the braking weight; inf without a leader."""
+    braking = jnp.maximum(follower.speed - leader.speed, 0.0) * follower.braking_weight
     kept = (gap_between(follower, leader) - follower.min_gap) / jnp.maximum(follower.speed, 1.0)
-    return jnp.where(has_leader, kept - closing, jnp.inf)
+    return jnp.where(has_leader, kept - braking, jnp.inf)
 
 
 def relaxed_headway(
     headway: jax.Array,
     usual: jax.Array,
-    spare: jax.Array,
+    current: jax.Array,
     is_new: jax.Array,
     dt: float,
     params: LaneChangeParams,
@@ -157,17 +168,17 @@ def relaxed_headway(
 
     Args:
       headway: (N,) s, so far; usual: (N,) s, each driver's own.
-      spare: (N,) s, current headway (`spare_headway`).
+      current: (N,) s, from `current_headway`.
       is_new: (N,) bool, this vehicle or the one ahead is changing lanes.
 
     Source: Laval and Leclercq 2008; Schakel, Knoop, van Arem 2012, eq (13).
     """
-    there = jnp.minimum(spare, usual)
+    lowest = jnp.minimum(current, usual)
     short = jnp.minimum(headway, usual)
     share = jnp.minimum(dt / params.relaxation_s, 1.0)  # of the missing headway
-    grown = short + block_fma((usual - short) * share)
-    taken = jnp.maximum(there, jnp.minimum(params.accepted_headway, usual))
-    return jnp.where(is_new, taken, jnp.maximum(grown, there))
+    relaxed = short + block_fma((usual - short) * share)
+    accepted = jnp.maximum(lowest, jnp.minimum(params.accepted_headway, usual))
+    return jnp.where(is_new, accepted, jnp.maximum(relaxed, lowest))
 
 
 def following_acceleration(

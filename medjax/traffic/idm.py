@@ -47,9 +47,9 @@ def idm_acceleration(
     """
     speed = jnp.asarray(speed)
     free = free_acceleration(speed, desired_speed, max_acceleration, exponent)
-    closing = braking_weight(max_acceleration, comfortable_deceleration)
+    weight = braking_weight(max_acceleration, comfortable_deceleration)
     return free - interaction(
-        speed, gap, leader_speed, time_headway, min_gap, max_acceleration, closing
+        speed, gap, leader_speed, time_headway, min_gap, max_acceleration, weight
     )
 
 
@@ -70,10 +70,10 @@ def interaction(
     time_headway: ArrayLike,
     min_gap: ArrayLike,
     max_acceleration: ArrayLike,
-    closing: ArrayLike,
+    weight: ArrayLike,
 ) -> jax.Array:
-    """IDM's interaction term a (s*/s)^2, m/s^2; `closing` as from `following.braking_weight`."""
-    braking = jnp.multiply(closing, speed * (speed - leader_speed))
+    """IDM's interaction term a (s*/s)^2, m/s^2; `weight` as from `following.braking_weight`."""
+    braking = jnp.multiply(weight, speed * (speed - leader_speed))
     wanted = jnp.add(min_gap, jnp.maximum(0.0, block_fma(speed * time_headway) + braking))
     ratio = wanted / jnp.maximum(gap, SMALLEST_GAP_M)
     return block_fma(jnp.multiply(max_acceleration, jnp.square(ratio)))
@@ -81,8 +81,8 @@ def interaction(
 
 def _interaction_of(follower: Follower, gap: jax.Array, leader_speed: ArrayLike) -> jax.Array:
     """`interaction` of followers."""
-    _, speed, time_headway, min_gap, max_acceleration, closing, *_ = follower
-    return interaction(speed, gap, leader_speed, time_headway, min_gap, max_acceleration, closing)
+    _, speed, time_headway, min_gap, max_acceleration, weight, *_ = follower
+    return interaction(speed, gap, leader_speed, time_headway, min_gap, max_acceleration, weight)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,10 +13,10 @@ import jax
 import jax.numpy as jnp
 
 from medjax.numerics.sums import block_fma
-from medjax.traffic.following import Follower, Leader, gap_between, of_slots
+from medjax.traffic.following import Follower, Leader, gap_between, gather_slots
 from medjax.traffic.mobil import is_safe, mobil_incentive
 from medjax.traffic.neighbours import NOBODY, Neighbours
-from medjax.traffic.safety import Tyres, keeps_clear
+from medjax.traffic.safety import BrakingLimits, can_follow_safely
 from medjax.world.params import LaneChangeParams
 
 T = TypeVar("T")
@@ -31,12 +31,12 @@ HASTY_DESIRE = 0.6
 EVEN_SPEED = 0.95
 
 
-class Wish(NamedTuple):
-    """Lane-change intentions, `(N,)` each."""
+class LaneChangeIntent(NamedTuple):
+    """What each vehicle intends: where to change lanes, and how urgently, `(N,)` each."""
 
     desire: jax.Array  # -1 to 1: negative to go left, positive to go right; size is urgency
     stay: jax.Array  # bool: only mandatory changes
-    may: jax.Array  # bool: only traffic can prevent a change to the side looked at
+    may_change: jax.Array  # bool: only traffic can prevent a change to the side looked at
 
 
 class LaneChangePhase(NamedTuple):
@@ -93,10 +93,10 @@ Follow = Callable[[Follower, Leader, jax.Array], jax.Array]
 
 
 # Marks a lane change in the result of `decide`; all other values are courtesy limits on the acceleration.
-GOES = -jnp.inf
+CHANGE_LANE = -jnp.inf
 
 
-def _for_the_desire(usual: jax.Array, desire: jax.Array, params: LaneChangeParams) -> jax.Array:
+def _accepted_headway(usual: jax.Array, desire: jax.Array, params: LaneChangeParams) -> jax.Array:
     """Headway accepted at this urgency, s: LMRS, eq (10)."""
     shortest = jnp.minimum(params.accepted_headway, usual)
     return usual - block_fma((usual - shortest) * desire)
@@ -116,20 +116,20 @@ def _courtesy(
     comfort only; a vehicle that would have to brake harder passes instead. A yielding vehicle brakes steadily from the
     start, since car following would brake late and then too hard.
     """
-    closing = jnp.maximum(own.speed - leader.speed, 0.0)
+    closing_speed = jnp.maximum(own.speed - leader.speed, 0.0)
     room = gap_between(own, leader) - 0.5 * own.min_gap
     # Of two equally fast vehicles side by side, the one behind falls back. A standing vehicle can do no more.
     drives = own.speed > CRAWL_M_PER_S
-    even = closing < 1.0
-    needed = jnp.square(closing) / (2.0 * jnp.maximum(room, 0.1))
+    even = closing_speed < 1.0
+    needed = jnp.square(closing_speed) / (2.0 * jnp.maximum(room, 0.1))
     in_comfort = (room > 0.0) & (room < params.view_m) & (needed <= params.courtesy_braking)
     wanted = jnp.minimum(own_after, jnp.where(yields, -needed, jnp.inf))
     bounded = jnp.maximum(wanted, -params.courtesy_braking)
     return jnp.where(concerned & drives & (even | in_comfort), bounded, jnp.inf)
 
 
-class Look(NamedTuple):
-    """The active group and the gaps that it looks at, `(C,)` each."""
+class TargetGaps(NamedTuple):
+    """The gaps in the target lane that the active group looks at, and the vehicles around them, `(C,)` each."""
 
     own: Follower  # this vehicle, as it would follow in the target lane
     leader: Leader  # ahead in the target lane
@@ -141,28 +141,28 @@ class Look(NamedTuple):
     old_gap: jax.Array  # m, to old_leader; inf without one
     clearing_s: jax.Array  # s, until this vehicle is out of its own lane
     desire: jax.Array  # -1 to 1, positive towards the side looked at
-    stake: jax.Array  # 0 to 1, urgency of this vehicle or of one that comes over from there
+    urgency: jax.Array  # 0 to 1, of this vehicle's change or of one that comes over from there
     own_after: jax.Array  # m/s^2, in the target lane
     new_after: jax.Array  # m/s^2, of the new follower after the change
     others: tuple[jax.Array, ...]  # m/s^2, old follower before and after, then the new one
 
 
-def _look(
+def _assess_gaps(
     situation: Situation,
     desire: jax.Array,
     phase: LaneChangePhase,
     follow: Follow,
     params: LaneChangeParams,
-) -> Look:
+) -> TargetGaps:
     """What the active group sees in the target lane; desire `(N,)` is positive towards the side looked at."""
     leaders, followers, usual, neighbours, clearing_s, following, _ = situation
     mine = followers, usual, leaders, neighbours, clearing_s
     own, own_usual, seen, neighbours, clearing_s = pick_group(mine, phase)
-    leader, leader_desire = of_slots((leaders, desire), neighbours.target_leader)
-    old_leader = of_slots(leaders, neighbours.leader)
+    leader, leader_desire = gather_slots((leaders, desire), neighbours.target_leader)
+    old_leader = gather_slots(leaders, neighbours.leader)
     behind = (followers, usual, following)
-    follower, new_usual, new_before = of_slots(behind, neighbours.target_follower)
-    old_follower, old_before = of_slots((followers, following), neighbours.follower)
+    follower, new_usual, new_before = gather_slots(behind, neighbours.target_follower)
+    old_follower, old_before = gather_slots((followers, following), neighbours.follower)
     has_old_leader, has_old_follower, has_leader, has_follower = (
         slots != NOBODY for slots in neighbours
     )
@@ -172,9 +172,9 @@ def _look(
     open_to = has_leader & ~(has_old_leader & (old_leader.rear < leader.rear))
     # Or it stands: then the first vehicle that can stop for it lets it in, even if others still pass in between.
     open_to |= has_leader & (leader.speed < CRAWL_M_PER_S)
-    stake = jnp.maximum(wanted, jnp.where(open_to, -leader_desire, 0.0))
-    own = own._replace(time_headway=_for_the_desire(own_usual, stake, params))
-    follower = follower._replace(time_headway=_for_the_desire(new_usual, wanted, params))
+    urgency = jnp.maximum(wanted, jnp.where(open_to, -leader_desire, 0.0))
+    own = own._replace(time_headway=_accepted_headway(own_usual, urgency, params))
+    follower = follower._replace(time_headway=_accepted_headway(new_usual, wanted, params))
 
     new_after = jnp.where(has_follower, follow(follower, seen, has_follower), 0.0)
     old_after = follow(old_follower, old_leader, has_old_leader)
@@ -184,7 +184,7 @@ def _look(
         jnp.where(has_follower, new_before, 0.0),
         new_after,
     )
-    return Look(
+    return TargetGaps(
         own=own,
         leader=leader,
         has_leader=has_leader,
@@ -195,7 +195,7 @@ def _look(
         old_gap=jnp.where(has_old_leader, gap_between(own, old_leader), jnp.inf),
         clearing_s=clearing_s,
         desire=desire,
-        stake=stake,
+        urgency=urgency,
         own_after=follow(own, leader, has_leader),
         new_after=new_after,
         others=others,
@@ -207,7 +207,7 @@ def straddling_gap(own: Follower) -> jax.Array:
     return 0.5 * own.min_gap
 
 
-def _is_safe(look: Look, params: LaneChangeParams, tyres: Tyres) -> jax.Array:
+def _is_safe(gaps: TargetGaps, params: LaneChangeParams, limits: BrakingLimits) -> jax.Array:
     """Whether each could change lanes safely, `(C,)` bool.
 
     The more urgent a change is, the harder it may make the vehicle and its new follower brake (LMRS's gap acceptance),
@@ -215,19 +215,19 @@ def _is_safe(look: Look, params: LaneChangeParams, tyres: Tyres) -> jax.Array:
     urgent the change, every vehicle must still be able to stop behind the one ahead. The changing vehicle covers both
     lanes until it has cleared its own; at current speeds it must do so before it reaches its old leader.
     """
-    wanted = jnp.maximum(look.desire, 0.0)
-    own, follower = look.own, look.follower
-    ahead = jnp.where(look.has_leader, gap_between(own, look.leader), jnp.inf)
-    clear = keeps_clear(own.speed, own.max_acceleration, ahead, look.leader.speed, tyres)
-    behind = look.gap_behind
-    clear &= keeps_clear(follower.speed, follower.max_acceleration, behind, own.speed, tyres)
-    old_speed, old_gap = look.old_leader.speed, look.old_gap - straddling_gap(own)
-    clear &= keeps_clear(own.speed, own.max_acceleration, old_gap, old_speed, tyres)
-    closing = jnp.maximum(jnp.maximum(own.speed, CRAWL_M_PER_S) - old_speed, 0.0)
-    clear &= old_gap > closing * look.clearing_s
+    wanted = jnp.maximum(gaps.desire, 0.0)
+    own, follower = gaps.own, gaps.follower
+    ahead = jnp.where(gaps.has_leader, gap_between(own, gaps.leader), jnp.inf)
+    clear = can_follow_safely(own.speed, own.max_acceleration, ahead, gaps.leader.speed, limits)
+    behind = gaps.gap_behind
+    clear &= can_follow_safely(follower.speed, follower.max_acceleration, behind, own.speed, limits)
+    old_speed, old_gap = gaps.old_leader.speed, gaps.old_gap - straddling_gap(own)
+    clear &= can_follow_safely(own.speed, own.max_acceleration, old_gap, old_speed, limits)
+    closing_speed = jnp.maximum(jnp.maximum(own.speed, CRAWL_M_PER_S) - old_speed, 0.0)
+    clear &= old_gap > closing_speed * gaps.clearing_s
     return clear & is_safe(
-        look.own_after,
-        look.new_after,
+        gaps.own_after,
+        gaps.new_after,
         ahead,
         behind,
         safe_braking=params.safe_braking * jnp.where(wanted > 0.0, wanted, 1.0),
@@ -238,47 +238,47 @@ def _is_safe(look: Look, params: LaneChangeParams, tyres: Tyres) -> jax.Array:
 
 def decide(
     situation: Situation,
-    wish: Wish,
+    intent: LaneChangeIntent,
     phase: LaneChangePhase,
     follow: Follow,
     params: LaneChangeParams,
-    tyres: Tyres,
+    limits: BrakingLimits,
 ) -> jax.Array:
     """Decisions of the active group about the lane that it looks at, `(C,)`.
 
     Args:
       situation: of all vehicles.
-      wish: mandatory changes add a bias to the incentive; they never waive safety.
+      intent: mandatory changes add a bias to the incentive; they never waive safety.
       phase: the active group and the side looked at.
       follow: car following between any two vehicles.
-      params: of lane changes; tyres: bound on everyone's braking.
+      params: of lane changes; limits: bound on everyone's braking.
 
     Returns:
-      GOES where the vehicle changes lanes now. Elsewhere the courtesy limit on its acceleration, m/s^2, towards the
-      leader in that lane, inf for none. One array, because XLA would compute two one after the other.
+      CHANGE_LANE where the vehicle changes lanes now. Elsewhere the courtesy limit on its acceleration, m/s^2, towards
+      the leader in that lane, inf for none. One array, because XLA would compute two one after the other.
     """
-    look = _look(situation, wish.desire * phase.direction, phase, follow, params)
-    acceleration, wish = pick_group((situation.acceleration, wish), phase)
-    own, desire = look.own, look.desire
+    gaps = _assess_gaps(situation, intent.desire * phase.direction, phase, follow, params)
+    acceleration, intent = pick_group((situation.acceleration, intent), phase)
+    own, desire = gaps.own, gaps.desire
 
     incentive = mobil_incentive(
-        acceleration, look.own_after, *look.others, politeness=params.politeness
+        acceleration, gaps.own_after, *gaps.others, politeness=params.politeness
     )
     urgent = params.mandatory_bias + desire * params.urgency_bias
     bias = jnp.where(desire > 0.0, urgent, params.right_bias * phase.direction)
     wants = (incentive + bias > params.threshold) & jnp.where(
-        wish.stay, desire > 0.0, desire >= 0.0
+        intent.stay, desire > 0.0, desire >= 0.0
     )
     # A standing vehicle must be able to drive into the target lane, or it would block both.
-    moves = (own.speed > CRAWL_M_PER_S) | (look.own_after > 0.5 * own.max_acceleration)
+    moves = (own.speed > CRAWL_M_PER_S) | (gaps.own_after > 0.5 * own.max_acceleration)
     # Early on, a vehicle that is slower than its new follower first accelerates if it can.
     early = (desire > COURTEOUS_DESIRE) & (desire < HASTY_DESIRE)
     gains = acceleration > 0.25 * own.max_acceleration
-    waits = early & gains & look.has_follower & (own.speed < EVEN_SPEED * look.follower.speed)
+    waits = early & gains & gaps.has_follower & (own.speed < EVEN_SPEED * gaps.follower.speed)
     # A vehicle that lets another in does not swap places with it by a change of its own.
-    crosses = (look.stake > 0.0) & (desire <= 0.0)
-    goes = wish.may & _is_safe(look, params, tyres) & wants & moves & ~waits & ~crosses
+    crosses = (gaps.urgency > 0.0) & (desire <= 0.0)
+    goes = intent.may_change & _is_safe(gaps, params, limits) & wants & moves & ~waits & ~crosses
 
-    concerned = look.has_leader & (look.stake > COURTEOUS_DESIRE)
-    courtesy = _courtesy(own, look.leader, look.own_after, concerned, desire <= 0.0, params)
-    return jnp.where(goes, GOES, courtesy)
+    concerned = gaps.has_leader & (gaps.urgency > COURTEOUS_DESIRE)
+    courtesy = _courtesy(own, gaps.leader, gaps.own_after, concerned, desire <= 0.0, params)
+    return jnp.where(goes, CHANGE_LANE, courtesy)

@@ -7,9 +7,13 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from medjax.errors import former_names
 from medjax.numerics.shapes import Arrays, Floats
 
 FAR_M = 1e12  # farther than any road is long
+__getattr__ = former_names(
+    __name__, crossing_s="lateral_travel_time", turn_between="heading_difference"
+)
 
 
 def ballistic_step(
@@ -97,12 +101,12 @@ def lateral_step(
     return offset + 0.5 * (lateral_speed + after) * dt, after
 
 
-def crossing_s(distance: jax.Array, steering: Steering) -> jax.Array:
+def lateral_travel_time(distance: jax.Array, steering: Steering) -> jax.Array:
     """Time to move sideways by `distance`, m, from straight driving, s, of the shape of the steering's speed."""
     return distance / steering.speed + 0.5 * steering.speed / steering.acceleration
 
 
-def turn_between(
+def heading_difference(
     speed: jax.Array,
     lateral_speed: jax.Array,
     other_speed: jax.Array,

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from medjax.world.params import RoadParams
 
 # Wander is at most this share of a vehicle's spare width.
-WANDERS = 0.5
-NOWHERE = -2  # no lane, and not next to one
+WANDER_SHARE = 0.5
+NO_LANE = -2  # no lane, and not next to one
 
 
 def merge_distance(x: jax.Array, road: RoadParams) -> jax.Array:
@@ -36,22 +36,24 @@ def spare_width(width: jax.Array, lane_width_m: jax.Array | float) -> jax.Array:
     return jnp.maximum(0.5 * (lane_width_m - width), 0.0)
 
 
-def keeps_lane(aim: jax.Array, width: jax.Array, lane_width_m: jax.Array | float) -> jax.Array:
-    """Lateral aims of drivers, m, clipped to WANDERS times the spare width of their vehicles; width in m."""
-    most = WANDERS * spare_width(width, lane_width_m)
+def clip_lateral_aim(
+    aim: jax.Array, width: jax.Array, lane_width_m: jax.Array | float
+) -> jax.Array:
+    """Clips drivers' lateral aims, m, to WANDER_SHARE times the spare width of their vehicles; width in m."""
+    most = WANDER_SHARE * spare_width(width, lane_width_m)
     return jnp.clip(aim, -most, most)
 
 
-def other_lane(
+def straddled_lane(
     lane: jax.Array, offset: jax.Array, width: jax.Array, lane_width_m: jax.Array | float
 ) -> jax.Array:
-    """The second lane that a straddling vehicle covers, int32; NOWHERE for a vehicle within its lane.
+    """The second lane that a straddling vehicle covers, int32; NO_LANE for a vehicle within its lane.
 
     Args:
       lane: int32; offset: m from its centre, positive to the right; width: of the vehicle, m; equal shapes.
     """
     straddles = jnp.abs(offset) > spare_width(width, lane_width_m)
-    return jnp.where(straddles, lane + jnp.sign(offset).astype(jnp.int32), NOWHERE)
+    return jnp.where(straddles, lane + jnp.sign(offset).astype(jnp.int32), NO_LANE)
 
 
 def lateral_position(

@@ -22,34 +22,34 @@ from medjax.world.params import Scalar
 CLEARANCE_M = 0.05
 
 
-class Tyres(NamedTuple):
+class BrakingLimits(NamedTuple):
     """Limits of everyone's braking."""
 
     braking: Scalar  # m/s^2, maximum
     tick_s: float  # reaction time
 
 
-def stopping_room(gap: jax.Array, leader_speed: jax.Array, tyres: Tyres) -> jax.Array:
+def stopping_room(gap: jax.Array, leader_speed: jax.Array, limits: BrakingLimits) -> jax.Array:
     """Distance to where a leader stops if it brakes from now on, m; gap m, leader_speed m/s, equal shapes."""
-    return gap - CLEARANCE_M + jnp.square(leader_speed) * (0.5 / tyres.braking)
+    return gap - CLEARANCE_M + jnp.square(leader_speed) * (0.5 / limits.braking)
 
 
-def safe_acceleration(speed: jax.Array, room: jax.Array, tyres: Tyres) -> jax.Array:
+def safe_acceleration(speed: jax.Array, room: jax.Array, limits: BrakingLimits) -> jax.Array:
     """Highest acceleration, m/s^2, that lets a vehicle stop within its `stopping_room`, m; speed m/s, equal shapes."""
-    return stopping_acceleration(speed, room, tyres.braking, tyres.tick_s)
+    return stopping_acceleration(speed, room, limits.braking, limits.tick_s)
 
 
-def keeps_clear(
+def can_follow_safely(
     speed: jax.Array,
     max_acceleration: jax.Array,
     gap: jax.Array,
     leader_speed: jax.Array,
-    tyres: Tyres,
+    limits: BrakingLimits,
 ) -> jax.Array:
     """Whether a vehicle can become this leader's follower in this tick, bool; max_acceleration in m/s^2."""
-    after = speed + max_acceleration * tyres.tick_s
-    distance = 0.5 * tyres.tick_s * (speed + after)
-    braked = (jnp.square(after) - jnp.square(leader_speed)) * (0.5 / tyres.braking)
+    after = speed + max_acceleration * limits.tick_s
+    distance = 0.5 * limits.tick_s * (speed + after)
+    braked = (jnp.square(after) - jnp.square(leader_speed)) * (0.5 / limits.braking)
     return gap - CLEARANCE_M >= distance + braked
 
 

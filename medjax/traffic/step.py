@@ -15,22 +15,23 @@ from medjax.traffic.following import (
     Follower,
     Leader,
     by_kind,
+    current_headway,
     following_acceleration,
     gap_between,
+    gather_slots,
+    leaders_and_followers,
     make_drivers,
-    of_slots,
     relaxed_headway,
-    roles,
     same_platoon,
-    spare_headway,
 )
+from medjax.traffic.intents import Orders, make_intents
 from medjax.traffic.lane_change import (
+    CHANGE_LANE,
     CRAWL_M_PER_S,
-    GOES,
     Follow,
+    LaneChangeIntent,
     LaneChangePhase,
     Situation,
-    Wish,
     decide,
     lane_change_phase,
     place_group,
@@ -39,15 +40,20 @@ from medjax.traffic.lane_change import (
 from medjax.traffic.motion import (
     Steering,
     ballistic_step,
-    crossing_s,
     lateral_step,
+    lateral_travel_time,
     ornstein_uhlenbeck,
     stopping_acceleration,
 )
 from medjax.traffic.neighbours import NOBODY, Neighbours, find_neighbours, sort_by_road
-from medjax.traffic.road import NOWHERE, keeps_lane, merge_distance, other_lane, spare_width
-from medjax.traffic.safety import Tyres, safe_acceleration, stopping_room
-from medjax.traffic.wishes import Orders, wishes
+from medjax.traffic.road import (
+    NO_LANE,
+    clip_lateral_aim,
+    merge_distance,
+    spare_width,
+    straddled_lane,
+)
+from medjax.traffic.safety import BrakingLimits, safe_acceleration, stopping_room
 from medjax.world.params import EnvConfig, EnvParams, MotionParams
 from medjax.world.state import IN_SERVICE, EnvState, EpisodeStats, Vehicles
 
@@ -83,7 +89,7 @@ def perturb(key: jax.Array, vehicles: Vehicles, config: EnvConfig, params: EnvPa
 def _lane_changes(
     vehicles: Vehicles,
     situation: Situation,
-    wish: Wish,
+    intent: LaneChangeIntent,
     phase: LaneChangePhase,
     follow: Follow,
     config: EnvConfig,
@@ -93,11 +99,11 @@ def _lane_changes(
 
     The courtesy limit of a side holds until the vehicle looks there again.
     """
-    tyres = _tyres(config, params)
-    decided = decide(situation, wish, phase, follow, params.lane_change, tyres)
+    limits = _braking_limits(config, params)
+    decided = decide(situation, intent, phase, follow, params.lane_change, limits)
     left, right, is_left = vehicles.courtesy_left, vehicles.courtesy_right, phase.direction < 0
     seen = place_group(decided, phase, jnp.where(is_left, left, right))
-    changes = seen == GOES
+    changes = seen == CHANGE_LANE
     recovery_s = jnp.where(changes, params.lane_change.recovery_s, vehicles.recovery_s)
     vehicles = vehicles.replace(
         courtesy_left=jnp.where(changes, jnp.inf, jnp.where(is_left, seen, left)),
@@ -121,7 +127,7 @@ def _step(
     offset, lateral_speed = lateral_step(
         vehicles.lateral_offset - steps * lane_width,
         vehicles.lateral_speed,
-        keeps_lane(vehicles.wander, width, lane_width),
+        clip_lateral_aim(vehicles.wander, width, lane_width),
         _steering(speed, params.motion),
         config.tick_s,
     )
@@ -140,20 +146,27 @@ def _steering(speed: jax.Array, motion: MotionParams) -> Steering:
     return Steering(motion.lateral_rate, motion.lateral_acceleration, sideways)
 
 
-def _tyres(config: EnvConfig, params: EnvParams) -> Tyres:
-    return Tyres(params.motion.max_braking, config.tick_s)
+def _clearing_time(speed: jax.Array, width: jax.Array, params: EnvParams) -> jax.Array:
+    """Time in which vehicles of these speeds, m/s, and widths, m, would leave their lanes sideways, s."""
+    steering = _steering(jnp.maximum(speed, CRAWL_M_PER_S), params.motion)
+    clears_m = params.road.lane_width_m - spare_width(width, params.road.lane_width_m)
+    return lateral_travel_time(clears_m, steering)
 
 
-def _in_other_lane(
+def _braking_limits(config: EnvConfig, params: EnvParams) -> BrakingLimits:
+    return BrakingLimits(params.motion.max_braking, config.tick_s)
+
+
+def _straddled_gap(
     followers: Follower, leaders: Leader, slots: jax.Array, straddles: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Gap to and speed of leaders, `slots`, in the second lane of straddling vehicles, `(N,)` each."""
-    rear, speed = of_slots((leaders.rear, leaders.speed), slots)
+    rear, speed = gather_slots((leaders.rear, leaders.speed), slots)
     is_there = straddles & (slots != NOBODY)
     return jnp.where(is_there, rear - followers.x, FREE_GAP_M), speed
 
 
-def _highest_safe(
+def _max_safe_acceleration(
     vehicles: Vehicles,
     ahead: tuple[tuple[jax.Array, jax.Array], ...],
     to_end: jax.Array,
@@ -161,15 +174,15 @@ def _highest_safe(
     params: EnvParams,
 ) -> jax.Array:
     """Highest safe acceleration, m/s^2, behind leaders (gap, speed) and before the end of an acceleration lane."""
-    tyres = _tyres(config, params)
-    rooms = (stopping_room(gap, speed, tyres) for gap, speed in ahead)
-    safe = safe_acceleration(vehicles.speed, jnp.minimum(*rooms), tyres)
-    braking = jnp.minimum(params.lane_change.safe_braking, tyres.braking)
+    limits = _braking_limits(config, params)
+    rooms = (stopping_room(gap, speed, limits) for gap, speed in ahead)
+    safe = safe_acceleration(vehicles.speed, jnp.minimum(*rooms), limits)
+    braking = jnp.minimum(params.lane_change.safe_braking, limits.braking)
     stop = stopping_acceleration(vehicles.speed, to_end, braking, config.tick_s)
     return jnp.where(vehicles.lane == config.num_lanes, jnp.minimum(safe, stop), safe)
 
 
-def _look_around(
+def _perceive(
     vehicles: Vehicles,
     drivers: Drivers,
     phase: LaneChangePhase,
@@ -182,8 +195,8 @@ def _look_around(
     """
     x, lane, active, width = vehicles.x, vehicles.lane, vehicles.active, params.road.lane_width_m
     order = sort_by_road(x, active, params.road.length_m, vehicles.road_order)
-    other = other_lane(lane, vehicles.lateral_offset, drivers.width, width)
-    target = jnp.where(other != NOWHERE, other, lane + phase.direction)
+    other = straddled_lane(lane, vehicles.lateral_offset, drivers.width, width)
+    target = jnp.where(other != NO_LANE, other, lane + phase.direction)
     return order, find_neighbours(order, lane, other, target, active, config.num_lanes + 1)
 
 
@@ -202,39 +215,39 @@ def move(
       orders: requests to vehicles; car following and safety take precedence.
       tick: () int32; its parity decides to which side drivers look.
     """
-    leaders, followers = roles(drivers, vehicles.x, vehicles.speed, orders.platoon, model)
+    leaders, followers = leaders_and_followers(
+        drivers, vehicles.x, vehicles.speed, orders.platoon, model
+    )
     phase = lane_change_phase(tick, config.lane_change_groups)
     with jax.named_scope("neighbours"):
-        order, neighbours = _look_around(vehicles, drivers, phase, config, params)
+        order, neighbours = _perceive(vehicles, drivers, phase, config, params)
         straddles = neighbours.in_target()
     follow = functools.partial(following_acceleration, platooning=orders.platooning, model=model)
     with jax.named_scope("car_following"):
-        leader, it_straddles = of_slots((leaders, straddles), neighbours.leader)
+        leader, it_straddles = gather_slots((leaders, straddles), neighbours.leader)
         has_leader = neighbours.leader != NOBODY
         is_new = straddles | has_leader & it_straddles
         usual, dt = drivers.time_headway, config.tick_s
-        spare = spare_headway(followers, leader, has_leader)
-        headway = relaxed_headway(vehicles.headway, usual, spare, is_new, dt, params.lane_change)
+        current = current_headway(followers, leader, has_leader)
+        headway = relaxed_headway(vehicles.headway, usual, current, is_new, dt, params.lane_change)
         together = same_platoon(followers, leader, has_leader)
         headway = jnp.where(together, orders.platooning.time_headway, headway)
         followers = followers._replace(time_headway=headway)
         following = follow(followers, leader, has_leader)
         to_end = merge_distance(vehicles.x, params.road)
         gap = jnp.where(has_leader, gap_between(followers, leader), FREE_GAP_M)
-        aside, speed = _in_other_lane(followers, leaders, neighbours.target_leader, straddles)
+        aside, speed = _straddled_gap(followers, leaders, neighbours.target_leader, straddles)
         ahead = (gap, leader.speed), (aside - straddling_gap(followers), speed)
-        safe = _highest_safe(vehicles, ahead, to_end - followers.min_gap, config, params)
+        safe = _max_safe_acceleration(vehicles, ahead, to_end - followers.min_gap, config, params)
         courtesy = jnp.minimum(vehicles.courtesy_left, vehicles.courtesy_right)
         acceleration = jnp.minimum(jnp.minimum(following, safe), courtesy)
 
     with jax.named_scope("lane_changes"):
         seen = neighbours.without_target(straddles)
-        steering = _steering(jnp.maximum(vehicles.speed, CRAWL_M_PER_S), params.motion)
-        clears_m = params.road.lane_width_m - spare_width(drivers.width, params.road.lane_width_m)
-        clearing_s = crossing_s(clears_m, steering)
+        clearing_s = _clearing_time(vehicles.speed, drivers.width, params)
         situation = Situation(leaders, followers, usual, seen, clearing_s, following, acceleration)
-        wish = wishes(vehicles, orders, to_end, straddles, phase.direction, config, params)
-        steps, vehicles = _lane_changes(vehicles, situation, wish, phase, follow, config, params)
+        intent = make_intents(vehicles, orders, to_end, straddles, phase.direction, config, params)
+        steps, vehicles = _lane_changes(vehicles, situation, intent, phase, follow, config, params)
 
     with jax.named_scope("motion"):
         command = jnp.minimum(acceleration, orders.acceleration)

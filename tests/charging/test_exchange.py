@@ -8,7 +8,7 @@ import pytest
 import medjax
 from medjax.charging.exchange import taper, transfer
 from medjax.env.metrics import episode_metrics
-from medjax.env.tick import physics_tick, ways
+from medjax.env.tick import distances_driven, physics_tick
 from medjax.traffic.step import drivers_of
 from medjax.world.state import IN_SERVICE, MERGING, QUEUED, EpisodeStats
 
@@ -133,7 +133,7 @@ def test_tallies_of_time(played):
     delay = np.where(there, dt - way / np.asarray(was.desired_speed, np.float64), 0.0)
     # Ticks count the time; the round's end subtracts the time at desired speed.
     first, last = (jax.tree.map(lambda leaf, i=i: leaf[:, i], v) for v, i in ((was, 0), (now, -1)))
-    whole = jax.vmap(lambda a, b: ways(a, b, config))(first, last)
+    whole = jax.vmap(lambda a, b: distances_driven(a, b, config))(first, last)
     for name, slots in (("ev_delay_s", config.ev_slots), ("gas_delay_s", config.gas_slots)):
         ours = getattr(stats, name).sum(-1) + getattr(whole, name)
         np.testing.assert_allclose(ours, delay[..., slots].sum((-2, -1)), rtol=1e-4, atol=0.02)

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from medjax.charging.link import COUPLINGS, Misalignment, misalignment, most_power
+from medjax.charging.link import COUPLINGS, Misalignment, max_power, misalignment
 from medjax.physics import link_efficiency, mutual_inductance
 from medjax.world.params import FRONT, LEFT, REAR, RIGHT
 
@@ -39,7 +39,7 @@ def test_the_coil_s_current_limits_the_power(paper, form):
     link, slot = params.link, float(params.charging.slot_power_w)
     lateral = np.array([0.0, 0.2, 0.3, 0.4, 0.5, 0.58], np.float32)
     seen = COUPLINGS[form](Misalignment(jnp.float32(0.2), jnp.asarray(lateral), 0.0), link)
-    power = np.asarray(most_power(seen, slot, link.max_current_a), np.float64)
+    power = np.asarray(max_power(seen, slot, link.max_current_a), np.float64)
     inductance = mutual_inductance(
         0.35, 0.30, 0.2, lateral, 0.0, primary_turns=10, secondary_turns=10
     )

@@ -7,7 +7,7 @@ import pytest
 
 import medjax
 from medjax.charging.energy import drive_energy
-from medjax.charging.range import apply_eco_speed, lasting_speed, way_to_go
+from medjax.charging.range import apply_eco_speed, lasting_speed, required_range
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -85,7 +85,7 @@ def test_which_drivers_slow_down(started, paper):
         med=state.evs.med.at[4].set(0),
     )
     state = state.replace(evs=evs, vehicles=state.vehicles.replace(x=x))
-    np.testing.assert_allclose(way_to_go(state.vehicles, config, params), 1000.0)
+    np.testing.assert_allclose(required_range(state.vehicles, config, params), 1000.0)
     own = np.asarray(state.vehicles.desired_speed)
     ours = np.asarray(
         jax.jit(lambda s: apply_eco_speed(s, config, params))(state).vehicles.desired_speed

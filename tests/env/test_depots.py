@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import medjax
-from medjax.env.depots import next_to_be_sent, who_is_sent
+from medjax.env.depots import med_to_send, next_to_be_sent
 from medjax.env.observation import RoadProfile
 from medjax.errors import InputError
 from medjax.policies.rules import BASELINES
@@ -47,7 +47,7 @@ def test_a_ramp_gets_meds_of_its_depot(road):
     env, params, state, step = road
     assert state.meds.depot.tolist() == [0, 1, 0]
     assert next_to_be_sent(state.meds).tolist() == [True, True, False]
-    sent = [who_is_sent(jnp.int32(action), state.meds, env.config).tolist() for action in range(4)]
+    sent = [med_to_send(jnp.int32(action), state.meds, env.config).tolist() for action in range(4)]
     first, second, none = [True, False, False], [False, True, False], [False] * 3
     assert sent == [none, first, first, second]
     allowed = []
@@ -94,7 +94,7 @@ def test_the_way_home_takes_its_time_and_its_energy(road, depot, middle):
     assert float(state.meds.energy_j[0]) == float(params.med_capacity_j)
     assert state.meds.depot[0] == depot
     assert env.action_mask(state, params).all()
-    assert bool(who_is_sent(jnp.int32(3), state.meds, env.config)[0]) == (depot == 1)
+    assert bool(med_to_send(jnp.int32(3), state.meds, env.config)[0]) == (depot == 1)
 
 
 @pytest.mark.parametrize("name", ["greedy", "forecast", "budgeted"])

@@ -8,13 +8,13 @@ import jax.numpy as jnp
 from medjax.traffic.following import (
     Platooning,
     following_acceleration,
+    gather_slots,
+    leaders_and_followers,
     make_drivers,
-    of_slots,
-    roles,
 )
 from medjax.traffic.lane_change import LaneChangePhase, Situation, decide
 from medjax.traffic.neighbours import NOBODY, Neighbours
-from medjax.traffic.safety import Tyres
+from medjax.traffic.safety import BrakingLimits
 from medjax.world.params import DriverParams
 
 LENGTH = 5.0
@@ -34,12 +34,12 @@ def drivers(kinds):
 
 
 @functools.partial(jax.jit, static_argnames=("there", "model"))
-def decided(their, x, speed, wish, params, there, model):
-    """What the ego decides by `decide`: GOES, or the acceleration that it keeps to for the new leader.
+def decided(their, x, speed, intent, params, there, model):
+    """What the ego decides by `decide`: CHANGE_LANE, or the acceleration that it keeps to for the new leader.
 
     Args:
       their: drivers of the five; x: m, front bumpers; speed: m/s; `(5,)`.
-      wish: of the five, for changes to the right.
+      intent: of the five, for changes to the right.
       there: which of the five exist.
     """
 
@@ -50,9 +50,9 @@ def decided(their, x, speed, wish, params, there, model):
     # Only the ego asks; what the others see of each other is needed for their accelerations.
     leader = of(OLD_LEADER, NOBODY, NOBODY, EGO, NEW_LEADER)
     neighbours = Neighbours(leader, of(OLD_FOLLOWER), of(NEW_LEADER), of(NEW_FOLLOWER))
-    leaders, followers = roles(their, x, speed, of(), model)
+    leaders, followers = leaders_and_followers(their, x, speed, of(), model)
     follow = functools.partial(following_acceleration, platooning=Platooning(0.3, 2.0), model=model)
-    following = follow(followers, of_slots(leaders, leader), leader != NOBODY)
+    following = follow(followers, gather_slots(leaders, leader), leader != NOBODY)
     situation = Situation(
         leaders=leaders,
         followers=followers,
@@ -62,5 +62,5 @@ def decided(their, x, speed, wish, params, there, model):
         following=following,
         acceleration=following,
     )
-    phase, tyres = LaneChangePhase(jnp.asarray(1), jnp.asarray(0), 1), Tyres(9.0, 0.25)
-    return decide(situation, wish, phase, follow, params, tyres)[EGO]
+    phase, limits = LaneChangePhase(jnp.asarray(1), jnp.asarray(0), 1), BrakingLimits(9.0, 0.25)
+    return decide(situation, intent, phase, follow, params, limits)[EGO]

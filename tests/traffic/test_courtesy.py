@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from medjax.traffic.idm import IDM_PLUS
-from medjax.traffic.lane_change import Wish
+from medjax.traffic.lane_change import LaneChangeIntent
 from medjax.world.params import LaneChangeParams
 from tests.traffic.cars import EGO, LENGTH, NEW_LEADER, OLD_LEADER, decided, drivers
 from tests.traffic.reference import CAR, idm_plus
@@ -40,7 +40,7 @@ def courtesy(gap, speed, ahead, *, must=0.0, comes=0.0, between=None):
     x = jnp.zeros(5).at[NEW_LEADER].set(gap + LENGTH).at[OLD_LEADER].set((between or 0.0) + LENGTH)
     speeds = jnp.full(5, jnp.float32(speed)).at[NEW_LEADER].set(ahead)
     there = (EGO, NEW_LEADER) if between is None else (EGO, NEW_LEADER, OLD_LEADER)
-    waits = Wish(desire, stay=jnp.full(5, False), may=jnp.full(5, False))
+    waits = LaneChangeIntent(desire, stay=jnp.full(5, False), may_change=jnp.full(5, False))
     return float(decided(five(), x, speeds, waits, PARAMS, there, IDM_PLUS))
 
 

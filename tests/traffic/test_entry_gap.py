@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from medjax.traffic import ballistic_step, idm_acceleration
 from medjax.traffic.demand import Entries
-from medjax.traffic.entry_gap import Ahead, cut_off, entry_speed, next_ahead
-from medjax.traffic.safety import Tyres
+from medjax.traffic.entry_gap import Ahead, entry_speed, next_ahead, would_cut_off
+from medjax.traffic.safety import BrakingLimits
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -40,7 +40,10 @@ def test_a_vehicle_straddling_an_entrys_lane_is_not_cut_off():
         (301.0, 4, 30.0, False),
     ):
         one = jnp.array([x]), jnp.array([other]), jnp.array([speed]), jnp.array([1.4])
-        assert bool(cut_off(where, jnp.array([5.0]), *one, Tyres(9.0, 0.25))[0]) is blocked
+        assert (
+            bool(would_cut_off(where, jnp.array([5.0]), *one, BrakingLimits(9.0, 0.25))[0])
+            is blocked
+        )
 
 
 @jax.jit

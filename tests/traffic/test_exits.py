@@ -8,12 +8,12 @@ import pytest
 import medjax
 from medjax.traffic.exits import (
     draw_destinations,
-    draw_entries,
+    draw_origins,
     exit_desire,
+    is_preparing_exit,
     last_exit,
-    mean_way,
+    mean_distance,
     next_exit,
-    prepares,
 )
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -49,7 +49,7 @@ def test_destinations_are_shares_of_passing_vehicles(road):
         shares = [(drawn == place).mean() for place in EXITS]
         np.testing.assert_allclose(shares, expected, atol=2e-5)
         assert set(drawn) <= {*EXITS, 4000.0}
-        way = float(mean_way(jnp.float32(x), params.demand, params.road))
+        way = float(mean_distance(jnp.float32(x), params.demand, params.road))
         assert way == pytest.approx((drawn - x).mean(), rel=1e-4)
 
 
@@ -65,7 +65,7 @@ def test_entries_are_shares_of_passing_vehicles(road):
         (2800.0, (0.7 * 2600.0, 250.0, 250.0, 250.0)),
         (3100.0, (0.7 * 0.8 * 2600.0, 0.8 * 250.0, 0.8 * 250.0, 250.0)),
     ):
-        drawn = draw_entries(jnp.asarray(uniform), jnp.full(100_000, x), params.demand, params.road)
+        drawn = draw_origins(jnp.asarray(uniform), jnp.full(100_000, x), params.demand, params.road)
         shares = [(np.asarray(drawn) == place).mean() for place in (0.0, *ramps)]
         np.testing.assert_allclose(shares, np.array(flows) / sum(flows), atol=2e-5)
 
@@ -84,7 +84,7 @@ def test_desire_grows_as_in_lmrs(road):
         destination=jnp.asarray(destination, jnp.float32),
     )
     desire = np.asarray(exit_desire(vehicles, env.config, params))
-    near = np.asarray(prepares(vehicles, env.config, params))
+    near = np.asarray(is_preparing_exit(vehicles, env.config, params))
     lanes, to_go = 3 - lane, destination - 250.0 - x
     goes = (destination < 4000.0) & (lanes > 0)
     expected = np.where(goes, np.clip(1.0 - to_go / (295.0 * np.maximum(lanes, 1)), 0, 1), 0)

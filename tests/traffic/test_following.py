@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from medjax.traffic.following import Follower, Leader, relaxed_headway, spare_headway
+from medjax.traffic.following import Follower, Leader, current_headway, relaxed_headway
 from medjax.traffic.neighbours import NOBODY
 from medjax.world.params import LaneChangeParams
 from tests.traffic.reference import CAR, idm_plus
@@ -20,13 +20,13 @@ PARAMS = LaneChangeParams(accepted_headway=SHORTEST, relaxation_s=TAU_S)
 
 
 def spare(gap, speed, leader_speed):
-    """`spare_headway` of one car."""
+    """`current_headway` of one car."""
     nobody = jnp.int32(NOBODY)
     closing = 0.5 / np.sqrt(CAR["max_acceleration"] * CAR["comfortable_deceleration"])
     keeps = CAR["time_headway"], CAR["min_gap"], CAR["max_acceleration"], closing
     follower = Follower(jnp.float32(0.0), jnp.float32(speed), *keeps, None, nobody)
     leader = Leader(jnp.float32(gap), jnp.float32(leader_speed), nobody)
-    return float(spare_headway(follower, leader, jnp.bool_(True)))
+    return float(current_headway(follower, leader, jnp.bool_(True)))
 
 
 def relax(headway, there, is_new):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize_scalar
 
 from medjax.traffic import idm_acceleration
-from medjax.traffic.following import FREE_GAP_M, roles
+from medjax.traffic.following import FREE_GAP_M, leaders_and_followers
 from medjax.traffic.idm import IDM, IDM_PLUS, SMALLEST_GAP_M
 from medjax.traffic.neighbours import NOBODY
 from tests.traffic.cars import drivers
@@ -180,7 +180,7 @@ def behind(model, kind, speed, gap, leader_speed):
         jnp.asarray(v, jnp.float32) for v in np.broadcast_arrays(speed, gap, leader_speed)
     )
     column = drivers([kind] * len(speed))
-    _, followers = roles(column, gap, speed, jnp.full(len(speed), NOBODY), model)
+    _, followers = leaders_and_followers(column, gap, speed, jnp.full(len(speed), NOBODY), model)
     return np.asarray(model.acceleration(followers, gap, leader_speed), np.float64)
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from medjax.traffic import idm_acceleration, mobil_incentive
 from medjax.traffic.idm import IDM
-from medjax.traffic.lane_change import GOES, Wish
+from medjax.traffic.lane_change import CHANGE_LANE, LaneChangeIntent
 from medjax.traffic.mobil import is_safe
 from medjax.world.params import LaneChangeParams
 from tests.traffic.cars import EGO, LENGTH, OLD_LEADER, decided, drivers
@@ -74,8 +74,10 @@ def lane_change(x, speed, kinds, *, there=(0, 1, 2, 3, 4), desire=0.0, stay=Fals
     usual |= {"mandatory_bias": 10.0, "urgency_bias": 10.0, "accepted_headway": SHORTEST}
     params = LaneChangeParams(**usual | params)
     x, speed = jnp.asarray(x, jnp.float32), jnp.asarray(speed, jnp.float32)
-    wish = Wish(jnp.zeros(5).at[EGO].set(desire), jnp.full(5, stay), jnp.full(5, True))
-    return bool(decided(drivers(kinds), x, speed, wish, params, there, IDM()) == GOES)
+    intent = LaneChangeIntent(
+        jnp.zeros(5).at[EGO].set(desire), jnp.full(5, stay), jnp.full(5, True)
+    )
+    return bool(decided(drivers(kinds), x, speed, intent, params, there, IDM()) == CHANGE_LANE)
 
 
 @pytest.mark.parametrize(

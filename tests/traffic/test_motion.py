@@ -14,10 +14,10 @@ from medjax.traffic import ballistic_step, idm_acceleration
 from medjax.traffic.following import FREE_GAP_M
 from medjax.traffic.motion import (
     Steering,
+    heading_difference,
     lateral_step,
     ornstein_uhlenbeck,
     stopping_acceleration,
-    turn_between,
 )
 from medjax.world.params import GROUPS, SIZES
 from tests.traffic.reference import CAR
@@ -234,15 +234,15 @@ def test_turn_is_the_difference_of_headings():
     rng = np.random.default_rng(0)
     speed, other = rng.uniform(0.0, 35.0, (2, 100_000)).astype(np.float32)
     aside, other_aside = rng.normal(0.0, 1.0, (2, 100_000)).astype(np.float32)
-    ours = np.asarray(turn_between(speed, aside, other, other_aside), np.float64)
+    ours = np.asarray(heading_difference(speed, aside, other, other_aside), np.float64)
 
     def heading(speed, aside):
         return np.arctan2(aside.astype(np.float64), np.maximum(speed.astype(np.float64), 1.0))
 
     exact = np.clip(heading(other, other_aside) - heading(speed, aside), -np.pi / 2, np.pi / 2)
     np.testing.assert_allclose(ours, exact, atol=1e-6)
-    assert float(turn_between(0.0, 0.0, 25.0, 1.0)) == pytest.approx(np.arctan(0.04))
-    assert float(turn_between(0.0, 0.0, 0.0, 0.0)) == 0.0
+    assert float(heading_difference(0.0, 0.0, 25.0, 1.0)) == pytest.approx(np.arctan(0.04))
+    assert float(heading_difference(0.0, 0.0, 0.0, 0.0)) == 0.0
 
 
 @pytest.mark.parametrize(

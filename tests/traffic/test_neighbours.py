@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from medjax.traffic import find_neighbours, sort_by_road
 from medjax.traffic.neighbours import NOBODY
-from medjax.traffic.road import NOWHERE
+from medjax.traffic.road import NO_LANE
 from tests.traffic.reference import brute_force
 
 SLOTS, LANES, LENGTH_M = 24, 5, 4000.0
@@ -21,7 +21,7 @@ SLOTS, LANES, LENGTH_M = 24, 5, 4000.0
 def found(x, lane, target, active, previous, other=None, num_lanes=LANES):
     """The package's neighbours and order; nobody straddles a line where no other lanes are given."""
     order = sort_by_road(x, active, LENGTH_M, previous)
-    other = jnp.full_like(lane, NOWHERE) if other is None else other
+    other = jnp.full_like(lane, NO_LANE) if other is None else other
     return find_neighbours(order, lane, other, target, active, num_lanes), order
 
 
@@ -32,7 +32,7 @@ def compared(x, lane, direction, active, previous=None, straddles=0):
     """
     x, lane = np.asarray(x, np.float32), np.asarray(lane, np.int32)
     active, straddles = np.asarray(active), np.broadcast_to(straddles, lane.shape)
-    other = np.where(straddles == 0, NOWHERE, lane + straddles).astype(np.int32)
+    other = np.where(straddles == 0, NO_LANE, lane + straddles).astype(np.int32)
     target = (lane + np.where(straddles == 0, direction, straddles)).astype(np.int32)
     previous = np.arange(len(x)) if previous is None else previous
     got, order = found(x, lane, target, active, jnp.asarray(previous, jnp.int32), other)

@@ -7,7 +7,7 @@ import pytest
 
 from medjax.traffic import find_neighbours, sort_by_road
 from medjax.traffic.neighbours import NOBODY
-from medjax.traffic.road import NOWHERE
+from medjax.traffic.road import NO_LANE
 from medjax.world.params import EnvConfig, validate_config
 from tests.traffic.reference import brute_force
 
@@ -20,7 +20,7 @@ ULP_M = float(np.spacing(np.float32(LENGTH_M)))  # 7.8 mm
 @jax.jit
 def found(x, lane, target, length_m):
     order = sort_by_road(x, jnp.ones(x.shape, bool), length_m, jnp.arange(x.size))
-    nowhere = jnp.full(x.shape, NOWHERE)
+    nowhere = jnp.full(x.shape, NO_LANE)
     return find_neighbours(order, lane, nowhere, target, jnp.ones(x.shape, bool), 5)
 
 
@@ -104,7 +104,7 @@ def test_the_largest_configuration_fits_its_counters():
         lane = np.where(rng.random(slots) < 0.99, crowded, rng.integers(0, lanes, slots))
         lane = lane.astype(np.int32)
         order = jnp.argsort(x).astype(jnp.int32)
-        nowhere, everyone = np.full(slots, NOWHERE), np.ones(slots, bool)
+        nowhere, everyone = np.full(slots, NO_LANE), np.ones(slots, bool)
         got = find(order, lane, nowhere, lane + 1, everyone, lanes)
         expected = *brute_force(x, lane, lane), *brute_force(x, lane, lane + 1)
         np.testing.assert_array_equal(np.array(got), expected)

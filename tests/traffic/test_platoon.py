@@ -10,7 +10,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from medjax.traffic import ballistic_step, idm_acceleration
-from medjax.traffic.following import Drivers, Platooning, following_acceleration, roles
+from medjax.traffic.following import (
+    Drivers,
+    Platooning,
+    following_acceleration,
+    leaders_and_followers,
+)
 from medjax.traffic.idm import IDM_PLUS, STANDARD_IDM
 from medjax.traffic.neighbours import NOBODY
 from tests.traffic.cars import LENGTH, drivers
@@ -44,7 +49,7 @@ def drive(cars, dt, steps, model=STANDARD_IDM):
     first = jnp.arange(cars.x.shape[0]) == 0
 
     def tick(state, _):
-        leaders, followers = roles(cars.drivers, *state, cars.platoon, model)
+        leaders, followers = leaders_and_followers(cars.drivers, *state, cars.platoon, model)
         ahead = jax.tree.map(lambda field: jnp.roll(field, 1), leaders)
         a = following_acceleration(followers, ahead, ~first, Platooning(0.3, 2.0), model)
         state = ballistic_step(*state, a, dt)

@@ -4,7 +4,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from medjax.traffic.road import NOWHERE, lateral_position, merge_distance, other_lane, spare_width
+from medjax.traffic.road import (
+    NO_LANE,
+    lateral_position,
+    merge_distance,
+    spare_width,
+    straddled_lane,
+)
 
 
 @pytest.fixture(scope="module")
@@ -37,5 +43,5 @@ def test_the_second_lane_of_a_straddling_vehicle():
     """A car of 1.8 m in a lane of 4 has 1.1 m to each side."""
     assert float(spare_width(1.8, 4.0)) == pytest.approx(1.1)
     offset = jnp.array([0.0, 1.09, 1.11, -1.11, -4.0, 4.0])
-    other = other_lane(jnp.full(6, 2), offset, jnp.full(6, 1.8), 4.0)
-    np.testing.assert_array_equal(other, [NOWHERE, NOWHERE, 3, 1, 1, 3])
+    other = straddled_lane(jnp.full(6, 2), offset, jnp.full(6, 1.8), 4.0)
+    np.testing.assert_array_equal(other, [NO_LANE, NO_LANE, 3, 1, 1, 3])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from medjax.traffic.motion import Steering, lateral_step
-from medjax.traffic.road import keeps_lane, other_lane
+from medjax.traffic.road import clip_lateral_aim, straddled_lane
 from medjax.world.params import GROUPS
 
 LORRY_M, DRAWS = 2.55, 4000
@@ -27,8 +27,8 @@ def test_a_lane_change_ends_within_its_lane(tick_s):
     lane_m = rng.uniform(lanes.low, lanes.high, DRAWS).astype(np.float32)
     names = ("lateral_rate", "lateral_acceleration", "lateral_speed")
     steering = Steering(*(drawn(name, rng) for name in names))
-    aim = keeps_lane(rng.normal(0.0, 2.0, DRAWS).astype(np.float32), LORRY_M, lane_m)
-    start = keeps_lane(jnp.float32(-9.0), LORRY_M, lane_m) - lane_m
+    aim = clip_lateral_aim(rng.normal(0.0, 2.0, DRAWS).astype(np.float32), LORRY_M, lane_m)
+    start = clip_lateral_aim(jnp.float32(-9.0), LORRY_M, lane_m) - lane_m
 
     @jax.jit
     def farthest(offset):
@@ -41,7 +41,7 @@ def test_a_lane_change_ends_within_its_lane(tick_s):
         return jax.lax.scan(tick, begin, None, length=round(120.0 / tick_s))[0][2]
 
     most = farthest(start)
-    assert (other_lane(jnp.zeros(DRAWS, jnp.int32), most, LORRY_M, lane_m) != 1).all()
+    assert (straddled_lane(jnp.zeros(DRAWS, jnp.int32), most, LORRY_M, lane_m) != 1).all()
     # With usual steering they have arrived.
     usual = (steering.rate > 1.0) & (steering.speed > 0.5) & (steering.acceleration > 0.5)
     assert usual.sum() > 100

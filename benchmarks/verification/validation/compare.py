@@ -19,8 +19,8 @@ from benchmarks.verification.validation.demands import (
     DEMANDS,
     SLOTS,
     Demand,
-    asked,
     free_speed,
+    mean_demand,
     world,
 )
 from benchmarks.verification.validation.measures import Findings, find, half_widths, summarise
@@ -65,7 +65,7 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
     for name, sides in figures.items():
         _, schedule = world(DEMANDS[name], options.minutes)
         for values in sides.values():
-            values |= asked(schedule)
+            values |= mean_demand(schedule)
         if sides["medjax"]["vehicles_max"] >= SLOTS:
             say(f"{name}: medjax's slots were all taken, so some traffic could not enter")
     against = checks(figures, _each(found, half_widths))

@@ -89,7 +89,7 @@ def free_speed(schedule: Schedule) -> float:
     return float(schedule.params_at(0).drivers.desired_speed[GAS])
 
 
-def asked(schedule: Schedule) -> dict[str, float]:
+def mean_demand(schedule: Schedule) -> dict[str, float]:
     """Mean demand of the measured minutes, vehicles/h, at x = 0 and at all ramps."""
     measured = range(schedule.warm_up_minutes, schedule.all_minutes)
     demands = [schedule.params_at(minute).demand for minute in measured]

@@ -14,9 +14,9 @@ from benchmarks.verification.validation.merging import Merges, merges
 from benchmarks.verification.validation.sections import (
     FLOW_MINUTES,
     Breakdown,
-    Diagram,
+    FundamentalDiagram,
     breakdown,
-    diagram,
+    fundamental_diagram,
     mean,
 )
 from benchmarks.verification.validation.trajectories import STANDING, Trajectories, neighbours
@@ -46,7 +46,7 @@ class Findings:
     entered_ramps: int
     left: int
     vehicles_max: int  # on the road at once
-    counted: Diagram
+    diagram: FundamentalDiagram
     broke_down: Breakdown
     merged: Merges
     changed: LaneChanges
@@ -60,7 +60,7 @@ class Findings:
 def find(seen: Trajectories, free_speed: float) -> Findings:
     """Measures one episode after its warm-up; `free_speed` is that of free traffic, m/s."""
     beside = neighbours(seen)
-    counted = diagram(seen)
+    diagram = fundamental_diagram(seen)
     ends, rows = ~seen.goes_on, len(seen.x)
     first, last = (np.flatnonzero(each[:rows]) for each in (np.r_[True, ends], np.r_[ends, True]))
     came = first[seen.tick[first] > 0]
@@ -71,8 +71,8 @@ def find(seen: Trajectories, free_speed: float) -> Findings:
         entered_ramps=int(seen.on_ramp[came].sum()),
         left=int((seen.tick[last] < seen.num_ticks - 1).sum()),
         vehicles_max=int(np.bincount(seen.tick, minlength=1).max()),
-        counted=counted,
-        broke_down=breakdown(counted, free_speed),
+        diagram=diagram,
+        broke_down=breakdown(diagram, free_speed),
         merged=merges(seen, beside),
         changed=lane_changes(seen),
         travel_s=_travel_times(seen, first, last),
@@ -230,14 +230,14 @@ def _of_lanes(changed: Sequence[LaneChanges]) -> dict[str, Any]:
 
 
 def _of_flow(findings: Sequence[Findings]) -> dict[str, Any]:
-    last = np.concatenate([found.counted.flow_a_lane()[:, -1] for found in findings])
-    speed = np.concatenate([found.counted.speed()[:, -1] for found in findings])
+    last = np.concatenate([found.diagram.flow_per_lane()[:, -1] for found in findings])
+    speed = np.concatenate([found.diagram.speed()[:, -1] for found in findings])
     broke = [found.broke_down for found in findings if found.broke_down.minute is not None]
 
     def of_breakdowns(name: str) -> float:
         return mean(np.array([getattr(each, name) for each in broke]))
 
-    best, density = max(_five_minutes(found.counted) for found in findings)
+    best, density = max(_five_minutes(found.diagram) for found in findings)
     return {
         "flow_last_mean": mean(last),
         "speed_last_mean": mean(speed),
@@ -252,8 +252,8 @@ def _of_flow(findings: Sequence[Findings]) -> dict[str, Any]:
     }
 
 
-def _five_minutes(counted: Diagram) -> tuple[float, float]:
+def _five_minutes(diagram: FundamentalDiagram) -> tuple[float, float]:
     """Highest 5-minute flow behind the last ramp, vehicles/h/lane, and its density, vehicles/km/lane."""
-    flow, density = counted.flow.mean(axis=-1)[:, -1], counted.density.mean(axis=-1)[:, -1]
+    flow, density = diagram.flow.mean(axis=-1)[:, -1], diagram.density.mean(axis=-1)[:, -1]
     spans = [slice(at, at + FLOW_MINUTES) for at in range(max(1, len(flow) - FLOW_MINUTES + 1))]
     return max((float(flow[span].mean()), float(density[span].mean())) for span in spans)

@@ -74,12 +74,12 @@ def observe(env: ChargingEnv, schedule: Schedule, episodes: int, seed: int) -> l
     for episode in range(episodes):
         slots = {name: np.concatenate([part[name][:, episode] for part in parts]) for name in SEEN}
         slots = {name: seen.reshape(-1, seen.shape[-1]) for name, seen in slots.items()}
-        seen = of_slots(slots, road, env.config.tick_s, lengths)
+        seen = trajectories_from_slots(slots, road, env.config.tick_s, lengths)
         findings.append(find(seen, free_speed(schedule)))
     return findings
 
 
-def of_slots(
+def trajectories_from_slots(
     slots: dict[str, np.ndarray], road: Road, tick_s: float, lengths: np.ndarray
 ) -> Trajectories:
     """Trajectories of vehicles from slots, each of which holds one vehicle after the other.

@@ -98,10 +98,10 @@ def diagram_points(findings: Sequence[Findings]) -> dict[str, Any]:
         spans = values[: len(values) // span * span].reshape(-1, span, *values.shape[1:])
         return spans.mean(axis=1)
 
-    flow = np.concatenate([means(found.counted.flow) for found in findings])
-    density = np.concatenate([means(found.counted.density) for found in findings])
+    flow = np.concatenate([means(found.diagram.flow) for found in findings])
+    density = np.concatenate([means(found.diagram.density) for found in findings])
     return {
-        "x_m": findings[0].counted.x_m.tolist(),
+        "x_m": findings[0].diagram.x_m.tolist(),
         "flow": flow.round(1).tolist(),
         "density": density.round(2).tolist(),
     }
@@ -109,8 +109,8 @@ def diagram_points(findings: Sequence[Findings]) -> dict[str, Any]:
 
 def history(findings: Sequence[Findings]) -> dict[str, Any]:
     """Means over episodes by minute: flow behind the last ramp, and the lowest speed at any detector before it."""
-    flow = np.mean([found.counted.flow_a_lane()[:, -1] for found in findings], axis=0)
-    speeds = np.stack([found.counted.speed()[:, :-1] for found in findings])
+    flow = np.mean([found.diagram.flow_per_lane()[:, -1] for found in findings], axis=0)
+    speeds = np.stack([found.diagram.speed()[:, :-1] for found in findings])
     slowest = np.where(np.isnan(speeds), np.inf, speeds).min(axis=-1).mean(axis=0)
     return {"flow": flow.round(1).tolist(), "slowest_speed": slowest.round(2).tolist()}
 

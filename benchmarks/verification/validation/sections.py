@@ -11,7 +11,7 @@ from benchmarks.verification.validation.trajectories import Road, Trajectories
 SECTION_M = 100.0  # length of road that a detector covers
 # Share of the free speed: 18 of 30 m/s. The HCM's 25 % less over 15 minutes is what IDM drives at capacity. German
 # practice is 70 km/h (Brilon, Geistefeldt, Regler 2005, from memory).
-BREAKDOWN = 0.6
+BREAKDOWN_SPEED_SHARE = 0.6
 FLOW_MINUTES = 5  # averaging interval of flows
 
 
@@ -32,14 +32,14 @@ def detectors(road: Road) -> list[float]:
 
 
 @dataclasses.dataclass(frozen=True)
-class Diagram:
-    """Counts of D detectors by minute."""
+class FundamentalDiagram:
+    """The fundamental diagram: flow and density at D detectors by minute."""
 
     x_m: np.ndarray  # (D,)
     flow: np.ndarray  # (minutes, D, num_lanes) vehicles/h
     density: np.ndarray  # (minutes, D, num_lanes) vehicles/km
 
-    def flow_a_lane(self) -> np.ndarray:
+    def flow_per_lane(self) -> np.ndarray:
         """Mean over lanes, (minutes, D) vehicles/h/lane."""
         return self.flow.mean(axis=-1)
 
@@ -49,8 +49,8 @@ class Diagram:
         return np.where(density > 0.0, flow / np.maximum(density, 1e-9), np.nan) / 3.6
 
 
-def diagram(seen: Trajectories) -> Diagram:
-    """Flow and density by Edie's definitions (1963): distance and time in a section of a lane, over its area.
+def fundamental_diagram(seen: Trajectories) -> FundamentalDiagram:
+    """Measures flow and density by Edie's definitions (1963): distance and time in a section of a lane, over its area.
 
     Flow divided by density is then the space-mean speed, also where vehicles stand.
     """
@@ -67,7 +67,7 @@ def diagram(seen: Trajectories) -> Diagram:
         speeds = np.bincount(cell, seen.speed[rows], count).reshape(minutes, lanes)
         share = seen.tick_s / 60.0 / SECTION_M  # tick as a share of a minute, per metre
         density[:, index], flow[:, index] = 1e3 * share * ticks, 3600.0 * share * speeds
-    return Diagram(x_m, flow, density)
+    return FundamentalDiagram(x_m, flow, density)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,13 +99,14 @@ def _means(values: np.ndarray) -> np.ndarray:
     return np.convolve(values, window, mode="valid") if len(values) >= FLOW_MINUTES else np.zeros(0)
 
 
-def breakdown(counted: Diagram, free_speed: float) -> Breakdown:
+def breakdown(diagram: FundamentalDiagram, free_speed: float) -> Breakdown:
     """Where and when traffic breaks down first, and the flow that the road then carries.
 
-    A section has broken down when its speed stays below BREAKDOWN of `free_speed` (m/s) for FLOW_MINUTES. A bottleneck
-    is active while the queue ends between two detectors (Cassidy and Bertini 1999: no influence from downstream).
+    A section has broken down when its speed stays below BREAKDOWN_SPEED_SHARE of `free_speed` (m/s) for FLOW_MINUTES. A
+    bottleneck is active while the queue ends between two detectors (Cassidy and Bertini 1999: no influence from
+    downstream).
     """
-    flow, slow = counted.flow_a_lane(), counted.speed() < BREAKDOWN * free_speed
+    flow, slow = diagram.flow_per_lane(), diagram.speed() < BREAKDOWN_SPEED_SHARE * free_speed
     stays = np.array([_means(column) for column in slow[:, :-1].T.astype(float)]) > 1.0 - 1e-9
     begins = np.nonzero(stays.any(axis=0))[0]
     if not len(begins):
@@ -118,7 +119,7 @@ def breakdown(counted: Diagram, free_speed: float) -> Breakdown:
     queue = late & slow[:, :-1].any(axis=1)
     return Breakdown(
         minute=minute,
-        x_m=float(counted.x_m[index]),
+        x_m=float(diagram.x_m[index]),
         highest_before=float(max(_means(flow[:minute, index + 1]), default=np.nan)),
         after=mean(flow[active, index + 1]),
         discharge=mean(flow[queue, -1]),

@@ -107,18 +107,18 @@ class AgentsEnv(Wrapper):
     ) -> StepResult:
         """Plays a decision with allowed parts; `wrong` () is the number of invalid choices that were replaced."""
         ordered, action = give_orders(state, parts, self.actions, self.env.config, params)
-        told = _told(state, ordered, self.env.config.decision_s)
-        told = told.replace(invalid_actions=wrong.astype(jnp.float32))
-        ordered = ordered.replace(stats=ordered.stats + told)
+        order_stats = _order_stats(state, ordered, self.env.config.decision_s)
+        order_stats = order_stats.replace(invalid_actions=wrong.astype(jnp.float32))
+        ordered = ordered.replace(stats=ordered.stats + order_stats)
         _, after, reward, *ends, info = self.env.step_env(key, ordered, action, params)
         rewards = jnp.broadcast_to(reward, (self.num_agents,))
         if self.credit == "own":
-            rewards = self._own(state, after, params)
+            rewards = self._own_rewards(state, after, params)
         info |= {"rewards": rewards, "action_mask": self.action_mask(after, params)}
         info["metrics"] = info["metrics"] | agents_metrics(after.stats)
         return self.get_obs(after, params), after, reward, *ends, info
 
-    def _own(self, before: EnvState, after: EnvState, params: EnvParams) -> jax.Array:
+    def _own_rewards(self, before: EnvState, after: EnvState, params: EnvParams) -> jax.Array:
         """Change in charge of each MED's EVs, `(A,)` packs; counts EVs on the road both before and after."""
         slots = self.env.config.ev_slots
         agents = jnp.arange(self.num_agents)[:, None]
@@ -158,7 +158,7 @@ def agents_metrics(stats: EpisodeStats) -> dict[str, jax.Array]:
     }
 
 
-def _told(before: EnvState, ordered: EnvState, decision_s: float) -> EpisodeStats:
+def _order_stats(before: EnvState, ordered: EnvState, decision_s: float) -> EpisodeStats:
     """Statistics of the orders of one decision."""
     meds = ordered.meds
     serves = jnp.where(meds.status == IN_SERVICE, jnp.float32(decision_s), 0.0)

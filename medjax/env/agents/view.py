@@ -26,7 +26,7 @@ from medjax.world.state import IN_SERVICE, MERGING, NOT_BOOKED, QUEUED, STATUS_N
 
 VIEW_M = 500.0  # a distance of 1
 SPEED_UNIT = 30.0  # m/s, a speed of 1
-NOWHERE = 1.0e9
+UNSEEN_M = 1.0e9  # distance of what a MED does not see
 OF_ITSELF = len(STATUS_NAMES) + 11
 OF_AN_EV = 10
 OF_A_REQUEST = 6
@@ -79,19 +79,21 @@ class AgentView:
     def __call__(self, state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
         """Observations, `(num_meds, size)` float32."""
         evs = _evs(state, config, params)
-        way = jnp.where(
-            _on_road(state, config)[:, None], _ways(state, config, params, evs[:, 0]), NOWHERE
+        offset = jnp.where(
+            _on_road(state, config)[:, None],
+            _signed_distances(state, config, params, evs[:, 0]),
+            UNSEEN_M,
         )
         there = state.vehicles.active[config.ev_slots] & ~state.evs.is_depleted
-        way = jnp.where(there, way, NOWHERE)
-        _, nearest = jax.lax.top_k(-jnp.abs(way), min(self.num_evs, config.num_evs))
+        offset = jnp.where(there, offset, UNSEEN_M)
+        _, nearest = jax.lax.top_k(-jnp.abs(offset), min(self.num_evs, config.num_evs))
         request = requests(state, config, params)
         everyone = jax.vmap(_seen, (0, 0, 0, 0, None))
         own = jnp.arange(config.num_meds, dtype=jnp.int32)
         frame = jnp.stack([_speeds(state, config), _lanes(state, config), own], axis=1)
-        around = everyone(frame, way, nearest, jnp.ones_like(nearest, bool), evs)
+        around = everyone(frame, offset, nearest, jnp.ones_like(nearest, bool), evs)
         asked = jnp.maximum(request, 0)[:, None]
-        wanted = everyone(frame, way, asked, request[:, None] >= 0, evs)
+        wanted = everyone(frame, offset, asked, request[:, None] >= 0, evs)
         need = expected_need(state, config, params, NEED_WINDOW_S)
         depots = shares_at_depots(state.meds, config, params)
         of_all = jnp.concatenate([depots, show_need(need), clock_features(state, params)])
@@ -129,7 +131,9 @@ def _columns(columns: list[Any]) -> jax.Array:
     return jnp.stack([jnp.asarray(column, jnp.float32) for column in columns], axis=1)
 
 
-def _ways(state: EnvState, config: EnvConfig, params: EnvParams, x: jax.Array) -> jax.Array:
+def _signed_distances(
+    state: EnvState, config: EnvConfig, params: EnvParams, x: jax.Array
+) -> jax.Array:
     """Signed distance from each MED to the positions `(n,)` m, positive ahead, `(A, n)` m."""
     return x[None, :] - med_positions(state, config, params)[:, None]
 
@@ -149,21 +153,21 @@ def _evs(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
 
 
 def _seen(
-    frame: jax.Array, way: jax.Array, which: jax.Array, there: jax.Array, evs: jax.Array
+    frame: jax.Array, offset: jax.Array, which: jax.Array, there: jax.Array, evs: jax.Array
 ) -> jax.Array:
     """Selected EVs in the frame of a MED, `(k, OF_AN_EV)`; zeros where there is none.
 
-    `frame` is the MED's speed, lane and index; `way` the distance to each EV, NOWHERE if unseen; `which, there` `(k,)`
-    are indices of EVs, and whether each exists; `evs` are from `_evs`.
+    `frame` is the MED's speed, lane and index; `offset` the signed distance to each EV, UNSEEN_M if it does not see
+    it; `which, there` `(k,)` are indices of EVs, and whether each exists; `evs` are from `_evs`.
     """
     speed, lane, own = frame
-    rows, way = evs[which], way[which]
-    there &= jnp.abs(way) < NOWHERE
+    rows, offset = evs[which], offset[which]
+    there &= jnp.abs(offset) < UNSEEN_M
     booked = rows[:, 6] != NOT_BOOKED
     mine = rows[:, 6] == own
     columns = [
-        jnp.ones_like(way),
-        jnp.clip(way / VIEW_M, -1.0, 1.0),
+        jnp.ones_like(offset),
+        jnp.clip(offset / VIEW_M, -1.0, 1.0),
         (rows[:, 1] - speed) / SPEED_UNIT,
         rows[:, 2] - lane,
         rows[:, 3],
@@ -215,13 +219,13 @@ def _other_meds(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Ar
     status, speed = state.meds.status, _speeds(state, config)
     serves = status == IN_SERVICE
     there = serves | (status == MERGING) | (status == QUEUED)
-    way = _ways(state, config, params, med_positions(state, config, params))
+    offset = _signed_distances(state, config, params, med_positions(state, config, params))
     apart = ~jnp.eye(config.num_meds, dtype=bool)
     sees = there[None, :] & apart & _on_road(state, config)[:, None]
     free = free_slots(state, config) / len(CHARGING_SLOTS)
     found = []
-    for side in (sees & (way >= 0.0), sees & (way < 0.0)):
-        distance = jnp.where(side, jnp.abs(way), NOWHERE)
+    for side in (sees & (offset >= 0.0), sees & (offset < 0.0)):
+        distance = jnp.where(side, jnp.abs(offset), UNSEEN_M)
         which = jnp.argmin(distance, axis=1).astype(jnp.int32)
         nearest = jnp.min(distance, axis=1)
         columns = [

@@ -40,7 +40,7 @@ def paying(pay, **numbers):
 def futures():
     """Futures of a policy that never sends."""
     env, params = paying(1.0)
-    return planner.Futures(env, params, none(env), HOLD, ROWS)
+    return planner.Rollouts(env, params, none(env), HOLD, ROWS)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def find(futures, state, pay):
     """What the planner finds where a MED pays so much."""
     env, params = paying(pay)
     futures.same = futures.same[0], params
-    return futures.find(jax.random.key(1), state, 0, env.num_actions)
+    return futures.select_plan(jax.random.key(1), state, 0, env.num_actions)
 
 
 @pytest.mark.thorough
@@ -63,7 +63,7 @@ def test_finds_a_choice_that_pays_and_its_gain(futures, state):
     found = find(futures, state, 1e4)
     assert found.plan > 0
     assert found.gain == pytest.approx(1e4, abs=100.0)
-    assert found.spread < 100.0
+    assert found.gain_std < 100.0
 
 
 @pytest.mark.thorough
@@ -90,7 +90,9 @@ def test_gains_of_choices_add_up_to_that_of_the_episode():
     """The planner sends both MEDs, in two of the four states in which the policy, which sends none, could be left."""
     env, params = paying(1e4, cooldown_s=HOLD - 1.0)
     played = planner.play(env, params, none(env), OPTIONS)
-    for states, ours, theirs in zip(played.found, played.returns, played.of_policy, strict=True):
+    for states, ours, theirs in zip(
+        played.choices, played.returns, played.policy_returns, strict=True
+    ):
         assert sum(each.gain for each in states) == pytest.approx(2e4, abs=200.0)
         assert ours - theirs == pytest.approx(2e4, abs=200.0)
         assert [each.plan > 0 for each in states] == [True, True]  # then none is at the depot
@@ -101,15 +103,15 @@ def test_plays_the_policys_episodes_where_nothing_pays():
     """The policy sends MEDs, and leaving it never gains."""
     env, params = paying(0.0)
     played = planner.play(env, params, paced(env), OPTIONS)
-    assert {each.plan for states in played.found for each in states} == {AS_BASE}
-    np.testing.assert_array_equal(played.returns, played.of_policy)
+    assert {each.plan for states in played.choices for each in states} == {AS_BASE}
+    np.testing.assert_array_equal(played.returns, played.policy_returns)
 
 
 @pytest.mark.slow
 def test_the_policy_alone_scores_as_in_an_evaluation():
     """To rounding, on the episodes of `train.evaluate`."""
     env, params = paying(-1.0)
-    alone = planner.play(env, params, paced(env), OPTIONS).of_policy
+    alone = planner.play(env, params, paced(env), OPTIONS).policy_returns
     theirs = evaluate_policies(env, params, {"it": paced(env)}, 2, seed=0)["it"]["return"]
     np.testing.assert_allclose(alone, theirs, rtol=1e-5, atol=1e-5)
 

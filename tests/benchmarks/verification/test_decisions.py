@@ -8,8 +8,7 @@ import jax.numpy as jnp
 import pytest
 
 import medjax
-from benchmarks.verification.books import entry_books, tick_books
-from benchmarks.verification.decisions import SHARES, Decision, check_closing, with_means
+from benchmarks.verification.decisions import SHARES, Decision, check_results, with_means
 from benchmarks.verification.invariants import (
     INVARIANTS,
     check_entry,
@@ -19,6 +18,7 @@ from benchmarks.verification.invariants import (
     count,
     stands_open,
 )
+from benchmarks.verification.ledger import entry_ledger, tick_ledger
 from medjax.world.kinds import GAS, KINDS
 from medjax.world.params import EnvConfig
 from medjax.world.state import AT_DEPOT, IN_SERVICE, NOT_BOOKED, EpisodeStats
@@ -215,11 +215,11 @@ def closing(still):
     params = params.replace(reward_weights=dict.fromkeys(params.reward_weights, 0.0))
 
     @jax.jit
-    def books():
-        more = with_means(tick_books(state, state, config, params)[1], state, config, params)
-        return entry_books(state, state, params.road.length_m) | more
+    def ledger():
+        more = with_means(tick_ledger(state, state, config, params)[1], state, config, params)
+        return entry_ledger(state, state, params.road.length_m) | more
 
-    nothing = jax.tree.map(jnp.zeros_like, books())
+    nothing = jax.tree.map(jnp.zeros_like, ledger())
 
     def violations(after=None, obs=0.0, reward=0.0, terms=None, stats=None, share=0.5):
         stats = EpisodeStats.zeros().replace(**stats or {})
@@ -227,7 +227,7 @@ def closing(still):
         terms = dict.fromkeys(params.reward_weights, jnp.zeros(())) | (terms or {})
         info = {"step_stats": stats, "reward_terms": terms, "metrics": dict.fromkeys(SHARES, share)}
         decision = Decision(state, after, jnp.float32(obs), jnp.float32(reward), info)
-        return violated(check_closing, state, decision, nothing, config, params)
+        return violated(check_results, state, decision, nothing, config, params)
 
     return violations
 

@@ -9,7 +9,12 @@ import scipy.stats
 from benchmarks.verification.validation import measures
 from benchmarks.verification.validation.measures import find, half_widths, lane_changes, summarise
 from benchmarks.verification.validation.merging import merges
-from benchmarks.verification.validation.sections import Diagram, breakdown, detectors, diagram
+from benchmarks.verification.validation.sections import (
+    FundamentalDiagram,
+    breakdown,
+    detectors,
+    fundamental_diagram,
+)
 from benchmarks.verification.validation.trajectories import neighbours
 from tests.benchmarks.verification.validation.made import ROAD, TICK_S, drive, random_traffic, seen
 
@@ -38,21 +43,21 @@ def stream(speed, headway_s, lane, minutes):
 
 def test_a_uniform_stream_has_its_flow_density_and_speed():
     """2.5 s of headway are 1440 vehicles/h; at 20 m/s 50 m apart: 20 vehicles/km."""
-    counted = diagram(stream(20.0, 2.5, lane=1, minutes=2))
-    assert counted.flow.shape == (2, 5, 3)
-    assert counted.flow[:, :, 1] == pytest.approx(1440.0, rel=0.01)
-    assert counted.density[:, :, 1] == pytest.approx(20.0, rel=0.01)
-    assert not counted.flow[:, :, [0, 2]].any()
-    assert counted.speed() == pytest.approx(20.0)
-    assert counted.flow_a_lane() == pytest.approx(480.0, rel=0.01)
+    diagram = fundamental_diagram(stream(20.0, 2.5, lane=1, minutes=2))
+    assert diagram.flow.shape == (2, 5, 3)
+    assert diagram.flow[:, :, 1] == pytest.approx(1440.0, rel=0.01)
+    assert diagram.density[:, :, 1] == pytest.approx(20.0, rel=0.01)
+    assert not diagram.flow[:, :, [0, 2]].any()
+    assert diagram.speed() == pytest.approx(20.0)
+    assert diagram.flow_per_lane() == pytest.approx(480.0, rel=0.01)
 
 
 def test_standing_vehicles_have_density_but_no_flow():
     """Two in 100 m of one of three lanes; a section without vehicles has no speed."""
-    counted = diagram(seen(*(drive([0] * 480, 0.0, x=x) for x in (230.0, 270.0))))
-    assert counted.density[:, 0, 0] == pytest.approx(20.0)
-    assert counted.speed()[:, 0] == pytest.approx(0.0)
-    assert np.isnan(counted.speed()[:, 1:]).all()
+    diagram = fundamental_diagram(seen(*(drive([0] * 480, 0.0, x=x) for x in (230.0, 270.0))))
+    assert diagram.density[:, 0, 0] == pytest.approx(20.0)
+    assert diagram.speed()[:, 0] == pytest.approx(0.0)
+    assert np.isnan(diagram.speed()[:, 1:]).all()
 
 
 # Five minutes of 2000 on average, the highest; after five more 1800 in the queue, and then it is gone.
@@ -77,10 +82,10 @@ def test_breakdowns(flows, before, behind, minute, expected):
     """Three detectors on one lane and speeds at two of them; 100 vehicles/h more behind the last ramp."""
     flow = np.array([[700.0, each, each + 100.0] for each in flows])
     speeds = np.stack([np.broadcast_to(each, len(flows)) for each in (before, behind, 25.0)], 1)
-    counted = Diagram(
+    diagram = FundamentalDiagram(
         np.array([1100.0, 1775.0, 3375.0]), *np.array([flow, flow / speeds / 3.6])[..., None]
     )
-    found = breakdown(counted, 30.0)
+    found = breakdown(diagram, 30.0)
     assert found.minute == minute
     x_m, highest, after, discharge = expected
     drop = 1.0 - after / highest

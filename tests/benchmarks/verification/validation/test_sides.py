@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from benchmarks.verification.validation import compare as command
-from benchmarks.verification.validation.demands import DEMANDS, asked, world
+from benchmarks.verification.validation.demands import DEMANDS, mean_demand, world
 from benchmarks.verification.validation.measures import find
-from benchmarks.verification.validation.medjax_side import SEEN, of_slots, program
+from benchmarks.verification.validation.medjax_side import SEEN, program, trajectories_from_slots
 from benchmarks.verification.validation.published import RANGES, checks
 from benchmarks.verification.validation.sumo_side import read, sumo
 from benchmarks.verification.validation.trajectories import Road
@@ -40,7 +40,7 @@ def test_a_rising_demand_rises_for_half_of_its_time():
     assert np.diff(main[5:26]) == pytest.approx(190.0, rel=1e-4)
     assert main[25:] == pytest.approx(7600.0)
     assert ramps == pytest.approx(np.repeat(main[:, None] * 500.0 / 7600.0, 4, axis=1))
-    assert asked(schedule)["asked_main_per_h"] == pytest.approx(main[5:].mean())
+    assert mean_demand(schedule)["asked_main_per_h"] == pytest.approx(main[5:].mean())
 
 
 def test_every_range_is_checked():
@@ -112,7 +112,7 @@ def test_medjaxs_rows_agree_with_its_tally():
     stats = jax.tree.map(lambda leaf: np.asarray(leaf)[0], playing.state.stats)
     slots = {name: np.asarray(ticks[name]).reshape(240, -1) for name in SEEN}
     lengths = np.asarray(params.drivers.vehicle_length)
-    seen = of_slots(slots, Road.of(env.config, params), env.config.tick_s, lengths)
+    seen = trajectories_from_slots(slots, Road.of(env.config, params), env.config.tick_s, lengths)
     found = find(seen, 30.0)
     assert len(np.unique(seen.vehicle)) == stats.entered.sum() > begun
     assert found.collisions == found.in_one_place == stats.collisions == 0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.verification.validation.medjax_side import of_slots
+from benchmarks.verification.validation.medjax_side import trajectories_from_slots
 from benchmarks.verification.validation.trajectories import NOBODY, neighbours
 from tests.benchmarks.verification.validation.made import ROAD, TICK_S, drive, random_traffic, seen
 
@@ -43,7 +43,7 @@ def test_slots_become_vehicles():
     slots = {name: np.full(x.shape, value) for name, value in constant.items()}
     slots["active"] = np.array([[1, 1, 1, 0], [1, 1, 1, 0], [0, 1, 1, 1], [1, 1, 1, 1]], bool)
     slots |= {"x": x, "kind": np.array([[0, 1, 1, 1]] * 4)}
-    rows = of_slots(slots, ROAD, TICK_S, np.array([12.0, 5.0]))
+    rows = trajectories_from_slots(slots, ROAD, TICK_S, np.array([12.0, 5.0]))
     assert rows.vehicle.tolist() == [0, 0, 1, 2, 2, 3, 3, 4, 4, 4, 5, 6, 6]
     assert rows.tick.tolist() == [0, 1, 3, 0, 1, 2, 3, 0, 1, 2, 3, 2, 3]
     assert rows.length[:4].tolist() == [12.0, 12.0, 12.0, 5.0]

@@ -15,7 +15,7 @@ from medjax.world.state import AT_DEPOT, RETIRED, EnvState, Vehicles
 ROUNDING_M = 2e-3
 
 
-Books = dict[str, jax.Array]  # by the names of `EpisodeStats`, float32; energies are bounds (2,)
+Ledger = dict[str, jax.Array]  # by the names of `EpisodeStats`, float32; energies are bounds (2,)
 
 
 def sums_by_class(values: jax.Array, config: EnvConfig) -> jax.Array:
@@ -28,8 +28,8 @@ def sums_by_kind(values: jax.Array, kind: jax.Array) -> jax.Array:
     return jnp.zeros((len(KINDS),), jnp.float32).at[kind].add(values.astype(jnp.float32))
 
 
-def entry_books(before: EnvState, begun: EnvState, length_m: Any) -> Books:
-    """Books of dispatch, entries and missed exits."""
+def entry_ledger(before: EnvState, begun: EnvState, length_m: Any) -> Ledger:
+    """Ledger of dispatch, entries and missed exits."""
     past = before.vehicles.active & (before.vehicles.x > before.vehicles.destination)
     sent = (before.meds.status == AT_DEPOT) & (begun.meds.status != AT_DEPOT)
     come = begun.vehicles.active & ~before.vehicles.active
@@ -40,7 +40,7 @@ def entry_books(before: EnvState, begun: EnvState, length_m: Any) -> Books:
     }
 
 
-def ways_home(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+def home_trip_energy(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
     """Energy of each MED's trip from the road to its depot, (M,) J, at steady speed on the level."""
     if config.num_depots == 1:
         return jnp.zeros((config.num_meds,))
@@ -66,10 +66,10 @@ def at_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Arr
     return own.any(axis=1) & centred & (vehicles.lane == config.num_lanes - 1)
 
 
-def tick_books(
+def tick_ledger(
     before: EnvState, after: EnvState, config: EnvConfig, params: EnvParams
-) -> tuple[dict[str, jax.Array], Books]:
-    """Flags of impossible energy flows, by what is wrong, and the books of one tick."""
+) -> tuple[dict[str, jax.Array], Ledger]:
+    """Flags of impossible energy flows, by what is wrong, and the ledger of one tick."""
     old, new, dt = before.vehicles, after.vehicles, config.tick_s
     evs, was = after.evs, before.evs
     wrong, flows = tick_flows(before, after, config, params)

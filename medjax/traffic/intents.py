@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 
 from medjax.numerics.sums import block_fma, scale_by
-from medjax.traffic.exits import exit_desire, prepares
+from medjax.traffic.exits import exit_desire, is_preparing_exit
 from medjax.traffic.following import Platooning
-from medjax.traffic.lane_change import COURTEOUS_DESIRE, Wish
+from medjax.traffic.lane_change import COURTEOUS_DESIRE, LaneChangeIntent
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import Vehicles
 
@@ -25,11 +25,11 @@ class Orders(NamedTuple):
     platoon: jax.Array  # int32, vehicles with equal numbers form a platoon; NOBODY for none
     platooning: Platooning  # headway and gap within a platoon
     acceleration: jax.Array  # m/s^2, upper bound, inf for none
-    desire: jax.Array  # -1 to 1, as in `medjax.traffic.lane_change.Wish`; 0 for none
+    desire: jax.Array  # -1 to 1, as in `LaneChangeIntent`; 0 for none
     stay: jax.Array  # bool: only mandatory changes
 
 
-def wishes(
+def make_intents(
     vehicles: Vehicles,
     orders: Orders,
     to_end: jax.Array,
@@ -37,7 +37,7 @@ def wishes(
     direction: jax.Array,
     config: EnvConfig,
     params: EnvParams,
-) -> Wish:
+) -> LaneChangeIntent:
     """Mandatory changes (merging, exits, orders) and whether each vehicle may change to the side looked at."""
     target = vehicles.lane + direction
     merging = vehicles.lane == config.num_lanes
@@ -47,7 +47,9 @@ def wishes(
     there = vehicles.active & (target >= 0) & (target < config.num_lanes)
     wanted, stay = orders.desire, orders.stay | (vehicles.recovery_s > 0.0)
     if config.num_exits:
-        leaves = prepares(vehicles, config, params)
+        leaves = is_preparing_exit(vehicles, config, params)
         wanted = jnp.where(leaves, exit_desire(vehicles, config, params), wanted)
         stay |= leaves
-    return Wish(jnp.where(merging, -urgency, wanted), stay, may=there & ~straddles)
+    return LaneChangeIntent(
+        jnp.where(merging, -urgency, wanted), stay, may_change=there & ~straddles
+    )
