@@ -46,6 +46,7 @@ VARIED = (
     "entropy_coef",
     "value_coef",
     "max_grad_norm",
+    "sharpening",
 )
 UNUSED = ("checkpoint_interval", "keep_checkpoints", "updates_per_call", "force")
 Numbers = dict[str, float]  # varied settings by name

@@ -66,7 +66,8 @@ def first_weights(network: nn.Module, key: jax.Array, shape: tuple[int, ...]) ->
     """Initial weights of a learner that starts from this key; `shape` is that of an observation."""
     # The other two keys belong to the environments and to the learner.
     _, network_key, _ = jax.random.split(key, 3)
-    return PolicyWeights(network.init(network_key, jnp.zeros((1, *shape))), init_stats(shape))
+    params = network.init(network_key, jnp.zeros((1, *shape)))
+    return PolicyWeights(params, init_stats(shape), jnp.float32(1.0))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -87,7 +87,6 @@ def minibatch_gradient(
         return jax.tree.map(take, tree)
 
     def of_rows(rows: jax.Array) -> tuple[Any, dict[str, jax.Array]]:
-        # A number out of range stays out of range in `seen`.
         """Gradient and scalars of these rows; a number out of range stays out of range in `seen`."""
         places = jnp.take(place, rows, mode="fill", fill_value=number.size)
         return jax.grad(loss, has_aux=True)(params, pick(seen, places), pick(samples, rows))
@@ -128,7 +127,6 @@ def run_epochs(
     def step(
         seen: Any, carry: tuple[Any, Any], batch: tuple[jax.Array, jax.Array, Any]
     ) -> tuple[tuple[Any, Any], dict[str, jax.Array]]:
-        # A device reads its own samples of the minibatch, and the update is the same on all.
         """One gradient step: a device reads its own samples of the minibatch, and the update is the same on all."""
         params, opt_state = carry
         own, restore = ravel_pytree(minibatch_gradient(loss, params, seen, batch))

@@ -36,6 +36,9 @@ class PolicyWeights:
 
     params: Any  # of the network
     obs_stats: RunningStats  # moments that normalise observations
+    sharpness: jax.Array | float = (
+        1.0  # () factor of the logits; an algorithm may let it grow during training
+    )
 
 
 class Torso(nn.Module):
@@ -178,7 +181,7 @@ def apply_policy(
 
     Args:
         network: the network.
-        weights: parameters, and the moments that normalise observations.
+        weights: parameters, the moments that normalise observations, and the factor of the logits.
         obs: `(..., num_features)`, as the environment returns them.
         mask: `(..., num_actions)` bool.
 
@@ -190,7 +193,7 @@ def apply_policy(
     """
     output: Any = network.apply(weights.params, _normalized(weights, obs))
     logits, value = output
-    return masked_categorical(logits, mask), value
+    return masked_categorical(logits * weights.sharpness, mask), value
 
 
 def apply_value(network: nn.Module, weights: PolicyWeights, obs: jax.Array) -> jax.Array:

@@ -22,12 +22,14 @@ from train.algorithms.networks import PolicyWeights
 from train.runs.processes import fetch
 from train.settings import TrainConfig, to_json
 
-# Version that is written and read; in format 1 the initial policy was a bias of the last layer.
-FORMAT = 2
+# Version that is written and read. In format 1 the initial policy was a bias of the last layer. In format 2, whose
+# weights can still be read, no policy was sharpened.
+FORMAT, UNSHARPENED = 3, 2
 CHECKPOINTS = "checkpoints"  # in the directory of a run
 ABOUT = "about"
 PRNG = "jax_default_prng_impl"  # JAX's option
 WEIGHTS = "weights/"  # prefix of the arrays that acting needs
+SHARPNESS = WEIGHTS + "sharpness"
 
 
 class ShapeError(InputError):
@@ -125,7 +127,8 @@ class Checkpoints:
                 about = json.loads(str(file[ABOUT]))
                 version, prng = about["format"], about.get("prng", _prng())
                 names = [name for name in file.files if name != ABOUT and name.startswith(prefix)]
-                arrays = {name: file[name] for name in names} if version == FORMAT else {}
+                known = (FORMAT, UNSHARPENED) if prefix == WEIGHTS else (FORMAT,)
+                arrays = {name: file[name] for name in names} if version in known else {}
         except Exception as error:  # NumPy and zipfile raise many types
             before = max((update for update in self.all() if update < step), default=None)
             go_on = "there is none before it"
@@ -133,11 +136,13 @@ class Checkpoints:
                 go_on = f"from the one before it: --resume {self.directory.parent} --from-update {before}"
             what = f"is damaged, or none of train.ppo ({type(error).__name__})"
             raise InputError(f"{where} {what}, allowed: a whole one; {go_on}") from error
-        if version != FORMAT:
+        if version not in known:
             raise InputError(f"{where} is of format {version!r}, allowed: {FORMAT}")
         if prefix != WEIGHTS and prng != _prng():
             raise InputError(f"{PRNG} {_prng()}, allowed: {prng}, whose keys {where} holds")
         wanted = _named(expected, prefix)
+        if version == UNSHARPENED:
+            arrays[SHARPNESS] = np.ones(wanted[SHARPNESS].shape, np.float32)
         for name in sorted({*arrays, *wanted}):
             found, allowed = _layout(arrays.get(name)), _layout(wanted.get(name))
             if found != allowed:

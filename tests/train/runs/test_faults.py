@@ -234,7 +234,10 @@ def test_a_foreign_checkpoint_is_refused_in_a_line(saved, capsys):
     assert isinstance(read(), list)
     about = {**json.loads(str(arrays["about"])), "format": 1}
     np.savez(place / "6.npz", **arrays | {"about": json.dumps(about)})
-    refused(capsys, MORE, "checkpoints/6.npz is of format 1, allowed: 2")
+    refused(capsys, MORE, "checkpoints/6.npz is of format 1, allowed: 3")
+    about["format"] = 2
+    np.savez(place / "6.npz", **arrays | {"about": json.dumps(about)})
+    refused(capsys, MORE, "checkpoints/6.npz is of format 2, allowed: 3")
     np.savez(place / "6.npz", weights=np.ones(3))
     refused(capsys, MORE, "checkpoints/6.npz", "none of train.ppo")
     (place / "6.npz").write_bytes(pickle.dumps(Owned()))

@@ -28,6 +28,9 @@ from train.algorithms.ppo.losses import Batch, explained_variance, leaves_choice
 from train.algorithms.ppo.settings import PPOConfig
 from train.algorithms.rollout import Collector, Trajectory, episode_metrics, spread
 
+# Share of the updates after which the policy is as sharp as it gets, so that it is learned as it is played.
+SHARP_AFTER = 0.7
+
 
 @struct.dataclass
 class PPOState(TrainState):
@@ -45,6 +48,7 @@ class PPOLearner:
     optimizer: optax.GradientTransformation
     config: PPOConfig
     learning_rate: Callable[[jax.Array], jax.Array]  # function of the number of updates done
+    sharpness: Callable[[jax.Array], jax.Array]  # of the policy; function of the same number
     mesh: Mesh  # devices that share the environments
     state: ClassVar[type[PPOState]] = PPOState
 
@@ -110,7 +114,8 @@ class PPOLearner:
                 optimizer_state=opt_state,
             ),
         }
-        weights, done = PolicyWeights(params, obs_stats), state.update + 1
+        done = state.update + 1
+        weights = PolicyWeights(params, obs_stats, self.sharpness(done))
         return PPOState(weights, rollout, key, done, opt_state, return_stats), metrics
 
     def _samples(
@@ -159,11 +164,10 @@ class PPOLearner:
         def loss_fn(
             candidate: Any, seen: tuple[jax.Array, jax.Array], batch: Batch
         ) -> tuple[jax.Array, Metrics]:
-            # Of some rows: observations `(some, num_features)`, masks, samples `(some,)`.
             """Loss `()` and metrics of some rows: observations `(some, num_features)`, masks, samples `(some,)`."""
             obs, mask = seen
             policy, value = apply_policy(
-                self.collector.network, PolicyWeights(candidate, weights.obs_stats), obs, mask
+                self.collector.network, dataclasses.replace(weights, params=candidate), obs, mask
             )
             return ppo_loss(policy, value, batch, self.config)
 
@@ -198,6 +202,10 @@ def build_learner(env: Environment, params: Any, config: PPOConfig) -> PPOLearne
         left = 1.0 - update / config.num_updates if config.anneal else 1.0
         return jnp.float32(config.learning_rate * left)
 
+    def sharpness(update: jax.Array) -> jax.Array:
+        done = jnp.minimum(update / (SHARP_AFTER * config.num_updates), 1.0)
+        return jnp.float32(config.sharpening**done)
+
     # On one flat vector the optimiser needs a few operations for all layers, instead of a few per array.
     optimizer = optax.flatten(
         optax.chain(
@@ -206,7 +214,7 @@ def build_learner(env: Environment, params: Any, config: PPOConfig) -> PPOLearne
         )
     )
     collector = Collector(batch, network, config.rollout_length, config.gamma)
-    return PPOLearner(collector, optimizer, config, learning_rate, mesh)
+    return PPOLearner(collector, optimizer, config, learning_rate, sharpness, mesh)
 
 
 PPO = Algorithm(PPOConfig, build_network, build_learner)

@@ -52,6 +52,13 @@ class PPOConfig(TrainConfig):
     max_grad_norm: float = option(
         0.5, "PPO", "global norm at which gradients are clipped", limits=(1e-6, 1e9)
     )
+    sharpening: float = option(
+        8.0,
+        "PPO",
+        "factor by which the policy's logits grow during training, so that its samples come to agree with its most "
+        "probable actions",
+        limits=(1, 1000),
+    )
     normalize_observations: bool = option(False, "PPO", "standardise by running moments")
     normalize_rewards: bool = option(True, "PPO", "scale by the spread of the discounted return")
 

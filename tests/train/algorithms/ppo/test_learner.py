@@ -92,6 +92,25 @@ def test_actions_follow_the_cue_and_never_the_forbidden_one(kind):
     assert returns[-1] > 0.97
 
 
+@pytest.mark.parametrize(
+    ("updates", "expected"), [(0, 1.0), (3, 8.0 ** (3 / 7)), (7, 8.0), (10, 8.0)]
+)
+def test_logits_sharpen_until_seven_tenths_of_the_updates(updates, expected):
+    """By a factor of 8 in equal ratios; probabilities are those of the sharpened logits, by NumPy."""
+    env, params = Probe("follow", num_actions=2), ProbeParams()
+    steps = BASE["num_envs"] * BASE["rollout_length"] * 10
+    config = PPOConfig(**BASE, total_timesteps=steps, sharpening=8.0)
+    programs, network = make_train(env, params, config), build_network(env, config)
+    state = programs.init(jax.random.key(3), params)
+    weights = programs.run(state, params, jnp.int32(updates))[0].weights
+    assert float(weights.sharpness) == pytest.approx(expected, rel=1e-5)
+    obs, mask = jnp.array([[1.0, 0.0], [-1.0, 0.0]]), jnp.ones((2, 2), bool)
+    policy, _ = apply_policy(network, weights, obs, mask)
+    logits = np.asarray(network.apply(weights.params, obs)[0], np.float64) * expected
+    probs = np.exp(logits) / np.exp(logits).sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(policy.probs, probs, rtol=1e-4)
+
+
 def test_scaled_rewards_give_scaled_values():
     """The same value in units of the return's spread, whatever the reward's size."""
     env = Probe("constant_truncated")
