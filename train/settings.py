@@ -111,7 +111,10 @@ class TrainConfig(abc.ABC):
     force: bool = option(False, "run", "start even if the run needs more memory than there is")
 
     network: str = option(
-        "mlp", "network", "architecture: mlp, or sets (of MEDs and EVs) with --observation flat"
+        "ramps",
+        "network",
+        "architecture: mlp; ramps, which adds a network that all ramps share, where the observation is a profile; "
+        "or sets (of MEDs and EVs) with --observation flat",
     )
     hidden: tuple[int, ...] = option(
         (64, 64), "network", "widths of the hidden layers of actor and critic", limits=(1, 2**16)

@@ -223,9 +223,34 @@ class RoadProfile:
 
     def outlook(self, vector: jax.Array, config: EnvConfig) -> tuple[Need, jax.Array, jax.Array]:
         """Reads `Need`, the share of the fleet at the depot, and the share of time left from `(..., size)`."""
+        needs = self._before_clock(vector, len(Need._fields) * config.num_ramps)
+        return outlook_in(needs, vector[..., -CLOCK_FEATURES:])
+
+    def of_ramps(self, vector: jax.Array, config: EnvConfig) -> jax.Array:
+        """Reads what the vector `(..., size)` tells of each ramp, `(..., num_ramps, 8 + num_ramps)`.
+
+        These are the distances to the next MED downstream and upstream, `Need` as `show_need` encodes it, time left and
+        the share of the fleet at the depot, and the ramp's number, one-hot.
+        """
+        ramps = config.num_ramps
+        columns = self._before_clock(vector, (2 + len(Need._fields)) * ramps)
+        own = jnp.moveaxis(columns.reshape(*vector.shape[:-1], -1, ramps), -2, -1)
+        time_left, _, at_depot, _ = jnp.moveaxis(vector[..., -CLOCK_FEATURES:], -1, 0)
+        shape = (*vector.shape[:-1], ramps)
+        same = jnp.stack([time_left, at_depot], axis=-1)[..., None, :]
+        return jnp.concatenate(
+            [
+                own,
+                jnp.broadcast_to(same, (*shape, 2)),
+                jnp.broadcast_to(jnp.eye(ramps, dtype=vector.dtype), (*shape, ramps)),
+            ],
+            axis=-1,
+        )
+
+    def _before_clock(self, vector: jax.Array, count: int) -> jax.Array:
+        """The last `count` entries before those of the clock."""
         last = vector.shape[-1] - 2 * self.clock_nodes - CLOCK_FEATURES
-        first = last - len(Need._fields) * config.num_ramps
-        return outlook_in(vector[..., first:last], vector[..., -CLOCK_FEATURES:])
+        return vector[..., last - count : last]
 
     def _at_nodes(self, position: jax.Array, columns: jax.Array) -> jax.Array:
         """Sums columns `(n, c)` of vehicles at positions `(n,)` onto the road's nodes, `(road_nodes * c,)`."""

@@ -147,6 +147,11 @@ def test_profile_by_hand(busy):
     seen, at_depot, time_left = profile.outlook(np.stack([got, got]), config)
     np.testing.assert_allclose(np.stack(seen)[:, 0], np.stack(need), atol=1e-5)
     assert (at_depot[1], time_left[1]) == (clock[2], clock[0])
+    ramps = np.asarray(profile.of_ramps(np.stack([got, got]), config))
+    assert ramps.shape == (2, 4, 12)
+    for ramp in range(4):
+        own = [ahead[ramp], behind[ramp], *(row[ramp] for row in rows), clock[0], clock[2]]
+        np.testing.assert_allclose(ramps[1, ramp], [*own, *np.eye(4)[ramp]], atol=1e-5)
     assert ahead.min() < 2.0
     assert behind.min() < 2.0
     assert expected_evs.sum() > 1.0

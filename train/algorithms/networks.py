@@ -21,10 +21,11 @@ from medjax.errors import InputError, shown
 from medjax.policies.policy import Choice, Policy, every
 from medjax.world.params import EnvConfig
 from train.algorithms.normalization import RunningStats, normalize
-from train.algorithms.policy_prior import MASKED_LOGIT, prior_logits
+from train.algorithms.policy_prior import MASKED_LOGIT, prior_logits, tells_ramps
 from train.settings import TrainConfig
 
 TYPICAL_NUMBER = 8.0  # vehicles in a set
+RAMP_LAYERS = (32, 32)  # widths of the network that ramps share
 
 ACTIVATIONS = {"tanh": nn.tanh, "relu": nn.relu, "silu": nn.silu}
 DTYPES = {"float32": jnp.float32, "bfloat16": jnp.bfloat16}
@@ -87,7 +88,10 @@ class SetTorso(nn.Module):
 class ActorCritic(nn.Module):
     """Separate actor and critic networks, so that the value's gradients do not disturb the policy.
 
-    Initialisation is orthogonal. The actor's last layer starts near zero (0.01), so that the initial policy is close to
+    Where the observation tells the ramps apart, a small network that all ramps share adds to the logit of sending from
+    each: what is learned at one ramp holds at all.
+
+    Initialisation is orthogonal. The actor's last layers start near zero (0.01), so that the initial policy is close to
     the prior (Andrychowicz et al. 2021, arXiv:2006.05990, section 3.2; residual policy learning, Silver et al. 2018,
     arXiv:1812.06298).
     """
@@ -97,6 +101,8 @@ class ActorCritic(nn.Module):
     prior: Callable[[jax.Array], jax.Array]  # observations to the logits that learning adds to
     fold: Callable[[jax.Array], jax.Array]  # `(..., num_logits)` to logits of the actions
     acts_on: int  # leading features that the actor sees; the critic sees all
+    # Observations to features of each ramp, `(..., num_ramps, n)`; None: there is no network of ramps.
+    of_ramps: Callable[[jax.Array], jax.Array] | None = None
 
     def setup(self) -> None:
         """Makes the layers."""
@@ -104,12 +110,18 @@ class ActorCritic(nn.Module):
         self.critic = self.make_torso()
         small, unit = nn.initializers.orthogonal(0.01), nn.initializers.orthogonal(1.0)
         self.logits_head = nn.Dense(self.num_logits, kernel_init=small, dtype=jnp.float32)
+        if self.of_ramps is not None:
+            self.ramp_torso = Torso(RAMP_LAYERS, nn.silu, jnp.float32)
+            self.ramp_head = nn.Dense(1, kernel_init=small, dtype=jnp.float32)
         self.value_head = nn.Dense(1, kernel_init=unit, dtype=jnp.float32)
 
     def __call__(self, obs: jax.Array) -> tuple[jax.Array, jax.Array]:
         """`(..., num_features)` to logits `(..., num_actions)` and values `(...)`."""
         acted_on = obs[..., : self.acts_on]
         logits = self.prior(obs) + self.logits_head(self.actor(acted_on).astype(jnp.float32))
+        if self.of_ramps is not None:
+            sends = self.ramp_head(self.ramp_torso(self.of_ramps(obs)))[..., 0]
+            logits += jnp.pad(sends, [(0, 0)] * (obs.ndim - 1) + [(1, 0)])
         value = self.value_head(self.critic(obs).astype(jnp.float32))
         return self.fold(logits), value[..., 0]
 
@@ -129,7 +141,8 @@ def _layers(config: TrainConfig) -> tuple[Any, ...]:
     return config.hidden, ACTIVATIONS[config.activation], DTYPES[config.compute_dtype]
 
 
-NETWORKS = {"mlp": mlp, "sets": sets}
+RAMPS = "ramps"
+NETWORKS = {RAMPS: mlp, "mlp": mlp, "sets": sets}
 
 
 def check_network(config: TrainConfig, layout: Any) -> None:
@@ -158,7 +171,10 @@ def build_network(env: Environment, config: TrainConfig) -> nn.Module:
         actions, seen = agents.actions, env.observation.own_size(env.config)
         return ActorCritic(actions.num_logits, make_torso, prior, actions.fold_logits, seen)
     (size,) = env.observation_space(None).shape
-    return ActorCritic(env.num_actions, make_torso, prior, lambda logits: logits, size)
+    layout, of_ramps = env.observation, None
+    if config.network == RAMPS and tells_ramps(env):
+        of_ramps = partial(layout.of_ramps, config=env.config)
+    return ActorCritic(env.num_actions, make_torso, prior, lambda logits: logits, size, of_ramps)
 
 
 def masked_categorical(logits: jax.Array, mask: jax.Array) -> Categorical:

@@ -52,13 +52,18 @@ def prior_logits(env: Any, config: TrainConfig) -> Prior:
     return of_agents
 
 
+def tells_ramps(env: Any) -> bool:
+    """Whether a dispatcher's actions are the ramps, and its observation tells what is to be known of each."""
+    ramps = env.num_actions - 1  # a wrapper may have added or removed actions
+    return isinstance(env.observation, RoadProfile) and 0 < ramps == env.config.num_ramps
+
+
 def _of_dispatcher(env: Any, config: TrainConfig) -> Prior:
     """Follows the rule `budgeted` if the setting says so and the observation tells what it reads; else mostly waits."""
     layout = env.observation
-    ramps = env.config.num_ramps if isinstance(layout, AgentView) else env.num_actions - 1
-    # The rule does not cover actions that a wrapper has added or removed.
-    covers = isinstance(layout, RoadProfile | AgentView) and 0 < ramps == env.config.num_ramps
-    if config.policy_prior == "rule" and covers:
+    of_agent = isinstance(layout, AgentView)
+    ramps = env.config.num_ramps if of_agent else env.num_actions - 1
+    if config.policy_prior == "rule" and (tells_ramps(env) or (of_agent and ramps)):
         env_config = env.config
 
         def like_rule(obs: jax.Array) -> jax.Array:

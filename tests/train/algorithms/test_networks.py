@@ -19,6 +19,7 @@ from train.algorithms.networks import (
     masked_categorical,
 )
 from train.algorithms.normalization import init_stats
+from train.algorithms.policy_prior import prior_logits
 from train.algorithms.ppo.settings import PPOConfig
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -71,6 +72,38 @@ def test_an_observation_of_another_size_is_refused(config):
             apply_policy(network, weights, wrong, mask)
         with pytest.raises(InputError, match=words):
             apply_value(network, weights, wrong)
+
+
+def test_what_is_learned_at_one_ramp_holds_at_all():
+    """The shared network alone: ramps whose features change places change logits, and sending waits for nobody."""
+    config = PPOConfig(hidden=(4,), policy_prior="wait")
+    assert config.network == "ramps"
+    env, params = medjax.make("paper", observation=config.observation, **SMALL)
+    network, plain = build_network(env, config), build_network(env, PPOConfig(network="mlp"))
+    _, state = env.reset(jax.random.key(0), params)
+    obs = env.get_obs(state, params)
+    weights = network.init(jax.random.key(1), obs)
+    assert "ramp_torso" not in plain.init(jax.random.key(1), obs)["params"]
+    # Only the shared network speaks, and it does not read which ramp it is.
+    inner = jax.tree.map(lambda leaf: leaf, weights["params"])
+    inner["logits_head"] = jax.tree.map(jnp.zeros_like, inner["logits_head"])
+    kernel = inner["ramp_torso"]["Dense_0"]["kernel"]
+    ramps = env.config.num_ramps
+    inner["ramp_torso"]["Dense_0"]["kernel"] = kernel.at[-ramps:].set(0.0)
+    columns = len(obs) - 2 * env.observation.clock_nodes - 4 - 6 * ramps + np.arange(6 * ramps)
+    rng = np.random.default_rng(0)
+    features = rng.uniform(size=(6, ramps)).astype(np.float32)
+    order = rng.permutation(ramps)
+    prior = prior_logits(env, config)(obs)
+
+    def learned(of_ramps):
+        given = obs.at[columns].set(of_ramps.ravel())
+        return network.apply({"params": inner}, given)[0] - prior
+
+    first, second = learned(features), learned(features[:, order])
+    assert first[0] == second[0] == 0.0
+    assert len({float(logit) for logit in first}) == 1 + ramps
+    np.testing.assert_allclose(second[1:], first[1:][order], atol=1e-6)
 
 
 def test_split_is_the_structured_observation(scene):
