@@ -73,7 +73,7 @@ class TrainConfig(abc.ABC):
         "in training, scale each episode's demand by a factor drawn between these two",
         limits=(0, 4),  # four lanes do not carry more
     )
-    num_envs: int = option(256, "environment", "environments run side by side", limits=(1, 2**20))
+    num_envs: int = option(32, "environment", "environments run side by side", limits=(1, 2**20))
     decide_every: int = option(
         1, "environment", "decisions per choice of the policy", limits=(1, 10**6)
     )

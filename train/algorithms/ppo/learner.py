@@ -157,7 +157,7 @@ class PPOLearner:
     ) -> tuple[Any, Any, Metrics]:
         """Runs all epochs; returns parameters, optimiser state, and metrics averaged over the gradient steps."""
         numbers = jnp.arange(self.config.num_envs, dtype=jnp.int32)
-        numbers, samples = split_environments(key, (numbers, samples), self.config.num_minibatches)
+        numbers, samples = split_environments(key, (numbers, samples), self.config.minibatches)
         samples = jax.vmap(weigh)(samples)
         teaches = (samples.weight > 0.0) | (samples.value_weight > 0.0)
 
@@ -196,7 +196,7 @@ def build_learner(env: Environment, params: Any, config: PPOConfig) -> PPOLearne
     network = build_network(env, config)
     mesh = environment_mesh(config.device_groups, config.num_devices, jax.devices())
     batch = training_batch(env, params, config, config.bootstrap_timeouts)
-    gradient_steps = config.num_epochs * config.num_minibatches
+    gradient_steps = config.num_epochs * config.minibatches
 
     def learning_rate(update: jax.Array) -> jax.Array:
         left = 1.0 - update / config.num_updates if config.anneal else 1.0

@@ -1,11 +1,17 @@
 """Settings of PPO."""
 
 import dataclasses
+import math
 from typing import ClassVar
 
 from medjax.errors import InputError
 from train.option import option, takes_former_names
 from train.settings import MOST_COUNTED, TrainConfig
+
+ENVS_OF_A_MINIBATCH, MOST_MINIBATCHES = 4, 64  # unless num_minibatches says otherwise
+MOST_IN_GROUP = (
+    8  # environments that meet the same episodes: more would leave an update too few different ones
+)
 
 
 @takes_former_names
@@ -24,12 +30,13 @@ class PPOConfig(TrainConfig):
         600, "PPO", "choices per environment and update", limits=(1, 2**16)
     )
     num_minibatches: int = option(
-        16,
+        0,
         "PPO",
-        "minibatches per epoch; must divide num_envs; as many environments, one in each, meet the same episodes",
-        limits=(1, 2**20),
+        f"minibatches per epoch, which must divide num_envs; 0: of {ENVS_OF_A_MINIBATCH} environments each, or larger "
+        f"ones so that there are at most {MOST_MINIBATCHES}",
+        limits=(0, 2**20),
     )
-    num_epochs: int = option(2, "PPO", "passes over each rollout", limits=(1, 1000))
+    num_epochs: int = option(4, "PPO", "passes over each rollout", limits=(1, 1000))
     learning_rate: float = option(
         1e-3, "PPO", "initial learning rate of Adam", flags=("--lr",), limits=(1e-12, 10)
     )
@@ -65,7 +72,7 @@ class PPOConfig(TrainConfig):
     def __post_init__(self) -> None:
         """Checks as `TrainConfig` does, then combinations with PPO's own settings."""
         super().__post_init__()
-        if self.num_envs % self.num_minibatches:
+        if self.num_minibatches and self.num_envs % self.num_minibatches:
             raise InputError(
                 f"num_envs is {self.num_envs}, which num_minibatches = {self.num_minibatches} does not divide; "
                 f"allowed: a multiple of {self.num_minibatches}"
@@ -94,6 +101,19 @@ class PPOConfig(TrainConfig):
         return self.rollout_length
 
     @property
+    def minibatches(self) -> int:
+        """Minibatches per epoch."""
+        if self.num_minibatches:
+            return self.num_minibatches
+        most = min(max(self.num_envs // ENVS_OF_A_MINIBATCH, 1), MOST_MINIBATCHES)
+        return max(count for count in range(1, most + 1) if self.num_envs % count == 0)
+
+    @property
+    def device_groups(self) -> int:
+        """Number of groups of environments; each group has one environment in every minibatch."""
+        return self.num_envs // self.minibatches
+
+    @property
     def group_size(self) -> int:
-        """Neighbours that meet the same episodes. Each minibatch gets one of them, and so meets every demand."""
-        return self.num_minibatches
+        """Neighbours that meet the same episodes. No two of them are in the same minibatch."""
+        return math.gcd(self.minibatches, MOST_IN_GROUP)
