@@ -151,7 +151,7 @@ def test_command(tmp_path, capsys, monkeypatch):
     sweep.main(["--vary=lr=1e-2", *options, f"--json={out}", f"--plot={picture}"])
     printed, report = capsys.readouterr().out, json.loads(out.read_text())
     assert [row["settings"] for row in report["rows"]] == [
-        {"learning_rate": 1e-3},
+        {"learning_rate": 5e-4},
         {"learning_rate": 1e-2},
     ]
     assert {"start", "start_sampled", *medjax.BASELINES} == set(report["others"])

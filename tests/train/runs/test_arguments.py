@@ -48,7 +48,7 @@ from train.settings import from_json, to_json
         (["--demand-range", "nan", "1"], ["demand_range is nan", "at most 4"]),
         (["--demand-range", "few", "1"], ["demand_range is 'few'", "a number"]),
         (["--activation=gelu"], ["activation is 'gelu'", "tanh, relu, silu"]),
-        (["--network=transformer"], ["network is 'transformer'", "allowed: mlp"]),
+        (["--network=transformer"], ["network is 'transformer'", "allowed: ramps, mlp"]),
         (["--eval-episodes=1"], ["eval_episodes is 1", "at least 2"]),
         (["--set", "nothing=3"], ["nothing", "allowed", "episode_decisions"]),
         (["--set", "episode_decisions=-3"], ["episode_decisions is -3", "above 0"]),

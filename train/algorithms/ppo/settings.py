@@ -38,7 +38,7 @@ class PPOConfig(TrainConfig):
     )
     num_epochs: int = option(4, "PPO", "passes over each rollout", limits=(1, 1000))
     learning_rate: float = option(
-        1e-3, "PPO", "initial learning rate of Adam", flags=("--lr",), limits=(1e-12, 10)
+        5e-4, "PPO", "initial learning rate of Adam", flags=("--lr",), limits=(1e-12, 10)
     )
     anneal: bool = option(True, "PPO", "let the learning rate fall linearly to 0")
     gamma: float = option(1.0, "PPO", "discount per choice", limits=(0, 1))
