@@ -24,6 +24,7 @@ def assert_card(card, run):
     settings = json.loads((run / "config.json").read_text())
     played = json.loads((run / "evaluation.json").read_text())
     assert (card["settings"], card["versions"]) == (settings["config"], settings["versions"])
+    assert card["plays"] == "the most probable action"
     assert card["evaluation"]["episodes"] == played["episodes"]
     for name, entry in played["policies"].items():
         own = card["evaluation"]["policies"][name]

@@ -18,6 +18,7 @@ from train.runs.versions import versions
 from train.settings import GIVEN, TrainConfig, load_config, to_json
 
 LOCK = ".lock"
+PLAYS = "the most probable action"  # how a policy file acts
 # Other files with similar names belong to the user.
 UNTIL = re.compile(r"config-until-([0-9]{1,18})\.json")
 
@@ -57,7 +58,7 @@ class RunDir:
         return load_config(self.config, *(kinds or SETTINGS), given=self.given)
 
     def card(self) -> dict[str, Any]:
-        """How the policy was trained: `settings`, `versions`, and `evaluation` if there was one.
+        """How the policy is played and was trained: `plays`, `settings`, `versions`, and `evaluation` if there was one.
 
         The last has `episodes`, `seed`, and `return_mean` and `return_ci95` of each of `policies`.
 
@@ -67,7 +68,7 @@ class RunDir:
         file = self.config
         try:
             run = json.loads(file.read_text(encoding="utf-8"))
-            card = {"settings": run["config"], "versions": run["versions"]}
+            card = {"plays": PLAYS, "settings": run["config"], "versions": run["versions"]}
             if (file := self.evaluation).exists():
                 played = json.loads(file.read_text(encoding="utf-8"))
                 returns = {

@@ -53,12 +53,14 @@ def test_learners_are_those_of_train_ppo():
 
 
 def test_combinations_begin_with_the_default_and_repeat_nothing():
-    config = PPOConfig()
+    config = PPOConfig(learning_rate=1e-3)
     rows = combinations(config, {"learning_rate": [3e-4, 1e-3], "gamma": [1.0, 0.9]})
-    assert rows[0] == {"learning_rate": config.learning_rate, "gamma": config.gamma}
+    assert rows[0] == {"learning_rate": 1e-3, "gamma": 1.0}
     every = {tuple(row.values()) for row in rows}
     assert every == set(itertools.product([3e-4, 1e-3], [1.0, 0.9]))
     assert len(rows) == 4
+    # A default that is not among the values is one more row.
+    assert combinations(config, {"gamma": [0.9]}) == [{"gamma": 1.0}, {"gamma": 0.9}]
 
 
 @pytest.mark.parametrize(
