@@ -123,14 +123,15 @@ def learn(env: Any, params: Any, config: PPOConfig, rows: Sequence[Numbers]) -> 
         for name in rows[0]
     }
 
-    def first(keys: jax.Array, params: Any) -> Any:
-        states = lax.map(lambda key: base.init(key, params), keys)
+    def first(keys: jax.Array, traced: Any) -> Any:
+        states = lax.map(lambda key: base.init(key, traced), keys)
         return jax.tree.map(lambda leaf: jnp.concatenate([leaf] * len(rows)), states)
 
-    def update(states: Any, numbers: Mapping[str, jax.Array], params: Any) -> Any:
+    def update(states: Any, numbers: Mapping[str, jax.Array], traced: Any) -> Any:
         def one(state: Any, own: Mapping[str, jax.Array]) -> Any:
+            # Building reads the length of an episode, which must not be traced.
             learner = build(env, params, with_numbers(config, own))
-            state, metrics = learner.update(state, params)
+            state, metrics = learner.update(state, traced)
             return state, metrics["episode_return"]
 
         # On a CPU the environments of one learner fill the cache.
