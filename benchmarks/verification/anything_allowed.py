@@ -1,4 +1,4 @@
-"""Worlds with any allowed numbers, ends of ranges included, except numbers that other numbers bound."""
+"""Gives worlds any allowed numbers, including the ends of ranges, but leaves numbers that depend on other numbers."""
 
 import math
 from typing import Any
@@ -9,8 +9,8 @@ from benchmarks.verification.draws import Draw, in_worlds
 from medjax.world.numbers import Number
 from medjax.world.params import GROUPS, OTHERS, EnvParams
 
-# `random_worlds` draws these numbers from the range that the other numbers leave: places along the road, a state of
-# charge that must be above another one, and whole numbers.
+# Only `random_worlds` draws these numbers. Other numbers bound them (places along the road, a state of charge that must
+# be above another one), or they are whole numbers.
 BOUND = {
     "road": ("length_m", "ramp_x_m", "acceleration_lane_m", "exit_x_m", "exit_lane_m"),
     "demand": ("arrival_soc_low", "arrival_soc_high"),
@@ -18,21 +18,21 @@ BOUND = {
     "fleet": ("size", "service_lane"),
     "charging": ("request_soc", "target_soc", "depleted_blocks"),
 }
-# The groups of driving behaviour are replaced together, other groups independently.
+# `with_anything` replaces the groups of driving behaviour together, and every other group independently.
 DRIVING = ("drivers", "motion", "lane_change")
 ORDERS = 4.0  # orders of magnitude to cover below the upper end of a range from 0
 VAST = 1e9  # largest finite number drawn where infinity is allowed
 
 
 def with_anything(draw: Draw, params: EnvParams) -> EnvParams:
-    """Replaces some groups of numbers by any allowed ones in half of the worlds.
+    """In half of the worlds, replaces some groups of numbers by any allowed numbers.
 
-    Orders of magnitude are equally likely. DRIVING counts as one group, and `battery_scale` as another.
+    All orders of magnitude are equally likely. DRIVING counts as one group, and `battery_scale` as another.
     """
     strange, driving = draw(0.0, 1.0) < 0.5, draw(0.0, 1.0) < 0.5
 
     def anyhow(group: str) -> Any:
-        """Worlds in which a group is strange."""
+        """Worlds in which this group gets any allowed numbers, `(batch,)` bool."""
         own = draw(0.0, 1.0) < 0.5
         return strange & (driving if group in DRIVING else own)
 
@@ -55,7 +55,7 @@ def with_anything(draw: Draw, params: EnvParams) -> EnvParams:
 
 
 def any_of(draw: Draw, number: Number, *shape: int) -> Any:
-    """Numbers of a range, `(batch, *shape)`; orders of magnitude are equally likely if the range has one sign."""
+    """Draws numbers of a range, `(batch, *shape)`; orders of magnitude are equally likely if the range has one sign."""
     low, high = number.low, min(number.high, VAST)
     if low < 0.0:
         return draw(low, high, *shape)

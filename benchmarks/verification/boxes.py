@@ -1,7 +1,7 @@
 """Finds overlapping vehicles by checking all pairs of boxes, for any simulator.
 
-The check uses no leaders or lane changes, because sharing the simulator's view of positions would share its faults.
-Bodies are boxes aligned with the road; their small turns in a lane change are ignored.
+The check uses neither leaders nor lane changes: if it shared the simulator's view of positions, it would share its
+faults. Bodies are boxes aligned with the road. The check ignores their small turns in a lane change.
 """
 
 from typing import Any
@@ -15,7 +15,7 @@ from medjax.world.kinds import WIDTHS_M
 from medjax.world.params import EnvParams
 from medjax.world.state import Vehicles
 
-DEEP_M = 0.1  # along and across; a smaller overlap is rounding or a mirror
+DEEP_M = 0.1  # along and across; a smaller overlap is rounding or a wing mirror
 
 
 def overlapping(x: Any, lateral: Any, length: Any, width: Any, there: Any) -> Any:

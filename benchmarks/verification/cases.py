@@ -33,7 +33,7 @@ from medjax.wrappers import environment_mesh, on_devices
 NUM_ENVS = 256
 EPISODE_S = 150.0
 NEVER = 2**30
-# Random orders to MEDs: speeds, m/s, and the chances that a MED gets orders, and that these are to leave.
+# Random orders to MEDs: the speeds, m/s, the chance that a MED gets orders, and the chance that these say to leave.
 SPEEDS, COMMAND_CHANCE, LEAVE_CHANCE = (5.0, 14.0, 22.0, 30.0), 0.1, 0.05
 
 
@@ -48,7 +48,7 @@ class Played(struct.PyTreeNode):
 
 
 def random_action(key: jax.Array, mask: jax.Array, wild: jax.Array) -> jax.Array:
-    """If `wild`, any action, even a masked or out-of-range one; else an allowed one; () int32."""
+    """Draws an action, () int32: an allowed one, or if `wild` any one, even masked or out of range."""
     any_key, allowed_key = jax.random.split(key)
     anything = jax.random.randint(any_key, (), -1, mask.shape[0] + 1)
     allowed = jax.random.randint(allowed_key, (), 0, mask.shape[0])
@@ -58,9 +58,9 @@ def random_action(key: jax.Array, mask: jax.Array, wild: jax.Array) -> jax.Array
 def commanded(
     key: jax.Array, index: Any, state: EnvState, config: EnvConfig, params: EnvParams
 ) -> EnvState:
-    """Gives some MEDs random orders in every other pair of environments; returns the new state.
+    """Gives some MEDs random orders in every other pair of environments. Returns the new state.
 
-    MEDs get orders wherever they are; masks remove orders that are not allowed.
+    MEDs get orders wherever they are. Masks remove the orders that are not allowed.
     """
     exits, depots, meds = config.num_exits > 0, config.num_depots, (config.num_meds,)
     lanes = tuple(range(config.num_lanes))
@@ -95,10 +95,10 @@ def environment_keys(key: jax.Array, index: Any) -> jax.Array:
 
 
 def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
-    """A program `(params, key, decisions)` to `Played` that plays and checks the start of an episode.
+    """A program from `(params, key, decisions)` to `Played`: it plays and checks an episode's first `decisions`.
 
     Leaves of `params` are (B, ...), except the coils' table, which all environments share. `key` is the episode's.
-    `decisions` () int32 is traced, so any number of decisions plays bit for bit the same way.
+    `decisions`, () int32, is traced. One program thus plays any number of decisions, bit for bit the same way.
     """
     env = ChargingEnv(config).with_probe(lambda state: state)
 
@@ -119,7 +119,7 @@ def episode_program(config: EnvConfig, num_devices: int = 0) -> Any:
             obs, state, reward, _, _, info = env.step_env(step_key, before, action, params)
             decided = Decision(before, state, obs, reward, info)
             stands = stands_open(before, config, params) & stands_open(state, config, params)
-            # A vehicle in stop-and-go, such as to let another one in, is not standing.
+            # A vehicle in stop-and-go, for example one that lets another in, does not count as standing.
             distance = jnp.abs(state.vehicles.x - before.vehicles.x)
             stands &= distance <= STANDS_M_PER_S * config.decision_s
             stood_s = jnp.where(stands, played.stood_s + config.decision_s, 0.0)
@@ -158,7 +158,7 @@ def compiled(config: EnvConfig, *args: Any) -> Any:
 class Case:
     """Case `number` of a seed: sizes, the numbers of each environment, and the compiled program.
 
-    Another `num_envs` changes what is played. `config` replaces the drawn sizes.
+    With another `num_envs` the case plays other worlds. `config` replaces the drawn sizes.
     """
 
     def __init__(
@@ -180,7 +180,7 @@ class Case:
         return jax.random.fold_in(of_case, episode)
 
     def play(self, episode: int, decisions: int | None = None) -> Played:
-        """Plays an episode, or its first decisions, in every environment; returns NumPy arrays."""
+        """Plays an episode, or only its first decisions, in every environment. Returns NumPy arrays."""
         count = np.int32(self.decisions if decisions is None else decisions)
         return jax.device_get(self.program(self.params, self.key(episode), count))
 
@@ -229,11 +229,11 @@ def violations_of(case: Case, episode: int, played: Played) -> list[Violation]:
 
 
 def run_case(case: Case, updates: float) -> Iterator[tuple[int, list[Violation]]]:
-    """Plays episodes of a case up to this many updates; yields updates and violations of each."""
+    """Plays episodes of a case up to this many vehicle updates. Yields each episode's updates and violations."""
     done, episode = 0, 0
     while done < updates:
         played = case.play(episode)
         moved = int(played.updates.sum(dtype=np.int64))
         yield moved, violations_of(case, episode, played)
-        # The floor ends cases without demand and MEDs, which move nobody.
+        # Without demand and MEDs, nobody moves. The floor of `num_envs` updates ends such a case.
         done, episode = done + max(moved, case.num_envs), episode + 1

@@ -60,7 +60,7 @@ def check_decision(decision: Decision, config: EnvConfig, params: EnvParams) -> 
 
 
 def with_means(ledger: Ledger, last: EnvState, config: EnvConfig, params: EnvParams) -> Ledger:
-    """Adds to the ledger a round's integrals of mean SoC, at its last state, and mean EV speed."""
+    """Adds to a round's ledger the time integrals of mean SoC, taken from the last state, and of mean EV speed."""
     on_road = last.vehicles.active[config.ev_slots]
     charge = jnp.where(on_road, last.evs.energy_j / params.ev_capacity_j, 0.0)
     soc = jnp.sum(charge) / jnp.maximum(jnp.sum(on_road), 1)
@@ -70,7 +70,7 @@ def with_means(ledger: Ledger, last: EnvState, config: EnvConfig, params: EnvPar
 
 
 def by_round(ticks: Any, config: EnvConfig) -> Any:
-    """Splits what a probe reports of a decision's ticks by entry rounds: (ticks, ...) to (rounds, ticks, ...)."""
+    """Splits the probe's report on a decision's ticks by entry rounds: (ticks, ...) to (rounds, ticks, ...)."""
     return jax.tree.map(
         lambda each: each.reshape(-1, config.ticks_per_round, *each.shape[1:]), ticks
     )
@@ -81,7 +81,7 @@ def check_results(
 ) -> Flags:
     """Checks the results of a decision against the state after its last tick and the ledger of its ticks."""
     after, info = decision.after, decision.info
-    # After the last tick the clock advances, and MEDs may reach their depots and be recharged.
+    # After the last tick the clock advances. MEDs may then reach their depots, which recharge them.
     home = (last.meds.status == RETIRED) & (after.meds.status == AT_DEPOT)
     refilled = jnp.where(home, params.med_capacity_j, last.meds.energy_j)
     same = jax.tree.map(lambda a, b: a != b, (last.vehicles, last.evs), (after.vehicles, after.evs))
@@ -118,9 +118,9 @@ def outside(bounds: jax.Array, value: jax.Array) -> jax.Array:
 
 
 def distance_resolution(ledger: Ledger, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """The scale for `differs` of distances that allows for rounding of positions to half a unit in the last place.
+    """The scale with which `differs` lets distances differ by the rounding of positions, half a unit in the last place.
 
-    It covers sums over all vehicles, and a mean that one vehicle in one tick of a round makes.
+    It covers sums over all vehicles. It also covers a mean to which one vehicle contributes in one tick of a round.
     """
     ticks = ledger["vehicle_ticks"] + config.ticks_per_round
     return ticks * 1e-7 * params.road.length_m / ROUNDING
@@ -132,9 +132,9 @@ def tally_mistakes(
     """Flags where the tally, the reward or the number of vehicles differs from the ledger, by invariant and name."""
     stats, resolution = decision.info["step_stats"], distance_resolution(ledger, config, params)
     scales = {name: resolution if name.endswith("_m") else 1e-3 for name in ledger}
-    # Delays are small differences, only as exact as the times on the road. Desired speeds of at least 1 m/s turn an
-    # error in distance into at most that error in time.
-    ticks = ledger["vehicle_ticks"] + jnp.sum(ledger["left"])  # leavers were there, too
+    # Delays are small differences of times on the road, so they are only as exact as those times. As desired speeds are
+    # at least 1 m/s, an error in distance, in m, becomes at most the same error in time, in s.
+    ticks = ledger["vehicle_ticks"] + jnp.sum(ledger["left"])  # a vehicle's last tick counts, too
     scales |= dict.fromkeys(("ev_delay_s", "gas_delay_s"), ticks * config.tick_s + resolution)
     flows, counted = {}, {}
     for name, ours in ledger.items():
@@ -145,7 +145,7 @@ def tally_mistakes(
     shares = jnp.stack([decision.info["metrics"][name] for name in SHARES])
     after, sums = decision.after, decision.after.stats
     added = jax.tree.map(lambda a, b, c: differs(a + b, c), decision.before.stats, stats, sums)
-    # Depleted EVs are counted at once, but are on the road until they stop.
+    # The tally counts a depleted EV at once, but it stays on the road until it is on the shoulder or towed.
     stranded = total(after.vehicles.active[config.ev_slots] & after.evs.is_depleted)
     there = by_class(sums.entered - sums.left).at[1].add(stranded - sums.depleted)
     return {

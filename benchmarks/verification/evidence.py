@@ -20,7 +20,7 @@ from medjax.world.kinds import KINDS
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, Vehicles
 
-MOST_SHOWN = 4  # of each check
+MOST_SHOWN = 4  # findings shown of each check
 
 
 def _at(tree: Any, index: int) -> Any:
@@ -34,7 +34,7 @@ def _sum(trees: list[Any]) -> Any:
 def explain(
     env: ChargingEnv, params: EnvParams, key: jax.Array, before: EnvState, action: Any
 ) -> Iterator[str]:
-    """Lines on what goes wrong in a decision of one environment, whose probe must report the whole state."""
+    """Yields lines on what goes wrong in one environment's decision. Its probe must report the whole state."""
     world = env.config, params
     obs, after, reward, _, _, info = jax.jit(env.step_env)(key, before, action, params)
     rounds, last, all_ledgers = by_round(info["ticks"], env.config), before, []

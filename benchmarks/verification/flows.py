@@ -1,9 +1,9 @@
 """Energy flows of a tick, from states alone.
 
-The intake of a battery is its gain plus the energy that driving took. The driving energy follows from eqs (7)-(8) in
-another form: forces times distance, plus the change of kinetic energy. A full or empty battery hides part of a flow, so
-a flow is given by its bounds (`EnergyBounds`). The driving energy is also checked against the batteries, since the
-formula alone would accept a simulator that books energy without taking it from a battery.
+The intake of a battery is its gain plus the energy that driving took. The driving energy follows from another form of
+eqs (7)-(8): forces times distance, plus the change of kinetic energy. A full or empty battery hides part of a flow, so
+the functions here return bounds of a flow (`EnergyBounds`). They also limit the driving energy to what the batteries
+lost, since the formula alone would accept a simulator that counts energy without taking it from a battery.
 """
 
 from typing import Any, NamedTuple
@@ -15,10 +15,11 @@ from medjax.world.params import BodyParams, EnvConfig, EnvParams, RoadParams
 from medjax.world.state import NOT_BOOKED, EnvState, Vehicles
 
 GRAVITY = 9.81  # m/s^2
-# Energies are float32 numbers of up to a full battery and change twice per tick. Each change rounds by at most half a
-# unit in the last place, 6e-8 of the capacity. Ten times that is a twentieth of the energy of a tick of driving.
+# Relative to the capacity. Energies are float32 numbers of up to a full battery and change twice per tick. Each change
+# rounds by at most half a unit in the last place, 6e-8 of the capacity. This tolerance is some ten times the sum of
+# both, and still only a twentieth of the energy that a tick of driving takes.
 CAPACITY_RTOL = 1e-6
-# The flow of a tick results from a dozen float32 operations.
+# Relative to the flow. A dozen float32 operations lead to the flow of a tick.
 FLOW_RTOL = 1e-5
 
 
@@ -62,7 +63,7 @@ def driving(
 def cruising(
     before: Vehicles, after: Vehicles, slots: slice, body: BodyParams, road: RoadParams
 ) -> tuple[jax.Array, jax.Array]:
-    """Like `driving`, but for covering the tick's distance at the desired speed, (C,) J each."""
+    """Like `driving`, but for the tick's distance at the desired speed, (C,) J each."""
     steady = before.replace(speed=before.desired_speed)
     seconds = (after.x - before.x)[slots] / before.desired_speed[slots]
     power, off = driving(steady, steady, slots, body, road, 1.0)
@@ -122,7 +123,7 @@ def _limited_driving(
 def tick_flows(
     before: EnvState, after: EnvState, config: EnvConfig, params: EnvParams
 ) -> tuple[dict[str, jax.Array], dict[str, jax.Array]]:
-    """Energy flows of one tick: flags of what is impossible, and bounds (2,) J, by name."""
+    """Energy flows of one tick, by name: flags of impossible flows, and the bounds (2,) J of each sum of flows."""
     old, new, dt = before.vehicles, after.vehicles, config.tick_s
     evs, was, link, road = after.evs, before.evs, params.link, params.road
     slot = params.charging.slot_power_w * dt
@@ -142,7 +143,7 @@ def tick_flows(
     )
     change = _change(was.energy_j, evs.energy_j, of_evs, params.ev_capacity_j)
     received, lost = _received(change, takes), was.energy_j - evs.energy_j
-    # An EV that runs out spends only what it had, and a full one loses braking energy that finds no room.
+    # An EV that runs out spends only what it had. A full EV loses braking energy that finds no room.
     taken = _limited_driving(
         of_evs, EnergyBounds(lost, lost + takes), change.slack, change.empty, change.full
     )
@@ -153,7 +154,7 @@ def tick_flows(
     of_meds = driving(old, new, config.med_slots, params.med, road, dt)
     change = _change(meds.energy_j, after.meds.energy_j, of_meds, capacity)
     sent, lost = _sent(change, gives), meds.energy_j - after.meds.energy_j
-    # An empty MED drives on without energy, and the tally counts what it would have used.
+    # An empty MED drives on without energy. The tally counts the energy that it would have used.
     most = jnp.where(change.empty, jnp.maximum(of_meds[0], lost), lost)
     given = _limited_driving(
         of_meds, EnergyBounds(lost - gives, most), change.slack, False, change.full

@@ -1,7 +1,7 @@
 """`python -m benchmarks.verification.golden`: records the results of a source tree for bitwise comparison with another.
 
-    python -m benchmarks.verification.golden --out old.npz           in the one tree
-    python -m benchmarks.verification.golden --out new.npz           in the other
+    python -m benchmarks.verification.golden --out old.npz           in one tree
+    python -m benchmarks.verification.golden --out new.npz           in the other tree
     python -m benchmarks.verification.golden --compare old.npz new.npz
 
 A file holds the presets, and rollouts of several worlds under random allowed actions. With `--training` it also holds
@@ -33,7 +33,7 @@ from medjax.commandline import as_path
 from medjax.errors import InputError
 from medjax.files import replacing, write_text
 
-ROOT = Path(__file__).resolve().parents[2]  # where `-m train.ppo` is found, wherever this is called
+ROOT = Path(__file__).resolve().parents[2]  # the directory in which Python finds `-m train.ppo`
 SEED, ENVS = 7, 4
 PROFILE = {"observation": "profile", "episode_decisions": 60, "turnaround_s": 20.0}
 ODD = {"num_meds": 6, "num_evs": 33, "num_gas": 100, "num_lanes": 3, "ramp_x_m": [200, 1500]}
@@ -49,7 +49,7 @@ STATE = (
     *("vehicles.lateral_offset", "evs.energy_j", "evs.med", "evs.charging_slot", "evs.is_charging"),
     *("meds.energy_j", "meds.status", "queue"),
 )
-# Options of short runs of train.ppo, by name: a dispatcher's and agents'.
+# Options of short runs of train.ppo, by name: one run trains a dispatcher, the other agents.
 BATCHES = {"--num-envs": 64, "--num-minibatches": 8, "--total-timesteps": 65536, "--seed": 3}
 ROUNDS = {"--num-envs": 8, "--num-minibatches": 2, "--rollout-length": 60, "--total-timesteps": 960}
 AGENTS_ROUNDS = {**ROUNDS, "--agents": "mappo", "--eval-episodes": 2}
@@ -57,7 +57,7 @@ TRAINING: dict[str, dict[str, Any]] = {
     "training": {**BATCHES, "--eval-episodes": 6, "--set": "episode_decisions=240"},
     "agents' training": {**AGENTS_ROUNDS, "--set": "episode_decisions=60"},
 }
-# Options of train.evaluate on each run, and a short version of a study of `paper`.
+# Options with which train.evaluate plays each run, and commands of short studies of `paper`, by name.
 EVALUATED = ("--episodes=3", "--seed=5", "--policies=ppo,budgeted,none", "--baseline=none")
 STUDIES = {"planner": ("benchmarks.planner", "--episodes=2", "--futures=12", "--hold=60")}
 CLOCKS = ("wall_s", "env_steps_per_s")  # timings in metrics.jsonl, never reproducible
@@ -110,7 +110,7 @@ def rollout(env: Any, decisions: int) -> Callable[[Any, int], dict[str, np.ndarr
 
 
 def rollouts() -> dict[str, np.ndarray]:
-    """Rollouts of WORLDS and AGENTS as WORLD/NAME, and the presets themselves, since the worlds override them."""
+    """Rollouts of WORLDS and AGENTS as WORLD/NAME, and the presets, since these worlds override parts of them."""
     found = {
         f"{name}/preset": np.array(repr((preset.config, preset.numbers, preset.reward)))
         for name, preset in medjax.SCENARIOS.items()
@@ -179,7 +179,7 @@ def _how(a: np.ndarray, b: np.ndarray) -> str:
 
 
 def numbers() -> dict[str, Any]:
-    """Plays SHORT: all rewards, then final metrics and state of vehicles on the road."""
+    """Plays SHORT; returns by world all rewards, and the final metrics and state of vehicles on the road."""
     found = {}
     for world, (preset, decisions, overrides) in SHORT.items():
         env, params = medjax.make(preset, **overrides)
@@ -188,7 +188,7 @@ def numbers() -> dict[str, Any]:
 
 
 def last_of(played: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """One environment's numbers in few digits, as `numbers` has them; of vehicles, those on the road."""
+    """The numbers that `numbers` keeps of one environment, in few digits. Of vehicles it keeps those on the road."""
     final = {name: values[0, -1] for name, values in played.items()}
     active = final["vehicles.active"]
     meds, evs = final["meds.status"].size, final["evs.med"].size  # slots: MEDs, EVs, the others

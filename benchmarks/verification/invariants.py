@@ -1,10 +1,10 @@
 """Invariants that must hold whatever happens on the road, checked from states alone.
 
 The checks do not rely on the simulator's neighbour search, energy formulas or tallies. They sort vehicles on their own,
-derive energies from work and kinetic energy (`ledger`), and add up sums from the states that a probe reports after
-every tick (`ChargingEnv.with_probe`).
+derive energies from work and kinetic energy (`flows`), and compute sums (`ledger`) from the states that a probe reports
+after every tick (`ChargingEnv.with_probe`).
 
-Every check returns flags, True where something is wrong, by invariant (`INVARIANTS`) and by what it looked at. `count`
+Every check returns flags by invariant (`INVARIANTS`) and by what it looked at. True marks a violation. `count`
 reduces them to one number per invariant, so that `jax.vmap` can check thousands of environments fast.
 """
 
@@ -32,18 +32,18 @@ from medjax.world.state import (
 
 INVARIANTS = {
     "overlap": "bumper gaps within a lane are not negative",
-    "boxes": "no two vehicles are in one place, whatever lanes they count to",
+    "boxes": "no two bodies overlap, whatever lanes they count to",
     "passed": "nobody drives through another one in its lane",
     "speed": "nobody drives backwards",
-    "motion": "a vehicle moves by its speeds, one lane at most, and stays who it is",
+    "motion": "a vehicle moves no farther than its speeds allow, changes one lane at most, and stays the same",
     "road": "vehicles are on a lane, before the end of the road or of their acceleration lane",
-    "vehicles": "vehicles come by the entries and go by an exit, the end or without energy, none is lost",
-    "standing": "nobody but without energy stands on a main lane with open road ahead",
-    "bookings": "one EV per charging slot, one charging slot per EV, both on the road, and kept until it ends",
+    "vehicles": "vehicles enter by entries, leave by exits, at the road's end or without energy; none is lost",
+    "standing": "no vehicle with energy stands on a main lane with open road ahead",
+    "bookings": "one EV per slot, one slot per EV, EV and MED on the road; a booking stays until it ends",
     "soc": "states of charge are in [0, 1]",
     "energy": "what batteries give, get and spend balances",
     "finite": "every number is finite",
-    "reward": "the reward is the sum of its terms, and each term what it says",
+    "reward": "the reward is the sum of its terms, and each term has the value that the states give",
     "tally": "the simulator counts what happened",
 }
 Flags = dict[str, dict[str, jax.Array]]  # by invariant, by what was looked at; True: violated
@@ -52,7 +52,7 @@ Flags = dict[str, dict[str, jax.Array]]  # by invariant, by what was looked at; 
 STANDS_M_PER_S, OPEN_M, STANDS_S = 0.5, 60.0, 5.0
 # Rounding of positions and speeds within a tick is far below `ROUNDING_M` and this relative bound.
 ROUNDING = 1e-5
-# Relative, a unit in the last place: 8 mm at 100 km, so far along the road it exceeds `ROUNDING_M`.
+# Bound of a unit in the last place, relative. At 100 km that unit is 8 mm, more than `ROUNDING_M`.
 POSITION_RTOL = 2.0**-23
 
 
@@ -76,7 +76,7 @@ def not_finite(tree: Any) -> dict[str, jax.Array]:
 
 
 def with_finite_waits(state: EnvState) -> EnvState:
-    """The state with intentional infinities set to 0: waits of MEDs that never return, and courtesy not asked for."""
+    """The state with intended infinities set to 0: waits of MEDs that never return, and courtesy that nobody needs."""
     vehicles, meds = state.vehicles, state.meds
     waits = meds.ready_in_s, vehicles.courtesy_left, vehicles.courtesy_right
     ready, left, right = (jnp.where(values == jnp.inf, 0.0, values) for values in waits)
@@ -92,8 +92,8 @@ def lengths_of(state: EnvState, params: EnvParams) -> jax.Array:
 def check_lanes(before: Vehicles, after: Vehicles, length: jax.Array) -> Flags:
     """Checks overlaps and passing within a lane, in the road order after the tick; length (N,) m."""
     slots = after.x.shape[0]
-    # One packed word of lane, place and slot sorts ten times as fast as several arrays. Places are truncated to a few
-    # millimetres; two vehicles that close in a lane overlap in either order.
+    # One packed word of lane, place and slot sorts ten times as fast as several arrays. Packing truncates places to a
+    # few millimetres. Two vehicles that close in a lane overlap in either order.
     slot_bits = (slots - 1).bit_length()
     places = 2 ** (29 - slot_bits)
     scale = places / (1.0 + jnp.max(jnp.where(after.active, after.x, 0.0)))
@@ -125,7 +125,7 @@ def stands_open(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Ar
     gap = jnp.min(jnp.where(ahead, rear, jnp.inf), axis=1) - vehicles.x
     evs, charging, slots = state.evs, params.charging, config.ev_slots
     powered = jnp.ones_like(vehicles.active).at[slots].set(~evs.is_depleted)
-    # Acceleration from standstill: the driver's, limited for a booked EV by the slot controller at its slowest.
+    # Acceleration from standstill is the driver's. For a booked EV, the slot controller at its slowest limits it.
     starts = params.drivers.max_acceleration[vehicles.kind]
     slowest = charging.slowest_share * params.fleet.service_speed
     booked = evs.med != NOT_BOOKED
@@ -193,7 +193,7 @@ def check_state(state: EnvState, config: EnvConfig, params: EnvParams) -> Flags:
             "charges unbooked": evs.is_charging & ~booked,
         },
         "soc": {
-            # Compared as energies, since a division may round to just above 1.
+            # Compare energies, since a division may round to just above 1.
             "EV": (evs.energy_j < 0.0) | (evs.energy_j > params.ev_capacity_j),
             "MED": (meds.energy_j < 0.0) | (meds.energy_j > med_capacity),
             "depleted, with energy": ev_active & evs.is_depleted & (evs.energy_j > 0.0),

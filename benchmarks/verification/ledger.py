@@ -1,4 +1,4 @@
-"""Independent bookkeeping of what happened, from states alone; that of energy is in `flows`."""
+"""Keeps independent books of what happened, from states alone. `flows` keeps the books of energy."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from medjax.world.kinds import GAS_KINDS, KINDS
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import AT_DEPOT, RETIRED, EnvState, Vehicles
 
-# Positions are float32 numbers of up to thousands of metres.
+# Rounding error of positions, which are float32 numbers of up to thousands of metres.
 ROUNDING_M = 2e-3
 
 
@@ -41,7 +41,7 @@ def entry_ledger(before: EnvState, begun: EnvState, length_m: Any) -> Ledger:
 
 
 def home_trip_energy(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Energy of each MED's trip from the road to its depot, (M,) J, at steady speed on the level."""
+    """Energy of each MED's trip from the road to its depot, (M,) J, at a constant speed on a level road."""
     if config.num_depots == 1:
         return jnp.zeros((config.num_meds,))
     speed, slots = params.fleet.return_speed, config.med_slots
@@ -80,7 +80,7 @@ def tick_ledger(
     bound = (new.destination[:, None] == params.road.exit_x_m).any(axis=1)[config.ev_slots]
     travelled = jnp.where(old.active, new.x - old.x, 0.0)
     soc = evs.energy_j / params.ev_capacity_j
-    # A vehicle that leaves counts in its last tick.
+    # Times and distances include the tick in which a vehicle leaves.
     there, distance = sums_by_class(old.active, config), sums_by_class(travelled, config)
     lost = jnp.where(old.active, dt - travelled / old.desired_speed, 0.0)
     delay, gas = sums_by_class(lost, config), jnp.array(GAS_KINDS)

@@ -1,7 +1,7 @@
-"""Random valid worlds: draws sizes and numbers from the whole range that medjax supports, by seed.
+"""Draws random valid worlds by seed, with sizes and numbers from the whole range that medjax supports.
 
-Half of the worlds could be real roads: all numbers lie within the bounds below and often on them. In the others, groups
-of numbers are drawn from everything that `medjax.world.params` allows.
+Half of the worlds could be real roads: all numbers lie within the bounds below and often on them. In the other half,
+some groups of numbers come from everything that `medjax.world.params` allows.
 """
 
 import dataclasses
@@ -27,7 +27,7 @@ SATURATED_PER_H = 3000.0
 J_PER_KWH = 3.6e6
 ROAD, LENGTH = groups.GROUPS["road"], groups.GROUPS["drivers"]["vehicle_length"]
 KIND = (len(KINDS),)
-# Usual ranges, or how to draw the number, in the order of drawing.
+# Usual range of each number, or a function that draws it, in the order of drawing.
 USUAL: dict[str, dict[str, Any]] = {
     "demand": {
         "ramp_per_h": (0.0, SATURATED_PER_H), "ev_share": (0.0, 1.0), "human_share": (0.0, 1.0),
@@ -67,7 +67,8 @@ USUAL: dict[str, dict[str, Any]] = {
         "ev_resistance_ohm": (0.01, 1.0), "angular_frequency": (1e5, 1e6),
     },
 }  # fmt: skip
-# Irrational steps through the unit cube (Roberts' R-sequence in 7 dimensions): successive cases spread evenly over it.
+# Successive cases move through the unit cube by irrational steps (Roberts' R-sequence in 7 dimensions), so they spread
+# evenly over it.
 _PHI = 1.0923077
 for _ in range(60):
     _PHI = (1.0 + _PHI) ** (1.0 / 8.0)
@@ -75,7 +76,10 @@ STEPS = _PHI ** -np.arange(1.0, 8.0)
 
 
 def draw_config(seed: int, case: int) -> EnvConfig:
-    """Sizes of case 0, 1, ... of a seed, spread evenly: 1-6 lanes, 0-8 ramps, 0-8 exits, 0.02-0.5 s, 1-40 MEDs."""
+    """Sizes of case 0, 1, ... of a seed, spread evenly: 1-6 lanes, 0-8 ramps, 0-8 exits, 1-40 MEDs.
+
+    A tick lasts 0.02-0.5 s.
+    """
     start = np.random.default_rng(seed).random(len(STEPS))
     lanes, ramps, tick, ticks, meds, evs, gas = (start + case * STEPS) % 1.0
     num_lanes, num_ramps = 1 + int(6 * lanes), int(9 * ramps)
@@ -178,7 +182,7 @@ def _or_inf(draw: Draw, value: Any) -> Any:
 
 
 def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvParams:
-    """All numbers of a batch of worlds, as NumPy arrays with the batch axes of `units`; `table` is used as it is."""
+    """All numbers of a batch of worlds, as NumPy arrays with the batch axes of `units`; the worlds share `table`."""
     draw = Draw(units)
     once = draw(0.0, 1.0) < 0.5  # in half of the worlds MEDs never return to service
     turnaround: Any = np.where(once, np.float32(math.inf), draw(0.0, 120.0))
@@ -205,7 +209,7 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
         med=_body(draw, (4000.0, 40000.0), 12.0, 600.0),
         battery_scale=draw(1.0, 100.0),
         reward_weights={term: draw(-20.0, 20.0) for term in TERMS},
-        # Longer than any play, so that episodes end only where their player stops.
+        # So many that an episode ends only where the program that plays it stops.
         episode_decisions=draw.whole(10**6, 10**6),
     )
     return with_anything(draw, params)
@@ -243,7 +247,7 @@ def as_settings(config: EnvConfig, params: EnvParams) -> list[str]:
 
 
 def validated(config: EnvConfig, params: EnvParams, worlds: int | None = None) -> EnvParams:
-    """Returns the batch; raises InputError if one of its worlds, or of the first `worlds`, is not valid."""
+    """Checks all worlds of a batch, or the first `worlds`; returns the batch. Raises InputError for an invalid one."""
     for index in range(worlds or len(np.asarray(params.battery_scale))):
         world = world_of(params, index)
         validate(config, jax.tree.map(lambda x: x.item() if np.ndim(x) == 0 else x, world))

@@ -1,9 +1,10 @@
 """`python -m benchmarks.soak`: plays random worlds at random and checks every invariant after every tick.
 
-Each case is one compiled program with sizes drawn by `random_worlds`. It holds environments side by side, each with its
-own numbers. Half of them play random allowed actions, the other half any actions. In half of each, MEDs also get random
-orders on how to move, which EVs to accept and when to leave, as agents do (`medjax.make_agents`). Vehicle updates count
-only vehicles on the road. A violation prints the command that replays the episode up to it and explains it.
+Each case is one compiled program, with sizes from `random_worlds`. It plays many environments side by side, each with
+its own numbers. Half of the environments play random allowed actions, the other half any actions. In half of either
+kind, MEDs also get random orders: how to move, whether to accept EVs and when to leave, as agents do
+(`medjax.make_agents`). Vehicle updates count only vehicles on the road. For each violation, the soak test prints the
+command that replays the episode up to the violation and explains it.
 """
 
 import argparse
@@ -33,7 +34,7 @@ from benchmarks.verification.random_worlds import as_settings, world_of
 from medjax.env.charging_env import ChargingEnv
 from medjax.errors import InputError
 
-CASES = 16  # share the updates among them
+CASES = 16  # cases that share the updates
 MOST_SHOWN = 5  # violations shown per episode
 
 
@@ -64,12 +65,12 @@ def show(case: Case, environment: int, episode: int) -> Iterator[str]:
 
 
 def _pass(line: str) -> None:
-    """Prints progress to stderr, to be overwritten by the next line."""
+    """Prints progress to stderr; the next line overwrites it."""
     print(line, end="\r", file=sys.stderr, flush=True)
 
 
 def play(case: Case, share: float, rows: list[dict[str, Any]]) -> Iterator[list[Violation]]:
-    """Plays a case up to `share` updates; yields each episode's violations, and counts them in a new row."""
+    """Plays a case up to `share` vehicle updates. Yields each episode's violations, and counts them in a new row."""
     start = time.perf_counter()
     row = {"case": case.number, **dataclasses.asdict(case.config)}
     row |= {"compile_s": case.compile_s, "updates": 0, "violations": 0}
@@ -93,7 +94,7 @@ def play(case: Case, share: float, rows: list[dict[str, Any]]) -> Iterator[list[
 
 
 def show_again(options: argparse.Namespace) -> NoReturn:
-    """Prints one environment's first violation, if any, and exits; InputError for invalid options."""
+    """Prints one environment's first violation, if any, and exits. Raises InputError for invalid options."""
     if options.case is None or options.environment is None:
         raise InputError("--case and --environment: allowed both or none")
     if options.environment >= options.num_envs:

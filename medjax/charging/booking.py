@@ -1,6 +1,6 @@
-"""Booking: EVs request slots, MEDs grant them, and bookings end; the map of EVs to slots is one-to-one.
+"""Booking: EVs request slots, MEDs grant them, and bookings end. The map of EVs to slots is one-to-one.
 
-Only the EVs store the map, in `med` and `charging_slot`; the MEDs' view is derived from it.
+Only the EVs store the map, in `med` and `charging_slot`. `charging_slot_flags` derives the MEDs' view from it.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ __getattr__ = former_names(__name__, panel_flags="charging_slot_flags")
 
 # Approximate duration of a lane change, for the choice of a charging slot.
 LANE_CHANGE_S = 4.0
-# A docking is in time if the MED then still stays this long for charging.
+# An EV docks in time if the MED then still has at least this long to charge it.
 WORTHWHILE_S = 10.0
 
 
@@ -62,7 +62,7 @@ def can_serve(meds: MEDs, params: EnvParams) -> jax.Array:
 
 
 def unserved(energy_j: jax.Array, complies: jax.Array) -> EVs:
-    """EVs not served so far, from their energy, `(E,)` J, and their drivers' compliance, `(E,)` bool."""
+    """EVs that no MED has served, given their energy, `(E,)` J, and whether their drivers comply, `(E,)` bool."""
     not_booked = jnp.full(energy_j.shape, NOT_BOOKED, jnp.int32)
     return EVs(
         energy_j=energy_j,
@@ -115,7 +115,7 @@ class Requests(NamedTuple):
 
 
 def _first_minimum(values: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Minimum along the last axis and its first index; takes a fifth of argmin's time on a CPU."""
+    """Minimum along the last axis, and its first index. On a CPU this takes a fifth of the time of argmin."""
     size = values.shape[-1]
     minimum = values.min(axis=-1)
     indices = jnp.where(values == minimum[..., None], jnp.arange(size, dtype=jnp.int32), size)
@@ -123,7 +123,7 @@ def _first_minimum(values: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 
 def _charging_slot_cost(requests: Requests, offer: Offers, params: ChargingParams) -> jax.Array:
-    """Time for each EV to reach each slot of its nearest MED, `(E, 4)` s; FAR if it cannot."""
+    """Time for each EV to reach each slot of its nearest MED, `(E, 4)` s; FAR if it cannot reach the slot."""
     charging_slot = jnp.arange(len(CHARGING_SLOTS), dtype=jnp.int32)
     med = Partner(*(field[:, None] for field in (offer.x, offer.speed, offer.lane, offer.length)))
     x, lane, length = (field[:, None] for field in (requests.x, requests.lane, requests.length))
@@ -135,8 +135,8 @@ def _charging_slot_cost(requests: Requests, offer: Offers, params: ChargingParam
     back = jnp.minimum(back, params.approach_speed)
     up, down = jnp.maximum(goal - x, 0.0) + (slot - goal), jnp.maximum(x - goal, 0.0)
     seconds = up / params.approach_speed + down / back + LANE_CHANGE_S * jnp.abs(wanted - lane)
-    # An EV cannot pass the MED in the MED's lane, nor an EV booked on a side slot in that slot's lane: it would stay
-    # behind, or take the other with it when falling back.
+    # An EV cannot pass the MED in the MED's lane. Nor can it pass, in a side slot's lane, the EV that has booked that
+    # slot. It would get stuck behind the other vehicle, or slow that vehicle down when it falls back.
     blocked = (lane == med.lane) & jnp.where(
         x < med.x, charging_slot == FRONT, charging_slot == REAR
     )
@@ -157,9 +157,9 @@ def grant(
     """One round of booking: each EV asks its nearest MED, each MED takes its nearest EV.
 
     An EV asks only for a slot that it can reach in time: before the MED leaves the road or reaches the EV's own exit,
-    before the EV's energy runs out, and before the MED's patience ends. A MED takes the nearest of several EVs (the
-    lower slot on a tie); the others ask again in the next round. As each MED takes one EV per round, the map is
-    one-to-one by construction.
+    before the EV's energy runs out, and before the MED's patience ends. A MED takes the nearest of several EVs, and on
+    a tie the one in the lower vehicle slot. The others ask again in the next round. As each MED takes one EV per round,
+    the map is one-to-one by construction.
 
     Args:
       med, charging_slot: (E,) int32, the map so far.
@@ -195,7 +195,7 @@ def grant(
 
 
 def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests, Offers]:
-    """The EVs' requests and the MEDs' offers of this round; an EV with less charge than `request_soc` requests."""
+    """The EVs' requests and the MEDs' offers of this round. An EV requests a slot if its SoC is below `request_soc`."""
     vehicles, evs, meds = state.vehicles, state.evs, state.meds
     med_slots, ev_slots = config.med_slots, config.ev_slots
     length = by_kind(vehicles.kind, params.drivers.vehicle_length)
@@ -239,7 +239,7 @@ def book(state: EnvState, config: EnvConfig, params: EnvParams) -> EVs:
 
 
 def release(vehicles: Vehicles, evs: EVs, meds: MEDs, config: EnvConfig, params: EnvParams) -> EVs:
-    """Ends bookings after a tick: the EV is charged, depleted, gone or late, or its MED is gone or empty."""
+    """Ends a booking after a tick if the EV is charged, depleted, gone or late, or if its MED is gone or empty."""
     booked = evs.med != NOT_BOOKED
     partner = jnp.maximum(evs.med, 0)
     serves = can_serve(meds, params)

@@ -18,13 +18,15 @@ from medjax.world.state import NOT_BOOKED, EnvState, EVs, Vehicles
 
 # Lanes of the charging slots relative to the MED's lane: left, right, rear, front.
 CHARGING_SLOT_LANE = (-1, 1, 0, 0)
-# An EV that must cross the MED's lane first falls back this much further than the dock gap behind the MED.
+# Before an EV crosses the MED's lane, it falls back to this distance behind the rear slot.
 CROSSING_ROOM_M = 10.0
-# An EV enters the MED's lane only this close to its slot, or other vehicles would fill the space between.
+# An EV enters the MED's lane only within this distance of its slot. Otherwise other vehicles would fill the gap.
 ENTRY_ROOM_M = 20.0
-# Distance per lane to cross at which a lane change becomes urgent; before, the EV overtakes like any vehicle.
+# Within this distance of its slot, for each lane to cross, an EV's lane change is urgent. Farther away, the EV
+# overtakes like any other vehicle.
 VIEW_M = 100.0
-# Final urgency: others make room, and the EV need not reach their speed, which it will not.
+# Desire to change lanes at full urgency. Others then make room. The EV need not reach their speed first, since it never
+# will.
 PRESSING_DESIRE = 0.65
 
 
@@ -86,8 +88,8 @@ def plan_approach(
 ) -> Approach:
     """Plans where each booked EV drives and which lane it takes next.
 
-    An EV on the far side of the MED must cross the MED's lane, so it falls back behind the MED first. It enters the
-    MED's lane only close to its slot, and ahead of or behind the MED as the slot requires.
+    An EV on the far side of the MED must cross the MED's lane, so it falls back behind the MED first. An EV enters the
+    MED's lane only close to its slot. It enters ahead of the MED for the front slot, and behind it for all others.
 
     Args:
       x, lane, ev_length, charging_slot: of the EVs, equal shapes; charging_slot in 0..3.
@@ -117,14 +119,16 @@ def approach_pace(
     slowest: jax.Array | float,
     params: ChargingParams,
 ) -> jax.Array:
-    """Speed at which an EV drives to its slot, m/s: the MED's plus a share of the distance to go, within bounds.
+    """Speed at which an EV drives to its slot, m/s.
 
-    However slow the MED is, the EV drives no slower than `slowest`, because it may itself be what slows the MED. If
-    the MED does not get faster, the booking lapses.
+    It is the speed of the MED plus a bounded closing speed, which is proportional to the distance to go. The EV never
+    drives slower than `slowest`, even if the MED does, because the EV itself may be what slows the MED. If the MED
+    stays slow, the booking lapses.
 
     Args:
-      ahead_m: m, position of the slot minus that of the EV; med_speed: m/s; most_back: m/s, highest speed of falling
-        back; equal shapes.
+      ahead_m: m, position of the slot minus that of the EV.
+      med_speed: m/s, same shape.
+      most_back: m/s, highest speed of falling back, same shape.
       slowest: m/s, same shape or one for all.
     """
     closing_speed = jnp.clip(params.approach_rate * ahead_m, -most_back, params.approach_speed)
@@ -134,13 +138,13 @@ def approach_pace(
 def docking_acceleration(
     speed: jax.Array, pace: jax.Array, comfortable_deceleration: jax.Array, params: ChargingParams
 ) -> jax.Array:
-    """Acceleration towards that pace, m/s^2: the inner of two nested proportional loops.
+    """Acceleration towards the speed from `approach_pace`, m/s^2: the inner of two nested proportional control loops.
 
-    With approach_rate k and speed_rate c the position error decays as s^2 + c s + c k = 0. The caller takes the
-    smaller of this and IDM, so that the EV comes no closer to any vehicle than IDM allows.
+    With approach_rate k and speed_rate c, the characteristic equation of the position error is s^2 + c s + c k = 0. The
+    caller takes the smaller of this acceleration and IDM's, so the EV comes no closer to any vehicle than IDM allows.
 
-    No EV brakes harder than is comfortable to reach a slot: IDM followers are safe behind such a leader, but not
-    behind one that brakes as hard as they can.
+    To reach a slot, an EV never brakes harder than its comfortable deceleration. IDM followers are safe behind such a
+    leader. They are not safe behind a leader that brakes as hard as it can.
 
     Args:
       speed, comfortable_deceleration: of the EVs, m/s and positive m/s^2; pace: m/s (`approach_pace`); equal shapes.
@@ -158,7 +162,11 @@ def is_docked(
     was_charging: jax.Array,
     params: ChargingParams,
 ) -> jax.Array:
-    """Whether each EV is docked: it docks within the tight tolerance and stays docked within the wide one."""
+    """Whether each EV is docked, bool.
+
+    An EV docks within `dock_tolerance_m` and `dock_speed_tolerance`. It stays docked within the wider
+    `hold_tolerance_m`.
+    """
     arrives = jnp.abs(error_m) <= params.dock_tolerance_m
     arrives &= jnp.abs(relative_speed) <= params.dock_speed_tolerance
     holds = was_charging & (jnp.abs(error_m) <= params.hold_tolerance_m)
@@ -174,15 +182,16 @@ def _pace(
     plan: Approach,
     params: EnvParams,
 ) -> jax.Array:
-    """Speed of each booked EV on its way to its slot, `(E,)` m/s; `service_speed` is that of its MED.
+    """Speed of each booked EV on its way to its slot, `(E,)` m/s; `service_speed` is its MED's.
 
-    Ahead of its MED in the MED's lane, an EV falls back only as fast as lets the MED keep its speed. Unless its slot is
-    the front one, it drives at least at the MED's service speed until it has left that lane.
+    An EV ahead of its MED in the MED's lane falls back slowly enough that the MED can keep its speed. Unless the EV has
+    the front slot, it drives at least at the MED's service speed until it has left that lane.
     """
     charging, drivers = params.charging, params.drivers
     comfort = jnp.sqrt(drivers.max_acceleration[MED] * drivers.comfortable_deceleration[MED])
     spare = x - ev_length - med.x - charging.platoon_min_gap - med.speed * charging.platoon_headway
-    # Three quarters of the solution of IDM's s* = gap, because an EV takes a second to reach its wanted speed.
+    # The closing speed that solves IDM's s* = gap, times three quarters, because an EV takes a second to reach its
+    # target speed.
     gently = 1.5 * comfort * jnp.maximum(spare, 0.0) / jnp.maximum(med.speed, 1.0)
     most_back = jnp.where(plan.leads, gently, charging.approach_speed)
     share = jnp.where(plan.leads & (charging_slot != FRONT), 1.0, charging.slowest_share)
@@ -193,8 +202,8 @@ def _pace(
 def approach(state: EnvState, drivers: Drivers, config: EnvConfig, params: EnvParams) -> Orders:
     """Orders that charging gives to traffic in a tick.
 
-    MEDs change to their service lane and stay there while it moves. Booked EVs drive to their slots, in a platoon with
-    their MED. Depleted EVs coast and make for the shoulder.
+    MEDs change to their service lane and stay there while traffic in it moves. Booked EVs drive to their slots, in a
+    platoon with their MED. Depleted EVs coast and head for the shoulder.
     """
     vehicles, evs, meds, slots = state.vehicles, state.evs, state.meds, config.ev_slots
     charging, booked = params.charging, evs.med != NOT_BOOKED
@@ -211,7 +220,7 @@ def approach(state: EnvState, drivers: Drivers, config: EnvConfig, params: EnvPa
     ev_desire = jnp.where(evs.is_depleted, to_the_right(vehicles.speed[slots], params), 0.0)
     ev_desire = jnp.where(booked, plan.desire, ev_desire)
     desire = config.by_slot(ORDERED_DESIRE * to_service, ev_desire, 0.0)
-    # A write into one array, because XLA for CPUs is slower at joining three, as `by_slot` does.
+    # Write into one array: on CPUs, XLA is slower at joining three arrays, as `by_slot` does.
     free = jnp.full((config.num_vehicles,), jnp.inf)
     most = jnp.where(evs.is_depleted, coasting(vehicles.speed[slots], params), jnp.inf)
     return Orders(

@@ -14,7 +14,7 @@ from medjax.world.params import BodyParams, EnvParams, RoadParams
 def drive_energy(
     before: ArrayLike, after: ArrayLike, body: BodyParams, road: RoadParams, dt: float | jax.Array
 ) -> jax.Array:
-    """Battery energy for driving a time dt, J; eqs (7)-(8) and the drivetrain.
+    """Battery energy that vehicles take to drive for a time dt, J, by eqs (7)-(8) and the drivetrain model.
 
     Args:
       before, after: speeds, m/s, equal shapes.

@@ -21,7 +21,7 @@ class Transfer(NamedTuple):
 
     sent_j: jax.Array  # (E,) out of the MED for each EV
     received_j: jax.Array  # (E,) into the EV's battery; the difference is lost
-    drawn_j: jax.Array  # (M,) out of each MED; its sum is that of sent_j
+    drawn_j: jax.Array  # (M,) out of each MED; sums to the same total as sent_j
 
 
 def transfer(
@@ -32,7 +32,7 @@ def transfer(
     room_j: jax.Array,
     offered_j: jax.Array,
 ) -> Transfer:
-    """Energy of one tick: what the slots may send, less when the MED runs short or the EV is nearly full.
+    """Energy of one tick. A slot sends what it may, or less if its MED runs short or its EV is nearly full.
 
     Args:
       efficiency: (E,); is_charging: (E,) bool; med: (E,) int32, NOT_BOOKED where free.
@@ -50,7 +50,9 @@ def transfer(
 
 
 def taper(energy_j: jax.Array, params: EnvParams) -> jax.Array:
-    """Share of the power that batteries accept at this energy, `(E,)` J: 1 up to `taper_soc`, down to 0 when full.
+    """Share of the offered power that EV batteries at this energy, `(E,)` J, accept.
+
+    The share is 1 up to `taper_soc` and falls linearly to 0 at a full battery.
 
     Source: constant current, then constant voltage; see docs/models.md.
     """
@@ -82,7 +84,7 @@ def exchange(
     """Transfer and driving energy of one tick.
 
     The tally excludes braking energy that a full battery cannot take, and driving energy beyond what an EV's battery
-    still holds. A MED drives on when empty, and the tally includes that energy, because a depot pays for it.
+    still holds. An empty MED drives on. The tally includes that energy, because a depot pays for it.
 
     Args:
       before, after: the vehicles before and after the tick.
@@ -90,7 +92,7 @@ def exchange(
       state: the batteries before the tick.
 
     Returns:
-      (EVs, MEDs, tally)
+      The EVs and MEDs after the tick, and the tick's tally.
     """
     evs, meds, slots, tick_s = state.evs, state.meds, config.ev_slots, config.tick_s
     med_use = _driven(before, after, config.med_slots, params.med, params.road, tick_s)
@@ -112,7 +114,7 @@ def exchange(
     )
     least, most = evs.energy_j - params.ev_capacity_j, evs.energy_j + flow.received_j
     med_room = params.med_capacity_j - (meds.energy_j - flow.drawn_j)
-    # The same distance at each EV's desired speed.
+    # Energy to drive the same distance at each EV's desired speed.
     distance = after.x[slots] - before.x[slots]
     cruised = distance * per_metre(before.desired_speed[slots], params.ev, params.road)
     cruising_j = jnp.maximum(jnp.where(before.active[slots], cruised, 0.0), least)

@@ -41,9 +41,10 @@ def misalignment(
 
     Args:
       charging_slot: int32, any shape.
-      along_m, across_m: EV ahead of its slot, and to the right of it, m.
+      along_m, across_m: how far the EV is ahead of its slot, and to the right of it, m.
       turn_rad: heading of the EV minus that of the MED, positive to the right.
-      panel_gap_m: nominal axial distance; booms give way, so the distance never falls below a quarter of it.
+      panel_gap_m: nominal axial distance, m. The booms that hold the panels give way, so the distance never falls
+        below a quarter of it.
     """
     side = (charging_slot == LEFT) | (charging_slot == RIGHT)
     away = jnp.where(charging_slot == RIGHT, 1.0, -1.0)
@@ -62,18 +63,19 @@ class Coupled(NamedTuple):
     """Electrical properties of a coil pair, seen from its source."""
 
     efficiency: jax.Array  # in [0, 1]
-    input_ohm: jax.Array  # power sent per RMS current squared
+    input_ohm: jax.Array  # power sent, divided by the square of the RMS current
 
 
 def couple(
     geometry: Misalignment, link: LinkParams, form: Literal["circuit", "paper"] = "circuit"
 ) -> Coupled:
-    """Couples each pair by the tabulated coil integral and eq (6) in one of its forms."""
+    """Computes each pair's efficiency and input resistance from the tabulated coil integral and a form of eq (6)."""
     signed = link.permeability * interpolate_inductance(
         link.inductance, geometry.axial, geometry.lateral, geometry.tilt
     )
-    # Only the square matters. XLA does not recompute a root for each reader; without one, each would interpolate anew,
-    # which takes a quarter of the tick. TINY keeps XLA from simplifying the root to an absolute value.
+    # The root of the square keeps XLA from interpolating anew for each use, which would take a quarter of the tick: XLA
+    # does not recompute a root. The lost sign does not matter, because only the square does. TINY keeps XLA from
+    # simplifying the root to an absolute value.
     inductance = jnp.sqrt(signed**2 + TINY)
     circuit = {
         "load": link.load_ohm,
@@ -87,7 +89,7 @@ def couple(
 
 
 Coupling = Callable[[Misalignment, LinkParams], Coupled]
-"""Maps coil geometry to `Coupled`, of the shape of the geometry's fields."""
+"""A function from coil geometry to `Coupled`, in which fields have the shape of the geometry's fields."""
 
 COUPLINGS: Mapping[str, Coupling] = {
     "circuit": couple,

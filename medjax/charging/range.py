@@ -7,12 +7,17 @@ from medjax.world.params import BodyParams, EnvConfig, EnvParams, RoadParams, Sc
 from medjax.world.state import NOT_BOOKED, EnvState, Vehicles
 
 GRAVITY = 9.81  # m/s^2, as `medjax.physics.tractive_energy`
-# Leaves an error below 0.5 % of the speed, largest where hardly any speed lasts, and none without auxiliaries.
+# This many steps leave an error below 0.5 % of the speed. The error is largest where the charge hardly lasts at any
+# speed, and 0 without auxiliary power.
 NEWTON_STEPS = 6
 
 
 def required_range(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Distance for which each EV's charge should last, `(E,)` m: to its exit; past the road's end, `eco_horizon_m`."""
+    """Distance for which each EV's charge should last, `(E,)` m.
+
+    It is the distance to the EV's exit. An EV that drives to the road's end has no exit, and its charge should last to
+    that end and for at least `eco_horizon_m`.
+    """
     destination = vehicles.destination[config.ev_slots]
     left = destination - vehicles.x[config.ev_slots]
     beyond = jnp.maximum(left, params.drivers.eco_horizon_m)
@@ -27,14 +32,17 @@ def lasting_speed(
     body: BodyParams,
     road: RoadParams,
 ) -> jax.Array:
-    """Highest speed up to the desired one at which the charge lasts, or the most economical speed where none does.
+    """Highest speed, up to the desired one, at which the charge lasts; if it lasts at none, the most economical speed.
 
-    Energy per metre at a constant speed v is (c + k v^2) / eta + P / v by eq (7) and the drivetrain. Drivers slow down
-    neither below the speed at which auxiliaries outweigh drag, nor below `eco_speed`.
+    By eq (7) and the drivetrain model, the energy per metre at a constant speed v is (c + k v^2) / eta + P / v, with
+    resistance c, drag k v^2, drivetrain efficiency eta and auxiliary power P. Drivers slow down neither below
+    `eco_speed` nor below the most economical speed, since slower driving would save no energy.
 
     Args:
-      energy_j, distance_m, desired_speed: (E,) J, m (inf: no charge is enough), m/s.
-      eco_speed: m/s, lowest speed to save charge.
+      energy_j: (E,) J.
+      distance_m: (E,) m; inf means that no charge is enough.
+      desired_speed: (E,) m/s.
+      eco_speed: m/s, lowest speed to which drivers slow down to save charge.
 
     Returns:
       (E,) m/s, at most desired_speed, and otherwise at least eco_speed.
@@ -42,10 +50,10 @@ def lasting_speed(
     drag = 0.5 * road.air_density * body.drag_coefficient * body.frontal_area_m2
     resistance = body.mass_kg * GRAVITY * (body.rolling_resistance + jnp.sin(road.slope))
     auxiliary = body.drivetrain_efficiency * body.auxiliary_w
-    # The gradient of a root at 0 is infinite.
+    # The bound of 1e-12 keeps 0 out of the root, where its gradient is infinite.
     slowest = jnp.maximum(eco_speed, jnp.cbrt(jnp.maximum(auxiliary / (2.0 * drag), 1e-12)))
-    # Solves k v^3 + (c - eta E / way) v + eta P = 0 by Newton's method. The function is convex, so the steps descend
-    # from the solution without auxiliaries.
+    # Solve k v^3 + (c - eta E / distance) v + eta P = 0 by Newton's method. The function is convex, so the steps
+    # descend from their start, the solution without auxiliary power.
     slope = resistance - body.drivetrain_efficiency * energy_j / jnp.maximum(distance_m, 1.0)
     rolls = slope < 0.0  # keeps 0 out of the root, for gradients
     alone = jnp.where(rolls, jnp.sqrt(jnp.where(rolls, -slope, 1.0) / drag), 0.0)
@@ -58,7 +66,7 @@ def lasting_speed(
 
 
 def apply_eco_speed(state: EnvState, config: EnvConfig, params: EnvParams) -> EnvState:
-    """The state with desired speeds adapted to EVs' charge.
+    """The state after drivers of EVs have adapted their desired speeds to their charge.
 
     Compliant drivers slow down once their charge is below `eco_soc` and does not last for `required_range`. Drivers of
     booked EVs do not, because their docking sets their speed.

@@ -1,6 +1,6 @@
-"""Depleted EVs: an EV that runs out coasts to the right shoulder, or stands in its lane until it is towed.
+"""Depleted EVs: an EV that runs out of energy coasts to the right shoulder, or stands in its lane until a tow comes.
 
-From that moment on it is neither booked nor charged, braking does not recharge its battery, and it counts as depleted,
+From that moment on it has no booking and takes no charge. Braking does not recharge its battery. It counts as depleted,
 not as arrived.
 """
 
@@ -17,12 +17,12 @@ from medjax.world.state import EVs, Vehicles
 
 # Below this speed a vehicle counts as standing.
 STANDING_M_PER_S = 0.1
-# This close to the centre of the rightmost lane, an EV can roll on to the shoulder.
+# An EV this close to the centre of the rightmost lane can roll onto the shoulder.
 SETTLED_M = 1.0
 
 
 def coasting(speed: jax.Array, params: EnvParams) -> jax.Array:
-    """Acceleration of EVs at these speeds, m/s, without power, m/s^2: rolling, drag and slope of eq (7)."""
+    """Acceleration of EVs without motor power, m/s^2, at these speeds, m/s; from rolling, drag and slope of eq (7)."""
     body = params.ev
     v = jnp.maximum(speed, STANDING_M_PER_S)
     work = tractive_energy(
@@ -40,20 +40,23 @@ def coasting(speed: jax.Array, params: EnvParams) -> jax.Array:
 
 
 def to_the_right(speed: jax.Array, params: EnvParams) -> jax.Array:
-    """Urgency, 1 or 0, of depleted EVs at these speeds, m/s, to go right; 0 if they would stop between two lanes."""
+    """Desire of depleted EVs at these speeds, m/s, to go right: 1, or 0 if they would stop between two lanes.
+
+    It is also 0 where depleted EVs block their lane (`depleted_blocks`).
+    """
     rolling = -coasting(jnp.zeros((), jnp.float32), params)
-    # Lateral distance until the EV stops, times 2 * rolling. It must exceed 1.5 lane widths, since a change is slower
-    # towards its end.
+    # This is the lateral distance until the EV stops, times 2 * rolling. The distance must exceed 1.5 lane widths,
+    # because a lane change slows down towards its end.
     sideways = jnp.square(speed) * params.motion.lateral_slope
     comes_over = sideways > 2.0 * rolling * 1.5 * params.road.lane_width_m
     return jnp.where(comes_over & (params.charging.depleted_blocks == 0), 1.0, 0.0)
 
 
 def without_motor(vehicles: Vehicles, evs: EVs, config: EnvConfig, params: EnvParams) -> Vehicles:
-    """Depleted EVs before a tick: without acceleration noise, exit or courtesy.
+    """Removes acceleration noise, exit and courtesy from depleted EVs before a tick.
 
-    A depleted EV cannot speed up again, so it does not brake to fall in. It waits until traffic beside it has passed or
-    has made room.
+    A depleted EV cannot speed up again, so it does not brake to fall in behind a vehicle. It waits until the traffic
+    beside it has passed or made room.
     """
     slots = config.ev_slots
     changes: dict[str, Any] = dict.fromkeys(("courtesy_left", "courtesy_right"), jnp.inf)
@@ -81,7 +84,11 @@ def leaves_road(vehicles: Vehicles, evs: EVs, config: EnvConfig, params: EnvPara
 
 
 def run_out(vehicles: Vehicles, evs: EVs, config: EnvConfig) -> tuple[EVs, jax.Array]:
-    """Marks EVs that ran out in a tick; returns the EVs and which ran out, `(E,)` bool. Vehicles are after the tick."""
+    """Marks EVs that ran out of energy in a tick; `vehicles` is the state after it.
+
+    Returns:
+      The EVs, and which of them ran out, `(E,)` bool.
+    """
     empty = vehicles.active[config.ev_slots] & (evs.energy_j <= 0.0) & ~evs.is_depleted
     stands = evs.is_depleted & (vehicles.speed[config.ev_slots] < STANDING_M_PER_S)
     standing_s = jnp.where(stands, evs.standing_s + config.tick_s, evs.standing_s)

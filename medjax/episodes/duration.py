@@ -1,4 +1,4 @@
-"""Estimate of the time that playing takes, available before anything is compiled."""
+"""Estimates how long playing takes, before anything compiles."""
 
 from typing import Any
 
@@ -6,14 +6,14 @@ import jax
 
 from medjax.commandline import in_words
 
-# Time per slot and tick on one core, observation included: the fastest and the slowest machine measured for
-# docs/performance.md. A learner adds a tenth.
+# Time per vehicle slot and tick on one core, including the observation, on the fastest and on the slowest machine of
+# docs/performance.md. Learning adds a tenth.
 LEAST_NS, MOST_NS = 50.0, 200.0
-SHORT_S = 30.0  # shorter runs are not announced
+SHORT_S = 30.0  # `reckoned_time` says nothing about shorter runs
 
 
 def reckoned_time(env: Any, decisions: float) -> str:
-    """Estimated time to play a number of decisions on all devices: a range, since processors differ.
+    """Estimates the time to play a number of decisions on all devices, as a range, since processors differ.
 
     Args:
         env: a single environment, wrapped or not.

@@ -1,9 +1,9 @@
-"""Export of a recording as SUMO's floating-car data, the format of `sumo --fcd-output`.
+"""Exports a recording as SUMO's floating-car data, the format of `sumo --fcd-output`.
 
-The road is one edge, `highway`, straight along x from 0. SUMO counts lanes from the right, so `highway_0` is the
-acceleration lanes and `highway_1` the rightmost main lane; lateral positions grow to the left. A vehicle is in the lane
-beneath its centre, since SUMO switches lanes halfway through a change, whereas medjax reports the target lane at once.
-Positions match an edge of `num_lanes + 1` lanes that netconvert draws from (0, 0) to (length, 0).
+The road is one edge, `highway`, straight along x from 0. SUMO counts lanes from the right: `highway_0` is the
+acceleration lanes, and `highway_1` is the rightmost main lane. Lateral positions grow to the left. A vehicle's lane is
+the one beneath its centre, because SUMO switches lanes halfway through a change. medjax itself reports the target lane
+at once. Positions match an edge of `num_lanes + 1` lanes that netconvert draws from (0, 0) to (length, 0).
 """
 
 from collections.abc import Iterable, Iterator
@@ -26,10 +26,11 @@ ROW = (
 
 
 def write_fcd(pieces: Iterable[Recording], file: IO[bytes]) -> Iterator[int]:
-    """Writes one timestep per physics tick, in mm and thousandths of a degree; yields each row count.
+    """Writes one timestep per physics tick, to the mm and the thousandth of a degree. Yields each piece's row count.
 
-    A vehicle's first acceleration is 0, as in SUMO, whose tools take column names from the first row. The schema has no
-    fields for charge and booking; join them from Parquet or CSV, whose `vehicle_id` is `id` here.
+    A vehicle's first acceleration is 0, as in SUMO. It must not be missing, because SUMO's tools take column names from
+    the first row. The schema has no fields for charge and booking. Join them from Parquet or CSV, where `vehicle_id` is
+    the `id` of this format.
     """
     file.write(HEAD.encode())
     for piece in pieces:

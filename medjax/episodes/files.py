@@ -1,4 +1,4 @@
-"""Trajectory files, written atomically; the file extension selects the format."""
+"""Writes trajectory files atomically. The file extension selects the format."""
 
 import csv
 import importlib.util
@@ -21,7 +21,7 @@ EXACT = "%.9g"  # nine digits identify any float32
 
 
 def write_parquet(pieces: Iterable[Recording], file: IO[bytes]) -> Iterator[int]:
-    """Writes `vehicle_table` and, as JSON metadata `medjax`, which episode; yields the row count of each piece."""
+    """Writes `vehicle_table`, and as JSON metadata `medjax` which episode it is. Yields each piece's row count."""
     import pyarrow
     import pyarrow.parquet
 
@@ -44,7 +44,7 @@ def write_parquet(pieces: Iterable[Recording], file: IO[bytes]) -> Iterator[int]
 
 
 def write_csv(pieces: Iterable[Recording], file: IO[bytes]) -> Iterator[int]:
-    """Writes `vehicle_table`, numbers exactly as float32; yields the row count of each piece."""
+    """Writes `vehicle_table`, with enough digits to restore each float32 exactly. Yields each piece's row count."""
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     writer = csv.writer(text, lineterminator="\n")
     for number, piece in enumerate(pieces):
@@ -87,8 +87,8 @@ def write_trajectories(recording: Recording | Iterable[Recording], path: str | P
     """Writes a recording to `path`, replacing any existing file.
 
     Args:
-      recording: from `medjax.episodes.recording.record_episode`, or the pieces of `record_pieces`, of which only one
-        is in memory at a time.
+      recording: from `medjax.episodes.recording.record_episode`, or the pieces of `record_pieces`. Only one piece is in
+        memory at a time.
       path: with an extension in `FORMATS`.
 
     Returns:

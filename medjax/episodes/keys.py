@@ -1,7 +1,7 @@
 """Random keys of episodes: episode i of a seed is the same episode in every tool.
 
 An episode's key splits into the streams RESET, STEP and ACT. The reset uses its stream directly; decision t uses
-`fold_in(stream, t)`. An episode of `train.evaluate` can therefore be recorded, drawn or replayed by number.
+`fold_in(stream, t)`. Every tool can therefore record, draw or replay an episode of `train.evaluate` by its number.
 """
 
 import jax

@@ -21,14 +21,15 @@ from medjax.policies.team import rules_of
 from medjax.scenarios import SCENARIOS, make, prepare
 from medjax.world.params import EnvParams
 
-BYTES_OF_A_SLOT = 150  # per frame: on the device, on the host, joined in time, and as table rows
+# Per frame, for all copies: on the device, on the host, joined in time, and as table rows.
+BYTES_OF_A_SLOT = 150
 RULE = "forecast"  # default policy
 POLICY = "policy.zip"  # trained policy in a run directory
 EVALUATION = "evaluation.json"  # final evaluation in a run directory, if there was one
 
 
 def add_episode_options(group: Any) -> None:
-    """Adds the options to a parser's group; values stay text, so that `requested_episode` words all errors."""
+    """Adds the options to a parser's group. Values stay text, so that `requested_episode` reports all errors."""
     whose = (
         f"a rule ({', '.join(BASELINES)}), pretrained (shipped with medjax), module:function that builds a policy, or "
         "a .zip file"
@@ -37,7 +38,7 @@ def add_episode_options(group: Any) -> None:
     group.add_argument(
         "--run-dir", metavar="DIR", help="play the policy that train.ppo trained in DIR instead"
     )
-    scenario = "preset (default: the one that the policy was trained on, or paper)"
+    scenario = "preset (default: that of the policy's training, or paper)"
     group.add_argument("--scenario", metavar="NAME", help=scenario)
     numbers = "set a parameter of the environment, in place of the training's value; repeatable"
     add_set_option(group, numbers)
@@ -48,7 +49,7 @@ def add_episode_options(group: Any) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class EpisodeRequest:
-    """A request to play an episode, checked as far as possible without an environment."""
+    """A request to play an episode; its checks are those that need no environment."""
 
     file: Path | None  # of a trained policy; None if `policy` is not a file
     policy: str
@@ -58,10 +59,10 @@ class EpisodeRequest:
     seed: int
     episode: int
     force: bool = False  # ignore the memory limit
-    evaluation: Path | None = None  # of the run, if its policy plays in the world it was trained in
+    evaluation: Path | None = None  # of the run, if its policy plays in the world of its training
 
     def prepared(self) -> tuple[ChargingEnv, EnvParams]:
-        """The environment and params of `policies`, without the coils' table; compiles nothing.
+        """The environment and params of `policies`, without the coils' table, so that nothing compiles.
 
         Raises:
           InputError: as in `policies`.

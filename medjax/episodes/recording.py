@@ -1,4 +1,4 @@
-"""Recordings of an episode at every physics tick as NumPy arrays, the source of pictures, players and exports.
+"""Records an episode at every physics tick as NumPy arrays. Pictures, players and exports read them.
 
 `record_episode` returns a whole episode; `record_pieces` yields pieces of bounded size.
 """
@@ -29,8 +29,9 @@ SLOTS_OF_A_PIECE = 1_000_000  # vehicle slots times frames in a piece: about 100
 class Frames(struct.PyTreeNode):
     """The road at F instants; V = num_vehicles, E = num_evs, M = num_meds.
 
-    A slot always belongs to the same class (`EnvConfig.med_slots`, `ev_slots`, the rest gas) and holds one vehicle
-    after another; `Recording.vehicle_ids` tells them apart. Other values are undefined where `active` is False.
+    A slot always belongs to one class of vehicles: `EnvConfig.med_slots` to MEDs, `ev_slots` to EVs, the rest to gas
+    vehicles. It holds one vehicle after another, and `Recording.vehicle_ids` tells them apart. Where `active` is False,
+    the slot's other values are undefined.
     """
 
     x: Any  # (F, V) m, front bumper
@@ -53,15 +54,15 @@ class Frames(struct.PyTreeNode):
 
     @property
     def ev_panel(self) -> Any:
-        """Former name of `ev_charging_slot`, for one more version."""
+        """Former name of `ev_charging_slot`; the next version drops it."""
         return renamed("Frames.ev_panel", "ev_charging_slot", self.ev_charging_slot)
 
 
 class Decisions(struct.PyTreeNode):
     """Decisions and their outcomes; T decisions, A actions.
 
-    With agents, the decision of one that could enter the road (`Decision.of_dispatcher`); orders of MEDs in service
-    are in `Frames`.
+    With agents, this is the decision of one agent that could enter the road (`Decision.of_dispatcher`). `Frames` holds
+    the orders to MEDs in service.
     """
 
     action: Any  # (T,) int32, as the policy chose; a masked action counts as 0
@@ -76,7 +77,7 @@ class Decisions(struct.PyTreeNode):
 
     @property
     def tally(self) -> EpisodeStats:
-        """Former name of `stats`, for one more version."""
+        """Former name of `stats`; the next version drops it."""
         return renamed("Decisions.tally", "stats", self.stats)
 
 
@@ -84,9 +85,9 @@ class Decisions(struct.PyTreeNode):
 class Recording:
     """An episode of T decisions and F = 1 + T * ticks_per_decision frames; the first frame is the reset.
 
-    A piece of an episode (`record_pieces`) starts with the last frame of the piece before. Decision t is taken at frame
-    `t * ticks_per_decision` and leads to the next `ticks_per_decision` frames. The last decision may lead to fewer if
-    a wrapper takes several highway decisions at once.
+    A piece of an episode (`record_pieces`) starts with the last frame of the piece before. Frame
+    `t * ticks_per_decision` shows the road at decision t, and the next `ticks_per_decision` frames show what follows.
+    After the last decision there may be fewer frames, if a wrapper takes several highway decisions at once.
     """
 
     scenario: str
@@ -99,7 +100,7 @@ class Recording:
     decisions: Decisions
     ticks_per_decision: int
     first_frame: int = 0  # number of the first of `frames` in the episode
-    # (V,) latest vehicle of each slot in the first frame; None if that is the reset.
+    # (V,) number of the latest vehicle in each slot at the first frame; None if that frame is the reset.
     numbered: np.ndarray | None = None
 
     @property
@@ -114,17 +115,17 @@ class Recording:
         return np.minimum(np.arange(count) * self.ticks_per_decision, len(self.frames.x) - 1)
 
     def vehicle_ids(self) -> np.ndarray:
-        """Vehicle in each slot, (F, V) int64: numbered by entry, then by slot within a frame; -1 if empty."""
+        """Number of the vehicle in each slot, (F, V) int64, in order of entry, then of slot; -1 if it is empty."""
         return np.where(self.frames.active, self.latest(), -1)
 
     def latest(self) -> np.ndarray:
-        """The present or last vehicle in each slot, (F, V) int64; -1 if there was none yet."""
+        """Number of the present or last vehicle in each slot, (F, V) int64; -1 if there was none yet."""
         active = np.asarray(self.frames.active)
         numbered = np.full(active.shape[1], -1) if self.numbered is None else self.numbered
         before = np.zeros_like(active[:1]) if self.numbered is None else active[:1]
-        # An emptied slot stays empty for at least one frame, so every entry shows.
+        # A slot stays empty for at least one frame between two vehicles, so `active` shows every entry.
         entered = active & ~np.concatenate([before, active[:-1]])
-        # The newest vehicle so far is the latest in its slot, so the maximum continues the numbering.
+        # The highest number so far is in `numbered`, since its vehicle is still the latest in its slot.
         number = numbered.max() + np.cumsum(entered.ravel()).reshape(entered.shape)
         return np.maximum.accumulate(np.where(entered, number, numbered))
 
@@ -141,11 +142,11 @@ def record_episode(
     """Plays one episode and records every physics tick.
 
     Args:
-      env: a single environment, wrapped or not; its probe, if any, is replaced.
+      env: a single environment, wrapped or not. The recording replaces its probe, if any.
       params: its parameters.
-      policy: the dispatcher; the compiled program is cached for the same env and policy objects.
+      policy: the dispatcher. Further calls with the same env and policy objects reuse the compiled program.
       name: of the policy.
-      seed, episode: which episode; the same as in `train.evaluate`.
+      seed, episode: which episode to play, numbered as in `train.evaluate`.
     """
     pieces = list(record_pieces(env, params, policy, name=name, seed=seed, episode=episode))
     rest = [jax.tree.map(lambda leaf: leaf[1:], piece.frames) for piece in pieces[1:]]
@@ -165,7 +166,7 @@ def record_pieces(
     seed: int = 0,
     episode: int = 0,
 ) -> Iterator[Recording]:
-    """Plays the same episode lazily, in pieces of bounded size.
+    """Plays the same episode as `record_episode`, in pieces of bounded size, each only when the caller asks for it.
 
     Args: as in `record_episode`.
 
@@ -204,7 +205,7 @@ def record_pieces(
 
 
 class _Same:
-    """An environment compared by identity: a custom one may hold arrays, which have no hash."""
+    """Compares an environment by identity, because a custom one may hold arrays, which have no hash."""
 
     def __init__(self, env: Environment) -> None:
         self.env = env
@@ -218,13 +219,13 @@ class _Same:
 
 @functools.lru_cache(maxsize=8)
 def _programs(same: _Same, policy: Policy, steps_a_piece: int) -> tuple[Any, Any]:
-    """Jitted programs for a start and a piece, cached by environment and policy for all episodes."""
+    """Jitted programs that start an episode and play a piece; all episodes of an environment and policy share them."""
     runner = EpisodeRunner(same.env.with_probe(lambda state: state), [policy])
     return jax.jit(partial(_begin, runner)), jax.jit(partial(_go_on, runner, steps_a_piece))
 
 
 def _after(start: np.ndarray, rest: np.ndarray, most: int) -> np.ndarray:
-    """Joins a frame and the frames of later decisions, `(decisions, ticks, ...)`, in time; keeps the first `most`."""
+    """Appends the frames of later decisions, `(decisions, ticks, ...)`, to a frame; keeps the first `most` frames."""
     return np.concatenate([start[None], rest.reshape(-1, *start.shape)])[:most]
 
 

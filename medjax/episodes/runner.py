@@ -1,7 +1,7 @@
 """Runs whole episodes, for evaluation, recordings, traces and studies.
 
-Episodes are rows of a batch, and each row uses the random streams of its episode (`medjax.episodes.keys`): decision t
-uses `fold_in(stream, t)`. All policies thus face the same episode, so their scores differ only through their choices.
+Each row of a batch is an episode and uses that episode's random streams (`medjax.episodes.keys`): decision t uses
+`fold_in(stream, t)`. All policies thus face the same episode, so their scores differ only through their choices.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,7 +34,7 @@ class Episodes(struct.PyTreeNode):
 class Decision(struct.PyTreeNode):
     """The decision of every row and its outcome."""
 
-    # (rows,) int32, as the policy chose; a masked action counts as 0. With agents (rows, A), and likewise below.
+    # (rows,) int32, as the policy chose; a masked action counts as 0. With A agents, here and below, (rows, A, ...).
     action: jax.Array
     probabilities: jax.Array  # (rows, num_actions) of the policy
     mask: jax.Array  # (rows, num_actions) bool, allowed actions
@@ -42,7 +42,7 @@ class Decision(struct.PyTreeNode):
     info: dict[str, Any]  # of the environment's step
 
     def of_dispatcher(self, num_actions: int) -> "Decision":
-        """Reduces agents' decisions to one of a dispatcher: that of an agent that entered or could have entered."""
+        """Reduces agents' decisions to a dispatcher's: that of an agent that entered, else of one that could have."""
         if self.action.ndim == 1:
             return self
         enters = self.mask[..., 1:num_actions].any(axis=-1)  # at most one agent per depot
@@ -65,24 +65,25 @@ class Decision(struct.PyTreeNode):
 class EpisodeRunner:
     """Plays several policies in one batch: policy `r % len(policies)` plays row r.
 
-    The environment compiles once for all policies, and a decision's fixed cost is paid once. Weights are passed to
-    every decision as arguments, so that the compiled program does not contain them.
+    The environment compiles once for all policies, and they share the fixed cost of a decision. Every decision takes
+    the weights as arguments, so that the compiled program does not contain them.
 
     Args:
         env: a single environment.
-        policies: at least one; their own weights are not read. Each plays in its own `Policy.params_transform`.
+        policies: at least one. The runner does not read their own weights. Each policy plays in the world that its
+            `Policy.params_transform` makes of the environment's params.
     """
 
     def __init__(self, env: Environment, policies: Sequence[Policy]) -> None:
         self.env, self.policies = env, tuple(policies)
-        # Jitted so that `start`, which needs its shapes, and `go_on` share one trace.
+        # Jitted so that `start`, which needs only the shapes of the results, and `go_on` share one trace.
         self._step = jax.jit(self._over_rows(env.step_env))
 
     def start(self, keys: jax.Array, params: Any) -> Episodes:
         """Resets episodes with keys `(episodes,)`, one row per episode and policy.
 
         Returns:
-            `episodes * policies` rows; the policy changes fastest.
+            `episodes * policies` rows: all policies of the first episode, then all of the second, and so on.
         """
         streams = jax.vmap(jax.random.split, (0, None))(keys, 3)
         streams = jnp.repeat(streams, len(self.policies), axis=0)
@@ -102,7 +103,7 @@ class EpisodeRunner:
     def choose(
         self, episodes: Episodes, number: Any, weights: Sequence[Any], params: Any
     ) -> Choice:
-        """Choices of the policies at decision `number` of the episodes, leaves `(rows, ...)`.
+        """The policies' choices at decision `number` of their episodes, leaves `(rows, ...)`.
 
         Args:
             number: () int32 for all rows, or (rows,).
@@ -195,7 +196,7 @@ class EpisodeRunner:
             *rows, params = given
             first, *others = (policy.params_transform(params) for policy in self.policies)
             turns = jax.tree.leaves(rows)[0].shape[0] // len(self.policies)
-            # Batch only the numbers that differ between worlds; the coils' table, for one, stays shared.
+            # Batch only the numbers that differ between worlds. The worlds share the others, such as the coils' table.
             numbers = jax.tree.map(lambda *leaves: _in_turn(leaves, turns), first, *others)
             axes = jax.tree.map(lambda *leaves: 0 if _differ(leaves) else None, first, *others)
             return _over_rows(function, axes)(*rows, numbers)
@@ -222,7 +223,7 @@ def _in_turn(leaves: Sequence[Any], turns: int) -> Any:
 
 
 def _over_rows(function: Callable[..., Any], axes: Any = None) -> Callable[..., Any]:
-    """Maps `function(*row, params)` over rows; a single row is not batched, which compiles faster.
+    """Maps `function(*row, params)` over rows. A single row runs without `jax.vmap`, which compiles faster.
 
     Args:
         function: of one row.
@@ -245,7 +246,7 @@ def _at(streams: jax.Array, number: Any) -> jax.Array:
 
 
 def episode_decisions(params: Any) -> int:
-    """Decisions until an episode is truncated; 0 if the parameters do not say."""
+    """Decisions until the environment truncates an episode; 0 if the parameters do not say."""
     return int(getattr(params, "episode_decisions", 0))
 
 

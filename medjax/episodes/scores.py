@@ -1,4 +1,4 @@
-"""Scores of several policies on the same whole episodes, with paired randomness."""
+"""Scores several policies on the same whole episodes, with common random numbers."""
 
 import contextlib
 import sys
@@ -30,7 +30,8 @@ def make_runner(
 ) -> Any:
     """Builds the jitted program `(weights, keys (episodes,), params) -> dict of (policies, episodes)`.
 
-    `worlds` is the number of params over which `jax.vmap` will map it; blocks shrink accordingly.
+    `worlds` is the number of params over which `jax.vmap` will map the program. The more worlds, the fewer episodes it
+    plays at once.
     """
     runner = EpisodeRunner(env, [*policies.values()])
     count = len(runner.policies)
@@ -51,7 +52,7 @@ def make_runner(
 
 
 class Evaluation:
-    """Evaluates policies on the same episodes; the constructor compiles.
+    """Evaluates policies on the same episodes. The constructor compiles the program.
 
     Episode i and each of its decisions use the same keys for all policies, so scores differ only through the policies'
     choices. Masked actions count as 0.
@@ -59,9 +60,9 @@ class Evaluation:
     Args:
         env: a single environment, wrapped or not.
         params: its parameters.
-        policies: by name. Only the shapes of their weights are used.
+        policies: by name. The constructor uses only the shapes of their weights.
         episodes: whole episodes per policy, at least 1.
-        batch: episodes of each policy played together; it changes results only by rounding.
+        batch: episodes of each policy that play side by side. It changes results only by rounding.
     """
 
     def __init__(
@@ -86,7 +87,7 @@ class Evaluation:
         Args:
             policies: the policies of the constructor, with the weights to use.
             seed: of the episodes.
-            params: replace the constructor's params; episodes must not be longer.
+            params: to play with instead of the constructor's. They must not make episodes longer.
 
         Returns:
             For each policy, arrays `(episodes,)` float64 of `return`, `length` and the environment's metrics.
@@ -110,18 +111,18 @@ class Evaluation:
         }
 
     def _keys(self, seed: int) -> jax.Array:
-        """Keys `(batches, batch)`: full batches need only one program; surplus episodes are discarded."""
+        """Keys `(batches, batch)`. All batches are full, so one program serves; `play` discards surplus episodes."""
         batches = -(-self.episodes // self.batch)
         return episode_keys(seed, batches * self.batch).reshape(batches, self.batch)
 
 
 def _host_weights(policies: Mapping[str, Policy]) -> Any:
-    """Weights on the host, since training may have left them on devices that are not used here."""
+    """Weights on the host, since training may have left them on devices that the evaluation does not use."""
     return jax.device_get(tuple(policy.weights for policy in policies.values()))
 
 
 def _progress(items: Any = None, **options: Any) -> Any:
-    """A progress bar or line on a terminal; nothing without tqdm."""
+    """Shows a progress bar or line on a terminal; without tqdm, nothing."""
     try:
         from tqdm import tqdm
     except ImportError:
@@ -130,7 +131,7 @@ def _progress(items: Any = None, **options: Any) -> Any:
 
 
 def _in_lines(blocks: jax.Array, batch: int) -> Iterator[jax.Array]:
-    """Yields the blocks of `batch` episodes; prints progress and time left to stderr about every ten seconds."""
+    """Yields the blocks of `batch` episodes. Prints progress and time left to stderr about every ten seconds."""
     begin = said = time.perf_counter()
     for done, block in enumerate(blocks):
         now = time.perf_counter()
@@ -149,7 +150,7 @@ def evaluate_policies(
     seed: int = 0,
     batch: int = 128,
 ) -> dict[str, Scores]:
-    """Plays the same episodes with every policy (see `Evaluation`); announces the time if it is long."""
+    """Plays the same episodes with every policy (see `Evaluation`). If that takes long, first prints how long."""
     if takes := reckoned_time(env, episodes * len(policies) * episode_decisions(params)):
         print(f"playing takes {takes}, after compiling", file=sys.stderr, flush=True)
     with _progress(desc="compiling ...", bar_format="{desc}"):

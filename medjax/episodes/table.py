@@ -1,4 +1,4 @@
-"""A recording as a table with one row per vehicle on the road and physics tick."""
+"""Makes a table of a recording, with one row for each vehicle on the road at each physics tick."""
 
 import numpy as np
 
@@ -12,10 +12,10 @@ Table = dict[str, np.ma.MaskedArray]
 
 
 def vehicle_table(recording: Recording) -> Table:
-    """Columns of the table; rows by time, then by slot. A later piece omits its first frame, already written before.
+    """Columns of the table; rows by time, then by slot. A later piece omits its first frame: the piece before has it.
 
     Returns:
-      By name, each `(rows,)`, masked where not applicable:
+      By name, each `(rows,)`, masked where a value does not apply:
         time_s: float64, since the reset.
         vehicle_id: int64, unique per vehicle (`Recording.vehicle_ids`).
         kind: "med", "human_ev", "autonomous_ev", "gas" or "lorry".
@@ -29,8 +29,8 @@ def vehicle_table(recording: Recording) -> Table:
         booked_med_id: int64, vehicle_id of the MED that an EV is booked on.
         panel: charging slot of that MED, "left", "right", "rear" or "front".
         is_charging: bool.
-        told_speed_m_per_s, told_lane, accepts: float32, int32 and bool; for a MED in service, its ordered speed and
-          lane, and whether it accepts new bookings.
+        told_speed_m_per_s, told_lane: float32 and int32, ordered speed and lane of a MED in service.
+        accepts: bool, whether a MED in service accepts new bookings.
     """
     config, frames, ids = recording.config, recording.frames, recording.vehicle_ids()
     present = ids >= 0

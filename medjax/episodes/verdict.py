@@ -1,4 +1,4 @@
-"""Summary of one or many episodes in a few numbers for people: the player's verdict."""
+"""The player's verdict: a few numbers that sum up one or many episodes for people."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -27,9 +27,10 @@ def _delay_h(metrics: Mapping[str, Any]) -> Any:
 
 
 def _euros(metrics: Mapping[str, Any]) -> Any:
-    """Total cost by the terms of `medjax.env.reward.MONEY`.
+    """Total cost by the terms of `medjax.env.reward.MONEY`, EUR.
 
-    For means it is accurate to about a cent, because energy per EV hardly depends on the number of EVs.
+    Given means over episodes, the cost is accurate to about a cent, because energy per EV hardly depends on the number
+    of EVs.
     """
     taken = metrics["ev_driving_kwh"] * metrics["evs_entered"]
     amounts = {

@@ -1,8 +1,8 @@
 """`python -m benchmarks.validation`: compares traffic of medjax and SUMO on the same road with published ranges.
 
 Demands on the road of `paper` range from free flow to overload, and one rises until traffic breaks down. The same
-functions measure both simulators' trajectories. Each figure, with its 95 % interval over episodes, stands beside the
-range that it should lie in and its source.
+functions measure both simulators' trajectories. The table shows each figure with its 95 % interval over episodes, the
+range in which it should lie, and the source of that range.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from benchmarks.verification.validation.published import checks
 from benchmarks.verification.validation.sumo_side import sumo
 from medjax.traffic.idm import IDM_PLUS, STANDARD_IDM
 
-# SUMO drives IDM and medjax drives IDM+ by default, so medjax's IDM is the one to compare with SUMO.
+# SUMO drives IDM, and medjax by default IDM+. So compare SUMO with `medjax IDM`.
 MODELS = {"medjax": IDM_PLUS, "medjax IDM": STANDARD_IDM}
 PACKAGES = {**dict.fromkeys(MODELS, "medjax"), "SUMO": "eclipse-sumo"}
 
 
 def both_sides(demand: Demand, options: argparse.Namespace) -> dict[str, list[Findings]]:
-    """Findings of each simulator's episodes under a demand; SUMO runs in parallel in its own processes."""
+    """Findings of each simulator's episodes under a demand. SUMO runs beside medjax, in processes of its own."""
     _, schedule = world(demand, options.minutes)
 
     def ours() -> dict[str, list[Findings]]:
@@ -98,7 +98,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = command.benchmark_parser("validation", __doc__)
     option, names = parser.add_argument, list(DEMANDS)
     option("--episodes", type=whole_number(most=100), default=5, help="episodes per demand")
-    minutes = "minutes to measure per episode, after five to fill the road; the rising demand takes twice as long"
+    minutes = "minutes to measure per episode, after five that fill the road; the rising demand takes twice as many"
     option("--minutes", type=whole_number(most=10_000), default=20, help=minutes)
     option("--seed", type=command.a_seed, default=0, help="seed of the episodes")
     some = f"some of {', '.join(names)} (default: all)"

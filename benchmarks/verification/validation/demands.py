@@ -16,20 +16,21 @@ from medjax.world.params import EnvConfig, EnvParams
 
 WARM_UP_MINUTES = 5  # until the road has filled and the transient is over
 
-# All demands share one program, since compiling takes longer than playing. Queues hold some 80 vehicles/km/lane.
+# Vehicle slots. All demands have as many, so that they share one compiled program: compiling takes longer than playing.
+# Queues hold some 80 vehicles/km/lane.
 SLOTS = 1400
 
 
 @dataclasses.dataclass(frozen=True)
 class Demand:
-    """Demand in vehicles/h; a rising demand starts at the share `from_share` of it."""
+    """Demand in vehicles/h. A rising demand starts at `from_share` times these numbers."""
 
     mainline_per_h: float  # all lanes
     ramp_per_h: float  # each ramp
     from_share: float = 1.0
 
     def share_at(self, minute: int, minutes: int) -> float:
-        """Share of the demand in a minute; a rising demand is full half-way, so that its queue is seen as well."""
+        """Share of the demand in a minute. A rising demand reaches 1 half-way, so that its queue shows as well."""
         risen = min(max(2.0 * minute / minutes, 0.0), 1.0)
         return self.from_share + (1.0 - self.from_share) * risen
 
@@ -63,14 +64,14 @@ class Schedule:
 
 @functools.cache
 def _highway(following: IDM) -> tuple[ChargingEnv, EnvParams]:
-    """The road of `paper` with gas vehicles only: no EVs, so that nobody runs out, and no MEDs sent."""
+    """The road of `paper` with gas vehicles only. Without EVs, nobody runs out of energy, and nobody sends MEDs."""
     return medjax.make(
         "paper", following=following, num_gas=SLOTS, num_evs=1, num_meds=1, ev_share=0.0
     )
 
 
 def world(demand: Demand, minutes: int, following: IDM = IDM_PLUS) -> tuple[ChargingEnv, Schedule]:
-    """The road of `paper` under a demand; a rising demand is measured for twice the minutes."""
+    """The road of `paper` under a demand. A rising demand lasts twice as many minutes."""
     env, params = _highway(following)
     ramps = np.full(env.config.num_ramps, demand.ramp_per_h, np.float32)
     mainline_per_h = np.float32(demand.mainline_per_h)

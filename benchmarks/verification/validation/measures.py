@@ -23,8 +23,8 @@ from benchmarks.verification.validation.trajectories import STANDING, Trajectori
 
 FREE_AHEAD_M = 60.0  # a vehicle with this much room ahead has no reason to stand
 OVERLAP_M = 0.02  # a smaller overlap is rounding
-UNDONE_S = 6.0  # a change that is reversed within this time counts as undone
-ENDS_M = 40.0  # vehicles first and last seen this near the ends drove the whole road
+UNDONE_S = 6.0  # a vehicle that changes back within this time undoes its change
+ENDS_M = 40.0  # a vehicle drove the whole road if it was first and last seen this near to its ends
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Findings:
 
 
 def find(seen: Trajectories, free_speed: float) -> Findings:
-    """Measures one episode after its warm-up; `free_speed` is that of free traffic, m/s."""
+    """Measures one episode after its warm-up; `free_speed` is the speed of free traffic, m/s."""
     beside = neighbours(seen)
     diagram = fundamental_diagram(seen)
     ends, rows = ~seen.goes_on, len(seen.x)
@@ -84,7 +84,7 @@ def find(seen: Trajectories, free_speed: float) -> Findings:
 
 
 def _travel_times(seen: Trajectories, first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Travel times over the main road's length, s, of vehicles that were observed on all of it."""
+    """Travel time over the main road's length, s, of each vehicle that drove all of it under observation."""
     whole = (seen.tick[first] > 0) & (seen.x[first] <= ENDS_M) & ~seen.on_ramp[first]
     whole &= seen.x[last] >= seen.road.length_m - ENDS_M
     first, last = first[whole], last[whole]
@@ -93,7 +93,7 @@ def _travel_times(seen: Trajectories, first: np.ndarray, last: np.ndarray) -> np
 
 
 def lane_changes(seen: Trajectories) -> LaneChanges:
-    """Counts all lane changes."""
+    """Measures all lane changes on the main road."""
     main = ~seen.on_ramp
     both = seen.goes_on & main[1:] & main[:-1]
     step = np.where(both, np.diff(seen.lane), 0)
@@ -110,7 +110,10 @@ def lane_changes(seen: Trajectories) -> LaneChanges:
 
 
 def _lateral_acceleration(seen: Trajectories) -> np.ndarray:
-    """Largest of each vehicle seen for at least three ticks, m/s2, by second differences of its lateral position."""
+    """Largest lateral acceleration of each vehicle, m/s2, from second differences of its lateral position.
+
+    It needs at least three ticks of a vehicle.
+    """
     if seen.lateral is None:
         return np.zeros(0)
     second = np.abs(np.diff(seen.lateral, 2)) / seen.tick_s**2
@@ -149,7 +152,7 @@ def _share(part: float, whole: float) -> float:
 
 
 def summarise(findings: Sequence[Findings]) -> dict[str, Any]:
-    """Figures of some episodes together, as floats by name; NaN if there was nothing to measure.
+    """Figures of several episodes together, as floats by name; NaN if there was nothing to measure.
 
     Means and percentiles are over the pooled vehicles, merges or minutes of all episodes.
     """
@@ -177,7 +180,8 @@ def summarise(findings: Sequence[Findings]) -> dict[str, Any]:
     }
 
 
-# Student's t at 95 % by degrees of freedom from 1; the last one serves for more, which is less than 9 % too wide.
+# Student's t at 95 %, by degrees of freedom from 1. The last value serves for all higher degrees, too: intervals then
+# are less than 9 % too wide.
 STUDENT_T = (
     12.71, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131,
 )  # fmt: skip
@@ -253,7 +257,7 @@ def _of_flow(findings: Sequence[Findings]) -> dict[str, Any]:
 
 
 def _five_minutes(diagram: FundamentalDiagram) -> tuple[float, float]:
-    """Highest 5-minute flow behind the last ramp, vehicles/h/lane, and its density, vehicles/km/lane."""
+    """Highest 5-minute flow behind the last ramp, vehicles/h/lane, and the density then, vehicles/km/lane."""
     flow, density = diagram.flow.mean(axis=-1)[:, -1], diagram.density.mean(axis=-1)[:, -1]
     spans = [slice(at, at + FLOW_MINUTES) for at in range(max(1, len(flow) - FLOW_MINUTES + 1))]
     return max((float(flow[span].mean()), float(density[span].mean())) for span in spans)

@@ -1,4 +1,4 @@
-"""medjax's trajectories: every tick of episodes that are played side by side."""
+"""Records medjax's trajectories: every tick of episodes that play side by side."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def _probe(state: EnvState) -> dict[str, jax.Array]:
     return seen | {name: seen[name].astype(jnp.int8) for name in ("lane", "kind")}
 
 
-@functools.lru_cache(maxsize=2)  # demands share one
+@functools.lru_cache(maxsize=2)  # one program for each of compare.MODELS; all demands share it
 def program(env: ChargingEnv) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Functions that start episodes, `(keys, params)`, and play a minute, `(episodes, its number, params)`.
+    """Two functions: one starts episodes, `(keys, params)`; one plays a minute, `(episodes, minute, params)`.
 
-    The latter returns (episodes, ticks); ticks are `(decisions, episodes, ticks, N)` by the names of SEEN.
+    The second one returns the episodes and their ticks, arrays `(decisions, episodes, ticks, N)` by the names of SEEN.
     """
     runner = EpisodeRunner(env.with_probe(_probe), [medjax.BASELINES["none"](env)])
     decisions = round(60.0 / env.config.decision_s)
@@ -50,8 +50,9 @@ def program(env: ChargingEnv) -> tuple[Callable[..., Any], Callable[..., Any]]:
         def decide(playing: Episodes, index: jax.Array) -> tuple[Episodes, Any]:
             playing, made = runner.decide(playing, index, weights, params)
             begun, ticks = made.info["begun"], made.info["ticks"]
-            # A new vehicle must first be seen where it entered, since its first tick may end in another lane. So
-            # rounds are recorded from their start; the state after the last tick starts the next one.
+            # A new vehicle's first row must show where it entered, since its first tick may end in another lane. So the
+            # rows of a round begin with the state at its start. They omit the state after its last tick, which the
+            # start of the next round shows.
             return playing, jax.tree.map(joined, begun, ticks)
 
         return jax.lax.scan(decide, playing, number * decisions + jnp.arange(decisions))
@@ -84,13 +85,14 @@ def trajectories_from_slots(
 ) -> Trajectories:
     """Trajectories of vehicles from slots, each of which holds one vehicle after the other.
 
-    `slots` are (ticks, N) by the names of SEEN, `lengths` those of vehicles, (num_kinds,) m.
+    `slots` holds arrays (ticks, N) by the names of SEEN. `lengths`, (num_kinds,) m, holds the length of each kind of
+    vehicle.
     """
     by_slot = {name: values.T for name, values in slots.items()}  # rows by slot, then by tick
     rows = np.nonzero(by_slot["active"])
     slot, tick = (each.astype(np.int32) for each in rows)
     x, lane = by_slot["x"][rows].astype(float), by_slot["lane"][rows].astype(np.int32)
-    # A jump shows that a slot was refilled at once: no vehicle reverses or drives that far in a tick.
+    # A jump shows that a new vehicle took the slot at once: no vehicle reverses or drives that far in a tick.
     new = (np.diff(slot) != 0) | (np.diff(tick) != 1)
     new |= (np.diff(x) < -1.0) | (np.diff(x) > FASTEST * tick_s)
     vehicle = np.r_[0, np.cumsum(new)].astype(np.int32)[: len(x)]

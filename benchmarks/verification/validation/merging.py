@@ -15,7 +15,7 @@ from benchmarks.verification.validation.trajectories import (
 )
 
 ANSWER_S = 5.0  # time in which a new follower reacts to a merge
-NEAR_M = 100.0  # farthest follower that counts
+NEAR_M = 100.0  # largest gap to the new follower at which its reaction counts
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,10 +23,10 @@ class Merges:
     """K changes from an acceleration lane to the right lane, and U vehicles seen on acceleration lanes."""
 
     speed: np.ndarray  # (K,) m/s, at the first tick on the right lane
-    # (K,) speed divided by that minute's mean in the right lane beside the acceleration lane
+    # (K,) speed divided by that minute's mean speed in the right lane beside the acceleration lane
     relative_speed: np.ndarray
     share_used: np.ndarray  # (K,) share of the acceleration lane used before the merge
-    # (K,) from the new leader's rear to the new follower's front, divided by the follower's speed
+    # (K,) distance from the new leader's rear to the new follower's front, divided by the follower's speed
     accepted_gap_s: np.ndarray
     follower_acceleration: np.ndarray  # (K,) m/s2, the new follower's minimum within ANSWER_S
     standing_s: np.ndarray  # (U,) s, standing time on the acceleration lane
@@ -66,7 +66,10 @@ def _minute(seen: Trajectories) -> np.ndarray:
 
 
 def _right_lane_speed(seen: Trajectories) -> np.ndarray:
-    """Mean speed beside each acceleration lane, (minutes, ramps) m/s, of vehicles not from that ramp; NaN if none."""
+    """Mean speed in the right lane beside each acceleration lane, (minutes, ramps) m/s.
+
+    It leaves out vehicles from that ramp, and is NaN without any others.
+    """
     road = seen.road
     ramp = _ramp_at(road, seen.x)
     start = np.asarray(road.ramp_x_m)[ramp]
@@ -86,7 +89,7 @@ def _right_lane_speed(seen: Trajectories) -> np.ndarray:
 
 
 def _least_acceleration(seen: Trajectories, row: np.ndarray) -> np.ndarray:
-    """Minimum of a row's vehicle within the next ANSWER_S, `row.shape` m/s2; NaN if it is not seen again."""
+    """Lowest acceleration of a row's vehicle in the next ANSWER_S, `row.shape` m/s2; NaN if it has no later row."""
     ticks = np.arange(1, round(ANSWER_S / seen.tick_s) + 1)
     later = np.minimum(row[:, None] + ticks, len(seen.x) - 1)
     same = (seen.vehicle[later] == seen.vehicle[row][:, None]) & (later > row[:, None])

@@ -28,7 +28,7 @@ def draw(path: Path, result: dict[str, Any]) -> None:
         style = {"s": 4, "alpha": 0.4, "color": color, "label": name, "linewidths": 0}
         by_density.scatter(density, flow, **style)
         by_flow.scatter(flow, flow / density / 3.6, **style)
-        if "rising" in result["history"]:  # else it was not measured
+        if "rising" in result["history"]:  # only if this run measured it
             flow = result["history"]["rising"][name]["flow"]
             rising.plot(range(1, len(flow) + 1), flow, color=color, label=name)
         for percentile, marker, label in (("median", "o-", name), ("p5", "v:", None)):

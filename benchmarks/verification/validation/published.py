@@ -1,4 +1,4 @@
-"""Ranges observed on real roads and goals of this simulator, each with its source."""
+"""The ranges to compare with: some come from observations of real roads, others are our goals. Each has its source."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Range:
 
 
 WHERE = {"paper": "at the preset's demand", "merging": "4,500 and 4 x 300 vehicles/h"}
-# Of each source we read the abstract or a quoted table; of those marked "from memory" we read nothing.
+# We read each source's abstract or a table quoted from it. We read nothing of the sources marked "from memory".
 GOAL = "a goal of this project"
 AASHTO = (
     "a goal; AASHTO's Green Book designs acceleration lanes for merging within 8 km/h of traffic's "
@@ -54,7 +54,7 @@ TEXAS = (
     "Agyemang-Duah 1991"
 )
 CASSIDY = "10 %: Cassidy, Bertini 1999; 6 %: Hall, Agyemang-Duah 1991; 5 to 30 %: Treiber, Helbing 2002, a review"
-# Figure, demands, lowest and highest value, source; text.
+# Each row holds a figure, its demands, the lowest and the highest value, the source, and the text.
 ROWS = (
     ("ramp_stop_share", "paper merging", 0.0, 0.005, GOAL,
      "ramp vehicles that stop, {where}"),
@@ -101,10 +101,10 @@ RANGES = tuple(
 def checks(
     figures: dict[str, dict[str, dict[str, Any]]], widths: dict[str, dict[str, dict[str, float]]]
 ) -> list[dict[str, Any]]:
-    """Compares measurements with the ranges of their demands; only medjax's default has to reach the goals.
+    """Compares measurements with the ranges for their demands. Only medjax's default has to reach the goals.
 
-    `figures` are those of `measures.summarise` by demand and simulator, `widths` those of `measures.half_widths`. Each
-    entry holds the range, and by simulator `value`, `half_width` and `holds`.
+    By demand and simulator, `figures` come from `measures.summarise` and `widths` from `measures.half_widths`. Each
+    entry of the result holds a range, and by simulator `value`, `half_width` and `holds`.
     """
 
     def measured(each: Range, name: str) -> dict[str, Any]:

@@ -64,7 +64,7 @@ def table_by_demand(figures: dict[str, dict[str, dict[str, Any]]]) -> list[str]:
 
 
 def table_of_ranges(checks: Sequence[dict[str, Any]], simulators: Sequence[str]) -> list[str]:
-    """Lines of a Markdown table of measurements beside their ranges; misses are marked."""
+    """Lines of a Markdown table of measurements beside their ranges; "(missed)" marks a value outside its range."""
     lines = [f"| | {' | '.join(simulators)} | range | source |"]
     lines.append("|---" + "|---:" * len(simulators) + "|---|---|")
     for check in checks:
@@ -89,7 +89,7 @@ def _cell(measured: dict[str, Any]) -> str:
 def diagram_points(findings: Sequence[Findings]) -> dict[str, Any]:
     """The fundamental diagram: 5-minute means of each detector and lane, rounded.
 
-    Lists `x_m` (D,), and `flow` (vehicles/h) and `density` (vehicles/km), (spans, D, lanes).
+    Returns lists by name: `x_m` (D,), `flow` in vehicles/h and `density` in vehicles/km, both (spans, D, lanes).
     """
 
     def means(values: np.ndarray) -> np.ndarray:

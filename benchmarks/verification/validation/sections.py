@@ -9,14 +9,15 @@ import numpy as np
 from benchmarks.verification.validation.trajectories import Road, Trajectories
 
 SECTION_M = 100.0  # length of road that a detector covers
-# Share of the free speed: 18 of 30 m/s. The HCM's 25 % less over 15 minutes is what IDM drives at capacity. German
+# Speed below which traffic has broken down, as a share of the free speed: 18 of 30 m/s. The criterion of the HCM
+# (Highway Capacity Manual), 25 % less over 15 minutes, would not do: IDM drives that slowly at capacity. German
 # practice is 70 km/h (Brilon, Geistefeldt, Regler 2005, from memory).
 BREAKDOWN_SPEED_SHARE = 0.6
 FLOW_MINUTES = 5  # averaging interval of flows
 
 
 def detectors(road: Road) -> list[float]:
-    """Middles of the sections: before each acceleration lane, half-way between two, and behind the last.
+    """Middles of the sections, m: before each acceleration lane, half-way between two, and behind the last one.
 
     The last section measures the discharge. Sections overlap neither acceleration lanes nor the road's ends.
     """
@@ -50,9 +51,11 @@ class FundamentalDiagram:
 
 
 def fundamental_diagram(seen: Trajectories) -> FundamentalDiagram:
-    """Measures flow and density by Edie's definitions (1963): distance and time in a section of a lane, over its area.
+    """Measures flow and density by Edie's definitions (1963), in a section of a lane over a minute.
 
-    Flow divided by density is then the space-mean speed, also where vehicles stand.
+    Flow is the distance that vehicles travel there, and density the time that they spend there, each divided by the
+    area: the section's length times the minute. Flow divided by density is then the space-mean speed, also where
+    vehicles stand.
     """
     x_m, lanes = np.array(detectors(seen.road)), seen.road.num_lanes
     minutes = int(seen.span_s // 60.0)
@@ -75,11 +78,12 @@ class Breakdown:
     """The bottleneck that breaks down first, and its flows in vehicles/h/lane; NaN if there is none."""
 
     minute: int | None  # the first minute of the breakdown; None if there was none
-    x_m: float  # the detector that saw it; flows are of the next one
+    x_m: float  # place of the detector that saw it; the flows below are those at the next detector
     highest_before: float  # highest 5-minute flow before the breakdown
     # Both means leave out the first 5 minutes of the breakdown.
-    after: float  # mean while the bottleneck is active: queue at the detector, none at the next
-    discharge: float  # mean at the last detector while there is a queue anywhere before it
+    # Mean flow while the bottleneck is active: a queue at the detector, none at the next.
+    after: float
+    discharge: float  # mean flow at the last detector while there is a queue anywhere before it
 
     @property
     def capacity_drop(self) -> float:
@@ -100,7 +104,7 @@ def _means(values: np.ndarray) -> np.ndarray:
 
 
 def breakdown(diagram: FundamentalDiagram, free_speed: float) -> Breakdown:
-    """Where and when traffic breaks down first, and the flow that the road then carries.
+    """Finds where and when traffic breaks down first, and the flow that the road then carries.
 
     A section has broken down when its speed stays below BREAKDOWN_SPEED_SHARE of `free_speed` (m/s) for FLOW_MINUTES. A
     bottleneck is active while the queue ends between two detectors (Cassidy and Bertini 1999: no influence from
@@ -112,7 +116,7 @@ def breakdown(diagram: FundamentalDiagram, free_speed: float) -> Breakdown:
     if not len(begins):
         return Breakdown(None, np.nan, np.nan, np.nan, np.nan)
     minute = int(begins[0])
-    # The most downstream section, since queues grow upstream.
+    # The bottleneck is at the most downstream of these sections, since queues grow upstream.
     index = int(np.nonzero(stays[:, minute])[0][-1])
     late = np.arange(len(flow)) >= minute + FLOW_MINUTES
     active = late & slow[:, index] & ~slow[:, index + 1]

@@ -1,4 +1,4 @@
-"""SUMO's trajectories on medjax's road under medjax's demand, from one process and one file per episode."""
+"""Records SUMO's trajectories on medjax's road under medjax's demand, by one process and one file per episode."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from medjax.world.kinds import WIDTHS_M
 
 @contextlib.contextmanager
 def sumo(schedule: Schedule, episodes: int, seed: int) -> Iterator[Iterator[Trajectories]]:
-    """Starts a process for each episode; the iterator waits for each one's trajectories after the warm-up."""
+    """Starts a process for each episode. The iterator waits for each and yields its trajectories after the warm-up."""
     config, params = schedule.config, schedule.params_at(0)
     periods = [
         sumo_road.Period(60.0 * minute, 60.0 * (minute + 1), schedule.params_at(minute))
@@ -31,7 +31,7 @@ def sumo(schedule: Schedule, episodes: int, seed: int) -> Iterator[Iterator[Traj
         command += ["--route-files", str(sumo_road.build_demand(config, periods, folder))]
         command += ["--begin", "0", "--end", str(end), "--step-length", str(config.tick_s)]
         command += ["--step-method.ballistic", "true"]  # as in medjax
-        # SUMO removes neither vehicles that wait for long nor vehicles that collide.
+        # With these options SUMO removes neither vehicles that wait for long nor vehicles that collide.
         command += ["--time-to-teleport", "-1", "--collision.action", "warn"]
         command += ["--no-step-log", "true", "--no-warnings", "true"]
         command += ["--device.fcd.begin", str(begin)]

@@ -9,7 +9,7 @@ import numpy as np
 from medjax.world.params import EnvConfig, EnvParams
 
 NOBODY = -1
-STANDING = 0.5  # m/s; slower vehicles stand
+STANDING = 0.5  # m/s; a slower vehicle counts as standing
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,7 +52,8 @@ class Trajectories:
     speed: np.ndarray  # (R,) float64, m/s
     length: np.ndarray  # (R,) float64, m, of the vehicle
     width: np.ndarray  # (R,) float64, m
-    lateral: np.ndarray | None  # (R,) float64, m to the right of the leftmost lane's centre
+    # (R,) float64, m to the right of the leftmost lane's centre; None if unknown
+    lateral: np.ndarray | None
 
     @property
     def span_s(self) -> float:
