@@ -32,8 +32,8 @@ class PPOConfig(TrainConfig):
     num_minibatches: int = option(
         0,
         "PPO",
-        f"minibatches per epoch, which must divide num_envs; 0: of {ENVS_OF_A_MINIBATCH} environments each, or larger "
-        f"ones so that there are at most {MOST_MINIBATCHES}",
+        "minibatches per epoch, which must divide num_envs; 0: of 4 environments each, or larger ones so that there "
+        "are at most 64",
         limits=(0, 2**20),
     )
     num_epochs: int = option(4, "PPO", "passes over each rollout", limits=(1, 1000))
