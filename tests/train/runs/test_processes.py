@@ -99,7 +99,8 @@ def test_devices_and_processes_train_as_one_device(probe, start):
 @pytest.mark.slow
 def test_two_processes_go_on_from_one_and_one_from_two(probe, start):
     """A signal to the second stops both at the same update, saved; the run ends on a single device."""
-    options = [*EIGHT, "--no-anneal"]
+    # Half a run must not plan for its own end: neither its learning rate nor its sharpness.
+    options = [*EIGHT, "--no-anneal", "--sharpening=1"]
     assert ppo.main([*options, "--num-devices=1", "--run-dir=whole"]) == 0
     assert ppo.main([*options, "--total-timesteps=96", "--run-dir=parts"]) == 0
     resumed = [f"--resume={probe}/parts", "--total-timesteps=1e6"]
@@ -166,7 +167,8 @@ def test_processes_that_make_no_sense(probe, capsys, argv, words):
 @pytest.mark.thorough
 def test_resumed_on_another_number_of_devices(probe):
     """A run that changes halfway from two devices to one, or from one to two, equals the run on one."""
-    options = [*EIGHT, "--no-anneal"]
+    # Half a run must not plan for its own end: neither its learning rate nor its sharpness.
+    options = [*EIGHT, "--no-anneal", "--sharpening=1"]
     assert ppo.main([*options, "--num-devices=1", "--run-dir=whole"]) == 0
     for before, after in ((2, 1), (1, 2)):
         half = [*options, "--total-timesteps=96", f"--run-dir=begun-on-{before}"]
