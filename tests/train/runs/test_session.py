@@ -184,7 +184,7 @@ def test_resume_refuses_what_does_not_fit(probe, whole, capsys):
         ("--rollout-length=2", "rollout_length 2, which was 4 until now, allowed: 4"),
         ("--decide-every=2", "decide_every 2, which was 1 until now, allowed: 1"),
         ("--num-epochs=1", "num_epochs 1, which was 4 until now, allowed: 4"),
-        ("--num-minibatches=1", "num_minibatches 1, which was 4 until now, allowed: 4"),
+        ("--num-minibatches=1", "num_minibatches 1, which was 2 until now, allowed: 2"),
     ):
         refused(capsys, [*more, change], words)
     refused(capsys, [*TINY, "--run-dir=run"], "already holds files")
