@@ -26,7 +26,7 @@ from medjax.policies.rules import BASELINES
 from medjax.world.catalogue import PRESETS
 from train.evaluation.tables import is_papers
 from train.runs.run_directory import RunDir, check_matplotlib
-from train.runs.trained_run import to_play, trained_run_parser, whole_numbers
+from train.runs.trained_run import say_unneeded, to_play, trained_run_parser, whole_numbers
 
 
 def build_parser() -> OneLineParser:
@@ -73,6 +73,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         changes = parse_overrides(given.overrides)
         if given.run_dir is None and given.policies is None:
             raise InputError("neither --run-dir nor --policies, allowed: at least one of them")
+        if given.run_dir is None and given.stochastic:
+            raise InputError("--stochastic without --run-dir, allowed: with it")
         config = None
         if given.run_dir is not None:
             run_dir = RunDir(as_path("--run-dir", given.run_dir))
@@ -90,6 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         check_episodes(numbers["episodes"], len(policies), given.force)
     except InputError as error:
         return fail("python -m train.evaluate", error)
+    say_unneeded("train.evaluate", given)
     from medjax.episodes.scores import evaluate_policies
     from medjax.numerics.compilation import enable_compilation_cache
     from train.evaluation.comparison import Comparison

@@ -12,7 +12,7 @@ from medjax.commandline import as_path, cannot_write, command, fail, leave
 from medjax.errors import InputError
 from medjax.files import check_writable
 from train.runs.run_directory import RunDir, check_matplotlib
-from train.runs.trained_run import to_play, trained_run_parser, whole_numbers
+from train.runs.trained_run import say_unneeded, to_play, trained_run_parser, whole_numbers
 
 
 @command
@@ -37,6 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         check_episodes(numbers["episodes"], len(policies))
     except InputError as error:
         return fail("python -m train.report", error)
+    say_unneeded("train.report", given)
     from medjax.numerics.compilation import enable_compilation_cache
     from train.reporting.report import draw, play, write
 

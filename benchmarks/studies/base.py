@@ -62,11 +62,10 @@ def load(
     """
     if options.run_dir:
         env, params, found = load_policies(options.run_dir, config)
-        sampled = {name.removesuffix(SAMPLED) for name in found if name.endswith(SAMPLED)}
         played = {
-            name: found[name + SAMPLED if stochastic and name in sampled else name]
-            for name in found
-            if not name.endswith(SAMPLED)
+            name.removesuffix(SAMPLED): policy
+            for name, policy in found.items()
+            if name in BASELINES or name.endswith(SAMPLED) == stochastic
         }
         return env, params, played
     env, params = make_environment(config)

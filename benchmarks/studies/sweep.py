@@ -12,25 +12,23 @@ import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jax import lax
 from tqdm import tqdm
 
 from benchmarks.command import add_plot, benchmark_parser, run_command
+from benchmarks.studies.ablation.side_by_side import Trained, train_learners
 from benchmarks.studies.sweep_tables import LEARNER, describe, other_rows, plot, table
 from medjax.episodes.scores import Evaluation, Scores, evaluate_policies
 from medjax.errors import InputError, shown
 from medjax.numerics.compilation import enable_compilation_cache
-from medjax.numerics.rows import in_blocks
+from medjax.policies.policy import Policy
 from medjax.policies.team import rules_of
 from train.algorithms.environments import check_environment, make_environment
 from train.algorithms.networks import PolicyWeights
 from train.algorithms.ppo.settings import PPOConfig
-from train.algorithms.programs import shardings
 from train.algorithms.registry import algorithm_of
 from train.evaluation.statistics import plain
 from train.evaluation.tables import SAMPLED, START, format_rows
@@ -50,16 +48,6 @@ VARIED = (
 )
 UNUSED = ("checkpoint_interval", "keep_checkpoints", "updates_per_call", "force")
 Numbers = dict[str, float]  # varied settings by name
-
-
-class Learned(NamedTuple):
-    """All learners; leading axes are those of settings and seeds."""
-
-    weights: PolicyWeights
-    start: PolicyWeights  # initial weights, (seeds, ...)
-    curve: (
-        np.ndarray
-    )  # (updates, settings, seeds) mean return of the episodes that ended; not finite without any
 
 
 def read_vary(texts: Sequence[str]) -> dict[str, list[float]]:
@@ -103,7 +91,7 @@ def combinations(config: PPOConfig, varied: Mapping[str, Sequence[float]]) -> li
     return [row for number, row in enumerate(found) if row not in found[:number]]
 
 
-def with_numbers(config: PPOConfig, numbers: Mapping[str, Any]) -> PPOConfig:
+def with_settings(config: PPOConfig, numbers: Mapping[str, Any]) -> PPOConfig:
     """The settings with numbers that may be traced, which their checks could not read."""
     changed = copy.copy(config)
     for name, value in numbers.items():
@@ -111,10 +99,12 @@ def with_numbers(config: PPOConfig, numbers: Mapping[str, Any]) -> PPOConfig:
     return changed
 
 
-def learn(env: Any, params: Any, config: PPOConfig, rows: Sequence[Numbers]) -> Learned:
-    """Trains a learner for each row of numbers and each of `config.num_seeds` seeds."""
+def learn(env: Any, params: Any, config: PPOConfig, rows: Sequence[Numbers]) -> Trained:
+    """Trains a learner for each row of numbers and each of `config.num_seeds` seeds.
+
+    The axes of the weights begin with `(rows, seeds)`, those of the curve end with them.
+    """
     build, seeds = algorithm_of(config).build_learner, config.num_seeds
-    base: Any = build(env, params, config)
     keys = jax.random.key(config.seed)
     keys = jax.random.split(keys, seeds) if seeds > 1 else keys[None]
     # Learners in a row: all seeds of the first numbers, then all of the second.
@@ -122,59 +112,46 @@ def learn(env: Any, params: Any, config: PPOConfig, rows: Sequence[Numbers]) -> 
         name: jnp.repeat(jnp.asarray([row[name] for row in rows], jnp.float32), seeds)
         for name in rows[0]
     }
-
-    def first(keys: jax.Array, traced: Any) -> Any:
-        states = lax.map(lambda key: base.init(key, traced), keys)
-        return jax.tree.map(lambda leaf: jnp.concatenate([leaf] * len(rows)), states)
-
-    def update(states: Any, numbers: Mapping[str, jax.Array], traced: Any) -> Any:
-        def one(state: Any, own: Mapping[str, jax.Array]) -> Any:
-            # Building reads the length of an episode, which must not be traced.
-            learner = build(env, params, with_numbers(config, own))
-            state, metrics = learner.update(state, traced)
-            return state, metrics["episode_return"]
-
-        # On a CPU the environments of one learner fill the cache.
-        return in_blocks(lambda some: jax.vmap(one)(*some), (states, numbers), rows_at_once=1)
-
-    where = shardings(base, seeds=True)
-    init = jax.jit(first, out_shardings=where)
-    run = jax.jit(update, in_shardings=(where, None, None), donate_argnums=0)
-    states = init(keys, params)
-    start = jax.device_get(jax.tree.map(lambda leaf: leaf[:seeds], states.weights))
-    curve = []
-    for _ in tqdm(range(config.num_updates), "training", disable=None, leave=False):
-        states, returns = jax.block_until_ready(run(states, numbers, params))
-        curve.append(jax.device_get(returns))
+    weights, start, curve = train_learners(
+        # Building reads the length of an episode from params, which must not be traced.
+        lambda own: build(env, params, with_settings(config, own)),
+        lambda given, _: given,
+        jnp.tile(keys, len(rows)),
+        numbers,
+        params,
+        config.num_updates,
+    )
     split = lambda leaf: leaf.reshape(len(rows), seeds, *leaf.shape[1:])  # noqa: E731
-    weights = jax.tree.map(split, jax.device_get(states.weights))
-    return Learned(weights, start, np.reshape(curve, (-1, len(rows), seeds)))
+    weights, start = (jax.tree.map(split, jax.device_get(tree)) for tree in (weights, start))
+    return Trained(weights, start, curve.reshape(-1, len(rows), seeds))
 
 
 def play(
-    env: Any, params: Any, config: PPOConfig, learned: Learned
+    env: Any, params: Any, config: PPOConfig, learned: Trained
 ) -> tuple[dict[str, list[list[Scores]]], dict[str, Scores]]:
-    """Scores of every learner by way of playing and `[setting][seed]`, and of the start and the rules by name."""
-    algorithm = algorithm_of(config)
-    make = partial(algorithm.policy, env, config)
-    ways = {LEARNER: False, LEARNER + SAMPLED: True}
-    count, seeds = learned.curve.shape[1:]
+    """Plays the same episodes with every learner, the first seed's initial policy, and the rules.
 
-    def own(tree: PolicyWeights, *index: int) -> PolicyWeights:
-        return jax.tree.map(lambda leaf: leaf[index], tree)
+    Returns:
+      Scores of the learners by name and then `[row][seed]`, most probable and sampled; and of the others by name.
+    """
 
-    begin = own(learned.start, 0)
-    others = {START: make(begin), START + SAMPLED: make(begin, stochastic=True), **rules_of(env)}
-    episodes = config.eval_episodes
-    first = {name: make(own(learned.weights, 0, 0), stochastic=way) for name, way in ways.items()}
-    evaluation = Evaluation(env, params, first, episodes)
-    found: dict[str, list[list[Scores]]] = {name: [[] for _ in range(count)] for name in ways}
+    def ways(name: str, weights: PolicyWeights, *index: int) -> dict[str, Policy]:
+        """One network, most probable and sampled."""
+        own = jax.tree.map(lambda leaf: leaf[index], weights)
+        policy = partial(algorithm_of(config).policy, env, config, own)
+        return {name: policy(), name + SAMPLED: policy(stochastic=True)}
+
+    episodes, (count, seeds) = config.eval_episodes, learned.curve.shape[1:]
+    evaluation = Evaluation(env, params, ways(LEARNER, learned.weights, 0, 0), episodes)
+    found: dict[str, list[list[Scores]]] = {
+        name: [[] for _ in range(count)] for name in evaluation.names
+    }
     pairs = list(itertools.product(range(count), range(seeds)))
-    for setting, seed in tqdm(pairs, "learners", disable=None, leave=False):
-        weights = own(learned.weights, setting, seed)
-        policies = {name: policy.replace(weights=weights) for name, policy in first.items()}
+    for index in tqdm(pairs, "learners", disable=None, leave=False):
+        policies = ways(LEARNER, learned.weights, *index)
         for name, score in evaluation.play(policies, config.seed).items():
-            found[name][setting].append(score)
+            found[name][index[0]].append(score)
+    others = ways(START, learned.start, 0, 0) | rules_of(env)
     return found, evaluate_policies(env, params, others, episodes, config.seed)
 
 

@@ -6,17 +6,18 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.studies.base import estimate, format_estimate
 from medjax.episodes.scores import Scores
+from train.algorithms.ppo.settings import PPOConfig
 from train.evaluation.statistics import (
-    bootstrap_ci95,
     improvement_probability,
     interquartile_mean,
     seeds_ci95,
 )
-from train.evaluation.tables import SAMPLED, START, interval, short
+from train.evaluation.tables import SAMPLED, START
 from train.reporting.figures import new_figure, save
 
-LEARNER = "ppo"
+LEARNER = PPOConfig.algorithm
 
 
 def describe(
@@ -25,13 +26,17 @@ def describe(
     others: Mapping[str, Scores],
     seed: int,
 ) -> list[dict[str, Any]]:
-    """A row of the report for each combination; differences are in the same episodes."""
+    """A row of the report for each combination.
+
+    Differences are in the same episodes; `minus_start` is from the first seed's initial policy. Intervals are over
+    seeds and episodes.
+    """
     returns, sampled = (
         np.array([[score["return"] for score in seeds] for seeds in played[LEARNER + end]])
         for end in ("", SAMPLED)
     )  # (settings, seeds, episodes)
 
-    def estimate(values: np.ndarray) -> dict[str, Any]:
+    def over_seeds(values: np.ndarray) -> dict[str, Any]:
         return {"mean": float(values.mean()), "ci95": list(seeds_ci95(values, seed))}
 
     found = []
@@ -42,11 +47,11 @@ def describe(
             {
                 "settings": dict(numbers),
                 "return_means": means.tolist(),
-                "return": estimate(returns[index]),
-                "sampled": estimate(sampled[index]),
-                "minus_sampled": estimate(returns[index] - sampled[index]),
-                "minus_default": estimate(returns[index] - returns[0]),
-                "minus_start": estimate(returns[index] - others[START]["return"]),
+                "return": over_seeds(returns[index]),
+                "sampled": over_seeds(sampled[index]),
+                "minus_sampled": over_seeds(returns[index] - sampled[index]),
+                "minus_default": over_seeds(returns[index] - returns[0]),
+                "minus_start": over_seeds(returns[index] - others[START]["return"]),
                 "probability_of_improvement": {"mean": better, "ci95": list(ends)},
             }
         )
@@ -64,12 +69,17 @@ def table(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
         "minus_default",
         "probability_of_improvement",
     )
-    cells = [["settings", *varied[1:], "return", *headings]]
-    cells[0][0] = varied[0]
+    cells = [[*varied, "return", *headings]]
     for number, row in enumerate(rows):
         own = [f"{row['settings'][name]:g}" for name in varied]
         shown_keys = keys if number else keys[:3]
-        cells.append([*own, _cell(row["return"]), *(_cell(row[key]) for key in shown_keys)])
+        cells.append(
+            [
+                *own,
+                format_estimate(row["return"]),
+                *(format_estimate(row[key]) for key in shown_keys),
+            ]
+        )
         cells[-1] += [""] * (len(cells[0]) - len(cells[-1]))
     return cells
 
@@ -77,15 +87,8 @@ def table(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
 def other_rows(others: Mapping[str, Scores], seed: int) -> list[list[str]]:
     """Returns of the initial policy and the rules as cells, the best first."""
     means = sorted(others.items(), key=lambda item: -item[1]["return"].mean())
-    cells = [
-        [name, short(score["return"].mean()), interval(bootstrap_ci95(score["return"], seed))]
-        for name, score in means
-    ]
-    return [["not learned", "return", "95 % CI"], *cells]
-
-
-def _cell(found: Mapping[str, Any]) -> str:
-    return f"{short(found['mean'])} {interval(found['ci95'])}"
+    cells = [[name, format_estimate(estimate(score["return"], seed))] for name, score in means]
+    return [["not learned", "return, 95 % CI"], *cells]
 
 
 def plot(path: Path, report: Mapping[str, Any]) -> None:

@@ -22,7 +22,7 @@ from medjax.errors import former_names
 from medjax.numerics.gathers import read
 from medjax.numerics.sums import count_down
 from medjax.traffic.entry import Newcomers
-from medjax.traffic.exits import distance_to_exit
+from medjax.traffic.exits import distance_to_exit_preparation
 from medjax.traffic.following import by_kind
 from medjax.world.params import (
     CHARGING_SLOTS,
@@ -204,7 +204,7 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
     open_slots = slots_on_road(med_lane, config.num_lanes) & ~booked
     leaves_x = vehicles.destination
     if config.num_exits:
-        to_exit = distance_to_exit(vehicles, config, params)
+        to_exit = distance_to_exit_preparation(vehicles, config, params)
         leaves_x = jnp.minimum(leaves_x, vehicles.x + to_exit)
     offers = Offers(
         x=vehicles.x[med_slots],

@@ -118,7 +118,9 @@ def exit_desire(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax
     return jnp.where((lanes > 0) & (vehicles.lane < config.num_lanes), desire, 0.0)
 
 
-def distance_to_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
+def distance_to_exit_preparation(
+    vehicles: Vehicles, config: EnvConfig, params: EnvParams
+) -> jax.Array:
     """Distance to where each vehicle must prepare for its exit, `(N,)` m; inf for those bound for the road's end.
 
     Beyond that point there is no room for one more lane change. The distance is negative there.
@@ -129,7 +131,7 @@ def distance_to_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -
 
 def is_preparing_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:
     """Whether each vehicle prepares for its exit now and does nothing else, `(N,)` bool."""
-    return distance_to_exit(vehicles, config, params) < 0.0
+    return distance_to_exit_preparation(vehicles, config, params) < 0.0
 
 
 def takes_exit(vehicles: Vehicles, config: EnvConfig, params: EnvParams) -> jax.Array:

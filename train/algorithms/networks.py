@@ -37,9 +37,8 @@ class PolicyWeights:
 
     params: Any  # of the network
     obs_stats: RunningStats  # moments that normalise observations
-    sharpness: jax.Array | float = (
-        1.0  # () factor of the logits; an algorithm may let it grow during training
-    )
+    # () factor of the logits, which an algorithm may let grow during training
+    sharpness: jax.Array | float = 1.0
 
 
 class Torso(nn.Module):

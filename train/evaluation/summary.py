@@ -52,9 +52,10 @@ def summarize(
         reward's terms differ from the preset's, `reward` lists their names. A baseline adds `baseline` and
         `difference_from_baseline`: `mean` and `ci95` of each other policy's return minus the baseline's in the same
         episode. Learned policies add two comparisons of an episode's mean over the training seeds, each `mean` and
-        `ci95`: `paired_return_difference` from every rule, and `change_against_none` of metrics, as a share. Several
-        training seeds add `training_seeds`: `return_means`, `interquartile_mean`, `ci95`, and each learner's own
-        `paired_return_differences`. Intervals are over episodes; those of a mean over training seeds also over seeds.
+        `ci95`: `paired_return_difference` from every other policy, and `change_against_none` of metrics, as a share.
+        Several training seeds add `training_seeds`: `return_means`, `interquartile_mean`, `ci95`, and each learner's
+        own `paired_return_differences`. Intervals are over episodes; those of a mean over training seeds also over
+        seeds.
     """
     result: dict[str, Any] = {
         "policies": {name: _entry(score, seed) for name, score in scores.items()},

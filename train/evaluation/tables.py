@@ -79,7 +79,8 @@ def _lines_of_seeds(result: Mapping[str, Any]) -> list[str]:
     sure = interval_of_seeds(len(gains))
     lines = [f"training seeds: {means}; interquartile mean, {sure}: {middle}"]
     others = [name for name in _not_sampled(result) if name in gains[0]]
-    for other in dict.fromkeys([*others[:1], *({START} & {*others})]):
+    best_rule = [name for name in others if name != START][:1]
+    for other in [*best_rule, *({START} & {*others})]:
         each = ", ".join(_gain(gain[other]) for gain in gains)
         lines.append(f"each minus {other}, 95 % CI: {each}")
     return lines

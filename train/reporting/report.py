@@ -43,7 +43,7 @@ from train.reporting.page import Picture, Section, write_page
 from train.reporting.survey import Survey, dispatch_rows, survey, total
 from train.reporting.traces import Trace, record
 from train.runs.logs import read_rows
-from train.runs.run_directory import RunDir
+from train.runs.run_directory import PLAYS, RunDir
 from train.settings import TrainConfig, to_json
 
 PICTURES = ("training_curve", "comparison", "time_space", "soc_over_time", "soc_at_end", "dispatch")
@@ -116,17 +116,16 @@ def draw(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
 def write(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
     """Prints the tables, writes the page with tables and figures, and writes the numbers to evaluation.json."""
     title = headline(played.result)
-    acting = "takes its most probable action"
     parts = sections(run_dir, config, played)
     for part in parts:
         if part.tables:
             print("", part.title, *map(format_rows, part.tables), sep="\n")
-    print(f"\n{title}; {config.algorithm} {acting}")
+    print(f"\n{title}; {config.algorithm} takes {PLAYS}")
     write_json(run_dir.report / "evaluation.json", played.result)
     write_page(
         run_dir.report / "report.html",
         f"Report of {run_dir.path.resolve().name}",
-        f"{title}. The trained policy, {config.algorithm}, {acting}. Intervals are of means, "
+        f"{title}. The trained policy, {config.algorithm}, takes {PLAYS}. Intervals are of means, "
         "by the bootstrap over episodes, and over training seeds where it is their mean.",
         parts,
     )

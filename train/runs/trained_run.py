@@ -4,7 +4,6 @@ import argparse
 import dataclasses
 import sys
 from collections.abc import Mapping
-from typing import Any
 
 from medjax.commandline import OneLineParser, whole_number
 from medjax.world.catalogue import KeepsLines
@@ -12,15 +11,6 @@ from train.option import Override
 from train.settings import TrainConfig
 
 LIMITS = {"episodes": (2, 10**7), "batch": (1, 10**6), "seed": (0, 2**32 - 1)}
-
-
-class _Unneeded(argparse.Action):
-    """Says that the option has lost its use; it goes with the next version."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any, **__: Any) -> None:
-        """Prints a line to stderr."""
-        said = f"{parser.prog}: --stochastic is not needed, policies that sample have rows of their own"
-        print(said, file=sys.stderr)
 
 
 def trained_run_parser(
@@ -39,8 +29,15 @@ def trained_run_parser(
     parser.add_argument("--episodes", default="200", metavar="N", help=text)
     text = "seed of the episodes (default: 0)"
     parser.add_argument("--seed", default="0", metavar="N", help=text)
-    parser.add_argument("--stochastic", action=_Unneeded, nargs=0, help=argparse.SUPPRESS)
+    parser.add_argument("--stochastic", action="store_true", help=argparse.SUPPRESS)
     return parser
+
+
+def say_unneeded(prog: str, given: argparse.Namespace) -> None:
+    """Prints a line to stderr if `--stochastic` was given, which has lost its use and goes with the next version."""
+    if given.stochastic:
+        said = "--stochastic is not needed, policies that sample have rows of their own"
+        print(f"python -m {prog}: {said}", file=sys.stderr)
 
 
 def whole_numbers(given: argparse.Namespace) -> dict[str, int]:

@@ -1,11 +1,11 @@
-"""Several worlds, which differ in a few numbers, side by side in one compiled program.
+"""Worlds or learners that differ in a few numbers, side by side in one compiled program.
 
 A world's numbers are leaves of `EnvParams`, so `jax.vmap` runs over them: over the worlds in which policies play whole
-episodes, and over the worlds in which dispatchers are trained.
+episodes, and over the worlds in which dispatchers are trained. The numbers of a learner are settings.
 """
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -101,6 +101,59 @@ def _episodes_a_call(episodes: int, block: int) -> int:
     return unit * max(1, EPISODES_A_CALL // unit)
 
 
+class Trained(NamedTuple):
+    """What several learners have learned; every leaf has an axis of learners first."""
+
+    weights: PolicyWeights
+    start: PolicyWeights  # before the first update
+    # (updates, learners) mean return of the whole episodes that ended in an update; not finite without any
+    curve: np.ndarray
+
+
+def train_learners(
+    learner_of: Callable[[Numbers], Any],
+    params_of: Callable[[EnvParams, Numbers], EnvParams],
+    keys: jax.Array,
+    numbers: Numbers,
+    params: EnvParams,
+    num_updates: int,
+) -> Trained:
+    """Trains learners side by side, each as `train.ppo` trains a seed with its key.
+
+    Args:
+      learner_of: builds the `train.algorithms.algorithm.Learner` with these numbers.
+      params_of: makes a learner's params from those of all and its numbers.
+      keys: (learners,) keys.
+      numbers: in which the learners differ, `(learners,)` each; both functions get those of one learner, traced.
+      params: what the worlds have in common.
+      num_updates: of each learner.
+    """
+
+    def start(each: tuple[jax.Array, Numbers], params: EnvParams) -> Any:
+        # One after the other, see train.algorithms.programs.make_train.
+        return lax.map(lambda own: learner_of(own[1]).init(own[0], params_of(params, own[1])), each)
+
+    def go_on(state: Any, params: EnvParams, numbers: Numbers) -> Any:
+        def one(own: Any, numbers: Numbers) -> Any:
+            own, metrics = learner_of(numbers).update(own, params_of(params, numbers))
+            return own, metrics["episode_return"]
+
+        # On a CPU the environments of one learner fill the cache.
+        return in_blocks(lambda some: jax.vmap(one)(*some), (state, numbers), rows_at_once=1)
+
+    where = shardings(learner_of({name: values[0] for name, values in numbers.items()}), seeds=True)
+    init = jax.jit(start, out_shardings=where)
+    run = jax.jit(
+        go_on, in_shardings=(where, None, None), out_shardings=(where, None), donate_argnums=0
+    )
+    state = init((keys, numbers), params)
+    first, curve = jax.device_get(state.weights), []
+    for _ in tqdm(range(num_updates), "training", disable=None, leave=False):
+        state, returns = jax.block_until_ready(run(state, params, numbers))
+        curve.append(jax.device_get(returns))
+    return Trained(state.weights, first, np.reshape(curve, (num_updates, len(keys))))
+
+
 def train_worlds(
     env: Any, params: EnvParams, numbers: Numbers, config: TrainConfig
 ) -> PolicyWeights:
@@ -110,22 +163,6 @@ def train_worlds(
     of worlds first.
     """
     learner = algorithm_of(config).build_learner(env, params, config)
-
-    def start(key: jax.Array, params: EnvParams, numbers: Numbers) -> Any:
-        # One after the other, see train.algorithms.programs.make_train.
-        return lax.map(lambda world: learner.init(key, with_numbers(params, world)), numbers)
-
-    def go_on(state: Any, params: EnvParams, numbers: Numbers) -> Any:
-        def one(own: Any, world: Numbers) -> Any:
-            return learner.update(own, with_numbers(params, world))[0]
-
-        # On a CPU the environments of one learner fill the cache.
-        return in_blocks(lambda some: jax.vmap(one)(*some), (state, numbers), rows_at_once=1)
-
-    where = shardings(learner, seeds=True)
-    init = jax.jit(start, out_shardings=where)
-    run = jax.jit(go_on, in_shardings=(where, None, None), out_shardings=where, donate_argnums=0)
-    state = init(jax.random.key(config.seed), params, numbers)
-    for _ in tqdm(range(config.num_updates), "training", disable=None, leave=False):
-        state = jax.block_until_ready(run(state, params, numbers))
-    return state.weights
+    keys = jnp.repeat(jax.random.key(config.seed)[None], len(next(iter(numbers.values()))))
+    same = keys, numbers, params, config.num_updates
+    return train_learners(lambda _: learner, with_numbers, *same).weights

@@ -41,7 +41,7 @@ def test_learners_are_those_of_train_ppo():
         state, metrics = programs.run(state, params, np.int32(2))
         for found, expected in (
             (jax.tree.map(lambda leaf, own=index: leaf[own], learned.weights), state.weights),
-            (learned.start, start),
+            (jax.tree.map(lambda leaf, own=index: leaf[own], learned.start), start),
         ):
             for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
                 np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-5)

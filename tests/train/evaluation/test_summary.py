@@ -52,6 +52,11 @@ def test_several_training_seeds_are_compared_by_their_mean():
     table = format_table(summarize(scores | began, "paper", learned), learned)
     assert "each minus start, 95 % CI: 4.000 [2.000" in table
     assert table.count("each minus") == 2
+    # A start that is better than every rule does not take the best rule's line.
+    better = {"start": scores["none"] | {"return": np.full(3, 9.0)}}
+    table = format_table(summarize(scores | better, "paper", learned), learned)
+    assert "each minus none" in table
+    assert "each minus start" in table
     # Nor is one that samples, which is no rule to be compared with even if it is the best.
     sampled = {"ppo_sampled": scores["ppo"] | {"return": np.full(3, 9.0)}}
     assert learned_names(scores | sampled) == learned

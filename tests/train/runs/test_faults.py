@@ -24,6 +24,7 @@ from train import ppo
 from train.algorithms.environments import make_environment
 from train.algorithms.programs import make_train, shapes_of
 from train.runs.checkpoint import Checkpoints
+from train.runs.policies import load_weights
 from train.runs.run_directory import RunDir, new_run_dir
 
 
@@ -247,6 +248,23 @@ def test_a_foreign_checkpoint_is_refused_in_a_line(saved, capsys):
     assert not Path("owned").exists()
     np.savez(place / "6.npz", **arrays)
     assert ppo.main(MORE) == 0
+
+
+def test_weights_of_the_format_before_are_read_unsharpened(saved):
+    """As they were played; they lack the factor of the logits, and their run cannot go on."""
+    place, read = saved
+    config = RunDir(place.parent).load_config()
+    _, _, now = load_weights(place.parent, config)
+    assert float(now.sharpness) == pytest.approx(8.0)
+    with np.load(place / "6.npz") as file:
+        arrays = {name: file[name] for name in file.files if name != "weights/sharpness"}
+    about = {**json.loads(str(arrays["about"])), "format": 2}
+    np.savez(place / "6.npz", **arrays | {"about": json.dumps(about)})
+    _, _, before = load_weights(place.parent, config)
+    assert float(before.sharpness) == 1.0
+    for one, other in zip(jax.tree.leaves(before.params), jax.tree.leaves(now.params), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert "is of format 2, allowed: 3" in read()
 
 
 class Owned:

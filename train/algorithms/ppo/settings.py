@@ -9,9 +9,8 @@ from train.option import option, takes_former_names
 from train.settings import MOST_COUNTED, TrainConfig
 
 ENVS_OF_A_MINIBATCH, MOST_MINIBATCHES = 4, 64  # unless num_minibatches says otherwise
-MOST_IN_GROUP = (
-    8  # environments that meet the same episodes: more would leave an update too few different ones
-)
+# Environments that meet the same episodes: more would leave an update too few different ones.
+MOST_IN_GROUP = 8
 
 
 @takes_former_names
