@@ -66,13 +66,10 @@ def summarize(
         **_other_reward(scenario, scores),
     }
     if baseline is not None:
-        base = {baseline: scores[baseline]}
-        gains = {
-            name: _gains(score["return"][None], base, seed)[baseline]
-            for name, score in scores.items()
-            if name != baseline
+        result |= {
+            "baseline": baseline,
+            "difference_from_baseline": _differences_from(baseline, scores, seed),
         }
-        result |= {"baseline": baseline, "difference_from_baseline": gains}
     trained = [score for name, score in scores.items() if name in learned]
     rules = {name: score for name, score in scores.items() if name not in learned}
     if trained:
@@ -89,6 +86,18 @@ def summarize(
             ],
         }
     return result
+
+
+def _differences_from(
+    baseline: str, scores: Mapping[str, Scores], seed: int
+) -> dict[str, dict[str, Any]]:
+    """`mean` and `ci95` of each other policy's return minus the baseline's in the same episode, by name."""
+    base = {baseline: scores[baseline]}
+    return {
+        name: _gains(score["return"][None], base, seed)[baseline]
+        for name, score in scores.items()
+        if name != baseline
+    }
 
 
 def _other_reward(scenario: str, scores: Mapping[str, Scores]) -> dict[str, list[str]]:
