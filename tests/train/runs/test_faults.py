@@ -255,7 +255,7 @@ def test_weights_of_the_format_before_are_read_unsharpened(saved):
     place, read = saved
     config = RunDir(place.parent).load_config()
     _, _, now = load_weights(place.parent, config)
-    assert float(now.sharpness) == pytest.approx(8.0)
+    assert float(now.sharpness) == pytest.approx(1.04**6)
     with np.load(place / "6.npz") as file:
         arrays = {name: file[name] for name in file.files if name != "weights/sharpness"}
     about = {**json.loads(str(arrays["about"])), "format": 2}

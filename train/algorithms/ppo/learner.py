@@ -30,6 +30,9 @@ from train.algorithms.rollout import Collector, Trajectory, episode_metrics, spr
 
 # Share of the updates after which the policy is as sharp as it gets, so that it is learned as it is played.
 SHARP_AFTER = 0.7
+# Most by which an update sharpens the policy. Where updates are few, a faster policy outruns what is learned: it comes
+# to wait for good.
+MOST_SHARPENED = 1.04
 
 
 @struct.dataclass
@@ -204,7 +207,7 @@ def build_learner(env: Environment, params: Any, config: PPOConfig) -> PPOLearne
 
     def sharpness(update: jax.Array) -> jax.Array:
         done = jnp.minimum(update / (SHARP_AFTER * config.num_updates), 1.0)
-        return jnp.float32(config.sharpening**done)
+        return jnp.float32(jnp.minimum(config.sharpening**done, MOST_SHARPENED**update))
 
     # On one flat vector the optimiser needs a few operations for all layers, instead of a few per array.
     optimizer = optax.flatten(

@@ -61,8 +61,8 @@ class PPOConfig(TrainConfig):
     sharpening: float = option(
         8.0,
         "PPO",
-        "factor by which the policy's logits grow during training, so that its samples come to agree with its most "
-        "probable actions",
+        "factor by which the policy's logits grow during training, by at most 4 percent an update, so that its samples "
+        "come to agree with its most probable actions",
         limits=(1, 1000),
     )
     normalize_observations: bool = option(False, "PPO", "standardise by running moments")

@@ -93,12 +93,19 @@ def test_actions_follow_the_cue_and_never_the_forbidden_one(kind):
 
 
 @pytest.mark.parametrize(
-    ("updates", "expected"), [(0, 1.0), (3, 8.0 ** (3 / 7)), (7, 8.0), (10, 8.0)]
+    ("planned", "updates", "expected"),
+    [
+        (100, 0, 1.0),
+        (100, 30, 8.0 ** (3 / 7)),
+        (100, 70, 8.0),
+        (100, 90, 8.0),
+        (10, 10, 1.04**10),  # by at most 4 % an update
+    ],
 )
-def test_logits_sharpen_until_seven_tenths_of_the_updates(updates, expected):
-    """By a factor of 8 in equal ratios; probabilities are those of the sharpened logits, by NumPy."""
+def test_logits_sharpen_until_seven_tenths_of_the_updates(planned, updates, expected):
+    """In equal ratios to a factor of 8, if updates suffice; probabilities are those of the logits, by NumPy."""
     env, params = Probe("follow", num_actions=2), ProbeParams()
-    steps = BASE["num_envs"] * BASE["rollout_length"] * 10
+    steps = BASE["num_envs"] * BASE["rollout_length"] * planned
     config = PPOConfig(**BASE, total_timesteps=steps, sharpening=8.0)
     programs, network = make_train(env, params, config), build_network(env, config)
     state = programs.init(jax.random.key(3), params)
