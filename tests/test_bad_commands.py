@@ -97,6 +97,7 @@ COMMANDS = {
     "benchmarks.studies.agents": [],
     "benchmarks.studies.calibrate": [],
     "benchmarks.studies.generalization": ["--run-dir=run"],
+    "benchmarks.speed.cost": [],
     "benchmarks.speed.kernels": [],
     "benchmarks.peers.__main__": [],
     "benchmarks.studies.planner": [],

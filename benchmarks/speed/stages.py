@@ -7,6 +7,7 @@ from pathlib import Path
 
 import jax
 
+from benchmarks.speed.hlo import CONTAINERS, Program
 from benchmarks.speed.workload import Workload
 
 # Named scopes of a step; the innermost one counts.
@@ -29,27 +30,24 @@ STAGES = (
     "observation",
     "auto_reset",
 )
-_INSTRUCTION = re.compile(r"^\s*(?:ROOT )?%?([\w.\-]+) = .*? ([\w\-]+)\(", re.MULTILINE)
-# These run other instructions, which are counted on their own.
-_CONTAINERS = {"while", "call", "conditional"}
+OTHER = "other"  # what no scope names
 
 
 def stage_of(op_name: str) -> str:
-    """The innermost stage in an operation's name in JAX, or "other"."""
+    """The innermost stage in an operation's name in JAX, or OTHER."""
     # Under vmap, the scope "entry" is named "vmap(entry)".
     words = re.split(r"[/()]", op_name)
-    return next((word for word in reversed(words) if word in STAGES), "other")
+    return next((word for word in reversed(words) if word in STAGES), OTHER)
 
 
-def instruction_stages(program: str) -> dict[str, str]:
+def instruction_stages(text: str) -> dict[str, str]:
     """Stage of each instruction in the text of a compiled program."""
-    stages = {}
-    for line in program.splitlines():
-        match = _INSTRUCTION.match(line)
-        if match and match.group(2) not in _CONTAINERS:
-            op_name = re.search(r'op_name="([^"]*)"', line)
-            stages[match.group(1)] = stage_of(op_name.group(1) if op_name else "")
-    return stages
+    return {
+        instruction.name: stage_of(instruction.op_name)
+        for body in Program(text).bodies.values()
+        for instruction in body.values()
+        if instruction.opcode not in CONTAINERS
+    }
 
 
 def stage_times(work: Workload) -> dict[str, float]:
