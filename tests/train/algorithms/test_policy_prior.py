@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 import medjax
+from medjax.agents import agents_of
 from medjax.env.wrapper import Wrapper
 from medjax.policies.rules import BASELINES
 from train import option
 from train.algorithms.networks import build_network, masked_categorical
+from train.algorithms.policy_prior import prior_logits
 from train.algorithms.ppo.settings import PPOConfig
 from train.runs.arguments import parse_request
 from train.settings import from_json, to_json
@@ -84,6 +86,28 @@ def test_waits_with_the_given_probability(started, observation, prior):
     logits, _ = network.apply(network.init(jax.random.key(1), obs[None]), obs)
     probs = masked_categorical(logits, env.action_mask(state, params)).probs
     np.testing.assert_allclose(probs, [0.9, *[0.025] * 4], atol=0.01)
+
+
+def test_agents_try_all_speeds_and_most_probably_serve_as_the_fleet():
+    """Speeds that are hardly tried are not learned; the most probable action before training is still the rule's."""
+    env, _ = agents_of("paper", num_meds=3, num_evs=5, num_gas=12)
+    config = PPOConfig(hidden=(4,), agents="ippo", policy_prior="wait")
+    logits = np.asarray(prior_logits(env, config)(jnp.zeros(env.observation.size(env.config))))
+    enter, *parts = env.actions.parts
+    starts = np.cumsum([enter.n, *(part.n for part in parts)])
+    speed, lane, accept, leave = np.split(logits, starts[:-1])[1:]
+    assert speed.argmax() == env.actions.speeds.index(22.0)
+    chosen = np.exp(speed) / np.exp(speed).sum()
+    np.testing.assert_allclose(chosen, 1 / len(env.actions.speeds), atol=0.03)
+    assert (lane.argmax(), accept.argmax(), leave.argmax()) == (env.actions.usual[1], 1, 0)
+
+
+def test_a_rollout_is_an_episode_of_paper():
+    """600 decisions of 1 s, of agents 150 of 4 s, as their environments say."""
+    (_, alone), (_, params) = medjax.make("paper"), agents_of("paper")
+    assert PPOConfig().choices_per_update == int(alone.episode_decisions)
+    assert PPOConfig(agents="ippo").choices_per_update == int(params.episode_decisions)
+    assert PPOConfig(agents="ippo", rollout_length=50).choices_per_update == 50
 
 
 def test_the_former_name_is_accepted_and_says_the_new_one(capsys):

@@ -216,7 +216,7 @@ def build_learner(env: Environment, params: Any, config: PPOConfig) -> PPOLearne
             optax.adam(lambda count: learning_rate(count // gradient_steps), eps=1e-5),
         )
     )
-    collector = Collector(batch, network, config.rollout_length, config.gamma)
+    collector = Collector(batch, network, config.choices_per_update, config.gamma)
     return PPOLearner(collector, optimizer, config, learning_rate, sharpness, mesh)
 
 

@@ -26,7 +26,10 @@ class PPOConfig(TrainConfig):
     of_an_update = (*TrainConfig.of_an_update, "rollout_length", "num_minibatches", "num_epochs")
 
     rollout_length: int = option(
-        600, "PPO", "choices per environment and update", limits=(1, 2**16)
+        0,
+        "PPO",
+        "choices per environment and update; 0: an episode of paper, which are 600 of a dispatcher and 150 of agents",
+        limits=(0, 2**16),
     )
     num_minibatches: int = option(
         0,
@@ -76,7 +79,7 @@ class PPOConfig(TrainConfig):
                 f"num_envs is {self.num_envs}, which num_minibatches = {self.num_minibatches} does not divide; "
                 f"allowed: a multiple of {self.num_minibatches}"
             )
-        choices = self.num_envs * self.rollout_length * self.num_seeds
+        choices = self.num_envs * self.choices_per_update * self.num_seeds
         if choices > MOST_COUNTED:
             raise InputError(
                 f"num_envs x rollout_length x num_seeds is {choices}, allowed: at most {MOST_COUNTED}"
@@ -97,7 +100,8 @@ class PPOConfig(TrainConfig):
     @property
     def choices_per_update(self) -> int:
         """Choices per environment and update."""
-        return self.rollout_length
+        episode_of_paper = 600 if self.agents == "none" else 150
+        return self.rollout_length or episode_of_paper
 
     @property
     def minibatches(self) -> int:
