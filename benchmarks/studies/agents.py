@@ -1,9 +1,8 @@
 """`python -m benchmarks.agents`: what agents gain that choose their speed.
 
 A rule dispatches, and all MEDs in service drive at one constant speed; the control is MEDs that drive at it but refuse
-every EV. A trained policy of agents (`policy.zip` of a
-run with `--agents`) plays the same episodes. The default is the rule alone, at the fleet's speed. Decisions are those
-of `medjax.make_agents`.
+every EV. The learners of a run with `--agents` play the same episodes. The default is the rule alone, at the fleet's
+speed. Decisions are those of `medjax.make_agents`.
 """
 
 import argparse
@@ -12,18 +11,18 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from benchmarks.command import a_number, a_path, add_number, episodes_parser, run_command
-from benchmarks.studies.base import Column, describe, table_of
+from benchmarks.command import a_number, add_number, episodes_parser, run_command
+from benchmarks.studies.base import Column, add_run_dir, describe, settings, table_of
 from medjax.agents import agents_of
 from medjax.commandline import add_set_option, parse_overrides
 from medjax.env.agents.environment import AgentsEnv
 from medjax.episodes.scores import evaluate_policies
-from medjax.errors import InputError
+from medjax.errors import InputError, shown
 from medjax.policies.policy import Choice, Policy
 from medjax.policies.rules import BASELINES
-from medjax.policies.saved import load_policy
 from medjax.policies.team import Dispatched, rules_of
 from medjax.world.state import IN_SERVICE, MERGING, QUEUED
+from train.runs.policies import load_policies
 
 SPEEDS = (14.0, 18.0, 22.0, 25.0)  # m/s
 DISPATCHERS = {"paper": "budgeted"}  # the best rule by preset; on others "greedy", which sends many
@@ -63,48 +62,59 @@ def at_speed(env: AgentsEnv, dispatcher: Policy, speed: float, accepts: bool = T
     return Dispatched(env, dispatcher).whole(Policy(act))
 
 
-def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Prints a row per policy: means, and the return minus the default's.
+def learners(options: argparse.Namespace) -> tuple[Any, Any, str, dict[str, Policy]]:
+    """Agents' environment, its parameters, its preset, and the policies of `--run-dir` by name, if given.
 
     Raises:
-      InputError: the policy is of a dispatcher, or its agents cannot choose a speed.
+      InputError: there is no such run, it is of a dispatcher, or it does not fit the environment.
     """
-    overrides = parse_overrides(options.overrides)
-    learned: dict[str, Policy] = {}
-    if options.policy:
-        saved = load_policy(options.policy)
-        if not saved.about.agents:
-            raise InputError(f"--policy {options.policy}: is a dispatcher's, allowed one of agents")
-        scenario = options.scenario or saved.about.scenario
-        env, params = saved.make(scenario, overrides)
-        learned = {saved.about.name: saved.policy(env)}
-    else:
-        scenario = options.scenario or "paper"
-        env, params = agents_of(scenario, **{"speeds": options.speeds, **overrides})
+    if not options.run_dir:
+        scenario, overrides = options.scenario or "paper", parse_overrides(options.overrides)
+        return *agents_of(scenario, **{"speeds": options.speeds, **overrides}), scenario, {}
+    config = settings(options)
+    if config.agents == "none":
+        raise InputError(f"--run-dir {options.run_dir}: is of a dispatcher, allowed one of agents")
+    env, params, found = load_policies(options.run_dir, config)
+    learned = {name: policy for name, policy in found.items() if name not in BASELINES}
+    return env, params, config.scenario, learned
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Prints a row per policy: means, and the return minus that of the baseline.
+
+    Raises:
+      InputError: see `learners`; or agents cannot choose a speed, or nothing is called as the baseline.
+    """
+    env, params, scenario, learned = learners(options)
     rule = DISPATCHERS.get(scenario, "greedy")
     dispatcher = BASELINES[rule](env.env)
     policies = {DEFAULT: rules_of(env)[rule]}
     for accepts, name in ((True, "{:g} m/s"), (False, "{:g} m/s, refuses all")):
         for speed in options.speeds:
             policies[name.format(speed)] = at_speed(env, dispatcher, speed, accepts)
-    episodes, seed = options.episodes, options.seed
-    scores = evaluate_policies(env, params, policies | learned, episodes, seed)
+    policies |= learned
+    episodes, seed, baseline = options.episodes, options.seed, options.baseline
+    if baseline not in policies:
+        raise InputError(f"--baseline {shown(baseline)}: allowed one of {', '.join(policies)}")
+    scores = evaluate_policies(env, params, policies, episodes, seed)
     rows = [
-        {"motion": name, **describe(score, COLUMNS, seed, scores[DEFAULT])}
+        {"motion": name, **describe(score, COLUMNS, seed, scores[baseline])}
         for name, score in scores.items()
     ]
     world = ", ".join([scenario, *options.overrides])
     print(f"{world}, {episodes} episodes, seed {seed}, sent by {rule}")
-    print(table_of(rows, {"motion": "motion"}, COLUMNS, ("motion", DEFAULT)))
-    played = {"episodes": episodes, "seed": seed, "dispatcher": rule}
+    print(table_of(rows, {"motion": "motion"}, COLUMNS, ("motion", baseline)))
+    played = {"episodes": episodes, "seed": seed, "dispatcher": rule, "baseline": baseline}
     return {"scenario": scenario, "overrides": options.overrides, **played, "rows": rows}
 
 
 def main(arguments: list[str] | None = None) -> None:
     parser = episodes_parser("agents", __doc__, episodes=256, seed=0)
-    parser.set_defaults(scenario=None)  # that of the policy, else paper
-    trained = "also play a trained policy of agents, in its world"
-    parser.add_argument("--policy", type=a_path, metavar="FILE.zip", help=trained)
+    add_run_dir(
+        parser, "also play the learners of a run of agents, and their policy before training"
+    )
+    text = f"motion to compare the others with (default: {DEFAULT})"
+    parser.add_argument("--baseline", default=DEFAULT, metavar="MOTION", help=text)
     speed = a_number("a speed from 1 to 100 m/s", lambda value: 1.0 <= value <= 100.0)
     add_number(parser, "--speeds", SPEEDS, "constant speeds, m/s", speed, nargs="+")
     add_set_option(parser, "set a parameter of the environment; repeatable")

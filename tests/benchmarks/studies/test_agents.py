@@ -1,7 +1,6 @@
 """Agents at a constant speed, and trained ones, beside the dispatcher alone."""
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +11,8 @@ from medjax.episodes.scores import evaluate_policies
 from medjax.policies.rules import BASELINES
 from medjax.policies.team import as_team
 from tests.benchmarks.refusal import refused
+from train.algorithms.ppo.settings import PPOConfig
+from train.runs.run_directory import RunDir
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -23,16 +24,18 @@ SET = [f"--set={name}={value}" for name, value in SMALL.items()]
 def test_rows_are_the_episodes_of_each_speed(tmp_path, monkeypatch, capsys):
     """The default is the dispatcher's own score, as is the fleet's speed; a slow MED changes the episode."""
 
-    def load(path):
-        """A policy of agents that does as the rule `none`."""
-        about = SimpleNamespace(agents={"speeds": (14.0, 22.0)}, scenario="paper", name="learned")
-        world = agents_of("paper", speeds=(14.0, 22.0), **SMALL)
-        policy = lambda env: as_team(env, BASELINES["none"](env.env))  # noqa: E731
-        return SimpleNamespace(about=about, make=lambda *_: world, policy=policy)
+    def load(run_dir, config):
+        """A learner that does as the rule `none`; the rules that a run brings are not rows."""
+        assert (run_dir.name, config.agents) == ("its", "ippo")
+        env, params = agents_of("paper", speeds=(14.0, 22.0), **SMALL)
+        none = as_team(env, BASELINES["none"](env.env))
+        return env, params, {"learned": none, "greedy": none}
 
-    monkeypatch.setattr(agents, "load_policy", load)
+    config = PPOConfig(agents="ippo")
+    monkeypatch.setattr(agents, "settings", lambda options: config)
+    monkeypatch.setattr(agents, "load_policies", load)
     out = tmp_path / "out.json"
-    argv = ["--episodes=2", "--seed=3", "--speeds", "14", "22", "--policy=its.zip", *SET]
+    argv = ["--episodes=2", "--seed=3", "--speeds", "14", "22", "--run-dir=its", *SET]
     agents.main([*argv, f"--json={out}"])
     report = json.loads(out.read_text())
     rows = {row["motion"]: row for row in report["rows"]}
@@ -72,13 +75,27 @@ def test_overrides_change_the_episodes(tmp_path, capsys):
     assert "charging.slot_power_w=0, 2 episodes" in capsys.readouterr().out
 
 
+@pytest.mark.thorough
+def test_any_row_is_the_baseline(tmp_path):
+    out = tmp_path / "out.json"
+    argv = ["--episodes=2", "--speeds", "14", "22", "--baseline=14 m/s", *SET]
+    agents.main([*argv, f"--json={out}"])
+    rows = {row["motion"]: row for row in json.loads(out.read_text())["rows"]}
+    change = rows["default"]["return"] - rows["14 m/s"]["return"]
+    assert rows["default"]["return_change"] == pytest.approx(change, rel=1e-4)
+    assert rows["14 m/s"]["return_change"] == 0.0
+
+
 def test_bad_input_is_one_line(tmp_path, capsys):
+    RunDir(tmp_path / "run").claim(PPOConfig()).close()
     for argv, word in (
         (["--set=no_such=3"], "no_such"),
         (["--set=speeds=3"], "speeds"),
         (["--speeds", "0.5"], "'0.5'"),
         (["--speeds", "fast"], "'fast'"),
         (["--scenario=nowhere"], "nowhere"),
-        ([f"--policy={tmp_path / 'none.zip'}"], "none.zip"),
+        (["--run-dir=nowhere"], "nowhere"),
+        (["--baseline=20 m/s"], "20 m/s"),
+        ([f"--run-dir={tmp_path / 'run'}"], "is of a dispatcher"),
     ):
         assert word in refused(agents.main, argv, capsys), argv
