@@ -167,3 +167,17 @@ def test_past_the_end_sorts_last_but_before_the_inactive():
     active = jnp.array([True, True, True, True, False])
     order = sort_by_road(x, active, LENGTH_M, jnp.arange(5))
     np.testing.assert_array_equal(order, [1, 3, 2, 0, 4])
+
+
+def test_a_gpu_sorts_alike_and_moves_the_keys_alone(monkeypatch):
+    """Another sort gives the same order; a stable one would carry a second operand there."""
+    rng = np.random.default_rng(1)
+    x = jnp.asarray(np.round(rng.uniform(0, 60, SLOTS)), jnp.float32)  # with ties
+    active = jnp.asarray(rng.random(SLOTS) < 0.8)
+    arguments = x, active, LENGTH_M, jnp.asarray(rng.permutation(SLOTS), jnp.int32)
+    expected = sort_by_road(*arguments)
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    np.testing.assert_array_equal(sort_by_road(*arguments), expected)
+    sorts = [eqn for eqn in jax.make_jaxpr(sort_by_road)(*arguments).eqns if "sort" in str(eqn)]
+    assert all("is_stable=True" not in str(eqn) for eqn in sorts)
+    assert sorts
