@@ -143,10 +143,10 @@ def test_profile_by_hand(busy):
     clock = np.asarray(env.observe(state, params).clock)
     nodes = [[share(clock[index], node, 6) for node in range(6)] for index in (0, 2)]
     np.testing.assert_allclose(got[-16:-4].reshape(2, 6), nodes, atol=1e-6)
-    np.testing.assert_array_equal(got[-4:], clock)
+    np.testing.assert_array_max_ulp(got[-4:], clock)  # another program: equal bits are a CPU's
     seen, at_depot, time_left = profile.outlook(np.stack([got, got]), config)
     np.testing.assert_allclose(np.stack(seen)[:, 0], np.stack(need), atol=1e-5)
-    assert (at_depot[1], time_left[1]) == (clock[2], clock[0])
+    np.testing.assert_array_max_ulp(np.stack([at_depot[1], time_left[1]]), clock[[2, 0]])
     ramps = np.asarray(profile.of_ramps(np.stack([got, got]), config))
     assert ramps.shape == (2, 4, 12)
     for ramp in range(4):

@@ -13,6 +13,9 @@ from tests.refusals import refused
 from tests.train.probe_envs import Probe, ProbeParams
 
 ENV, PARAMS = Probe("noisy"), ProbeParams(episode_decisions=4)
+# A machine with one GPU has one device; of CPU devices tests/conftest.py makes two.
+alone = jax.default_backend() != "cpu" and len(jax.local_devices()) < 2
+two_devices = pytest.mark.skipif(alone, reason="needs two devices")
 
 
 def course(env, params, num_envs, num_devices, decisions):
@@ -35,11 +38,11 @@ def course(env, params, num_envs, num_devices, decisions):
     return jax.device_get(jax.jit(shared)(keys, params))
 
 
+@two_devices
 @pytest.mark.thorough
 @pytest.mark.parametrize("num_envs", [6, 2 * CACHED_ROWS + 2, 3 * CACHED_ROWS])
 def test_devices_and_blocks_change_nothing(num_envs):
     """Two devices, blocks where the rows of one are too many, against one device; resets included."""
-    assert len(jax.local_devices()) > 1
     alone = course(ENV, PARAMS, num_envs, None, 9)
     shared = course(ENV, PARAMS, num_envs, 2, 9)
     jax.tree.map(np.testing.assert_array_equal, alone, shared)
@@ -52,6 +55,7 @@ def test_blocks_are_joined_in_order(count):
     np.testing.assert_array_equal(got["sum"], np.arange(count)[:, None] + np.ones((count, 3)))
 
 
+@two_devices
 @pytest.mark.parametrize("count", [6, 4 * CACHED_ROWS])
 def test_rows_may_be_on_any_axis_of_results(count):
     """First, or in a tree after time."""
@@ -77,6 +81,7 @@ def test_groups_stay_together(count):
     np.testing.assert_array_equal(got, rows - rows % 16)
 
 
+@two_devices
 def test_mesh_takes_the_most_devices_that_divide_the_environments():
     devices = len(jax.local_devices())
     assert environment_mesh(12 * devices).size == devices
@@ -96,6 +101,7 @@ def test_a_function_of_one_argument_is_refused():
     refused(call, "function(rows, same)")
 
 
+@two_devices
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick_compiles")  # which last to the end of the file
 def test_devices_change_nothing_on_the_highway():
