@@ -98,6 +98,7 @@ COMMANDS = {
     "benchmarks.studies.calibrate": [],
     "benchmarks.studies.generalization": ["--run-dir=run"],
     "benchmarks.speed.cost": [],
+    "benchmarks.speed.device": [],
     "benchmarks.speed.kernels": [],
     "benchmarks.peers.__main__": [],
     "benchmarks.studies.planner": [],
