@@ -20,6 +20,10 @@ from medjax.numerics.devices import prepare_cpu
 
 T = TypeVar("T")
 
+ROOT = (
+    Path(__file__).resolve().parents[1]
+)  # where `-m train.ppo` is found, wherever a command is called
+
 
 def benchmark_parser(name: str, description: str | None) -> OneLineParser:
     """Parser of `python -m benchmarks.NAME` with `--json FILE`."""

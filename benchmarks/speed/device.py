@@ -18,8 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.command import benchmark_parser, run_command, say, write
-from benchmarks.speed.training import ROOT
+from benchmarks.command import ROOT, benchmark_parser, run_command, say, write
 from medjax.files import write_text
 
 # Arguments of `python -m` by name.

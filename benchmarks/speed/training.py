@@ -31,7 +31,7 @@ from typing import Any
 
 import jax
 
-from benchmarks.command import add_number, add_scenario, benchmark_parser, run_command, say
+from benchmarks.command import ROOT, add_number, add_scenario, benchmark_parser, run_command, say
 from train.algorithms.ppo.settings import PPOConfig
 from train.runs.arguments import settings_from_text
 from train.runs.logs import read_rows
@@ -41,7 +41,6 @@ from train.settings import TrainConfig, from_json
 # Settings passed to the command; the other options are not training settings.
 PASSED_ON = ("scenario", "num_envs", "total_timesteps", "seed")
 HEADINGS = ("total", "compile", "training", "evaluation", "other")
-ROOT = Path(__file__).resolve().parents[2]  # where `-m train.ppo` is found, wherever this is called
 
 
 class CommandError(RuntimeError):
