@@ -27,13 +27,12 @@ import jax.numpy as jnp
 import numpy as np
 
 import medjax
-from benchmarks.command import argument, benchmark_parser, output_file, run_command, say
+from benchmarks.command import ROOT, argument, benchmark_parser, output_file, run_command, say
 from medjax.agents import agents_of
 from medjax.commandline import as_path
 from medjax.errors import InputError
 from medjax.files import replacing, write_text
 
-ROOT = Path(__file__).resolve().parents[2]  # the directory in which Python finds `-m train.ppo`
 SEED, ENVS = 7, 4
 PROFILE = {"observation": "profile", "episode_decisions": 60, "turnaround_s": 20.0}
 ODD = {"num_meds": 6, "num_evs": 33, "num_gas": 100, "num_lanes": 3, "ramp_x_m": [200, 1500]}
