@@ -55,6 +55,7 @@ PANELS = {  # of the comparison, by metric: title with the unit
     "meds_dispatched": "MEDs sent",
 }
 NUM_RESAMPLES = 2000  # at every point of the curve
+MOST_POINTS = 60  # of the curve; the few episodes of one update show luck rather than learning
 
 
 def new_figure(width: float, height: float) -> Any:
@@ -100,7 +101,7 @@ def plot_curve(
 
     figure = new_figure(9, 5)
     axes = figure.add_subplot()
-    steps, seeds = curve_of(rows)
+    steps, seeds = averaged(*curve_of(rows))
     num_seeds = seeds.shape[1]
     learner, own = config.algorithm.upper(), colour(config.algorithm)
     label = f"{learner} learning" + (f", {num_seeds} seeds" if num_seeds > 1 else "")
@@ -132,6 +133,14 @@ def curve_of(rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray]:
     steps = np.array([rows[number]["env_steps"] / num_seeds for number in there])
     curve = np.array([returns[number] for number in there], np.float64)
     return steps, curve.reshape(-1, num_seeds)
+
+
+def averaged(steps: np.ndarray, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A curve of `curve_of` in at most `MOST_POINTS` points, each the mean of consecutive updates."""
+    updates = np.array_split(np.arange(len(steps)), max(min(len(steps), MOST_POINTS), 1))
+    points = [(steps[own].mean(), seeds[own].mean(axis=0)) for own in updates if own.size]
+    places, means = zip(*points, strict=True) if points else ((), ())
+    return np.array(places), np.array(means).reshape(-1, seeds.shape[1])
 
 
 def plot_comparison(

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.image import imread
 
 from train.algorithms.ppo.settings import PPOConfig
-from train.reporting.figures import plot_curve
+from train.reporting.figures import averaged, plot_curve
 
 
 @pytest.mark.parametrize("seeds", [2, 5])
@@ -21,3 +21,18 @@ def test_a_curve_of_several_seeds_and_one_of_none(tmp_path, seeds):
     for name, given in (("curve", rows), ("first", rows[:1]), ("none", [])):
         plot_curve(tmp_path / f"{name}.png", given, PPOConfig(), {"none": -1.0, "random": 2.0})
         assert imread(tmp_path / f"{name}.png").std() > 0.02
+
+
+def test_a_long_curve_is_averaged_over_updates():
+    """150 updates become 60 points of two or three: a line stays that line, and noise shrinks."""
+    steps = np.arange(150.0)
+    line = np.stack([2.0 * steps, -steps], axis=1)
+    places, means = averaged(steps, line)
+    assert places.shape == (60,)
+    np.testing.assert_allclose(means, np.stack([2.0 * places, -places], axis=1))
+    np.testing.assert_allclose(places[:2], [1.0, 4.0])
+    noise = np.random.default_rng(0).normal(size=(150, 2))
+    assert averaged(steps, noise)[1].std() < 0.8 * noise.std()
+    few, same = averaged(steps[:7], line[:7])
+    np.testing.assert_array_equal(few, steps[:7])
+    np.testing.assert_array_equal(same, line[:7])
