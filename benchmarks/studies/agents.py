@@ -6,6 +6,7 @@ speed. Decisions are those of `medjax.make_agents`.
 """
 
 import argparse
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -79,23 +80,32 @@ def learners(options: argparse.Namespace) -> tuple[Any, Any, str, dict[str, Poli
     return env, params, config.scenario, learned
 
 
+def check_baseline(baseline: str, names: Sequence[str]) -> None:
+    """Refuses (InputError) a baseline that is none of the names."""
+    if baseline not in names:
+        raise InputError(f"--baseline {shown(baseline)}: allowed one of {', '.join(names)}")
+
+
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Prints a row per policy: means, and the return minus that of the baseline.
 
     Raises:
       InputError: see `learners`; or agents cannot choose a speed, or nothing is called as the baseline.
     """
+    episodes, seed, baseline = options.episodes, options.seed, options.baseline
+    motions = {
+        name.format(speed): (speed, accepts)
+        for accepts, name in ((True, "{:g} m/s"), (False, "{:g} m/s, refuses all"))
+        for speed in options.speeds
+    }
+    if not options.run_dir:  # before anything compiles
+        check_baseline(baseline, (DEFAULT, *motions))
     env, params, scenario, learned = learners(options)
+    check_baseline(baseline, (DEFAULT, *motions, *learned))
     rule = DISPATCHERS.get(scenario, "greedy")
     dispatcher = BASELINES[rule](env.env)
-    policies = {DEFAULT: rules_of(env)[rule]}
-    for accepts, name in ((True, "{:g} m/s"), (False, "{:g} m/s, refuses all")):
-        for speed in options.speeds:
-            policies[name.format(speed)] = at_speed(env, dispatcher, speed, accepts)
-    policies |= learned
-    episodes, seed, baseline = options.episodes, options.seed, options.baseline
-    if baseline not in policies:
-        raise InputError(f"--baseline {shown(baseline)}: allowed one of {', '.join(policies)}")
+    constant = {name: at_speed(env, dispatcher, *motion) for name, motion in motions.items()}
+    policies = {DEFAULT: rules_of(env)[rule], **constant, **learned}
     scores = evaluate_policies(env, params, policies, episodes, seed)
     rows = [
         {"motion": name, **describe(score, COLUMNS, seed, scores[baseline])}
