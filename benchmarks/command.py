@@ -20,9 +20,8 @@ from medjax.numerics.devices import prepare_cpu
 
 T = TypeVar("T")
 
-ROOT = (
-    Path(__file__).resolve().parents[1]
-)  # where `-m train.ppo` is found, wherever a command is called
+# Where Python finds `-m train.ppo`, whatever the working directory is.
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def benchmark_parser(name: str, description: str | None) -> OneLineParser:

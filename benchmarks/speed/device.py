@@ -32,20 +32,14 @@ COMMANDS = {
 }
 # Several test processes share the GPU, and no process needs more memory than it uses.
 SHARE_MEMORY = {"XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
-# Run first in a process of its own: JAX reserves a GPU's memory in the process that asks for it.
-ASK = """
-import json, jax
-device = jax.devices()[0]
-print(json.dumps([jax.default_backend(), device.device_kind, jax.__version__]))
-"""
+ASK = "import json; from benchmarks.command import machine; print(json.dumps(machine()))"
 
 
-def machine() -> dict[str, str]:
-    """Backend, device and version of JAX, as a new process finds them."""
+def ask_machine() -> dict[str, str]:
+    """The `machine()` of a new process: JAX reserves a GPU's memory in the process that asks for it."""
     asked = [sys.executable, "-c", ASK]
-    ended = subprocess.run(asked, capture_output=True, text=True, check=True, cwd=ROOT)
-    found = json.loads(ended.stdout.splitlines()[-1])
-    return dict(zip(("backend", "device", "jax_version"), found, strict=True))
+    ended = subprocess.run(asked, stdout=subprocess.PIPE, text=True, check=True, cwd=ROOT)
+    return dict(json.loads(ended.stdout.splitlines()[-1]))
 
 
 def run(name: str, folder: Path) -> dict[str, Any]:
@@ -78,7 +72,7 @@ def run(name: str, folder: Path) -> dict[str, Any]:
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Runs all commands on a GPU and prints what they print; without a GPU it prints the commands alone."""
-    result: dict[str, Any] = {**machine(), "runs": {}}
+    result: dict[str, Any] = {**ask_machine(), "runs": {}}
     print(f"{result['device']}, JAX {result['jax_version']}")
     if result["backend"] == "cpu":
         print("no GPU; on a machine with one this runs:")

@@ -1,8 +1,8 @@
 """`python -m benchmarks.agents`: what agents gain that choose their speed.
 
 A rule dispatches, and all MEDs in service drive at one constant speed; the control is MEDs that drive at it but refuse
-every EV. The learners of a run with `--agents` play the same episodes. The default is the rule alone, at the fleet's
-speed. Decisions are those of `medjax.make_agents`.
+every EV. The learners of a run with `--agents`, or the policy of one (`policy.zip`), play the same episodes. The
+default is the rule alone, at the fleet's speed. Decisions are those of `medjax.make_agents`.
 """
 
 import argparse
@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from benchmarks.command import a_number, add_number, episodes_parser, run_command
+from benchmarks.command import a_number, a_path, add_number, episodes_parser, run_command
 from benchmarks.studies.base import Column, add_run_dir, describe, settings, table_of
 from medjax.agents import agents_of
 from medjax.commandline import add_set_option, parse_overrides
@@ -21,6 +21,7 @@ from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError, shown
 from medjax.policies.policy import Choice, Policy
 from medjax.policies.rules import BASELINES
+from medjax.policies.saved import load_policy
 from medjax.policies.team import Dispatched, rules_of
 from medjax.world.state import IN_SERVICE, MERGING, QUEUED
 from train.runs.policies import load_policies
@@ -64,20 +65,29 @@ def at_speed(env: AgentsEnv, dispatcher: Policy, speed: float, accepts: bool = T
 
 
 def learners(options: argparse.Namespace) -> tuple[Any, Any, str, dict[str, Policy]]:
-    """Agents' environment, its parameters, its preset, and the policies of `--run-dir` by name, if given.
+    """Agents' environment, its parameters, its preset, and the policies of `--run-dir` or `--policy` by name.
 
     Raises:
-      InputError: there is no such run, it is of a dispatcher, or it does not fit the environment.
+      InputError: there is no such run or policy, it is of a dispatcher, or it does not fit the environment.
     """
-    if not options.run_dir:
-        scenario, overrides = options.scenario or "paper", parse_overrides(options.overrides)
-        return *agents_of(scenario, **{"speeds": options.speeds, **overrides}), scenario, {}
-    config = settings(options)
-    if config.agents == "none":
-        raise InputError(f"--run-dir {options.run_dir}: is of a dispatcher, allowed one of agents")
-    env, params, found = load_policies(options.run_dir, config)
-    learned = {name: policy for name, policy in found.items() if name not in BASELINES}
-    return env, params, config.scenario, learned
+    if options.run_dir:
+        config = settings(options)
+        if config.agents == "none":
+            what = f"--run-dir {options.run_dir}"
+            raise InputError(f"{what}: is of a dispatcher, allowed one of agents")
+        env, params, found = load_policies(options.run_dir, config)
+        learned = {name: policy for name, policy in found.items() if name not in BASELINES}
+        return env, params, config.scenario, learned
+    overrides = parse_overrides(options.overrides)
+    if options.policy:
+        saved = load_policy(options.policy)
+        if not saved.about.agents:
+            raise InputError(f"--policy {options.policy}: is a dispatcher's, allowed one of agents")
+        scenario = options.scenario or saved.about.scenario
+        env, params = saved.make(scenario, overrides)
+        return env, params, scenario, {saved.about.name: saved.policy(env)}
+    scenario = options.scenario or "paper"
+    return *agents_of(scenario, **{"speeds": options.speeds, **overrides}), scenario, {}
 
 
 def check_baseline(baseline: str, names: Sequence[str]) -> None:
@@ -98,7 +108,10 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         for accepts, name in ((True, "{:g} m/s"), (False, "{:g} m/s, refuses all"))
         for speed in options.speeds
     }
-    if not options.run_dir:  # before anything compiles
+    if options.run_dir and options.policy:
+        given = f"--policy {options.policy} with --run-dir {options.run_dir}"
+        raise InputError(f"{given}, allowed: one of the two")
+    if not (options.run_dir or options.policy):  # before anything compiles
         check_baseline(baseline, (DEFAULT, *motions))
     env, params, scenario, learned = learners(options)
     check_baseline(baseline, (DEFAULT, *motions, *learned))
@@ -123,6 +136,8 @@ def main(arguments: list[str] | None = None) -> None:
     add_run_dir(
         parser, "also play the learners of a run of agents, and their policy before training"
     )
+    trained = "also play a trained policy of agents, in its world"
+    parser.add_argument("--policy", type=a_path, metavar="FILE.zip", help=trained)
     text = f"motion to compare the others with (default: {DEFAULT})"
     parser.add_argument("--baseline", default=DEFAULT, metavar="MOTION", help=text)
     speed = a_number("a speed from 1 to 100 m/s", lambda value: 1.0 <= value <= 100.0)

@@ -18,8 +18,8 @@ from train.settings import TrainConfig
 
 SHARPNESS = 4.0  # logits per EV if the prior is a rule
 GOES_ON = 0.99  # initial probability that an agent stays, rather than leaves the road for good
-# Logit of the fleet's speed above the others: an agent tries all of them, and its most probable action is the rule's.
-USUAL_SPEED = 0.1
+# Of the fleet's speed, where the others have 0: an agent tries all speeds, and its most probable action is the rule's.
+USUAL_SPEED_LOGIT = 0.1
 MASKED_LOGIT = -1e9  # finite to keep log-probabilities and gradients finite; its exp() is exactly 0
 
 Prior = Callable[[jax.Array], jax.Array]  # observations `(..., num_features)` to logits
@@ -38,7 +38,7 @@ def prior_logits(env: Any, config: TrainConfig) -> Prior:
     _, speed, lane, accept, leave = env.actions.parts
     motion = jnp.concatenate(
         [
-            jnp.zeros((speed.n,), jnp.float32).at[usual[0]].set(USUAL_SPEED),
+            jnp.zeros((speed.n,), jnp.float32).at[usual[0]].set(USUAL_SPEED_LOGIT),
             _mostly(usual[1], lane.n, likely),
             _mostly(1, accept.n, likely),
             _mostly(0, leave.n, GOES_ON),

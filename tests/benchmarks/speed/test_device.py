@@ -28,7 +28,7 @@ def test_without_a_gpu_it_says_what_it_would_run(capsys, monkeypatch):
 def test_each_command_leaves_its_figures_and_a_failure_the_others(tmp_path, capsys, monkeypatch):
     """The file is whole after every command, so that the third finds the first two in it."""
     found = {"backend": "gpu", "device": "a GPU", "jax_version": "0"}
-    monkeypatch.setattr(device, "machine", lambda: found)
+    monkeypatch.setattr(device, "ask_machine", lambda: found)
     file, kept = tmp_path / "all.json", []
 
     def start(argv, **_):

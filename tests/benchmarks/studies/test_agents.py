@@ -1,6 +1,7 @@
 """Agents at a constant speed, and trained ones, beside the dispatcher alone."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,18 +25,16 @@ SET = [f"--set={name}={value}" for name, value in SMALL.items()]
 def test_rows_are_the_episodes_of_each_speed(tmp_path, monkeypatch, capsys):
     """The default is the dispatcher's own score, as is the fleet's speed; a slow MED changes the episode."""
 
-    def load(run_dir, config):
-        """A learner that does as the rule `none`; the rules that a run brings are not rows."""
-        assert (run_dir.name, config.agents) == ("its", "ippo")
-        env, params = agents_of("paper", speeds=(14.0, 22.0), **SMALL)
-        none = as_team(env, BASELINES["none"](env.env))
-        return env, params, {"learned": none, "greedy": none}
+    def load(path):
+        """A policy of agents that does as the rule `none`."""
+        about = SimpleNamespace(agents={"speeds": (14.0, 22.0)}, scenario="paper", name="learned")
+        world = agents_of("paper", speeds=(14.0, 22.0), **SMALL)
+        policy = lambda env: as_team(env, BASELINES["none"](env.env))  # noqa: E731
+        return SimpleNamespace(about=about, make=lambda *_: world, policy=policy)
 
-    config = PPOConfig(agents="ippo")
-    monkeypatch.setattr(agents, "settings", lambda options: config)
-    monkeypatch.setattr(agents, "load_policies", load)
+    monkeypatch.setattr(agents, "load_policy", load)
     out = tmp_path / "out.json"
-    argv = ["--episodes=2", "--seed=3", "--speeds", "14", "22", "--run-dir=its", *SET]
+    argv = ["--episodes=2", "--seed=3", "--speeds", "14", "22", "--policy=its.zip", *SET]
     agents.main([*argv, f"--json={out}"])
     report = json.loads(out.read_text())
     rows = {row["motion"]: row for row in report["rows"]}
@@ -76,14 +75,27 @@ def test_overrides_change_the_episodes(tmp_path, capsys):
 
 
 @pytest.mark.thorough
-def test_any_row_is_the_baseline(tmp_path):
+def test_the_learners_of_a_run_play_against_any_row(tmp_path, monkeypatch):
+    """The rules that a run brings are not rows; differences are from the baseline."""
+
+    def load(run_dir, config):
+        """A learner that does as the rule `none`."""
+        assert (run_dir.name, config.agents) == ("its", "ippo")
+        env, params = agents_of("paper", speeds=(14.0, 22.0), **SMALL)
+        none = as_team(env, BASELINES["none"](env.env))
+        return env, params, {"learned": none, "greedy": none}
+
+    monkeypatch.setattr(agents, "settings", lambda options: PPOConfig(agents="ippo"))
+    monkeypatch.setattr(agents, "load_policies", load)
     out = tmp_path / "out.json"
-    argv = ["--episodes=2", "--speeds", "14", "22", "--baseline=14 m/s", *SET]
+    argv = ["--episodes=2", "--speeds", "14", "--baseline=14 m/s", "--run-dir=its"]
     agents.main([*argv, f"--json={out}"])
     rows = {row["motion"]: row for row in json.loads(out.read_text())["rows"]}
-    change = rows["default"]["return"] - rows["14 m/s"]["return"]
-    assert rows["default"]["return_change"] == pytest.approx(change, rel=1e-4)
+    assert list(rows) == ["default", "14 m/s", "14 m/s, refuses all", "learned"]
     assert rows["14 m/s"]["return_change"] == 0.0
+    for row in rows.values():
+        change = row["return"] - rows["14 m/s"]["return"]
+        assert row["return_change"] == pytest.approx(change, rel=1e-4)
 
 
 def test_bad_input_is_one_line(tmp_path, capsys):
@@ -94,6 +106,8 @@ def test_bad_input_is_one_line(tmp_path, capsys):
         (["--speeds", "0.5"], "'0.5'"),
         (["--speeds", "fast"], "'fast'"),
         (["--scenario=nowhere"], "nowhere"),
+        ([f"--policy={tmp_path / 'none.zip'}"], "none.zip"),
+        (["--policy=its.zip", "--run-dir=its"], "one of the two"),
         (["--run-dir=nowhere"], "nowhere"),
         (["--baseline=20 m/s"], "20 m/s"),
         ([f"--run-dir={tmp_path / 'run'}"], "is of a dispatcher"),

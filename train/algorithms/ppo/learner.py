@@ -30,8 +30,8 @@ from train.algorithms.rollout import Collector, Trajectory, episode_metrics, spr
 
 # Share of the updates after which the policy is as sharp as it gets, so that it is learned as it is played.
 SHARP_AFTER = 0.7
-# Most by which an update sharpens the policy. Where updates are few, a faster policy outruns what is learned: it comes
-# to wait for good.
+# Most by which an update multiplies the logits. If few updates had to sharpen the policy fully, it would change by that
+# more than by learning, and would come to wait for good.
 MOST_SHARPENED = 1.04
 
 

@@ -28,7 +28,7 @@ class PPOConfig(TrainConfig):
     rollout_length: int = option(
         0,
         "PPO",
-        "choices per environment and update; 0: an episode of paper, which are 600 of a dispatcher and 150 of agents",
+        "choices per environment and update; 0: an episode of paper (600 of a dispatcher, 150 of agents)",
         limits=(0, 2**16),
     )
     num_minibatches: int = option(
