@@ -59,7 +59,8 @@ def generalized_advantages(
 def needs_bootstrap(steps: Steps, gae_lambda: float) -> jax.Array:
     """Whether the result of `generalized_advantages` also depends on the values of other steps; `(...)` bool.
 
-    With lambda 1 those values cancel out, except the ones that are bootstrapped after a cut.
+    With lambda 1 the values of later steps cancel out. What remains is the value after the last step of an episode that
+    the rollout or a truncation cuts short.
     """
     cut = ~steps.terminated[-1] | jnp.any(steps.truncated & ~steps.terminated, axis=0)
     return cut | (gae_lambda < 1.0)
