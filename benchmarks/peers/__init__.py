@@ -5,6 +5,7 @@ To add a peer, write a module with a `Peer` and list it in `PEERS` of `__main__`
 
 import abc
 import dataclasses
+import importlib.metadata
 import math
 import statistics
 from collections.abc import Sequence
@@ -46,12 +47,24 @@ class World:
         return int(self.params.episode_decisions) * self.config.decision_s
 
 
+def installed_version(package: str) -> str | None:
+    """The version of a distribution, or None if it is not installed."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
 class Peer(abc.ABC):
     """A simulator to time; only building one with a World needs its package."""
 
-    name: ClassVar[str]
+    name: str
     package: ClassVar[str]  # distribution that must be installed
     differences: ClassVar[tuple[str, ...]]  # sentences on what it does differently
+
+    def version(self) -> str:
+        """The version that is measured."""
+        return installed_version(self.package) or "unknown"
 
     @abc.abstractmethod
     def measure(self) -> Rate:

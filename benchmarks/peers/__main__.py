@@ -5,7 +5,6 @@ Rounds alternate between the simulators, so that a slowdown of the machine affec
 """
 
 import argparse
-import importlib.metadata
 import platform
 import statistics
 import tempfile
@@ -15,7 +14,8 @@ from typing import Any
 
 import medjax
 from benchmarks.command import add_number, benchmark_parser, machine, run_command, say
-from benchmarks.peers import Peer, Rate, World
+from benchmarks.peers import Peer, Rate, World, installed_version
+from benchmarks.peers.highjax import INSTALL, OWN_VEHICLES, HighJax, ask
 from benchmarks.peers.highway import HighwayEnv
 from benchmarks.peers.sumo import Sumo
 from benchmarks.speed.workload import measure
@@ -47,14 +47,6 @@ class Medjax(Peer):
         return Rate(result.active_vehicle_updates_per_s, result.mean_active_vehicles)
 
 
-def installed_version(package: str) -> str | None:
-    """The version of a distribution, or None if it is not installed."""
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return None
-
-
 def alternate(simulators: Sequence[Peer], rounds: int) -> dict[str, list[Rate]]:
     """Measures every simulator once per round, in the given order."""
     rates: dict[str, list[Rate]] = {simulator.name: [] for simulator in simulators}
@@ -76,7 +68,7 @@ def summarise(simulators: Sequence[Peer], rates: dict[str, list[Rate]]) -> dict[
         rounds = [rate.active_vehicle_updates_per_s for rate in rates[simulator.name]]
         vehicles = [rate.mean_active_vehicles for rate in rates[simulator.name]]
         results[simulator.name] = {
-            "version": installed_version(simulator.package) or "unknown",
+            "version": simulator.version(),
             "active_vehicle_updates_per_s": statistics.median(rounds),
             "mean_active_vehicles": statistics.median(vehicles),
             "medjax_ratio": 1.0,
@@ -94,6 +86,11 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
     skipped = [peer.name for peer in PEERS if installed_version(peer.package) is None]
     for name in skipped:
         say(f'{name}: not installed, skipped (pip install -e ".[peers]")')
+    if options.highjax is not None:
+        ask(options.highjax)
+    else:
+        skipped.append("HighJax")
+        say(f"HighJax: no --highjax, skipped ({INSTALL})")
     env, params = medjax.make(SCENARIO)
     # As with SUMO, one episode is warm-up and another is timed. A part of an episode would not do, since MEDs
     # enter over its course.
@@ -102,8 +99,11 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
     num_vehicles = round(Medjax(COUNTED_ROADS, decisions).measure().mean_active_vehicles)
     with tempfile.TemporaryDirectory() as folder:
         world = World(env.config, params, num_vehicles, cores, Path(folder))
-        simulators = [Medjax(options.num_envs, decisions)]
+        simulators: list[Peer] = [Medjax(options.num_envs, decisions)]
         simulators += [peer(world) for peer in PEERS if peer.name not in skipped]
+        if options.highjax is not None:
+            # Its cost depends on the number of vehicles: as many as medjax has, and as many as it has by default.
+            simulators += [HighJax(options.highjax, n) for n in (num_vehicles, OWN_VEHICLES)]
         results = summarise(simulators, alternate(simulators, options.rounds))
     comparison = {
         "scenario": SCENARIO,
@@ -129,15 +129,18 @@ def report(comparison: dict[str, Any]) -> str:
         "",
         f"{'':14}{'version':>10}{'vehicles a road':>18}{'updates/s':>14}{'medjax / it':>14}",
     ]
-    differences = ["", "What differs:"]
+    told: dict[tuple[str, ...], list[str]] = {}
     for name, result in comparison["simulators"].items():
         lines.append(
             f"{name:14}{result['version']:>10}{result['mean_active_vehicles']:18.0f}"
             f"{result['active_vehicle_updates_per_s']:14,.0f}{result['medjax_ratio']:14,.1f}"
         )
-        differences += [name, *(f"  - {difference}" for difference in result["differences"])]
-    lines += [f"{name:14}not installed, skipped" for name in comparison["skipped"]]
-    return "\n".join([*lines, *differences])
+        told.setdefault(tuple(result["differences"]), []).append(name)
+    lines += [f"{name:14}skipped" for name in comparison["skipped"]]
+    lines += ["", "What differs:"]
+    for differences, names in told.items():
+        lines += ["; ".join(names), *(f"  - {difference}" for difference in differences)]
+    return "\n".join(lines)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -145,6 +148,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser = benchmark_parser("peers", __doc__)
     add_number(parser, "--rounds", 3, "timed rounds")
     add_number(parser, "--num-envs", 1024, "roads that medjax simulates at once")
+    own = f"a Python that has HighJax, which needs a newer one than medjax ({INSTALL})"
+    parser.add_argument("--highjax", metavar="PYTHON", help=own)
     run_command(parser, compare, arguments)
 
 

@@ -221,9 +221,47 @@ def test_missing_peer_is_named_and_skipped(monkeypatch, capsys, tmp_path):
     assert "present is scripted." in out
     assert log.count("present") == 2
     written = json.loads(file.read_text())
-    assert written["skipped"] == ["absent"]
+    assert written["skipped"] == ["absent", "HighJax"]
     assert set(written["simulators"]) == {"medjax", "present"}
     assert written["simulators"]["present"]["medjax_ratio"] == 5.0
+
+
+def interpreter(path, lines):
+    """A program that stands for a Python with HighJax: it prints `lines` and leaves its arguments beside itself."""
+    path.write_text("#!/bin/sh\nshift 2\necho $* >> $0.asked\n" + lines)
+    path.chmod(0o755)
+    return str(path)
+
+
+def test_highjax_is_timed_in_its_own_python(monkeypatch, capsys, tmp_path):
+    """With as many vehicles as medjax has, and as many as its default; what differs is told once for both."""
+    ours = scripted("medjax", "medjax", [50.0] * 2, [])
+    monkeypatch.setattr(command, "Medjax", ours)
+    monkeypatch.setattr(command, "PEERS", ())
+    answer = """echo '{"version": "9.9", "updates_per_s": 5.0}'\n"""
+    python, file = interpreter(tmp_path / "python", answer), tmp_path / "peers.json"
+    command.main(["--rounds", "1", "--highjax", python, "--json", str(file)])
+    asked = (tmp_path / "python.asked").read_text().splitlines()
+    assert [line.split()[:2] for line in asked if line] == [["100", "16"], ["51", "16"]]
+    written = json.loads(file.read_text())["simulators"]
+    assert written["HighJax, 51"]["version"] == "9.9"
+    assert written["HighJax, 51"]["mean_active_vehicles"] == 51
+    assert written["HighJax, 100"]["medjax_ratio"] == 10.0
+    assert capsys.readouterr().out.count("square of their number") == 1
+
+
+@pytest.mark.parametrize(
+    ("lines", "why"),
+    [(None, "it does not start"), ("echo No module named highjax >&2; exit 1\n", "No module")],
+)
+def test_a_python_without_highjax_is_refused(lines, why, capsys, tmp_path):
+    """No program, or one that fails: a line that says why, and how to install it."""
+    python = tmp_path / "python"
+    if lines:
+        interpreter(python, lines)
+    line = refused(command.main, [f"--highjax={python}"], capsys)
+    assert why in line
+    assert "allowed: the Python of python3.13 -m venv" in line
 
 
 @pytest.mark.parametrize(
