@@ -109,7 +109,7 @@ class Requests(NamedTuple):
     x: jax.Array  # m
     lane: jax.Array  # int32
     length: jax.Array  # m
-    asks: jax.Array  # bool, requests a slot now
+    wants: jax.Array  # bool, requests a charging slot now
     endurance_s: jax.Array  # s, how long its energy lasts
     leaves_x: jax.Array  # m, as in `Offers`
 
@@ -156,14 +156,15 @@ def grant(
 ) -> tuple[jax.Array, jax.Array]:
     """One round of booking: each EV asks its nearest MED, each MED takes its nearest EV.
 
-    An EV asks only for a slot that it can reach in time: before the MED leaves the road or reaches the EV's own exit,
-    before the EV's energy runs out, and before the MED's patience ends. A MED takes the nearest of several EVs, and on
-    a tie the one in the lower vehicle slot. The others ask again in the next round. As each MED takes one EV per round,
-    the map is one-to-one by construction.
+    An EV asks only for a charging slot that it can reach in time: before the MED leaves the road or reaches the EV's
+    own exit, before the EV's energy runs out, and before the booking would lapse. A MED takes the nearest of several
+    EVs, and on a tie the one of the lowest index. The others ask again in the next round. As each MED takes one EV per
+    round, the map is one-to-one by construction.
 
     Args:
-      med, charging_slot: (E,) int32, the map so far.
-      requests: the EVs; offers: the MEDs.
+      med, charging_slot: (E,) int32, each EV's booking so far; NOT_BOOKED without one.
+      requests: the EVs' side.
+      offers: the MEDs' side.
 
     Returns:
       (med, charging_slot) with the new bookings.
@@ -181,21 +182,23 @@ def grant(
     time_left = (leaves_x - offer.x) / jnp.maximum(offer.speed, 1.0)
     in_time = (seconds + WORTHWHILE_S <= time_left) & (seconds < requests.endurance_s)
     in_time &= seconds <= params.patience_s  # or the booking would lapse before
-    asks = requests.asks & (distance < FAR) & in_time
+    asks = requests.wants & (distance < FAR) & in_time
 
     num_meds = offers.x.shape[0]
-    slots = jnp.arange(med.shape[0], dtype=jnp.int32)
-    asked = jnp.where(asks, nearest, num_meds)
-    closest = jnp.full((num_meds,), FAR).at[asked].min(distance, mode="drop")
+    ev = jnp.arange(med.shape[0], dtype=jnp.int32)
+    closest = jnp.full((num_meds,), FAR)
+    closest = closest.at[jnp.where(asks, nearest, num_meds)].min(distance, mode="drop")
     first = asks & (distance == closest[nearest])
-    chosen = jnp.full((num_meds,), med.shape[0], jnp.int32)
-    chosen = chosen.at[jnp.where(first, nearest, num_meds)].min(slots, mode="drop")
-    accepted = first & (chosen[nearest] == slots)
+    taken = jnp.full((num_meds,), med.shape[0], jnp.int32)
+    taken = taken.at[jnp.where(first, nearest, num_meds)].min(ev, mode="drop")
+    accepted = first & (taken[nearest] == ev)
     return jnp.where(accepted, nearest, med), jnp.where(accepted, choice, charging_slot)
 
 
-def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests, Offers]:
-    """The EVs' requests and the MEDs' offers of this round. An EV requests a slot if its SoC is below `request_soc`."""
+def requests_and_offers(
+    state: EnvState, config: EnvConfig, params: EnvParams
+) -> tuple[Requests, Offers]:
+    """What EVs request and MEDs offer in this round. An EV requests a charging slot below the SoC `request_soc`."""
     vehicles, evs, meds = state.vehicles, state.evs, state.meds
     med_slots, ev_slots = config.med_slots, config.ev_slots
     length = by_kind(vehicles.kind, params.drivers.vehicle_length)
@@ -217,14 +220,14 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
     )
     lane = vehicles.lane[ev_slots]
     _, power_w = cruising(params)
-    asks = vehicles.active[ev_slots] & (lane < config.num_lanes) & (evs.med == NOT_BOOKED)
-    asks = asks & ~evs.is_depleted & (evs.retry_in_s <= 0.0)
-    asks &= evs.energy_j < params.charging.request_soc * params.ev_capacity_j
+    wants = vehicles.active[ev_slots] & (lane < config.num_lanes) & (evs.med == NOT_BOOKED)
+    wants = wants & ~evs.is_depleted & (evs.retry_in_s <= 0.0)
+    wants &= evs.energy_j < params.charging.request_soc * params.ev_capacity_j
     requests = Requests(
         x=vehicles.x[ev_slots],
         lane=lane,
         length=length[ev_slots],
-        asks=asks,
+        wants=wants,
         endurance_s=evs.energy_j / jnp.maximum(power_w, 1.0),  # downhill the power may be negative
         leaves_x=leaves_x[ev_slots],
     )
@@ -233,7 +236,8 @@ def ask(state: EnvState, config: EnvConfig, params: EnvParams) -> tuple[Requests
 
 def book(state: EnvState, config: EnvConfig, params: EnvParams) -> EVs:
     """The EVs after one round of booking."""
-    evs, (requests, offers) = state.evs, ask(state, config, params)
+    evs = state.evs
+    requests, offers = requests_and_offers(state, config, params)
     med, charging_slot = grant(evs.med, evs.charging_slot, requests, offers, params.charging)
     return evs.replace(med=med, charging_slot=charging_slot)
 

@@ -142,10 +142,10 @@ class ChargingEnv:
         check_made_for(self.config, params)
         before = state
         with jax.named_scope("dispatch"):
-            state, dispatched = dispatch(state, action, self.config, params)
-        (state, step_stats), begun, ticks = self._rounds(key, state, dispatched, params)
-        state, given = advance_clocks(state, self.config, params)
-        step_stats += given
+            state, step_stats = dispatch(state, action, self.config, params)
+        (state, step_stats), begun, ticks = self._rounds(key, state, step_stats, params)
+        state, of_depots = advance_clocks(state, self.config, params)
+        step_stats += of_depots
         state = state.replace(stats=state.stats + step_stats)
         outcome = Outcome(before, state, step_stats, params, self.config)
         with jax.named_scope("reward"):
@@ -169,7 +169,10 @@ class ChargingEnv:
     def _rounds(
         self, key: jax.Array, state: EnvState, step_stats: EpisodeStats, params: EnvParams
     ) -> tuple[Driven, Any, Any]:
-        """Simulates all rounds of a decision; returns also the probe at each round's start and after each tick."""
+        """Simulates a decision's rounds, which add to its statistics.
+
+        Returns also the probe at each round's start and after each tick.
+        """
         config = self.config
         rounds, ticks = config.rounds_per_decision, config.ticks_per_decision
         # One decision of n rounds then equals n decisions of one round that use the split keys.
@@ -177,17 +180,17 @@ class ChargingEnv:
         indices = jnp.arange(ticks, dtype=jnp.int32).reshape(rounds, -1)
         first = state.time * rounds
 
-        def play(carry: Driven, given: tuple[jax.Array, ...]) -> tuple[Driven, tuple[Any, Any]]:
+        def play(carry: Driven, its: tuple[jax.Array, ...]) -> tuple[Driven, tuple[Any, Any]]:
             """One round."""
-            (state, step_stats), (number, key, ticks) = carry, given
+            (state, step_stats), (number, key, ticks) = carry, its
             state, entered = self._begin(key, state, first + number, params)
             begun = self.probe(state) if self.probe else None
             driven, seen = self._drive(state, step_stats + entered, ticks, params)
             return driven, (begun, seen)
 
-        given = jnp.arange(rounds, dtype=jnp.int32), keys, self._first_tick(state) + indices
-        driven, (begun, seen) = jax.lax.scan(play, (state, step_stats), given)
-        seen = jax.tree.map(lambda each: each.reshape(ticks, *each.shape[2:]), seen)
+        each = jnp.arange(rounds, dtype=jnp.int32), keys, self._first_tick(state) + indices
+        driven, (begun, seen) = jax.lax.scan(play, (state, step_stats), each)
+        seen = jax.tree.map(lambda leaf: leaf.reshape(ticks, *leaf.shape[2:]), seen)
         return driven, begun, seen
 
     def _begin(

@@ -55,7 +55,7 @@ def dispatch(
       action: () integer; one that is out of range or masked counts as 0.
 
     Returns:
-      (state, tally of dispatches and invalid actions)
+      (state, statistics of dispatches and invalid actions)
     """
     action, meds = jnp.asarray(action).astype(jnp.int32), state.meds
     allowed = is_allowed(action, action_mask(state, config))
@@ -104,7 +104,7 @@ def advance_clocks(
     """Counts the decision, advances the cooldown, and returns fully charged MEDs to their depots.
 
     Returns:
-      (state, tally of energy from the depots and of energy for the trips home)
+      (state, statistics of energy from the depots and of energy for the trips home)
     """
     meds, dt = state.meds, config.decision_s
     ready_in = jnp.where(meds.status == RETIRED, count_down(meds.ready_in_s, dt), meds.ready_in_s)

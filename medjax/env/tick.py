@@ -38,7 +38,7 @@ def physics_tick(
       following, coupling: as in `ChargingEnv`.
 
     Returns:
-      (state after the tick, tally of the tick). `state.stats` is unchanged.
+      (state after the tick, statistics of the tick). `state.stats` is unchanged.
     """
     slots = config.ev_slots
     before = without_motor(state.vehicles, state.evs, config, params)

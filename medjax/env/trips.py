@@ -79,7 +79,7 @@ def plan_trips(
     An EV that makes for its exit, or whose MED does, gives up its booking and requests no other.
 
     Returns:
-      (state, tally of missed exits)
+      (state, statistics of missed exits)
     """
     vehicles, meds, evs, road = state.vehicles, state.meds, state.evs, params.road
     slots = config.ev_slots

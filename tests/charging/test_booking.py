@@ -14,10 +14,10 @@ from medjax.charging.booking import (
     WORTHWHILE_S,
     Offers,
     Requests,
-    ask,
     book,
     charging_slot_flags,
     grant,
+    requests_and_offers,
 )
 from medjax.env.forecast import expected_need, free_slots
 from medjax.world.params import CHARGING_SLOTS, LEFT
@@ -61,7 +61,7 @@ def draw(seed):
         x=jnp.asarray(x, jnp.float32),
         lane=jnp.asarray(rng.integers(0, 4, NUM_EVS), jnp.int32),
         length=jnp.full(NUM_EVS, 5.0),
-        asks=jnp.asarray(asks),
+        wants=jnp.asarray(asks),
         endurance_s=jnp.full(NUM_EVS, 500.0),
         leaves_x=jnp.full(NUM_EVS, 4000.0),
     )
@@ -156,7 +156,7 @@ def test_requests_and_offers_end_before_the_exit(exit_x):
     )
     begins = 2000.0 - 250.0 - 295.0 * (config.num_lanes - lane)
     expected = begins if exit_x == 2000.0 else jnp.full_like(begins, 4000.0)
-    requests, offers = ask(state, config, params)
+    requests, offers = requests_and_offers(state, config, params)
     np.testing.assert_allclose(requests.leaves_x, expected[config.ev_slots], atol=1e-2)
     np.testing.assert_allclose(offers.leaves_x, expected[config.med_slots], atol=1e-2)
 
@@ -234,7 +234,7 @@ def test_a_slot_off_the_road_is_not_free(lane):
     )
     state = put(state, evs={"med": (slice(None), NOT_BOOKED)})
     there = np.array([0 <= lane + SIDES[side] < config.num_lanes for side in CHARGING_SLOTS])
-    _, offers = ask(state, config, params)
+    _, offers = requests_and_offers(state, config, params)
     np.testing.assert_array_equal(offers.free[0], there)
     assert not offers.free[1:].any()
     np.testing.assert_array_equal(free_slots(state, config), there.sum())

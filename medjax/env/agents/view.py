@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from medjax.charging.booking import ask, grant
+from medjax.charging.booking import grant, requests_and_offers
 from medjax.env.depots import distinct_depots, next_to_be_sent, shares_at_depots
 from medjax.env.forecast import Need, expected_need, free_slots, lacking_j, med_positions
 from medjax.env.observation import (
@@ -141,13 +141,13 @@ def _signed_distances(
 def _evs(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
     """Absolute features of EVs, `(E, 8)`: x, speed, lane, charge, lacked packs, requests a slot, MED, charging."""
     vehicles, evs, slots = state.vehicles, state.evs, config.ev_slots
-    requests, _ = ask(state, config, params)
+    requests, _ = requests_and_offers(state, config, params)
     lacks_j = jnp.maximum(lacking_j(state, config, params), 0.0)
     return _columns(
         [
             *(column[slots] for column in (vehicles.x, vehicles.speed, vehicles.lane)),
             *(scale_by(energy_j, params.ev_capacity_j) for energy_j in (evs.energy_j, lacks_j)),
-            *(requests.asks, evs.med, evs.is_charging),
+            *(requests.wants, evs.med, evs.is_charging),
         ]
     )
 
@@ -183,7 +183,7 @@ def _seen(
 def requests(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
     """The EV that booking would grant each MED now if it took EVs, `(A,)` int32; -1 if there is none."""
     willing = state.replace(meds=state.meds.replace(accepts=jnp.ones_like(state.meds.accepts)))
-    requests, offers = ask(willing, config, params)
+    requests, offers = requests_and_offers(willing, config, params)
     med = state.evs.med
     granted, _ = grant(med, state.evs.charging_slot, requests, offers, params.charging)
     new = (granted != med)[:, None] & (granted[:, None] == jnp.arange(config.num_meds))
