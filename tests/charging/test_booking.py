@@ -89,7 +89,7 @@ def test_nearest_ev_wins_its_nearest_med(booking, paper, seed):
     assert np.array_equal(new_charging_slot[old], np.asarray(charging_slot)[old])
     assert one_to_one(new_med, new_charging_slot)
     new = np.flatnonzero((new_med >= 0) & ~old)
-    assert np.all(np.asarray(requests.asks)[new])
+    assert np.all(np.asarray(requests.wants)[new])
     assert np.all(np.asarray(offers.free)[new_med[new], new_charging_slot[new]])
     ahead = np.asarray(offers.x)[None] - np.asarray(requests.x)[:, None]
     reach = np.asarray(offers.free).any(1) & (ahead <= float(params.charging.reach_ahead_m))
@@ -99,7 +99,7 @@ def test_nearest_ev_wins_its_nearest_med(booking, paper, seed):
         m = new_med[ev]
         assert distance[ev, m] == distance[ev].min() < np.inf
     # On a long road with energy to spare nobody is refused but for a nearer EV.
-    asking = np.asarray(requests.asks) & np.isfinite(distance.min(1))
+    asking = np.asarray(requests.wants) & np.isfinite(distance.min(1))
     for m in range(NUM_MEDS):
         rivals = np.flatnonzero(asking & (distance.argmin(1) == m))
         winners = [ev for ev in new if new_med[ev] == m]
