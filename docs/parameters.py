@@ -11,8 +11,9 @@ from medjax.commandline import OneLineParser
 from medjax.env.reward import REWARDS
 from medjax.world.charging_params import CoilDesign
 from medjax.world.numbers import Number
-from medjax.world.params import COILS, GROUPS, OTHERS, PRICES, SIZES, WEIGHT, WEIGHTS, EnvConfig
+from medjax.world.params import COILS, GROUPS, OTHERS, SIZES, EnvConfig
 from medjax.world.presets import SCENARIOS
+from medjax.world.weights import PRICES, WEIGHT, WEIGHTS
 
 PAGE = Path(__file__).with_suffix(".md")
 TABLE = re.compile(r"(<!-- table: ([\w, .]+) -->\n).*?(<!-- end of table -->)", re.DOTALL)

@@ -19,8 +19,9 @@ from medjax.traffic.idm import IDM_PLUS
 from medjax.world.charging_params import CoilDesign, build_link
 from medjax.world.checks import check_numbers
 from medjax.world.numbers import as_numbers, read_number
-from medjax.world.params import COILS, PRICES, SIZES, EnvParams
+from medjax.world.params import COILS, SIZES, EnvParams
 from medjax.world.presets import PLACES, SCENARIOS, Recipe, change_numbers
+from medjax.world.weights import PRICES
 
 __all__ = ["SCENARIOS", "CoilDesign", "build_link", "make", "prepare"]
 

@@ -10,8 +10,8 @@ import pytest
 import medjax
 from medjax.numerics import compilation
 from medjax.world.charging_params import CoilDesign
-from medjax.world.params import PRICES, WEIGHTS
 from medjax.world.presets import Recipe
+from medjax.world.weights import PRICES, WEIGHTS
 from tests.train.conftest import never
 from tests.train.probe_envs import Probe, ProbeParams
 

@@ -71,9 +71,8 @@ def with_means(ledger: Ledger, last: EnvState, config: EnvConfig, params: EnvPar
 
 def by_round(ticks: Any, config: EnvConfig) -> Any:
     """Splits the probe's report on a decision's ticks by entry rounds: (ticks, ...) to (rounds, ticks, ...)."""
-    return jax.tree.map(
-        lambda each: each.reshape(-1, config.ticks_per_round, *each.shape[1:]), ticks
-    )
+    shape = config.rounds_per_decision, config.ticks_per_round
+    return jax.tree.map(lambda each: each.reshape(*shape, *each.shape[1:]), ticks)
 
 
 def check_results(
@@ -84,7 +83,10 @@ def check_results(
     # After the last tick the clock advances. MEDs may then reach their depots, which recharge them.
     home = (last.meds.status == RETIRED) & (after.meds.status == AT_DEPOT)
     refilled = jnp.where(home, params.med_capacity_j, last.meds.energy_j)
-    same = jax.tree.map(lambda a, b: a != b, (last.vehicles, last.evs), (after.vehicles, after.evs))
+    # EVs that left to charge have then reached their plugs.
+    gone = ~last.vehicles.active[config.ev_slots] & ~last.evs.is_depleted & (config.num_plugs > 0)
+    evs = last.evs.replace(stops=last.evs.stops & ~gone)
+    same = jax.tree.map(lambda a, b: a != b, (last.vehicles, evs), (after.vehicles, after.evs))
     numbers = (
         decision.obs,
         decision.reward,
@@ -93,7 +95,10 @@ def check_results(
         info["reward_terms"],
     )
     home_j = jnp.sum(jnp.where(home, home_trip_energy(last, config, params), 0.0))
-    ledger = ledger | {"med_driving_j": ledger["med_driving_j"] + home_j}
+    ledger = ledger | {
+        "med_driving_j": ledger["med_driving_j"] + home_j,
+        "plug_charging_s": plug_seconds(decision, config),
+    }
     flags = tally_mistakes(ledger, decision, config, params)
     flags["energy"]["refill"] = after.meds.energy_j != refilled
     given_j = jnp.sum(jnp.where(home, refilled - last.meds.energy_j - last.meds.rest_j, 0.0))
@@ -103,6 +108,13 @@ def check_results(
         "motion": {"between decisions": jnp.stack([x.any() for x in jax.tree.leaves(same)])},
         "finite": not_finite((numbers, with_finite_waits(after))),
     }
+
+
+def plug_seconds(decision: Decision, config: EnvConfig) -> jax.Array:
+    """Seconds for which EVs took plugs, from how much later the plugs are free at the end of each round, () s."""
+    begun = decision.info["begun"].plugs_free_in_s
+    ends = jnp.concatenate([begun[1:], decision.after.plugs_free_in_s[None]])
+    return total(ends - jnp.maximum(begun - config.round_s, 0.0))
 
 
 def differs(ours: jax.Array, theirs: jax.Array, scale: Any = 0.0) -> jax.Array:

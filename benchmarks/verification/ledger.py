@@ -6,7 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.verification.flows import driving, tick_flows, total
+from benchmarks.verification.flows import (
+    CAPACITY_RTOL,
+    driving,
+    tick_flows,
+    total,
+)
 from medjax.world.kinds import GAS_KINDS, KINDS
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import AT_DEPOT, RETIRED, EnvState, Vehicles
@@ -87,6 +92,10 @@ def tick_ledger(
     low = evs.energy_j < params.charging.request_soc * params.ev_capacity_j
     on_their_way = (before.meds.status != AT_DEPOT) & (before.meds.status != RETIRED)
     ev_left = left[config.ev_slots]
+    at_plug = ev_left & was.stops & (config.num_plugs > 0)
+    lacks_j = params.charging.plug_target_soc * params.ev_capacity_j - evs.energy_j
+    taken_j = total(jnp.where(at_plug, jnp.maximum(lacks_j, 0.0), 0.0))
+    slack_j = CAPACITY_RTOL * params.ev_capacity_j * total(at_plug)
     return wrong, flows | {
         "left": sums_by_kind(left, old.kind),
         "depleted": total(new.active[config.ev_slots] & evs.is_depleted & ~was.is_depleted),
@@ -104,4 +113,6 @@ def tick_ledger(
         "evs_served": total(evs.served & ~was.served),
         "lane_changes": total(jnp.where(old.active, jnp.abs(new.lane - old.lane), 0)),
         "charging_stops": total(ev_left & was.stops),
+        "plug_stops": total(at_plug),
+        "plug_energy_j": jnp.stack([taken_j - slack_j, taken_j + slack_j]),
     }

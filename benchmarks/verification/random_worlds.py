@@ -59,7 +59,7 @@ USUAL: dict[str, dict[str, Any]] = {
         "platoon_min_gap": (1.0, 5.0), "dock_gap_m": (2.0, 20.0), "dock_tolerance_m": (0.1, 2.0),
         "dock_speed_tolerance": (0.1, 2.0), "hold_tolerance_m": (0.1, 4.0), "slot_power_w": (0.0, 200e3),
         "taper_soc": (0.0, 1.0), "slowest_share": (0.2, 1.0), "depleted_blocks": lambda draw: draw.whole(0, 1),
-        "tow_s": (0.0, 120.0),
+        "tow_s": (0.0, 120.0), "plug_power_w": (1e4, 1e6), "plug_target_soc": (0.0, 0.99),
     },
     "link": {
         "panel_gap_m": (0.05, 0.6), "permeability": (0.5, 2.0), "max_current_a": (0.0, 300.0),
@@ -83,11 +83,13 @@ def draw_config(seed: int, case: int) -> EnvConfig:
     start = np.random.default_rng(seed).random(len(STEPS))
     lanes, ramps, tick, ticks, meds, evs, gas = (start + case * STEPS) % 1.0
     num_lanes, num_ramps = 1 + int(6 * lanes), int(9 * ramps)
+    num_exits = int(9 * ((lanes + ramps) % 1.0))
     return EnvConfig(
         num_lanes=num_lanes,
         num_ramps=num_ramps,
         num_depots=1 + int(num_ramps * max(2.0 * ((gas + lanes) % 1.0) - 1.0, 0.0)),
-        num_exits=int(9 * ((lanes + ramps) % 1.0)),
+        num_exits=num_exits,
+        num_plugs=int(4 * ((evs + meds) % 1.0)) if num_exits else 0,
         num_periods=1 + int(3 * ((evs + gas) % 1.0)),
         tick_s=round(float(0.02 + 0.48 * reach_ends(tick, 0.15)), 3),
         ticks_per_round=1 + int(8 * ticks),

@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float32
 from medjax import hooks
 from medjax.charging.booking import book, init_new_evs
 from medjax.charging.link import Coupling, couple
+from medjax.charging.plugs import charge_at_exits
 from medjax.charging.range import apply_eco_speed
 from medjax.env.contract import StepResult, step_with_reset
 from medjax.env.dispatch import action_mask, advance_clocks, dispatch
@@ -233,6 +234,10 @@ class ChargingEnv:
             driven = distances_driven(begun, state.vehicles, config)
             seconds = step_stats.ev_seconds - before_s
             step_stats += driven + means(state, driven.ev_distance_m, seconds, config, params)
+        if config.num_plugs:
+            with jax.named_scope("plugs"):
+                state, at_plugs = charge_at_exits(state, config, params)
+                step_stats += at_plugs
         return (state, step_stats), seen
 
     def action_mask(self, state: EnvState, params: EnvParams) -> Bool[Array, "num_actions"]:

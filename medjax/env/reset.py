@@ -50,6 +50,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
         queue=jnp.zeros((config.num_entries,), jnp.int32),
         entered_here=jnp.zeros((config.num_entries,), jnp.int32),
         arrivals=new_seed(arrivals_key),
+        plugs_free_in_s=jnp.zeros((config.num_exits, config.num_plugs), jnp.float32),
         cooldown_s=jnp.zeros((), jnp.float32),
         time=jnp.zeros((), jnp.int32),
         stats=EpisodeStats.zeros().replace(entered=count_kinds(active, vehicles.kind, config)),

@@ -112,8 +112,18 @@ def tows(outcome: Outcome) -> jax.Array:
 
 
 def charging_stops(outcome: Outcome) -> jax.Array:
-    """EVs that left for a charger at an exit, or passed the end of the road with less than `request_soc`."""
-    return outcome.step_stats.low_exits
+    """EVs that left for a charger without simulated plugs, or passed the road's end with less than `request_soc`."""
+    return outcome.step_stats.low_exits - outcome.step_stats.plug_stops
+
+
+def plug_h(outcome: Outcome) -> jax.Array:
+    """Time that EVs wait for plugs at exits and charge there, hours, booked when they arrive."""
+    return (outcome.step_stats.plug_wait_s + outcome.step_stats.plug_charging_s) / 3600.0
+
+
+def plug_kwh(outcome: Outcome) -> jax.Array:
+    """Energy that EVs take at plugs, kWh; its price is what it costs more than at home."""
+    return outcome.step_stats.plug_energy_j / 3.6e6
 
 
 _PAPER = (
@@ -121,7 +131,7 @@ _PAPER = (
     *(dispatches, gas_delay, lane_changes, collisions, transfer_loss),
 )
 TERMS: Mapping[str, RewardTerm] = {term.__name__: term for term in _PAPER}
-_MONEY = (delay_h, depot_kwh, ev_kwh, med_h, tows, charging_stops)
+_MONEY = (delay_h, depot_kwh, ev_kwh, med_h, tows, charging_stops, plug_h, plug_kwh)
 MONEY: Mapping[str, RewardTerm] = {term.__name__: term for term in _MONEY}
 REWARDS: Mapping[str, Mapping[str, RewardTerm]] = {"paper": TERMS, "money": MONEY}
 """The sets that `medjax.make` knows by name."""

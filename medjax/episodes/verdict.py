@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from medjax.env.metrics import SECONDS_PER_HOUR
-from medjax.world.params import PRICES
+from medjax.world.weights import PRICES
 
 PRICED = "time lost, electricity, MEDs with drivers, tows and charging stops, at prices of 2023"
 LEARNED_FROM = "the reward that policies learn from"
@@ -32,6 +32,8 @@ def _euros(metrics: Mapping[str, Any]) -> Any:
     Given means over episodes, the cost is accurate to about a cent, because energy per EV hardly depends on the number
     of EVs.
     """
+    # Evaluations from before there were plugs do not tell of them.
+    stops, wait_h, charging_h, plug_kwh = (metrics.get(name, 0.0) for name in AT_PLUGS)
     taken = metrics["ev_driving_kwh"] * metrics["evs_entered"]
     amounts = {
         "delay_h": _delay_h(metrics) + metrics["queue_vehicle_s"] / SECONDS_PER_HOUR,
@@ -39,11 +41,14 @@ def _euros(metrics: Mapping[str, Any]) -> Any:
         "ev_kwh": taken - metrics["energy_delivered_kwh"],
         "med_h": metrics["med_hours"],
         "tows": metrics["evs_depleted"],
-        "charging_stops": metrics["low_exits"],
+        "charging_stops": metrics["low_exits"] - stops,
+        "plug_h": wait_h + charging_h,
+        "plug_kwh": plug_kwh,
     }
     return -sum(PRICES[name].default * amount for name, amount in amounts.items())
 
 
+AT_PLUGS = ("plug_stops", "plug_wait_h", "plug_charging_h", "plug_kwh")
 LINES = (
     Line("ran out", 0, 1, -1, lambda metrics: metrics["evs_depleted"]),
     Line("kWh received", 1, 1, 1, lambda metrics: metrics["energy_delivered_kwh"]),

@@ -169,6 +169,16 @@ class ChargingParams(struct.PyTreeNode):
         "",
         "above this charge an EV takes less power, down to zero when full; usual for fast charging",
     )
+    plug_power_w: Scalar = number(
+        150e3,
+        1.0,
+        10e6,
+        "W",
+        "power of a plug at an exit; what EU Regulation 2023/1804 asks of a charging point on the core road network",
+    )
+    plug_target_soc: Scalar = number(
+        0.8, 0, 0.99, "", "an EV leaves its plug at this charge, from where on charging is slow"
+    )
 
 
 class LinkParams(struct.PyTreeNode):

@@ -15,11 +15,11 @@ from medjax.world.numbers import Number, as_numbers, read_number
 from medjax.world.params import (
     GROUPS,
     OTHERS,
-    WEIGHT,
     EnvConfig,
     EnvParams,
     validate_config,
 )
+from medjax.world.weights import WEIGHT
 
 
 def check_numbers(config: EnvConfig, params: EnvParams) -> EnvParams:

@@ -32,7 +32,7 @@ from medjax.world.charging_params import (
     LinkParams,
 )
 from medjax.world.kinds import CLASSES
-from medjax.world.numbers import Number, number, numbers_of, read_number
+from medjax.world.numbers import number, numbers_of, read_number
 from medjax.world.traffic_params import (
     DemandParams,
     DriverParams,
@@ -41,6 +41,7 @@ from medjax.world.traffic_params import (
     RoadParams,
     Scalar,
 )
+from medjax.world.weights import WEIGHTS
 
 CHARGING_SLOTS = ("left", "right", "rear", "front")
 LEFT, RIGHT, REAR, FRONT = range(4)
@@ -76,6 +77,13 @@ class EnvConfig:
         1,
         8,
         text="depots of MEDs, which share the ramps as evenly as possible; paper: one",
+        whole=True,
+    )
+    num_plugs: int = number(
+        0,
+        0,
+        64,
+        text="fast-charging plugs at each exit; 0: what EVs do at a charger is not simulated; paper: none",
         whole=True,
     )
     num_periods: int = number(1, 1, 1000, text="rows of `demand.profile`; paper: one", whole=True)
@@ -168,58 +176,6 @@ class EnvConfig:
         return jnp.concatenate([jnp.broadcast_to(part, (size,)) for part, size in parts])
 
 
-def weight(default: float, unit: str, text: str) -> Number:
-    """Declares the weight of a reward term."""
-    return Number(default, -1e9, 1e9, unit, text)
-
-
-WEIGHT = weight(0.0, "", "off")  # of a term to which the preset gives no weight
-WEIGHTS = {
-    "depleted": weight(-11.6, "1/EV", "w1 of eq (10); calibrated to Table 2 (docs/paper.md)"),
-    "soc": weight(1.02, "1/s", "w2; calibrated, except for its ratio to w3 and w4"),
-    "distance": weight(0.102, "1/km", "w3; calibrated as w2"),
-    "speed": weight(0.102, "1/s", "w4, of speed in units of 30 m/s; calibrated as w2"),
-    "dispatches": weight(0.0, "1/MED", "off"),
-    "gas_delay": weight(0.0, "1/s", "off"),
-    "lane_changes": WEIGHT,
-    "collisions": WEIGHT,
-    "transfer_loss": weight(0.0, "1/kWh", "off"),
-}
-# Weights of the terms in `medjax.env.reward.MONEY`: prices of 2023; costs are negative.
-PRICES = {
-    "delay_h": weight(
-        -20.0,
-        "EUR/h",
-        "value of a car's time; UK TAG 2022: 16.83 GBP per vehicle-hour; other guidance: 12-30",
-    ),
-    "depot_kwh": weight(
-        -0.22,
-        "EUR/kWh",
-        "0.20 for firms in the EU (Eurostat 2023), divided by the charger's efficiency, 0.92",
-    ),
-    "ev_kwh": weight(
-        -0.285,
-        "EUR/kWh",
-        "charged at home, EU (Eurostat 2023); `charging_stops` has the extra cost of fast chargers",
-    ),
-    "med_h": weight(
-        -70.0,
-        "EUR/h",
-        "truck and driver without energy, 66 (ATRI 2025), plus 5 for the pack; coils not included",
-    ),
-    "tows": weight(
-        -250.0,
-        "EUR",
-        "200 for the tow (120-270 in Germany), plus two hours of the driver; `delay_h` has the delay of others",
-    ),
-    "charging_stops": weight(
-        -18.0,
-        "EUR",
-        "30 min of the driver (EnBW 2024: 27 min), plus 25.7 kWh at 0.60 instead of 0.285 (Fastned 2023)",
-    ),
-}
-
-
 class EnvParams(struct.PyTreeNode):
     """Every parameter of the world; a pytree whose leaves may be traced or batched."""
 
@@ -281,6 +237,8 @@ def _check_places(config: EnvConfig) -> None:
             f"num_meds + num_evs + num_gas = {config.num_vehicles}: allowed at most {most} with "
             f"num_lanes = {config.num_lanes}"
         )
+    if config.num_plugs and not config.num_exits:
+        raise InputError(f"num_plugs = {config.num_plugs}: allowed 0 with num_exits = 0")
     depots = max(config.num_ramps, 1)
     if config.num_depots > depots:
         raise InputError(

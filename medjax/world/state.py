@@ -94,6 +94,10 @@ class EpisodeStats(struct.PyTreeNode):
     left: Float32[Array, "num_kinds"]  # at an exit or the end of the road, except depleted EVs
     missed_exits: Float32[Array, ""]  # vehicles that could not reach their exit
     charging_stops: Float32[Array, ""]  # EVs that left to charge at an exit
+    plug_stops: Float32[Array, ""]  # of these, EVs that took a plug (`EnvConfig.num_plugs`)
+    plug_wait_s: Float32[Array, ""]  # their waits for it
+    plug_charging_s: Float32[Array, ""]  # and the times that they charge there
+    plug_energy_j: Float32[Array, ""]  # and the energy that they take
     depleted: Float32[Array, ""]  # EVs that ran out
     ev_seconds: Float32[Array, ""]  # integral of the number of EVs on the road
     ev_distance_m: Float32[Array, ""]
@@ -162,6 +166,7 @@ class EnvState(struct.PyTreeNode):
     queue: Int32[Array, "num_entries"]  # vehicles waiting at each entry
     entered_here: Int32[Array, "num_entries"]  # vehicles other than MEDs that entered there
     arrivals: UInt32[Array, "2"]  # seed of the arrivals (`medjax.traffic.arrivals`)
+    plugs_free_in_s: Float32[Array, "num_exits num_plugs"]  # s, until each is free; 0: free
     cooldown_s: Float32[Array, ""]  # until the next dispatch is allowed
     time: Int32[Array, ""]  # decisions taken
     stats: EpisodeStats  # since reset

@@ -24,7 +24,11 @@ def test_terms_in_money_by_hand():
         ev_driving_j=jnp.float32(9.0e6),
         med_seconds=jnp.float32(5400.0),
         depleted=jnp.float32(2.0),
-        low_exits=jnp.float32(3.0),
+        low_exits=jnp.float32(7.0),
+        plug_stops=jnp.float32(4.0),
+        plug_wait_s=jnp.float32(1800.0),
+        plug_charging_s=jnp.float32(5400.0),
+        plug_energy_j=jnp.float32(36e6),
     )
     env, params = medjax.make("paper", reward="money")
     outcome = Outcome(None, None, step_stats, params, env.config)
@@ -35,6 +39,8 @@ def test_terms_in_money_by_hand():
         "med_h": 1.5 * -70.0,
         "tows": 2.0 * -250.0,
         "charging_stops": 3.0 * -18.0,
+        "plug_h": 2.0 * -20.0,
+        "plug_kwh": 10.0 * -0.315,
     }
     total, parts = total_reward(outcome, MONEY)
     assert set(parts) == set(expected) == set(env.reward) == set(params.reward_weights)

@@ -24,7 +24,7 @@ from medjax.render.story import (
     verdict,
     words_for,
 )
-from medjax.world.params import PRICES
+from medjax.world.weights import PRICES
 from tests.render.made import evaluated
 from train.evaluation.summary import summarize
 

@@ -17,13 +17,11 @@ from medjax.world.params import (
     COILS,
     GROUPS,
     OTHERS,
-    PRICES,
     SIZES,
-    WEIGHT,
-    WEIGHTS,
     EnvConfig,
     EnvParams,
 )
+from medjax.world.weights import PRICES, WEIGHT, WEIGHTS
 from tests.documented import NUMBERS
 
 ALL = {**TERMS, **MONEY}  # a reward that has all weights
@@ -42,6 +40,7 @@ BESIDE = {
     "fleet.service_lane": {"num_lanes": 6},
     "num_evs": {"num_gas": 0},
     "num_depots": {"num_ramps": 8},
+    "num_plugs": {"num_exits": 1},
     **{f"reward_weights.{term}": {"reward": "money"} for term in MONEY},
 }
 

@@ -226,6 +226,7 @@ def closing(still):
         after = after or state.replace(stats=state.stats + stats)
         terms = dict.fromkeys(params.reward_weights, jnp.zeros(())) | (terms or {})
         info = {"step_stats": stats, "reward_terms": terms, "metrics": dict.fromkeys(SHARES, share)}
+        info["begun"] = jax.tree.map(lambda leaf: leaf[None], state)
         decision = Decision(state, after, jnp.float32(obs), jnp.float32(reward), info)
         return violated(check_results, state, decision, nothing, config, params)
 
@@ -246,8 +247,9 @@ def test_wrong_results_of_a_decision_are_found(still, closing):
     assert closing(after=set_at(state, "meds.energy_j", 1, 1.0)) == {"energy": 1}
 
 
-# These follow from the state before a decision and from actions, or have no books.
-UNBOOKED = "queue_seconds invalid_actions told_seconds told_speed_m refusing_seconds left_early"
+# These follow from the state before a decision and from actions, or have no books; waits for plugs are checked against
+# a queue of events (tests/charging/test_plugs.py).
+UNBOOKED = "queue_seconds invalid_actions told_seconds told_speed_m refusing_seconds left_early plug_wait_s"
 
 
 def test_each_wrong_number_of_the_tally_is_found(closing):
