@@ -4,7 +4,7 @@ import abc
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 from medjax.commandline import read_json
 from medjax.errors import InputError, shown
@@ -180,6 +180,10 @@ class TrainConfig(abc.ABC):
     @abc.abstractmethod
     def choices_per_update(self) -> int:
         """Choices per environment and update."""
+
+    def for_episodes(self, decisions: int) -> Self:
+        """The settings, with what they leave to the length of an episode, in decisions."""
+        return self
 
     @property
     def device_groups(self) -> int:

@@ -21,6 +21,7 @@ from tqdm import tqdm
 from benchmarks.command import add_plot, benchmark_parser, run_command
 from benchmarks.studies.ablation.side_by_side import Trained, train_learners
 from benchmarks.studies.sweep_tables import LEARNER, describe, other_rows, plot, table
+from medjax.episodes.runner import episode_decisions
 from medjax.episodes.scores import Evaluation, Scores, evaluate_policies
 from medjax.errors import InputError, shown
 from medjax.numerics.compilation import enable_compilation_cache
@@ -170,6 +171,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     rows = combinations(config, read_vary(options.vary))
     check_environment(config)
     env, params = make_environment(config)
+    config = config.for_episodes(episode_decisions(params))
     learned = learn(env, params, config, rows)
     played, others = play(env, params, config, learned)
     found = describe(rows, played, others, config.seed)

@@ -1,6 +1,7 @@
 """The start of a run: checks everything that can be checked, then claims the directory."""
 
 import contextlib
+import dataclasses
 import math
 from pathlib import Path
 from typing import IO, Any
@@ -8,6 +9,7 @@ from typing import IO, Any
 import jax
 
 from medjax.episodes.duration import reckoned_time
+from medjax.episodes.runner import episode_decisions
 from medjax.errors import InputError, shown
 from medjax.numerics.devices import prepare_cpu
 from medjax.numerics.memory import GIGA, check_memory, tree_bytes
@@ -39,10 +41,12 @@ def open_session(request: Request) -> Session:
     new = request.run_dir if is_first() else None
     together(lambda: check_unused(new) if new is not None else None)
     env, params = request.given or make_environment(config)
+    config = config.for_episodes(episode_decisions(params))
+    request = dataclasses.replace(request, config=config)
     programs = make_train(env, params, config)
     shapes = shapes_of(programs, params, config)
     needed = _check_memory(env, params, config, shapes)
-    taken = together(lambda: _take(request, shapes))
+    taken = together(lambda: _take(request, params, shapes))
     resumed = request.resume is not None
     begun = env, params, config, programs, shapes, resumed, *taken
     left = config.num_updates - (updates_done(taken[-1]) if taken[-1] is not None else 0)
@@ -73,7 +77,9 @@ def _check_memory(env: Any, params: Any, config: TrainConfig, shapes: TrainState
     return needed
 
 
-def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None, TrainState | None]:
+def _take(
+    request: Request, params: Any, shapes: TrainState
+) -> tuple[RunDir, IO[str] | None, TrainState | None]:
     """The directory, its lock and the checkpoint to resume from; only the first process locks and writes."""
     config, own = request.config, request.given is not None
     if request.resume is None:
@@ -89,7 +95,8 @@ def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None,
         if update is not None:
             checkpoints.check(update)
         if checkpoints.latest() is not None:
-            saved = _restored(run_dir.load_config(type(config)), checkpoints, request, shapes)
+            before = run_dir.load_config(type(config)).for_episodes(episode_decisions(params))
+            saved = _restored(before, checkpoints, request, shapes)
         done = updates_done(saved) if saved is not None else 0
         if done >= config.num_updates:
             steps = done * config.steps_per_update

@@ -102,12 +102,16 @@ def test_agents_try_all_speeds_and_most_probably_serve_as_the_fleet():
     assert (lane.argmax(), accept.argmax(), leave.argmax()) == (env.actions.usual[1], 1, 0)
 
 
-def test_a_rollout_is_an_episode_of_paper():
-    """600 decisions of 1 s, of agents 150 of 4 s, as their environments say."""
+def test_a_rollout_is_an_episode():
+    """Of `paper` where none is known: 600 decisions of 1 s, of agents 150 of 4 s. Else in choices, the last one cut."""
     (_, alone), (_, params) = medjax.make("paper"), agents_of("paper")
     assert PPOConfig().choices_per_update == int(alone.episode_decisions)
     assert PPOConfig(agents="ippo").choices_per_update == int(params.episode_decisions)
     assert PPOConfig(agents="ippo", rollout_length=50).choices_per_update == 50
+    assert PPOConfig(decide_every=10).choices_per_update == 60
+    assert PPOConfig().for_episodes(360).choices_per_update == 360
+    assert PPOConfig(decide_every=7).for_episodes(360).choices_per_update == 52
+    assert PPOConfig(rollout_length=50).for_episodes(360).choices_per_update == 50
 
 
 def test_the_former_name_is_accepted_and_says_the_new_one(capsys):

@@ -7,6 +7,7 @@ import pytest
 
 from tests.train.conftest import TINY
 from train.algorithms.ppo.settings import PPOConfig
+from train.runs import open_session, session
 from train.runs.arguments import parse_request
 from train.runs.run_directory import RunDir
 
@@ -57,10 +58,29 @@ def test_settings_that_ruled_are_kept(tmp_path, config):
     assert run_dir.load_config() == first
 
 
+def test_rollouts_are_episodes_of_the_world_at_hand(tmp_path):
+    """The settings that a run leaves say how long they are; a run of before, whose settings say 0, goes on alike."""
+    path = tmp_path / "run"
+    given = [
+        "--set=episode_decisions=7",
+        "--num-envs=4",
+        "--num-minibatches=2",
+        f"--run-dir={path}",
+    ]
+    begun = open_session.open_session(parse_request(PPOConfig, given))
+    begun.lock.close()
+    assert begun.config.choices_per_update == 7
+    kept = json.loads((path / "config.json").read_text())
+    assert kept["config"]["rollout_length"] == 7
+    kept["config"]["rollout_length"] = 0
+    (path / "config.json").write_text(json.dumps(kept))
+    again = open_session.open_session(parse_request(PPOConfig, [f"--resume={path}"]))
+    again.lock.close()
+    assert again.config == begun.config
+
+
 def test_a_process_that_claimed_nothing_removes_nothing(probe, monkeypatch):
     """If compiling fails, processes other than the first leave the directory alone, because it is not theirs."""
-    from train.runs import open_session, session
-
     (probe / "config.json").write_text("mine")
     monkeypatch.setattr(open_session, "is_first", lambda: False)
     monkeypatch.setattr(session, "is_first", lambda: False)

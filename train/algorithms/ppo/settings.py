@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from medjax.errors import InputError
 from train.option import option, takes_former_names
@@ -28,7 +28,7 @@ class PPOConfig(TrainConfig):
     rollout_length: int = option(
         0,
         "PPO",
-        "choices per environment and update; 0: an episode of paper (600 of a dispatcher, 150 of agents)",
+        "choices per environment and update; 0: a whole episode",
         limits=(0, 2**16),
     )
     num_minibatches: int = option(
@@ -97,11 +97,17 @@ class PPOConfig(TrainConfig):
             given = "policy_prior is 'rule' and normalize_observations is True"
             raise InputError(f"{given}, allowed: wait")
 
+    def for_episodes(self, decisions: int) -> Self:
+        """The settings, whose rollouts are whole episodes unless they say otherwise."""
+        return dataclasses.replace(
+            self, rollout_length=self.rollout_length or -(-decisions // self.decide_every)
+        )
+
     @property
     def choices_per_update(self) -> int:
-        """Choices per environment and update."""
+        """Choices per environment and update; those of `paper` where the length of an episode is not known yet."""
         episode_of_paper = 600 if self.agents == "none" else 150
-        return self.rollout_length or episode_of_paper
+        return self.rollout_length or -(-episode_of_paper // self.decide_every)
 
     @property
     def minibatches(self) -> int:
