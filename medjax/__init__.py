@@ -27,6 +27,7 @@ if TYPE_CHECKING:  # for type checkers and editors
     from medjax.world.detectors import read_detectors as read_detectors
     from medjax.world.params import EnvConfig as EnvConfig
     from medjax.world.params import EnvParams as EnvParams
+    from medjax.world.sumo_net import read_sumo_net as read_sumo_net
     from medjax.wrappers.agents import make_agents as make_agents
 
 __version__ = "0.1.0"
@@ -44,6 +45,7 @@ _HOMES = {
     "make_agents": "wrappers.agents",
     "prepare_jax": "numerics.compilation",
     "read_detectors": "world.detectors",
+    "read_sumo_net": "world.sumo_net",
 }
 __all__ = list(_HOMES)
 

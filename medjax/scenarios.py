@@ -26,7 +26,9 @@ from medjax.world.weights import PRICES
 __all__ = ["SCENARIOS", "CoilDesign", "build_link", "make", "prepare"]
 
 OPTIONS = (*PLACES, *SIZES, *COILS, "reward_weights")
-KEYWORDS = ("demand", "reward", "observation", "following", "coupling")  # other arguments of `make`
+# Arguments of `make` that hold numbers by name, and what reads such numbers from a file.
+READ = {"road": "read_sumo_net", "demand": "read_detectors"}
+KEYWORDS = (*READ, "reward", "observation", "following", "coupling")  # arguments other than numbers
 
 
 def _check(is_good: bool, name: str, given: Any, allowed: str) -> None:
@@ -128,7 +130,6 @@ def _profile(numbers: dict[Any, Any], sizes: dict[Any, Any]) -> np.ndarray | Non
 def prepare(
     name: str = "paper",
     *,
-    demand: Mapping[str, Any] | None = None,
     reward: str | Mapping[str, RewardTerm] | None = None,
     observation: Any = "flat",
     following: CarFollowing | None = None,
@@ -149,10 +150,10 @@ def prepare(
     own = f"{', '.join(OBSERVATIONS)}, or one of your own"
     _check(observation is not None, "observation", observation, own)
     seen = _named("observation", observation, OBSERVATIONS)
-    if demand is not None:
-        is_named = isinstance(demand, Mapping)
-        _check(is_named, "demand", demand, "numbers by name, as of read_detectors")
-        overrides = {**demand, **overrides}
+    for what, source in READ.items():
+        if (read := overrides.pop(what, None)) is not None:
+            _check(isinstance(read, Mapping), what, read, f"numbers by name, as of {source}")
+            overrides = {**read, **overrides}
     sizes, numbers, coils, weights = _sort(overrides)
     for places, size in (("ramp_x_m", "num_ramps"), ("exit_x_m", "num_exits")):
         given: Any = numbers.get(places, numbers.get(f"road.{places}"))
@@ -182,7 +183,6 @@ def prepare(
 def make(
     name: str = "paper",
     *,
-    demand: Mapping[str, Any] | None = None,
     reward: str | Mapping[str, RewardTerm] | None = None,
     observation: Any = "flat",
     following: CarFollowing | None = None,
@@ -193,7 +193,6 @@ def make(
 
     Args:
       name: one of `SCENARIOS`.
-      demand: numbers by name, such as `medjax.read_detectors` returns; `overrides` take precedence.
       reward: name of a set of terms (`medjax.env.reward.REWARDS`: "paper", "money"), or functions by name; None takes
         that of the preset. A term without a weight in the preset gets weight 0 if it is one of `medjax.TERMS`, and 1
         if it is your own.
@@ -202,8 +201,10 @@ def make(
       coupling: model of coil efficiency; None takes the circuit, `medjax.charging.link.COUPLINGS` has others.
       **overrides: sizes of `EnvConfig` (`num_evs=80`); numbers of `EnvParams` by name (`cooldown_s=30`), with the group
         if the name is not unique (`{"ev.mass_kg": 2000}`); coils (`med_coil_radius_m=0.4`); or
-        `reward_weights={"dispatches": -1.0}`. The lengths of `ramp_x_m`, `exit_x_m` and `profile` set `num_ramps`,
-        `num_exits` and `num_periods` unless these are given.
+        `reward_weights={"dispatches": -1.0}`. `road` and `demand` hold several numbers by name, such as
+        `medjax.read_sumo_net` and `medjax.read_detectors` return; what is given beside them takes precedence. The
+        lengths of `ramp_x_m`, `exit_x_m` and `profile` set `num_ramps`, `num_exits` and `num_periods` unless these are
+        given.
 
     Returns:
       (env, params); params are float32 and int32 arrays, ready for batching. `env.recipe` records the arguments.
@@ -212,7 +213,7 @@ def make(
       InputError: a scenario or name is unknown, or a value is not allowed.
     """
     own: dict[str, Any] = {"reward": reward, "observation": observation}
-    own |= {"following": following, "coupling": coupling, "demand": demand}
+    own |= {"following": following, "coupling": coupling}
     env, params, coils = prepare(name, **own, **overrides)
     link = build_link(coils, params.link)
     table = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), link.inductance)
