@@ -21,6 +21,7 @@ from medjax.world import params as groups
 from medjax.world.checks import validate
 from medjax.world.kinds import KINDS
 from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.weights import HOURS_OF_DAY, MarketParams
 
 # Highest demand per hour and lane or ramp: no lane can take more.
 SATURATED_PER_H = 3000.0
@@ -209,6 +210,7 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
         link=groups.LinkParams(inductance=table, **_usual(draw, "link", config)),
         ev=_body(draw, (500.0, 3000.0), 4.0, 100.0),
         med=_body(draw, (4000.0, 40000.0), 12.0, 600.0),
+        market=MarketParams(hourly_price=draw(-1.0, 3.0, HOURS_OF_DAY)),
         battery_scale=draw(1.0, 100.0),
         reward_weights={term: draw(-20.0, 20.0) for term in TERMS},
         # So many that an episode ends only where the program that plays it stops.

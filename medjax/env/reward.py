@@ -92,8 +92,25 @@ def delay_h(outcome: Outcome) -> jax.Array:
 
 
 def depot_kwh(outcome: Outcome) -> jax.Array:
-    """Energy that MEDs used to drive and sent to EVs, which depots replace, kWh."""
+    """Energy that MEDs used to drive and sent to EVs, kWh, which depots replace, times the hour's price factor."""
+    return med_wear_kwh(outcome) * hourly_price(outcome)
+
+
+def hourly_price(outcome: Outcome) -> jax.Array:
+    """Factor of the price of electricity in the hour of the day in which the decision begins."""
+    time_s = outcome.params.demand.start_s + outcome.before.time * outcome.config.decision_s
+    prices = outcome.params.market.hourly_price
+    return prices[jnp.floor(time_s / 3600.0).astype(jnp.int32) % prices.shape[0]]
+
+
+def med_wear_kwh(outcome: Outcome) -> jax.Array:
+    """Energy out of MEDs' batteries, to drive and to EVs, kWh."""
     return (outcome.step_stats.med_driving_j + outcome.step_stats.energy_sent_j) / 3.6e6
+
+
+def ev_wear_kwh(outcome: Outcome) -> jax.Array:
+    """Energy out of EVs' batteries, kWh."""
+    return outcome.step_stats.ev_driving_j / 3.6e6
 
 
 def ev_kwh(outcome: Outcome) -> jax.Array:
@@ -131,7 +148,10 @@ _PAPER = (
     *(dispatches, gas_delay, lane_changes, collisions, transfer_loss),
 )
 TERMS: Mapping[str, RewardTerm] = {term.__name__: term for term in _PAPER}
-_MONEY = (delay_h, depot_kwh, ev_kwh, med_h, tows, charging_stops, plug_h, plug_kwh)
+_MONEY = (
+    *(delay_h, depot_kwh, ev_kwh, med_h, tows, charging_stops),
+    *(plug_h, plug_kwh, med_wear_kwh, ev_wear_kwh),
+)
 MONEY: Mapping[str, RewardTerm] = {term.__name__: term for term in _MONEY}
 REWARDS: Mapping[str, Mapping[str, RewardTerm]] = {"paper": TERMS, "money": MONEY}
 """The sets that `medjax.make` knows by name."""

@@ -19,7 +19,7 @@ from medjax.world.params import (
     EnvParams,
     validate_config,
 )
-from medjax.world.weights import WEIGHT
+from medjax.world.weights import HOURS_OF_DAY, WEIGHT
 
 
 def check_numbers(config: EnvConfig, params: EnvParams) -> EnvParams:
@@ -84,6 +84,7 @@ def _shapes(config: EnvConfig) -> dict[str, tuple[int, ...]]:
         "ramp": (config.num_ramps,),
         "exit": (config.num_exits,),
         "period": (config.num_periods, 1 + config.num_ramps),
+        "hour": (HOURS_OF_DAY,),
     }
 
 

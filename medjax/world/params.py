@@ -41,7 +41,7 @@ from medjax.world.traffic_params import (
     RoadParams,
     Scalar,
 )
-from medjax.world.weights import WEIGHTS
+from medjax.world.weights import WEIGHTS, MarketParams
 
 CHARGING_SLOTS = ("left", "right", "rear", "front")
 LEFT, RIGHT, REAR, FRONT = range(4)
@@ -187,6 +187,7 @@ class EnvParams(struct.PyTreeNode):
     fleet: FleetParams = struct.field(default_factory=FleetParams)
     charging: ChargingParams = struct.field(default_factory=ChargingParams)
     link: LinkParams = struct.field(default_factory=LinkParams)
+    market: MarketParams = struct.field(default_factory=MarketParams)
     ev: BodyParams = NISSAN_LEAF
     med: BodyParams = TRUCK
     battery_scale: Scalar = number(

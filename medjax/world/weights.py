@@ -1,6 +1,25 @@
-"""Weights of the terms of the reward, `medjax.env.reward`, as declared numbers."""
+"""Weights of the terms of the reward, `medjax.env.reward`, and prices by the hour, as declared numbers."""
 
-from medjax.world.numbers import Number
+import jax
+from flax import struct
+
+from medjax.world.numbers import Number, number
+
+HOURS_OF_DAY = 24
+
+
+class MarketParams(struct.PyTreeNode):
+    """Prices that change over the day."""
+
+    hourly_price: jax.Array = number(
+        (1.0,) * HOURS_OF_DAY,
+        -100,
+        100,
+        "",
+        "factors of `reward_weights.depot_kwh` in the hours of the day, `(24,)`; prices may be below 0; 1: the same "
+        "all day",
+        per="hour",
+    )
 
 
 def weight(default: float, unit: str, text: str) -> Number:
@@ -52,6 +71,12 @@ PRICES = {
         "EUR",
         "30 min of the driver (EnBW 2024: 27 min), plus 25.7 kWh at 0.60 instead of 0.285 (Fastned 2023)",
     ),
+    "med_wear_kwh": weight(
+        0.0,
+        "EUR/kWh",
+        "wear of a MED's battery; 0: not counted; a pack of 115 USD a kWh (BNEF 2024) for 3,000 full cycles: -0.04",
+    ),
+    "ev_wear_kwh": weight(0.0, "EUR/kWh", "wear of an EV's battery, likewise"),
     "plug_h": weight(-20.0, "EUR/h", "as `delay_h`"),
     "plug_kwh": weight(
         -0.315, "EUR/kWh", "0.60 at a fast charger (Fastned 2023) instead of 0.285 at home"

@@ -1,11 +1,14 @@
 """The reward in money equals prices times metrics."""
 
+from types import SimpleNamespace
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import medjax
-from medjax.env.reward import MONEY, Outcome, total_reward
+from medjax.env.reward import MONEY, Outcome, hourly_price, total_reward
 from medjax.errors import InputError
 from medjax.world.state import EpisodeStats
 
@@ -30,15 +33,26 @@ def test_terms_in_money_by_hand():
         plug_charging_s=jnp.float32(5400.0),
         plug_energy_j=jnp.float32(36e6),
     )
-    env, params = medjax.make("paper", reward="money")
-    outcome = Outcome(None, None, step_stats, params, env.config)
+    # The second decision begins at 15:30:01, when electricity costs twice as much.
+    prices = np.where(np.arange(24) == 15, 2.0, 1.0)
+    env, params = medjax.make(
+        "paper",
+        reward="money",
+        hourly_price=prices,
+        start_s=15.5 * 3600.0,
+        reward_weights={"med_wear_kwh": -0.04, "ev_wear_kwh": -0.05},
+    )
+    before = SimpleNamespace(time=jnp.int32(1))
+    outcome = Outcome(before, None, step_stats, params, env.config)
     expected = {
         "delay_h": 1.75 * -20.0,
-        "depot_kwh": 3.0 * -0.22,
+        "depot_kwh": 3.0 * -0.22 * 2.0,
         "ev_kwh": 2.0 * -0.285,
         "med_h": 1.5 * -70.0,
         "tows": 2.0 * -250.0,
         "charging_stops": 3.0 * -18.0,
+        "med_wear_kwh": 3.0 * -0.04,
+        "ev_wear_kwh": 2.5 * -0.05,
         "plug_h": 2.0 * -20.0,
         "plug_kwh": 10.0 * -0.315,
     }
@@ -47,6 +61,18 @@ def test_terms_in_money_by_hand():
     for name, value in expected.items():
         assert float(parts[name]) == pytest.approx(value, rel=1e-6), name
     assert float(total) == pytest.approx(sum(expected.values()), rel=1e-6)
+
+
+def test_the_hour_of_the_day_goes_round():
+    """From eleven at night on: the last hour, then the first."""
+    env, params = medjax.make("corridor", hourly_price=np.arange(24.0), start_s=23 * 3600.0)
+    found = [
+        float(hourly_price(Outcome(SimpleNamespace(time=time), None, None, params, env.config)))
+        for time in (0, 359, 360, 719, 720)
+    ]
+    assert found == [23.0, 23.0, 0.0, 0.0, 1.0]
+    with pytest.raises(InputError, match=r"hourly_price has shape \(23,\)"):
+        medjax.make("corridor", hourly_price=np.ones(23))
 
 
 def test_a_term_without_a_weight_is_named():

@@ -3,11 +3,13 @@
 import dataclasses
 import json
 import os
+from types import SimpleNamespace
 
 import jax
 import numpy as np
 import pytest
 
+import medjax
 from benchmarks.studies.leaderboard import BOARD, known_of, read_board
 from medjax.env.reward import MONEY, Outcome
 from medjax.episodes.verdict import LINES, NAMES
@@ -57,7 +59,9 @@ def test_verdict_covers_the_whole_episode(recording, other):
     assert rows["return"][0] == np.sum(recording.decisions.reward, dtype=np.float64)
     assert rows["kWh received"][0] > 0.0
     step_stats = jax.tree.map(lambda each: np.sum(each, axis=0), recording.decisions.stats)
-    outcome = Outcome(before=None, after=None, step_stats=step_stats, params=None, config=None)
+    env, params = medjax.make("paper")
+    before = SimpleNamespace(time=0)
+    outcome = Outcome(before, None, step_stats, params, env.config)
     paid = -sum(PRICES[name].default * float(term(outcome)) for name, term in MONEY.items())
     assert rows["cost, EUR"][0] == pytest.approx(paid, rel=1e-5)
     assert paid > 0.0
