@@ -112,8 +112,10 @@ def check_results(
 
 def plug_seconds(decision: Decision, config: EnvConfig) -> jax.Array:
     """Seconds for which EVs took plugs, from how much later the plugs are free at the end of each round, () s."""
-    begun = decision.info["begun"].plugs_free_in_s
-    ends = jnp.concatenate([begun[1:], decision.after.plugs_free_in_s[None]])
+    begun, after = decision.info["begun"].plugs_free_in_s, decision.after.plugs_free_in_s
+    if after is None:
+        return jnp.zeros(())
+    ends = jnp.concatenate([begun[1:], after[None]])
     return total(ends - jnp.maximum(begun - config.round_s, 0.0))
 
 

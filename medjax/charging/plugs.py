@@ -38,6 +38,8 @@ def take_plugs(
 ) -> tuple[jax.Array, jax.Array]:
     """Gives each arriving EV the plug of its site that becomes free first; EVs that arrive together go by their index.
 
+    Gradients do not pass through what it returns.
+
     Args:
       free_in_s: (num_exits, num_plugs) s, until each plug is free; 0 for a free one.
       site: (E,) int32, the exit of each EV.
@@ -64,6 +66,8 @@ def take_plugs(
             wait_s,
         )
 
+    # No gradient passes through waits, since a loop of unknown length has none in reverse mode.
+    free_in_s, charging_s = jax.lax.stop_gradient((free_in_s, charging_s))
     carry = free_in_s, arrives, jnp.zeros_like(charging_s)
     free_in_s, _, wait_s = jax.lax.while_loop(lambda carry: carry[1].any(), serve, carry)
     return free_in_s, wait_s
@@ -78,6 +82,8 @@ def charge_at_exits(
       (state after the round, statistics of waits, charging times and energy)
     """
     vehicles, evs, slots = state.vehicles, state.evs, config.ev_slots
+    if state.plugs_free_in_s is None:
+        return state, EpisodeStats.zeros()
     arrives = evs.stops & ~vehicles.active[slots] & ~evs.is_depleted
     is_exit = vehicles.destination[slots, None] == params.road.exit_x_m
     site = jnp.argmax(is_exit, axis=1).astype(jnp.int32)

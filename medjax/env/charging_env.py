@@ -234,7 +234,7 @@ class ChargingEnv:
             driven = distances_driven(begun, state.vehicles, config)
             seconds = step_stats.ev_seconds - before_s
             step_stats += driven + means(state, driven.ev_distance_m, seconds, config, params)
-        if config.num_plugs:
+        if state.plugs_free_in_s is not None:
             with jax.named_scope("plugs"):
                 state, at_plugs = charge_at_exits(state, config, params)
                 step_stats += at_plugs

@@ -50,11 +50,17 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
         queue=jnp.zeros((config.num_entries,), jnp.int32),
         entered_here=jnp.zeros((config.num_entries,), jnp.int32),
         arrivals=new_seed(arrivals_key),
-        plugs_free_in_s=jnp.zeros((config.num_exits, config.num_plugs), jnp.float32),
+        plugs_free_in_s=_plugs(config),
         cooldown_s=jnp.zeros((), jnp.float32),
         time=jnp.zeros((), jnp.int32),
         stats=EpisodeStats.zeros().replace(entered=count_kinds(active, vehicles.kind, config)),
     )
+
+
+def _plugs(config: EnvConfig) -> jax.Array | None:
+    """Plugs that are all free, `(num_exits, num_plugs)` s; None without plugs."""
+    shape = config.num_exits, config.num_plugs
+    return jnp.zeros(shape, jnp.float32) if config.num_plugs else None
 
 
 def _left_before(

@@ -71,7 +71,7 @@ def test_rewards_do_not_depend_on_the_length_of_decisions():
     chex.assert_trees_all_close((total, came), (often[0], often[2]), rtol=1e-4)
     for name, value in terms.items():
         assert float(value) == pytest.approx(float(often[1][name]), rel=1e-3, abs=1e-3), name
-        assert name == "collisions" or float(value) != 0.0, name
+        assert name in ("collisions", "plug_h", "plug_kwh") or float(value) != 0.0, name
     # A mean charge of a minute, and a mean speed in 30 m/s.
     assert 60 * 0.1 < float(terms["soc"]) < 60 * 0.8
     assert 60 * 0.5 < float(terms["speed"]) < 60 * 1.1
