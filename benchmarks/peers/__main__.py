@@ -83,12 +83,12 @@ def summarise(simulators: Sequence[Peer], rates: dict[str, list[Rate]]) -> dict[
 
 def compare(options: argparse.Namespace) -> dict[str, Any]:
     """Measures everything; prints the table and the differences."""
+    if options.highjax is not None:
+        ask(options.highjax)
     skipped = [peer.name for peer in PEERS if installed_version(peer.package) is None]
     for name in skipped:
         say(f'{name}: not installed, skipped (pip install -e ".[peers]")')
-    if options.highjax is not None:
-        ask(options.highjax)
-    else:
+    if options.highjax is None:
         skipped.append("HighJax")
         say(f"HighJax: no --highjax, skipped ({INSTALL})")
     env, params = medjax.make(SCENARIO)
