@@ -14,7 +14,7 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 DECISIONS = 2
 WORLDS = {
     "charging": ("paper", {**QUIET, **BUSY, "eco_compliance": 0.5, "ev.auxiliary_w": 0.0}, 75),
-    "exits and all": ("corridor", TRIPS, 40),
+    "exits and all": ("corridor", TRIPS | {"num_plugs": 1}, 40),
 }
 
 

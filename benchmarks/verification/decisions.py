@@ -83,8 +83,10 @@ def check_results(
     # After the last tick the clock advances. MEDs may then reach their depots, which recharge them.
     home = (last.meds.status == RETIRED) & (after.meds.status == AT_DEPOT)
     refilled = jnp.where(home, params.med_capacity_j, last.meds.energy_j)
-    # EVs that left to charge have then reached their plugs.
-    gone = ~last.vehicles.active[config.ev_slots] & ~last.evs.is_depleted & (config.num_plugs > 0)
+    # EVs that left at an exit to charge have then reached their plugs.
+    vehicles, slots = last.vehicles, config.ev_slots
+    gone = ~vehicles.active[slots] & ~last.evs.is_depleted & (config.num_plugs > 0)
+    gone &= vehicles.x[slots] <= params.road.length_m
     evs = last.evs.replace(stops=last.evs.stops & ~gone)
     same = jax.tree.map(lambda a, b: a != b, (last.vehicles, evs), (after.vehicles, after.evs))
     numbers = (
@@ -97,7 +99,7 @@ def check_results(
     home_j = jnp.sum(jnp.where(home, home_trip_energy(last, config, params), 0.0))
     ledger = ledger | {
         "med_driving_j": ledger["med_driving_j"] + home_j,
-        "plug_charging_s": plug_seconds(decision, config),
+        "plug_charging_s": seconds_at_plugs(decision, config),
     }
     flags = tally_mistakes(ledger, decision, config, params)
     flags["energy"]["refill"] = after.meds.energy_j != refilled
@@ -110,7 +112,7 @@ def check_results(
     }
 
 
-def plug_seconds(decision: Decision, config: EnvConfig) -> jax.Array:
+def seconds_at_plugs(decision: Decision, config: EnvConfig) -> jax.Array:
     """Seconds for which EVs took plugs, from how much later the plugs are free at the end of each round, () s."""
     begun, after = decision.info["begun"].plugs_free_in_s, decision.after.plugs_free_in_s
     if after is None:

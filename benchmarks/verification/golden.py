@@ -69,15 +69,16 @@ CROWD = {"num_evs": 24, "num_gas": 24, "mainline_per_h": 2400.0, "ramp_per_h": 3
 NEED = {"ev_share": 0.7, "arrival_soc_low": 0.01, "arrival_soc_high": 0.3, "stop_soc": 0.02}
 FLEET = {"num_meds": 4, "size": 4, "cooldown_s": 5.0, "trip_m": 1200.0, "turnaround_s": 10.0}
 PACE = {"period_s": 40.0, "battery_scale": 20.0, "rounds_per_decision": 2}
-TRIPS = {**PIECE, **CROWD, **NEED, **FLEET, **PACE, "num_plugs": 1}
+TRIPS = {**PIECE, **CROWD, **NEED, **FLEET, **PACE}
 WORLDS["trips"] = ("corridor", 60, TRIPS)
 AGENTS = {"agents": ("corridor", 60, TRIPS)}  # worlds in which every MED is an agent
-# Worlds of the golden test: full traffic for a few decisions, a MED that charges EVs on a quiet road, and exits. On the
-# quiet road few vehicles make decisions, so rounding errors stay small for long.
+# Worlds of the golden test: full traffic for a few decisions, a MED that charges EVs on a quiet road, exits, and plugs
+# there. On the quiet road few vehicles make decisions, so rounding errors stay small for long.
 SHORT: dict[str, tuple[str, int, dict[str, Any]]] = {
     "paper": ("paper", 24, {}),
     "quiet": ("paper", 80, {**QUIET, **BUSY}),
     "trips": ("corridor", 30, TRIPS),
+    "plugs": ("corridor", 12, TRIPS | {"num_plugs": 1}),
 }
 
 

@@ -6,12 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.verification.flows import (
-    CAPACITY_RTOL,
-    driving,
-    tick_flows,
-    total,
-)
+from benchmarks.verification.flows import CAPACITY_RTOL, driving, tick_flows, total
 from medjax.world.kinds import GAS_KINDS, KINDS
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import AT_DEPOT, RETIRED, EnvState, Vehicles
@@ -92,7 +87,8 @@ def tick_ledger(
     low = evs.energy_j < params.charging.request_soc * params.ev_capacity_j
     on_their_way = (before.meds.status != AT_DEPOT) & (before.meds.status != RETIRED)
     ev_left = left[config.ev_slots]
-    at_plug = ev_left & was.stops & (config.num_plugs > 0)
+    on_road = new.x[config.ev_slots] <= params.road.length_m
+    at_plug = ev_left & was.stops & on_road & (config.num_plugs > 0)
     lacks_j = params.charging.plug_target_soc * params.ev_capacity_j - evs.energy_j
     taken_j = total(jnp.where(at_plug, jnp.maximum(lacks_j, 0.0), 0.0))
     slack_j = CAPACITY_RTOL * params.ev_capacity_j * total(at_plug)

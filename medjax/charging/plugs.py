@@ -74,21 +74,26 @@ def take_plugs(
 
 
 def charge_at_exits(
-    state: EnvState, config: EnvConfig, params: EnvParams
+    state: EnvState, free_in_s: jax.Array, config: EnvConfig, params: EnvParams
 ) -> tuple[EnvState, EpisodeStats]:
     """Serves the EVs that left the road in a round to charge at an exit; they arrive at its end.
+
+    An EV that has missed the last exit leaves at the road's end, where no plugs are simulated.
+
+    Args:
+      state: after the round's ticks.
+      free_in_s: `state.plugs_free_in_s`, which is not None.
 
     Returns:
       (state after the round, statistics of waits, charging times and energy)
     """
     vehicles, evs, slots = state.vehicles, state.evs, config.ev_slots
-    if state.plugs_free_in_s is None:
-        return state, EpisodeStats.zeros()
-    arrives = evs.stops & ~vehicles.active[slots] & ~evs.is_depleted
+    at_exit = ~vehicles.active[slots] & (vehicles.x[slots] <= params.road.length_m)
+    arrives = evs.stops & at_exit & ~evs.is_depleted
     is_exit = vehicles.destination[slots, None] == params.road.exit_x_m
     site = jnp.argmax(is_exit, axis=1).astype(jnp.int32)
     charging_s = plug_seconds(evs.energy_j, params)
-    free_in_s = count_down(state.plugs_free_in_s, config.round_s)
+    free_in_s = count_down(free_in_s, config.round_s)
     free_in_s, wait_s = take_plugs(free_in_s, site, arrives, charging_s)
     target_j = params.charging.plug_target_soc * params.ev_capacity_j
     gained_j = jnp.maximum(target_j - evs.energy_j, 0.0)

@@ -181,16 +181,16 @@ class ChargingEnv:
         indices = jnp.arange(ticks, dtype=jnp.int32).reshape(rounds, -1)
         first = state.time * rounds
 
-        def play(carry: Driven, its: tuple[jax.Array, ...]) -> tuple[Driven, tuple[Any, Any]]:
+        def play(carry: Driven, of_round: tuple[jax.Array, ...]) -> tuple[Driven, tuple[Any, Any]]:
             """One round."""
-            (state, step_stats), (number, key, ticks) = carry, its
+            (state, step_stats), (number, key, ticks) = carry, of_round
             state, entered = self._begin(key, state, first + number, params)
             begun = self.probe(state) if self.probe else None
             driven, seen = self._drive(state, step_stats + entered, ticks, params)
             return driven, (begun, seen)
 
-        each = jnp.arange(rounds, dtype=jnp.int32), keys, self._first_tick(state) + indices
-        driven, (begun, seen) = jax.lax.scan(play, (state, step_stats), each)
+        of_rounds = jnp.arange(rounds, dtype=jnp.int32), keys, self._first_tick(state) + indices
+        driven, (begun, seen) = jax.lax.scan(play, (state, step_stats), of_rounds)
         seen = jax.tree.map(lambda leaf: leaf.reshape(ticks, *leaf.shape[2:]), seen)
         return driven, begun, seen
 
@@ -234,9 +234,9 @@ class ChargingEnv:
             driven = distances_driven(begun, state.vehicles, config)
             seconds = step_stats.ev_seconds - before_s
             step_stats += driven + means(state, driven.ev_distance_m, seconds, config, params)
-        if state.plugs_free_in_s is not None:
+        if (free_in_s := state.plugs_free_in_s) is not None:
             with jax.named_scope("plugs"):
-                state, at_plugs = charge_at_exits(state, config, params)
+                state, at_plugs = charge_at_exits(state, free_in_s, config, params)
                 step_stats += at_plugs
         return (state, step_stats), seen
 

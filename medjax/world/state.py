@@ -166,7 +166,7 @@ class EnvState(struct.PyTreeNode):
     queue: Int32[Array, "num_entries"]  # vehicles waiting at each entry
     entered_here: Int32[Array, "num_entries"]  # vehicles other than MEDs that entered there
     arrivals: UInt32[Array, "2"]  # seed of the arrivals (`medjax.traffic.arrivals`)
-    # s, until each plug is free; 0: free. None without plugs, since arrays of no size surprise who reshapes a state.
+    # s, until each plug is free; 0: free. None without plugs, since an array of size 0 cannot be reshaped to (-1, 0).
     plugs_free_in_s: Float32[Array, "num_exits num_plugs"] | None
     cooldown_s: Float32[Array, ""]  # until the next dispatch is allowed
     time: Int32[Array, ""]  # decisions taken

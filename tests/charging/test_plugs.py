@@ -128,7 +128,7 @@ def test_evs_that_leave_for_a_charger_take_its_plugs(road):
     vehicles = {"destination": (config.ev_slots, exits), "active": (config.ev_slots, False)}
     evs = {"energy_j": (slice(None), kwh * KWH), "stops": (slice(None), True)}
     now = put(state, vehicles=vehicles, evs=evs)
-    after, stats = charge_at_exits(now, config, params)
+    after, stats = charge_at_exits(now, now.plugs_free_in_s, config, params)
     seconds = (24.0 - kwh) * KWH / 150e3  # to 0.8 of 30 kWh
     assert float(stats.plug_stops) == 4.0
     assert float(stats.plug_wait_s) == pytest.approx(seconds[1], rel=1e-6)
@@ -137,10 +137,25 @@ def test_evs_that_leave_for_a_charger_take_its_plugs(road):
     expected = [[0.0, seconds[3]], sorted([seconds[0], seconds[1] + seconds[2]])]
     np.testing.assert_allclose(np.sort(after.plugs_free_in_s), expected, rtol=1e-6)
     assert not after.evs.stops.any()
-    again, more = charge_at_exits(after, config, params)
+    again, more = charge_at_exits(after, after.plugs_free_in_s, config, params)
     assert float(more.plug_stops) == 0.0
     left_s = np.maximum(np.array(expected) - config.round_s, 0.0)
     np.testing.assert_allclose(np.sort(again.plugs_free_in_s), left_s, rtol=1e-6)
+
+
+def test_who_missed_the_last_exit_takes_no_plug(road):
+    """It leaves at the road's end, on its way to a charger all the same."""
+    env, params, state = road
+    config = env.config
+    vehicles = {"x": 10_000.5, "destination": 10_000.0, "active": False}
+    gone = put(
+        state,
+        vehicles={name: (config.ev_slots, value) for name, value in vehicles.items()},
+        evs={"stops": (slice(None), True)},
+    )
+    after, stats = charge_at_exits(gone, gone.plugs_free_in_s, config, params)
+    assert float(stats.plug_stops) == 0.0
+    assert not np.asarray(after.plugs_free_in_s).any()
 
 
 def test_waits_and_energy_have_their_price(road):

@@ -23,8 +23,7 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 EXPECTED = json.loads((Path(__file__).parents[2] / "data/golden.json").read_text())
 # Ten times the difference between these programs and fully optimised ones after 60 decisions.
 RELATIVE, ABSOLUTE = 2e-6, 1e-4
-# A change of these by a hundredth changes nothing in these worlds: no vehicle is close to the threshold, and every stop
-# takes a plug.
+# A change of these by a hundredth changes nothing in these worlds, since no vehicle is close to the threshold.
 THRESHOLDS = """
 charging.dock_speed_tolerance charging.dock_tolerance_m charging.hold_tolerance_m charging.patience_s
 charging.reach_ahead_m charging.reach_behind_m charging.request_soc charging.retry_s charging.stop_soc
@@ -35,7 +34,6 @@ fleet.depot_power_w fleet.reserve_soc fleet.return_speed fleet.trip_m fleet.turn
 lane_change.exit_view_m lane_change.mandatory_bias lane_change.politeness lane_change.right_bias
 lane_change.safe_braking lane_change.threshold lane_change.urgency_bias
 motion.lateral_slope motion.max_braking
-reward_weights.charging_stops
 """
 
 
