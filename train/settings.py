@@ -182,7 +182,7 @@ class TrainConfig(abc.ABC):
         """Choices per environment and update."""
 
     def for_episodes(self, decisions: int) -> Self:
-        """The settings, with what they leave to the length of an episode, in decisions."""
+        """Fills in settings that depend on the length of an episode, in decisions."""
         return self
 
     @property

@@ -46,7 +46,7 @@ def open_session(request: Request) -> Session:
     programs = make_train(env, params, config)
     shapes = shapes_of(programs, params, config)
     needed = _check_memory(env, params, config, shapes)
-    taken = together(lambda: _take(request, params, shapes))
+    taken = together(lambda: _take(request, shapes))
     resumed = request.resume is not None
     begun = env, params, config, programs, shapes, resumed, *taken
     left = config.num_updates - (updates_done(taken[-1]) if taken[-1] is not None else 0)
@@ -77,9 +77,7 @@ def _check_memory(env: Any, params: Any, config: TrainConfig, shapes: TrainState
     return needed
 
 
-def _take(
-    request: Request, params: Any, shapes: TrainState
-) -> tuple[RunDir, IO[str] | None, TrainState | None]:
+def _take(request: Request, shapes: TrainState) -> tuple[RunDir, IO[str] | None, TrainState | None]:
     """The directory, its lock and the checkpoint to resume from; only the first process locks and writes."""
     config, own = request.config, request.given is not None
     if request.resume is None:
@@ -95,8 +93,7 @@ def _take(
         if update is not None:
             checkpoints.check(update)
         if checkpoints.latest() is not None:
-            before = run_dir.load_config(type(config)).for_episodes(episode_decisions(params))
-            saved = _restored(before, checkpoints, request, shapes)
+            saved = _restored(run_dir.load_config(type(config)), checkpoints, request, shapes)
         done = updates_done(saved) if saved is not None else 0
         if done >= config.num_updates:
             steps = done * config.steps_per_update
@@ -113,6 +110,8 @@ def _restored(
     before: TrainConfig, checkpoints: Checkpoints, request: Request, shapes: TrainState
 ) -> TrainState:
     """The checkpoint to resume from; if it does not fit, the error names the settings that were changed."""
+    # Older runs kept 0 for a rollout of an episode of `paper`, whatever world they were in.
+    before = before.for_episodes(before.choices_per_update * before.decide_every)
     # Progress is counted in updates, which must stay alike.
     for name in request.config.of_an_update:
         given, kept = getattr(request.config, name), getattr(before, name)

@@ -108,7 +108,7 @@ def test_a_rollout_is_an_episode():
     assert PPOConfig().choices_per_update == int(alone.episode_decisions)
     assert PPOConfig(agents="ippo").choices_per_update == int(params.episode_decisions)
     assert PPOConfig(agents="ippo", rollout_length=50).choices_per_update == 50
-    assert PPOConfig(decide_every=10).choices_per_update == 60
+    assert PPOConfig(decide_every=10).for_episodes(600).choices_per_update == 60
     assert PPOConfig().for_episodes(360).choices_per_update == 360
     assert PPOConfig(decide_every=7).for_episodes(360).choices_per_update == 52
     assert PPOConfig(rollout_length=50).for_episodes(360).choices_per_update == 50

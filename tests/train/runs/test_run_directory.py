@@ -5,10 +5,11 @@ import json
 
 import pytest
 
+from medjax.errors import InputError
 from tests.train.conftest import TINY
 from train.algorithms.ppo.settings import PPOConfig
 from train.runs import open_session, session
-from train.runs.arguments import parse_request
+from train.runs.arguments import Request, parse_request
 from train.runs.run_directory import RunDir
 
 
@@ -59,7 +60,7 @@ def test_settings_that_ruled_are_kept(tmp_path, config):
 
 
 def test_rollouts_are_episodes_of_the_world_at_hand(tmp_path):
-    """The settings that a run leaves say how long they are; a run of before, whose settings say 0, goes on alike."""
+    """The settings that a run leaves say how long they are; an older one without a checkpoint, 0, starts alike."""
     path = tmp_path / "run"
     given = [
         "--set=episode_decisions=7",
@@ -77,6 +78,15 @@ def test_rollouts_are_episodes_of_the_world_at_hand(tmp_path):
     again = open_session.open_session(parse_request(PPOConfig, [f"--resume={path}"]))
     again.lock.close()
     assert again.config == begun.config
+
+
+def test_an_older_run_goes_on_with_rollouts_of_an_episode_of_paper():
+    """Its settings say 0, which was 600 choices in any world and 150 of agents; more or fewer are refused."""
+    for agents, was in (("none", 600), ("ippo", 150)):
+        before = PPOConfig(agents=agents)
+        request = Request(before.for_episodes(360), None, None)
+        with pytest.raises(InputError, match=f"rollout_length 360, which was {was} until now"):
+            open_session._restored(before, None, request, None)
 
 
 def test_a_process_that_claimed_nothing_removes_nothing(probe, monkeypatch):

@@ -98,16 +98,16 @@ class PPOConfig(TrainConfig):
             raise InputError(f"{given}, allowed: wait")
 
     def for_episodes(self, decisions: int) -> Self:
-        """The settings, whose rollouts are whole episodes unless they say otherwise."""
+        """Makes rollouts whole episodes, of this many decisions, unless `rollout_length` says otherwise."""
         return dataclasses.replace(
             self, rollout_length=self.rollout_length or -(-decisions // self.decide_every)
         )
 
     @property
     def choices_per_update(self) -> int:
-        """Choices per environment and update; those of `paper` where the length of an episode is not known yet."""
+        """Choices per environment and update; before `for_episodes`, 0 means an episode of `paper`."""
         episode_of_paper = 600 if self.agents == "none" else 150
-        return self.rollout_length or -(-episode_of_paper // self.decide_every)
+        return self.rollout_length or episode_of_paper
 
     @property
     def minibatches(self) -> int:
