@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
+
 from medjax.commandline import as_path
 from medjax.errors import InputError, shown
 from medjax.files import check_input
 
-# Speed limiters of lorries and MEDs leave them no faster than this, m/s, whatever the limit for cars.
+# Lorries and MEDs desire at most this, m/s, whatever the limit for cars; as `drivers.desired_speed` of lorries.
 LORRY_M_PER_S = 23.6
 
 
@@ -154,38 +156,18 @@ def _road(path: Path, network: Network, chain: list[str]) -> dict[str, Any]:
         x += edges[number].length_m
         ends.append(x)
 
-    def beside(numbers: Iterable[int]) -> float:
-        """Length of the additional lane along these edges, from the first one on."""
-        length = 0.0
-        for number in numbers:
-            if edges[number].lanes == lanes:
-                break
-            length += edges[number].length_m
-        return length
+    def beside(numbers: Iterable[int]) -> list[int]:
+        """The first of these edges that have an additional lane."""
+        return list(itertools.takewhile(lambda number: edges[number].lanes > lanes, numbers))
 
     last, inside = len(chain) - 1, set(chain)
     joins = [i for i in range(1, last + 1) if not inside.issuperset(network.before(chain[i]))]
     leaves = [i for i in range(last) if not inside.issuperset(network.after(chain[i]))]
-    accelerate = {i: beside(range(i, last + 1)) for i in joins}
-    decelerate = {i: beside(range(i, -1, -1)) for i in leaves}
-    added = [edge for i, edge in enumerate(edges) if edge.lanes > lanes]
-    used = sum(accelerate.values()) + sum(decelerate.values())
-    limits = sorted({edge.limit_m_per_s for edge in edges})
-    notes = []
-    elsewhere = sum(edge.length_m for edge in added) > used + 1e-6
-    if elsewhere or any(edge.lanes > lanes + 1 for edge in added):
-        notes.append(f"it has more than {lanes} lanes and one beside them at ramps and exits")
-    if len(limits) > 1:
-        notes.append(f"its limits are {limits[0]:g} to {limits[-1]:g} m/s, taken as their mean")
-    for what, found in (("acceleration", accelerate), ("deceleration", decelerate)):
-        if len({round(length) for length in found.values()}) > 1 or 0.0 in found.values():
-            each = ", ".join(f"{length:.0f}" for length in found.values())
-            notes.append(f"its {what} lanes are {each} m long, taken as their mean")
-    for note in notes:
-        warnings.warn(f"{path}: {note}", stacklevel=3)
-    limit = sum(edge.limit_m_per_s * edge.length_m for edge in edges) / sum(
-        edge.length_m for edge in edges
-    )
+    # Edges along which each ramp's and each exit's additional lane runs.
+    accelerate = [beside(range(i, last + 1)) for i in joins]
+    decelerate = [beside(range(i, -1, -1)) for i in leaves]
+    limits = [edge.limit_m_per_s for edge in edges]
+    limit = float(np.average(limits, weights=[edge.length_m for edge in edges]))
     slow = min(limit, LORRY_M_PER_S)
     road: dict[str, Any] = {
         "length_m": x,
@@ -194,8 +176,24 @@ def _road(path: Path, network: Network, chain: list[str]) -> dict[str, Any]:
         "exit_x_m": [ends[i] for i in leaves],
         "desired_speed": [slow, limit, limit, limit, slow],
     }
-    for name, found in (("acceleration_lane_m", accelerate), ("exit_lane_m", decelerate)):
-        there = [length for length in found.values() if length]
+    used = {number for along in (*accelerate, *decelerate) for number in along}
+    notes = []
+    if any(edge.lanes > lanes + (number in used) for number, edge in enumerate(edges)):
+        notes.append(f"it has more than {lanes} lanes and one beside them at ramps and exits")
+    if min(limits) < max(limits):
+        notes.append(f"its limits are {min(limits):g} to {max(limits):g} m/s, taken as their mean")
+    for name, what, along in (
+        ("acceleration_lane_m", "acceleration", accelerate),
+        ("exit_lane_m", "deceleration", decelerate),
+    ):
+        lengths = [sum(edges[number].length_m for number in each) for each in along]
+        there = [length for length in lengths if length]
         if there:
             road[name] = sum(there) / len(there)
+        if len({round(length) for length in lengths}) > 1 or len(there) < len(lengths):
+            each = ", ".join(f"{length:.0f}" for length in lengths)
+            taken = f"all are taken as {road[name]:.0f} m" if there else "the preset's length stays"
+            notes.append(f"its {what} lanes are {each} m long; {taken}")
+    for note in notes:
+        warnings.warn(f"{path}: {note}", stacklevel=3)
     return road
