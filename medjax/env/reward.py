@@ -93,7 +93,7 @@ def delay_h(outcome: Outcome) -> jax.Array:
 
 def depot_kwh(outcome: Outcome) -> jax.Array:
     """Energy that MEDs used to drive and sent to EVs, kWh, which depots replace, times the hour's price factor."""
-    return med_wear_kwh(outcome) * hourly_price(outcome)
+    return _out_of_meds_kwh(outcome) * hourly_price(outcome)
 
 
 def hourly_price(outcome: Outcome) -> jax.Array:
@@ -105,6 +105,10 @@ def hourly_price(outcome: Outcome) -> jax.Array:
 
 def med_wear_kwh(outcome: Outcome) -> jax.Array:
     """Energy out of MEDs' batteries, to drive and to EVs, kWh."""
+    return _out_of_meds_kwh(outcome)
+
+
+def _out_of_meds_kwh(outcome: Outcome) -> jax.Array:
     return (outcome.step_stats.med_driving_j + outcome.step_stats.energy_sent_j) / 3.6e6
 
 
