@@ -26,7 +26,7 @@ class Documented:
 
 WHOLE = (
     *("ticks_per_round", "rounds_per_decision", "size", "service_lane", "depleted_blocks"),
-    "episode_decisions",
+    *("has_detectors", "episode_decisions"),
 )
 NUMBERS = {
     name: Documented(name, value, *(float(end) for end in allowed.split(" to ")))

@@ -13,7 +13,7 @@ from medjax.world.params import GROUPS, OTHERS, EnvParams
 # be above another one), or they are whole numbers.
 BOUND = {
     "road": ("length_m", "ramp_x_m", "acceleration_lane_m", "exit_x_m", "exit_lane_m"),
-    "demand": ("arrival_soc_low", "arrival_soc_high"),
+    "demand": ("arrival_soc_low", "arrival_soc_high", "surge_from_s", "surge_until_s"),
     "drivers": ("vehicle_length",),
     "fleet": ("size", "service_lane"),
     "charging": ("request_soc", "target_soc", "depleted_blocks"),

@@ -33,6 +33,7 @@ USUAL: dict[str, dict[str, Any]] = {
     "demand": {
         "ramp_per_h": (0.0, SATURATED_PER_H), "ev_share": (0.0, 1.0), "human_share": (0.0, 1.0),
         "ramp_speed": (3.0, 25.0), "lorry_share": (0.0, 1.0), "exit_share": (0.0, 1.0),
+        "surge_factor": (0.0, 5.0), "surge_s": (0.0, 60.0), "detector_s": (0.5, 300.0),
         "profile": (0.0, 1.0), "period_s": (5.0, 60.0), "start_s": (0.0, 60.0),
     },
     "drivers": {
@@ -91,6 +92,8 @@ def draw_config(seed: int, case: int) -> EnvConfig:
         num_depots=1 + int(num_ramps * max(2.0 * ((gas + lanes) % 1.0) - 1.0, 0.0)),
         num_exits=num_exits,
         num_plugs=int(4 * ((evs + meds) % 1.0)) if num_exits else 0,
+        num_surges=int(3 * ((ramps + gas) % 1.0)) if num_ramps else 0,
+        has_detectors=int(2 * ((meds + tick) % 1.0)),
         num_periods=1 + int(3 * ((evs + gas) % 1.0)),
         tick_s=round(float(0.02 + 0.48 * reach_ends(tick, 0.15)), 3),
         ticks_per_round=1 + int(8 * ticks),
@@ -146,7 +149,10 @@ def _usual(draw: Draw, group: str, config: EnvConfig) -> dict[str, Any]:
 
 def _demand(draw: Draw, config: EnvConfig) -> groups.DemandParams:
     soc: Any = np.sort(draw(0.0, 1.0, 2), axis=-1)
+    surges: Any = np.sort(draw(0.0, 60.0, 2), axis=-1)
     return groups.DemandParams(
+        surge_from_s=surges[..., 0],
+        surge_until_s=surges[..., 1],
         arrival_soc_low=soc[..., 0],
         arrival_soc_high=soc[..., 1],
         mainline_per_h=draw(0.0, SATURATED_PER_H * config.num_lanes),

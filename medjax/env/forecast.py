@@ -80,7 +80,9 @@ def expected_need(
     charge = (road.length_m - where.x) * per_metre / params.ev_capacity_j  # to the end of the road
     range_of_charge = jnp.maximum(demand.arrival_soc_high - demand.arrival_soc_low, 1e-6)
     share = jnp.clip((charge - demand.arrival_soc_low) / range_of_charge, 0.0, 1.0)
-    rate = entry_rates(demand, config.num_lanes, state.time * config.decision_s)
+    rate = state.detected_per_s
+    if rate is None:
+        rate = entry_rates(demand, config.num_lanes, state.time * config.decision_s)
     rate = rate * demand.ev_share * share
     distance = ahead_of(where.x)
     # An EV that enters upstream of the ramp must do so early enough to catch up.
@@ -95,6 +97,17 @@ def expected_need(
         coming=sum_pairwise(block_fma(rate * time)),
         free=jnp.sum(jnp.where(near, free_slots(state, config), 0), axis=1).astype(jnp.float32),
     )
+
+
+def num_detectors(config: EnvConfig) -> int:
+    """Number of detectors that are observed: one at each entry, or none."""
+    return config.num_entries if config.has_detectors else 0
+
+
+def detected_flows(state: EnvState) -> jax.Array:
+    """What the detectors show, `(num_detectors,)` thousand vehicles/h."""
+    per_s = state.detected_per_s
+    return jnp.zeros((0,), jnp.float32) if per_s is None else 3.6 * per_s
 
 
 def forecast_need(

@@ -16,7 +16,14 @@ from flax import struct
 
 from medjax.charging.booking import charging_slot_flags
 from medjax.env.depots import distinct_depots, shares_at_depots
-from medjax.env.forecast import Need, expected_need, free_slots, med_positions
+from medjax.env.forecast import (
+    Need,
+    detected_flows,
+    expected_need,
+    free_slots,
+    med_positions,
+    num_detectors,
+)
 from medjax.errors import InputError, shown
 from medjax.numerics.sums import scale_by
 from medjax.traffic.road import lateral_position
@@ -99,26 +106,26 @@ def observe(state: EnvState, config: EnvConfig, params: EnvParams) -> Observatio
 
 @dataclasses.dataclass(frozen=True)
 class FlatObservation:
-    """One float32 vector of MED rows, EV rows and (optionally) the clock."""
+    """One float32 vector of MED rows, EV rows, what detectors show, and (optionally) the clock."""
 
     include_clock: bool = True
 
     def size(self, config: EnvConfig) -> int:
         """Length of the vector."""
         rows = MED_FEATURES * config.num_meds + EV_FEATURES * config.num_evs
-        return rows + CLOCK_FEATURES * self.include_clock
+        return rows + num_detectors(config) + CLOCK_FEATURES * self.include_clock
 
     def split(self, vector: jax.Array, config: EnvConfig) -> tuple[jax.Array, jax.Array, jax.Array]:
-        """Splits `(..., size)` into MEDs `(..., M, 14)`, EVs `(..., E, 8)` and the clock `(..., 4)` or `(..., 0)`."""
+        """Splits `(..., size)` into MEDs `(..., M, 14)`, EVs `(..., E, 8)` and the rest, which ends with the clock."""
         meds, evs = config.num_meds * MED_FEATURES, config.num_evs * EV_FEATURES
-        first, second, clock = jnp.split(vector, [meds, meds + evs], axis=-1)
+        first, second, rest = jnp.split(vector, [meds, meds + evs], axis=-1)
         first = first.reshape(*vector.shape[:-1], config.num_meds, MED_FEATURES)
-        return first, second.reshape(*vector.shape[:-1], config.num_evs, EV_FEATURES), clock
+        return first, second.reshape(*vector.shape[:-1], config.num_evs, EV_FEATURES), rest
 
     def __call__(self, state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
         """`(size,)` float32."""
         seen = observe(state, config, params)
-        parts = [seen.meds.ravel(), seen.evs.ravel()]
+        parts = [seen.meds.ravel(), seen.evs.ravel(), detected_flows(state)]
         if self.include_clock:
             parts.append(seen.clock)
         return jnp.concatenate(parts).astype(jnp.float32)
@@ -161,7 +168,8 @@ class RoadProfile:
     It does not depend on the order of vehicles in their slots, and has a third of the flat observation's size.
 
 
-    Layout: the share of the fleet at each depot, if there are several. At each node, unbooked EVs by state of charge
+    Layout: the share of the fleet at each depot, if there are several; what the detector at each entry shows, thousand
+    vehicles/h, if there are any. At each node, unbooked EVs by state of charge
     (`soc_nodes`), EVs booked, EVs charging; then MEDs queued (at their ramps) or merging, MEDs in service, their state
     of charge, their free slots. For each ramp, the distance in km to the next MED downstream and upstream, at most
     FAR_KM, then `Need` as `show_need` encodes it. Time left and the share at the depot, each over `clock_nodes`.
@@ -178,7 +186,7 @@ class RoadProfile:
     def size(self, config: EnvConfig) -> int:
         """Length of the vector."""
         nodes = self.road_nodes * (self.soc_nodes + 2 + 4) + 2 * self.clock_nodes
-        nodes += distinct_depots(config)
+        nodes += distinct_depots(config) + num_detectors(config)
         return nodes + (2 + len(Need._fields)) * config.num_ramps + CLOCK_FEATURES
 
     def __call__(self, state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
@@ -210,6 +218,7 @@ class RoadProfile:
         time_left, _, at_depot, _ = clock
         parts = [
             shares_at_depots(meds, config, params),
+            detected_flows(state),
             self._at_nodes(ev_position, ev_columns),
             self._at_nodes(med_position, med_columns),
             jnp.min(jnp.where(ahead_km >= 0.0, ahead_km, FAR_KM), axis=0, initial=FAR_KM),

@@ -10,7 +10,13 @@ from medjax.charging.energy import cruising
 from medjax.env.depots import whole_fleet
 from medjax.env.trips import lacks_charge
 from medjax.traffic.arrivals import new_seed
-from medjax.traffic.demand import desired_speeds, drawn_kinds, fill_road, shares_on_road
+from medjax.traffic.demand import (
+    desired_speeds,
+    drawn_kinds,
+    entry_rates,
+    fill_road,
+    shares_on_road,
+)
 from medjax.traffic.exits import draw_destinations, draw_origins, last_exit
 from medjax.traffic.road import clip_lateral_aim
 from medjax.world.kinds import MED, WIDTHS_M
@@ -49,12 +55,19 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
         meds=whole_fleet(config, params),
         queue=jnp.zeros((config.num_entries,), jnp.int32),
         entered_here=jnp.zeros((config.num_entries,), jnp.int32),
+        detected_per_s=_detected(config, params),
         arrivals=new_seed(arrivals_key),
         plugs_free_in_s=_plugs(config),
         cooldown_s=jnp.zeros((), jnp.float32),
         time=jnp.zeros((), jnp.int32),
         stats=EpisodeStats.zeros().replace(entered=count_kinds(active, vehicles.kind, config)),
     )
+
+
+def _detected(config: EnvConfig, params: EnvParams) -> jax.Array | None:
+    """What detectors show at reset, the demand for which the road is filled, `(num_entries,)`; None without them."""
+    start_s = jnp.zeros((), jnp.float32)
+    return entry_rates(params.demand, config.num_lanes, start_s) if config.has_detectors else None
 
 
 def _plugs(config: EnvConfig) -> jax.Array | None:

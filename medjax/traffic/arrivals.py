@@ -57,6 +57,13 @@ def draw_traits(seed: jax.Array, stream: jax.Array, number: jax.Array) -> Traits
     return jax.vmap(one)(stream, number)
 
 
+def draw_surges(seed: jax.Array, num_entries: int, num_surges: int) -> jax.Array:
+    """Uniform draws for the time and the ramp of each surge of demand, `(num_surges, 2)`."""
+    # Vehicles use streams 0 to num_entries, and counts the next one.
+    key = _stream(seed, num_entries + 2, jnp.zeros((), jnp.int32))
+    return jax.random.uniform(key, (num_surges, 2), jnp.float32)
+
+
 def draw_round(seed: jax.Array, num_entries: int, number: jax.Array) -> jax.Array:
     """Uniform draws for the arrival counts of a round, `(num_entries,)`."""
     # Vehicles use streams 0 to num_entries.

@@ -8,9 +8,17 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from medjax.traffic.arrivals import draw_surges
 from medjax.traffic.exits import mean_distance
 from medjax.world.kinds import EVS, FUELLED, GAS_KINDS, kinds_in
-from medjax.world.params import DemandParams, DriverParams, EnvParams, RoadParams, Scalar
+from medjax.world.params import (
+    DemandParams,
+    DriverParams,
+    EnvConfig,
+    EnvParams,
+    RoadParams,
+    Scalar,
+)
 
 # Cap on arrivals per entry and round; with 2 expected, more come once in 4,200 rounds.
 MOST_ARRIVALS = 8
@@ -22,6 +30,28 @@ def entry_rates(demand: DemandParams, num_lanes: int, time_s: Scalar) -> jax.Arr
     """Demand at each entry at time_s since the episode's start, vehicles/s, `(num_lanes + num_ramps,)`."""
     mainline, ramps = demand.flows(time_s)
     return jnp.concatenate([jnp.full((num_lanes,), mainline / num_lanes), ramps]) / 3600.0
+
+
+def surge_factors(
+    seed: jax.Array, config: EnvConfig, demand: DemandParams, time_s: Scalar
+) -> jax.Array:
+    """Factors of the demand at each entry through the surges of an episode, `(num_lanes + num_ramps,)`.
+
+    Each surge has a ramp and a start of its own, drawn uniformly; surges of one ramp multiply. They do not depend on
+    what dispatchers do, who do not know them either: `entry_rates` is the demand that is known.
+
+    Args:
+      seed: of the episode's arrivals, `EnvState.arrivals`.
+      time_s: since the episode's start.
+    """
+    drawn = draw_surges(seed, config.num_entries, config.num_surges)
+    earliest, latest = demand.surge_from_s, demand.surge_until_s
+    after_s = time_s - (earliest + drawn[:, 0] * (latest - earliest))
+    under_way = (after_s >= 0.0) & (after_s < demand.surge_s)
+    ramp = jnp.minimum((drawn[:, 1] * config.num_ramps).astype(jnp.int32), config.num_ramps - 1)
+    entry = jnp.arange(config.num_entries, dtype=jnp.int32)
+    surges = under_way & (entry[:, None] == config.num_lanes + ramp)
+    return jnp.prod(jnp.where(surges, demand.surge_factor, 1.0), axis=1)
 
 
 def poisson_arrivals(uniform: jax.Array, expected: jax.Array) -> jax.Array:

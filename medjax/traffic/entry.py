@@ -16,6 +16,7 @@ from medjax.traffic.demand import (
     entries,
     entry_rates,
     poisson_arrivals,
+    surge_factors,
 )
 from medjax.traffic.entry_gap import entry_speed, next_ahead, would_cut_off
 from medjax.traffic.exits import draw_destinations, next_exit
@@ -23,7 +24,7 @@ from medjax.traffic.following import by_kind
 from medjax.traffic.road import NO_LANE, straddled_lane
 from medjax.traffic.safety import BrakingLimits
 from medjax.world.kinds import MED, WIDTHS_M
-from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.params import DemandParams, EnvConfig, EnvParams
 from medjax.world.state import MERGING, QUEUED, EnvState, EpisodeStats, Vehicles, count_kinds
 
 
@@ -116,6 +117,19 @@ def _put_on_road(
     return vehicles.replace(active=vehicles.active | new, **entered)
 
 
+def _count(
+    detected_per_s: jax.Array | None, placed: jax.Array, config: EnvConfig, demand: DemandParams
+) -> jax.Array | None:
+    """The detectors' smoothed counts, `(K,)` vehicles/s, after a round in which the entries `placed` `(K,)` let one in.
+
+    Exponential smoothing: each count weighs less with a time constant of `detector_s`.
+    """
+    if detected_per_s is None:
+        return None
+    weight = -jnp.expm1(-config.round_s / demand.detector_s)
+    return detected_per_s + weight * (placed / config.round_s - detected_per_s)
+
+
 def admit(
     state: EnvState, number: jax.Array, config: EnvConfig, params: EnvParams
 ) -> tuple[EnvState, Newcomers, EpisodeStats]:
@@ -131,7 +145,11 @@ def admit(
       (state, newcomers, tally of entries and queues)
     """
     demand, active, num_entries = params.demand, state.vehicles.active, config.num_entries
-    expected = entry_rates(demand, config.num_lanes, number * config.round_s) * config.round_s
+    time_s = number * config.round_s
+    rates = entry_rates(demand, config.num_lanes, time_s)
+    if config.num_surges:
+        rates *= surge_factors(state.arrivals, config, demand, time_s)
+    expected = rates * config.round_s
     arrived = poisson_arrivals(draw_round(state.arrivals, num_entries, number), expected)
     queue = state.queue + arrived
 
@@ -167,6 +185,7 @@ def admit(
         vehicles=vehicles,
         meds=state.meds.replace(status=status),
         queue=queue,
+        detected_per_s=_count(state.detected_per_s, placed, config, demand),
         entered_here=state.entered_here + placed,
     )
     return state, Newcomers(entry, traits), stats

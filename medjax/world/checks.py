@@ -130,6 +130,7 @@ def _check_pairs(config: EnvConfig, params: EnvParams) -> None:
     demand, charging, fleet = params.demand, params.charging, params.fleet
     pairs: tuple[tuple[str, Any, str, Any], ...] = (
         ("arrival_soc_low", demand.arrival_soc_low, "arrival_soc_high", demand.arrival_soc_high),
+        ("surge_from_s", demand.surge_from_s, "surge_until_s", demand.surge_until_s),
         ("request_soc", charging.request_soc, "target_soc", charging.target_soc),
         ("service_lane", fleet.service_lane, "num_lanes - 1", config.num_lanes - 1),
         ("fleet size", fleet.size, "num_meds", config.num_meds),

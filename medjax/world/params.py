@@ -4,9 +4,9 @@ EnvConfig holds everything that changes the compiled program. Every other number
 `jax.vmap` can run over demands, reward weights, batteries or coil designs in one program. EnvConfig checks itself;
 `medjax.make` checks both on the host, as `medjax.world.checks.validate` does.
 
-Each number is declared once, by `number`: here, in `traffic_params` or in `charging_params`. The declarations define
-the checks, the names that `medjax.make` takes, the preset `paper`, and the tables of docs/parameters.md, which
-`python -m docs.parameters` writes.
+Each number is declared once, by `number`: here, in `demand_params`, `traffic_params` or `charging_params`. The
+declarations define the checks, the names that `medjax.make` takes, the preset `paper`, and the tables of
+docs/parameters.md, which `python -m docs.parameters` writes.
 
 Every `(num_kinds,)` leaf is in the order of `medjax.world.kinds.KINDS`.
 """
@@ -31,10 +31,10 @@ from medjax.world.charging_params import (
     FleetParams,
     LinkParams,
 )
+from medjax.world.demand_params import DemandParams
 from medjax.world.kinds import CLASSES
 from medjax.world.numbers import number, numbers_of, read_number
 from medjax.world.traffic_params import (
-    DemandParams,
     DriverParams,
     LaneChangeParams,
     MotionParams,
@@ -84,6 +84,21 @@ class EnvConfig:
         0,
         64,
         text="fast-charging plugs at each exit; 0: what EVs do at a charger is not simulated; paper: none",
+        whole=True,
+    )
+    num_surges: int = number(
+        0,
+        0,
+        64,
+        text="surges of demand in an episode, each at a drawn ramp and time that dispatchers do not know; paper: none",
+        whole=True,
+    )
+    has_detectors: int = number(
+        0,
+        0,
+        1,
+        text="1: detectors count the vehicles at each entry, and forecasts and observations go by them; 0: by the "
+        "demand's true rates; paper: none",
         whole=True,
     )
     num_periods: int = number(1, 1, 1000, text="rows of `demand.profile`; paper: one", whole=True)
@@ -240,6 +255,8 @@ def _check_places(config: EnvConfig) -> None:
         )
     if config.num_plugs and not config.num_exits:
         raise InputError(f"num_plugs = {config.num_plugs}: allowed 0 with num_exits = 0")
+    if config.num_surges and not config.num_ramps:
+        raise InputError(f"num_surges = {config.num_surges}: allowed 0 with num_ramps = 0")
     depots = max(config.num_ramps, 1)
     if config.num_depots > depots:
         raise InputError(

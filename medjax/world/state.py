@@ -165,6 +165,8 @@ class EnvState(struct.PyTreeNode):
     meds: MEDs
     queue: Int32[Array, "num_entries"]  # vehicles waiting at each entry
     entered_here: Int32[Array, "num_entries"]  # vehicles other than MEDs that entered there
+    # vehicles/s, smoothed counts of the detectors at each entry; None without detectors.
+    detected_per_s: Float32[Array, "num_entries"] | None
     arrivals: UInt32[Array, "2"]  # seed of the arrivals (`medjax.traffic.arrivals`)
     # s, until each plug is free; 0: free. None without plugs, since an array of size 0 cannot be reshaped to (-1, 0).
     plugs_free_in_s: Float32[Array, "num_exits num_plugs"] | None

@@ -34,6 +34,8 @@ BESIDE = {
     "demand.ramp_speed": {"max_braking": 9},
     "demand.arrival_soc_low": {"arrival_soc_high": 1},
     "demand.arrival_soc_high": {"arrival_soc_low": 0},
+    "demand.surge_from_s": {"surge_until_s": 1e9},
+    "demand.surge_until_s": {"surge_from_s": 0},
     "charging.request_soc": {"target_soc": 1},
     "charging.target_soc": {"request_soc": 0},
     "fleet.size": {"num_meds": 64},

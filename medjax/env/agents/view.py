@@ -10,7 +10,15 @@ import jax.numpy as jnp
 
 from medjax.charging.booking import grant, requests_and_offers
 from medjax.env.depots import distinct_depots, next_to_be_sent, shares_at_depots
-from medjax.env.forecast import Need, expected_need, free_slots, lacking_j, med_positions
+from medjax.env.forecast import (
+    Need,
+    detected_flows,
+    expected_need,
+    free_slots,
+    lacking_j,
+    med_positions,
+    num_detectors,
+)
 from medjax.env.observation import (
     CLOCK_FEATURES,
     NEED_WINDOW_S,
@@ -66,7 +74,7 @@ class AgentView:
     def own_size(self, config: EnvConfig) -> int:
         """Number of leading entries that the agent may act on."""
         of_evs = min(self.num_evs, config.num_evs) * OF_AN_EV + OF_A_REQUEST
-        of_meds = OF_ITSELF + 2 * OF_A_MED + 2 * distinct_depots(config)
+        of_meds = OF_ITSELF + 2 * OF_A_MED + 2 * distinct_depots(config) + num_detectors(config)
         return of_evs + of_meds + OF_A_RAMP * config.num_ramps + CLOCK_FEATURES
 
     def outlook(self, vector: jax.Array, config: EnvConfig) -> tuple[Need, jax.Array, jax.Array]:
@@ -96,7 +104,8 @@ class AgentView:
         wanted = everyone(frame, offset, asked, request[:, None] >= 0, evs)
         need = expected_need(state, config, params, NEED_WINDOW_S)
         depots = shares_at_depots(state.meds, config, params)
-        of_all = jnp.concatenate([depots, show_need(need), clock_features(state, params)])
+        known = [depots, detected_flows(state), show_need(need), clock_features(state, params)]
+        of_all = jnp.concatenate(known)
         if self.road:
             of_all = jnp.concatenate([of_all, self.road(state, config, params)])
         parts = [
