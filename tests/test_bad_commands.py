@@ -102,6 +102,7 @@ COMMANDS = {
     "benchmarks.speed.kernels": [],
     "benchmarks.peers.__main__": [],
     "benchmarks.studies.planner": [],
+    "benchmarks.studies.prices": ["new.csv"],
     "benchmarks.speed.scaling": [],
     "benchmarks.speed.throughput": [],
     "benchmarks.speed.training": [],
