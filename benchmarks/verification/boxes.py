@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from medjax.traffic.road import lateral_position
-from medjax.world.kinds import WIDTHS_M
 from medjax.world.params import EnvParams
 from medjax.world.state import Vehicles
 
@@ -40,8 +39,9 @@ def overlapping(x: Any, lateral: Any, length: Any, width: Any, there: Any) -> An
 def _bodies(vehicles: Vehicles, params: EnvParams) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Position across the road from the leftmost lane's centre, length and width in each slot, (N,) m each."""
     lateral = lateral_position(vehicles.lane, vehicles.lateral_offset, params.road.lane_width_m)
-    length = jnp.asarray(params.drivers.vehicle_length)[vehicles.kind]
-    return lateral, length, jnp.asarray(WIDTHS_M)[vehicles.kind]
+    drivers = params.drivers
+    length, width = drivers.vehicle_length, drivers.vehicle_width
+    return lateral, jnp.asarray(length)[vehicles.kind], jnp.asarray(width)[vehicles.kind]
 
 
 def overlapping_vehicles(vehicles: Vehicles, params: EnvParams) -> jax.Array:

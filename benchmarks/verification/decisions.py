@@ -117,8 +117,9 @@ def seconds_at_plugs(decision: Decision, config: EnvConfig) -> jax.Array:
     begun, after = decision.info["begun"].plugs_free_in_s, decision.after.plugs_free_in_s
     if after is None:
         return jnp.zeros(())
-    ends = jnp.concatenate([begun[1:], after[None]])
-    return total(ends - jnp.maximum(begun - config.round_s, 0.0))
+    ends, left = jnp.concatenate([begun[1:], after[None]]), begun - config.round_s
+    # Clocks take a rest below a hundredth of a round for rounding.
+    return total(ends - jnp.where(left > 0.01 * config.round_s, left, 0.0))
 
 
 def differs(ours: jax.Array, theirs: jax.Array, scale: Any = 0.0) -> jax.Array:

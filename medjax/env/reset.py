@@ -19,7 +19,7 @@ from medjax.traffic.demand import (
 )
 from medjax.traffic.exits import draw_destinations, draw_origins, last_exit
 from medjax.traffic.road import clip_lateral_aim
-from medjax.world.kinds import MED, WIDTHS_M
+from medjax.world.kinds import MED
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState, EpisodeStats, Vehicles, count_kinds
 
@@ -108,7 +108,7 @@ def _filled(key: jax.Array, config: EnvConfig, params: EnvParams) -> Vehicles:
     destination = draw_destinations(way_draw, fill.x, params.demand, params.road)
     noise = jax.random.normal(noise_key, (2, config.num_vehicles), jnp.float32)
     wander = noise[1] * drivers.lateral_wander[kind]
-    width = jnp.array(WIDTHS_M, jnp.float32)[kind]
+    width = drivers.vehicle_width[kind]
     return Vehicles(
         x=_beside_meds(fill.x, config),
         speed=_beside_meds(fill.speed, config),

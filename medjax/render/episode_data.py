@@ -31,8 +31,10 @@ def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
         packer.add(f"chart{number}", chart.values, 1e-4)
     kinds = np.asarray(recording.frames.kind)
     bodies = [
-        {"name": kind.name, "length": length, "width": kind.width_m}
-        for kind, length in zip(KINDS, road.vehicle_length_m, strict=True)
+        {"name": kind.name, "length": length, "width": width}
+        for kind, length, width in zip(
+            KINDS, road.vehicle_length_m, road.vehicle_width_m, strict=True
+        )
     ]
     meta = {
         "scenario": recording.scenario,

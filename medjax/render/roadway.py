@@ -21,6 +21,7 @@ class Roadway:
     ramp_x_m: tuple[float, ...]  # where each acceleration lane starts
     acceleration_lane_m: float
     vehicle_length_m: tuple[float, ...]  # by kind
+    vehicle_width_m: tuple[float, ...]  # by kind
     # By charging slot: an EV's front bumper there relative to the MED's, ahead and to the right.
     slots_m: tuple[tuple[float, float], ...]
 
@@ -39,6 +40,7 @@ class Roadway:
             ramp_x_m=tuple(map(float, np.asarray(road.ramp_x_m))),
             acceleration_lane_m=float(road.acceleration_lane_m),
             vehicle_length_m=tuple(map(float, lengths)),
+            vehicle_width_m=tuple(map(float, np.asarray(params.drivers.vehicle_width))),
             slots_m=tuple(zip(map(float, ahead), map(float, aside), strict=True)),
         )
 

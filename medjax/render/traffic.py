@@ -44,7 +44,7 @@ def _body(view: View, scene: Scene, road: Roadway, slot: int) -> Box:
     """Outline of a vehicle, px."""
     kind = int(scene.kind[slot])
     right, length = view.px(scene.x[slot]), road.vehicle_length_m[kind] * view.along
-    y, half = view.py(scene.y[slot]), 0.5 * KINDS[kind].width_m * view.per_m
+    y, half = view.py(scene.y[slot]), 0.5 * road.vehicle_width_m[kind] * view.per_m
     return right - length, y - half, right, y + half
 
 
@@ -78,7 +78,7 @@ def _draw_slots(canvas: Canvas, view: View, scene: Scene, road: Roadway) -> None
     """Draws the free slots on the road around MEDs in service."""
     booked = scene.is_booked
     taken = set(zip(scene.ev_med[booked], scene.ev_charging_slot[booked], strict=True))
-    length, half = road.vehicle_length_m[GAS], 0.5 * KINDS[GAS].width_m * view.per_m
+    length, half = road.vehicle_length_m[GAS], 0.5 * road.vehicle_width_m[GAS] * view.per_m
     for med in np.nonzero((scene.med_status == IN_SERVICE) & scene.active[: scene.num_meds])[0]:
         for charging_slot, (ahead, aside) in enumerate(road.slots_m):
             x, y = scene.x[med] + ahead, scene.y[med] + aside

@@ -23,7 +23,7 @@ from medjax.traffic.exits import draw_destinations, next_exit
 from medjax.traffic.following import by_kind
 from medjax.traffic.road import NO_LANE, straddled_lane
 from medjax.traffic.safety import BrakingLimits
-from medjax.world.kinds import MED, WIDTHS_M
+from medjax.world.kinds import MED
 from medjax.world.params import DemandParams, EnvConfig, EnvParams
 from medjax.world.state import MERGING, QUEUED, EnvState, EpisodeStats, Vehicles, count_kinds
 
@@ -73,7 +73,7 @@ def _safe_speed(
     """Entry speed of each and whether it may enter, `(K,)` each."""
     vehicles, drivers = state.vehicles, params.drivers
     length = by_kind(vehicles.kind, drivers.vehicle_length)
-    width = by_kind(vehicles.kind, jnp.array(WIDTHS_M, jnp.float32))
+    width = by_kind(vehicles.kind, drivers.vehicle_width)
     other = straddled_lane(vehicles.lane, vehicles.lateral_offset, width, params.road.lane_width_m)
     at = vehicles.x, vehicles.lane, other, length, vehicles.speed, vehicles.active
     ahead = next_ahead(where, *at)

@@ -12,7 +12,6 @@ from medjax.errors import renamed
 from medjax.numerics.gathers import read
 from medjax.numerics.sums import block_fma
 from medjax.traffic.neighbours import NOBODY
-from medjax.world.kinds import WIDTHS_M
 from medjax.world.params import DriverParams, LaneChangeParams, Scalar
 
 T = TypeVar("T")
@@ -123,7 +122,7 @@ def make_drivers(kind: jax.Array, desired_speed: jax.Array, params: DriverParams
         max_acceleration=by_kind(kind, params.max_acceleration),
         comfortable_deceleration=by_kind(kind, params.comfortable_deceleration),
         braking_weight=by_kind(kind, weight),
-        width=by_kind(kind, jnp.array(WIDTHS_M, jnp.float32)),
+        width=by_kind(kind, params.vehicle_width),
     )
 
 

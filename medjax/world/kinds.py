@@ -19,7 +19,6 @@ class Kind(NamedTuple):
 
     name: str  # display name
     slots: str  # class of the slots that hold it, one of CLASSES
-    width_m: float
 
     @property
     def column(self) -> str:
@@ -28,11 +27,11 @@ class Kind(NamedTuple):
 
 
 KINDS = (
-    Kind("MED", MEDS, 2.5),
-    Kind("human EV", EVS, 1.8),
-    Kind("autonomous EV", EVS, 1.8),
-    Kind("gas", FUELLED, 1.8),
-    Kind("lorry", FUELLED, 2.55),
+    Kind("MED", MEDS),
+    Kind("human EV", EVS),
+    Kind("autonomous EV", EVS),
+    Kind("gas", FUELLED),
+    Kind("lorry", FUELLED),
 )
 MED, HUMAN_EV, AUTONOMOUS_EV, GAS, LORRY = range(len(KINDS))
 
@@ -43,7 +42,6 @@ def kinds_in(*classes: str) -> tuple[int, ...]:
 
 
 GAS_KINDS = kinds_in(FUELLED)
-WIDTHS_M = tuple(kind.width_m for kind in KINDS)
 
 # (num_kinds, 3), 1 where the slots of a class hold a kind.
 _MEMBERS = np.array([[kind.slots == slots for slots in CLASSES] for kind in KINDS], np.float32)

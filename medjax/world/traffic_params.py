@@ -121,6 +121,14 @@ class DriverParams(struct.PyTreeNode):
         "cars: paper (highway-env); MED: a rigid truck; lorry: articulated (Directive 96/53/EC)",
         per="kind",
     )
+    vehicle_width: jax.Array = number(
+        (2.5, 1.8, 1.8, 1.8, 2.55),
+        0.5,
+        2.6,
+        "m",
+        "cars: chosen; a lorry's is the widest that is allowed in the EU (Directive 96/53/EC), 2.6 in the USA",
+        per="kind",
+    )
     eco_compliance: Scalar = number(
         0.0, 0, 1, "", "share of EV drivers who slow down to save charge; paper: none"
     )

@@ -108,9 +108,12 @@ def net(recording, tmp_path_factory):
 @pytest.mark.thorough
 def test_fcd_is_replayed_by_sumo(recording, fcd, net, sumo_home, tmp_path):
     """In the same lanes, except just after a change: SUMO places a vehicle up to two ticks late."""
+    drivers = recording.params.drivers
     types = "".join(
-        f'<vType id="{kind.column}" length="{length}" width="{kind.width_m}"/>'
-        for kind, length in zip(KINDS, recording.params.drivers.vehicle_length, strict=True)
+        f'<vType id="{kind.column}" length="{length}" width="{width}"/>'
+        for kind, length, width in zip(
+            KINDS, drivers.vehicle_length, drivers.vehicle_width, strict=True
+        )
     )
     (tmp_path / "types.add.xml").write_text(f"<additional>{types}</additional>")
     seen = tmp_path / "seen.xml"

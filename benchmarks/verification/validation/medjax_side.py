@@ -13,11 +13,10 @@ import numpy as np
 import medjax
 from benchmarks.verification.validation.demands import Schedule, free_speed
 from benchmarks.verification.validation.measures import Findings, find
-from benchmarks.verification.validation.trajectories import Road, Trajectories
+from benchmarks.verification.validation.trajectories import Bodies, Road, Trajectories
 from medjax.env.charging_env import ChargingEnv
 from medjax.episodes.keys import episode_keys
 from medjax.episodes.runner import EpisodeRunner, Episodes
-from medjax.world.kinds import WIDTHS_M
 from medjax.world.params import EnvParams
 from medjax.world.state import EnvState
 
@@ -70,23 +69,22 @@ def observe(env: ChargingEnv, schedule: Schedule, episodes: int, seed: int) -> l
         playing, ticks = minute(playing, jnp.int32(number), schedule.params_at(number))
         if number >= schedule.warm_up_minutes:
             parts.append(jax.device_get(ticks))
-    road, lengths = Road.of(env.config, params), np.asarray(params.drivers.vehicle_length)
+    road, bodies = Road.of(env.config, params), Bodies.of(params)
     findings = []
     for episode in range(episodes):
         slots = {name: np.concatenate([part[name][:, episode] for part in parts]) for name in SEEN}
         slots = {name: seen.reshape(-1, seen.shape[-1]) for name, seen in slots.items()}
-        seen = trajectories_from_slots(slots, road, env.config.tick_s, lengths)
+        seen = trajectories_from_slots(slots, road, env.config.tick_s, bodies)
         findings.append(find(seen, free_speed(schedule)))
     return findings
 
 
 def trajectories_from_slots(
-    slots: dict[str, np.ndarray], road: Road, tick_s: float, lengths: np.ndarray
+    slots: dict[str, np.ndarray], road: Road, tick_s: float, bodies: Bodies
 ) -> Trajectories:
     """Trajectories of vehicles from slots, each of which holds one vehicle after the other.
 
-    `slots` holds arrays (ticks, N) by the names of SEEN. `lengths`, (num_kinds,) m, holds the length of each kind of
-    vehicle.
+    `slots` holds arrays (ticks, N) by the names of SEEN.
     """
     by_slot = {name: values.T for name, values in slots.items()}  # rows by slot, then by tick
     rows = np.nonzero(by_slot["active"])
@@ -105,7 +103,7 @@ def trajectories_from_slots(
         lane=lane,
         x=x,
         speed=by_slot["speed"][rows].astype(float),
-        length=lengths[by_slot["kind"][rows]].astype(float),
-        width=np.array(WIDTHS_M)[by_slot["kind"][rows]],
+        length=bodies.length[by_slot["kind"][rows]],
+        width=bodies.width[by_slot["kind"][rows]],
         lateral=lane * road.lane_width_m + by_slot["lateral_offset"][rows],
     )

@@ -12,8 +12,7 @@ import numpy as np
 
 from benchmarks.peers import sumo_road
 from benchmarks.verification.validation.demands import Schedule
-from benchmarks.verification.validation.trajectories import Road, Trajectories
-from medjax.world.kinds import WIDTHS_M
+from benchmarks.verification.validation.trajectories import Bodies, Road, Trajectories
 
 
 @contextlib.contextmanager
@@ -58,7 +57,7 @@ def read(file: Path, schedule: Schedule) -> Trajectories:
     """
     params, tick_s = schedule.params_at(0), schedule.config.tick_s
     lanes = sumo_road.lanes_of_network(schedule.config, params)
-    lengths = np.asarray(params.drivers.vehicle_length, float)
+    bodies = Bodies.of(params)
     vehicles: dict[str, int] = {}
     tick, vehicle, lane, kind = (array("i") for _ in range(4))
     x, speed = array("d"), array("d")
@@ -87,7 +86,7 @@ def read(file: Path, schedule: Schedule) -> Trajectories:
         lane=np.array(lane)[rows],
         x=np.array(x)[rows],
         speed=np.array(speed)[rows],
-        length=lengths[np.array(kind)[rows]],
-        width=np.array(WIDTHS_M)[np.array(kind)[rows]],
+        length=bodies.length[np.array(kind)[rows]],
+        width=bodies.width[np.array(kind)[rows]],
         lateral=None,
     )

@@ -36,6 +36,20 @@ class Road:
 
 
 @dataclasses.dataclass(frozen=True)
+class Bodies:
+    """Size of each kind of vehicle, `(num_kinds,)` m."""
+
+    length: np.ndarray
+    width: np.ndarray
+
+    @classmethod
+    def of(cls, params: EnvParams) -> Bodies:
+        """The vehicles of a world."""
+        drivers = params.drivers
+        return cls(*(np.asarray(m, float) for m in (drivers.vehicle_length, drivers.vehicle_width)))
+
+
+@dataclasses.dataclass(frozen=True)
 class Trajectories:
     """R rows, one per vehicle and tick, sorted by vehicle and then by tick.
 

@@ -2,13 +2,20 @@
 
 import functools
 import operator
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
 import pytest
 
 import medjax
-from benchmarks.verification.decisions import SHARES, Decision, check_results, with_means
+from benchmarks.verification.decisions import (
+    SHARES,
+    Decision,
+    check_results,
+    seconds_at_plugs,
+    with_means,
+)
 from benchmarks.verification.invariants import (
     INVARIANTS,
     check_entry,
@@ -281,3 +288,12 @@ def test_every_invariant_is_shown_to_fail():
     """Each is violated by a fault above."""
     others = {"overlap", "boxes", "passed", "reward", "tally", "standing"}
     assert {fault[-1] for fault in FAULTS} | others == set(INVARIANTS)
+
+
+def test_seconds_at_plugs_go_by_the_clocks():
+    """A plug that is free within a hundredth of a round is free at its end; one more EV takes 600 s of the other."""
+    env, _ = medjax.make("corridor", num_plugs=2)
+    begun = jnp.array([[[1.005, 40.0]], [[0.0, 39.0]]])
+    after = SimpleNamespace(plugs_free_in_s=jnp.array([[0.0, 638.0]]))
+    decision = SimpleNamespace(info={"begun": SimpleNamespace(plugs_free_in_s=begun)}, after=after)
+    assert float(seconds_at_plugs(decision, env.config)) == 600.0

@@ -14,7 +14,7 @@ from benchmarks.verification.validation.measures import find
 from benchmarks.verification.validation.medjax_side import SEEN, program, trajectories_from_slots
 from benchmarks.verification.validation.published import RANGES, checks
 from benchmarks.verification.validation.sumo_side import read, sumo
-from benchmarks.verification.validation.trajectories import Road
+from benchmarks.verification.validation.trajectories import Bodies, Road
 from medjax.episodes.keys import episode_keys
 from tests.benchmarks.refusal import refused
 
@@ -111,8 +111,8 @@ def test_medjaxs_rows_agree_with_its_tally():
     playing, ticks = minute(playing, jnp.int32(0), params)
     stats = jax.tree.map(lambda leaf: np.asarray(leaf)[0], playing.state.stats)
     slots = {name: np.asarray(ticks[name]).reshape(240, -1) for name in SEEN}
-    lengths = np.asarray(params.drivers.vehicle_length)
-    seen = trajectories_from_slots(slots, Road.of(env.config, params), env.config.tick_s, lengths)
+    places = Road.of(env.config, params), env.config.tick_s, Bodies.of(params)
+    seen = trajectories_from_slots(slots, *places)
     found = find(seen, 30.0)
     assert len(np.unique(seen.vehicle)) == stats.entered.sum() > begun
     assert found.collisions == found.in_one_place == stats.collisions == 0

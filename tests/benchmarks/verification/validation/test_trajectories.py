@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.verification.validation.medjax_side import trajectories_from_slots
-from benchmarks.verification.validation.trajectories import NOBODY, neighbours
+from benchmarks.verification.validation.trajectories import NOBODY, Bodies, neighbours
 from tests.benchmarks.verification.validation.made import ROAD, TICK_S, drive, random_traffic, seen
 
 
@@ -43,8 +43,10 @@ def test_slots_become_vehicles():
     slots = {name: np.full(x.shape, value) for name, value in constant.items()}
     slots["active"] = np.array([[1, 1, 1, 0], [1, 1, 1, 0], [0, 1, 1, 1], [1, 1, 1, 1]], bool)
     slots |= {"x": x, "kind": np.array([[0, 1, 1, 1]] * 4)}
-    rows = trajectories_from_slots(slots, ROAD, TICK_S, np.array([12.0, 5.0]))
+    bodies = Bodies(np.array([12.0, 5.0]), np.array([2.5, 1.8]))
+    rows = trajectories_from_slots(slots, ROAD, TICK_S, bodies)
     assert rows.vehicle.tolist() == [0, 0, 1, 2, 2, 3, 3, 4, 4, 4, 5, 6, 6]
     assert rows.tick.tolist() == [0, 1, 3, 0, 1, 2, 3, 0, 1, 2, 3, 2, 3]
     assert rows.length[:4].tolist() == [12.0, 12.0, 12.0, 5.0]
+    assert rows.width[:4].tolist() == [2.5, 2.5, 2.5, 1.8]
     assert set(rows.lateral) == {7.5}
