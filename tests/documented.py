@@ -26,7 +26,7 @@ class Documented:
 
 WHOLE = (
     *("ticks_per_round", "rounds_per_decision", "size", "service_lane", "depleted_blocks"),
-    *("has_detectors", "episode_decisions"),
+    *("has_detectors", "episode_decisions", "incident_lane"),
 )
 NUMBERS = {
     name: Documented(name, value, *(float(end) for end in allowed.split(" to ")))

@@ -177,7 +177,7 @@ def test_worlds_reach_the_ends():
 
 def test_worlds_are_drawn_from_all_that_is_allowed():
     """Each number that is free comes within a hundredth of its range of both ends, or of their logarithms."""
-    config = dataclasses.replace(LEAST, num_ramps=1, num_exits=1)
+    config = dataclasses.replace(LEAST, num_ramps=1, num_exits=1, num_incidents=1)
     params = draw_params(random_units(np.random.default_rng(0), 2000), config, None)
     for group, numbers in GROUPS.items():
         for name in {*numbers} - {*BOUND.get(group, ())}:

@@ -2,9 +2,9 @@
 
 The rules that PPO has to beat should be as good as they can be. `medjax.policies.paced` is played with every interval
 and ramp, `medjax.policies.forecast` with every window and threshold. All play the same episodes, whose seed no
-evaluation uses by default. `medjax.policies.budgeted` has too many numbers for a grid. It starts as `forecast` and
-climbs the surface of its returns, on new episodes in every round. The last line compares it with `forecast` on the
-episodes of the grids.
+evaluation uses by default. `medjax.policies.budgeted` has too many numbers for a grid. It starts with the preset's own
+numbers, or as `forecast`, and climbs the surface of its returns, on new episodes in every round. The last line compares
+it with `forecast` on the episodes of the grids.
 
 In a round, groups of variants play one episode each, in pairs that take opposite steps from a centre (antithetic
 sampling, as in evolution strategies: Salimans et al. 2017, arXiv:1703.03864). Subtracting the group's mean return
@@ -31,7 +31,7 @@ from medjax.episodes.runner import EpisodeRunner, episode_steps
 from medjax.episodes.scores import evaluate_policies
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.policies.policy import Policy
-from medjax.policies.rules import Budget, budgeted, forecast, paced
+from medjax.policies.rules import Budget, budgeted, forecast, paced, tuned, tuned_budget
 
 RULES: dict[str, Callable[..., Policy]] = {
     "paced": paced,
@@ -145,7 +145,8 @@ def play_grid(env: Environment, params: Any, rule: str, options: argparse.Namesp
 def climb(env: Environment, params: Any, options: argparse.Namespace) -> Any:
     """Tunes `budgeted`; prints its numbers after every round and the gain on `forecast`."""
     responses = Responses(env, params, GROUP * options.groups)
-    numbers, spread = numbers_of(AS_FORECAST), numbers_of(SPREAD)
+    begin = tuned_budget(env) if tuned(env, "budgeted") else AS_FORECAST
+    numbers, spread = numbers_of(begin), numbers_of(SPREAD)
     rng, rounds = np.random.default_rng(options.seed), []
     for number in range(options.rounds):
         steps = directions(rng, options.groups, len(numbers))

@@ -16,6 +16,10 @@ BOUND = {
     "demand": ("arrival_soc_low", "arrival_soc_high", "surge_from_s", "surge_until_s"),
     "drivers": ("vehicle_length",),
     "fleet": ("size", "service_lane"),
+    "incidents": (
+        *("incident_from_s", "incident_until_s", "incident_from_x_m", "incident_until_x_m"),
+        "incident_lane",
+    ),
     "charging": ("request_soc", "target_soc", "depleted_blocks"),
 }
 # `with_anything` replaces the groups of driving behaviour together, and every other group independently.

@@ -72,13 +72,18 @@ PACE = {"period_s": 40.0, "battery_scale": 20.0, "rounds_per_decision": 2}
 TRIPS = {**PIECE, **CROWD, **NEED, **FLEET, **PACE}
 WORLDS["trips"] = ("corridor", 60, TRIPS)
 AGENTS = {"agents": ("corridor", 60, TRIPS)}  # worlds in which every MED is an agent
-# Worlds of the golden test: full traffic for a few decisions, a MED that charges EVs on a quiet road, exits, and plugs
-# there. On the quiet road few vehicles make decisions, so rounding errors stay small for long.
+# A gas vehicle breaks down early and drives on before the end.
+WHEN = {"incident_from_s": 1.0, "incident_until_s": 4.0, "incident_s": 6.0, "incident_lane": 1}
+WHERE = {"incident_from_x_m": 1500.0, "incident_until_x_m": 2500.0}
+INCIDENT = {"num_incidents": 1, **WHEN, **WHERE}
+# Worlds of the golden test: full traffic for a few decisions, a MED that charges EVs on a quiet road, exits, plugs
+# there, and an incident. On the quiet road few vehicles make decisions, so rounding errors stay small for long.
 SHORT: dict[str, tuple[str, int, dict[str, Any]]] = {
     "paper": ("paper", 24, {}),
     "quiet": ("paper", 80, {**QUIET, **BUSY}),
     "trips": ("corridor", 30, TRIPS),
     "plugs": ("corridor", 12, TRIPS | {"num_plugs": 1}),
+    "incident": ("paper", 30, {"num_gas": 80, "num_evs": 20, **INCIDENT}),
 }
 
 

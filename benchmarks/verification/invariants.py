@@ -38,7 +38,7 @@ INVARIANTS = {
     "motion": "a vehicle moves no farther than its speeds allow, changes one lane at most, and stays the same",
     "road": "vehicles are on a lane, before the end of the road or of their acceleration lane",
     "vehicles": "vehicles enter by entries, leave by exits, at the road's end or without energy; none is lost",
-    "standing": "no vehicle with energy stands on a main lane with open road ahead",
+    "standing": "no vehicle that could drive stands on a main lane with open road ahead",
     "bookings": "one EV per slot, one slot per EV, EV and MED on the road; a booking stays until it ends",
     "soc": "states of charge are in [0, 1]",
     "energy": "what batteries give, get and spend balances",
@@ -125,6 +125,8 @@ def stands_open(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Ar
     gap = jnp.min(jnp.where(ahead, rear, jnp.inf), axis=1) - vehicles.x
     evs, charging, slots = state.evs, params.charging, config.ev_slots
     powered = jnp.ones_like(vehicles.active).at[slots].set(~evs.is_depleted)
+    if state.stands_for_s is not None:
+        powered = powered.at[config.gas_slots].set(state.stands_for_s <= 0.0)
     # Acceleration from standstill is the driver's. For a booked EV, the slot controller at its slowest limits it.
     starts = params.drivers.max_acceleration[vehicles.kind]
     slowest = charging.slowest_share * params.fleet.service_speed

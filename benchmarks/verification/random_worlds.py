@@ -41,6 +41,7 @@ USUAL: dict[str, dict[str, Any]] = {
         "min_gap": (1.0, 5.0), "max_acceleration": (0.5, 3.0), "comfortable_deceleration": (1.0, 4.0),
         "acceleration_noise": (0.0, 0.3), "lateral_wander": (0.0, 0.4),
         "vehicle_length": lambda draw: _sometimes(draw, any_of(draw, LENGTH, *KIND), draw(3.0, 20.0, *KIND)),
+        "vehicle_width": (0.5, 2.6),
         "eco_compliance": (0.0, 1.0), "eco_speed": (5.0, 35.0), "eco_horizon_m": (0.0, 50e3),
         "eco_soc": (0.0, 1.0),
     },
@@ -55,6 +56,7 @@ USUAL: dict[str, dict[str, Any]] = {
         "view_m": (50.0, 500.0), "exit_view_m": (20.0, 500.0), "recovery_s": (0.0, 20.0),
     },
     "charging": {
+        "wanted_soc": (0.0, 1.0),
         "stop_soc": (0.0, 0.5), "reach_ahead_m": (0.0, 2000.0), "reach_behind_m": (0.0, 1000.0),
         "patience_s": (1.0, 120.0), "retry_s": (0.0, 30.0), "approach_speed": (1.0, 15.0),
         "approach_rate": (0.05, 1.0), "speed_rate": (0.2, 2.0), "platoon_headway": (0.25, 1.5),
@@ -94,6 +96,7 @@ def draw_config(seed: int, case: int) -> EnvConfig:
         num_plugs=int(4 * ((evs + meds) % 1.0)) if num_exits else 0,
         num_surges=int(3 * ((ramps + gas) % 1.0)) if num_ramps else 0,
         has_detectors=int(2 * ((meds + tick) % 1.0)),
+        num_incidents=int(4 * ((tick + gas) % 1.0)) if int(40 * num_lanes * reach_ends(gas)) else 0,
         num_periods=1 + int(3 * ((evs + gas) % 1.0)),
         tick_s=round(float(0.02 + 0.48 * reach_ends(tick, 0.15)), 3),
         ticks_per_round=1 + int(8 * ticks),
@@ -140,6 +143,7 @@ def _usual(draw: Draw, group: str, config: EnvConfig) -> dict[str, Any]:
         "ramp": (config.num_ramps,),
         "exit": (config.num_exits,),
         "period": (config.num_periods, 1 + config.num_ramps),
+        "incident": (config.num_incidents,),
     }
     return {
         name: how(draw) if callable(how) else draw(*how, *shapes[groups.GROUPS[group][name].per])
@@ -164,6 +168,21 @@ def _charging(draw: Draw, config: EnvConfig) -> groups.ChargingParams:
     soc: Any = np.sort(draw(0.0, 1.0, 2), axis=-1)
     numbers = _usual(draw, "charging", config)
     return groups.ChargingParams(request_soc=soc[..., 0], target_soc=soc[..., 1], **numbers)
+
+
+def _incidents(draw: Draw, config: EnvConfig, length_m: Any) -> groups.IncidentParams:
+    number = config.num_incidents
+    times: Any = np.sort(draw(0.0, 120.0, 2, number), axis=-2)
+    places = np.sort(draw(0.0, 1.0, 2, number), axis=-2) * np.asarray(length_m)[..., None, None]
+    lanes: Any = np.floor(draw(-1.0, config.num_lanes, number))
+    return groups.IncidentParams(
+        incident_from_s=times[..., 0, :],
+        incident_until_s=times[..., 1, :],
+        incident_from_x_m=places[..., 0, :],
+        incident_until_x_m=places[..., 1, :],
+        incident_lane=lanes.clip(-1, config.num_lanes - 1).astype(np.int32),
+        incident_s=draw(0.0, 120.0, number),
+    )
 
 
 def _body(draw: Draw, mass: tuple[float, float], area: float, pack: float) -> groups.BodyParams:
@@ -195,8 +214,9 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
     draw = Draw(units)
     once = draw(0.0, 1.0) < 0.5  # in half of the worlds MEDs never return to service
     turnaround: Any = np.where(once, np.float32(math.inf), draw(0.0, 120.0))
+    road = _road(draw, config)
     params = EnvParams(
-        road=_road(draw, config),
+        road=road,
         demand=_demand(draw, config),
         drivers=groups.DriverParams(**_usual(draw, "drivers", config)),
         motion=groups.MotionParams(**_usual(draw, "motion", config)),
@@ -214,6 +234,7 @@ def draw_params(units: Units, config: EnvConfig, table: InductanceTable) -> EnvP
         ),
         charging=_charging(draw, config),
         link=groups.LinkParams(inductance=table, **_usual(draw, "link", config)),
+        incidents=_incidents(draw, config, road.length_m),
         ev=_body(draw, (500.0, 3000.0), 4.0, 100.0),
         med=_body(draw, (4000.0, 40000.0), 12.0, 600.0),
         market=MarketParams(hourly_price=draw(-1.0, 3.0, HOURS_OF_DAY)),

@@ -32,6 +32,7 @@ from medjax.errors import InputError, shown
 from medjax.traffic.entry import admit
 from medjax.traffic.following import CarFollowing
 from medjax.traffic.idm import IDM_PLUS
+from medjax.traffic.incidents import break_down
 from medjax.traffic.step import drivers_of, perturb
 from medjax.world.checks import check_made_for
 from medjax.world.params import EnvConfig, EnvParams, validate_config
@@ -207,6 +208,10 @@ class ChargingEnv:
             with jax.named_scope("trips"):
                 state, rerouted = plan_trips(state, config, params)
                 entered += rerouted
+        if (stands_for_s := state.stands_for_s) is not None:
+            with jax.named_scope("incidents"):
+                stands_for_s = break_down(state, stands_for_s, number, config, params)
+                state = state.replace(stands_for_s=stands_for_s)
         with jax.named_scope("booking"):
             state = state.replace(evs=book(state, config, params))
         with jax.named_scope("noise"):

@@ -38,7 +38,8 @@ def lacking_j(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Arra
     cruise, power_w = cruising(params)
     x = state.vehicles.x[config.ev_slots]
     distance = state.vehicles.destination[config.ev_slots] - x
-    return distance * (power_w / cruise) - state.evs.energy_j
+    wanted_j = params.charging.wanted_soc * params.ev_capacity_j
+    return distance * (power_w / cruise) - state.evs.energy_j + wanted_j
 
 
 class Need(NamedTuple):
@@ -77,7 +78,9 @@ def expected_need(
     lacks = jnp.where(meets, block_fma(scale_by(lacks_j, params.ev_capacity_j)), 0.0)
 
     where = entries(road, config.num_lanes)
-    charge = (road.length_m - where.x) * per_metre / params.ev_capacity_j  # to the end of the road
+    # To the end of the road.
+    charge = (road.length_m - where.x) * per_metre / params.ev_capacity_j
+    charge += params.charging.wanted_soc
     range_of_charge = jnp.maximum(demand.arrival_soc_high - demand.arrival_soc_low, 1e-6)
     share = jnp.clip((charge - demand.arrival_soc_low) / range_of_charge, 0.0, 1.0)
     rate = state.detected_per_s

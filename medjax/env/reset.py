@@ -58,6 +58,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
         detected_per_s=_detected(config, params),
         arrivals=new_seed(arrivals_key),
         plugs_free_in_s=_plugs(config),
+        stands_for_s=jnp.zeros((config.num_gas,), jnp.float32) if config.num_incidents else None,
         cooldown_s=jnp.zeros((), jnp.float32),
         time=jnp.zeros((), jnp.int32),
         stats=EpisodeStats.zeros().replace(entered=count_kinds(active, vehicles.kind, config)),

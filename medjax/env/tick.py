@@ -15,6 +15,7 @@ from medjax.numerics.sums import block_fma, scale_by, sum_pairwise
 from medjax.traffic.exits import takes_exit
 from medjax.traffic.following import CarFollowing, Drivers
 from medjax.traffic.idm import IDM_PLUS
+from medjax.traffic.incidents import hold, stand
 from medjax.traffic.step import move
 from medjax.world.kinds import GAS_KINDS
 from medjax.world.params import EnvConfig, EnvParams
@@ -44,6 +45,8 @@ def physics_tick(
     before = without_motor(state.vehicles, state.evs, config, params)
     with jax.named_scope("docking"):
         orders = approach(state, drivers, config, params)
+    if (stands_for_s := state.stands_for_s) is not None:
+        before, orders = hold(before, orders, drivers, stands_for_s, config)
     after, moved = move(before, drivers, orders, tick, config, params, following)
     with jax.named_scope("misalignment"):
         link = links(after, state.evs, drivers.length, config, params, coupling)
@@ -61,6 +64,8 @@ def physics_tick(
         since_s = (tick % config.ticks_per_decision + 1) * config.tick_s
         meds = on_the_road(meds, after, left, since_s, config, params)
         evs = release(after, evs, meds, config, params)
+    if stands_for_s is not None:
+        state = state.replace(stands_for_s=stand(after, stands_for_s, config))
     with jax.named_scope("tally"):
         sent = (state.meds.status != AT_DEPOT) & (state.meds.status != RETIRED)
         flow = _flow(before, after, evs, sent, left, config, params)

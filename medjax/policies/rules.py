@@ -5,7 +5,7 @@ may be None, and read the state of the highway beneath any wrappers. They never 
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -18,6 +18,7 @@ from medjax.env.observation import NEED_WINDOW_S, clock_features
 from medjax.errors import InputError
 from medjax.policies.policy import Choice, Policy, rule
 from medjax.world.params import EnvConfig, EnvParams
+from medjax.world.presets import SCENARIOS
 from medjax.world.state import NOT_BOOKED, EnvState
 
 Act = Callable[[jax.Array, EnvState, EnvParams], jax.Array]
@@ -82,16 +83,28 @@ def periodic(env: Environment) -> Policy:
     return _of_highway(env, act)
 
 
-def paced(env: Environment, interval_s: float = 32.0, ramp: int = 1) -> Policy:
-    """One MED every interval_s, always from the same ramp.
+def tuned(env: Environment, rule: str) -> Mapping[str, Any]:
+    """Settings of a rule that were tuned on the preset of an environment, wrapped or not; empty if there are none."""
+    highway: Any = env
+    while hasattr(highway, "env"):
+        highway = highway.env
+    recipe = getattr(highway, "recipe", None)  # an environment of one's own may have none
+    return SCENARIOS[recipe.scenario].rules.get(rule, {}) if recipe else {}
 
-    The defaults do best on `paper`: `python -m benchmarks.tune` compares them.
+
+def paced(env: Environment, interval_s: float | None = None, ramp: int | None = None) -> Policy:
+    """One MED every interval_s, always from the same ramp.
 
     Args:
       interval_s: s between two MEDs; a cooldown may make it longer.
       ramp: counted from 1; the last ramp if there are fewer.
+
+    Without a number it takes the one that is best on the environment's preset, else on `paper`, 32 s and ramp 1:
+    `python -m benchmarks.tune` compares them.
     """
-    action = min(ramp, env.config.num_ramps)
+    best = {"interval_s": 32.0, "ramp": 1} | dict(tuned(env, "paced"))
+    interval_s = best["interval_s"] if interval_s is None else interval_s
+    action = min(best["ramp"] if ramp is None else ramp, env.config.num_ramps)
 
     def act(mask: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
         due = state.time * env.config.decision_s >= state.stats.meds_dispatched * interval_s
@@ -132,15 +145,21 @@ def greedy(env: Environment) -> Policy:
     return _where_needed(env, lambda state, params: stranded_need(state, env.config, params), 2.0)
 
 
-def forecast(env: Environment, window_s: float = 60.0, enough: float = 5.0) -> Policy:
+def forecast(
+    env: Environment, window_s: float | None = None, enough: float | None = None
+) -> Policy:
     """Sends a MED where most EVs will be in need of it (`forecast_need`), once `enough` are.
-
-    The defaults do best on `paper`: `python -m benchmarks.tune` compares them.
 
     Args:
       window_s: forecast window, s.
       enough: EVs in need at which it sends a MED.
+
+    Without a number it takes the one that is best on the environment's preset, else on `paper`, 60 s and 5:
+    `python -m benchmarks.tune` compares them.
     """
+    best = {"window_s": 60.0, "enough": 5.0} | dict(tuned(env, "forecast"))
+    window_s = best["window_s"] if window_s is None else window_s
+    enough = best["enough"] if enough is None else enough
     return _where_needed(
         env, lambda state, params: forecast_need(state, env.config, params, window_s), enough
     )
@@ -181,15 +200,17 @@ class Budget(struct.PyTreeNode):
         )
 
 
-BUDGET = Budget()
+def tuned_budget(env: Environment) -> Budget:
+    """The numbers of `budgeted` that were tuned on the environment's preset, else on `paper`."""
+    return Budget(**tuned(env, "budgeted"))
 
 
-def budgeted(env: Environment, budget: Budget = BUDGET) -> Policy:
+def budgeted(env: Environment, budget: Budget | None = None) -> Policy:
     """Sends a MED where it is worth most; the more MEDs are left for the time left, the less need it takes.
 
     Args:
       env: a single environment.
-      budget: its numbers, which are the policy's weights.
+      budget: its numbers, which are the policy's weights; None takes `tuned_budget`.
     """
     if not env.config.num_ramps:
         return none(env)
@@ -204,7 +225,7 @@ def budgeted(env: Environment, budget: Budget = BUDGET) -> Policy:
         action = jnp.where(margin.max() >= 0.0, 1 + jnp.argmax(margin), 0).astype(jnp.int32)
         return Choice(action, jax.nn.one_hot(action, env.num_actions, dtype=jnp.float32))
 
-    return Policy(act, budget)
+    return Policy(act, tuned_budget(env) if budget is None else budget)
 
 
 BASELINES: dict[str, Callable[[Environment], Policy]] = {

@@ -14,6 +14,9 @@ import jax.numpy as jnp
 
 from medjax.world.state import EnvState
 
+# The stream of incidents, far from those of vehicles and rounds.
+INCIDENTS = 2**31
+
 
 class Traits(NamedTuple):
     """Random traits of entering vehicles, `(K,)` each."""
@@ -68,3 +71,12 @@ def draw_round(seed: jax.Array, num_entries: int, number: jax.Array) -> jax.Arra
     """Uniform draws for the arrival counts of a round, `(num_entries,)`."""
     # Vehicles use streams 0 to num_entries.
     return jax.random.uniform(_stream(seed, num_entries + 1, number), (num_entries,), jnp.float32)
+
+
+def draw_incidents(seed: jax.Array, count: int) -> jax.Array:
+    """Uniform draws for the time and place of each incident, `(count, 2)`; they do not depend on the count."""
+
+    def one(number: jax.Array) -> jax.Array:
+        return jax.random.uniform(_stream(seed, INCIDENTS, number), (2,), jnp.float32)
+
+    return jax.vmap(one)(jnp.arange(count, dtype=jnp.int32))

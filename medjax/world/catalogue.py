@@ -12,6 +12,9 @@ ABOUT = {
     "long": (
         "100 km of motorway, true battery capacities: a Leaf uses 19 kWh on it and charges within 50 km"
     ),
+    "freight": (
+        "30 km on which MEDs charge electric lorries, near break-even; demand surges; in euros"
+    ),
     "corridor": (
         "30 km in the afternoon: true capacities, powers, lorries and speeds; chargers at exits; in euros"
     ),

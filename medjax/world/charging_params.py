@@ -76,6 +76,14 @@ class ChargingParams(struct.PyTreeNode):
         "",
         "an EV that would have less at the charger beyond the next exit takes that exit to charge; chosen",
     )
+    wanted_soc: Scalar = number(
+        0.0,
+        0,
+        1,
+        "",
+        "charge with which EVs want to reach their destination, by which forecasts tell who is in need; 0: just to "
+        "reach it",
+    )
     target_soc: Scalar = number(0.8, 0, 1, "", "an EV leaves its slot at this charge; chosen")
     reach_ahead_m: Scalar = number(
         400.0, 0, 200e3, "m", "how far ahead of an EV a MED may be booked; chosen"

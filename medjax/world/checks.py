@@ -84,6 +84,7 @@ def _shapes(config: EnvConfig) -> dict[str, tuple[int, ...]]:
         "ramp": (config.num_ramps,),
         "exit": (config.num_exits,),
         "period": (config.num_periods, 1 + config.num_ramps),
+        "incident": (config.num_incidents,),
         "hour": (HOURS_OF_DAY,),
     }
 
@@ -128,16 +129,25 @@ def _check_road(params: EnvParams) -> None:
 def _check_pairs(config: EnvConfig, params: EnvParams) -> None:
     """Checks numbers that another number bounds."""
     demand, charging, fleet = params.demand, params.charging, params.fleet
+    road, incidents = params.road, params.incidents
+    earliest, latest = incidents.incident_from_s, incidents.incident_until_s
+    nearest, farthest = incidents.incident_from_x_m, incidents.incident_until_x_m
     pairs: tuple[tuple[str, Any, str, Any], ...] = (
         ("arrival_soc_low", demand.arrival_soc_low, "arrival_soc_high", demand.arrival_soc_high),
         ("surge_from_s", demand.surge_from_s, "surge_until_s", demand.surge_until_s),
         ("request_soc", charging.request_soc, "target_soc", charging.target_soc),
         ("service_lane", fleet.service_lane, "num_lanes - 1", config.num_lanes - 1),
         ("fleet size", fleet.size, "num_meds", config.num_meds),
+        ("incident_from_s", earliest, "incident_until_s", latest),
+        ("incident_from_x_m", nearest, "incident_until_x_m", farthest),
+        ("incident_until_x_m", farthest, "length_m", road.length_m),
+        ("incident_lane", incidents.incident_lane, "num_lanes - 1", config.num_lanes - 1),
     )
-    for name, value, bound, most in pairs:
-        if float(value) > float(most):
-            raise InputError(f"{name} = {value:g}: allowed at most {bound} = {most:g}")
+    for name, given, bound, most in pairs:
+        values, mosts = np.broadcast_arrays(given, most)
+        for value, limit in zip(values.flat, mosts.flat, strict=True):
+            if value > limit:
+                raise InputError(f"{name} = {value:g}: allowed at most {bound} = {limit:g}")
 
 
 def validate(config: EnvConfig, params: EnvParams) -> None:

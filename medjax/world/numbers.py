@@ -27,7 +27,9 @@ class Number:
     unit: str = ""
     text: Text = ""  # description, and the source of the default
     whole: bool = False
-    per: str = ""  # "kind" of vehicle, "ramp", "exit", "period" or "hour": a number for each
+    per: str = (
+        ""  # "kind" of vehicle, "ramp", "exit", "period", "incident", "hour": a number for each
+    )
 
     def __str__(self) -> str:
         """The allowed values, for messages."""

@@ -32,6 +32,7 @@ from medjax.world.charging_params import (
     LinkParams,
 )
 from medjax.world.demand_params import DemandParams
+from medjax.world.incident_params import IncidentParams
 from medjax.world.kinds import CLASSES
 from medjax.world.numbers import number, numbers_of, read_number
 from medjax.world.traffic_params import (
@@ -99,6 +100,13 @@ class EnvConfig:
         1,
         text="1: detectors count the vehicles at each entry, and forecasts and observations go by them; 0: by the "
         "demand's true rates; paper: none",
+        whole=True,
+    )
+    num_incidents: int = number(
+        0,
+        0,
+        8,
+        text="incidents in an episode, each of which blocks a lane; paper: none",
         whole=True,
     )
     num_periods: int = number(1, 1, 1000, text="rows of `demand.profile`; paper: one", whole=True)
@@ -203,6 +211,7 @@ class EnvParams(struct.PyTreeNode):
     charging: ChargingParams = struct.field(default_factory=ChargingParams)
     link: LinkParams = struct.field(default_factory=LinkParams)
     market: MarketParams = struct.field(default_factory=MarketParams)
+    incidents: IncidentParams = struct.field(default_factory=IncidentParams)
     ev: BodyParams = NISSAN_LEAF
     med: BodyParams = TRUCK
     battery_scale: Scalar = number(
@@ -257,6 +266,8 @@ def _check_places(config: EnvConfig) -> None:
         raise InputError(f"num_plugs = {config.num_plugs}: allowed 0 with num_exits = 0")
     if config.num_surges and not config.num_ramps:
         raise InputError(f"num_surges = {config.num_surges}: allowed 0 with num_ramps = 0")
+    if config.num_incidents and not config.num_gas:
+        raise InputError(f"num_incidents = {config.num_incidents}: allowed 0 with num_gas = 0")
     depots = max(config.num_ramps, 1)
     if config.num_depots > depots:
         raise InputError(

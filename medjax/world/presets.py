@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from medjax.errors import InputError
+from medjax.world import freight
 from medjax.world.catalogue import ABOUT, listed
+from medjax.world.incident_params import IncidentParams
 from medjax.world.numbers import read_number
 from medjax.world.params import GROUPS, OTHERS, EnvConfig, EnvParams
 
@@ -34,6 +36,8 @@ PLACES = _places()
 
 # Default where only the number or places of exits are given: an interchange every 6 km and mean trips of 60 km.
 EXIT_SHARE = 0.1
+# Likewise where only the number of incidents is given.
+INCIDENT = {"from_s": 120.0, "until_s": 300.0, "s": 300.0, "lane": -1}
 
 
 def _put(params: EnvParams, place: tuple[str, str], value: Any) -> EnvParams:
@@ -69,6 +73,17 @@ def _profile(given: Any, config: EnvConfig) -> np.ndarray:
     return rows[:, columns]
 
 
+def _incidents(params: EnvParams, number: int) -> IncidentParams:
+    """The incidents of a preset, repeated to this number; by default in the middle half of the road."""
+    quarter = 0.25 * params.road.length_m
+    usual = INCIDENT | {"from_x_m": quarter, "until_x_m": 3.0 * quarter}
+    fitted: dict[str, Any] = {}
+    for name, value in usual.items():
+        values = np.ravel(getattr(params.incidents, f"incident_{name}"))
+        fitted[f"incident_{name}"] = np.resize(values if len(values) else value, number)
+    return IncidentParams(**fitted)
+
+
 def _fit(params: EnvParams, config: EnvConfig, own: EnvConfig) -> EnvParams:
     """Fits params of a preset with sizes `own` to other sizes.
 
@@ -93,6 +108,7 @@ def _fit(params: EnvParams, config: EnvConfig, own: EnvConfig) -> EnvParams:
             exit_share=shares,
             profile=_profile(demand.profile, config),
         ),
+        incidents=_incidents(params, config.num_incidents),
         fleet=fleet.replace(size=min(int(fleet.size), config.num_meds), service_lane=lane),
     )
 
@@ -105,12 +121,16 @@ class Scenario:
     config: EnvConfig = dataclasses.field(default_factory=EnvConfig)
     numbers: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     reward: str = "paper"  # name in `medjax.env.reward.REWARDS`
+    prices: Mapping[str, float] = dataclasses.field(default_factory=dict)  # weights that differ
+    # Settings of rules that `benchmarks.tune` found best here, by rule of `medjax.policies.rules`.
+    rules: Mapping[str, Mapping[str, Any]] = dataclasses.field(default_factory=dict)
 
     def params(self, config: EnvConfig) -> EnvParams:
         """The numbers for these sizes, without the coils' table."""
         params = EnvParams()
         for name, value in self.numbers.items():
             params = _put(params, PLACES[name], value)
+        params = params.replace(reward_weights=params.reward_weights | dict(self.prices))
         return _fit(params, config, self.config)
 
 
@@ -216,6 +236,15 @@ SCENARIOS["corridor"] = Scenario(  # docs/parameters.md has the reasons
         "episode_decisions": 360,
     },
     reward="money",
+)
+
+SCENARIOS["freight"] = Scenario(
+    ABOUT["freight"],
+    EnvConfig(**freight.SIZES),
+    freight.NUMBERS,
+    reward="money",
+    prices=freight.PRICES,
+    rules=freight.RULES,
 )
 
 

@@ -170,6 +170,8 @@ class EnvState(struct.PyTreeNode):
     arrivals: UInt32[Array, "2"]  # seed of the arrivals (`medjax.traffic.arrivals`)
     # s, until each plug is free; 0: free. None without plugs, since an array of size 0 cannot be reshaped to (-1, 0).
     plugs_free_in_s: Float32[Array, "num_exits num_plugs"] | None
+    # s, for which each gas vehicle that broke down will stand yet; 0: it drives. None without incidents.
+    stands_for_s: Float32[Array, "num_gas"] | None
     cooldown_s: Float32[Array, ""]  # until the next dispatch is allowed
     time: Int32[Array, ""]  # decisions taken
     stats: EpisodeStats  # since reset

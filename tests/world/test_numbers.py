@@ -43,6 +43,12 @@ BESIDE = {
     "num_evs": {"num_gas": 0},
     "num_depots": {"num_ramps": 8},
     "num_plugs": {"num_exits": 1},
+    "incidents.incident_from_s": {"num_incidents": 1, "incident_until_s": 1e9},
+    "incidents.incident_until_s": {"num_incidents": 1, "incident_from_s": 0},
+    "incidents.incident_from_x_m": LONG | {"num_incidents": 1, "incident_until_x_m": 200e3},
+    "incidents.incident_until_x_m": LONG | {"num_incidents": 1, "incident_from_x_m": 0},
+    "incidents.incident_lane": {"num_incidents": 1, "num_lanes": 6},
+    "incidents.incident_s": {"num_incidents": 1},
     **{f"reward_weights.{term}": {"reward": "money"} for term in MONEY},
 }
 

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 
 from medjax.env.agents.view import AgentView
 from medjax.env.observation import RoadProfile
-from medjax.policies.rules import BUDGET
+from medjax.policies.rules import tuned_budget
 from medjax.world.state import IN_SERVICE, MERGING, QUEUED
 from train.settings import TrainConfig
 
@@ -67,10 +67,10 @@ def _of_dispatcher(env: Any, config: TrainConfig) -> Prior:
     of_agent = isinstance(layout, AgentView)
     ramps = env.config.num_ramps if of_agent else env.num_actions - 1
     if config.policy_prior == "rule" and (tells_ramps(env) or (of_agent and ramps)):
-        env_config = env.config
+        env_config, budget = env.config, tuned_budget(env)
 
         def like_rule(obs: jax.Array) -> jax.Array:
-            margin = BUDGET.margin(*layout.outlook(obs, env_config))
+            margin = budget.margin(*layout.outlook(obs, env_config))
             return jnp.pad(SHARPNESS * margin, [(0, 0)] * (obs.ndim - 1) + [(1, 0)])
 
         return like_rule

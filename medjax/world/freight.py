@@ -1,0 +1,105 @@
+"""The preset `freight`: a motorway on which electric lorries charge; docs/parameters.md has the reasons."""
+
+from typing import Any
+
+import numpy as np
+
+# Mean of each hour of 2024 over the year's mean, 77.29 EUR/MWh, on the Dutch day-ahead market (ENTSO-E, as shipped
+# with ev2gym 2.0.0, MIT licence): `python -m benchmarks.prices`.
+DUTCH_2024 = (
+    *(0.984, 0.911, 0.871, 0.835, 0.831, 0.885, 1.052, 1.226),
+    *(1.245, 1.071, 0.885, 0.738, 0.628, 0.565, 0.582, 0.702),
+    *(0.894, 1.194, 1.404, 1.529, 1.488, 1.287, 1.162, 1.032),
+)
+INTERCHANGES_M = 1_500.0 + 6_000.0 * np.arange(4)
+J_PER_KWH = 3.6e6
+
+SIZES = {
+    "num_meds": 24,
+    "num_evs": 144,
+    "num_gas": 288,
+    "num_lanes": 3,
+    "num_ramps": 4,
+    "num_exits": 4,
+    "num_depots": 4,
+    "num_plugs": 4,
+    "num_surges": 2,
+    "has_detectors": 1,
+    "rounds_per_decision": 10,
+}
+NUMBERS = {
+    "length_m": 30_000.0,
+    "lane_width_m": 3.75,
+    "exit_x_m": INTERCHANGES_M - 300.0,
+    "ramp_x_m": INTERCHANGES_M + 300.0,
+    "exit_share": np.full(4, 0.05),
+    "mainline_per_h": 900.0,
+    "ramp_per_h": np.array([40.0, 80.0, 40.0, 60.0]),
+    "start_s": 13.0 * 3600.0,
+    "surge_factor": 4.0,
+    "surge_until_s": 2700.0,
+    "hourly_price": DUTCH_2024,
+    "ev_share": 0.3,
+    "lorry_share": 0.25,
+    "arrival_soc_low": 0.1,
+    "arrival_soc_high": 0.7,
+    "desired_speed": [23.0, 23.6, 23.6, 32.0, 23.6],
+    "desired_speed_std": [0.0, 0.7, 0.7, 3.0, 0.7],
+    "time_headway": [1.5, 2.0, 1.5, 1.4, 2.0],
+    "min_gap": [3.0, 4.0, 4.0, 2.0, 4.0],
+    "max_acceleration": [0.5, 0.5, 0.5, 1.4, 0.5],
+    "acceleration_noise": [0.02, 0.05, 0.01, 0.1, 0.05],
+    "lateral_wander": [0.02, 0.1, 0.02, 0.15, 0.1],
+    "vehicle_length": [16.5, 16.5, 16.5, 4.7, 16.5],
+    "vehicle_width": [2.55, 2.55, 2.55, 1.8, 2.55],
+    "right_bias": 0.3,
+    "battery_scale": 1.0,
+    "ev.pack_j": 600.0 * J_PER_KWH,
+    "ev.mass_kg": 40_000.0,
+    "ev.drag_coefficient": 0.5,
+    "ev.frontal_area_m2": 10.0,
+    "ev.rolling_resistance": 0.0055,
+    "ev.auxiliary_w": 3_000.0,
+    "med.pack_j": 500.0 * J_PER_KWH,
+    "med.mass_kg": 25_000.0,
+    "med.drag_coefficient": 0.55,
+    "med.rolling_resistance": 0.0055,
+    "med.auxiliary_w": 3_000.0,
+    "size": 20,
+    "cooldown_s": 10.0,
+    "service_speed": 21.0,
+    "service_lane": 2,
+    "trip_m": 21_000.0,
+    "turnaround_s": 300.0,
+    "depot_power_w": 350e3,
+    "slot_power_w": 190e3,
+    "max_current_a": 100.0,
+    "plug_power_w": 400e3,
+    "request_soc": 0.5,
+    "wanted_soc": 0.5,
+    "target_soc": 0.8,
+    "stop_soc": 0.1,
+    "reach_ahead_m": 400.0,
+    "reach_behind_m": 400.0,
+    "approach_speed": 3.5,
+    "patience_s": 400.0,
+    "episode_decisions": 360,
+}
+PRICES = {
+    "delay_h": -45.0,
+    "ev_kwh": -0.40,
+    "charging_stops": 0.0,
+    "plug_h": -50.0,
+    "plug_kwh": 0.0,
+    "med_wear_kwh": -0.04,
+}
+RULES: dict[str, dict[str, Any]] = {
+    "budgeted": {
+        "pack": 0.0,
+        "coming": 0.5,
+        "free": -0.5,
+        "ahead": 0.0,
+        "time_left": 0.0,
+        "ramp": (-2.0, -2.5, -3.0, -4.0),
+    }
+}
