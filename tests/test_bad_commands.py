@@ -108,6 +108,7 @@ COMMANDS = {
     "benchmarks.speed.training": [],
     "benchmarks.studies.ticks": [],
     "benchmarks.studies.tune": [],
+    "benchmarks.studies.worth.command": [],
     "benchmarks.studies.ablation.__main__": ["cooldown"],
     "benchmarks.verification.golden": ["--out=new.npz"],
 }
@@ -115,7 +116,7 @@ ALWAYS = (
     *("--frobnicate", "--frobnicate=1", "-x", "positional", "-", "--=", "--\ud800", "--seed=1=2"),
     *("\n", "x" * 100_000),
 )
-FILE_OPTIONS = ("json", "plot", "out")
+FILE_OPTIONS = ("json", "plot", "out", "keep")
 DIRECTORY_OPTIONS = ("run_dir", "resume", "config")
 
 
