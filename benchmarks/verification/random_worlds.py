@@ -64,6 +64,7 @@ USUAL: dict[str, dict[str, Any]] = {
         "dock_speed_tolerance": (0.1, 2.0), "hold_tolerance_m": (0.1, 4.0), "slot_power_w": (0.0, 200e3),
         "taper_soc": (0.0, 1.0), "slowest_share": (0.2, 1.0), "depleted_blocks": lambda draw: draw.whole(0, 1),
         "tow_s": (0.0, 120.0), "plug_power_w": (1e4, 1e6), "plug_target_soc": (0.0, 0.99),
+        "queue_seen_share": (0.0, 1.0),
     },
     "link": {
         "panel_gap_m": (0.05, 0.6), "permeability": (0.5, 2.0), "max_current_a": (0.0, 300.0),

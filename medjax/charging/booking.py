@@ -61,8 +61,8 @@ def can_serve(meds: MEDs, params: EnvParams) -> jax.Array:
     return (meds.status == IN_SERVICE) & (meds.energy_j > reserve)
 
 
-def unserved(energy_j: jax.Array, complies: jax.Array) -> EVs:
-    """EVs that no MED has served, given their energy, `(E,)` J, and whether their drivers comply, `(E,)` bool."""
+def unserved(energy_j: jax.Array, complies: jax.Array, sees_queues: jax.Array | None) -> EVs:
+    """EVs that no MED has served, from their energy, `(E,)` J, and their drivers' traits, `(E,)` bool (see `EVs`)."""
     not_booked = jnp.full(energy_j.shape, NOT_BOOKED, jnp.int32)
     return EVs(
         energy_j=energy_j,
@@ -76,6 +76,7 @@ def unserved(energy_j: jax.Array, complies: jax.Array) -> EVs:
         standing_s=jnp.zeros_like(energy_j),
         served=jnp.zeros(energy_j.shape, bool),
         complies=complies,
+        sees_queues=sees_queues,
         is_depleted=jnp.zeros(energy_j.shape, bool),
     )
 
@@ -86,8 +87,10 @@ def init_new_evs(evs: EVs, newcomers: Newcomers, config: EnvConfig, params: EnvP
     span = demand.arrival_soc_high - demand.arrival_soc_low
     soc = demand.arrival_soc_low + newcomers.traits.charge * span
     complies = newcomers.traits.complies < params.drivers.eco_compliance
-    source = jnp.maximum(entry, 0)
-    fresh = unserved(soc[source] * params.ev_capacity_j, complies[source])
+    source, sees = jnp.maximum(entry, 0), None
+    if evs.sees_queues is not None:
+        sees = (newcomers.traits.sees_queues < params.charging.queue_seen_share)[source]
+    fresh = unserved(soc[source] * params.ev_capacity_j, complies[source], sees)
     return jax.tree.map(lambda new, old: jnp.where(entry >= 0, new, old), fresh, evs)
 
 

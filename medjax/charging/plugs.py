@@ -73,6 +73,20 @@ def take_plugs(
     return free_in_s, wait_s
 
 
+def expected_waits(free_in_s: jax.Array, way_m: jax.Array, speed: jax.Array) -> jax.Array:
+    """Waits at each site for an EV that drives there at a constant speed, if nobody else arrives before it.
+
+    Args:
+      free_in_s: (num_exits, num_plugs) s, until each plug is free.
+      way_m: (num_exits, E) m, from each EV to each site; speed: () m/s.
+
+    Returns:
+      (num_exits, E) s.
+    """
+    first = jax.lax.stop_gradient(free_in_s).min(axis=1)
+    return jnp.maximum(first[:, None] - way_m / speed, 0.0)
+
+
 def charge_at_exits(
     state: EnvState, free_in_s: jax.Array, config: EnvConfig, params: EnvParams
 ) -> tuple[EnvState, EpisodeStats]:

@@ -37,6 +37,10 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     arrival = jax.random.uniform(soc_key, shape, jnp.float32, minval=low, maxval=high)
     luck = jax.random.uniform(driver_key, shape, jnp.float32)
     complies = luck < params.drivers.eco_compliance
+    sees = None
+    if config.num_plugs:
+        luck = jax.random.uniform(jax.random.fold_in(driver_key, 0), shape, jnp.float32)
+        sees = luck < params.charging.queue_seen_share
     speed, power_w = cruising(params)
     x = vehicles.x[config.ev_slots]
     drawn = jax.random.uniform(jax.random.fold_in(soc_key, 0), shape, jnp.float32)
@@ -51,7 +55,7 @@ def initial_state(key: jax.Array, config: EnvConfig, params: EnvParams) -> EnvSt
     active = _beside_meds(vehicles.active[slots] & alive, config)
     return EnvState(
         vehicles=vehicles.replace(active=active),
-        evs=unserved(jnp.clip(energy, 0.0, params.ev_capacity_j), complies),
+        evs=unserved(jnp.clip(energy, 0.0, params.ev_capacity_j), complies, sees),
         meds=whole_fleet(config, params),
         queue=jnp.zeros((config.num_entries,), jnp.int32),
         entered_here=jnp.zeros((config.num_entries,), jnp.int32),

@@ -6,10 +6,15 @@ import jax
 import jax.numpy as jnp
 
 from medjax.charging.energy import cruising
+from medjax.charging.plugs import expected_waits
 from medjax.numerics.gathers import read
 from medjax.traffic.exits import has_missed_exit, is_preparing_exit, next_exit
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import IN_SERVICE, LEAVING, NOT_BOOKED, EnvState, EpisodeStats, Vehicles
+
+# A wait that is shorter by less than this is no reason to stop earlier. Chosen: above the half minute from an exit's
+# first sign to its plugs, in which queues do not show who is on the way, and below a charge (16 min on `corridor`).
+WORTHWHILE_S = 180.0
 
 
 def lacks_charge(
@@ -26,10 +31,10 @@ def lacks_charge(
 
     Args:
       energy_j, x, destination: of EVs, (E,) J, m, m.
-      passed: (E,) m, the exit that each EV passes or has passed.
+      passed: (E,) m, the exit that each EV passes or has passed, or several, (num_exits, 1) m, for all EVs.
 
     Returns:
-      (E,) bool.
+      (E,) bool, or (num_exits, E).
     """
     road = params.road
     beyond = next_exit(passed, road)
@@ -41,10 +46,37 @@ def lacks_charge(
     return spare < (goal - x) * (power_w / speed)
 
 
-def needs_charger(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """EVs without a booking that leave at the exit ahead for a charger because of `lacks_charge`, `(E,)` bool.
+def avoids_queue(
+    state: EnvState, free_in_s: jax.Array, config: EnvConfig, params: EnvParams
+) -> jax.Array:
+    """EVs that wait less for a plug at the exit ahead than at any later one within reach, `(E,)` bool.
 
-    They decide so between the exit's first sign and its deceleration lane.
+    They lack charge for their whole way. Without queues they charge at the last exit that they reach with `stop_soc`
+    left; they stop earlier where the wait is shorter by more than `WORTHWHILE_S` than at every later exit within reach.
+
+    Args:
+      state: at a round's start.
+      free_in_s: `state.plugs_free_in_s`, which is not None.
+    """
+    slots = config.ev_slots
+    x, destination = state.vehicles.x[slots], state.vehicles.destination[slots]
+    exits, ahead = params.road.exit_x_m[:, None], next_exit(x, params.road)
+    speed, _ = cruising(params)
+    wait_s = expected_waits(free_in_s, exits - x, speed)
+    lacks = lacks_charge(state.evs.energy_j, x, destination, exits, config, params)
+    on_way = (exits >= ahead) & (exits < destination)
+    # Who lacks no charge to go on at an exit reaches the next one.
+    within_reach = on_way & (exits > ahead) & ~jnp.roll(lacks, 1, axis=0)
+    here_s = jnp.where(exits == ahead, wait_s, jnp.inf).min(axis=0)
+    later_s = jnp.where(within_reach, wait_s, jnp.inf).min(axis=0)
+    return (on_way & lacks).any(axis=0) & (here_s + WORTHWHILE_S < later_s)
+
+
+def needs_charger(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
+    """EVs without a booking that leave at the exit ahead for a charger, `(E,)` bool.
+
+    They do so because of `lacks_charge`, or because of `avoids_queue`, and decide between the exit's first sign and
+    its deceleration lane.
     """
     vehicles, evs, road, slots = state.vehicles, state.evs, params.road, config.ev_slots
     x, destination = vehicles.x[slots], vehicles.destination[slots]
@@ -53,6 +85,8 @@ def needs_charger(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.
     signed = (ahead < road.length_m) & (ahead - x <= road.exit_notice_m)
     passes = signed & (ahead - x >= road.exit_lane_m) & (destination > ahead)
     unserved = vehicles.active[slots] & (evs.med == NOT_BOOKED) & ~evs.is_depleted
+    if evs.sees_queues is not None and state.plugs_free_in_s is not None:
+        lacks |= evs.sees_queues & avoids_queue(state, state.plugs_free_in_s, config, params)
     return unserved & passes & lacks
 
 

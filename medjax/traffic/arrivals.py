@@ -27,6 +27,7 @@ class Traits(NamedTuple):
     destination: jax.Array
     charge: jax.Array
     complies: jax.Array
+    sees_queues: jax.Array
 
 
 def new_seed(key: jax.Array) -> jax.Array:
@@ -54,8 +55,10 @@ def draw_traits(seed: jax.Array, stream: jax.Array, number: jax.Array) -> Traits
 
     def one(stream: jax.Array, number: jax.Array) -> Traits:
         normal_key, uniform_key = jax.random.split(_stream(seed, stream, number))
-        uniform = jax.random.uniform(uniform_key, (len(Traits._fields) - 1,), jnp.float32)
-        return Traits(jax.random.normal(normal_key, (), jnp.float32), *uniform)
+        uniform = jax.random.uniform(uniform_key, (5,), jnp.float32)
+        # From a key of its own, so that the others are what they were before there was this one.
+        sees = jax.random.uniform(jax.random.fold_in(uniform_key, 0), (), jnp.float32)
+        return Traits(jax.random.normal(normal_key, (), jnp.float32), *jnp.append(uniform, sees))
 
     return jax.vmap(one)(stream, number)
 

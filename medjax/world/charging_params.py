@@ -187,6 +187,9 @@ class ChargingParams(struct.PyTreeNode):
     plug_target_soc: Scalar = number(
         0.8, 0, 0.99, "", "an EV leaves its plug at this charge, from where on charging is slow"
     )
+    queue_seen_share: Scalar = number(
+        0.0, 0, 1, "", "share of EV drivers who see the queues at all exits, as an app shows them"
+    )
 
 
 class LinkParams(struct.PyTreeNode):

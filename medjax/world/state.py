@@ -58,6 +58,7 @@ class EVs(struct.PyTreeNode):
     standing_s: Float32[Array, "num_evs"]  # has stood depleted for so long
     served: Bool[Array, "num_evs"]  # has charged at least once
     complies: Bool[Array, "num_evs"]  # its driver slows down to save charge
+    sees_queues: Bool[Array, "num_evs"] | None  # its driver sees those at exits; None without plugs
     is_depleted: Bool[Array, "num_evs"]  # ran out, on the road or off it
 
     @property
