@@ -75,6 +75,7 @@ NUMBERS = {
     "slot_power_w": 190e3,
     "max_current_a": 100.0,
     "plug_power_w": 400e3,
+    "queue_seen_share": 0.5,
     "request_soc": 0.5,
     "wanted_soc": 0.5,
     "target_soc": 0.8,
@@ -95,11 +96,11 @@ PRICES = {
 }
 RULES: dict[str, dict[str, Any]] = {
     "budgeted": {
-        "pack": 0.0,
-        "coming": 0.5,
-        "free": -0.5,
-        "ahead": 0.0,
-        "time_left": 0.0,
-        "ramp": (-2.0, -2.5, -3.0, -4.0),
+        "pack": 1.56,
+        "coming": 0.57,
+        "free": -0.69,
+        "ahead": 5.32,
+        "time_left": -1.82,
+        "ramp": (-3.22, -4.3, -3.5, -4.81),
     }
 }
