@@ -4,7 +4,8 @@ import jax
 import numpy as np
 
 import medjax
-from medjax.env.forecast import forecast_need
+from medjax.charging.energy import cruising
+from medjax.env.forecast import expected_need, forecast_need
 from medjax.world.kinds import GAS
 
 
@@ -23,3 +24,28 @@ def test_need_does_not_depend_on_speeds_of_gas_vehicles():
     np.testing.assert_array_equal(need(speed.at[GAS].set(22.0)), usual)
     others = np.arange(len(speed)) != GAS
     assert not np.array_equal(need(np.where(others, 40.0, speed)), usual)
+
+
+def test_who_wants_to_arrive_with_charge_is_in_need_sooner():
+    """EVs in need at each ramp, and what they lack, by a loop in float64; half of a battery is to be left."""
+    env, params = medjax.make("freight")
+    _, state = jax.jit(env.reset)(jax.random.key(3), params)
+    need = jax.jit(lambda state: expected_need(state, env.config, params, 60.0))(state)
+    speed, power_w = (float(each) for each in cruising(params))
+    capacity_j, evs = 600 * 3.6e6, env.config.ev_slots
+    x, destination, active = (
+        np.asarray(getattr(state.vehicles, name)[evs], np.float64)
+        for name in ("x", "destination", "active")
+    )
+    lacks_j = (destination - x) * power_w / speed - np.asarray(state.evs.energy_j, np.float64)
+    lacks_j += 0.5 * capacity_j
+    for ramp, place in enumerate(np.asarray(params.road.ramp_x_m, np.float64)):
+        near = (place - x <= 2.6 * 60.0) & (place - x >= -400.0) & (lacks_j > 0.0) & (active > 0)
+        assert float(need.there[ramp]) == near.sum()
+        lacking = lacks_j[near].sum() / capacity_j
+        np.testing.assert_allclose(need.shortfall[ramp], lacking, rtol=1e-4, atol=1e-6)
+    assert need.there.sum() > 3
+    # At its own ramp an EV is in time throughout the window; it wants half of a battery and what its way takes.
+    wants = 0.5 + (30_000.0 - 1_800.0) * power_w / speed / capacity_j
+    expected = 40.0 / 3600.0 * 0.3 * 60.0 * (wants - 0.1) / 0.6
+    np.testing.assert_allclose(need.coming[0], expected, rtol=1e-4)

@@ -52,10 +52,18 @@ class Axis:
         group, leaf = PLACES.get(self.name, ("", self.name))
         return group in ("fleet", "link", "med") or leaf == "slot_power_w"
 
+    @property
+    def heading(self) -> str:
+        """What it is, with the unit in which `number` shows it."""
+        return HEADINGS.get(self.name, (self.name, 1.0))[0]
+
+    def number(self, value: float) -> str:
+        """A value as text."""
+        return f"{value / HEADINGS.get(self.name, (self.name, 1.0))[1]:g}"
+
     def label(self, value: float) -> str:
         """A value with its heading."""
-        heading, unit = HEADINGS.get(self.name, (self.name, 1.0))
-        return f"{value / unit:g} {heading}"
+        return f"{self.number(value)} {self.heading}"
 
 
 def read_axes(texts: Sequence[str], scenario: str) -> list[Axis]:

@@ -24,7 +24,7 @@ from benchmarks.studies.worth.axes import (
     read_axes,
     world_at,
 )
-from benchmarks.studies.worth.drawing import draw, panels_of
+from benchmarks.studies.worth.drawing import Panel, draw, panels_of
 from benchmarks.studies.worth.played import Kept, Player
 from benchmarks.studies.worth.verdicts import Verdict, judge
 from medjax.commandline import add_set_option
@@ -34,7 +34,7 @@ from medjax.policies.policy import Policy
 from medjax.policies.rules import BASELINES
 from medjax.scenarios import prepare
 from medjax.world.presets import SCENARIOS
-from train.evaluation.tables import format_rows, short
+from train.evaluation.tables import format_rows
 from train.settings import TrainConfig
 
 CONTROLS = ("none", "slow")
@@ -121,15 +121,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     kept = Kept(options.keep, about)
     cells = play(axes, players, kept, params.reward_weights, options.seed)
     played = sum(player.worlds for player in players)
-    print(
-        f"{config.scenario}: {len(cells)} cases, {options.episodes} episodes of seed {options.seed} in each of "
-        f"{played} simulations; EUR an hour that the best dispatcher gains on the better of none and slow,",
-        "its 95 % interval, who is best on all episodes, kWh delivered, stops spared and hours of delay added, an hour",
-        format_rows(rows(axes, cells)),
-        conclusion(axes, cells),
-        sep="\n",
-    )
-    return about | {
+    report = about | {
         "axes": {axis.name: axis.values for axis in axes},
         "hours": hours_of(env, params),
         "conclusion": conclusion(axes, cells),
@@ -138,27 +130,27 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
             for point, verdict in cells
         ],
     }
+    print(
+        f"{config.scenario}: {len(cells)} cases; {options.episodes} episodes of seed {options.seed} in each of "
+        f"{played} simulations",
+        "EUR an hour that the best dispatcher gains on the better of none and slow; *: the 95 % interval leaves out 0",
+        *map(text_of, panels_of(report)),
+        f"\n{report['conclusion']}",
+        sep="\n",
+    )
+    return report
 
 
-def rows(axes: Sequence[Axis], cells: Sequence[tuple[Point, Verdict]]) -> list[list[str]]:
-    """The table: a row for each case."""
-    head = [axis.label(axis.values[0]).partition(" ")[2] for axis in axes]
-    table = [[*head, "gain", "95 % CI", "pays", "best", "instead of", "kWh", "stops", "delay h"]]
-    for point, verdict in cells:
-        low, high = verdict.gain_ci95
-        values = (axis.label(point[axis.name]).partition(" ")[0] for axis in axes)
-        table.append(
-            [
-                *values,
-                f"{verdict.gain_mean:.0f}",
-                f"[{low:.0f}, {high:.0f}]",
-                verdict.pays,
-                verdict.best,
-                verdict.control,
-                *map(short, (verdict.kwh, verdict.stops_spared, verdict.delay_h)),
-            ]
+def text_of(panel: Panel) -> str:
+    """A panel as a table."""
+    heading = f"{panel.y.heading} \\ {panel.x.heading}"
+    table = [[heading, *map(panel.x.number, panel.x.values)]]
+    for value, gains, is_sure in zip(panel.y.values, panel.gain, panel.is_sure, strict=True):
+        cells = (
+            f"{gain:+.0f}{'*' if sure else ' '}" for gain, sure in zip(gains, is_sure, strict=True)
         )
-    return table
+        table.append([panel.y.number(value), *cells])
+    return f"\n{panel.title}\n{format_rows(table)}"
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -89,8 +89,7 @@ def _draw_panel(axes: Any, panel: Panel, most: float) -> Any:
         (panel.x, axes.set_xticks, axes.set_xlabel),
         (panel.y, axes.set_yticks, axes.set_ylabel),
     ):
-        labels = [axis.label(value).partition(" ") for value in axis.values]
-        ticks(range(len(labels)), [number for number, _, _ in labels])
-        name(labels[0][2])
+        ticks(range(len(axis.values)), [*map(axis.number, axis.values)])
+        name(axis.heading)
     axes.set_title(panel.title, fontsize=9)
     return image
