@@ -96,11 +96,11 @@ PRICES = {
 }
 RULES: dict[str, dict[str, Any]] = {
     "budgeted": {
-        "pack": 1.56,
-        "coming": 0.57,
-        "free": -0.69,
-        "ahead": 5.32,
-        "time_left": -1.82,
-        "ramp": (-3.22, -4.3, -3.5, -4.81),
+        "pack": 3.83,
+        "coming": 0.42,
+        "free": -0.94,
+        "ahead": 11.13,
+        "time_left": -3.49,
+        "ramp": (-4.96, -4.43, -2.91, -6.21),
     }
 }
