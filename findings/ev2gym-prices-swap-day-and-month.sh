@@ -5,7 +5,7 @@
 # Expected: a simulation of 5 September 2024 has the prices that ENTSO-E published for that day, which the package has in
 #   data/Netherlands_day-ahead-2015-2024.csv.
 # What happens: rows of that file up to September 2023 are dated 2023-09-05 00:00:00, later ones 05/09/2024 00:00, day
-#   first. pandas.DatetimeIndex reads each text by itself, month first where that is possible, and warns of nothing. So
+#   first (those of January to September 2023 stand there in both forms). pandas.DatetimeIndex reads each text by itself, month first where that is possible, and warns of nothing. So
 #   5 September and 9 May 2024 swap their prices, the 13th and later days are right, and nothing fails.
 # Source: the file and the function named above; pandas' documentation of `dayfirst` (it is no strict setting, and the
 #   default reads the month first).
