@@ -7,8 +7,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from medjax.world.numbers import number
-
-Scalar = jax.Array | float
+from medjax.world.traffic_params import Scalar
 
 
 class DemandParams(struct.PyTreeNode):
