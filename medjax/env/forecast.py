@@ -1,4 +1,4 @@
-"""Forecast of EVs that will need a MED soon, from the known demand and the EVs' charge."""
+"""Forecast of EVs that will need a MED soon, from their charge and the demand that is known or that detectors show."""
 
 from __future__ import annotations
 
@@ -34,7 +34,10 @@ def free_slots(state: EnvState, config: EnvConfig) -> jax.Array:
 
 
 def lacking_j(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Energy that each EV lacks to reach its destination at cruising speed, `(E,)` J; negative means a surplus."""
+    """Energy that each EV lacks to reach its destination at cruising speed, `(E,)` J; negative means a surplus.
+
+    It wants to arrive with `wanted_soc`.
+    """
     cruise, power_w = cruising(params)
     x = state.vehicles.x[config.ev_slots]
     distance = state.vehicles.destination[config.ev_slots] - x
@@ -56,7 +59,7 @@ def expected_need(
 ) -> Need:
     """EVs that will need a MED from each ramp within the window, and slots that other MEDs offer.
 
-    An EV is in need if its charge does not last to its destination at cruising speed. Counted are unbooked EVs that can
+    An EV is in need if its charge does not last to its destination (`lacking_j`). Counted are unbooked EVs that can
     catch up with the MED within the window, and expected arrivals early enough to do so, bound for the road's end.
     """
     road, demand, meds = params.road, params.demand, state.meds
