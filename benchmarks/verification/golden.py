@@ -46,7 +46,7 @@ WORLDS: dict[str, tuple[str, int, dict[str, Any]]] = {
 STATE = (
     *("vehicles.x", "vehicles.speed", "vehicles.lane", "vehicles.active"),
     *("vehicles.lateral_offset", "evs.energy_j", "evs.med", "evs.charging_slot", "evs.is_charging"),
-    *("meds.energy_j", "meds.status", "queue"),
+    *("meds.energy_j", "meds.status", "queue", "detected_per_s"),
 )
 # Options of short runs of train.ppo, by name: one run trains a dispatcher, the other agents.
 BATCHES = {"--num-envs": 64, "--num-minibatches": 8, "--total-timesteps": 65536, "--seed": 3}
@@ -76,14 +76,17 @@ AGENTS = {"agents": ("corridor", 60, TRIPS)}  # worlds in which every MED is an 
 WHEN = {"incident_from_s": 1.0, "incident_until_s": 4.0, "incident_s": 6.0, "incident_lane": 1}
 WHERE = {"incident_from_x_m": 1500.0, "incident_until_x_m": 2500.0}
 INCIDENT = {"num_incidents": 1, **WHEN, **WHERE}
+SURGES = {"num_surges": 2, "has_detectors": 1, "surge_factor": 8.0, "surge_s": 9.0}
+SURGES |= {"surge_from_s": 1.0, "surge_until_s": 12.0}
 # Worlds of the golden test: full traffic for a few decisions, a MED that charges EVs on a quiet road, exits, plugs
-# there, and an incident. On the quiet road few vehicles make decisions, so rounding errors stay small for long.
+# there, an incident, and surges that detectors see. On the quiet road few vehicles make decisions, so rounding errors stay small for long.
 SHORT: dict[str, tuple[str, int, dict[str, Any]]] = {
     "paper": ("paper", 24, {}),
     "quiet": ("paper", 80, {**QUIET, **BUSY}),
     "trips": ("corridor", 30, TRIPS),
     "plugs": ("corridor", 12, TRIPS | {"num_plugs": 1}),
     "incident": ("paper", 30, {"num_gas": 80, "num_evs": 20, **INCIDENT}),
+    "surges": ("corridor", 12, TRIPS | SURGES),
 }
 
 
@@ -102,7 +105,8 @@ def rollout(env: Any, decisions: int) -> Callable[[Any, int], dict[str, np.ndarr
             action = jax.random.categorical(act_key, allowed).astype(jnp.int32)
             obs, state, reward, ended, cut, info = env.step(step_key, state, action, params)
             seen = {"obs": obs, "reward": reward, "ended": ended | cut}
-            seen |= {name: operator.attrgetter(name)(state) for name in STATE}
+            of_state = {name: operator.attrgetter(name)(state) for name in STATE}
+            seen |= {name: value for name, value in of_state.items() if value is not None}
             for group in ("metrics", "reward_terms"):
                 seen |= {f"{group}.{name}": value for name, value in info[group].items()}
             return state, seen
