@@ -79,7 +79,8 @@ INCIDENT = {"num_incidents": 1, **WHEN, **WHERE}
 SURGES = {"num_surges": 2, "has_detectors": 1, "surge_factor": 8.0, "surge_s": 9.0}
 SURGES |= {"surge_from_s": 1.0, "surge_until_s": 12.0}
 # Worlds of the golden test: full traffic for a few decisions, a MED that charges EVs on a quiet road, exits, plugs
-# there, an incident, and surges that detectors see. On the quiet road few vehicles make decisions, so rounding errors stay small for long.
+# there, an incident, and surges that detectors see. On the quiet road few vehicles make decisions, so rounding errors
+# stay small for long.
 SHORT: dict[str, tuple[str, int, dict[str, Any]]] = {
     "paper": ("paper", 24, {}),
     "quiet": ("paper", 80, {**QUIET, **BUSY}),
