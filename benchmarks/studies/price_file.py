@@ -38,10 +38,8 @@ MOST_BYTES = 10**8
 MIT = ("MIT", "MIT License", "License :: OSI Approved :: MIT License")
 METADATA = ("*.dist-info/METADATA", re.compile(r"[^/]+\.dist-info/METADATA"))
 MEMBER = ("*day-ahead*.csv", re.compile(r"(.*/)?[^/]*day-ahead[^/]*\.csv"))
-BROKEN = (
-    *(OSError, EOFError, zipfile.BadZipFile, zlib.error, UnicodeDecodeError),
-    *(NotImplementedError, RuntimeError),  # compressed in an unknown way, or encrypted
-)
+# RuntimeError: the wheel is encrypted, or compressed in a way that zipfile does not know.
+BROKEN = (OSError, EOFError, zipfile.BadZipFile, zlib.error, UnicodeDecodeError, RuntimeError)
 
 
 class PriceText(NamedTuple):

@@ -34,9 +34,9 @@ def free_slots(state: EnvState, config: EnvConfig) -> jax.Array:
 
 
 def lacking_j(state: EnvState, config: EnvConfig, params: EnvParams) -> jax.Array:
-    """Energy that each EV lacks to reach its destination at cruising speed, `(E,)` J; negative means a surplus.
+    """Energy that each EV lacks to reach its destination with `wanted_soc`, `(E,)` J; negative means a surplus.
 
-    It wants to arrive with `wanted_soc`.
+    It drives at cruising speed.
     """
     cruise, power_w = cruising(params)
     x = state.vehicles.x[config.ev_slots]
@@ -81,7 +81,7 @@ def expected_need(
     lacks = jnp.where(meets, block_fma(scale_by(lacks_j, params.ev_capacity_j)), 0.0)
 
     where = entries(road, config.num_lanes)
-    # To the end of the road.
+    # What an EV bound for the end of the road needs on entry.
     charge = (road.length_m - where.x) * per_metre / params.ev_capacity_j
     charge += params.charging.wanted_soc
     range_of_charge = jnp.maximum(demand.arrival_soc_high - demand.arrival_soc_low, 1e-6)

@@ -116,7 +116,7 @@ class FlatObservation:
         return rows + num_detectors(config) + CLOCK_FEATURES * self.include_clock
 
     def split(self, vector: jax.Array, config: EnvConfig) -> tuple[jax.Array, jax.Array, jax.Array]:
-        """Splits `(..., size)` into MEDs `(..., M, 14)`, EVs `(..., E, 8)` and the rest, which ends with the clock."""
+        """Splits `(..., size)` into MEDs `(..., M, 14)`, EVs `(..., E, 8)`, and the rest: detectors and clock."""
         meds, evs = config.num_meds * MED_FEATURES, config.num_evs * EV_FEATURES
         first, second, rest = jnp.split(vector, [meds, meds + evs], axis=-1)
         first = first.reshape(*vector.shape[:-1], config.num_meds, MED_FEATURES)

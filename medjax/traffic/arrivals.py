@@ -55,8 +55,8 @@ def draw_traits(seed: jax.Array, stream: jax.Array, number: jax.Array) -> Traits
 
     def one(stream: jax.Array, number: jax.Array) -> Traits:
         normal_key, uniform_key = jax.random.split(_stream(seed, stream, number))
-        uniform = jax.random.uniform(uniform_key, (5,), jnp.float32)
-        # From a key of its own, so that the others are what they were before there was this one.
+        uniform = jax.random.uniform(uniform_key, (len(Traits._fields) - 2,), jnp.float32)
+        # A key of its own leaves the other traits as they were before this one existed.
         sees = jax.random.uniform(jax.random.fold_in(uniform_key, 0), (), jnp.float32)
         return Traits(jax.random.normal(normal_key, (), jnp.float32), *jnp.append(uniform, sees))
 

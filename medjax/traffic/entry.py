@@ -117,7 +117,7 @@ def _put_on_road(
     return vehicles.replace(active=vehicles.active | new, **entered)
 
 
-def _count(
+def _smoothed(
     detected_per_s: jax.Array | None, placed: jax.Array, config: EnvConfig, demand: DemandParams
 ) -> jax.Array | None:
     """The detectors' smoothed counts, `(K,)` vehicles/s, after a round in which the entries `placed` `(K,)` let one in.
@@ -185,7 +185,7 @@ def admit(
         vehicles=vehicles,
         meds=state.meds.replace(status=status),
         queue=queue,
-        detected_per_s=_count(state.detected_per_s, placed, config, demand),
+        detected_per_s=_smoothed(state.detected_per_s, placed, config, demand),
         entered_here=state.entered_here + placed,
     )
     return state, Newcomers(entry, traits), stats

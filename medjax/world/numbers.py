@@ -27,9 +27,7 @@ class Number:
     unit: str = ""
     text: Text = ""  # description, and the source of the default
     whole: bool = False
-    per: str = (
-        ""  # "kind" of vehicle, "ramp", "exit", "period", "incident", "hour": a number for each
-    )
+    per: str = ""  # what each has a number: "kind", "ramp", "exit", "period", "incident", "hour"
 
     def __str__(self) -> str:
         """The allowed values, for messages."""
