@@ -31,7 +31,7 @@ from medjax.episodes.runner import EpisodeRunner, episode_steps
 from medjax.episodes.scores import evaluate_policies
 from medjax.numerics.devices import environment_mesh, on_devices
 from medjax.policies.policy import Policy
-from medjax.policies.rules import Budget, budgeted, forecast, paced, tuned, tuned_budget
+from medjax.policies.rules import Budget, budgeted, forecast, paced, tuned_budget
 
 RULES: dict[str, Callable[..., Policy]] = {
     "paced": paced,
@@ -145,8 +145,9 @@ def play_grid(env: Environment, params: Any, rule: str, options: argparse.Namesp
 def climb(env: Environment, params: Any, options: argparse.Namespace) -> Any:
     """Tunes `budgeted`; prints its numbers after every round and the gain on `forecast`."""
     responses = Responses(env, params, GROUP * options.groups)
-    begin = tuned_budget(env) if tuned(env, "budgeted") else AS_FORECAST
-    numbers, spread = numbers_of(begin), numbers_of(SPREAD)
+    own = tuned_budget(env)
+    numbers = numbers_of(AS_FORECAST if own == Budget() else own)
+    spread = numbers_of(SPREAD)
     rng, rounds = np.random.default_rng(options.seed), []
     for number in range(options.rounds):
         steps = directions(rng, options.groups, len(numbers))

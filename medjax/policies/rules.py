@@ -5,7 +5,7 @@ may be None, and read the state of the highway beneath any wrappers. They never 
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -83,28 +83,16 @@ def periodic(env: Environment) -> Policy:
     return _of_highway(env, act)
 
 
-def tuned(env: Environment, rule: str) -> Mapping[str, Any]:
-    """Settings of a rule that were tuned on the preset of an environment, wrapped or not; empty if there are none."""
-    highway: Any = env
-    while hasattr(highway, "env"):
-        highway = highway.env
-    recipe = getattr(highway, "recipe", None)  # an environment of one's own may have none
-    return SCENARIOS[recipe.scenario].rules.get(rule, {}) if recipe else {}
-
-
-def paced(env: Environment, interval_s: float | None = None, ramp: int | None = None) -> Policy:
+def paced(env: Environment, interval_s: float = 32.0, ramp: int = 1) -> Policy:
     """One MED every interval_s, always from the same ramp.
+
+    The defaults do best on `paper`: `python -m benchmarks.tune` compares them.
 
     Args:
       interval_s: s between two MEDs; a cooldown may make it longer.
       ramp: counted from 1; the last ramp if there are fewer.
-
-    Without a number it takes the one that is best on the environment's preset, else on `paper`, 32 s and ramp 1:
-    `python -m benchmarks.tune` compares them.
     """
-    best = {"interval_s": 32.0, "ramp": 1} | dict(tuned(env, "paced"))
-    interval_s = best["interval_s"] if interval_s is None else interval_s
-    action = min(best["ramp"] if ramp is None else ramp, env.config.num_ramps)
+    action = min(ramp, env.config.num_ramps)
 
     def act(mask: jax.Array, state: EnvState, params: EnvParams) -> jax.Array:
         due = state.time * env.config.decision_s >= state.stats.meds_dispatched * interval_s
@@ -145,21 +133,15 @@ def greedy(env: Environment) -> Policy:
     return _where_needed(env, lambda state, params: stranded_need(state, env.config, params), 2.0)
 
 
-def forecast(
-    env: Environment, window_s: float | None = None, enough: float | None = None
-) -> Policy:
+def forecast(env: Environment, window_s: float = 60.0, enough: float = 5.0) -> Policy:
     """Sends a MED where most EVs will be in need of it (`forecast_need`), once `enough` are.
+
+    The defaults do best on `paper`: `python -m benchmarks.tune` compares them.
 
     Args:
       window_s: forecast window, s.
       enough: EVs in need at which it sends a MED.
-
-    Without a number it takes the one that is best on the environment's preset, else on `paper`, 60 s and 5:
-    `python -m benchmarks.tune` compares them.
     """
-    best = {"window_s": 60.0, "enough": 5.0} | dict(tuned(env, "forecast"))
-    window_s = best["window_s"] if window_s is None else window_s
-    enough = best["enough"] if enough is None else enough
     return _where_needed(
         env, lambda state, params: forecast_need(state, env.config, params, window_s), enough
     )
@@ -201,8 +183,12 @@ class Budget(struct.PyTreeNode):
 
 
 def tuned_budget(env: Environment) -> Budget:
-    """The numbers of `budgeted` that were tuned on the environment's preset, else on `paper`."""
-    return Budget(**tuned(env, "budgeted"))
+    """The numbers of `budgeted` that were tuned on an environment's preset, wrapped or not, else those of `paper`."""
+    highway: Any = env
+    while hasattr(highway, "env"):
+        highway = highway.env
+    recipe = getattr(highway, "recipe", None)  # an environment of one's own may have none
+    return Budget(**SCENARIOS[recipe.scenario].budget) if recipe else Budget()
 
 
 def budgeted(env: Environment, budget: Budget | None = None) -> Policy:

@@ -1,7 +1,5 @@
 """The preset `freight`: a motorway on which electric lorries charge; docs/parameters.md has the reasons."""
 
-from typing import Any
-
 import numpy as np
 
 # Mean of each hour of 2024 over the year's mean, 77.29 EUR/MWh, on the Dutch day-ahead market (ENTSO-E, as shipped
@@ -27,20 +25,20 @@ SIZES = {
     "has_detectors": 1,
     "rounds_per_decision": 10,
 }
-NUMBERS = {
-    "length_m": 30_000.0,
-    "lane_width_m": 3.75,
+NUMBERS = {  # that differ from those of `corridor`
     "exit_x_m": INTERCHANGES_M - 300.0,
     "ramp_x_m": INTERCHANGES_M + 300.0,
     "exit_share": np.full(4, 0.05),
     "mainline_per_h": 900.0,
     "ramp_per_h": np.array([40.0, 80.0, 40.0, 60.0]),
+    "profile": np.ones((1, 5)),
     "start_s": 13.0 * 3600.0,
     "surge_factor": 4.0,
     "surge_until_s": 2700.0,
     "hourly_price": DUTCH_2024,
     "ev_share": 0.3,
     "lorry_share": 0.25,
+    "eco_compliance": 0.0,
     "arrival_soc_low": 0.1,
     "arrival_soc_high": 0.7,
     "desired_speed": [23.0, 23.6, 23.6, 32.0, 23.6],
@@ -52,26 +50,14 @@ NUMBERS = {
     "lateral_wander": [0.02, 0.1, 0.02, 0.15, 0.1],
     "vehicle_length": [16.5, 16.5, 16.5, 4.7, 16.5],
     "vehicle_width": [2.55, 2.55, 2.55, 1.8, 2.55],
-    "right_bias": 0.3,
-    "battery_scale": 1.0,
     "ev.pack_j": 600.0 * J_PER_KWH,
     "ev.mass_kg": 40_000.0,
     "ev.drag_coefficient": 0.5,
     "ev.frontal_area_m2": 10.0,
     "ev.rolling_resistance": 0.0055,
     "ev.auxiliary_w": 3_000.0,
-    "med.pack_j": 500.0 * J_PER_KWH,
-    "med.mass_kg": 25_000.0,
-    "med.drag_coefficient": 0.55,
-    "med.rolling_resistance": 0.0055,
-    "med.auxiliary_w": 3_000.0,
-    "size": 20,
-    "cooldown_s": 10.0,
     "service_speed": 21.0,
-    "service_lane": 2,
     "trip_m": 21_000.0,
-    "turnaround_s": 300.0,
-    "depot_power_w": 350e3,
     "slot_power_w": 190e3,
     "max_current_a": 100.0,
     "plug_power_w": 400e3,
@@ -79,12 +65,10 @@ NUMBERS = {
     "request_soc": 0.5,
     "wanted_soc": 0.5,
     "target_soc": 0.8,
-    "stop_soc": 0.1,
     "reach_ahead_m": 400.0,
     "reach_behind_m": 400.0,
     "approach_speed": 3.5,
     "patience_s": 400.0,
-    "episode_decisions": 360,
 }
 PRICES = {
     "delay_h": -45.0,
@@ -94,13 +78,11 @@ PRICES = {
     "plug_kwh": 0.0,
     "med_wear_kwh": -0.04,
 }
-RULES: dict[str, dict[str, Any]] = {
-    "budgeted": {
-        "pack": 3.83,
-        "coming": 0.42,
-        "free": -0.94,
-        "ahead": 11.13,
-        "time_left": -3.49,
-        "ramp": (-4.96, -4.43, -2.91, -6.21),
-    }
+BUDGET = {
+    "pack": 3.83,
+    "coming": 0.42,
+    "free": -0.94,
+    "ahead": 11.13,
+    "time_left": -3.49,
+    "ramp": (-4.96, -4.43, -2.91, -6.21),
 }

@@ -122,8 +122,8 @@ class Scenario:
     numbers: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     reward: str = "paper"  # name in `medjax.env.reward.REWARDS`
     prices: Mapping[str, float] = dataclasses.field(default_factory=dict)  # weights that differ
-    # Settings of rules that `benchmarks.tune` found best here, by rule of `medjax.policies.rules`.
-    rules: Mapping[str, Mapping[str, Any]] = dataclasses.field(default_factory=dict)
+    # Numbers of the rule `budgeted` that `benchmarks.tune` found best here; those of `paper` are in its code.
+    budget: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def params(self, config: EnvConfig) -> EnvParams:
         """The numbers for these sizes, without the coils' table."""
@@ -241,10 +241,10 @@ SCENARIOS["corridor"] = Scenario(  # docs/parameters.md has the reasons
 SCENARIOS["freight"] = Scenario(
     ABOUT["freight"],
     EnvConfig(**freight.SIZES),
-    freight.NUMBERS,
+    {**SCENARIOS["corridor"].numbers, **freight.NUMBERS},
     reward="money",
     prices=freight.PRICES,
-    rules=freight.RULES,
+    budget=freight.BUDGET,
 )
 
 

@@ -8,11 +8,14 @@ import pytest
 import medjax
 from medjax.agents import agents_of
 from medjax.charging.energy import drive_energy
+from medjax.env.charging_env import ChargingEnv
 from medjax.env.forecast import expected_need, forecast_need
 from medjax.episodes.scores import Evaluation, evaluate_policies
 from medjax.errors import InputError
-from medjax.policies.rules import Budget, budgeted
+from medjax.policies.rules import Budget, budgeted, tuned_budget
+from medjax.world.presets import SCENARIOS
 from medjax.world.state import AT_DEPOT, QUEUED
+from medjax.wrappers import DecideEvery
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
 
@@ -225,6 +228,18 @@ def test_forecast_is_a_special_budget(episodes, paper):
     act = jax.vmap(jax.vmap(lambda state: rule(jax.random.key(0), None, state, params).action))
     np.testing.assert_array_equal(jax.jit(act)(state), action)
     assert ((action > 0).sum(1) > 10).all()
+
+
+def test_budgeted_has_the_numbers_of_its_preset():
+    """Those of `freight`, also in a wrapper and for agents; those of `paper` where a preset has none of its own."""
+    env, _ = medjax.make("freight")
+    own = Budget(**SCENARIOS["freight"].budget)
+    assert own != Budget()
+    assert tuned_budget(env) == tuned_budget(DecideEvery(env, 2)) == own
+    assert tuned_budget(agents_of("freight")[0]) == budgeted(env).weights == own
+    assert budgeted(env, Budget()).weights == Budget()
+    assert tuned_budget(medjax.make("corridor")[0]) == Budget()
+    assert tuned_budget(ChargingEnv(env.config, env.reward)) == Budget()
 
 
 @pytest.mark.thorough
