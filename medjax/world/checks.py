@@ -132,13 +132,17 @@ def _check_pairs(config: EnvConfig, params: EnvParams) -> None:
     road, incidents = params.road, params.incidents
     earliest, latest = incidents.incident_from_s, incidents.incident_until_s
     nearest, farthest = incidents.incident_from_x_m, incidents.incident_until_x_m
+    end_s = float(params.episode_decisions) * config.decision_s
+    surge_s = demand.surge_from_s if config.num_surges else 0.0
     pairs: tuple[tuple[str, Any, str, Any], ...] = (
         ("arrival_soc_low", demand.arrival_soc_low, "arrival_soc_high", demand.arrival_soc_high),
         ("surge_from_s", demand.surge_from_s, "surge_until_s", demand.surge_until_s),
+        ("surge_from_s", surge_s, "the episode's end", end_s),
         ("request_soc", charging.request_soc, "target_soc", charging.target_soc),
         ("service_lane", fleet.service_lane, "num_lanes - 1", config.num_lanes - 1),
         ("fleet size", fleet.size, "num_meds", config.num_meds),
         ("incident_from_s", earliest, "incident_until_s", latest),
+        ("incident_from_s", earliest, "the episode's end", end_s),
         ("incident_from_x_m", nearest, "incident_until_x_m", farthest),
         ("incident_until_x_m", farthest, "length_m", road.length_m),
         ("incident_lane", incidents.incident_lane, "num_lanes - 1", config.num_lanes - 1),

@@ -48,7 +48,11 @@ class DemandParams(struct.PyTreeNode):
         "earliest start of a surge after the episode's; its start is drawn uniformly",
     )
     surge_until_s: Scalar = number(
-        3600.0, 0, 1e9, "s", "latest start of a surge; equal to `surge_from_s`: no drawing"
+        600.0,
+        0,
+        1e9,
+        "s",
+        "latest start of a surge, the end of an episode of `paper`; equal to `surge_from_s`: no drawing",
     )
     detector_s: Scalar = number(
         120.0,

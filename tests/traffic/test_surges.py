@@ -135,8 +135,12 @@ def test_observations_show_the_detectors():
 
 
 def test_surges_that_cannot_be_are_refused():
-    """A surge without a ramp, and one that begins last before it begins first."""
+    """A surge without a ramp, one that begins last before it begins first, and one after the end."""
     with pytest.raises(InputError, match="num_surges = 1: allowed 0 with num_ramps = 0"):
         medjax.make("paper", num_ramps=0, num_surges=1)
     with pytest.raises(InputError, match="surge_from_s = 9: allowed at most surge_until_s = 5"):
         medjax.make("paper", num_surges=1, surge_from_s=9.0, surge_until_s=5.0)
+    after = {"surge_from_s": 700.0, "surge_until_s": 800.0}
+    with pytest.raises(InputError, match="surge_from_s = 700: allowed at most the episode's end"):
+        medjax.make("paper", num_surges=1, **after)
+    medjax.make("paper", **after)  # no surge, no matter

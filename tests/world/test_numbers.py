@@ -27,6 +27,7 @@ from tests.documented import NUMBERS
 ALL = {**TERMS, **MONEY}  # a reward that has all weights
 # Other numbers that the end of a range requires; see "What must go together".
 LONG = {"length_m": 200e3}
+DAYS = {"episode_decisions": 10_000_000, "rounds_per_decision": 100}
 BESIDE = {
     "road.length_m": {"num_ramps": 0},
     "road.ramp_x_m": LONG | {"num_ramps": 1, "acceleration_lane_m": 10, "ramp_speed": 1},
@@ -43,7 +44,7 @@ BESIDE = {
     "num_evs": {"num_gas": 0},
     "num_depots": {"num_ramps": 8},
     "num_plugs": {"num_exits": 1},
-    "incidents.incident_from_s": {"num_incidents": 1, "incident_until_s": 1e9},
+    "incidents.incident_from_s": DAYS | {"num_incidents": 1, "incident_until_s": 1e9},
     "incidents.incident_until_s": {"num_incidents": 1, "incident_from_s": 0},
     "incidents.incident_from_x_m": LONG | {"num_incidents": 1, "incident_until_x_m": 200e3},
     "incidents.incident_until_x_m": LONG | {"num_incidents": 1, "incident_from_x_m": 0},
