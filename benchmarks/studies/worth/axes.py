@@ -12,8 +12,10 @@ import numpy as np
 
 from medjax.errors import InputError, shown
 from medjax.world.checks import check_numbers
+from medjax.world.numbers import read_number
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.presets import PLACES, change_numbers
+from medjax.world.weights import WEIGHT
 
 PRICE = "reward_weights."
 # How a number is shown: its heading, and what one unit of the heading is.
@@ -50,7 +52,9 @@ class Axis:
     def is_of_meds(self) -> bool:
         """Whether it changes MEDs alone, so that a world without MEDs is the same for all values."""
         group, leaf = PLACES.get(self.name, ("", self.name))
-        return group in ("fleet", "link", "med") or leaf == "slot_power_w"
+        # The control `slow` drives at the service speed.
+        of_meds = group in ("fleet", "link", "med") or leaf == "slot_power_w"
+        return of_meds and leaf != "service_speed"
 
     @property
     def heading(self) -> str:
@@ -79,8 +83,9 @@ def read_axes(texts: Sequence[str], scenario: str) -> list[Axis]:
     found: dict[str, Axis] = {}
     for text in texts:
         name, _, values = text.partition("=")
-        if name not in PLACES and not name.startswith(PRICE):
-            raise InputError(f"--vary {shown(name)}: allowed a number of docs/parameters.md")
+        if name == "episode_decisions" or not (name in PLACES or name.startswith(PRICE)):
+            allowed = "allowed a number of docs/parameters.md, but for the length of episodes"
+            raise InputError(f"--vary {shown(name)}: {allowed}")
         if name in found:
             raise InputError(f"--vary {name} is given twice, allowed: once, with all its values")
         try:
@@ -110,10 +115,11 @@ def world_at(config: EnvConfig, params: EnvParams, point: Mapping[str, float]) -
 
 
 def check_prices(axes: Sequence[Axis], params: Any) -> None:
-    """Raises InputError for a price of no term, or of one that does not count in the preset: nothing scales it."""
+    """Raises InputError for a value that is no price, or a price of a term that does not count: nothing scales it."""
+    counts = [name for name, weight in params.reward_weights.items() if float(weight)]
     for axis in axes:
         if axis.is_price:
-            term = axis.name.removeprefix(PRICE)
-            counts = [name for name, weight in params.reward_weights.items() if float(weight)]
-            if term not in counts:
+            if axis.name.removeprefix(PRICE) not in counts:
                 raise InputError(f"--vary {axis.name}: allowed one of {', '.join(counts)}")
+            for value in axis.values:
+                read_number(axis.name, value, WEIGHT)

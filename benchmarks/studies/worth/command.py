@@ -25,7 +25,7 @@ from benchmarks.studies.worth.axes import (
     world_at,
 )
 from benchmarks.studies.worth.drawing import Panel, draw, panels_of
-from benchmarks.studies.worth.played import Kept, Player
+from benchmarks.studies.worth.played import Kept, Player, fingerprint
 from benchmarks.studies.worth.verdicts import Verdict, judge
 from medjax.commandline import add_set_option
 from medjax.errors import InputError
@@ -111,6 +111,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     dispatchers = dispatchers_of(policies)
     about = {"scenario": config.scenario, "episodes": options.episodes, "seed": options.seed}
     about |= {"overrides": config.overrides, "policies": [*dispatchers, *CONTROLS]}
+    about["numbers"] = fingerprint(params, dispatchers)
     controls = {name: BASELINES[name](env) for name in CONTROLS}
     simulated = [axis for axis in axes if not axis.is_price]
     of_controls = [axis for axis in simulated if not axis.is_of_meds]

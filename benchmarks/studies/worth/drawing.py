@@ -13,9 +13,8 @@ import numpy as np
 from benchmarks.studies.worth.axes import Axis, points
 from train.reporting.figures import new_figure, save
 
-COLOURS = (
-    "PuOr_r"  # purple where MEDs cost, orange where they pay: told apart by every colour vision
-)
+# Purple where MEDs cost, orange where they pay: every colour vision tells them apart.
+COLOURS = "PuOr_r"
 MOST_PANELS = 3  # in a row
 
 

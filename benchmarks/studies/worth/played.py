@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 from benchmarks.studies.worth.axes import Axis, Point, points, world_at
@@ -18,8 +20,15 @@ from medjax.policies.policy import Policy
 METRICS = ("return", "energy_delivered_kwh", "low_exits", "ev_delay_h", "gas_delay_h")
 
 
+def fingerprint(params: Any, policies: Mapping[str, Policy]) -> str:
+    """Tells worlds and policies apart whose names are the same: of all their numbers."""
+    weights = {name: policy.weights for name, policy in policies.items()}
+    leaves = jax.tree.leaves((params, weights))
+    return hashlib.sha256(b"".join(np.asarray(leaf).tobytes() for leaf in leaves)).hexdigest()[:16]
+
+
 class Kept:
-    """Scores by key, also in a file of JSON lines if there is one, whose first line says what is played.
+    """Scores by key, also in a file if there is one, which is whole at any time.
 
     Args:
       path: of the file; None keeps them in memory only.
@@ -30,39 +39,35 @@ class Kept:
     """
 
     def __init__(self, path: Path | None, about: Mapping[str, Any]) -> None:
-        self.path = path
+        self.path, self.about = path, json.loads(json.dumps(about))
         self.found: dict[str, dict[str, Scores]] = {}
-        if path is None:
-            return
-        if not path.exists():
-            write_text(path, json.dumps(about) + "\n")
+        if path is None or not path.exists():
             return
         try:
-            first, *lines = path.read_text(encoding="utf-8").splitlines()
-            held = json.loads(first)
-            # The last line is cut short where the command was killed as it wrote.
-            for row in map(json.loads, (line for line in lines if line.endswith("}}}"))):
-                self.found[row["key"]] = {
-                    name: {metric: np.array(values) for metric, values in score.items()}
-                    for name, score in row["scores"].items()
-                }
+            held = json.loads(path.read_text(encoding="utf-8"))
+            about_held, played = held["about"], held["played"]
+            self.found = {key: _scores(played[key], np.array) for key in played}
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             allowed = "allowed a new file, or one that --keep wrote"
             raise InputError(f"--keep {path}: {allowed}") from None
-        if held != json.loads(json.dumps(about)):
+        if about_held != self.about:
             allowed = "allowed a new file, or the options with which it began"
             raise InputError(f"--keep {path} holds another map: {allowed}")
 
     def put(self, key: str, scores: dict[str, Scores]) -> None:
-        """Adds what was played; every line is written at once."""
+        """Adds what was played."""
         self.found[key] = scores
         if self.path is not None:
-            plain = {
-                name: {metric: values.tolist() for metric, values in score.items()}
-                for name, score in scores.items()
-            }
-            with self.path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps({"key": key, "scores": plain}) + "\n")
+            played = {key: _scores(self.found[key], np.ndarray.tolist) for key in self.found}
+            write_text(self.path, json.dumps({"about": self.about, "played": played}) + "\n")
+
+
+def _scores(scores: Mapping[str, Any], convert: Callable[[Any], Any]) -> dict[str, Any]:
+    """Scores by policy and metric, converted to arrays or to lists."""
+    return {
+        name: {metric: convert(values) for metric, values in score.items()}
+        for name, score in scores.items()
+    }
 
 
 class Player:

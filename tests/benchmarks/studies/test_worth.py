@@ -9,11 +9,12 @@ import medjax
 from benchmarks.studies.worth.axes import Axis, points, read_axes, world_at
 from benchmarks.studies.worth.command import main
 from benchmarks.studies.worth.drawing import edges, panels_of
-from benchmarks.studies.worth.played import Kept
+from benchmarks.studies.worth.played import Kept, fingerprint
 from benchmarks.studies.worth.verdicts import at_prices, gains, judge
 from benchmarks.verification.golden import TRIPS
 from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError
+from medjax.policies.rules import Budget, budgeted
 from tests.benchmarks.refusal import refused
 
 pytestmark = pytest.mark.usefixtures("quick_compiles")
@@ -80,20 +81,42 @@ def test_the_line_lies_between_cases_that_pay_and_others():
     assert not [*edges(np.ones((3, 4), bool))]
 
 
-def test_a_file_that_was_cut_off_is_gone_on_with(tmp_path):
-    about, path = {"scenario": "freight"}, tmp_path / "kept.jsonl"
+def test_a_map_that_was_interrupted_goes_on(tmp_path):
+    """However often; a file of other numbers, options or contents is refused and stays as it is."""
+    about, path = {"scenario": "freight"}, tmp_path / "kept.json"
     scores = {"none": {"return": np.array([1.0, 2.5])}}
-    Kept(path, about).put("a", scores)
-    with path.open("a") as file:
-        file.write('{"key": "b", "scores": {"no')
+    for key in "abc":
+        Kept(path, about).put(key, scores)
     found = Kept(path, about).found
-    assert [*found] == ["a"]
-    np.testing.assert_array_equal(found["a"]["none"]["return"], [1.0, 2.5])
+    assert [*found] == ["a", "b", "c"]
+    np.testing.assert_array_equal(found["b"]["none"]["return"], [1.0, 2.5])
+    before = path.read_bytes()
     with pytest.raises(InputError, match="holds another map"):
         Kept(path, {"scenario": "corridor"})
-    path.write_text("no map\n")
-    with pytest.raises(InputError, match="allowed a new file, or one that --keep wrote"):
-        Kept(path, about)
+    assert path.read_bytes() == before
+    for text in ("no map\n", "[]", '{"about": {}}', before.decode()[:-20]):
+        path.write_text(text)
+        with pytest.raises(InputError, match="allowed a new file, or one that --keep wrote"):
+            Kept(path, about)
+        assert path.read_text() == text
+
+
+def test_numbers_of_worlds_and_policies_tell_maps_apart():
+    env, params = medjax.make("freight")
+    rules = {"budgeted": budgeted(env)}
+    other = {"budgeted": budgeted(env, Budget())}
+    busier = params.replace(demand=params.demand.replace(mainline_per_h=params.demand.start_s))
+    every = [fingerprint(*each) for each in ((params, rules), (params, other), (busier, rules))]
+    assert len({*every}) == 3
+    assert fingerprint(params, {"budgeted": budgeted(env)}) == every[0]
+
+
+def test_what_changes_the_controls_is_played_with_them():
+    """Slow EVs drive at the service speed; power, coils and fleet concern MEDs alone."""
+    of_meds = ("slot_power_w", "link.load_ohm", "fleet.size", "med.mass_kg")
+    assert all(Axis(name, (1.0,)).is_of_meds for name in of_meds)
+    others = ("service_speed", "fleet.service_speed", "request_soc", "ev_share", "ev.mass_kg")
+    assert not any(Axis(name, (1.0,)).is_of_meds for name in others)
 
 
 @pytest.mark.parametrize(
@@ -104,6 +127,8 @@ def test_a_file_that_was_cut_off_is_gone_on_with(tmp_path):
         (["--vary=slot_power=1"], "--vary 'slot_power': allowed a number of docs/parameters.md"),
         (["--vary=ev_share=0.1,2"], "ev_share = 2"),
         (["--vary=reward_weights.tow=1"], "--vary reward_weights.tow: allowed one of"),
+        (["--vary=reward_weights.ev_kwh=nan"], "reward_weights.ev_kwh = nan"),
+        (["--vary=episode_decisions=60"], "--vary 'episode_decisions': allowed a number of"),
         (["--vary=ev_share=0.1", "--vary=ev_share=0.2"], "--vary ev_share is given twice"),
     ],
 )
@@ -114,22 +139,22 @@ def test_bad_maps_are_refused(argv, words, capsys):
 @pytest.mark.thorough
 def test_the_command(tmp_path, capsys, monkeypatch):
     """Returns at another price are those of a world with that price, and the second run plays nothing again."""
-    report, kept = tmp_path / "worth.json", tmp_path / "kept.jsonl"
+    report, kept = tmp_path / "worth.json", tmp_path / "kept.json"
     argv = [*SMALL, *MAP, f"--keep={kept}", f"--json={report}", f"--plot={tmp_path / 'map.png'}"]
     main(argv)
     printed = capsys.readouterr().out
     first = json.loads(report.read_text())
     assert first["conclusion"] in printed
     assert (tmp_path / "map.png").stat().st_size > 10_000
-    lines = [json.loads(line) for line in kept.read_text().splitlines()[1:]]
-    assert len(lines) == 2 + 1  # two powers for rules, once for those that send no MED
+    every = json.loads(kept.read_text())["played"]
+    assert len(every) == 2 + 1  # two powers for rules, once for those that send no MED
     prices = {"charging_stops": -90.0}
     env, params = medjax.make(
         "corridor", **TRIPS, episode_decisions=30, slot_power_w=190e3, reward_weights=prices
     )
     rules = {name: medjax.BASELINES[name](env) for name in ("greedy", "budgeted")}
     dearer = evaluate_policies(env, params, rules, 4, 0)
-    played = next(line for line in lines if "190000" in line["key"])["scores"]
+    played = next(scores for key, scores in every.items() if "190000" in key)
     for name, score in dearer.items():
         own = {metric: np.array(values) for metric, values in played[name].items()}
         np.testing.assert_allclose(
