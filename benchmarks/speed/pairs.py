@@ -12,7 +12,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from benchmarks.command import benchmark_parser, positive, run_command, say, whole_number
+from benchmarks.command import (
+    add_scenario,
+    benchmark_parser,
+    positive,
+    run_command,
+    say,
+    whole_number,
+)
 from medjax.errors import InputError
 
 # Runs in the tree's own folder, so it uses only what trees have had for long.
@@ -21,7 +28,7 @@ import sys, time
 from medjax.numerics.devices import prepare_cpu
 prepare_cpu()
 from benchmarks.speed.workload import Workload
-work = Workload(int(sys.argv[1]), steps=10)
+work = Workload(int(sys.argv[1]), steps=10, scenario=sys.argv[2])
 work.play()
 print(work.compile_s, flush=True)
 for _ in sys.stdin:
@@ -34,9 +41,9 @@ for _ in sys.stdin:
 class Tree:
     """A checkout whose process waits for its turns."""
 
-    def __init__(self, path: Path, num_envs: int) -> None:
+    def __init__(self, path: Path, num_envs: int, scenario: str) -> None:
         self.path = path
-        command = [sys.executable, "-c", WORKER, str(num_envs)]
+        command = [sys.executable, "-c", WORKER, str(num_envs), scenario]
         pipe = subprocess.PIPE
         self.process = subprocess.Popen(command, cwd=path, stdin=pipe, stdout=pipe, text=True)
         self.compile_s = self._read()[0]
@@ -87,7 +94,7 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
         if not (path / "benchmarks" / "speed" / "workload.py").is_file():
             raise InputError(f"{path}: no checkout of medjax, allowed: its folder")
     try:
-        trees += [Tree(path, options.num_envs) for path in options.trees]
+        trees += [Tree(path, options.num_envs, options.scenario) for path in options.trees]
         rounds = []
         for number in range(options.rounds):
             # Every other round goes backwards, so that no tree always follows the same one.
@@ -99,7 +106,8 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
             tree.end()
     rows = summarize(rounds, [str(path) for path in options.trees])
     print(
-        f"{options.num_envs} environments, {options.rounds} rounds; shares of the first tree's speed"
+        f"{options.num_envs} environments of {options.scenario}, {options.rounds} rounds; "
+        "shares of the first tree's speed"
     )
     for row, tree in zip(rows, trees, strict=True):
         row["compile_s"] = tree.compile_s
@@ -109,7 +117,8 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
             f"{row['tree']:<24} processor time {middle:.3f} [{low:.3f}, {high:.3f}], wall-clock {wall:.3f}, "
             f"{row['updates_per_wall_s'] / 1e6:.2f} M updates/s, compiled in {tree.compile_s:.1f} s"
         )
-    return {"num_envs": options.num_envs, "rounds": options.rounds, "trees": rows}
+    asked = {name: getattr(options, name) for name in ("scenario", "num_envs", "rounds")}
+    return {**asked, "trees": rows}
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -119,4 +128,5 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--num-envs", type=positive, default=512, metavar="N", help=text)
     text = "turns of each tree, at least 2 (default: 24)"
     parser.add_argument("--rounds", type=whole_number(2), default=24, metavar="N", help=text)
+    add_scenario(parser)
     run_command(parser, compare, arguments)

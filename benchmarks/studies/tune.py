@@ -30,6 +30,7 @@ from medjax.episodes.keys import episode_keys
 from medjax.episodes.runner import EpisodeRunner, episode_steps
 from medjax.episodes.scores import evaluate_policies
 from medjax.numerics.devices import environment_mesh, on_devices
+from medjax.numerics.rows import rows_that_fit
 from medjax.policies.policy import Policy
 from medjax.policies.rules import Budget, budgeted, forecast, paced, tuned_budget
 
@@ -78,7 +79,9 @@ class Responses:
             start = runner.start(key[None], params)
             return jax.lax.fori_loop(0, steps, decide, start).scores["return"][0]
 
-        self._play = jax.jit(on_devices(environment_mesh(plays), jax.vmap(play, (0, None))))
+        row = jax.eval_shape(runner.start, episode_keys(0, 1), params)
+        mesh, at_once = environment_mesh(plays), rows_that_fit(row)
+        self._play = jax.jit(on_devices(mesh, jax.vmap(play, (0, None)), at_once))
 
     def of(self, numbers: np.ndarray, seed: int) -> np.ndarray:
         """Returns `(groups, GROUP)` of variants `(groups, GROUP, n)`, with one episode of the seed per group."""

@@ -13,11 +13,11 @@ from medjax.commandline import SECONDS_PER_LINE, time_left
 from medjax.env.contract import Environment
 from medjax.episodes.duration import reckoned_time
 from medjax.episodes.keys import episode_keys
-from medjax.episodes.runner import EpisodeRunner, episode_decisions
+from medjax.episodes.runner import EpisodeRunner, Episodes, episode_decisions
 from medjax.errors import InputError
 from medjax.numerics.compilation import compiled, computed
 from medjax.numerics.devices import environment_mesh, on_devices
-from medjax.numerics.rows import CACHED_ROWS
+from medjax.numerics.rows import in_blocks, rows_that_fit
 from medjax.policies.policy import Policy
 
 MAX_DECISIONS = 100_000  # limit for episodes whose parameters give no length
@@ -39,13 +39,17 @@ def make_runner(
     def play(keys: jax.Array, same: tuple[Any, Any]) -> dict[str, jax.Array]:
         """Scores `(episodes, policies)`."""
         weights, params = same
-        end = runner.to_end(runner.start(keys, params), weights, params, max_decisions)
-        return {name: values.reshape(-1, count) for name, values in end.scores.items()}
+        start = runner.start(keys, params)
+
+        def to_end(some: Episodes) -> dict[str, jax.Array]:
+            return runner.to_end(some, weights, params, max_decisions).scores
+
+        block = rows_that_fit(start, count, worlds)
+        scores = in_blocks(to_end, start, block, group=count)
+        return {name: values.reshape(-1, count) for name, values in scores.items()}
 
     def run(weights: Any, keys: jax.Array, params: Any) -> dict[str, jax.Array]:
-        mesh = environment_mesh(keys.shape[0])
-        episodes_at_once = max(1, CACHED_ROWS // (count * worlds))
-        scores = on_devices(mesh, play, episodes_at_once)(keys, (weights, params))
+        scores = on_devices(environment_mesh(keys.shape[0]), play)(keys, (weights, params))
         return {name: values.T for name, values in scores.items()}
 
     return jax.jit(run)

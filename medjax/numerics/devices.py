@@ -15,7 +15,7 @@ import numpy as np
 from jax.sharding import AxisType, Mesh, PartitionSpec
 
 from medjax.errors import InputError, shown
-from medjax.numerics.rows import CACHED_ROWS, in_blocks
+from medjax.numerics.rows import in_blocks
 
 Result = TypeVar("Result")
 
@@ -83,7 +83,7 @@ def environment_mesh(
 def on_devices(
     mesh: Mesh,
     function: Callable[[Any, Any], Result],
-    rows_at_once: int = CACHED_ROWS,
+    rows_at_once: int = 0,
     out_axes: Any = 0,
     group: int = 1,
 ) -> Callable[[Any, Any], Result]:

@@ -15,14 +15,30 @@ from jax import lax
 Carry = TypeVar("Carry")
 Result = TypeVar("Result")
 
-# The working set of 128 environments fits a core's cache; with thousands at once, every operation goes to memory.
+# Rows of this many bytes together, and what works on them, fit a core's cache; with more, every operation goes to
+# memory. No more than CACHED_ROWS, however small, since more gain nothing.
+CACHED_BYTES = 3 * 2**20
 CACHED_ROWS = 128
+
+
+def rows_that_fit(rows: Any, group: int = 1, copies: int = 1) -> int:
+    """How many rows a core's cache holds: a power of two of groups.
+
+    Args:
+        rows: leaves `(num_rows, ...)`, or their shapes.
+        group: number of adjacent rows that must stay together.
+        copies: over how many `jax.vmap` maps the computation.
+    """
+    leaves = jax.tree.leaves(rows)
+    size = sum(leaf.size * leaf.dtype.itemsize for leaf in leaves) / leaves[0].shape[0]
+    groups = min(CACHED_ROWS, int(CACHED_BYTES // max(size, 1.0))) // (group * copies)
+    return group * 2 ** (max(1, groups).bit_length() - 1)
 
 
 def in_blocks(
     function: Callable[[Any], Result],
     rows: Any,
-    rows_at_once: int = CACHED_ROWS,
+    rows_at_once: int = 0,
     out_axes: Any = 0,
     group: int = 1,
 ) -> Result:
@@ -31,12 +47,12 @@ def in_blocks(
     Args:
         function: works on any number of independent rows.
         rows: leaves `(num_rows, ...)`.
-        rows_at_once: approximate number of rows per block.
+        rows_at_once: approximate number of rows per block; 0: `rows_that_fit`.
         out_axes: the result's axis of rows: a number, or a prefix of the result's tree with numbers.
         group: number of adjacent rows that must stay in one block.
     """
     count = jax.tree.leaves(rows)[0].shape[0]
-    blocks = -(-count // rows_at_once)
+    blocks = -(-count // (rows_at_once or rows_that_fit(rows, group)))
     if jax.default_backend() != "cpu" or count % (blocks * group):
         return function(rows)
     split = jax.tree.map(lambda leaf: leaf.reshape(blocks, count // blocks, *leaf.shape[1:]), rows)

@@ -7,7 +7,7 @@ import pytest
 
 import medjax
 from medjax.errors import InputError
-from medjax.numerics.rows import CACHED_ROWS
+from medjax.numerics.rows import CACHED_ROWS, rows_that_fit
 from medjax.wrappers import BatchAutoReset, environment_mesh, in_blocks, on_devices
 from tests.refusals import refused
 from tests.train.probe_envs import Probe, ProbeParams
@@ -114,3 +114,32 @@ def test_devices_change_nothing_on_the_highway():
     jax.tree.map(
         lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-5), alone[1], shared[1]
     )
+
+
+@pytest.mark.parametrize(
+    ("kilobytes", "group", "copies", "fit"),
+    [
+        (1, 1, 1, 128),
+        (33, 1, 1, 64),
+        (112, 1, 1, 16),
+        (112, 16, 1, 16),
+        (10**6, 1, 1, 1),
+        (16, 9, 4, 18),
+    ],
+)
+def test_large_rows_share_a_cache_with_fewer(kilobytes, group, copies, fit):
+    row = {"a": jax.ShapeDtypeStruct((4, kilobytes, 16, 8), jnp.float64)}
+    assert rows_that_fit(row, group, copies) == fit
+
+
+@pytest.mark.parametrize(("group", "seen"), [(1, 64), (32, 64), (128, 128)])
+def test_a_block_holds_the_rows_that_fit(group, seen):
+    """Rows of 40 kB: 76 fit 3 MiB, of which 64 are a power of two."""
+    blocks = []
+
+    def count(rows):
+        blocks.append(rows.shape[0])
+        return rows[:, 0]
+
+    in_blocks(count, jnp.zeros((256, 10_000)), group=group)
+    assert blocks == [seen]

@@ -20,7 +20,7 @@ from medjax.env.observation import NEED_WINDOW_S
 from medjax.episodes.keys import episode_keys
 from medjax.episodes.runner import EpisodeRunner, Episodes, episode_decisions, episode_steps
 from medjax.numerics.devices import environment_mesh, on_devices
-from medjax.numerics.rows import CACHED_ROWS
+from medjax.numerics.rows import in_blocks
 from medjax.policies.policy import Policy
 from medjax.world.params import EnvConfig, EnvParams
 from medjax.world.state import EnvState
@@ -120,16 +120,16 @@ def _recorder(
             need = jax.vmap(need_at)(episodes.state)
             return after, (seen, sent, need, made.reward, step_stats.depleted)
 
-        first = runner.start(keys, params)
-        _, made = lax.scan(decide, first, jnp.arange(steps, dtype=jnp.int32))
-        rounds, *decided = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), made)
-        trace = Trace(jax.vmap(whole)(first.state, rounds), *decided)
+        def to_end(first: Episodes) -> Trace:
+            _, made = lax.scan(decide, first, jnp.arange(steps, dtype=jnp.int32))
+            rounds, *decided = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), made)
+            return Trace(jax.vmap(whole)(first.state, rounds), *decided)
+
+        trace = in_blocks(to_end, runner.start(keys, params), group=count)
         return jax.tree.map(lambda leaf: leaf.reshape(-1, count, *leaf.shape[1:]), trace)
 
     def run(weights: Any, keys: jax.Array, params: EnvParams) -> Trace:
-        episodes_at_once = max(1, CACHED_ROWS // count)
-        shared = on_devices(environment_mesh(keys.shape[0]), play, episodes_at_once)
-        return shared(keys, (weights, params))
+        return on_devices(environment_mesh(keys.shape[0]), play)(keys, (weights, params))
 
     return jax.jit(run)
 

@@ -16,7 +16,7 @@ from tqdm import tqdm
 from medjax.episodes.keys import episode_keys
 from medjax.episodes.runner import episode_decisions
 from medjax.episodes.scores import MAX_DECISIONS, Scores, make_runner
-from medjax.numerics.rows import CACHED_ROWS, in_blocks
+from medjax.numerics.rows import in_blocks
 from medjax.policies.policy import Policy
 from medjax.world.params import EnvParams
 from train.algorithms.networks import PolicyWeights
@@ -73,7 +73,7 @@ def play_worlds(
 
         return jax.vmap(one, (0 if own_weights else None, 0))(weights, numbers)
 
-    batch = _episodes_a_call(episodes, max(1, CACHED_ROWS // (worlds * len(policies))))
+    batch = _episodes_a_call(episodes)
     calls = -(-episodes // batch)
     keys = episode_keys(seed, calls * batch).reshape(calls, batch)
     weights = jax.device_get(tuple(policy.weights for policy in policies.values()))
@@ -94,11 +94,11 @@ def in_world(score: Scores, index: int) -> Scores:
     return {metric: values[index] for metric, values in score.items()}
 
 
-def _episodes_a_call(episodes: int, block: int) -> int:
-    """Episodes per call: whole blocks on every device, where a block fits a device's cache."""
+def _episodes_a_call(episodes: int) -> int:
+    """Episodes per call: a power of two on every device, so that they split into blocks."""
     devices = len(jax.local_devices())
-    unit = devices * min(block, -(-episodes // devices))
-    return unit * max(1, EPISODES_A_CALL // unit)
+    each = -(-min(episodes, EPISODES_A_CALL) // devices)
+    return devices * 2 ** (each - 1).bit_length()
 
 
 class Trained(NamedTuple):
