@@ -6,6 +6,9 @@ policy decides again, to the end of the episode. All candidates share the keys o
 episode's own. Candidates are halved (sequential halving, Karnin et al. 2013). If the last one still seems better than
 the policy, the planner follows it: one step of policy improvement (rollout algorithms, Bertsekas and Castanon 1999).
 
+With `--know-arrivals` the futures keep the episode's own arrivals, and draw only how vehicles drive. The gain is then
+that of a planner who knows who comes when: what better forecasts of demand could be worth at most, by such planning.
+
 Whole episodes would show the gain only by the hundreds. Instead, the advantages of the planner's choices over the
 policy's are added up along its episodes; the expected sum is the difference of the returns (performance difference
 lemma, Kakade and Langford 2002). Fresh futures measure each advantage, so the selection adds no bias.
@@ -53,13 +56,21 @@ class Rollouts:
         base: the policy.
         plan_length: of a candidate, in decisions.
         rows: futures played at once, divided among the candidates.
+        know_arrivals: whether futures keep the arrivals of the state's episode.
     """
 
     def __init__(
-        self, env: Environment, params: Any, base: Policy, plan_length: int, rows: int
+        self,
+        env: Environment,
+        params: Any,
+        base: Policy,
+        plan_length: int,
+        rows: int,
+        know_arrivals: bool = False,
     ) -> None:
         self.runner, self.steps = EpisodeRunner(env, [base]), episode_steps(env, params)
         self._plan_length, self._rows = plan_length, rows
+        self._know_arrivals = know_arrivals
         self.same = base.weights, params
 
         def to_end(rows: Any, same: Any) -> jax.Array:
@@ -96,8 +107,10 @@ class Rollouts:
         keys = jax.vmap(jax.random.fold_in, (None, 0))(key, each)
         streams = jax.vmap(jax.random.split, (0, None))(keys, 3)
         same = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (self._rows, *leaf.shape)), played)
-        state = jax.vmap(redraw)(streams[:, RESET], same.state)
-        return same.replace(streams=streams, state=state)
+        played = same.replace(streams=streams)
+        if self._know_arrivals:
+            return played
+        return played.replace(state=jax.vmap(redraw)(streams[:, RESET], same.state))
 
     def returns(
         self, key: jax.Array, played: Episodes, first: int, candidates: list[int]
@@ -148,7 +161,7 @@ class Played(NamedTuple):
 def play(env: Environment, params: Any, policy: Policy, options: argparse.Namespace) -> Played:
     """Plays episodes with the planner and with the policy alone; `options` are the command's."""
     plan_length, episodes = options.hold, options.episodes
-    rollouts = Rollouts(env, params, policy, plan_length, options.futures)
+    rollouts = Rollouts(env, params, policy, plan_length, options.futures, options.know_arrivals)
     root = jax.random.fold_in(jax.random.key(options.seed), ROLLOUT_SALT)
     mask = jax.jit(jax.vmap(env.action_mask, (0, None)))
 
@@ -193,11 +206,18 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     leaves = [each for states in played.choices for each in states if each.plan != AS_BASE]
     gain_std = float(np.sqrt(np.mean([each.gain_std**2 for each in leaves] or [math.nan])))
     asked, left = sum(map(len, played.choices)) / episodes, len(leaves) / episodes
+    knows = "knows the arrivals and " if options.know_arrivals else ""
     print(
         f"{episodes} episodes of {config.scenario}, seed {seed}: "
-        f"asked at {asked:.1f} states an episode, the planner leaves {name} at {left:.1f}"
+        f"asked at {asked:.1f} states an episode, the planner {knows}leaves {name} at {left:.1f}"
     )
-    shown = {"policy": name, "asked": asked, "left": left, "spread": gain_std}
+    shown = {
+        "policy": name,
+        "know_arrivals": options.know_arrivals,
+        "asked": asked,
+        "left": left,
+        "spread": gain_std,
+    }
     by_choices = "by its choices, in futures that did not make them"
     apart = played.returns - played.policy_returns
     for key, how, values in (("gain", by_choices, gains), ("apart", "by whole episodes", apart)):
@@ -218,4 +238,6 @@ def main(arguments: list[str] | None = None) -> None:
     at_once = "futures of a state played at once, shared among the candidates"
     add_number(parser, "--futures", 384, at_once, whole_number(least=12))
     add_number(parser, "--hold", 16, "decisions between two plans, for which a candidate holds")
+    known = "plan with the episode's own arrivals, which no dispatcher knows"
+    parser.add_argument("--know-arrivals", action="store_true", help=known)
     run_command(parser, measure, arguments)

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("quick_compiles")
 
 SMALL = {"num_meds": 2, "num_evs": 6, "num_gas": 12, "episode_decisions": 20}
 HOLD, ROWS = 5, 12
-OPTIONS = Namespace(hold=HOLD, episodes=2, futures=ROWS, seed=0)
+OPTIONS = Namespace(hold=HOLD, episodes=2, futures=ROWS, seed=0, know_arrivals=False)
 
 
 def paying(pay, **numbers):
@@ -82,6 +82,21 @@ def test_candidates_meet_the_same_futures(futures, state):
     assert returns.shape == (ROWS // 3, 3)
     np.testing.assert_array_equal(returns[:, 0], returns[:, 2])
     np.testing.assert_array_equal(returns[:, 0], returns[:, 1])  # a policy that waits, waits
+    assert len(set(returns[:, 0])) > 1
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("known", [False, True])
+def test_futures_keep_the_arrivals_only_of_a_planner_who_knows_them(state, known):
+    """Without `--know-arrivals` every future has arrivals of its own; drivers differ either way."""
+    env, params = paying(1.0)
+    futures = planner.Rollouts(env, params, none(env), HOLD, ROWS, know_arrivals=known)
+    played = futures._branch(jax.random.key(1), state, jnp.arange(ROWS))
+    arrivals = jax.random.key_data(played.state.arrivals).reshape(ROWS, -1)
+    own = jax.random.key_data(state.state.arrivals).ravel()
+    assert len({tuple(row) for row in np.asarray(arrivals)}) == (1 if known else ROWS)
+    assert (np.asarray(arrivals) == np.asarray(own)).all() == known
+    returns = futures.returns(jax.random.key(1), state, 0, [AS_BASE])
     assert len(set(returns[:, 0])) > 1
 
 
