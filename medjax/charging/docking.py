@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from medjax.charging.stranded import coasting, to_the_right
+from medjax.numerics.fusion import settled
 from medjax.numerics.gathers import read
 from medjax.traffic.following import Drivers, Platooning
 from medjax.traffic.intents import ORDERED_DESIRE, Orders
@@ -223,10 +224,12 @@ def approach(state: EnvState, drivers: Drivers, config: EnvConfig, params: EnvPa
     # Write into one array: on CPUs, XLA is slower at joining three arrays, as `by_slot` does.
     free = jnp.full((config.num_vehicles,), jnp.inf)
     most = jnp.where(evs.is_depleted, coasting(vehicles.speed[slots], params), jnp.inf)
+    # Settled, since XLA for CPUs would compute it for all vehicles while it writes into their array.
+    acceleration = settled(jnp.where(booked, docking, most), drivers.length >= 0.0)
     return Orders(
         platoon=config.by_slot(jnp.arange(config.num_meds, dtype=jnp.int32), evs.med, NOBODY),
         platooning=Platooning(charging.platoon_headway, charging.platoon_min_gap),
-        acceleration=free.at[slots].set(jnp.where(booked, docking, most)),
+        acceleration=free.at[slots].set(acceleration),
         desire=desire,
         stay=config.by_slot(keeps, booked & plan.is_near | evs.is_depleted, False),
     )

@@ -11,6 +11,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from jaxtyping import Bool, Float, Int32, Real
 
+from medjax.numerics.fusion import settled
 from medjax.numerics.gathers import read, write
 
 NOBODY = -1
@@ -70,7 +71,8 @@ def sort_by_road(
     # Keys are unique, so every sort gives the same order. A GPU's stable sort would carry the slots a second time, and
     # gains nothing from an order that is nearly right.
     on_cpu = jax.default_backend() == "cpu"
-    keys = read(keys, previous_order) if on_cpu else keys
+    if on_cpu:
+        keys = read(settled(keys, previous_order >= 0), previous_order)
     mask = jnp.uint32(2**slot_bits - 1)
     return (jnp.sort(keys, stable=on_cpu) & mask).astype(jnp.int32)
 
@@ -107,7 +109,9 @@ def find_neighbours(
     def in_a_lane(lanes: jax.Array) -> jax.Array:
         return jnp.where((lanes >= 0) & (lanes < num_lanes) & active, lanes, nowhere)
 
-    lanes = read(own | in_a_lane(target_lane) << 8 | in_a_lane(other_lane) << 16, order)
+    # Settled, since XLA for CPUs would compute them inside the read, one at a time.
+    packed = own | in_a_lane(target_lane) << 8 | in_a_lane(other_lane) << 16
+    lanes = read(settled(packed, order >= 0), order)
     own, target, other = lanes & 0xFF, lanes >> 8 & 0xFF, lanes >> 16
     own_index, target_index, other_index = _line_indices(own, other, target, num_lanes + 1)
 

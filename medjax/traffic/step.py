@@ -7,6 +7,7 @@ import functools
 import jax
 import jax.numpy as jnp
 
+from medjax.numerics.fusion import settled
 from medjax.numerics.sums import count_down
 from medjax.traffic.following import (
     FREE_GAP_M,
@@ -241,6 +242,8 @@ def move(
         safe = _max_safe_acceleration(vehicles, ahead, to_end - followers.min_gap, config, params)
         courtesy = jnp.minimum(vehicles.courtesy_left, vehicles.courtesy_right)
         acceleration = jnp.minimum(jnp.minimum(following, safe), courtesy)
+        # Lane changes and motion read these several times.
+        following, safe, acceleration = settled((following, safe, acceleration), order >= 0)
 
     with jax.named_scope("lane_changes"):
         seen = neighbours.without_target(straddles)
