@@ -118,6 +118,28 @@ def test_search_works_from_a_file(pages, browser):
     assert not wrong
 
 
+@pytest.mark.parametrize(("width", "height"), [(1024, 768), (390, 800)])
+def test_play_is_in_view_on_the_front_page(pages, browser, width, height):
+    """Without scrolling; the player fits its frame, and both roads show one stretch."""
+    page = browser.new_page(viewport={"width": width, "height": height})
+    front = min(
+        (path for path in pages if path.name == "index.html"), key=lambda path: len(path.parts)
+    )
+    page.goto(front.as_uri())
+    player = page.frame_locator("iframe[title]")
+    player.locator(".view canvas").nth(1).wait_for()
+    play = player.locator("#play").bounding_box()
+    assert play["x"] >= 0
+    assert play["y"] + play["height"] <= height
+    inside = next(each for each in page.frames if each.url.endswith("highway.html"))
+    assert inside.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    first, second = inside.evaluate(
+        "medjaxPlayer.views.map(({ road }) => [road.center, road.span])"
+    )
+    assert first == second
+    page.close()
+
+
 def test_reference_has_every_public_name(pages):
     import medjax
     import medjax.physics

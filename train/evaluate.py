@@ -22,7 +22,7 @@ from medjax.commandline import (
 )
 from medjax.errors import InputError
 from medjax.files import check_output, write_json
-from medjax.policies.rules import BASELINES
+from medjax.policies.given import ALLOWED
 from medjax.world.catalogue import PRESETS
 from train.evaluation.tables import is_papers
 from train.runs.run_directory import RunDir, check_matplotlib
@@ -46,7 +46,7 @@ def build_parser() -> OneLineParser:
     parser.add_argument(
         "--batch", default="128", metavar="N", help="episodes played together (default: 128)"
     )
-    names = f"of the run, rules ({', '.join(BASELINES)}), module:function that builds one, files that end in .zip"
+    names = f"policies of the run; {ALLOWED}"
     parser.add_argument(
         "--policies",
         metavar="A,B",

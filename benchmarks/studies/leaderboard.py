@@ -27,7 +27,7 @@ from benchmarks.studies.base import estimate, format_estimate
 from medjax.episodes.verdict import NAMES
 from medjax.errors import InputError, shown
 from medjax.files import check_input, check_output, write_text
-from medjax.policies.given import check_policy
+from medjax.policies.given import ALLOWED, check_policy
 from medjax.policies.pretrained import PRETRAINED
 from medjax.policies.rules import BASELINES
 from medjax.render.story import KNOWN
@@ -176,8 +176,7 @@ def main(arguments: list[str] | None = None) -> None:
         "--file", type=a_path, default=BOARD, metavar="FILE", help="file of the leaderboard"
     )
     parser.add_argument("--add", metavar="NAME", help="play a policy and add a row under this name")
-    which = "a rule, pretrained, a .zip file, or module:function (default: NAME)"
-    parser.add_argument("--policy", metavar="P", help=which)
+    parser.add_argument("--policy", metavar="P", help=f"{ALLOWED} (default: NAME)")
     parser.add_argument(
         "--about", default="", metavar="TEXT", help="description of the policy for readers"
     )

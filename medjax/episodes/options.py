@@ -7,37 +7,28 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from medjax.commandline import add_set_option, as_path, parse_overrides, whole_number
+from medjax.commandline import add_set_option, parse_overrides, whole_number
 from medjax.env.charging_env import ChargingEnv
 from medjax.episodes.recording import Recording, record_episode, record_pieces
 from medjax.episodes.runner import episode_decisions
 from medjax.errors import InputError, shown
 from medjax.numerics.memory import check_memory
-from medjax.policies.given import FILE, as_policy, check_policy
+from medjax.policies.given import ALLOWED, RUN, check_policy, file_of, named_policy
 from medjax.policies.policy import Policy
-from medjax.policies.rules import BASELINES
 from medjax.policies.saved import load_policy
-from medjax.policies.team import rules_of
 from medjax.scenarios import SCENARIOS, make, prepare
 from medjax.world.params import EnvParams
 
 # Per frame, for all copies: on the device, on the host, joined in time, and as table rows.
 BYTES_OF_A_SLOT = 150
 RULE = "forecast"  # default policy
-POLICY = "policy.zip"  # trained policy in a run directory
 EVALUATION = "evaluation.json"  # final evaluation in a run directory, if there was one
 
 
 def add_episode_options(group: Any) -> None:
     """Adds the options to a parser's group. Values stay text, so that `requested_episode` reports all errors."""
-    whose = (
-        f"a rule ({', '.join(BASELINES)}), pretrained (shipped with medjax), module:function that builds a policy, or "
-        "a .zip file"
-    )
-    group.add_argument("--policy", metavar="NAME", help=f"{whose} (default: {RULE})")
-    group.add_argument(
-        "--run-dir", metavar="DIR", help="play the policy that train.ppo trained in DIR instead"
-    )
+    group.add_argument("--policy", metavar="NAME", help=f"{ALLOWED} (default: {RULE})")
+    group.add_argument("--run-dir", metavar="DIR", help=f"the same as --policy {RUN}DIR")
     scenario = "preset (default: that of the policy's training, or paper)"
     group.add_argument("--scenario", metavar="NAME", help=scenario)
     numbers = "set a parameter of the environment, in place of the training's value; repeatable"
@@ -51,9 +42,8 @@ def add_episode_options(group: Any) -> None:
 class EpisodeRequest:
     """A request to play an episode; its checks are those that need no environment."""
 
-    file: Path | None  # of a trained policy; None if `policy` is not a file
-    policy: str
-    compare: str | None  # a rule to play beside it
+    policies: tuple[str, ...]  # as in `medjax.policies.given.check_policy`
+    file: Path | None  # of the first trained policy, which sets the world; None if there is none
     scenario: str | None  # None: that of the policy's training, or paper
     overrides: Mapping[str, Any]
     seed: int
@@ -62,10 +52,10 @@ class EpisodeRequest:
     evaluation: Path | None = None  # of the run, if its policy plays in the world of its training
 
     def prepared(self) -> tuple[ChargingEnv, EnvParams]:
-        """The environment and params of `policies`, without the coils' table, so that nothing compiles.
+        """The environment and params of `made`, without the coils' table, so that nothing compiles.
 
         Raises:
-          InputError: as in `policies`.
+          InputError: as in `made`.
         """
         if self.file is None:
             env, params, _ = prepare(self.scenario or "paper", **self.overrides)
@@ -73,21 +63,22 @@ class EpisodeRequest:
         env, params = load_policy(self.file).make(self.scenario, self.overrides, prepare)
         return getattr(env, "env", env), params
 
-    def policies(self) -> tuple[ChargingEnv, EnvParams, dict[str, Policy]]:
+    def made(self) -> tuple[ChargingEnv, EnvParams, dict[str, Policy]]:
         """The environment, its parameters, and the policies to play, by name.
+
+        Policies from files go by their own names, such as ppo, unless two have the same.
 
         Raises:
           InputError: the environment rejects a number, or the policy cannot be read.
         """
         if self.file is None:
             env, params = make(self.scenario or "paper", **self.overrides)
-            chosen = {self.policy: as_policy(env, self.policy)}
         else:
-            trained = load_policy(self.file)
-            env, params = trained.make(self.scenario, self.overrides)
-            chosen = {trained.about.name: trained.policy(env)}
-        if self.compare:
-            chosen[self.compare] = rules_of(env)[self.compare]
+            env, params = load_policy(self.file).make(self.scenario, self.overrides)
+        built = [named_policy(env, text) for text in self.policies]
+        chosen = dict(built)
+        if len(chosen) < len(built):
+            chosen = {text: policy for text, (_, policy) in zip(self.policies, built, strict=True)}
         return env, params, chosen
 
     def record(
@@ -125,23 +116,23 @@ def requested_episode(given: argparse.Namespace) -> EpisodeRequest:
     compare = getattr(given, "compare", None)
     if given.run_dir is not None and given.policy:
         raise InputError("--run-dir with --policy: allowed one or the other")
-    for option, name, known in (
-        ("compare", compare, BASELINES),
-        ("scenario", given.scenario, SCENARIOS),
-    ):
-        if name is not None and name not in known:
-            raise InputError(f"unknown {option} {shown(name)}: allowed {', '.join(known)}")
+    if given.scenario is not None and given.scenario not in SCENARIOS:
+        allowed = ", ".join(SCENARIOS)
+        raise InputError(f"unknown scenario {shown(given.scenario)}: allowed {allowed}")
     policy = RULE if given.policy is None else given.policy
-    if given.run_dir is None:
-        check_policy(policy)
-        if compare == policy:
-            raise InputError(f"--compare {compare}: allowed another policy than --policy")
-    overrides, file = parse_overrides(given.overrides), _file(given.run_dir, policy)
-    as_trained = given.run_dir is not None and given.scenario is None and not overrides
+    first = policy if given.run_dir is None else RUN + given.run_dir
+    policies = (first,) if compare is None else (first, compare)
+    for text in policies:
+        check_policy(text)
+    if compare == first:
+        raise InputError(f"--compare {compare}: allowed another policy than --policy")
+    overrides = parse_overrides(given.overrides)
+    trained = [text for text in policies if file_of(text) is not None]
+    file = file_of(trained[0]) if trained else None
+    as_trained = file and trained[0].startswith(RUN) and given.scenario is None and not overrides
     return EpisodeRequest(
+        policies=policies,
         file=file,
-        policy=policy,
-        compare=compare,
         scenario=given.scenario,
         overrides=overrides,
         seed=whole_number("--seed", given.seed),
@@ -149,18 +140,3 @@ def requested_episode(given: argparse.Namespace) -> EpisodeRequest:
         force=getattr(given, "force", False),
         evaluation=file.with_name(EVALUATION) if file and as_trained else None,
     )
-
-
-def _file(run: str | None, policy: str) -> Path | None:
-    """The file of the requested trained policy; None if the policy is not a file."""
-    if run is None:
-        return Path(policy) if policy.endswith(FILE) else None
-    run_dir = as_path("--run-dir", run)
-    if not run_dir.is_dir():
-        raise InputError(
-            f"--run-dir {run_dir} is not a directory; allowed one that train.ppo wrote"
-        )
-    if not (run_dir / POLICY).is_file():
-        remedy = f"python -m train.export --run-dir {run_dir} writes it"
-        raise InputError(f"--run-dir {run_dir}: holds no {POLICY}; {remedy}")
-    return run_dir / POLICY

@@ -1,4 +1,4 @@
-"""Converts user input (names, files, functions) into a policy of an environment."""
+"""Converts user input (names, runs, files, functions) into a policy of an environment. Every command takes the same."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -16,27 +16,51 @@ from medjax.policies.saved import ExportedPolicy, load_policy
 from medjax.policies.team import rules_of
 
 FILE = ".zip"  # file extension of a policy
+RUN = "run:"  # before the directory of a run
+POLICY = "policy.zip"  # trained policy in the directory of a run
+OTHERS = f"{RUN}DIR, module:function, or a file that ends in {FILE}"
+ALLOWED = (
+    f"a rule ({', '.join(BASELINES)}), {PRETRAINED} (shipped with medjax), {RUN}DIR (what train.ppo trained in DIR), "
+    f"module:function that builds a policy, or a file that ends in {FILE}"
+)
+"""What `check_policy` accepts, for the help of a command."""
+
+
+def file_of(text: str) -> Path | None:
+    """The file of a trained policy: that of `run:DIR`, or text itself if it ends in .zip; None for other policies.
+
+    Raises:
+      InputError: there is no such run or file.
+    """
+    if text.startswith(RUN):
+        run = as_path("run", text.removeprefix(RUN))
+        if not run.is_dir():
+            raise InputError(f"run {run} is not a directory; allowed one that train.ppo wrote")
+        if not (run / POLICY).is_file():
+            remedy = f"python -m train.export --run-dir {run} writes it"
+            raise InputError(f"run {run} holds no {POLICY}; {remedy}")
+        return run / POLICY
+    if not text.endswith(FILE):
+        return None
+    path = as_path("policy", text)
+    if not path.is_file():
+        raise InputError(f"policy {shown(text)} is not a file; allowed one that train.ppo wrote")
+    return path
 
 
 def check_policy(text: str, known: Iterable[str] = BASELINES) -> None:
     """Raises InputError if text names no policy for `as_policy`; needs no environment. `known` are the rules."""
     known = [*known, PRETRAINED]
-    if text.endswith(FILE):
-        path = as_path("policy", text)
-        if not path.is_file():
-            raise InputError(
-                f"policy {shown(text)} is not a file; allowed one that train.ppo wrote"
-            )
-    elif ":" in text:
-        read_object("policy", text)
-    elif text not in known:
+    if file_of(text) is not None or text in known:
+        return
+    if ":" not in text:
         raise _unknown(text, known)
+    read_object("policy", text)
 
 
 def _unknown(text: str, rules: Iterable[str]) -> InputError:
     """The error for an unknown policy name."""
-    others = f"module:function, or a file that ends in {FILE}"
-    return InputError(f"unknown policy {shown(text)}: allowed {', '.join([*rules, others])}")
+    return InputError(f"unknown policy {shown(text)}: allowed {', '.join([*rules, OTHERS])}")
 
 
 def as_policy(env: Any, given: Any) -> Policy:
@@ -45,8 +69,9 @@ def as_policy(env: Any, given: Any) -> Policy:
     Args:
       env: a single environment.
       given: a `Policy`; an `ExportedPolicy` or the path of its file; the name of a rule; "pretrained", for the
-        environment's preset; `"module:name"` of a function that builds a policy from an environment; or a function
-        `act(key, obs, state, params)` that returns an action, () int32, or a `Choice`.
+        environment's preset; `"run:DIR"`, for what train.ppo trained in DIR; `"module:name"` of a function that builds
+        a policy from an environment; or a function `act(key, obs, state, params)` that returns an action, () int32, or
+        a `Choice`.
 
     Raises:
       InputError: given is none of these, or does not fit the environment.
@@ -62,15 +87,24 @@ def as_policy(env: Any, given: Any) -> Policy:
     raise InputError(f"policy is {shown(given)}, allowed: a policy, a rule's name, or a function")
 
 
+def named_policy(env: Any, text: str) -> tuple[str, Policy]:
+    """A policy by what names it, as in `as_policy`, and its own name: that in its file, or else text."""
+    file = file_of(text)
+    if file is None:
+        return text, as_policy(env, text)
+    trained = load_policy(file)
+    return trained.about.name, trained.policy(env)
+
+
 def _named(env: Any, text: str) -> Policy:
-    """Policy by name: a rule, "pretrained", a file, or `module:name`."""
+    """Policy by name: a rule, "pretrained", a run, a file, or `module:name`."""
     rules = rules_of(env)
     if text in rules:
         return rules[text]
     if text == PRETRAINED:
         return pretrained(env)
-    if text.endswith(FILE):
-        return load_policy(text).policy(env)
+    if (file := file_of(text)) is not None:
+        return load_policy(file).policy(env)
     if ":" in text:
         build = read_object("policy", text)
         try:

@@ -43,9 +43,10 @@ def none(env: Environment) -> Policy:
 
 
 def slow(env: Environment) -> Policy:
-    """Never sends a MED, and EVs below the request threshold drive at the MEDs' service speed.
+    """Never sends a MED, but EVs that are low on charge drive as slowly as MEDs do.
 
-    A control that isolates the effect of driving slowly from the effect of charging.
+    A control that isolates the effect of driving slowly from the effect of charging. Low is below the request
+    threshold, slow is the service speed of MEDs.
     """
 
     def params_transform(params: EnvParams) -> EnvParams:

@@ -1,4 +1,4 @@
-"""The command `python -m medjax.render --policy NAME | --run-dir DIR --out episode.mp4|.gif|.png|.html`.
+"""The command `python -m medjax.render --policy NAME --out episode.mp4|.gif|.png|.html`.
 
 Bad input is refused before anything is simulated, with exit code 2.
 """
@@ -59,7 +59,7 @@ def build_parser() -> OneLineParser:
     )
     play = parser.add_argument_group("what is played")
     add_episode_options(play)
-    compare = "also play this rule on the same episode and show both; .html only"
+    compare = "also play this policy, named as for --policy, on the same episode and show both; .html only"
     play.add_argument("--compare", metavar="NAME", help=compare)
     evaluation = (
         "file of train.evaluate --json, whose means are shown beside the episode's numbers; .html only "
@@ -103,7 +103,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(str(error))
     try:
         _check(request, *request.played.prepared())
-        env, params, chosen = request.played.policies()
+        env, params, chosen = request.played.made()
         request = dataclasses.replace(request, evaluation=_evaluation(request, env, list(chosen)))
         if request.grid:
             _write_grid(request, env, params, chosen)
@@ -160,7 +160,7 @@ def _evaluation(
         return request.evaluation
     played = request.played
     if played.evaluation is not None:
-        return own_evaluation(played.evaluation, env.name, policies[0])
+        return own_evaluation(played.evaluation, env.name, policies)
     changed = played.overrides or played.file
     return None if changed else known_evaluation(env.name, policies)
 

@@ -4,9 +4,11 @@ import contextlib
 import dataclasses
 import math
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
+from medjax.episodes.recording import Recording
 from medjax.errors import InputError, shown
 from medjax.render.layout import SIZE
 from medjax.render.roadway import Roadway
@@ -53,13 +55,13 @@ def camera_path(timeline: Timeline, follow: str) -> np.ndarray:
     """Middle of the camera's stretch at each frame, `(F,)` m.
 
     Before a followed vehicle enters, and after it leaves, the camera stays where it enters or leaves.
-    With `auto` the camera follows the MED that charges most EVs and stays for at least HOLD_S.
+    `auto` is `auto_path`.
 
     Raises:
       InputError: one line; `follow` names nothing in the recording.
     """
     if follow == AUTO:
-        return _auto_path(timeline)
+        return auto_path([timeline])
     x, x_m = timeline.recording.frames.x, as_number(follow)
     if math.isnan(x_m):
         track = find_track(timeline, follow)
@@ -103,26 +105,37 @@ def find_track(timeline: Timeline, text: str) -> Track:
     raise InputError(f"follow = {text}: allowed {kind} numbers: {allowed}")
 
 
-def _auto_path(timeline: Timeline) -> np.ndarray:
-    """`camera_path` of `auto`. While no MED is on the road, the camera waits where the next one will enter."""
-    recording = timeline.recording
-    frames, meds = recording.frames, recording.config.med_slots
-    on_road, x = np.asarray(frames.active)[:, meds], np.asarray(frames.x)[:, meds]
-    numbers = np.arange(recording.config.num_meds)
-    hold = round(HOLD_S / recording.config.tick_s)
+def auto_path(timelines: Sequence[Timeline]) -> np.ndarray:
+    """One camera for all recordings of an episode: the middle of its stretch at each frame, `(F,)` m.
+
+    The camera follows the MED that charges most EVs, in whichever recording, and stays for at least HOLD_S. While no
+    MED is on the road, the camera waits where the next one will enter.
+    """
+    recordings = [each.recording for each in timelines]
+    meds = recordings[0].config.med_slots
+    on_road = np.concatenate([np.asarray(each.frames.active)[:, meds] for each in recordings], 1)
+    x = np.concatenate([np.asarray(each.frames.x)[:, meds] for each in recordings], 1)
+    hold = round(HOLD_S / recordings[0].config.tick_s)
     path = np.full(len(x), np.nan)
     followed, since = -1, 0
     for frame in np.nonzero(on_road.any(axis=1))[0].tolist():
         there = on_road[frame]
         gone = followed < 0 or not there[followed]
         if gone or frame >= since + hold:
-            charged = frames.ev_med[frame][frames.ev_is_charging[frame]]
-            busy = np.where(there, 1 + (charged[:, None] == numbers).sum(axis=0), 0)
+            charged = np.concatenate([_charged(recording, frame) for recording in recordings])
+            busy = np.where(there, 1 + charged, 0)
             if gone or busy.max() > busy[followed]:
                 followed, since = int(busy.argmax()), frame
         path[frame] = x[frame, followed]
     known = np.nonzero(np.isfinite(path))[0]
     if not known.size:
-        return np.full(len(x), 0.5 * timeline.roadway.length_m)
+        return np.full(len(x), 0.5 * timelines[0].roadway.length_m)
     following = known[np.minimum(np.searchsorted(known, np.arange(len(x))), known.size - 1)]
     return path[following]
+
+
+def _charged(recording: Recording, frame: int) -> np.ndarray:
+    """How many EVs each MED charges, `(num_meds,)`."""
+    frames = recording.frames
+    med = np.asarray(frames.ev_med)[frame][np.asarray(frames.ev_is_charging)[frame]]
+    return np.bincount(med, minlength=recording.config.num_meds)

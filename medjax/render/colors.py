@@ -18,7 +18,7 @@ EDGE: Color = (120, 127, 136)
 
 MED_COLOR: Color = (21, 135, 57)  # white text on it has a contrast of 4.6:1
 GAS_COLOR: Color = (112, 119, 128)
-RAN_OUT: Color = (213, 94, 0)
+RAN_OUT: Color = (140, 0, 25)  # no line of the player has it
 ACCENT: Color = (0, 114, 178)  # the camera's stretch, and what is selected
 
 SOC_SCALE: tuple[Color, ...] = (

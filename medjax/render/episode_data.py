@@ -8,7 +8,6 @@ import numpy as np
 from medjax.env.dispatch import action_names
 from medjax.env.metrics import JOULES_PER_KWH
 from medjax.episodes.recording import Recording
-from medjax.render.camera import AUTO, camera_path
 from medjax.render.layout import EXAGGERATION
 from medjax.render.packing import Packer
 from medjax.render.roadway import Roadway
@@ -19,13 +18,14 @@ from medjax.world.params import CHARGING_SLOTS, EnvParams
 from medjax.world.state import IN_SERVICE, LEAVING, STATUS_NAMES
 
 
-def pack_episode(timeline: Timeline) -> tuple[dict[str, Any], str]:
-    """The episode's facts for JSON, and its arrays as text (`Packer`)."""
+def pack_episode(timeline: Timeline, camera: np.ndarray) -> tuple[dict[str, Any], str]:
+    """The episode's facts for JSON, and its arrays as text (`Packer`); `camera` is the page's `auto_path`, `(F,)` m."""
     recording, road = timeline.recording, timeline.roadway
     config, params, decisions = recording.config, recording.params, recording.decisions
     charts = charts_of(recording)
     packer = Packer()
     _add_frames(packer, timeline)
+    packer.add("camera", camera[None], 0.01, 2)
     _add_decisions(packer, recording)
     for number, chart in enumerate(charts):
         packer.add(f"chart{number}", chart.values, 1e-4)
@@ -114,7 +114,6 @@ def _add_frames(packer: Packer, timeline: Timeline) -> None:
     packer.add("medSpeedTold", frames.med_service_speed.T, 0.1)
     packer.add("medLaneTold", frames.med_service_lane.T)
     packer.add("medAccepts", frames.med_accepts.T)
-    packer.add("camera", camera_path(timeline, AUTO)[None], 0.01, 2)
 
 
 def _add_decisions(packer: Packer, recording: Recording) -> None:

@@ -14,7 +14,7 @@ from medjax.episodes.recording import Recording
 from medjax.errors import InputError
 from medjax.files import replacing
 from medjax.render import colors
-from medjax.render.camera import AUTO, camera_path, find_track, vehicle_named
+from medjax.render.camera import AUTO, auto_path, camera_path, find_track, vehicle_named
 from medjax.render.episode_data import pack_episode
 from medjax.render.scene import Timeline
 from medjax.render.story import ending, first_charge_s, means, verdict, words_for
@@ -61,7 +61,7 @@ def write_player(
 
     Args:
       path: file to write, in full or not at all.
-      recordings: one, or those of two policies in the same episode, which then share one clock.
+      recordings: one, or those of two policies in the same episode, which then share one clock and one camera.
       follow: what to follow in the first recording at the start, as in `camera_path`.
       start_s: initial time of the clock; None is just before an EV is first charged.
       evaluation: of many episodes, shown as means beside this episode (`medjax.render.story.read_evaluation`).
@@ -88,7 +88,8 @@ def player_page(
     start_s = first_charge_s(recordings) if start_s is None else start_s
     if not 0.0 <= start_s <= timelines[0].duration_s:
         raise InputError(f"start = {start_s:g} s: allowed 0 to {timelines[0].duration_s:g} s")
-    packed = [pack_episode(timeline) for timeline in timelines]
+    camera = auto_path(timelines)
+    packed = [pack_episode(timeline, camera) for timeline in timelines]
     head = recordings[0]
     data = {
         "episodes": [meta for meta, _ in packed],

@@ -14,6 +14,7 @@ from medjax.episodes.recording import Recording
 from medjax.episodes.verdict import LINES, NAMES
 from medjax.errors import InputError
 from medjax.files import check_input
+from medjax.policies.given import RUN
 from medjax.policies.pretrained import PRETRAINED
 from medjax.policies.rules import BASELINES
 
@@ -29,7 +30,7 @@ def words_for(policy: str) -> str:
     """A sentence on a policy, for a rule the first line of its docstring; "" if the policy is unknown."""
     rule = BASELINES.get(policy)
     if rule is None:
-        return LEARNED.get(policy.split("_")[0], "")
+        return LEARNED.get("ppo" if policy.startswith(RUN) else policy.split("_")[0], "")
     first = (rule.__doc__ or "").split("\n")[0]
     # Functions and units of arguments are for programmers only.
     plain = re.sub(r" \(`[^`]*`\)|_s\b", "", first)
@@ -91,13 +92,14 @@ def known_evaluation(scenario: str, policies: Sequence[str]) -> dict[str, Any] |
     return found if all(name in found["policies"] for name in policies) else None
 
 
-def own_evaluation(path: Path, scenario: str, policy: str) -> dict[str, Any] | None:
-    """A run's closing evaluation; None if there is none for this scenario and policy."""
+def own_evaluation(path: Path, scenario: str, policies: Sequence[str]) -> dict[str, Any] | None:
+    """A run's closing evaluation; None if there is none for this scenario and any of the policies."""
     try:
         found = read_evaluation(path)
     except InputError:  # no error: the user did not name this file
         return None
-    return found if found["scenario"] == scenario and policy in found["policies"] else None
+    known = any(name in found["policies"] for name in policies)
+    return found if found["scenario"] == scenario and known else None
 
 
 def read_evaluation(path: Path) -> dict[str, Any]:

@@ -76,11 +76,11 @@ def seconds(page):
 
 
 def settle(page):
-    """Waits until the page is drawn and cameras have stopped gliding."""
+    """Waits until the page is drawn and the camera has stopped gliding."""
     page.evaluate(
         "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
     )
-    until(page, "medjaxPlayer.views.every(({ behind }) => behind === 0)")
+    until(page, "medjaxPlayer.gaze.behind === 0")
 
 
 def facts(page):

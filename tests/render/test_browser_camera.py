@@ -1,4 +1,6 @@
-"""Cameras in headless Chromium: they stay on the followed vehicle and glide to the next one."""
+"""The camera in headless Chromium: one for both roads, it stays on a vehicle and glides to the next one."""
+
+import dataclasses
 
 import numpy as np
 import pytest
@@ -87,7 +89,7 @@ def test_the_camera_glides_to_an_event_of_another_time_and_place(pages, driving)
           player.events.go({ seconds: 19, which: 0, x: 3200 });
           player._show(19);
           const { center } = player.views[0].road;
-          return [center, player.views[0].behind];
+          return [center, player.gaze.behind];
         }"""
     )
     assert first < 1600.0
@@ -102,3 +104,57 @@ def test_reduced_motion_cuts_instead_of_gliding(pages, driving):
     settle(page)
     page.evaluate("medjaxPlayer.setCamera('free', 3000); medjaxPlayer._show(0)")
     assert page.evaluate("medjaxPlayer.views[0].road.center") == 3000.0
+
+
+@pytest.fixture(scope="module")
+def apart(tmp_path_factory):
+    """Two policies: the MED of one starts at 1000 m, that of the other at 2500 m, where it charges an EV later."""
+    pair = []
+    for name, x in (("early", 1000.0), ("late", 2500.0)):
+        recording = blank(1 + 4 * 40)
+        put(recording, 0, x, 2, speed=22.0)
+        put(recording, recording.config.ev_slots.start, x - 5.0, 1, speed=22.0)
+        recording.frames.med_status[:, 0] = IN_SERVICE
+        pair.append(dataclasses.replace(recording, policy=name))
+    pair[1].frames.ev_med[80:, 0] = 0
+    pair[1].frames.ev_is_charging[80:, 0] = True
+    path = tmp_path_factory.mktemp("apart") / "apart.html"
+    write_player(path, pair)
+    return path
+
+
+@pytest.mark.parametrize(
+    "look",
+    [
+        "player.setCamera('auto')",
+        "player.setCamera('free', 1800)",
+        "player.select(1, player.episodes[1].tracks[0]); player.setCamera('selected')",
+        "player.events.step(0, 1)",
+        "player.setZoom(1)",
+    ],
+)
+@pytest.mark.parametrize("glides", [False, True])
+def test_both_roads_show_one_stretch_at_every_time(pages, apart, look, glides):
+    page = pages(apart, glides=glides)
+    seen = page.evaluate(
+        f"""() => {{
+          const player = medjaxPlayer;
+          {look};
+          return Array.from({{ length: 81 }}, (_, i) => {{
+            player._show(i / 2);
+            return player.views.map(({{ road: {{ camera }} }}) => [camera.start, camera.span, camera.topY]);
+          }});
+        }}"""
+    )
+    first, second = np.moveaxis(np.array(seen), 1, 0)
+    np.testing.assert_array_equal(first, second)
+
+
+def test_the_shared_camera_goes_to_the_med_that_charges(pages, apart):
+    """It leaves the first policy's MED for the other's, which is busier."""
+    page = pages(apart)
+    x = [
+        page.evaluate(f"medjaxPlayer._show({time}), medjaxPlayer.views[0].road.center")
+        for time in (5, 30)
+    ]
+    np.testing.assert_allclose(x, [1000.0 + 22.0 * 5, 2500.0 + 22.0 * 30], atol=0.1)

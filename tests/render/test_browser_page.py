@@ -34,7 +34,7 @@ def test_everything_fits_any_width(browser, path, width, height, request):
         text = page.inner_text("#terms")
         assert "cost, EUR: time lost" in text
         assert "return: the reward" in text
-        assert "mobile energy disseminators" in page.inner_text("#story")
+        assert "mobile energy disseminators" in page.inner_text("#lead")
         assert page.locator("#story [title]").count() == 0
         page.keyboard.press("e")
         settle(page)
@@ -49,12 +49,48 @@ def test_everything_fits_any_width(browser, path, width, height, request):
 
 
 def check_controls(page, width, height):
-    """They stay in sight, and are low on small screens."""
+    """They stay in sight, are low on small screens, and cover no road that fits on the screen."""
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     play = page.locator("#play").bounding_box()
     assert play["y"] + play["height"] <= height
     if (width, height) in ((1024, 768), (390, 844)):
         assert page.locator("#controls").bounding_box()["height"] <= 90
+        page.locator(".view canvas").last.evaluate(
+            "(road) => road.scrollIntoView({ block: 'end' })"
+        )
+        controls = page.locator("#controls").bounding_box()
+        for road in page.locator(".view canvas").all():
+            box = road.bounding_box()
+            assert box["y"] >= controls["y"] + controls["height"]
+            assert box["y"] + box["height"] <= height + 1
+        page.evaluate("scrollTo(0, 0)")
+
+
+def test_a_small_screen_shows_two_roads_and_play_at_once(browser, two):
+    with opened(browser, two, width=1024, height=768) as page:
+        bottoms = page.evaluate(
+            "['#play', '.view:last-child canvas']"
+            ".map((name) => document.querySelector(name).getBoundingClientRect().bottom)"
+        )
+    assert max(bottoms) <= 768.0
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_crosses_have_no_line_s_colour(browser, two, scheme):
+    """Neither a policy's nor that of charging or booking: a channel differs by a fifth of its range or more."""
+    page = browser.new_page(color_scheme=scheme)
+    page.goto(two.as_uri())
+    colours = page.evaluate(
+        """() => {
+          const style = getComputedStyle(document.documentElement);
+          const part = (hex, at) => parseInt(hex.slice(at, at + 2), 16);
+          const rgb = (name) => [1, 3, 5].map((at) => part(style.getPropertyValue(name).trim(), at));
+          return ["--out", "--first", "--second", "--med", "--ink"].map(rgb);
+        }"""
+    )
+    cross, *lines = np.array(colours) / 255
+    assert (np.abs(lines - cross).max(axis=1) > 0.2).all()
+    page.close()
 
 
 def test_a_wide_page_shows_charts_events_and_playback_together(pages, two):
@@ -175,7 +211,7 @@ def test_the_page_opens_before_the_first_charge_with_story_and_verdict(browser, 
     first = np.flatnonzero(charging)[0] * recording.config.tick_s
     ran_out = int(np.sum(recording.decisions.stats.depleted))
     with opened(browser, two) as page:
-        assert "fewer crosses is better" in page.inner_text("#story")
+        assert "fewer crosses is better" in page.inner_text("#lead")
         assert 0.0 <= first - seconds(page) <= 5.0
         assert not page.evaluate("medjaxPlayer.clock.playing")
         words = page.locator("#policies dd").all_inner_texts()

@@ -24,7 +24,10 @@ BAD = [
     ("--out a", "allowed a file that ends in"),
     ("", "--out"),
     ("--policy best --out a.html", "unknown policy 'best': allowed none, slow, random"),
-    ("--compare best --out a.html", "unknown compare 'best': allowed none, slow, random"),
+    ("--compare best --out a.html", "unknown policy 'best': allowed none, slow, random"),
+    ("--compare run:. --out a.html", "python -m train.export --run-dir . writes it"),
+    ("--policy run:nowhere --out a.html", "run nowhere is not a directory; allowed one that"),
+    ("--policy run: --out a.html", "run '': allowed a path"),
     ("--compare forecast --out a.html", "allowed another policy"),
     ("--compare none --out a.mp4", "--compare with a.mp4: allowed with a file that ends in .html"),
     ("--scenario mars --out a.html", "unknown scenario 'mars': allowed paper"),
@@ -206,8 +209,9 @@ def test_an_unchanged_run_has_the_means_of_its_closing_evaluation(argv, world, k
     entry = {**dict.fromkeys(NAMES, 1.5), "return_ci95": [3.0, 11.5]}
     found = {"scenario": world, "episodes": 7, "policies": {"ppo": entry}}
     Path("run/evaluation.json").write_text(json.dumps(found))
+    for given in ("--run-dir run", "--policy run:run", "--compare run:run"):
+        assert evaluation_of(f"{given} {argv}", "ppo") == (found if known else None)
     argv = f"--run-dir run {argv}"
-    assert evaluation_of(argv, "ppo") == (found if known else None)
     assert evaluation_of(argv, "ippo") is None
     Path("run/evaluation.json").write_text("{")
     assert evaluation_of(argv, "ppo") is None

@@ -5,7 +5,7 @@ import pytest
 
 from medjax.episodes.recording import record_episode
 from medjax.policies.rules import BASELINES
-from medjax.render.camera import AUTO, busiest_time, camera_path, find_track
+from medjax.render.camera import AUTO, auto_path, busiest_time, camera_path, find_track
 from medjax.render.scene import Timeline
 from medjax.render.tracks import ran_out, tracks_of
 from medjax.world.kinds import by_class
@@ -56,6 +56,13 @@ def test_the_automatic_camera_is_at_a_med_whenever_there_is_one(recording):
     assert any_med.any()
     off = np.where(frames.active[:, meds], np.abs(frames.x[:, meds] - path[:, None]), np.inf)
     assert np.all(off.min(axis=1)[any_med] == 0.0)
+
+
+def test_recordings_share_the_camera_of_the_one_with_meds(recording, other):
+    alone = auto_path([Timeline(recording)])
+    assert np.ptp(alone) > 100.0
+    for pair in ([recording, other], [other, recording]):
+        np.testing.assert_array_equal(auto_path([Timeline(each) for each in pair]), alone)
 
 
 @pytest.fixture(scope="module")

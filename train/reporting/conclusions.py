@@ -1,5 +1,7 @@
 """Sentences that state what a figure shows, each with the 95 % interval that it rests on."""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from train.evaluation.statistics import FEWEST, bootstrap_ci95
@@ -30,6 +32,35 @@ def difference(what: str, names: tuple[str, str], gains: np.ndarray, seed: int) 
         return f"{what}: no difference between {ours} and {theirs} can be seen with {episodes}, {given}."
     side = "higher" if low > 0.0 else "lower"
     return f"{what}: {side} with {ours} than with {theirs} in the same {episodes}, {given}."
+
+
+def reached(shares: Mapping[str, float]) -> str:
+    """States how many EVs of a hundred reach their exit.
+
+    Args:
+        shares: share of the EVs that reach it, in [0, 1], by what is done, such as "with the trained policy".
+
+    Returns:
+        The sentence.
+    """
+    (case, share), *others = shares.items()
+    rest = [f"{100.0 * each:.0f} {done}" for done, each in others]
+    first = f"{100.0 * share:.0f} reach their exit {case}"
+    return f"Of 100 electric vehicles (EVs), {_listed([first, *rest])}."
+
+
+def lost(minutes: Mapping[str, float], duration: str) -> str:
+    """States how much time the other drivers lose in an episode.
+
+    Args:
+        minutes: time that all of them lose together, by what is done, as in `reached`.
+        duration: of the episode.
+
+    Returns:
+        The sentence.
+    """
+    cases = [f"{_amount(each)} min {done}" for done, each in minutes.items()]
+    return f"In an episode of {duration}, the drivers of all other vehicles together lose {_listed(cases)}."
 
 
 def learning(returns: np.ndarray, seed: int) -> str:
@@ -76,6 +107,17 @@ def _trend(gains: np.ndarray, seed: int, rises: str) -> str:
     low, high = bootstrap_ci95(gains, seed)
     word = rises if low > 0.0 else "falls" if high < 0.0 else "does not change visibly"
     return f"{word} ({_signed(float(np.mean(gains)))} {interval((low, high))})"
+
+
+def _listed(cases: Sequence[str]) -> str:
+    """Two cases or more in one sentence."""
+    return f"{', '.join(cases[:-1])}, and {cases[-1]}"
+
+
+def _amount(value: float) -> str:
+    """A number with a digit after the point if it is below 10; never -0."""
+    digits = 0 if abs(value) >= 10.0 else 1
+    return f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 def _signed(value: float) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from medjax.commandline import in_words
 from medjax.env.charging_env import ChargingEnv
 from medjax.env.observation import NEED_WINDOW_S
 from medjax.episodes.scores import Scores, evaluate_policies
@@ -30,7 +31,7 @@ from train.evaluation.tables import (
     paper_rows,
     short,
 )
-from train.reporting.conclusions import counts, difference, learning
+from train.reporting.conclusions import counts, difference, learning, lost, reached
 from train.reporting.diagrams import plot_dispatch, plot_episode
 from train.reporting.figures import (
     curve_of,
@@ -42,10 +43,12 @@ from train.reporting.figures import (
 from train.reporting.page import Picture, Section, write_page
 from train.reporting.survey import Survey, dispatch_rows, survey, total
 from train.reporting.traces import Trace, record
+from train.reporting.words import TERMS, policies_in_words
 from train.runs.logs import read_rows
 from train.runs.run_directory import PLAYS, RunDir
 from train.settings import TrainConfig, to_json
 
+SENDS_NONE = ("slow", "none")  # rules that send no MED
 PICTURES = ("training_curve", "comparison", "time_space", "soc_over_time", "soc_at_end", "dispatch")
 
 
@@ -64,8 +67,9 @@ class Played:
 
     @property
     def best_rule(self) -> str:
-        """The rule with the highest mean return."""
-        return next(name for name, _ in best_first(self.result) if name in BASELINES)
+        """Of the rules that send MEDs, the one with the highest mean return."""
+        senders = [name for name in BASELINES if name not in SENDS_NONE]
+        return next(name for name, _ in best_first(self.result) if name in senders)
 
 
 def play(
@@ -114,8 +118,10 @@ def draw(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
 
 
 def write(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
-    """Prints the tables, writes the page with tables and figures, and writes the numbers to evaluation.json."""
+    """Prints conclusion and tables, writes the page with them and the figures, and the numbers to evaluation.json."""
     title = headline(played.result)
+    conclusion = conclude(config, played)
+    print("", *conclusion, sep="\n")
     parts = sections(run_dir, config, played)
     for part in parts:
         if part.tables:
@@ -125,14 +131,42 @@ def write(run_dir: RunDir, config: TrainConfig, played: Played) -> None:
     write_page(
         run_dir.report / "report.html",
         f"Report of {run_dir.path.resolve().name}",
-        f"{title}. The trained policy, {config.algorithm}, takes {PLAYS}. Intervals are of means, "
-        "by the bootstrap over episodes, and over training seeds where it is their mean.",
+        conclusion,
         parts,
     )
 
 
 def _pictures(run_dir: RunDir) -> dict[str, Path]:
     return {name: run_dir.report / f"{name}.png" for name in PICTURES}
+
+
+def conclude(config: TrainConfig, played: Played) -> list[str]:
+    """What the page begins with: EVs that reach their exit, and what that costs other drivers; of the first seed."""
+    ours, best, seen, scores = config.algorithm, played.best_rule, played.seen, played.scores
+    first = f", the first of {config.num_seeds} seeds" if config.num_seeds > 1 else ""
+    done = {
+        ours: f"with the trained policy ({ours}{first})",
+        best: f"with the best rule ({best})",
+        "slow": "if EVs low on charge drive slowly, without any charging truck (slow)",
+        "none": "if nothing is done (none)",
+    }
+    index = [played.names.index(name) for name in done]
+    arrived, ran_out = seen.exit_soc[index].sum(axis=1), seen.depleted[index]
+    shares = arrived / np.maximum(arrived + ran_out, 1)
+    minutes = {name: 60.0 * scores[name]["gas_delay_h"] for name in done}
+    means = [float(np.mean(minutes[name])) for name in done]
+    decisions = int(played.params.episode_decisions)
+    duration = in_words(decisions * played.env.config.decision_s)
+    fewer = 100.0 * (scores[ours]["depleted_share"] - scores[best]["depleted_share"])
+    more = minutes[ours] - minutes["none"]
+    return [
+        reached(dict(zip(done.values(), shares, strict=True)))
+        + " "
+        + difference("EVs of 100 that run out", (ours, best), fewer, played.seed),
+        lost(dict(zip(done.values(), means, strict=True)), duration)
+        + " "
+        + difference("Minutes lost by others", (ours, "none"), more, played.seed),
+    ]
 
 
 def concluded(run_dir: RunDir, config: TrainConfig, played: Played) -> dict[str, str]:
@@ -171,6 +205,7 @@ def sections(run_dir: RunDir, config: TrainConfig, played: Played) -> list[Secti
     path = {name: Picture(path, said[name]) for name, path in _pictures(run_dir).items()}
     theirs = "; the paper's are of ten" if is_papers(result) else ""
     return [
+        _words(config, played),
         Section(
             "Figure 7: the training curve",
             "Mean return of the whole episodes that ended in an update. With several seeds the line is their "
@@ -195,7 +230,7 @@ def sections(run_dir: RunDir, config: TrainConfig, played: Played) -> list[Secti
             "Driving slowly, and charging",
             "EVs behind a MED drive slowly, and what that saves comes without any charge: energy saved against the "
             "EVs' own desired speeds beside energy received, what both cost in time, and what the fleet takes from "
-            "its depots. Of the rules, slow sends no MED: low EVs drive as slowly as MEDs do.",
+            "its depots.",
             tables=[balance_rows(result)],
         ),
         Section(
@@ -220,3 +255,14 @@ def sections(run_dir: RunDir, config: TrainConfig, played: Played) -> list[Secti
         ),
         Section("Settings", "Of the run.", verbatim=json.dumps(to_json(config), indent=2)),
     ]
+
+
+def _words(config: TrainConfig, played: Played) -> Section:
+    """What was played, and what the page's terms and names mean."""
+    names = [name for name, _ in best_first(played.result)]
+    return Section(
+        "What the words mean",
+        f"{headline(played.result)}. The trained policy, {config.algorithm}, takes {PLAYS}. Brackets hold the 95 % "
+        "interval of a mean, by the bootstrap over episodes, and over training seeds where it is their mean.",
+        terms=TERMS | policies_in_words(names),
+    )

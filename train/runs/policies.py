@@ -14,7 +14,7 @@ from medjax.errors import InputError
 from medjax.numerics.devices import prepare_cpu
 from medjax.numerics.memory import check_memory
 from medjax.policies.about import about_of, about_of_own
-from medjax.policies.given import FILE, as_policy, check_policy
+from medjax.policies.given import as_policy, check_policy, file_of
 from medjax.policies.policy import Policy
 from medjax.policies.saved import load_policy, save_policy
 from medjax.policies.team import rules_of
@@ -128,7 +128,7 @@ def make_world(
     prepare_cpu()
     for name in names:
         check_policy(name)
-    file = next((name for name in names if name.endswith(FILE)), None)
+    file = next(filter(None, map(file_of, names)), None)
     if file is not None:
         env, params = load_policy(file).make(scenario, overrides)
     else:

@@ -83,7 +83,7 @@ class Episode {
     Object.assign(this, { looked: seconds, frame });
   }
 
-  /** Position of the busiest MED, m; it jumps to the next MED instead of racing there. */
+  /** Position of the busiest MED of all episodes on the page, m; it jumps to the next MED instead of racing there. */
   busiest(seconds) {
     const frame = this.frameAt(seconds);
     const now = this.tables.camera.at(0, frame);

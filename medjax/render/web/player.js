@@ -17,6 +17,7 @@ class Player {
     this.theme.changed = () => this.resize();
     this.clock = new Clock(episodes[0].seconds, (seconds) => this._show(seconds));
     this.camera = { mode: "auto", x: 0 };
+    this.gaze = {}; // where all views look; `_eased` keeps it
     this.zoom = 0;
     this._told = -Infinity;
     this._said = -Infinity;
@@ -157,10 +158,10 @@ class Player {
     $("announcer").textContent = `${clockText(this.clock.seconds)}: ${this.views[0].line.text.textContent}`;
   }
 
-  /** Points the cameras: all at a followed vehicle or a place, else each at its busiest MED. */
+  /** Points all views at one stretch of the road: at a followed vehicle, a place, or the busiest MED. */
   _aim(seconds) {
     const { mode } = this.camera;
-    let x = mode === "free" ? this.camera.x : null;
+    let x = mode === "free" ? this.camera.x : this.episodes[0].busiest(seconds);
     const { lanes, laneWidth } = this.episodes[0].meta.road;
     let y = 0.5 * (lanes - 1) * laneWidth;
     if (mode === "selected" && this.selected) {
@@ -168,26 +169,23 @@ class Player {
       x = this.episodes[which].place(track, seconds);
       y = this.episodes[which].y[track.slot];
     }
-    this.views.forEach((view) => {
-      const { road } = view;
-      const wanted = x ?? road.episode.busiest(seconds);
-      road.aim(this._eased(view, wanted, seconds), this.zoom, y);
-    });
-    if (this.views.some(({ behind }) => behind !== 0)) this.clock.wake();
+    const center = this._eased(x, seconds);
+    for (const { road } of this.views) road.aim(center, this.zoom, y);
+    if (this.gaze.behind !== 0) this.clock.wake();
   }
 
-  /** Where a camera points: on its vehicle without delay, but it glides to another vehicle or place. */
-  _eased(view, wanted, seconds) {
-    const { mode } = this.camera;
+  /** Where the camera points: on its vehicle without delay, but it glides to another vehicle or place. */
+  _eased(wanted, seconds) {
+    const { camera: { mode }, gaze } = this;
     const now = performance.now();
     const target = mode === "selected" ? this.selected?.track : mode;
-    const moved = mode === "free" ? 0 : MOST_M_PER_S * Math.abs(seconds - view.seconds);
-    const jumps = target !== view.target || Math.abs(wanted - view.aimed) > JUMP_M + moved;
-    view.behind *= Math.exp((view.drawn - now) / GLIDE_MS);
-    if (jumps) view.behind += view.aimed - wanted;
-    if (STILL.matches || !(Math.abs(view.behind) > STOP_M)) view.behind = 0; // nor before the first picture
-    Object.assign(view, { target, seconds, aimed: wanted, drawn: now });
-    return wanted + view.behind;
+    const moved = mode === "free" ? 0 : MOST_M_PER_S * Math.abs(seconds - gaze.seconds);
+    const jumps = target !== gaze.target || Math.abs(wanted - gaze.aimed) > JUMP_M + moved;
+    gaze.behind *= Math.exp((gaze.drawn - now) / GLIDE_MS);
+    if (jumps) gaze.behind += gaze.aimed - wanted;
+    if (STILL.matches || !(Math.abs(gaze.behind) > STOP_M)) gaze.behind = 0; // nor before the first picture
+    Object.assign(gaze, { target, seconds, aimed: wanted, drawn: now });
+    return wanted + gaze.behind;
   }
 
   /** The counters over a view, once a physics tick. */
@@ -204,7 +202,7 @@ class Player {
     for (let i = 0; i < episode.decided(episode.frame); i += 1) meds += sent.at(0, i) > 0;
     const out = episode.ranOut.filter(({ frame }) => frame <= episode.frame).length;
     line.text.textContent = `MEDs sent ${meds} of ${fleet}  ·  EVs ${evs}  ·  charging ${charging}` +
-      `  ·  on the way to a slot ${booked.length - charging}  ·  ran out ${out}`;
+      `  ·  booked ${booked.length - charging}  ·  ran out\u00a0${out}`;
   }
 
   _makeView(episode, which) {
@@ -216,7 +214,7 @@ class Player {
     $("views").append(element("div", { className: "view" }, [line, canvas]));
     const road = new RoadView(canvas, episode, this.theme, this.episodes.length > 1);
     new Pointer(canvas, road, which, this);
-    return { road, line: { text, frame: -1 } }; // and what `_eased` keeps
+    return { road, line: { text, frame: -1 } };
   }
 
   _fillVehicles() {

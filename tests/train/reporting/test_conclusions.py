@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from train.reporting.conclusions import FEWEST, counts, difference, learning
+from train.reporting.conclusions import FEWEST, counts, difference, learning, lost, reached
 
 PAIR = ("ppo", "forecast")
 SPREAD = np.linspace(-1.0, 1.0, 16)  # mean 0
@@ -48,3 +48,16 @@ def test_an_episode_stands_beside_the_mean_of_all():
     said = counts("EVs that run out", 3.0, SPREAD + 5.0, 0)
     assert said.startswith("EVs that run out: 3 in this episode, 5.000 [4.")
     assert said.endswith("in the mean of 16.")
+
+
+def test_evs_that_reach_their_exit_are_counted_by_the_hundred():
+    said = reached({"with ppo": 0.684, "with none": 0.316})
+    assert said == "Of 100 electric vehicles (EVs), 68 reach their exit with ppo, and 32 with none."
+
+
+def test_lost_time_has_a_digit_only_if_it_is_short_and_no_minus_before_zero():
+    said = lost({"with ppo": 45.52, "with paced": 9.33, "with none": -0.01}, "10 min")
+    assert said.endswith(
+        "together lose 46 min with ppo, 9.3 min with paced, and 0.0 min with none."
+    )
+    assert said.startswith("In an episode of 10 min, ")

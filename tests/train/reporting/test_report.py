@@ -96,6 +96,9 @@ def test_pictures_and_page_are_complete(made):
     text = (there / "report.html").read_text()
     for outside in ("http", "url(", "href=", "srcset=", "data="):
         assert outside not in text
+    terms = re.findall("<dt>(.*)</dt><dd>(.+)</dd>", text)
+    assert {"return", "ppo", START, *BASELINES} <= {term for term, _ in terms}
+    assert text.index("reach their exit with the trained policy (ppo)") < text.index("<h2>")
     headings = re.findall("<h2>(.*)</h2>", text)
     for heading in ("Figure 7", "Table 2", "Figure 8", "One episode", "State of charge", "Where"):
         assert any(heading in found for found in headings), heading

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from medjax.errors import InputError
+from medjax.policies.pretrained import FILES
 from medjax.scenarios import prepare
 from train.algorithms import environments
 from train.algorithms.algorithm import TrainState
 from train.algorithms.ppo.settings import PPOConfig
 from train.runs.checkpoint import Checkpoints
-from train.runs.policies import load_weights, weight_shapes
+from train.runs.policies import chosen, load_weights, make_world, weight_shapes
 from train.runs.run_directory import RunDir
 from train.runs.trained_run import to_play
 
@@ -60,3 +61,16 @@ def test_a_damaged_checkpoint_is_named_in_any_world(run):
     for scenario, changes in ((None, {"cooldown_s": 30}), ("realistic", {})):
         with pytest.raises(InputError, match=r"1.npz is damaged"):
             load_weights(run.path, to_play(run.load_config(), scenario, changes))
+
+
+def test_a_run_is_a_policy_beside_others(tmp_path, monkeypatch):
+    """`run:DIR` in `train.evaluate --policies`; the run sets the world."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/policy.zip").write_bytes((FILES / "paper.zip").read_bytes())
+    names = ["forecast", "run:mine"]
+    env, _, config = make_world(names, None, {})
+    assert config.scenario == "paper"
+    assert [*chosen(env, {}, names, "run:mine")] == names
+    with pytest.raises(InputError, match="run absent is not a directory"):
+        make_world(["run:absent"], None, {})
