@@ -1,4 +1,8 @@
-"""Hooks of mkdocs: LaTeX becomes MathML, and tables that commands printed become tables of the page."""
+"""Hooks of mkdocs.
+
+LaTeX becomes MathML, tables that commands printed become tables of the page, and a line on when and on what a command
+ran is folded away. The search ranks pages above the API reference.
+"""
 
 import html
 import re
@@ -13,10 +17,23 @@ EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1
 FENCE = re.compile(r"^```(\w*)\n((?:(?!```).*\n)*)```\n", re.MULTILINE)
 TABLE = re.compile(r"^(?P<head>\S.*)\n-{10,}\n(?P<rows>(?:\S.*\n(?!-{10,}\n))+)", re.MULTILINE)
 
+# What python -m docs.reproduce writes behind a command.
+NOTE = re.compile(r"^\*Run (?P<date>\S+) in (?P<time>[^:\n]+): (?P<rest>.+)\*$", re.MULTILINE)
+FOLDED = """<details class="run" data-search-exclude>
+<summary>Took {time}</summary>
+Run {date}: {rest}
+</details>"""
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Converts printed tables in fenced blocks to Markdown."""
-    return FENCE.sub(_with_tables, markdown)
+# A match in the API reference counts this much of one elsewhere; its exact names still come first.
+REFERENCE_BOOST = 0.05
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Converts printed tables in fenced blocks to Markdown, and folds notes on runs."""
+    if page.file.src_uri.startswith("api/"):
+        page.meta["search"] = {"boost": REFERENCE_BOOST}
+    folded = NOTE.sub(lambda note: FOLDED.format(**note.groupdict()), markdown)
+    return FENCE.sub(_with_tables, folded)
 
 
 def _with_tables(block: re.Match[str]) -> str:

@@ -1,5 +1,6 @@
 """The documentation site builds without warnings, broken links or anything from the network."""
 
+import json
 import re
 import subprocess
 import sys
@@ -138,6 +139,37 @@ def test_play_is_in_view_on_the_front_page(pages, browser, width, height):
     )
     assert first == second
     page.close()
+
+
+def test_search_ranks_pages_above_the_reference(pages, browser):
+    """Titles and sections of pages are in the index, and words that both have find pages first."""
+    start = named(pages, "precision.html")  # a small page
+    index = json.loads((start.parent / "search/search_index.json").read_text(encoding="utf-8"))
+    titles = {entry["location"]: entry["title"] for entry in index["docs"]}
+    assert titles["guide.html"] == "The world and its contract"
+    assert titles["ablation.html#cooldown"] == "Cooldown"
+    for entry in index["docs"]:
+        assert entry.get("boost", 1) < 1 or not entry["location"].startswith("api/"), entry
+    page = browser.new_page()
+    for word in ("cooldown", "freight", "incident", "Gymnasium", "prepare_jax"):
+        page.goto(start.as_uri())
+        page.focus("input.md-search__input")
+        page.keyboard.type(word)
+        page.wait_for_selector(".md-search-result__item")
+        first = page.locator(".md-search-result__item a").first.get_attribute("href")
+        assert ("/api/" in first) == (word == "prepare_jax"), first  # an exact name of the API
+    page.close()
+
+
+def test_notes_on_runs_are_folded(pages):
+    """A click opens them; the search leaves them out."""
+    for path in pages:
+        text = path.read_text(encoding="utf-8")
+        assert not re.search(r"<em>Run \d{4}-", text), path
+    results = named(pages, "results.html").read_text(encoding="utf-8")
+    assert re.search(r"<summary>Took \d+ (s|min)</summary>\s*Run \d{4}-", results)
+    index = named(pages, "404.html").parent / "search/search_index.json"
+    assert "Took " not in index.read_text(encoding="utf-8")
 
 
 def test_reference_has_every_public_name(pages):

@@ -2,6 +2,7 @@
 
 Without names: what takes two minutes or less. The name of a page or of a block runs that, however long it takes.
 Blocks whose files have not changed are left alone, so the same command continues where it was interrupted.
+With --dry-run it only says which blocks it would run, and how long they take.
 Commands run in build/reproduce; docs/reproduced.json says what ran when, and on what.
 """
 
@@ -58,11 +59,11 @@ class Book:
         return sum(self.stamps.get(b.name, {}).get("seconds", b.expected_s) for b in blocks)
 
     def line(self, block: Block) -> str:
-        """A line of --list."""
+        """A line of --list and --dry-run."""
         stamp = self.stamps.get(block.name, {"date": "never run", "commit": "by this command"})
         state = "" if self.is_current(block) else "older than its files: "
         page, time = block.page.relative_to(ROOT), in_words(self.seconds(block))
-        return f"{block.name:<22} {page!s:<22} {time:>7}  {state}{stamp['date']}, {stamp['commit']}"
+        return f"{block.name:<32} {page!s:<20} {time:>7}  {state}{stamp['date']}, {stamp['commit']}"
 
     def chosen(self, names: Collection[str], everything: bool = False) -> list[Block]:
         """The blocks of these names or pages (ValueError: unknown); without names the quick ones, or everything."""
@@ -134,6 +135,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--all", action="store_true", help="include long blocks: many hours")
     parser.add_argument("--again", action="store_true", help="include blocks that are current")
     parser.add_argument("--list", action="store_true", help="list the blocks, run nothing")
+    parser.add_argument("--dry-run", action="store_true", help="say what would run, and how long")
     given = parser.parse_args(argv)
     try:
         book = Book(blocks_of(*all_pages()))
@@ -144,10 +146,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(*map(book.line, wanted), sep="\n")
         return 0
     todo = book.order(wanted, given.again)
+    if given.dry_run and todo:
+        print(*map(book.line, todo), sep="\n")
     print(
         f"{len(todo)} of {len(wanted)} blocks to run, about {in_words(book.seconds(*todo))}",
         flush=True,
     )
+    if given.dry_run:
+        return 0
     for block in todo:
         print(f"{block.name}: about {in_words(book.seconds(block))}", flush=True)
         try:

@@ -1,21 +1,16 @@
-"""Commands of the pages parse, and `python -m docs.reproduce` writes their output where it belongs."""
+"""Commands of the pages parse, and their output goes where it belongs."""
 
-import os
 import re
 import runpy
-import signal
 import sys
 import warnings
 
 import pytest
 
-from docs.reproduce import __main__ as command
-from docs.reproduce.__main__ import Book
 from docs.reproduce.pages import (
     FROM,
     ROOT,
     RUN,
-    Block,
     all_pages,
     blocks_of,
     commands_in,
@@ -25,64 +20,10 @@ from docs.reproduce.pages import (
 )
 from docs.reproduce.sources import files_of
 from medjax.commandline import OneLineParser
+from tests.reproduce.example import PAGE, PRINTED
 
 PAGES = all_pages()
 FENCE = re.compile(r"^```(?:bash)?\n(.*?)^```\n|^```\w+\n.*?^```\n", re.MULTILINE | re.DOTALL)
-PAGE = """Before.
-
-<!-- run count, 2 min -->
-```
-python -m benchmarks.calibrate \\
-    --episodes 3
-```
-
-Of what it prints:
-
-<!-- from count -->
-```
-old
-```
-
-<!-- from count: /^[ab]/ -->
-```
-old
-```
-
-<!-- from count: /^| n/,/^$/ -->
-| old |
-|---|
-
-<!-- from count: counted.png -->
-![A picture](images/a.png)
-
-<!-- from other -->
-```
-stays
-```
-"""
-PRINTED = "\na 1\nb 2  \nc 3\n\n| n | x |\n|---|---|\n| 1 | 2 |\n\nend\n"
-
-
-@pytest.fixture
-def book(tmp_path, monkeypatch):
-    """A block that trains and one that plays; tests say what commands print."""
-    page = tmp_path / "page.md"
-    page.write_text(PAGE)
-    (tmp_path / "images").mkdir()
-    (tmp_path / "reproduced.json").write_text("{}")
-    (tmp_path / "counted.png").write_bytes(b"drawn")
-    monkeypatch.setattr(command, "ROOT", tmp_path)
-    monkeypatch.setattr(command, "STAMPS", tmp_path / "reproduced.json")
-    monkeypatch.setattr(command, "WORK", tmp_path)
-    learn = Block("learn", page, 600, (("train.ppo", "--run-dir", "runs/a"),))
-    play = Block("count", page, 60, (("train.evaluate", "--run-dir", "runs/a"),))
-    return Book({"count": play, "learn": learn})
-
-
-@pytest.fixture(scope="module")
-def everything():
-    """All blocks of the pages."""
-    return Book(blocks_of(*PAGES))
 
 
 class ParsedError(Exception):
@@ -136,7 +77,7 @@ def test_a_wrong_command_is_found(parse_only, monkeypatch):
         start(["benchmarks.calibrate", "--no-such-option"], monkeypatch)
 
 
-def test_output_is_on_the_page_of_its_command(everything):
+def test_output_is_on_the_page_of_its_command():
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
         found = [*FROM.finditer(text)]
@@ -146,7 +87,7 @@ def test_output_is_on_the_page_of_its_command(everything):
         for each in found:
             part = each["part"] or ""
             assert bool(each["picture"]) == (bool(part) and not part.startswith("/")), each[0]
-    assert all(block.commands for block in everything.blocks.values())
+    assert all(block.commands for block in blocks_of(*PAGES).values())
 
 
 def test_output_goes_where_a_page_wants_it():
@@ -207,87 +148,3 @@ def test_files_that_a_command_depends_on():
         names = {str(path.relative_to(ROOT)) for path in files_of([module])}
         assert set(among.split()) <= names
         assert not [name for name in names if re.search(absent, name)]
-
-
-def test_training_comes_before_what_plays_it(book, monkeypatch):
-    """Training is not repeated, and an interrupted command continues after the finished blocks."""
-    done, broken = [], False
-
-    def output_of(block):
-        if broken:
-            raise RuntimeError("killed")
-        done.append(block.name)
-        return PRINTED
-
-    monkeypatch.setattr(command, "output_of", output_of)
-    count, learn = book.blocks["count"], book.blocks["learn"]
-    assert book.order([count]) == [learn, count]
-    book.run(learn)
-    (command.WORK / "runs/a").mkdir(parents=True)
-    broken, before = True, count.page.read_text()
-    with pytest.raises(RuntimeError):
-        book.run(count)
-    assert count.page.read_text() == before
-    broken, book = False, Book(book.blocks)  # as another process finds it
-    assert book.order([count]) == [count]
-    assert book.run(count)
-    assert (command.WORK / "images/a.png").read_bytes() == b"drawn"
-    assert done == ["learn", "count"]
-    assert book.order([learn, count]) == []
-    assert book.is_current(count)
-    assert book.order([learn, count], again=True) == [learn, count]
-    assert not book.run(count)
-    assert book.seconds(learn) < 60
-    # A block is older as soon as a file changes, or what its training depends on.
-    other = Block("learn", learn.page, 600, (("train.ppo", "--seed", "1", "--run-dir", "runs/a"),))
-    assert not Book({**book.blocks, "learn": other}).is_current(count)
-    monkeypatch.setattr(command, "digest", lambda words, modules: "of other files")
-    assert not book.is_current(count)
-    assert "older than its files" in book.line(count)
-
-
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
-def test_a_signal_ends_the_running_command(name, book, monkeypatch, capsys):
-    """Here the command itself sends it."""
-    number, started = getattr(signal, name), command.WORK / "started"
-    tell = f"open({str(started)!r}, 'w').write(str(os.getpid()))"
-    slow = f"import os, time; {tell}; os.kill(os.getppid(), {int(number)}); time.sleep(600)"
-    words = ("timeit", "-n1", "-r1", slow)
-    block = Block("slow", book.blocks["count"].page, 1, (words,))
-    monkeypatch.setattr(command, "blocks_of", lambda *pages: {"slow": block})
-    monkeypatch.setattr(Block, "names", {"slow"})
-    monkeypatch.setattr(command, "digest", lambda words, modules: "of these files")
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        assert command.main(["slow"]) == 128 + number
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert capsys.readouterr().err == "interrupted\n"
-    with pytest.raises(ProcessLookupError):
-        os.kill(int(started.read_text()), 0)
-
-
-def test_long_blocks_run_only_by_name(everything, capsys):
-    """A wrong name is refused in one line."""
-    by_name, chosen = everything.blocks, everything.chosen
-    quick = {block.name for block in chosen([])}
-    assert {"calibrate", "highway", "figures"} <= quick
-    assert not quick & {"learners", "evaluation", "tune", "validation", "planner-ppo"}
-    assert chosen(["tune"]) == [by_name["tune"]]
-    assert {block.page.stem for block in chosen(["paper"])} >= {"paper"}
-    assert chosen([], everything=True) == list(by_name.values())
-    assert everything.needs(by_name["evaluation"]) == [by_name["learners"]]
-    assert everything.needs(by_name["speeds-ippo"]) == [by_name["ippo"]]  # by a file of its run
-    with pytest.raises(SystemExit) as end:
-        command.main(["no-such-page", "--list"])
-    assert end.value.code == 2
-    assert capsys.readouterr().err.count("\n") == 1
-
-
-def test_blocks_older_than_their_files_are_named(everything):
-    """A warning names them: their figures hold for an earlier tree."""
-    assert everything.stamps.keys() <= everything.blocks.keys()
-    older = [block.name for block in everything.blocks.values() if not everything.is_current(block)]
-    if older:
-        said = f"older than the files they depend on, or never run: {', '.join(older)}"
-        warnings.warn(f"{said}; python -m docs.reproduce NAME", stacklevel=1)
