@@ -87,10 +87,11 @@ def init_new_evs(evs: EVs, newcomers: Newcomers, config: EnvConfig, params: EnvP
     span = demand.arrival_soc_high - demand.arrival_soc_low
     soc = demand.arrival_soc_low + newcomers.traits.charge * span
     complies = newcomers.traits.complies < params.drivers.eco_compliance
-    source, sees = jnp.maximum(entry, 0), None
+    sees = None
     if evs.sees_queues is not None:
-        sees = (newcomers.traits.sees_queues < params.charging.queue_seen_share)[source]
-    fresh = unserved(soc[source] * params.ev_capacity_j, complies[source], sees)
+        sees = newcomers.traits.sees_queues < params.charging.queue_seen_share
+    soc, complies, sees = read((soc, complies, sees), jnp.maximum(entry, 0))
+    fresh = unserved(soc * params.ev_capacity_j, complies, sees)
     return jax.tree.map(lambda new, old: jnp.where(entry >= 0, new, old), fresh, evs)
 
 

@@ -7,6 +7,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from medjax.numerics.fusion import settled
+from medjax.numerics.gathers import read
 from medjax.traffic.arrivals import Traits, draw_round, draw_traits
 from medjax.traffic.demand import (
     Entries,
@@ -75,6 +77,9 @@ def _safe_speed(
     length = by_kind(vehicles.kind, drivers.vehicle_length)
     width = by_kind(vehicles.kind, drivers.vehicle_width)
     other = straddled_lane(vehicles.lane, vehicles.lateral_offset, width, params.road.lane_width_m)
+    max_acceleration = by_kind(vehicles.kind, drivers.max_acceleration)
+    # Settled, since XLA for CPUs would compute them anew for each entry.
+    other, length, max_acceleration = settled((other, length, max_acceleration), width >= 0.0)
     at = vehicles.x, vehicles.lane, other, length, vehicles.speed, vehicles.active
     ahead = next_ahead(where, *at)
     desired, kind = next_up.desired_speed, next_up.kind
@@ -82,7 +87,6 @@ def _safe_speed(
     wanted = jnp.where(on_ramp, jnp.minimum(desired, params.demand.ramp_speed), desired)
     min_gap, braking = by_kind(kind, drivers.min_gap), params.motion.max_braking
     speed, safe = entry_speed(wanted, ahead, next_up.time_headway, min_gap, braking)
-    max_acceleration = by_kind(vehicles.kind, drivers.max_acceleration)
     other = jnp.where(vehicles.active, other, NO_LANE)
     own_length = by_kind(kind, drivers.vehicle_length)
     limits = BrakingLimits(braking, config.tick_s)
@@ -97,7 +101,6 @@ def _put_on_road(
 ) -> Vehicles:
     """Writes newcomers into their slots: `entry` `(N,)` as in `Newcomers`, entry speeds `(K,)` m/s."""
     new, source = entry >= 0, jnp.maximum(entry, 0)
-    zeros, no_limit = jnp.zeros_like(where.x), jnp.full_like(where.x, jnp.inf)
     values = {
         "x": where.x,
         "speed": speed,
@@ -106,13 +109,15 @@ def _put_on_road(
         "desired_speed": next_up.desired_speed,
         "headway": next_up.time_headway,
         "destination": next_up.destination,
-        **dict.fromkeys(("lateral_offset", "lateral_speed"), zeros),
-        **dict.fromkeys(("acceleration_noise", "wander", "recovery_s"), zeros),
-        **dict.fromkeys(("courtesy_left", "courtesy_right"), no_limit),
+    }
+    calm = ("lateral_offset", "lateral_speed", "acceleration_noise", "wander", "recovery_s")
+    values = {
+        **read(values, source),
+        **dict.fromkeys(calm, 0.0),
+        **dict.fromkeys(("courtesy_left", "courtesy_right"), jnp.inf),
     }
     entered = {
-        name: jnp.where(new, value[source], getattr(vehicles, name))
-        for name, value in values.items()
+        name: jnp.where(new, value, getattr(vehicles, name)) for name, value in values.items()
     }
     return vehicles.replace(active=vehicles.active | new, **entered)
 
