@@ -183,6 +183,18 @@ def _max_safe_acceleration(
     return jnp.where(vehicles.lane == config.num_lanes, jnp.minimum(safe, stop), safe)
 
 
+def _limited(
+    following: jax.Array, safe: jax.Array, vehicles: Vehicles
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Both accelerations and the least of them and of courtesy, `(N,)` m/s^2 each.
+
+    Lane changes and motion read them several times.
+    """
+    courtesy = jnp.minimum(vehicles.courtesy_left, vehicles.courtesy_right)
+    least = jnp.minimum(jnp.minimum(following, safe), courtesy)
+    return settled((following, safe, least), vehicles.road_order >= 0)
+
+
 def _perceive(
     vehicles: Vehicles,
     drivers: Drivers,
@@ -240,10 +252,7 @@ def move(
         aside, speed = _straddled_gap(followers, leaders, neighbours.target_leader, straddles)
         ahead = (gap, leader.speed), (aside - straddling_gap(followers), speed)
         safe = _max_safe_acceleration(vehicles, ahead, to_end - followers.min_gap, config, params)
-        courtesy = jnp.minimum(vehicles.courtesy_left, vehicles.courtesy_right)
-        acceleration = jnp.minimum(jnp.minimum(following, safe), courtesy)
-        # Lane changes and motion read these several times.
-        following, safe, acceleration = settled((following, safe, acceleration), order >= 0)
+        following, safe, acceleration = _limited(following, safe, vehicles)
 
     with jax.named_scope("lane_changes"):
         seen = neighbours.without_target(straddles)
