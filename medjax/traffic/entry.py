@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 
 from medjax.numerics.fusion import settled
 from medjax.numerics.gathers import read
@@ -101,7 +102,7 @@ def _put_on_road(
 ) -> Vehicles:
     """Writes newcomers into their slots: `entry` `(N,)` as in `Newcomers`, entry speeds `(K,)` m/s."""
     new, source = entry >= 0, jnp.maximum(entry, 0)
-    values = {
+    of_entry = {
         "x": where.x,
         "speed": speed,
         "lane": where.lane,
@@ -111,8 +112,8 @@ def _put_on_road(
         "destination": next_up.destination,
     }
     calm = ("lateral_offset", "lateral_speed", "acceleration_noise", "wander", "recovery_s")
-    values = {
-        **read(values, source),
+    values: dict[str, ArrayLike] = {
+        **read(of_entry, source),
         **dict.fromkeys(calm, 0.0),
         **dict.fromkeys(("courtesy_left", "courtesy_right"), jnp.inf),
     }
