@@ -7,7 +7,7 @@
 # What happens: XLA for CPUs removes barriers before it fuses. A chain of eight products with three readers is computed in
 # each of them, 24 products with and without the barrier, and the read by index computes the whole chain entry by entry,
 # in a loop that is not vectorised. A conditional whose branch is always taken does stop it: fusion does not cross the end
-# of a branch. In a traffic simulator one such conditional made every step 14 % faster.
+# of a branch. In a traffic simulator a few such conditionals made every step a tenth faster.
 # Source: xla/service/cpu/cpu_compiler.cc (OptimizationBarrierExpander among the passes); the counts below.
 #
 # Output seen:
