@@ -38,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         target = as_path("--out", given.out)
         check_target(target)
         played = requested_episode(given)
-        env, params, chosen = played.made()
+        env, params, chosen = played.build()
     except (InputError, ImportError) as error:
         parser.error(str(error))
     vehicles, told_at = 0, time.monotonic()

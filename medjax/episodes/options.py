@@ -52,10 +52,10 @@ class EpisodeRequest:
     evaluation: Path | None = None  # of the run, if its policy plays in the world of its training
 
     def prepared(self) -> tuple[ChargingEnv, EnvParams]:
-        """The environment and params of `made`, without the coils' table, so that nothing compiles.
+        """The environment and params of `build`, without the coils' table, so that nothing compiles.
 
         Raises:
-          InputError: as in `made`.
+          InputError: as in `build`.
         """
         if self.file is None:
             env, params, _ = prepare(self.scenario or "paper", **self.overrides)
@@ -63,7 +63,7 @@ class EpisodeRequest:
         env, params = load_policy(self.file).make(self.scenario, self.overrides, prepare)
         return getattr(env, "env", env), params
 
-    def made(self) -> tuple[ChargingEnv, EnvParams, dict[str, Policy]]:
+    def build(self) -> tuple[ChargingEnv, EnvParams, dict[str, Policy]]:
         """The environment, its parameters, and the policies to play, by name.
 
         Policies from files go by their own names, such as ppo, unless two have the same.

@@ -16,7 +16,7 @@ Carry = TypeVar("Carry")
 Result = TypeVar("Result")
 
 # Rows of this many bytes together, and what works on them, fit a core's cache; with more, every operation goes to
-# memory. No more than CACHED_ROWS, however small, since more gain nothing.
+# memory. More than CACHED_ROWS at once gain nothing, however small they are.
 CACHED_BYTES = 3 * 2**20
 CACHED_ROWS = 128
 

@@ -103,7 +103,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(str(error))
     try:
         _check(request, *request.played.prepared())
-        env, params, chosen = request.played.made()
+        env, params, chosen = request.played.build()
         request = dataclasses.replace(request, evaluation=_evaluation(request, env, list(chosen)))
         if request.grid:
             _write_grid(request, env, params, chosen)

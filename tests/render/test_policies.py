@@ -29,7 +29,7 @@ def trained(monkeypatch, tmp_path):
 def made(*argv):
     """The policies that the command plays, by name."""
     request = _request(build_parser().parse_args(["--out", "a.html", *argv]))
-    return request.played.made()[2]
+    return request.played.build()[2]
 
 
 @pytest.mark.parametrize("given", NAMES_OF_POLICIES)

@@ -108,15 +108,15 @@ def test_is_recorded_in_another_world(exported, monkeypatch):
     add_episode_options(parser)
     given = [f"--policy={path}", "--set", "num_gas=9", "--set", "cooldown_s=7"]
     asked = requested_episode(parser.parse_args(given))
-    for there, numbers in (asked.prepared(), asked.made()[:2]):
+    for there, numbers in (asked.prepared(), asked.build()[:2]):
         assert there.config == dataclasses.replace(env.config, num_gas=9)
         assert numbers.fleet.cooldown_s == 7.0
-    assert [*asked.made()[2]] == ["ppo"]
+    assert [*asked.build()[2]] == ["ppo"]
     with pytest.raises(InputError, match="actions: allowed"):
         requested_episode(parser.parse_args([f"--policy={path}", "--set=num_ramps=2"])).made()
     monkeypatch.setattr("medjax.numerics.memory.memory_bytes", lambda: 10_000)
     with pytest.raises(InputError, match="an episode of 24 decisions with 20 vehicles: about"):
-        asked.record(*asked.made())
+        asked.record(*asked.build())
 
 
 def test_an_environment_that_no_file_can_rebuild_is_refused(exported):
