@@ -113,7 +113,7 @@ def test_is_recorded_in_another_world(exported, monkeypatch):
         assert numbers.fleet.cooldown_s == 7.0
     assert [*asked.build()[2]] == ["ppo"]
     with pytest.raises(InputError, match="actions: allowed"):
-        requested_episode(parser.parse_args([f"--policy={path}", "--set=num_ramps=2"])).made()
+        requested_episode(parser.parse_args([f"--policy={path}", "--set=num_ramps=2"])).build()
     monkeypatch.setattr("medjax.numerics.memory.memory_bytes", lambda: 10_000)
     with pytest.raises(InputError, match="an episode of 24 decisions with 20 vehicles: about"):
         asked.record(*asked.build())
