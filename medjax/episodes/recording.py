@@ -27,7 +27,7 @@ SLOTS_OF_A_PIECE = 1_000_000  # vehicle slots times frames in a piece: about 100
 
 
 class Frames(struct.PyTreeNode):
-    """The road at F instants; V = num_vehicles, E = num_evs, M = num_meds.
+    """The road at F instants; V = num_vehicles, E = num_evs, M = num_meds, G = num_gas.
 
     A slot always belongs to one class of vehicles: `EnvConfig.med_slots` to MEDs, `ev_slots` to EVs, the rest to gas
     vehicles. It holds one vehicle after another, and `Recording.vehicle_ids` tells them apart. Where `active` is False,
@@ -51,6 +51,9 @@ class Frames(struct.PyTreeNode):
     med_service_speed: Any  # (F, M) m/s, ordered service speed
     med_service_lane: Any  # (F, M) int32, ordered service lane
     med_accepts: Any  # (F, M) bool, accepts new bookings
+    gas_is_broken_down: (
+        Any  # (F, G) bool, an incident makes it stand in its lane, or brake to stand there
+    )
 
     @property
     def ev_panel(self) -> Any:
@@ -279,6 +282,8 @@ def _row(rows: Any) -> Any:
 def frame_of(state: EnvState, params: EnvParams) -> Frames:
     """The recorded part of a state: one frame, without the time axis."""
     evs, meds = state.evs, state.meds
+    gas = slice(meds.energy_j.shape[0] + evs.energy_j.shape[0], None)
+    drives = jnp.zeros_like(state.vehicles.active[gas])
     return Frames(
         **{name: getattr(state.vehicles, name) for name in OF_VEHICLES},
         ev_soc=evs.energy_j / params.ev_capacity_j,
@@ -291,4 +296,5 @@ def frame_of(state: EnvState, params: EnvParams) -> Frames:
         med_service_speed=meds.service_speed,
         med_service_lane=meds.service_lane,
         med_accepts=meds.accepts,
+        gas_is_broken_down=drives if state.stands_for_s is None else state.stands_for_s > 0.0,
     )

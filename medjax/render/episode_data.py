@@ -114,6 +114,7 @@ def _add_frames(packer: Packer, timeline: Timeline) -> None:
     packer.add("medSpeedTold", frames.med_service_speed.T, 0.1)
     packer.add("medLaneTold", frames.med_service_lane.T)
     packer.add("medAccepts", frames.med_accepts.T)
+    packer.add("gasBrokenDown", frames.gas_is_broken_down.T)
 
 
 def _add_decisions(packer: Packer, recording: Recording) -> None:

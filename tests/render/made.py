@@ -18,14 +18,14 @@ def blank(frames, **overrides):
     """An episode of an empty road; `frames` is 1 + a multiple of TICKS."""
     env, params = medjax.make("paper", **overrides)
     config, decisions = env.config, (frames - 1) // TICKS
-    v, e, m = config.num_vehicles, config.num_evs, config.num_meds
+    v, e, m, g = config.num_vehicles, config.num_evs, config.num_meds, config.num_gas
     shapes = {
         "x": (v, np.float32), "speed": (v, np.float32), "lane": (v, np.int32),
         "lateral_offset": (v, np.float32), "lateral_speed": (v, np.float32), "active": (v, bool),
         "ev_soc": (e, np.float32), "kind": (v, np.int32), "ev_med": (e, np.int32),
         "ev_charging_slot": (e, np.int32), "ev_is_charging": (e, bool), "med_soc": (m, np.float32),
         "med_status": (m, np.int32), "med_depot": (m, np.int32), "med_service_speed": (m, np.float32),
-        "med_service_lane": (m, np.int32), "med_accepts": (m, bool),
+        "med_service_lane": (m, np.int32), "med_accepts": (m, bool), "gas_is_broken_down": (g, bool),
     }  # fmt: skip
     arrays = {name: np.zeros((frames, size), kind) for name, (size, kind) in shapes.items()}
     arrays["kind"][:] = config.by_slot(MED, AUTONOMOUS_EV, GAS)

@@ -42,6 +42,23 @@ function drawRanOut(context, view, episode, theme, radius) {
   }
 }
 
+/** A warning triangle over each vehicle that an incident makes stand. */
+function drawBrokenDown(context, view, episode, theme, radius) {
+  for (let slot = 0; slot < episode.meta.numVehicles; slot += 1) {
+    if (episode.present[slot] < 0 || !episode.brokenDown(slot, episode.frame)) continue;
+    const body = bodyOf(view, episode, slot);
+    if (!isInView(view, body)) continue;
+    const [x, y] = [body.left + body.width / 2, body.top + body.height / 2];
+    tracePath(context, [[x, y - radius], [x + radius, y + 0.8 * radius], [x - radius, y + 0.8 * radius]]);
+    context.closePath();
+    context.fillStyle = theme.warning;
+    context.fill();
+    context.strokeStyle = theme.ink;
+    context.lineWidth = 1.5;
+    context.stroke();
+  }
+}
+
 /** Marks on the strip, longer and wider than its scale; MEDs and EVs lie on top. */
 function drawFar(context, view, episode, theme, selected) {
   const lane = episode.meta.road.laneWidth * view.perY;
@@ -66,6 +83,7 @@ function drawFar(context, view, episode, theme, selected) {
       context.strokeRect(left - 3, top - 3, width + 6, height + 6);
     }
   }
+  drawBrokenDown(context, view, episode, theme, 6);
   drawRanOut(context, view, episode, theme, 4);
 }
 
@@ -92,6 +110,7 @@ function drawClose(context, view, episode, theme, selected) {
     context.restore();
   }
   drawCharges(context, view, episode, theme);
+  drawBrokenDown(context, view, episode, theme, 9);
   drawRanOut(context, view, episode, theme, 7);
 }
 

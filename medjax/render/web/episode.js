@@ -175,6 +175,12 @@ class Episode {
     return found;
   }
 
+  /** Whether an incident makes the gas vehicle in a slot stand, or brake to stand there. */
+  brokenDown(slot, frame) {
+    const gas = slot - this.meta.numMeds - this.meta.numEvs;
+    return gas >= 0 && this.tables.gasBrokenDown.at(gas, frame) === 1;
+  }
+
   /** Name of the vehicle in a slot. */
   nameAt(slot, frame) {
     const index = this.trackAt[slot * this.frames + frame];

@@ -35,6 +35,7 @@ class Player {
       $("ways").append(root);
     });
     this.events = new EventLine(episodes, this);
+    $("broken-down").hidden = !this.events.of("broken").length;
     this._fillVehicles();
     this._fillMarks();
     this._wire();

@@ -20,7 +20,7 @@ class Theme {
 
   _read() {
     const style = getComputedStyle(document.documentElement);
-    const names = "paper ink faint grass asphalt marking edge med gas out accent first second line";
+    const names = "paper ink faint grass asphalt marking edge med gas out warning accent first second line";
     for (const name of names.split(" ")) this[name] = style.getPropertyValue(`--${name}`).trim();
     this.onMed = style.getPropertyValue("--on-med").trim();
   }

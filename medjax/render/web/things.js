@@ -68,7 +68,8 @@ function thingAt(view, episode, x, y) {
 /** A vehicle in words. */
 function vehicleText(episode, track) {
   const speed = `${speedOf(episode, track.slot).toFixed(1)} m/s`;
-  if (track.kind === KIND.GAS) return `${track.name} (${track.body.name}), ${speed}`;
+  const broken = episode.brokenDown(track.slot, episode.frame) ? ", broken down" : "";
+  if (track.kind === KIND.GAS) return `${track.name} (${track.body.name}), ${speed}${broken}`;
   const charge = `${Math.round(100 * episode.soc(track.slot, episode.frame))} %`;
   const booking = track.kind === KIND.EV ? episode.booking(track.slot, episode.frame) : null;
   const parts = [track.name, charge, speed];

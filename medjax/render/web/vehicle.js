@@ -49,6 +49,7 @@ function factsOf(episode, track, frame) {
     ["speed", `${tables.speed.at(track.slot, frame).toFixed(2)} m/s`],
     ["lane", lane === meta.road.lanes ? "acceleration lane" : `${lane + 1} of ${meta.road.lanes} from the left`],
   ];
+  if (episode.brokenDown(track.slot, frame)) facts.push(["broken down", "blocks its lane"]);
   if (track.kind === KIND.GAS) return facts;
   const soc = episode.soc(track.slot, frame);
   const kwh = soc * (track.kind === KIND.MED ? meta.medKwh : meta.evKwh);

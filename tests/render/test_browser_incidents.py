@@ -1,0 +1,75 @@
+"""The player in headless Chromium: a vehicle that an incident makes stand."""
+
+import numpy as np
+import pytest
+
+import medjax
+from medjax.episodes.recording import record_episode
+from medjax.policies.rules import BASELINES
+from medjax.render.player import write_player
+from tests.render.browser import opened, settle
+from tests.render.made import blank, put
+
+
+@pytest.fixture(scope="module")
+def broken(tmp_path_factory):
+    """Gas 1 breaks down at 4 s in lane 2 and drives on at 12 s."""
+    recording = blank(1 + 4 * 20)
+    put(recording, recording.config.gas_slots.start, 100.0, 1)
+    recording.frames.gas_is_broken_down[16:48, 0] = True
+    path = tmp_path_factory.mktemp("broken") / "broken.html"
+    write_player(path, [recording], start_s=0.0)
+    return path
+
+
+def yellow(page):
+    """Pixels of the warning's colour in the road's picture."""
+    return page.evaluate(
+        """() => {
+          const canvas = document.querySelector("#views canvas");
+          const copy = new OffscreenCanvas(canvas.width, canvas.height);
+          const context = copy.getContext("2d", { willReadFrequently: true });
+          context.drawImage(canvas, 0, 0);
+          const { data } = context.getImageData(0, 0, canvas.width, canvas.height);
+          let count = 0;
+          for (let i = 0; i < data.length; i += 4)
+            count += data[i] === 0xf0 && data[i + 1] === 0xc0 && data[i + 2] === 0;
+          return count;
+        }"""
+    )
+
+
+def test_a_broken_down_vehicle_is_marked_while_it_stands(browser, broken):
+    with opened(browser, broken) as page:
+        texts = page.locator("#event-list li").all_inner_texts()
+        assert "0:04 gas 1 breaks down" in texts
+        assert "0:12 gas 1 drives on" in texts
+        assert page.locator("#broken-down").is_visible()
+        seen = []
+        for time in (2.0, 8.0, 15.0):
+            page.evaluate(f"medjaxPlayer.setCamera('free', 100); medjaxPlayer.seek({time})")
+            settle(page)
+            seen.append(yellow(page))
+        assert seen[0] == seen[2] == 0 < seen[1]
+
+
+def test_the_legend_is_silent_without_incidents(browser, tmp_path):
+    write_player(tmp_path / "none.html", [blank(1 + 4 * 4)])
+    with opened(browser, tmp_path / "none.html") as page:
+        assert not page.locator("#broken-down").is_visible()
+
+
+def test_the_recording_tells_who_stands():
+    """One incident at 30 s for 20 s: a vehicle brakes, stands as long, and drives on, and no other vehicle is told."""
+    when = {"incident_from_s": [30.0], "incident_until_s": [30.0], "incident_s": [20.0]}
+    where = {"incident_from_x_m": [2000.0], "incident_until_x_m": [2000.0]}
+    env, params = medjax.make("paper", num_incidents=1, episode_decisions=90, **when, **where)
+    recording = record_episode(env, params, BASELINES["none"](env))
+    frames, told = recording.frames, np.asarray(recording.frames.gas_is_broken_down)
+    (slot,) = np.flatnonzero(told.any(axis=0))
+    at = np.flatnonzero(told[:, slot])
+    assert 30.0 <= recording.time_s[at[0]] <= 31.0
+    np.testing.assert_array_equal(at, np.arange(at[0], at[-1] + 1))
+    stands = np.asarray(frames.speed)[at, recording.config.gas_slots][:, slot] <= 0.0
+    assert stands.sum() * recording.config.tick_s == pytest.approx(20.0, abs=0.5)
+    assert np.asarray(frames.speed)[at[-1] + 8, recording.config.gas_slots][slot] > 0.0
