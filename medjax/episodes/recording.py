@@ -280,10 +280,10 @@ def _row(rows: Any) -> Any:
 
 
 def frame_of(state: EnvState, params: EnvParams) -> Frames:
-    """The recorded part of a state: one frame, without the time axis."""
+    """The recorded part of a state, or of states along a leading axis of time."""
     evs, meds = state.evs, state.meds
-    gas = slice(meds.energy_j.shape[0] + evs.energy_j.shape[0], None)
-    drives = jnp.zeros_like(state.vehicles.active[gas])
+    first_gas = meds.energy_j.shape[-1] + evs.energy_j.shape[-1]
+    drives = jnp.zeros_like(state.vehicles.active[..., first_gas:])
     return Frames(
         **{name: getattr(state.vehicles, name) for name in OF_VEHICLES},
         ev_soc=evs.energy_j / params.ev_capacity_j,

@@ -59,6 +59,12 @@ def test_the_legend_is_silent_without_incidents(browser, tmp_path):
         assert not page.locator("#broken-down").is_visible()
 
 
+def test_without_incidents_nobody_is_told(recording):
+    told = np.asarray(recording.frames.gas_is_broken_down)
+    assert told.shape == (len(recording.time_s), recording.config.num_gas)
+    assert not told.any()
+
+
 def test_the_recording_tells_who_stands():
     """One incident at 30 s for 20 s: a vehicle brakes, stands as long, and drives on, and no other vehicle is told."""
     when = {"incident_from_s": [30.0], "incident_until_s": [30.0], "incident_s": [20.0]}
