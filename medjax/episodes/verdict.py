@@ -6,7 +6,10 @@ from typing import Any, NamedTuple
 from medjax.env.metrics import SECONDS_PER_HOUR
 from medjax.world.weights import PRICES
 
-PRICED = "time lost, electricity, MEDs with drivers, tows and charging stops, at prices of 2023"
+PRICED = (
+    "time lost, electricity, MEDs with drivers, tows, charging stops and wear of batteries, "
+    "at this world's prices, else at those of 2023"
+)
 LEARNED_FROM = "the reward that policies learn from"
 
 
@@ -29,9 +32,12 @@ def _delay_h(metrics: Mapping[str, Any]) -> Any:
 def _euros(metrics: Mapping[str, Any]) -> Any:
     """Total cost by the terms of `medjax.env.reward.MONEY`, EUR.
 
-    Given means over episodes, the cost is accurate to about a cent, because energy per EV hardly depends on the number
-    of EVs.
+    A world whose reward is in money has counted the terms itself, at its own prices by the hour. In any other world the
+    default prices weigh the metrics. Given means over episodes, that cost is accurate to about a cent, because energy
+    per EV hardly depends on the number of EVs.
     """
+    if all(name in metrics for name in COUNTED):
+        return -sum(metrics[name] for name in COUNTED)
     # Evaluations from before there were plugs do not tell of them.
     stops, wait_h, charging_h, plug_kwh = (metrics.get(name, 0.0) for name in AT_PLUGS)
     taken = metrics["ev_driving_kwh"] * metrics["evs_entered"]
@@ -48,6 +54,7 @@ def _euros(metrics: Mapping[str, Any]) -> Any:
     return -sum(PRICES[name].default * amount for name, amount in amounts.items())
 
 
+COUNTED = tuple(f"reward_{name}" for name in PRICES)  # scores of a world whose reward is in money
 AT_PLUGS = ("plug_stops", "plug_wait_h", "plug_charging_h", "plug_kwh")
 LINES = (
     Line("ran out", 0, 1, -1, lambda metrics: metrics["evs_depleted"]),

@@ -11,7 +11,7 @@ import numpy as np
 
 from medjax.env.metrics import episode_metrics
 from medjax.episodes.recording import Recording
-from medjax.episodes.verdict import LINES, NAMES
+from medjax.episodes.verdict import COUNTED, LINES, NAMES
 from medjax.errors import InputError
 from medjax.files import check_input
 from medjax.policies.given import RUN
@@ -58,10 +58,12 @@ def verdict(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
 
 
 def _metrics(recording: Recording) -> dict[str, float]:
-    """Metrics and return of the whole episode."""
+    """Metrics, return and terms of the reward of the whole episode, by the names of its scores."""
     decisions = recording.decisions
     total = jax.tree.map(lambda each: np.sum(each, axis=0, dtype=np.float64), decisions.stats)
     metrics = {name: float(value) for name, value in episode_metrics(total).items()}
+    for name, values in decisions.reward_terms.items():
+        metrics[f"reward_{name}"] = float(np.sum(values, dtype=np.float64))
     return {**metrics, "return_mean": float(np.sum(decisions.reward, dtype=np.float64))}
 
 
@@ -115,6 +117,7 @@ def read_evaluation(path: Path) -> dict[str, Any]:
             pairs = [entry["return_ci95"], *entry.get("verdict_ci95", {}).values()]
             numbers = [
                 *(entry[name] for name in NAMES),
+                *(entry[name] for name in COUNTED if name in entry),
                 *(end for low, high in pairs for end in (low, high)),
             ]
             if not all(isinstance(number, int | float) for number in numbers):

@@ -40,6 +40,19 @@ def recording(world):
 
 
 @pytest.fixture(scope="session")
+def freight():
+    """Ten minutes of few lorries at changing prices: EVs take plugs, and a vehicle breaks down at 100 s for 120 s."""
+    sizes = {"num_meds": 4, "num_evs": 24, "num_gas": 48, "num_incidents": 1}
+    incident = {"incident_from_s": 100.0, "incident_until_s": 100.0, "incident_s": 120.0}
+    env, params = medjax.make(
+        "freight", **sizes, **incident, start_s=13.9 * 3600.0, episode_decisions=60
+    )
+    policy = BASELINES["periodic"](env)
+    with quickly():
+        return record_episode(env, params, policy, name="periodic", seed=3)
+
+
+@pytest.fixture(scope="session")
 def other(recording):
     """The same traffic without its MEDs, since playing a second episode would take as long again."""
     frames, decisions = jax.tree.map(np.copy, (recording.frames, recording.decisions))

@@ -12,7 +12,7 @@ import pytest
 import medjax
 from benchmarks.studies.leaderboard import BOARD, known_of, read_board
 from medjax.env.reward import MONEY, Outcome
-from medjax.episodes.verdict import LINES, NAMES
+from medjax.episodes.verdict import COUNTED, LINES, NAMES
 from medjax.errors import InputError
 from medjax.policies.rules import BASELINES
 from medjax.render.story import (
@@ -65,6 +65,42 @@ def test_verdict_covers_the_whole_episode(recording, other):
     paid = -sum(PRICES[name].default * float(term(outcome)) for name, term in MONEY.items())
     assert rows["cost, EUR"][0] == pytest.approx(paid, rel=1e-5)
     assert paid > 0.0
+
+
+def cost_of(rows):
+    return next(row["values"][0] for row in rows if row["title"] == "cost, EUR")
+
+
+def test_the_cost_of_a_world_in_money_is_what_its_reward_counts(freight):
+    """With prices by the hour, plugs and wear, which default prices do not know."""
+    terms = {name: np.sum(part) for name, part in freight.decisions.reward_terms.items()}
+    rows = verdict([freight])
+    cost = cost_of(rows)
+    assert cost == pytest.approx(-sum(terms.values()), rel=1e-5)
+    assert cost == pytest.approx(-np.sum(freight.decisions.reward, dtype=np.float64), rel=1e-5)
+    assert min(-terms[name] for name in ("plug_h", "med_wear_kwh", "ev_kwh", "med_h")) > 0.0
+    stats, factors = freight.decisions.stats, freight.params.market.hourly_price
+    drawn_kwh = (stats.med_driving_j + stats.energy_sent_j) / 3.6e6
+    hours = (13.9 + np.arange(60) * freight.config.decision_s / 3600.0).astype(int)
+    assert {*hours} == {13, 14}
+    assert terms["depot_kwh"] == pytest.approx(-0.22 * drawn_kwh @ factors[hours], rel=1e-5)
+    parts = {name: np.zeros(60) for name in ("soc", "distance")}  # not in money
+    paper = dataclasses.replace(freight, decisions=freight.decisions.replace(reward_terms=parts))
+    assert abs(cost_of(verdict([paper])) - cost) > 10.0
+
+
+def test_mean_costs_of_a_world_in_money_are_those_of_its_reward(freight):
+    """The mean and both ends of its interval."""
+    rng = np.random.default_rng(0)
+    scores = {name: rng.uniform(1.0, 2.0, 9) for name in NAMES}
+    terms = {name: -rng.uniform(1e3, 2e3, 9) for name in COUNTED}
+    scores |= {**terms, "return": sum(terms.values())}
+    many = summarize({freight.policy: scores}, freight.scenario, [])
+    (cells,) = means(many, [freight])
+    at = [line.title for line in LINES].index("cost, EUR")
+    mean, low, high = (float(number.strip("[,]")) for number in cells[at].split())
+    assert mean == pytest.approx(-np.mean(scores["return"]), abs=0.5)
+    assert 1e4 < low < mean < high < 2e4
 
 
 def test_the_ending_compares_with_the_mean_of_many_episodes(recording, other):
@@ -122,8 +158,10 @@ def test_bad_evaluations_are_refused(recording, tmp_path):
     path = tmp_path / "evaluation.json"
     broken = evaluated(recording)
     broken["policies"][recording.policy]["verdict_ci95"] = {"ran out": [1.0]}
+    unpriced = evaluated(recording)
+    unpriced["policies"][recording.policy]["reward_tows"] = None
     empty = json.dumps({"policies": {"a": {}}, "episodes": 1})
-    for text in ("", json.dumps(broken), "{}", "[1]", "[" * 200_000, empty):
+    for text in ("", json.dumps(broken), json.dumps(unpriced), "{}", "[1]", "[" * 200_000, empty):
         path.write_text(text)
         with pytest.raises(InputError, match="--evaluation"):
             read_evaluation(path)
