@@ -51,9 +51,7 @@ class Frames(struct.PyTreeNode):
     med_service_speed: Any  # (F, M) m/s, ordered service speed
     med_service_lane: Any  # (F, M) int32, ordered service lane
     med_accepts: Any  # (F, M) bool, accepts new bookings
-    gas_is_broken_down: (
-        Any  # (F, G) bool, an incident makes it stand in its lane, or brake to stand there
-    )
+    gas_is_broken_down: Any  # (F, G) bool, an incident makes it brake, then stand in its lane
 
     @property
     def ev_panel(self) -> Any:

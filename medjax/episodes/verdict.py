@@ -8,7 +8,7 @@ from medjax.world.weights import PRICES
 
 PRICED = (
     "time lost, electricity, MEDs with drivers, tows, charging stops and wear of batteries, "
-    "at this world's prices, else at those of 2023"
+    "at the world's own prices, or at those of 2023 if it has none"
 )
 LEARNED_FROM = "the reward that policies learn from"
 

@@ -12,6 +12,7 @@ from medjax.render.layout import EXAGGERATION
 from medjax.render.packing import Packer
 from medjax.render.roadway import Roadway
 from medjax.render.scene import Timeline
+from medjax.render.tracks import broken_down
 from medjax.traffic.road import lateral_position
 from medjax.world.kinds import HUMAN_EV, KINDS
 from medjax.world.params import CHARGING_SLOTS, EnvParams
@@ -22,7 +23,7 @@ def pack_episode(timeline: Timeline, camera: np.ndarray) -> tuple[dict[str, Any]
     """The episode's facts for JSON, and its arrays as text (`Packer`); `camera` is the page's `auto_path`, `(F,)` m."""
     recording, road = timeline.recording, timeline.roadway
     config, params, decisions = recording.config, recording.params, recording.decisions
-    charts = charts_of(recording)
+    charts, fleet = charts_of(recording), params.fleet
     packer = Packer()
     _add_frames(packer, timeline)
     packer.add("camera", camera[None], 0.01, 2)
@@ -47,7 +48,7 @@ def pack_episode(timeline: Timeline, camera: np.ndarray) -> tuple[dict[str, Any]
         "numDepots": config.num_depots,
         "numEvs": config.num_evs,
         "numVehicles": config.num_vehicles,
-        "fleet": int(params.fleet.size),
+        "fleet": int(fleet.size),
         "evKwh": float(params.ev_capacity_j) / JOULES_PER_KWH,
         "medKwh": float(params.med_capacity_j) / JOULES_PER_KWH,
         "road": _road(road, params),
@@ -56,10 +57,7 @@ def pack_episode(timeline: Timeline, camera: np.ndarray) -> tuple[dict[str, Any]
         "statuses": STATUS_NAMES,
         "inService": IN_SERVICE,
         "leaving": LEAVING,
-        "fleetOrder": {
-            "speed": float(params.fleet.service_speed),
-            "lane": int(params.fleet.service_lane),
-        },
+        "fleetOrder": {"speed": float(fleet.service_speed), "lane": int(fleet.service_lane)},
         "actions": action_names(config, params),
         "panels": CHARGING_SLOTS,
         "slots": road.slots_m,
@@ -71,6 +69,7 @@ def pack_episode(timeline: Timeline, camera: np.ndarray) -> tuple[dict[str, Any]
         "ranOut": [
             [stop.slot, stop.frame, stop.gone, round(stop.x_m, 2)] for stop in timeline.ran_out
         ],
+        "brokenDown": broken_down(recording),
         "charts": [
             {name: value for name, value in chart._asdict().items() if name != "values"}
             for chart in charts
@@ -114,7 +113,6 @@ def _add_frames(packer: Packer, timeline: Timeline) -> None:
     packer.add("medSpeedTold", frames.med_service_speed.T, 0.1)
     packer.add("medLaneTold", frames.med_service_lane.T)
     packer.add("medAccepts", frames.med_accepts.T)
-    packer.add("gasBrokenDown", frames.gas_is_broken_down.T)
 
 
 def _add_decisions(packer: Packer, recording: Recording) -> None:

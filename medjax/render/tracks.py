@@ -1,4 +1,4 @@
-"""Vehicles over time: which one held which slot and when, and where EVs ran out."""
+"""Vehicles over time: which one held which slot and when, where EVs ran out, and who broke down."""
 
 import dataclasses
 from collections import Counter
@@ -60,12 +60,23 @@ def ran_out(recording: Recording) -> list[RanOut]:
     """EVs that ran out, in the order of time."""
     frames, slots = recording.frames, recording.config.ev_slots
     empty = np.asarray(frames.active)[:, slots] & (np.asarray(frames.ev_soc) <= 0.0)
-    change = np.diff(empty, axis=0, prepend=False, append=False)
-    # An empty EV stays empty, so changes in a slot alternate between running out and leaving.
-    ev, frame = np.nonzero(change.T)
-    stops = zip(ev[::2].tolist(), frame[::2].tolist(), frame[1::2].tolist(), strict=True)
-    found = [
+    found = [  # an empty EV stays empty until it is gone
         RanOut(slots.start + e, first, gone, float(frames.x[gone - 1, slots.start + e]))
-        for e, first, gone in stops
+        for e, first, gone in _spells(empty)
     ]
     return sorted(found, key=lambda stop: stop.frame)
+
+
+def broken_down(recording: Recording) -> list[tuple[int, int, int]]:
+    """Slot, first frame and first frame after it of each time that a gas vehicle is broken down."""
+    start = recording.config.gas_slots.start
+    told = np.asarray(recording.frames.gas_is_broken_down)
+    return [(start + gas, first, after) for gas, first, after in _spells(told)]
+
+
+def _spells(holds: np.ndarray) -> list[tuple[int, int, int]]:
+    """Column, first row and first row after it of each unbroken run of true values in a column."""
+    change = np.diff(holds, axis=0, prepend=False, append=False)
+    # Changes in a column alternate between the begin and the end of a run.
+    column, row = np.nonzero(change.T)
+    return list(zip(column[::2].tolist(), row[::2].tolist(), row[1::2].tolist(), strict=True))

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-import medjax
-from medjax.episodes.recording import record_episode
-from medjax.policies.rules import BASELINES
 from medjax.render.player import write_player
+from medjax.render.tracks import broken_down
 from tests.render.browser import opened, settle
 from tests.render.made import blank, put
 
@@ -65,17 +63,14 @@ def test_without_incidents_nobody_is_told(recording):
     assert not told.any()
 
 
-def test_the_recording_tells_who_stands():
-    """One incident at 30 s for 20 s: a vehicle brakes, stands as long, and drives on, and no other vehicle is told."""
-    when = {"incident_from_s": [30.0], "incident_until_s": [30.0], "incident_s": [20.0]}
-    where = {"incident_from_x_m": [2000.0], "incident_until_x_m": [2000.0]}
-    env, params = medjax.make("paper", num_incidents=1, episode_decisions=90, **when, **where)
-    recording = record_episode(env, params, BASELINES["none"](env))
-    frames, told = recording.frames, np.asarray(recording.frames.gas_is_broken_down)
-    (slot,) = np.flatnonzero(told.any(axis=0))
-    at = np.flatnonzero(told[:, slot])
-    assert 30.0 <= recording.time_s[at[0]] <= 31.0
-    np.testing.assert_array_equal(at, np.arange(at[0], at[-1] + 1))
-    stands = np.asarray(frames.speed)[at, recording.config.gas_slots][:, slot] <= 0.0
-    assert stands.sum() * recording.config.tick_s == pytest.approx(20.0, abs=0.5)
-    assert np.asarray(frames.speed)[at[-1] + 8, recording.config.gas_slots][slot] > 0.0
+def test_the_recording_tells_who_stands(freight):
+    """One incident at 100 s for 120 s: a vehicle brakes, stands as long and drives on; no other is told."""
+    frames, config = freight.frames, freight.config
+    ((slot, first, after),) = broken_down(freight)
+    assert 100.0 <= freight.time_s[first] <= 101.0
+    told = np.asarray(frames.gas_is_broken_down)
+    assert told[first:after, slot - config.gas_slots.start].all()
+    assert told.sum() == after - first
+    speed = np.asarray(frames.speed)[:, slot]
+    assert (speed[first:after] <= 0.0).sum() * config.tick_s == pytest.approx(120.0, abs=0.5)
+    assert speed[after + 8] > 0.0

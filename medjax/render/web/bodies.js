@@ -44,8 +44,8 @@ function drawRanOut(context, view, episode, theme, radius) {
 
 /** A warning triangle over each vehicle that an incident makes stand. */
 function drawBrokenDown(context, view, episode, theme, radius) {
-  for (let slot = 0; slot < episode.meta.numVehicles; slot += 1) {
-    if (episode.present[slot] < 0 || !episode.brokenDown(slot, episode.frame)) continue;
+  for (const [slot, first, after] of episode.meta.brokenDown) {
+    if (episode.frame < first || episode.frame >= after) continue;
     const body = bodyOf(view, episode, slot);
     if (!isInView(view, body)) continue;
     const [x, y] = [body.left + body.width / 2, body.top + body.height / 2];

@@ -177,8 +177,7 @@ class Episode {
 
   /** Whether an incident makes the gas vehicle in a slot stand, or brake to stand there. */
   brokenDown(slot, frame) {
-    const gas = slot - this.meta.numMeds - this.meta.numEvs;
-    return gas >= 0 && this.tables.gasBrokenDown.at(gas, frame) === 1;
+    return this.meta.brokenDown.some(([whose, first, after]) => whose === slot && first <= frame && frame < after);
   }
 
   /** Name of the vehicle in a slot. */

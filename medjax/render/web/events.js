@@ -17,8 +17,12 @@ function happenings(episode) {
       for (const { frame, text } of episode.orders(track)) note(frame, "told", `${track.name} ordered: ${text}`, track);
       noteLeaving(episode, track, note);
     }
-    if (track.kind === KIND.GAS) noteBreakdown(episode, track, note);
     noteStanding(episode, track, note);
+  }
+  for (const [slot, first, after] of meta.brokenDown) {
+    const [track, later] = [first, after].map((frame) => tracks[episode.trackAt[slot * frames + frame]]);
+    note(first, "broken", `${track.name} breaks down`, track);
+    if (after < frames && later === track) note(after, "broken", `${track.name} drives on`, track);
   }
   for (const { gone, x, track, name } of episode.ranOut) note(gone, "out", `${name} ran out`, track, x);
   return found;
@@ -45,14 +49,6 @@ function noteLeaving(episode, track, note) {
     const depot = meta.numDepots > 1 ? ` and depot ${tables.medDepot.at(track.slot, track.last) + 1}` : "";
     note(frame, "leaves", `${track.name} heads for ${exit < 0 ? "its exit" : `exit ${exit + 1}`}${depot}`, track);
     return;
-  }
-}
-
-/** When a gas vehicle breaks down, and when it drives on. */
-function noteBreakdown(episode, track, note) {
-  for (let frame = track.first; frame <= track.last; frame += 1) {
-    const [before, now] = [frame - 1, frame].map((each) => each >= track.first && episode.brokenDown(track.slot, each));
-    if (now !== before) note(frame, "broken", `${track.name} ${now ? "breaks down" : "drives on"}`, track);
   }
 }
 
