@@ -96,7 +96,9 @@ def expected_need(
 
     comes = (meds.status == QUEUED) | (meds.status == MERGING)
     serves = (comes | can_serve(meds, params)) & meds.accepts
-    near = serves & (jnp.abs(ahead_of(med_positions(state, config, params))) <= window_m)
+    # Far enough to see every MED that serves the EVs counted above.
+    near_m = jnp.maximum(window_m, params.charging.reach_behind_m)
+    near = serves & (jnp.abs(ahead_of(med_positions(state, config, params))) <= near_m)
     return Need(
         there=jnp.sum(meets, axis=1).astype(jnp.float32),
         shortfall=sum_pairwise(lacks),

@@ -11,6 +11,9 @@ DUTCH_2024 = (
 )
 INTERCHANGES_M = 1_500.0 + 6_000.0 * np.arange(4)
 J_PER_KWH = 3.6e6
+PLUG_KW = 400.0
+PLUG_EUR_PER_H = 50.0  # a lorry and its driver
+EUR_PER_KWH = 0.40  # of energy that a lorry does not get from MEDs
 
 SIZES = {
     "num_meds": 24,
@@ -60,7 +63,7 @@ NUMBERS = {  # that differ from those of `corridor`
     "trip_m": 21_000.0,
     "slot_power_w": 190e3,
     "max_current_a": 100.0,
-    "plug_power_w": 400e3,
+    "plug_power_w": PLUG_KW * 1e3,
     "queue_seen_share": 0.5,
     "request_soc": 0.5,
     "wanted_soc": 0.5,
@@ -72,10 +75,12 @@ NUMBERS = {  # that differ from those of `corridor`
 }
 PRICES = {
     "delay_h": -45.0,
-    "ev_kwh": -0.40,
+    # Whoever uses a kWh charges it again, here or beyond the road. So the time at a plug is paid with the kWh, and the
+    # time of stops on this road is given back. Otherwise a stop put off beyond the road would be a gain.
+    "ev_kwh": -(EUR_PER_KWH + PLUG_EUR_PER_H / PLUG_KW),
+    "plug_kwh": PLUG_EUR_PER_H / PLUG_KW,
     "charging_stops": 0.0,
-    "plug_h": -50.0,
-    "plug_kwh": 0.0,
+    "plug_h": -PLUG_EUR_PER_H,
     "med_wear_kwh": -0.04,
 }
 BUDGET = {

@@ -2,11 +2,14 @@
 
 import jax
 import numpy as np
+import pytest
 
 import medjax
 from medjax.charging.energy import cruising
 from medjax.env.forecast import expected_need, forecast_need
 from medjax.world.kinds import GAS
+from medjax.world.state import IN_SERVICE
+from tests.charging.scene import put
 
 
 def test_need_does_not_depend_on_speeds_of_gas_vehicles():
@@ -49,3 +52,14 @@ def test_who_wants_to_arrive_with_charge_is_in_need_sooner():
     wants = 0.5 + (30_000.0 - 1_800.0) * power_w / speed / capacity_j
     expected = 40.0 / 3600.0 * 0.3 * 60.0 * (wants - 0.1) / 0.6
     np.testing.assert_allclose(need.coming[0], expected, rtol=1e-4)
+
+
+@pytest.mark.parametrize(("ahead_m", "sees"), [(390.0, True), (410.0, False), (-390.0, True)])
+def test_free_slots_are_of_meds_that_may_serve_who_is_counted(ahead_m, sees):
+    """A lorry 400 m past a ramp may book a MED that joins there, so a MED as near competes with it."""
+    env, params = medjax.make("freight")
+    _, state = jax.jit(env.reset)(jax.random.key(3), params)
+    vehicles = {"active": (0, True), "x": (0, params.road.ramp_x_m[1] + ahead_m), "lane": (0, 1)}
+    state = put(state, vehicles=vehicles, meds={"status": (0, IN_SERVICE)})
+    need = jax.jit(lambda state: expected_need(state, env.config, params, 60.0))(state)
+    np.testing.assert_array_equal(need.free, [0.0, 4.0 * sees, 0.0, 0.0])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import medjax
+from medjax.charging.plugs import plug_seconds
 from medjax.env.reward import MONEY, Outcome, hourly_price, total_reward
 from medjax.errors import InputError
 from medjax.world.state import EpisodeStats
@@ -61,6 +62,24 @@ def test_terms_in_money_by_hand():
     for name, value in expected.items():
         assert float(parts[name]) == pytest.approx(value, rel=1e-6), name
     assert float(total) == pytest.approx(sum(expected.values()), rel=1e-6)
+
+
+def test_a_stop_put_off_beyond_the_road_gains_its_wait_alone():
+    """On `freight` the time at a plug is paid with the kWh that lorries use, so a stop itself costs its wait."""
+    env, params = medjax.make("freight")
+    energy_j = jnp.float32(0.15 * 600.0 * 3.6e6)
+    charging_s = plug_seconds(energy_j, params)
+    assert float(charging_s) == pytest.approx(0.65 * 600.0 / 400.0 * 3600.0, rel=1e-5)
+    step_stats = EpisodeStats.zeros().replace(
+        plug_wait_s=jnp.float32(720.0),
+        plug_charging_s=charging_s,
+        plug_energy_j=0.8 * params.ev_capacity_j - energy_j,
+    )
+    outcome = Outcome(SimpleNamespace(time=jnp.int32(0)), None, step_stats, params, env.config)
+    assert float(total_reward(outcome, MONEY)[0]) == pytest.approx(-0.2 * 50.0, rel=1e-5)
+    drove = EpisodeStats.zeros().replace(ev_driving_j=jnp.float32(3.6e6))
+    total, _ = total_reward(outcome.replace(step_stats=drove), MONEY)
+    assert float(total) == pytest.approx(-(0.4 + 50.0 / 400.0), rel=1e-6)
 
 
 def test_the_hour_of_the_day_goes_round():

@@ -30,7 +30,7 @@ POWERS = {"slot_power_w": (20e3, 50e3, 100e3, 190e3)}
 REST = {"ev_share": (0.1, 0.2, 0.3), "arrival_soc_high": (0.5, 0.7, 0.9)}
 # The map by preset: power, the price of doing without MEDs, and who comes.
 DEFAULTS = {
-    "freight": POWERS | {"reward_weights.ev_kwh": (-0.25, -0.4, -0.6)} | REST,
+    "freight": POWERS | {"reward_weights.ev_kwh": (-0.375, -0.525, -0.725)} | REST,
     "corridor": POWERS | {"reward_weights.charging_stops": (-9.0, -18.0, -36.0)} | REST,
 }
 Point = dict[str, float]  # a value on each axis
