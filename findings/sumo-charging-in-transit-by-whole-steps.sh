@@ -2,16 +2,16 @@
 # eclipse-sumo 1.28.0: energy from a pad in the road is that of whole time steps, or none
 #
 # One would expect: a car that drives over a charging pad (chargeInTransit="1") gets power times the time that it is
-# on it, as an induction loop on the same metres times the same cars to a fraction of a step.
+# on the pad. SUMO's induction loops time cars to a fraction of a step.
 # What happens: a car is charged for a whole step where the step ends on the pad, and else not at all. A pad of 10 m at
 # 30 m/s is passed in a third of a second. At the default step of 1 s two of three cars get nothing and the third gets
 # three times its due. The mean over cars is about right, so totals look well; a car's own charge is a lottery, and cars
-# that enter at equal places all win or all lose. Steps much shorter than the pass are needed.
+# that are at equal places when a step ends all win or all lose. Steps much shorter than the pass are needed.
 # Source: src/microsim/devices/MSDevice_Battery.cpp, `notifyMove`; documentation:
 # https://sumo.dlr.de/docs/Models/Electric.html#charging_stations
 #
 # Output seen:
-# by the loop, every car is over the pad for 0.33 s: 9.26 Wh
+# at the speed that a loop measures, a car is on the pad for 0.33 s: 9.26 Wh
 # steps of 1 s: 0.00 to 27.78 Wh a car, 10.06 on average
 # steps of 0.1 s: 8.33 to 11.11 Wh a car, 9.53 on average
 set -euo pipefail
@@ -64,7 +64,7 @@ coarse = charged("1")
 events = ElementTree.parse("loop.xml").iter("instantOut")
 speeds = [float(event.get("speed")) for event in events if event.get("state") == "enter"]
 assert len(speeds) == CARS and min(speeds) == max(speeds) == 30.0, speeds
-print(f"by the loop, every car is over the pad for {10.0 / 30.0:.2f} s: {DUE_WH:.2f} Wh")
+print(f"at the speed that a loop measures, a car is on the pad for {10.0 / 30.0:.2f} s: {DUE_WH:.2f} Wh")
 fine = charged("0.1")
 for step, wh in (("1", coarse), ("0.1", fine)):
     print(f"steps of {step} s: {min(wh):.2f} to {max(wh):.2f} Wh a car, {sum(wh) / CARS:.2f} on average")

@@ -96,7 +96,7 @@ def expected_need(
 
     comes = (meds.status == QUEUED) | (meds.status == MERGING)
     serves = (comes | can_serve(meds, params)) & meds.accepts
-    # Far enough to see every MED that serves the EVs counted above.
+    # EVs are counted as far as this past a ramp, so MEDs are, too.
     near_m = jnp.maximum(window_m, params.charging.reach_behind_m)
     near = serves & (jnp.abs(ahead_of(med_positions(state, config, params))) <= near_m)
     return Need(
