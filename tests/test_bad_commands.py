@@ -105,6 +105,7 @@ COMMANDS = {
     "benchmarks.studies.prices": ["new.csv"],
     "benchmarks.speed.scaling": [],
     "benchmarks.speed.throughput": [],
+    "benchmarks.verification.own_road.compare": ["new.net.xml"],
     "benchmarks.speed.training": [],
     "benchmarks.studies.ticks": [],
     "benchmarks.studies.tune": [],

@@ -19,14 +19,14 @@ from medjax.world.params import EnvConfig, EnvParams
 RAMP_M = 20.0
 
 
-def _write(path: Path, root: str, elements: Iterable[ElementTree.Element]) -> Path:
+def write_xml(path: Path, root: str, elements: Iterable[ElementTree.Element]) -> Path:
     tree = ElementTree.Element(root)
     tree.extend(elements)
     ElementTree.ElementTree(tree).write(path)
     return path
 
 
-def _element(tag: str, **attributes: Any) -> ElementTree.Element:
+def element(tag: str, **attributes: Any) -> ElementTree.Element:
     return ElementTree.Element(
         tag, {name.rstrip("_"): str(value) for name, value in attributes.items()}
     )
@@ -64,7 +64,7 @@ def _parts(config: EnvConfig, params: EnvParams) -> dict[str, list[ElementTree.E
     parts: dict[str, list[ElementTree.Element]] = {"node": [], "edge": [], "connection": []}
 
     def add(kind: str, **attributes: Any) -> None:
-        parts[kind].append(_element(kind, **attributes))
+        parts[kind].append(element(kind, **attributes))
 
     for x in cuts:
         add("node", id=f"x{x:g}", x=x, y=0)
@@ -94,7 +94,7 @@ def build_network(config: EnvConfig, params: EnvParams, folder: Path) -> Path:
     network = folder / "road.net.xml"
     command = ["netconvert", "--no-turnarounds", "true"]
     for kind, elements in _parts(config, params).items():
-        file = _write(folder / f"road.{kind}.xml", f"{kind}s", elements)
+        file = write_xml(folder / f"road.{kind}.xml", f"{kind}s", elements)
         command += [f"--{kind}-files", str(file)]
     # Without internal junction lanes, lengths are exact and SUMO is faster.
     command += ["--no-internal-links", "true", "--output-file", str(network)]
@@ -112,20 +112,20 @@ def lanes_of_network(config: EnvConfig, params: EnvParams) -> dict[str, tuple[fl
     return found
 
 
-def _kinds(params: EnvParams) -> ElementTree.Element:
-    """Vehicle types for medjax's kinds, with the same shares."""
+def kinds_of(params: EnvParams) -> ElementTree.Element:
+    """The distribution `traffic` of vehicle types: medjax's kinds, with the same shares."""
     demand, drivers = params.demand, params.drivers
     limit = float(drivers.desired_speed[GAS])  # SUMO wants desired speeds as factors of the limit
     of_class, ev = demand.class_shares, float(demand.ev_share)
     shares = {kind: ev * float(of_class[kind]) for kind in kinds_in(EVS)}
     shares |= {kind: (1.0 - ev) * float(of_class[kind]) for kind in GAS_KINDS}
-    kinds = _element("vTypeDistribution", id="traffic")
+    kinds = element("vTypeDistribution", id="traffic")
     for kind, share in shares.items():
         mean = float(drivers.desired_speed[kind]) / limit
         spread = float(drivers.desired_speed_std[kind]) / limit
         low, high = mean - SPEED_SPREAD * spread, mean + SPEED_SPREAD * spread
         kinds.append(
-            _element(
+            element(
                 "vType",
                 id=f"kind{kind}",
                 probability=share,
@@ -152,7 +152,7 @@ def _flows(config: EnvConfig, period: Period) -> list[ElementTree.Element]:
     entries += [(f"ramp{x:g}", 0, str(float(demand.ramp_speed))) for x in _ramps(period.params)]
     rates = np.asarray(entry_rates(demand, config.num_lanes, 0.0), np.float64)
     return [
-        _element(
+        element(
             "flow",
             id=f"{route}lane{lane}from{period.begin_s:g}",
             type="traffic",
@@ -181,9 +181,9 @@ def build_demand(config: EnvConfig, periods: Sequence[Period], folder: Path) -> 
     for begin in ramps:
         onward = [f"main{x:g}" for x in mains if x >= begin]
         paths[f"ramp{begin:g}"] = [f"ramp{begin:g}", *onward]
-    routes = [_element("route", id=name, edges=" ".join(path)) for name, path in paths.items()]
+    routes = [element("route", id=name, edges=" ".join(path)) for name, path in paths.items()]
     flows = itertools.chain.from_iterable(_flows(config, period) for period in periods)
-    return _write(folder / "road.rou.xml", "routes", [_kinds(params), *routes, *flows])
+    return write_xml(folder / "road.rou.xml", "routes", [kinds_of(params), *routes, *flows])
 
 
 def start(command: list[str]) -> subprocess.Popen[str]:

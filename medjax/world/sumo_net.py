@@ -67,13 +67,17 @@ def read_sumo_net(file: str | PathLike[str], edges: Sequence[str] | None = None)
     """
     path = as_path("file", file)
     check_input("file", path)
-    network = _read(path)
-    chain = _longest_motorway(path, network) if edges is None else _given(path, network, edges)
-    return _road(path, network, chain)
+    network = read_network(path)
+    return _road(path, network, motorway_of(path, network, edges))
 
 
-def _read(path: Path) -> Network:
-    """The network of a file."""
+def motorway_of(path: Path, network: Network, edges: Sequence[str] | None) -> list[str]:
+    """The edges that `read_sumo_net` takes, in driving order; `path` is for its errors."""
+    return _longest_motorway(path, network) if edges is None else _given(path, network, edges)
+
+
+def read_network(path: Path) -> Network:
+    """The network of a file; raises InputError if it is none of SUMO."""
     try:
         root = ElementTree.parse(path).getroot()
         if root.tag != "net":

@@ -1,0 +1,97 @@
+"""`python -m benchmarks.road FILE`: travel times on a motorway of SUMO's, in SUMO and in medjax.
+
+FILE is a network of SUMO (net.xml). SUMO drives on the network itself, medjax on the road that `medjax.read_sumo_net`
+makes of it. Both have the drivers, lorries and demand of `corridor` without EVs, at some factors of that demand. A row
+is a way along the motorway, from its beginning or a ramp to its end or an exit.
+
+Times are of vehicles that enter within the measured minutes. Five minutes before fill the road, and in five after,
+vehicles leave it. On a way to an exit, the time ends where the deceleration lane begins.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+import medjax
+from benchmarks import command
+from benchmarks.command import whole_number
+from benchmarks.verification.own_road.sides import medjax_times, sumo_times
+from benchmarks.verification.own_road.ways import ways_of, world
+from benchmarks.verification.validation.measures import STUDENT_T
+from medjax.traffic.idm import IDM_PLUS, STANDARD_IDM
+from medjax.world.sumo_net import motorway_of, read_network
+
+MODELS = {"medjax": IDM_PLUS, "medjax IDM": STANDARD_IDM}  # SUMO drives IDM
+SIMULATORS = (*MODELS, "SUMO")
+
+
+def compare(options: argparse.Namespace) -> dict[str, Any]:
+    """Measures everything and prints the table."""
+    network = read_network(options.file)
+    chain = motorway_of(options.file, network, options.edges)
+    road = medjax.read_sumo_net(options.file, chain)
+    seeds = range(1 + options.seed * options.episodes, 1 + (options.seed + 1) * options.episodes)
+    rows = []
+    for factor in options.factors:
+        command.say(f"{factor:g} of the demand: {options.episodes} episodes")
+        sides = {}
+        for name, following in MODELS.items():
+            env, params = world(road, factor, following)
+            ways = ways_of(network, chain, params)
+            sides[name] = medjax_times(env, params, ways, options.minutes, seeds)
+        world_of = env.config, params
+        sides["SUMO"] = sumo_times(options.file, world_of, ways, options.minutes, seeds)
+        for number, way in enumerate(ways):
+            figures = {name: figures_of(times[number]) for name, times in sides.items()}
+            rows.append({"factor": factor, "begin_m": way.begin_m, "end_m": way.end_m} | figures)
+    print("\n".join(_table(rows)))
+    return {"edges": chain, "rows": rows, **command.machine()}
+
+
+def figures_of(times: Sequence[np.ndarray]) -> dict[str, float]:
+    """Vehicles an episode, their mean time with its 95 % half-width over episodes, and the 95th percentile, s."""
+    means = [float(np.mean(each)) for each in times if len(each)]
+    if len(means) < 2:
+        return {"vehicles": 0.0, **dict.fromkeys(("mean_s", "half_width_s", "p95_s"), math.nan)}
+    scale = STUDENT_T[min(len(means) - 1, len(STUDENT_T)) - 1] / math.sqrt(len(means))
+    every = np.concatenate(times)
+    return {
+        "vehicles": len(every) / len(times),
+        "mean_s": float(np.mean(means)),
+        "half_width_s": scale * float(np.std(means, ddof=1)),
+        "p95_s": float(np.percentile(every, 95)),
+    }
+
+
+def _table(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Lines of a Markdown table with a row for each demand and way."""
+    titles = [f"{name}, s | 95 of 100, s | vehicles" for name in SIMULATORS]
+    lines = [f"| demand | way, m | {' | '.join(titles)} |", "|---:|---|" + "---:|" * 9]
+    for row in rows:
+        cells = [f"{row['factor']:g}", f"{row['begin_m']:,.0f} to {row['end_m']:,.0f}"]
+        for of in (row[name] for name in SIMULATORS):
+            cells.append(f"{of['mean_s']:.1f} ± {of['half_width_s']:.1f}")
+            cells += [f"{of['p95_s']:.0f}", f"{of['vehicles']:.0f}"]
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The command."""
+    parser = command.benchmark_parser("road", __doc__)
+    add = parser.add_argument
+    add("file", type=command.a_path, metavar="FILE", help="network of SUMO (net.xml)")
+    edges = "the motorway's edges in driving order (default: the longest motorway)"
+    add("--edges", nargs="+", metavar="EDGE", help=edges)
+    command.add_number(parser, "--episodes", 5, "episodes per demand", whole_number(2, 100))
+    minutes = "minutes in which the measured vehicles enter"
+    command.add_number(parser, "--minutes", 20, minutes, whole_number(1, 240))
+    command.add_number(parser, "--seed", 0, "seed of the episodes", whole_number(0, 10**6))
+    factors = "factors of the demand: 1,200 vehicles an hour in each lane, and 360 from each ramp"
+    command.add_number(parser, "--factors", [0.5, 1.0, 1.4], factors, command.non_negative, "+")
+    command.run_command(parser, compare, arguments)
