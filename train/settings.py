@@ -134,6 +134,12 @@ class TrainConfig(abc.ABC):
         "the policy that training starts from: the rule budgeted, which needs --observation profile; or wait",
         choices=("rule", "wait"),
     )
+    rule_sharpness: float = option(
+        4.0,
+        "network",
+        "logits per EV of need, with which training starts from the rule; less explores more",
+        limits=(0.001, 1000),
+    )
     initial_wait: float = option(
         0.8,
         "network",
@@ -206,6 +212,9 @@ class TrainConfig(abc.ABC):
         return -(-self.total_timesteps // self.steps_per_update)
 
 
+# Settings of runs whose files lack them.
+FORMER = {"rule_sharpness": 4.0}
+
 Config = TypeVar("Config", bound=TrainConfig)
 
 
@@ -258,8 +267,11 @@ def load_config(path: Path, *kinds: type[Config], given: bool = False) -> Config
             f"{path} is of an environment that was given from Python, which settings alone do not rebuild; "
             "allowed: train.api.train and evaluate, with that environment"
         )
+    if is_file_of_run:
+        data = data["config"]
+        data = {**FORMER, **data} if isinstance(data, dict) else data
     try:
-        return from_json(data["config"] if is_file_of_run else data, *kinds)
+        return from_json(data, *kinds)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

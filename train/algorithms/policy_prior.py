@@ -16,7 +16,6 @@ from medjax.policies.rules import tuned_budget
 from medjax.world.state import IN_SERVICE, MERGING, QUEUED
 from train.settings import TrainConfig
 
-SHARPNESS = 4.0  # logits per EV if the prior is a rule
 GOES_ON = 0.99  # initial probability that an agent stays, rather than leaves the road for good
 # Of the fleet's speed, where the others have 0: an agent tries all speeds, and its most probable action is the rule's.
 USUAL_SPEED_LOGIT = 0.1
@@ -71,7 +70,7 @@ def _of_dispatcher(env: Any, config: TrainConfig) -> Prior:
 
         def like_rule(obs: jax.Array) -> jax.Array:
             margin = budget.margin(*layout.outlook(obs, env_config))
-            return jnp.pad(SHARPNESS * margin, [(0, 0)] * (obs.ndim - 1) + [(1, 0)])
+            return jnp.pad(config.rule_sharpness * margin, [(0, 0)] * (obs.ndim - 1) + [(1, 0)])
 
         return like_rule
     logits = _mostly(0, 1 + ramps, config.initial_wait)

@@ -74,6 +74,18 @@ def test_starts_as_the_rule():
     assert clear.mean() > 0.8
 
 
+def test_the_rules_sharpness_scales_its_margins():
+    """A rule half as sharp has half of each logit, and waiting's stays 0: the same most probable action, softer."""
+    env, params = medjax.make("paper", observation="profile")
+    obs = jax.random.uniform(jax.random.key(0), (8, *env.observation_space(params).shape))
+    sharp, soft = (
+        np.asarray(prior_logits(env, PPOConfig(rule_sharpness=each))(obs)) for each in (2.0, 1.0)
+    )
+    assert (sharp[:, 0] == 0.0).all()
+    assert np.abs(sharp[:, 1:]).min() > 0.0
+    np.testing.assert_allclose(soft, 0.5 * sharp, rtol=1e-6)
+
+
 @pytest.mark.parametrize(("observation", "prior"), [("profile", "wait"), ("flat", "rule")])
 def test_waits_with_the_given_probability(started, observation, prior):
     """A flat observation does not tell what the rule reads, so that training starts by waiting whatever is set."""
