@@ -105,7 +105,7 @@ COMMANDS = {
     "benchmarks.studies.prices": ["new.csv"],
     "benchmarks.speed.scaling": [],
     "benchmarks.speed.throughput": [],
-    "benchmarks.verification.own_road.compare": ["new.net.xml"],
+    "benchmarks.verification.own_road.compare": [],
     "benchmarks.speed.training": [],
     "benchmarks.studies.ticks": [],
     "benchmarks.studies.tune": [],

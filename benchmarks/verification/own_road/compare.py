@@ -1,8 +1,9 @@
-"""`python -m benchmarks.road FILE`: travel times on a motorway of SUMO's, in SUMO and in medjax.
+"""`python -m benchmarks.road [FILE]`: travel times on a motorway, in SUMO and in medjax.
 
-FILE is a network of SUMO (net.xml). SUMO drives on the network itself, medjax on the road that `medjax.read_sumo_net`
-makes of it. Both have the drivers, lorries and demand of `corridor` without EVs, at some factors of that demand. A row
-is a way along the motorway, from its beginning or a ramp to its end or an exit.
+FILE is a network of SUMO (net.xml), by default the Autobahn A 10 that comes with SUMO. SUMO drives on the network
+itself, medjax on the road that `medjax.read_sumo_net` makes of it. Both have the drivers, lorries and demand of
+`corridor` without EVs, at some factors of that demand. A row is a way along the motorway, from its beginning or a ramp
+to its end or an exit.
 
 Times are of vehicles that enter within the measured minutes. Five minutes before fill the road, and in five after,
 vehicles leave it. On a way to an exit, the time ends where the deceleration lane begins.
@@ -11,8 +12,10 @@ vehicles leave it. On a way to an exit, the time ends where the deceleration lan
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +26,7 @@ from benchmarks.command import whole_number
 from benchmarks.verification.own_road.sides import medjax_times, sumo_times
 from benchmarks.verification.own_road.ways import ways_of, world
 from benchmarks.verification.validation.measures import STUDENT_T
+from medjax.errors import InputError
 from medjax.traffic.idm import IDM_PLUS, STANDARD_IDM
 from medjax.world.sumo_net import motorway_of, read_network
 
@@ -32,9 +36,11 @@ SIMULATORS = (*MODELS, "SUMO")
 
 def compare(options: argparse.Namespace) -> dict[str, Any]:
     """Measures everything and prints the table."""
-    network = read_network(options.file)
-    chain = motorway_of(options.file, network, options.edges)
-    road = medjax.read_sumo_net(options.file, chain)
+    file = options.file or autobahn()
+    network = read_network(file)
+    chain = motorway_of(file, network, options.edges)
+    sumo_home()  # before minutes are played in medjax
+    road = medjax.read_sumo_net(file, chain)
     seeds = range(1 + options.seed * options.episodes, 1 + (options.seed + 1) * options.episodes)
     rows = []
     for factor in options.factors:
@@ -45,12 +51,26 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
             ways = ways_of(network, chain, params)
             sides[name] = medjax_times(env, params, ways, options.minutes, seeds)
         world_of = env.config, params
-        sides["SUMO"] = sumo_times(options.file, world_of, ways, options.minutes, seeds)
+        sides["SUMO"] = sumo_times(file, world_of, ways, options.minutes, seeds)
         for number, way in enumerate(ways):
             figures = {name: figures_of(times[number]) for name, times in sides.items()}
             rows.append({"factor": factor, "begin_m": way.begin_m, "end_m": way.end_m} | figures)
     print("\n".join(_table(rows)))
     return {"edges": chain, "rows": rows, **command.machine()}
+
+
+def sumo_home() -> Path:
+    """The directory of SUMO; raises InputError where it is not installed."""
+    if importlib.util.find_spec("sumo") is None:
+        raise InputError('SUMO is not installed: allowed pip install -e ".[peers]"')
+    import sumo
+
+    return Path(sumo.SUMO_HOME)
+
+
+def autobahn() -> Path:
+    """The network of the A 10 at Koenigs Wusterhausen that comes with SUMO."""
+    return sumo_home() / "tools/game/A10KW/osm.net.xml"
 
 
 def figures_of(times: Sequence[np.ndarray]) -> dict[str, float]:
@@ -85,7 +105,8 @@ def main(arguments: list[str] | None = None) -> None:
     """The command."""
     parser = command.benchmark_parser("road", __doc__)
     add = parser.add_argument
-    add("file", type=command.a_path, metavar="FILE", help="network of SUMO (net.xml)")
+    network = "network of SUMO (net.xml; default: the A 10 that comes with SUMO)"
+    add("file", type=command.a_path, nargs="?", metavar="FILE", help=network)
     edges = "the motorway's edges in driving order (default: the longest motorway)"
     add("--edges", nargs="+", metavar="EDGE", help=edges)
     command.add_number(parser, "--episodes", 5, "episodes per demand", whole_number(2, 100))

@@ -1,6 +1,7 @@
 """`benchmarks.road`: ways and times by hand, and free traffic on SUMO's Autobahn in both simulators, in closed form."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -81,7 +82,7 @@ def test_free_traffic_on_the_autobahn_drives_as_desired(tmp_path, capsys):
     rows = json.loads(out.read_text())["rows"]
     assert [row["begin_m"] for row in rows] == pytest.approx([0.0, 0.0, 1573.09])
     (through,) = (row for row in rows if row["end_m"] - row["begin_m"] > 2000.0)
-    _, params = world(medjax.read_sumo_net(file), 0.05, IDM_PLUS)
+    _, params = world(medjax.read_sumo_net(compare.autobahn()), 0.05, IDM_PLUS)
     share = float(params.demand.lorry_share)
     pace = (1.0 - share) * mean_pace(params, GAS) + share * mean_pace(params, LORRY)
     free_s = through["end_m"] * pace
@@ -91,7 +92,7 @@ def test_free_traffic_on_the_autobahn_drives_as_desired(tmp_path, capsys):
         assert 0.0 < through[name]["mean_s"] - free_s < 0.06 * free_s
 
 
-def test_bad_input_ends_the_command(tmp_path, capsys):
+def test_bad_input_ends_the_command(tmp_path, capsys, monkeypatch):
     file = str(net(tmp_path))
     for argv, words in (
         ([str(tmp_path / "none.net.xml")], "none.net.xml"),
@@ -99,3 +100,5 @@ def test_bad_input_ends_the_command(tmp_path, capsys):
         ([file, "--factors", "-1"], "allowed a number from 0"),
     ):
         assert words in refused(compare.main, argv, capsys)
+    monkeypatch.setitem(sys.modules, "sumo", None)
+    assert "SUMO is not installed: allowed pip install" in refused(compare.main, [file], capsys)
