@@ -212,9 +212,6 @@ class TrainConfig(abc.ABC):
         return -(-self.total_timesteps // self.steps_per_update)
 
 
-# Settings of runs whose files lack them.
-FORMER = {"rule_sharpness": 4.0}
-
 Config = TypeVar("Config", bound=TrainConfig)
 
 
@@ -267,11 +264,8 @@ def load_config(path: Path, *kinds: type[Config], given: bool = False) -> Config
             f"{path} is of an environment that was given from Python, which settings alone do not rebuild; "
             "allowed: train.api.train and evaluate, with that environment"
         )
-    if is_file_of_run:
-        data = data["config"]
-        data = {**FORMER, **data} if isinstance(data, dict) else data
     try:
-        return from_json(data, *kinds)
+        return from_json(data["config"] if is_file_of_run else data, *kinds)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

@@ -70,20 +70,6 @@ def test_a_defect_of_ours_is_not_called_a_bad_file(tmp_path, monkeypatch):
     assert not isinstance(caught.value, InputError)
 
 
-def test_a_run_of_before_a_setting_keeps_what_it_did(tmp_path):
-    """A run's file without the rule's sharpness is of a policy that started from 4; a file of settings has defaults."""
-    run, settings = tmp_path / "config.json", tmp_path / "settings.json"
-    run.write_text('{"config": {"num_envs": 16}}')
-    settings.write_text('{"num_envs": 16}')
-    assert load_config(run, PPOConfig) == PPOConfig(num_envs=16, rule_sharpness=4.0)
-    assert load_config(settings, PPOConfig) == PPOConfig(num_envs=16)
-    run.write_text('{"config": {"rule_sharpness": 2.0}}')
-    assert load_config(run, PPOConfig).rule_sharpness == 2.0
-    run.write_text('{"config": [1]}')
-    with pytest.raises(InputError, match="settings are list"):
-        load_config(run, PPOConfig)
-
-
 NAMES = [
     *("runs/a", "../x", "/tmp/x y", "-rf", "con", "é€", "🚚", "a" * 255, "./~", "x.", "..."),
     *("a/../b", "run/"),
