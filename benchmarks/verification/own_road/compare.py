@@ -114,5 +114,6 @@ def main(arguments: list[str] | None = None) -> None:
     command.add_number(parser, "--minutes", 20, minutes, whole_number(1, 240))
     command.add_number(parser, "--seed", 0, "seed of the episodes", whole_number(0, 10**6))
     factors = "factors of the demand: 1,200 vehicles an hour in each lane, and 360 from each ramp"
-    command.add_number(parser, "--factors", [0.5, 1.0, 1.4], factors, command.non_negative, "+")
+    a_factor = command.a_number("a number from 0 to 5", lambda factor: 0.0 <= factor <= 5.0)
+    command.add_number(parser, "--factors", [0.5, 1.0, 1.4], factors, a_factor, "+")
     command.run_command(parser, compare, arguments)

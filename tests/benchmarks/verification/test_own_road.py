@@ -97,7 +97,7 @@ def test_bad_input_ends_the_command(tmp_path, capsys, monkeypatch):
     for argv, words in (
         ([str(tmp_path / "none.net.xml")], "none.net.xml"),
         ([file, "--edges", "first", "nowhere"], "edges has 'nowhere': allowed edges of"),
-        ([file, "--factors", "-1"], "allowed a number from 0"),
+        ([file, "--factors", "-1"], "allowed a number from 0 to 5"),
     ):
         assert words in refused(compare.main, argv, capsys)
     monkeypatch.setitem(sys.modules, "sumo", None)
