@@ -137,7 +137,7 @@ class TrainConfig(abc.ABC):
     rule_sharpness: float = option(
         4.0,
         "network",
-        "logits per EV of need, with which training starts from the rule; less explores more",
+        "how sharp the rule is that training starts from, in logits per EV; a lower number explores more",
         limits=(0.001, 1000),
     )
     initial_wait: float = option(

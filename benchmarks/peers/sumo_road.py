@@ -20,6 +20,7 @@ RAMP_M = 20.0
 
 
 def write_xml(path: Path, root: str, elements: Iterable[ElementTree.Element]) -> Path:
+    """Writes elements under one root; returns the file."""
     tree = ElementTree.Element(root)
     tree.extend(elements)
     ElementTree.ElementTree(tree).write(path)
@@ -27,6 +28,7 @@ def write_xml(path: Path, root: str, elements: Iterable[ElementTree.Element]) ->
 
 
 def element(tag: str, **attributes: Any) -> ElementTree.Element:
+    """An element; an attribute whose name is a word of Python takes an underscore behind it, such as `from_`."""
     return ElementTree.Element(
         tag, {name.rstrip("_"): str(value) for name, value in attributes.items()}
     )

@@ -149,6 +149,22 @@ def _given(path: Path, network: Network, edges: Sequence[str]) -> list[str]:
     return list(chain)
 
 
+def joining(network: Network, chain: Sequence[str]) -> dict[int, str]:
+    """Ramps: the edge that joins the motorway, by the number of the motorway's edge that begins there."""
+    return _beside({i: network.before(chain[i]) for i in range(1, len(chain))}, chain)
+
+
+def leaving(network: Network, chain: Sequence[str]) -> dict[int, str]:
+    """Exits: the edge that leaves the motorway, by the number of the motorway's edge that ends there."""
+    return _beside({i: network.after(chain[i]) for i in range(len(chain) - 1)}, chain)
+
+
+def _beside(nearby: dict[int, list[str]], chain: Sequence[str]) -> dict[int, str]:
+    """The first of the edges near each edge that is not of the motorway, where there is one."""
+    outside = {i: [name for name in names if name not in chain] for i, names in nearby.items()}
+    return {i: names[0] for i, names in outside.items() if names}
+
+
 def _road(path: Path, network: Network, chain: list[str]) -> dict[str, Any]:
     """The numbers of a road, with a warning for each thing that it cannot show."""
     edges = [network.edges[name] for name in chain]
@@ -164,9 +180,8 @@ def _road(path: Path, network: Network, chain: list[str]) -> dict[str, Any]:
         """The first of these edges that have an additional lane."""
         return list(itertools.takewhile(lambda number: edges[number].lanes > lanes, numbers))
 
-    last, inside = len(chain) - 1, set(chain)
-    joins = [i for i in range(1, last + 1) if not inside.issuperset(network.before(chain[i]))]
-    leaves = [i for i in range(last) if not inside.issuperset(network.after(chain[i]))]
+    last = len(chain) - 1
+    joins, leaves = list(joining(network, chain)), list(leaving(network, chain))
     # Edges along which each ramp's and each exit's additional lane runs.
     accelerate = [beside(range(i, last + 1)) for i in joins]
     decelerate = [beside(range(i, -1, -1)) for i in leaves]

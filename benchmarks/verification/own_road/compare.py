@@ -5,8 +5,9 @@ itself, medjax on the road that `medjax.read_sumo_net` makes of it. Both have th
 `corridor` without EVs, at some factors of that demand. A row is a way along the motorway, from its beginning or a ramp
 to its end or an exit.
 
-Times are of vehicles that enter within the measured minutes. Five minutes before fill the road, and in five after,
-vehicles leave it. On a way to an exit, the time ends where the deceleration lane begins.
+Times are of vehicles that enter within the measured minutes. Five minutes before these fill the road. Vehicles have
+fifteen minutes after these to leave it. On a way to an exit, the time ends where the last edge before the exit begins,
+which is the deceleration lane's.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ from benchmarks import command
 from benchmarks.command import whole_number
 from benchmarks.verification.own_road.sides import medjax_times, sumo_times
 from benchmarks.verification.own_road.ways import ways_of, world
-from benchmarks.verification.validation.measures import STUDENT_T
+from benchmarks.verification.validation.compare import MODELS
+from benchmarks.verification.validation.measures import half_width, percentile
+from benchmarks.verification.validation.report import for_json, shown
 from medjax.errors import InputError
-from medjax.traffic.idm import IDM_PLUS, STANDARD_IDM
 from medjax.world.sumo_net import motorway_of, read_network
 
-MODELS = {"medjax": IDM_PLUS, "medjax IDM": STANDARD_IDM}  # SUMO drives IDM
 SIMULATORS = (*MODELS, "SUMO")
 
 
@@ -56,7 +57,7 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
             figures = {name: figures_of(times[number]) for name, times in sides.items()}
             rows.append({"factor": factor, "begin_m": way.begin_m, "end_m": way.end_m} | figures)
     print("\n".join(_table(rows)))
-    return {"edges": chain, "rows": rows, **command.machine()}
+    return dict(for_json({"edges": chain, "rows": rows, **command.machine()}))
 
 
 def sumo_home() -> Path:
@@ -75,28 +76,24 @@ def autobahn() -> Path:
 
 def figures_of(times: Sequence[np.ndarray]) -> dict[str, float]:
     """Vehicles an episode, their mean time with its 95 % half-width over episodes, and the 95th percentile, s."""
-    means = [float(np.mean(each)) for each in times if len(each)]
-    if len(means) < 2:
-        return {"vehicles": 0.0, **dict.fromkeys(("mean_s", "half_width_s", "p95_s"), math.nan)}
-    scale = STUDENT_T[min(len(means) - 1, len(STUDENT_T)) - 1] / math.sqrt(len(means))
-    every = np.concatenate(times)
+    means, every = [float(np.mean(each)) for each in times if len(each)], np.concatenate(times)
     return {
         "vehicles": len(every) / len(times),
-        "mean_s": float(np.mean(means)),
-        "half_width_s": scale * float(np.std(means, ddof=1)),
-        "p95_s": float(np.percentile(every, 95)),
+        "mean_s": float(np.mean(means)) if means else math.nan,
+        "half_width_s": half_width(means),
+        "p95_s": percentile(every, 95.0),
     }
 
 
 def _table(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Lines of a Markdown table with a row for each demand and way."""
-    titles = [f"{name}, s | 95 of 100, s | vehicles" for name in SIMULATORS]
+    titles = [f"{name}, s | 95th percentile, s | vehicles" for name in SIMULATORS]
     lines = [f"| demand | way, m | {' | '.join(titles)} |", "|---:|---|" + "---:|" * 9]
     for row in rows:
         cells = [f"{row['factor']:g}", f"{row['begin_m']:,.0f} to {row['end_m']:,.0f}"]
         for of in (row[name] for name in SIMULATORS):
-            cells.append(f"{of['mean_s']:.1f} ± {of['half_width_s']:.1f}")
-            cells += [f"{of['p95_s']:.0f}", f"{of['vehicles']:.0f}"]
+            cells.append(f"{shown(of['mean_s'], 1)} ± {shown(of['half_width_s'], 1)}")
+            cells += [shown(of["p95_s"], 0), shown(of["vehicles"], 0)]
         lines.append("| " + " | ".join(cells) + " |")
     return lines
 

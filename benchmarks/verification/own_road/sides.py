@@ -7,19 +7,19 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.peers import sumo_road
 from benchmarks.verification.own_road.ways import Way
-from benchmarks.verification.validation.medjax_side import SEEN, program, trajectories_from_slots
-from benchmarks.verification.validation.trajectories import Bodies, Road, Trajectories
+from benchmarks.verification.validation.demands import Schedule
+from benchmarks.verification.validation.medjax_side import record
+from benchmarks.verification.validation.trajectories import Trajectories
 from medjax.env.charging_env import ChargingEnv
-from medjax.episodes.keys import episode_keys
 from medjax.world.params import EnvConfig, EnvParams
 
-MARGIN_MINUTES = 5  # before the measured ones, to fill the road, and after, to leave it
+# Before the minutes in which measured vehicles enter, and after. Who has not left at the end is not counted, so the time
+# to leave has to be longer than the longest travel time in a queue.
+FILL_MINUTES, LEAVE_MINUTES = 5, 15
 NEAR_M = 60.0  # a vehicle's last tick is nearer than this to where it leaves the road
 
 Times = list[list[np.ndarray]]  # s; an array for each way and episode
@@ -29,21 +29,10 @@ def medjax_times(
     env: ChargingEnv, params: EnvParams, ways: Sequence[Way], minutes: int, seeds: range
 ) -> Times:
     """Travel times in medjax, from every vehicle's place at every tick."""
-    start, minute = program(env)
-    playing, parts = start(episode_keys(seeds[0], len(seeds)), params), []
-    for number in range(minutes + 2 * MARGIN_MINUTES):
-        playing, ticks = minute(playing, jnp.int32(number), params)
-        if number >= MARGIN_MINUTES:
-            parts.append(jax.device_get(ticks))
-    road, bodies = Road.of(env.config, params), Bodies.of(params)
-    times: Times = [[] for _ in ways]
-    for episode in range(len(seeds)):
-        slots = {name: np.concatenate([part[name][:, episode] for part in parts]) for name in SEEN}
-        slots = {name: seen.reshape(-1, seen.shape[-1]) for name, seen in slots.items()}
-        seen = trajectories_from_slots(slots, road, env.config.tick_s, bodies)
-        for own, found in zip(times, times_of(seen, ways, 60.0 * minutes), strict=True):
-            own.append(found)
-    return times
+    schedule = Schedule(env.config, lambda _: params, minutes + LEAVE_MINUTES, FILL_MINUTES)
+    seen = record(env, schedule, len(seeds), seeds[0])
+    episodes = [times_of(each, ways, 60.0 * minutes) for each in seen]
+    return [list(of_way) for of_way in zip(*episodes, strict=True)]
 
 
 def times_of(seen: Trajectories, ways: Sequence[Way], span_s: float) -> list[np.ndarray]:
@@ -55,11 +44,9 @@ def times_of(seen: Trajectories, ways: Sequence[Way], span_s: float) -> list[np.
             continue
         begin, end = seen.x[first], seen.x[last]
         for number, way in enumerate(ways):
-            comes = (
-                abs(begin - way.begin_m)
-                < NEAR_M + seen.road.acceleration_lane_m * seen.on_ramp[first]
-            )
-            comes &= bool(seen.on_ramp[first]) == (way.before is not None)
+            by_ramp = bool(seen.on_ramp[first])
+            near_m = NEAR_M + (seen.road.acceleration_lane_m if by_ramp else 0.0)
+            comes = by_ramp == (way.before is not None) and abs(begin - way.begin_m) < near_m
             if comes and way.until_m - NEAR_M < end < way.end_m + NEAR_M:
                 found[number].append(_time(seen, first, last, way))
     return [np.array(times) for times in found]
@@ -81,7 +68,7 @@ def sumo_times(
     seeds: range,
 ) -> Times:
     """Travel times in SUMO on the network itself, from when each vehicle leaves each edge."""
-    end_s = 60.0 * (minutes + 2 * MARGIN_MINUTES)
+    end_s = 60.0 * (FILL_MINUTES + minutes + LEAVE_MINUTES)
     times: Times = [[] for _ in ways]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -98,7 +85,7 @@ def sumo_times(
             )
             found: list[list[float]] = [[] for _ in ways]
             for number, entered_s, time_s in _driven(output, ways):
-                if 0.0 < entered_s - 60.0 * MARGIN_MINUTES < 60.0 * minutes:
+                if 0.0 < entered_s - 60.0 * FILL_MINUTES < 60.0 * minutes:
                     found[number].append(time_s)
             for each, driven in zip(times, found, strict=True):
                 each.append(np.array(driven))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ import medjax
 from medjax.env.charging_env import ChargingEnv
 from medjax.traffic.idm import IDM
 from medjax.world.params import EnvParams
-from medjax.world.sumo_net import Network
+from medjax.world.sumo_net import Network, joining, leaving
 
 SLOTS_PER_LANE_KM = 90.0  # of a queue
 
@@ -34,48 +34,24 @@ class Way(NamedTuple):
 
 def ways_of(network: Network, chain: Sequence[str], params: EnvParams) -> list[Way]:
     """All ways along a motorway; vehicles leave at each exit with `exit_share`."""
-    demand, road, numbers = params.demand, params.road, range(len(chain))
-    entries: list[tuple[int, str | None]] = [
-        (0, None),
-        *_beside(numbers[1:], chain, network.before),
-    ]
+    demand, road = params.demand, params.road
+    entries: list[tuple[int, str | None]] = [(0, None), *joining(network, chain).items()]
     begins = [0.0, *np.asarray(road.ramp_x_m, float)]
     asked = [float(demand.mainline_per_h), *np.asarray(demand.ramp_per_h, float)]
-    exits = _beside(numbers[:-1], chain, network.after)
-    leaves = list(
-        zip(np.asarray(road.exit_x_m, float), np.asarray(demand.exit_share, float), strict=True)
-    )
+    exits = leaving(network, chain).items()
+    ends, shares = np.asarray(road.exit_x_m, float), np.asarray(demand.exit_share, float)
     ways = []
     for (first, before), begin, per_h in zip(entries, begins, asked, strict=True):
-        for (last, after), (x, share) in zip(exits, leaves, strict=True):
-            if x - begin >= float(road.exit_notice_m):  # who enters nearer does not leave there
-                until = x - network.edges[chain[last]].length_m
-                ways.append(
-                    Way(
-                        begin,
-                        until,
-                        x,
-                        before,
-                        tuple(chain[first : last + 1]),
-                        after,
-                        per_h * share,
-                    )
-                )
-                per_h *= 1.0 - share
+        stay_per_h = per_h
+        for (last, after), end, share in zip(exits, ends, shares, strict=True):
+            if end - begin < float(road.exit_notice_m):  # who enters nearer does not leave there
+                continue
+            along, until = tuple(chain[first : last + 1]), end - network.edges[chain[last]].length_m
+            ways.append(Way(begin, until, end, before, along, after, stay_per_h * share))
+            stay_per_h *= 1.0 - share
         end = float(road.length_m)
-        ways.append(Way(begin, end, end, before, tuple(chain[first:]), None, per_h))
+        ways.append(Way(begin, end, end, before, tuple(chain[first:]), None, stay_per_h))
     return ways
-
-
-def _beside(
-    numbers: Sequence[int], chain: Sequence[str], nearby: Callable[[str], list[str]]
-) -> list[tuple[int, str]]:
-    """Numbers of the edges of the chain that an edge beside it leads to, or away from, with that edge's name."""
-    found = [
-        (number, [name for name in nearby(chain[number]) if name not in chain])
-        for number in numbers
-    ]
-    return [(number, names[0]) for number, names in found if names]
 
 
 def world(road: dict[str, Any], factor: float, following: IDM) -> tuple[ChargingEnv, EnvParams]:

@@ -187,16 +187,19 @@ STUDENT_T = (
 )  # fmt: skip
 
 
-def half_widths(findings: Sequence[Findings]) -> dict[str, float]:
-    """Half-width of each figure's 95 % interval over episodes, by Student's t; NaN for a single episode."""
-    each = [summarise([found]) for found in findings]
-    count = len(each)
+def half_width(values: Sequence[float]) -> float:
+    """Half-width of a mean's 95 % interval, by Student's t; NaN for a single value."""
+    count = len(values)
     if count < 2:
-        return dict.fromkeys(each[0], math.nan)
+        return math.nan
     scale = STUDENT_T[min(count - 1, len(STUDENT_T)) - 1] / math.sqrt(count)
-    return {
-        name: scale * float(np.std([figures[name] for figures in each], ddof=1)) for name in each[0]
-    }
+    return scale * float(np.std(values, ddof=1))
+
+
+def half_widths(findings: Sequence[Findings]) -> dict[str, float]:
+    """Half-width of each figure's 95 % interval over episodes."""
+    each = [summarise([found]) for found in findings]
+    return {name: half_width([figures[name] for figures in each]) for name in each[0]}
 
 
 def _of_merges(merged: Sequence[Merges]) -> dict[str, Any]:

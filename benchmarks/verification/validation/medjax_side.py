@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import jax
@@ -61,6 +61,14 @@ def program(env: ChargingEnv) -> tuple[Callable[..., Any], Callable[..., Any]]:
 
 def observe(env: ChargingEnv, schedule: Schedule, episodes: int, seed: int) -> list[Findings]:
     """Plays the schedule in episodes side by side and measures each after the warm-up."""
+    speed = free_speed(schedule)
+    return [find(seen, speed) for seen in record(env, schedule, episodes, seed)]
+
+
+def record(
+    env: ChargingEnv, schedule: Schedule, episodes: int, seed: int
+) -> Iterator[Trajectories]:
+    """Plays the schedule in episodes side by side and yields the trajectories of each after the warm-up."""
     params = schedule.params_at(0)
     start, minute = program(env)
     playing = start(episode_keys(seed, episodes), params)
@@ -70,13 +78,10 @@ def observe(env: ChargingEnv, schedule: Schedule, episodes: int, seed: int) -> l
         if number >= schedule.warm_up_minutes:
             parts.append(jax.device_get(ticks))
     road, bodies = Road.of(env.config, params), Bodies.of(params)
-    findings = []
     for episode in range(episodes):
         slots = {name: np.concatenate([part[name][:, episode] for part in parts]) for name in SEEN}
         slots = {name: seen.reshape(-1, seen.shape[-1]) for name, seen in slots.items()}
-        seen = trajectories_from_slots(slots, road, env.config.tick_s, bodies)
-        findings.append(find(seen, free_speed(schedule)))
-    return findings
+        yield trajectories_from_slots(slots, road, env.config.tick_s, bodies)
 
 
 def trajectories_from_slots(

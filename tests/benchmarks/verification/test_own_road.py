@@ -74,10 +74,9 @@ def mean_pace(params, kind):
 @pytest.mark.thorough
 def test_free_traffic_on_the_autobahn_drives_as_desired(tmp_path, capsys):
     """With few vehicles a way takes its length by desired speeds; SUMO's network and medjax's road agree on it."""
-    sumo = pytest.importorskip("sumo")
-    file = f"{sumo.SUMO_HOME}/tools/game/A10KW/osm.net.xml"
+    pytest.importorskip("sumo")
     out = tmp_path / "road.json"
-    compare.main([file, "--factors", "0.05", "--episodes", "4", "--minutes", "25", f"--json={out}"])
+    compare.main(["--factors", "0.05", "--episodes", "4", "--minutes", "25", f"--json={out}"])
     assert "| 0.05 | 0 to 2,767 |" in capsys.readouterr().out
     rows = json.loads(out.read_text())["rows"]
     assert [row["begin_m"] for row in rows] == pytest.approx([0.0, 0.0, 1573.09])
@@ -90,6 +89,16 @@ def test_free_traffic_on_the_autobahn_drives_as_desired(tmp_path, capsys):
         assert through[name]["vehicles"] == pytest.approx(180.0 * 0.9 * 25.0 / 60.0, rel=0.2)
         # IDM comes near a desired speed, but drivers hold back behind the slower ones.
         assert 0.0 < through[name]["mean_s"] - free_s < 0.06 * free_s
+
+
+def test_a_way_without_vehicles_has_no_times():
+    """Nobody in any episode: a dash in the table and null in the file, not 0 s; one episode has no interval."""
+    nobody = compare.figures_of([np.array([]), np.array([])])
+    assert nobody["vehicles"] == 0.0
+    assert np.isnan([nobody[name] for name in ("mean_s", "half_width_s", "p95_s")]).all()
+    once = compare.figures_of([np.array([]), np.array([30.0, 50.0])])
+    assert (once["vehicles"], once["mean_s"]) == (1.0, 40.0)
+    assert np.isnan(once["half_width_s"])
 
 
 def test_bad_input_ends_the_command(tmp_path, capsys, monkeypatch):
