@@ -17,8 +17,8 @@ from benchmarks.verification.validation.trajectories import Trajectories
 from medjax.env.charging_env import ChargingEnv
 from medjax.world.params import EnvConfig, EnvParams
 
-# Before the minutes in which measured vehicles enter, and after. Who has not left at the end is not counted, so the time
-# to leave has to be longer than the longest travel time in a queue.
+# Before the minutes in which measured vehicles enter, and after. Who has not left at the end is not counted, so the
+# time to leave has to be longer than the longest travel time in a queue.
 FILL_MINUTES, LEAVE_MINUTES = 5, 15
 NEAR_M = 60.0  # a vehicle's last tick is nearer than this to where it leaves the road
 
