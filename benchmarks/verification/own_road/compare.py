@@ -26,8 +26,8 @@ from benchmarks import command
 from benchmarks.command import whole_number
 from benchmarks.verification.own_road.sides import medjax_times, sumo_times
 from benchmarks.verification.own_road.ways import ways_of, world
-from benchmarks.verification.validation.compare import MODELS
 from benchmarks.verification.validation.measures import half_width, percentile
+from benchmarks.verification.validation.medjax_side import MODELS
 from benchmarks.verification.validation.report import for_json, shown
 from medjax.errors import InputError
 from medjax.world.sumo_net import motorway_of, read_network

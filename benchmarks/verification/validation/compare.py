@@ -24,14 +24,11 @@ from benchmarks.verification.validation.demands import (
     world,
 )
 from benchmarks.verification.validation.measures import Findings, find, half_widths, summarise
-from benchmarks.verification.validation.medjax_side import observe
+from benchmarks.verification.validation.medjax_side import MODELS, observe
 from benchmarks.verification.validation.plot import draw
 from benchmarks.verification.validation.published import checks
 from benchmarks.verification.validation.sumo_side import sumo
-from medjax.traffic.idm import IDM_PLUS, STANDARD_IDM
 
-# SUMO drives IDM, and medjax by default IDM+. So compare SUMO with `medjax IDM`.
-MODELS = {"medjax": IDM_PLUS, "medjax IDM": STANDARD_IDM}
 PACKAGES = {**dict.fromkeys(MODELS, "medjax"), "SUMO": "eclipse-sumo"}
 
 

@@ -17,9 +17,12 @@ from benchmarks.verification.validation.trajectories import Bodies, Road, Trajec
 from medjax.env.charging_env import ChargingEnv
 from medjax.episodes.keys import episode_keys
 from medjax.episodes.runner import EpisodeRunner, Episodes
+from medjax.traffic.idm import IDM_PLUS, STANDARD_IDM
 from medjax.world.params import EnvParams
 from medjax.world.state import EnvState
 
+# SUMO drives IDM, and medjax by default IDM+. So compare SUMO with `medjax IDM`.
+MODELS = {"medjax": IDM_PLUS, "medjax IDM": STANDARD_IDM}
 FASTEST = 80.0  # m/s, faster than any vehicle
 SEEN = ("x", "speed", "lane", "lateral_offset", "active", "kind")
 
@@ -29,7 +32,7 @@ def _probe(state: EnvState) -> dict[str, jax.Array]:
     return seen | {name: seen[name].astype(jnp.int8) for name in ("lane", "kind")}
 
 
-@functools.lru_cache(maxsize=2)  # one program for each of compare.MODELS; all demands share it
+@functools.lru_cache(maxsize=2)  # one program for each of MODELS; all demands share it
 def program(env: ChargingEnv) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Two functions: one starts episodes, `(keys, params)`; one plays a minute, `(episodes, minute, params)`.
 
