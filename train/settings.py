@@ -13,6 +13,7 @@ from train.option import Override, checked, current_names, option, say_renamed
 from train.yaml_file import read_yaml
 
 MOST_COUNTED = 2**31 - 1  # indices and counters are int32
+UPDATES, EPISODE = 16, 600  # fewest updates of a run, and decisions of an episode of `paper`
 MOST_PER_CALL = 1024  # updates in one call of the compiled program
 MOST_BYTES = 2**16  # in a file of settings
 GIVEN = "given from Python"  # marks the file of a run whose settings do not rebuild its environment
@@ -73,7 +74,12 @@ class TrainConfig(abc.ABC):
         "in training, scale each episode's demand by a factor drawn between these two",
         limits=(0, 4),  # four lanes do not carry more
     )
-    num_envs: int = option(32, "environment", "environments run side by side", limits=(1, 2**20))
+    num_envs: int = option(
+        0,
+        "environment",
+        "environments run side by side; 0: as many as leave some 16 updates, from 32 to 1024, or 32 with --agents",
+        limits=(0, 2**20),
+    )
     decide_every: int = option(
         1, "environment", "decisions per choice of the policy", limits=(1, 10**6)
     )
@@ -81,10 +87,10 @@ class TrainConfig(abc.ABC):
         False, "environment", "spread the ends of the first episodes, so that not all end together"
     )
     total_timesteps: int = option(
-        1_500_000,
+        0,
         "run",
-        "decisions per seed over all environments, rounded up to updates",
-        limits=(1, 10**15),
+        "decisions per seed over all environments, rounded up to updates; 0: ten million, or 500,000 with --agents",
+        limits=(0, 10**15),
     )
     seed: int = option(0, "run", "seed of all randomness", limits=(0, 2**32 - 1))
     num_seeds: int = option(
@@ -157,6 +163,11 @@ class TrainConfig(abc.ABC):
         """Checks every field and stores it as a built-in type, then checks combinations."""
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, checked(field, getattr(self, field.name)))
+        self.fill_in(total_timesteps=10_000_000 if self.agents == "none" else 500_000)
+        # Few updates on many episodes learn more than many on few. An episode holds far more choices
+        # of agents than of a dispatcher, so they keep the smallest number.
+        fitting = self.total_timesteps // (UPDATES * EPISODE) if self.agents == "none" else 1
+        self.fill_in(num_envs=2 ** min(max(fitting.bit_length() - 1, 5), 10))
         if len(self.demand_range) != 2 or self.demand_range[0] > self.demand_range[1]:
             given = " ".join(map(str, self.demand_range))
             raise InputError(f"demand_range is {given}, allowed: two numbers, the lower one first")
@@ -176,6 +187,11 @@ class TrainConfig(abc.ABC):
                 f"total_timesteps is {self.total_timesteps}, allowed: at most {MOST_COUNTED} updates, "
                 f"{MOST_COUNTED * self.steps_per_update}"
             )
+
+    def fill_in(self, **usual: float) -> None:
+        """Sets the settings that are 0 to these values; only while the settings are made."""
+        for name, value in usual.items():
+            object.__setattr__(self, name, getattr(self, name) or value)
 
     @property
     def changes(self) -> dict[str, Any]:

@@ -164,8 +164,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     """
     names = {field.name for field in dataclasses.fields(PPOConfig)}
     given = {name: value for name, value in vars(options).items() if name in names}
-    usual = to_json(PPOConfig(eval_episodes=256))
-    config = from_json({**usual, **settings_from_text(PPOConfig, given)}, PPOConfig)
+    config = from_json({"eval_episodes": 256, **settings_from_text(PPOConfig, given)}, PPOConfig)
     if not config.eval_episodes:
         raise InputError("eval_episodes is 0, allowed: at least 2")
     rows = combinations(config, read_vary(options.vary))

@@ -84,7 +84,7 @@ def build_parser(kind: type[TrainConfig]) -> OneLineParser:
     parser = OneLineParser(
         prog=f"python -m {command}",
         description=f"Trains a dispatcher with {learner}, then evaluates it beside those that are not learned.",
-        epilog=f"{PRESETS}\n\nExample: python -m {command} --num-envs 1024 --set cooldown_s=30 --run-dir runs/slow",
+        epilog=f"{PRESETS}\n\nExample: python -m {command} --set cooldown_s=30 --run-dir runs/slow",
         formatter_class=partial(_Help, max_help_position=32, width=100),
     )
     files = parser.add_argument_group("files").add_argument
@@ -172,11 +172,12 @@ def parse_request(kind: type[TrainConfig], argv: Sequence[str] | None = None) ->
             for option, text in (("--run-dir", new), ("--resume", old), ("--config", file))
         )
         update = update if update is None else whole_number("--from-update", update)
+        before: dict[str, Any] = {"overrides": {}}
         if old is not None:
-            saved = RunDir(old).load_config(kind)
-        else:
-            saved = load_config(file, kind) if file is not None else kind()
-        before, changes = to_json(saved), settings_from_text(kind, given)
+            before = to_json(RunDir(old).load_config(kind))
+        elif file is not None:
+            before = to_json(load_config(file, kind))
+        changes = settings_from_text(kind, given)
         changes["overrides"] = {**before["overrides"], **changes["overrides"]}
         config = from_json({**before, **changes}, kind)
     except InputError as error:

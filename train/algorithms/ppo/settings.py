@@ -40,7 +40,11 @@ class PPOConfig(TrainConfig):
     )
     num_epochs: int = option(4, "PPO", "passes over each rollout", limits=(1, 1000))
     learning_rate: float = option(
-        5e-4, "PPO", "initial learning rate of Adam", flags=("--lr",), limits=(1e-12, 10)
+        0.0,
+        "PPO",
+        "initial learning rate of Adam; 0: follows num_envs, 5e-4 for up to 32, 1e-3 from 1024 on",
+        flags=("--lr",),
+        limits=(0, 10),
     )
     anneal: bool = option(True, "PPO", "let the learning rate fall linearly to 0")
     gamma: float = option(1.0, "PPO", "discount per choice", limits=(0, 1))
@@ -51,7 +55,11 @@ class PPOConfig(TrainConfig):
         "bootstrap the value at the time limit; for observations without a clock",
     )
     clip_epsilon: float = option(
-        0.2, "PPO", "clip of the ratio, eq. (9)", flags=("--clip",), limits=(1e-6, 1e6)
+        0.0,
+        "PPO",
+        "clip of the ratio, eq. (9); 0: follows num_envs, 0.2 for up to 32, 1 from 1024 on",
+        flags=("--clip",),
+        limits=(0, 1e6),
     )
     clip_value: bool = option(False, "PPO", "clip the value loss as well")
     entropy_coef: float = option(
@@ -74,6 +82,10 @@ class PPOConfig(TrainConfig):
     def __post_init__(self) -> None:
         """Checks as `TrainConfig` does, then combinations with PPO's own settings."""
         super().__post_init__()
+        # More environments leave fewer updates, so each must go further. Between the two numbers that were tuned, both
+        # settings follow a power of the number of environments.
+        part = min(max(math.log(self.num_envs / 32) / math.log(1024 / 32), 0.0), 1.0)
+        self.fill_in(learning_rate=5e-4 * 2**part, clip_epsilon=0.2 * 5**part)
         if self.num_minibatches and self.num_envs % self.num_minibatches:
             raise InputError(
                 f"num_envs is {self.num_envs}, which num_minibatches = {self.num_minibatches} does not divide; "
