@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     costs += [{"dispatches": 0.0, "gas_delay": cost} for cost in options.gas_delay]
     if not costs:
         raise InputError("no cost in --dispatches and --gas-delay, allowed: at least one")
-    config = dataclasses.replace(settings(options), total_timesteps=options.decisions)
+    config = settings(options, total_timesteps=options.decisions)
     for own in costs:  # refuses those that are not allowed
         overrides = {f"reward_weights.{term}": -cost for term, cost in own.items()}
         overrides = {**config.overrides, **overrides}

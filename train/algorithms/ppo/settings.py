@@ -18,6 +18,9 @@ MOST_IN_GROUP = 8
 class PPOConfig(TrainConfig):
     """Settings of a run that learns with PPO.
 
+    Number of environments, decisions, learning rate and clip are 0 by default, and then filled in to fit each other.
+    `dataclasses.replace` keeps what was filled in.
+
     Raises:
         InputError: a value out of its range, or values that do not go together.
     """
