@@ -6,7 +6,7 @@ from typing import ClassVar, Self
 
 from medjax.errors import InputError
 from train.option import option, takes_former_names
-from train.settings import MOST_COUNTED, TrainConfig
+from train.settings import EPISODE, MOST_COUNTED, TrainConfig
 
 ENVS_OF_A_MINIBATCH, MOST_MINIBATCHES = 4, 64  # unless num_minibatches says otherwise
 # Environments that meet the same episodes: more would leave an update too few different ones.
@@ -121,8 +121,7 @@ class PPOConfig(TrainConfig):
     @property
     def choices_per_update(self) -> int:
         """Choices per environment and update; before `for_episodes`, 0 means an episode of `paper`."""
-        episode_of_paper = 600 if self.agents == "none" else 150
-        return self.rollout_length or episode_of_paper
+        return self.rollout_length or (EPISODE if self.agents == "none" else 150)
 
     @property
     def minibatches(self) -> int:
