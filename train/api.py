@@ -117,6 +117,7 @@ def train(
         name: algorithm_of(settings).policy(ended.env, settings, own)
         for name, own in weights_by_name(settings, ended.weights).items()
     }
+    settings = session.config
     where = ended.rows, ended.run_dir.path, ended.played
     return TrainedRun(policies, *where, ended.env, ended.params, settings)
 

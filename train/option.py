@@ -106,7 +106,16 @@ def _plain(name: str, value: Any, nested: bool = False) -> Any:
     raise InputError(f"{name} is {shown(value)}, allowed: a number or a list of numbers")
 
 
+Settings = TypeVar("Settings")
 Kind = TypeVar("Kind", bound=type)
+
+
+def filled(settings: Settings, **usual: Any) -> Settings:
+    """The settings with `usual` in place of those that are 0; a number that JAX traces is not 0."""
+    own = {name: getattr(settings, name) for name in usual}
+    zero = [name for name, value in own.items() if isinstance(value, int | float) and not value]
+    changes = {name: usual[name] for name in zero}
+    return dataclasses.replace(settings, **changes) if changes else settings  # type: ignore[type-var]
 
 
 def current_names(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The command that trains: `python -m train.ppo --num-envs 1024`; `--help` lists all options.
+"""The command that trains: `python -m train.ppo`; `--help` lists all options.
 
 Exit code 0: done. 1: a number was no longer finite, or the run directory could not be written; `--resume` continues
 from the newest checkpoint. 2: bad input; nothing was changed. 128 + signal: interrupted (130 for Ctrl-C); the state

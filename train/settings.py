@@ -9,11 +9,10 @@ from typing import Any, ClassVar, Self, TypeVar
 from medjax.commandline import read_json
 from medjax.errors import InputError, shown
 from medjax.files import check_input
-from train.option import Override, checked, current_names, option, say_renamed
+from train.option import Override, checked, current_names, filled, option, say_renamed
 from train.yaml_file import read_yaml
 
 MOST_COUNTED = 2**31 - 1  # indices and counters are int32
-UPDATES, EPISODE = 16, 600  # fewest updates of a run, and decisions of an episode of `paper`
 MOST_PER_CALL = 1024  # updates in one call of the compiled program
 MOST_BYTES = 2**16  # in a file of settings
 GIVEN = "given from Python"  # marks the file of a run whose settings do not rebuild its environment
@@ -77,7 +76,7 @@ class TrainConfig(abc.ABC):
     num_envs: int = option(
         0,
         "environment",
-        "environments run side by side; 0: as many as leave some 16 updates, from 32 to 1024, or 32 with --agents",
+        "environments side by side; 0: as many as leave 16 updates, a power of two from 32 to 1024; with --agents 32",
         limits=(0, 2**20),
     )
     decide_every: int = option(
@@ -104,7 +103,7 @@ class TrainConfig(abc.ABC):
         0, "run", "devices, or CPU cores, that share the environments; 0: all", limits=(0, 2**16)
     )
     checkpoint_interval: int = option(
-        10, "run", "updates between checkpoints; 0: at the end only", limits=(0, 10**9)
+        5, "run", "updates between checkpoints; 0: at the end only", limits=(0, 10**9)
     )
     keep_checkpoints: int = option(3, "run", "newest checkpoints kept", limits=(1, 10**6))
     updates_per_call: int = option(
@@ -163,11 +162,6 @@ class TrainConfig(abc.ABC):
         """Checks every field and stores it as a built-in type, then checks combinations."""
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, checked(field, getattr(self, field.name)))
-        self.fill_in(total_timesteps=10_000_000 if self.agents == "none" else 500_000)
-        # Few updates on many episodes learn more than many on few. An episode holds far more choices
-        # of agents than of a dispatcher, so they keep the smallest number.
-        fitting = self.total_timesteps // (UPDATES * EPISODE) if self.agents == "none" else 1
-        self.fill_in(num_envs=2 ** min(max(fitting.bit_length() - 1, 5), 10))
         if len(self.demand_range) != 2 or self.demand_range[0] > self.demand_range[1]:
             given = " ".join(map(str, self.demand_range))
             raise InputError(f"demand_range is {given}, allowed: two numbers, the lower one first")
@@ -182,16 +176,11 @@ class TrainConfig(abc.ABC):
             raise InputError(f"{given}, allowed: agents none")
         if self.eval_episodes == 1:
             raise InputError("eval_episodes is 1, allowed: 0, or at least 2")
-        if self.num_updates > MOST_COUNTED:
+        if self.num_envs and self.num_updates > MOST_COUNTED:
             raise InputError(
                 f"total_timesteps is {self.total_timesteps}, allowed: at most {MOST_COUNTED} updates, "
                 f"{MOST_COUNTED * self.steps_per_update}"
             )
-
-    def fill_in(self, **usual: float) -> None:
-        """Sets the settings that are 0 to these values; only while the settings are made."""
-        for name, value in usual.items():
-            object.__setattr__(self, name, getattr(self, name) or value)
 
     @property
     def changes(self) -> dict[str, Any]:
@@ -204,8 +193,12 @@ class TrainConfig(abc.ABC):
         """Choices per environment and update."""
 
     def for_episodes(self, decisions: int) -> Self:
-        """Fills in settings that depend on the length of an episode, in decisions."""
-        return self
+        """Fills in settings that are 0 because they follow others, and the length of an episode, in decisions."""
+        agents = self.agents != "none"  # an episode holds far more choices of theirs
+        total = self.total_timesteps or (500_000 if agents else 10_000_000)
+        most = total // (16 * self.choices_per_update * self.decide_every)  # they leave 16 updates
+        num_envs = 32 if agents else 2 ** min(max(most.bit_length() - 1, 5), 10)
+        return filled(self, total_timesteps=total, num_envs=num_envs)
 
     @property
     def device_groups(self) -> int:

@@ -40,14 +40,14 @@ def add_run_dir(parser: argparse.ArgumentParser, text: str) -> None:
     parser.add_argument("--run-dir", type=a_path, metavar="DIR", help=text)
 
 
-def settings(options: argparse.Namespace, **given: Any) -> TrainConfig:
-    """Settings of the given run, else the default ones but `given`, in the requested environment.
+def settings(options: argparse.Namespace) -> TrainConfig:
+    """Settings of the given run, else the default ones, in the requested environment.
 
     Raises:
       InputError: there is no such run, or a `--set` cannot be read.
     """
     run_dir = getattr(options, "run_dir", None)
-    config = RunDir(run_dir).load_config() if run_dir else PPOConfig(seed=options.seed, **given)
+    config = RunDir(run_dir).load_config() if run_dir else PPOConfig(seed=options.seed)
     changes = parse_overrides(getattr(options, "overrides", []))
     return to_play(config, options.scenario, changes)
 

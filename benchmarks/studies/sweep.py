@@ -1,4 +1,4 @@
-"""`python -m benchmarks.sweep --vary lr=3e-4,1e-3 --seeds 4`: settings and seeds of PPO, side by side in one program.
+"""`python -m benchmarks.sweep --vary lr=5e-4,2e-3 --seeds 4`: settings and seeds of PPO, side by side in one program.
 
 Every combination of the varied settings trains with every seed, each as `python -m train.ppo --num-seeds` trains it.
 One program compiles for all of them: a GPU runs the learners at once, a CPU one after the other. All policies then
@@ -87,7 +87,8 @@ def combinations(config: PPOConfig, varied: Mapping[str, Sequence[float]]) -> li
         default,
         *(dict(zip(varied, values, strict=True)) for values in itertools.product(*varied.values())),
     ]
-    checked = [dataclasses.replace(config, **row) for row in rows]
+    decisions = config.choices_per_update * config.decide_every
+    checked = [dataclasses.replace(config, **row).for_episodes(decisions) for row in rows]
     found = [{name: getattr(each, name) for name in varied} for each in checked]
     return [row for number, row in enumerate(found) if row not in found[:number]]
 
@@ -164,13 +165,16 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     """
     names = {field.name for field in dataclasses.fields(PPOConfig)}
     given = {name: value for name, value in vars(options).items() if name in names}
-    config = from_json({"eval_episodes": 256, **settings_from_text(PPOConfig, given)}, PPOConfig)
+    usual = to_json(PPOConfig(eval_episodes=256))
+    config = from_json({**usual, **settings_from_text(PPOConfig, given)}, PPOConfig)
     if not config.eval_episodes:
         raise InputError("eval_episodes is 0, allowed: at least 2")
-    rows = combinations(config, read_vary(options.vary))
+    varied = read_vary(options.vary)
+    combinations(config, varied)  # refuses before anything is compiled
     check_environment(config)
     env, params = make_environment(config)
     config = config.for_episodes(episode_decisions(params))
+    rows = combinations(config, varied)
     learned = learn(env, params, config, rows)
     played, others = play(env, params, config, learned)
     found = describe(rows, played, others, config.seed)
@@ -197,7 +201,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
 def main(arguments: list[str] | None = None) -> None:
     """The command."""
     parser = benchmark_parser("sweep", __doc__)
-    text = f"a setting and its values, e.g. lr=3e-4,1e-3; repeatable; one of {', '.join(VARIED)}"
+    text = f"a setting and its values, e.g. lr=5e-4,2e-3; repeatable; one of {', '.join(VARIED)}"
     parser.add_argument("--vary", action="append", default=[], metavar="NAME=A,B", help=text)
     add_plot(parser, "the figure")
     add_settings(parser, PPOConfig, UNUSED)

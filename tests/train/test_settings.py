@@ -22,10 +22,6 @@ BESIDE_SETTING = {
 }
 
 
-# Where 0 means a value that fits the other settings.
-FILLED_IN = ("total_timesteps", "num_envs", "learning_rate", "clip_epsilon")
-
-
 def good_settings(field):
     one = field.default[0] if isinstance(field.default, tuple) else field.default
     if isinstance(one, bool):
@@ -34,8 +30,6 @@ def good_settings(field):
         return field.metadata["choices"]
     if not isinstance(one, int | float):
         return []
-    if field.name in FILLED_IN:
-        return [one + 1, field.metadata["high"]]
     return [field.metadata["low"], field.metadata["high"], one]
 
 
@@ -62,38 +56,50 @@ def test_settings(name):
             assert PPOConfig(**{name: same}, **beside) == config
 
 
-@pytest.mark.parametrize("name", FILLED_IN)
-def test_zero_is_filled_in(name):
-    usual = PPOConfig()
-    assert PPOConfig(**{name: 0}) == usual
-    assert getattr(usual, name) > 0
-    assert parse_request(PPOConfig, [f"--{name.replace('_', '-')}=0"]).config == usual
-
-
-def test_environments_leave_enough_updates():
-    """Twice as many would leave fewer than 16, and half as many more than 32, but for the two ends."""
-    for decisions in [1, 300_000, *(2**power for power in range(10, 40))]:
-        config = PPOConfig(total_timesteps=decisions)
-        assert config.num_envs in {32, 64, 128, 256, 512, 1024}
-        assert config.num_envs == 32 or config.num_updates >= 16
-        assert config.num_envs == 1024 or config.num_updates <= 32
-    agents = PPOConfig(agents="ippo")
-    assert (agents.num_envs, agents.total_timesteps) == (32, 500_000)
+def test_the_number_of_environments_leaves_enough_updates():
+    """Twice as many would leave fewer than 16 updates, but for the two ends, and whatever an episode's length."""
+    for length in (360, 600, 3600):
+        for decisions in (1, 300_000, *(2**power for power in range(10, 40))):
+            config = PPOConfig(total_timesteps=decisions).for_episodes(length)
+            assert config.num_envs in {32, 64, 128, 256, 512, 1024}
+            assert config.num_envs == 32 or config.num_updates >= 16
+            assert config.num_envs == 1024 or config.num_updates <= 32
+            assert config.steps_per_update == config.num_envs * length
 
 
 def test_steps_and_clip_follow_the_environments():
     """Both are constant up to 32 and from 1024 on, and grow by equal factors between."""
-    ends = {1: (5e-4, 0.2), 32: (5e-4, 0.2), 1024: (1e-3, 1.0), 8192: (1e-3, 1.0)}
-    for num_envs, expected in ends.items():
-        for config in (
-            PPOConfig(num_envs=num_envs),
-            parse_request(PPOConfig, [f"--num-envs={num_envs}"]).config,
-        ):
-            assert (config.learning_rate, config.clip_epsilon) == pytest.approx(expected, rel=1e-12)
-    between = [PPOConfig(num_envs=32 * 2**power) for power in range(6)]
-    for name in ("learning_rate", "clip_epsilon"):
-        values = np.array([getattr(config, name) for config in between])
-        np.testing.assert_allclose(np.diff(np.log(values), 2), 0.0, atol=1e-12)
+
+    def of(num_envs):
+        config = PPOConfig(num_envs=num_envs).for_episodes(600)
+        assert config.num_envs == num_envs
+        return config.learning_rate, config.clip_epsilon
+
+    for num_envs, expected in {
+        1: (5e-4, 0.2),
+        32: (5e-4, 0.2),
+        1024: (1e-3, 1),
+        8192: (1e-3, 1),
+    }.items():
+        assert of(num_envs) == pytest.approx(expected, rel=1e-12)
+    values = np.log([of(32 * 2**power) for power in range(6)])
+    np.testing.assert_allclose(np.diff(values, 2, axis=0), 0.0, atol=1e-12)
+
+
+def test_what_is_given_stays_and_the_rest_follows_it(tmp_path):
+    """However it is given: in Python, in a file, or on the command line over a file."""
+    given = {"num_envs": 48, "learning_rate": 3e-4, "clip_epsilon": 0.3, "total_timesteps": 10**5}
+    config = PPOConfig(**given, rollout_length=7)
+    assert config.for_episodes(600) == config
+    usual, agents = PPOConfig().for_episodes(600), PPOConfig(agents="ippo").for_episodes(150)
+    assert (usual.num_envs, usual.total_timesteps, usual.num_updates) == (1024, 10_000_000, 17)
+    assert (agents.num_envs, agents.total_timesteps) == (32, 500_000)
+    path = tmp_path / "settings.yaml"
+    path.write_text("seed: 3\n")
+    argv = [f"--config={path}", "--agents=ippo"]
+    over_file = parse_request(PPOConfig, argv).config.for_episodes(150)
+    assert over_file == dataclasses.replace(agents, seed=3)
+    assert dataclasses.replace(PPOConfig(), agents="ippo").for_episodes(150) == agents
 
 
 def test_a_defect_of_ours_is_not_called_a_bad_file(tmp_path, monkeypatch):

@@ -42,7 +42,7 @@ def make_environment(config: TrainConfig) -> tuple[Any, Any]:
 
 def check_given(env: Any, config: TrainConfig) -> None:
     """Refuses (InputError) a user's own environment that the settings do not fit."""
-    environment_mesh(config.device_groups, config.num_devices, jax.devices())
+    _check_devices(config)
     check_network(config, env.observation)
 
 
@@ -78,6 +78,11 @@ def described(env: Any, params: Any, config: TrainConfig) -> tuple[TrainConfig, 
     return dataclasses.replace(config, **how), True
 
 
+def _check_devices(config: TrainConfig) -> None:
+    if config.num_envs:  # otherwise it follows the length of an episode, which is not known yet
+        environment_mesh(config.device_groups, config.num_devices, jax.devices())
+
+
 def check_environment(config: TrainConfig) -> None:
     """Refuses (InputError) what `make_environment` refuses, without computing anything."""
     _build(prepare, config)
@@ -85,7 +90,7 @@ def check_environment(config: TrainConfig) -> None:
 
 def _build(build: Callable[..., Any], config: TrainConfig) -> Any:
     # Building an environment compiles parts of it, so whatever can be refused without that is refused first.
-    environment_mesh(config.device_groups, config.num_devices, jax.devices())
+    _check_devices(config)
     how: dict[str, Any] = dict(config.overrides)
     if config.reward != "preset":
         how["reward"] = _reward(config)

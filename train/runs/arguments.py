@@ -137,7 +137,9 @@ def _add_option(group: argparse._ArgumentGroup, field: dataclasses.Field[Any]) -
         how, said = {"action": argparse.BooleanOptionalAction}, "on" if default else "off"
     else:
         how["metavar"] = {float: "X", str: "NAME"}.get(type(values[0]), "N")
-        said = " ".join(map(str, values))
+        said = " ".join(
+            f"{value:g}" if isinstance(value, float) else str(value) for value in values
+        )
     low, high = meta["low"], meta["high"]
     allowed = "" if low is None else f"{low:.10g} to {high:.10g}; "
     group.add_argument(
@@ -172,12 +174,11 @@ def parse_request(kind: type[TrainConfig], argv: Sequence[str] | None = None) ->
             for option, text in (("--run-dir", new), ("--resume", old), ("--config", file))
         )
         update = update if update is None else whole_number("--from-update", update)
-        before: dict[str, Any] = {"overrides": {}}
         if old is not None:
-            before = to_json(RunDir(old).load_config(kind))
-        elif file is not None:
-            before = to_json(load_config(file, kind))
-        changes = settings_from_text(kind, given)
+            saved = RunDir(old).load_config(kind)
+        else:
+            saved = load_config(file, kind) if file is not None else kind()
+        before, changes = to_json(saved), settings_from_text(kind, given)
         changes["overrides"] = {**before["overrides"], **changes["overrides"]}
         config = from_json({**before, **changes}, kind)
     except InputError as error:

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import math
 import os
 import signal
 import threading
@@ -30,7 +31,7 @@ class Interrupt:
     """The signal that asked the run to stop."""
 
     number: int | None = None  # None: there was no signal
-    busy_s: float = 0.0  # duration of the call under way
+    busy_s: float = 0.0  # duration of the call under way; inf: not known yet
 
 
 @contextlib.contextmanager
@@ -48,7 +49,8 @@ def deferred_interrupts() -> Iterator[Interrupt]:
     def note(number: int, frame: Any) -> None:
         noted.number = number
         if noted.busy_s > PATIENCE_S:
-            soon = f"stopping after this update, of about {noted.busy_s:.0f} s; again to stop at once\n"
+            about = f", of about {noted.busy_s:.0f} s" if math.isfinite(noted.busy_s) else ""
+            soon = f"stopping after this update{about}; again to stop at once\n"
             os.write(2, soon.encode())  # print() may be what was interrupted
         for each, handler in previous.items():
             signal.signal(each, handler)

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import math
 import sys
 import time
 from collections.abc import Callable
@@ -216,7 +217,8 @@ class Session:
             count, interrupt.number = int(said[0, 0]), int(said[:, 1].max()) or None
             if interrupt.number:
                 break
-            called, interrupt.busy_s = time.perf_counter(), count * per_update_s
+            called = time.perf_counter()
+            interrupt.busy_s = count * per_update_s if done > self.done else math.inf
             state, metrics = run(state, self.params, jnp.int32(count))
             metrics = jax.device_get(computed(metrics))
             per_update_s = (time.perf_counter() - called) / count

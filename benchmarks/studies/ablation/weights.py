@@ -12,6 +12,7 @@ from benchmarks.studies.ablation.side_by_side import in_world, play_worlds, trai
 from benchmarks.studies.base import Column, describe, rules, settings, table_of
 from benchmarks.studies.drawing import draw_rows, finish
 from medjax.commandline import OneLineParser
+from medjax.episodes.runner import episode_decisions
 from medjax.episodes.scores import evaluate_policies
 from medjax.errors import InputError
 from train.algorithms.environments import check_environment, make_environment
@@ -56,12 +57,13 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     costs += [{"dispatches": 0.0, "gas_delay": cost} for cost in options.gas_delay]
     if not costs:
         raise InputError("no cost in --dispatches and --gas-delay, allowed: at least one")
-    config = settings(options, total_timesteps=options.decisions)
+    config = dataclasses.replace(settings(options), total_timesteps=options.decisions)
     for own in costs:  # refuses those that are not allowed
         overrides = {f"reward_weights.{term}": -cost for term, cost in own.items()}
         overrides = {**config.overrides, **overrides}
         check_environment(dataclasses.replace(config, overrides=overrides))
     env, params = make_environment(config)
+    config = config.for_episodes(episode_decisions(params))
     paid = {term: -np.asarray([own[term] for own in costs], np.float32) for term in COSTS}
     numbers = {f"reward_weights.{term}": each for term, each in paid.items()}
     weights, name = train_worlds(env, params, numbers, config), config.algorithm

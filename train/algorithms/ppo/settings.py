@@ -5,8 +5,8 @@ import math
 from typing import ClassVar, Self
 
 from medjax.errors import InputError
-from train.option import option, takes_former_names
-from train.settings import EPISODE, MOST_COUNTED, TrainConfig
+from train.option import filled, option, takes_former_names
+from train.settings import MOST_COUNTED, TrainConfig
 
 ENVS_OF_A_MINIBATCH, MOST_MINIBATCHES = 4, 64  # unless num_minibatches says otherwise
 # Environments that meet the same episodes: more would leave an update too few different ones.
@@ -17,9 +17,6 @@ MOST_IN_GROUP = 8
 @dataclasses.dataclass(frozen=True)
 class PPOConfig(TrainConfig):
     """Settings of a run that learns with PPO.
-
-    Number of environments, decisions, learning rate and clip are 0 by default, and then filled in to fit each other.
-    `dataclasses.replace` keeps what was filled in.
 
     Raises:
         InputError: a value out of its range, or values that do not go together.
@@ -85,10 +82,6 @@ class PPOConfig(TrainConfig):
     def __post_init__(self) -> None:
         """Checks as `TrainConfig` does, then combinations with PPO's own settings."""
         super().__post_init__()
-        # More environments leave fewer updates, so each must go further. Between the two numbers that were tuned, both
-        # settings follow a power of the number of environments.
-        part = min(max(math.log(self.num_envs / 32) / math.log(1024 / 32), 0.0), 1.0)
-        self.fill_in(learning_rate=5e-4 * 2**part, clip_epsilon=0.2 * 5**part)
         if self.num_minibatches and self.num_envs % self.num_minibatches:
             raise InputError(
                 f"num_envs is {self.num_envs}, which num_minibatches = {self.num_minibatches} does not divide; "
@@ -113,15 +106,19 @@ class PPOConfig(TrainConfig):
             raise InputError(f"{given}, allowed: wait")
 
     def for_episodes(self, decisions: int) -> Self:
-        """Makes rollouts whole episodes, of this many decisions, unless `rollout_length` says otherwise."""
-        return dataclasses.replace(
-            self, rollout_length=self.rollout_length or -(-decisions // self.decide_every)
-        )
+        """Fills in settings that are 0 because they follow others, and the length of an episode, in decisions."""
+        whole = filled(self, rollout_length=-(-decisions // self.decide_every))
+        sized = TrainConfig.for_episodes(whole, decisions)
+        # More environments leave fewer updates, so each must go further. Both numbers were tuned with 32 and with 1024
+        # environments; between these they follow a power of the number of environments.
+        part = min(max(math.log(sized.num_envs / 32) / math.log(1024 / 32), 0.0), 1.0)
+        return filled(sized, learning_rate=5e-4 * 2**part, clip_epsilon=0.2 * 5**part)
 
     @property
     def choices_per_update(self) -> int:
         """Choices per environment and update; before `for_episodes`, 0 means an episode of `paper`."""
-        return self.rollout_length or (EPISODE if self.agents == "none" else 150)
+        episode_of_paper = 600 if self.agents == "none" else 150
+        return self.rollout_length or episode_of_paper
 
     @property
     def minibatches(self) -> int:
