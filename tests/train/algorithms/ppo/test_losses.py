@@ -111,7 +111,9 @@ def test_a_sample_of_zeros_adds_nothing():
         mask = jnp.broadcast_to(allowed[:, None], (*allowed.shape, 3))
         logits = params[:3] + params[3] * mask
         value = params[4] + samples.value
-        return ppo_loss(masked_categorical(logits, mask), value, samples, PPOConfig(clip_epsilon=0.2))
+        return ppo_loss(
+            masked_categorical(logits, mask), value, samples, PPOConfig(clip_epsilon=0.2)
+        )
 
     params = jnp.asarray(rng.normal(size=5), jnp.float32)
     allowed_and_two = jnp.ones(2, bool), two
@@ -143,7 +145,9 @@ def test_the_loss_of_a_minibatch_is_the_mean_of_its_parts():
         logits = jnp.broadcast_to(params, (*samples.value.shape, 3))
         value = samples.value + params[0]
         mask = jnp.ones_like(logits, bool)
-        return ppo_loss(masked_categorical(logits, mask), value, samples, PPOConfig(clip_epsilon=0.2))
+        return ppo_loss(
+            masked_categorical(logits, mask), value, samples, PPOConfig(clip_epsilon=0.2)
+        )
 
     whole = jax.grad(loss, has_aux=True)(table, weighed)
     halves = [
