@@ -107,6 +107,7 @@ def test_settings_name_given_agents(central):
     config, rebuilt = described(env, params, PPOConfig())
     assert rebuilt
     assert config.agents == ("mappo" if central else "ippo")
+    assert config.for_episodes(150).total_timesteps == 500_000  # not a dispatcher's ten million
     again, numbers = make_environment(config)
     assert (again.actions, again.view, again.credit) == (env.actions, env.view, "own")
     assert again.config == env.config

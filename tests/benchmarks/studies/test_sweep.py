@@ -61,6 +61,11 @@ def test_combinations_begin_with_the_default_and_repeat_nothing():
     assert len(rows) == 4
     # A default that is not among the values is one more row.
     assert combinations(config, {"gamma": [0.9]}) == [{"gamma": 1.0}, {"gamma": 0.9}]
+    # The default of a number that follows the number of environments; a value of 0 is that default.
+    for num_envs, usual in ((32, 5e-4), (1024, 1e-3)):
+        follows = PPOConfig(num_envs=num_envs).for_episodes(600)
+        rows = combinations(follows, {"learning_rate": [2e-3, 0.0]})
+        assert rows == [{"learning_rate": pytest.approx(usual)}, {"learning_rate": 2e-3}]
 
 
 @pytest.mark.parametrize(
