@@ -106,6 +106,7 @@ def learn(env: Any, params: Any, config: PPOConfig, rows: Sequence[Numbers]) -> 
 
     The axes of the weights begin with `(rows, seeds)`, those of the curve end with them.
     """
+    config = config.for_episodes(episode_decisions(params))  # before its numbers are traced
     build, seeds = algorithm_of(config).build_learner, config.num_seeds
     keys = jax.random.key(config.seed)
     keys = jax.random.split(keys, seeds) if seeds > 1 else keys[None]
