@@ -16,6 +16,7 @@ from tests import bad_values
 from tests.documented import COILS, NUMBERS
 from tests.refusals import not_refused
 from train.algorithms.ppo.settings import PPOConfig
+from train.option import example
 
 pytestmark = pytest.mark.usefixtures("nothing_starts")
 
@@ -168,9 +169,11 @@ FIELDS = {field.name: field for field in dataclasses.fields(PPOConfig)}
 
 def settings_of(name):
     field = FIELDS[name]
-    one = field.default[0] if isinstance(field.default, tuple) else field.default
+    one = field.default[0] if isinstance(field.default, tuple) else example(field)
     bad = [v for v in bad_values.NO_NUMBERS if not isinstance(v, list | np.ndarray | jax.Array)]
     bad += [bad_values.DEEP, bad_values.HEAVY]
+    if field.default is None and name != "overrides":  # None: the setting follows others
+        bad = [v for v in bad if v is not None]
     if name == "overrides":
         bad = [v for v in bad if v is not None and v != {} and not isinstance(v, dict)]
         inner = [v for v in bad_values.NO_NUMBERS if not isinstance(v, bool | str | list | dict)]

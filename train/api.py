@@ -105,6 +105,7 @@ def train(
     settings, given = _environment(env, params, settings)
     how: dict[str, Any] = {"given": given, "callback": callback, "quiet": quiet}
     session = open_session(Request(settings, new, old, from_update=update, **how))
+    settings = session.config
     try:
         ended = session.train()
     except StoppedError as stopped:
@@ -117,7 +118,6 @@ def train(
         name: algorithm_of(settings).policy(ended.env, settings, own)
         for name, own in weights_by_name(settings, ended.weights).items()
     }
-    settings = session.config
     where = ended.rows, ended.run_dir.path, ended.played
     return TrainedRun(policies, *where, ended.env, ended.params, settings)
 

@@ -29,7 +29,7 @@ def option(
     """A dataclass field that carries what the command line and the checks need.
 
     Args:
-        default: default value.
+        default: default value; None: it follows other settings, see `filled`, and its type is that of the lower limit.
         group: heading in --help.
         text: help text, with the unit.
         flags: further names of the option.
@@ -41,12 +41,19 @@ def option(
     return dataclasses.field(default=default, metadata=said)
 
 
+def example(field: dataclasses.Field[Any]) -> Any:
+    """A value of the setting's type: its default, or its lower limit if the default follows other settings."""
+    return field.metadata["low"] if field.default is None else field.default
+
+
 def checked(field: dataclasses.Field[Any], value: Any) -> Any:
     """The value of a setting as a built-in type; InputError if its type is wrong or it is out of range."""
     if field.name == "overrides":
         return _read_overrides(value)
+    if value is None and field.default is None:
+        return None
     if not isinstance(field.default, tuple):
-        return _read_one(field, type(field.default), value)
+        return _read_one(field, type(example(field)), value)
     if not isinstance(value, list | tuple) or len(value) > MOST_ITEMS:
         raise InputError(f"{field.name} is {shown(value)}, allowed: a list of at most {MOST_ITEMS}")
     return tuple(_read_one(field, type(field.default[0]), item) for item in value)
@@ -111,10 +118,9 @@ Kind = TypeVar("Kind", bound=type)
 
 
 def filled(settings: Settings, **usual: Any) -> Settings:
-    """The settings with `usual` in place of those that are 0; a number that JAX traces is not 0."""
-    own = {name: getattr(settings, name) for name in usual}
-    zero = [name for name, value in own.items() if isinstance(value, int | float) and not value]
-    changes = {name: usual[name] for name in zero}
+    """The settings with `usual` in place of those that are None."""
+    changes = {name: value for name, value in usual.items() if getattr(settings, name) is None}
+    # Numbers that JAX traces cannot be checked again, so nothing is made anew without need.
     return dataclasses.replace(settings, **changes) if changes else settings  # type: ignore[type-var]
 
 

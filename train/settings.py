@@ -74,10 +74,10 @@ class TrainConfig(abc.ABC):
         limits=(0, 4),  # four lanes do not carry more
     )
     num_envs: int = option(
-        0,
+        None,
         "environment",
-        "environments side by side; 0: as many as leave 16 updates, a power of two from 32 to 1024; with --agents 32",
-        limits=(0, 2**20),
+        "environments side by side; by default a power of two from 32 to 1024 that leaves 16 updates, with --agents 32",
+        limits=(1, 2**20),
     )
     decide_every: int = option(
         1, "environment", "decisions per choice of the policy", limits=(1, 10**6)
@@ -86,10 +86,10 @@ class TrainConfig(abc.ABC):
         False, "environment", "spread the ends of the first episodes, so that not all end together"
     )
     total_timesteps: int = option(
-        0,
+        None,
         "run",
-        "decisions per seed over all environments, rounded up to updates; 0: ten million, or 500,000 with --agents",
-        limits=(0, 10**15),
+        "decisions per seed over all environments, rounded up to updates; by default 10 million, 500,000 with --agents",
+        limits=(1, 10**15),
     )
     seed: int = option(0, "run", "seed of all randomness", limits=(0, 2**32 - 1))
     num_seeds: int = option(
@@ -176,7 +176,7 @@ class TrainConfig(abc.ABC):
             raise InputError(f"{given}, allowed: agents none")
         if self.eval_episodes == 1:
             raise InputError("eval_episodes is 1, allowed: 0, or at least 2")
-        if self.num_envs and self.num_updates > MOST_COUNTED:
+        if self.num_envs and self.total_timesteps and self.num_updates > MOST_COUNTED:
             raise InputError(
                 f"total_timesteps is {self.total_timesteps}, allowed: at most {MOST_COUNTED} updates, "
                 f"{MOST_COUNTED * self.steps_per_update}"
@@ -193,11 +193,11 @@ class TrainConfig(abc.ABC):
         """Choices per environment and update."""
 
     def for_episodes(self, decisions: int) -> Self:
-        """Fills in settings that are 0 because they follow others, and the length of an episode, in decisions."""
+        """Fills in settings that follow others, and the length of an episode, in decisions."""
         agents = self.agents != "none"  # an episode holds far more choices of theirs
         total = self.total_timesteps or (500_000 if agents else 10_000_000)
         most = total // (16 * self.choices_per_update * self.decide_every)  # they leave 16 updates
-        num_envs = 32 if agents else 2 ** min(max(most.bit_length() - 1, 5), 10)
+        num_envs = 32 if agents else 2 ** min(max(most.bit_length() - 1, 5), 10)  # 32 to 1024
         return filled(self, total_timesteps=total, num_envs=num_envs)
 
     @property

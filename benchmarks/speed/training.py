@@ -32,7 +32,6 @@ from typing import Any
 import jax
 
 from benchmarks.command import ROOT, add_number, add_scenario, benchmark_parser, run_command, say
-from medjax.errors import InputError
 from train.algorithms.ppo.settings import PPOConfig
 from train.runs.arguments import settings_from_text
 from train.runs.logs import read_rows
@@ -124,8 +123,6 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     """
     given = {name: getattr(options, name) for name in PASSED_ON}
     config, repeats = from_json(settings_from_text(PPOConfig, given), PPOConfig), options.repeats
-    if not config.num_envs:
-        raise InputError("num_envs is 0, allowed: at least 1")
     walls: dict[str, list[Wall]] = {"cold": [], "warm": []}
     speeds: list[float] = []
     # This process must not start JAX before the last run has ended: on a GPU it would take up their memory.

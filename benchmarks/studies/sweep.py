@@ -87,8 +87,7 @@ def combinations(config: PPOConfig, varied: Mapping[str, Sequence[float]]) -> li
         default,
         *(dict(zip(varied, values, strict=True)) for values in itertools.product(*varied.values())),
     ]
-    decisions = config.choices_per_update * config.decide_every
-    checked = [dataclasses.replace(config, **row).for_episodes(decisions) for row in rows]
+    checked = [dataclasses.replace(config, **row) for row in rows]
     found = [{name: getattr(each, name) for name in varied} for each in checked]
     return [row for number, row in enumerate(found) if row not in found[:number]]
 

@@ -7,6 +7,7 @@ import pytest
 
 from medjax.errors import InputError
 from train.algorithms.ppo.settings import PPOConfig
+from train.option import example
 from train.runs.arguments import parse_request
 from train.settings import load_config
 
@@ -23,7 +24,7 @@ BESIDE_SETTING = {
 
 
 def good_settings(field):
-    one = field.default[0] if isinstance(field.default, tuple) else field.default
+    one = field.default[0] if isinstance(field.default, tuple) else example(field)
     if isinstance(one, bool):
         return [True, False]
     if field.metadata["choices"]:

@@ -18,7 +18,7 @@ from medjax.commandline import (
 )
 from medjax.errors import InputError, shown
 from medjax.world.catalogue import PRESETS, KeepsLines
-from train.option import RENAMED
+from train.option import RENAMED, example
 from train.runs.run_directory import RunDir
 from train.settings import TrainConfig, from_json, load_config, to_json
 
@@ -131,22 +131,21 @@ def _add_option(group: argparse._ArgumentGroup, field: dataclasses.Field[Any]) -
         return
     if meta["choices"]:
         text += f"; one of {', '.join(meta['choices'])}"
-    values = default if isinstance(default, tuple) else (default,)
+    values = default if isinstance(default, tuple) else (example(field),)
     how: dict[str, Any] = {"nargs": "+"} if isinstance(default, tuple) else {}
     if isinstance(default, bool):
         how, said = {"action": argparse.BooleanOptionalAction}, "on" if default else "off"
     else:
         how["metavar"] = {float: "X", str: "NAME"}.get(type(values[0]), "N")
-        said = " ".join(
-            f"{value:g}" if isinstance(value, float) else str(value) for value in values
-        )
+        said = " ".join(map(str, values))
     low, high = meta["low"], meta["high"]
-    allowed = "" if low is None else f"{low:.10g} to {high:.10g}; "
+    allowed = [] if low is None else [f"{low:.10g} to {high:.10g}"]
+    usual = [] if default is None else [f"default: {said}"]
     group.add_argument(
         "--" + field.name.replace("_", "-"),
         *meta["flags"],
         default=argparse.SUPPRESS,
-        help=f"{text} ({allowed}default: {said})",
+        help=f"{text} ({'; '.join(allowed + usual)})",
         **how,
     )
 
@@ -204,7 +203,7 @@ def _value(field: dataclasses.Field[Any], text: Any) -> Any:
     """Value of one setting; text that cannot be converted stays as it is, for the settings to refuse."""
     if field.name == "overrides":
         return parse_overrides(text)
-    default = field.default
+    default = example(field)
     if isinstance(default, bool | str):
         return text
     if isinstance(default, tuple):

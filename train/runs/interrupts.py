@@ -47,6 +47,7 @@ def deferred_interrupts() -> Iterator[Interrupt]:
     previous: dict[int, Any] = {}
 
     def note(number: int, frame: Any) -> None:
+        """Records the signal, says so if the call under way is long, and lets the next signal end the process."""
         noted.number = number
         if noted.busy_s > PATIENCE_S:
             about = f", of about {noted.busy_s:.0f} s" if math.isfinite(noted.busy_s) else ""

@@ -113,7 +113,7 @@ def test_a_command_that_fails_ends_it_with_its_last_line(monkeypatch, capsys):
     ("argv", "word"),
     [
         (["--num-envs=0"], "num_envs is 0"),
-        (["--num-envs=1048577"], "num_envs is 1048577, allowed: at least 0, at most 1048576"),
+        (["--num-envs=1048577"], "num_envs is 1048577, allowed: at least 1, at most 1048576"),
         (["--num-envs=many"], "'many'"),
         (["--total-timesteps=-5"], "total_timesteps is -5"),
         (["--seed=-1"], "seed is -1"),

@@ -61,10 +61,10 @@ def test_combinations_begin_with_the_default_and_repeat_nothing():
     assert len(rows) == 4
     # A default that is not among the values is one more row.
     assert combinations(config, {"gamma": [0.9]}) == [{"gamma": 1.0}, {"gamma": 0.9}]
-    # The default of a number that follows the number of environments; a value of 0 is that default.
+    # The default of a number that follows the number of environments.
     for num_envs, usual in ((32, 5e-4), (1024, 1e-3)):
         follows = PPOConfig(num_envs=num_envs).for_episodes(600)
-        rows = combinations(follows, {"learning_rate": [2e-3, 0.0]})
+        rows = combinations(follows, {"learning_rate": [2e-3]})
         assert rows == [{"learning_rate": pytest.approx(usual)}, {"learning_rate": 2e-3}]
 
 
@@ -75,6 +75,7 @@ def test_combinations_begin_with_the_default_and_repeat_nothing():
         ("observation=flat,profile", "--vary 'observation': allowed learning_rate, "),
         ("lr", "--vary 'lr': allowed NAME=NUMBER,NUMBER,..."),
         ("lr=", "allowed NAME=NUMBER"),
+        ("lr=0,1e-3", "learning_rate is 0.0, allowed: at least 1e-12"),
         ("lr=1e-3,fast", "allowed NAME=NUMBER"),
         ("gamma=0.9,1.5", "gamma is 1.5, allowed: at least 0, at most 1"),
         ("gamma=nan", "gamma is nan"),

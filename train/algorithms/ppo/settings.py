@@ -40,11 +40,11 @@ class PPOConfig(TrainConfig):
     )
     num_epochs: int = option(4, "PPO", "passes over each rollout", limits=(1, 1000))
     learning_rate: float = option(
-        0.0,
+        None,
         "PPO",
-        "initial learning rate of Adam; 0: follows num_envs, 5e-4 for up to 32, 1e-3 from 1024 on",
+        "initial learning rate of Adam; by default it follows num_envs: 5e-4 up to 32, 1e-3 from 1024 on",
         flags=("--lr",),
-        limits=(0, 10),
+        limits=(1e-12, 10),
     )
     anneal: bool = option(True, "PPO", "let the learning rate fall linearly to 0")
     gamma: float = option(1.0, "PPO", "discount per choice", limits=(0, 1))
@@ -55,11 +55,11 @@ class PPOConfig(TrainConfig):
         "bootstrap the value at the time limit; for observations without a clock",
     )
     clip_epsilon: float = option(
-        0.0,
+        None,
         "PPO",
-        "clip of the ratio, eq. (9); 0: follows num_envs, 0.2 for up to 32, 1 from 1024 on",
+        "clip of the ratio, eq. (9); by default it follows num_envs: 0.2 up to 32, 1 from 1024 on",
         flags=("--clip",),
-        limits=(0, 1e6),
+        limits=(1e-6, 1e6),
     )
     clip_value: bool = option(False, "PPO", "clip the value loss as well")
     entropy_coef: float = option(
@@ -82,16 +82,8 @@ class PPOConfig(TrainConfig):
     def __post_init__(self) -> None:
         """Checks as `TrainConfig` does, then combinations with PPO's own settings."""
         super().__post_init__()
-        if self.num_minibatches and self.num_envs % self.num_minibatches:
-            raise InputError(
-                f"num_envs is {self.num_envs}, which num_minibatches = {self.num_minibatches} does not divide; "
-                f"allowed: a multiple of {self.num_minibatches}"
-            )
-        choices = self.num_envs * self.choices_per_update * self.num_seeds
-        if choices > MOST_COUNTED:
-            raise InputError(
-                f"num_envs x rollout_length x num_seeds is {choices}, allowed: at most {MOST_COUNTED}"
-            )
+        if self.num_envs is not None:
+            self._check_sizes()
         if self.network == "sets" and self.normalize_observations:
             # A row of zeros marks an empty slot, and normalisation would change it.
             raise InputError("network is 'sets' and normalize_observations is True, allowed: False")
@@ -105,9 +97,23 @@ class PPOConfig(TrainConfig):
             given = "policy_prior is 'rule' and normalize_observations is True"
             raise InputError(f"{given}, allowed: wait")
 
+    def _check_sizes(self) -> None:
+        """Checks how environments, minibatches and seeds go together."""
+        if self.num_minibatches and self.num_envs % self.num_minibatches:
+            raise InputError(
+                f"num_envs is {self.num_envs}, which num_minibatches = {self.num_minibatches} does not divide; "
+                f"allowed: a multiple of {self.num_minibatches}"
+            )
+        choices = self.num_envs * self.choices_per_update * self.num_seeds
+        if choices > MOST_COUNTED:
+            raise InputError(
+                f"num_envs x rollout_length x num_seeds is {choices}, allowed: at most {MOST_COUNTED}"
+            )
+
     def for_episodes(self, decisions: int) -> Self:
-        """Fills in settings that are 0 because they follow others, and the length of an episode, in decisions."""
-        whole = filled(self, rollout_length=-(-decisions // self.decide_every))
+        """Fills in settings that follow others, and the length of an episode, in decisions."""
+        episode = -(-decisions // self.decide_every)
+        whole = self if self.rollout_length else dataclasses.replace(self, rollout_length=episode)
         sized = TrainConfig.for_episodes(whole, decisions)
         # More environments leave fewer updates, so each must go further. Both numbers were tuned with 32 and with 1024
         # environments; between these they follow a power of the number of environments.
